@@ -1,0 +1,129 @@
+"""The contract of a physical effect: what one file under ``effects/`` states."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Mapping
+from dataclasses import dataclass
+from enum import Enum
+from typing import ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pumaid.records import Robot, Samples
+
+Floats = NDArray[np.float64]
+NO_SHAPE: Mapping[str, float] = {}
+
+
+class Scope(Enum):
+    """Whose the parameters are."""
+
+    JOINT = "joint"  # the moving joint's own
+    LINK = "link"  # a link's; they act on every joint that feels the link, scaled by the ratio of gains
+    ARM = "arm"  # the whole arm's
+
+
+class Trace(Enum):
+    """Which residual can show the effect."""
+
+    POSITION = "position"
+    SPEED = "speed"
+    DIRECTION = "direction"
+    LOAD = "load"
+    TIME = "time"
+
+
+@dataclass(frozen=True, slots=True)
+class Parameter:
+    """One linear parameter: name as in ``effect.jN.name``, unit (``{unit}`` stands for rad or m), meaning, an example.
+
+    `symbol` is the paper's short name with ``{n}`` for the joint's number.
+    """
+
+    name: str
+    unit: str
+    meaning: str
+    symbol: str
+    example: float = 0.0
+
+
+class Effect(ABC):
+    """A contribution to a joint's current that is linear in its parameters.
+
+    An effect is final, keeps no state, reads no file and never sees the measured current. Its file's name is its name in
+    recipes, parameters, the command line and results.
+
+    Attributes
+    ----------
+    title
+        A line for people.
+    source
+        Paper or book that states the law.
+    scope
+        Whose the parameters are.
+    trace
+        The residuals that show it.
+    base
+        Whether it belongs to the paper's model and so is in every model.
+    in_triangle
+        Whether, within one run, its columns lie in the span of the run's triangle (cos q, sin q, 1, and for strokes
+        velocity and acceleration), so that it is fitted without looking at cells.
+
+    Examples
+    --------
+    >>> class Square(Effect):
+    ...     title = "Friction with the square of speed"
+    ...     source = "an example"
+    ...     trace = (Trace.SPEED,)
+    ...     def parameters(self, robot, number):
+    ...         return (Parameter("square", "A s2/{unit}2", "current at unit speed", "c{n}"),)
+    ...     def columns(self, robot, samples, *, number=None, shape=NO_SHAPE):
+    ...         v = samples.velocity[:, samples.joint - 1]
+    ...         return (v * np.abs(v))[:, None]
+    """
+
+    title: ClassVar[str]
+    source: ClassVar[str]
+    scope: ClassVar[Scope] = Scope.JOINT
+    trace: ClassVar[tuple[Trace, ...]] = ()
+    base: ClassVar[bool] = False
+    in_triangle: ClassVar[bool] = False
+
+    @property
+    def name(self) -> str:
+        """The file's name."""
+        return type(self).__module__.rsplit(".", 1)[-1]
+
+    @abstractmethod
+    def parameters(self, robot: Robot, number: int) -> tuple[Parameter, ...]:
+        """Linear parameters that joint or link `number` (from 1) owns; empty where it owns none."""
+
+    @abstractmethod
+    def columns(
+        self, robot: Robot, samples: Samples, *, number: int | None = None, shape: Mapping[str, float] = NO_SHAPE
+    ) -> Floats:
+        """Current in joint `samples.joint` per unit of each parameter.
+
+        Parameters
+        ----------
+        robot
+            The arm.
+        samples
+            M instants of one moving joint.
+        number
+            Owner of the parameters, from 1; the moving joint itself where not given. For an effect of scope LINK it may
+            be any link outward of the moving joint, and the current is then in units of that link's own gain.
+        shape
+            Nonlinear parameters by name.
+
+        Returns
+        -------
+        columns
+            (M, p), A per unit of parameter.
+        """
+
+    def applies(self, robot: Robot, joint: int) -> str | None:
+        """Why the effect cannot act at `joint` (from 1), or None where it can."""
+        return None

@@ -1,0 +1,35 @@
+"""Coulomb friction: a constant current against the motion, its own in each direction."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from pumaid.effects.base import NO_SHAPE, Effect, Floats, Parameter, Trace
+from pumaid.records import Robot, Samples
+
+
+class Coulomb(Effect):
+    """lambda_1+ while the joint moves forward, lambda_1- while it moves back.
+
+    Both are signed currents, as in the paper's Table I; a constant offset of the current sensor is their asymmetry.
+    """
+
+    title = "Coulomb friction, each direction its own"
+    source = "S.-K. Lin, Identification of a Class of Nonlinear Deterministic Systems, eq. (20), Table I"
+    trace = (Trace.DIRECTION,)
+    base = True
+    in_triangle = True
+
+    def parameters(self, robot: Robot, number: int) -> tuple[Parameter, ...]:
+        return (
+            Parameter("plus", "A", "current at zero speed, forward", "lambda1+", 0.4),
+            Parameter("minus", "A", "current at zero speed, backward", "lambda1-", -0.3),
+        )
+
+    def columns(
+        self, robot: Robot, samples: Samples, *, number: int | None = None, shape: Mapping[str, float] = NO_SHAPE
+    ) -> Floats:
+        forward = samples.direction > 0
+        return np.column_stack([forward, ~forward]).astype(float)

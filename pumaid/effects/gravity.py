@@ -1,0 +1,51 @@
+"""Gravity: the current that carries the links' weight."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from pumaid.effects.base import NO_SHAPE, Effect, Floats, Parameter, Scope, Trace
+from pumaid.maths.frames import axes
+from pumaid.records import Robot, Samples
+
+
+class Gravity(Effect):
+    """The load of links i..n on joint i, in regrouped constants that absorb every length and mass.
+
+    A revolute joint i feels (z_i x g) . x_j and (z_i x g) . y_j of every revolute link j >= i, and
+    d_j (z_i x g) . z_j of every prismatic link j > i; a prismatic joint feels only its own -(g . z_i).
+    g is gravity in base axes (m/s2), d_j the full displacement (m).
+    """
+
+    title = "Gravity load of the links"
+    source = "S.-K. Lin, Identification of a Class of Nonlinear Deterministic Systems, eq. (9)-(25)"
+    scope = Scope.LINK
+    trace = (Trace.POSITION,)
+    base = True
+    in_triangle = True
+
+    def parameters(self, robot: Robot, number: int) -> tuple[Parameter, ...]:
+        if not robot.joint(number).is_revolute:
+            return (Parameter("mass", "A s2/m", "mass of this link and all outward, as current", "m{n}", 0.05),)
+        return (
+            Parameter("x", "A s2/m", "first moment along the link's x axis, as current", "k{n}x", 0.05),
+            Parameter("y", "A s2/m", "first moment along the link's y axis, as current", "k{n}y", -0.02),
+        )
+
+    def columns(
+        self, robot: Robot, samples: Samples, *, number: int | None = None, shape: Mapping[str, float] = NO_SHAPE
+    ) -> Floats:
+        moving, link = samples.joint, number or samples.joint
+        rotations = axes(robot.alphas, robot.dh_angles(samples.position))
+        g = np.asarray(robot.gravity)
+        z_i, frame_j = rotations[:, moving - 1, :, 2], rotations[:, link - 1]
+        width = len(self.parameters(robot, link))
+        if not robot.joint(moving).is_revolute:
+            return -(z_i @ g)[:, None] if link == moving else np.zeros((len(samples), width))
+        lever = np.cross(z_i, g)
+        if robot.joint(link).is_revolute:
+            return np.einsum("mk,mkp->mp", lever, frame_j[:, :, :2])
+        d_j = robot.dh_displacements(samples.position)[:, link - 1]
+        return (d_j * np.einsum("mk,mk->m", lever, frame_j[:, :, 2]))[:, None]

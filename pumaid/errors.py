@@ -1,0 +1,115 @@
+"""What can go wrong, said in three lines: what, where, mend."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass, fields
+
+#: Exit codes of the command line (interfaces: 0 done, 1 asks for attention, 2 misuse, 3 bad input, 4 our bug).
+EXIT_DONE, EXIT_ATTENTION, EXIT_USAGE, EXIT_BAD_INPUT, EXIT_BUG = range(5)
+
+
+@dataclass(frozen=True, slots=True)
+class Where:
+    """The place a message is about; only the fields that are known are told.
+
+    Rows count as an editor counts lines, header included; joints count from 1; `field` is a path such as
+    ``joints[3].alpha``.
+    """
+
+    file: str | None = None
+    line: int | None = None
+    row: int | None = None
+    column: str | None = None
+    joint: int | None = None
+    field: str | None = None
+
+    def __str__(self) -> str:
+        told = []
+        for item in fields(self):
+            value = getattr(self, item.name)
+            if value is not None:
+                told.append(str(value) if item.name == "file" else f"{item.name} {value}")
+        return ", ".join(told)
+
+
+class PumaidError(Exception):
+    """A refusal that names what is wrong, where, and how to mend it.
+
+    Parameters
+    ----------
+    slug
+        Stable short name of the message; explained in ``docs/messages.md``.
+    what
+        One sentence with the offending value in it.
+    where
+        The place; may be empty.
+    mend
+        What the user can do about it.
+    """
+
+    def __init__(self, slug: str, what: str, where: Where | None = None, mend: str = "") -> None:
+        super().__init__(what)
+        self.slug, self.what, self.where, self.mend = slug, what, where or Where(), mend
+
+    def __str__(self) -> str:
+        lines = [f"error[{self.slug}]: {self.what}"]
+        if str(self.where):
+            lines.append(f"  at: {self.where}")
+        if self.mend:
+            lines.append(f"  fix: {self.mend}")
+        return "\n".join(lines)
+
+
+class RecipeError(PumaidError):
+    """The recipe cannot be used."""
+
+
+class LogError(PumaidError):
+    """A log cannot be used."""
+
+
+class ModelError(PumaidError):
+    """A model, plan or effect choice cannot be used."""
+
+
+class ResultError(PumaidError):
+    """A result file cannot be read or written."""
+
+
+class Faults(PumaidError):
+    """Several refusals of one input, told together.
+
+    Parameters
+    ----------
+    faults
+        At least one error; each is printed in full, in the order given.
+    """
+
+    def __init__(self, faults: Iterable[PumaidError]) -> None:
+        self.faults = tuple(faults)
+        super().__init__(self.faults[0].slug, "; ".join(fault.what for fault in self.faults))
+
+    def __str__(self) -> str:
+        return "\n".join(str(fault) for fault in self.faults)
+
+
+@dataclass(frozen=True, slots=True)
+class Note:
+    """Something that a user should know about a result that is not an error.
+
+    `slug` as for errors (explained in ``docs/messages.md``); `text` one sentence with a value in it.
+    """
+
+    slug: str
+    text: str
+    where: Where = Where()
+
+    def __str__(self) -> str:
+        place = f" ({self.where})" if str(self.where) else ""
+        return f"note[{self.slug}]: {self.text}{place}"
+
+    def as_json(self) -> dict[str, object]:
+        """As a JSON object: ``{"note": slug, "text": ..., "where": {...}}``."""
+        place = {item.name: getattr(self.where, item.name) for item in fields(self.where)}
+        return {"note": self.slug, "text": self.text, "where": {k: v for k, v in place.items() if v is not None}}

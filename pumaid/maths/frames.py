@@ -1,0 +1,88 @@
+"""Axes' directions of a serial chain in Craig's modified Denavit-Hartenberg convention, for a batch of postures."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+Floats = NDArray[np.float64]
+
+
+def link_rotation(alpha: float, theta: ArrayLike) -> Floats:
+    """Rotation that turns frame i into frame i-1: Rot_x(alpha) Rot_z(theta).
+
+    Parameters
+    ----------
+    alpha
+        Twist (rad).
+    theta
+        (...) joint angles (rad).
+
+    Returns
+    -------
+    rotation
+        (..., 3, 3); column k is axis k of frame i in frame i-1.
+
+    Source
+    ------
+    J. J. Craig, Introduction to Robotics, 3rd ed., eq. (3.6).
+    """
+    angle = np.asarray(theta, dtype=float)
+    c, s = np.cos(angle), np.sin(angle)
+    ca, sa = np.cos(alpha), np.sin(alpha)
+    rows = [[c, -s, 0 * c], [s * ca, c * ca, 0 * c - sa], [s * sa, c * sa, 0 * c + ca]]
+    return np.stack([np.stack(row, axis=-1) for row in rows], axis=-2)
+
+
+def axes(alphas: ArrayLike, thetas: ArrayLike) -> Floats:
+    """Rotations from every link frame to the base.
+
+    Parameters
+    ----------
+    alphas
+        (J,) twists (rad).
+    thetas
+        (N, J) DH angles (rad): measured position plus offset for a revolute joint, the offset for a prismatic one.
+
+    Returns
+    -------
+    rotations
+        (N, J, 3, 3); ``rotations[:, i, :, 2]`` is z of link i+1 in base axes.
+    """
+    twists = np.asarray(alphas, dtype=float)
+    angles = np.atleast_2d(np.asarray(thetas, dtype=float))
+    out = np.empty((*angles.shape, 3, 3))
+    so_far = np.broadcast_to(np.eye(3), (len(angles), 3, 3))
+    for link, alpha in enumerate(twists):
+        so_far = so_far @ link_rotation(float(alpha), angles[:, link])
+        out[:, link] = so_far
+    return out
+
+
+def origins(alphas: ArrayLike, lengths: ArrayLike, offsets: ArrayLike, thetas: ArrayLike) -> Floats:
+    """Origins of every link frame in base axes.
+
+    Parameters
+    ----------
+    alphas, lengths
+        (J,) twists (rad) and link lengths `a` (m).
+    offsets, thetas
+        (N, J) DH displacements `d` (m) and angles (rad).
+
+    Returns
+    -------
+    positions
+        (N, J, 3), m.
+    """
+    twists, along_x = np.asarray(alphas, dtype=float), np.asarray(lengths, dtype=float)
+    along_z = np.atleast_2d(np.asarray(offsets, dtype=float))
+    rotations = axes(twists, thetas)
+    out = np.empty((*along_z.shape, 3))
+    before_R = np.broadcast_to(np.eye(3), rotations[:, 0].shape)
+    before = np.zeros((len(along_z), 3))
+    for link in range(len(twists)):
+        step = before_R[..., 0] * along_x[link] + rotations[:, link, :, 2] * along_z[:, link, None]
+        before = before + step
+        out[:, link] = before
+        before_R = rotations[:, link]
+    return out

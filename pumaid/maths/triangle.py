@@ -1,0 +1,100 @@
+"""The mergeable QR factor to which a run of any length is reduced."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+Floats = NDArray[np.float64]
+
+
+def _factor(rows: Floats) -> Floats:
+    """Upper triangular R (p, p) with non-negative diagonal such that R'R = rows'rows."""
+    width = rows.shape[1]
+    if len(rows) < width:
+        rows = np.vstack([rows, np.zeros((width - len(rows), width))])
+    upper = np.linalg.qr(rows, mode="r")
+    sign = np.where(np.diag(upper) < 0, -1.0, 1.0)
+    return upper * sign[:, None]
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Triangle:
+    """The QR factor of ``[columns | target]``: all that least squares needs of the samples absorbed.
+
+    Attributes
+    ----------
+    columns
+        (p,) names of the regressors.
+    factor
+        (p+1, p+1) upper triangular, the target last; units of the columns.
+    count
+        Samples absorbed.
+
+    Examples
+    --------
+    >>> t = np.linspace(0.0, 1.0, 50)
+    >>> whole = Triangle.of(("one", "t"), np.column_stack([np.ones(50), t]), 2.0 + 3.0 * t)
+    >>> parts = [Triangle.of(("one", "t"), np.column_stack([np.ones(25), x]), 2.0 + 3.0 * x) for x in (t[:25], t[25:])]
+    >>> merged = parts[0] + parts[1]
+    >>> bool(np.allclose(whole.factor, merged.factor)), merged.count
+    (True, 50)
+    """
+
+    columns: tuple[str, ...]
+    factor: Floats
+    count: int
+
+    def __post_init__(self) -> None:
+        size = len(self.columns) + 1
+        if self.factor.shape != (size, size):
+            raise ValueError(f"factor is {self.factor.shape}, {len(self.columns)} columns need {(size, size)}")
+        self.factor.setflags(write=False)
+
+    @classmethod
+    def of(cls, columns: Sequence[str], regressors: Floats, target: Floats) -> Triangle:
+        """Factor `regressors` (N, p) and `target` (N,)."""
+        return cls(tuple(columns), _factor(np.column_stack([regressors, target])), len(target))
+
+    def __add__(self, other: Triangle) -> Triangle:
+        return self.merge([self, other])
+
+    @classmethod
+    def merge(cls, parts: Iterable[Triangle]) -> Triangle:
+        """One triangle of all samples of `parts`, which must have the same columns."""
+        all_parts = list(parts)
+        names = {part.columns for part in all_parts}
+        if len(names) != 1:
+            raise ValueError(f"triangles over different columns cannot merge: {sorted(names)}")
+        stacked = np.vstack([part.factor for part in all_parts])
+        return cls(all_parts[0].columns, _factor(stacked), sum(part.count for part in all_parts))
+
+    def transform(self, columns: Sequence[str], matrix: Floats, offset: Floats | None = None) -> Triangle:
+        """The triangle over new columns ``old @ matrix``.
+
+        Parameters
+        ----------
+        columns
+            (r,) new names.
+        matrix
+            (p, r): new columns as combinations of the old ones.
+        offset
+            (p,) combination of the old columns that is subtracted from the target (known parameters).
+        """
+        rows, target = self.rows(matrix)
+        if offset is not None:
+            target = target - self.factor[:, :-1] @ offset
+        return Triangle(tuple(columns), _factor(np.column_stack([rows, target])), self.count)
+
+    def rows(self, matrix: Floats | None = None) -> tuple[Floats, Floats]:
+        """Rows (p+1, r) and target (p+1,) with the same normal equations as all the samples over ``old @ matrix``."""
+        regressors = self.factor[:, :-1]
+        return (regressors if matrix is None else regressors @ matrix), self.factor[:, -1].copy()
+
+    def sum_of_squares(self, matrix: Floats, values: Floats) -> float:
+        """Sum over samples of (target - old @ matrix @ values)^2."""
+        rows, target = self.rows(matrix)
+        return float(np.sum((target - rows @ values) ** 2))

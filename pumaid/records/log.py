@@ -1,0 +1,54 @@
+"""A batch of samples as read from a log, in SI, by joint."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Log:
+    """N consecutive samples of one file; a long file is a sequence of these.
+
+    Attributes
+    ----------
+    origin
+        The file's name as the user knows it.
+    rows
+        (N,) row of each sample as an editor counts lines of the file (header is row 1).
+    time
+        (N,) s, strictly rising within a file.
+    position, velocity
+        (N, J) rad or m and rad/s or m/s; `velocity` is None where the file has none.
+    current
+        (N, J) A; a column is NaN where the log lacks that joint.
+    temperature
+        (N, J) degC, or None.
+    starts_clock
+        Whether the clock starts anew here: samples before belong to another recording.
+    """
+
+    origin: str
+    rows: NDArray[np.int64]
+    time: Floats
+    position: Floats
+    velocity: Floats | None
+    current: Floats
+    temperature: Floats | None = None
+    starts_clock: bool = False
+
+    def __post_init__(self) -> None:
+        n_samples, n_joints = self.position.shape
+        for name in ("velocity", "current", "temperature"):
+            values = getattr(self, name)
+            if values is not None and values.shape != (n_samples, n_joints):
+                raise ValueError(f"{name} is {values.shape}, position is {(n_samples, n_joints)}")
+        if self.time.shape != (n_samples,) or self.rows.shape != (n_samples,):
+            raise ValueError(f"time is {self.time.shape} and rows {self.rows.shape} for {n_samples} samples")
+
+    def __len__(self) -> int:
+        return len(self.time)

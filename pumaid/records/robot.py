@@ -1,0 +1,139 @@
+"""The arm as its recipe states it, in SI."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True)
+class Joint:
+    """One joint and the link that it moves, in modified Denavit-Hartenberg convention (Craig).
+
+    Attributes
+    ----------
+    number
+        1..J, base to tip.
+    name
+        The user's name for it.
+    kind
+        ``"revolute"`` or ``"prismatic"``.
+    theta, alpha
+        rad; for a revolute joint `theta` is the offset added to the measured position.
+    a, d
+        m; for a prismatic joint `d` is the offset added to the measured position.
+    limits
+        Lowest and highest measured position, rad or m, or none.
+    max_velocity
+        rad/s or m/s, or none.
+    gear_ratio
+        Motor turns per joint turn (no unit), or none.
+    """
+
+    number: int
+    name: str
+    kind: str
+    theta: float = 0.0
+    alpha: float = 0.0
+    a: float = 0.0
+    d: float = 0.0
+    limits: tuple[float, float] | None = None
+    max_velocity: float | None = None
+    gear_ratio: float | None = None
+
+    @property
+    def is_revolute(self) -> bool:
+        """Whether the joint turns."""
+        return self.kind == "revolute"
+
+    @property
+    def position_unit(self) -> str:
+        """``"rad"`` or ``"m"``."""
+        return "rad" if self.is_revolute else "m"
+
+
+@dataclass(frozen=True, slots=True)
+class LogFormat:
+    """How this robot's logs are written: column templates, their units and signs.
+
+    Templates hold ``{joint}`` (from 1) or ``{joint0}`` (from 0); `velocity` and `temperature` may be absent from a log.
+    `units` are unit words for time, position (revolute and prismatic apart), velocity, current.
+    `signs` hold J values of +1 or -1 for position and current: what the log's number is multiplied by.
+    """
+
+    time: str = "t"
+    position: str = "q{joint}"
+    velocity: str | None = "qd{joint}"
+    current: str = "i{joint}"
+    temperature: str | None = "temp{joint}"
+    units: Mapping[str, str] = field(default_factory=dict)
+    signs: Mapping[str, tuple[int, ...]] = field(default_factory=dict)
+
+    def column(self, quantity: str, joint: int) -> str | None:
+        """The file's column for `quantity` of joint `joint` (from 1), or none if the format has no such quantity."""
+        template = getattr(self, quantity)
+        return None if template is None else str(template).format(joint=joint, joint0=joint - 1)
+
+
+@dataclass(frozen=True, slots=True)
+class EffectChoice:
+    """An effect beyond the paper's model, at one joint or (None) at every joint where it applies, with given shapes."""
+
+    effect: str
+    joint: int | None = None
+    shape: Mapping[str, float] = field(default_factory=dict)
+
+
+@dataclass(frozen=True, slots=True)
+class Robot:
+    """The arm: joints base to tip, gravity in base axes (3,) m/s2, log format, effects switched on.
+
+    `origin` is the recipe's file name and `digest` its SHA-256, both empty when the robot was made in memory.
+    """
+
+    name: str
+    joints: tuple[Joint, ...]
+    gravity: tuple[float, float, float] = (0.0, 0.0, -9.80665)
+    log: LogFormat = field(default_factory=LogFormat)
+    effects: tuple[EffectChoice, ...] = ()
+    origin: str = ""
+    digest: str = ""
+
+    def joint(self, number: int) -> Joint:
+        """Joint by its number, from 1."""
+        return self.joints[number - 1]
+
+    @property
+    def n_joints(self) -> int:
+        """J."""
+        return len(self.joints)
+
+    @property
+    def alphas(self) -> Floats:
+        """(J,) twists, rad."""
+        return np.array([joint.alpha for joint in self.joints])
+
+    @property
+    def lengths(self) -> Floats:
+        """(J,) link lengths a, m."""
+        return np.array([joint.a for joint in self.joints])
+
+    @property
+    def is_revolute(self) -> NDArray[np.bool_]:
+        """(J,) whether each joint turns."""
+        return np.array([joint.is_revolute for joint in self.joints])
+
+    def dh_angles(self, position: Floats) -> Floats:
+        """(N, J) DH angles, rad, for (N, J) measured positions."""
+        offsets = np.array([joint.theta for joint in self.joints])
+        return np.where(self.is_revolute, position, 0.0) + offsets
+
+    def dh_displacements(self, position: Floats) -> Floats:
+        """(N, J) DH displacements d, m, for (N, J) measured positions."""
+        offsets = np.array([joint.d for joint in self.joints])
+        return np.where(self.is_revolute, 0.0, position) + offsets

@@ -1,0 +1,164 @@
+"""What one pass over the logs leaves of them: runs with triangle and cells, what was left out, and the files' facts."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pumaid.errors import Note
+from pumaid.maths.triangle import Triangle
+
+Floats = NDArray[np.float64]
+
+#: Regressors of a run's triangle: at constant speed, and for a stroke from rest to rest.
+CONSTANT_COLUMNS = ("cos", "sin", "one")
+STROKE_COLUMNS = ("cos", "sin", "one", "velocity", "acceleration")
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Cells:
+    """Means over equal spans of time, the form in which effects see a run.
+
+    Attributes
+    ----------
+    count
+        (M,) samples in each cell.
+    time
+        (M,) s, on the log's clock.
+    position, velocity
+        (M, J) means, rad or m and rad/s or m/s.
+    acceleration
+        (M,) of the moving joint, rad/s2 or m/s2 (all zero where a run is at constant speed).
+    current
+        (M, J) A.
+    variance
+        (M,) A2: variance of the moving joint's current inside the cell.
+    temperature
+        (M,) degC of the moving joint, NaN where not measured.
+    """
+
+    count: NDArray[np.int64]
+    time: Floats
+    position: Floats
+    velocity: Floats
+    acceleration: Floats
+    current: Floats
+    variance: Floats
+    temperature: Floats
+
+    def __len__(self) -> int:
+        return len(self.count)
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Run:
+    """One joint moving alone in one direction while the others are held.
+
+    Attributes
+    ----------
+    joint
+        Moving joint, from 1.
+    kind
+        ``"constant"`` (constant speed) or ``"stroke"`` (from rest to rest; carries an inertia term).
+    origin, first_row, last_row
+        File and first and last row of it.
+    start, duration
+        s.
+    posture
+        (J,) mean position, rad or m; NaN at the moving joint.
+    span
+        First and last position of the moving joint, rad or m.
+    speed
+        Mean velocity, signed, rad/s or m/s.
+    ripple
+        RMS of velocity about its mean (constant) in the same unit; what the measured speed was worth.
+    temperature
+        Mean of the moving joint, degC, NaN where not measured.
+    triangle
+        Over `CONSTANT_COLUMNS` or `STROKE_COLUMNS`, target the moving joint's current; cos and sin of the measured
+        position (rad); of a prismatic joint cos and sin are zero columns.
+    cells
+        The run in at most a few hundred means.
+    clock
+        Number of the recording: runs with the same number share one clock.
+    heldout
+        Whether the plan keeps this run for judging only.
+    """
+
+    joint: int
+    kind: str
+    origin: str
+    first_row: int
+    last_row: int
+    start: float
+    duration: float
+    posture: Floats
+    span: tuple[float, float]
+    speed: float
+    ripple: float
+    temperature: float
+    triangle: Triangle
+    cells: Cells
+    clock: int = 0
+    heldout: bool = False
+
+    @property
+    def samples(self) -> int:
+        """Samples absorbed."""
+        return self.triangle.count
+
+    @property
+    def direction(self) -> int:
+        """+1 or -1."""
+        return 1 if self.speed > 0 else -1
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Reject:
+    """A stretch of a log that is no run, with the reason.
+
+    `reason` is a slug (``ramp``, ``rest``, ``several-joints`` ...), `text` a sentence with the figures; `joints` those
+    that moved. `cells` are kept where something moved, so that a model can be compared there too.
+    """
+
+    origin: str
+    first_row: int
+    last_row: int
+    start: float
+    duration: float
+    joints: tuple[int, ...]
+    reason: str
+    text: str
+    samples: int
+    cells: Cells | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class FileFacts:
+    """One log file: its name, SHA-256 of its bytes, rows read, median sampling interval (s), first and last time (s)."""
+
+    name: str
+    digest: str
+    rows: int
+    interval: float
+    first_time: float
+    last_time: float
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Evidence:
+    """All that later steps know of the logs.
+
+    `runs` and `rejects` in order of file and time; `notes` what looked suspicious in the files.
+    """
+
+    runs: tuple[Run, ...]
+    rejects: tuple[Reject, ...] = ()
+    files: tuple[FileFacts, ...] = ()
+    notes: tuple[Note, ...] = ()
+
+    def of_joint(self, joint: int) -> tuple[Run, ...]:
+        """Runs in which `joint` (from 1) moves."""
+        return tuple(run for run in self.runs if run.joint == joint)

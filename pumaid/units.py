@@ -1,0 +1,49 @@
+"""Unit words and the factors that turn what a file holds into SI."""
+
+from __future__ import annotations
+
+import math
+
+#: Unit word -> (dimension, factor to SI). Inside the program everything is SI, angles rad, currents A.
+UNITS: dict[str, tuple[str, float]] = {
+    "rad": ("angle", 1.0),
+    "deg": ("angle", math.pi / 180.0),
+    "rev": ("angle", 2.0 * math.pi),
+    "m": ("length", 1.0),
+    "mm": ("length", 1e-3),
+    "s": ("time", 1.0),
+    "ms": ("time", 1e-3),
+    "us": ("time", 1e-6),
+    "ns": ("time", 1e-9),
+    "rad/s": ("angular velocity", 1.0),
+    "deg/s": ("angular velocity", math.pi / 180.0),
+    "rpm": ("angular velocity", 2.0 * math.pi / 60.0),
+    "m/s": ("linear velocity", 1.0),
+    "mm/s": ("linear velocity", 1e-3),
+    "A": ("current", 1.0),
+    "mA": ("current", 1e-3),
+    "degC": ("temperature", 1.0),
+}
+
+
+def factor(unit: str) -> float:
+    """What a number in `unit` is multiplied by to be SI.
+
+    Raises
+    ------
+    KeyError
+        The unit word is not one of `UNITS`.
+    """
+    return UNITS[unit][1]
+
+
+def number(value: float, digits: int = 4) -> str:
+    """A number for people: `digits` significant digits, no exponent where it can be avoided."""
+    if value == 0.0:
+        return "0"
+    if not math.isfinite(value):
+        return "nan" if math.isnan(value) else ("inf" if value > 0 else "-inf")
+    if 1e-4 <= abs(value) < 1e6:
+        places = max(0, digits - 1 - math.floor(math.log10(abs(value))))
+        return f"{value:.{places}f}"
+    return f"{value:.{digits - 1}e}"
