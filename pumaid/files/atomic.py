@@ -1,0 +1,128 @@
+"""Files that appear whole or not at all."""
+
+from __future__ import annotations
+
+import errno
+import os
+import secrets
+import stat
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from pathlib import Path
+
+from pumaid.errors import ResultError, Where
+
+#: What to do about the ways in which a disk refuses; anything else is told in the system's own words.
+_MENDS = {
+    errno.ENOSPC: "free some space on that disk, or write elsewhere with -o",
+    errno.EDQUOT: "your disk quota is used up: free some space, or write elsewhere with -o",
+    errno.EROFS: "that disk is read-only: write elsewhere with -o",
+    errno.EACCES: "you may not write there: change the folder's permissions, or write elsewhere with -o",
+    errno.EPERM: "you may not write there: change the folder's permissions, or write elsewhere with -o",
+    errno.EISDIR: "a folder of that name is in the way: give a file name with -o",
+    errno.ENOTDIR: "a file stands where a folder is needed: write elsewhere with -o",
+    errno.EEXIST: "a file stands where a folder is needed: write elsewhere with -o",
+    errno.ENAMETOOLONG: "give a shorter name with -o",
+}
+
+
+def write_whole(path: Path, data: bytes | str) -> None:
+    """Write a file so that readers see the old content or all of the new one, never a part.
+
+    The bytes go to a temporary file in the same folder, are forced to disk, and take the name in one step. Missing
+    folders are made. A symbolic link is followed, so the file it points to is replaced and the link stays. A device or
+    a pipe (``/dev/stdout``) is written to directly.
+
+    Parameters
+    ----------
+    path
+        The file to write.
+    data
+        Bytes, or text to be encoded as UTF-8 with its line ends as they are.
+
+    Raises
+    ------
+    ResultError [cannot-write]
+        The disk refuses; what stood there before stands unchanged.
+    """
+    content = data.encode("utf-8") if isinstance(data, str) else data
+    if _is_stream(Path(path)):
+        try:
+            Path(path).write_bytes(content)
+        except OSError as error:
+            raise _refusal(Path(path), error) from error
+        return
+    with whole_file(path) as temporary:
+        temporary.write_bytes(content)
+
+
+@contextmanager
+def whole_file(path: Path) -> Iterator[Path]:
+    """A temporary path beside `path` that takes its name when the block ends without an error.
+
+    For content that is streamed. An error inside the block leaves nothing behind, neither file nor temporary.
+
+    Parameters
+    ----------
+    path
+        The file to write; missing folders are made.
+
+    Raises
+    ------
+    ResultError [cannot-write]
+        The disk refuses, in the block or at its end.
+    """
+    path = Path(path)
+    temporary: Path | None = None
+    try:
+        target = path.resolve()
+        target.parent.mkdir(parents=True, exist_ok=True)
+        if target.is_dir():
+            raise IsADirectoryError(errno.EISDIR, "is a folder")
+        temporary = target.with_name(f".{target.name[:80]}.{secrets.token_hex(6)}.part")
+        yield temporary
+        _force_to_disk(temporary)
+        _keep_permissions(target, temporary)
+        temporary.replace(target)
+    except (OSError, RuntimeError) as error:
+        if isinstance(error, RuntimeError) and "loop" not in str(error).lower():
+            raise
+        raise _refusal(path, error) from error
+    finally:
+        if temporary is not None:
+            with suppress(OSError):
+                temporary.unlink(missing_ok=True)
+
+
+def _is_stream(path: Path) -> bool:
+    # /dev/stdout may lead to a plain file that the shell holds open: a new file in its place would not be seen.
+    if path.parts[:2] == ("/", "dev"):
+        return True
+    try:
+        mode = path.stat().st_mode
+    except (OSError, RuntimeError):
+        return False
+    return not (stat.S_ISREG(mode) or stat.S_ISDIR(mode))
+
+
+def _force_to_disk(path: Path) -> None:
+    """Without this a power cut after the renaming could leave an empty file under the final name."""
+    handle = os.open(path, os.O_RDWR)
+    try:
+        os.fsync(handle)
+    finally:
+        os.close(handle)
+
+
+def _keep_permissions(target: Path, temporary: Path) -> None:
+    """A replaced file keeps its mode; a new one has what the user's umask gave the temporary."""
+    with suppress(FileNotFoundError):
+        temporary.chmod(target.stat().st_mode & 0o7777)
+
+
+def _refusal(path: Path, error: OSError | RuntimeError) -> ResultError:
+    number = error.errno if isinstance(error, OSError) else errno.ELOOP
+    reason = (error.strerror if isinstance(error, OSError) else None) or str(error)
+    mend = _MENDS.get(number or 0, "write elsewhere with -o")
+    shown = path.name if len(path.name) <= 80 else path.name[:77] + "..."
+    return ResultError("cannot-write", f"cannot write {shown}: {reason}", Where(file=str(path)[:300]), mend)
