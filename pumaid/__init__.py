@@ -1,3 +1,49 @@
-"""pumaid: learn from logged motions what a robot arm's motor currents are spent on."""
+"""pumaid: learn from logged motions what a robot arm's motor currents are spent on.
+
+The verbs, the records and the errors are here; each is imported when it is first used, so that ``import pumaid``
+costs nothing.
+
+Examples
+--------
+>>> import pumaid
+>>> robot = pumaid.Robot("pendulum", (pumaid.Joint(1, "hinge", "revolute", alpha=1.5708),))
+>>> robot.n_joints
+1
+"""
+
+from __future__ import annotations
+
+import importlib
+from typing import Any
 
 __version__ = "0.1.0"
+
+#: Public name -> module that defines it.
+_HOMES = {
+    **dict.fromkeys(("Faults", "LogError", "ModelError", "Note", "PumaidError"), "pumaid.errors"),
+    **dict.fromkeys(("RecipeError", "ResultError", "Where"), "pumaid.errors"),
+    **dict.fromkeys(("Cells", "Combination", "Comparison", "EffectChoice", "Estimate"), "pumaid.records"),
+    **dict.fromkeys(("Evidence", "FileFacts", "Joint", "JointFit", "JointScore", "Log"), "pumaid.records"),
+    **dict.fromkeys(("LogFormat", "Motion", "OutsideScore", "Plan", "Posture", "Reject"), "pumaid.records"),
+    **dict.fromkeys(("Robot", "Run", "RunScore", "Samples", "Value"), "pumaid.records"),
+    **{verb: f"pumaid.verbs.{verb}" for verb in ("compare", "identify", "plan", "segment", "simulate")},
+    "catalogue": "pumaid.effects",
+    "read_recipe": "pumaid.files.recipe",
+    "LogReader": "pumaid.files.table",
+    "read_model": "pumaid.files.result",
+    "write_model": "pumaid.files.result",
+}
+
+__all__ = ["__version__", *sorted(_HOMES)]  # noqa: PLE0604
+
+
+def __getattr__(name: str) -> Any:
+    if name not in _HOMES:
+        raise AttributeError(f"module 'pumaid' has no attribute {name!r}")
+    found = getattr(importlib.import_module(_HOMES[name]), name)
+    globals()[name] = found
+    return found
+
+
+def __dir__() -> list[str]:
+    return sorted([*globals(), *_HOMES])

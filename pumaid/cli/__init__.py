@@ -1,0 +1,84 @@
+"""The command line: a group that finds its commands by looking into ``commands/``."""
+
+from __future__ import annotations
+
+import difflib
+import importlib
+import pkgutil
+import sys
+from pathlib import Path
+from typing import Any, NoReturn
+
+import rich_click as click
+
+from pumaid import __version__
+from pumaid.cli.failures import told
+
+#: Order in which help lists the commands: the order of work. Commands not named here follow, by name.
+ORDER_OF_WORK = (
+    "demo",
+    "init",
+    "plan",
+    "simulate",
+    "segment",
+    "identify",
+    "compare",
+    "diagnose",
+    "report",
+    "history",
+    "export",
+    "effects",
+    "doctor",
+)
+
+
+class Commands(click.RichGroup):
+    """A group whose commands are the modules of ``pumaid.cli.commands``, imported when they are asked for."""
+
+    def list_commands(self, ctx: click.Context) -> list[str]:
+        folder = str(Path(__file__).with_name("commands"))
+        found = [module.name.replace("_", "-") for module in pkgutil.iter_modules([folder])]
+        rank = {name: place for place, name in enumerate(ORDER_OF_WORK)}
+        return sorted(found, key=lambda name: (rank.get(name, len(rank)), name))
+
+    def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
+        if cmd_name not in self.list_commands(ctx):
+            return None
+        module = importlib.import_module(f"pumaid.cli.commands.{cmd_name.replace('-', '_')}")
+        found: click.Command = module.command
+        found.name = cmd_name
+        return found
+
+    def resolve_command(self, ctx: click.Context, args: list[str]) -> tuple[str | None, click.Command | None, list[str]]:
+        known = self.list_commands(ctx)
+        if args and args[0] not in known and not args[0].startswith("-"):
+            near = difflib.get_close_matches(args[0], known, n=1)
+            hint = f" Did you mean '{near[0]}'?" if near else f" Commands: {', '.join(known)}."
+            raise click.UsageError(f"No such command '{args[0]}'.{hint}", ctx)
+        return super().resolve_command(ctx, args)
+
+    def invoke(self, ctx: click.Context) -> Any:
+        with told():
+            return super().invoke(ctx)
+
+
+@click.group(cls=Commands, context_settings={"help_option_names": ["-h", "--help"]})
+@click.version_option(__version__, prog_name="pumaid", message="%(prog)s %(version)s")
+def group() -> None:
+    """Learn from logged motions what a robot arm's motor currents are spent on.
+
+    An experiment is a folder with a recipe (recipe.yaml: the robot) and logs (logs/*.csv, *.parquet).
+    Commands find what they need there and write what they make to results/.
+
+    \b
+    Example:
+      pumaid init puma560 -o my_arm/recipe.yaml
+      pumaid identify my_arm/logs/
+      pumaid report my_arm/results/model.json my_arm/logs/
+    """
+
+
+def main(args: list[str] | None = None) -> NoReturn:
+    """Run the command line and leave with its exit code."""
+    group.main(args=args, prog_name="pumaid")
+    sys.exit(0)

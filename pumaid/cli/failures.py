@@ -1,0 +1,76 @@
+"""What a failure looks like to the user: one place for messages on standard error and exit codes."""
+
+from __future__ import annotations
+
+import os
+import platform
+import sys
+import traceback
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+import rich_click as click
+
+from pumaid import __version__
+from pumaid.errors import EXIT_BAD_INPUT, EXIT_BUG, PumaidError, ResultError, Where
+
+#: Exit codes of a program that a signal ended, as shells count them.
+EXIT_INTERRUPTED, EXIT_PIPE_CLOSED = 128 + 2, 128 + 13
+
+
+@contextmanager
+def told() -> Iterator[None]:
+    """Turn what goes wrong inside into a message on standard error and the exit code that interfaces fix."""
+    try:
+        yield
+        sys.stdout.flush()
+    except (click.exceptions.Exit, click.ClickException, click.Abort):
+        raise
+    except PumaidError as error:
+        _leave(EXIT_BAD_INPUT, _coloured(str(error)))
+    except BrokenPipeError:
+        _silence_stdout()
+        raise click.exceptions.Exit(EXIT_PIPE_CLOSED) from None
+    except KeyboardInterrupt:
+        _leave(EXIT_INTERRUPTED, "\nstopped; files that were being written are as they were before")
+    except OSError as error:
+        _leave(EXIT_BAD_INPUT, _coloured(str(_refused(error))))
+    except Exception as error:
+        _leave(EXIT_BUG, _report(error))
+
+
+def _leave(code: int, message: str) -> None:
+    click.echo(message, err=True)
+    raise click.exceptions.Exit(code) from None
+
+
+def _coloured(message: str) -> str:
+    """The words ``error[slug]`` in red; click strips the colour where standard error is no terminal."""
+    head, found, rest = message.partition("]: ")
+    return click.style(head + "]", fg="red", bold=True) + ": " + rest if found else message
+
+
+def _refused(error: OSError) -> ResultError:
+    name = None if error.filename is None else str(error.filename)
+    mend = "check that the file exists, that its folder may be written and that the disk is not full"
+    return ResultError("file-refused", f"the system says: {error.strerror or error}", Where(file=name), mend)
+
+
+def _report(error: Exception) -> str:
+    return "\n".join(
+        [
+            "".join(traceback.format_exception(error)).rstrip(),
+            f"bug: pumaid failed with {type(error).__name__}, which is its fault and not yours",
+            f"  at: pumaid {__version__}, Python {platform.python_version()}, {platform.platform()}",
+            "  fix: report the lines above with the command that you typed, the recipe and, if you can, the log",
+        ]
+    )
+
+
+def _silence_stdout() -> None:
+    """Point standard output at nothing, so that the interpreter's own last flush finds no broken pipe."""
+    try:
+        descriptor = sys.stdout.fileno()
+    except (OSError, ValueError):
+        return
+    os.dup2(os.open(os.devnull, os.O_WRONLY), descriptor)

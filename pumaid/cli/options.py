@@ -1,0 +1,69 @@
+"""Arguments and options that several commands share, each written once.
+
+A decorator states the name under which its value arrives: ``logs``, ``recipe``, ``output``, ``results``, ``as_json``,
+``seed``, ``units``, ``check``.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, TypeVar
+
+import rich_click as click
+
+Decorated = TypeVar("Decorated", bound=Callable[..., Any])
+
+
+def logs_argument(function: Decorated) -> Decorated:
+    """``LOGS...`` as `logs`: tuple of str; files, folders, globs, ``-`` for standard input."""
+    return click.argument("logs", nargs=-1, required=True, metavar="LOGS...")(function)
+
+
+def model_argument(function: Decorated) -> Decorated:
+    """``MODEL`` as `model`: Path of a model file, or ``-``."""
+    return click.argument("model", type=click.Path(path_type=Path, allow_dash=True), metavar="MODEL")(function)
+
+
+def recipe_option(function: Decorated) -> Decorated:
+    """``--recipe FILE`` as `recipe`: Path or None."""
+    told = "The robot's recipe; else recipe.yaml in the logs' folder, beside it, or here."
+    return click.option("--recipe", type=click.Path(path_type=Path), metavar="FILE", help=told)(function)
+
+
+def output_option(told: str) -> Callable[[Decorated], Decorated]:
+    """``-o FILE`` as `output`: Path or None; ``-`` is standard output. `told` is its help."""
+    kind = click.Path(path_type=Path, allow_dash=True)
+    return click.option("-o", "--output", type=kind, metavar="FILE", help=told)
+
+
+def results_option(function: Decorated) -> Decorated:
+    """``--results FOLDER`` as `results`: Path or None."""
+    told = "Where results go; else results/ beside the recipe."
+    return click.option("--results", type=click.Path(path_type=Path), metavar="FOLDER", help=told)(function)
+
+
+def json_option(function: Decorated) -> Decorated:
+    """``--json`` as `as_json`: bool."""
+    told = "Print one JSON document on standard output and nothing else there."
+    return click.option("--json", "as_json", is_flag=True, help=told)(function)
+
+
+def seed_option(function: Decorated) -> Decorated:
+    """``--seed N`` as `seed`: int, 0 or more; 0 where not given."""
+    told = "Random numbers start here; the same seed gives the same result."
+    kind = click.IntRange(min=0)
+    return click.option("--seed", type=kind, default=0, show_default=True, metavar="N", help=told)(function)
+
+
+def units_option(function: Decorated) -> Decorated:
+    """``--units rad|deg`` as `units`: str."""
+    told = "Unit of angles in tables; JSON is always in rad."
+    kind = click.Choice(["rad", "deg"])
+    return click.option("--units", type=kind, default="rad", show_default=True, help=told)(function)
+
+
+def check_option(function: Decorated) -> Decorated:
+    """``--check`` as `check`: bool."""
+    told = "Leave with exit code 1 if something asks for attention."
+    return click.option("--check", is_flag=True, help=told)(function)

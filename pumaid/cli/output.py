@@ -1,0 +1,59 @@
+"""Where words go: results to standard output, everything else to standard error."""
+
+from __future__ import annotations
+
+import json
+import sys
+from collections.abc import Iterable, Mapping
+from typing import Any, NoReturn
+
+import rich_click as click
+
+from pumaid.errors import EXIT_ATTENTION, Note
+
+#: Widest table that is written to a file or pipe, where there is no terminal to ask (characters).
+WIDEST = 400
+
+
+def say(text: str = "") -> None:
+    """A result for people, on standard output."""
+    click.echo(text)
+
+
+def remark(text: str) -> None:
+    """Progress, or where a file went, on standard error."""
+    click.echo(text, err=True)
+
+
+def notes(found: Iterable[Note]) -> None:
+    """Notes and warnings of a result, on standard error, each once."""
+    for line in dict.fromkeys(str(note) for note in found):
+        head, _, rest = line.partition("]: ")
+        click.echo(click.style(head + "]", fg="yellow") + ": " + rest, err=True)
+
+
+def table(renderable: Any) -> None:
+    """A rich table (or text) on standard output; in a pipe as wide as it needs to be, without colour."""
+    from rich.console import Console
+    from rich.measure import Measurement
+
+    if isinstance(renderable, str):
+        say(renderable)
+        return
+    console = Console(file=sys.stdout, highlight=False)
+    if not console.is_terminal:
+        options = console.options.update(max_width=WIDEST)
+        console.width = max(console.width, Measurement.get(console, options, renderable).maximum)
+    console.print(renderable)
+
+
+def document(content: Mapping[str, Any]) -> None:
+    """The one JSON document of ``--json``; arrays become lists, numbers that JSON lacks become null."""
+    from pumaid.files.result import plain
+
+    click.echo(json.dumps(plain(content), indent=2, allow_nan=False))
+
+
+def attention() -> NoReturn:
+    """Leave with exit code 1 (``--check``: something asks for attention)."""
+    raise click.exceptions.Exit(EXIT_ATTENTION)
