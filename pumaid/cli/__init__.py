@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import difflib
 import importlib
+import inspect
 import pkgutil
 import sys
 from pathlib import Path
@@ -13,6 +14,11 @@ import rich_click as click
 
 from pumaid import __version__
 from pumaid.cli.failures import told
+
+click.rich_click.TEXT_PARAGRAPH_LINEBREAKS = "\n\n"
+click.rich_click.STYLE_HELPTEXT = ""
+click.rich_click.PADDING_HELPTEXT_FIRST_LINE = (0, 0, 1, 0)
+click.rich_click.MAX_WIDTH = 100
 
 #: Order in which help lists the commands: the order of work. Commands not named here follow, by name.
 ORDER_OF_WORK = (
@@ -47,9 +53,13 @@ class Commands(click.RichGroup):
         module = importlib.import_module(f"pumaid.cli.commands.{cmd_name.replace('-', '_')}")
         found: click.Command = module.command
         found.name = cmd_name
+        # rich-click takes the indentation from an example that is all of the help's body; a blank line in front keeps it.
+        found.help = inspect.cleandoc(found.help or "").replace("\b\nExample", "\b\n \nExample")
         return found
 
-    def resolve_command(self, ctx: click.Context, args: list[str]) -> tuple[str | None, click.Command | None, list[str]]:
+    def resolve_command(
+        self, ctx: click.Context, args: list[str]
+    ) -> tuple[str | None, click.Command | None, list[str]]:
         known = self.list_commands(ctx)
         if args and args[0] not in known and not args[0].startswith("-"):
             near = difflib.get_close_matches(args[0], known, n=1)

@@ -10,6 +10,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 
 import rich_click as click
+from click.exceptions import Exit
 
 from pumaid import __version__
 from pumaid.errors import EXIT_BAD_INPUT, EXIT_BUG, PumaidError, ResultError, Where
@@ -24,13 +25,13 @@ def told() -> Iterator[None]:
     try:
         yield
         sys.stdout.flush()
-    except (click.exceptions.Exit, click.ClickException, click.Abort):
+    except (Exit, click.ClickException, click.Abort):
         raise
     except PumaidError as error:
         _leave(EXIT_BAD_INPUT, _coloured(str(error)))
     except BrokenPipeError:
         _silence_stdout()
-        raise click.exceptions.Exit(EXIT_PIPE_CLOSED) from None
+        raise Exit(EXIT_PIPE_CLOSED) from None
     except KeyboardInterrupt:
         _leave(EXIT_INTERRUPTED, "\nstopped; files that were being written are as they were before")
     except OSError as error:
@@ -41,7 +42,7 @@ def told() -> Iterator[None]:
 
 def _leave(code: int, message: str) -> None:
     click.echo(message, err=True)
-    raise click.exceptions.Exit(code) from None
+    raise Exit(code) from None
 
 
 def _coloured(message: str) -> str:

@@ -8,6 +8,7 @@ from collections.abc import Iterable, Mapping
 from typing import Any, NoReturn
 
 import rich_click as click
+from click.exceptions import Exit
 
 from pumaid.errors import EXIT_ATTENTION, Note
 
@@ -56,4 +57,4 @@ def document(content: Mapping[str, Any]) -> None:
 
 def attention() -> NoReturn:
     """Leave with exit code 1 (``--check``: something asks for attention)."""
-    raise click.exceptions.Exit(EXIT_ATTENTION)
+    raise Exit(EXIT_ATTENTION)
