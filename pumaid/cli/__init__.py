@@ -53,7 +53,7 @@ class Commands(click.RichGroup):
         module = importlib.import_module(f"pumaid.cli.commands.{cmd_name.replace('-', '_')}")
         found: click.Command = module.command
         found.name = cmd_name
-        # rich-click takes the indentation from an example that is all of the help's body; a blank line in front keeps it.
+        # rich-click takes the indentation from an example that is all of the help's body; a blank before it keeps it.
         found.help = inspect.cleandoc(found.help or "").replace("\b\nExample", "\b\n \nExample")
         return found
 
