@@ -1,0 +1,95 @@
+"""Let a virtual robot execute a plan."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from pumaid.errors import ModelError, Where
+from pumaid.records import Log, Plan, Robot
+from pumaid.virtual.draw import draw
+from pumaid.virtual.session import Session
+from pumaid.virtual.truth import Truth
+
+
+def simulate(
+    robot: Robot,
+    plan: Plan,
+    *,
+    seed: int = 0,
+    truth: Truth | None = None,
+    rate: float = 250.0,
+    noise: float | None = None,
+    runs_per_file: int = 40,
+    has_velocity: bool = True,
+) -> Iterator[Log]:
+    """A virtual robot executes a plan, motion by motion, and logs what a real one would.
+
+    It goes to each motion's start with all joints at once, rests, runs with ramps at both ends, rests. Currents carry
+    gravity, friction by direction, inertia in ramps, noise that is correlated from sample to sample and has a level for
+    each run; resting joints are carried by gravity and by whatever stiction was left with.
+
+    Parameters
+    ----------
+    robot
+        J joints.
+    plan
+        Motions in the order of their execution.
+    seed
+        Same seed, same robot and same noise.
+    truth
+        The virtual robot; drawn from `seed` where not given.
+    rate
+        Samples a second.
+    noise
+        A, standard deviation of every joint's noise; 0 leaves out noise and quantisation. The truth's own where not
+        given.
+    runs_per_file
+        Planned motions in one file.
+    has_velocity
+        Whether the log has velocities.
+
+    Returns
+    -------
+    logs
+        Batches in order of time; batches of one file share their `origin` (``session_01`` ...).
+
+    Raises
+    ------
+    ModelError [plan-misfit]
+        The plan is for another number of joints.
+    ModelError [rate-impossible]
+        The rate is not positive.
+
+    Examples
+    --------
+    >>> from pumaid.virtual import table1
+    >>> truth = table1.puma560()
+    >>> first = next(simulate(truth.robot, table1.experiment(), truth=truth, seed=1))
+    >>> first.origin, first.current.shape[1]
+    ('session_01', 6)
+    """
+    if not rate > 0:
+        raise ModelError("rate-impossible", f"a log cannot have {rate:g} samples a second", mend="give a positive rate")
+    for number, motion in enumerate(plan.motions, start=1):
+        if len(motion.hold) != robot.n_joints or not 1 <= motion.joint <= robot.n_joints:
+            raise ModelError(
+                "plan-misfit",
+                f"run {number} of the plan moves joint {motion.joint} of {len(motion.hold)}; "
+                f"{robot.name} has {robot.n_joints} joints",
+                Where(field=f"runs[{number}]"),
+                "take a plan made for this robot: pumaid plan",
+            )
+    robot_truth = draw(robot, seed) if truth is None else truth
+    if noise is not None:
+        robot_truth = robot_truth.with_noise(noise)
+    session = Session(
+        robot_truth,
+        plan,
+        np.random.default_rng([seed, 2]),
+        rate=rate,
+        runs_per_file=runs_per_file,
+        has_velocity=has_velocity,
+    )
+    return session.logs()
