@@ -61,9 +61,12 @@ class Joint:
 class LogFormat:
     """How this robot's logs are written: column templates, their units and signs.
 
-    Templates hold ``{joint}`` (from 1) or ``{joint0}`` (from 0); `velocity` and `temperature` may be absent from a log.
-    `units` are unit words for time, position (revolute and prismatic apart), velocity, current.
-    `signs` hold J values of +1 or -1 for position and current: what the log's number is multiplied by.
+    Templates hold ``{joint}`` (from 1), ``{joint0}`` (from 0) or ``{name}`` (the joint's, from `names`); `velocity` and
+    `temperature` may be absent from a log.
+    `units` are unit words by quantity: time, position and velocity (of revolute joints), prismatic_position and
+    prismatic_velocity, current, temperature; a quantity that is not named is in SI (rad, m, s, A, degC).
+    `signs` hold J values of +1 or -1 for position and current: what the log's number is multiplied by (the sign of
+    position is also that of velocity).
     """
 
     time: str = "t"
@@ -73,11 +76,13 @@ class LogFormat:
     temperature: str | None = "temp{joint}"
     units: Mapping[str, str] = field(default_factory=dict)
     signs: Mapping[str, tuple[int, ...]] = field(default_factory=dict)
+    names: tuple[str, ...] = ()
 
     def column(self, quantity: str, joint: int) -> str | None:
         """The file's column for `quantity` of joint `joint` (from 1), or none if the format has no such quantity."""
         template = getattr(self, quantity)
-        return None if template is None else str(template).format(joint=joint, joint0=joint - 1)
+        name = self.names[joint - 1] if self.names else f"joint{joint}"
+        return None if template is None else str(template).format(joint=joint, joint0=joint - 1, name=name)
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,0 +1,207 @@
+"""Faults of a recipe that show only when two of its values are seen together."""
+
+from __future__ import annotations
+
+import math
+from collections import Counter
+from collections.abc import Iterator
+from typing import Any
+
+from pumaid.files.recipe_faults import Fault
+from pumaid.files.recipe_schema import is_pi_expression
+from pumaid.files.yaml_lines import nearest
+from pumaid.units import UNITS
+
+#: A twist beyond one turn (rad) is in the wrong unit.
+ONE_TURN = 2.0 * math.pi
+#: Limits beyond this many rad, in a file that does not state its unit, are degrees.
+WIDEST_UNSTATED = 4.0 * math.pi
+#: Degrees that are really rad: quarter turns in rad as people round them (four decimals).
+QUARTERS = tuple(quarter * math.pi / 2.0 for quarter in (1, 2, 3))
+ROUNDING = 5e-4
+
+_QUANTITIES = {"position": "q{joint}", "velocity": "qd{joint}", "current": "i{joint}", "temperature": "temp{joint}"}
+
+
+def faults_between_values(data: dict[Any, Any]) -> Iterator[Fault]:
+    """Every such fault of a recipe's plain data; values of a wrong type are passed over, the schema tells of them."""
+    joints = data.get("joints")
+    joints = joints if isinstance(joints, list) else []
+    units = _mapping(data, "units")
+    yield from _names(joints)
+    for index, joint in enumerate(joints):
+        if isinstance(joint, dict):
+            yield from _offsets(index, joint)
+            yield from _angles(index, joint, units)
+    log = _mapping(data, "log")
+    yield from _columns(log, joints)
+    yield from _log_units(log, joints)
+    yield from _signs(log, len(joints))
+    yield from _effects(data.get("effects"), joints)
+
+
+def _mapping(data: dict[Any, Any], key: str) -> dict[Any, Any]:
+    value = data.get(key)
+    return value if isinstance(value, dict) else {}
+
+
+def joint_name(index: int, joint: Any) -> str:
+    """The joint's name, or the one it gets where the recipe names none."""
+    name = joint.get("name") if isinstance(joint, dict) else None
+    return name if isinstance(name, str) else f"joint{index + 1}"
+
+
+def _names(joints: list[Any]) -> Iterator[Fault]:
+    seen: dict[str, int] = {}
+    for index, joint in enumerate(joints):
+        name = joint_name(index, joint)
+        first = seen.setdefault(name.lower(), index)
+        if first != index:
+            what = f"joints {first + 1} and {index + 1} are both named {name}"
+            yield Fault(("joints", index, "name"), "recipe-duplicate", what, "give each joint its own name")
+
+
+def _offsets(index: int, joint: dict[Any, Any]) -> Iterator[Fault]:
+    needed = {"revolute": "d", "prismatic": "theta"}.get(str(joint.get("type")))
+    if needed is not None and joint.get(needed) is None:
+        mend = f"add {needed}: 0 if it is zero; only the offset of the joint's own motion may be left out"
+        what = f"a {joint['type']} joint has a constant {needed}, and the key is missing"
+        yield Fault(("joints", index, needed), "recipe-missing-key", what, mend)
+
+
+def _angles(index: int, joint: dict[Any, Any], units: dict[Any, Any]) -> Iterator[Fault]:
+    """Angles in the other unit than the file says."""
+    unit = units.get("angle", "rad")
+    for path, value in _angle_values(joint):
+        where = ("joints", index, *path)
+        if is_pi_expression(value):
+            if unit == "deg":
+                yield Fault(
+                    where, "recipe-angle-unit", f"{value} is in rad, and this file's angles are in deg", "write degrees"
+                )
+        elif isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value):
+            yield from _looks_wrong(where, float(value), unit, stated="angle" in units)
+    if joint.get("type") == "prismatic":
+        limits = joint.get("limits")
+        for value in [*(limits if isinstance(limits, list) else []), joint.get("max_velocity")]:
+            if is_pi_expression(value):
+                yield Fault(("joints", index), "recipe-wrong-type", f"{value} is no length", "write a number in m")
+
+
+def _angle_values(joint: dict[Any, Any]) -> Iterator[tuple[tuple[str | int, ...], Any]]:
+    yield ("alpha",), joint.get("alpha")
+    yield ("theta",), joint.get("theta")
+    if joint.get("type") == "revolute":
+        limits = joint.get("limits")
+        yield from (
+            (("limits", place), value) for place, value in enumerate(limits if isinstance(limits, list) else [])
+        )
+        yield ("max_velocity",), joint.get("max_velocity")
+
+
+def _looks_wrong(where: tuple[str | int, ...], value: float, unit: Any, *, stated: bool) -> Iterator[Fault]:
+    key = where[2]
+    in_deg = "add units: {angle: deg} at the top, or write the angles in rad"
+    if unit == "rad" and key in ("alpha", "theta") and abs(value) > ONE_TURN:
+        yield Fault(
+            where, "recipe-angle-unit", f"{key} of {value:g} rad is more than a turn: are these degrees?", in_deg
+        )
+    elif unit == "rad" and not stated and key in ("limits", "max_velocity") and abs(value) > WIDEST_UNSTATED:
+        mend = f"{in_deg}; if they are rad, say so: units: {{angle: rad}}"
+        yield Fault(where, "recipe-angle-unit", f"{key} of {value:g} rad is beyond two turns: are these degrees?", mend)
+    elif unit == "deg" and key in ("alpha", "theta"):
+        if abs(value) > 360.0:
+            yield Fault(
+                where, "recipe-angle-unit", f"{key} of {value:g} deg is more than a turn", "write it within 360"
+            )
+        elif any(abs(abs(value) - quarter) < ROUNDING for quarter in QUARTERS):
+            mend = "write degrees (90, not 1.5708), or take units: {angle: deg} away"
+            yield Fault(where, "recipe-angle-unit", f"{key} of {value:g} deg is a quarter turn in rad", mend)
+
+
+def _columns(log: dict[Any, Any], joints: list[Any]) -> Iterator[Fault]:
+    """Templates that give two quantities or joints one column."""
+    owners: Counter[str] = Counter()
+    time = log.get("time", "t")
+    owners[str(time)] += 1
+    for quantity, usual in _QUANTITIES.items():
+        template = log.get(quantity, usual)
+        if not isinstance(template, str):
+            continue
+        try:
+            names = [
+                template.format(joint=index + 1, joint0=index, name=joint_name(index, joint))
+                for index, joint in enumerate(joints)
+            ]
+        except (ValueError, LookupError, AttributeError):
+            continue
+        if len(set(names)) < len(names):
+            what = f"{template} names the same column for every joint"
+            mend = "write {joint} (from 1), {joint0} (from 0) or {name} where the joint goes, such as q{joint}"
+            yield Fault(("log", quantity), "recipe-duplicate", what, mend)
+            continue
+        taken = next((name for name in names if owners[name]), None)
+        owners.update(names)
+        if taken is not None:
+            what = f"{quantity} takes column {taken}, which another quantity has already"
+            yield Fault(("log", quantity), "recipe-duplicate", what, "give each quantity its own columns")
+
+
+def _log_units(log: dict[Any, Any], joints: list[Any]) -> Iterator[Fault]:
+    """Units of an angle for joints that slide, and the other way round."""
+    units = _mapping(log, "units")
+    kinds = {joint.get("type") for joint in joints if isinstance(joint, dict)}
+    for quantity, turning, sliding in (
+        ("position", "angle", "length"),
+        ("velocity", "angular velocity", "linear velocity"),
+    ):
+        dimension = UNITS[word][0] if isinstance(word := units.get(quantity), str) and word in UNITS else None
+        path = ("log", "units", quantity)
+        if dimension == sliding and "revolute" in kinds:
+            mend = f"give {quantity} a unit of {turning}; prismatic joints have prismatic_{quantity}"
+            yield Fault(path, "recipe-unit", f"{word} is a unit of {sliding}, and the arm has revolute joints", mend)
+        if dimension == turning and kinds == {"prismatic"}:
+            mend = f"give it a unit of {sliding}"
+            yield Fault(path, "recipe-unit", f"{word} is a unit of {turning}, and every joint is prismatic", mend)
+        other = f"prismatic_{quantity}"
+        if other in units and kinds == {"revolute"}:
+            what = f"{other} is given, and the arm has no prismatic joint"
+            yield Fault(("log", "units", other), "recipe-unit", what, "take it away")
+    if units.get("position") == "rev" and "velocity" not in units:
+        mend = "add velocity: rpm, deg/s or rad/s to log.units"
+        yield Fault(
+            ("log", "units", "position"), "recipe-unit", "position is in rev, and the unit of velocity is missing", mend
+        )
+
+
+def _signs(log: dict[Any, Any], n_joints: int) -> Iterator[Fault]:
+    for quantity, signs in _mapping(log, "signs").items():
+        if isinstance(signs, list) and len(signs) != n_joints:
+            what = f"{len(signs)} signs for {n_joints} joints"
+            yield Fault(
+                ("log", "signs", quantity), "recipe-bad-value", what, "write 1 or -1 for each joint, base to tip"
+            )
+
+
+def _effects(effects: Any, joints: list[Any]) -> Iterator[Fault]:
+    """Effects at joints that the arm has not, and the same effect twice at a joint."""
+    names = [joint_name(index, joint) for index, joint in enumerate(joints)]
+    seen: set[tuple[str, str]] = set()
+    for index, choice in enumerate(effects if isinstance(effects, list) else []):
+        if not isinstance(choice, dict):
+            continue
+        joint = choice.get("joint", "all")
+        path = ("effects", index, "joint")
+        if isinstance(joint, int) and not isinstance(joint, bool) and not 1 <= joint <= len(names):
+            yield Fault(path, "recipe-bad-value", f"there is no joint {joint}", f"joints count from 1 to {len(names)}")
+        if isinstance(joint, str) and joint != "all" and joint not in names:
+            near = nearest(joint, [*names, "all"])
+            mend = f"did you mean {near}?" if near else f"one of {', '.join(names)}, a number from 1, or all"
+            yield Fault(path, "recipe-unknown-word", f"there is no joint named {joint[:60]}", mend)
+        number = names.index(joint) + 1 if joint in names else joint
+        key = (str(choice.get("effect")), f"{number} {choice.get('shape')}")
+        if key in seen:
+            yield Fault(
+                ("effects", index), "recipe-duplicate", f"{key[0]} at joint {joint} is given twice", "remove one"
+            )
+        seen.add(key)
