@@ -2,18 +2,43 @@
 
 from __future__ import annotations
 
+import json
 import math
+import re
+import sys
 from collections.abc import Mapping
-from dataclasses import fields, is_dataclass
-from typing import Any
+from dataclasses import fields, is_dataclass, replace
+from pathlib import Path
+from typing import Any, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pumaid import __version__
+from pumaid.errors import Faults, ModelError, Note, PumaidError, ResultError, Where
+from pumaid.files.atomic import write_whole
+from pumaid.records import Combination, EffectChoice, Estimate, JointFit, Robot, Value
+
+Floats = NDArray[np.float64]
+Record = TypeVar("Record")
+
+#: The format number that this program writes and reads.
+FORMAT = 1
+
+#: Most faults of one file that are told; the rest is counted.
+MOST_FAULTS = 5
+
+_NUMBERS = re.compile(r"\[\s+((?:-?\d[^\[\]\"{}]*|null[^\[\]\"{}]*))\]")
 
 
 def plain(value: Any) -> Any:
     """`value` as JSON knows it: arrays and tuples become lists, records objects, numbers that JSON lacks null."""
     if isinstance(value, float):
-        return value if math.isfinite(value) else None
-    if isinstance(value, str | int | None):
+        return float(value) if math.isfinite(value) else None
+    if value is None or isinstance(value, str | int):
         return value
+    if isinstance(value, Note):
+        return value.as_json()
     if isinstance(value, Mapping):
         return {str(key): plain(held) for key, held in value.items()}
     if is_dataclass(value) and not isinstance(value, type):
@@ -21,3 +46,252 @@ def plain(value: Any) -> Any:
     if hasattr(value, "tolist"):
         return plain(value.tolist())
     return [plain(held) for held in value]
+
+
+def as_text(document: Mapping[str, Any]) -> str:
+    """A document as JSON text, indented, with each row of numbers on one line."""
+    indented = json.dumps(plain(document), indent=2, allow_nan=False, ensure_ascii=False)
+    return (
+        _NUMBERS.sub(lambda found: "[" + ", ".join(part.strip() for part in found[1].split(",")) + "]", indented) + "\n"
+    )
+
+
+def heading(kind: str, *, robot: Robot | None = None, logs: Mapping[str, str] | None = None) -> dict[str, Any]:
+    """The first entries of every document.
+
+    Parameters
+    ----------
+    kind
+        ``"model"``, ``"comparison"`` ...
+    robot
+        The arm, whose recipe's digest is told.
+    logs
+        Name -> SHA-256 of the logs.
+    """
+    head: dict[str, Any] = {"kind": kind, "format": FORMAT, "pumaid": __version__}
+    if robot is not None:
+        head |= {"robot": robot.name, "recipe": {"file": Path(robot.origin).name, "sha256": robot.digest}}
+    return head if logs is None else head | {"logs": dict(logs)}
+
+
+def model_document(estimate: Estimate) -> dict[str, Any]:
+    """An estimate as the document that interfaces fix; plain values only."""
+    ratios = [value for value in estimate.values if _is_ratio(value)]
+    own = [value for value in estimate.values if not _is_ratio(value)]
+    head = {"kind": "model", "format": FORMAT, "pumaid": estimate.version or __version__, "robot": estimate.robot}
+    return plain(
+        head
+        | {
+            "recipe": {"file": estimate.origin, "sha256": estimate.recipe_digest},
+            "logs": estimate.logs,
+            "method": estimate.method,
+            "effects": estimate.effects,
+            "joints": [
+                plain(fit) | {"parameters": [value for value in own if value.joint == fit.joint]}
+                for fit in estimate.joints
+            ],
+            "arm": [value for value in own if value.joint is None],
+            "ratios": ratios,
+            "combinations": estimate.combinations,
+            "recursive": estimate.recursive,
+            "notes": estimate.notes,
+            "prediction": {
+                "names": estimate.names,
+                "solution": estimate.solution,
+                "covariance": estimate.covariance,
+                "scales": estimate.scales,
+                "blind": estimate.blind,
+                "order": [value.name for value in estimate.values],
+            },
+        }
+    )
+
+
+def _is_ratio(value: Value) -> bool:
+    return value.name.startswith("gain_ratio.")
+
+
+def write_model(path: Path, estimate: Estimate) -> None:
+    """Write a model file, whole or not at all.
+
+    Parameters
+    ----------
+    path
+        The file; missing folders are made.
+    estimate
+        The model.
+
+    Raises
+    ------
+    ResultError [cannot-write]
+        The disk refuses.
+    """
+    write_whole(Path(path), as_text(model_document(estimate)))
+
+
+def read_model(path: Path) -> Estimate:
+    """Read a model file; ``-`` is standard input.
+
+    Parameters
+    ----------
+    path
+        What `write_model` wrote.
+
+    Returns
+    -------
+    estimate
+        Equal to the one written; floats bit for bit. A file of another version of pumaid says so in its notes.
+
+    Raises
+    ------
+    ResultError [model-missing], [model-not-json], [model-wrong-kind], [model-wrong-format]
+        It is no model file that this version can read.
+    Faults of ResultError [model-damaged]
+        Entries are missing, of a wrong type, or do not fit each other; each is told with its path.
+    """
+    from pumaid.files.result_schema import checked
+
+    name = "standard input" if str(path) == "-" else str(path)
+    document = _parsed(_text(Path(path), name), name)
+    _check_head(document, name)
+    faults = [ResultError("model-damaged", what, Where(file=name, field=at)) for at, what in checked(document)]
+    if faults:
+        raise _told_together(faults, name)
+    return _estimate(document, name)
+
+
+def check_same_recipe(estimate: Estimate, robot: Robot) -> None:
+    """Refuse a model that was identified with another recipe.
+
+    Parameters
+    ----------
+    estimate
+        The model.
+    robot
+        The arm that it shall be used for. Where one of the two knows no recipe file, names and joints are compared.
+
+    Raises
+    ------
+    ModelError [model-other-recipe]
+        They do not belong together.
+    """
+    mend = "give the recipe that the model was made with by --recipe, or identify again with this one"
+    where = Where(file=robot.origin or None)
+    if len(estimate.joints) != robot.n_joints:
+        counts = f"the model is of an arm with {len(estimate.joints)} joints, the recipe has {robot.n_joints}"
+        raise ModelError("model-other-recipe", counts, where, mend)
+    if estimate.recipe_digest and robot.digest and estimate.recipe_digest != robot.digest:
+        digests = f"(SHA-256 {estimate.recipe_digest[:12]}, this one {robot.digest[:12]})"
+        what = f"the model of '{estimate.robot}' was identified with another recipe {digests}"
+        raise ModelError("model-other-recipe", what, where, mend)
+    if not (estimate.recipe_digest and robot.digest) and estimate.robot != robot.name:
+        what = f"the model is of '{estimate.robot}', the recipe of '{robot.name}'"
+        raise ModelError("model-other-recipe", what, where, mend)
+
+
+def _text(path: Path, name: str) -> str:
+    try:
+        data = sys.stdin.buffer.read() if str(path) == "-" else path.read_bytes()
+    except FileNotFoundError:
+        mend = "make it with 'pumaid identify LOGS...', or give its path"
+        raise ResultError("model-missing", f"there is no model file {name}", Where(file=name), mend) from None
+    except IsADirectoryError:
+        mend = f"give the file in it, such as {path / 'model.json'}"
+        raise ResultError("model-missing", f"{name} is a folder, not a model file", Where(file=name), mend) from None
+    try:
+        return data.decode("utf-8-sig")
+    except UnicodeDecodeError as error:
+        raise _no_json(f"{name} is not text (byte {error.start} is no UTF-8)", Where(file=name)) from None
+
+
+def _no_json(what: str, where: Where) -> ResultError:
+    is_log = str(where.file).lower().endswith((".csv", ".parquet"))
+    mend = (
+        "the model comes before the logs: MODEL LOGS..." if is_log else "make it again with 'pumaid identify LOGS...'"
+    )
+    return ResultError("model-not-json", what, where, mend)
+
+
+def _parsed(text: str, name: str) -> dict[str, Any]:
+    if not text.strip():
+        raise _no_json(f"{name} is empty", Where(file=name))
+    try:
+        found = json.loads(text)
+    except json.JSONDecodeError as error:
+        ends = error.pos >= len(text.rstrip())
+        what = f"{name} breaks off in the middle" if ends else f"{name} is no JSON: {error.msg}"
+        raise _no_json(what, Where(file=name, line=error.lineno)) from None
+    except RecursionError:
+        raise _no_json(f"{name} is no JSON that a program should read: its lists nest too deep", Where(name)) from None
+    if not isinstance(found, dict):
+        raise _no_json(f"{name} holds a {type(found).__name__}, not a document", Where(file=name))
+    return found
+
+
+def _check_head(document: Mapping[str, Any], name: str) -> None:
+    kind, number = document.get("kind"), document.get("format")
+    if kind != "model":
+        what = f"{name} is not a model: its kind is {kind!r}" if kind else f"{name} is not a model: it has no kind"
+        mend = "give the file that 'pumaid identify' wrote (results/model.json)"
+        raise ResultError("model-wrong-kind", what, Where(file=name, field="kind"), mend)
+    if number != FORMAT or isinstance(number, bool):
+        what = f"{name} has format {number!r}, this pumaid ({__version__}) reads format {FORMAT}"
+        mend = f"it was written by pumaid {document.get('pumaid')}: use that version, or identify again with this one"
+        raise ResultError("model-wrong-format", what, Where(file=name, field="format"), mend)
+
+
+def _told_together(faults: list[ResultError], name: str) -> PumaidError:
+    mend = "the file was changed or damaged: make it again with 'pumaid identify LOGS...'"
+    shown = faults[:MOST_FAULTS]
+    more = f" (and {len(faults) - MOST_FAULTS} more faults)" if len(faults) > MOST_FAULTS else ""
+    last = ResultError(shown[-1].slug, shown[-1].what + more, shown[-1].where, mend)
+    return Faults([*shown[:-1], last])
+
+
+def _estimate(document: Mapping[str, Any], name: str) -> Estimate:
+    inner = document["prediction"]
+    joints = document["joints"]
+    values = [_value(one, joint=fit["joint"]) for fit in joints for one in fit["parameters"]]
+    values += [_value(one, joint=one.get("joint")) for one in (*document["arm"], *document["ratios"])]
+    place = {value_name: number for number, value_name in enumerate(inner["order"])}
+    p = len(inner["names"])
+    found = Estimate(
+        robot=document["robot"],
+        joints=tuple(_record(JointFit, fit) for fit in joints),
+        values=tuple(sorted(values, key=lambda value: place.get(value.name, len(place)))),
+        names=tuple(inner["names"]),
+        solution=_array(inner["solution"]),
+        covariance=_array(inner["covariance"]).reshape(p, p),
+        scales=_array(inner["scales"]),
+        blind=_array(inner["blind"]) if p else np.zeros((0, 0)),
+        effects=tuple(_record(EffectChoice, one) for one in document["effects"]),
+        combinations=tuple(_record(Combination, one) for one in document["combinations"]),
+        recursive=tuple(_value(one, joint=one.get("joint")) for one in document["recursive"]),
+        method=document["method"],
+        recipe_digest=document["recipe"]["sha256"],
+        origin=document["recipe"]["file"],
+        logs=dict(document["logs"]),
+        notes=tuple(Note(one["note"], one["text"], _record(Where, one["where"])) for one in document["notes"]),
+        version=document["pumaid"],
+    )
+    if found.version == __version__:
+        return found
+    text = f"{name} was written by pumaid {found.version}, this is {__version__}; the format is the same"
+    return replace(found, notes=(*found.notes, Note("model-other-version", text)))
+
+
+def _array(numbers: list[Any]) -> Floats:
+    found = np.array(numbers, dtype=float)
+    found.setflags(write=False)
+    return found
+
+
+def _record(kind: type[Record], entries: Mapping[str, Any]) -> Record:
+    """A record of its own fields among `entries`; what a later version added is passed over."""
+    known = {item.name for item in fields(kind)}  # type: ignore[arg-type]
+    return kind(**{key: held for key, held in entries.items() if key in known})
+
+
+def _value(entries: Mapping[str, Any], *, joint: int | None) -> Value:
+    interval = entries.get("ci95")
+    return _record(Value, {**entries, "joint": joint, "ci95": None if interval is None else tuple(interval)})

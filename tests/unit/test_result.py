@@ -1,0 +1,249 @@
+"""Model files: nothing is lost on the way to disk and back, and a damaged file says what is wrong with it."""
+
+from __future__ import annotations
+
+import json
+import sys
+from dataclasses import fields, replace
+from io import BytesIO, TextIOWrapper
+
+import numpy as np
+import pytest
+
+from pumaid.errors import Faults, ModelError, Note, ResultError, Where
+from pumaid.files.result import as_text, check_same_recipe, heading, model_document, plain, read_model, write_model
+from pumaid.records import Combination, EffectChoice, Estimate, Joint, JointFit, Robot, Value
+
+AWKWARD = 0.1 + 0.2  # 0.30000000000000004: a float that a rounded text would change
+
+
+def estimate() -> Estimate:
+    """A model of two joints with one of everything that a model can hold."""
+    return Estimate(
+        robot="Ärmchen",
+        joints=(
+            JointFit(1, 3, 900, 0.01, None, "no replicates", run_level=0.002, posture_groups=2, kinds={"constant": 3}),
+            JointFit(2, 0, 0, None, None),
+        ),
+        values=(
+            Value("gravity.l2.x", "k2x", 2, "A s2/m", AWKWARD, 1e-300, (-1e-17, 5e-324), 7.5),
+            Value("gain_ratio.1.2", "eta1/eta2", 1, "1", state="not_identifiable", reason="light", next_run="move it"),
+            Value("tilt.x", "tx", None, "1", 1.0, 0.0, (1.0, 1.0), state="given"),
+            Value("coulomb.j1.plus", "lambda1+", 1, "A", -0.0, 0.1, (-0.2, 0.2)),
+        ),
+        names=("gravity.l2.x", "coulomb.j1.plus"),
+        solution=np.array([AWKWARD, -0.0]),
+        covariance=np.array([[1.0, np.nan], [np.nan, 2.0]]),
+        scales=np.array([[1.0, np.nan], [0.0, 1.0]]),
+        blind=np.zeros((2, 0)),
+        effects=(EffectChoice("stribeck", 2, {"velocity": 0.12}), EffectChoice("cogging")),
+        combinations=(Combination({"gravity.l2.x": 1.0, "coulomb.j1.plus": -2.0}, 0.5, 0.01, "A", "k2x - 2 lambda1+"),),
+        recursive=(Value("gravity.l2.x", "k2x", 2, "A s2/m", 0.3, 0.1, (0.1, 0.5)),),
+        recipe_digest="ab" * 32,
+        origin="recipe.yaml",
+        logs={"a.csv": "cd" * 32},
+        notes=(Note("few-runs", "joint 2 has 0 runs", Where(joint=2, file="a.csv")),),
+        version="0.1.0",
+    )
+
+
+@pytest.fixture
+def model(tmp_path):
+    """A model file on disk."""
+    path = tmp_path / "results" / "model.json"
+    write_model(path, estimate())
+    return path
+
+
+def broken(path, *steps, to=None):
+    """The model file with the entry at `steps` taken out, or set to `to`."""
+    document = json.loads(path.read_text(encoding="utf-8"))
+    holder = document
+    for step in steps[:-1]:
+        holder = holder[step]
+    if to is None:
+        del holder[steps[-1]]
+    else:
+        holder[steps[-1]] = to
+    path.write_text(json.dumps(document), encoding="utf-8")
+    return path
+
+
+def refusal(path) -> ResultError:
+    """What reading `path` is refused with."""
+    with pytest.raises((ResultError, Faults)) as caught:
+        read_model(path)
+    return caught.value
+
+
+def test_round_trip_loses_nothing(model):
+    """Every field comes back equal, arrays bit for bit, order and NaN included."""
+    before, after = estimate(), read_model(model)
+    for item in fields(Estimate):
+        old, new = getattr(before, item.name), getattr(after, item.name)
+        if isinstance(old, np.ndarray):
+            assert (old.shape, old.tobytes()) == (new.shape, new.tobytes()), item.name
+        else:
+            assert old == new, item.name
+
+
+def test_document_follows_interfaces(model):
+    """The entries that other programs read stand where interfaces.md puts them."""
+    document = json.loads(model.read_text(encoding="utf-8"))
+    assert (document["kind"], document["format"], document["pumaid"]) == ("model", 1, "0.1.0")
+    assert document["joints"][1]["parameters"][0]["name"] == "gravity.l2.x"
+    assert document["joints"][0]["parameters"][0]["ci95"] == [-0.2, 0.2]
+    assert document["effects"][0] == {"effect": "stribeck", "joint": 2, "shape": {"velocity": 0.12}}
+    assert document["ratios"][0]["state"] == "not_identifiable"
+    assert document["ratios"][0]["value"] is None
+
+
+def test_text_is_strict_json():
+    """Numbers that JSON lacks never reach the file."""
+    text = as_text(model_document(estimate()))
+    assert json.loads(text, parse_constant=pytest.fail)["prediction"]["scales"] == [[1.0, None], [0.0, 1.0]]
+
+
+def test_rows_of_numbers_stand_on_a_line():
+    """A matrix can be read by eye, while text in brackets is left alone."""
+    text = as_text({"matrix": [[1.0, 2.5e-9], [float("nan"), 4.0]], "words": ["1,  2", "[3,\n4]"]})
+    assert "[1.0, 2.5e-09]" in text
+    assert json.loads(text) == {"matrix": [[1.0, 2.5e-9], [None, 4.0]], "words": ["1,  2", "[3,\n4]"]}
+
+
+def test_plain_turns_numpy_and_infinity_into_json():
+    """Arrays, numpy scalars, tuples and infinities all end as JSON knows them."""
+    held = {"a": np.array([1, 2]), "b": np.float64(np.inf), "c": (np.int64(3), None), "d": np.bool_(True)}
+    assert plain(held) == {"a": [1, 2], "b": None, "c": [3, None], "d": True}
+
+
+def test_missing_file(tmp_path):
+    """A path that leads nowhere is named, with the command that makes a model."""
+    found = refusal(tmp_path / "nothing.json")
+    assert found.slug == "model-missing"
+    assert "nothing.json" in found.what and "pumaid identify" in found.mend
+
+
+def test_folder_instead_of_file(tmp_path):
+    """A folder is told from a file."""
+    assert refusal(tmp_path).slug == "model-missing"
+
+
+@pytest.mark.parametrize("keep", [0.1, 0.5, 0.9, 0.999])
+def test_truncated_file(model, keep):
+    """A file that breaks off says so, and at which line."""
+    text = model.read_text(encoding="utf-8")
+    model.write_text(text[: int(len(text) * keep)], encoding="utf-8")
+    found = refusal(model)
+    assert found.slug == "model-not-json" and found.where.line is not None
+
+
+@pytest.mark.parametrize(
+    "data", [b"", b"  \n", b"t,q1\n0,1\n", b"\x00\xff\xfe", b"[1, 2]", b"3", b"[" * 100_000], ids=range(7)
+)
+def test_other_bytes(tmp_path, data):
+    """Whatever is no JSON document is refused as such."""
+    path = tmp_path / "model.json"
+    path.write_bytes(data)
+    assert refusal(path).slug == "model-not-json"
+
+
+def test_log_in_the_models_place(tmp_path):
+    """Who gives the log first is told the order."""
+    path = tmp_path / "run.csv"
+    path.write_text("t,q1\n0,1\n")
+    assert "MODEL LOGS" in refusal(path).mend
+
+
+def test_other_kind(model):
+    """A comparison is no model."""
+    found = refusal(broken(model, "kind", to="comparison"))
+    assert found.slug == "model-wrong-kind" and "'comparison'" in found.what
+
+
+@pytest.mark.parametrize("number", [2, "1", True, 1.5])
+def test_other_format(model, number):
+    """A format that this version does not know is named, with what wrote it."""
+    found = refusal(broken(model, "format", to=number))
+    assert found.slug == "model-wrong-format" and repr(number) in found.what and "0.1.0" in found.mend
+
+
+@pytest.mark.parametrize(
+    ("steps", "to", "field"),
+    [
+        (("robot",), None, "robot"),
+        (("joints", 0, "parameters", 0, "value"), "many", "joints[0].parameters[0].value"),
+        (("joints", 0, "joint"), 2, "joints"),
+        (("joints", 1, "samples"), -4, "joints[1].samples"),
+        (("ratios", 0, "state"), "unknown", "ratios[0].state"),
+        (("ratios", 0, "name"), "gravity.l2.x", "joints"),
+        (("prediction", "solution"), [1.0], "prediction.solution"),
+        (("prediction", "covariance"), [[1.0], [2.0, 3.0]], "prediction.covariance"),
+        (("prediction", "scales"), [[1.0]], "prediction.scales"),
+        (("prediction", "blind"), [[1.0], []], "prediction.blind"),
+    ],
+)
+def test_damaged_entries_are_told_with_their_path(model, steps, to, field):
+    """What is wrong inside the document is found by its path."""
+    found = refusal(broken(model, *steps, to=to))
+    faults = found.faults if isinstance(found, Faults) else (found,)
+    assert {fault.slug for fault in faults} == {"model-damaged"}
+    assert field in [fault.where.field for fault in faults]
+
+
+def test_many_faults_are_counted(model):
+    """Of many faults the first few are told and the rest is counted."""
+    document = json.loads(model.read_text(encoding="utf-8"))
+    model.write_text(json.dumps({key: document[key] for key in ("kind", "format")}), encoding="utf-8")
+    found = refusal(model)
+    assert isinstance(found, Faults) and len(found.faults) == 5
+    assert "more faults" in str(found)
+
+
+def test_other_version_is_noted(model):
+    """A file of another version is read, and the estimate says where it comes from."""
+    found = read_model(broken(model, "pumaid", to="0.0.9"))
+    assert [note.slug for note in found.notes] == ["few-runs", "model-other-version"]
+
+
+def test_unknown_entries_pass(model):
+    """What a later version adds to the same format is passed over."""
+    assert read_model(broken(model, "weather", to="fine")).robot == "Ärmchen"
+
+
+def test_standard_input(model, monkeypatch):
+    """``-`` reads the model from standard input."""
+    monkeypatch.setattr(sys, "stdin", TextIOWrapper(BytesIO(model.read_bytes())))
+    assert read_model("-").robot == "Ärmchen"
+
+
+def arm(n_joints: int = 2, **changed: str) -> Robot:
+    """The arm of the model."""
+    joints = tuple(Joint(number, f"j{number}", "revolute") for number in range(1, n_joints + 1))
+    return Robot(**{"name": "Ärmchen", "joints": joints, "origin": "recipe.yaml", "digest": "ab" * 32} | changed)
+
+
+def test_same_recipe_passes():
+    """The recipe that made the model is accepted."""
+    check_same_recipe(estimate(), arm())
+
+
+@pytest.mark.parametrize("other", [arm(digest="ef" * 32), arm(3), arm(digest="", name="another")])
+def test_other_recipe_is_refused(other):
+    """A model is not used with another recipe, other joints or another name."""
+    with pytest.raises(ModelError) as caught:
+        check_same_recipe(estimate(), other)
+    assert caught.value.slug == "model-other-recipe"
+
+
+def test_recipe_in_memory_goes_by_name():
+    """An arm made in memory has no digest; its name decides."""
+    check_same_recipe(estimate(), arm(digest=""))
+    check_same_recipe(replace(estimate(), recipe_digest=""), arm())
+
+
+def test_heading_names_inputs():
+    """Every document starts with kind, format, version and digests."""
+    head = heading("comparison", robot=arm(), logs={"a.csv": "cd"})
+    assert list(head) == ["kind", "format", "pumaid", "robot", "recipe", "logs"]
+    assert head["recipe"] == {"file": "recipe.yaml", "sha256": "ab" * 32}
