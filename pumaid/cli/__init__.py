@@ -7,6 +7,7 @@ import importlib
 import inspect
 import pkgutil
 import sys
+from io import TextIOWrapper
 from pathlib import Path
 from typing import Any, NoReturn
 
@@ -54,7 +55,8 @@ class Commands(click.RichGroup):
         found: click.Command = module.command
         found.name = cmd_name
         # rich-click takes the indentation from an example that is all of the help's body; a blank before it keeps it.
-        found.help = inspect.cleandoc(found.help or "").replace("\b\nExample", "\b\n \nExample")
+        text = inspect.cleandoc(found.help or "")
+        found.help = text.replace("\b\nExample", "\b\n \nExample") if text.count("\n\n") == 1 else text
         return found
 
     def resolve_command(
@@ -90,5 +92,8 @@ def group() -> None:
 
 def main(args: list[str] | None = None) -> NoReturn:
     """Run the command line and leave with its exit code."""
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, TextIOWrapper):
+            stream.reconfigure(errors="replace")  # a terminal that lacks a letter shows ? rather than our failure
     group.main(args=args, prog_name="pumaid")
     sys.exit(0)

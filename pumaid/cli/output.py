@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import sys
 from collections.abc import Iterable, Mapping
 from typing import Any, NoReturn
@@ -50,9 +49,9 @@ def table(renderable: Any) -> None:
 
 def document(content: Mapping[str, Any]) -> None:
     """The one JSON document of ``--json``; arrays become lists, numbers that JSON lacks become null."""
-    from pumaid.files.result import plain
+    from pumaid.files.result import as_text
 
-    click.echo(json.dumps(plain(content), indent=2, allow_nan=False))
+    click.echo(as_text(content, ascii_only=True), nl=False)
 
 
 def attention() -> NoReturn:

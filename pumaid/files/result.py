@@ -48,9 +48,9 @@ def plain(value: Any) -> Any:
     return [plain(held) for held in value]
 
 
-def as_text(document: Mapping[str, Any]) -> str:
-    """A document as JSON text, indented, with each row of numbers on one line."""
-    indented = json.dumps(plain(document), indent=2, allow_nan=False, ensure_ascii=False)
+def as_text(document: Mapping[str, Any], *, ascii_only: bool = False) -> str:
+    """A document as JSON text, indented, with each row of numbers on one line; `ascii_only` escapes other letters."""
+    indented = json.dumps(plain(document), indent=2, allow_nan=False, ensure_ascii=ascii_only)
     return (
         _NUMBERS.sub(lambda found: "[" + ", ".join(part.strip() for part in found[1].split(",")) + "]", indented) + "\n"
     )
@@ -101,6 +101,7 @@ def model_document(estimate: Estimate) -> dict[str, Any]:
                 "covariance": estimate.covariance,
                 "scales": estimate.scales,
                 "blind": estimate.blind,
+                "stroke_postures": [{"joint": joint, "hold": hold} for joint, hold in estimate.stroke_postures],
                 "order": [value.name for value in estimate.values],
             },
         }
@@ -264,6 +265,7 @@ def _estimate(document: Mapping[str, Any], name: str) -> Estimate:
         covariance=_array(inner["covariance"]).reshape(p, p),
         scales=_array(inner["scales"]),
         blind=_array(inner["blind"]) if p else np.zeros((0, 0)),
+        stroke_postures=tuple((one["joint"], tuple(one["hold"])) for one in inner["stroke_postures"]),
         effects=tuple(_record(EffectChoice, one) for one in document["effects"]),
         combinations=tuple(_record(Combination, one) for one in document["combinations"]),
         recursive=tuple(_value(one, joint=one.get("joint")) for one in document["recursive"]),

@@ -72,12 +72,18 @@ class _Recipe(_Strict):
     sha256: str
 
 
+class _Posture(_Strict):
+    joint: Joint
+    hold: Row
+
+
 class _Prediction(_Strict):
     names: list[str]
     solution: list[Number]
     covariance: list[Row]
     scales: list[Row]
     blind: list[list[Number]]
+    stroke_postures: list[_Posture]
     order: list[str]
 
 

@@ -1,0 +1,69 @@
+"""``pumaid identify``: from logs to the parameter table and the model file."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import rich_click as click
+
+from pumaid.cli.options import (
+    json_option,
+    logs_argument,
+    output_option,
+    recipe_option,
+    results_option,
+    units_option,
+)
+from pumaid.cli.output import document, notes, remark, table
+from pumaid.cli.progress import progress
+
+
+@click.command()
+@logs_argument
+@recipe_option
+@click.option("--recursive", is_flag=True, help="Stop after the n-to-1 recursion; no joint refinement of all rows.")
+@output_option("The model file to write; - for standard output. Default: model.json in the results folder.")
+@results_option
+@units_option
+@json_option
+def command(
+    *,
+    logs: tuple[str, ...],
+    recipe: Path | None,
+    recursive: bool,
+    output: Path | None,
+    results: Path | None,
+    units: str,
+    as_json: bool,
+) -> None:
+    """Identify gravity, friction and gain ratios from logged currents.
+
+    Finds the runs in the logs, solves the joints from the tip to the base, refines all of them together by maximum
+    likelihood, prints the parameter table and writes the model.
+
+    \b
+    Example:
+      pumaid identify logs/
+      pumaid identify logs/ --units deg -o results/first.json
+      pumaid identify - --recipe recipe.yaml --json < log.csv | jq '.ratios'
+    """
+    from pumaid.cli.reading import read_evidence, results_folder
+    from pumaid.files.result import model_document, write_model
+    from pumaid.show.tables import parameter_table
+    from pumaid.verbs.identify import identify
+
+    robot, evidence = read_evidence(logs, recipe)
+    with progress("identifying", total=robot.n_joints) as step:
+        estimate = identify(
+            evidence, robot, recursive=recursive, progress=lambda joint, text: step(robot.n_joints - joint, text)
+        )
+    notes(dict.fromkeys((*evidence.notes, *estimate.notes)))
+    if as_json or str(output) == "-":
+        document(model_document(estimate))
+    if str(output) == "-":
+        return
+    path = output or results_folder(results, robot) / "model.json"
+    write_model(path, estimate)
+    if not as_json:
+        table(parameter_table(estimate, robot, units))
+    remark(f"model written to {path}")
