@@ -70,6 +70,8 @@ class Effect(ABC):
     in_triangle
         Whether, within one run, its columns lie in the span of the run's triangle (cos q, sin q, 1, and for strokes
         velocity and acceleration), so that it is fitted without looking at cells.
+    per_posture
+        Whether its parameters are separate for each set of positions at which the outer joints are held.
 
     Examples
     --------
@@ -90,6 +92,7 @@ class Effect(ABC):
     trace: ClassVar[tuple[Trace, ...]] = ()
     base: ClassVar[bool] = False
     in_triangle: ClassVar[bool] = False
+    per_posture: ClassVar[bool] = False
 
     @property
     def name(self) -> str:

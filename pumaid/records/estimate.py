@@ -104,6 +104,9 @@ class Estimate:
         NaN where it is not determined, 1 on the diagonal, 0 where j < i.
     blind
         (p, b) orthonormal directions of `solution` that the data do not determine.
+    stroke_postures
+        Positions (J,) at which the other joints were held, with the moving joint's number, one a group that has its own
+        inertia: ``J1``, ``J2`` ... of a joint in this order.
     recursive
         The recursion's own values by name, before the joint refinement.
     method
@@ -122,6 +125,7 @@ class Estimate:
     blind: Floats
     effects: tuple[EffectChoice, ...] = ()
     combinations: tuple[Combination, ...] = ()
+    stroke_postures: tuple[tuple[int, tuple[float, ...]], ...] = ()
     recursive: tuple[Value, ...] = ()
     method: str = "joint"
     recipe_digest: str = ""

@@ -1,0 +1,33 @@
+"""Inertia: the current that accelerates the moving joint."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from pumaid.effects.base import NO_SHAPE, Effect, Floats, Parameter, Scope, Trace
+from pumaid.records import Robot, Samples
+
+
+class Inertia(Effect):
+    """J qdd, with J the moment of inertia (or mass) of all that moves with the joint, its motor included, as current.
+
+    J depends on how the outer joints are held, so it is one parameter for each set of held positions.
+    """
+
+    title = "Inertia of the moving joint"
+    source = "J. J. Craig, Introduction to Robotics, 3rd ed., section 6.7; one joint moving alone"
+    scope = Scope.JOINT
+    trace = (Trace.POSITION,)
+    in_triangle = True
+    per_posture = True
+
+    def parameters(self, robot: Robot, number: int) -> tuple[Parameter, ...]:
+        unit = f"A s2/{robot.joint(number).position_unit}"
+        return (Parameter("J", unit, "current per acceleration", "J{n}", 0.02),)
+
+    def columns(
+        self, robot: Robot, samples: Samples, *, number: int | None = None, shape: Mapping[str, float] = NO_SHAPE
+    ) -> Floats:
+        return np.asarray(samples.acceleration)[:, None]

@@ -1,0 +1,120 @@
+"""All rows of the bilinear system at once: Gauss-Newton on parameters and ratios of gains."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pumaid.maths import rank
+from pumaid.maths.recursion import Gains
+
+Floats = NDArray[np.float64]
+
+#: Relative fall of the sum of squares below which another step is not worth taking.
+CONVERGED = 1e-12
+MOST_STEPS = 60
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Bilinear:
+    """The whitened system: for each block of rows its row of the system, regressors over all columns, and target.
+
+    Attributes
+    ----------
+    row
+        (N,) row of the system (from 0) that each equation belongs to.
+    regressors, target
+        (N, p), (N,), whitened.
+    owners
+        (p,) row that owns each column.
+    """
+
+    row: NDArray[np.int64]
+    regressors: Floats
+    target: Floats
+    owners: NDArray[np.int64]
+
+    def scaled(self, gains: Gains) -> Floats:
+        """(N, p) regressors times eta_row / eta_owner; unknown ratios count as zero."""
+        return self.regressors * np.nan_to_num(gains.scales())[self.row][:, self.owners]
+
+    def jacobian(self, gains: Gains, values: Floats) -> Floats:
+        """(N, p + edges): derivative of the prediction by the parameters and by each edge of `gains`."""
+        scaled = self.scaled(gains)
+        columns = [scaled]
+        for edge in gains.edges:
+            other = _with_edge(gains, edge, 1.0).scales()
+            # Only columns reached through the edge depend on it, and linearly.
+            through = np.array([edge in gains.path(owner) for owner in range(gains.n_rows)])
+            above = np.array([_is_above(gains, row, edge) for row in range(gains.n_rows)])
+            factor = np.where(np.outer(above, through), np.nan_to_num(other), 0.0)
+            columns.append(((self.regressors * factor[self.row][:, self.owners]) @ values)[:, None])
+        return np.hstack(columns)
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class JointSolution:
+    """Parameters (p,) and gains with the least squares that led there: information over [values, edges], residual (N,)."""
+
+    values: Floats
+    gains: Gains
+    linear: rank.Solution
+    jacobian: Floats
+    residual: Floats
+
+
+def _with_edge(gains: Gains, row: int, value: float) -> Gains:
+    other = Gains(gains.n_rows)
+    other.parent, other.edge = list(gains.parent), list(gains.edge)
+    other.edge[row] = value
+    return other
+
+
+def _is_above(gains: Gains, row: int, edge: int) -> bool:
+    """Whether `row` lies on the way from the edge's upper end to the root."""
+    return row in gains.path(edge)[1:]
+
+
+def _moved(gains: Gains, steps: Floats) -> Gains:
+    other = Gains(gains.n_rows)
+    other.parent, other.edge = list(gains.parent), list(gains.edge)
+    for edge, step in zip(gains.edges, steps, strict=True):
+        other.edge[edge] += float(step)
+    return other
+
+
+def fit(
+    system: Bilinear, values: Floats, gains: Gains, *, limit: Floats | None = None, most_steps: int = MOST_STEPS
+) -> JointSolution:
+    """Least squares over parameters and ratios together, from the recursion's solution.
+
+    Steps are minimum-norm in directions that the data do not determine, so those keep their starting values; a step
+    that does not lower the sum of squares is halved. `limit` as for `rank.solve`, over [values, edges].
+
+    Source
+    ------
+    Maximum likelihood for the bilinear model when the rows are whitened by their covariance.
+    """
+    p = len(values)
+    jacobian = system.jacobian(gains, values)
+    residual = system.target - system.scaled(gains) @ values
+    cost = float(residual @ residual)
+    for _ in range(most_steps):
+        step = rank.solve(jacobian, residual, limit=limit).values
+        share, better = 1.0, False
+        while share > 1e-6 and not better:
+            new_values, new_gains = values + share * step[:p], _moved(gains, share * step[p:])
+            new_residual = system.target - system.scaled(new_gains) @ new_values
+            new_cost = float(new_residual @ new_residual)
+            better, share = new_cost < cost, share / 2.0
+        if not better:
+            break
+        fall = cost - new_cost
+        values, gains, residual, cost = new_values, new_gains, new_residual, new_cost
+        jacobian = system.jacobian(gains, values)
+        if fall < CONVERGED * cost:
+            break
+    linear = rank.solve(jacobian, residual, limit=limit)
+    return JointSolution(values, gains, linear, jacobian, residual)

@@ -1,0 +1,106 @@
+"""What samples of one run share: a level a run on top of noise, estimated by restricted maximum likelihood."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import optimize
+
+Floats = NDArray[np.float64]
+
+#: Fewest degrees of freedom from which two variances are estimated.
+FEWEST_FREEDOMS = 4
+
+
+@dataclass(frozen=True, slots=True)
+class Levels:
+    """Variances of one joint's current: of a sample (low-frequency noise, A2) and of the level that a run shares (A2).
+
+    `freedoms` are the degrees of freedom behind them.
+    """
+
+    sample: float
+    level: float
+    freedoms: int
+
+    def whitener(self, ones: Floats) -> tuple[Floats, Floats]:
+        """Shares by which the part along each run's constant is shrunk, and 1/sigma.
+
+        Parameters
+        ----------
+        ones
+            (R, k) each run's constant regressor in the run's own rows.
+        """
+        length2 = np.einsum("rk,rk->r", ones, ones)
+        ratio = self.level / self.sample
+        shrink = np.where(length2 > 0, 1.0 - 1.0 / np.sqrt(1.0 + ratio * length2), 0.0)
+        return shrink, np.full(len(ones), 1.0 / np.sqrt(self.sample))
+
+
+def whiten(levels: Levels, ones: Floats, rows: Floats) -> Floats:
+    """Rows (R, k, q) multiplied by the inverse root of each run's covariance sample I + level 1 1'."""
+    shrink, weight = levels.whitener(ones)
+    length2 = np.einsum("rk,rk->r", ones, ones)
+    along = (
+        np.einsum("rk,rkq->rq", ones, rows)
+        * np.divide(shrink, length2, out=np.zeros_like(shrink), where=length2 > 0)[:, None]
+    )
+    return (rows - ones[:, :, None] * along[:, None, :]) * weight[:, None, None]
+
+
+def estimate(ones: Floats, design: Floats, target: Floats, counts: NDArray[np.int64]) -> Levels | None:
+    """Restricted maximum likelihood of the two variances.
+
+    Parameters
+    ----------
+    ones
+        (R, k) each run's constant in its own rows (padding rows are zero).
+    design, target
+        (R, k, q) and (R, k).
+    counts
+        (R,) true rows of each run, padding not counted.
+
+    Returns
+    -------
+    levels
+        None when fewer than `FEWEST_FREEDOMS` degrees of freedom are left.
+
+    Source
+    ------
+    D. A. Harville, J. Am. Stat. Assoc. 72 (1977) 320-338.
+    """
+    flat = design.reshape(-1, design.shape[2])
+    left, singular, _ = np.linalg.svd(flat, full_matrices=False)
+    kept = singular > 1e-9 * max(float(singular[0]), 1e-300)
+    basis = left[:, kept].reshape(*design.shape[:2], -1)
+    freedoms = int(counts.sum()) - int(kept.sum())
+    if freedoms < FEWEST_FREEDOMS:
+        return None
+    joined = np.concatenate([basis, target[:, :, None]], axis=2)
+    gram = np.einsum("rkp,rkq->pq", joined, joined)
+    along = np.einsum("rk,rkp->rp", ones, joined)
+    length2 = np.einsum("rk,rk->r", ones, ones)
+
+    def profile(ratio: float) -> tuple[float, float]:
+        shrunk = gram - (along * (ratio / (1.0 + ratio * length2))[:, None]).T @ along
+        info, cross, square = shrunk[:-1, :-1], shrunk[:-1, -1], shrunk[-1, -1]
+        rest = max(float(square - cross @ np.linalg.solve(info, cross)), 1e-30 * float(gram[-1, -1]) + 1e-300)
+        sample = rest / freedoms
+        cost = freedoms * np.log(sample) + np.sum(np.log1p(ratio * length2)) + np.linalg.slogdet(info)[1]
+        return float(cost), sample
+
+    centre = -np.log(np.median(length2[length2 > 0])) if (length2 > 0).any() else 0.0
+    grid = centre + np.linspace(-10.0, 14.0, 25)
+    costs = [profile(float(np.exp(point)))[0] for point in grid]
+    best = int(np.argmin(costs))
+    low, high = grid[max(best - 1, 0)], grid[min(best + 1, len(grid) - 1)]
+    found = optimize.minimize_scalar(
+        lambda point: profile(float(np.exp(point)))[0], bounds=(low, high), method="bounded"
+    )
+    ratio = float(np.exp(found.x))
+    if profile(0.0)[0] <= found.fun + 1e-9:
+        ratio = 0.0
+    sample = profile(ratio)[1]
+    return Levels(sample, ratio * sample, freedoms)

@@ -1,0 +1,112 @@
+"""Least squares that says which directions of the parameters the data do not determine."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+Floats = NDArray[np.float64]
+
+#: Singular values of the column-scaled matrix below this share of the largest are rounding: triangles are formed in
+#: double precision (1e-16) from regressors of order one, and merging thousands of them loses about six digits.
+RELATIVE_TOLERANCE = 1e-9
+
+#: A parameter whose share in an undetermined unit direction is below this does not belong to it (rounding).
+SHARE_TOLERANCE = 1e-6
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Solution:
+    """A minimum-norm least-squares solution with its blind directions.
+
+    Attributes
+    ----------
+    values
+        (p,).
+    inverse
+        (p, p) pseudo-inverse of the information matrix rows'rows; the covariance when the rows are whitened.
+    blind
+        (p, b) directions, in columns, of unit length in the scaled parameters, that the rows do not determine.
+    scale
+        (p,) column norms by which the parameters were scaled; 0 for a zero column.
+    """
+
+    values: Floats
+    inverse: Floats
+    blind: Floats
+    scale: Floats
+
+    @property
+    def determined(self) -> NDArray[np.bool_]:
+        """(p,) whether each parameter is free of every blind direction."""
+        if self.blind.size == 0:
+            return np.ones(len(self.values), dtype=bool)
+        return np.max(np.abs(self.blind), axis=1) < SHARE_TOLERANCE
+
+
+def solve(
+    rows: Floats, target: Floats, *, limit: float | Floats | None = None, tolerance: float = RELATIVE_TOLERANCE
+) -> Solution:
+    """Least squares by a column-scaled singular value decomposition, minimum norm where the rank is short.
+
+    Parameters
+    ----------
+    rows, target
+        (N, p) and (N,), whitened: each target has unit variance (or any common variance if `limit` is None).
+    limit
+        (p,) or one for all: a direction is blind, too, when its standard error exceeds this, each parameter measured
+        by the norm of its column. With the norm of the target as limit: when its uncertainty, as a signal, is larger
+        than everything that was measured.
+    tolerance
+        Singular values below this share of the largest count as zero.
+
+    Source
+    ------
+    C. L. Lawson and R. J. Hanson, Solving Least Squares Problems, ch. 14 (the paper used their HFTI).
+    """
+    norms = np.linalg.norm(rows, axis=0)
+    if not norms.any():
+        p = len(norms)
+        return Solution(np.zeros(p), np.zeros((p, p)), np.eye(p), norms)
+    largest = np.ones_like(norms) if limit is None else np.broadcast_to(np.asarray(limit, dtype=float), norms.shape)
+    inverse_scale = np.divide(largest, norms, out=np.zeros_like(norms), where=norms > 0)
+    left, singular, right = np.linalg.svd(rows * inverse_scale, full_matrices=len(rows) < len(norms))
+    full = np.zeros(len(norms))
+    full[: len(singular)] = singular
+    seen = full > tolerance * full[0]
+    if limit is not None:
+        seen &= full > 1.0
+    kept = np.flatnonzero(seen)
+    half = inverse_scale[:, None] * (right[kept].T / full[kept])
+    values = half @ (left[:, kept].T @ target)
+    return Solution(values, half @ half.T, right[~seen].T, norms)
+
+
+def independent(rows: Floats, *, first: int = 0, tolerance: float = RELATIVE_TOLERANCE) -> NDArray[np.bool_]:
+    """(p,) which columns are determined once the `first` leading columns have had the first word.
+
+    The leading columns absorb what any other column shares with them, so a column that is a combination of leading
+    ones is not determined while the leading ones stay so.
+    """
+    scale = np.linalg.norm(rows, axis=0)
+    unit = np.divide(rows, scale, out=np.zeros_like(rows), where=scale > 0)
+    lead, rest = unit[:, :first], unit[:, first:]
+    if first:
+        basis, upper, _ = _range(lead, tolerance)
+        rest = rest - basis @ (basis.T @ rest)
+        rest[:, np.linalg.norm(rest, axis=0) < tolerance * 100] = 0.0
+        lead_ok = solve(upper, np.zeros(len(upper)), tolerance=tolerance).determined
+    else:
+        lead_ok = np.zeros(0, dtype=bool)
+    rest_ok = solve(rest, np.zeros(len(rest)), tolerance=tolerance).determined
+    return np.concatenate([lead_ok & (scale[:first] > 0), rest_ok & (scale[first:] > 0)])
+
+
+def _range(rows: Floats, tolerance: float) -> tuple[Floats, Floats, Floats]:
+    """Orthonormal basis of the columns' span, the columns in that basis, and the singular values."""
+    left, singular, _ = np.linalg.svd(rows, full_matrices=False)
+    kept = singular > tolerance * singular[0]
+    basis = left[:, kept]
+    return basis, basis.T @ rows, singular

@@ -1,0 +1,222 @@
+"""From a fit to the parameters' sheet: value, error and interval, or the reason why there is none."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pumaid import reasons
+from pumaid.maths.recursion import Gains
+from pumaid.maths.statistics import Clustered, interval, two_sided
+from pumaid.records import IDENTIFIED, NOT_IDENTIFIABLE, Run, Value
+from pumaid.reasons import Facts, Reason
+from pumaid.system import Fitted
+
+Floats = NDArray[np.float64]
+
+#: A variance that rests on fewer degrees of freedom than this is taken from the working model of the noise instead.
+FEWEST_FREEDOMS = 3.0
+
+#: A ratio of gains is never zero. It counts as identified when zero is outside its 99.9 % interval and the load that
+#: carries it is itself non-zero at the same level: below that not even its sign is sure, and its interval is no
+#: interval of a ratio (Fieller). The level is strict since a false ratio is carried to every inner joint.
+RATIO_LEVEL = 0.001
+
+#: Share of a direction that makes a parameter part of it; well above the jitter of held positions.
+PART_OF = 1e-3
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Sheet:
+    """A fit with the covariance that belongs to it: of all joints together or of the recursion.
+
+    `numbers` (p,) and `gains` are the values shown.
+    """
+
+    fitted: Fitted
+    runs: Sequence[Run]
+    numbers: Floats
+    gains: Gains
+    covariance: Floats
+    freedoms: Floats
+
+    @classmethod
+    def of(cls, fitted: Fitted, runs: Sequence[Run], errors: Clustered) -> Sheet:
+        """The fit over all joints."""
+        freedoms = _freedoms(fitted, errors)
+        return cls(fitted, runs, fitted.solution.values, fitted.gains, cls.blended(fitted, errors), freedoms)
+
+    @classmethod
+    def of_recursion(cls, fitted: Fitted, runs: Sequence[Run], errors: Clustered) -> Sheet:
+        """The recursion alone."""
+        return cls(fitted, runs, fitted.first_values, fitted.first_gains, errors.covariance, errors.freedoms)
+
+    @staticmethod
+    def facts_of(runs: Sequence[Run], joint: int) -> Facts:
+        """What the runs of `joint` cover."""
+        return Facts.of(joint, runs)
+
+    @staticmethod
+    def blended(fitted: Fitted, errors: Clustered) -> Floats:
+        """Covariance clustered by run, with the working model's rows and columns where clusters are too few."""
+        poor = errors.freedoms < FEWEST_FREEDOMS
+        model = fitted.solution.linear.inverse
+        return np.where(poor[:, None] | poor[None, :], model, errors.covariance)
+
+    def blind(self) -> Floats:
+        """(p, b) orthonormal directions of the parameters that the data do not determine."""
+        linear, p = self.fitted.solution.linear, len(self.numbers)
+        scale = np.where(linear.scale > 0, linear.scale, 1.0)[:, None]
+        directions = (linear.blind / scale)[:p]
+        directions = directions[:, np.linalg.norm(directions, axis=0) > 0]
+        if directions.size == 0:
+            return np.zeros((p, 0))
+        left, singular, _ = np.linalg.svd(directions / np.linalg.norm(directions, axis=0), full_matrices=False)
+        return left[:, singular > 1e-9]
+
+    def values(self) -> tuple[Value, ...]:
+        """Every parameter, then every ratio of neighbours."""
+        facts = {joint: Facts.of(joint, self.runs) for joint in range(1, self.fitted.model.robot.n_joints + 1)}
+        return (*self._parameters(facts), *self._ratios(facts))
+
+    def _parameters(self, facts: dict[int, Facts]) -> list[Value]:
+        model = self.fitted.model
+        out = []
+        for index, column in enumerate(model.columns):
+            bare = Value(column.name, column.symbol, column.owner, column.unit)
+            partners = self._partners(index)
+            if facts[column.owner].runs == 0 or partners is not None:
+                out.append(_unknown(bare, reasons.of_column(model, column, facts, partners or [])))
+            else:
+                out.append(_known(bare, self.numbers[index], self.covariance[index, index], self.freedoms[index]))
+        for name, why in model.structure.absent.items():
+            link, part = int(name.split(".")[1][1:]), name.rsplit(".", 1)[1]
+            symbol = f"m{link}" if part == "mass" else f"k{link}{part}"
+            out.append(_unknown(Value(name, symbol, link, "A s2/m"), Reason(why)))
+        return out
+
+    def _partners(self, index: int) -> list[str] | None:
+        """Names of what parameter `index` is only determined together with; None where it is determined."""
+        blind = self.fitted.solution.linear.blind
+        touched = np.abs(blind[index]) > PART_OF if blind.size else np.zeros(0, dtype=bool)
+        if not touched.any():
+            return None
+        share = np.max(np.abs(blind[:, touched]), axis=1)
+        names = [*self.fitted.model.names, *self._edge_names()]
+        return [name for n, name in enumerate(names) if share[n] > PART_OF and n != index]
+
+    def _edge_names(self) -> list[str]:
+        gains = self.fitted.gains
+        return [f"gain_ratio.{_above(gains, edge) + 1}.{edge + 1}" for edge in gains.edges]
+
+    def _ratios(self, facts: dict[int, Facts]) -> list[Value]:
+        model, out = self.fitted.model, []
+        for inner in range(1, model.robot.n_joints):
+            outer = inner + 1
+            bare = Value(f"gain_ratio.{inner}.{outer}", f"eta{inner}/eta{outer}", inner, "")
+            out.append(self._ratio(bare, inner, outer, facts))
+        return out
+
+    def _ratio(self, bare: Value, inner: int, outer: int, facts: dict[int, Facts]) -> Value:
+        model = self.fitted.model
+        value, gradient = _gradient(self.gains, inner - 1, outer - 1)
+        if facts[inner].runs == 0 or facts[outer].runs == 0 or not np.isfinite(value):
+            return _unknown(bare, reasons.of_ratio(model, inner, outer, facts, felt=0.0, noise=0.0))
+        p, edges = len(self.numbers), np.flatnonzero(gradient)
+        if any(self._partners(p + edge) is not None for edge in edges):
+            return _unknown(bare, reasons.of_ratio(model, inner, outer, facts, felt=0.0, noise=0.0))
+        variance = float(gradient @ self.covariance[p:, p:] @ gradient)
+        freedoms = float(np.min(self.freedoms[p + edges])) if edges.size else np.inf
+        error = float(np.sqrt(max(variance, 0.0)))
+        certain = error == 0.0 or two_sided(value / error, freedoms) < RATIO_LEVEL
+        if certain and all(self._carries(edge) for edge in edges):
+            return _known(bare, value, variance, freedoms)
+        felt, noise = self._felt(edges)
+        return _unknown(bare, reasons.of_ratio(model, inner, outer, facts, felt=felt, noise=noise))
+
+    def _cluster(self, edge: int) -> Floats:
+        """(p,) bool: gravity parameters behind edge number `edge`."""
+        gains = self.gains
+        lower = gains.edges[edge]
+        below = np.array([lower in gains.path(row) for row in range(gains.n_rows)])
+        is_link = np.array([column.effect == "gravity" for column in self.fitted.model.columns])
+        return is_link & below[self.fitted.system.owners]
+
+    def _carries(self, edge: int) -> bool:
+        """Whether the load behind an edge is itself non-zero at `RATIO_LEVEL`."""
+        for index in np.flatnonzero(self._cluster(edge)):
+            error = float(np.sqrt(self.covariance[index, index]))
+            if error == 0.0 or two_sided(self.numbers[index] / error, self.freedoms[index]) < RATIO_LEVEL:
+                return True
+        return False
+
+    def _felt(self, edges: NDArray[np.int64]) -> tuple[float, float]:
+        """RMS (A) of the weakest ratio's part of its joint's current, and that part's standard error."""
+        worst = (0.0, 0.0)
+        for edge in edges:
+            lower = self.gains.edges[edge]
+            upper = _above(self.gains, lower)
+            row = next(row for row in self.fitted.rows if row.joint == upper + 1)
+            weights = np.zeros(len(self.numbers))
+            for member in range(self.gains.n_rows):
+                if lower in self.gains.path(member):
+                    of_member = self.fitted.system.owners == member
+                    weights[of_member] = self.gains.scale(lower, member) * self.numbers[of_member]
+            nu = float(np.sqrt(np.sum((row.stacked @ weights) ** 2) / row.samples))
+            p = len(self.numbers)
+            part = (abs(self.gains.edge[lower]) * nu, float(np.sqrt(self.covariance[p + edge, p + edge])) * nu)
+            if worst == (0.0, 0.0) or part[0] * worst[1] < worst[0] * part[1]:
+                worst = part
+        return worst
+
+
+def _above(gains: Gains, row: int) -> int:
+    """The row that `row` hangs from."""
+    upper = gains.parent[row]
+    return row if upper is None else upper
+
+
+def _gradient(gains: Gains, row: int, other: int) -> tuple[float, Floats]:
+    """eta_row / eta_other and its derivative by every edge."""
+    value = gains.ratio(row, other)
+    out = np.zeros(len(gains.edges))
+    if not np.isfinite(value):
+        return value, out
+    down, up = gains.path(other), gains.path(row)
+    for number, edge in enumerate(gains.edges):
+        if (edge in down) != (edge in up):
+            along = edge in down
+            size = gains.edge[edge]
+            product = np.prod([gains.edge[step] for step in down if step in gains.edges and step not in (*up, edge)])
+            out[number] = product / _outer(gains, up, down) if along else -value / size
+    return value, out
+
+
+def _outer(gains: Gains, up: list[int], down: list[int]) -> float:
+    """Product of the edges from `row` to the common ancestor."""
+    return float(np.prod([gains.edge[step] for step in up if step in gains.edges and step not in down]))
+
+
+def _freedoms(fitted: Fitted, errors: Clustered) -> Floats:
+    """(p + edges,) degrees of freedom; the working model's own where clusters are too few."""
+    gains = fitted.gains
+    joints = [*fitted.system.owners, *(_above(gains, edge) for edge in gains.edges)]
+    own = np.array([float(fitted.levels[j + 1].freedoms) if j + 1 in fitted.levels else 1.0 for j in joints])
+    return np.where(errors.freedoms < FEWEST_FREEDOMS, np.maximum(own, 1.0), errors.freedoms)
+
+
+def _known(bare: Value, value: float, variance: float, freedoms: float) -> Value:
+    error = float(np.sqrt(max(variance, 0.0)))
+    low, high = interval(float(value), error, freedoms)
+    return Value(
+        bare.name, bare.symbol, bare.joint, bare.unit, float(value), error, (low, high), float(freedoms), IDENTIFIED
+    )
+
+
+def _unknown(bare: Value, why: Reason) -> Value:
+    return Value(
+        bare.name, bare.symbol, bare.joint, bare.unit, state=NOT_IDENTIFIABLE, reason=why.text, next_run=why.next_run
+    )

@@ -1,0 +1,123 @@
+"""Which parameters of the paper's model exist for an arm at all, derived from its geometry by rank."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pumaid.effects import catalogue
+from pumaid.maths import rank
+from pumaid.maths.recursion import Recursion
+from pumaid.records import Robot, Samples
+
+Floats = NDArray[np.float64]
+
+#: Random postures a joint: several times the most columns that a row can have (2 n + 4 for n = 10 joints).
+POSTURES = 120
+
+
+@dataclass(frozen=True, slots=True)
+class Structure:
+    """The minimal parameters of an arm.
+
+    Attributes
+    ----------
+    absent
+        Name of a gravity parameter that no motion of this arm can show -> why, in the user's words.
+    embodied
+        Prismatic joints (from 1) whose constant load hides in their Coulomb terms (eq. 32, 33).
+    redundant
+        Pairs (i, i+1) of joints (from 1) whose ratio of gains no motion can show -> why.
+    """
+
+    absent: dict[str, str] = field(default_factory=dict)
+    embodied: tuple[int, ...] = ()
+    redundant: dict[tuple[int, int], str] = field(default_factory=dict)
+
+
+def minimal(robot: Robot, *, seed: int = 0) -> Structure:
+    """Derive the minimal parameters from random postures and random parameters of the arm.
+
+    A friction term absorbs what a gravity column shares with it, as in the paper's Corollary 4.
+
+    Parameters
+    ----------
+    robot
+        Its geometry and gravity; joint limits are not looked at.
+    seed
+        Of the postures; the answer does not depend on it but on a set of measure zero.
+
+    Source
+    ------
+    S.-K. Lin, Theorem 3 and Corollary 4, found here by rank instead of by their case rules.
+    """
+    rng = np.random.default_rng(seed)
+    gravity, n = catalogue()["gravity"], robot.n_joints
+    widths = [len(gravity.parameters(robot, link)) for link in range(1, n + 1)]
+    owners = np.repeat(np.arange(n), widths)
+    recursion = Recursion(owners, n)
+    truth = rng.uniform(0.5, 2.0, len(owners)) * rng.choice([-1.0, 1.0], len(owners))
+    absent: dict[str, str] = {}
+    embodied: list[int] = []
+    for row in reversed(range(n)):
+        rows, sign = _random_rows(robot, row, rng)
+        matrix, own, roots = recursion.design(row, rows)
+        friction = np.column_stack([sign > 0, sign < 0]).astype(float)
+        sure = rank.independent(np.hstack([friction, _cleaned(matrix)]), first=2)[2:]
+        constant = bool(rows[:, own].any()) and not sure[: len(own)].any()
+        if constant and not robot.joint(row + 1).is_revolute:
+            embodied.append(row + 1)
+        for column, is_sure in zip(own, sure[: len(own)], strict=True):
+            recursion.values[column] = truth[column] if is_sure else 0.0
+            if not is_sure:
+                link = row + 1
+                name = gravity.parameters(robot, link)[column - own[0]].name
+                absent[f"gravity.l{link}.{name}"] = _why_absent(robot, link, constant)
+        for root, is_sure in zip(roots, sure[len(own) :], strict=True):
+            if is_sure:
+                recursion.gains.merge(row, root, float(rng.uniform(0.5, 2.0)))
+    redundant = {
+        (i, i + 1): _why_redundant(robot, i) for i in range(1, n) if not np.isfinite(recursion.gains.ratio(i - 1, i))
+    }
+    return Structure(absent, tuple(sorted(embodied)), redundant)
+
+
+def _random_rows(robot: Robot, row: int, rng: np.random.Generator) -> tuple[Floats, Floats]:
+    """Gravity regressors (N, p) of one row at random postures, and directions of motion (N,)."""
+    gravity, joint = catalogue()["gravity"], row + 1
+    position = rng.uniform(-np.pi, np.pi, (POSTURES, robot.n_joints))
+    samples = Samples(joint, position, np.zeros_like(position))
+    blocks = []
+    for link in range(1, robot.n_joints + 1):
+        if link < joint:
+            blocks.append(np.zeros((POSTURES, len(gravity.parameters(robot, link)))))
+        else:
+            blocks.append(gravity.columns(robot, samples, number=link))
+    return np.hstack(blocks), rng.choice([-1.0, 1.0], POSTURES)
+
+
+def _cleaned(matrix: Floats) -> Floats:
+    """Columns that are zero but for rounding (twists of 90 degrees are not exact) made zero."""
+    size = np.linalg.norm(matrix, axis=0)
+    return np.where(size > 1e-9 * np.sqrt(len(matrix)), matrix, 0.0)
+
+
+def _why_absent(robot: Robot, link: int, constant: bool) -> str:
+    name = f"joint {link} ({robot.joint(link).name})"
+    if robot.joint(link).is_revolute:
+        return f"{name} turns about the direction of gravity in every posture and so carries no weight"
+    if constant:
+        return (
+            f"the angle between {name} and gravity never changes, so its constant load cannot be told from Coulomb"
+            f" friction and is part of coulomb.j{link}.plus and .minus"
+        )
+    return f"{name} stays perpendicular to gravity in every posture and so carries no weight"
+
+
+def _why_redundant(robot: Robot, joint: int) -> str:
+    return (
+        f"joint {joint} ({robot.joint(joint).name}) does not feel the weight that joint {joint + 1}"
+        f" ({robot.joint(joint + 1).name}) carries, in any posture"
+    )

@@ -1,0 +1,230 @@
+"""The fit itself: the model's blocks as a block-triangular system, solved row by row and then all at once."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pumaid.maths import levels as variances
+from pumaid.maths.joint_fit import Bilinear, JointSolution, fit
+from pumaid.maths.levels import Levels
+from pumaid.maths.recursion import Gains, Recursion
+from pumaid.model import Block, Model
+from pumaid.records import Run
+
+Floats = NDArray[np.float64]
+Progress = Callable[[int, str], None]
+
+#: Noise below this share of the RMS current is rounding: data without noise, whose weights would be infinite.
+EXACT = 1e-12
+
+#: Rounds of variances and joint fit: the second changes weights by well under a percent.
+ROUNDS = 2
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Row:
+    """All runs of one joint: (R, k) constants, (R, k, p) regressors, (R, k) targets, zero where a run has fewer rows.
+
+    `counts` (R,) are the true rows of each run, `rest` the sum of squares (A2) beyond the model's reach.
+    """
+
+    joint: int
+    runs: tuple[Run, ...]
+    ones: Floats
+    regressors: Floats
+    target: Floats
+    counts: NDArray[np.int64]
+    rest: float
+    samples: int
+
+    @classmethod
+    def of(cls, joint: int, blocks: Sequence[Block]) -> Row:
+        """Stack the blocks of one joint."""
+        counts = np.array([len(block.target) for block in blocks])
+        shape = (len(blocks), int(counts.max()))
+        ones, target = np.zeros(shape), np.zeros(shape)
+        regressors = np.zeros((*shape, blocks[0].regressors.shape[1]))
+        for number, block in enumerate(blocks):
+            rows = slice(0, counts[number])
+            ones[number, rows], target[number, rows] = block.ones, block.target
+            regressors[number, rows] = block.regressors
+        rest, samples = sum(block.rest for block in blocks), sum(block.samples for block in blocks)
+        return cls(joint, tuple(block.run for block in blocks), ones, regressors, target, counts, rest, samples)
+
+    @property
+    def stacked(self) -> Floats:
+        """(R k, p) regressors."""
+        return self.regressors.reshape(-1, self.regressors.shape[2])
+
+    @property
+    def mean_square(self) -> float:
+        """Mean squared current, A2."""
+        return (float(np.sum(self.target**2)) + self.rest) / max(self.samples, 1)
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Fitted:
+    """A fit before it is put into words.
+
+    Attributes
+    ----------
+    model, rows
+        The model, and a row for each joint that moves, outermost first.
+    assigned
+        (J,) joint (from 0) in whose gain link j's parameters are expressed: its own or, where that never moves, the
+        next inner one that does; -1 where there is none.
+    levels
+        Variances by joint (from 1).
+    weak
+        Joints whose level a run could not be estimated (too few runs).
+    first_system, first_values, first_gains
+        The recursion: its whitened rows and its result.
+    system, solution
+        The final whitened rows and the fit over all of them.
+    run_of
+        (N,) number of the run that each equation belongs to.
+    """
+
+    model: Model
+    rows: tuple[Row, ...]
+    assigned: NDArray[np.int64]
+    levels: dict[int, Levels]
+    weak: tuple[int, ...]
+    first_system: Bilinear
+    first_values: Floats
+    first_gains: Gains
+    system: Bilinear
+    solution: JointSolution
+    run_of: NDArray[np.int64]
+
+    @property
+    def gains(self) -> Gains:
+        """The ratios found."""
+        return self.solution.gains
+
+
+def assign(model: Model, moving: Sequence[int]) -> NDArray[np.int64]:
+    """(J,) joint (from 0) in whose gain each link's parameters can be expressed when `moving` joints (from 1) have runs."""
+    felt_by = [[joint - 1 for joint in moving if joint - 1 <= link] for link in range(model.robot.n_joints)]
+    return np.array([max(joints, default=-1) for joints in felt_by])
+
+
+def solve(model: Model, runs: Sequence[Run], *, recursive: bool = False, progress: Progress | None = None) -> Fitted:
+    """Recursion from the last joint to the first, then (unless `recursive`) all rows together.
+
+    Each row is weighted by its own noise: a variance of samples and a variance of the level that a run shares.
+
+    Source
+    ------
+    S.-K. Lin, Theorem 1, for the recursion; the refinement is maximum likelihood for the same system.
+    """
+    tell = progress or (lambda joint, text: None)
+    moving = sorted({run.joint for run in runs}, reverse=True)
+    assigned = assign(model, moving)
+    owners = assigned[model.owners - 1]
+    blocks = model.blocks(runs)
+    rows = tuple(Row.of(joint, [block for block in blocks if block.run.joint == joint]) for joint in moving)
+    recursion = Recursion(owners, model.robot.n_joints)
+    levels: dict[int, Levels] = {}
+    weak = []
+    for row in rows:
+        tell(row.joint, "solving")
+        design, _, _ = recursion.design(row.joint - 1, row.stacked)
+        estimated = variances.estimate(row.ones, design.reshape(*row.target.shape, -1), row.target, row.counts)
+        if estimated is None:
+            weak.append(row.joint)
+            estimated = _from_inside(row, design)
+        levels[row.joint] = _floored(estimated, row)
+        white = variances.whiten(levels[row.joint], row.ones, _joined(row)).reshape(row.target.size, -1)
+        recursion.take(row.joint - 1, white[:, :-1], white[:, -1], limit=float(np.linalg.norm(white[:, -1])))
+    first = _system(rows, levels, owners)
+    values, gains = recursion.values, recursion.gains
+    if recursive:
+        system, solution = first, fit(first, values, gains, limit=_limits(first, gains), most_steps=0)
+    else:
+        tell(0, "refining all joints together")
+        system, solution = _refine(rows, levels, owners, recursion)
+    runs_before = np.cumsum([0, *[len(row.runs) for row in rows]])
+    run_of = np.concatenate(
+        [
+            start + np.repeat(np.arange(len(row.runs)), row.target.shape[1])
+            for start, row in zip(runs_before, rows, strict=False)
+        ]
+    )
+    return Fitted(model, rows, assigned, levels, tuple(weak), first, values, gains, system, solution, run_of)
+
+
+def _refine(
+    rows: Sequence[Row], levels: dict[int, Levels], owners: NDArray[np.int64], recursion: Recursion
+) -> tuple[Bilinear, JointSolution]:
+    """Joint fit with weights from its own residuals; `levels` is updated."""
+    values, gains = recursion.values, recursion.gains
+    system = _system(rows, levels, owners)
+    for _ in range(ROUNDS):
+        solution = fit(system, values, gains, limit=_limits(system, gains))
+        values, gains = solution.values, solution.gains
+        for row in rows:
+            plain = Bilinear(np.full(row.target.size, row.joint - 1), row.stacked, row.target.ravel(), owners)
+            jacobian = plain.jacobian(gains, values)
+            edges = [len(values) + k for k, edge in enumerate(gains.edges) if gains.parent[edge] == row.joint - 1]
+            own = np.concatenate([np.flatnonzero(owners == row.joint - 1), edges]).astype(int)
+            residual = (plain.target - plain.scaled(gains) @ values).reshape(row.target.shape)
+            design = jacobian[:, own].reshape(*row.target.shape, -1)
+            estimated = variances.estimate(row.ones, design, residual, row.counts)
+            if estimated is not None:
+                levels[row.joint] = _floored(estimated, row)
+        system = _system(rows, levels, owners)
+    return system, fit(system, values, gains, limit=_limits(system, gains))
+
+
+def _joined(row: Row) -> Floats:
+    """(R, k, p + 1): regressors and target side by side."""
+    return np.concatenate([row.regressors, row.target[:, :, None]], axis=2)
+
+
+def _system(rows: Sequence[Row], levels: dict[int, Levels], owners: NDArray[np.int64]) -> Bilinear:
+    white = [variances.whiten(levels[row.joint], row.ones, _joined(row)).reshape(row.target.size, -1) for row in rows]
+    stacked = np.vstack(white)
+    number = np.concatenate([np.full(row.target.size, row.joint - 1) for row in rows])
+    return Bilinear(number, stacked[:, :-1], stacked[:, -1], owners)
+
+
+def _limits(system: Bilinear, gains: Gains) -> Floats:
+    """(p + edges,) norm of what was measured in the joint that owns each parameter."""
+    norms = np.array([np.linalg.norm(system.target[system.row == row]) for row in range(gains.n_rows)])
+    whole = np.linalg.norm(norms)
+    own = np.where(system.owners >= 0, norms[system.owners], whole)
+    edges = [norms[gains.parent[edge]] for edge in gains.edges]
+    return np.maximum(np.concatenate([own, edges]), 1.0)
+
+
+def _floored(levels: Levels, row: Row) -> Levels:
+    return replace(levels, sample=max(levels.sample, EXACT**2 * row.mean_square, np.finfo(float).tiny ** 0.5))
+
+
+def _from_inside(row: Row, design: Floats) -> Levels:
+    """Variance of low-frequency noise from the course of the residual inside runs, where runs are too few to compare.
+
+    The residual of a run's own fit is taken as first-order autoregressive over cells; its long-run variance a sample is
+    variance x samples a cell x (1 + r) / (1 - r). The level that a run shares stays unknown (zero).
+    """
+    total, weight = 0.0, 0
+    for run in row.runs:
+        cells, own = run.cells, run.joint - 1
+        q, current = cells.position[:, own], cells.current[:, own]
+        basis = np.column_stack([np.cos(q), np.sin(q), np.ones(len(q)), cells.acceleration])
+        if len(q) < 12:
+            continue
+        residual = current - basis @ np.linalg.lstsq(basis, current, rcond=1e-6)[0]
+        square = float(residual @ residual)
+        r = float(residual[1:] @ residual[:-1]) / square if square > 0 else 0.0
+        r = min(max(r, 0.0), 0.98)
+        total += square * float(np.mean(cells.count)) * (1.0 + r) / (1.0 - r)
+        weight += len(q) - 3
+    if weight == 0:
+        return Levels(max(row.rest / max(row.samples - 3, 1), 0.0), 0.0, 1)
+    return Levels(total / weight, 0.0, max(weight // 4, 1))

@@ -1,0 +1,189 @@
+"""From runs to parameters: the n-to-1 identification, refined over all joints, with honest uncertainty."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pumaid import __version__
+from pumaid.errors import LogError, Note, Where
+from pumaid.maths.propagation import recursion_covariance
+from pumaid.maths.statistics import Clustered, clustered
+from pumaid.model import Model
+from pumaid.motion.replicates import noise_floor
+from pumaid.records import Combination, Estimate, Evidence, JointFit, Robot, Run, Value
+from pumaid.reporting import Sheet
+from pumaid.system import Fitted, Progress, Row, solve
+
+Floats = NDArray[np.float64]
+
+
+def identify(
+    evidence: Evidence, robot: Robot, *, recursive: bool = False, progress: Progress | None = None
+) -> Estimate:
+    """Identify the arm's parameters from runs.
+
+    Rows are solved from the last joint to the first; then all rows are refined together. Held-out runs are left out.
+
+    Parameters
+    ----------
+    evidence
+        Runs of some or all joints.
+    robot
+        Geometry and gravity.
+    recursive
+        Stop after the recursion.
+    progress
+        Called with the joint at work (0: all) and a word on what is done.
+
+    Returns
+    -------
+    estimate
+        Every parameter of the minimal model, identified or not, with standard errors clustered by run.
+
+    Raises
+    ------
+    LogError [no-runs]
+        There is no run to fit.
+
+    Source
+    ------
+    S.-K. Lin, "Identification of a Class of Nonlinear Deterministic Systems with Application to Manipulators".
+    """
+    runs = tuple(run for run in evidence.runs if not run.heldout)
+    if not runs:
+        kept = (
+            f"{len(evidence.runs)} runs, all held out"
+            if evidence.runs
+            else f"{len(evidence.rejects)} stretches left out"
+        )
+        raise LogError(
+            "no-runs",
+            f"there is no run to fit ({kept})",
+            Where(file=evidence.files[0].name if evidence.files else None),
+            "see why with: pumaid segment LOGS --rejects",
+        )
+    model = Model.of_runs(robot, runs)
+    fitted = solve(model, runs, recursive=recursive, progress=progress)
+    first = recursion_covariance(fitted.first_system, fitted.run_of, fitted.first_values, fitted.first_gains)
+    final = first if recursive else _joint_covariance(fitted)
+    sheet = Sheet.of(fitted, runs, final)
+    values = sheet.values()
+    before = Sheet.of_recursion(fitted, runs, first).values() if not recursive else values
+    p = len(model.names)
+    return Estimate(
+        robot=robot.name,
+        joints=tuple(_joint_fit(fitted, runs, joint) for joint in range(1, robot.n_joints + 1)),
+        values=values,
+        names=model.names,
+        solution=fitted.solution.values,
+        covariance=final.covariance[:p, :p],
+        scales=_scales(fitted),
+        blind=sheet.blind(),
+        effects=robot.effects,
+        combinations=_combinations(fitted, runs, final),
+        stroke_postures=model.stroke_postures,
+        recursive=before,
+        method="recursive" if recursive else "joint",
+        recipe_digest=robot.digest,
+        origin=robot.origin,
+        logs={facts.name: facts.digest for facts in evidence.files},
+        notes=(*evidence.notes, *_notes(fitted, robot)),
+        version=__version__,
+    )
+
+
+def _joint_covariance(fitted: Fitted) -> Clustered:
+    """Clustered by run; jacobian rows of one run together."""
+    order = [np.flatnonzero(fitted.run_of == number) for number in range(int(fitted.run_of.max()) + 1)]
+    solution = fitted.solution
+    return clustered(
+        [solution.jacobian[rows] for rows in order],
+        [solution.residual[rows] for rows in order],
+        solution.linear.inverse,
+    )
+
+
+def _scales(fitted: Fitted) -> Floats:
+    """(J, J) eta_i / eta_j as the fit has them; NaN where unknown, 0 below the diagonal."""
+    known = fitted.gains.scales()
+    n = len(known)
+    out = np.zeros((n, n))
+    for i in range(n):
+        for j in range(i, n):
+            unit = int(fitted.assigned[j])
+            out[i, j] = known[i, unit] if unit >= i else np.nan
+    return out
+
+
+def _row_of(fitted: Fitted, joint: int) -> Row | None:
+    return next((row for row in fitted.rows if row.joint == joint), None)
+
+
+def _joint_fit(fitted: Fitted, runs: Sequence[Run], joint: int) -> JointFit:
+    row = _row_of(fitted, joint)
+    if row is None:
+        return JointFit(joint, 0, 0, None, None, f"joint {joint} never moves alone in these logs")
+    scales = np.nan_to_num(fitted.gains.scales()[joint - 1])[fitted.system.owners]
+    misfit = row.target - row.regressors @ (scales * fitted.solution.values)
+    own = [run for run in runs if run.joint == joint]
+    floor, why = noise_floor(own)
+    kinds = {kind: sum(run.kind == kind for run in own) for kind in sorted({run.kind for run in own})}
+    return JointFit(
+        joint=joint,
+        runs=len(own),
+        samples=row.samples,
+        rmse=float(np.sqrt((np.sum(misfit**2) + row.rest) / row.samples)),
+        noise_floor=floor,
+        noise_floor_reason=why,
+        run_level=None if joint in fitted.weak else float(np.sqrt(fitted.levels[joint].level)),
+        posture_groups=Sheet.facts_of(runs, joint).postures,
+        kinds=kinds,
+    )
+
+
+def _combinations(fitted: Fitted, runs: Sequence[Run], final: Clustered) -> tuple[Combination, ...]:
+    """Coulomb plus viscous at the one speed that was run, where the two cannot be told apart."""
+    out = []
+    names = list(fitted.model.names)
+    for row in fitted.rows:
+        facts = Sheet.facts_of(runs, row.joint)
+        for sign, side in ((1, "plus"), (-1, "minus")):
+            if not facts.has_one_speed(sign):
+                continue
+            speed = sign * float(np.mean(facts.speeds[sign]))
+            terms = {f"coulomb.j{row.joint}.{side}": 1.0, f"viscous.j{row.joint}.{side}": speed}
+            weights = np.zeros(len(fitted.solution.linear.values))
+            for name, weight in terms.items():
+                weights[names.index(name)] = weight
+            value = float(weights[: len(names)] @ fitted.solution.values)
+            error = float(np.sqrt(max(weights @ Sheet.blended(fitted, final) @ weights, 0.0)))
+            way = "forward" if sign > 0 else "backward"
+            text = f"friction of joint {row.joint} {way} at the one speed that was run"
+            out.append(Combination(terms, value, error, "A", text))
+    return tuple(out)
+
+
+def _notes(fitted: Fitted, robot: Robot) -> list[Note]:
+    notes = []
+    for joint in sorted(fitted.weak):
+        runs = len(next(row.runs for row in fitted.rows if row.joint == joint))
+        notes.append(
+            Note(
+                "few-runs",
+                f"joint {joint} has {runs} run{'s' if runs > 1 else ''} only: its intervals rest on the noise inside"
+                " runs and leave out what a repeated run would differ by",
+                Where(joint=joint),
+            )
+        )
+    for joint in fitted.model.structure.embodied:
+        notes.append(
+            Note(
+                "load-in-coulomb",
+                f"the constant load of prismatic joint {joint} ({robot.joint(joint).name}) is part of its Coulomb terms",
+                Where(joint=joint),
+            )
+        )
+    return notes
