@@ -1,0 +1,301 @@
+"""From a file's numbers to `Log` records: SI, bad rows out, time rising, positions without wraps."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pumaid.errors import LogError, Note, Where
+from pumaid.files.columns import Columns
+from pumaid.files.intervals import Intervals
+from pumaid.records import Log, Robot
+
+Floats = NDArray[np.float64]
+Rows = NDArray[np.int64]
+
+#: No joint of an arm has a position, velocity or current beyond this (SI): what is, is garbage of the recorder.
+ABSURD = 1e6
+#: s; three thousand years, so that seconds since 1970 pass and nanoseconds taken for seconds do not.
+ABSURD_TIME = 1e11
+#: A log with a larger share of bad rows is not one with faults but a faulty one.
+MOST_BAD = 0.05
+#: Rows that must follow a step back of time before it counts as a new recording and not as a faulty stamp.
+SUSTAINED = 20
+#: A recording shorter than this says too little to tell a restart from a fault.
+_FEWEST_BEFORE_RESTART = 50
+#: A jump is a wrap if what remains of it without the turn is within this share of a turn (or within the joint's speed).
+_WRAP_SHARE = 0.02
+#: rad/s; taken as the fastest possible where the recipe gives no maximum: a turn within a quarter second.
+_FASTEST = 8.0 * math.pi
+
+
+@dataclass(eq=False, slots=True)
+class Cleaner:
+    """Turns chunks of one file into logs; what it must know of earlier chunks it keeps.
+
+    The result does not depend on where the chunks are cut.
+
+    Attributes
+    ----------
+    robot, columns, name
+        What the numbers mean, and the file's name for messages.
+    follows
+        Last time of the file before (s), None if there is none: a first time beyond it continues that clock.
+    time_factor
+        Seconds in one unit of the file's time where the file itself tells, else None.
+    """
+
+    robot: Robot
+    columns: Columns
+    name: str
+    follows: float | None = None
+    time_factor: float | None = None
+    n_rows: int = 0
+    first_time: float = math.nan
+    last_time: float = math.nan
+    intervals: Intervals = field(default_factory=Intervals)
+    _notes: list[Note] = field(default_factory=list)
+    _bad: dict[str, list[int]] = field(default_factory=dict)
+    _bad_counts: dict[str, int] = field(default_factory=dict)
+    _n_bad: int = 0
+    _same: list[int] = field(default_factory=list)
+    _n_same: int = 0
+    _n_ties: int = 0
+    _clock_start: float = math.nan
+    _clock_rows: int = 0
+    _last: Floats | None = None
+    _held: tuple[Rows, Floats] | None = None
+    _turns: Floats | None = None
+    _wraps: dict[int, int] = field(default_factory=dict)
+    _first_wrap: dict[int, int] = field(default_factory=dict)
+    _starts_clock: bool = False
+
+    def take(self, rows: Rows, table: Floats, *, is_last: bool = False) -> list[Log]:
+        """Logs from the next chunk: rows (N,), values (C, N) as the file holds them; none while rows are held back.
+
+        Raises
+        ------
+        LogError [time-not-rising]
+            Time goes back and what follows is no new recording.
+        """
+        table = table * self._factors[:, None]
+        if len(rows):
+            rows, table = self._without_bad(rows, table)
+        if self._held is not None:
+            rows = np.concatenate([self._held[0], rows])
+            table = np.concatenate([self._held[1], table], axis=1)
+            self._held = None
+        logs: list[Log] = []
+        while len(rows):
+            end, restarts = self._next_step_back(rows, table, is_last)
+            if end:
+                logs += self._emit(rows[:end], table[:, :end])
+            rows, table = rows[end:], table[:, end:]
+            if not restarts:
+                self._held = (rows, table) if len(rows) else None
+                break
+            self._restart(int(rows[0]), float(table[0, 0]))
+        return logs
+
+    def finish(self) -> tuple[list[Log], list[Note]]:
+        """What was held back, and the notes on the whole file.
+
+        Raises
+        ------
+        LogError [bad-samples, time-not-rising, clock-too-coarse]
+            Too many rows are bad, or time stands still.
+        """
+        empty = np.zeros((len(self.columns.names), 0))
+        logs = self.take(np.zeros(0, dtype=np.int64), empty, is_last=True)
+        notes = [*self.columns.notes, *self._notes, *self._bad_note(), *self._tie_notes(), *self._wrap_notes()]
+        self.intervals.finish()
+        return logs, notes + self.intervals.notes(self.name)
+
+    @property
+    def _factors(self) -> Floats:
+        if self.time_factor is None:
+            return self.columns.factors
+        return np.concatenate([[self.time_factor], self.columns.factors[1:]])
+
+    def _without_bad(self, rows: Rows, table: Floats) -> tuple[Rows, Floats]:
+        limits = np.full((len(table), 1), ABSURD)
+        limits[0] = ABSURD_TIME
+        places = self.columns.places
+        warmth = places["temperature"][:, 1]
+        fine = np.abs(table) <= limits
+        # Temperature is a help, not a need: a bad one is unknown, its row stays.
+        table[warmth] = np.where(fine[warmth], table[warmth], np.nan)
+        idle = np.ones(len(table), dtype=np.bool_)
+        idle[[0, *(k for q in ("position", "velocity", "current") for k in places[q][:, 1])]] = False
+        fine[idle] = True
+        self.n_rows += len(rows)
+        good = fine.all(axis=0)
+        if good.all():
+            return rows, table
+        self._n_bad += int(np.count_nonzero(~good))
+        for index in np.flatnonzero(~fine.all(axis=1)):
+            name, where = self.columns.names[index], np.flatnonzero(~fine[index])
+            first = self._bad.setdefault(name, [])
+            first += rows[where[: 3 - len(first)]].tolist()
+            self._bad_counts[name] = self._bad_counts.get(name, 0) + len(where)
+        return rows[good], table[:, good]
+
+    def _next_step_back(self, rows: Rows, table: Floats, is_last: bool) -> tuple[int, bool]:
+        """Rows before the first step back of time (all, if none), and whether a new recording starts there."""
+        time = table[0]
+        last = time[0] if self._last is None else self._last[0]
+        steps = np.diff(time, prepend=last)
+        back = np.flatnonzero(steps < 0)
+        if not len(back):
+            return len(rows), False
+        end = int(back[0])
+        if len(rows) - end <= SUSTAINED and not is_last:
+            return end, False
+        before = float(last if end == 0 else time[end - 1])
+        if not self._is_restart(time[end : end + SUSTAINED + 1], before, end, float(time[0])):
+            self._refuse_time(int(rows[end]), before, float(time[end]))
+        return end, True
+
+    def _is_restart(self, following: Floats, before: float, end: int, first: float) -> bool:
+        start = first if self._last is None or math.isnan(self._clock_start) else self._clock_start
+        if self._clock_rows + end < _FEWEST_BEFORE_RESTART or len(following) < 2:
+            return False
+        near_start = abs(following[0] - start) <= 0.1 * (before - start)
+        return bool(near_start and np.all(np.diff(following) >= 0) and following[-1] < before)
+
+    def _refuse_time(self, row: int, before: float, after: float) -> None:
+        what = f"time goes back from {before:.9g} s to {after:.9g} s"
+        mend = f"sort the file by {self.columns.names[0]}, or split it there if two recordings were joined"
+        raise LogError("time-not-rising", what, Where(file=self.name, row=row, column=self.columns.names[0]), mend)
+
+    def _restart(self, row: int, time: float) -> None:
+        text = f"time starts anew at {time:.6g} s after {float(self._last[0]):.6g} s: taken for another recording"  # type: ignore[index]
+        self._notes.append(Note("clock-restarts", text, Where(file=self.name, row=row)))
+        self._last, self._turns, self._starts_clock = None, None, True
+        self._clock_start, self._clock_rows = math.nan, 0
+
+    def _emit(self, rows: Rows, table: Floats) -> list[Log]:
+        rows, table = self._without_ties(rows, table)
+        if not len(rows):
+            return []
+        if math.isnan(self.first_time):
+            self.first_time = float(table[0, 0])
+            self._starts_clock = self.follows is not None and not self.first_time > self.follows
+        if math.isnan(self._clock_start):
+            self._clock_start = float(table[0, 0])
+        before = self._last
+        self.intervals.take(rows, table[0], None if before is None else float(before[0]))
+        self._last = table[:, -1].copy()
+        self._unwrap(rows, table, before)
+        self.last_time = float(table[0, -1])
+        self._clock_rows += len(rows)
+        log = self._log(rows, table)
+        self._starts_clock = False
+        return [log]
+
+    def _without_ties(self, rows: Rows, table: Floats) -> tuple[Rows, Floats]:
+        """Of rows that share a time the first is kept."""
+        if self._last is None:
+            same_time = np.concatenate([[False], table[0, 1:] == table[0, :-1]])
+        else:
+            same_time = np.diff(table[0], prepend=self._last[0]) == 0
+        if not same_time.any():
+            return rows, table
+        before = np.concatenate([table[:, :1] if self._last is None else self._last[:, None], table[:, :-1]], axis=1)
+        repeated = same_time & np.all((table == before) | np.isnan(table), axis=0)
+        where = np.flatnonzero(same_time)
+        self._same += rows[where[: 3 - len(self._same)]].tolist()
+        self._n_same += int(np.count_nonzero(repeated))
+        self._n_ties += int(np.count_nonzero(same_time & ~repeated))
+        return rows[~same_time], table[:, ~same_time]
+
+    def _unwrap(self, rows: Rows, table: Floats, before: Floats | None) -> None:
+        """Take whole turns out of jumps that no motion explains, in place."""
+        turning = [(j, c) for j, c in self.columns.places["position"] if self.robot.joints[j].is_revolute]
+        if self._turns is None:
+            self._turns = np.zeros(self.robot.n_joints)
+        seconds = np.diff(table[0], prepend=table[0, 0] if before is None else before[0])
+        for joint, column in turning:
+            raw = table[column].copy()
+            jump = np.diff(raw, prepend=raw[0] if before is None else before[column])
+            if self._turns[joint] == 0 and np.abs(jump).max(initial=0.0) < math.pi:
+                continue
+            fastest = self.robot.joints[joint].max_velocity or _FASTEST
+            turns = np.round(jump / math.tau)
+            rest = np.abs(jump - turns * math.tau)
+            explained = np.maximum(_WRAP_SHARE * math.tau, np.minimum(1.2 * fastest * seconds, math.pi / 2))
+            is_wrap = (turns != 0) & (rest <= explained) & (np.abs(jump) > 2.0 * fastest * seconds)
+            if is_wrap.any():
+                self._wraps[joint] = self._wraps.get(joint, 0) + int(np.count_nonzero(is_wrap))
+                self._first_wrap.setdefault(joint, int(rows[np.flatnonzero(is_wrap)[0]]))
+            total = self._turns[joint] - np.cumsum(np.where(is_wrap, turns, 0.0))
+            table[column] = raw + total * math.tau
+            self._turns[joint] = total[-1]
+
+    def _log(self, rows: Rows, table: Floats) -> Log:
+        return Log(
+            origin=self.name,
+            rows=rows,
+            time=table[0].copy(),
+            position=self._by_joint("position", table),
+            velocity=self._by_joint("velocity", table) if len(self.columns.places["velocity"]) else None,
+            current=self._by_joint("current", table),
+            temperature=self._by_joint("temperature", table) if len(self.columns.places["temperature"]) else None,
+            starts_clock=self._starts_clock,
+        )
+
+    def _by_joint(self, quantity: str, table: Floats) -> Floats:
+        """(N, J); NaN where the file lacks a joint."""
+        places = self.columns.places[quantity]
+        if len(places) == self.robot.n_joints:
+            return np.ascontiguousarray(table[places[:, 1]].T)
+        values = np.full((table.shape[1], self.robot.n_joints), np.nan)
+        values[:, places[:, 0]] = table[places[:, 1]].T
+        return values
+
+    def _bad_note(self) -> list[Note]:
+        if not self._n_bad:
+            return []
+        parts = [
+            f"{name} in {count} (row{'s' if count > 1 else ''} {', '.join(map(str, self._bad[name]))}"
+            f"{' ...' if count > 3 else ''})"
+            for name, count in list(self._bad_counts.items())[:6]
+        ]
+        more = f" and {len(self._bad_counts) - 6} more columns" if len(self._bad_counts) > 6 else ""
+        text = f"{self._n_bad} of {self.n_rows} rows have no number or an absurd one: {'; '.join(parts)}{more}"
+        row = min(min(first) for first in self._bad.values())
+        if self._n_bad > MOST_BAD * self.n_rows:
+            mend = "check units and columns in the recipe's log block; leave out what was not measured"
+            column = max(self._bad_counts, key=lambda name: self._bad_counts[name])
+            raise LogError("bad-samples", text, Where(file=self.name, row=row, column=column), mend)
+        return [Note("bad-samples", f"{text}; these rows are left out", Where(file=self.name, row=row))]
+
+    def _tie_notes(self) -> list[Note]:
+        ties = self._n_same + self._n_ties
+        if not ties:
+            return []
+        first = ", ".join(map(str, self._same))
+        where = Where(file=self.name, row=self._same[0], column=self.columns.names[0])
+        if self._n_ties > 0.5 * self.n_rows:
+            share = f"{ties} of {self.n_rows} rows have the time of the row before (rows {first} ...)"
+            mend = "write the time with more digits"
+            raise LogError("clock-too-coarse", f"{share}, so the samples cannot be told apart in time", where, mend)
+        text = (
+            f"{ties} rows have the time of the row before and are left out (rows {first}{' ...' if ties > 3 else ''})"
+        )
+        if self._n_ties:
+            text += f"; {self._n_ties} of them hold other values: the clock is coarser than the sampling"
+        return [Note("time-repeated", text, where)]
+
+    def _wrap_notes(self) -> list[Note]:
+        return [
+            Note(
+                "position-wraps",
+                f"position jumps by a whole turn {count} times and is taken as continuous",
+                Where(file=self.name, row=self._first_wrap[joint], joint=joint + 1),
+            )
+            for joint, count in self._wraps.items()
+        ]

@@ -1,0 +1,235 @@
+"""From a file's columns to the robot's quantities in SI, by the recipe's `log` block."""
+
+from __future__ import annotations
+
+import difflib
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pumaid.errors import Faults, LogError, Note, PumaidError, Where
+from pumaid.files.schemes import paste_block
+from pumaid.records import Joint, LogFormat, Robot
+from pumaid.units import UNITS
+
+Floats = NDArray[np.float64]
+
+#: Quantities of a joint in the order in which a table's columns are kept.
+QUANTITIES = ("position", "velocity", "current", "temperature")
+
+#: Rows at a file's start by which a column that is there but empty is told from one with faults.
+EMPTY_PROBE = 1000
+
+_SI = {
+    ("position", True): "rad",
+    ("position", False): "m",
+    ("velocity", True): "rad/s",
+    ("velocity", False): "m/s",
+    ("current", True): "A",
+    ("current", False): "A",
+    ("temperature", True): "degC",
+    ("temperature", False): "degC",
+}
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Columns:
+    """Which columns of one file are read and what each means.
+
+    Attributes
+    ----------
+    names
+        (C,) column names in the file; the first is time.
+    factors
+        (C,) what a file's number is multiplied by to be SI with the recipe's sign.
+    places
+        Quantity -> (k, 2) rows of (index of the joint from 0, index into `names`).
+    notes
+        What is absent and may be.
+    """
+
+    names: tuple[str, ...]
+    factors: Floats
+    places: dict[str, NDArray[np.int64]]
+    notes: tuple[Note, ...]
+
+
+def unit_of(robot: Robot, quantity: str, joint: Joint) -> str:
+    """Unit word of a joint's quantity in this robot's logs.
+
+    ``units.prismatic_position`` speaks for prismatic joints, ``units.position`` for the joints whose kind it fits (deg
+    for revolute, mm for prismatic ones); without a word it is SI.
+    """
+    si = _SI[quantity, joint.is_revolute]
+    for key in (f"{joint.kind}_{quantity}", quantity):
+        unit = robot.log.units.get(key)
+        if unit in UNITS and UNITS[unit][0] == UNITS[si][0]:
+            return unit
+    return si
+
+
+def factor_of(robot: Robot, quantity: str, joint: Joint) -> float:
+    """What a log's number is multiplied by to be SI in the recipe's direction; velocity turns with position."""
+    signs = robot.log.signs.get(quantity)
+    if signs is None and quantity == "velocity":
+        signs = robot.log.signs.get("position")
+    sign = 1 if signs is None or quantity == "temperature" else signs[joint.number - 1]
+    return float(sign * UNITS[unit_of(robot, quantity, joint)][1])
+
+
+def time_factor(robot: Robot) -> float:
+    """Seconds in one unit of the log's time."""
+    return UNITS[robot.log.units.get("time", "s")][1]
+
+
+def resolve(header: Sequence[str], robot: Robot, name: str) -> Columns:
+    """Find the robot's columns in a file's header.
+
+    Parameters
+    ----------
+    header
+        The file's column names in order.
+    robot
+        Names its columns in `robot.log`.
+    name
+        The file's name for messages.
+
+    Raises
+    ------
+    LogError [column-missing, column-doubled, no-current]
+        Time or a position is absent, no current is there at all, or a needed name stands twice; with what the file has,
+        the nearest name, or a `log` block to paste. Several faults are told together (`Faults`).
+    """
+    wanted = {q: [robot.log.column(q, joint.number) for joint in robot.joints] for q in QUANTITIES}
+    have = set(header)
+    faults = _faults(header, robot, wanted, name)
+    if faults:
+        raise faults[0] if len(faults) == 1 else Faults(faults)
+    names, factors = [robot.log.time], [time_factor(robot)]
+    places: dict[str, NDArray[np.int64]] = {}
+    notes: list[Note] = []
+    for quantity in QUANTITIES:
+        found = [
+            (joint, column) for joint, column in zip(robot.joints, wanted[quantity], strict=True) if column in have
+        ]
+        lacking = [column for column in wanted[quantity] if column is not None and column not in have]
+        notes += _absence(quantity, lacking, len(found), robot.log, name)
+        if quantity == "velocity" and len(found) < robot.n_joints:
+            found = []
+        places[quantity] = np.array(
+            [(joint.number - 1, len(names) + k) for k, (joint, _) in enumerate(found)], dtype=np.int64
+        ).reshape(-1, 2)
+        names += [str(column) for _, column in found]
+        factors += [factor_of(robot, quantity, joint) for joint, _ in found]
+    notes += _more_joints(have, robot, name)
+    return Columns(tuple(names), np.array(factors), places, tuple(notes))
+
+
+def without_empty(columns: Columns, table: Floats, robot: Robot, name: str) -> Columns:
+    """Columns without those currents and velocities that are there but empty over the first rows of the file.
+
+    Parameters
+    ----------
+    columns
+        As `resolve` found them.
+    table
+        (C, N) first rows of the file; the first `EMPTY_PROBE` are looked at.
+    robot, name
+        The arm, and the file's name for messages.
+
+    Raises
+    ------
+    LogError [no-current]
+        All currents are empty.
+    """
+    empty: NDArray[np.bool_] = np.logical_not(np.isfinite(table[:, :EMPTY_PROBE]).any(axis=1))
+    places, notes = dict(columns.places), list(columns.notes)
+    dead = empty[places["current"][:, 1]]
+    lacking = [columns.names[k] for k in places["current"][dead][:, 1]]
+    places["current"] = places["current"][~dead]
+    if lacking and not len(places["current"]):
+        what = f"the currents of {name} are empty ({_listed(lacking)})"
+        raise LogError("no-current", what, Where(file=name, column=lacking[0]), "record the motor currents")
+    if lacking:
+        text = f"column {_listed(lacking)} is empty: the runs of these joints show no current and are not identified"
+        notes.append(Note("current-absent", text, Where(file=name)))
+    blank = [columns.names[k] for k in places["velocity"][:, 1] if empty[k]]
+    if blank:
+        places["velocity"] = places["velocity"][:0]
+        text = f"column {_listed(blank)} is empty: all velocities are derived from position"
+        notes.append(Note("velocity-absent", text, Where(file=name)))
+    return replace(columns, places=places, notes=tuple(notes))
+
+
+def _faults(header: Sequence[str], robot: Robot, wanted: dict[str, list[str | None]], name: str) -> list[PumaidError]:
+    have = set(header)
+    faults: list[PumaidError] = []
+    needed = [robot.log.time, *(str(column) for column in wanted["position"])]
+    missing = [column for column in needed if column not in have]
+    currents = [str(column) for column in wanted["current"]]
+    where = Where(file=name, row=1)
+    if missing:
+        what = f"{name} has no column {_listed(missing)}; it has {_listed(header)}"
+        faults.append(LogError("column-missing", what, where, _mend(header, robot, missing)))
+    if not any(column in have for column in currents):
+        what = f"{name} has no current of any joint ({_listed(currents)}); it has {_listed(header)}"
+        if not missing:
+            faults.append(LogError("no-current", what, where, _mend(header, robot, currents)))
+    used = {robot.log.time, *(str(c) for columns in wanted.values() for c in columns if c is not None)}
+    doubled = [column for column, times in Counter(header).items() if times > 1 and column in used]
+    if doubled:
+        what = f"{name} has column {_listed(doubled)} more than once"
+        faults.append(LogError("column-doubled", what, where, "rename or remove all but one"))
+    return faults
+
+
+def _mend(header: Sequence[str], robot: Robot, missing: Sequence[str]) -> str:
+    block = paste_block(header, robot)
+    if block:
+        return f"if these are the columns meant, put this into the recipe:\n{block}"
+    hints = []
+    for column in missing[:3]:
+        near = difflib.get_close_matches(column.lower(), [item.lower() for item in header], n=1)
+        real = next((item for item in header if near and item.lower() == near[0]), None)
+        if real is not None:
+            hints.append(f"the nearest to {column} is {real}")
+    hints.append("name this file's columns in the recipe's log block (pumaid init shows one)")
+    return "; ".join(hints)
+
+
+def _absence(quantity: str, lacking: list[str], found: int, form: LogFormat, name: str) -> list[Note]:
+    """Notes on what may be absent; a velocity or temperature that nobody named is passed over in silence."""
+    where = Where(file=name)
+    if not lacking or quantity == "position":
+        return []
+    if quantity == "current":
+        text = f"no column {_listed(lacking)}: the runs of these joints show no current and are not identified"
+        return [Note("current-absent", text, where)]
+    asked = getattr(form, quantity) != getattr(LogFormat(), quantity)
+    if quantity == "velocity" and (found or asked):
+        text = f"no column {_listed(lacking)}: all velocities are derived from position"
+        return [Note("velocity-absent", text, where)]
+    if quantity == "temperature" and (found or asked):
+        return [Note("temperature-absent", f"no column {_listed(lacking)}: these temperatures are not known", where)]
+    return []
+
+
+def _more_joints(have: set[str], robot: Robot, name: str) -> list[Note]:
+    beyond = [
+        str(column)
+        for quantity in ("position", "current")
+        if (column := robot.log.column(quantity, robot.n_joints + 1)) in have
+    ]
+    if not beyond:
+        return []
+    text = f"the log also has {_listed(beyond)}, but {robot.name} has {robot.n_joints} joints: is it this robot's log?"
+    return [Note("more-joints", text, Where(file=name))]
+
+
+def _listed(names: Sequence[str], most: int = 12) -> str:
+    """Names for a message; the first few of many."""
+    shown = ", ".join(item if len(item) <= 40 else item[:37] + "..." for item in names[:most])
+    return f"{shown} ... ({len(names)} in all)" if len(names) > most else shown

@@ -1,0 +1,260 @@
+"""Text logs, read in blocks of whole lines: memory does not grow with the file, and a pipe will do."""
+
+from __future__ import annotations
+
+import codecs
+import csv
+import io
+import math
+import re
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from typing import BinaryIO, cast
+
+import numpy as np
+import pyarrow as pa
+from numpy.typing import NDArray
+from pyarrow import csv as arrow_csv
+
+from pumaid.errors import LogError, Note, Where
+from pumaid.files.dialect import SPACES, Dialect, detect, text_of
+
+#: Bytes read at a time. Small enough to be flat, large enough that a block's fixed cost (about 1 ms) does not count.
+BLOCK_BYTES = 4 << 20
+#: Bytes from which the dialect is read; longer header lines (10 000 columns) are read to their end.
+HEAD_BYTES = 1 << 16
+#: A longer line is no row of a log; it would fill the memory.
+MOST_LINE_BYTES = 32 << 20
+
+#: Cells that mean "no number"; what C, MATLAB, Excel and pandas print for it, with and without spaces around.
+NO_NUMBER = (
+    "",
+    "nan",
+    "na",
+    "n/a",
+    "#n/a",
+    "null",
+    "none",
+    "-nan",
+    "-nan(ind)",
+    "1.#qnan",
+    "-1.#ind",
+    "1.#inf",
+    "-1.#inf",
+)
+_NULLS = sorted(
+    {form for word in NO_NUMBER for form in (word, word.upper(), word.capitalize(), "NaN", "N/A", "-NaN", " ")}
+)
+
+Chunk = tuple[NDArray[np.int64], NDArray[np.float64]]
+
+
+@dataclass(eq=False, slots=True)
+class CsvSource:
+    """A text log as chunks of numbers.
+
+    Attributes
+    ----------
+    stream
+        Binary, read once from where it stands, never sought.
+    name
+        For messages.
+    dialect
+        Known after construction.
+    notes
+        Known after iteration.
+    """
+
+    stream: BinaryIO
+    name: str
+    block_bytes: int = BLOCK_BYTES
+    dialect: Dialect = field(init=False)
+    notes: list[Note] = field(init=False, default_factory=list)
+    _rest: bytes = field(init=False, default=b"")
+
+    def __post_init__(self) -> None:
+        head = self.stream.read(HEAD_BYTES)
+        if head.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)):
+            self.stream = cast(BinaryIO, _FromUtf16(head, self.stream))
+            head = self.stream.read(HEAD_BYTES)
+        head = head.removeprefix(codecs.BOM_UTF8)
+        whole = len(head) < HEAD_BYTES
+        while not whole and head.count(b"\n") < 2:
+            more = self.stream.read(HEAD_BYTES)
+            whole, head = not more, head + more
+            self._check_line(head)
+        # A cut last line would mislead the detection.
+        lines = head if whole else head[: head.rfind(b"\n") + 1]
+        self.dialect = detect(_one_line_end(lines), self.name)
+        self._rest = head
+
+    def _check_line(self, line: bytes) -> None:
+        if len(line) > MOST_LINE_BYTES:
+            what = f"{self.name} has a line of more than {MOST_LINE_BYTES >> 20} MiB: it is no table in lines"
+            raise LogError("not-a-log", what, Where(file=self.name), "export it as CSV, a line a sample, or as Parquet")
+
+    @property
+    def header(self) -> tuple[str, ...]:
+        """Column names."""
+        return self.dialect.header
+
+    def chunks(self, names: tuple[str, ...]) -> Iterator[Chunk]:
+        """Rows (line numbers) and values (C, N) of the named columns, block by block.
+
+        Raises
+        ------
+        LogError [not-a-number, ragged-row]
+            A cell holds text, or a row inside the file has too few or too many cells: the first three and the count.
+        """
+        indices = [self.header.index(name) for name in names]
+        line = 1
+        for block, is_last in self._blocks():
+            n_lines = block.count(b"\n") + (not block.endswith(b"\n"))
+            if line <= self.dialect.header_line:
+                skipped = min(n_lines, self.dialect.header_line - line + 1)
+                block = block.split(b"\n", skipped)[-1] if block.count(b"\n") >= skipped else b""
+                line, n_lines = line + skipped, n_lines - skipped
+            if block.strip():
+                yield self._numbers(block, line, indices, is_last)
+            line += n_lines
+
+    def _blocks(self) -> Iterator[tuple[bytes, bool]]:
+        """Whole lines that end in a line feed, and whether no more follow."""
+        pending = self._rest
+        self._rest = b""
+        held_back = b""
+        while True:
+            more = self.stream.read(self.block_bytes)
+            pending = pending + held_back + more
+            # A carriage return at the end may be half of a line end.
+            held_back = b"\r" if more and pending.endswith(b"\r") else b""
+            pending = _one_line_end(pending[: len(pending) - len(held_back)])
+            if not more:
+                yield pending, True
+                return
+            cut = pending.rfind(b"\n") + 1
+            if cut:
+                yield pending[:cut], False
+                pending = pending[cut:]
+            self._check_line(pending)
+
+    def _numbers(self, block: bytes, line: int, indices: list[int], is_last: bool) -> Chunk:
+        rows: NDArray[np.int64] | None = None
+        if b"\n\n" in block or block[:1] in b"\n#" or b"\n#" in block:
+            block, rows = _without_blanks(block, line)
+        clean = re.sub(rb"[ \t]+", b" ", re.sub(rb"(?m)^[ \t]+|[ \t]+$", b"", block)) if self._by_spaces else block
+        table = self._fast(clean, indices)
+        if table is None:
+            lines = rows if rows is not None else line + np.arange(block.count(b"\n") + 1)
+            return self._slow(clean, lines, indices, is_last)
+        if rows is None:
+            rows = line + np.arange(table.shape[1])
+        return rows[: table.shape[1]], table
+
+    @property
+    def _by_spaces(self) -> bool:
+        return self.dialect.delimiter == SPACES
+
+    def _fast(self, block: bytes, indices: list[int]) -> NDArray[np.float64] | None:
+        """By Arrow; None if a cell or row is out of the ordinary."""
+        columns = [str(k) for k in range(len(self.header))]
+        chosen = [str(k) for k in indices]
+        try:
+            table = arrow_csv.read_csv(
+                pa.py_buffer(block),
+                arrow_csv.ReadOptions(column_names=columns, block_size=1 << 20),
+                arrow_csv.ParseOptions(delimiter=self.dialect.delimiter, ignore_empty_lines=True),
+                arrow_csv.ConvertOptions(
+                    include_columns=list(dict.fromkeys(chosen)),
+                    column_types=dict.fromkeys(chosen, pa.float64()),
+                    decimal_point=self.dialect.decimal,
+                    null_values=_NULLS,
+                    check_utf8=False,
+                ),
+            )
+        except pa.ArrowInvalid:
+            return None
+        return np.stack([table.column(k).to_numpy() for k in chosen])
+
+    def _slow(self, block: bytes, lines: NDArray[np.int64], indices: list[int], is_last: bool) -> Chunk:
+        """Cell by cell: reads what Arrow refuses (a plus sign), and names what cannot be read."""
+        cells = list(csv.reader(io.StringIO(text_of(block)), delimiter=self.dialect.delimiter))
+        rows: list[int] = []
+        values: list[list[float]] = []
+        ragged: list[tuple[int, int]] = []
+        bad: list[tuple[int, str, str]] = []
+        for line, row in zip(lines.tolist(), cells, strict=False):
+            if len(row) != len(self.header) and any(row[len(self.header) :] + [""] * (len(row) < len(self.header))):
+                ragged.append((line, len(row)))
+                continue
+            if len(row) < len(self.header):
+                ragged.append((line, len(row)))
+                continue
+            read = [self._cell(row[index]) for index in indices]
+            bad += [(line, self.header[i], row[i]) for i, value in zip(indices, read, strict=True) if value is None]
+            rows.append(line)
+            values.append([math.nan if value is None else value for value in read])
+        self._judge_ragged(ragged, lines[len(cells) - 1] if cells else 0, is_last)
+        if bad:
+            raise self._not_numbers(bad)
+        return np.array(rows, dtype=np.int64), np.array(values, dtype=np.float64).reshape(-1, len(indices)).T
+
+    def _cell(self, text: str) -> float | None:
+        text = text.strip()
+        if text.lower() in NO_NUMBER:
+            return math.nan
+        try:
+            # Python reads 1_000, which no log means.
+            return None if "_" in text else float(text.replace(",", ".") if self.dialect.decimal == "," else text)
+        except ValueError:
+            return None
+
+    def _judge_ragged(self, ragged: list[tuple[int, int]], last_line: int, is_last: bool) -> None:
+        """A cut last row is a recording that was stopped; any other is a damaged file."""
+        if is_last and ragged and ragged[-1][0] == last_line and ragged[-1][1] <= len(self.header):
+            line, count = ragged.pop()
+            text = f"the last row has {count} of {len(self.header)} cells (recording cut off) and is left out"
+            self.notes.append(Note("last-row-cut", text, Where(file=self.name, row=line)))
+        if ragged:
+            first = "; ".join(f"row {line} has {count}" for line, count in ragged[:3])
+            more = f" and {len(ragged) - 3} more near there" if len(ragged) > 3 else ""
+            what = f"{first}{more} cells where the header has {len(self.header)}"
+            mend = "complete or remove these rows; a delimiter inside a cell needs quotes"
+            raise LogError("ragged-row", what, Where(file=self.name, row=ragged[0][0]), mend)
+
+    def _not_numbers(self, bad: list[tuple[int, str, str]]) -> LogError:
+        shown = "; ".join(f"row {line}, column {column}: {text.strip()[:30]!r}" for line, column, text in bad[:3])
+        more = f" and {len(bad) - 3} more near there" if len(bad) > 3 else ""
+        mend = "leave cells empty where there is no number"
+        if bad[0][0] == self.dialect.header_line + 1 and {row for row, _, _ in bad} == {bad[0][0]}:
+            mend = f"row {bad[0][0]} looks like units: delete it and name the units in the recipe's log block"
+        elif re.match(r"\d{4}-\d\d-\d\d|\d\d?:\d\d", bad[0][2].strip()):
+            mend = "write times as seconds, not as dates"
+        where = Where(file=self.name, row=bad[0][0], column=bad[0][1])
+        return LogError("not-a-number", f"text where a number belongs: {shown}{more}", where, mend)
+
+
+def _one_line_end(block: bytes) -> bytes:
+    """Line ends of Windows and of old Macs become line feeds."""
+    return block.replace(b"\r\n", b"\n").replace(b"\r", b"\n") if b"\r" in block else block
+
+
+def _without_blanks(block: bytes, line: int) -> tuple[bytes, NDArray[np.int64]]:
+    """A block without empty and comment lines, and the line numbers of the rest."""
+    lines = block.split(b"\n")
+    kept = [k for k, text in enumerate(lines) if text.strip() and not text.startswith(b"#")]
+    return b"\n".join(lines[k] for k in kept) + b"\n", line + np.array(kept, dtype=np.int64)
+
+
+class _FromUtf16(io.RawIOBase):
+    """UTF-16 (Excel's "Unicode text") as UTF-8."""
+
+    def __init__(self, head: bytes, stream: BinaryIO) -> None:
+        self._head, self._stream = head, stream
+        self._decoder = codecs.getincrementaldecoder("utf-16")("replace")
+
+    def read(self, size: int = -1) -> bytes:
+        head, self._head = self._head, b""
+        raw = head or self._stream.read(size)
+        text = self._decoder.decode(raw, final=not raw)
+        return text.encode("utf-8") or (self.read(size) if raw else b"")

@@ -1,0 +1,73 @@
+"""The time between samples of a file: its median, and the gaps."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pumaid.errors import Note, Where
+
+Floats = NDArray[np.float64]
+
+#: Intervals from which the median is taken: enough for any jitter, few enough to keep (800 kB).
+PROBE = 100_000
+#: A gap is this many median intervals: one or two lost packets are jitter, five are a hole ...
+GAP_INTERVALS = 5.0
+#: ... and at least this long (s): shorter ones are within what a ramp of an arm takes, and harm no mean.
+GAP_SECONDS = 0.05
+
+
+@dataclass(eq=False, slots=True)
+class Intervals:
+    """Statistics of the steps of time, fed chunk by chunk; the result does not depend on the cuts."""
+
+    median: float = float("nan")
+    n_gaps: int = 0
+    longest: float = 0.0
+    first_gaps: list[tuple[int, float, float]] = field(default_factory=list)
+    _kept: list[tuple[NDArray[np.int64], Floats, Floats]] = field(default_factory=list)
+    _n_kept: int = 0
+
+    def take(self, rows: NDArray[np.int64], time: Floats, before: float | None) -> None:
+        """Rows (N,) and times (N,) of the next samples, and the time before them (s) if there is one."""
+        start = time[:1] if before is None else np.array([before])
+        steps = np.diff(time, prepend=start)
+        skip = before is None
+        rows, time, steps = rows[skip:], time[skip:], steps[skip:]
+        if self._n_kept < PROBE:
+            self._kept.append((rows, time, steps))
+            self._n_kept += len(rows)
+            if self._n_kept >= PROBE:
+                self.finish()
+        else:
+            self._count(rows, time, steps)
+
+    def finish(self) -> None:
+        """Settle the median and count the gaps among what was kept for it."""
+        if not self._kept:
+            return
+        if self._n_kept:
+            self.median = float(np.median(np.concatenate([steps for _, _, steps in self._kept])[:PROBE]))
+        kept, self._kept = self._kept, []
+        for rows, time, steps in kept:
+            self._count(rows, time, steps)
+
+    def _count(self, rows: NDArray[np.int64], time: Floats, steps: Floats) -> None:
+        where = np.flatnonzero(steps > max(GAP_INTERVALS * self.median, GAP_SECONDS))
+        self.n_gaps += len(where)
+        for k in where[: 3 - len(self.first_gaps)]:
+            self.first_gaps.append((int(rows[k]), float(time[k] - steps[k]), float(steps[k])))
+        self.longest = max(self.longest, float(steps[where].max(initial=0.0)))
+
+    def notes(self, name: str) -> list[Note]:
+        """One note if there are gaps."""
+        if not self.n_gaps:
+            return []
+        shown = ", ".join(f"{seconds:.3g} s at {start:.6g} s" for _, start, seconds in self.first_gaps)
+        more = f" ... ({self.n_gaps} in all, the longest {self.longest:.3g} s)" if self.n_gaps > 3 else ""
+        text = (
+            f"samples are missing: {shown}{more}; the median interval is {self.median:.4g} s and no run crosses a gap"
+        )
+        return [Note("gaps", text, Where(file=name, row=self.first_gaps[0][0]))]

@@ -1,0 +1,188 @@
+"""Logs, CSV or Parquet, read batch by batch into records and written whole; no step holds a file."""
+
+from __future__ import annotations
+
+import gzip
+import hashlib
+import io
+import sys
+import zlib
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import contextmanager, nullcontext
+from dataclasses import replace
+from pathlib import Path
+from typing import Any, BinaryIO, cast
+
+from pumaid.errors import LogError, Note, Where
+from pumaid.files.clean import Cleaner
+from pumaid.files.columns import resolve, without_empty
+from pumaid.files.csv_log import CsvSource
+from pumaid.files.log_writer import write_log
+from pumaid.files.parquet_log import MAGIC, ParquetSource
+from pumaid.files.paths import STDIN, expand, unreadable
+from pumaid.records import FileFacts, Log, Robot
+
+__all__ = ["LogReader", "expand", "write_log"]
+
+_GZIP = b"\x1f\x8b"
+
+
+class LogReader:
+    """The samples of some logs, in SI, as an iterable of `Log` batches in the order of the files.
+
+    One pass reads everything; memory stays that of a batch. After the pass `files` and `notes` tell what was read. A
+    file whose first time follows the last time of the file before shares its clock; else its first batch has
+    `starts_clock` set.
+
+    Parameters
+    ----------
+    paths
+        Files as `expand` gives them; ``-`` is standard input.
+    robot
+        Says by `robot.log` how the columns are named, their units and signs.
+    batch_rows
+        Most samples of one batch; the samples do not depend on it.
+
+    Raises
+    ------
+    LogError
+        While iterating: [column-missing, column-doubled, no-current, no-header, not-a-log, damaged-log, unreadable-log,
+        not-a-number, ragged-row, bad-samples, time-not-rising, clock-too-coarse, empty-log].
+
+    Examples
+    --------
+    >>> reader = LogReader(expand(["logs/"]), robot)  # doctest: +SKIP
+    >>> evidence = segment(reader, robot)  # doctest: +SKIP
+    >>> [facts.rows for facts in reader.files]  # doctest: +SKIP
+    [120000, 120000]
+    """
+
+    def __init__(self, paths: Iterable[Path], robot: Robot, *, batch_rows: int = 65536) -> None:
+        if batch_rows < 1:
+            raise ValueError(f"batch_rows is {batch_rows}; a batch has at least one row")
+        self._paths, self._robot, self._batch_rows = tuple(Path(path) for path in paths), robot, batch_rows
+        self._files: list[FileFacts] = []
+        self._notes: list[Note] = []
+
+    @property
+    def files(self) -> tuple[FileFacts, ...]:
+        """Facts of the files read to their end so far, in order."""
+        return tuple(self._files)
+
+    @property
+    def notes(self) -> tuple[Note, ...]:
+        """Notes of the files read so far; what many files share is told once."""
+        return tuple(_merged(self._notes))
+
+    def __iter__(self) -> Iterator[Log]:
+        self._files, self._notes = [], []
+        for path in self._paths:
+            yield from self._one(path)
+        if self._paths and not any(facts.rows for facts in self._files):
+            what = f"no log has a row of numbers ({', '.join(facts.name for facts in self._files[:3])})"
+            raise LogError("empty-log", what, Where(file=self._files[0].name), "record again, or name other files")
+
+    def _one(self, path: Path) -> Iterator[Log]:
+        name = "<stdin>" if path == STDIN else str(path)
+        with _opened(path, name) as (source, digest):
+            columns = resolve(source.header, self._robot, name)
+            before = [facts.last_time for facts in self._files if facts.rows]
+            cleaner = Cleaner(self._robot, columns, name, follows=before[-1] if before else None)
+            if isinstance(source, ParquetSource):
+                cleaner.time_factor = source.time_unit(columns.names[0])
+            for rows, table in source.chunks(columns.names):
+                if cleaner.n_rows == 0:
+                    cleaner.columns = without_empty(columns, table, self._robot, name)
+                for log in cleaner.take(rows, table):
+                    yield from self._cut(log)
+            logs, notes = cleaner.finish()
+            for log in logs:
+                yield from self._cut(log)
+            sha256 = digest()
+        self._notes += [*notes, *source.notes]
+        if not cleaner.n_rows:
+            self._notes.append(Note("empty-log", "the log has a header but no row", Where(file=name)))
+        interval = cleaner.intervals.median
+        self._files.append(FileFacts(name, sha256, cleaner.n_rows, interval, cleaner.first_time, cleaner.last_time))
+
+    def _cut(self, log: Log) -> Iterator[Log]:
+        if len(log) <= self._batch_rows:
+            yield log
+            return
+        for start in range(0, len(log), self._batch_rows):
+            part = slice(start, start + self._batch_rows)
+            yield replace(
+                log,
+                rows=log.rows[part],
+                time=log.time[part],
+                position=log.position[part],
+                velocity=None if log.velocity is None else log.velocity[part],
+                current=log.current[part],
+                temperature=None if log.temperature is None else log.temperature[part],
+                starts_clock=log.starts_clock and start == 0,
+            )
+
+
+class _Hashing(io.RawIOBase):
+    """A stream that remembers the SHA-256 of what passed."""
+
+    def __init__(self, stream: BinaryIO) -> None:
+        self._stream, self.hash = stream, hashlib.sha256()
+
+    def readable(self) -> bool:
+        return True
+
+    def readinto(self, buffer: Any) -> int:
+        data = self._stream.read(len(buffer))
+        buffer[: len(data)] = data
+        self.hash.update(data)
+        return len(data)
+
+
+@contextmanager
+def _opened(path: Path, name: str) -> Iterator[tuple[CsvSource | ParquetSource, Callable[[], str]]]:
+    """The source for a file by its first bytes, and a function that gives the digest once all is read."""
+    try:
+        with nullcontext(sys.stdin.buffer) if path == STDIN else path.open("rb") as stream:
+            hashing = _Hashing(stream)
+            buffered = io.BufferedReader(hashing, buffer_size=1 << 18)
+            head = buffered.peek(len(MAGIC))
+            if head.startswith(MAGIC):
+                yield _parquet(stream, buffered, name)
+            else:
+                text: Any = gzip.GzipFile(fileobj=buffered) if head.startswith(_GZIP) else buffered
+                yield CsvSource(text, name), lambda: _digest_to_end(buffered, hashing)
+    except (EOFError, gzip.BadGzipFile, zlib.error) as error:
+        what = f"{name} is not a whole gzip file: {error}"
+        raise LogError("damaged-log", what, Where(file=name), "compress it again") from error
+    except OSError as error:
+        raise unreadable(path, error) from error
+
+
+def _parquet(
+    stream: BinaryIO, buffered: io.BufferedReader[_Hashing], name: str
+) -> tuple[ParquetSource, Callable[[], str]]:
+    """From a pipe the whole file must be held: Parquet's index is at its end."""
+    if stream.seekable():
+        stream.seek(0)
+        digest = hashlib.file_digest(cast(io.BufferedReader, stream), "sha256").hexdigest()
+        stream.seek(0)
+        return ParquetSource(stream, name), lambda: digest
+    data = buffered.read()
+    return ParquetSource(io.BytesIO(data), name), lambda: hashlib.sha256(data).hexdigest()
+
+
+def _digest_to_end(buffered: io.BufferedReader[_Hashing], hashing: _Hashing) -> str:
+    while buffered.read(1 << 20):
+        pass
+    return hashing.hash.hexdigest()
+
+
+def _merged(notes: Iterable[Note]) -> Iterator[Note]:
+    """Notes that several files share word for word, once, with the number of files."""
+    groups: dict[tuple[str, str], list[Note]] = {}
+    for note in notes:
+        groups.setdefault((note.slug, note.text), []).append(note)
+    for (slug, text), alike in groups.items():
+        more = f"; the same in {len(alike) - 1} more files" if len(alike) > 1 else ""
+        yield Note(slug, text + more, alike[0].where)
