@@ -1,0 +1,196 @@
+"""The command line as a user meets it: help, exit codes, pipes, start-up."""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+from click.testing import CliRunner, Result
+
+import pumaid
+from pumaid.cli import ORDER_OF_WORK, group, output
+from pumaid.cli.progress import progress
+from pumaid.errors import Note, Where
+
+COMMANDS = group.list_commands(None)
+
+
+def run(*arguments: str, **keywords: object) -> Result:
+    """Run ``pumaid`` in this process."""
+    return CliRunner().invoke(group, list(arguments), **keywords)
+
+
+def shell(script: str, folder: Path | None = None) -> subprocess.CompletedProcess[str]:
+    """Run a line as a user's shell does."""
+    path = os.pathsep.join([str(Path(sys.executable).parent), os.environ["PATH"]])
+    line = ["bash", "-c", script]
+    return subprocess.run(
+        line, cwd=folder, env={**os.environ, "PATH": path}, capture_output=True, text=True, check=False
+    )
+
+
+def raising(error: BaseException):
+    """A function that raises `error`."""
+
+    def fail(*_: object) -> None:
+        raise error
+
+    return fail
+
+
+def test_version():
+    """``--version`` tells name and version."""
+    assert run("--version").stdout == f"pumaid {pumaid.__version__}\n"
+
+
+def test_module_runs():
+    """``python -m pumaid`` is the same program."""
+    done = subprocess.run([sys.executable, "-m", "pumaid", "--version"], capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stdout) == (0, f"pumaid {pumaid.__version__}\n")
+
+
+@pytest.mark.parametrize("arguments", [("--version",), ("--help",)], ids=["version", "help"])
+def test_starts_at_once(arguments):
+    """Version and help answer in under half a second, the best of five so that a busy machine does not decide."""
+    spent = []
+    for _ in range(5):
+        start = time.perf_counter()
+        subprocess.run([sys.executable, "-m", "pumaid", *arguments], capture_output=True, check=True)
+        spent.append(time.perf_counter() - start)
+    assert min(spent) < 0.5
+
+
+def test_help_lists_commands_in_order_of_work():
+    """The group's help names every command, in the order in which one uses them."""
+    shown = run("--help").stdout
+    assert sorted(COMMANDS, key=ORDER_OF_WORK.index) == COMMANDS
+    places = [shown.index(f"│ {name} ") for name in COMMANDS]
+    assert places == sorted(places)
+
+
+@pytest.mark.parametrize("name", COMMANDS)
+def test_help_shows_an_example(name):
+    """Each command's help shows a line to paste, on a line of its own."""
+    shown = run(name, "--help")
+    assert shown.exit_code == 0
+    pasted = [line.strip() for line in shown.stdout.splitlines()]
+    assert "Example:" in pasted
+    assert any(line.startswith(f"pumaid {name}") for line in pasted[pasted.index("Example:") :])
+
+
+@pytest.mark.parametrize("name", COMMANDS)
+def test_help_explains_every_option(name):
+    """No option is left without a word."""
+    options = [option for option in group.get_command(None, name).params if option.param_type_name == "option"]
+    assert [option.name for option in options if not option.help] == []
+
+
+@pytest.mark.parametrize("arguments", [("efects",), ("effects", "--jsn"), ("effects", "a", "b"), ("identify",)])
+def test_misuse_leaves_with_2(arguments):
+    """Wrong usage is told on standard error and leaves with 2."""
+    done = run(*arguments)
+    assert (done.exit_code, done.stdout) == (2, "")
+
+
+def test_wrong_command_answers_with_the_nearest():
+    """A mistyped command names the right one."""
+    assert "'effects'" in run("efects").stderr
+
+
+def test_refusal_leaves_with_3():
+    """What pumaid refuses is told in its lines on standard error, nothing on standard output."""
+    done = run("effects", "coulom")
+    assert (done.exit_code, done.stdout) == (3, "")
+    assert done.stderr == "error[unknown-effect]: there is no effect 'coulom'\n  fix: did you mean 'coulomb'?\n"
+
+
+def test_system_refusal_leaves_with_3(monkeypatch):
+    """What the operating system refuses is told with its words and the file's name."""
+    monkeypatch.setattr("pumaid.effects.catalogue", raising(PermissionError(13, "Permission denied", "secret.csv")))
+    done = run("effects")
+    assert done.exit_code == 3
+    assert done.stderr.startswith("error[file-refused]: the system says: Permission denied\n  at: secret.csv\n")
+
+
+def test_bug_leaves_with_4(monkeypatch):
+    """Our own failure says that it is ours, where, and how to report it."""
+    monkeypatch.setattr("pumaid.effects.catalogue", raising(ZeroDivisionError("by 0")))
+    done = run("effects")
+    assert done.exit_code == 4
+    assert "Traceback" in done.stderr and "bug: pumaid failed with ZeroDivisionError" in done.stderr
+    assert f"pumaid {pumaid.__version__}, Python" in done.stderr and "report" in done.stderr.splitlines()[-1]
+
+
+def test_interruption_leaves_with_130(monkeypatch):
+    """Ctrl-C ends with one clean line."""
+    monkeypatch.setattr("pumaid.effects.catalogue", raising(KeyboardInterrupt()))
+    done = run("effects")
+    assert done.exit_code == 130
+    assert "Traceback" not in done.stderr and done.stderr.strip().count("\n") == 0
+
+
+def test_closed_pipe_is_quiet():
+    """A reader that leaves early hears nothing more from pumaid."""
+    done = shell("pumaid effects --json | true; echo ${PIPESTATUS[0]}")
+    assert (done.stdout, done.stderr) == ("141\n", "")
+
+
+def test_full_disk_is_told():
+    """Standard output that takes no more is a refusal, not a bug."""
+    done = shell("pumaid effects > /dev/full; echo $?")
+    assert done.stdout == "3\n" and "error[file-refused]" in done.stderr
+
+
+def test_json_is_one_document():
+    """``--json`` prints exactly one document on standard output."""
+    found = json.loads(run("effects", "--json").stdout)
+    assert (found["kind"], found["format"]) == ("effects", 1)
+    assert {"coulomb", "gravity", "viscous"} <= {effect["effect"] for effect in found["effects"]}
+
+
+def test_effect_is_explained_with_units_and_source():
+    """One effect's page states its law, units and source."""
+    shown = run("effects", "viscous").stdout
+    assert "A s/rad" in shown and "A s/m" in shown and "source: S.-K. Lin" in shown
+
+
+def test_table_in_a_pipe_keeps_its_columns(capsys):
+    """A wide table is not folded where there is no terminal whose width it must fit."""
+    from rich.table import Table
+
+    wide = Table(*(f"column {number}" for number in range(30)), box=None)
+    wide.add_row(*(str(number) * 8 for number in range(10, 40)))
+    output.table(wide)
+    assert len(capsys.readouterr().out.splitlines()) == 2
+
+
+def test_notes_go_to_standard_error_once(capsys):
+    """A note that two steps make is told once, and not among the results."""
+    note = Note("few-runs", "joint 2 has 1 run", Where(joint=2))
+    output.notes([note, note])
+    shown = capsys.readouterr()
+    assert (shown.out, shown.err) == ("", "note[few-runs]: joint 2 has 1 run (joint 2)\n")
+
+
+def test_progress_is_quiet_without_a_terminal(capsys):
+    """Nothing is drawn where standard error is a file or a pipe."""
+    with progress("working", total=2) as step:
+        step(1, "half")
+    assert capsys.readouterr().err == ""
+
+
+def test_terminal_that_lacks_letters():
+    """A terminal of another encoding shows replacements rather than a failure."""
+    done = shell("PYTHONUTF8=0 PYTHONIOENCODING=ascii LC_ALL=C pumaid --help")
+    assert (done.returncode, done.stderr) == (0, "")
+
+
+@pytest.mark.parametrize("kind", ["bash", "zsh", "fish"])
+def test_shell_completion(kind):
+    """The completion script that the README tells to load can be made."""
+    assert "pumaid" in shell(f"_PUMAID_COMPLETE={kind}_source pumaid").stdout

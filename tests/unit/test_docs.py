@@ -1,0 +1,132 @@
+"""The documents are true: commands run as printed, slugs are explained, links lead somewhere."""
+
+from __future__ import annotations
+
+import ast
+import importlib.util
+import re
+import subprocess
+import sys
+from collections.abc import Iterator
+from functools import cache
+from pathlib import Path
+from types import ModuleType
+
+import pytest
+
+ROOT = Path(__file__).parents[2]
+SOURCES = sorted((ROOT / "pumaid").rglob("*.py"))
+PAGES = [ROOT / "README.md", ROOT / "CHANGELOG.md", *sorted((ROOT / "docs").rglob("*.md"))]
+README = (ROOT / "README.md").read_text(encoding="utf-8")
+MESSAGES = (ROOT / "docs" / "messages.md").read_text(encoding="utf-8")
+#: Numbers of a session may differ by this share from those printed: another machine's linear algebra rounds otherwise.
+SHARE = 0.02
+NUMBER = re.compile(r"-?\d+(?:\.\d+)?(?:e[-+]?\d+)?")
+
+
+@cache
+def tool(name: str) -> ModuleType:
+    """A program of tools/ as a module."""
+    spec = importlib.util.spec_from_file_location(name, ROOT / "tools" / f"{name}.py")
+    assert spec is not None and spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+def test_commands_page_is_current():
+    """docs/commands.md is what the commands' help says now."""
+    done = subprocess.run(
+        [sys.executable, str(ROOT / "tools" / "make_docs.py"), "--check"], capture_output=True, text=True, check=False
+    )
+    assert (done.returncode, done.stdout + done.stderr) == (0, "")
+
+
+def test_readme_prints_two_commands():
+    """Set-up takes two lines, each with a virtual environment of its own making."""
+    commands = tool("readme_commands").setup_commands(README)
+    assert len(commands) == 2
+    assert all(command.startswith("python3 -m venv .venv && .venv/bin/pip install ") for command in commands)
+
+
+@pytest.mark.skipif("```console" not in README, reason="the README shows no session")
+def test_readme_sessions_print_what_they_say():
+    """Every command of the README's tour prints what stands below it; numbers within 2 %."""
+    old, new = (words(block) for block in (README, tool("make_docs").run_sessions(README)))
+    assert [word for word, _ in old] == [word for word, _ in new]
+    numbers = [
+        (a, b) for (_, before), (_, after) in zip(old, new, strict=True) for a, b in zip(before, after, strict=True)
+    ]
+    assert [(a, b) for a, b in numbers if abs(a - b) > SHARE * max(abs(a), abs(b))] == []
+
+
+def words(text: str) -> list[tuple[str, list[float]]]:
+    """Words of a text with their numbers taken out and apart."""
+    return [(NUMBER.sub("#", word), [float(n) for n in NUMBER.findall(word)]) for word in text.split()]
+
+
+def calls_with_slug() -> Iterator[ast.expr]:
+    """First arguments (or ``slug=``) of everything that takes a slug: our errors, notes, functions with such a parameter."""
+    takers = {"PumaidError": 0, "RecipeError": 0, "LogError": 0, "ModelError": 0, "ResultError": 0, "Note": 0}
+    trees = [ast.parse(path.read_text(encoding="utf-8")) for path in SOURCES]
+    for function in (node for tree in trees for node in ast.walk(tree) if isinstance(node, ast.FunctionDef)):
+        names = [argument.arg for argument in function.args.args if argument.arg != "self"]
+        if "slug" in names and function.name != "__init__":
+            takers[function.name] = names.index("slug")
+    for call in (node for tree in trees for node in ast.walk(tree) if isinstance(node, ast.Call)):
+        place = takers.get(ast.unparse(call.func).split(".")[-1])
+        if place is not None and len(call.args) > place:
+            yield call.args[place]
+        yield from (keyword.value for keyword in call.keywords if keyword.arg == "slug")
+
+
+def slugs_in_code() -> set[str]:
+    """Every slug that the program can print; one of several (``a if b else c``) counts each."""
+    constants = [node for call in calls_with_slug() for node in ast.walk(call) if isinstance(node, ast.Constant)]
+    return {node.value for node in constants if isinstance(node.value, str) and re.fullmatch(r"[a-z0-9-]+", node.value)}
+
+
+def test_every_slug_is_explained():
+    """What stands in brackets in a message is a heading of docs/messages.md."""
+    assert sorted(slugs_in_code() - set(re.findall(r"^## (.+)$", MESSAGES, re.MULTILINE))) == []
+
+
+def test_every_explained_slug_exists():
+    """docs/messages.md explains nothing that the program no longer says."""
+    text = "".join(path.read_text(encoding="utf-8") for path in SOURCES)
+    told = re.findall(r"^## (.+)$", MESSAGES, re.MULTILINE)
+    assert [slug for slug in told if f'"{slug}"' not in text] == []
+    assert len(told) == len(set(told))
+
+
+def test_every_message_has_a_paragraph():
+    """Each heading is followed by an explanation."""
+    parts = re.split(r"^## .+$", MESSAGES, flags=re.MULTILINE)[1:]
+    assert [part for part in parts if len(part.split()) < 8] == []
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(ROOT)))
+def test_links_lead_somewhere(page):
+    """Each link to a file of the project finds it."""
+    links = re.findall(r"\]\(([^)#\s]+)(?:#[^)]*)?\)", page.read_text(encoding="utf-8"))
+    local = [link for link in links if not link.startswith(("http:", "https:", "mailto:"))]
+    assert [link for link in local if not (page.parent / link).exists()] == []
+
+
+def test_index_names_every_page():
+    """Every document can be reached from docs/index.md."""
+    index = (ROOT / "docs" / "index.md").read_text(encoding="utf-8")
+    pages = [str(page.relative_to(ROOT / "docs")) for page in (ROOT / "docs").rglob("*.md") if page.name != "index.md"]
+    assert [page for page in pages if f"({page})" not in index] == []
+
+
+def test_readme_explains_exit_codes():
+    """The five exit codes that other programs rely on are in the README."""
+    section = README.partition("## Exit codes")[2].split("\n## ")[0]
+    assert [code for code in range(5) if f"| {code} |" not in section] == []
+
+
+def test_prose_has_no_trailing_blanks():
+    """Documents are clean text."""
+    stray = {p.name: [n for n, line in enumerate(p.read_text().split("\n"), 1) if line != line.rstrip()] for p in PAGES}
+    assert {name: lines for name, lines in stray.items() if lines} == {}

@@ -1,0 +1,96 @@
+"""Write the generated documents: docs/commands.md from the commands' help, and the README's sessions by running them.
+
+``--check`` writes nothing and leaves with 1 where the page of commands is out of date. Sessions are the README's
+``console`` blocks: each ``$ command`` is run in a scratch copy of the samples, and what it prints stands below it.
+"""
+
+from __future__ import annotations
+
+import inspect
+import os
+import re
+import shutil
+import subprocess
+import sys
+import tempfile
+from pathlib import Path
+
+import click
+
+from pumaid.cli import group
+
+ROOT = Path(__file__).parents[1]
+COMMANDS, README = ROOT / "docs" / "commands.md", ROOT / "README.md"
+HEAD = """# Commands
+
+Generated from the commands' own help by `make docs`; do not edit.
+
+`LOGS...` is any mix of files, folders and globs; `-` is standard input, or standard output where a file is written.
+Tables go to standard output; progress, notes and where files went go to standard error.
+"""
+SESSION = re.compile(r"```console\n(.*?)```", re.DOTALL)
+
+
+def commands_page() -> str:
+    """The manual's page of commands."""
+    context = click.Context(group, info_name="pumaid")
+    names = group.list_commands(context)
+    return "\n".join([HEAD, *(_section(name, group.get_command(context, name)) for name in names)])
+
+
+def _section(name: str, command: click.Command | None) -> str:
+    assert command is not None
+    context = click.Context(command, info_name=f"pumaid {name}")
+    told, _, example = inspect.cleandoc(command.help or "").partition("\b\n")
+    lines = [line for line in inspect.cleandoc(example).splitlines() if line.strip() and line.strip() != "Example:"]
+    prose = [" ".join(part.split("\n")) for part in told.strip().split("\n\n")]
+    usage = " ".join(command.collect_usage_pieces(context))
+    options = [option for option in command.get_params(context) if option.name != "help"]
+    rows = [row for option in options if (row := option.get_help_record(context)) and row[1]]
+    table = ["| option | |", "|---|---|", *(f"| `{_cell(left)}` | {_cell(right)} |" for left, right in rows)]
+    shown = ["```sh", *(line.strip() for line in lines), "```"]
+    return "\n".join([f"## {name}", "", f"`pumaid {name} {usage}`", "", "\n\n".join(prose), "", *shown, "", *table, ""])
+
+
+def _cell(text: str) -> str:
+    return " ".join(text.split()).replace("|", "\\|")
+
+
+def run_sessions(text: str) -> str:
+    """The README with what its sessions' commands print now, all run one after the other in one scratch folder."""
+    with tempfile.TemporaryDirectory() as scratch:
+        for name in ("sample_logs", "recipes"):
+            shutil.copytree(ROOT / name, Path(scratch) / name)
+        return SESSION.sub(lambda found: f"```console\n{_session(found[1], scratch)}```", text)
+
+
+def _session(block: str, folder: str) -> str:
+    lines = [line for line in block.splitlines() if line.startswith("$ ")]
+    return "\n".join(f"{line}\n{_printed(line[2:], folder)}" for line in lines)
+
+
+def _printed(command: str, folder: str) -> str:
+    path = os.pathsep.join([str(Path(sys.executable).parent), os.environ.get("PATH", "")])
+    environment = {**os.environ, "PATH": path, "COLUMNS": "120", "NO_COLOR": "1"}
+    shell = ["bash", "-c", command]
+    done = subprocess.run(
+        shell, cwd=folder, env=environment, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, check=False
+    )
+    return "".join(f"{line.rstrip()}\n" for line in done.stdout.splitlines())
+
+
+def main() -> int:
+    """Write, or with ``--check`` only compare."""
+    wanted = {COMMANDS: commands_page()}
+    if "--check" not in sys.argv:
+        wanted[README] = run_sessions(README.read_text(encoding="utf-8"))
+    stale = [path for path, text in wanted.items() if not path.exists() or path.read_text(encoding="utf-8") != text]
+    for path in stale:
+        if "--check" not in sys.argv:
+            path.write_text(wanted[path], encoding="utf-8")
+        print(f"{path.relative_to(ROOT)}: {'out of date, run make docs' if '--check' in sys.argv else 'written'}")
+    return 1 if stale and "--check" in sys.argv else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
