@@ -1,0 +1,251 @@
+"""The shipped recipes against kinematics that others published: every joint's axis, as a line in space."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from pumaid.files.recipe import read_recipe, shipped_recipes
+from pumaid.maths.frames import axes, origins
+from pumaid.records import Robot
+
+pin = pytest.importorskip("pinocchio", reason="the independent kinematics is pinocchio (pip install pumaid[test])")
+
+HALF = np.pi / 2
+#: Published numbers have four to twelve digits (1.5708 for a quarter turn is off by 4e-6).
+ROUNDED_TO_FOUR_DIGITS = 3e-5
+ROUNDED_TO_TEN_DIGITS = 1e-8
+
+#: Kinova Gen3 7DOF, joint origins (xyz m, rpy rad; axis z).
+#: Kinovarobotics/ros2_kortex (BSD-3-Clause), kortex_description/arms/gen3/7dof/urdf/gen3_macro.xacro.
+GEN3 = (
+    ((0, 0, 0.15643), (np.pi, 0, 0)),
+    ((0, 0.005375, -0.12838), (HALF, 0, 0)),
+    ((0, -0.21038, -0.006375), (-HALF, 0, 0)),
+    ((0, 0.006375, -0.21038), (HALF, 0, 0)),
+    ((0, -0.20843, -0.006375), (-HALF, 0, 0)),
+    ((0, 0.00017505, -0.10593), (HALF, 0, 0)),
+    ((0, -0.10593, -0.00017505), (-HALF, 0, 0)),
+)
+#: Staubli TX40. figaroh-plus (Apache-2.0), models/staubli_tx40_description/urdf/tx40_mdh_modified.urdf.
+TX40 = (
+    ((0, 0, 0.320), (0, 0, 0)),
+    ((0, 0, 0), (-HALF, 0, 0)),
+    ((0.225, 0, 0.035), (0, 0, 0)),
+    ((0, -0.225, 0), (HALF, 0, 0)),
+    ((0, 0, 0), (-HALF, 0, 0)),
+    ((0, 0, 0), (HALF, np.pi, 0)),
+)
+#: UR3e and UR5e. ros-industrial/universal_robot (BSD-3-Clause), ur_description/config/*/default_kinematics.yaml.
+UR3E = (
+    ((0, 0, 0.15185), (0, 0, 0)),
+    ((0, 0, 0), (1.570796327, 0, 0)),
+    ((-0.24355, 0, 0), (0, 0, 0)),
+    ((-0.2132, 0, 0.13105), (0, 0, 0)),
+    ((0, -0.08535, 0), (1.570796327, 0, 0)),
+    ((0, 0.0921, 0), (1.570796326589793, np.pi, np.pi)),
+)
+UR5E = (
+    ((0, 0, 0.1625), (0, 0, 0)),
+    ((0, 0, 0), (1.570796327, 0, 0)),
+    ((-0.425, 0, 0), (0, 0, 0)),
+    ((-0.3922, 0, 0.1333), (0, 0, 0)),
+    ((0, -0.0997, 0), (1.570796327, 0, 0)),
+    ((0, 0.0996, 0), (1.570796326589793, np.pi, np.pi)),
+)
+#: Position of the arm in the published convention = the controller's position + these (deg).
+ZERO = {"staubli_tx40": (0, -90, 90, 0, 0, 0)}
+
+
+def shipped(name: str) -> Robot:
+    return read_recipe(shipped_recipes()[name])
+
+
+def postures(n_joints: int, *, count: int = 40, seed: int = 7) -> np.ndarray:
+    return np.random.default_rng(seed).uniform(-np.pi, np.pi, (count, n_joints))
+
+
+def of_recipe(robot: Robot, position: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Every link's rotation and origin by the recipe."""
+    angles, displacements = robot.dh_angles(position), robot.dh_displacements(position)
+    return axes(robot.alphas, angles), origins(robot.alphas, robot.lengths, displacements, angles)
+
+
+def of_model(model: pin.Model, position: np.ndarray, names: list[str]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Directions of the named joints' axes, their frames' rotations and origins, by pinocchio."""
+    data = model.createData()
+    local = {"RX": 0, "RY": 1, "RZ": 2}
+    z, frames, points = [], [], []
+    for q in position:
+        full = pin.neutral(model)
+        for name, angle in zip(names, q, strict=True):
+            full[model.joints[model.getJointId(name)].idx_q] = angle
+        pin.forwardKinematics(model, data, full)
+        joints = [model.getJointId(name) for name in names]
+        rotations = [data.oMi[joint].rotation.copy() for joint in joints]
+        short = [model.joints[joint].shortname().removeprefix("JointModel") for joint in joints]
+        z.append([rotation[:, local[kind]] for rotation, kind in zip(rotations, short, strict=True)])
+        frames.append(rotations)
+        points.append([data.oMi[joint].translation.copy() for joint in joints])
+    return np.array(z), np.array(frames), np.array(points)
+
+
+def chain(published: tuple) -> tuple[pin.Model, list[str]]:
+    """A pinocchio model of published joint origins."""
+    model, parent, names = pin.Model(), 0, []
+    for number, (xyz, rpy) in enumerate(published, start=1):
+        placement = pin.SE3(pin.rpy.rpyToMatrix(*rpy), np.array(xyz, dtype=float))
+        names.append(f"j{number}")
+        parent = model.addJoint(parent, pin.JointModelRZ(), placement, names[-1])
+    return model, names
+
+
+def distance_to_line(point: np.ndarray, on_line: np.ndarray, direction: np.ndarray) -> np.ndarray:
+    return np.linalg.norm(np.cross(point - on_line, direction), axis=-1)
+
+
+@pytest.mark.parametrize(
+    ("name", "published"), [("kinova_gen3", GEN3), ("staubli_tx40", TX40), ("ur3e", UR3E), ("ur5e", UR5E)]
+)
+def test_axes_are_the_published_lines(name: str, published: tuple) -> None:
+    """Direction and place of every joint's axis agree with the vendor's published joint origins in random postures."""
+    robot = shipped(name)
+    position = postures(robot.n_joints)
+    rotations, points = of_recipe(robot, position)
+    z, _, theirs = of_model(*_with_zero(name, position, published))
+    assert np.abs(rotations[..., 2] - z).max() < ROUNDED_TO_TEN_DIGITS
+    assert distance_to_line(points, theirs, z).max() < ROUNDED_TO_TEN_DIGITS
+
+
+def _with_zero(name: str, position: np.ndarray, published: tuple) -> tuple[pin.Model, np.ndarray, list[str]]:
+    model, names = chain(published)
+    return model, position + np.deg2rad(ZERO.get(name, 0.0)), names
+
+
+@pytest.mark.parametrize(("name", "published"), [("kinova_gen3", GEN3), ("staubli_tx40", TX40)])
+def test_frames_are_the_published_frames(name: str, published: tuple) -> None:
+    """Whole link frames agree too, so a published mass and centre of mass can be compared with k_x and k_y."""
+    robot = shipped(name)
+    position = postures(robot.n_joints)
+    rotations, _ = of_recipe(robot, position)
+    _, frames, _ = of_model(*_with_zero(name, position, published))
+    assert np.abs(rotations - frames).max() < ROUNDED_TO_TEN_DIGITS
+
+
+@pytest.mark.parametrize(("name", "other"), [("ur3e", "ur3"), ("ur5e", "ur5"), ("ur10e", "ur10")])
+def test_universal_robots_turn_like_their_urdf(name: str, other: str) -> None:
+    """The e-series has other lengths but the axes of the older URDFs, in a base turned half about the vertical."""
+    model, names = _urdf(other)
+    robot = shipped(name)
+    position = postures(6)
+    z, _, _ = of_model(model, position, names)
+    in_base = z * np.array([-1.0, -1.0, 1.0])
+    rotations, _ = of_recipe(robot, position)
+    assert np.abs(rotations[..., 2] - in_base).max() < ROUNDED_TO_FOUR_DIGITS
+
+
+def test_panda_is_its_urdf() -> None:
+    """Panda's link frames and origins are those of the vendor's URDF, base, zeros and signs included."""
+    model, names = _urdf("panda")
+    robot = shipped("panda")
+    position = postures(7)
+    _, frames, theirs = of_model(model, position, names[:7])
+    rotations, points = of_recipe(robot, position)
+    assert np.abs(rotations - frames).max() < ROUNDED_TO_TEN_DIGITS
+    assert np.abs(points - theirs).max() < ROUNDED_TO_TEN_DIGITS
+
+
+def _urdf(name: str) -> tuple[pin.Model, list[str]]:
+    """A URDF of example-robot-data by its folder, without meshes."""
+    pytest.importorskip("example_robot_data", reason="example-robot-data brings the URDFs (pip install pumaid[test])")
+    from example_robot_data.robots_loader import getModelPath
+
+    inside = {"panda": "panda_description/urdf/panda.urdf"}.get(name, f"ur_description/urdf/{name}_robot.urdf")
+    found = Path(getModelPath(inside)) / inside
+    model = pin.buildModelFromUrdf(os.fspath(found))
+    return model, list(model.names)[1:]
+
+
+def turn(axis: np.ndarray, angle: float) -> np.ndarray:
+    """Rodrigues' formula."""
+    x, y, z = axis
+    cross = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
+    return np.eye(3) + np.sin(angle) * cross + (1 - np.cos(angle)) * cross @ cross
+
+
+def by_screws(directions: np.ndarray, points: np.ndarray, slides: list[bool], q: np.ndarray) -> tuple:
+    """Axes and points on them after moving each joint, outer ones carried along: no link frames at all."""
+    directions, points = directions.copy(), points.copy()
+    for joint, angle in reversed(list(enumerate(q))):
+        if slides[joint]:
+            points[joint + 1 :] += directions[joint] * angle
+            continue
+        rotation = turn(directions[joint], angle)
+        points[joint + 1 :] = points[joint] + (points[joint + 1 :] - points[joint]) @ rotation.T
+        directions[joint + 1 :] = directions[joint + 1 :] @ rotation.T
+    return directions, points
+
+
+X, Y, Z = np.eye(3)
+#: Axes at zero, seen by eye: direction, and a point on each, in the base.
+BY_EYE = {
+    # Upper arm level along x, forearm upright; shoulder offset 0.1501 m to the left (Armstrong, Khatib and Burdick, The
+    # explicit dynamic model and inertial parameters of the PUMA 560 arm, 1986, figure 1 and table of link lengths).
+    "puma560": (
+        np.array([Z, Y, Y, Z, Y, Z]),
+        np.array(
+            [[0, 0, 0], [0, 0, 0], [0.4318, 0, 0], [0.4115, 0.1501, 0], [0.4115, 0, 0.4331], [0.4115, 0.1501, 0.4331]]
+        ),
+    ),
+    # Boom upright and retracted: its axis passes beside the shoulder at 0.154 m; the wrist's three axes meet there.
+    "stanford": (
+        np.array([Z, Y, Z, Z, X, Z]),
+        np.array(
+            [[0, 0, 0], [0, 0, 0.412], [0, 0.154, 0.412], [0, 0.154, 0.412], [0, 0.154, 0.412], [0, 0.154, 0.412]]
+        ),
+    ),
+    # Hanging: both axes level and parallel, the knee 0.3 m below the hip.
+    "pendulum2": (np.array([-Y, -Y]), np.array([[0, 0, 0], [0, 0, -0.3]])),
+}
+
+
+@pytest.mark.parametrize("name", sorted(BY_EYE))
+def test_axes_are_those_seen_by_eye(name: str) -> None:
+    """Every joint's line agrees with turning the arm's axes, read off a drawing at zero, about one another."""
+    robot = shipped(name)
+    directions, on_lines = BY_EYE[name]
+    slides = [not joint.is_revolute for joint in robot.joints]
+    for q in postures(robot.n_joints, count=20):
+        rotations, points = of_recipe(robot, q[None])
+        z, theirs = by_screws(directions, on_lines, slides, q)
+        assert np.abs(rotations[0, :, :, 2] - z).max() < 1e-12
+        assert distance_to_line(points[0], theirs, z).max() < 1e-12
+
+
+def test_stanford_is_the_standard_table_shifted_by_a_row() -> None:
+    """Joint i of the recipe turns about z of frame i-1 of the Robotics Toolbox's standard DH table."""
+    robot = shipped("stanford")
+    # P. Corke, Robotics Toolbox, mdl_stanford: theta, d, a, alpha of Paul's A matrices.
+    table = [(0, 0.412, -HALF), (0, 0.154, HALF), (-HALF, 0, 0), (0, 0, -HALF), (0, 0, HALF), (0, 0.263, 0)]
+    for q in postures(6, count=20):
+        so_far = np.eye(4)
+        rotations, points = of_recipe(robot, q[None])
+        for joint, (theta, d, alpha) in enumerate(table):
+            assert np.abs(rotations[0, joint, :, 2] - so_far[:3, 2]).max() < 1e-12
+            assert distance_to_line(points[0, joint], so_far[:3, 3], so_far[:3, 2]) < 1e-12
+            slide = not robot.joints[joint].is_revolute
+            so_far = so_far @ _paul(theta + (0 if slide else q[joint]), d + (q[joint] if slide else 0), alpha)
+
+
+def _paul(theta: float, d: float, alpha: float) -> np.ndarray:
+    c, s, ca, sa = np.cos(theta), np.sin(theta), np.cos(alpha), np.sin(alpha)
+    return np.array([[c, -s * ca, s * sa, 0], [s, c * ca, -c * sa, 0], [0, sa, ca, d], [0, 0, 0, 1]])
+
+
+def test_every_shipped_recipe_is_checked_here() -> None:
+    """A new recipe needs a published counterpart in this file."""
+    checked = {"kinova_gen3", "staubli_tx40", "ur3e", "ur5e", "ur10e", "panda", *BY_EYE}
+    assert set(shipped_recipes()) == checked
