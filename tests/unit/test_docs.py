@@ -66,7 +66,7 @@ def words(text: str) -> list[tuple[str, list[float]]]:
 
 
 def calls_with_slug() -> Iterator[ast.expr]:
-    """First arguments (or ``slug=``) of everything that takes a slug: our errors, notes, functions with such a parameter."""
+    """What stands in the place of a slug in calls of our errors, of notes and of functions with such a parameter."""
     takers = {"PumaidError": 0, "RecipeError": 0, "LogError": 0, "ModelError": 0, "ResultError": 0, "Note": 0}
     trees = [ast.parse(path.read_text(encoding="utf-8")) for path in SOURCES]
     for function in (node for tree in trees for node in ast.walk(tree) if isinstance(node, ast.FunctionDef)):
