@@ -2,16 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
-from dataclasses import replace
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from pumaid.cli.progress import Step, progress
+from pumaid.cli.progress import progress
 
 if TYPE_CHECKING:
-    from pumaid.files.table import LogReader
-    from pumaid.records import Evidence, Log, Robot
+    from pumaid.records import Evidence, Robot
 
 #: The plan's name in an experiment folder; its held-out runs are kept from fitting.
 PLAN_NAME = "plan.yaml"
@@ -47,16 +45,14 @@ def read_evidence(logs: Sequence[str], recipe: Path | None) -> tuple[Robot, Evid
     robot, evidence
         Runs that the plan beside the recipe keeps for judging are marked as held out.
     """
+    from pumaid.files.paths import expand
     from pumaid.files.table import LogReader
-    from pumaid.motion.suspicion import suspicions
     from pumaid.verbs.segment import segment
 
     robot = read_robot(recipe, logs)
-    reader = LogReader(logs, robot)
+    reader = LogReader(expand(logs), robot)
     with progress("reading logs") as step:
-        evidence = segment(_watched(reader, step), robot)
-    evidence = replace(evidence, files=reader.files, notes=(*reader.notes, *evidence.notes))
-    evidence = replace(evidence, notes=(*evidence.notes, *suspicions(evidence, robot)))
+        evidence = segment(reader, robot, progress=lambda rows: step(rows, f"{rows:,} rows"))
     return robot, _with_plan(evidence, robot)
 
 
@@ -82,17 +78,11 @@ def results_folder(given: Path | None, robot: Robot) -> Path:
     return (origin.parent if is_own else Path()) / "results"
 
 
-def _watched(reader: LogReader, step: Step) -> Iterator[Log]:
-    rows = 0
-    for log in reader:
-        rows += len(log)
-        step(rows, f"{rows:,} rows, {log.origin}")
-        yield log
-
-
 def _with_plan(evidence: Evidence, robot: Robot) -> Evidence:
+    path = Path(robot.origin).parent / PLAN_NAME
+    if not robot.origin or not path.is_file():
+        return evidence
     from pumaid.files.plan import read_plan
     from pumaid.motion.planned import mark_heldout
 
-    path = Path(robot.origin).parent / PLAN_NAME
-    return mark_heldout(evidence, read_plan(path, robot)) if robot.origin and path.is_file() else evidence
+    return mark_heldout(evidence, read_plan(path, robot))
