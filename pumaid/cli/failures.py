@@ -63,7 +63,7 @@ def _report(error: Exception) -> str:
             "".join(traceback.format_exception(error)).rstrip(),
             f"bug: pumaid failed with {type(error).__name__}, which is its fault and not yours",
             f"  at: pumaid {__version__}, Python {platform.python_version()}, {platform.platform()}",
-            "  fix: report the lines above with the command that you typed, the recipe and, if you can, the log",
+            "  fix: report the lines above with the command that you typed and what 'pumaid doctor' prints",
         ]
     )
 

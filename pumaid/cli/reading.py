@@ -1,4 +1,4 @@
-"""The first step of every command that reads logs: recipe, one pass over the logs, what looked suspicious in them."""
+"""The first step of every command that reads logs: the recipe, one pass over the logs, the plan's held-out runs."""
 
 from __future__ import annotations
 
@@ -25,9 +25,9 @@ def read_robot(recipe: Path | None, logs: Sequence[str] = ()) -> Robot:
     logs
         As the user typed them.
     """
-    from pumaid.files.recipe import find_recipe, read_recipe
+    from pumaid.files.recipe import read_recipe
 
-    return read_recipe(find_recipe(recipe, [Path(log) for log in logs]))
+    return read_recipe(_recipe_path(recipe, logs))
 
 
 def read_evidence(logs: Sequence[str], recipe: Path | None) -> tuple[Robot, Evidence]:
@@ -53,36 +53,52 @@ def read_evidence(logs: Sequence[str], recipe: Path | None) -> tuple[Robot, Evid
     reader = LogReader(expand(logs), robot)
     with progress("reading logs") as step:
         evidence = segment(reader, robot, progress=lambda rows: step(rows, f"{rows:,} rows"))
-    return robot, _with_plan(evidence, robot)
+    plan = experiment_folder(recipe, logs) / PLAN_NAME
+    return robot, _with_plan(evidence, robot, plan) if plan.is_file() else evidence
 
 
-def results_folder(given: Path | None, robot: Robot) -> Path:
-    """Where results go: what ``--results`` says, else ``results`` beside the recipe.
+def experiment_folder(recipe: Path | None, logs: Sequence[str] = ()) -> Path:
+    """The folder that holds the recipe, and so the plan and the results.
 
-    A recipe that ships with pumaid, or that is no file, has no experiment around it; then the working folder is it.
+    A recipe that ships with pumaid has no experiment around it; then it is the working folder.
 
     Parameters
     ----------
-    given
-        ``--results``, or none.
-    robot
-        Knows where its recipe lies.
+    recipe
+        ``--recipe``, or none.
+    logs
+        As the user typed them.
     """
     from pumaid.files.recipe import shipped_recipes
 
-    if given is not None:
-        return given
-    origin = Path(robot.origin)
-    shipped = {path.resolve() for path in shipped_recipes().values()}
-    is_own = origin.is_file() and origin.resolve() not in shipped
-    return (origin.parent if is_own else Path()) / "results"
+    path = _recipe_path(recipe, logs)
+    shipped = {one.resolve() for one in shipped_recipes().values()}
+    return Path() if path.resolve() in shipped else path.parent
 
 
-def _with_plan(evidence: Evidence, robot: Robot) -> Evidence:
-    path = Path(robot.origin).parent / PLAN_NAME
-    if not robot.origin or not path.is_file():
-        return evidence
+def results_folder(results: Path | None, recipe: Path | None, logs: Sequence[str] = ()) -> Path:
+    """Where results go: what ``--results`` says, else ``results`` beside the recipe.
+
+    Parameters
+    ----------
+    results
+        ``--results``, or none.
+    recipe
+        ``--recipe``, or none.
+    logs
+        As the user typed them.
+    """
+    return results or experiment_folder(recipe, logs) / "results"
+
+
+def _recipe_path(recipe: Path | None, logs: Sequence[str]) -> Path:
+    from pumaid.files.recipe import find_recipe
+
+    return find_recipe(recipe, [Path(log) for log in logs])
+
+
+def _with_plan(evidence: Evidence, robot: Robot, plan: Path) -> Evidence:
     from pumaid.files.plan import read_plan
     from pumaid.motion.planned import mark_heldout
 
-    return mark_heldout(evidence, read_plan(path, robot))
+    return mark_heldout(evidence, read_plan(plan, robot))

@@ -62,7 +62,7 @@ def command(
         document(model_document(estimate))
     if str(output) == "-":
         return
-    path = output or results_folder(results, robot) / "model.json"
+    path = output or results_folder(results, recipe, logs) / "model.json"
     write_model(path, estimate)
     if not as_json:
         table(parameter_table(estimate, robot, units))
