@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import codecs
-import csv
 import io
 import math
 import re
@@ -17,7 +16,7 @@ from numpy.typing import NDArray
 from pyarrow import csv as arrow_csv
 
 from pumaid.errors import LogError, Note, Where
-from pumaid.files.dialect import SPACES, Dialect, detect, text_of
+from pumaid.files.dialect import SPACES, Dialect, cells_of, detect, text_of
 
 #: Bytes read at a time. Small enough to be flat, large enough that a block's fixed cost (about 1 ms) does not count.
 BLOCK_BYTES = 4 << 20
@@ -67,7 +66,6 @@ class CsvSource:
 
     stream: BinaryIO
     name: str
-    block_bytes: int = BLOCK_BYTES
     dialect: Dialect = field(init=False)
     notes: list[Note] = field(init=False, default_factory=list)
     _rest: bytes = field(init=False, default=b"")
@@ -124,7 +122,7 @@ class CsvSource:
         self._rest = b""
         held_back = b""
         while True:
-            more = self.stream.read(self.block_bytes)
+            more = self.stream.read(BLOCK_BYTES)
             pending = pending + held_back + more
             # A carriage return at the end may be half of a line end.
             held_back = b"\r" if more and pending.endswith(b"\r") else b""
@@ -139,17 +137,16 @@ class CsvSource:
             self._check_line(pending)
 
     def _numbers(self, block: bytes, line: int, indices: list[int], is_last: bool) -> Chunk:
-        rows: NDArray[np.int64] | None = None
-        if b"\n\n" in block or block[:1] in b"\n#" or b"\n#" in block:
-            block, rows = _without_blanks(block, line)
-        clean = re.sub(rb"[ \t]+", b" ", re.sub(rb"(?m)^[ \t]+|[ \t]+$", b"", block)) if self._by_spaces else block
-        table = self._fast(clean, indices)
-        if table is None:
-            lines = rows if rows is not None else line + np.arange(block.count(b"\n") + 1)
-            return self._slow(clean, lines, indices, is_last)
-        if rows is None:
-            rows = line + np.arange(table.shape[1])
-        return rows[: table.shape[1]], table
+        n_lines = block.count(b"\n") + (not block.endswith(b"\n"))
+        table = None if self._by_spaces else self._fast(block, indices)
+        if table is not None and table.shape[1] == n_lines:
+            return line + np.arange(n_lines), table
+        # Some line is empty, a comment, cut, or holds what Arrow does not read.
+        block, rows = _without_blanks(block, line)
+        if self._by_spaces:
+            block = re.sub(rb"[ \t]+", b" ", re.sub(rb"(?m)^[ \t]+|[ \t]+$", b"", block))
+        table = self._fast(block, indices)
+        return self._slow(block, rows, indices, is_last) if table is None else (rows, table)
 
     @property
     def _by_spaces(self) -> bool:
@@ -178,23 +175,20 @@ class CsvSource:
 
     def _slow(self, block: bytes, lines: NDArray[np.int64], indices: list[int], is_last: bool) -> Chunk:
         """Cell by cell: reads what Arrow refuses (a plus sign), and names what cannot be read."""
-        cells = list(csv.reader(io.StringIO(text_of(block)), delimiter=self.dialect.delimiter))
         rows: list[int] = []
         values: list[list[float]] = []
         ragged: list[tuple[int, int]] = []
         bad: list[tuple[int, str, str]] = []
-        for line, row in zip(lines.tolist(), cells, strict=False):
-            if len(row) != len(self.header) and any(row[len(self.header) :] + [""] * (len(row) < len(self.header))):
-                ragged.append((line, len(row)))
-                continue
-            if len(row) < len(self.header):
+        for line, text in zip(lines.tolist(), text_of(block).split("\n"), strict=False):
+            row = cells_of(text, self.dialect.delimiter)
+            if len(row) < len(self.header) or any(row[len(self.header) :]):
                 ragged.append((line, len(row)))
                 continue
             read = [self._cell(row[index]) for index in indices]
             bad += [(line, self.header[i], row[i]) for i, value in zip(indices, read, strict=True) if value is None]
             rows.append(line)
             values.append([math.nan if value is None else value for value in read])
-        self._judge_ragged(ragged, lines[len(cells) - 1] if cells else 0, is_last)
+        self._judge_ragged(ragged, int(lines[-1]) if len(lines) else 0, is_last)
         if bad:
             raise self._not_numbers(bad)
         return np.array(rows, dtype=np.int64), np.array(values, dtype=np.float64).reshape(-1, len(indices)).T

@@ -78,12 +78,12 @@ def detect(head: bytes, name: str) -> Dialect:
     title = lines[start].lstrip("#% ") if _numeric_share(lines[start]) == 0 else lines[start]
     delimiter = given or _delimiter([title, *body])
     decimal = _decimal(body, delimiter)
-    header = _cells(title, delimiter)
+    header = cells_of(title, delimiter)
     if all(_NUMBER.fullmatch(cell) for cell in header if cell) and any(header):
         what = f"line {start + 1} of {name} holds numbers ({', '.join(header[:3])} ...), not the names of columns"
         raise LogError("no-header", what, Where(file=name, line=start + 1), "put a header line on top: t,q1,...,i1,...")
     # A delimiter at the end of each row, but not of the header, makes one nameless column more.
-    if body and all(len(_cells(line, delimiter)) == len(header) + 1 for line in body):
+    if body and all(len(cells_of(line, delimiter)) == len(header) + 1 for line in body):
         header = (*header, "")
     return Dialect(delimiter, decimal, header, start + 1)
 
@@ -119,7 +119,7 @@ def _delimiter(lines: list[str]) -> str:
     """The delimiter by which header and rows have the same number of cells, the most of them; spaces come last."""
     best = (0, 0, ",")
     for candidate in (";", "\t", "|", ",", SPACES):
-        counts = [len(_cells(line, candidate)) for line in lines]
+        counts = [len(cells_of(line, candidate)) for line in lines]
         agree = sum(abs(count - counts[0]) <= 1 for count in counts)
         if counts[0] > 1 and (agree, counts[0]) > best[:2]:
             best = (agree, counts[0], candidate)
@@ -127,12 +127,17 @@ def _delimiter(lines: list[str]) -> str:
 
 
 def _decimal(body: list[str], delimiter: str) -> str:
-    cells = [cell for line in body for cell in _cells(line, delimiter)]
+    cells = [cell for line in body for cell in cells_of(line, delimiter)]
     return "," if any(_COMMA_NUMBER.fullmatch(cell) for cell in cells) else "."
 
 
-def _cells(line: str, delimiter: str) -> tuple[str, ...]:
+def cells_of(line: str, delimiter: str) -> tuple[str, ...]:
+    """Cells of one line without quotes and spaces around."""
     if delimiter == SPACES:
         return tuple(line.split())
-    row = next(csv.reader([line.rstrip("\r\n")], delimiter=delimiter, skipinitialspace=True), [])
+    try:
+        row = next(csv.reader([line.rstrip("\r\n")], delimiter=delimiter, skipinitialspace=True), [])
+    except csv.Error:
+        # A cell of more than 128 KiB, as after a quote that is never closed.
+        row = line.split(delimiter)
     return tuple(cell.strip() for cell in row)

@@ -26,8 +26,6 @@ Floats = NDArray[np.float64]
 GROUP_ROWS = 65536
 #: Digits of a number in CSV: finer than any encoder or current sensor, half the size of all sixteen.
 DIGITS = 9
-#: s; times are written to the nanosecond.
-_TIME_STEP = 1e-9
 
 
 def write_log(path: Path, logs: Iterable[Log], robot: Robot) -> None:
@@ -83,8 +81,10 @@ def _write_csv(sink: Any, parts: Iterator[pa.Table]) -> None:
     for number, part in enumerate(parts):
         if number == 0:
             sink.write((",".join(_quoted(name) for name in part.schema.names) + "\n").encode())
-        time = np.round(part.column(0).to_numpy() / _TIME_STEP) * _TIME_STEP
-        rounded = [pa.array(_short(time, 16)), *(_nulls(_short(c.to_numpy(), DIGITS)) for c in part.columns[1:])]
+        rounded = [
+            pa.array(_to_billionths(part.column(0).to_numpy())),
+            *(_nulls(_short(c.to_numpy(), DIGITS)) for c in part.columns[1:]),
+        ]
         arrow_csv.write_csv(pa.table(rounded, names=_numbered(rounded)), sink, options)
 
 
@@ -99,6 +99,12 @@ def _numbered(columns: list[Any]) -> list[str]:
 def _nulls(values: Floats) -> pa.Array:
     """Not-a-number becomes an empty cell."""
     return pa.array(values, from_pandas=True)
+
+
+def _to_billionths(time: Floats) -> Floats:
+    """Times to the ninth decimal, where a float64 can tell that."""
+    finer = np.abs(time) < 2.0**53 / 1e9
+    return np.where(finer, np.round(np.where(finer, time, 0.0) * 1e9) / 1e9, time)
 
 
 def _short(values: Floats, digits: int) -> Floats:

@@ -34,14 +34,14 @@ class ParquetSource:
     Attributes
     ----------
     stream
-        Binary and seekable.
+        Binary and seekable; a file opened by Arrow itself is read without Python's lock.
     name
         For messages.
     notes
         Nothing so far is worth a note; the twin of the text log has them.
     """
 
-    stream: BinaryIO
+    stream: BinaryIO | pa.NativeFile
     name: str
     notes: list[Note] = field(init=False, default_factory=list)
     _file: pq.ParquetFile = field(init=False)

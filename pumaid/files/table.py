@@ -13,6 +13,8 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any, BinaryIO, cast
 
+import pyarrow as pa
+
 from pumaid.errors import LogError, Note, Where
 from pumaid.files.clean import Cleaner
 from pumaid.files.columns import resolve, without_empty
@@ -148,7 +150,7 @@ def _opened(path: Path, name: str) -> Iterator[tuple[CsvSource | ParquetSource, 
             buffered = io.BufferedReader(hashing, buffer_size=1 << 18)
             head = buffered.peek(len(MAGIC))
             if head.startswith(MAGIC):
-                yield _parquet(stream, buffered, name)
+                yield _parquet(path, stream, buffered)
             else:
                 text: Any = gzip.GzipFile(fileobj=buffered) if head.startswith(_GZIP) else buffered
                 yield CsvSource(text, name), lambda: _digest_to_end(buffered, hashing)
@@ -160,16 +162,17 @@ def _opened(path: Path, name: str) -> Iterator[tuple[CsvSource | ParquetSource, 
 
 
 def _parquet(
-    stream: BinaryIO, buffered: io.BufferedReader[_Hashing], name: str
+    path: Path, stream: BinaryIO, buffered: io.BufferedReader[_Hashing]
 ) -> tuple[ParquetSource, Callable[[], str]]:
     """From a pipe the whole file must be held: Parquet's index is at its end."""
-    if stream.seekable():
+    if path != STDIN and path.is_file():
         stream.seek(0)
         digest = hashlib.file_digest(cast(io.BufferedReader, stream), "sha256").hexdigest()
-        stream.seek(0)
-        return ParquetSource(stream, name), lambda: digest
+        return ParquetSource(pa.OSFile(str(path)), str(path)), lambda: digest
     data = buffered.read()
-    return ParquetSource(io.BytesIO(data), name), lambda: hashlib.sha256(data).hexdigest()
+    return ParquetSource(io.BytesIO(data), "<stdin>" if path == STDIN else str(path)), lambda: hashlib.sha256(
+        data
+    ).hexdigest()
 
 
 def _digest_to_end(buffered: io.BufferedReader[_Hashing], hashing: _Hashing) -> str:

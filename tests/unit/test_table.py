@@ -1,0 +1,463 @@
+"""Logs in, logs out: whatever the dialect, the cut of the batches and the faults of the recorder."""
+
+from __future__ import annotations
+
+import gzip
+import hashlib
+import io
+import sys
+from collections.abc import Iterable
+from pathlib import Path
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from pumaid.errors import LogError, ResultError
+from pumaid.files import csv_log
+from pumaid.files.table import LogReader, write_log
+from pumaid.records import Joint, Log, LogFormat, Robot
+
+
+def arm(n_joints: int = 2, *, max_velocity: float | None = 2.0, **log: object) -> Robot:
+    """Revolute joints in the default log format unless told otherwise."""
+    joints = tuple(Joint(k, f"j{k}", "revolute", alpha=0.5, max_velocity=max_velocity) for k in range(1, n_joints + 1))
+    return Robot("test arm", joints, log=LogFormat(**log))  # type: ignore[arg-type]
+
+
+def motion(n_rows: int = 200, n_joints: int = 2, *, seed: int = 1) -> Log:
+    """Slow sines with noisy currents, 100 Hz."""
+    rng = np.random.default_rng(seed)
+    time = np.round(np.arange(n_rows) * 0.01, 9)
+    phase = np.outer(time, 1.0 + np.arange(n_joints) / 3)
+    current = np.round(rng.normal(size=phase.shape), 6)
+    return Log("made", np.arange(n_rows) + 2, time, np.round(np.sin(phase), 6), np.round(np.cos(phase), 6), current)
+
+
+def text(log: Log, *, delimiter: str = ",", decimal: str = ".") -> str:
+    """The log as CSV text by plain Python, independent of the writer under test."""
+    n = log.position.shape[1]
+    names = ["t", *(f"{q}{k}" for q in ("q", "qd", "i") for k in range(1, n + 1))]
+    assert log.velocity is not None
+    table = np.column_stack([log.time, log.position, log.velocity, log.current])
+    lines = [delimiter.join(names)]
+    lines += [delimiter.join(repr(float(x)).replace(".", decimal) for x in row) for row in table]
+    return "\n".join(lines) + "\n"
+
+
+def read(paths: Iterable[Path] | Path, robot: Robot, **options: int) -> tuple[Log, LogReader]:
+    """All batches joined, and the reader with its facts and notes."""
+    reader = LogReader([paths] if isinstance(paths, Path) else paths, robot, **options)
+    return joined(list(reader)), reader
+
+
+def joined(logs: list[Log]) -> Log:
+    """One log of several."""
+    velocity = (
+        None if logs[0].velocity is None else np.concatenate([x.velocity for x in logs if x.velocity is not None])
+    )
+    return Log(
+        logs[0].origin,
+        np.concatenate([x.rows for x in logs]),
+        np.concatenate([x.time for x in logs]),
+        np.concatenate([x.position for x in logs]),
+        velocity,
+        np.concatenate([x.current for x in logs]),
+    )
+
+
+def same(one: Log, other: Log) -> bool:
+    """Bit for bit the same samples."""
+    assert one.velocity is not None and other.velocity is not None
+    pairs = [(one.time, other.time), (one.position, other.position), (one.velocity, other.velocity)]
+    pairs += [(one.current, other.current), (one.rows, other.rows)]
+    return all(np.array_equal(a, b, equal_nan=True) for a, b in pairs)
+
+
+def refusal(path: Path, content: str | bytes, robot: Robot | None = None) -> LogError:
+    """The error that a file of this content is refused with."""
+    path.write_bytes(content.encode() if isinstance(content, str) else content)
+    with pytest.raises(LogError) as caught:
+        list(LogReader([path], robot or arm()))
+    return caught.value
+
+
+DIALECTS = {
+    "plain": lambda log: text(log).encode(),
+    "semicolons": lambda log: text(log, delimiter=";").encode(),
+    "decimal commas": lambda log: text(log, delimiter=";", decimal=",").encode(),
+    "tabs": lambda log: text(log, delimiter="\t").encode(),
+    "tabs and decimal commas": lambda log: text(log, delimiter="\t", decimal=",").encode(),
+    "spaces": lambda log: text(log, delimiter="   ").encode(),
+    "space after comma": lambda log: text(log, delimiter=", ").encode(),
+    "byte order mark": lambda log: b"\xef\xbb\xbf" + text(log).encode(),
+    "utf-16": lambda log: text(log).encode("utf-16"),
+    "windows": lambda log: text(log).replace("\n", "\r\n").encode(),
+    "old mac": lambda log: text(log).replace("\n", "\r").encode(),
+    "quoted header": lambda log: text(log).replace("t,q1,q2", '"t","q1","q2"', 1).encode(),
+    "no last line end": lambda log: text(log).rstrip("\n").encode(),
+    "numpy savetxt": lambda log: b"# " + text(log).encode(),
+    "plus signs": lambda log: text(log).replace(",0.", ",+0.").encode(),
+    "trailing delimiters": lambda log: text(log).replace("\n", ",\n").replace("i2,\n", "i2\n").encode(),
+    "gzip": lambda log: gzip.compress(text(log).encode()),
+}
+
+
+@pytest.mark.parametrize("dialect", DIALECTS)
+def test_every_dialect_reads_the_same(tmp_path: Path, dialect: str) -> None:
+    """What spreadsheets, MATLAB, Windows and numpy write is read without being asked."""
+    (tmp_path / "a.csv").write_bytes(DIALECTS[dialect](motion()))
+    log, reader = read(tmp_path / "a.csv", arm())
+    assert same(log, motion()) and reader.notes == ()
+
+
+@pytest.mark.parametrize("before", ["sep=,\n", "# made by a controller\n# on Monday\n", "\n\n"])
+def test_lines_before_the_header_are_passed_over(tmp_path: Path, before: str) -> None:
+    """Excel's separator line, comments and blank lines stand on top; rows count as an editor counts them."""
+    (tmp_path / "a.csv").write_text(before + text(motion()))
+    log, _ = read(tmp_path / "a.csv", arm())
+    assert np.array_equal(log.rows, motion().rows + before.count("\n"))
+    assert np.array_equal(log.current, motion().current)
+
+
+def test_blank_and_comment_lines_inside_keep_the_row_numbers(tmp_path: Path) -> None:
+    """A row after a blank and a comment line has the number that an editor shows."""
+    lines = text(motion(5)).splitlines()
+    (tmp_path / "a.csv").write_text("\n".join([*lines[:3], "", "# pause", *lines[3:]]) + "\n\n")
+    log, _ = read(tmp_path / "a.csv", arm())
+    assert log.rows.tolist() == [2, 3, 6, 7, 8] and np.array_equal(log.current, motion(5).current)
+
+
+@settings(max_examples=25, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(batch=st.integers(1, 300), block=st.integers(1, 5000))
+def test_the_cut_of_batches_changes_nothing(tmp_path: Path, batch: int, block: int) -> None:
+    """Samples, notes and facts of a dirty file are the same for every batch and block size."""
+    path = dirty(tmp_path / "a.csv")
+    whole, reader = read(path, arm())
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(csv_log, "BLOCK_BYTES", block)
+        patch.setattr(csv_log, "HEAD_BYTES", block)
+        parts, other = read(path, arm(), batch_rows=batch)
+    assert same(whole, parts) and other.notes == reader.notes and other.files == reader.files
+    assert {note.slug for note in reader.notes} == {
+        "bad-samples",
+        "time-repeated",
+        "gaps",
+        "clock-restarts",
+        "position-wraps",
+    }
+
+
+def dirty(path: Path) -> Path:
+    """A file with a missing number, a repeated row, a gap, wraps and a second recording."""
+    if path.exists():
+        return path
+    log = motion(400)
+    log.position[:, 0] = np.remainder(np.linspace(0.0, 9.0, 400), 2 * np.pi)
+    log.time[150:] += 3.0
+    log.time[300:] -= log.time[300]
+    lines = text(log).splitlines()
+    lines[77] = lines[77].replace(lines[77].split(",")[-1], "nan")
+    lines.insert(100, lines[99])
+    path.write_text("\n".join(lines) + "\n")
+    return path
+
+
+@pytest.mark.parametrize("kind", ["float64", "float32", "int", "decimal", "text", "dictionary"])
+def test_parquet_of_any_number_type_reads_as_csv_does(tmp_path: Path, kind: str) -> None:
+    """Integers, decimals and numbers kept as text are numbers."""
+    log = motion(50)
+    names = ["t", "q1", "q2", "qd1", "qd2", "i1", "i2"]
+    assert log.velocity is not None
+    table = np.round(np.column_stack([log.time * 100, log.position, log.velocity, log.current]) * 8) / 8
+    column = {
+        "float64": lambda x: pa.array(x),
+        "float32": lambda x: pa.array(x.astype(np.float32)),
+        "int": lambda x: pa.array(np.round(x).astype(np.int32)),
+        "decimal": lambda x: pa.array(x).cast(pa.decimal128(12, 4)),
+        "text": lambda x: pa.array([f" {v}" for v in x]),
+        "dictionary": lambda x: pa.array([str(v) for v in x]).dictionary_encode(),
+    }[kind]
+    pq.write_table(pa.table([column(x) for x in table.T], names=names), tmp_path / "a.parquet")
+    expected = np.round(table) if kind == "int" else table
+    (tmp_path / "a.csv").write_text("\n".join([",".join(names), *(",".join(map(str, row)) for row in expected)]))
+    assert same(read(tmp_path / "a.parquet", arm())[0], read(tmp_path / "a.csv", arm())[0])
+
+
+def test_a_time_stamp_column_is_seconds(tmp_path: Path) -> None:
+    """Parquet's own time stamps carry their unit, whatever the recipe says."""
+    stamps = pa.array((np.arange(50) * 10_000 + 1_700_000_000_000_000).astype("datetime64[us]"))
+    columns = [stamps, pa.array(np.zeros(50)), pa.array(np.ones(50))]
+    pq.write_table(pa.table(columns, names=["t", "q1", "i1"]), tmp_path / "a.parquet")
+    log, _ = read(tmp_path / "a.parquet", arm(1))
+    assert log.time[0] == pytest.approx(1.7e9, abs=1e-3) and np.allclose(np.diff(log.time), 0.01, atol=1e-6)
+
+
+@pytest.mark.parametrize("ending", ["csv", "parquet"])
+def test_what_is_written_reads_back(tmp_path: Path, ending: str) -> None:
+    """Units, signs and names of the recipe are undone on reading."""
+    robot = arm(
+        time="Clock",
+        position="pos {joint0}",
+        velocity="v,{joint}",
+        current="I{joint}",
+        units={"time": "ms", "position": "deg", "velocity": "rpm", "current": "mA"},
+        signs={"position": (1, -1), "current": (-1, 1)},
+    )
+    write_log(tmp_path / f"a.{ending}", [motion()], robot)
+    log, _ = read(tmp_path / f"a.{ending}", robot)
+    # Nine significant digits of values up to 1, after the factor of 57.
+    for one, other in ((log.time, motion().time), (log.position, motion().position), (log.current, motion().current)):
+        assert np.allclose(one, other, rtol=0, atol=2e-8)
+
+
+def test_a_recipe_turns_units_and_signs(tmp_path: Path) -> None:
+    """Numbers by hand: 90 deg, 10 rpm and 500 mA of a joint counted the other way."""
+    (tmp_path / "a.csv").write_text("time_ms,p0,v0,c0\n0,90,10,500\n10,91,10,500\n")
+    robot = arm(
+        1,
+        time="time_ms",
+        position="p{joint0}",
+        velocity="v{joint0}",
+        current="c{joint0}",
+        units={"time": "ms", "position": "deg", "velocity": "rpm", "current": "mA"},
+        signs={"position": (-1,), "current": (-1,)},
+    )
+    log, _ = read(tmp_path / "a.csv", robot)
+    assert log.time.tolist() == [0.0, 0.01] and log.position[0, 0] == pytest.approx(-np.pi / 2, abs=1e-12)
+    assert log.velocity is not None and log.velocity[0, 0] == pytest.approx(-np.pi / 3, abs=1e-12)
+    assert log.current[0, 0] == -0.5
+
+
+@pytest.mark.parametrize("ending", ["csv", "parquet"])
+def test_the_bytes_do_not_depend_on_the_cut(tmp_path: Path, ending: str) -> None:
+    """The same samples in other batches make the same file."""
+    log = motion(3000)
+    parts = [
+        Log("p", log.rows[k : k + 7], log.time[k : k + 7], log.position[k : k + 7], None, log.current[k : k + 7])
+        for k in range(0, 3000, 7)
+    ]
+    write_log(tmp_path / f"a.{ending}", parts, arm())
+    write_log(tmp_path / f"b.{ending}", [joined(parts)], arm())
+    digests = {hashlib.sha256((tmp_path / f"{name}.{ending}").read_bytes()).hexdigest() for name in "ab"}
+    assert len(digests) == 1
+
+
+def test_a_broken_stream_writes_nothing(tmp_path: Path) -> None:
+    """Half a log is no log."""
+
+    def breaking() -> Iterable[Log]:
+        yield motion()
+        raise ValueError("out of ideas")
+
+    with pytest.raises(ValueError, match="out of ideas"):
+        write_log(tmp_path / "a.parquet", breaking(), arm())
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_an_unknown_ending_is_refused(tmp_path: Path) -> None:
+    """A log is not written in a format that could not be read again."""
+    with pytest.raises(ResultError, match=r"ends in \.xlsx") as caught:
+        write_log(tmp_path / "a.xlsx", [motion()], arm())
+    assert caught.value.slug == "unknown-ending"
+
+
+@pytest.mark.parametrize("ending", ["csv", "parquet"])
+def test_standard_input_is_read(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, ending: str) -> None:
+    """`-` takes CSV and Parquet from a pipe, with the digest of what came."""
+    write_log(tmp_path / f"a.{ending}", [motion()], arm())
+    data = (tmp_path / f"a.{ending}").read_bytes()
+    monkeypatch.setattr(sys, "stdin", io.TextIOWrapper(io.BytesIO(data)))
+    log, reader = read(Path("-"), arm())
+    assert same(log, motion())
+    assert (reader.files[0].name, reader.files[0].digest) == ("<stdin>", hashlib.sha256(data).hexdigest())
+
+
+def test_files_share_a_clock_only_where_times_follow(tmp_path: Path) -> None:
+    """The second file goes on, the third starts anew."""
+    for name, start in (("a", 0.0), ("b", 5.0), ("c", 0.0)):
+        log = motion(50)
+        log.time[:] += start
+        write_log(tmp_path / f"{name}.csv", [log], arm())
+    reader = LogReader([tmp_path / f"{name}.csv" for name in "abc"], arm())
+    assert [log.starts_clock for log in reader] == [False, False, True]
+    assert [facts.rows for facts in reader.files] == [50, 50, 50]
+    assert reader.files[1].first_time == 5.0 and reader.files[1].interval == pytest.approx(0.01)
+
+
+def test_wraps_are_unwrapped_and_nothing_else(tmp_path: Path) -> None:
+    """A joint that turns on through 2 pi comes out continuous; a true step of another joint stays."""
+    log = motion(600)
+    turning = np.linspace(0.0, 5.0, 600)
+    log.position[:, 0] = np.remainder(turning + 3.0, 2 * np.pi)
+    log.position[:, 1] = np.where(np.arange(600) < 300, 0.0, 3.0)
+    write_log(tmp_path / "a.parquet", [log], arm())
+    read_back, reader = read(tmp_path / "a.parquet", arm())
+    assert np.allclose(read_back.position[:, 0], turning + 3.0, atol=1e-12)
+    assert np.array_equal(read_back.position[:, 1], log.position[:, 1])
+    assert [(note.slug, note.where.joint) for note in reader.notes] == [("position-wraps", 1)]
+
+
+def test_flicker_at_the_wrap_is_one_position(tmp_path: Path) -> None:
+    """A held joint whose noise crosses zero does not jump by turns."""
+    log = motion(500)
+    noise = np.random.default_rng(3).normal(scale=1e-4, size=500)
+    log.position[:, 0] = np.remainder(noise, 2 * np.pi)
+    write_log(tmp_path / "a.parquet", [log], arm(max_velocity=None))
+    read_back, _ = read(tmp_path / "a.parquet", arm(max_velocity=None))
+    assert np.ptp(read_back.position[:, 0]) < 1e-3
+
+
+def test_some_bad_rows_are_left_out_and_told(tmp_path: Path) -> None:
+    """Garbage of a recorder costs its rows only; the rows are named."""
+    lines = text(motion(300)).splitlines()
+    for row, word in ((10, "1e298"), (11, ""), (12, "inf"), (13, "-1.#IND")):
+        cells = lines[row - 1].split(",")
+        lines[row - 1] = ",".join([*cells[:-1], word])
+    (tmp_path / "a.csv").write_text("\n".join(lines))
+    log, reader = read(tmp_path / "a.csv", arm())
+    assert len(log) == 296 and not set(range(10, 14)) & set(log.rows.tolist())
+    (note,) = reader.notes
+    assert note.slug == "bad-samples" and "4 of 300 rows" in note.text and "i2 in 4 (rows 10, 11, 12 ...)" in note.text
+
+
+def test_garbage_in_other_columns_never_matters(tmp_path: Path) -> None:
+    """A column of text and wild numbers beside the robot's is not even read."""
+    lines = text(motion(20)).splitlines()
+    lines = [lines[0] + ",state", *(line + word for line, word in zip(lines[1:], [",ok", ",1e298"] * 10, strict=True))]
+    (tmp_path / "a.csv").write_text("\n".join(lines))
+    log, reader = read(tmp_path / "a.csv", arm())
+    assert same(log, motion(20)) and reader.notes == ()
+
+
+def test_a_joint_without_current_is_not_a_number(tmp_path: Path) -> None:
+    """Absent or empty, the current of one joint is NaN and noted; the rows stay."""
+    for content in (
+        "t,q1,q2,i2\n0,0,0,1\n1,0,0,1\n",
+        "t,q1,q2,i1,i2\n0,0,0,,1\n1,0,0,,1\n",
+    ):
+        (tmp_path / "a.csv").write_text(content)
+        log, reader = read(tmp_path / "a.csv", arm())
+        assert np.isnan(log.current[:, 0]).all() and log.current[:, 1].tolist() == [1.0, 1.0]
+        assert [note.slug for note in reader.notes] == ["current-absent"] and "i1" in reader.notes[0].text
+
+
+def test_an_unknown_temperature_keeps_its_row(tmp_path: Path) -> None:
+    """Temperature is a help: a missing one is NaN, no row is lost."""
+    (tmp_path / "a.csv").write_text("t,q1,i1,temp1\n0,0,1,30\n1,0,1,\n")
+    (log,) = list(LogReader([tmp_path / "a.csv"], arm(1)))
+    assert log.temperature is not None and np.array_equal(log.temperature[:, 0], [30.0, np.nan], equal_nan=True)
+
+
+def test_a_cut_last_row_is_left_out(tmp_path: Path) -> None:
+    """A recorder that was switched off in the middle of a line costs that line."""
+    (tmp_path / "a.csv").write_text(text(motion(20))[:-25])
+    log, reader = read(tmp_path / "a.csv", arm())
+    assert len(log) == 19 and [note.slug for note in reader.notes] == ["last-row-cut"]
+
+
+def test_one_empty_file_among_others_is_noted(tmp_path: Path) -> None:
+    """A recording without rows stops nothing; alone it is refused."""
+    (tmp_path / "a.csv").write_text("t,q1,q2,i1,i2\n")
+    (tmp_path / "b.csv").write_text(text(motion(20)))
+    _, reader = read([tmp_path / "a.csv", tmp_path / "b.csv"], arm())
+    assert [note.slug for note in reader.notes] == ["empty-log"] and len(reader.files) == 2
+    assert refusal(tmp_path / "a.csv", "t,q1,q2,i1,i2\n").slug == "empty-log"
+
+
+def test_a_hole_in_time_is_told(tmp_path: Path) -> None:
+    """The note has the length and the place of the gap; a lost packet is no gap."""
+    log = motion(300)
+    log.time[100:] += 0.02
+    log.time[200:] += 0.5
+    (tmp_path / "a.csv").write_text(text(log))
+    _, reader = read(tmp_path / "a.csv", arm())
+    (note,) = reader.notes
+    assert note.slug == "gaps" and "0.51 s at 2.01 s" in note.text and note.where.row == 202
+
+
+REFUSED = {
+    "text in a cell": (
+        "t,q1,i1\n0,0,1\n1,x,2\n2,y,3\n",
+        "not-a-number",
+        "row 3, column q1: 'x'; row 4, column q1: 'y'",
+    ),
+    "units line": ("t,q1,i1\ns,rad,A\n0,0,1\n", "not-a-number", "row 2, column t: 's'"),
+    "dates": ("t,q1,i1\n2024-01-01 10:00:00,0,1\n", "not-a-number", "2024-01-01"),
+    "ragged row": ("t,q1,i1\n0,0,1\n1,0\n2,0,1\n", "ragged-row", "row 3 has 2"),
+    "doubled column": ("t,q1,i1,q1\n0,0,1,0\n", "column-doubled", "q1"),
+    "no header": ("0,0,1\n1,0,1\n", "no-header", "0, 0, 1"),
+    "nothing": ("", "empty-log", "no line"),
+    "time back": ("t,q1,i1\n0,0,1\n2,0,1\n1,0,1\n3,0,1\n", "time-not-rising", "from 2 s to 1 s"),
+    "time stands": ("t,q1,i1\n" + "".join(f"{k // 10},{k},1\n" for k in range(100)), "clock-too-coarse", "90 of 100"),
+    "mostly bad": (
+        "t,q1,i1\n" + "".join(f"{k},{k},{'nan' if k % 2 else 1}\n" for k in range(100)),
+        "bad-samples",
+        "50 of 100",
+    ),
+    "no current": ("t,q1,i1\n0,0,\n1,0,\n", "no-current", "i1"),
+    "nanoseconds": ("t,q1,i1\n1700000000000000000,0,1\n1700000000001000000,0,1\n", "bad-samples", "t in 2"),
+    "spreadsheet": (b"PK\x03\x04rest", "not-a-log", "spreadsheet"),
+    "binary": (b"t,q1\x00\x01", "not-a-log", "binary"),
+    "cut parquet": (b"PAR1" + bytes(100), "damaged-log", "not a whole Parquet file"),
+    "cut gzip": (gzip.compress(b"t,q1,i1\n" + b"0,0,1\n" * 9999)[:-20], "damaged-log", "not a whole gzip file"),
+}
+
+
+@pytest.mark.parametrize("case", REFUSED)
+def test_what_cannot_be_trusted_is_refused(tmp_path: Path, case: str) -> None:
+    """Every fault has its slug, its value, its place and a mend."""
+    content, slug, said = REFUSED[case]
+    error = refusal(tmp_path / "a.csv", content, arm(1))
+    assert error.slug == slug and said in error.what and error.mend
+    assert error.where.file == str(tmp_path / "a.csv")
+
+
+def test_many_bad_cells_are_counted(tmp_path: Path) -> None:
+    """Three are shown, the others counted."""
+    error = refusal(tmp_path / "a.csv", "t,q1,i1\n" + "".join(f"{k},off,1\n" for k in range(50)), arm(1))
+    assert "and 47 more" in error.what and error.where.row == 2 and error.where.column == "q1"
+
+
+def test_a_foreign_log_gets_a_block_to_paste(tmp_path: Path) -> None:
+    """Columns of a known pattern come back as the recipe's `log` block, and the block reads the file."""
+    content = "timestamp,target_q_0,actual_q_0,actual_q_1,actual_current_0,actual_current_1,actual_qd_0,actual_qd_1\n"
+    error = refusal(tmp_path / "a.csv", content + "0,9,1,2,3,4,5,6\n")
+    for line in ('time: "timestamp"', 'position: "actual_q_{joint0}"', 'current: "actual_current_{joint0}"'):
+        assert line in error.mend
+    robot = arm(2, time="timestamp", position="actual_q_{joint0}", current="actual_current_{joint0}", velocity=None)
+    assert read(tmp_path / "a.csv", robot)[0].position.tolist() == [[1.0, 2.0]]
+
+
+def test_a_misspelt_column_gets_its_neighbour(tmp_path: Path) -> None:
+    """One wrong name answers with the nearest right one."""
+    error = refusal(tmp_path / "a.csv", "t,q1,Q2,i1,i2\n0,0,0,0,0\n")
+    assert error.slug == "column-missing" and "the nearest to q2 is Q2" in error.mend
+
+
+def test_more_joints_than_the_recipe_are_noted(tmp_path: Path) -> None:
+    """A log of a longer arm is read, with a doubt."""
+    (tmp_path / "a.csv").write_text(text(motion(20, 3)))
+    _, reader = read(tmp_path / "a.csv", arm(2))
+    assert [note.slug for note in reader.notes] == ["more-joints"] and "q3, i3" in reader.notes[0].text
+
+
+def test_a_second_recording_in_a_file_starts_a_clock(tmp_path: Path) -> None:
+    """Time that goes back to its start and then rises on is another recording, not a fault."""
+    log = motion(200)
+    log.time[120:] -= log.time[120]
+    (tmp_path / "a.csv").write_text(text(log))
+    logs = list(reader := LogReader([tmp_path / "a.csv"], arm()))
+    assert [(len(part), part.starts_clock) for part in logs] == [(120, False), (80, True)]
+    assert [note.slug for note in reader.notes] == ["clock-restarts"]
+
+
+def test_notes_that_files_share_are_told_once(tmp_path: Path) -> None:
+    """Twenty files without a current are one note, not twenty."""
+    for k in range(20):
+        (tmp_path / f"{k}.csv").write_text("t,q1,q2,i2\n0,0,0,1\n1,0,0,1\n")
+    _, reader = read(sorted(tmp_path.iterdir()), arm())
+    assert len(reader.notes) == 1 and "the same in 19 more files" in reader.notes[0].text
