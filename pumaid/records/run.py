@@ -85,6 +85,8 @@ class Run:
         Number of the recording: runs with the same number share one clock.
     heldout
         Whether the plan keeps this run for judging only.
+    last_origin
+        File of `last_row` where a run goes on into another file, else empty.
     """
 
     joint: int
@@ -103,6 +105,7 @@ class Run:
     cells: Cells
     clock: int = 0
     heldout: bool = False
+    last_origin: str = ""
 
     @property
     def samples(self) -> int:
@@ -120,7 +123,8 @@ class Reject:
     """A stretch of a log that is no run, with the reason.
 
     `reason` is a slug (``ramp``, ``rest``, ``several-joints`` ...), `text` a sentence with the figures; `joints` those
-    that moved. `cells` are kept where something moved, so that a model can be compared there too.
+    that moved. `cells` are kept where something moved, so that a model can be compared there too. `last_origin` is the file
+    of `last_row` where that is another one, else empty.
     """
 
     origin: str
@@ -133,6 +137,7 @@ class Reject:
     text: str
     samples: int
     cells: Cells | None = None
+    last_origin: str = ""
 
 
 @dataclass(frozen=True, slots=True)

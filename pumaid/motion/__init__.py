@@ -1,0 +1,1 @@
+"""What moved in a log: from samples to runs."""

@@ -1,0 +1,149 @@
+"""The bounded stretch of samples that is looked at at a time, gathered from batches of any size."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pumaid.records import Log
+
+Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
+
+#: Numbers beyond it (rad, m, A) are garbage of a logger, not measurements.
+LARGEST = 1e6
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Block:
+    """N consecutive samples of one recording.
+
+    Attributes
+    ----------
+    origins
+        Names of the files; `file` (N,) points into it.
+    rows, time, position, current, temperature
+        As in `Log`; temperature (N, J) is NaN where not measured.
+    clock
+        Number of the recording.
+    lead
+        Samples at the front that were accounted for already; they are here as context.
+    begins, ends
+        Whether the recording begins and ends with it.
+    """
+
+    origins: tuple[str, ...]
+    file: NDArray[np.int32]
+    rows: Ints
+    time: Floats
+    position: Floats
+    current: Floats
+    temperature: Floats | None
+    clock: int
+    lead: int
+    begins: bool
+    ends: bool
+
+    def __len__(self) -> int:
+        return len(self.time)
+
+
+class Buffer:
+    """Samples of one recording that are not reduced yet, whatever batches they came in."""
+
+    def __init__(self, clock: int) -> None:
+        self.clock = clock
+        self.lead = 0
+        self._begun = False
+        self._parts: list[Log] = []
+        self._size = 0
+
+    def __len__(self) -> int:
+        return self._size
+
+    def add(self, log: Log) -> None:
+        """Append a batch."""
+        if len(log):
+            self._parts.append(log)
+            self._size += len(log)
+
+    def block(self, size: int, ends: bool) -> Block:
+        """The first `size` samples as one block."""
+        self._parts = [_joined(group) for group in _by_origin(self._parts)]
+        parts, missing = [], size
+        for part in self._parts:
+            if missing > 0:
+                parts.append(_cut(part, 0, missing))
+                missing -= len(part)
+        file = np.repeat(np.arange(len(parts), dtype=np.int32), [len(part) for part in parts])
+        has_temperature = any(part.temperature is not None for part in parts)
+        return Block(
+            origins=tuple(part.origin for part in parts),
+            file=file,
+            rows=np.concatenate([part.rows for part in parts]),
+            time=np.concatenate([part.time for part in parts]),
+            position=np.concatenate([part.position for part in parts]),
+            current=np.concatenate([part.current for part in parts]),
+            temperature=np.concatenate([_temperature(part) for part in parts]) if has_temperature else None,
+            clock=self.clock,
+            lead=self.lead,
+            begins=not self._begun,
+            ends=ends,
+        )
+
+    def drop(self, count: int, lead: int) -> None:
+        """Forget the first `count` samples; the next block starts with `lead` samples that are context."""
+        kept = []
+        for part in self._parts:
+            if count < len(part):
+                kept.append(_cut(part, count, len(part)))
+            count = max(0, count - len(part))
+        self._parts = kept
+        self._size = sum(len(part) for part in kept)
+        self.lead = lead
+        self._begun = True
+
+
+def _by_origin(parts: Iterable[Log]) -> Iterator[list[Log]]:
+    group: list[Log] = []
+    for part in parts:
+        if group and part.origin != group[0].origin:
+            yield group
+            group = []
+        group.append(part)
+    if group:
+        yield group
+
+
+def _joined(group: list[Log]) -> Log:
+    if len(group) == 1:
+        return group[0]
+    has_temperature = any(part.temperature is not None for part in group)
+    return Log(
+        origin=group[0].origin,
+        rows=np.concatenate([part.rows for part in group]),
+        time=np.concatenate([part.time for part in group]),
+        position=np.concatenate([part.position for part in group]),
+        velocity=None,
+        current=np.concatenate([part.current for part in group]),
+        temperature=np.concatenate([_temperature(part) for part in group]) if has_temperature else None,
+    )
+
+
+def _cut(log: Log, start: int, stop: int) -> Log:
+    return Log(
+        origin=log.origin,
+        rows=log.rows[start:stop],
+        time=log.time[start:stop],
+        position=log.position[start:stop],
+        velocity=None,
+        current=log.current[start:stop],
+        temperature=None if log.temperature is None else log.temperature[start:stop],
+    )
+
+
+def _temperature(log: Log) -> Floats:
+    return np.full(log.position.shape, np.nan) if log.temperature is None else log.temperature

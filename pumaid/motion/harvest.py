@@ -1,0 +1,200 @@
+"""Runs and leftovers of one block after the other, joined where a stretch goes on across blocks."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pumaid.maths.triangle import Triangle
+from pumaid.motion.block import Block
+from pumaid.motion.cutting import Piece, Whole
+from pumaid.motion.options import CONSTANT, SegmentOptions
+from pumaid.motion.reasons import Leftover
+from pumaid.motion.reduce import cells, coarser, triangle, usable
+from pumaid.motion.speed import slopes
+from pumaid.records import Cells, Reject, Robot, Run
+
+Floats = NDArray[np.float64]
+
+#: Ticks on either side of a straight line through a run's own ticks.
+HALF = 2
+
+
+class Harvest:
+    """What the segmentation has found so far; a few numbers a run, whatever the logs' length."""
+
+    def __init__(self, robot: Robot, options: SegmentOptions) -> None:
+        self.robot, self.options = robot, options
+        self._runs: list[Run] = []
+        self._left: list[Leftover] = []
+        self._open: list[Run] = []
+        self._last: Leftover | None = None
+
+    def add(self, block: Block, whole: Whole | None, piece: Piece, *, goes_on: bool) -> None:
+        """Reduce a piece; one that `goes_on` is joined with the next block's first."""
+        if not piece.kind or whole is None:
+            self._leave(self._leftover(block, whole, piece))
+            return
+        samples = usable(block, piece)
+        missing = piece.stop - piece.start - len(samples)
+        if missing:
+            lost = Piece(piece.start, piece.stop, piece.joints, reason="no-current")
+            self._leave(replace(self._leftover(block, whole, lost), samples=missing))
+        if not len(samples):
+            return
+        run = self._run(block, whole, piece, samples)
+        if self._open and not _continues(self._open[-1], run, self.options):
+            self._close()
+        self._open.append(run)
+        self._last = None
+        if not goes_on:
+            self._close()
+
+    def finish(self) -> tuple[tuple[Run, ...], tuple[Reject, ...]]:
+        """Runs and rejects in order of clock and time."""
+        self._close()
+        left = sorted(self._left, key=lambda item: (item.clock, item.start, item.first_row))
+        return tuple(self._runs), tuple(item.reject(self.robot, self.options) for item in left)
+
+    def _leave(self, leftover: Leftover) -> None:
+        self._close()
+        last = self._last
+        if last is not None and (last.reason, last.clock) == (leftover.reason, leftover.clock):
+            self._left[-1] = last.joined(leftover, self.options)
+        else:
+            self._left.append(leftover)
+        self._last = self._left[-1]
+
+    def _close(self) -> None:
+        if self._open:
+            self._runs.append(_joined(self._open, self.options))
+        self._open = []
+
+    def _leftover(self, block: Block, whole: Whole | None, piece: Piece) -> Leftover:
+        first, last = piece.start, piece.stop - 1
+        parts: tuple[Cells, ...] = ()
+        if piece.joints and whole is not None:
+            rate = (whole.ticks.time, whole.motion.velocity)
+            samples = np.arange(piece.start, piece.stop)
+            parts = (cells(block, piece, rate, samples=samples, most=self.options.reject_cells),)
+        return Leftover(
+            origin=block.origins[block.file[first]],
+            last_origin=block.origins[block.file[last]],
+            first_row=int(block.rows[first]),
+            last_row=int(block.rows[last]),
+            start=float(block.time[first]),
+            end=float(block.time[last]),
+            samples=piece.stop - piece.start,
+            joints=piece.joints,
+            reason=piece.reason,
+            figure=piece.figure,
+            clock=block.clock,
+            cells=parts,
+        )
+
+    def _run(self, block: Block, whole: Whole, piece: Piece, samples: NDArray[np.int64]) -> Run:
+        joint = piece.joints[0]
+        first, last = int(samples[0]), int(samples[-1])
+        rate = _rate(whole, piece)
+        inside = cells(block, piece, rate, samples=samples, most=self.options.max_cells)
+        posture = np.average(inside.position, axis=0, weights=inside.count)
+        posture[joint - 1] = np.nan
+        position = block.position[piece.start : piece.stop, joint - 1]
+        line = _line(block.time[piece.start : piece.stop], position)
+        own = rate[1][:, joint - 1] if piece.course is None else piece.course.velocity
+        return Run(
+            joint=joint,
+            kind=piece.kind,
+            origin=block.origins[block.file[first]],
+            last_origin="" if block.file[first] == block.file[last] else block.origins[block.file[last]],
+            first_row=int(block.rows[first]),
+            last_row=int(block.rows[last]),
+            start=float(block.time[first]),
+            duration=float(block.time[last] - block.time[first]),
+            posture=posture,
+            span=_ends(position),
+            speed=line if piece.kind == CONSTANT else _secant(block.time[piece.start : piece.stop], position),
+            ripple=float(np.std(own)),
+            temperature=_warmth(inside),
+            triangle=triangle(block, piece, self.robot, samples=samples),
+            cells=inside,
+            clock=block.clock,
+        )
+
+
+def _rate(whole: Whole, piece: Piece) -> tuple[Floats, Floats]:
+    """Times and velocities of all joints at the ticks of a run, the moving joint's from inside the run only."""
+    ticks, joint = whole.ticks, piece.joints[0]
+    edges = ticks.edges + whole.start
+    low = int(np.searchsorted(edges, piece.start))
+    high = int(np.searchsorted(edges, piece.stop, side="right")) - 1
+    if piece.course is not None or high - low < 3:
+        middle = max(0, min(low, len(ticks) - 1))
+        low, high = max(0, middle - 1), min(len(ticks), max(high, middle) + 1)
+        velocity = whole.motion.velocity[low:high].copy()
+        if piece.course is None:
+            velocity[:, joint - 1] = piece.figure
+        return ticks.time[low:high], velocity
+    velocity = whole.motion.velocity[low:high].copy()
+    velocity[:, joint - 1] = slopes(ticks.time[low:high], ticks.position[low:high, joint - 1], HALF)
+    return ticks.time[low:high], velocity
+
+
+def _line(time: Floats, position: Floats) -> float:
+    """Slope of the straight line through all samples, per s."""
+    t = time - time.mean()
+    spread = float(t @ t)
+    return float(t @ (position - position.mean())) / spread if spread > 0 else 0.0
+
+
+def _secant(time: Floats, position: Floats) -> float:
+    return float((position[-1] - position[0]) / max(time[-1] - time[0], 1e-12))
+
+
+def _ends(position: Floats) -> tuple[float, float]:
+    return float(position[0]), float(position[-1])
+
+
+def _warmth(inside: Cells) -> float:
+    known = np.isfinite(inside.temperature)
+    if not known.any():
+        return math.nan
+    return float(np.average(inside.temperature[known], weights=inside.count[known]))
+
+
+def _continues(run: Run, following: Run, options: SegmentOptions) -> bool:
+    """Whether two consecutive pieces are one run."""
+    same = (run.joint, run.kind, run.direction, run.clock) == (
+        following.joint,
+        following.kind,
+        following.direction,
+        following.clock,
+    )
+    close = abs(run.speed - following.speed) <= 2 * options.speed_tolerance * abs(run.speed)
+    return same and (close or run.kind != CONSTANT)
+
+
+def _joined(parts: list[Run], options: SegmentOptions) -> Run:
+    if len(parts) == 1:
+        return parts[0]
+    first, last = parts[0], parts[-1]
+    weights = np.array([part.samples for part in parts], dtype=float)
+    speed = float(np.average([part.speed for part in parts], weights=weights))
+    ripple = np.average([part.ripple**2 + (part.speed - speed) ** 2 for part in parts], weights=weights)
+    inside = coarser([part.cells for part in parts], options.max_cells, joint=first.joint)
+    return replace(
+        first,
+        last_row=last.last_row,
+        last_origin=(last.last_origin or last.origin) if (last.last_origin or last.origin) != first.origin else "",
+        duration=last.start + last.duration - first.start,
+        posture=np.average([part.posture for part in parts], axis=0, weights=weights),
+        span=(first.span[0], last.span[1]),
+        speed=speed,
+        ripple=math.sqrt(float(ripple)),
+        temperature=_warmth(inside),
+        triangle=Triangle.merge(part.triangle for part in parts),
+        cells=inside,
+    )

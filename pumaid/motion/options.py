@@ -1,0 +1,88 @@
+"""What counts as a run: every threshold of the segmentation, with its unit and its reason."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields
+
+from pumaid.errors import PumaidError, Where
+
+#: Words for `SegmentOptions.kinds`.
+CONSTANT, STROKE, BOTH = "constant", "stroke", "both"
+
+
+@dataclass(frozen=True, slots=True)
+class SegmentOptions:
+    """Thresholds of the segmentation.
+
+    Speeds and lengths are in the joint's own unit: rad for a revolute joint, m for a prismatic one.
+
+    Attributes
+    ----------
+    kinds
+        ``"constant"``: only stretches at constant speed; ``"stroke"``: only movements from rest to rest;
+        ``"both"``: strokes where the constant part of a movement is too small a share of it.
+    min_duration
+        Shortest stretch at constant speed (s); motor currents are correlated over tens of milliseconds, so a shorter
+        one holds only a few independent values.
+    min_travel
+        Shortest way of a run (rad or m); over less, gravity's sine and cosine cannot be told from a constant.
+    min_samples
+        Fewest samples of a run.
+    speed_tolerance
+        Largest departure of the smoothed speed from its level, as a share of the level; at 0.03 the top of a sinusoid
+        is a third of its way, below `plateau_share`, so a sinusoid is never taken for a constant speed.
+    plateau_share
+        Share of a movement's way below which its constant part does not represent it, so that it becomes a stroke.
+    held_share
+        Speed of a held joint, as a share of the moving joint's, up to which it counts as held.
+    held_drift
+        Largest way of a held joint during one run (rad or m); 0.02 rad change a gravity load by 2 % at most.
+    rest_speed
+        Speed below which a joint is at rest (rad/s or m/s).
+    low_speed_share
+        A stroke starts and ends where the speed passes this share of its peak: below, friction is not yet sliding.
+    max_cells
+        Most cells that a run is reduced to.
+    reject_cells
+        Most cells kept of a stretch that is left out.
+    window
+        Samples held in memory at a time; a longer movement is reduced in pieces that are merged.
+    """
+
+    kinds: str = BOTH
+    min_duration: float = 0.2
+    min_travel: float = 0.02
+    min_samples: int = 12
+    speed_tolerance: float = 0.03
+    plateau_share: float = 0.4
+    held_share: float = 0.02
+    held_drift: float = 0.02
+    rest_speed: float = 0.003
+    low_speed_share: float = 0.05
+    max_cells: int = 512
+    reject_cells: int = 64
+    window: int = 262_144
+
+    def __post_init__(self) -> None:
+        if self.kinds not in (CONSTANT, STROKE, BOTH):
+            self._refuse("kinds", f"one of {CONSTANT}, {STROKE}, {BOTH}")
+        for item in fields(self):
+            value = getattr(self, item.name)
+            if item.name != "kinds" and not value > 0:
+                self._refuse(item.name, "above 0")
+        for name in ("speed_tolerance", "plateau_share", "held_share", "low_speed_share"):
+            if getattr(self, name) >= 1:
+                self._refuse(name, "a share, below 1")
+        if self.window < MIN_WINDOW:
+            self._refuse("window", f"at least {MIN_WINDOW} samples")
+
+    def _refuse(self, name: str, wanted: str) -> None:
+        value = getattr(self, name)
+        raise PumaidError("bad-option", f"{name} is {value!r}", Where(field=name), f"give {wanted}")
+
+
+#: Samples; below it the overlap of two windows would be most of a window.
+MIN_WINDOW = 2048
+
+#: All defaults.
+DEFAULTS = SegmentOptions()

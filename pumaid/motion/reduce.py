@@ -1,0 +1,117 @@
+"""Samples of a piece reduced to a triangle and to cells."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pumaid.maths.triangle import Triangle
+from pumaid.motion.block import LARGEST, Block
+from pumaid.motion.cutting import Piece
+from pumaid.motion.options import CONSTANT
+from pumaid.records import CONSTANT_COLUMNS, STROKE_COLUMNS, Cells, Robot
+
+Floats = NDArray[np.float64]
+
+
+def usable(block: Block, piece: Piece) -> NDArray[np.int64]:
+    """Indices of the piece's samples whose own current is a number."""
+    current = block.current[piece.start : piece.stop, piece.joints[0] - 1]
+    return piece.start + np.flatnonzero(np.abs(current) < LARGEST)
+
+
+def triangle(block: Block, piece: Piece, robot: Robot, *, samples: NDArray[np.int64]) -> Triangle:
+    """The run's triangle over the columns that its kind has."""
+    joint = piece.joints[0]
+    position, current = block.position[samples, joint - 1], block.current[samples, joint - 1]
+    columns = np.zeros((len(samples), 3 if piece.kind == CONSTANT else 5))
+    if robot.joint(joint).is_revolute:
+        columns[:, 0], columns[:, 1] = np.cos(position), np.sin(position)
+    columns[:, 2] = 1.0
+    if piece.course is None:
+        return Triangle.of(CONSTANT_COLUMNS, columns, current)
+    columns[:, 3] = piece.course.velocity[samples - piece.start]
+    columns[:, 4] = piece.course.acceleration[samples - piece.start]
+    return Triangle.of(STROKE_COLUMNS, columns, current)
+
+
+def cells(block: Block, piece: Piece, rate: tuple[Floats, Floats], *, samples: NDArray[np.int64], most: int) -> Cells:
+    """Means over at most `most` equal spans of time.
+
+    Parameters
+    ----------
+    block, piece
+        The samples.
+    rate
+        (K,) times and (K, J) velocities of all joints to interpolate.
+    samples
+        Indices of the samples to use, rising, at least one.
+    most
+        Cells at most.
+    """
+    own = piece.joints[0] - 1
+    time = block.time[samples]
+    number = min(most, len(samples))
+    borders = np.linspace(time[0], time[-1], number + 1)[:-1]
+    starts = np.unique(np.searchsorted(time, borders))
+    count = np.diff(np.append(starts, len(samples)))
+    middle = time[0] + np.add.reduceat(time - time[0], starts) / count
+    current = _means(block.current[samples], starts)
+    spread = np.nan_to_num(block.current[samples, own] - np.repeat(current[:, own], count))
+    velocity = np.column_stack([np.interp(middle, rate[0], column) for column in rate[1].T])
+    acceleration = np.zeros(len(starts))
+    if piece.course is not None:
+        at = samples - piece.start
+        velocity[:, own] = np.add.reduceat(piece.course.velocity[at], starts) / count
+        acceleration = np.add.reduceat(piece.course.acceleration[at], starts) / count
+    warmth = np.full(len(samples), np.nan) if block.temperature is None else block.temperature[samples, own]
+    return Cells(
+        count=count.astype(np.int64),
+        time=middle,
+        position=_means(block.position[samples], starts),
+        velocity=velocity,
+        acceleration=acceleration,
+        current=current,
+        variance=np.add.reduceat(spread * spread, starts) / count,
+        temperature=_means(warmth[:, None], starts)[:, 0],
+    )
+
+
+def _means(values: Floats, starts: NDArray[np.int64]) -> Floats:
+    """(M, J) means between `starts`, of the numbers only; NaN where there are none."""
+    good = np.abs(values) < LARGEST
+    if good.all():
+        count = np.diff(np.append(starts, len(values)))[:, None]
+        return np.add.reduceat(values - values[0], starts, axis=0) / count + values[0]
+    count = np.add.reduceat(good.astype(float), starts, axis=0)
+    total = np.add.reduceat(np.where(good, values, 0.0), starts, axis=0)
+    return np.divide(total, count, out=np.full(total.shape, np.nan), where=count > 0)
+
+
+def coarser(parts: list[Cells], most: int, *, joint: int) -> Cells:
+    """The cells of consecutive pieces, in which `joint` (from 1) moves, as one set of at most `most`."""
+    joined = [np.concatenate([getattr(part, name) for part in parts]) for name in Cells.__dataclass_fields__]
+    count, time, position, velocity, acceleration, current, variance, temperature = joined
+    if len(count) <= most:
+        return Cells(count, time, position, velocity, acceleration, current, variance, temperature)
+    borders = np.linspace(time[0], time[-1], most + 1)[:-1]
+    starts = np.unique(np.searchsorted(time, borders))
+    total = np.add.reduceat(count, starts)
+
+    def mean(values: Floats) -> Floats:
+        weight = count if values.ndim == 1 else count[:, None]
+        sums = np.add.reduceat(values * weight, starts, axis=0)
+        return np.asarray(sums / (total if values.ndim == 1 else total[:, None]))
+
+    own, middle = current[:, joint - 1], mean(current)
+    between = own - np.repeat(middle[:, joint - 1], np.diff(np.append(starts, len(count))))
+    return Cells(
+        count=total,
+        time=mean(time),
+        position=mean(position),
+        velocity=mean(velocity),
+        acceleration=mean(acceleration),
+        current=middle,
+        variance=mean(variance + between * between),
+        temperature=mean(temperature),
+    )
