@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
+from pumaid.errors import Note
+
 
 @dataclass(frozen=True, slots=True)
 class Motion:
@@ -47,6 +49,7 @@ class Plan:
 
     `expected` maps a parameter's name to its predicted standard error (SI), absent where the plan cannot show it;
     `unseen` maps a parameter's name to why no run of this plan shows it; `duration` is in s, moves between included.
+    `assumptions` are the sentences on which the forecast rests, `notes` what the user should know before running it.
     """
 
     robot: str
@@ -56,3 +59,5 @@ class Plan:
     unseen: dict[str, str] = field(default_factory=dict)
     duration: float = 0.0
     seed: int = 0
+    assumptions: tuple[str, ...] = ()
+    notes: tuple[Note, ...] = ()

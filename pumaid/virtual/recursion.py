@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from pumaid.maths.frames import axes, link_rotation
+from pumaid.maths.frames import link_rotation
 from pumaid.records import Robot
 from pumaid.virtual.links import Links
 
@@ -66,6 +66,30 @@ def constants(robot: Robot, links: Links, gain: Floats) -> Constants:
     return Constants(gain * k[:, 0], gain * k[:, 1], gain * outer_mass, gain[:-1] / gain[1:])
 
 
+@dataclass(frozen=True, eq=False, slots=True)
+class Geometry:
+    """What the recursion needs of N postures: gravity in every link's frame, turns between frames, displacements d.
+
+    `gravity` (N, J, 3) m/s2; `turns` J arrays (N, 3, 3), from frame i into frame i-1; `displacements` (N, J) m.
+    """
+
+    gravity: Floats
+    turns: tuple[Floats, ...]
+    displacements: Floats
+
+    @classmethod
+    def of(cls, robot: Robot, position: Floats) -> Geometry:
+        """At `position` (N, J), rad or m."""
+        angles = robot.dh_angles(position)
+        turns = tuple(link_rotation(joint.alpha, angles[:, i]) for i, joint in enumerate(robot.joints))
+        here = np.broadcast_to(np.asarray(robot.gravity, dtype=float), (len(angles), 3))
+        gravity = []
+        for turn in turns:
+            here = np.einsum("nab,na->nb", turn, here)
+            gravity.append(here)
+        return cls(np.stack(gravity, axis=1), turns, robot.dh_displacements(position))
+
+
 def gravity_current(robot: Robot, known: Constants, position: Floats) -> Floats:
     """Current that carries the weight, by (11) and (23)-(25), from the tip inward.
 
@@ -83,10 +107,13 @@ def gravity_current(robot: Robot, known: Constants, position: Floats) -> Floats:
     current
         (N, J) A.
     """
-    angles, displacements = robot.dh_angles(position), robot.dh_displacements(position)
-    gravity = axes(robot.alphas, angles).transpose(0, 1, 3, 2) @ np.asarray(robot.gravity, dtype=float)
-    samples, n = angles.shape
-    current, varying = np.zeros((samples, n)), np.zeros((samples, 3))
+    return carried(robot, known, Geometry.of(robot, position))
+
+
+def carried(robot: Robot, known: Constants, geometry: Geometry) -> Floats:
+    """`gravity_current` where the geometry is known already: (N, J) A."""
+    gravity, n = geometry.gravity, robot.n_joints
+    current, varying = np.zeros(gravity.shape[:2]), np.zeros((len(gravity), 3))
     for i in range(n - 1, -1, -1):
         # varying holds l*_i = eta_{i+1} l_i here, so that (eta_i / eta_{i+1}) l*_i is in amperes of joint i.
         ratio = known.ratio[i] if i < n - 1 else 0.0
@@ -97,7 +124,7 @@ def gravity_current(robot: Robot, known: Constants, position: Floats) -> Floats:
             seen = ratio * varying + np.array([known.x[i], known.y[i], 0.0])
         else:
             current[:, i] = -gravity[:, i, 2] * known.mass[i]
-            seen = ratio * varying + known.mass[i] * displacements[:, i, None] * np.array([0.0, 0.0, 1.0])
-        turn = link_rotation(robot.joints[i].alpha, angles[:, i])
-        varying = np.einsum("nab,nb->na", turn, seen)
+            seen = ratio * varying
+            seen[:, 2] += known.mass[i] * geometry.displacements[:, i]
+        varying = np.einsum("nab,nb->na", geometry.turns[i], seen)
     return current
