@@ -81,7 +81,7 @@ class LogFormat:
     def column(self, quantity: str, joint: int) -> str | None:
         """The file's column for `quantity` of joint `joint` (from 1), or none if the format has no such quantity."""
         template = getattr(self, quantity)
-        name = self.names[joint - 1] if self.names else f"joint{joint}"
+        name = self.names[joint - 1] if joint <= len(self.names) else f"joint{joint}"
         return None if template is None else str(template).format(joint=joint, joint0=joint - 1, name=name)
 
 
