@@ -11,9 +11,6 @@ from pumaid.cli.progress import progress
 if TYPE_CHECKING:
     from pumaid.records import Evidence, Robot
 
-#: The plan's name in an experiment folder; its held-out runs are kept from fitting.
-PLAN_NAME = "plan.yaml"
-
 
 def read_robot(recipe: Path | None, logs: Sequence[str] = ()) -> Robot:
     """The arm of some logs.
@@ -53,8 +50,7 @@ def read_evidence(logs: Sequence[str], recipe: Path | None) -> tuple[Robot, Evid
     reader = LogReader(expand(logs), robot)
     with progress("reading logs") as step:
         evidence = segment(reader, robot, progress=lambda rows: step(rows, f"{rows:,} rows"))
-    plan = experiment_folder(recipe, logs) / PLAN_NAME
-    return robot, _with_plan(evidence, robot, plan) if plan.is_file() else evidence
+    return robot, _with_plan(evidence, robot, experiment_folder(recipe, logs))
 
 
 def experiment_folder(recipe: Path | None, logs: Sequence[str] = ()) -> Path:
@@ -97,8 +93,12 @@ def _recipe_path(recipe: Path | None, logs: Sequence[str]) -> Path:
     return find_recipe(recipe, [Path(log) for log in logs])
 
 
-def _with_plan(evidence: Evidence, robot: Robot, plan: Path) -> Evidence:
-    from pumaid.files.plan import read_plan
+def _with_plan(evidence: Evidence, robot: Robot, folder: Path) -> Evidence:
+    from pumaid.files.plan import find_plan, read_plan
+
+    path = find_plan([folder])
+    if path is None:
+        return evidence
     from pumaid.motion.planned import mark_heldout
 
-    return mark_heldout(evidence, read_plan(plan, robot))
+    return mark_heldout(evidence, read_plan(path, robot))

@@ -1,0 +1,157 @@
+"""``pumaid identify`` on a small experiment: what it prints, writes and refuses."""
+
+from __future__ import annotations
+
+import json
+import shutil
+from dataclasses import replace
+from itertools import groupby
+from pathlib import Path
+
+import pytest
+from click.testing import CliRunner, Result
+
+import pumaid
+from pumaid.cli import group
+from pumaid.files.log_writer import write_log
+from pumaid.files.recipe import shipped_recipes
+from pumaid.records import Plan
+from pumaid.virtual.draw import draw
+
+
+@pytest.fixture(scope="module")
+def experiment(tmp_path_factory) -> Path:
+    """A two-link pendulum's recipe and logs, as a user would have them; the plan is simulated with seed 3."""
+    folder = tmp_path_factory.mktemp("arm")
+    shutil.copy(shipped_recipes()["pendulum2"], folder / "recipe.yaml")
+    robot = pumaid.read_recipe(folder / "recipe.yaml")
+    plan: Plan = pumaid.plan(robot, minutes=5, seed=3)
+    for origin, logs in groupby(pumaid.simulate(robot, plan, seed=3, rate=100.0), key=lambda log: log.origin):
+        write_log(folder / "logs" / f"{origin}.csv", logs, robot)
+    return folder
+
+
+@pytest.fixture
+def arm(experiment, tmp_path, monkeypatch) -> Path:
+    """A copy of the experiment, which is the working folder."""
+    shutil.copytree(experiment, tmp_path / "arm")
+    monkeypatch.chdir(tmp_path / "arm")
+    return tmp_path / "arm"
+
+
+def identify(*arguments: str, **keywords: object) -> Result:
+    """Run ``pumaid identify``."""
+    return CliRunner().invoke(group, ["identify", *arguments], **keywords)
+
+
+def test_prints_the_table_and_writes_the_model(arm):
+    """The table is on standard output, the model beside the recipe, and where it went on standard error."""
+    done = identify("logs")
+    assert done.exit_code == 0, done.stderr
+    assert "two-link pendulum" in done.stdout and "±" in done.stdout
+    assert done.stderr.splitlines()[-1] == "model written to results/model.json"
+    assert pumaid.read_model(arm / "results" / "model.json").robot == "two-link pendulum"
+
+
+def test_json_is_the_model_file(arm):
+    """``--json`` prints the same document that is written, and nothing else on standard output."""
+    done = identify("logs", "--json")
+    assert json.loads(done.stdout) == json.loads((arm / "results" / "model.json").read_text(encoding="utf-8"))
+
+
+def test_result_is_the_librarys(arm):
+    """The command adds nothing to what the library finds."""
+    identify("logs")
+    robot = pumaid.read_recipe(arm / "recipe.yaml")
+    logs = pumaid.LogReader(sorted((arm / "logs").iterdir()), robot)
+    own = pumaid.identify(pumaid.segment(logs, robot), robot)
+    assert pumaid.read_model(arm / "results" / "model.json").values == own.values
+
+
+def test_truth_is_inside_the_intervals(arm):
+    """Identified values agree with the virtual arm's own within five standard errors: none is grossly off."""
+    identify("logs")
+    estimate = pumaid.read_model(arm / "results" / "model.json")
+    robot = pumaid.read_recipe(arm / "recipe.yaml")
+    truth = draw(robot, 3).parameters()
+    told = [value for value in estimate.values if value.name in truth]
+    assert len(told) >= 10
+    assert [v.name for v in told if abs(v.value - truth[v.name]) > 5 * v.std_error] == []
+
+
+def test_standard_input_and_output(arm):
+    """A log from a pipe becomes a model in a pipe; no file is written."""
+    text = (arm / "logs" / "session_01.csv").read_text(encoding="utf-8")
+    done = identify("-", "-o", "-", input=text)
+    assert done.exit_code == 0, done.stderr
+    assert json.loads(done.stdout)["kind"] == "model"
+    assert not (arm / "results").exists()
+
+
+@pytest.mark.parametrize(
+    ("options", "path"),
+    [(("-o", "first.json"), "first.json"), (("--results", "out"), "out/model.json"), ((), "results/model.json")],
+)
+def test_model_goes_where_it_is_told(arm, options, path):
+    """``-o`` names the file, ``--results`` the folder, else it is results/ beside the recipe."""
+    identify("logs", *options)
+    assert [str(found.relative_to(arm)) for found in arm.rglob("*.json")] == [path]
+
+
+def test_results_go_beside_the_recipe_from_anywhere(arm, tmp_path, monkeypatch):
+    """The working folder does not matter where the recipe has a folder of its own."""
+    monkeypatch.chdir(tmp_path)
+    assert identify("arm/logs").exit_code == 0
+    assert (arm / "results" / "model.json").exists()
+
+
+def test_shipped_recipe_keeps_results_here(arm):
+    """A recipe that came with pumaid has no experiment folder; results are not written beside it."""
+    (arm / "recipe.yaml").unlink()
+    assert identify("logs", "--recipe", "pendulum2").exit_code == 0
+    assert (arm / "results" / "model.json").exists()
+
+
+def test_recursive_stops_before_the_refinement(arm):
+    """``--recursive`` keeps the recursion's values, and the file says so."""
+    document = json.loads(identify("logs", "--recursive", "--json").stdout)
+    assert document["method"] == "recursive"
+    values = {one["name"]: one["value"] for fit in document["joints"] for one in fit["parameters"]}
+    before = {one["name"]: one["value"] for one in document["recursive"]}
+    assert {name: before[name] for name in values} == values
+
+
+def test_degrees_in_the_header(arm):
+    """``--units deg`` changes the table's unit and its numbers, not the file's."""
+    assert "A s/deg" in identify("logs", "--units", "deg").stdout
+    units = {value.unit for value in pumaid.read_model(arm / "results" / "model.json").values}
+    assert "A s/rad" in units and not any("deg" in unit for unit in units)
+
+
+def test_held_out_runs_are_not_fitted(arm):
+    """Runs that plan.yaml keeps for judging are left out of the fit."""
+    from pumaid.files.plan import write_plan
+
+    robot = pumaid.read_recipe(arm / "recipe.yaml")
+    plan = pumaid.plan(robot, minutes=5, seed=3)
+    counts = []
+    for chosen in (plan, replace(plan, motions=tuple(replace(motion, purpose="fit") for motion in plan.motions))):
+        write_plan(arm / "plan.yaml", chosen, robot)
+        counts.append([joint["runs"] for joint in json.loads(identify("logs", "--json").stdout)["joints"]])
+    assert all(fewer < all_of_them for fewer, all_of_them in zip(*counts, strict=True))
+
+
+@pytest.mark.parametrize(
+    ("arguments", "slug"),
+    [
+        (("nowhere",), "no-such-log"),
+        (("logs", "--recipe", "nothing.yaml"), "recipe-not-found"),
+        (("logs", "--recipe", "puma560"), "column-missing"),
+        (("logs", "-o", "/proc/model.json"), "cannot-write"),
+    ],
+)
+def test_bad_input_leaves_with_3(arm, arguments, slug):
+    """What cannot be used is refused in pumaid's words, with nothing on standard output."""
+    done = identify(*arguments)
+    assert (done.exit_code, done.stdout) == (3, ""), done.stderr
+    assert f"error[{slug}]" in done.stderr
