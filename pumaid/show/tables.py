@@ -187,7 +187,7 @@ def joints_grid(estimate: Estimate, robot: Robot) -> Grid:
 
 def combinations_grid(estimate: Estimate, units: str = "rad") -> Grid | None:
     """Sums of parameters that are determined although their terms are not; None where there is none."""
-    rows = []
+    rows: list[list[str | Cell]] = []
     for found in estimate.combinations:
         text, error = with_error(found.value, found.std_error)
         terms = " + ".join(f"{number(weight, 4)}·{name}" for name, weight in found.terms.items())
