@@ -11,9 +11,9 @@ from pydantic import ValidationError
 
 from pumaid.errors import Faults, PumaidError, RecipeError, Where
 from pumaid.files.recipe_checks import faults_between_values
-from pumaid.files.recipe_faults import Fault, dotted, told, translated
+from pumaid.files.recipe_faults import Fault, dotted, told, translated, without_echoes
 from pumaid.files.recipe_schema import JointForm, LogForm, RecipeForm
-from pumaid.files.yaml_lines import Item, nearest, read_yaml
+from pumaid.files.yaml_lines import Document, nearest, read_yaml
 from pumaid.records import EffectChoice, Joint, LogFormat, Robot
 from pumaid.units import factor
 
@@ -29,7 +29,7 @@ def read_recipe(path: Path) -> Robot:
     Parameters
     ----------
     path
-        A YAML file as ``docs/recipes.md`` describes it.
+        A YAML file as ``docs/recipes.md`` describes it; ``-`` is standard input.
 
     Returns
     -------
@@ -43,12 +43,17 @@ def read_recipe(path: Path) -> Robot:
     Faults
         The file has several; each is a `RecipeError` with file, line and path (``joints[3].alpha``).
     """
-    document, content = read_yaml(Path(path))
-    data = document.plain()
+    document = read_yaml(Path(path))
+    name = "standard input" if str(path) == "-" else str(path)
+    data = document.root.plain()
     if not isinstance(data, dict):
         mend = "start from: pumaid init puma560 -o recipe.yaml"
-        what = f"the file holds {told(data)}, not a mapping of keys to values"
-        raise RecipeError("recipe-wrong-type", what, Where(file=str(path), line=document.line), mend)
+        what = f"the file holds {told(data)}, not keys and values"
+        raise RecipeError("recipe-wrong-type", what, Where(file=name, line=document.root.line), mend)
+    if isinstance(data.get("kind"), str):
+        what = f"this is a {data['kind']} file, not a recipe"
+        line = document.root.line_of(["kind"])
+        raise RecipeError("recipe-wrong-type", what, Where(file=name, line=line), "give the robot's recipe")
     form: RecipeForm | None = None
     found: list[Fault] = []
     try:
@@ -57,17 +62,19 @@ def read_recipe(path: Path) -> Robot:
         found += [translated(dict(entry)) for entry in error.errors(include_url=False)]
     at_fault = {fault.path for fault in found}
     found += [fault for fault in faults_between_values(data) if fault.path not in at_fault]
-    if found or form is None:
-        _refuse(str(path), document, found)
-    return _robot(form, Path(path).name, hashlib.sha256(content).hexdigest())
+    found = without_echoes(found)
+    if found or document.doubled or form is None:
+        _refuse(name, document, found)
+    return _robot(form, Path(path).name, hashlib.sha256(document.content).hexdigest())
 
 
-def _refuse(file: str, document: Item, found: list[Fault]) -> NoReturn:
-    faults: list[PumaidError] = []
+def _refuse(file: str, document: Document, found: list[Fault]) -> NoReturn:
+    """Tell every fault, in the order of the file's lines."""
+    faults: list[PumaidError] = list(document.doubled)
     for fault in found:
         path = fault.path
         joint = path[1] + 1 if len(path) > 1 and path[0] == "joints" and isinstance(path[1], int) else None
-        where = Where(file=file, line=document.line_of(path), joint=joint, field=dotted(path))
+        where = Where(file=file, line=document.root.line_of(path), joint=joint, field=dotted(path))
         faults.append(RecipeError(fault.slug, fault.what, where, fault.mend))
     faults.sort(key=lambda fault: fault.where.line or 0)
     raise faults[0] if len(faults) == 1 else Faults(faults)
@@ -179,7 +186,7 @@ def find_recipe(given: Path | None, logs: Sequence[Path] = ()) -> Path:
 
 
 def _given(given: Path) -> Path:
-    if given.is_file() or (given.exists() and not given.is_dir()):
+    if str(given) == "-" or (given.exists() and not given.is_dir()):
         return given
     if given.is_dir() and (given / RECIPE_NAME).is_file():
         return given / RECIPE_NAME

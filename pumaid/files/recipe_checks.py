@@ -5,10 +5,13 @@ from __future__ import annotations
 import math
 from collections import Counter
 from collections.abc import Iterator
+from contextlib import suppress
 from typing import Any
 
+from pydantic_core import PydanticCustomError
+
 from pumaid.files.recipe_faults import Fault
-from pumaid.files.recipe_schema import is_pi_expression
+from pumaid.files.recipe_schema import FASTEST_RAIL, LONGEST_RAIL, is_pi_expression, places
 from pumaid.files.yaml_lines import nearest
 from pumaid.units import UNITS
 
@@ -32,7 +35,8 @@ def faults_between_values(data: dict[Any, Any]) -> Iterator[Fault]:
     for index, joint in enumerate(joints):
         if isinstance(joint, dict):
             yield from _offsets(index, joint)
-            yield from _angles(index, joint, units)
+            yield from _slides(index, joint)
+    yield from _angles(joints, units)
     log = _mapping(data, "log")
     yield from _columns(log, joints)
     yield from _log_units(log, joints)
@@ -69,54 +73,81 @@ def _offsets(index: int, joint: dict[Any, Any]) -> Iterator[Fault]:
         yield Fault(("joints", index, needed), "recipe-missing-key", what, mend)
 
 
-def _angles(index: int, joint: dict[Any, Any], units: dict[Any, Any]) -> Iterator[Fault]:
-    """Angles in the other unit than the file says."""
+def _angles(joints: list[Any], units: dict[Any, Any]) -> Iterator[Fault]:
+    """Angles in the other unit than the file says; what looks like degrees in a file of rad is one fault."""
     unit = units.get("angle", "rad")
-    for path, value in _angle_values(joint):
-        where = ("joints", index, *path)
+    degrees: list[Fault] = []
+    for path, value in _angle_values(joints):
+        if is_pi_expression(value) and unit == "deg":
+            what = f"{value} is in rad, and this file's angles are in deg"
+            yield Fault(path, "recipe-angle-unit", what, "write degrees")
+        elif not is_number(value):
+            continue
+        elif unit == "rad":
+            degrees += _like_degrees(path, float(value), stated="angle" in units)
+        elif unit == "deg":
+            yield from _like_rad(path, float(value))
+    if degrees:
+        first, others = degrees[0], len(degrees) - 1
+        yield first._replace(what=first.what + (f" ({others} more like it)" if others else ""))
+
+
+def is_number(value: Any) -> bool:
+    """Whether YAML read a finite number."""
+    return isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)
+
+
+def _angle_values(joints: list[Any]) -> Iterator[tuple[tuple[str | int, ...], Any]]:
+    for index, joint in enumerate(joints):
+        if not isinstance(joint, dict):
+            continue
+        yield ("joints", index, "alpha"), joint.get("alpha")
+        yield ("joints", index, "theta"), joint.get("theta")
+        if joint.get("type") == "revolute":
+            yield from _motion_values(index, joint)
+
+
+def _motion_values(index: int, joint: dict[Any, Any]) -> Iterator[tuple[tuple[str | int, ...], Any]]:
+    limits = joint.get("limits")
+    for place, value in enumerate(limits if isinstance(limits, list) else []):
+        yield ("joints", index, "limits", place), value
+    yield ("joints", index, "max_velocity"), joint.get("max_velocity")
+
+
+def _like_degrees(path: tuple[str | int, ...], value: float, *, stated: bool) -> Iterator[Fault]:
+    key = str(path[2])
+    mend = "add units: {angle: deg} at the top, or write the angles in rad"
+    if key in ("alpha", "theta") and abs(value) > ONE_TURN:
+        yield Fault(path, "recipe-angle-unit", f"{key} of {value:g} rad is more than a turn: degrees?", mend)
+    elif key in ("limits", "max_velocity") and not stated and abs(value) > WIDEST_UNSTATED:
+        unit = "rad" if key == "limits" else "rad/s"
+        what = f"{key} of {value:g} {unit}, in a file that does not say its unit: degrees?"
+        yield Fault(path, "recipe-angle-unit", what, f"{mend}; if it is rad, say so: units: {{angle: rad}}")
+
+
+def _like_rad(path: tuple[str | int, ...], value: float) -> Iterator[Fault]:
+    key = str(path[2])
+    if key in ("alpha", "theta") and abs(value) > 360.0:
+        yield Fault(path, "recipe-angle-unit", f"{key} of {value:g} deg is more than a turn", "write it within 360")
+    elif key != "max_velocity" and any(abs(abs(value) - quarter) < ROUNDING for quarter in QUARTERS):
+        mend = "write degrees (90, not 1.5708), or take units: {angle: deg} away"
+        yield Fault(path, "recipe-angle-unit", f"{key} of {value:g} deg is a quarter turn in rad", mend)
+
+
+def _slides(index: int, joint: dict[Any, Any]) -> Iterator[Fault]:
+    """Limits and speeds of a prismatic joint that are in millimetres, or angles."""
+    if joint.get("type") != "prismatic":
+        return
+    for path, value in _motion_values(index, joint):
+        most = FASTEST_RAIL if path[2] == "max_velocity" else LONGEST_RAIL
+        unit = "m/s" if path[2] == "max_velocity" else "m"
         if is_pi_expression(value):
-            if unit == "deg":
-                yield Fault(
-                    where, "recipe-angle-unit", f"{value} is in rad, and this file's angles are in deg", "write degrees"
-                )
-        elif isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value):
-            yield from _looks_wrong(where, float(value), unit, stated="angle" in units)
-    if joint.get("type") == "prismatic":
-        limits = joint.get("limits")
-        for value in [*(limits if isinstance(limits, list) else []), joint.get("max_velocity")]:
-            if is_pi_expression(value):
-                yield Fault(("joints", index), "recipe-wrong-type", f"{value} is no length", "write a number in m")
-
-
-def _angle_values(joint: dict[Any, Any]) -> Iterator[tuple[tuple[str | int, ...], Any]]:
-    yield ("alpha",), joint.get("alpha")
-    yield ("theta",), joint.get("theta")
-    if joint.get("type") == "revolute":
-        limits = joint.get("limits")
-        yield from (
-            (("limits", place), value) for place, value in enumerate(limits if isinstance(limits, list) else [])
-        )
-        yield ("max_velocity",), joint.get("max_velocity")
-
-
-def _looks_wrong(where: tuple[str | int, ...], value: float, unit: Any, *, stated: bool) -> Iterator[Fault]:
-    key = where[2]
-    in_deg = "add units: {angle: deg} at the top, or write the angles in rad"
-    if unit == "rad" and key in ("alpha", "theta") and abs(value) > ONE_TURN:
-        yield Fault(
-            where, "recipe-angle-unit", f"{key} of {value:g} rad is more than a turn: are these degrees?", in_deg
-        )
-    elif unit == "rad" and not stated and key in ("limits", "max_velocity") and abs(value) > WIDEST_UNSTATED:
-        mend = f"{in_deg}; if they are rad, say so: units: {{angle: rad}}"
-        yield Fault(where, "recipe-angle-unit", f"{key} of {value:g} rad is beyond two turns: are these degrees?", mend)
-    elif unit == "deg" and key in ("alpha", "theta"):
-        if abs(value) > 360.0:
             yield Fault(
-                where, "recipe-angle-unit", f"{key} of {value:g} deg is more than a turn", "write it within 360"
+                path, "recipe-wrong-type", f"{value} is an angle, and the joint slides", f"write a number in {unit}"
             )
-        elif any(abs(abs(value) - quarter) < ROUNDING for quarter in QUARTERS):
-            mend = "write degrees (90, not 1.5708), or take units: {angle: deg} away"
-            yield Fault(where, "recipe-angle-unit", f"{key} of {value:g} deg is a quarter turn in rad", mend)
+        elif is_number(value) and abs(value) > most:
+            what = f"{path[2]} of {value:g} {unit} is beyond {most:g} {unit}"
+            yield Fault(path, "recipe-bad-value", what, f"prismatic joints are in {unit}; divide by 1000")
 
 
 def _columns(log: dict[Any, Any], joints: list[Any]) -> Iterator[Fault]:
@@ -128,29 +159,32 @@ def _columns(log: dict[Any, Any], joints: list[Any]) -> Iterator[Fault]:
         template = log.get(quantity, usual)
         if not isinstance(template, str):
             continue
-        try:
-            names = [
-                template.format(joint=index + 1, joint0=index, name=joint_name(index, joint))
-                for index, joint in enumerate(joints)
-            ]
-        except (ValueError, LookupError, AttributeError):
-            continue
-        if len(set(names)) < len(names):
-            what = f"{template} names the same column for every joint"
-            mend = "write {joint} (from 1), {joint0} (from 0) or {name} where the joint goes, such as q{joint}"
-            yield Fault(("log", quantity), "recipe-duplicate", what, mend)
-            continue
-        taken = next((name for name in names if owners[name]), None)
-        owners.update(names)
-        if taken is not None:
-            what = f"{quantity} takes column {taken}, which another quantity has already"
-            yield Fault(("log", quantity), "recipe-duplicate", what, "give each quantity its own columns")
+        with suppress(PydanticCustomError):
+            places(template)
+            yield from _clashes(quantity, template, joints, owners)
+
+
+def _clashes(quantity: str, template: str, joints: list[Any], owners: Counter[str]) -> Iterator[Fault]:
+    names = [
+        template.format(joint=index + 1, joint0=index, name=joint_name(index, joint))
+        for index, joint in enumerate(joints)
+    ]
+    if len(set(names)) < len(names):
+        what = f"{template} names the same column for every joint"
+        mend = "write {joint} (from 1), {joint0} (from 0) or {name} where the joint goes, such as q{joint}"
+        yield Fault(("log", quantity), "recipe-duplicate", what, mend)
+        return
+    taken = next((name for name in names if owners[name]), None)
+    owners.update(names)
+    if taken is not None:
+        what = f"{quantity} takes column {taken}, which another quantity has already"
+        yield Fault(("log", quantity), "recipe-duplicate", what, "give each quantity its own columns")
 
 
 def _log_units(log: dict[Any, Any], joints: list[Any]) -> Iterator[Fault]:
     """Units of an angle for joints that slide, and the other way round."""
     units = _mapping(log, "units")
-    kinds = {joint.get("type") for joint in joints if isinstance(joint, dict)}
+    kinds = {str(joint.get("type")) for joint in joints if isinstance(joint, dict)}
     for quantity, turning, sliding in (
         ("position", "angle", "length"),
         ("velocity", "angular velocity", "linear velocity"),

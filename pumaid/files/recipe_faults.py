@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 from typing import Any, NamedTuple
 
@@ -75,22 +76,19 @@ def translated(entry: dict[str, Any]) -> Fault:
     kind, value, context = entry["type"], entry["input"], entry.get("ctx", {})
     key = str(path[-1])
     if kind == "pumaid":
-        near = nearest(context["word"], context["known"]) if "word" in context else None
-        mend = context["mend"] or (f"did you mean {near}?" if near else f"one of {', '.join(context.get('known', []))}")
-        return Fault(path, context["slug"], context["what"], mend)
+        return Fault(
+            path, context["slug"], context["what"], context["mend"] or _nearest(context["word"], context["known"])
+        )
     if kind == "extra_forbidden":
-        known = _known_keys(path[:-1])
-        near = nearest(key, known)
-        mend = f"did you mean {near}?" if near else f"known here: {', '.join(known)}"
+        mend = "write the values out" if key == "<<" else _nearest(key, _known_keys(path[:-1]))
         return Fault(path, "recipe-unknown-key", f"there is no key {key[:60]}", mend)
     if kind == "missing":
         return Fault(path, "recipe-missing-key", f"the key {key} is missing", f"add {key}: {_EXAMPLES.get(key, '...')}")
     if kind == "literal_error":
         words = context["expected"].replace("'", "").split(" or ")
-        near = nearest(value, words)
-        mend = f"did you mean {near}?" if near else f"one of {', '.join(words)}"
-        return Fault(path, "recipe-unknown-word", f"{key} is {told(value)}, not {context['expected']}", mend)
-    if kind in ("too_short", "too_long"):
+        what = f"{key} is {told(value)}, not {context['expected']}"
+        return Fault(path, "recipe-unknown-word", what, _nearest(value, words))
+    if kind in ("too_short", "too_long", "string_too_long"):
         return Fault(path, "recipe-bad-value", *_length_fault(key, value, context))
     if kind == "finite_number":
         return Fault(path, "recipe-bad-value", f"{dotted(path)} is {value}", "write a finite number")
@@ -99,7 +97,9 @@ def translated(entry: dict[str, Any]) -> Fault:
             path, "recipe-bad-value", f"{key} is {told(value)}", "write a number above 0, or leave the key out"
         )
     wanted = _TYPES.get(kind.split("_")[0], "something else")
-    return Fault(path, "recipe-wrong-type", f"{dotted(path)} is {told(value)}, not {wanted}", _type_mend(wanted, value))
+    return Fault(
+        path, "recipe-wrong-type", f"{dotted(path)} is {told(value)}, not {wanted}", _type_mend(path, wanted, value)
+    )
 
 
 _EXAMPLES = {
@@ -113,6 +113,21 @@ _EXAMPLES = {
 }
 
 
+def without_echoes(faults: list[Fault]) -> list[Fault]:
+    """The faults without the missing keys that a misspelt key beside them stands for."""
+    meant = {(fault.path[:-1], fault.mend) for fault in faults if fault.slug == "recipe-unknown-key"}
+    return [
+        fault
+        for fault in faults
+        if fault.slug != "recipe-missing-key" or (fault.path[:-1], f"did you mean {fault.path[-1]}?") not in meant
+    ]
+
+
+def _nearest(word: Any, known: Sequence[str]) -> str:
+    near = nearest(word, known)
+    return f"did you mean {near}?" if near else f"known here: {', '.join(known)}"
+
+
 def _length_fault(key: str, value: Any, context: dict[str, Any]) -> tuple[str, str]:
     if key == "joints" and not value:
         return "the list of joints is empty", "add a joint: - {type: revolute, alpha: 0, a: 0, d: 0}"
@@ -122,15 +137,33 @@ def _length_fault(key: str, value: Any, context: dict[str, Any]) -> tuple[str, s
     return f"{key} has {len(value)} values", f"write {bound}" if key != "joints" else f"at most {bound} joints"
 
 
-def _type_mend(wanted: str, value: Any) -> str:
-    if wanted == "text" and not isinstance(value, dict | list):
-        return f'put it in quotes: "{value}"' if value is not None else "write a text, or leave the key out"
-    if wanted == "a number" and isinstance(value, str):
-        if "," in value:
-            return "write the decimals after a point; write a list in brackets: [1, 2]"
-        return "write a bare number; angles may be written as pi/2 where the unit is rad"
-    if wanted == "a list":
-        return "write it in brackets: [1, 2]"
-    if wanted.startswith("a mapping"):
-        return "write it as {key: value, ...}"
-    return f"write {wanted}"
+_FORMS = {
+    "gravity": "[0, 0, -9.80665]",
+    "joints": "a line - {type: revolute, alpha: 0, a: 0, d: 0} for each joint",
+    "limits": "[lowest, highest]",
+    "effects": "[{effect: NAME, joint: 3}]",
+    "position": "[1, -1, ...], a sign for each joint",
+    "current": "[1, -1, ...], a sign for each joint",
+    "units": "{angle: deg}",
+    "signs": "{position: [1, -1, ...]}",
+    "log": "its keys below it, indented",
+    "shape": "{velocity: 0.1}",
+}
+
+
+def _type_mend(path: Sequence[str | int], wanted: str, value: Any) -> str:
+    key = str(path[-1])
+    if wanted == "text":
+        return f'put it in quotes: "{value}"' if isinstance(value, int | float) else "write a text"
+    if wanted == "a number" and isinstance(value, str) and re.fullmatch(r"\s*[-+]?\d+,\d+\s*", value):
+        return f"write the decimals after a point: {value.strip().replace(',', '.')}"
+    if wanted == "a number":
+        return "write a bare number" + (" (pi/2 and the like where the unit is rad)" if key in _ANGLES else "")
+    if key in _FORMS:
+        return f"write {_FORMS[key]}"
+    if path[0] == "effects" and isinstance(value, str):
+        return f"write {{effect: {value}}}"
+    return f"write {_FORMS['joints']}" if path[0] == "joints" else f"write {wanted}"
+
+
+_ANGLES = ("alpha", "theta", "limits", "max_velocity")

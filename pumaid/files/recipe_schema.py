@@ -7,13 +7,15 @@ import re
 import string
 from typing import Annotated, Any, Literal
 
-from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field
+from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field, model_validator
 from pydantic_core import PydanticCustomError
 
 from pumaid.units import UNITS
 
 #: Longest a link can be (m); a larger number is in millimetres.
 LONGEST_LINK = 20.0
+#: Farthest a prismatic joint can go (m), and fastest (m/s).
+LONGEST_RAIL, FASTEST_RAIL = 100.0, 20.0
 #: Gravity on the Moon is 1.6 m/s2 and on Jupiter 25; anything outside is in another unit.
 LEAST_GRAVITY, MOST_GRAVITY = 1.5, 30.0
 
@@ -36,7 +38,7 @@ def _angle(value: Any) -> Any:
         return value
     sign, times, over = match.groups()
     if over is not None and float(over) == 0.0:
-        raise refusal("recipe-bad-value", f"{value!r} divides by zero")
+        raise refusal("recipe-bad-value", f"{value!r} divides by zero", "write a number")
     return (-1.0 if sign == "-" else 1.0) * float(times or 1.0) * math.pi / float(over or 1.0)
 
 
@@ -86,7 +88,9 @@ def _gear_ratio(ratio: float) -> float:
 
 def _words(text: str) -> str:
     if not text.strip() or not text.isprintable():
-        raise refusal("recipe-bad-value", f"the name {text[:40]!r} is empty or has unprintable characters")
+        raise refusal(
+            "recipe-bad-value", f"the name {text[:40]!r} is empty or has unprintable characters", "write a word"
+        )
     return text
 
 
@@ -100,8 +104,8 @@ def _joint_name(name: str) -> str:
     return name
 
 
-def _places(template: str) -> set[str]:
-    """Names in braces; refuses what is neither {joint}, {joint0} nor {name}."""
+def places(template: str) -> set[str]:
+    """Names in braces of a column template; refuses (as pydantic does) what is neither {joint}, {joint0} nor {name}."""
     found = set()
     try:
         for _, place, form, conversion in string.Formatter().parse(template):
@@ -121,12 +125,12 @@ def _places(template: str) -> set[str]:
 
 
 def _template(template: str) -> str:
-    _places(template)
+    places(template)
     return template
 
 
 def _plain_column(column: str) -> str:
-    if _places(column):
+    if places(column):
         raise refusal("recipe-bad-value", f"the time column {column!r} holds a joint", "name one column, such as t")
     return column
 
@@ -141,6 +145,14 @@ def _number_or_word(joint: Any) -> Any:
     if isinstance(joint, bool) or not isinstance(joint, int | str):
         raise refusal("recipe-wrong-type", f"{joint!r} is not a joint", "write its number from 1, its name, or all")
     return joint
+
+
+def _effect_name(name: str) -> str:
+    word, at, joint = name.partition("@")
+    if not re.fullmatch(r"[A-Za-z]\w*", name):
+        mend = f"write {{effect: {word}, joint: {joint}}}" if at else "pumaid effects lists the names"
+        raise refusal("recipe-bad-value", f"{name[:40]!r} is no effect's name", mend)
+    return name
 
 
 def _text_or_texts(text: Any) -> Any:
@@ -174,11 +186,21 @@ Length = Annotated[Finite, AfterValidator(_link_length)]
 Positive = Annotated[Finite, Field(gt=0)]
 Words = Annotated[str, Field(strict=True, max_length=200), AfterValidator(_words)]
 Template = Annotated[Words, AfterValidator(_template)]
+_BLOCKS = ("units", "log", "signs", "effects", "shape", "source", "notes", "licence")
+
 Signs = list[Annotated[Finite, AfterValidator(_plus_or_minus)]]
 
 
 class _Form(BaseModel):
     model_config = ConfigDict(extra="forbid", strict=True)
+
+    @model_validator(mode="before")
+    @classmethod
+    def _leave_out_empty_blocks(cls, data: Any) -> Any:
+        """A block whose lines are all commented out reads as empty, and means its default."""
+        if not isinstance(data, dict):
+            return data
+        return {key: value for key, value in data.items() if value is not None or key not in _BLOCKS}
 
 
 class JointForm(_Form):
@@ -235,7 +257,7 @@ class LogForm(_Form):
 class EffectForm(_Form):
     """One entry of `effects`."""
 
-    effect: Words
+    effect: Annotated[Words, AfterValidator(_effect_name)]
     joint: Annotated[Any, BeforeValidator(_number_or_word)] = "all"
     shape: dict[str, Finite] = {}
 

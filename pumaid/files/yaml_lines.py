@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import difflib
+import sys
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -12,7 +13,7 @@ from ruamel.yaml import YAML
 from ruamel.yaml.error import YAMLError
 from ruamel.yaml.nodes import ScalarNode
 
-from pumaid.errors import Faults, PumaidError, RecipeError, Where
+from pumaid.errors import PumaidError, RecipeError, Where
 
 #: Bytes a hand-written file may have; the largest recipe shipped has 5 kB.
 MAX_BYTES = 200_000
@@ -62,22 +63,26 @@ def nearest(word: object, known: Iterable[str]) -> str | None:
     return by_lower[found[0]] if found else None
 
 
-def read_yaml(path: Path, *, kind: type[PumaidError] = RecipeError, max_bytes: int = MAX_BYTES) -> tuple[Item, bytes]:
+@dataclass(frozen=True, slots=True)
+class Document:
+    """One YAML document: its values with their lines, the bytes they were read from, and keys that were given twice."""
+
+    root: Item
+    content: bytes
+    doubled: tuple[PumaidError, ...]
+
+
+def read_yaml(path: Path, *, kind: type[PumaidError] = RecipeError, max_bytes: int = MAX_BYTES) -> Document:
     """Read one YAML document.
 
     Parameters
     ----------
     path
-        The file.
+        The file; ``-`` is standard input.
     kind
         The error to raise.
     max_bytes
         Refuse a longer file.
-
-    Returns
-    -------
-    document, content
-        The values with their lines, and the bytes they were read from.
 
     Raises
     ------
@@ -85,20 +90,27 @@ def read_yaml(path: Path, *, kind: type[PumaidError] = RecipeError, max_bytes: i
         There is no such file, or it may not be read.
     PumaidError [yaml-refused]
         Not text, not YAML, or YAML that a hand-written file has no need of (tags, several documents, too deep, too
-        large); a key given twice.
+        large).
     """
-    told = Where(file=str(path))
+    name = "standard input" if str(path) == "-" else str(path)
+    content = _bytes(path, name, kind, max_bytes + 1)
+    if len(content) > max_bytes:
+        mend = "a recipe or plan is a page of text; is this a log?"
+        raise kind("yaml-refused", f"the file has more than {max_bytes} bytes", Where(file=name), mend)
+    reader = _Reader(name, kind)
+    return Document(reader.read(content), content, tuple(reader.doubled))
+
+
+def _bytes(path: Path, name: str, kind: type[PumaidError], count: int) -> bytes:
     try:
+        if str(path) == "-":
+            return sys.stdin.buffer.read(count)
         with path.open("rb") as file:
-            content = file.read(max_bytes + 1)
+            return file.read(count)
     except (OSError, ValueError) as error:
         reason = getattr(error, "strerror", None) or str(error)
         mend = "check the path and its permissions"
-        raise kind("file-not-readable", f"{path} cannot be read: {reason}", told, mend) from error
-    if len(content) > max_bytes:
-        mend = "a recipe or plan is a page of text; is this a log?"
-        raise kind("yaml-refused", f"the file has more than {max_bytes} bytes", told, mend)
-    return _Reader(str(path), kind).read(content), content
+        raise kind("file-not-readable", f"{name} cannot be read: {reason}", Where(file=name), mend) from error
 
 
 class _Reader:
@@ -109,13 +121,10 @@ class _Reader:
         self.yaml = YAML(typ="safe", pure=True)
         self.anchors: dict[str, Item] = {}
         self.sizes: dict[int, int] = {}
-        self.faults: list[PumaidError] = []
+        self.doubled: list[PumaidError] = []
 
     def read(self, content: bytes) -> Item:
-        document = self._build(self._events(self._text(content)))
-        if self.faults:
-            raise Faults(self.faults) if len(self.faults) > 1 else self.faults[0]
-        return document
+        return self._build(self._events(self._text(content)))
 
     def _refusal(self, what: str, line: int | None, mend: str) -> PumaidError:
         return self.kind("yaml-refused", what, Where(file=self.file, line=line), mend)
@@ -136,8 +145,8 @@ class _Reader:
         except YAMLError as error:
             mark = getattr(error, "problem_mark", None) or getattr(error, "context_mark", None)
             problem = getattr(error, "problem", None) or str(error).splitlines()[0]
-            line = mark.line + 1 if mark is not None else None
-            tab = line is not None and "\t" in "".join(text.splitlines()[line - 1 : line])
+            line = mark.line + 1 if mark is not None else text[: getattr(error, "position", 0)].count("\n") + 1
+            tab = "\t" in "".join(text.split("\n")[line - 1 : line])
             mend = (
                 "indent with spaces, not tabs"
                 if tab
@@ -199,7 +208,10 @@ class _Reader:
         if kind not in ("int", "float", "bool", "null"):
             return event.value
         try:
-            return self.yaml.constructor.construct_object(ScalarNode(tag, event.value))
+            value = self.yaml.constructor.construct_object(ScalarNode(tag, event.value))
+            if kind == "int":
+                float(value)  # an integer that no double can hold overflows here
+            return value
         except (ValueError, OverflowError, YAMLError) as error:
             text = event.value[:40]
             raise self._refusal(f"{text} is not a number that can be read", line, "write a shorter number") from error
@@ -213,17 +225,17 @@ class _Reader:
         else:
             key, line = waiting.pop()
             if key in parent.value:
-                first = parent.key_lines[key]
-                self.faults.append(
-                    self._refusal(f"the key {key} is given twice (first on line {first})", line, "remove one of them")
-                )
+                what = f"the key {key} is given twice (first on line {parent.key_lines[key]})"
+                self.doubled.append(self.kind("recipe-duplicate", what, Where(self.file, line), "remove one of them"))
             parent.value[key] = item
             parent.key_lines[key] = line
 
     def _key(self, item: Item) -> str:
         if isinstance(item.value, dict | list):
             raise self._refusal("a list or mapping cannot be a key", item.line, "quote text that holds { } [ ] or :")
-        return str(item.value)
+        if item.value is None:
+            raise self._refusal("a key is missing before the colon", item.line, "write key: value")
+        return str(item.value).lower() if isinstance(item.value, bool) else str(item.value)
 
     def _count(self, item: Item, line: int) -> None:
         """Bound what aliases expand to: sizes of finished collections add up."""

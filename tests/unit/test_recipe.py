@@ -1,0 +1,277 @@
+"""Reading a recipe: what becomes of it, and what is said of each way to get it wrong."""
+
+from __future__ import annotations
+
+import hashlib
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from pumaid.errors import Faults, PumaidError, RecipeError
+from pumaid.files.recipe import read_recipe, shipped_recipes
+
+GOOD = """\
+name: arm
+units: {angle: deg}
+gravity: [0, 0, -9.80665]
+joints:
+  - {name: waist, type: revolute, alpha: 0, a: 0, d: 0.1, limits: [-160, 160], max_velocity: 100}
+  - {name: boom, type: prismatic, alpha: 90, a: 0.2, theta: 180, d: 0.3, limits: [0, 0.5], max_velocity: 1}
+  - {name: hand, type: revolute, alpha: -90, a: 0, d: 0, theta: 45, gear_ratio: -50}
+log:
+  position: "p{joint0}"
+  units: {position: deg}
+  signs: {current: [1, -1, 1]}
+effects:
+  - {effect: stribeck, joint: hand, shape: {velocity: 0.1}}
+  - {effect: cogging, joint: 1}
+  - {effect: load_friction}
+source: a test
+"""
+
+
+@pytest.fixture
+def recipe(tmp_path: Path):
+    """A function that writes a text and reads it as a recipe."""
+
+    def read(text: str | bytes):
+        path = tmp_path / "recipe.yaml"
+        path.write_bytes(text.encode() if isinstance(text, str) else text)
+        return read_recipe(path)
+
+    return read
+
+
+def faults_of(read, text: str | bytes) -> list[PumaidError]:
+    with pytest.raises(PumaidError) as caught:
+        read(text)
+    return list(caught.value.faults) if isinstance(caught.value, Faults) else [caught.value]
+
+
+def test_angles_become_rad(recipe) -> None:
+    """Twist, offset, limits and speed of a revolute joint are turned from deg to rad."""
+    robot = recipe(GOOD)
+    assert robot.joint(3).alpha == pytest.approx(-math.pi / 2)
+    assert robot.joint(3).theta == pytest.approx(math.pi / 4)
+    assert robot.joint(1).limits == pytest.approx((-math.radians(160), math.radians(160)))
+    assert robot.joint(1).max_velocity == pytest.approx(math.radians(100))
+
+
+def test_a_prismatic_joint_stays_in_metres(recipe) -> None:
+    """Limits and speed of a prismatic joint are m and m/s in a file of degrees too; its constant turn is an angle."""
+    boom = recipe(GOOD).joint(2)
+    assert (boom.d, boom.limits, boom.max_velocity) == (0.3, (0.0, 0.5), 1.0)
+    assert (boom.theta, boom.alpha) == pytest.approx((math.pi, math.pi / 2))
+
+
+def test_pi_may_be_written(recipe) -> None:
+    """In a file of rad, pi/2, -pi and 3*pi/4 are numbers."""
+    text = "name: x\ngravity: [0, 0, -9.8]\njoints:\n  - {type: revolute, alpha: -pi/2, a: 0, d: 0, theta: 3*pi/4}\n"
+    joint = recipe(text).joint(1)
+    assert (joint.alpha, joint.theta) == pytest.approx((-math.pi / 2, 0.75 * math.pi))
+
+
+def test_log_units_are_complete_and_velocity_follows_position(recipe) -> None:
+    """Degrees for position mean deg/s for velocity unless the recipe says otherwise; prismatic joints are in m."""
+    units = recipe(GOOD).log.units
+    assert (units["position"], units["velocity"]) == ("deg", "deg/s")
+    assert (units["prismatic_position"], units["current"], units["time"]) == ("m", "A", "s")
+
+
+def test_columns_count_from_one_zero_or_by_name(recipe) -> None:
+    """{joint} counts from 1, {joint0} from 0, {name} is the joint's name."""
+    text = GOOD.replace('"p{joint0}"', '"p_{name}"\n  velocity: "v{joint0}"\n  current: "i{joint:02d}"')
+    log = recipe(text).log
+    assert [log.column(quantity, 2) for quantity in ("position", "velocity", "current")] == ["p_boom", "v1", "i02"]
+
+
+def test_effects_are_kept_with_their_joint_as_a_number(recipe) -> None:
+    """A joint's name becomes its number, and no joint means all."""
+    choices = recipe(GOOD).effects
+    assert [(choice.effect, choice.joint) for choice in choices] == [
+        ("stribeck", 3),
+        ("cogging", 1),
+        ("load_friction", None),
+    ]
+    assert choices[0].shape == {"velocity": 0.1}
+
+
+def test_digest_is_of_the_bytes(recipe) -> None:
+    """A recipe's digest is what sha256sum prints for the file."""
+    assert recipe(GOOD).digest == hashlib.sha256(GOOD.encode()).hexdigest()
+
+
+@pytest.mark.parametrize(
+    "content",
+    [GOOD.encode("utf-16"), b"\xef\xbb\xbf" + GOOD.encode(), GOOD.replace("\n", "\r\n").encode()],
+    ids=["utf-16", "byte-order mark", "windows line ends"],
+)
+def test_other_peoples_editors(recipe, content: bytes) -> None:
+    """UTF-16, a byte-order mark and Windows line ends read like plain text."""
+    assert recipe(content).joints == recipe(GOOD).joints
+
+
+def test_every_fault_is_told_with_its_line(recipe) -> None:
+    """Six faults of one file come together, in the file's order, each with line, joint and path."""
+    text = (
+        GOOD.replace("name: arm", "name: 7")
+        .replace("-9.80665", "0")
+        .replace("revolute, alpha: 0", "revolut, alpha: 0")
+        .replace("theta: 180", "tetha: 180")
+        .replace("theta: 45", "theta: .nan")
+        .replace("[1, -1, 1]", "[1, -1]")
+    )
+    told = [(fault.where.line, fault.where.joint, fault.where.field) for fault in faults_of(recipe, text)]
+    assert told == [
+        (1, None, "name"),
+        (3, None, "gravity"),
+        (5, 1, "joints[1].type"),
+        (6, 2, "joints[2].tetha"),
+        (7, 3, "joints[3].theta"),
+        (11, None, "log.signs.current"),
+    ]
+
+
+def test_all_faults_are_of_one_kind(recipe) -> None:
+    """Each of several faults is a RecipeError that names the file and a mend."""
+    found = faults_of(recipe, GOOD.replace("alpha", "aplha"))
+    assert all(isinstance(fault, RecipeError) and fault.mend and fault.where.file for fault in found)
+
+
+@pytest.mark.parametrize(
+    ("wrong", "slug", "mend"),
+    [
+        (("limits: [-160", "limit: [-160"), "recipe-unknown-key", "did you mean limits?"),
+        (("gravity:", "gravty:"), "recipe-unknown-key", "did you mean gravity?"),
+        (("type: prismatic", "type: prismatc"), "recipe-unknown-word", "did you mean prismatic?"),
+        (("{angle: deg}", "{angle: degree}"), "recipe-unknown-word", "did you mean deg?"),
+        (("{position: deg}", "{position: degs}"), "recipe-unit", "did you mean deg?"),
+        (("{position: deg}", "{current: Amp}"), "recipe-unit", "A"),
+        (("{position: deg}", "{position: deg/s}"), "recipe-unit", "did you mean deg?"),
+        (("{position: deg}", "{position: m}"), "recipe-unit", "prismatic_position"),
+        (("joint: hand", "joint: hnad"), "recipe-unknown-word", "did you mean hand?"),
+        (("joint: 1", "joint: 4"), "recipe-bad-value", "from 1 to 3"),
+        (("{effect: stribeck", "{effect: stribeck@3"), "recipe-bad-value", "{effect: stribeck, joint: 3}"),
+        (("alpha: 90,", ""), "recipe-missing-key", "alpha"),
+        (("d: 0.1, ", ""), "recipe-missing-key", "d: 0"),
+        (("theta: 180, ", ""), "recipe-missing-key", "theta: 0"),
+        (("[-160, 160]", "[160, -160]"), "recipe-bad-value", "lower one first"),
+        (("max_velocity: 100", "max_velocity: 0"), "recipe-bad-value", "above 0"),
+        (("max_velocity: 100", "gear_ratio: 0"), "recipe-bad-value", "motor turns"),
+        (("a: 0.2", "a: 200"), "recipe-bad-value", "divide by 1000"),
+        (("[0, 0.5]", "[0, 500]"), "recipe-bad-value", "divide by 1000"),
+        (("a: 0.2", 'a: "0,2"'), "recipe-wrong-type", "0.2"),
+        (("a: 0.2", "a: .inf"), "recipe-bad-value", "finite"),
+        (("a: 0.2", "a: true"), "recipe-wrong-type", "number"),
+        (("-9.80665", "-1"), "recipe-bad-value", "m/s2"),
+        (("name: hand", "name: waist"), "recipe-duplicate", "own name"),
+        (("name: hand", "name: '3'"), "recipe-bad-value", "word"),
+        (("alpha: -90", "alpha: -1.5708"), "recipe-angle-unit", "degrees"),
+        (("alpha: -90", "alpha: -pi/2"), "recipe-angle-unit", "degrees"),
+        (("units: {angle: deg}\n", ""), "recipe-angle-unit", "{angle: deg}"),
+        (('"p{joint0}"', '"p"'), "recipe-duplicate", "{joint}"),
+        (('"p{joint0}"', '"p{jont}"'), "recipe-bad-value", "{joint}"),
+        (('"p{joint0}"', '"p{joint.real}"'), "recipe-bad-value", "{joint}"),
+        (('"p{joint0}"', '"p{joint[0]}"'), "recipe-bad-value", "{joint}"),
+        (('"p{joint0}"', '"qd{joint}"'), "recipe-duplicate", "own columns"),
+        (("[1, -1, 1]", "[1, -1, 2]"), "recipe-bad-value", "1 or -1"),
+        (("source: a test", "source: 3"), "recipe-wrong-type", "quotes"),
+        (("source: a test", "kind: plan"), "recipe-wrong-type", "recipe"),
+        (("source: a test", "name: again"), "recipe-duplicate", "remove"),
+        (("source: a test", "<<: {name: x}"), "recipe-unknown-key", "write the values out"),
+    ],
+    ids=lambda value: value if isinstance(value, str) else "->".join(value).strip(),
+)
+def test_a_single_fault_has_its_slug_and_mend(recipe, wrong: tuple[str, str], slug: str, mend: str) -> None:
+    """One slip gives one message, with the slug and the mend that fit it."""
+    assert wrong[0] in GOOD
+    text = GOOD.replace(*wrong, 1)
+    found = [fault for fault in faults_of(recipe, text) if fault.slug == slug]
+    assert len(found) == 1
+    assert mend in found[0].mend
+
+
+def test_a_slip_in_a_required_key_is_told_once(recipe) -> None:
+    """A misspelt key is not also told as missing."""
+    assert [fault.slug for fault in faults_of(recipe, GOOD.replace("gravity:", "gravty:"))] == ["recipe-unknown-key"]
+
+
+@pytest.mark.parametrize(
+    ("content", "said"),
+    [
+        (b"", "empty"),
+        (b"# only a remark\n", "empty"),
+        (b"- 1\n- 2\n", "keys and values"),
+        (b"name: \xe9\n", "UTF-8"),
+        (b"\x89PNG\r\n\x1a\n", "UTF-8"),
+        (b"name: a\0b\n", "not YAML"),
+        (b"name: [1, 2\n", "not YAML"),
+        (b"name: x\n\tjoints: 3\n", "not YAML"),
+        (b"name: x\n---\nname: y\n", "second document"),
+        (b'name: !!python/object/apply:os.system ["echo"]\n', "tag"),
+        (b"name: !degrees 3\n", "tag"),
+        (b"name: *missing\n", "names nothing"),
+        (b"a: &a [*a]\n", "names nothing"),
+        (b"a: " + b"[" * 3000, "deep"),
+        (b"a: " + b"9" * 6000, "number"),
+        (b"#" * 300_000, "bytes"),
+        (b"? [1, 2]\n: 3\n", "cannot be a key"),
+    ],
+)
+def test_what_is_no_recipe_at_all_is_refused(recipe, content: bytes, said: str) -> None:
+    """Empty, binary, broken, tagged, bottomless and huge files are refused in a sentence."""
+    (fault,) = faults_of(recipe, content)
+    assert said in fault.what
+
+
+def test_aliases_cannot_explode(recipe) -> None:
+    """Ten levels of nine aliases each are refused before they are expanded."""
+    lines = ["a0: &a0 [x, x, x, x, x, x, x, x, x]"]
+    lines += [f"a{n}: &a{n} [{', '.join([f'*a{n - 1}'] * 9)}]" for n in range(1, 10)]
+    (fault,) = faults_of(recipe, "\n".join(lines))
+    assert "aliases" in fault.what
+
+
+def test_a_block_that_is_commented_out_means_its_default(recipe) -> None:
+    """A key whose lines are all commented out reads as if it were absent."""
+    text = (
+        "name: x\ngravity: [0, 0, -9.8]\njoints:\n  - {type: revolute, alpha: 0, a: 0, d: 0}\nlog:\neffects:\nunits:\n"
+    )
+    robot = recipe(text)
+    assert robot.log.position == "q{joint}"
+    assert robot.effects == ()
+
+
+def test_mutations_never_crash_nor_pass_unnoticed(recipe) -> None:
+    """150 random slips of the keyboard: each gives a message, or a robot whose every number is finite."""
+    rng = np.random.default_rng(2)
+    for _ in range(150):
+        text = list(GOOD)
+        for place in rng.integers(0, len(text), rng.integers(1, 4)):
+            text[place] = str(rng.choice(["", " ", ":", "-", "{", "]", "&", "*", "!", "\t", "\n", "9", "e", "\0", "é"]))
+        try:
+            robot = recipe("".join(text))
+        except PumaidError as error:
+            assert str(error).startswith("error[")
+        else:
+            numbers = [(joint.alpha, joint.a, joint.d, joint.theta) for joint in robot.joints]
+            assert np.isfinite(numbers).all()
+
+
+@pytest.mark.parametrize("name", sorted(shipped_recipes()))
+def test_shipped_recipes_are_good_and_cite_their_source(name: str) -> None:
+    """Every recipe that comes with pumaid reads, names its robot and says where its numbers are from."""
+    path = shipped_recipes()[name]
+    assert read_recipe(path).n_joints >= 2
+    assert "\nsource:" in path.read_text(encoding="utf-8")
+
+
+def test_puma_is_the_papers() -> None:
+    """The PUMA's twists, lengths and offsets are those of the paper's table."""
+    robot = read_recipe(shipped_recipes()["puma560"])
+    assert np.rad2deg(robot.alphas) == pytest.approx([0, -90, 0, 90, -90, 90])
+    assert robot.lengths == pytest.approx([0, 0, 0.4318, -0.0203, 0, 0])
+    assert [joint.d for joint in robot.joints] == pytest.approx([0, 0.2435, -0.0934, 0.4331, 0, 0])
+    assert [joint.theta for joint in robot.joints] == [0.0] * 6
