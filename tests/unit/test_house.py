@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import ast
 import graphlib
+import importlib
 import inspect
+import re
 import subprocess
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterable, Iterator
 from functools import cache
 from pathlib import Path
-
-import pytest
 
 import pumaid
 from pumaid.effects import Effect, catalogue
@@ -44,12 +44,10 @@ SOURCES = sorted(PACKAGE.rglob("*.py"))
 PROGRAMS = [*SOURCES, *sorted((ROOT / "tools").glob("*.py"))]
 
 
-def named(path: Path) -> str:
-    """A file's path as a test's name."""
-    return str(path.relative_to(ROOT))
-
-
-every_source = pytest.mark.parametrize("path", SOURCES, ids=named)
+def offenders(rule: Callable[[Path], object], paths: Iterable[Path] = SOURCES) -> dict[str, object]:
+    """What `rule` finds in each file, without the files in which it finds nothing."""
+    found = {str(path.relative_to(ROOT)): rule(path) for path in paths}
+    return {name: what for name, what in found.items() if what}
 
 
 @cache
@@ -102,28 +100,30 @@ def calls(path: Path) -> Iterator[tuple[str, int]]:
             yield ast.unparse(node.func), node.lineno
 
 
-@every_source
-def test_imports_go_down(path):
-    """A module imports only from the rooms below its own."""
-    parts = path.relative_to(PACKAGE).with_suffix("").parts
-    if parts == ("__init__",):
-        pytest.skip("the package's front door imports by name when asked")
-    allowed = {f"pumaid.{room}" for room in ROOMS[parts[0]]}
+def upward(path: Path) -> list[str]:
+    """Imports from the file's own height or above that its room does not allow."""
+    room = path.relative_to(PACKAGE).with_suffix("").parts[0]
+    if room == "__init__":  # the package's front door imports by name when asked
+        return []
+    allowed = {f"pumaid.{name}" for name in ROOMS[room]}
     ours = [name for name in imports(path) if name.split(".")[0] == "pumaid" and name != "pumaid.__version__"]
-    assert [name for name in ours if ".".join(name.split(".")[:2]) not in allowed] == []
+    return [name for name in ours if ".".join(name.split(".")[:2]) not in allowed]
+
+
+def test_imports_go_down():
+    """A module imports only from the rooms below its own."""
+    assert offenders(upward) == {}
 
 
 def test_imports_are_absolute():
     """Every import names its module in full, so that the layer test sees it."""
-    relative = [n for path in SOURCES for n in ast.walk(tree(path)) if isinstance(n, ast.ImportFrom) and n.level]
-    assert relative == []
+    assert offenders(lambda p: [n.lineno for n in ast.walk(tree(p)) if isinstance(n, ast.ImportFrom) and n.level]) == {}
 
 
 def test_verbs_do_not_import_verbs():
     """What two verbs need sinks a layer."""
-    assert [
-        path.name for path in PACKAGE.glob("verbs/*.py") for n in imports(path) if n.startswith("pumaid.verbs")
-    ] == []
+    verbs = PACKAGE.glob("verbs/*.py")
+    assert offenders(lambda path: [n for n in imports(path) if n.startswith("pumaid.verbs")], verbs) == {}
 
 
 def test_no_cycles():
@@ -132,10 +132,15 @@ def test_no_cycles():
     graphlib.TopologicalSorter(graph).prepare()
 
 
-@every_source
-def test_module_budget(path):
+def too_long(path: Path) -> int:
+    """Lines of a module that is longer than it may be."""
+    lines = len(path.read_text(encoding="utf-8").splitlines())
+    return lines if lines > LONGEST_MODULE else 0
+
+
+def test_module_budget():
     """A module is short enough to be read in one sitting."""
-    assert len(path.read_text(encoding="utf-8").splitlines()) <= LONGEST_MODULE
+    assert offenders(too_long) == {}
 
 
 def length(function: ast.FunctionDef) -> int:
@@ -146,35 +151,39 @@ def length(function: ast.FunctionDef) -> int:
     return (function.end_lineno or 0) - function.lineno + 1 - docstring
 
 
-@every_source
-def test_function_budget(path):
+def test_function_budget():
     """A function fits on a screen, docstring apart."""
-    assert {f.name: length(f) for f in functions(path) if length(f) > LONGEST_FUNCTION} == {}
+    assert offenders(lambda p: {f.name: length(f) for f in functions(p) if length(f) > LONGEST_FUNCTION}) == {}
 
 
-@every_source
-def test_nesting_budget(path):
+def test_nesting_budget():
     """Blocks do not stand deeper than three in each other."""
-    assert {f.name: depth(f) for f in functions(path) if depth(f) > DEEPEST} == {}
+    assert offenders(lambda path: {f.name: depth(f) for f in functions(path) if depth(f) > DEEPEST}) == {}
 
 
-@every_source
-def test_positional_budget(path):
-    """At most three arguments go by position, one more behind an underscore; click calls its commands by keyword."""
-    crowded = {}
-    if path.name == "errors.py":
-        pytest.skip("an error takes slug, what, where and mend in the order in which they are printed")
+def crowded(path: Path) -> dict[str, int]:
+    """Functions with more arguments by position than they may have, and how many."""
+    found = {}
+    if path.name == "errors.py":  # an error takes slug, what, where and mend in the order in which they are printed
+        return found
     for function in functions(path):
         names = [a.arg for a in (*function.args.posonlyargs, *function.args.args) if a.arg not in ("self", "cls")]
         called_by_click = path.parent.name == "commands" and function.name == "command"
         if len(names) > MOST_POSITIONAL + (function.name[0] == "_") and not called_by_click:
-            crowded[function.name] = names
-    assert crowded == {}
+            found[function.name] = len(names)
+    return found
+
+
+def test_positional_budget():
+    """At most three arguments go by position, one more behind an underscore; click calls its commands by keyword."""
+    assert offenders(crowded) == {}
 
 
 def public(path: Path) -> Iterator[tuple[str, object]]:
-    """Public classes, functions and methods that a module defines, contract methods' overrides left out."""
-    module = sys.modules.get(module_name(path)) or __import__(module_name(path), fromlist=["_"])
+    """Public classes, functions and methods that a module defines, overrides of contract methods left out."""
+    if path.name == "__main__.py":  # importing it runs the program
+        return
+    module = importlib.import_module(module_name(path))
     for name, thing in vars(module).items():
         if name.startswith("_") or getattr(thing, "__module__", None) != module.__name__:
             continue
@@ -193,92 +202,93 @@ def methods(owner: type) -> Iterator[tuple[str, object]]:
             yield f"{owner.__name__}.{name}", held
 
 
-@every_source
-def test_docstrings(path):
-    """Every public name says what it is."""
-    if path.name == "__main__.py":
-        pytest.skip("importing it runs the program")
-    assert ast.get_docstring(tree(path)), "the module has none"
-    assert [name for name, thing in public(path) if not inspect.getdoc(thing)] == []
+def test_docstrings():
+    """Every module and every public name says what it is."""
+    assert offenders(lambda path: not ast.get_docstring(tree(path))) == {}
+    assert offenders(lambda path: [name for name, thing in public(path) if not inspect.getdoc(thing)]) == {}
 
 
-def sections(thing: object) -> list[str]:
-    """Names listed under ``Parameters`` of a docstring, in order; empty where there is no such section."""
+def listed(thing: object) -> list[str]:
+    """Names under ``Parameters`` of a docstring, in order; empty where there is no such section."""
     lines = (inspect.getdoc(thing) or "").splitlines()
     if "Parameters" not in lines:
         return []
     start = lines.index("Parameters") + 2
     ends = [n for n in range(start, len(lines) - 1) if lines[n + 1].startswith("---")]
-    listed = [line for line in lines[start : ends[0] if ends else None] if line and not line.startswith(" ")]
-    return [name.strip(" *") for line in listed for name in line.split(":")[0].split(",")]
+    heads = [line for line in lines[start : ends[0] if ends else None] if line and not line.startswith(" ")]
+    return [name.strip(" *") for line in heads for name in line.split(":")[0].split(",")]
 
 
-@every_source
-def test_docstrings_name_real_parameters(path):
-    """A docstring's list of parameters is the function's own."""
-    if path.name == "__main__.py":
-        pytest.skip("importing it runs the program")
+def misnamed(path: Path) -> dict[str, list[str]]:
+    """Public functions whose list of parameters is not their own, and classes that list what they do not take."""
     wrong = {}
     for name, thing in public(path):
-        told = sections(thing)
+        told = listed(thing)
         if told and callable(thing):
-            real = [one for one in inspect.signature(thing).parameters if one not in ("self", "cls", "args", "kwargs")]
-            if told != [one for one in real if one in told] or (inspect.isfunction(thing) and set(told) != set(real)):
-                wrong[name] = (told, real)
-    assert wrong == {}
+            real = [one for one in inspect.signature(thing).parameters if one not in ("self", "cls")]
+            strays = set(told) - set(real) if inspect.isclass(thing) else set(told) ^ set(real)
+            if strays:
+                wrong[name] = sorted(strays)
+    return wrong
 
 
-@pytest.mark.parametrize("path", PROGRAMS, ids=named)
-def test_nothing_unfinished(path):
+def test_docstrings_name_real_parameters():
+    """A docstring's list of parameters is the function's own."""
+    assert offenders(misnamed) == {}
+
+
+def test_nothing_unfinished():
     """No stub, no note to oneself, no file whose name says nothing."""
-    text = path.read_text(encoding="utf-8")
-    assert [word for word in ("TODO", "FIXME", "XXX", "raise NotImplementedError") if word in text] == []
-    assert path.stem not in ("utils", "helpers", "common", "misc")
+    words = ("TODO", "FIXME", "XXX", "raise NotImplementedError")
+    assert offenders(lambda path: [word for word in words if word in path.read_text(encoding="utf-8")], PROGRAMS) == {}
+    assert [path for path in PROGRAMS if path.stem in ("utils", "helpers", "common", "misc")] == []
 
 
-@every_source
-def test_library_neither_prints_nor_exits(path):
-    """Library code raises or returns; only the command line talks and leaves."""
+def loud(path: Path) -> list[tuple[str, int]]:
+    """Calls that talk or leave, and asserts that do more than tell the type checker what cannot be."""
     if path.parent.name in ("cli", "commands") or path.name == "__main__.py":
-        pytest.skip("the command line talks")
-    loud = ("print", "exit", "quit", "sys.exit", "warnings.warn", "sys.stdout.write", "sys.stderr.write")
-    assert [(name, line) for name, line in calls(path) if name in loud] == []
-    assert [node.lineno for node in ast.walk(tree(path)) if isinstance(node, ast.Assert)] == []
+        return []
+    talking = ("print", "exit", "quit", "sys.exit", "warnings.warn", "sys.stdout.write", "sys.stderr.write")
+    asserts = [node for node in ast.walk(tree(path)) if isinstance(node, ast.Assert)]
+    strict = [node for node in asserts if not re.search(r" is not None|isinstance\(", ast.unparse(node.test))]
+    return [call for call in calls(path) if call[0] in talking] + [("assert", node.lineno) for node in strict]
 
 
-@every_source
-def test_only_the_command_line_catches_everything(path):
-    """Nobody swallows our own bugs; the command line turns them into exit code 4."""
-    if path.name == "failures.py":
-        pytest.skip("this is the place")
+def test_library_neither_talks_nor_leaves():
+    """Library code raises or returns; only the command line prints and exits."""
+    assert offenders(loud) == {}
+
+
+def broad(path: Path) -> list[int]:
+    """Lines that catch everything, our own bugs too."""
     handlers = [node for node in ast.walk(tree(path)) if isinstance(node, ast.ExceptHandler)]
-    broad = [n.lineno for n in handlers if n.type is None or ast.unparse(n.type) in ("Exception", "BaseException")]
-    assert broad == []
+    return [n.lineno for n in handlers if n.type is None or ast.unparse(n.type) in ("Exception", "BaseException")]
 
 
-@every_source
-def test_randomness_and_clocks_are_passed(path):
-    """Random numbers come from a generator; clocks are read only by the command line and by files."""
+def test_only_the_command_line_catches_everything():
+    """Nobody swallows our own bugs; the command line turns them into exit code 4, in one place."""
+    assert list(offenders(broad)) == ["pumaid/cli/failures.py"]
+
+
+def hidden_sources(path: Path) -> list[str]:
+    """Calls of numpy's global random state, and of clocks outside the command line and the files."""
     known = ("np.random.default_rng", "np.random.Generator", "np.random.SeedSequence")
-    assert [name for name, _ in calls(path) if name.startswith("np.random.") and name not in known] == []
-    if path.relative_to(PACKAGE).parts[0] not in ("cli", "files"):
-        clocks = (
-            "time.time",
-            "time.monotonic",
-            "time.perf_counter",
-            "datetime.now",
-            "date.today",
-            "datetime.datetime.now",
-        )
-        assert [name for name, _ in calls(path) if name in clocks] == []
+    clocks = {"time.time", "time.monotonic", "time.perf_counter", "datetime.now", "date.today", "datetime.datetime.now"}
+    may_look = path.relative_to(PACKAGE).parts[0] in ("cli", "files")
+    names = [name for name, _ in calls(path)]
+    return [n for n in names if (n.startswith("np.random.") and n not in known) or (n in clocks and not may_look)]
 
 
-@every_source
-def test_degrees_live_in_units(path):
+def test_randomness_and_clocks_are_passed():
+    """Random numbers come from a generator; clocks are read only by the command line and by files."""
+    assert offenders(hidden_sources) == {}
+
+
+def test_degrees_live_in_units():
     """Only units.py turns degrees into radians and back."""
     turning = ("deg2rad", "rad2deg", "degrees", "radians")
-    named_so = [(name, line) for name, line in calls(path) if name.split(".")[-1] in turning]
-    assert path.name == "units.py" or named_so == []
+    found = offenders(lambda path: [call for call in calls(path) if call[0].split(".")[-1] in turning])
+    assert {name: what for name, what in found.items() if name != "pumaid/units.py"} == {}
 
 
 def test_one_effect_a_file():
@@ -293,20 +303,25 @@ def test_one_effect_a_file():
         assert type(effect).__bases__ == (Effect,), f"{name} inherits from an effect"
 
 
-@pytest.mark.parametrize("path", sorted((PACKAGE / "verbs").glob("[!_]*.py")), ids=named)
-def test_one_verb_a_file(path):
+def test_one_verb_a_file():
     """A verb's file has one public function, of the file's name."""
-    outside = [node.name for node in tree(path).body if isinstance(node, ast.FunctionDef) and node.name[0] != "_"]
-    assert outside == [path.stem]
+    for path in (PACKAGE / "verbs").glob("[!_]*.py"):
+        outside = [node.name for node in tree(path).body if isinstance(node, ast.FunctionDef) and node.name[0] != "_"]
+        assert outside == [path.stem]
 
 
-@pytest.mark.parametrize("path", sorted((PACKAGE / "cli" / "commands").glob("[!_]*.py")), ids=named)
-def test_commands_are_light(path):
-    """A command's file imports nothing of weight until it runs, and defines ``command``."""
-    ours = ("pumaid.cli", "pumaid.errors", "pumaid.units", "pumaid.__version__")
+def heavy_at_the_top(path: Path) -> list[str]:
+    """Our own modules, beyond the light ones, that a command imports before it runs."""
+    light = ("pumaid.cli", "pumaid.errors", "pumaid.units", "pumaid.__version__")
     top = [name for name in imports(path, only_top=True) if name.split(".")[0] == "pumaid"]
-    assert [name for name in top if not name.startswith(ours)] == []
-    assert any(function.name == "command" for function in functions(path))
+    return [name for name in top if not name.startswith(light)]
+
+
+def test_commands_are_light():
+    """A command's file imports nothing of weight until it runs, and defines ``command``."""
+    commands = list((PACKAGE / "cli" / "commands").glob("[!_]*.py"))
+    assert offenders(heavy_at_the_top, commands) == {}
+    assert offenders(lambda path: all(f.name != "command" for f in functions(path)), commands) == {}
 
 
 def test_help_imports_nothing_heavy():
@@ -335,7 +350,6 @@ def test_public_names_are_pinned():
     assert sorted(name for name in pumaid.__all__ if name != "__version__") == PUBLIC
 
 
-@pytest.mark.parametrize("name", PUBLIC)
-def test_public_names_are_there(name):
+def test_public_names_are_there():
     """Every name that the package promises can be had from it."""
-    assert getattr(pumaid, name).__name__ == name
+    assert [getattr(pumaid, name).__name__ for name in PUBLIC] == PUBLIC
