@@ -1,0 +1,92 @@
+"""``pumaid simulate``: a virtual robot executes a plan and writes logs."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import rich_click as click
+
+from pumaid.cli.options import json_option, output_option, seed_option
+from pumaid.cli.output import document, notes, remark, table
+from pumaid.cli.progress import progress
+
+
+@click.command()
+@click.argument("recipe", type=click.Path(path_type=Path), required=False, metavar="[RECIPE]")
+@click.option(
+    "--plan",
+    "plan_path",
+    type=click.Path(path_type=Path, allow_dash=True),
+    metavar="FILE",
+    help="The plan, YAML or CSV; else plan.yaml beside the recipe.",
+)
+@output_option("Folder of the logs; - for one CSV on standard output. Default: logs beside the recipe.")
+@click.option("--rate", type=float, default=250.0, show_default=True, metavar="HZ", help="Samples a second.")
+@click.option("--noise", type=click.FloatRange(min=0), metavar="A", help="Noise of every current; 0 for none at all.")
+@click.option("--format", "form", type=click.Choice(["parquet", "csv"]), default="parquet", show_default=True)
+@click.option("--no-velocity", is_flag=True, help="Leave velocities out of the logs.")
+@click.option("--runs-per-file", type=click.IntRange(min=1), default=40, show_default=True, metavar="N")
+@click.option("--force", is_flag=True, help="Replace the logs of an earlier simulation.")
+@seed_option
+@json_option
+def command(
+    *,
+    recipe: Path | None,
+    plan_path: Path | None,
+    output: Path | None,
+    rate: float,
+    noise: float | None,
+    form: str,
+    no_velocity: bool,
+    runs_per_file: int,
+    force: bool,
+    seed: int,
+    as_json: bool,
+) -> None:
+    """Let a virtual robot execute a plan and write logs as a real one would.
+
+    Its masses, motors, friction and noise are drawn from the seed; what they are is written to truth.json in the
+    logs' folder. Same seed, same logs.
+
+    RECIPE is a file or the name of a shipped one; else recipe.yaml here.
+
+    \b
+    Example:
+      pumaid simulate recipe.yaml --plan plan.yaml -o logs/ --seed 7
+      pumaid simulate --noise 0.05 --rate 100 --format csv -o noisy/
+      pumaid simulate -o - | pumaid identify -
+    """
+    from pumaid.cli.reading import experiment_folder, read_robot
+    from pumaid.files.plan import PLAN_NAME, read_plan
+    from pumaid.files.session import write_session
+    from pumaid.show.plans import session_table
+    from pumaid.verbs.simulate import simulate
+    from pumaid.virtual.draw import draw
+    from pumaid.virtual.record import as_json as truth_document
+
+    robot = read_robot(recipe)
+    made = read_plan(plan_path or experiment_folder(recipe) / PLAN_NAME, robot)
+    notes(note for note in made.notes if note.slug == "plan-other-robot")
+    truth = draw(robot, seed) if noise is None else draw(robot, seed).with_noise(noise)
+    logs = simulate(
+        robot, made, seed=seed, truth=truth, rate=rate, runs_per_file=runs_per_file, has_velocity=not no_velocity
+    )
+    folder = output or experiment_folder(recipe) / "logs"
+    with progress("simulating", total=made.duration or None) as step:
+        files = write_session(
+            folder,
+            logs,
+            robot,
+            form=form,
+            force=force,
+            truth=truth_document(truth, seed=seed),
+            progress=lambda seconds: step(seconds, f"{seconds:.0f} s of robot time"),
+        )
+    if str(folder) == "-":
+        return
+    if as_json:
+        told = [dict(zip(("file", "samples", "start", "end"), one, strict=True)) for one in files]
+        document({"kind": "simulation", "format": 1, "robot": robot.name, "seed": seed, "files": told})
+    else:
+        table(session_table(files))
+    remark(f"logs and truth.json written to {folder}")

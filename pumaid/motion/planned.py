@@ -1,0 +1,127 @@
+"""Runs held against the plan by which they were made: which are kept for judging, which planned ones are missing."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pumaid.errors import Note, Where
+from pumaid.records import Evidence, Motion, Plan, Run
+
+Floats = NDArray[np.float64]
+
+#: Held positions this near to the planned ones (rad or m) are the planned posture: a controller's steady error, far
+#: less than the steps between planned postures.
+SAME_POSTURE = 0.05
+#: Speeds within this share are the planned speed.
+SAME_SPEED = 0.10
+#: Share of a run's travel that must lie inside the planned span.
+_INSIDE = 0.5
+#: Missing motions that are named; of more, the count.
+_MOST_NAMED = 4
+
+
+def mark_heldout(evidence: Evidence, plan: Plan) -> Evidence:
+    """Mark the runs that the plan keeps for judging.
+
+    A run is a planned motion where joint, posture, direction and speed (within 10 %) agree and at least half of its way
+    lies in the planned span. Of several motions that would fit the nearest in speed counts; a run that fits none is
+    left as it is.
+
+    Parameters
+    ----------
+    evidence
+        What the logs left.
+    plan
+        By which they were made.
+
+    Returns
+    -------
+    evidence
+        With `Run.heldout` set, and notes on planned motions that were not found, and on runs that no motion planned.
+    """
+    if not evidence.runs or not plan.motions:
+        return evidence
+    if any(len(motion.hold) != len(run.posture) for motion in plan.motions[:1] for run in evidence.runs[:1]):
+        return evidence
+    kinds = _Kinds(plan.motions)
+    found = [kinds.nearest(run) for run in evidence.runs]
+    runs = tuple(
+        run if kind is None else replace(run, heldout=kinds.purpose(kind) == "heldout")
+        for run, kind in zip(evidence.runs, found, strict=True)
+    )
+    missing = kinds.missing([kind for kind in found if kind is not None])
+    notes = (*evidence.notes, *_on_missing(plan, missing), *_on_strays(runs, found))
+    return replace(evidence, runs=runs, notes=notes)
+
+
+class _Kinds:
+    """A plan's motions without their repeats: each kind once, with the motions that are of it."""
+
+    def __init__(self, motions: Sequence[Motion]) -> None:
+        self.members: dict[tuple[object, ...], list[int]] = {}
+        for number, motion in enumerate(motions):
+            held = tuple(round(p, 6) for k, p in enumerate(motion.hold) if k != motion.joint - 1)
+            key = (motion.joint, held, motion.start, motion.end, motion.velocity, motion.purpose)
+            self.members.setdefault(key, []).append(number)
+        self.keys = list(self.members)
+        first = [motions[numbers[0]] for numbers in self.members.values()]
+        self.motions = first
+        self.joint = np.array([motion.joint for motion in first])
+        self.hold = np.array([motion.hold for motion in first])
+        self.ends = np.array([(motion.start, motion.end) for motion in first])
+        self.velocity = np.array([motion.velocity for motion in first]) * np.sign(self.ends[:, 1] - self.ends[:, 0])
+
+    def nearest(self, run: Run) -> int | None:
+        """The kind that the run is of, or none."""
+        away = np.abs(self.hold - run.posture)
+        away[:, run.joint - 1] = 0.0
+        slower = np.abs(run.speed / self.velocity - 1.0)
+        low, high = np.min(self.ends, axis=1), np.max(self.ends, axis=1)
+        shared = np.minimum(high, max(run.span)) - np.maximum(low, min(run.span))
+        fits = (self.joint == run.joint) & (np.max(away, axis=1) <= SAME_POSTURE)
+        fits &= (shared >= _INSIDE * abs(run.span[1] - run.span[0])) & (slower <= SAME_SPEED)
+        if not np.any(fits):
+            return None
+        return int(np.argmin(np.where(fits, slower, np.inf)))
+
+    def purpose(self, kind: int) -> str:
+        """``fit`` or ``heldout``."""
+        return self.motions[kind].purpose
+
+    def missing(self, found: Sequence[int]) -> list[int]:
+        """Numbers (from 1) of planned motions for which there are too few runs of their kind."""
+        out: list[int] = []
+        for kind, key in enumerate(self.keys):
+            numbers = self.members[key]
+            out += [number + 1 for number in numbers[found.count(kind) :]]
+        return sorted(out)
+
+
+def _on_missing(plan: Plan, missing: Sequence[int]) -> tuple[Note, ...]:
+    if not missing:
+        return ()
+    named = ", ".join(_described(plan.motions[number - 1], number) for number in missing[:_MOST_NAMED])
+    more = f" and {len(missing) - _MOST_NAMED} more" if len(missing) > _MOST_NAMED else ""
+    text = f"{len(missing)} of {len(plan.motions)} planned runs are not in the logs: {named}{more}"
+    return (Note("plan-run-missing", text, Where(field=f"runs[{missing[0]}]")),)
+
+
+def _described(motion: Motion, number: int) -> str:
+    way = "up" if motion.end > motion.start else "down"
+    return f"run {number} (joint {motion.joint} {way})"
+
+
+def _on_strays(runs: Sequence[Run], found: Sequence[int | None]) -> tuple[Note, ...]:
+    strays = [run for run, kind in zip(runs, found, strict=True) if kind is None]
+    if not strays:
+        return ()
+    first = strays[0]
+    text = (
+        f"{len(strays)} of {len(runs)} runs are none that the plan has, the first of joint {first.joint} at"
+        f" {first.start:.1f} s; they are fitted"
+    )
+    return (Note("plan-run-unplanned", text, Where(file=first.origin, row=first.first_row)),)
