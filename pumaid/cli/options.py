@@ -1,7 +1,7 @@
 """Arguments and options that several commands share, each written once.
 
 A decorator states the name under which its value arrives: ``logs``, ``recipe``, ``output``, ``results``, ``as_json``,
-``seed``, ``units``, ``check``.
+``seed``, ``units``, ``check``, ``trust``.
 """
 
 from __future__ import annotations
@@ -67,3 +67,9 @@ def check_option(function: Decorated) -> Decorated:
     """``--check`` as `check`: bool."""
     told = "Leave with exit code 1 if something asks for attention."
     return click.option("--check", is_flag=True, help=told)(function)
+
+
+def trust_option(function: Decorated) -> Decorated:
+    """``--trust`` as `trust`: bool."""
+    told = "Go on where the logs look wrong (units, order of joints, dead currents): refusals become notes."
+    return click.option("--trust", is_flag=True, help=told)(function)

@@ -27,8 +27,10 @@ def read_robot(recipe: Path | None, logs: Sequence[str] = ()) -> Robot:
     return read_recipe(_recipe_path(recipe, logs))
 
 
-def read_evidence(logs: Sequence[str], recipe: Path | None) -> tuple[Robot, Evidence]:
+def read_evidence(logs: Sequence[str], recipe: Path | None, *, trust: bool = False) -> tuple[Robot, Evidence]:
     """All that later steps know of some logs, read in one pass.
+
+    Logs that cannot mean what the recipe says are refused once the pass has shown it.
 
     Parameters
     ----------
@@ -36,6 +38,8 @@ def read_evidence(logs: Sequence[str], recipe: Path | None) -> tuple[Robot, Evid
         As the user typed them: files, folders, globs, ``-``.
     recipe
         ``--recipe``, or none.
+    trust
+        Turn these refusals into notes.
 
     Returns
     -------
@@ -44,12 +48,13 @@ def read_evidence(logs: Sequence[str], recipe: Path | None) -> tuple[Robot, Evid
     """
     from pumaid.files.paths import expand
     from pumaid.files.table import LogReader
+    from pumaid.motion.suspicion import Watch
     from pumaid.verbs.segment import segment
 
     robot = read_robot(recipe, logs)
-    reader = LogReader(expand(logs), robot)
+    watched = Watch(LogReader(expand(logs), robot), robot, refuse=not trust)
     with progress("reading logs") as step:
-        evidence = segment(reader, robot, progress=lambda rows: step(rows, f"{rows:,} rows"))
+        evidence = segment(watched, robot, progress=lambda rows: step(rows, f"{rows:,} rows"))
     return robot, _with_plan(evidence, robot, experiment_folder(recipe, logs))
 
 

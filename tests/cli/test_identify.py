@@ -155,3 +155,17 @@ def test_bad_input_leaves_with_3(arm, arguments, slug):
     done = identify(*arguments)
     assert (done.exit_code, done.stdout) == (3, ""), done.stderr
     assert f"error[{slug}]" in done.stderr
+
+
+def test_suspicious_logs_are_refused_unless_trusted(arm):
+    """Angles in degrees under a recipe of radians are refused; ``--trust`` turns that into a note."""
+    import pandas as pd
+
+    for path in (arm / "logs").iterdir():
+        log = pd.read_csv(path)
+        angles = [column for column in log if column.startswith("q")]
+        log[angles] = log[angles] * 57.29578
+        log.to_csv(path, index=False)
+    done = identify("logs")
+    assert done.exit_code == 3 and "error[looks-like-degrees]" in done.stderr
+    assert "note[looks-like-degrees]" in identify("logs", "--trust").stderr

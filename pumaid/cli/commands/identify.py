@@ -12,6 +12,7 @@ from pumaid.cli.options import (
     output_option,
     recipe_option,
     results_option,
+    trust_option,
     units_option,
 )
 from pumaid.cli.output import document, notes, remark, table
@@ -25,6 +26,7 @@ from pumaid.cli.progress import progress
 @output_option("The model file to write; - for standard output. Default: model.json in the results folder.")
 @results_option
 @units_option
+@trust_option
 @json_option
 def command(
     *,
@@ -34,6 +36,7 @@ def command(
     output: Path | None,
     results: Path | None,
     units: str,
+    trust: bool,
     as_json: bool,
 ) -> None:
     """Identify gravity, friction and gain ratios from logged currents.
@@ -52,7 +55,7 @@ def command(
     from pumaid.show.tables import parameter_table
     from pumaid.verbs.identify import identify
 
-    robot, evidence = read_evidence(logs, recipe)
+    robot, evidence = read_evidence(logs, recipe, trust=trust)
     with progress("identifying", total=robot.n_joints) as step:
         estimate = identify(
             evidence, robot, recursive=recursive, progress=lambda joint, text: step(robot.n_joints - joint, text)
