@@ -1,7 +1,8 @@
-"""The model of the currents: the arm and the chosen effects, as names and columns. The one place that builds a regressor."""
+"""The model of the currents: the arm and its effects as names and columns; the one place that builds regressors."""
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
@@ -24,7 +25,7 @@ FLAT = 1e-10
 
 @dataclass(frozen=True, slots=True)
 class Column:
-    """One linear parameter of the model: its name, symbol and unit, the joint or link (from 1) that owns it, its effect.
+    """One linear parameter: its name, symbol and unit, the joint or link (from 1) that owns it, its effect.
 
     `group` is the posture group (from 0) of a parameter that each set of held positions has for itself, else None.
     """
@@ -88,21 +89,22 @@ class Model:
         return cls(robot, estimate.stroke_postures)
 
     def _columns(self) -> Iterable[Column]:
-        for effect in self._effects():
-            for number in range(1, self.robot.n_joints + 1):
-                letter = "l" if effect.scope is Scope.LINK else "j"
-                held = [joint for joint, _ in self.stroke_postures if joint == number]
-                groups: list[int | None] = [None]
-                if effect.per_posture:
-                    groups = list(range(len(held)))
-                for group in groups:
-                    for parameter in effect.parameters(self.robot, number):
-                        mark = "" if group is None or len(groups) == 1 else str(group + 1)
-                        name = f"{effect.name}.{letter}{number}.{parameter.name}{mark}"
-                        if name in self.structure.absent:
-                            continue
-                        symbol = parameter.symbol.format(n=number) + mark
+        everything = itertools.product(self._effects(), range(1, self.robot.n_joints + 1))
+        for effect, number in everything:
+            letter = "l" if effect.scope is Scope.LINK else "j"
+            for group, mark in self._marks(effect, number):
+                for parameter in effect.parameters(self.robot, number):
+                    name = f"{effect.name}.{letter}{number}.{parameter.name}{mark}"
+                    symbol = parameter.symbol.format(n=number) + mark
+                    if name not in self.structure.absent:
                         yield Column(name, symbol, parameter.unit, parameter.meaning, number, effect.name, group)
+
+    def _marks(self, effect: Effect, number: int) -> list[tuple[int | None, str]]:
+        """Posture groups of an effect's parameters at joint `number` and what marks them in names."""
+        if not effect.per_posture:
+            return [(None, "")]
+        held = sum(joint == number for joint, _ in self.stroke_postures)
+        return [(group, str(group + 1) if held > 1 else "") for group in range(held)]
 
     def _effects(self) -> list[Effect]:
         everything = catalogue()
@@ -165,17 +167,14 @@ class Model:
         the model at a few instants that the run could contain.
         """
         out: dict[int, Block] = {}
-        for joint in {run.joint for run in runs}:
-            for kind in ("constant", "stroke"):
-                numbers = [n for n, run in enumerate(runs) if run.joint == joint and run.kind == kind]
-                if numbers:
-                    chosen = [runs[n] for n in numbers]
-                    for n, block in zip(numbers, self._blocks_alike(joint, kind, chosen), strict=True):
-                        out[n] = block
+        for joint, kind in sorted({(run.joint, run.kind) for run in runs}):
+            numbers = [n for n, run in enumerate(runs) if (run.joint, run.kind) == (joint, kind)]
+            alike = self._blocks_alike(joint, [runs[n] for n in numbers])
+            out.update(zip(numbers, alike, strict=True))
         return [out[n] for n in range(len(runs))]
 
-    def _blocks_alike(self, joint: int, kind: str, runs: Sequence[Run]) -> Iterable[Block]:
-        probes, basis = _probes(self.robot, joint, kind, runs)
+    def _blocks_alike(self, joint: int, runs: Sequence[Run]) -> Iterable[Block]:
+        probes, basis = _probes(self.robot, joint, runs)
         design = self.regressor(probes).reshape(len(runs), -1, len(self.columns))
         inverse = np.linalg.pinv(basis, rcond=FLAT)
         one = CONSTANT_COLUMNS.index("one")
@@ -219,12 +218,12 @@ def _group(groups: Sequence[tuple[int, Floats]], joint: int, posture: Floats) ->
     return None
 
 
-def _probes(robot: Robot, joint: int, kind: str, runs: Sequence[Run]) -> tuple[Samples, Floats]:
+def _probes(robot: Robot, joint: int, runs: Sequence[Run]) -> tuple[Samples, Floats]:
     """Instants that determine a column's combination of the triangle's regressors, and those regressors there.
 
     Returns samples of all runs one after another (R * K) and the basis (R, K, columns).
     """
-    own = joint - 1
+    own, kind = joint - 1, runs[0].kind
     angle = np.array([0.3, 1.6, 2.9, 4.1, 5.2, 5.9])
     share = np.array([0.4, 1.3, 0.7, 1.7, 1.1, 0.2]) if kind == "stroke" else np.ones(6)
     pull = np.array([0.5, -0.8, 0.9, -0.1, 0.2, -0.6]) if kind == "stroke" else np.zeros(6)

@@ -25,7 +25,7 @@ class Reason:
 
 @dataclass(frozen=True, slots=True)
 class Facts:
-    """What the runs of one joint cover: directions, speeds each way, sets of held positions (outward joints), strokes."""
+    """What the runs of one joint cover: speeds each way, sets of positions of the joints outward of it, strokes."""
 
     joint: int
     runs: int
@@ -51,7 +51,7 @@ class Facts:
         return bool(speeds) and not self.strokes and speeds[-1] - speeds[0] <= ONE_SPEED * speeds[-1]
 
 
-def of_column(model: Model, column: Column, facts: dict[int, Facts], partners: Sequence[str]) -> Reason:
+def of_column(model: Model, column: Column, *, facts: dict[int, Facts], partners: Sequence[str]) -> Reason:
     """Why `column` is not determined.
 
     Parameters
@@ -119,7 +119,7 @@ def _gravity(model: Model, column: Column, own: Facts, partners: Sequence[str]) 
     )
 
 
-def of_ratio(model: Model, inner: int, outer: int, facts: dict[int, Facts], *, felt: float, noise: float) -> Reason:
+def of_ratio(model: Model, inner: int, outer: int, *, facts: dict[int, Facts], felt: float, noise: float) -> Reason:
     """Why eta_inner / eta_outer is not determined.
 
     Parameters

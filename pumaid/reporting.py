@@ -9,20 +9,22 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pumaid import reasons
+from pumaid.maths.levels import freedoms
 from pumaid.maths.recursion import Gains
 from pumaid.maths.statistics import Clustered, interval, two_sided
-from pumaid.records import IDENTIFIED, NOT_IDENTIFIABLE, Run, Value
 from pumaid.reasons import Facts, Reason
-from pumaid.system import Fitted
+from pumaid.records import IDENTIFIED, NOT_IDENTIFIABLE, Run, Value
+from pumaid.system import RATIO_KNOWN, Fitted
 
 Floats = NDArray[np.float64]
 
 #: A variance that rests on fewer degrees of freedom than this is taken from the working model of the noise instead.
 FEWEST_FREEDOMS = 3.0
 
-#: A ratio of gains is never zero. It counts as identified when zero is outside its 99.9 % interval and the load that
-#: carries it is itself non-zero at the same level: below that not even its sign is sure, and its interval is no
-#: interval of a ratio (Fieller). The level is strict since a false ratio is carried to every inner joint.
+#: A ratio of gains counts as identified when its standard error is below `RATIO_KNOWN` (gains of neighbours are of
+#: comparable size, so such an interval tells something whatever the value), or when zero is outside its 99.9 %
+#: interval. Either way the load that carries it must itself be non-zero at that level: else the interval is none of a
+#: ratio (Fieller).
 RATIO_LEVEL = 0.001
 
 #: Share of a direction that makes a parameter part of it; well above the jitter of held positions.
@@ -89,7 +91,7 @@ class Sheet:
             bare = Value(column.name, column.symbol, column.owner, column.unit)
             partners = self._partners(index)
             if facts[column.owner].runs == 0 or partners is not None:
-                out.append(_unknown(bare, reasons.of_column(model, column, facts, partners or [])))
+                out.append(_unknown(bare, reasons.of_column(model, column, facts=facts, partners=partners or [])))
             else:
                 out.append(_known(bare, self.numbers[index], self.covariance[index, index], self.freedoms[index]))
         for name, why in model.structure.absent.items():
@@ -124,18 +126,18 @@ class Sheet:
         model = self.fitted.model
         value, gradient = _gradient(self.gains, inner - 1, outer - 1)
         if facts[inner].runs == 0 or facts[outer].runs == 0 or not np.isfinite(value):
-            return _unknown(bare, reasons.of_ratio(model, inner, outer, facts, felt=0.0, noise=0.0))
+            return _unknown(bare, reasons.of_ratio(model, inner, outer, facts=facts, felt=0.0, noise=0.0))
         p, edges = len(self.numbers), np.flatnonzero(gradient)
-        if any(self._partners(p + edge) is not None for edge in edges):
-            return _unknown(bare, reasons.of_ratio(model, inner, outer, facts, felt=0.0, noise=0.0))
+        if any(self._partners(p + int(edge)) is not None for edge in edges):
+            return _unknown(bare, reasons.of_ratio(model, inner, outer, facts=facts, felt=0.0, noise=0.0))
         variance = float(gradient @ self.covariance[p:, p:] @ gradient)
         freedoms = float(np.min(self.freedoms[p + edges])) if edges.size else np.inf
         error = float(np.sqrt(max(variance, 0.0)))
-        certain = error == 0.0 or two_sided(value / error, freedoms) < RATIO_LEVEL
-        if certain and all(self._carries(edge) for edge in edges):
+        certain = error < RATIO_KNOWN or two_sided(value / error, freedoms) < RATIO_LEVEL
+        if certain and all(self._carries(int(edge)) for edge in edges):
             return _known(bare, value, variance, freedoms)
         felt, noise = self._felt(edges)
-        return _unknown(bare, reasons.of_ratio(model, inner, outer, facts, felt=felt, noise=noise))
+        return _unknown(bare, reasons.of_ratio(model, inner, outer, facts=facts, felt=felt, noise=noise))
 
     def _cluster(self, edge: int) -> Floats:
         """(p,) bool: gravity parameters behind edge number `edge`."""
@@ -202,10 +204,23 @@ def _outer(gains: Gains, up: list[int], down: list[int]) -> float:
 
 def _freedoms(fitted: Fitted, errors: Clustered) -> Floats:
     """(p + edges,) degrees of freedom; the working model's own where clusters are too few."""
-    gains = fitted.gains
-    joints = [*fitted.system.owners, *(_above(gains, edge) for edge in gains.edges)]
-    own = np.array([float(fitted.levels[j + 1].freedoms) if j + 1 in fitted.levels else 1.0 for j in joints])
-    return np.where(errors.freedoms < FEWEST_FREEDOMS, np.maximum(own, 1.0), errors.freedoms)
+    out = errors.freedoms.copy()
+    poor = out < FEWEST_FREEDOMS
+    gains, start = fitted.gains, 0
+    joints = np.array([*fitted.system.owners, *(_above(gains, edge) for edge in gains.edges)])
+    for row in fitted.rows:
+        stop = start + row.target.size
+        chosen = np.flatnonzero(poor & (joints == row.joint - 1))
+        if len(chosen):
+            levels = fitted.levels[row.joint]
+            own: Floats | float = float(levels.freedoms)
+            if row.joint not in fitted.weak:
+                J = fitted.solution.jacobian[start:stop].reshape(*row.target.shape, -1)
+                inverse = fitted.solution.linear.inverse
+                own = freedoms(levels, ones=row.ones, jacobian=J, inverse=inverse)[chosen]
+            out[chosen] = np.maximum(own, 1.0)
+        start = stop
+    return out
 
 
 def _known(bare: Value, value: float, variance: float, freedoms: float) -> Value:

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pumaid.maths import levels as variances
+from pumaid.maths import rank
 from pumaid.maths.joint_fit import Bilinear, JointSolution, fit
 from pumaid.maths.levels import Levels
 from pumaid.maths.recursion import Gains, Recursion
@@ -20,6 +21,12 @@ Progress = Callable[[int, str], None]
 
 #: Noise below this share of the RMS current is rounding: data without noise, whose weights would be infinite.
 EXACT = 1e-12
+
+#: A ratio whose own row shows it neither to this standard error nor to `RATIO_SIGNIFICANT` standard errors is held
+#: about zero by `RATIO_SPREAD` in the joint fit. Neighbouring gains differ by up to about ten on published arms.
+RATIO_KNOWN = 0.25
+RATIO_SIGNIFICANT = 3.3
+RATIO_SPREAD = 10.0
 
 #: Rounds of variances and joint fit: the second changes weights by well under a percent.
 ROUNDS = 2
@@ -108,7 +115,7 @@ class Fitted:
 
 
 def assign(model: Model, moving: Sequence[int]) -> NDArray[np.int64]:
-    """(J,) joint (from 0) in whose gain each link's parameters can be expressed when `moving` joints (from 1) have runs."""
+    """(J,) joint (from 0) in whose gain each link's parameters are when `moving` joints (from 1) have runs."""
     felt_by = [[joint - 1 for joint in moving if joint - 1 <= link] for link in range(model.robot.n_joints)]
     return np.array([max(joints, default=-1) for joints in felt_by])
 
@@ -128,26 +135,29 @@ def solve(model: Model, runs: Sequence[Run], *, recursive: bool = False, progres
     owners = assigned[model.owners - 1]
     blocks = model.blocks(runs)
     rows = tuple(Row.of(joint, [block for block in blocks if block.run.joint == joint]) for joint in moving)
-    recursion = Recursion(owners, model.robot.n_joints)
+    # The paper's recursion, and beside it one whose weakly shown ratios cannot run off: that one starts the joint fit.
+    recursion, start = Recursion(owners, model.robot.n_joints), Recursion(owners, model.robot.n_joints)
     levels: dict[int, Levels] = {}
     weak = []
     for row in rows:
         tell(row.joint, "solving")
-        design, _, _ = recursion.design(row.joint - 1, row.stacked)
-        estimated = variances.estimate(row.ones, design.reshape(*row.target.shape, -1), row.target, row.counts)
+        design, _, _ = start.design(row.joint - 1, row.stacked)
+        estimated = variances.estimate(row.ones, design.reshape(*row.target.shape, -1), row.target, counts=row.counts)
         if estimated is None:
             weak.append(row.joint)
-            estimated = _from_inside(row, design)
+            estimated = _from_inside(row)
         levels[row.joint] = _floored(estimated, row)
         white = variances.whiten(levels[row.joint], row.ones, _joined(row)).reshape(row.target.size, -1)
-        recursion.take(row.joint - 1, white[:, :-1], white[:, -1], limit=float(np.linalg.norm(white[:, -1])))
+        limit = float(np.linalg.norm(white[:, -1]))
+        recursion.take(row.joint - 1, white[:, :-1], white[:, -1], limit=limit)
+        start.take(row.joint - 1, white[:, :-1], white[:, -1], limit=limit, spread=RATIO_SPREAD)
     first = _system(rows, levels, owners)
     values, gains = recursion.values, recursion.gains
     if recursive:
         system, solution = first, fit(first, values, gains, limit=_limits(first, gains), most_steps=0)
     else:
         tell(0, "refining all joints together")
-        system, solution = _refine(rows, levels, owners, recursion)
+        system, solution = _refine(rows, levels, owners, start)
     runs_before = np.cumsum([0, *[len(row.runs) for row in rows]])
     run_of = np.concatenate(
         [
@@ -164,8 +174,9 @@ def _refine(
     """Joint fit with weights from its own residuals; `levels` is updated."""
     values, gains = recursion.values, recursion.gains
     system = _system(rows, levels, owners)
+    spread = _spread(system, values, gains)
     for _ in range(ROUNDS):
-        solution = fit(system, values, gains, limit=_limits(system, gains))
+        solution = fit(system, values, gains, limit=_limits(system, gains), spread=spread)
         values, gains = solution.values, solution.gains
         for row in rows:
             plain = Bilinear(np.full(row.target.size, row.joint - 1), row.stacked, row.target.ravel(), owners)
@@ -174,11 +185,25 @@ def _refine(
             own = np.concatenate([np.flatnonzero(owners == row.joint - 1), edges]).astype(int)
             residual = (plain.target - plain.scaled(gains) @ values).reshape(row.target.shape)
             design = jacobian[:, own].reshape(*row.target.shape, -1)
-            estimated = variances.estimate(row.ones, design, residual, row.counts)
+            estimated = variances.estimate(row.ones, design, residual, counts=row.counts)
             if estimated is not None:
                 levels[row.joint] = _floored(estimated, row)
         system = _system(rows, levels, owners)
-    return system, fit(system, values, gains, limit=_limits(system, gains))
+    return system, fit(system, values, gains, limit=_limits(system, gains), spread=spread)
+
+
+def _spread(system: Bilinear, values: Floats, gains: Gains) -> Floats:
+    """(edges,) prior spread of each ratio: none where its own row shows it."""
+    jacobian, out = system.jacobian(gains, values), []
+    for number, edge in enumerate(gains.edges):
+        row = gains.parent[edge]
+        here = system.row == row
+        own = np.flatnonzero(system.owners == row)
+        columns = np.column_stack([jacobian[here][:, own], jacobian[here][:, len(values) + number]])
+        error = float(np.sqrt(rank.solve(columns, system.target[here]).inverse[-1, -1]))
+        shown = error < RATIO_KNOWN or abs(gains.edge[edge]) > RATIO_SIGNIFICANT * error
+        out.append(np.inf if shown else RATIO_SPREAD)
+    return np.array(out)
 
 
 def _joined(row: Row) -> Floats:
@@ -206,7 +231,7 @@ def _floored(levels: Levels, row: Row) -> Levels:
     return replace(levels, sample=max(levels.sample, EXACT**2 * row.mean_square, np.finfo(float).tiny ** 0.5))
 
 
-def _from_inside(row: Row, design: Floats) -> Levels:
+def _from_inside(row: Row) -> Levels:
     """Variance of low-frequency noise from the course of the residual inside runs, where runs are too few to compare.
 
     The residual of a run's own fit is taken as first-order autoregressive over cells; its long-run variance a sample is

@@ -52,8 +52,8 @@ class Parameter:
 class Effect(ABC):
     """A contribution to a joint's current that is linear in its parameters.
 
-    An effect is final, keeps no state, reads no file and never sees the measured current. Its file's name is its name in
-    recipes, parameters, the command line and results.
+    An effect is final, keeps no state, reads no file and never sees the measured current. Its file's name is its name
+    in recipes, parameters, the command line and results.
 
     Attributes
     ----------

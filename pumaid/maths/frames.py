@@ -59,7 +59,7 @@ def axes(alphas: ArrayLike, thetas: ArrayLike) -> Floats:
     return out
 
 
-def origins(alphas: ArrayLike, lengths: ArrayLike, offsets: ArrayLike, thetas: ArrayLike) -> Floats:
+def origins(alphas: ArrayLike, lengths: ArrayLike, *, offsets: ArrayLike, thetas: ArrayLike) -> Floats:
     """Origins of every link frame in base axes.
 
     Parameters

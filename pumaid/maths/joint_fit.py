@@ -56,7 +56,7 @@ class Bilinear:
 
 @dataclass(frozen=True, eq=False, slots=True)
 class JointSolution:
-    """Parameters (p,) and gains with the least squares that led there: information over [values, edges], residual (N,)."""
+    """Parameters (p,) and gains, with the least squares that led there over [values, edges], and the residual (N,)."""
 
     values: Floats
     gains: Gains
@@ -86,35 +86,72 @@ def _moved(gains: Gains, steps: Floats) -> Gains:
 
 
 def fit(
-    system: Bilinear, values: Floats, gains: Gains, *, limit: Floats | None = None, most_steps: int = MOST_STEPS
+    system: Bilinear,
+    values: Floats,
+    gains: Gains,
+    *,
+    limit: Floats | None = None,
+    spread: Floats | None = None,
+    most_steps: int = MOST_STEPS,
 ) -> JointSolution:
     """Least squares over parameters and ratios together, from the recursion's solution.
 
     Steps are minimum-norm in directions that the data do not determine, so those keep their starting values; a step
-    that does not lower the sum of squares is halved. `limit` as for `rank.solve`, over [values, edges].
+    that does not lower the sum of squares is halved.
+
+    Parameters
+    ----------
+    system
+        Whitened rows.
+    values, gains
+        Where to start; edges that `gains` does not have stay unknown.
+    most_steps
+        0 only linearises at the start.
+    limit
+        As for `rank.solve`, over [values, edges].
+    spread
+        (edges,) prior standard deviation of each ratio about zero, infinite where it has none: it keeps a ratio that
+        the data hardly show from drifting off and taking others along.
 
     Source
     ------
-    Maximum likelihood for the bilinear model when the rows are whitened by their covariance.
+    Maximum likelihood for the bilinear model when the rows are whitened by their covariance; G. A. F. Seber and C. J.
+    Wild, Nonlinear Regression, ch. 14, for the damped Gauss-Newton step.
     """
     p = len(values)
-    jacobian = system.jacobian(gains, values)
-    residual = system.target - system.scaled(gains) @ values
+    pull = np.zeros(len(gains.edges)) if spread is None else 1.0 / spread
+    jacobian, residual = _augmented(system, values, gains, pull)
     cost = float(residual @ residual)
     for _ in range(most_steps):
         step = rank.solve(jacobian, residual, limit=limit).values
         share, better = 1.0, False
         while share > 1e-6 and not better:
             new_values, new_gains = values + share * step[:p], _moved(gains, share * step[p:])
-            new_residual = system.target - system.scaled(new_gains) @ new_values
-            new_cost = float(new_residual @ new_residual)
+            new_cost = _cost(system, new_values, new_gains, pull)
             better, share = new_cost < cost, share / 2.0
         if not better:
             break
         fall = cost - new_cost
-        values, gains, residual, cost = new_values, new_gains, new_residual, new_cost
-        jacobian = system.jacobian(gains, values)
+        values, gains, cost = new_values, new_gains, new_cost
+        jacobian, residual = _augmented(system, values, gains, pull)
         if fall < CONVERGED * cost:
             break
     linear = rank.solve(jacobian, residual, limit=limit)
-    return JointSolution(values, gains, linear, jacobian, residual)
+    n = len(system.target)
+    return JointSolution(values, gains, linear, jacobian[:n], residual[:n])
+
+
+def _edges(gains: Gains) -> Floats:
+    return np.array([gains.edge[edge] for edge in gains.edges])
+
+
+def _cost(system: Bilinear, values: Floats, gains: Gains, pull: Floats) -> float:
+    residual = system.target - system.scaled(gains) @ values
+    return float(residual @ residual + np.sum((pull * _edges(gains)) ** 2))
+
+
+def _augmented(system: Bilinear, values: Floats, gains: Gains, pull: Floats) -> tuple[Floats, Floats]:
+    """Jacobian and residual with a row for each prior."""
+    prior = np.hstack([np.zeros((len(pull), len(values))), np.diag(pull)])
+    residual = system.target - system.scaled(gains) @ values
+    return np.vstack([system.jacobian(gains, values), prior]), np.concatenate([residual, -pull * _edges(gains)])

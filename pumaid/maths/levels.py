@@ -50,7 +50,7 @@ def whiten(levels: Levels, ones: Floats, rows: Floats) -> Floats:
     return (rows - ones[:, :, None] * along[:, None, :]) * weight[:, None, None]
 
 
-def estimate(ones: Floats, design: Floats, target: Floats, counts: NDArray[np.int64]) -> Levels | None:
+def estimate(ones: Floats, design: Floats, target: Floats, *, counts: NDArray[np.int64]) -> Levels | None:
     """Restricted maximum likelihood of the two variances.
 
     Parameters
@@ -104,3 +104,55 @@ def estimate(ones: Floats, design: Floats, target: Floats, counts: NDArray[np.in
         ratio = 0.0
     sample = profile(ratio)[1]
     return Levels(sample, ratio * sample, freedoms)
+
+
+def freedoms(levels: Levels, *, ones: Floats, jacobian: Floats, inverse: Floats) -> Floats:
+    """Satterthwaite degrees of freedom of each parameter's variance when the working model of the noise gives it.
+
+    Parameters
+    ----------
+    levels
+        The variances in use.
+    ones
+        (R, k) each run's constant, not whitened.
+    jacobian
+        (R, k, p) whitened.
+    inverse
+        (p, p) inverse information of all rows.
+
+    Source
+    ------
+    F. E. Satterthwaite, Biometrics 2 (1946) 110-114, on restricted likelihood as in A. H. M. A. Cornelius and R. Fai,
+    J. Stat. Comput. Simul. 54 (1996) 363-378.
+    """
+    n_runs, k, p = jacobian.shape
+    eye = np.broadcast_to(np.eye(k), (n_runs, k, k))
+    root = whiten(levels, ones, eye)  # V^-1/2 of each run
+    by_sample = root @ root
+    along = np.einsum("rij,rj->ri", root, ones)
+    by_level = along[:, :, None] * along[:, None, :]
+    flat = jacobian.reshape(-1, p)
+    left, singular, _ = np.linalg.svd(flat, full_matrices=False)
+    basis = left[:, singular > 1e-9 * max(float(singular[0]), 1e-300)].reshape(n_runs, k, -1)
+    parts = [by_sample, by_level]
+    info = np.zeros((2, 2))
+    for a, first in enumerate(parts):
+        for b, second in enumerate(parts):
+            info[a, b] = 0.5 * _trace(first, second, basis)
+    pulled = np.einsum("rkp,pq->rkq", jacobian, inverse)
+    slopes = np.stack([np.einsum("rkq,rkl,rlq->q", pulled, part, pulled) for part in parts])
+    if levels.level == 0.0:
+        variance_of = slopes[0] ** 2 / info[0, 0]
+    else:
+        variance_of = np.einsum("aq,ab,bq->q", slopes, np.linalg.pinv(info), slopes)
+    variance = slopes[0] * levels.sample + slopes[1] * levels.level
+    return np.divide(2.0 * variance**2, variance_of, out=np.full(p, np.inf), where=variance_of > 0)
+
+
+def _trace(first: Floats, second: Floats, basis: Floats) -> float:
+    """trace(P A P B) with P = I - basis basis' and A, B block diagonal by run."""
+    plain = float(np.einsum("rij,rji->", first, second))
+    seen = float(np.einsum("rip,rij,rjk,rkp->", basis, first, second, basis))
+    a = np.einsum("rip,rij,rjq->pq", basis, first, basis)
+    b = np.einsum("rip,rij,rjq->pq", basis, second, basis)
+    return plain - 2.0 * seen + float(np.sum(a * b.T))

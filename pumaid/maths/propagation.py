@@ -12,7 +12,7 @@ from pumaid.maths.statistics import Clustered, clustered
 Floats = NDArray[np.float64]
 
 
-def recursion_covariance(system: Bilinear, runs: NDArray[np.int64], values: Floats, gains: Gains) -> Clustered:
+def recursion_covariance(system: Bilinear, values: Floats, gains: Gains, *, runs: NDArray[np.int64]) -> Clustered:
     """Covariance of the recursion's parameters and ratios, clustered by run.
 
     Row i is least squares given the outer rows' results, so an outer run moves it, too: by minus the row's own

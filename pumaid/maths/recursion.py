@@ -1,13 +1,13 @@
 """Rows n to 1 of any block-triangular system whose row gains are unknown.
 
-The system is i = diag(eta) A w with A block upper triangular: each column belongs to one row (its owner), and row i holds
-nothing of columns owned by rows before it. With w*_j = eta_j w_j, row i reads
+The system is i = diag(eta) A w with A block upper triangular: each column belongs to one row (its owner), and row i
+holds nothing of columns owned by rows before it. With w*_j = eta_j w_j, row i reads
 
     i_i = A_ii w*_i + sum_{j > i} (eta_i / eta_j) A_ij w*_j .
 
-Rows are solved from the last to the first. Outer rows are kept in clusters within which all ratios of gains are known; a
-cluster enters row i as one column nu, whose coefficient is eta_i / eta_c with c the cluster's first row, and joins the
-cluster of i. Source: S.-K. Lin, eq. (1)-(8), Theorem 1, Corollary 2.
+Rows are solved from the last to the first. Outer rows are kept in clusters within which all ratios of gains are known;
+a cluster enters row i as one column nu, whose coefficient is eta_i / eta_c with c the cluster's first row, and joins
+the cluster of i. Source: S.-K. Lin, eq. (1)-(8), Theorem 1, Corollary 2.
 """
 
 from __future__ import annotations
@@ -157,13 +157,19 @@ class Recursion:
                 roots.append(root)
         return np.hstack(columns), own, roots
 
-    def take(self, row: int, rows: Floats, target: Floats, *, limit: float | None = None) -> None:
+    def take(
+        self, row: int, rows: Floats, target: Floats, *, limit: float | None = None, spread: float | None = None
+    ) -> None:
         """Solve row `row` from (N, p) regressors and (N,) target of equal variance.
 
         A nu that cannot be told from the row's own columns is left out: they absorb it, the ratio stays unknown, and
-        the own columns that absorbed it are marked as undetermined. `limit` as for `rank.solve`.
+        the own columns that absorbed it are marked as undetermined. `limit` as for `rank.solve`; `spread` is a prior
+        standard deviation of ratios about zero (rows whitened), for a start that no weakly shown ratio can spoil.
         """
         matrix, own, roots = self.design(row, rows)
+        if spread is not None:
+            prior = np.hstack([np.zeros((len(roots), len(own))), np.eye(len(roots)) / spread])
+            matrix, target = np.vstack([matrix, prior]), np.concatenate([target, np.zeros(len(roots))])
         whole = rank.solve(matrix, target, limit=limit)
         sure = whole.determined
         told = np.append(np.ones(len(own), dtype=bool), sure[len(own) :])

@@ -18,7 +18,7 @@ def _factor(rows: Floats) -> Floats:
         rows = np.vstack([rows, np.zeros((width - len(rows), width))])
     upper = np.linalg.qr(rows, mode="r")
     sign = np.where(np.diag(upper) < 0, -1.0, 1.0)
-    return upper * sign[:, None]
+    return np.asarray(upper * sign[:, None])
 
 
 @dataclass(frozen=True, eq=False, slots=True)

@@ -93,4 +93,4 @@ def _inside(run: Run) -> float:
     if len(q) < 2:
         return float(np.mean(run.cells.variance))
     slope = np.gradient(smooth)
-    return float(max(np.mean(run.cells.variance - slope**2 / 12.0), 0.0))
+    return max(float(np.mean(run.cells.variance - slope**2 / 12.0)), 0.0)

@@ -123,8 +123,8 @@ class Reject:
     """A stretch of a log that is no run, with the reason.
 
     `reason` is a slug (``ramp``, ``rest``, ``several-joints`` ...), `text` a sentence with the figures; `joints` those
-    that moved. `cells` are kept where something moved, so that a model can be compared there too. `last_origin` is the file
-    of `last_row` where that is another one, else empty.
+    that moved. `cells` are kept where something moved, so that a model can be compared there too. `last_origin` is the
+    file of `last_row` where that is another one, else empty.
     """
 
     origin: str
@@ -142,7 +142,7 @@ class Reject:
 
 @dataclass(frozen=True, slots=True)
 class FileFacts:
-    """One log file: its name, SHA-256 of its bytes, rows read, median sampling interval (s), first and last time (s)."""
+    """One log file: name, SHA-256 of its bytes, rows read, median sampling interval (s), first and last time (s)."""
 
     name: str
     digest: str

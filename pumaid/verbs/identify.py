@@ -13,7 +13,7 @@ from pumaid.maths.propagation import recursion_covariance
 from pumaid.maths.statistics import Clustered, clustered
 from pumaid.model import Model
 from pumaid.motion.replicates import noise_floor
-from pumaid.records import Combination, Estimate, Evidence, JointFit, Robot, Run, Value
+from pumaid.records import Combination, Estimate, Evidence, JointFit, Robot, Run
 from pumaid.reporting import Sheet
 from pumaid.system import Fitted, Progress, Row, solve
 
@@ -67,7 +67,7 @@ def identify(
         )
     model = Model.of_runs(robot, runs)
     fitted = solve(model, runs, recursive=recursive, progress=progress)
-    first = recursion_covariance(fitted.first_system, fitted.run_of, fitted.first_values, fitted.first_gains)
+    first = recursion_covariance(fitted.first_system, fitted.first_values, fitted.first_gains, runs=fitted.run_of)
     final = first if recursive else _joint_covariance(fitted)
     sheet = Sheet.of(fitted, runs, final)
     values = sheet.values()
@@ -182,7 +182,8 @@ def _notes(fitted: Fitted, robot: Robot) -> list[Note]:
         notes.append(
             Note(
                 "load-in-coulomb",
-                f"the constant load of prismatic joint {joint} ({robot.joint(joint).name}) is part of its Coulomb terms",
+                f"the constant load of prismatic joint {joint} ({robot.joint(joint).name}) is part of its Coulomb"
+                " terms",
                 Where(joint=joint),
             )
         )

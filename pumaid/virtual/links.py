@@ -54,7 +54,7 @@ def gravity_load(robot: Robot, links: Links, position: Floats) -> Floats:
     """
     angles, displacements = robot.dh_angles(position), robot.dh_displacements(position)
     rotations = axes(robot.alphas, angles)
-    origin = origins(robot.alphas, robot.lengths, displacements, angles)
+    origin = origins(robot.alphas, robot.lengths, offsets=displacements, thetas=angles)
     centres = origin + np.einsum("njab,jb->nja", rotations, links.centre)
     # Mass and first moment (about the base) of links i..n, summed from the tip inward.
     outer_mass = np.cumsum(links.mass[::-1])[::-1]
