@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import math
+from dataclasses import dataclass
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -9,8 +12,8 @@ Floats = NDArray[np.float64]
 
 #: How position may leave the line: as a corner, as at constant acceleration, as at constant jerk.
 POWERS = (1, 2, 3)
-#: Points looked at around one edge; more change nothing that the noise would let through.
-MOST_POINTS = 160
+#: Points to which the samples of the sure line and of the rest are thinned; more would change little and cost time.
+LINE_POINTS, EDGE_POINTS = 60, 120
 #: Instants tried for an edge, first along the whole window, then around the best.
 COARSE, FINE = 48, 32
 #: Rise of the misfit, in units of its mean share a point, of an instant that is compatible (two standard deviations).
@@ -19,50 +22,102 @@ COMPATIBLE = 4.0
 BELIEVED = 25.0
 #: rad2 or m2; a misfit of data without any noise (1e-9 squared).
 TINY = 1e-18
+#: Excess of a departure's mean square misfit over the line's, in its standard deviations, up to which a curve fits it.
+DESCRIBED = 2.5
+#: Times that less of a departure is looked at, and samples of it always looked at.
+MOST_LOOKS, LEAST_DEPARTURE = 6, 6
+#: Fewest points from which a noise is told.
+FEWEST = 8
 
 
-def leaving(time: Floats, position: Floats) -> float:
+def leaving(time: Floats, position: Floats, sure: int) -> float:
     """Latest time up to which position surely follows a straight line that it later leaves.
 
     Line plus ``max(0, t - t_e)^p`` is fitted for many `t_e` and p = 1, 2, 3; among the instants whose misfit is not
-    significantly worse than the best one's, the earliest is returned, so that what is kept is on the line.
+    significantly worse than the best one's, the earliest is returned, so that what is kept is on the line. Where no such
+    curve describes the departure (a ramp that ends in view), less of it is looked at.
 
     Parameters
     ----------
     time, position
         (N,) s and rad or m; the line comes first, the departure last; N at least 6.
+    sure
+        Samples at the front that are on the line in any case.
 
     Returns
     -------
     time
         s; the last time given where nothing leaves the line.
     """
-    t, q = _thinned(time, position)
-    t, q = t - time[0], q - q.mean()
-    basis, _ = np.linalg.qr(np.column_stack([np.ones_like(t), t - t.mean()]))
+    points = _thinned(time, position, sure)
+    earliest, latest, is_described = _onset(points)
+    was_described = is_described
+    for _ in range(MOST_LOOKS):
+        line = int(np.searchsorted(points.time, latest))
+        stop = line + max(LEAST_DEPARTURE, (len(points.time) - line) // 2)
+        if was_described or stop >= len(points.time) or line < FEWEST:
+            break
+        # One look more than the curve needs: a ramp that ended in view may hide below the noise.
+        was_described = is_described
+        points = Points(points.time[:stop], points.position[:stop], points.weight[:stop])
+        again, latest, is_described = _onset(points)
+        earliest = min(again, earliest)
+    return float(time[-1]) if earliest >= points.time[-1] else earliest
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Points:
+    """Thinned samples: (M,) times, positions, and weights, the roots of their counts."""
+
+    time: Floats
+    position: Floats
+    weight: Floats
+
+
+def _onset(points: Points) -> tuple[float, float, bool]:
+    """Earliest compatible and best time of departure, and whether the curve fits the departure as the line fits."""
+    t, w = points.time - points.time[0], points.weight
+    q = (points.position - points.position[0]) * w
+    basis, _ = np.linalg.qr(np.column_stack([w, w * (t - t.mean())]))
     rest = q - basis @ (basis.T @ q)
     low, high = t[0] + 0.1 * (t[-1] - t[0]), t[-2]
     tried = np.linspace(low, high, COARSE)
-    misfit = _misfits(t, rest, basis, tried)
-    power, best = np.unravel_index(np.argmin(misfit), misfit.shape)
+    misfit = _misfits(points, rest, basis, tried=tried)
+    _, best = np.unravel_index(np.argmin(misfit), misfit.shape)
     step = tried[1] - tried[0]
     around = np.clip(np.linspace(tried[best] - 2 * step, tried[best] + 2 * step, FINE), low, high)
     tried = np.concatenate([tried, around])
-    misfit = np.concatenate([misfit[power], _misfits(t, rest, basis, around)[power]])
-    least = float(misfit.min())
+    misfit = np.concatenate([misfit, _misfits(points, rest, basis, tried=around)], axis=1)
+    power, best = np.unravel_index(np.argmin(misfit), misfit.shape)
+    least = float(misfit[power, best])
     share = least / max(1, len(t) - 4) + TINY
+    start = float(points.time[0])
     if rest @ rest - least < BELIEVED * share:
-        return float(time[-1])
-    bound = least + COMPATIBLE * share
-    return float(time[0] + tried[misfit <= bound].min())
+        return float(points.time[-1]), float(points.time[-1]), True
+    compatible = tried[(misfit <= least + COMPATIBLE * share).any(axis=0)]
+    is_described = _describes(t, q, w, onset=float(tried[best]), power=POWERS[power])
+    return start + float(compatible.min()), start + float(tried[best]), is_described
 
 
-def _misfits(t: Floats, rest: Floats, basis: Floats, tried: Floats) -> Floats:
+def _describes(t: Floats, q: Floats, w: Floats, *, onset: float, power: int) -> bool:
+    """Whether line plus hinge leaves no more of the departure than of the line."""
+    columns = np.column_stack([np.ones_like(t), t, np.maximum(0.0, t - onset) ** power]) * w[:, None]
+    scale = np.maximum(np.abs(columns).max(axis=0), 1e-300)
+    residual = q - columns @ (np.linalg.lstsq(columns / scale, q, rcond=None)[0] / scale)
+    # As long before the onset as behind it, a wrong curve shows too.
+    line = t < 2.0 * onset - t[-1]
+    if line.sum() < FEWEST or line.all():
+        return True
+    usual = 1.0 + DESCRIBED * math.sqrt(2.0 / int((~line).sum()) + 2.0 / int(line.sum()))
+    return bool(np.mean(residual[~line] ** 2) <= usual * np.mean(residual[line] ** 2) + TINY)
+
+
+def _misfits(points: Points, rest: Floats, basis: Floats, *, tried: Floats) -> Floats:
     """(3, G) sums of squares left by line plus hinge at each of (G,) instants."""
-    ramp = np.maximum(0.0, t[:, None] - tried[None, :])
+    ramp = np.maximum(0.0, (points.time - points.time[0])[:, None] - tried[None, :])
     out = np.empty((len(POWERS), len(tried)))
     for row, power in enumerate(POWERS):
-        hinge = ramp**power
+        hinge = ramp**power * points.weight[:, None]
         hinge = hinge - basis @ (basis.T @ hinge)
         size = np.sum(hinge * hinge, axis=0)
         gain = np.where(size > 0, (rest @ hinge) ** 2 / np.where(size > 0, size, 1.0), 0.0)
@@ -70,13 +125,12 @@ def _misfits(t: Floats, rest: Floats, basis: Floats, tried: Floats) -> Floats:
     return out
 
 
-def _thinned(time: Floats, position: Floats) -> tuple[Floats, Floats]:
-    size = -(-len(time) // MOST_POINTS)
-    if size == 1:
-        return time, position
-    starts = np.arange(0, len(time), size)
+def _thinned(time: Floats, position: Floats, sure: int) -> Points:
+    line, edge = -(-max(1, sure) // LINE_POINTS), -(-max(1, len(time) - sure) // EDGE_POINTS)
+    starts = np.concatenate([np.arange(0, sure, line), np.arange(sure, len(time), edge)])
     counts = np.diff(np.append(starts, len(time)))
-    return (
+    return Points(
         time[0] + np.add.reduceat(time - time[0], starts) / counts,
         position[0] + np.add.reduceat(position - position[0], starts) / counts,
+        np.sqrt(counts.astype(float)),
     )

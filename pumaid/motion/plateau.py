@@ -12,16 +12,25 @@ from scipy.ndimage import maximum_filter1d, minimum_filter1d
 from pumaid.motion.edge import leaving
 from pumaid.motion.movement import Stretch
 from pumaid.motion.options import SegmentOptions
+from pumaid.motion.settle import settled
 from pumaid.motion.speed import Ticks, slopes
 
 Floats = NDArray[np.float64]
 
 #: s; longest straight line by which the speed of a slow or noisy movement is judged.
 LONGEST_LINE = 1.0
+#: Points through which a stretch's trend is looked at.
+MOST_POINTS = 400
 #: s; line before an edge on which the edge is found.
 ANCHOR = 0.3
 #: Standard deviations of the smoothed speed allowed beside the tolerance.
 SPREAD = 3.0
+#: Share of the speed by which a ramp must have changed it where one stops looking at it.
+DEPARTED = 0.2
+#: s; dropped before every edge found: a corner sharper than the noise can tell, or a current that is logged late.
+GUARD = 0.003
+#: Share of a movement's largest acceleration above which a stretch is a slow ramp and no constant speed.
+RAMPING = 0.25
 #: Samples of line and of departure that an edge needs to be found.
 FEWEST = 8
 
@@ -55,14 +64,18 @@ def plateaus(
     velocity, half = movement_speed(ticks, stretch, options)
     speed = np.abs(velocity)
     error = ticks.fit_error(joint, half)
+    peak = float(np.abs(slopes(ticks.time[stretch.start : stretch.stop], velocity, 1)).max())
     reach = max(1, round(0.7 * options.min_duration / ticks.interval))
     found: list[Plateau] = []
     for start, stop in _cores(speed, reach, (options.speed_tolerance, SPREAD * error)):
         level = float(np.median(velocity[start:stop]))
         core = (stretch.start + start, stretch.start + stop)
-        first, last = _refined(ticks, stretch, samples, core=core, half=half)
-        if last - first >= 2:
-            found.append(Plateau(first, last, level))
+        seen = _seen(speed, (start, stop), most=reach + half + round(ANCHOR / ticks.interval), absolute=SPREAD * error)
+        beyond = (max(0, stretch.start + seen[0] - half), min(len(ticks), stretch.start + seen[1] + half))
+        first, last = _refined(ticks, samples, core=core, seen=beyond, half=half)
+        if last - first >= FEWEST and _is_level(samples, (first, last), peak=peak):
+            begins, ends = settled(samples[0][first:last], samples[1][first:last])
+            found.append(Plateau(first + begins, first + ends, level))
     return _apart(found)
 
 
@@ -108,35 +121,48 @@ def _cores(speed: Floats, reach: int, tolerance: tuple[float, float]) -> list[tu
 
 
 def _refined(
-    ticks: Ticks, stretch: Stretch, samples: tuple[Floats, Floats], *, core: tuple[int, int], half: int
+    ticks: Ticks, samples: tuple[Floats, Floats], *, core: tuple[int, int], seen: tuple[int, int], half: int
 ) -> tuple[int, int]:
-    """Sample range of the plateau whose ticks are `core`."""
+    """Sample range of the plateau whose ticks are `core`, where its departures are to be `seen` up to two other ticks."""
     time, position = samples
     edges = ticks.edges
     first, last = int(edges[core[0]]), int(edges[core[1]])
     middle = (first + last) // 2
-    line = max(math.ceil(ANCHOR / ticks.interval), 3 * half, 4)
-    size = int(edges[1] - edges[0])
-    margin = (half + 2) * size
-    if core[1] < stretch.stop or stretch.after is not None:
-        low = max(middle, last - line * size)
-        high = min(last + margin, int(edges[min(len(ticks), stretch.stop + 1)]))
+    line = max(math.ceil(ANCHOR / ticks.interval), 3 * half, 4) * int(edges[1])
+    if seen[1] > core[1]:
+        low, high = max(middle, last - line), int(edges[seen[1]])
         last = _edge(time[low:high], position[low:high], low, last)
-    if core[0] > stretch.start or stretch.before is not None:
-        low = max(first - margin, int(edges[max(0, stretch.start - 1)]))
-        high = min(middle, first + line * size)
-        flipped = slice(low, high)
-        span = high - low
-        back = _edge(-time[flipped][::-1], position[flipped][::-1], 0, span - (first - low))
+    if seen[0] < core[0]:
+        low, high = int(edges[seen[0]]), min(middle, first + line)
+        back = _edge(-time[low:high][::-1], position[low:high][::-1], 0, high - first)
         first = high - back
     return first, last
 
 
+def _seen(speed: Floats, core: tuple[int, int], *, most: int, absolute: float) -> tuple[int, int]:
+    """Ticks up to which a departure from the speed of ticks `core` is to be looked at: until it is large, `most` at most."""
+    level = float(np.median(speed[core[0] : core[1]]))
+    far = np.abs(speed - level) > DEPARTED * level + absolute
+    after, before = np.flatnonzero(far[core[1] :]), np.flatnonzero(far[: core[0]][::-1])
+    ahead = int(after[0]) + 1 if len(after) else most
+    behind = int(before[0]) + 1 if len(before) else most
+    return max(0, core[0] - min(behind, most)), min(len(speed), core[1] + min(ahead, most))
+
+
+def _is_level(samples: tuple[Floats, Floats], bounds: tuple[int, int], *, peak: float) -> bool:
+    """Whether the speed has no trend near the movement's `peak` acceleration (rad/s2 or m/s2)."""
+    time, position = (values[bounds[0] : bounds[1]] for values in samples)
+    thin = max(1, len(time) // MOST_POINTS)
+    parabola = np.polynomial.Polynomial.fit(time[::thin], position[::thin], 2)
+    return abs(2.0 * float(parabola.convert().coef[-1])) <= RAMPING * peak
+
+
 def _edge(time: Floats, position: Floats, offset: int, fallback: int) -> int:
-    """Index (counted from `offset`) behind the last sample that is on the line."""
+    """Index (counted from `offset`) behind the last sample that is surely on the line."""
     if len(time) < FEWEST:
         return fallback
-    return offset + int(np.searchsorted(time, leaving(time, position), side="right"))
+    left = leaving(time, position, sure=max(0, min(fallback - offset, len(time) - FEWEST)))
+    return offset + int(np.searchsorted(time, left - GUARD)) if left < time[-1] else offset + len(time)
 
 
 def _apart(found: list[Plateau]) -> list[Plateau]:

@@ -12,7 +12,7 @@ from pumaid.units import number
 #: Reason -> (what a legend says, the sentence); the figures in braces are filled in from the stretch.
 REASONS: dict[str, tuple[str, str]] = {
     "rest": ("at rest", "no joint is faster than {rest_speed} for {duration} s"),
-    "ramp": ("speeding up or slowing down", "joint {joints} changes its speed for {duration} s around its constant runs"),
+    "ramp": ("speeding up or slowing down", "joint {joints} changes its speed for {duration} s around its runs"),
     "several-joints": ("several joints move", "joints {joints} move at the same time for {duration} s"),
     "too-short": ("too short", "joint {joints} moves {figure} {unit} in {duration} s; a run needs {min_duration} s, "
                   "{min_travel} {unit} and {min_samples} samples"),

@@ -1,0 +1,63 @@
+"""Overshoot and ringing at the ends of a constant speed: where they have died down into what the middle shows."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pumaid.motion.speed import slopes
+
+Floats = NDArray[np.float64]
+
+#: s; means over it resolve a ringing of up to some 40 Hz.
+STEP = 0.005
+#: Steps on either side of a straight line for the speed.
+HALF = 2
+#: s; a ringing that returns within it (half a period at 5 Hz) is still the same ringing.
+RETURN = 0.1
+#: Standard deviations of the middle's speed above which an end is not settled.
+UNSETTLED = 4.5
+#: Share of the speed below which a departure is nothing to speak of.
+NEGLIGIBLE = 0.005
+#: A ringing that sank into the noise after some time is given this share of that time again to die.
+AGAIN = 1.0
+#: Fewest steps whose middle half tells a spread.
+FEWEST = 24
+
+
+def settled(time: Floats, position: Floats) -> tuple[int, int]:
+    """Samples [start, stop) of a stretch of constant speed between which it rings no more than in its middle.
+
+    Parameters
+    ----------
+    time, position
+        (N,) s and rad or m of the stretch.
+    """
+    size = max(1, round(STEP * (len(time) - 1) / max(1e-9, float(time[-1] - time[0]))))
+    starts = np.arange(0, len(time) - size + 1, size)
+    if len(starts) < FEWEST:
+        return 0, len(time)
+    counts = np.diff(np.append(starts, len(time)))
+    t = np.add.reduceat(time - time[0], starts) / counts
+    speed = slopes(t, np.add.reduceat(position - position[0], starts) / counts, HALF)
+    quarter = len(t) // 4
+    middle = slice(quarter, len(t) - quarter)
+    trend = np.polynomial.Polynomial.fit(t[middle], speed[middle], 1)
+    departure = np.abs(speed - trend(t))
+    spread = float(np.sqrt(np.mean(departure[middle] ** 2)))
+    far = departure > max(UNSETTLED * spread, NEGLIGIBLE * abs(float(np.mean(speed[middle]))))
+    # Straight lines at the ends have fewer neighbours and so more noise.
+    far[:HALF] = far[-HALF:] = False
+    reach = max(1, round(RETURN / max(1e-9, float(t[-1] - t[0]) / len(t))))
+    front, back = _ringing(far[: len(t) // 2], reach), _ringing(far[::-1][: len(t) // 2], reach)
+    return front * size, len(time) - back * size
+
+
+def _ringing(far: NDArray[np.bool_], reach: int) -> int:
+    """Steps from the front until the last departure that follows the one before within `reach`, and some again."""
+    last = -1
+    for step in np.flatnonzero(far).tolist():
+        if step - last > reach:
+            break
+        last = step
+    return 0 if last < 0 else min(len(far), round((last + 1) * (1.0 + AGAIN)) + HALF)
