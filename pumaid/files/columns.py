@@ -219,10 +219,11 @@ def _absence(quantity: str, lacking: list[str], found: int, form: LogFormat, nam
 
 def _more_joints(have: set[str], robot: Robot, name: str) -> list[Note]:
     beyond = [
-        str(column)
-        for quantity in ("position", "current")
-        if (column := robot.log.column(quantity, robot.n_joints + 1)) in have
+        template.format(joint=robot.n_joints + 1, joint0=robot.n_joints)
+        for template in (robot.log.position, robot.log.current)
+        if "{joint" in template and "{name" not in template
     ]
+    beyond = [column for column in beyond if column in have]
     if not beyond:
         return []
     text = f"the log also has {_listed(beyond)}, but {robot.name} has {robot.n_joints} joints: is it this robot's log?"

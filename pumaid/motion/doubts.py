@@ -1,0 +1,332 @@
+"""The checks behind `suspicion`: each reads the sums of a stream and yields faults (`LogError`) and doubts (`Note`)."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pumaid.errors import LogError, Note, Where
+from pumaid.motion.tally import WINDOW, Tally
+from pumaid.records import Robot
+from pumaid.units import UNITS, number
+
+Floats = NDArray[np.float64]
+Found = Iterator[LogError | Note]
+
+#: Path (rad or m) from which a joint counts as moved: less is drift, or a test of the brakes.
+MOVED = 0.2
+#: Displacements and a velocity column that belong together agree this well (real logs: 0.99 and more).
+AGREES = 0.95
+#: Relative error within which a ratio is taken for the ratio of two units; scale errors of sensors are smaller.
+UNIT_MATCH = 0.05
+#: A ratio within this of one is right: real logs are within 0.015.
+RATIO_FINE = 0.15
+#: Intervals (s) at which no arm is logged: a second and more, or above 33 kHz.
+SLOWEST, FASTEST = 1.0, 3e-5
+#: s; ramps of an arm take 0.1 to 0.3 s: fewer samples do not show them.
+COARSE = 0.05
+#: Multiple of the limits' width that a range must exceed before the unit is in doubt.
+BEYOND = 1.5
+#: rad; two turns each way. One joint beyond may turn endlessly; two of an arm do not.
+FAR = 4.0 * math.pi
+#: Share of a joint's samples, least number, and multiple of the next level's count, that make a flat top.
+FLAT_SHARE, FLAT_COUNT, FLAT_RATIO = 0.01, 50, 5
+#: Windows each way from which a joint's friction can be told from its gravity.
+_FEWEST_WAYS = 30
+#: Share of a current's variance beside gravity that the direction of another joint must explain (squared correlation).
+_STRONG = 0.5
+#: How much more the other joint's current must answer to the direction than the joint's own.
+_STRONGER = 4.0
+
+
+def of_units(tally: Tally) -> Found:
+    """Time, positions and velocities against each other, against the limits, and against what arms do."""
+    yield from _of_interval(tally)
+    degrees = list(_of_degrees(tally))
+    yield from degrees or _of_ratio(tally)
+
+
+def _of_interval(tally: Tally) -> Found:
+    interval = tally.rate_interval()
+    unit = tally.robot.log.units.get("time", "s")
+    where = Where(file=tally.origin, column=tally.robot.log.time)
+    if interval >= SLOWEST or interval <= FASTEST:
+        rate = (
+            f"one sample every {number(interval)} s"
+            if interval >= SLOWEST
+            else f"{number(1 / interval)} samples a second"
+        )
+        fitting = [
+            word
+            for word, (dimension, factor) in UNITS.items()
+            if dimension == "time" and 2e-4 <= interval / UNITS[unit][1] * factor <= 0.1
+        ]
+        hint = f"put units: {{time: {fitting[0]}}} into the recipe's log block" if fitting else "check the time column"
+        yield LogError("time-unit", f"with time read in {unit} there is {rate}; no arm is logged so", where, hint)
+    elif interval > COARSE:
+        text = f"{number(1 / interval)} samples a second are too few to see where an arm speeds up and slows down"
+        yield Note("rate-low", f"{text}; 50 or more are needed for good runs", where)
+
+
+def _of_degrees(tally: Tally) -> Found:
+    """Positions that are far too large as radians."""
+    robot = tally.robot
+    turning = [joint for joint in robot.joints if joint.is_revolute]
+    furthest = np.maximum(np.abs(tally.lowest), np.abs(tally.highest))
+    beyond = [j for j in turning if j.limits and _far_beyond(tally, j.number) and _fits_in_degrees(tally, j.number)]
+    too_fast = [j for j in turning if j.max_velocity and _rms_speed(tally)[j.number - 1] > BEYOND * j.max_velocity]
+    far = [j for j in turning if not j.limits and furthest[j.number - 1] > FAR]
+    if robot.log.units.get("position", "rad") != "rad" or not (beyond or len(far) >= 1):
+        return
+    joint = (beyond or far)[0]
+    index = joint.number - 1
+    span = f"{number(tally.lowest[index])} to {number(tally.highest[index])}"
+    if beyond and joint.limits:
+        allowed = f"its limits are {number(joint.limits[0])} to {number(joint.limits[1])} rad"
+        what = f"positions of joint {joint.number} run from {span}; {allowed}, and as degrees they would fit"
+    else:
+        what = f"positions of joint {joint.number} run from {span} rad, more than two turns"
+    if too_fast:
+        fast = too_fast[0]
+        speed = number(_rms_speed(tally)[fast.number - 1])
+        what += f"; joint {fast.number} would move at {speed} rad/s, its maximum is {number(fast.max_velocity or 0.0)}"
+    where = Where(file=tally.origin, joint=joint.number, column=robot.log.column("position", joint.number))
+    mend = "if they are degrees put units: {position: deg} into the recipe's log block"
+    if beyond or len(far) >= 2 or too_fast:
+        yield LogError("looks-like-degrees", what, where, mend)
+    elif not _agreeing(tally)[index]:
+        yield Note("looks-like-degrees", f"{what}; {mend}", where)
+
+
+def _far_beyond(tally: Tally, joint: int) -> bool:
+    limits = tally.robot.joint(joint).limits
+    if limits is None:
+        return False
+    width = limits[1] - limits[0]
+    outside = max(limits[0] - tally.lowest[joint - 1], tally.highest[joint - 1] - limits[1])
+    # A whole turn off may be another count of turns, not another unit.
+    return bool(outside > max((BEYOND - 1.0) * width, math.tau))
+
+
+def _fits_in_degrees(tally: Tally, joint: int) -> bool:
+    limits = tally.robot.joint(joint).limits
+    if limits is None:
+        return False
+    slack = 0.1 * (limits[1] - limits[0])
+    low, high = math.radians(tally.lowest[joint - 1]), math.radians(tally.highest[joint - 1])
+    return bool(low >= limits[0] - slack and high <= limits[1] + slack)
+
+
+def _rms_speed(tally: Tally) -> Floats:
+    """(J,) RMS speed while moving; no more than the maximum, whatever the motion."""
+    return np.sqrt(tally.speed_squares / np.maximum(tally.seconds, 1e-12))
+
+
+def _correlation(tally: Tally) -> Floats:
+    """(J, J) of displacement a with velocity column b; zero where there is nothing to correlate."""
+    scale = np.sqrt(np.outer(tally.displacement, tally.integral))
+    return np.divide(tally.moved_by, scale, out=np.zeros_like(scale), where=scale > 0)
+
+
+def _ratio(tally: Tally) -> Floats:
+    """(J,) displacement per integrated velocity, NaN where a joint did not move or they do not belong together."""
+    belongs = (np.abs(np.diag(_correlation(tally))) > AGREES) & (tally.path > 0)
+    return np.where(belongs, np.diag(tally.moved_by) / np.where(tally.integral > 0, tally.integral, 1.0), np.nan)
+
+
+def _agreeing(tally: Tally) -> NDArray[np.bool_]:
+    """(J,) whether the velocity column says what the positions say."""
+    return np.abs(_ratio(tally) - 1.0) < RATIO_FINE
+
+
+def _of_ratio(tally: Tally) -> Found:
+    """The derivative of position against the velocity column."""
+    ratio = _ratio(tally)
+    moved = _really_moved(tally)
+    for joint in tally.robot.joints:
+        value = float(ratio[joint.number - 1])
+        if not moved[joint.number - 1] or math.isnan(value) or abs(value - 1.0) < RATIO_FINE:
+            continue
+        column = tally.robot.log.column("velocity", joint.number)
+        where = Where(file=tally.origin, joint=joint.number, column=column)
+        what = f"position of joint {joint.number} changes {number(value)} times as fast as its velocity column says"
+        fitting = _unit_changes(tally.robot, joint.number, value)
+        if fitting:
+            words = " or ".join(f"units: {{{quantity}: {unit}}}" for quantity, unit in fitting)
+            mend = f"put {words} into the recipe's log block"
+            if any(quantity in ("position", "prismatic_position", "time") for quantity, _ in fitting):
+                yield LogError("units-disagree", what, where, mend)
+            else:
+                yield Note("units-disagree", f"{what}; {mend} (speeds are taken from position)", where)
+        elif abs(value + 1.0) < RATIO_FINE:
+            yield Note("velocity-sign", f"velocity of joint {joint.number} has the sign opposite to its motion", where)
+        else:
+            yield Note(
+                "velocity-scale",
+                f"{what}; speeds are taken from position{_gear(tally.robot, joint.number, value)}",
+                where,
+            )
+        if fitting:
+            return
+
+
+def _really_moved(tally: Tally) -> NDArray[np.bool_]:
+    """(J,) by displacement or, where a wrong unit makes that small, by the velocity column."""
+    return (tally.path > MOVED) | ((tally.displacement > 0) & (tally.integral > (MOVED * WINDOW) ** 2))
+
+
+def _unit_changes(robot: Robot, joint: int, ratio: float) -> list[tuple[str, str]]:
+    """(key, unit word) of every single change of unit that brings the ratio to one."""
+    turning = robot.joint(joint).is_revolute
+    prefix = "" if turning else "prismatic_"
+    dimensions = {
+        "position": "angle" if turning else "length",
+        "velocity": f"{'angular' if turning else 'linear'} velocity",
+    }
+    standard = {"position": "rad" if turning else "m", "velocity": "rad/s" if turning else "m/s", "time": "s"}
+    found = []
+    for quantity, power in (("position", 1), ("time", -1), ("velocity", -1)):
+        key = quantity if quantity == "time" else prefix + quantity
+        now = robot.log.units.get(key, robot.log.units.get(quantity, standard[quantity]))
+        for word, (dimension, factor) in UNITS.items():
+            if dimension != dimensions.get(quantity, "time") or word == now:
+                continue
+            changed = abs(ratio) * (factor / UNITS[now][1]) ** power
+            if abs(changed - 1.0) < UNIT_MATCH:
+                found.append((key, word))
+    return found
+
+
+def _gear(robot: Robot, joint: int, ratio: float) -> str:
+    gear = robot.joint(joint).gear_ratio
+    if gear and abs(abs(ratio * gear) - 1.0) < UNIT_MATCH:
+        return f" (the ratio is that of the gear, {number(gear)}: the column is the motor's speed)"
+    return ""
+
+
+def of_limits(tally: Tally) -> Found:
+    """Positions outside the recipe's limits, where the unit is not what is wrong."""
+    for joint in tally.robot.joints:
+        if joint.limits is None:
+            continue
+        low, high = float(tally.lowest[joint.number - 1]), float(tally.highest[joint.number - 1])
+        slack = 0.05 * (joint.limits[1] - joint.limits[0])
+        if low < joint.limits[0] - slack or high > joint.limits[1] + slack:
+            span = f"{number(low)} to {number(high)} {joint.position_unit}"
+            allowed = f"{number(joint.limits[0])} to {number(joint.limits[1])}"
+            column = tally.robot.log.column("position", joint.number)
+            where = Where(file=tally.origin, joint=joint.number, column=column)
+            text = f"joint {joint.number} runs from {span}, beyond its limits {allowed}: check zero, sign and unit"
+            yield Note("beyond-limits", text, where)
+
+
+def of_velocity(tally: Tally) -> Found:
+    """A velocity column that follows another joint's position."""
+    if not tally.has_velocity:
+        return
+    match = np.abs(_correlation(tally))
+    others = {
+        j.number: int(np.argmax(match[j.number - 1])) + 1
+        for j in tally.robot.joints
+        if tally.path[j.number - 1] > MOVED
+        and match[j.number - 1, j.number - 1] < 0.3
+        and match[j.number - 1].max() > AGREES
+    }
+    if others:
+        pairs = ", ".join(f"position {a} with velocity {b}" for a, b in others.items())
+        what = f"velocity columns follow other joints than their own: {pairs}"
+        joint = next(iter(others))
+        where = Where(file=tally.origin, joint=joint, column=tally.robot.log.column("velocity", joint))
+        mend = "put the columns into one order; if the positions are right, velocity: null in the recipe's log block"
+        yield LogError("velocity-of-another", what, where, mend)
+
+
+def of_current(tally: Tally) -> Found:
+    """A current that never changes while its joint moves, or that is cut off at the top."""
+    for joint in tally.robot.joints:
+        k = joint.number - 1
+        if tally.path[k] < MOVED or not np.isfinite(tally.current_lowest[k]):
+            continue
+        where = Where(file=tally.origin, joint=joint.number, column=tally.robot.log.column("current", joint.number))
+        count, total = int(tally.top_count[k, 0]), int(tally.moving[k])
+        if tally.current_lowest[k] == tally.current_highest[k] and total >= FLAT_COUNT:
+            value = number(float(tally.current_lowest[k]))
+            what = f"current of joint {joint.number} is {value} A in all {total} samples in which it moves"
+            mend = (
+                "name the column of the measured current; if there is none remove this one, the joint is then left out"
+            )
+            yield LogError("constant-current", what, where, mend)
+        elif count >= max(FLAT_COUNT, FLAT_SHARE * total) and count >= FLAT_RATIO * tally.top_count[k, 1]:
+            limit = number(float(tally.top[k, 0]))
+            text = f"current of joint {joint.number} is at its largest, {limit} A, in {count} of {total} moving samples"
+            yield Note(
+                "current-saturated", f"{text}: cut off by the drive or the sensor; slower runs stay below", where
+            )
+
+
+def of_order(tally: Tally) -> Found:
+    """A joint that moves while another draws the current.
+
+    While joint a moves alone its friction changes sign with direction, and nobody else's does: gravity is a function of
+    position. So the current that answers to a's direction, beside cos and sin of its angle, is the current of a.
+    """
+    answer, share = _answers(tally)
+    moved_to: dict[int, int] = {}
+    for joint in tally.robot.joints:
+        a = joint.number - 1
+        if np.isnan(answer[a]).all():
+            continue
+        b = int(np.nanargmax(np.abs(answer[a])))
+        if b != a and share[a, b] > _STRONG and abs(answer[a, b]) > _STRONGER * np.nan_to_num(abs(answer[a, a])):
+            moved_to[a + 1] = b + 1
+    if not moved_to:
+        return
+    pairs = "; ".join(
+        f"when joint {a} moves, current {b} changes by {number(2 * abs(answer[a - 1, b - 1]), 2)} A with direction, "
+        f"its own by {number(2 * abs(np.nan_to_num(answer[a - 1, a - 1])), 2)} A"
+        for a, b in moved_to.items()
+    )
+    first = next(iter(moved_to))
+    where = Where(file=tally.origin, joint=first, column=tally.robot.log.column("position", first))
+    mend = f"positions and currents are in different orders: put {_relabelled(tally.robot, moved_to)} into one order"
+    if len(moved_to) >= 2 and len(set(moved_to.values())) == len(moved_to):
+        yield LogError("joints-swapped", pairs, where, mend)
+    else:
+        yield Note("joints-swapped", f"{pairs}; perhaps {mend}", where)
+
+
+def _relabelled(robot: Robot, moved_to: dict[int, int]) -> str:
+    parts = [f"{robot.log.column('position', a)} beside {robot.log.column('current', b)}" for a, b in moved_to.items()]
+    return ", ".join(parts)
+
+
+def _answers(tally: Tally) -> tuple[Floats, Floats]:
+    """(J, J) half difference of current b between a's directions (A), and the share of variance that it explains.
+
+    NaN where joint a did not move alone both ways long enough.
+    """
+    n = tally.robot.n_joints
+    answer, share = np.full((n, n), np.nan), np.zeros((n, n))
+    for a in range(n):
+        if tally.ways[a].min() < _FEWEST_WAYS or tally.path[a] < MOVED:
+            continue
+        inverse = np.linalg.pinv(tally.normal[a], rcond=1e-9, hermitian=True)
+        weights = inverse @ tally.product[a]
+        left = np.maximum(tally.squares[a] - np.einsum("kb,kb->b", weights, tally.product[a]), 1e-300)
+        # What the direction column adds to the fit, over that plus what is left.
+        gain = weights[3] ** 2 / max(inverse[3, 3], 1e-300)
+        answer[a], share[a] = weights[3], gain / (gain + left)
+        answer[a, ~np.isfinite(tally.current_lowest) & (tally.path > MOVED)] = np.nan
+    return answer, share
+
+
+def of_rest(tally: Tally) -> Found:
+    """Joints that never move while others do."""
+    still = [joint.number for joint in tally.robot.joints if tally.path[joint.number - 1] < MOVED]
+    if still and len(still) < tally.robot.n_joints:
+        listed = ", ".join(map(str, still))
+        text = f"joint{'s' if len(still) > 1 else ''} {listed} never move{'' if len(still) > 1 else 's'} in these logs"
+        yield Note("joint-at-rest", text, Where(file=tally.origin))

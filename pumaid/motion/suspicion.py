@@ -1,0 +1,88 @@
+"""Logs that do not mean what the recipe says: wrong units, swapped columns, dead currents."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+
+from pumaid.errors import Faults, LogError, Note
+from pumaid.motion import doubts
+from pumaid.motion.tally import Tally
+from pumaid.records import FileFacts, Log, Robot
+
+
+class Watch:
+    """Passes a stream of logs on and keeps sums of it; at its end it refuses or flags what cannot be meant.
+
+    A fault from which wrong numbers would certainly follow is raised when the stream ends, so before anything is made
+    of it; a doubt is a note. Each comes with the figures behind it and with what to change. The samples themselves are
+    passed on untouched, so one pass suffices.
+
+    Parameters
+    ----------
+    logs
+        Consecutive batches, SI. What the iterable tells of its files (`files`, `notes`) is taken over.
+    robot
+        The arm that the recipe says these are logs of.
+    refuse
+        False turns refusals into notes: for a user who knows better.
+
+    Raises
+    ------
+    LogError
+        At the end of the stream: [looks-like-degrees, units-disagree, time-unit, constant-current, joints-swapped,
+        velocity-of-another]. Several are told together (`Faults`).
+
+    Examples
+    --------
+    >>> evidence = segment(Watch(LogReader(expand(["logs/"]), robot), robot), robot)  # doctest: +SKIP
+    """
+
+    def __init__(self, logs: Iterable[Log], robot: Robot, *, refuse: bool = True) -> None:
+        self._logs, self._robot, self._refuse = logs, robot, refuse
+        self._found: list[Note] = []
+
+    @property
+    def files(self) -> tuple[FileFacts, ...]:
+        """Facts of the files read so far, as the stream below tells them."""
+        return tuple(getattr(self._logs, "files", ()))
+
+    @property
+    def notes(self) -> tuple[Note, ...]:
+        """Notes of the stream below, and doubts once it has ended."""
+        return (*getattr(self._logs, "notes", ()), *self._found)
+
+    def __iter__(self) -> Iterator[Log]:
+        tally = Tally(self._robot)
+        self._found = []
+        for log in self._logs:
+            tally.take(log)
+            yield log
+        faults, self._found = suspicions(tally)
+        if faults and self._refuse:
+            raise faults[0] if len(faults) == 1 else Faults(faults)
+        self._found = [Note(fault.slug, f"{fault.what}; {fault.mend}", fault.where) for fault in faults] + self._found
+
+
+def suspicions(tally: Tally) -> tuple[list[LogError], list[Note]]:
+    """What the sums of a whole stream tell: faults that must be refused, and doubts.
+
+    Parameters
+    ----------
+    tally
+        Of all logs of one robot.
+
+    Returns
+    -------
+    faults, notes
+        In the order in which a user should look at them: units first, since they cause most of the rest.
+    """
+    found: list[LogError | Note] = [*doubts.of_units(tally)]
+    if not any(isinstance(item, LogError) for item in found):
+        found += [
+            *doubts.of_limits(tally),
+            *doubts.of_velocity(tally),
+            *doubts.of_current(tally),
+            *doubts.of_order(tally),
+        ]
+        found += doubts.of_rest(tally)
+    return [item for item in found if isinstance(item, LogError)], [item for item in found if isinstance(item, Note)]

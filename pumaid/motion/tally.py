@@ -1,0 +1,216 @@
+"""Sums over the stream of samples from which `suspicion` judges whether the columns mean what the recipe says."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pumaid.records import Log, Robot
+
+Floats = NDArray[np.float64]
+Bools = NDArray[np.bool_]
+
+#: s; displacements and mean currents are taken over this: noise of encoders averages out, a stroke has many.
+WINDOW = 0.1
+#: s; a longer window spans a gap and is left out.
+LONGEST_WINDOW = 0.25
+#: rad/s and m/s; below it a joint counts as held (noise of 1e-4 rad over a window is 1e-3 rad/s).
+SLOW = {"revolute": 0.02, "prismatic": 0.005}
+#: A joint moves alone where all others are this much slower, relative to its own speed.
+_ALONE = 0.05
+#: Intervals from which the sampling rate is taken.
+_RATE_PROBE = 20_000
+
+
+@dataclass(eq=False, slots=True)
+class Tally:
+    """Sums per joint, fed batch by batch; J joints, W windows.
+
+    Attributes
+    ----------
+    lowest, highest
+        (J,) positions.
+    path, seconds, speed_squares
+        (J,) path (rad or m), time (s) and integral of the squared speed over the windows in which each joint moves.
+    moved_by
+        (J, J): sum over windows of displacement of joint a times integrated velocity column b.
+    displacement, integral
+        (J,) sums of their squares.
+    intervals
+        First intervals (s).
+    current_lowest, current_highest
+        (J,) A, over the samples in which each joint moves.
+    moving
+        (J,) samples in which each joint moves.
+    top, top_count
+        (J, 2): the two largest magnitudes of current while moving (A) and how often they occur.
+    normal, product, squares
+        (J, 4, 4), (J, 4, J), (J, J): while joint a moves alone, normal matrix of (1, cos, sin, direction), its product
+        with all mean currents, and the currents' sums of squares.
+    ways
+        (J, 2) windows alone forwards and backwards.
+    """
+
+    robot: Robot
+    origin: str = ""
+    lowest: Floats = field(init=False)
+    highest: Floats = field(init=False)
+    path: Floats = field(init=False)
+    seconds: Floats = field(init=False)
+    speed_squares: Floats = field(init=False)
+    moved_by: Floats = field(init=False)
+    displacement: Floats = field(init=False)
+    integral: Floats = field(init=False)
+    intervals: list[Floats] = field(default_factory=list)
+    current_lowest: Floats = field(init=False)
+    current_highest: Floats = field(init=False)
+    moving: NDArray[np.int64] = field(init=False)
+    top: Floats = field(init=False)
+    top_count: NDArray[np.int64] = field(init=False)
+    normal: Floats = field(init=False)
+    product: Floats = field(init=False)
+    squares: Floats = field(init=False)
+    ways: NDArray[np.int64] = field(init=False)
+    has_velocity: bool = False
+    _n_intervals: int = 0
+    _carry: Log | None = None
+
+    def __post_init__(self) -> None:
+        n = self.robot.n_joints
+        self.lowest, self.highest = np.full(n, np.inf), np.full(n, -np.inf)
+        self.current_lowest, self.current_highest = np.full(n, np.inf), np.full(n, -np.inf)
+        self.path, self.seconds, self.speed_squares = np.zeros(n), np.zeros(n), np.zeros(n)
+        self.moved_by, self.displacement, self.integral = np.zeros((n, n)), np.zeros(n), np.zeros(n)
+        self.moving, self.ways = np.zeros(n, dtype=np.int64), np.zeros((n, 2), dtype=np.int64)
+        self.top, self.top_count = np.full((n, 2), -1.0), np.zeros((n, 2), dtype=np.int64)
+        self.normal, self.product, self.squares = np.zeros((n, 4, 4)), np.zeros((n, 4, n)), np.zeros((n, n))
+
+    def take(self, log: Log) -> None:
+        """Add a batch; whole windows are summed, the rest waits for the next batch of the same clock."""
+        if not len(log):
+            return
+        self.origin = self.origin or log.origin
+        self.lowest = np.fmin(self.lowest, np.fmin.reduce(log.position))
+        self.highest = np.fmax(self.highest, np.fmax.reduce(log.position))
+        if (
+            self._carry is not None
+            and not log.starts_clock
+            and (self._carry.velocity is None) == (log.velocity is None)
+        ):
+            log = _joined(self._carry, log)
+        edges = np.flatnonzero(np.diff(np.floor(log.time / WINDOW))) + 1
+        edges = np.concatenate([[0], edges])
+        self._carry = _part(log, slice(int(edges[-1]), None))
+        if len(edges) > 1:
+            self._sum(log, edges)
+
+    def rate_interval(self) -> float:
+        """Median interval between samples (s), NaN if there is none."""
+        return float(np.median(np.concatenate(self.intervals))) if self.intervals else float("nan")
+
+    def _sum(self, log: Log, edges: NDArray[np.int64]) -> None:
+        last = int(edges[-1])
+        if self._n_intervals < _RATE_PROBE:
+            self.intervals.append(np.diff(log.time[: last + 1])[: _RATE_PROBE - self._n_intervals])
+            self._n_intervals += len(self.intervals[-1])
+        seconds = np.diff(log.time[edges])
+        steps = np.diff(log.position[edges], axis=0)
+        usable = (seconds <= LONGEST_WINDOW) & np.isfinite(steps).all(axis=1)
+        counts = np.diff(edges)
+        mean = np.add.reduceat(log.current[:last], edges[:-1], axis=0) / counts[:, None]
+        middle = 0.5 * (log.position[edges[1:]] + log.position[edges[:-1]])
+        if log.velocity is not None:
+            self._hold_velocity(log, edges, steps, usable)
+        steps, seconds, mean, middle = steps[usable], seconds[usable], mean[usable], middle[usable]
+        speed = steps / seconds[:, None]
+        moves = np.abs(speed) > np.array([SLOW[joint.kind] for joint in self.robot.joints])
+        self.path += np.where(moves, np.abs(steps), 0.0).sum(axis=0)
+        self.seconds += (moves * seconds[:, None]).sum(axis=0)
+        self.speed_squares += np.where(moves, steps * speed, 0.0).sum(axis=0)
+        self._levels(np.repeat(usable, counts), np.repeat(moves, counts[usable], axis=0), log.current[:last])
+        self._directions(speed, moves, mean, middle)
+
+    def _hold_velocity(self, log: Log, edges: NDArray[np.int64], steps: Floats, usable: Bools) -> None:
+        assert log.velocity is not None
+        self.has_velocity = True
+        pieces = 0.5 * (log.velocity[1:] + log.velocity[:-1]) * np.diff(log.time)[:, None]
+        covered = np.add.reduceat(pieces[: int(edges[-1])], edges[:-1], axis=0)[usable]
+        moved = steps[usable]
+        self.moved_by += moved.T @ covered
+        self.displacement += (moved**2).sum(axis=0)
+        self.integral += (covered**2).sum(axis=0)
+
+    def _levels(self, usable: Bools, moves: Bools, current: Floats) -> None:
+        """Extremes of the current while each joint moves."""
+        current = current[usable]
+        for j in np.flatnonzero(moves.any(axis=0)):
+            values = current[moves[:, j], j]
+            self.moving[j] += len(values)
+            if np.isnan(values).any():
+                continue
+            self.current_lowest[j] = min(self.current_lowest[j], values.min())
+            self.current_highest[j] = max(self.current_highest[j], values.max())
+            size = np.abs(values)
+            first = size.max()
+            second = size[size < first].max(initial=-1.0)
+            levels: dict[float, int] = {}
+            for level, count in [
+                *zip(self.top[j].tolist(), self.top_count[j].tolist(), strict=True),
+                (float(first), int(np.count_nonzero(size == first))),
+                (float(second), int(np.count_nonzero(size == second))),
+            ]:
+                levels[level] = levels.get(level, 0) + count
+            best = sorted(levels.items(), reverse=True)[:2]
+            self.top[j], self.top_count[j] = (
+                [b[0] for b in [*best, (-1.0, 0)][:2]],
+                [b[1] for b in [*best, (-1.0, 0)][:2]],
+            )
+
+    def _directions(self, speed: Floats, moves: Bools, mean: Floats, middle: Floats) -> None:
+        size = np.abs(speed)
+        for a in np.flatnonzero(moves.any(axis=0)):
+            others = np.delete(size, a, axis=1).max(axis=1, initial=0.0)
+            alone = moves[:, a] & (others < _ALONE * size[:, a])
+            if not alone.any():
+                continue
+            way, angle, response = np.sign(speed[alone, a]), middle[alone, a], np.nan_to_num(mean[alone])
+            one = np.ones(len(way))
+            turning = self.robot.joints[a].is_revolute
+            columns = np.stack([one, np.cos(angle) * turning, np.sin(angle) * turning, way], axis=1)
+            self.normal[a] += columns.T @ columns
+            self.product[a] += columns.T @ response
+            self.squares[a] += (response**2).sum(axis=0)
+            self.ways[a] += [int(np.count_nonzero(way > 0)), int(np.count_nonzero(way < 0))]
+
+
+def _joined(one: Log, other: Log) -> Log:
+    """Two batches of one clock as one."""
+
+    def both(name: str) -> Floats:
+        return np.concatenate([getattr(one, name), getattr(other, name)])
+
+    velocity = None if other.velocity is None else both("velocity")
+    return replace(
+        other,
+        rows=np.concatenate([one.rows, other.rows]),
+        time=both("time"),
+        position=both("position"),
+        velocity=velocity,
+        current=both("current"),
+        temperature=None,
+    )
+
+
+def _part(log: Log, part: slice) -> Log:
+    return replace(
+        log,
+        rows=log.rows[part].copy(),
+        time=log.time[part].copy(),
+        position=log.position[part].copy(),
+        velocity=None if log.velocity is None else log.velocity[part].copy(),
+        current=log.current[part].copy(),
+        temperature=None,
+        starts_clock=False,
+    )

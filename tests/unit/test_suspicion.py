@@ -1,0 +1,263 @@
+"""Logs that do not mean what the recipe says are refused or flagged, good ones are not."""
+
+from __future__ import annotations
+
+import math
+import os
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from pumaid.errors import Faults, LogError, Note
+from pumaid.files.table import LogReader
+from pumaid.motion.suspicion import Watch
+from pumaid.records import Joint, Log, LogFormat, Robot
+
+REAL = Path(os.environ.get("PUMAID_REAL_DATA", Path(__file__).parents[3] / "shared" / "data"))
+COULOMB = np.array([0.5, -0.4, 0.15])
+
+
+def arm(*, limits: tuple[float, float] | None = (-2.9, 2.9), max_velocity: float | None = 2.0, **log: object) -> Robot:
+    """Three revolute joints."""
+    joints = tuple(
+        Joint(k, f"j{k}", "revolute", alpha=1.0, limits=limits, max_velocity=max_velocity) for k in (1, 2, 3)
+    )
+    return Robot("test arm", joints, log=LogFormat(**log))  # type: ignore[arg-type]
+
+
+def good_log(*, seed: int = 0, rate: float = 200.0) -> Log:
+    """Each joint moves to and fro in three postures, with rests; gravity, friction of mixed signs and noise."""
+    rng = np.random.default_rng(seed)
+    where = rng.uniform(-1.0, 1.0, 3)
+    path: list[np.ndarray] = []
+
+    def go(target: np.ndarray, seconds: float) -> None:
+        nonlocal where
+        share = np.concatenate([np.linspace(0, 1, int(seconds * rate)), np.ones(int(0.4 * rate))])
+        path.append(where + share[:, None] * (target - where))
+        where = target
+
+    for joint in (0, 1, 2) * 3:
+        for end in (-1.8, 1.8, -1.5, 1.7):
+            go(np.where(np.arange(3) == joint, end, where), 4.0)
+        go(np.where(np.arange(3) == joint, where, rng.uniform(-1.0, 1.0, 3)), 3.0)
+    q = np.concatenate(path)
+    time = np.arange(len(q)) / rate
+    velocity = np.gradient(q, time, axis=0)
+    gravity = np.stack(
+        [0 * q[:, 0], 2.0 * np.cos(q[:, 1]) + 0.5 * np.cos(q[:, 1] + q[:, 2]), 0.8 * np.sin(q[:, 1] + q[:, 2])]
+    )
+    current = gravity.T + COULOMB * np.sign(velocity) + 0.1 * velocity + rng.normal(scale=0.05, size=q.shape)
+    q = q + rng.normal(scale=1e-4, size=q.shape)
+    velocity = velocity + rng.normal(scale=0.02, size=q.shape)
+    return Log("made.csv", np.arange(len(q)) + 2, time, q, velocity, current)
+
+
+def watched(log: Log, robot: Robot, *, batch: int = 4096) -> list[LogError | Note]:
+    """Faults and notes on a log that comes in batches."""
+    parts = [
+        replace(
+            log,
+            rows=log.rows[k : k + batch],
+            time=log.time[k : k + batch],
+            position=log.position[k : k + batch],
+            velocity=None if log.velocity is None else log.velocity[k : k + batch],
+            current=log.current[k : k + batch],
+        )
+        for k in range(0, len(log), batch)
+    ]
+    watch = Watch(parts, robot)
+    try:
+        passed = list(watch)
+    except Faults as faults:
+        return [fault for fault in faults.faults if isinstance(fault, LogError)]
+    except LogError as fault:
+        return [fault]
+    assert all(one is other for one, other in zip(passed, parts, strict=True))
+    return list(watch.notes)
+
+
+def slugs(log: Log, robot: Robot) -> list[str]:
+    """Slugs of what is found, faults in capitals."""
+    return [item.slug.upper() if isinstance(item, LogError) else item.slug for item in watched(log, robot)]
+
+
+@pytest.mark.parametrize("seed", range(5))
+@pytest.mark.parametrize("rate", [60.0, 1000.0])
+def test_a_good_log_passes_in_silence(seed: int, rate: float) -> None:
+    """No doubt falls on noise, mixed friction signs and gravity many times the friction."""
+    assert watched(good_log(seed=seed, rate=rate), arm()) == []
+    assert watched(replace(good_log(seed=seed, rate=rate), velocity=None), arm(limits=None, max_velocity=None)) == []
+
+
+def test_degrees_against_a_velocity_in_radians() -> None:
+    """Positions in degrees beside velocities in rad/s disagree by 57.3; the mend names the unit."""
+    log = good_log()
+    (fault,) = watched(replace(log, position=np.degrees(log.position)), arm(limits=None, max_velocity=None))
+    assert isinstance(fault, LogError) and fault.slug in ("looks-like-degrees", "units-disagree")
+    assert "position: deg" in fault.mend and fault.where.column == "q1"
+
+
+@pytest.mark.parametrize("velocity", [True, False])
+def test_degrees_against_the_limits(velocity: bool) -> None:
+    """Positions (and velocities) in degrees leave the limits and fit them as degrees."""
+    log = good_log()
+    turned = None if not velocity or log.velocity is None else np.degrees(log.velocity)
+    (fault,) = watched(replace(log, position=np.degrees(log.position), velocity=turned), arm())
+    assert (
+        isinstance(fault, LogError) and fault.slug == "looks-like-degrees" and "as degrees they would fit" in fault.what
+    )
+
+
+def test_degrees_without_any_limit() -> None:
+    """Two joints many turns away are not an arm's angles in radians."""
+    log = good_log()
+    (fault,) = watched(
+        replace(log, position=np.degrees(log.position), velocity=None), arm(limits=None, max_velocity=None)
+    )
+    assert isinstance(fault, LogError) and fault.slug == "looks-like-degrees"
+
+
+def test_one_joint_of_many_turns_is_no_fault() -> None:
+    """A wrist that turns endlessly, with a velocity that agrees, is believed."""
+    log = good_log()
+    position = log.position.copy()
+    position[:, 2] += 0.9 * log.time
+    velocity = np.gradient(position, log.time, axis=0)
+    free = arm(limits=None, max_velocity=None)
+    assert [s for s in slugs(replace(log, position=position, velocity=velocity), free) if s != "joints-swapped"] == []
+
+
+UNITS = [
+    ("velocity", 180 / math.pi, "units-disagree", "velocity: deg/s"),
+    ("velocity", 30 / math.pi, "units-disagree", "velocity: rpm"),
+    ("velocity", -1.0, "velocity-sign", "sign"),
+    ("velocity", 100.0, "velocity-scale", "gear, 100.0: the column is the motor's speed"),
+    ("time", 1000.0, "TIME-UNIT", "units: {time: ms}"),
+    ("time", 1e6, "TIME-UNIT", "units: {time: us}"),
+    ("time", 1e9, "TIME-UNIT", "units: {time: ns}"),
+]
+
+
+@pytest.mark.parametrize(("quantity", "factor", "slug", "said"), UNITS)
+def test_a_wrong_unit_is_named(quantity: str, factor: float, slug: str, said: str) -> None:
+    """The ratio of what should be equal tells the unit word that belongs into the recipe."""
+    log = good_log()
+    changed = replace(log, **{quantity: getattr(log, quantity) * factor})
+    robot = arm()
+    robot = replace(robot, joints=tuple(replace(joint, gear_ratio=100.0) for joint in robot.joints))
+    found = watched(changed, robot)
+    assert {item.slug for item in found} == {slug.lower()}
+    assert isinstance(found[0], LogError) == slug.isupper()
+    assert said in str(found[0])
+
+
+@pytest.mark.parametrize("order", [(1, 0, 2), (0, 2, 1), (2, 0, 1)])
+def test_positions_in_another_order_are_refused(order: tuple[int, ...]) -> None:
+    """The current that answers to a joint's direction is another's: with the amperes and the pairs."""
+    log = good_log(seed=7)
+    (fault,) = watched(replace(log, position=log.position[:, order], velocity=None), arm())
+    assert isinstance(fault, LogError) and fault.slug == "joints-swapped"
+    for joint, source in enumerate(order):
+        assert (f"q{joint + 1} beside i{source + 1}" in fault.mend) == (joint != source)
+
+
+def test_velocities_in_another_order_are_refused() -> None:
+    """A velocity column that follows another joint's position shows that one of them is misplaced."""
+    log = good_log()
+    assert log.velocity is not None
+    (fault,) = watched(replace(log, velocity=log.velocity[:, [1, 0, 2]]), arm())
+    assert isinstance(fault, LogError) and fault.slug == "velocity-of-another"
+    assert "position 1 with velocity 2, position 2 with velocity 1" in fault.what
+
+
+@pytest.mark.parametrize("value", [0.0, 1.25])
+def test_a_dead_current_is_refused(value: float) -> None:
+    """A joint that moves at an unchanging current has none that was measured."""
+    log = good_log()
+    current = log.current.copy()
+    current[:, 1] = value
+    (fault,) = watched(replace(log, current=current), arm())
+    assert isinstance(fault, LogError) and (fault.slug, fault.where.column) == ("constant-current", "i2")
+
+
+def test_a_joint_without_a_current_is_no_fault() -> None:
+    """Where the log lacks a current (NaN) there is nothing to doubt."""
+    log = good_log()
+    current = log.current.copy()
+    current[:, 1] = np.nan
+    assert watched(replace(log, current=current), arm()) == []
+
+
+def test_a_cut_off_current_is_flagged() -> None:
+    """Samples exactly at the largest value are a drive at its limit; quantised currents are not."""
+    log = good_log()
+    assert slugs(replace(log, current=np.clip(log.current, -2.0, 2.0)), arm()) == ["current-saturated"]
+    assert slugs(replace(log, current=np.round(log.current, 1)), arm()) == []
+
+
+def test_joints_at_rest_and_beyond_limits_are_flagged() -> None:
+    """What may be meant is a note with the joints and the figures."""
+    log = good_log()
+    part = replace(
+        log,
+        rows=log.rows[:3400],
+        time=log.time[:3400],
+        position=log.position[:3400],
+        velocity=None,
+        current=log.current[:3400],
+    )
+    found = watched(part, arm(limits=(-1.0, 1.0)))
+    assert [item.slug for item in found] == ["beyond-limits", "joint-at-rest"]
+    assert "joint 1 runs from -1.8" in found[0].text and "joints 2, 3" in found[1].text  # type: ignore[union-attr]
+
+
+def test_few_samples_a_second_are_flagged() -> None:
+    """Ten samples a second do not show a ramp."""
+    assert slugs(good_log(rate=10.0), arm()) == ["rate-low"]
+
+
+def test_a_user_may_insist() -> None:
+    """With `refuse` off the same finding is a note."""
+    log = good_log()
+    watch = Watch([replace(log, time=log.time * 1000.0)], arm(), refuse=False)
+    assert len(list(watch)) == 1
+    assert [note.slug for note in watch.notes] == ["time-unit"] and "ms" in watch.notes[0].text
+
+
+def test_the_cut_of_batches_does_not_matter() -> None:
+    """Findings with their figures are the same for small batches."""
+    log = replace(good_log(seed=7), position=good_log(seed=7).position[:, [1, 0, 2]], velocity=None)
+    assert [str(item) for item in watched(log, arm())] == [str(item) for item in watched(log, arm(), batch=37)]
+
+
+REAL_LOGS = {
+    "ur3e-aurt/wave_currentData_100v_40a.parquet": (
+        6,
+        "timestamp",
+        "actual_q_{joint0}",
+        "actual_qd_{joint0}",
+        "actual_current_{joint0}",
+    ),
+    "kinova-gen3-jointwise": (7, "Time", "Position{joint}", "Velocity{joint}", "Cur{joint}"),
+    "dfki-double-pendulum-a0": (2, "time", "pos{joint}", "vel{joint}", "tau{joint}"),
+    "laas-odri-cogging/speed_test.parquet": (1, "Time", "Position", "Velocity", "Iq"),
+}
+
+
+@pytest.mark.realdata
+@pytest.mark.parametrize("name", REAL_LOGS)
+def test_real_logs_raise_no_doubt(name: str) -> None:
+    """Recordings of real arms, known to be sound, are read without a refusal, a gap or a doubt."""
+    if not (REAL / name).exists():
+        pytest.skip(f"{REAL / name} is not there; set PUMAID_REAL_DATA")
+    n, time, position, velocity, current = REAL_LOGS[name]
+    units = {"time": "ms"} if time == "Time" and n == 7 else {}
+    joints = tuple(Joint(k, f"j{k}", "revolute") for k in range(1, n + 1))
+    robot = Robot(name, joints, log=LogFormat(time, position, velocity, current, units=units))
+    paths = sorted((REAL / name).glob("*.parquet")) if (REAL / name).is_dir() else [REAL / name]
+    watch = Watch(LogReader(paths, robot), robot)
+    assert sum(len(log) for log in watch) == sum(facts.rows for facts in watch.files)
+    assert {note.slug for note in watch.notes} <= {"joint-at-rest"}
