@@ -11,7 +11,7 @@ from rich.table import Table
 from rich.text import Text
 
 from pumaid.records import Plan, Posture, Robot
-from pumaid.units import number
+from pumaid.units import factor, number
 
 
 def plan_table(plan: Plan, robot: Robot) -> Group:
@@ -47,7 +47,7 @@ def duration_text(seconds: float) -> str:
 
 def _shown(value: float, is_turning: bool) -> str:
     """Positions as people set them: degrees to a tenth, millimetres as metres."""
-    return f"{math.degrees(value) + 0.0:.4g}" if is_turning else f"{value:.4g}"
+    return f"{value / factor('deg') + 0.0:.4g}" if is_turning else f"{value:.4g}"
 
 
 def _motions(plan: Plan, robot: Robot) -> Table:

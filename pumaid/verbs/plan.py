@@ -14,7 +14,7 @@ from pumaid.errors import Faults, ModelError, Note, PumaidError, Where
 from pumaid.maths.frames import axes
 from pumaid.records import Motion, Plan, Posture, Robot
 from pumaid.structure import Structure, minimal
-from pumaid.units import number
+from pumaid.units import factor, number
 from pumaid.virtual.draw import draw
 from pumaid.virtual.forecast import forecast, gravity_names
 from pumaid.virtual.postures import Choice, choose
@@ -277,7 +277,7 @@ def _stance(robot: Robot, joint: int, hold: Floats) -> str:
     axis = axes(robot.alphas, robot.dh_angles(hold[None]))[0, joint - 1, :, 2]
     gravity = np.asarray(robot.gravity)
     size = float(np.linalg.norm(gravity)) or 1.0
-    tilt_deg = math.degrees(math.acos(min(1.0, abs(float(axis @ gravity)) / size)))
+    tilt_deg = math.acos(min(1.0, abs(float(axis @ gravity)) / size)) / factor("deg")
     return f"the axis of joint {joint} stands {tilt_deg:.0f} deg from the direction of gravity"
 
 
@@ -288,16 +288,11 @@ def _assumptions(robot: Robot) -> tuple[str, ...]:
         "Ramps reach the highest speed in 0.4 s. Collisions are not checked: look at each posture before it is run.",
     ]
     for joint in robot.joints:
-        low, high = span(joint)
+        unit = "deg" if joint.is_revolute else "m"
         if joint.limits is None:
-            shown = (
-                f"{math.degrees(low):.0f}..{math.degrees(high):.0f} deg"
-                if joint.is_revolute
-                else f"{low:g}..{high:g} m"
-            )
-            told.append(f"Joint {joint.number} ({joint.name}) states no limits: {shown} taken.")
+            low, high = (end / factor(unit) for end in span(joint))
+            told.append(f"Joint {joint.number} ({joint.name}) states no limits: {low:.4g}..{high:.4g} {unit} taken.")
         if joint.max_velocity is None:
-            most = highest_speeds(robot)[joint.number - 1]
-            shown = f"{math.degrees(most):.0f} deg/s" if joint.is_revolute else f"{most:g} m/s"
-            told.append(f"Joint {joint.number} ({joint.name}) states no max_velocity: {shown} taken.")
+            most = highest_speeds(robot)[joint.number - 1] / factor(unit)
+            told.append(f"Joint {joint.number} ({joint.name}) states no max_velocity: {most:.3g} {unit}/s taken.")
     return tuple(told)

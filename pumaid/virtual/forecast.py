@@ -66,7 +66,7 @@ def jacobian(robot: Robot, known: Constants, position: Floats) -> Floats:
     return np.stack(columns, axis=-1)
 
 
-def run_slopes(robot: Robot, known: Constants, joint: int, holds: Floats) -> Floats:
+def run_slopes(robot: Robot, known: Constants, *, joint: int, holds: Floats) -> Floats:
     """What one joint's runs tell: slopes of its current's cos q, sin q and constant parts.
 
     Parameters
@@ -179,7 +179,7 @@ def forecast(truth: Truth, motions: Iterable[Motion], *, names: Sequence[str], r
         if not own:
             continue
         holds, which = np.unique([motion.hold for motion in own], axis=0, return_inverse=True)
-        slopes = run_slopes(robot, truth.constants, joint, holds)[:, :, keep]
+        slopes = run_slopes(robot, truth.constants, joint=joint, holds=holds)[:, :, keep]
         for motion, slope in zip(own, slopes[which], strict=True):
             span, seconds = cruise(robot, motion)
             moments = run_moments(span, seconds, truth.noise, joint=joint, rate=rate)

@@ -62,7 +62,7 @@ class _Worth:
         ]
         both = np.zeros((len(truths), len(holds), self.width + 2, self.width + 2))
         for g, truth in enumerate(truths):
-            slopes = run_slopes(robot, truth.constants, joint, holds)[:, :, keep]
+            slopes = run_slopes(robot, truth.constants, joint=joint, holds=holds)[:, :, keep]
             for friction in range(2):
                 wide = np.zeros((len(holds), 3, self.width + 2))
                 wide[:, :, : self.width] = slopes
@@ -187,13 +187,13 @@ def _that_matter(truth: Truth, joint: int, rng: np.random.Generator) -> list[int
     """Joints (from 1) whose position changes what the moving joint's runs tell."""
     robot = truth.robot
     postures = rng.uniform(-1.0, 1.0, (12, robot.n_joints)) * np.where(robot.is_revolute, np.pi, 0.5)
-    before = run_slopes(robot, truth.constants, joint, postures)
+    before = run_slopes(robot, truth.constants, joint=joint, holds=postures)
     scale = np.max(np.abs(before)) or 1.0
     found = []
     for number in range(1, robot.n_joints + 1):
         turned = postures.copy()
         turned[:, number - 1] += 0.7
-        if np.max(np.abs(run_slopes(robot, truth.constants, joint, turned) - before)) > _NOTHING * scale:
+        if np.max(np.abs(run_slopes(robot, truth.constants, joint=joint, holds=turned) - before)) > _NOTHING * scale:
             found.append(number)
     return found
 
@@ -201,6 +201,6 @@ def _that_matter(truth: Truth, joint: int, rng: np.random.Generator) -> list[int
 def _wanted(truth: Truth, joint: int, holds: Floats, names: Sequence[str]) -> tuple[str, ...]:
     """Names, among those not shown yet, on which the joint's current depends in some candidate posture."""
     every = gravity_names(truth.robot)
-    size = np.max(np.abs(run_slopes(truth.robot, truth.constants, joint, holds)), axis=(0, 1))
+    size = np.max(np.abs(run_slopes(truth.robot, truth.constants, joint=joint, holds=holds)), axis=(0, 1))
     scale = np.max(size) or 1.0
     return tuple(name for name in names if size[every.index(name)] > _NOTHING * scale)

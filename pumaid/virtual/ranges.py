@@ -8,20 +8,22 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pumaid.records import Joint, Robot
+from pumaid.units import factor
 
 Floats = NDArray[np.float64]
+_DEG = factor("deg")
 
 #: Span of a turning joint without limits (the paper's), and the widest worth its time (both well over half a
 #: turn, so that a spring is told from a sinusoid).
-USUAL_TURN, WIDEST_TURN = math.radians(250.0), math.radians(270.0)
+USUAL_TURN, WIDEST_TURN = 250.0 * _DEG, 270.0 * _DEG
 #: Span of a sliding joint without limits, m, from zero.
 USUAL_SLIDE = 0.3
 #: What is left free at each limit, as a share of the range, and at most: rad, m. Real controllers overshoot.
-_MARGIN, _MOST_TURN, _MOST_SLIDE = 0.02, math.radians(3.0), 0.01
+_MARGIN, _MOST_TURN, _MOST_SLIDE = 0.02, 3.0 * _DEG, 0.01
 #: Held joints stand at multiples of this, so that people can read and set them: rad.
-_STEP = math.radians(15.0)
+_STEP = 15.0 * _DEG
 #: A held joint keeps within this of its reference position where its limits are wider: rad.
-_FARTHEST = math.radians(150.0)
+_FARTHEST = 150.0 * _DEG
 
 
 def span(joint: Joint) -> tuple[float, float]:

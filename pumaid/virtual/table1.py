@@ -2,17 +2,16 @@
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
 
 from pumaid.records import Joint, Motion, Plan, Posture, Robot
+from pumaid.units import factor
 from pumaid.virtual.recursion import Constants
 from pumaid.virtual.truth import Friction, Noise, Truth
 
 #: The table prints k* times this, m/s2.
 TABLE_GRAVITY = 9.8
-_PER_DEG = 180.0 / math.pi
+_DEG = factor("deg")
 
 _NAMES = ("waist", "shoulder", "elbow", "wrist roll", "wrist pitch", "flange")
 _ALPHA_DEG = (0.0, -90.0, 0.0, 90.0, -90.0, 90.0)
@@ -46,7 +45,7 @@ _SPAN_DEG = 125
 def robot() -> Robot:
     """The PUMA 560 of the paper, without limits (the experiment turned every joint over -125..125 deg)."""
     joints = tuple(
-        Joint(number=i + 1, name=_NAMES[i], kind="revolute", alpha=math.radians(_ALPHA_DEG[i]), a=_A[i], d=_D[i])
+        Joint(number=i + 1, name=_NAMES[i], kind="revolute", alpha=_ALPHA_DEG[i] * _DEG, a=_A[i], d=_D[i])
         for i in range(6)
     )
     return Robot(name="PUMA 560", joints=joints)
@@ -65,8 +64,8 @@ def puma560() -> Truth:
     friction = Friction(
         np.array(_COULOMB_PLUS),
         np.array(_COULOMB_MINUS),
-        np.array(_VISCOUS_PLUS) * _PER_DEG,
-        np.array(_VISCOUS_MINUS) * _PER_DEG,
+        np.array(_VISCOUS_PLUS) / _DEG,
+        np.array(_VISCOUS_MINUS) / _DEG,
     )
     known = Constants(
         np.array(_K_X) / TABLE_GRAVITY, np.array(_K_Y) / TABLE_GRAVITY, np.zeros(6), np.array(_RATIO, dtype=float)
@@ -92,9 +91,9 @@ def experiment(replicates: int = 1) -> Plan:
         Motion(
             joint=posture.joint,
             hold=posture.hold,
-            start=-math.radians(_SPAN_DEG) * sign,
-            end=math.radians(_SPAN_DEG) * sign,
-            velocity=math.radians(speed),
+            start=-_SPAN_DEG * _DEG * sign,
+            end=_SPAN_DEG * _DEG * sign,
+            velocity=speed * _DEG,
         )
         for _ in range(replicates)
         for posture in postures
@@ -105,4 +104,4 @@ def experiment(replicates: int = 1) -> Plan:
 
 
 def _radians(degrees: tuple[int, ...]) -> tuple[float, ...]:
-    return tuple(math.radians(value) for value in degrees)
+    return tuple(value * _DEG for value in degrees)

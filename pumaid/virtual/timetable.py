@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pumaid.records import Joint, Motion, Robot
+from pumaid.units import factor
 from pumaid.virtual.ranges import span
 from pumaid.virtual.timing import MOVE_SHARE, RAMP_TIME, accelerations, highest_speeds
 
@@ -48,7 +49,7 @@ def speeds(robot: Robot, joint: int, shares: Sequence[float]) -> tuple[float, ..
     ramp = float(accelerations(robot)[joint - 1])
     room = np.sqrt((1.0 - _LEAST_CRUISE) * (high - low) * ramp)
     most = min(float(highest_speeds(robot)[joint - 1]), room, QUICKEST_TURN if arm.is_revolute else QUICKEST_SLIDE)
-    step = np.pi / 180.0 if arm.is_revolute else 1e-3
+    step = factor("deg") if arm.is_revolute else 1e-3
     rounded = {_rounded(share * most, step) for share in shares}
     return tuple(sorted(rounded))
 
