@@ -15,7 +15,7 @@ POWERS = (1, 2, 3)
 #: Points to which the samples of the sure line and of the rest are thinned; more would change little and cost time.
 LINE_POINTS, EDGE_POINTS = 60, 120
 #: Instants tried for an edge, first along the whole window, then around the best.
-COARSE, FINE = 48, 32
+COARSE, FINE = 40, 24
 #: Rise of the misfit, in units of its mean share a point, of an instant that is compatible (two standard deviations).
 COMPATIBLE = 4.0
 #: Fall of the misfit, in the same units, that a departure must bring to be believed (five standard deviations).
@@ -34,8 +34,8 @@ def leaving(time: Floats, position: Floats, sure: int) -> float:
     """Latest time up to which position surely follows a straight line that it later leaves.
 
     Line plus ``max(0, t - t_e)^p`` is fitted for many `t_e` and p = 1, 2, 3; among the instants whose misfit is not
-    significantly worse than the best one's, the earliest is returned, so that what is kept is on the line. Where no such
-    curve describes the departure (a ramp that ends in view), less of it is looked at.
+    significantly worse than the best one's, the earliest is returned, so that what is kept is on the line. Where no
+    such curve describes the departure (a ramp that ends in view), less of it is looked at.
 
     Parameters
     ----------
@@ -101,27 +101,31 @@ def _onset(points: Points) -> tuple[float, float, bool]:
 
 def _describes(t: Floats, q: Floats, w: Floats, *, onset: float, power: int) -> bool:
     """Whether line plus hinge leaves no more of the departure than of the line."""
-    columns = np.column_stack([np.ones_like(t), t, np.maximum(0.0, t - onset) ** power]) * w[:, None]
-    scale = np.maximum(np.abs(columns).max(axis=0), 1e-300)
-    residual = q - columns @ (np.linalg.lstsq(columns / scale, q, rcond=None)[0] / scale)
+    columns = np.column_stack([w, w * (t - t.mean()), w * np.maximum(0.0, t - onset) ** power])
+    basis, _ = np.linalg.qr(columns)
+    residual = q - basis @ (basis.T @ q)
     # As long before the onset as behind it, a wrong curve shows too.
     line = t < 2.0 * onset - t[-1]
     if line.sum() < FEWEST or line.all():
         return True
     usual = 1.0 + DESCRIBED * math.sqrt(2.0 / int((~line).sum()) + 2.0 / int(line.sum()))
-    return bool(np.mean(residual[~line] ** 2) <= usual * np.mean(residual[line] ** 2) + TINY)
+    near, far = residual[~line], residual[line]
+    return bool(near @ near / len(near) <= usual * (far @ far) / len(far) + TINY)
 
 
 def _misfits(points: Points, rest: Floats, basis: Floats, *, tried: Floats) -> Floats:
     """(3, G) sums of squares left by line plus hinge at each of (G,) instants."""
     ramp = np.maximum(0.0, (points.time - points.time[0])[:, None] - tried[None, :])
+    whole = float(rest @ rest)
     out = np.empty((len(POWERS), len(tried)))
-    for row, power in enumerate(POWERS):
-        hinge = ramp**power * points.weight[:, None]
-        hinge = hinge - basis @ (basis.T @ hinge)
-        size = np.sum(hinge * hinge, axis=0)
-        gain = np.where(size > 0, (rest @ hinge) ** 2 / np.where(size > 0, size, 1.0), 0.0)
-        out[row] = np.maximum(rest @ rest - gain, 0.0)
+    hinge = points.weight[:, None] * ramp
+    for row in range(len(POWERS)):
+        plain = np.einsum("ij,ij->j", hinge, hinge)
+        size = plain - np.sum((basis.T @ hinge) ** 2, axis=0)
+        is_told = size > 1e-9 * plain
+        gain = (rest @ hinge) ** 2 / np.where(is_told, size, 1.0)
+        out[row] = np.where(is_told, np.maximum(whole - gain, 0.0), whole)
+        hinge = hinge * ramp
     return out
 
 

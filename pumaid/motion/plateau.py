@@ -123,7 +123,7 @@ def _cores(speed: Floats, reach: int, tolerance: tuple[float, float]) -> list[tu
 def _refined(
     ticks: Ticks, samples: tuple[Floats, Floats], *, core: tuple[int, int], seen: tuple[int, int], half: int
 ) -> tuple[int, int]:
-    """Sample range of the plateau whose ticks are `core`, where its departures are to be `seen` up to two other ticks."""
+    """Sample range of the plateau whose ticks are `core`, where its departures are `seen` up to two other ticks."""
     time, position = samples
     edges = ticks.edges
     first, last = int(edges[core[0]]), int(edges[core[1]])
@@ -140,7 +140,7 @@ def _refined(
 
 
 def _seen(speed: Floats, core: tuple[int, int], *, most: int, absolute: float) -> tuple[int, int]:
-    """Ticks up to which a departure from the speed of ticks `core` is to be looked at: until it is large, `most` at most."""
+    """Ticks up to which a departure from the speed of ticks `core` is looked at: until it is large, `most` at most."""
     level = float(np.median(speed[core[0] : core[1]]))
     far = np.abs(speed - level) > DEPARTED * level + absolute
     after, before = np.flatnonzero(far[core[1] :]), np.flatnonzero(far[: core[0]][::-1])
@@ -153,8 +153,10 @@ def _is_level(samples: tuple[Floats, Floats], bounds: tuple[int, int], *, peak: 
     """Whether the speed has no trend near the movement's `peak` acceleration (rad/s2 or m/s2)."""
     time, position = (values[bounds[0] : bounds[1]] for values in samples)
     thin = max(1, len(time) // MOST_POINTS)
-    parabola = np.polynomial.Polynomial.fit(time[::thin], position[::thin], 2)
-    return abs(2.0 * float(parabola.convert().coef[-1])) <= RAMPING * peak
+    x = time[::thin] - time.mean()
+    basis, upper = np.linalg.qr(np.column_stack([np.ones_like(x), x, x * x]))
+    curvature = float(basis[:, 2] @ (position[::thin] - position[0])) / float(upper[2, 2])
+    return abs(2.0 * curvature) <= RAMPING * peak
 
 
 def _edge(time: Floats, position: Floats, offset: int, fallback: int) -> int:

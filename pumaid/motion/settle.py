@@ -42,10 +42,11 @@ def settled(time: Floats, position: Floats) -> tuple[int, int]:
     speed = slopes(t, np.add.reduceat(position - position[0], starts) / counts, HALF)
     quarter = len(t) // 4
     middle = slice(quarter, len(t) - quarter)
-    trend = np.polynomial.Polynomial.fit(t[middle], speed[middle], 1)
-    departure = np.abs(speed - trend(t))
+    x, level = t - t[middle].mean(), float(speed[middle].mean())
+    trend = float(x[middle] @ (speed[middle] - level)) / float(x[middle] @ x[middle])
+    departure = np.abs(speed - level - trend * x)
     spread = float(np.sqrt(np.mean(departure[middle] ** 2)))
-    far = departure > max(UNSETTLED * spread, NEGLIGIBLE * abs(float(np.mean(speed[middle]))))
+    far = departure > max(UNSETTLED * spread, NEGLIGIBLE * abs(level))
     # Straight lines at the ends have fewer neighbours and so more noise.
     far[:HALF] = far[-HALF:] = False
     reach = max(1, round(RETURN / max(1e-9, float(t[-1] - t[0]) / len(t))))
