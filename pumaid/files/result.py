@@ -28,7 +28,8 @@ FORMAT = 1
 #: Most faults of one file that are told; the rest is counted.
 MOST_FAULTS = 5
 
-_NUMBERS = re.compile(r"\[\s+((?:-?\d[^\[\]\"{}]*|null[^\[\]\"{}]*))\]")
+# A list of nothing but numbers, over several lines; text holds no bare line end in JSON and so is never touched.
+_NUMBERS = re.compile(r"\[\n\s*((?:-?\d[^\[\]\"{}]*|null[^\[\]\"{}]*))\]")
 
 
 def plain(value: Any) -> Any:

@@ -119,9 +119,9 @@ def test_text_is_strict_json():
 
 def test_rows_of_numbers_stand_on_a_line():
     """A matrix can be read by eye, while text in brackets is left alone."""
-    text = as_text({"matrix": [[1.0, 2.5e-9], [float("nan"), 4.0]], "words": ["1,  2", "[3,\n4]"]})
+    text = as_text({"matrix": [[1.0, 2.5e-9], [float("nan"), 4.0]], "words": ["1,  2", "[ 3,  4]", "[\n3,  4]"]})
     assert "[1.0, 2.5e-09]" in text
-    assert json.loads(text) == {"matrix": [[1.0, 2.5e-9], [None, 4.0]], "words": ["1,  2", "[3,\n4]"]}
+    assert json.loads(text) == {"matrix": [[1.0, 2.5e-9], [None, 4.0]], "words": ["1,  2", "[ 3,  4]", "[\n3,  4]"]}
 
 
 def test_plain_turns_numpy_and_infinity_into_json():

@@ -1,0 +1,79 @@
+"""Model files under attack: whatever stands in one, reading it gives an estimate or a refusal of ours, nothing else."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from pumaid.errors import PumaidError
+from pumaid.files.result import as_text, model_document, plain, read_model
+from pumaid.records import Combination, EffectChoice, Estimate, JointFit, Value
+
+ESTIMATE = Estimate(
+    robot="arm",
+    joints=(JointFit(1, 3, 900, 0.01, 0.01), JointFit(2, 1, 100, 0.02, None, "one run")),
+    values=(
+        Value("coulomb.j1.plus", "lambda1+", 1, "A", 0.5, 0.1, (0.3, 0.7), 9.0),
+        Value("gain_ratio.1.2", "eta1/eta2", 1, "1", state="not_identifiable", reason="light"),
+    ),
+    names=("coulomb.j1.plus", "gravity.l2.x"),
+    solution=np.array([0.5, 0.1]),
+    covariance=np.eye(2),
+    scales=np.array([[1.0, np.nan], [0.0, 1.0]]),
+    blind=np.array([[0.0], [1.0]]),
+    effects=(EffectChoice("stribeck", 1, {"velocity": 0.1}),),
+    combinations=(Combination({"gravity.l2.x": 1.0}, 0.1, 0.01, "A", "k2x"),),
+    version="0.1.0",
+)
+SCALARS = st.none() | st.booleans() | st.integers() | st.floats() | st.text(max_size=5)
+JSON = st.recursive(SCALARS, lambda inner: st.lists(inner, max_size=3) | st.dictionaries(st.text(max_size=5), inner))
+
+
+def spoilt(document: object, data: st.DataObject) -> object:
+    """`document` with one entry, at any depth, replaced by any JSON value or taken out."""
+    if not isinstance(document, dict | list) or not document or data.draw(st.integers(0, 9)) == 0:
+        return data.draw(JSON)
+    keys = sorted(document) if isinstance(document, dict) else range(len(document))
+    key = data.draw(st.sampled_from(keys))
+    copy = dict(document) if isinstance(document, dict) else list(document)
+    if data.draw(st.integers(0, 9)) == 0:
+        del copy[key]
+    else:
+        copy[key] = spoilt(copy[key], data)
+    return copy
+
+
+@settings(max_examples=150, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(data=st.data())
+def test_spoilt_files_are_read_or_refused(tmp_path, data):
+    """A model file with one entry changed to anything is read, or refused with a slug."""
+    path = tmp_path / "model.json"
+    path.write_text(json.dumps(spoilt(model_document(ESTIMATE), data)), encoding="utf-8")
+    try:
+        assert isinstance(read_model(path), Estimate)
+    except PumaidError as refusal:
+        assert refusal.slug.startswith("model-")
+
+
+@settings(max_examples=100, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(place=st.integers(min_value=0), byte=st.binary(min_size=1, max_size=3))
+def test_spoilt_bytes_are_read_or_refused(tmp_path, place, byte):
+    """A model file with a few bytes overwritten is read, or refused with a slug."""
+    content = as_text(model_document(ESTIMATE)).encode()
+    at = place % len(content)
+    path = tmp_path / "model.json"
+    path.write_bytes(content[:at] + byte + content[at + len(byte) :])
+    try:
+        assert isinstance(read_model(path), Estimate)
+    except PumaidError as refusal:
+        assert refusal.slug.startswith("model-")
+
+
+@given(document=st.dictionaries(st.text(max_size=5), JSON))
+def test_text_means_the_document(document):
+    """Putting rows of numbers on one line changes what the text looks like, never what it means."""
+    assert json.loads(as_text(document), parse_constant=pytest.fail) == json.loads(json.dumps(plain(document)))
