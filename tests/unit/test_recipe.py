@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import math
+import re
 from pathlib import Path
 
 import numpy as np
@@ -275,3 +276,19 @@ def test_puma_is_the_papers() -> None:
     assert robot.lengths == pytest.approx([0, 0, 0.4318, -0.0203, 0, 0])
     assert [joint.d for joint in robot.joints] == pytest.approx([0, 0.2435, -0.0934, 0.4331, 0, 0])
     assert [joint.theta for joint in robot.joints] == [0.0] * 6
+
+
+DOCUMENT = (Path(__file__).parents[2] / "docs" / "recipes.md").read_text(encoding="utf-8")
+
+
+def test_the_documents_example_is_a_recipe(recipe) -> None:
+    """The whole file that docs/recipes.md shows can be read."""
+    assert recipe(DOCUMENT.split("```yaml\n")[1].split("```")[0]).n_joints == 3
+
+
+def test_the_documents_conversion_is_the_shipped_arm() -> None:
+    """The table that docs/recipes.md converts from standard to modified DH ends at the shipped UR3e."""
+    rows = [line.split("|")[7:10] for line in DOCUMENT.splitlines() if re.match(r"\| \d \|", line)]
+    table = [[float(cell.replace("*", "")) for cell in row] for row in rows]
+    arm = read_recipe(shipped_recipes()["ur3e"])
+    assert table == [[pytest.approx(np.rad2deg(joint.alpha)), joint.a, joint.d] for joint in arm.joints]
