@@ -47,7 +47,9 @@ def spoilt(document: object, data: st.DataObject) -> object:
     return copy
 
 
-@settings(max_examples=150, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(
+    max_examples=150, deadline=None, derandomize=True, suppress_health_check=[HealthCheck.function_scoped_fixture]
+)
 @given(data=st.data())
 def test_spoilt_files_are_read_or_refused(tmp_path, data):
     """A model file with one entry changed to anything is read, or refused with a slug."""
@@ -59,7 +61,9 @@ def test_spoilt_files_are_read_or_refused(tmp_path, data):
         assert refusal.slug.startswith("model-")
 
 
-@settings(max_examples=100, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(
+    max_examples=100, deadline=None, derandomize=True, suppress_health_check=[HealthCheck.function_scoped_fixture]
+)
 @given(place=st.integers(min_value=0), byte=st.binary(min_size=1, max_size=3))
 def test_spoilt_bytes_are_read_or_refused(tmp_path, place, byte):
     """A model file with a few bytes overwritten is read, or refused with a slug."""
@@ -73,6 +77,7 @@ def test_spoilt_bytes_are_read_or_refused(tmp_path, place, byte):
         assert refusal.slug.startswith("model-")
 
 
+@settings(derandomize=True)
 @given(document=st.dictionaries(st.text(max_size=5), JSON))
 def test_text_means_the_document(document):
     """Putting rows of numbers on one line changes what the text looks like, never what it means."""

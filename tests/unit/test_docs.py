@@ -60,6 +60,16 @@ def test_readme_sessions_print_what_they_say():
     assert [(a, b) for a, b in numbers if abs(a - b) > SHARE * max(abs(a), abs(b))] == []
 
 
+@pytest.mark.skipif(not list((ROOT / "sample_logs").glob("*/")), reason="there are no sample logs")
+def test_readme_python_runs():
+    """The README's Python lines run as printed, from the checkout's folder."""
+    blocks = re.findall(r"```python\n(.*?)```", README, re.DOTALL)
+    assert blocks
+    for block in blocks:
+        done = subprocess.run([sys.executable, "-c", block], cwd=ROOT, capture_output=True, text=True, check=False)
+        assert (done.returncode, done.stderr) == (0, "")
+
+
 def words(text: str) -> list[tuple[str, list[float]]]:
     """Words of a text with their numbers taken out and apart."""
     return [(NUMBER.sub("#", word), [float(n) for n in NUMBER.findall(word)]) for word in text.split()]
