@@ -18,6 +18,8 @@ Floats = NDArray[np.float64]
 
 #: A step of time above so many usual ones, and above so many seconds, is a gap.
 GAP_STEPS, GAP_TIME = 5.0, 0.05
+#: s; shortest motion of one joint between motions of several; a shorter one is a chance (the others just turn back).
+LONE = 1.0
 #: Fewest samples from which a speed can be told.
 FEWEST = 6
 
@@ -107,12 +109,14 @@ def _movement(whole: Whole, stretch: Stretch, bounds: tuple[int, int], options: 
     share = sum(abs(position[p.stop - 1] - position[p.start]) for p in long_enough) / way
     is_whole = stretch.before is not None and stretch.after is not None
     enough = bool(long_enough) and (share >= options.plateau_share or not is_whole or options.kinds == CONSTANT)
+    duration = float(whole.time[stop - 1] - whole.time[start])
+    if stretch.before == stretch.after == SEVERAL and duration < LONE:
+        return [Piece(start, stop, (joint,), reason="between-several", figure=way)]
     if enough:
         kept = [Piece(p.start, p.stop, (joint,), kind=CONSTANT, figure=p.level) for p in long_enough]
         return _with_rest(bounds, [_held(whole, piece, options) for piece in kept], joint)
     if options.kinds in (STROKE, BOTH) and stretch.from_rest and way >= options.min_travel:
         return _stroke(whole, stretch, bounds, options)
-    duration = float(whole.time[stop - 1] - whole.time[start])
     reason = "too-short" if flat or duration < 2 * options.min_duration else "speed-not-constant"
     return [Piece(start, stop, (joint,), reason=reason, figure=way)]
 

@@ -31,6 +31,8 @@ DEPARTED = 0.2
 GUARD = 0.003
 #: Share of a movement's largest acceleration above which a stretch is a slow ramp and no constant speed.
 RAMPING = 0.25
+#: Departure from one speed, in units of the tolerance, that does not end a run where the same speed goes on behind it.
+HICCUP = 3.0
 #: Samples of line and of departure that an edge needs to be found.
 FEWEST = 8
 
@@ -76,7 +78,9 @@ def plateaus(
         if last - first >= FEWEST and _is_level(samples, (first, last), peak=peak):
             begins, ends = settled(samples[0][first:last], samples[1][first:last])
             found.append(Plateau(first + begins, first + ends, level))
-    return _apart(found)
+    middles = 0.5 * (ticks.edges[stretch.start : stretch.stop] + ticks.edges[stretch.start + 1 : stretch.stop + 1])
+    typical = max((abs(plateau.level) for plateau in found), default=0.0)
+    return _apart(found, (middles, speed), band=options.speed_tolerance * typical + SPREAD * error)
 
 
 def movement_speed(ticks: Ticks, stretch: Stretch, options: SegmentOptions) -> tuple[Floats, int]:
@@ -167,11 +171,22 @@ def _edge(time: Floats, position: Floats, offset: int, fallback: int) -> int:
     return offset + int(np.searchsorted(time, left - GUARD)) if left < time[-1] else offset + len(time)
 
 
-def _apart(found: list[Plateau]) -> list[Plateau]:
-    """The same plateaus without overlap."""
+def _apart(found: list[Plateau], course: tuple[Floats, Floats], *, band: float) -> list[Plateau]:
+    """The same plateaus without overlap; those of one speed with at most a hiccup between them are one.
+
+    `course` are sample numbers and speeds of the movement's ticks, `band` the departure (rad/s or m/s) within one speed.
+    """
     out: list[Plateau] = []
     for plateau in found:
-        start = max(plateau.start, out[-1].stop) if out else plateau.start
+        last = out[-1] if out else None
+        if last is not None and abs(plateau.level - last.level) <= band:
+            between = (course[0] >= last.stop) & (course[0] < plateau.start)
+            departure = np.abs(course[1][between] - abs(last.level)).max(initial=0.0)
+            shorter = min(last.stop - last.start, plateau.stop - plateau.start)
+            if departure <= HICCUP * band and plateau.start - last.stop <= shorter:
+                out[-1] = Plateau(last.start, max(last.stop, plateau.stop), last.level)
+                continue
+        start = max(plateau.start, last.stop) if last is not None else plateau.start
         if plateau.stop > start:
             out.append(Plateau(start, plateau.stop, plateau.level))
     return out

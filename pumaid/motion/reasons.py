@@ -14,6 +14,8 @@ REASONS: dict[str, tuple[str, str]] = {
     "rest": ("at rest", "no joint is faster than {rest_speed} for {duration} s"),
     "ramp": ("speeding up or slowing down", "joint {joints} changes its speed for {duration} s around its runs"),
     "several-joints": ("several joints move", "joints {joints} move at the same time for {duration} s"),
+    "between-several": ("alone by chance", "joint {joints} moves alone for only {duration} s between motions of "
+                        "several joints"),
     "too-short": ("too short", "joint {joints} moves {figure} {unit} in {duration} s; a run needs {min_duration} s, "
                   "{min_travel} {unit} and {min_samples} samples"),
     "speed-not-constant": ("speed not constant", "joint {joints} moves {figure} {unit} in {duration} s, never within "
@@ -24,7 +26,7 @@ REASONS: dict[str, tuple[str, str]] = {
                             "{last_unit}; {held_drift} are allowed"),
     "no-current": ("no current measured", "the current of joint {joints} is missing in {samples} samples"),
     "not-a-number": ("garbage", "a position or the time is no number, or beyond 1e6, in {samples} samples"),
-    "gap": ("between gaps", "{samples} samples between two gaps in time are too few to tell a speed"),
+    "gap": ("between gaps", "{samples} samples stand between gaps in time, too few in a row to tell a speed"),
 }  # fmt: skip
 
 

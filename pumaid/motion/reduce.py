@@ -53,7 +53,7 @@ def cells(block: Block, piece: Piece, rate: tuple[Floats, Floats], *, samples: N
     time = block.time[samples]
     number = min(most, len(samples))
     borders = np.linspace(time[0], time[-1], number + 1)[:-1]
-    starts = np.unique(np.searchsorted(time, borders))
+    starts = np.arange(number) if number == len(samples) else np.unique(np.searchsorted(time, borders))
     count = np.diff(np.append(starts, len(samples)))
     middle = time[0] + np.add.reduceat(time - time[0], starts) / count
     current = _means(block.current[samples], starts)
