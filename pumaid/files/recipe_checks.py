@@ -13,12 +13,14 @@ from pydantic_core import PydanticCustomError
 from pumaid.files.recipe_faults import Fault
 from pumaid.files.recipe_schema import FASTEST_RAIL, LONGEST_RAIL, is_pi_expression, places
 from pumaid.files.yaml_lines import nearest
-from pumaid.units import UNITS
+from pumaid.units import UNITS, factor
 
 #: A twist beyond one turn (rad) is in the wrong unit.
 ONE_TURN = 2.0 * math.pi
 #: Limits beyond this many rad, in a file that does not state its unit, are degrees.
 WIDEST_UNSTATED = 4.0 * math.pi
+#: Limits beyond this (rad) are a mistake whatever the unit, and so is a highest speed outside these (rad/s).
+WIDEST, SLOWEST, FASTEST = 100.0 * ONE_TURN, 1e-4, 1e3
 #: Degrees that are really rad: quarter turns in rad as people round them (four decimals).
 QUARTERS = tuple(quarter * math.pi / 2.0 for quarter in (1, 2, 3))
 ROUNDING = 5e-4
@@ -85,8 +87,10 @@ def _angles(joints: list[Any], units: dict[Any, Any]) -> Iterator[Fault]:
             continue
         elif unit == "rad":
             degrees += _like_degrees(path, float(value), stated="angle" in units)
+            yield from _beyond(path, float(value), unit)
         elif unit == "deg":
             yield from _like_rad(path, float(value))
+            yield from _beyond(path, float(value), unit)
     if degrees:
         first, others = degrees[0], len(degrees) - 1
         yield first._replace(what=first.what + (f" ({others} more like it)" if others else ""))
@@ -132,6 +136,17 @@ def _like_rad(path: tuple[str | int, ...], value: float) -> Iterator[Fault]:
     elif key != "max_velocity" and any(abs(abs(value) - quarter) < ROUNDING for quarter in QUARTERS):
         mend = "write degrees (90, not 1.5708), or take units: {angle: deg} away"
         yield Fault(path, "recipe-angle-unit", f"{key} of {value:g} deg is a quarter turn in rad", mend)
+
+
+def _beyond(path: tuple[str | int, ...], value: float, unit: str) -> Iterator[Fault]:
+    """Limits and speeds that no revolute joint has."""
+    size = abs(value) * factor(unit)
+    if path[2] == "limits" and size > WIDEST:
+        what = f"limits of {value:g} {unit} are more than {WIDEST / ONE_TURN:g} turns"
+        yield Fault(path, "recipe-bad-value", what, "leave limits out for a joint that turns without end")
+    elif path[2] == "max_velocity" and value > 0 and not SLOWEST <= size <= FASTEST:
+        what = f"no joint's highest speed is {value:g} {unit}/s"
+        yield Fault(path, "recipe-bad-value", what, f"write it in {unit}/s, or leave the key out")
 
 
 def _slides(index: int, joint: dict[Any, Any]) -> Iterator[Fault]:

@@ -83,6 +83,10 @@ def _gear_ratio(ratio: float) -> float:
         raise refusal(
             "recipe-bad-value", "a gear ratio of 0 moves nothing", "write motor turns per joint turn, such as 101"
         )
+    if not 1e-3 <= abs(ratio) <= 1e5:
+        raise refusal(
+            "recipe-bad-value", f"no gear has a ratio of {ratio:g}", "write motor turns per joint turn, such as 101"
+        )
     return ratio
 
 
