@@ -14,7 +14,7 @@ from pumaid.records import Joint, Robot, Samples
 
 pin = pytest.importorskip("pinocchio", reason="the engine is pinocchio (pip install pumaid[test])")
 
-#: Relative to the largest torque (N m or N): what sums of a dozen products lose in double precision, with a margin of 1e3.
+#: Relative to the largest torque (N m or N): what sums of a dozen products lose in double precision, times 1e3.
 EXACT = 1e-9
 #: Singular values below this share of gravity are zero; random geometry leaves a gap from 1e-2 to 1e-13.
 RANK = 1e-9
