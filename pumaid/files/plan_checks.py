@@ -69,15 +69,17 @@ class _Checker:
         if not isinstance(item.value, dict):
             self.fault(f"{path or 'the file'} is no mapping of keys to values", line=item.line, path=path)
             return False
+        meant = set()
         for key in item.value:
             if key not in known:
-                near = nearest(key, known)
+                near = nearest(key, [name for name in known if name not in item.value])
+                meant.add(near)
                 mend = f"did you mean {near}?" if near else f"known here: {', '.join(known)}"
                 self.fault(
                     f"nobody knows the key {key[:60]!r}", line=item.key_lines[key], path=_at(path, key), mend=mend
                 )
         for key in needed:
-            if key not in item.value:
+            if key not in item.value and key not in meant:
                 self.fault(f"the key {key} is missing", line=item.line, path=_at(path, key), mend=f"add {key}: ...")
         return True
 
@@ -189,8 +191,10 @@ def checked_yaml(document: Item, file: str, robot: Robot, *, doubled: Sequence[P
     for k, item in enumerate(runs, start=1):
         row = _run(check, item, f"runs[{k}]")
         if row is not None:
-            check.run(row, found.angle, line=item.line, path=f"runs[{k}]")
             found.runs.append(row)
+            # Limits in an unknown unit would only add noise.
+            if found.angle:
+                check.run(row, found.angle, line=item.line, path=f"runs[{k}]")
     _extras(check, top, found)
     if check.faults:
         check.refuse()
@@ -212,6 +216,7 @@ def _head(check: _Checker, top: Mapping[str, Item], found: CheckedPlan) -> None:
             check.fault(
                 f"{_shown(item.value)} is no unit of angles", line=item.line, path="units.angle", mend="deg or rad"
             )
+            found.angle = ""
         elif item is not None:
             found.angle = item.value
     if "duration" in top:
@@ -289,7 +294,7 @@ def checked_rows(text: str, file: str, robot: Robot) -> CheckedPlan:
     check, found = _Checker(file, robot), CheckedPlan()
     rows = list(csv.reader(text.splitlines()))
     header = [name.strip() for name in rows[0]] if rows else []
-    angle = "deg" if any(name.endswith("_deg") for name in header) else "rad"
+    angle = "rad" if any(name.endswith("_rad") for name in header) else "deg"
     units = [angle if joint.is_revolute else "m" for joint in robot.joints]
     holds = [f"hold{joint.number}_{unit}" for joint, unit in zip(robot.joints, units, strict=True)]
     needed = ["joint", *holds, "from", "to", "velocity"]

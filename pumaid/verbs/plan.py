@@ -205,7 +205,7 @@ def _fitting(drafts: _Drafts, sizes: Sequence[_Size], seconds: float, replicates
         whole = _seconds(drafts.robot, motions)
         once = _seconds(drafts.robot, [motion for motion in motions if motion.purpose == "fit"])
         shortest = min(shortest, whole + ((replicates or 1) - 1) * once)
-        count = replicates or min(_MOST_REPLICATES, 1 + int((seconds - whole) / once))
+        count = replicates or min(_MOST_REPLICATES, 1 + math.floor((seconds - whole) / once))
         if count >= 1:
             errors = list(drafts.errors(motions).values())
             score = float(np.exp(np.mean(np.log(errors)))) / math.sqrt(count)

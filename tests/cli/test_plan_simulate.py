@@ -1,0 +1,123 @@
+"""``pumaid plan`` and ``pumaid simulate`` as a user runs them."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+from click.testing import CliRunner, Result
+
+from pumaid.cli import group
+from pumaid.files.recipe import shipped_recipes
+
+
+@pytest.fixture
+def arm(tmp_path, monkeypatch) -> Path:
+    """An experiment folder with a pendulum's recipe, as working folder."""
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "recipe.yaml").write_bytes(shipped_recipes()["pendulum2"].read_bytes())
+    return tmp_path
+
+
+def run(*words: str, code: int = 0) -> Result:
+    """A command line that ends with `code`."""
+    found = CliRunner().invoke(group, list(words), prog_name="pumaid")
+    assert found.exit_code == code, found.output
+    return found
+
+
+def small(*more: str) -> Result:
+    """The shortest plan."""
+    return run("plan", "--speeds", "0.5,0.7,0.95", "--postures", "2", "--replicates", "1", *more)
+
+
+def test_plan_writes_beside_the_recipe_and_shows_a_table(arm):
+    """The plan's file, and what people want to know of it."""
+    found = small()
+    assert (arm / "plan.yaml").read_text().splitlines()[2] == "kind: plan"
+    assert "predicted standard errors" in found.stdout
+    assert "hip" in found.stdout
+    assert "plan written to plan.yaml" in found.stderr
+
+
+def test_plan_does_not_replace_a_plan(arm):
+    """An existing plan stays, until --force."""
+    (arm / "plan.yaml").write_text("mine")
+    assert "--force" in run("plan", code=3).stderr
+    assert (arm / "plan.yaml").read_text() == "mine"
+    small("--force")
+    assert (arm / "plan.yaml").read_text() != "mine"
+
+
+def test_plan_as_json_is_one_document(arm):
+    """Standard output holds one JSON document, in rad."""
+    document = json.loads(small("--json", "-o", "p.yaml").stdout)
+    assert (document["kind"], document["format"], document["units"]) == ("plan", 1, {"angle": "rad"})
+    assert set(document["runs"][0]) == {"joint", "hold", "from", "to", "velocity", "purpose"}
+    assert {run["purpose"] for run in document["runs"]} == {"fit", "heldout"}
+    assert max(abs(run["to"]) for run in document["runs"]) < 3.0
+
+
+def test_plan_to_standard_output_is_a_plan(arm):
+    """What -o - prints can be read as a plan, and no file is written."""
+    text = small("-o", "-").stdout
+    assert not (arm / "plan.yaml").exists()
+    (arm / "again.yaml").write_text(text)
+    run("simulate", "--plan", "again.yaml", "--rate", "20", "-o", "logs")
+
+
+def test_csv_plan_is_executed(arm):
+    """A plan in CSV drives the virtual robot as one in YAML does: same seed, same bytes."""
+    small("--format", "csv", "-o", "plan.csv")
+    small("-o", "plan.yaml")
+    for form in ("csv", "yaml"):
+        run("simulate", "--plan", f"plan.{form}", "--rate", "20", "--format", "csv", "-o", form)
+    assert (arm / "csv" / "session_01.csv").read_bytes() == (arm / "yaml" / "session_01.csv").read_bytes()
+
+
+def test_simulate_writes_logs_and_truth(arm):
+    """A file for so many runs, and what the robot was."""
+    small()
+    found = run("simulate", "--seed", "3", "--rate", "20", "--runs-per-file", "9", "--json")
+    files = json.loads(found.stdout)["files"]
+    assert [one["file"] for one in files] == [path.name for path in sorted((arm / "logs").glob("*.parquet"))]
+    assert len(files) > 1
+    truth = json.loads((arm / "logs" / "truth.json").read_text())
+    assert truth["kind"] == "truth"
+    assert {"gravity.l1.x", "coulomb.j2.minus", "gain_ratio.1.2"} <= set(truth["parameters"])
+
+
+def test_simulated_logs_do_not_mix_with_others(arm):
+    """A folder with logs is refused; --force replaces simulated ones but never others."""
+    small()
+    run("simulate", "--rate", "20")
+    assert "--force" in run("simulate", "--rate", "20", code=3).stderr
+    run("simulate", "--rate", "20", "--force")
+    (arm / "logs" / "mine.csv").write_text("t,q1\n")
+    assert "mine.csv" in run("simulate", "--rate", "20", "--force", code=3).stderr
+    assert (arm / "logs" / "mine.csv").exists()
+
+
+def test_simulate_streams_to_a_pipe(arm):
+    """-o - is one CSV with a header, and no folder."""
+    small()
+    lines = run("simulate", "--rate", "10", "--no-velocity", "-o", "-").stdout.splitlines()
+    assert lines[0] == "t,q1,q2,i1,i2"
+    assert not (arm / "logs").exists()
+
+
+def test_missing_plan_is_told(arm):
+    """Without a plan the message says which file was looked for."""
+    found = run("simulate", code=3)
+    assert "plan.yaml" in found.stderr
+
+
+def test_plan_in_no_time_is_refused(arm):
+    """Too short a budget says what is enough."""
+    assert "--minutes" in run("plan", "--minutes", "0.1", code=3).stderr
+
+
+def test_wrong_speeds_are_wrong_usage(arm):
+    """A list that is none is exit code 2."""
+    run("plan", "--speeds", "fast", code=2)

@@ -1,0 +1,91 @@
+"""The virtual robot's weight: from masses, by the paper's recursion, and by a rigid-body engine."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from pumaid.records import Joint, Robot
+from pumaid.virtual.links import Links, gravity_load
+from pumaid.virtual.recursion import constants, gravity_current
+
+#: Relative to the largest load: sums of some dozen products in double precision, with a margin of a thousand.
+EXACT = 1e-11
+CHAINS = ("R", "RR", "PR", "RPR", "RRPRRR", "PPRRPR", "RRRRRR", "RPPRPRR")
+
+
+def chain(kinds: str, seed: int) -> tuple[Robot, Links, np.ndarray, np.ndarray]:
+    """A random arm of these joint kinds: its masses, gains and some postures; half of its twists are right angles."""
+    rng = np.random.default_rng(seed)
+    joints = tuple(
+        Joint(
+            number=number,
+            name=f"joint {number}",
+            kind="revolute" if kind == "R" else "prismatic",
+            alpha=float(rng.choice([0.0, np.pi / 2, -np.pi / 2, rng.uniform(-3, 3)])),
+            a=rng.uniform(-0.5, 0.5),
+            d=rng.uniform(-0.5, 0.5),
+            theta=rng.uniform(-3, 3),
+        )
+        for number, kind in enumerate(kinds, start=1)
+    )
+    robot = Robot(name=kinds, joints=joints, gravity=(1.0, -2.0, -9.0))
+    n = len(kinds)
+    links = Links(rng.uniform(0.5, 10.0, n), rng.uniform(-0.3, 0.3, (n, 3)))
+    gain = rng.uniform(0.1, 2.0, n) * rng.choice([-1.0, 1.0], n)
+    return robot, links, gain, rng.uniform(-2.0, 2.0, (40, n))
+
+
+@pytest.mark.parametrize("kinds", CHAINS)
+def test_load_is_that_of_a_rigid_body_engine(kinds):
+    """What holds the arm still is what pinocchio computes from the same masses."""
+    pin = pytest.importorskip("pinocchio", reason="the engine is pinocchio (pip install pumaid[test])")
+    robot, links, _, position = chain(kinds, seed=11)
+    model, parent = pin.Model(), 0
+    for joint, mass, centre in zip(robot.joints, links.mass, links.centre, strict=True):
+        before = pin.SE3(pin.utils.rotate("x", joint.alpha), np.array([joint.a, 0.0, 0.0]))
+        offset = pin.SE3(pin.utils.rotate("z", joint.theta), np.array([0.0, 0.0, joint.d]))
+        kind = pin.JointModelRZ() if joint.is_revolute else pin.JointModelPZ()
+        parent = model.addJoint(parent, kind, before * offset, joint.name)
+        model.appendBodyToJoint(parent, pin.Inertia(mass, centre, np.eye(3)), pin.SE3.Identity())
+    model.gravity.linear = np.array(robot.gravity)
+    data = model.createData()
+    theirs = np.array([pin.computeGeneralizedGravity(model, data, q).copy() for q in position])
+    ours = gravity_load(robot, links, position)
+    assert np.max(np.abs(ours - theirs)) < EXACT * np.max(np.abs(theirs))
+
+
+@pytest.mark.parametrize("kinds", CHAINS)
+def test_recursion_agrees_with_masses(kinds):
+    """The paper's recursion from constants in amperes gives the masses' load times the gains."""
+    robot, links, gain, position = chain(kinds, seed=12)
+    wanted = gravity_load(robot, links, position) * gain
+    found = gravity_current(robot, constants(robot, links, gain), position)
+    assert np.max(np.abs(found - wanted)) < EXACT * np.max(np.abs(wanted))
+
+
+def test_load_is_the_slope_of_the_potential_energy():
+    """A finite difference of the masses' height, written out for a pendulum, gives the load."""
+    arm = Joint(number=1, name="hinge", kind="revolute", alpha=np.pi / 2)
+    robot = Robot("pendulum", (arm,))
+    links = Links(np.array([2.0]), np.array([[0.5, 0.1, 0.3]]))
+    angle = np.array([[0.4]])
+    height = [0.5 * np.sin(q) + 0.1 * np.cos(q) for q in (0.4 - 1e-6, 0.4 + 1e-6)]
+    slope = 2.0 * 9.80665 * (height[1] - height[0]) / 2e-6
+    assert gravity_load(robot, links, angle)[0, 0] == pytest.approx(slope, rel=1e-8)
+
+
+def test_wrong_shapes_are_refused():
+    """Masses and centres of different numbers of links do not make an arm."""
+    with pytest.raises(ValueError, match=r"centre is \(1, 3\)"):
+        Links(np.ones(2), np.zeros((1, 3)))
+
+
+def test_ratio_of_an_unfelt_link_does_not_matter():
+    """A ratio between joints that do not feel each other changes no current."""
+    robot, links, gain, position = chain("PP", seed=13)
+    known = constants(robot, links, gain)
+    other = replace(known, ratio=3.0 * known.ratio)
+    assert np.array_equal(gravity_current(robot, known, position), gravity_current(robot, other, position))
