@@ -14,6 +14,9 @@ from pumaid.units import number
 #: Speeds within this share of each other are one speed, to someone who would tell Coulomb from viscous friction.
 ONE_SPEED = 0.02
 
+#: A current below this (A) is rounding, not a load.
+UNFELT = 1e-7
+
 
 @dataclass(frozen=True, slots=True)
 class Reason:
@@ -56,96 +59,113 @@ def of_column(model: Model, column: Column, *, facts: dict[int, Facts], partners
 
     Parameters
     ----------
+    model
+        The model fitted.
+    column
+        One of its columns.
     facts
         By joint (from 1).
     partners
         Names of the other parameters with which it is only determined together.
     """
-    joint, own = model.robot.joint(column.owner), facts[column.owner]
-    title = f"joint {joint.number} ({joint.name})"
+    own = facts[column.owner]
     if own.runs == 0:
-        return Reason(
-            f"waits for logs in which {title} moves alone", f"move {title} alone, at several speeds, both ways"
-        )
+        return NO_RUNS
     if column.effect in ("coulomb", "viscous"):
-        return _friction(column, own, title)
+        return _friction(column, own, partners)
     if column.effect == "gravity":
-        return _gravity(model, column, own, partners)
-    shared = ", ".join(partners) if partners else "nothing that these runs vary"
-    return Reason(f"only determined together with {shared}", f"repeat {title} in another posture and at other speeds")
+        return _gravity(column, own, partners)
+    shared = _some(partners) or "nothing that these runs vary"
+    return Reason(f"only determined together with {shared}", "repeat its runs in another posture and at other speeds")
 
 
-def _friction(column: Column, own: Facts, title: str) -> Reason:
+#: Of a joint that the logs never move alone.
+NO_RUNS = Reason("waits for logs in which its joint moves alone", "move the joint alone, at several speeds, both ways")
+
+
+def _some(names: Sequence[str]) -> str:
+    return ", ".join(names[:3]) + (f" and {len(names) - 3} more" if len(names) > 3 else "")
+
+
+def _friction(column: Column, own: Facts, partners: Sequence[str]) -> Reason:
     sign, way, other = (1, "forward", "backward") if column.name.endswith(".plus") else (-1, "backward", "forward")
     if not own.speeds[sign]:
-        return Reason(f"{title} never moves {way} in these logs", f"repeat the {other} runs of {title} {way}")
-    if own.has_one_speed(sign):
-        speed = own.speeds[sign][-1]
-        return Reason(
-            f"every {way} run of {title} has the same speed ({number(speed, 3)} {column_unit(column)}), so Coulomb and"
-            " viscous friction cannot be told apart; their sum at that speed is determined",
-            f"repeat a {way} run of {title} at {number(speed / 3.0, 2)} {column_unit(column)}",
-        )
-    return Reason(
-        f"over the span that {title} travels, friction cannot be told from its weight",
-        f"let {title} travel further, in both directions",
-    )
-
-
-def column_unit(column: Column) -> str:
-    """Unit of the joint's velocity, read off the column's unit."""
-    return "m/s" if column.unit.endswith("/m") else "rad/s"
-
-
-def _gravity(model: Model, column: Column, own: Facts, partners: Sequence[str]) -> Reason:
-    title = f"joint {column.owner} ({model.robot.joint(column.owner).name})"
-    outer = sorted({name for name in partners if name.startswith(("gravity", "gain_ratio"))})
-    if outer and own.postures < 2:
-        what = "weight of the links outward" if column.owner < model.robot.n_joints else "weight"
-        return Reason(
-            f"{title} was moved with its outer joints held in one posture only, so its own weight cannot be told from"
-            f" the {what} ({', '.join(outer[:3])})",
-            f"repeat the runs of {title} with the joints outward of it held elsewhere",
-        )
+        return Reason(f"the joint never moves {way} in these logs", f"repeat its {other} runs {way}")
+    low, high = own.speeds[sign][0], own.speeds[sign][-1]
+    unit = "m/s" if column.unit.endswith("/m") else "rad/s"
     if any(name.startswith(("coulomb", "viscous")) for name in partners):
+        told = number(high, 2) if own.has_one_speed(sign) else f"{number(low, 3)} to {number(high, 3)}"
         return Reason(
-            f"over the span and directions in which {title} travels, its weight cannot be told from its friction",
-            f"let {title} travel further, in both directions",
+            f"every {way} run has practically one speed ({told} {unit}), so Coulomb and viscous friction cannot be told"
+            " apart, only their sum at that speed",
+            f"repeat a {way} run at {number(high / 3.0, 2)} {unit}",
         )
-    shared = ", ".join(partners[:4]) if partners else "no run shows it"
     return Reason(
-        f"only determined together with {shared}",
-        f"repeat the runs of {title} with inner and outer joints held elsewhere",
+        "over the span that the joint travels, its friction cannot be told from its weight",
+        "let it travel further, in both directions",
     )
 
 
-def of_ratio(model: Model, inner: int, outer: int, *, facts: dict[int, Facts], felt: float, noise: float) -> Reason:
+def _gravity(column: Column, own: Facts, partners: Sequence[str]) -> Reason:
+    outer = sorted(name for name in partners if name.startswith(("gravity", "gain_ratio")))
+    beyond = [name for name in outer if _number(name) > column.owner]
+    if beyond and own.postures < 2:
+        return Reason(
+            "the joints outward of it were held in one posture only, so its weight cannot be told from that of the"
+            f" links outward ({_some(beyond)})",
+            "repeat its runs with the joints outward of it held elsewhere",
+        )
+    if outer and not any(name.startswith(("coulomb", "viscous")) for name in partners):
+        return Reason(
+            f"only determined together with {_some(outer)}", "repeat its runs with the other joints elsewhere"
+        )
+    if partners:
+        return Reason(
+            "over the span and directions in which the joint travels, its weight cannot be told from its friction",
+            "let it travel further, in both directions",
+        )
+    return Reason(
+        "in no posture of these logs does the joint feel this part of its weight",
+        "repeat its runs with the joints before it turned so that its axis lies level",
+    )
+
+
+def _number(name: str) -> int:
+    """Joint or link number in a parameter's name."""
+    return int(name.split(".")[1].lstrip("lj"))
+
+
+def of_ratio(
+    model: Model, inner: int, outer: int, *, facts: dict[int, Facts], felt: float = 0.0, noise: float = 0.0
+) -> Reason:
     """Why eta_inner / eta_outer is not determined.
 
     Parameters
     ----------
+    model
+        The model fitted.
+    inner, outer
+        Joints (from 1).
+    facts
+        By joint.
     felt
-        RMS (A) of the part of joint `inner`'s current that carries the ratio.
+        RMS (A) of the part of joint `inner`'s current that carries the ratio; 0 where there is none.
     noise
         Standard error (A) of that part: felt must be several times this.
     """
-    titles = {n: f"joint {n} ({model.robot.joint(n).name})" for n in (inner, outer)}
-    for joint in (inner, outer):
-        if facts[joint].runs == 0:
-            return Reason(
-                f"waits for logs in which {titles[joint]} moves alone",
-                f"move {titles[joint]} alone, at several speeds, both ways",
-            )
     redundant = model.structure.redundant.get((inner, outer))
     if redundant is not None:
         return Reason(redundant)
-    if felt > 0:
+    for joint in (inner, outer):
+        if facts[joint].runs == 0:
+            return Reason(f"waits for logs in which joint {joint} moves alone", NO_RUNS.next_run)
+    if felt > UNFELT:
         return Reason(
             f"link {outer} is too light to be felt by joint {inner}: its weight moves that current by about"
-            f" {number(felt, 2)} A, known to {number(noise, 2)} A only",
-            f"repeat the runs of {titles[inner]} with a payload, {titles[outer]} held at two positions",
+            f" {number(felt, 2)} A, known to {number(noise, 2)} A",
+            f"repeat the runs of joint {inner} with a payload and joint {outer} held at two positions",
         )
     return Reason(
-        f"{titles[inner]} was not moved in postures that tell its own weight from the weight outward of it",
-        f"repeat the runs of {titles[inner]} with {titles[outer]} held at two or more positions",
+        f"in no posture of these logs can joint {inner}'s own weight be told from the weight outward of it",
+        f"repeat the runs of joint {inner}, its axis level, with joint {outer} held at two or more positions",
     )

@@ -57,11 +57,6 @@ class Sheet:
         return cls(fitted, runs, fitted.first_values, fitted.first_gains, errors.covariance, errors.freedoms)
 
     @staticmethod
-    def facts_of(runs: Sequence[Run], joint: int) -> Facts:
-        """What the runs of `joint` cover."""
-        return Facts.of(joint, runs)
-
-    @staticmethod
     def blended(fitted: Fitted, errors: Clustered) -> Floats:
         """Covariance clustered by run, with the working model's rows and columns where clusters are too few."""
         poor = errors.freedoms < FEWEST_FREEDOMS
@@ -69,15 +64,9 @@ class Sheet:
         return np.where(poor[:, None] | poor[None, :], model, errors.covariance)
 
     def blind(self) -> Floats:
-        """(p, b) orthonormal directions of the parameters that the data do not determine."""
-        linear, p = self.fitted.solution.linear, len(self.numbers)
-        scale = np.where(linear.scale > 0, linear.scale, 1.0)[:, None]
-        directions = (linear.blind / scale)[:p]
-        directions = directions[:, np.linalg.norm(directions, axis=0) > 0]
-        if directions.size == 0:
-            return np.zeros((p, 0))
-        left, singular, _ = np.linalg.svd(directions / np.linalg.norm(directions, axis=0), full_matrices=False)
-        return left[:, singular > 1e-9]
+        """(p, b) undetermined directions, each as far as it may plausibly reach (see `Estimate.blind`)."""
+        solution, p = self.fitted.solution.linear, len(self.numbers)
+        return self.fitted.limit[:, None] * solution.blind[:p]
 
     def values(self) -> tuple[Value, ...]:
         """Every parameter, then every ratio of neighbours."""
@@ -126,10 +115,10 @@ class Sheet:
         model = self.fitted.model
         value, gradient = _gradient(self.gains, inner - 1, outer - 1)
         if facts[inner].runs == 0 or facts[outer].runs == 0 or not np.isfinite(value):
-            return _unknown(bare, reasons.of_ratio(model, inner, outer, facts=facts, felt=0.0, noise=0.0))
+            return _unknown(bare, reasons.of_ratio(model, inner, outer, facts=facts))
         p, edges = len(self.numbers), np.flatnonzero(gradient)
         if any(self._partners(p + int(edge)) is not None for edge in edges):
-            return _unknown(bare, reasons.of_ratio(model, inner, outer, facts=facts, felt=0.0, noise=0.0))
+            return _unknown(bare, reasons.of_ratio(model, inner, outer, facts=facts))
         variance = float(gradient @ self.covariance[p:, p:] @ gradient)
         freedoms = float(np.min(self.freedoms[p + edges])) if edges.size else np.inf
         error = float(np.sqrt(max(variance, 0.0)))

@@ -12,7 +12,7 @@ from pumaid.maths import levels as variances
 from pumaid.maths import rank
 from pumaid.maths.joint_fit import Bilinear, JointSolution, fit
 from pumaid.maths.levels import Levels
-from pumaid.maths.recursion import Gains, Recursion
+from pumaid.maths.recursion import LARGEST_RATIO, Gains, Recursion
 from pumaid.model import Block, Model
 from pumaid.records import Run
 
@@ -94,6 +94,8 @@ class Fitted:
         The final whitened rows and the fit over all of them.
     run_of
         (N,) number of the run that each equation belongs to.
+    limit
+        (p,) standard error at which each parameter says nothing any more.
     """
 
     model: Model
@@ -107,6 +109,7 @@ class Fitted:
     system: Bilinear
     solution: JointSolution
     run_of: NDArray[np.int64]
+    limit: Floats
 
     @property
     def gains(self) -> Gains:
@@ -138,7 +141,7 @@ def solve(model: Model, runs: Sequence[Run], *, recursive: bool = False, progres
     # The paper's recursion, and beside it one whose weakly shown ratios cannot run off: that one starts the joint fit.
     recursion, start = Recursion(owners, model.robot.n_joints), Recursion(owners, model.robot.n_joints)
     levels: dict[int, Levels] = {}
-    weak = []
+    weak, limit = [], _limits(rows, model)
     for row in rows:
         tell(row.joint, "solving")
         design, _, _ = start.design(row.joint - 1, row.stacked)
@@ -148,16 +151,15 @@ def solve(model: Model, runs: Sequence[Run], *, recursive: bool = False, progres
             estimated = _from_inside(row)
         levels[row.joint] = _floored(estimated, row)
         white = variances.whiten(levels[row.joint], row.ones, _joined(row)).reshape(row.target.size, -1)
-        limit = float(np.linalg.norm(white[:, -1]))
         recursion.take(row.joint - 1, white[:, :-1], white[:, -1], limit=limit)
         start.take(row.joint - 1, white[:, :-1], white[:, -1], limit=limit, spread=RATIO_SPREAD)
     first = _system(rows, levels, owners)
     values, gains = recursion.values, recursion.gains
     if recursive:
-        system, solution = first, fit(first, values, gains, limit=_limits(first, gains), most_steps=0)
+        system, solution = first, fit(first, values, gains, limit=_with_edges(limit, gains), most_steps=0)
     else:
         tell(0, "refining all joints together")
-        system, solution = _refine(rows, levels, owners, start)
+        system, solution = _refine(rows, levels, start, limit)
     runs_before = np.cumsum([0, *[len(row.runs) for row in rows]])
     run_of = np.concatenate(
         [
@@ -165,18 +167,19 @@ def solve(model: Model, runs: Sequence[Run], *, recursive: bool = False, progres
             for start, row in zip(runs_before, rows, strict=False)
         ]
     )
-    return Fitted(model, rows, assigned, levels, tuple(weak), first, values, gains, system, solution, run_of)
+    return Fitted(model, rows, assigned, levels, tuple(weak), first, values, gains, system, solution, run_of, limit)
 
 
 def _refine(
-    rows: Sequence[Row], levels: dict[int, Levels], owners: NDArray[np.int64], recursion: Recursion
+    rows: Sequence[Row], levels: dict[int, Levels], start: Recursion, limit: Floats
 ) -> tuple[Bilinear, JointSolution]:
     """Joint fit with weights from its own residuals; `levels` is updated."""
-    values, gains = recursion.values, recursion.gains
+    values, gains, owners = start.values, start.gains, start.owners
     system = _system(rows, levels, owners)
+    limit = _with_edges(limit, gains)
     spread = _spread(system, values, gains)
     for _ in range(ROUNDS):
-        solution = fit(system, values, gains, limit=_limits(system, gains), spread=spread)
+        solution = fit(system, values, gains, limit=limit, spread=spread)
         values, gains = solution.values, solution.gains
         for row in rows:
             plain = Bilinear(np.full(row.target.size, row.joint - 1), row.stacked, row.target.ravel(), owners)
@@ -189,7 +192,7 @@ def _refine(
             if estimated is not None:
                 levels[row.joint] = _floored(estimated, row)
         system = _system(rows, levels, owners)
-    return system, fit(system, values, gains, limit=_limits(system, gains), spread=spread)
+    return system, fit(system, values, gains, limit=limit, spread=spread)
 
 
 def _spread(system: Bilinear, values: Floats, gains: Gains) -> Floats:
@@ -218,13 +221,25 @@ def _system(rows: Sequence[Row], levels: dict[int, Levels], owners: NDArray[np.i
     return Bilinear(number, stacked[:, :-1], stacked[:, -1], owners)
 
 
-def _limits(system: Bilinear, gains: Gains) -> Floats:
-    """(p + edges,) norm of what was measured in the joint that owns each parameter."""
-    norms = np.array([np.linalg.norm(system.target[system.row == row]) for row in range(gains.n_rows)])
-    whole = np.linalg.norm(norms)
-    own = np.where(system.owners >= 0, norms[system.owners], whole)
-    edges = [norms[gains.parent[edge]] for edge in gains.edges]
-    return np.maximum(np.concatenate([own, edges]), 1.0)
+def _limits(rows: Sequence[Row], model: Model) -> Floats:
+    """(p,) standard error at which each parameter, acting in full, is as uncertain as all that its joint drew."""
+    drawn = {row.joint: float(np.sqrt(row.mean_square)) for row in rows}
+    largest = max(drawn.values())
+    speed, pull = dict.fromkeys(drawn, 0.0), dict.fromkeys(drawn, 0.0)
+    for row in rows:
+        speed[row.joint] = max(abs(run.speed) for run in row.runs)
+        pull[row.joint] = max(float(np.max(np.abs(run.cells.acceleration), initial=0.0)) for run in row.runs)
+    g = float(np.linalg.norm(model.robot.gravity))
+    full = {"gravity": dict.fromkeys(range(1, model.robot.n_joints + 1), g), "viscous": speed, "inertia": pull}
+    out = []
+    for column in model.columns:
+        in_full = full.get(column.effect, {}).get(column.owner, 1.0) or 1.0
+        out.append(max(drawn.get(column.owner, largest), np.finfo(float).tiny) / in_full)
+    return np.array(out)
+
+
+def _with_edges(limit: Floats, gains: Gains) -> Floats:
+    return np.concatenate([limit, np.full(len(gains.edges), LARGEST_RATIO)])
 
 
 def _floored(levels: Levels, row: Row) -> Levels:

@@ -11,6 +11,10 @@ from pumaid.maths.frames import axes
 from pumaid.records import Robot, Samples
 
 
+#: Columns below this share of g are rounding of rotations by right angles, not levers.
+ROUNDING = 1e-13
+
+
 class Gravity(Effect):
     """The load of links i..n on joint i, in regrouped constants that absorb every length and mass.
 
@@ -43,9 +47,13 @@ class Gravity(Effect):
         z_i, frame_j = rotations[:, moving - 1, :, 2], rotations[:, link - 1]
         width = len(self.parameters(robot, link))
         if not robot.joint(moving).is_revolute:
-            return -(z_i @ g)[:, None] if link == moving else np.zeros((len(samples), width))
+            return _cleaned(-(z_i @ g)[:, None], g) if link == moving else np.zeros((len(samples), width))
         lever = np.cross(z_i, g)
         if robot.joint(link).is_revolute:
-            return np.einsum("mk,mkp->mp", lever, frame_j[:, :, :2])
+            return _cleaned(np.einsum("mk,mkp->mp", lever, frame_j[:, :, :2]), g)
         d_j = robot.dh_displacements(samples.position)[:, link - 1]
-        return (d_j * np.einsum("mk,mk->m", lever, frame_j[:, :, 2]))[:, None]
+        return _cleaned((d_j * np.einsum("mk,mk->m", lever, frame_j[:, :, 2]))[:, None], g)
+
+
+def _cleaned(columns: Floats, g: Floats) -> Floats:
+    return np.where(np.abs(columns) > ROUNDING * np.linalg.norm(g), columns, 0.0)

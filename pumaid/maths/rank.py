@@ -47,7 +47,7 @@ class Solution:
 
 
 def solve(
-    rows: Floats, target: Floats, *, limit: float | Floats | None = None, tolerance: float = RELATIVE_TOLERANCE
+    rows: Floats, target: Floats, *, limit: Floats | None = None, tolerance: float = RELATIVE_TOLERANCE
 ) -> Solution:
     """Least squares by a column-scaled singular value decomposition, minimum norm where the rank is short.
 
@@ -56,9 +56,8 @@ def solve(
     rows, target
         (N, p) and (N,), whitened: each target has unit variance (or any common variance if `limit` is None).
     limit
-        (p,) or one for all: a direction is blind, too, when its standard error exceeds this, each parameter measured
-        by the norm of its column. With the norm of the target as limit: when its uncertainty, as a signal, is larger
-        than everything that was measured.
+        (p,) largest standard error at which a parameter still says anything, positive, in its own unit. A direction is
+        blind, too, when its standard error exceeds one, each parameter measured by its limit.
     tolerance
         Singular values below this share of the largest count as zero.
 
@@ -70,14 +69,13 @@ def solve(
     if not norms.any():
         p = len(norms)
         return Solution(np.zeros(p), np.zeros((p, p)), np.eye(p), norms)
-    largest = np.ones_like(norms) if limit is None else np.broadcast_to(np.asarray(limit, dtype=float), norms.shape)
-    inverse_scale = np.divide(largest, norms, out=np.zeros_like(norms), where=norms > 0)
+    inverse_scale = np.divide(1.0, norms, out=np.zeros_like(norms), where=norms > 0)
+    if limit is not None:
+        inverse_scale = np.where(norms > 0, limit, 0.0)
     left, singular, right = np.linalg.svd(rows * inverse_scale, full_matrices=len(rows) < len(norms))
     full = np.zeros(len(norms))
     full[: len(singular)] = singular
-    seen = full > tolerance * full[0]
-    if limit is not None:
-        seen &= full > 1.0
+    seen = full > (tolerance * full[0] if limit is None else 1.0)
     kept = np.flatnonzero(seen)
     half = inverse_scale[:, None] * (right[kept].T / full[kept])
     values = half @ (left[:, kept].T @ target)

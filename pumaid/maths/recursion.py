@@ -21,6 +21,9 @@ from pumaid.maths import rank
 
 Floats = NDArray[np.float64]
 
+#: A ratio of gains with a larger standard error than this says nothing about any machine.
+LARGEST_RATIO = 1e4
+
 
 class Gains:
     """The known ratios of row gains, as a forest: an edge (i, c) holds eta_i / eta_c.
@@ -158,22 +161,27 @@ class Recursion:
         return np.hstack(columns), own, roots
 
     def take(
-        self, row: int, rows: Floats, target: Floats, *, limit: float | None = None, spread: float | None = None
+        self, row: int, rows: Floats, target: Floats, *, limit: Floats | None = None, spread: float | None = None
     ) -> None:
         """Solve row `row` from (N, p) regressors and (N,) target of equal variance.
 
         A nu that cannot be told from the row's own columns is left out: they absorb it, the ratio stays unknown, and
-        the own columns that absorbed it are marked as undetermined. `limit` as for `rank.solve`; `spread` is a prior
-        standard deviation of ratios about zero (rows whitened), for a start that no weakly shown ratio can spoil.
+        the own columns that absorbed it are marked as undetermined. `limit` (p,) is that of `rank.solve`; `spread` is
+        a prior standard deviation of ratios about zero (rows whitened), for a start that no weakly shown ratio spoils.
         """
         matrix, own, roots = self.design(row, rows)
         if spread is not None:
             prior = np.hstack([np.zeros((len(roots), len(own))), np.eye(len(roots)) / spread])
             matrix, target = np.vstack([matrix, prior]), np.concatenate([target, np.zeros(len(roots))])
+        if limit is not None:
+            limit = np.concatenate([limit[own], np.full(len(roots), LARGEST_RATIO)])
         whole = rank.solve(matrix, target, limit=limit)
         sure = whole.determined
         told = np.append(np.ones(len(own), dtype=bool), sure[len(own) :])
-        solution = whole if told.all() else rank.solve(matrix[:, told], target, limit=limit)
+        if told.all():
+            solution = whole
+        else:
+            solution = rank.solve(matrix[:, told], target, limit=None if limit is None else limit[told])
         self.values[own] = solution.values[: len(own)]
         self.undetermined[own] = ~sure[: len(own)]
         ratios = iter(solution.values[len(own) :])

@@ -103,7 +103,9 @@ class Estimate:
         (J, J): row i, column j the factor eta_i/eta_j by which link j's parameters act in joint i's current;
         NaN where it is not determined, 1 on the diagonal, 0 where j < i.
     blind
-        (p, b) orthonormal directions of `solution` that the data do not determine.
+        (p, b) directions in which the data do not determine `solution`, each as long as its parameters are plausibly
+        large (as much as their joint's RMS current): a row of regressors, ratios included, times this is the current
+        (A) by which a prediction may be off, beyond its covariance.
     stroke_postures
         Positions (J,) at which the other joints were held, with the moving joint's number, one a group that has its own
         inertia: ``J1``, ``J2`` ... of a joint in this order.

@@ -8,12 +8,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pumaid import __version__
+from pumaid.combinations import determined
 from pumaid.errors import LogError, Note, Where
 from pumaid.maths.propagation import recursion_covariance
 from pumaid.maths.statistics import Clustered, clustered
 from pumaid.model import Model
 from pumaid.motion.replicates import noise_floor
-from pumaid.records import Combination, Estimate, Evidence, JointFit, Robot, Run
+from pumaid.reasons import Facts
+from pumaid.records import Estimate, Evidence, JointFit, Robot, Run
 from pumaid.reporting import Sheet
 from pumaid.system import Fitted, Progress, Row, solve
 
@@ -83,7 +85,7 @@ def identify(
         scales=_scales(fitted),
         blind=sheet.blind(),
         effects=robot.effects,
-        combinations=_combinations(fitted, runs, final),
+        combinations=determined(sheet),
         stroke_postures=model.stroke_postures,
         recursive=before,
         method="recursive" if recursive else "joint",
@@ -139,31 +141,9 @@ def _joint_fit(fitted: Fitted, runs: Sequence[Run], joint: int) -> JointFit:
         noise_floor=floor,
         noise_floor_reason=why,
         run_level=None if joint in fitted.weak else float(np.sqrt(fitted.levels[joint].level)),
-        posture_groups=Sheet.facts_of(runs, joint).postures,
+        posture_groups=Facts.of(joint, runs).postures,
         kinds=kinds,
     )
-
-
-def _combinations(fitted: Fitted, runs: Sequence[Run], final: Clustered) -> tuple[Combination, ...]:
-    """Coulomb plus viscous at the one speed that was run, where the two cannot be told apart."""
-    out = []
-    names = list(fitted.model.names)
-    for row in fitted.rows:
-        facts = Sheet.facts_of(runs, row.joint)
-        for sign, side in ((1, "plus"), (-1, "minus")):
-            if not facts.has_one_speed(sign):
-                continue
-            speed = sign * float(np.mean(facts.speeds[sign]))
-            terms = {f"coulomb.j{row.joint}.{side}": 1.0, f"viscous.j{row.joint}.{side}": speed}
-            weights = np.zeros(len(fitted.solution.linear.values))
-            for name, weight in terms.items():
-                weights[names.index(name)] = weight
-            value = float(weights[: len(names)] @ fitted.solution.values)
-            error = float(np.sqrt(max(weights @ Sheet.blended(fitted, final) @ weights, 0.0)))
-            way = "forward" if sign > 0 else "backward"
-            text = f"friction of joint {row.joint} {way} at the one speed that was run"
-            out.append(Combination(terms, value, error, "A", text))
-    return tuple(out)
 
 
 def _notes(fitted: Fitted, robot: Robot) -> list[Note]:

@@ -1,0 +1,92 @@
+"""What the data determine although its single terms are not: friction at one speed, a joint's load in one posture."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pumaid.model import SAME_POSTURE
+from pumaid.reasons import Facts
+from pumaid.records import NOT_IDENTIFIABLE, Combination, Samples
+from pumaid.reporting import Sheet
+from pumaid.system import Row
+
+Floats = NDArray[np.float64]
+
+#: Postures of a joint whose load is told: one is the usual case, more than three nobody reads.
+MOST_POSTURES = 3
+
+#: A sum is determined when what it may be off by, beyond its standard error, is below this share of the joint's RMS
+#: current. Held positions creep by a few mrad between runs, so the share is small but never zero.
+LEANING = 0.02
+
+#: Terms below this share of the largest are rounding.
+SHARE = 1e-9
+
+
+def determined(sheet: Sheet) -> tuple[Combination, ...]:
+    """Sums of parameters that the data determine although a term of theirs is not."""
+    unknown = {value.name for value in sheet.values() if value.state == NOT_IDENTIFIABLE}
+    found: list[Combination] = []
+    for row in sorted(sheet.fitted.rows, key=lambda row: row.joint):
+        candidates = [*_friction(sheet, row), *_loads(sheet, row)]
+        found += [
+            sum_
+            for sum_ in (_sum(sheet, row, weights, text) for weights, text in candidates)
+            if set(sum_.terms) & unknown
+        ]
+    return tuple(sum_ for sum_ in found if math.isfinite(sum_.value))
+
+
+def _matters(sheet: Sheet, row: Row, weights: Floats) -> bool:
+    """Whether parameters of plausible size would make this sum more than `LEANING` of the joint's current."""
+    return float(np.linalg.norm(weights * sheet.fitted.limit)) > LEANING * math.sqrt(row.mean_square)
+
+
+def _sum(sheet: Sheet, row: Row, weights: Floats, text: str) -> Combination:
+    """The sum with its standard error; NaN where it leans on a direction that the data do not determine."""
+    names = sheet.fitted.model.names
+    large = np.abs(weights) > SHARE * np.max(np.abs(weights), initial=0.0)
+    terms = {name: float(weight) for name, weight, is_large in zip(names, weights, large, strict=True) if is_large}
+    p, off = len(weights), float(np.linalg.norm(weights @ sheet.blind()))
+    variance = float(weights @ sheet.covariance[:p, :p] @ weights)
+    value = float(weights @ sheet.numbers) if off < LEANING * math.sqrt(row.mean_square) else math.nan
+    return Combination(terms, value, math.sqrt(max(variance, 0.0)), "A", text)
+
+
+def _friction(sheet: Sheet, row: Row) -> Iterable[tuple[Floats, str]]:
+    """Coulomb plus viscous at the one speed that was run, each way."""
+    names = sheet.fitted.model.names
+    facts = Facts.of(row.joint, sheet.runs)
+    for sign, side, way in ((1, "plus", "forward"), (-1, "minus", "backward")):
+        if facts.has_one_speed(sign):
+            speed = sign * float(np.mean(facts.speeds[sign]))
+            weights = np.zeros(len(names))
+            weights[names.index(f"coulomb.j{row.joint}.{side}")] = 1.0
+            weights[names.index(f"viscous.j{row.joint}.{side}")] = speed
+            yield weights, f"friction of joint {row.joint} {way}, at the one speed that was run"
+
+
+def _loads(sheet: Sheet, row: Row) -> Iterable[tuple[Floats, str]]:
+    """The whole gravity load of a revolute joint at positions 0 and a quarter turn, in each posture that was run."""
+    model = sheet.fitted.model
+    if not model.robot.joint(row.joint).is_revolute:
+        return
+    gravity = np.array([column.effect == "gravity" for column in model.columns])
+    scales = np.nan_to_num(sheet.gains.scales()[row.joint - 1])[sheet.fitted.system.owners]
+    postures: list[Floats] = []
+    for run in row.runs:
+        held = np.nan_to_num(run.posture)
+        if all(np.any(np.abs(held - other) > SAME_POSTURE) for other in postures):
+            postures.append(held)
+    for number, held in enumerate(postures[:MOST_POSTURES], start=1):
+        position = np.tile(held, (2, 1))
+        position[:, row.joint - 1] = [0.0, math.pi / 2.0]
+        samples = Samples(row.joint, position, np.zeros_like(position), np.zeros(2), np.ones(2))
+        which = f" (posture {number})" if len(postures) > 1 else ""
+        weights = model.regressor(samples) * gravity * scales
+        yield weights[0], f"weight felt by joint {row.joint} at position 0{which}"
+        yield weights[1], f"weight felt by joint {row.joint} a quarter turn on{which}"
