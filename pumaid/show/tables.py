@@ -113,6 +113,11 @@ def row_of(value: Value) -> tuple[str, str]:
     return (parts[0], "") if parts[0] == "gain_ratio" else (parts[0], parts[-1])
 
 
+def row_label(row: tuple[str, str]) -> str:
+    """What a row of the table is called, without its unit."""
+    return _LABELS.get(row, (" ".join(row), ""))[0]
+
+
 def is_absent(value: Value) -> bool:
     """Whether no motion of this arm could show it: not identifiable, and no run to propose."""
     return value.state == NOT_IDENTIFIABLE and value.next_run is None

@@ -179,8 +179,8 @@ class Judge:
         if unknown.any():
             link = int(self.model.owners[np.flatnonzero(unknown)[0]])
             return (
-                f"eta{run.joint}/eta{link} was not determined: what link {link} weighs on joint {run.joint} is known only"
-                " for the postures that were fitted"
+                f"eta{run.joint}/eta{link} was not determined: what link {link} weighs on joint {run.joint} is known"
+                " only for the postures that were fitted"
             )
         leaning = _leaning(rows * np.nan_to_num(scale), self.estimate.blind)
         if leaning is None:

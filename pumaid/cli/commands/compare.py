@@ -1,0 +1,67 @@
+"""``pumaid compare``: a model against measurement, on any logs."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import rich_click as click
+
+from pumaid.cli.options import check_option, json_option, logs_argument, model_argument, recipe_option, units_option
+from pumaid.cli.output import attention, document, notes, remark, table
+
+
+@click.command()
+@model_argument
+@logs_argument
+@recipe_option
+@click.option("--worst", type=click.IntRange(min=0), default=5, show_default=True, help="How many runs to list.")
+@click.option("--figure", type=click.Path(path_type=Path), help="Also draw the misfit here (.png, .svg or .pdf).")
+@units_option
+@json_option
+@check_option
+def command(
+    *,
+    model: Path,
+    logs: tuple[str, ...],
+    recipe: Path | None,
+    worst: int,
+    figure: Path | None,
+    units: str,
+    as_json: bool,
+    check: bool,
+) -> None:
+    """Hold a model against logs, also ones that it never saw, and see where it fails.
+
+    \b
+    Example:
+      pumaid compare results/model.json logs/
+      pumaid compare results/model.json new_logs/ --worst 10 --figure misfit.svg
+      pumaid compare results/model.json logs/ --json | jq '.joints[] | {joint, rmse, noise_floor}'
+    """
+    from pumaid.cli.reading import read_evidence
+    from pumaid.files.result import heading, read_model
+    from pumaid.show.forms import Shown
+    from pumaid.show.scores import comparison_document, comparison_grid, is_above_floor, outside_grid, worst_grid
+    from pumaid.verbs.compare import compare
+
+    estimate = read_model(model)
+    robot, evidence = read_evidence(logs, recipe)
+    comparison = compare(estimate, evidence, robot)
+    notes(dict.fromkeys((*estimate.notes, *comparison.notes)))
+    if figure is not None:
+        from pumaid.files.atomic import write_whole
+        from pumaid.show.plots import misfit
+        from pumaid.show.story import Story
+
+        write_whole(figure, misfit.drawn(Story(robot, estimate, evidence, comparison, units), figure.suffix))
+        remark(f"figure written to {figure}")
+    if as_json:
+        document(heading("comparison", robot=robot, logs=comparison.logs) | comparison_document(comparison))
+    else:
+        grids = [comparison_grid(comparison, robot), outside_grid(comparison, robot)]
+        grids += [worst_grid(comparison, robot, count=worst, units=units)] if worst else []
+        for number, grid in enumerate(grid for grid in grids if grid is not None):
+            table("" if number == 0 else "\n") if number else None
+            table(Shown(grid))
+    if check and any(is_above_floor(score.rmse, score.noise_floor) for score in comparison.joints):
+        attention()

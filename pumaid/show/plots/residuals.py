@@ -1,0 +1,197 @@
+"""What the model leaves, against position, speed, time, posture and temperature: the shape says what is missing."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import partial
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from numpy.typing import NDArray
+
+from pumaid.show.plots.style import BACKWARD, FORWARD, GREY, INK, Drawing, dots, panels
+from pumaid.show.scores import posture_text
+from pumaid.show.story import Story
+
+Floats = NDArray[np.float64]
+
+#: Where it stands among the figures of a report.
+ORDER = 30
+
+#: Bins over an axis that is continuous.
+BINS = 14
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Left:
+    """The residual of one direction of a joint.
+
+    (M,) A at cells, with (M,) number of the run, position, speed (SI, absolute), time (s), posture (number of the group
+    from 1) and temperature (degC).
+    """
+
+    sign: int
+    residual: Floats
+    run: Floats
+    position: Floats
+    speed: Floats
+    time: Floats
+    posture: Floats
+    temperature: Floats
+
+
+def drawings(story: Story) -> Iterator[Drawing]:
+    """One figure for each joint that has runs."""
+    for joint in story.moving():
+        groups = story.postures(joint)
+        letters = "; ".join(
+            f"{number} = {posture_text(group[0].run, story.robot, story.units)}"
+            for number, group in enumerate(groups[:4], start=1)
+        )
+        yield Drawing(
+            f"residual_j{joint}",
+            f"{story.title(joint)}: what the model leaves",
+            "Measured minus predicted; dots are cells, marks with bars are means with their standard error over runs."
+            f" The band is the noise floor. Marks off the zero line show missing physics. Postures: {letters}.",
+            partial(draw, story, joint),
+            joint,
+        )
+
+
+def draw(story: Story, joint: int) -> Figure:
+    """The figure of joint `joint` (from 1)."""
+    both = sides(story, joint)
+    has_temperature = any(np.isfinite(side.temperature).any() for side in both)
+    figure, all_axes = panels(5 if has_temperature else 4, height=1.28, sharey=True)
+    unit = story.position_unit(joint)
+    floor = story.comparison.joints[joint - 1].noise_floor
+    for axes in all_axes:
+        axes.axhline(0.0, color=INK, linewidth=0.8, zorder=1)
+        if floor is not None:
+            axes.axhspan(-floor, floor, color=GREY, alpha=0.18, linewidth=0, zorder=0)
+        axes.set_ylabel("left (A)")
+    for side in both:
+        against_position(all_axes[0], side, story, joint)
+        against_speed(all_axes[1], side, story, joint)
+        _continuous(all_axes[2], side, side.time / 60.0)
+        _discrete(all_axes[3], side, side.posture + 0.06 * side.sign)
+        if has_temperature:
+            _continuous(all_axes[4], side, side.temperature)
+    _named(all_axes, story, joint, unit)
+    limited(all_axes[0], both, floor)
+    handles = [
+        Line2D([], [], marker="o", markersize=4.5, color=FORWARD, label="forward"),
+        Line2D([], [], marker="s", markersize=4.5, color=BACKWARD, label="backward"),
+    ]
+    figure.legend(handles=handles, loc="outside lower center", ncols=2, handlelength=1.2)
+    return figure
+
+
+def _named(all_axes: list[Axes], story: Story, joint: int, unit: str) -> None:
+    words = [f"position ({unit})", f"speed ({unit}/s)", "time (min)", "posture (number)", "temperature (°C)"]
+    for axes, word in zip(all_axes, words, strict=False):
+        axes.set_xlabel(word, labelpad=1)
+    all_axes[0].set_title(f"{story.title(joint)}: measured minus predicted")
+    count = len(story.postures(joint))
+    all_axes[3].set_xlim(0.5, count + 0.5)
+    all_axes[3].set_xticks(range(1, count + 1, max(1, count // 10)))
+
+
+def sides(story: Story, joint: int) -> list[Left]:
+    """The residual of joint `joint` (from 1), forward and backward, as far as it was run."""
+    return [side for side in (_left(story, joint, sign) for sign in (1, -1)) if len(side.residual)]
+
+
+def against_position(axes: Axes, side: Left, story: Story, joint: int) -> None:
+    """Cells, and their means in bins of position."""
+    _continuous(axes, side, story.shown(joint, side.position))
+
+
+def against_speed(axes: Axes, side: Left, story: Story, joint: int) -> None:
+    """Cells, and their means by speed; directions a hair apart, so that neither hides the other."""
+    _discrete(axes, side, story.shown(joint, side.speed) * (1.0 + 0.006 * side.sign))
+
+
+def _left(story: Story, joint: int, sign: int) -> Left:
+    """Cells of all runs of a joint in one direction."""
+    groups = story.postures(joint)
+    chosen = [(n, score) for n, group in enumerate(groups, start=1) for score in group if score.run.direction == sign]
+    scores = [score for _, score in chosen]
+
+    def joined(pieces: list[Floats]) -> Floats:
+        return np.concatenate(pieces) if pieces else np.zeros(0)
+
+    def constant(values: list[float]) -> Floats:
+        return joined([np.full(len(s.predicted), v) for s, v in zip(scores, values, strict=True)])
+
+    starts = _clock(story)
+    return Left(
+        sign=sign,
+        residual=joined([score.residual for score in scores]),
+        run=constant([float(n) for n in range(len(scores))]),
+        position=joined([score.run.cells.position[:, joint - 1] for score in scores]),
+        speed=constant([abs(score.run.speed) for score in scores]),
+        time=joined([score.run.cells.time + starts[score.run.clock] for score in scores]),
+        posture=constant([float(n) for n, _ in chosen]),
+        temperature=joined([score.run.cells.temperature for score in scores]),
+    )
+
+
+def _clock(story: Story) -> dict[int, float]:
+    """What is added to the time of each recording so that they follow one another (s)."""
+    spans: dict[int, tuple[float, float]] = {}
+    for score in story.comparison.runs:
+        first, last = score.run.start, score.run.start + score.run.duration
+        low, high = spans.get(score.run.clock, (first, last))
+        spans[score.run.clock] = (min(low, first), max(high, last))
+    added, so_far = {}, 0.0
+    for clock in sorted(spans):
+        added[clock] = so_far - spans[clock][0]
+        so_far += spans[clock][1] - spans[clock][0]
+    return added
+
+
+def _continuous(axes: Axes, side: Left, x: Floats) -> None:
+    seen = np.isfinite(x)
+    if not seen.any():
+        return
+    low, high = float(x[seen].min()), float(x[seen].max())
+    edges = np.linspace(low, high if high > low else low + 1.0, BINS + 1)
+    label = np.clip(np.digitize(x, edges) - 1, 0, BINS - 1).astype(float)
+    label[~seen] = np.nan
+    _drawn(axes, side, x, label)
+
+
+def _discrete(axes: Axes, side: Left, x: Floats) -> None:
+    """Speeds (or postures) that differ by less than 3 % of the largest are one mark."""
+    order = np.unique(x)
+    width = 0.03 * max(float(np.abs(order).max(initial=0.0)), 1e-12)
+    starts = np.concatenate([[True], np.diff(order) > width]) if len(order) else np.zeros(0, dtype=bool)
+    label = np.cumsum(starts)[np.searchsorted(order, x)].astype(float)
+    _drawn(axes, side, x, label)
+
+
+def _drawn(axes: Axes, side: Left, x: Floats, label: Floats) -> None:
+    colour, mark = (FORWARD, "o") if side.sign > 0 else (BACKWARD, "s")
+    dots(axes, x, side.residual, colour=colour, size=1.6, alpha=0.28)
+    places, means, errors = [], [], []
+    for number in np.unique(label[np.isfinite(label)]):
+        inside = label == number
+        by_run = np.array([side.residual[inside & (side.run == run)].mean() for run in np.unique(side.run[inside])])
+        places.append(float(x[inside].mean()))
+        means.append(float(by_run.mean()))
+        errors.append(float(by_run.std(ddof=1) / np.sqrt(len(by_run))) if len(by_run) > 1 else np.nan)
+    axes.errorbar(
+        places, means, yerr=errors, fmt=mark, color=colour, markersize=4.2, elinewidth=1.2, capsize=0, zorder=4,
+        markeredgecolor="none",
+    )  # fmt: skip
+
+
+def limited(axes: Axes, both: list[Left], floor: float | None) -> None:
+    """The same scale above and below zero, set by all but the farthest thousandth."""
+    everything = np.abs(np.concatenate([side.residual for side in both])) if both else np.zeros(1)
+    top = 1.15 * max(float(np.quantile(everything, 0.999)), 1.3 * (floor or 0.0), 1e-9)
+    axes.set_ylim(-top, top)

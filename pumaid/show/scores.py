@@ -1,0 +1,192 @@
+"""Tables of a comparison: by joint, the worst runs, what lies outside runs, and all of it as one document."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from pumaid.records import Comparison, Robot, Run, RunScore
+from pumaid.show.grid import Cell, Grid, grid
+from pumaid.show.numbers import in_unit, percent, seconds
+from pumaid.units import number
+
+#: An error this many times the noise floor asks for attention: with a few dozen replicates the floor itself is known to
+#: a tenth, so a quarter above it is more than chance.
+ATTENTION = 1.25
+
+
+def comparison_grid(comparison: Comparison, robot: Robot) -> Grid:
+    """The model's error by joint, against the noise floor."""
+    rows: list[list[str | Cell]] = []
+    has_heldout = any(score.heldout is not None for score in comparison.joints)
+    reasons: dict[str, None] = {}
+    for score in comparison.joints:
+        name = f"{score.joint} {robot.joint(score.joint).name}"
+        tone = "alarm" if is_above_floor(score.rmse, score.noise_floor) else ""
+        row: list[str | Cell] = [
+            name,
+            str(score.runs),
+            amount(score.rmse, tone),
+            amount(score.noise_floor),
+            amount(score.bias),
+        ]
+        row += [Cell("-", tone="absent") if score.explained is None else Cell(percent(score.explained))]
+        row += [amount(score.heldout)] if has_heldout else []
+        rows.append(row)
+        if score.noise_floor_reason:
+            reasons[score.noise_floor_reason] = None
+    header = ["joint", "runs", "RMSE (A)", "noise floor (A)", "bias (A)", "explained"]
+    if comparison.rmse is not None:
+        total: list[str | Cell] = ["all", str(sum(score.runs for score in comparison.joints)), amount(comparison.rmse)]
+        rows.append([*total, *([""] * 3), *([amount(comparison.heldout)] if has_heldout else [])])
+    return grid(
+        "Model against measurement",
+        header + (["held-out RMSE (A)"] if has_heldout else []),
+        rows,
+        notes=tuple(("-", reason) for reason in reasons),
+        caption="Explained: share of the current's variance that the model accounts for. RMSE at the noise floor means"
+        " that no better model exists for these data.",
+    )
+
+
+def worst_grid(comparison: Comparison, robot: Robot, *, count: int = 5, units: str = "rad") -> Grid:
+    """The runs that the model misses most, with file and seconds.
+
+    Parameters
+    ----------
+    comparison
+        All runs' scores.
+    robot
+        Names of joints.
+    count
+        How many runs.
+    units
+        ``"rad"`` or ``"deg"``.
+    """
+    rows: list[list[str | Cell]] = []
+    reasons: dict[str, str] = {}
+    for score in comparison.worst(count):
+        run = score.run
+        mark = reasons.setdefault(score.reason, "abcdefghijklmnopqrstuvwxyz"[len(reasons) % 26]) if score.reason else ""
+        rows.append(
+            [
+                f"{run.joint} {robot.joint(run.joint).name}",
+                run.origin,
+                f"{seconds(run.start)} – {seconds(run.start + run.duration)}",
+                speed_text(run, robot, units),
+                posture_text(run, robot, units),
+                Cell(number(score.rmse, 3), mark=mark, tone="unknown" if mark else ""),
+                amount(score.bias),
+            ]
+        )
+    header = ("joint", "file", "when", "speed", "others held at", "RMSE (A)", "bias (A)")
+    return grid(
+        "Worst runs",
+        header,
+        rows,
+        notes=tuple((mark, reason) for reason, mark in reasons.items()),
+        caption="Ordered by error against the joint's noise floor.",
+        lefts=(0, 1, 2, 4),
+    )
+
+
+def outside_grid(comparison: Comparison, robot: Robot) -> Grid | None:
+    """What lies outside runs; None where nothing does."""
+    rows: list[list[str | Cell]] = [
+        [f"{o.joint} {robot.joint(o.joint).name}", o.reason, f"{o.samples:,}", amount(o.rmse), amount(o.bias)]
+        for o in comparison.outside
+    ]
+    if not rows:
+        return None
+    return grid(
+        "Outside runs",
+        ("joint", "why no run", "samples", "RMSE (A)", "bias (A)"),
+        rows,
+        caption="Inertia is missing there by design: the model holds what a joint draws at constant speed.",
+        lefts=(0, 1),
+    )
+
+
+def is_above_floor(rmse: float | None, floor: float | None) -> bool:
+    """Whether an error (A) is more than noise explains (A)."""
+    return rmse is not None and floor is not None and rmse > ATTENTION * floor
+
+
+def amount(value: float | None, tone: str = "") -> Cell:
+    """A current (A) as a cell."""
+    return Cell("-", tone="absent") if value is None else Cell(number(value, 3), tone=tone)
+
+
+def speed_text(run: Run, robot: Robot, units: str = "rad") -> str:
+    """A run's signed speed with its unit."""
+    times, unit = in_unit(f"{robot.joint(run.joint).position_unit}/s", units)
+    return f"{number(run.speed * times, 3)} {unit}"
+
+
+def posture_text(run: Run, robot: Robot, units: str = "rad") -> str:
+    """The positions at which the other joints are held; a dash at the moving one."""
+    words = []
+    for joint, held in zip(robot.joints, run.posture, strict=True):
+        if np.isnan(held):
+            words.append("–")
+            continue
+        shown = np.degrees(held) if units == "deg" and joint.is_revolute else held
+        places = 0 if units == "deg" and joint.is_revolute else 2
+        words.append(f"{shown + 0.0:.{places}f}".replace("-0.00", "0.00"))
+    return "[" + " ".join(words) + "]"
+
+
+def comparison_document(comparison: Comparison) -> dict[str, Any]:
+    """The entries of a comparison's JSON document after its heading; SI."""
+    joints = []
+    for score in comparison.joints:
+        own = [_run_document(item) for item in comparison.of_joint(score.joint)]
+        joints.append(
+            {
+                "joint": score.joint,
+                "samples": score.samples,
+                "rmse": score.rmse,
+                "bias": score.bias,
+                "explained": score.explained,
+                "noise_floor": score.noise_floor,
+                "noise_floor_reason": score.noise_floor_reason,
+                "current_rms": score.rms,
+                "shares": {**score.shares},
+                "heldout": None if score.heldout is None else {"rmse": score.heldout, "runs": score.heldout_runs},
+                "undetermined_runs": score.undetermined,
+                "runs": own,
+            }
+        )
+    heldout = None if comparison.heldout is None else {"rmse": comparison.heldout}
+    return {
+        "joints": joints,
+        "rmse": comparison.rmse,
+        "heldout": heldout,
+        "outside": [
+            {"joint": o.joint, "reason": o.reason, "samples": o.samples, "rmse": o.rmse, "bias": o.bias}
+            for o in comparison.outside
+        ],
+        "notes": comparison.notes,
+    }
+
+
+def _run_document(score: RunScore) -> dict[str, Any]:
+    run = score.run
+    return {
+        "file": run.origin,
+        "start": run.start,
+        "duration": run.duration,
+        "rows": [run.first_row, run.last_row],
+        "kind": run.kind,
+        "velocity": run.speed,
+        "posture": run.posture,
+        "samples": run.samples,
+        "rmse": score.rmse,
+        "bias": score.bias,
+        "largest": score.largest,
+        "explained": score.explained,
+        "heldout": run.heldout,
+        "undetermined": score.undetermined,
+        "reason": score.reason,
+    }
