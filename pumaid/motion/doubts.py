@@ -277,16 +277,16 @@ def of_order(tally: Tally) -> Found:
     moved_to: dict[int, int] = {}
     for joint in tally.robot.joints:
         a = joint.number - 1
-        if np.isnan(answer[a]).all():
+        if np.isnan(answer[a, a]):
             continue
         b = int(np.nanargmax(np.abs(answer[a])))
-        if b != a and share[a, b] > _STRONG and abs(answer[a, b]) > _STRONGER * np.nan_to_num(abs(answer[a, a])):
+        if b != a and share[a, b] > _STRONG and abs(answer[a, b]) > _STRONGER * abs(answer[a, a]):
             moved_to[a + 1] = b + 1
     if not moved_to:
         return
     pairs = "; ".join(
         f"when joint {a} moves, current {b} changes by {number(2 * abs(answer[a - 1, b - 1]), 2)} A with direction, "
-        f"its own by {number(2 * abs(np.nan_to_num(answer[a - 1, a - 1])), 2)} A"
+        f"its own by {number(2 * abs(answer[a - 1, a - 1]), 2)} A"
         for a, b in moved_to.items()
     )
     first = next(iter(moved_to))
@@ -306,21 +306,28 @@ def _relabelled(robot: Robot, moved_to: dict[int, int]) -> str:
 def _answers(tally: Tally) -> tuple[Floats, Floats]:
     """(J, J) half difference of current b between a's directions (A), and the share of variance that it explains.
 
-    NaN where joint a did not move alone both ways long enough.
+    Within each posture, so that gravity's change from posture to posture counts neither way. NaN where joint a did not
+    move alone both ways long enough.
     """
     n = tally.robot.n_joints
     answer, share = np.full((n, n), np.nan), np.zeros((n, n))
     for a in range(n):
         if tally.ways[a].min() < _FEWEST_WAYS or tally.path[a] < MOVED:
             continue
-        inverse = np.linalg.pinv(tally.normal[a], rcond=1e-9, hermitian=True)
-        weights = inverse @ tally.product[a]
-        left = np.maximum(tally.squares[a] - np.einsum("kb,kb->b", weights, tally.product[a]), 1e-300)
-        # What the direction column adds to the fit, over that plus what is left.
-        gain = weights[3] ** 2 / max(inverse[3, 3], 1e-300)
-        answer[a], share[a] = weights[3], gain / (gain + left)
+        left = sum((_beside_gravity(sums) for sums in tally.groups[a].values()), np.zeros((1 + n, 1 + n)))
+        if left[0, 0] < _FEWEST_WAYS:
+            continue
+        answer[a] = left[0, 1:] / left[0, 0]
+        # What the direction explains of the variance that gravity leaves.
+        share[a] = left[0, 1:] ** 2 / (left[0, 0] * np.maximum(np.diag(left)[1:], 1e-300))
         answer[a, ~np.isfinite(tally.current_lowest) & (tally.path > MOVED)] = np.nan
     return answer, share
+
+
+def _beside_gravity(sums: Floats) -> Floats:
+    """(1 + J, 1 + J) sums of direction and currents once 1, cos and sin are taken out of them."""
+    gravity, cross = sums[:3, :3], sums[:3, 3:]
+    return sums[3:, 3:] - cross.T @ np.linalg.pinv(gravity, rcond=1e-9, hermitian=True) @ cross
 
 
 def of_rest(tally: Tally) -> Found:

@@ -20,6 +20,10 @@ LONGEST_WINDOW = 0.25
 SLOW = {"revolute": 0.02, "prismatic": 0.005}
 #: A joint moves alone where all others are this much slower, relative to its own speed.
 _ALONE = 0.05
+#: rad or m; held positions that differ less are one posture.
+_SAME_POSTURE = 0.1
+#: Postures a joint that are kept apart; later ones add nothing that these do not show.
+_MOST_POSTURES = 300
 #: Intervals from which the sampling rate is taken.
 _RATE_PROBE = 20_000
 
@@ -46,9 +50,9 @@ class Tally:
         (J,) samples in which each joint moves.
     top, top_count
         (J, 2): the two largest magnitudes of current while moving (A) and how often they occur.
-    normal, product, squares
-        (J, 4, 4), (J, 4, J), (J, J): while joint a moves alone, normal matrix of (1, cos, sin, direction), its product
-        with all mean currents, and the currents' sums of squares.
+    groups
+        Per joint a and posture of the others: sums over the windows in which a moves alone, (4 + J, 4 + J) of
+        (1, cos, sin, direction, all mean currents).
     ways
         (J, 2) windows alone forwards and backwards.
     """
@@ -69,9 +73,7 @@ class Tally:
     moving: NDArray[np.int64] = field(init=False)
     top: Floats = field(init=False)
     top_count: NDArray[np.int64] = field(init=False)
-    normal: Floats = field(init=False)
-    product: Floats = field(init=False)
-    squares: Floats = field(init=False)
+    groups: list[dict[tuple[int, ...], Floats]] = field(init=False)
     ways: NDArray[np.int64] = field(init=False)
     has_velocity: bool = False
     _n_intervals: int = 0
@@ -85,7 +87,7 @@ class Tally:
         self.moved_by, self.displacement, self.integral = np.zeros((n, n)), np.zeros(n), np.zeros(n)
         self.moving, self.ways = np.zeros(n, dtype=np.int64), np.zeros((n, 2), dtype=np.int64)
         self.top, self.top_count = np.full((n, 2), -1.0), np.zeros((n, 2), dtype=np.int64)
-        self.normal, self.product, self.squares = np.zeros((n, 4, 4)), np.zeros((n, 4, n)), np.zeros((n, n))
+        self.groups = [{} for _ in range(n)]
 
     def take(self, log: Log) -> None:
         """Add a batch; whole windows are summed, the rest waits for the next batch of the same clock."""
@@ -176,13 +178,19 @@ class Tally:
             if not alone.any():
                 continue
             way, angle, response = np.sign(speed[alone, a]), middle[alone, a], np.nan_to_num(mean[alone])
-            one = np.ones(len(way))
-            turning = self.robot.joints[a].is_revolute
-            columns = np.stack([one, np.cos(angle) * turning, np.sin(angle) * turning, way], axis=1)
-            self.normal[a] += columns.T @ columns
-            self.product[a] += columns.T @ response
-            self.squares[a] += (response**2).sum(axis=0)
+            rows = np.column_stack([np.ones(len(way)), np.cos(angle), np.sin(angle), way, response])
+            held = np.round(np.delete(middle[alone], a, axis=1) / _SAME_POSTURE).astype(np.int64)
+            postures, which = np.unique(held, axis=0, return_inverse=True)
+            for k, posture in enumerate(postures):
+                self._add(int(a), tuple(posture.tolist()), rows[which.reshape(-1) == k])
             self.ways[a] += [int(np.count_nonzero(way > 0)), int(np.count_nonzero(way < 0))]
+
+    def _add(self, a: int, posture: tuple[int, ...], rows: Floats) -> None:
+        groups = self.groups[a]
+        if posture in groups:
+            groups[posture] += rows.T @ rows
+        elif len(groups) < _MOST_POSTURES:
+            groups[posture] = rows.T @ rows
 
 
 def _joined(one: Log, other: Log) -> Log:
