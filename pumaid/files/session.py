@@ -8,7 +8,7 @@ from itertools import groupby
 from pathlib import Path
 from typing import Any
 
-from pumaid.errors import ResultError, Where
+from pumaid.errors import ModelError, ResultError, Where
 from pumaid.files.atomic import write_whole
 from pumaid.files.paths import STDIN
 from pumaid.files.table import write_log
@@ -70,6 +70,25 @@ def write_session(
         files.append((f"{origin}.{form}", sum(part[0] for part in seen), seen[0][1], seen[-1][2]))
     write_whole(folder / TRUTH_NAME, json.dumps(truth, indent=2) + "\n")
     return files
+
+
+def read_truth(path: Path) -> dict[str, Any]:
+    """The document of a ``truth.json``.
+
+    Raises
+    ------
+    ModelError [file-not-readable]
+        There is no such file, or it is no JSON object.
+    """
+    try:
+        found = json.loads(path.read_text(encoding="utf-8"))
+    except (OSError, ValueError) as error:
+        reason = getattr(error, "strerror", None) or "it is no JSON"
+        mend = "check the path"
+        raise ModelError("file-not-readable", f"{path} cannot be read: {reason}", Where(str(path)), mend) from error
+    if not isinstance(found, dict):
+        raise ModelError("file-not-readable", f"{path} holds no JSON object", Where(str(path)), "give a truth.json")
+    return found
 
 
 def _watched(

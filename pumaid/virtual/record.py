@@ -2,10 +2,20 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any
 
+import numpy as np
+from numpy.typing import NDArray
+
 from pumaid import __version__
-from pumaid.virtual.truth import Truth
+from pumaid.errors import ModelError, Where
+from pumaid.records import Robot
+from pumaid.virtual.links import Links
+from pumaid.virtual.recursion import Constants
+from pumaid.virtual.truth import Friction, Noise, Truth
+
+Floats = NDArray[np.float64]
 
 FORMAT = 1
 
@@ -15,7 +25,7 @@ def as_json(truth: Truth, *, seed: int | None = None) -> dict[str, Any]:
 
     `parameters` are those of the paper's model by their public names (in amperes, as `pumaid identify` gives them);
     `gain` (A per N m or N), `mass` (kg) and `centre` (m, in each link's frame) are null for a robot that is known by
-    its constants alone.
+    its constants alone; those are `constants`, of revolute and prismatic links alike.
 
     Parameters
     ----------
@@ -25,6 +35,7 @@ def as_json(truth: Truth, *, seed: int | None = None) -> dict[str, Any]:
         Of the session, where it is known.
     """
     links, friction, noise = truth.links, truth.friction, truth.noise
+    known = truth.constants
     return {
         "kind": "truth",
         "format": FORMAT,
@@ -36,6 +47,12 @@ def as_json(truth: Truth, *, seed: int | None = None) -> dict[str, Any]:
         "gain": None if truth.gain is None else truth.gain.tolist(),
         "mass": None if links is None else links.mass.tolist(),
         "centre": None if links is None else links.centre.tolist(),
+        "constants": {
+            "x": known.x.tolist(),
+            "y": known.y.tolist(),
+            "mass": known.mass.tolist(),
+            "ratio": known.ratio.tolist(),
+        },
         "friction": {
             "coulomb_plus": friction.coulomb_plus.tolist(),
             "coulomb_minus": friction.coulomb_minus.tolist(),
@@ -45,9 +62,73 @@ def as_json(truth: Truth, *, seed: int | None = None) -> dict[str, Any]:
         "inertia": truth.inertia.tolist(),
         "noise": {
             "std": noise.std.tolist(),
-            "level_std": noise.level_std.tolist(),
+            "level_share": noise.level_share,
             "correlation_time": noise.correlation_time,
             "current_step": noise.current_step,
             "counts": None if noise.counts is None else noise.counts.tolist(),
         },
     }
+
+
+def from_json(document: Mapping[str, Any], robot: Robot) -> Truth:
+    """The virtual robot of a document, edited or not.
+
+    Parameters
+    ----------
+    document
+        What `as_json` gave: masses, centres and gains where they are not null, else the constants; friction; noise.
+        `parameters` is passed over: it follows from the rest.
+    robot
+        The arm in whose geometry it moves.
+
+    Raises
+    ------
+    ModelError [truth-wrong]
+        It is no such document, or an entry is missing or has another number of joints.
+    """
+    if document.get("kind") != "truth" or document.get("format") != FORMAT:
+        what = f"the document's kind is {document.get('kind')!r} and its format {document.get('format')!r}"
+        raise ModelError("truth-wrong", what, mend="give a truth.json that pumaid simulate wrote")
+    n = robot.n_joints
+    friction, noise = _part(document, "friction"), _part(document, "noise")
+    has_links = document.get("mass") is not None
+    links = Links(_array(document, "mass", (n,)), _array(document, "centre", (n, 3))) if has_links else None
+    known = None
+    if links is None:
+        inner = _part(document, "constants")
+        x, y, mass = (_array(inner, name, (n,)) for name in ("x", "y", "mass"))
+        known = Constants(x, y, mass, _array(inner, "ratio", (n - 1,)))
+    sides = ("coulomb_plus", "coulomb_minus", "viscous_plus", "viscous_minus")
+    return Truth(
+        robot=robot,
+        friction=Friction(*(_array(friction, side, (n,)) for side in sides)),
+        noise=Noise(
+            _array(noise, "std", (n,)),
+            level_share=float(_array(noise, "level_share", ())),
+            correlation_time=float(_array(noise, "correlation_time", ())),
+            current_step=float(_array(noise, "current_step", ())),
+            counts=None if noise.get("counts") is None else _array(noise, "counts", (n,)),
+        ),
+        links=links,
+        gain=_array(document, "gain", (n,)) if has_links else None,
+        known=known,
+        inertia=_array(document, "inertia", (n,)),
+    )
+
+
+def _part(document: Mapping[str, Any], name: str) -> Mapping[str, Any]:
+    found = document.get(name)
+    if not isinstance(found, Mapping):
+        raise ModelError("truth-wrong", f"the entry {name} is missing", Where(field=name), "simulate anew")
+    return found
+
+
+def _array(document: Mapping[str, Any], name: str, shape: tuple[int, ...]) -> Floats:
+    try:
+        found = np.array(document.get(name), dtype=float)
+    except (TypeError, ValueError):
+        found = np.array(np.nan)
+    if found.shape != shape or not np.all(np.isfinite(found)):
+        what = f"{name} is not {' x '.join(str(size) for size in shape) or 'one'} finite numbers"
+        raise ModelError("truth-wrong", what, Where(field=name), "is it the truth of another robot?")
+    return found

@@ -116,4 +116,5 @@ class Session:
         error = measured - position
         steps = np.diff(error, axis=0, prepend=self._encoder_error[None])
         self._encoder_error = error[-1]
-        return measured, velocity + steps * self.rate
+        # Rounded so that the bytes of a log do not depend on how a machine orders its additions.
+        return measured, np.round(velocity + steps * self.rate, 9)

@@ -27,6 +27,9 @@ _VISCOUS_PLUS = (0.00222, 0.00677, -0.00573, -0.00133, -0.00290, -0.00181)
 _VISCOUS_MINUS = (0.00332, 0.00291, -0.00475, -0.00121, -0.00195, -0.00238)
 _STD = (0.0225, 0.0293, 0.0149, 0.0187, 0.0167, 0.00636)
 
+#: Steps of the current sensor (A) and of the encoders (counts a rad): well below the noise.
+_CURRENT_STEP, _COUNTS = 0.0005, 1e5
+
 _ARM = (0, -90, 90, 0, 0, 0)
 _WRIST = (0, -90, 0, 0, 0, 0)
 #: joint -> its postures, deg.
@@ -54,8 +57,8 @@ def robot() -> Robot:
 def puma560() -> Truth:
     """The virtual robot whose parameters are those of Table I.
 
-    Its noise has the table's standard deviations, a fifth of the variance being a level of each run. Motor inertia is
-    not in the table; plausible values stand in and act in ramps only.
+    Its noise has the table's standard deviations, a fifth of the variance being a level of each run. Motor inertia and
+    the steps of encoders and current sensors are not in the table; plausible values stand in.
 
     Source
     ------
@@ -70,8 +73,9 @@ def puma560() -> Truth:
     known = Constants(
         np.array(_K_X) / TABLE_GRAVITY, np.array(_K_Y) / TABLE_GRAVITY, np.zeros(6), np.array(_RATIO, dtype=float)
     )
+    noise = Noise(np.array(_STD), current_step=_CURRENT_STEP, counts=np.full(6, _COUNTS))
     inertia = np.array([0.12, 0.15, -0.06, -0.03, -0.03, -0.02])
-    return Truth(robot=robot(), friction=friction, noise=Noise(np.array(_STD)), known=known, inertia=inertia)
+    return Truth(robot=robot(), friction=friction, noise=noise, known=known, inertia=inertia)
 
 
 def experiment(replicates: int = 1) -> Plan:

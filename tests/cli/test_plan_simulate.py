@@ -121,3 +121,25 @@ def test_plan_in_no_time_is_refused(arm):
 def test_wrong_speeds_are_wrong_usage(arm):
     """A list that is none is exit code 2."""
     run("plan", "--speeds", "fast", code=2)
+
+
+def test_a_truth_is_simulated_again(arm):
+    """An earlier truth.json, given by --truth, is the same robot: without noise the same logs, whatever the seed."""
+    small()
+    for folder, more in (("first", ["--seed", "3"]), ("second", ["--seed", "3", "--truth", "first/truth.json"])):
+        run("simulate", "--rate", "20", "--noise", "0", "--format", "csv", "-o", folder, *more)
+    assert (arm / "first" / "session_01.csv").read_bytes() == (arm / "second" / "session_01.csv").read_bytes()
+
+
+def test_a_truth_of_another_arm_is_refused(arm):
+    """The paper's six joints do not fit a pendulum of two."""
+    small()
+    assert "is it the truth of another robot?" in run("simulate", "--truth", "table1", code=3).stderr
+
+
+@pytest.mark.parametrize("text", ["", "[]", '{"kind": "model"}', '{"kind": "truth", "format": 1}'])
+def test_what_is_no_truth_is_refused(arm, text):
+    """Nothing, a list, a model, a document without entries."""
+    small()
+    (arm / "truth.json").write_text(text)
+    assert "error[" in run("simulate", "--truth", "truth.json", code=3).stderr

@@ -21,6 +21,12 @@ from pumaid.cli.progress import progress
     help="The plan, YAML or CSV; else plan.yaml beside the recipe.",
 )
 @output_option("Folder of the logs; - for one CSV on standard output. Default: logs beside the recipe.")
+@click.option(
+    "--truth",
+    type=click.Path(path_type=Path),
+    metavar="FILE",
+    help="What the robot is: an earlier truth.json, or table1 (the PUMA 560 of the paper); else drawn from the seed.",
+)
 @click.option("--rate", type=float, default=250.0, show_default=True, metavar="HZ", help="Samples a second.")
 @click.option("--noise", type=click.FloatRange(min=0), metavar="A", help="Noise of every current; 0 for none at all.")
 @click.option("--format", "form", type=click.Choice(["parquet", "csv"]), default="parquet", show_default=True)
@@ -34,6 +40,7 @@ def command(
     recipe: Path | None,
     plan_path: Path | None,
     output: Path | None,
+    truth: Path | None,
     rate: float,
     noise: float | None,
     form: str,
@@ -58,18 +65,23 @@ def command(
     """
     from pumaid.cli.reading import experiment_folder, read_robot
     from pumaid.files.plan import PLAN_NAME, read_plan
-    from pumaid.files.session import write_session
+    from pumaid.files.session import read_truth, write_session
     from pumaid.show.plans import session_table
     from pumaid.verbs.simulate import simulate
+    from pumaid.virtual import record, table1
     from pumaid.virtual.draw import draw
-    from pumaid.virtual.record import as_json as truth_document
 
     robot = read_robot(recipe)
     made = read_plan(plan_path or experiment_folder(recipe) / PLAN_NAME, robot)
     notes(note for note in made.notes if note.slug == "plan-other-robot")
-    truth = draw(robot, seed) if noise is None else draw(robot, seed).with_noise(noise)
+    if truth is None:
+        real = draw(robot, seed)
+    else:
+        told = record.as_json(table1.puma560()) if str(truth) == "table1" else read_truth(truth)
+        real = record.from_json(told, robot)
+    real = real if noise is None else real.with_noise(noise)
     logs = simulate(
-        robot, made, seed=seed, truth=truth, rate=rate, runs_per_file=runs_per_file, has_velocity=not no_velocity
+        robot, made, seed=seed, truth=real, rate=rate, runs_per_file=runs_per_file, has_velocity=not no_velocity
     )
     folder = output or experiment_folder(recipe) / "logs"
     with progress("simulating", total=made.duration or None) as step:
@@ -79,14 +91,14 @@ def command(
             robot,
             form=form,
             force=force,
-            truth=truth_document(truth, seed=seed),
+            truth=record.as_json(real, seed=seed),
             progress=lambda seconds: step(seconds, f"{seconds:.0f} s of robot time"),
         )
     if str(folder) == "-":
         return
     if as_json:
-        told = [dict(zip(("file", "samples", "start", "end"), one, strict=True)) for one in files]
-        document({"kind": "simulation", "format": 1, "robot": robot.name, "seed": seed, "files": told})
+        listed = [dict(zip(("file", "samples", "start", "end"), one, strict=True)) for one in files]
+        document({"kind": "simulation", "format": 1, "robot": robot.name, "seed": seed, "files": listed})
     else:
         table(session_table(files))
     remark(f"logs and truth.json written to {folder}")
