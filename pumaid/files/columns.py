@@ -116,7 +116,7 @@ def resolve(header: Sequence[str], robot: Robot, name: str) -> Columns:
             (joint, column) for joint, column in zip(robot.joints, wanted[quantity], strict=True) if column in have
         ]
         lacking = [column for column in wanted[quantity] if column is not None and column not in have]
-        notes += _absence(quantity, lacking, len(found), robot.log, name)
+        notes += _absence(quantity, lacking, len(found), form=robot.log, name=name)
         if quantity == "velocity" and len(found) < robot.n_joints:
             found = []
         places[quantity] = np.array(
@@ -128,7 +128,7 @@ def resolve(header: Sequence[str], robot: Robot, name: str) -> Columns:
     return Columns(tuple(names), np.array(factors), places, tuple(notes))
 
 
-def without_empty(columns: Columns, table: Floats, robot: Robot, name: str) -> Columns:
+def without_empty(columns: Columns, table: Floats, name: str) -> Columns:
     """Columns without those currents and velocities that are there but empty over the first rows of the file.
 
     Parameters
@@ -137,8 +137,8 @@ def without_empty(columns: Columns, table: Floats, robot: Robot, name: str) -> C
         As `resolve` found them.
     table
         (C, N) first rows of the file; the first `EMPTY_PROBE` are looked at.
-    robot, name
-        The arm, and the file's name for messages.
+    name
+        The file's name for messages.
 
     Raises
     ------
@@ -200,7 +200,7 @@ def _mend(header: Sequence[str], robot: Robot, missing: Sequence[str]) -> str:
     return "; ".join(hints)
 
 
-def _absence(quantity: str, lacking: list[str], found: int, form: LogFormat, name: str) -> list[Note]:
+def _absence(quantity: str, lacking: list[str], found: int, *, form: LogFormat, name: str) -> list[Note]:
     """Notes on what may be absent; a velocity or temperature that nobody named is passed over in silence."""
     where = Where(file=name)
     if not lacking or quantity == "position":

@@ -78,7 +78,7 @@ class CsvSource:
         head = head.removeprefix(codecs.BOM_UTF8)
         whole = len(head) < HEAD_BYTES
         while not whole and head.count(b"\n") < 2:
-            more = self.stream.read(HEAD_BYTES)
+            more = self.stream.read(len(head))
             whole, head = not more, head + more
             self._check_line(head)
         # A cut last line would mislead the detection.
@@ -211,14 +211,14 @@ class CsvSource:
             self.notes.append(Note("last-row-cut", text, Where(file=self.name, row=line)))
         if ragged:
             first = "; ".join(f"row {line} has {count}" for line, count in ragged[:3])
-            more = f" and {len(ragged) - 3} more near there" if len(ragged) > 3 else ""
+            more = f" and {len(ragged) - 3} more nearby" if len(ragged) > 3 else ""
             what = f"{first}{more} cells where the header has {len(self.header)}"
             mend = "complete or remove these rows; a delimiter inside a cell needs quotes"
             raise LogError("ragged-row", what, Where(file=self.name, row=ragged[0][0]), mend)
 
     def _not_numbers(self, bad: list[tuple[int, str, str]]) -> LogError:
         shown = "; ".join(f"row {line}, column {column}: {text.strip()[:30]!r}" for line, column, text in bad[:3])
-        more = f" and {len(bad) - 3} more near there" if len(bad) > 3 else ""
+        more = f" and {len(bad) - 3} more nearby" if len(bad) > 3 else ""
         mend = "leave cells empty where there is no number"
         if bad[0][0] == self.dialect.header_line + 1 and {row for row, _, _ in bad} == {bad[0][0]}:
             mend = f"row {bad[0][0]} looks like units: delete it and name the units in the recipe's log block"

@@ -28,6 +28,7 @@ _FOREIGN = {
     b"SQLite format": ("an SQLite database", "export it as CSV or Parquet"),
     b"ARROW1": ("an Arrow file", "write it as Parquet"),
     b"\x93NUMPY": ("a NumPy array", "write it as CSV with a header line, or as Parquet"),
+    b"[{": ("JSON", "write it as CSV with a header line, or as Parquet"),
     b"{": ("JSON", "write it as CSV with a header line, or as Parquet"),
     b"<": ("XML or HTML", "write it as CSV with a header line, or as Parquet"),
 }

@@ -6,7 +6,7 @@ import sys
 from collections.abc import Iterable, Iterator
 from contextlib import ExitStack
 from pathlib import Path
-from typing import Any
+from typing import Any, BinaryIO
 
 import numpy as np
 import pyarrow as pa
@@ -57,26 +57,25 @@ def write_log(path: Path, logs: Iterable[Log], robot: Robot) -> None:
         what = f"{path.name} ends in {path.suffix or 'nothing'}, which is no log format"
         raise ResultError("unknown-ending", what, Where(file=str(path)), "name it .csv or .parquet")
     else:
-        with whole_file(path) as temporary:
-            if path.suffix.lower() == ".csv":
-                with temporary.open("wb") as sink:
-                    _write_csv(sink, parts)
-            else:
-                _write_parquet(temporary, parts)
+        write = _write_csv if path.suffix.lower() == ".csv" else _write_parquet
+        with whole_file(path) as temporary, temporary.open("wb") as sink:
+            write(sink, parts)
 
 
-def _write_parquet(path: Path, parts: Iterator[pa.Table]) -> None:
+def _write_parquet(sink: BinaryIO, parts: Iterator[pa.Table]) -> None:
     with ExitStack() as stack:
         writer: Any = None
         for part in parts:
             if writer is None:
                 # The dictionary would cost time and space: floats hardly ever repeat.
-                writer = pq.ParquetWriter(path, part.schema, compression="zstd", use_dictionary=False)
+                writer = pq.ParquetWriter(
+                    sink, part.schema, compression="zstd", use_dictionary=False, write_page_checksum=True
+                )
                 stack.enter_context(writer)
             writer.write_table(part, row_group_size=GROUP_ROWS)
 
 
-def _write_csv(sink: Any, parts: Iterator[pa.Table]) -> None:
+def _write_csv(sink: BinaryIO, parts: Iterator[pa.Table]) -> None:
     options = arrow_csv.WriteOptions(include_header=False, quoting_style="needed")
     for number, part in enumerate(parts):
         if number == 0:

@@ -48,7 +48,9 @@ class ParquetSource:
 
     def __post_init__(self) -> None:
         try:
-            self._file = pq.ParquetFile(self.stream, buffer_size=_BUFFER_BYTES, pre_buffer=False)
+            self._file = pq.ParquetFile(
+                self.stream, buffer_size=_BUFFER_BYTES, pre_buffer=False, page_checksum_verification=True
+            )
         except (pa.ArrowException, OSError) as error:
             raise self._damaged(error) from error
 
@@ -114,7 +116,7 @@ class ParquetSource:
         except pa.ArrowInvalid as error:
             bad = [(row, text) for row, text in zip(rows.tolist(), trimmed.to_pylist(), strict=True) if _is_text(text)]
             shown = "; ".join(f"row {row}, column {name}: {text[:30]!r}" for row, text in bad[:3])
-            more = f" and {len(bad) - 3} more near there" if len(bad) > 3 else ""
+            more = f" and {len(bad) - 3} more nearby" if len(bad) > 3 else ""
             where = Where(file=self.name, row=bad[0][0] if bad else None, column=name)
             what = f"text where a number belongs: {shown}{more}"
             raise LogError("not-a-number", what, where, "write the column as numbers") from error

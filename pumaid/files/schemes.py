@@ -109,7 +109,7 @@ def _units(time: str, chosen: dict[str, str]) -> dict[str, str]:
     for quantity, in_degrees in (("position", "deg"), ("velocity", "deg/s")):
         if {"deg", "degree", "degrees"} & set(_words(chosen.get(quantity, ""))):
             units[quantity] = in_degrees
-    if "ma" in _words(chosen.get("current", "")):
+    if re.search(r"(?<![A-Za-z])mA(?![A-Za-z])", chosen.get("current", "")):
         units["current"] = "mA"
     return units
 

@@ -94,7 +94,7 @@ class LogReader:
                 cleaner.time_factor = source.time_unit(columns.names[0])
             for rows, table in source.chunks(columns.names):
                 if cleaner.n_rows == 0:
-                    cleaner.columns = without_empty(columns, table, self._robot, name)
+                    cleaner.columns = without_empty(columns, table, name)
                 for log in cleaner.take(rows, table):
                     yield from self._cut(log)
             logs, notes = cleaner.finish()

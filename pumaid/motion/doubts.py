@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from pumaid.errors import LogError, Note, Where
 from pumaid.motion.tally import WINDOW, Tally
 from pumaid.records import Robot
-from pumaid.units import UNITS, number
+from pumaid.units import UNITS, factor, number
 
 Floats = NDArray[np.float64]
 Found = Iterator[LogError | Note]
@@ -61,8 +61,8 @@ def _of_interval(tally: Tally) -> Found:
         )
         fitting = [
             word
-            for word, (dimension, factor) in UNITS.items()
-            if dimension == "time" and 2e-4 <= interval / UNITS[unit][1] * factor <= 0.1
+            for word, (dimension, size) in UNITS.items()
+            if dimension == "time" and 2e-4 <= interval / factor(unit) * size <= 0.1
         ]
         hint = f"put units: {{time: {fitting[0]}}} into the recipe's log block" if fitting else "check the time column"
         yield LogError("time-unit", f"with time read in {unit} there is {rate}; no arm is logged so", where, hint)
@@ -116,7 +116,7 @@ def _fits_in_degrees(tally: Tally, joint: int) -> bool:
     if limits is None:
         return False
     slack = 0.1 * (limits[1] - limits[0])
-    low, high = math.radians(tally.lowest[joint - 1]), math.radians(tally.highest[joint - 1])
+    low, high = factor("deg") * tally.lowest[joint - 1], factor("deg") * tally.highest[joint - 1]
     return bool(low >= limits[0] - slack and high <= limits[1] + slack)
 
 
@@ -191,10 +191,10 @@ def _unit_changes(robot: Robot, joint: int, ratio: float) -> list[tuple[str, str
     for quantity, power in (("position", 1), ("time", -1), ("velocity", -1)):
         key = quantity if quantity == "time" else prefix + quantity
         now = robot.log.units.get(key, robot.log.units.get(quantity, standard[quantity]))
-        for word, (dimension, factor) in UNITS.items():
+        for word, (dimension, size) in UNITS.items():
             if dimension != dimensions.get(quantity, "time") or word == now:
                 continue
-            changed = abs(ratio) * (factor / UNITS[now][1]) ** power
+            changed = abs(ratio) * (size / factor(now)) ** power
             if abs(changed - 1.0) < UNIT_MATCH:
                 found.append((key, word))
     return found
