@@ -1,0 +1,88 @@
+"""Make ``sample_logs/`` again from its index: ``python tools/make_samples.py [--check]``."""
+
+from __future__ import annotations
+
+import argparse
+import contextlib
+import io
+import os
+import shlex
+import shutil
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any
+
+from ruamel.yaml import YAML
+
+from pumaid.cli import group
+from pumaid.files.recipe import read_recipe, shipped_recipes
+from pumaid.files.table import LogReader, write_log
+
+SAMPLES = Path(__file__).parents[1] / "sample_logs"
+
+
+def index() -> list[dict[str, Any]]:
+    """The samples that the index names."""
+    found = YAML(typ="safe").load((SAMPLES / "index.yaml").read_text(encoding="utf-8"))
+    return list(found["samples"])
+
+
+@contextlib.contextmanager
+def inside(folder: Path) -> Iterator[None]:
+    """The working folder, for as long as the block lasts."""
+    before = Path.cwd()
+    os.chdir(folder)
+    try:
+        yield
+    finally:
+        os.chdir(before)
+
+
+def make(sample: dict[str, Any], root: Path) -> Path:
+    """Make one sample below `root`: recipe, plan, logs and truth."""
+    folder = root / sample["folder"]
+    folder.mkdir(parents=True)
+    shutil.copyfile(shipped_recipes()[sample["recipe"]], folder / "recipe.yaml")
+    with inside(folder):
+        for command in sample["commands"]:
+            with contextlib.redirect_stdout(io.StringIO()), contextlib.redirect_stderr(io.StringIO()):
+                group.main(shlex.split(command)[1:], prog_name="pumaid", standalone_mode=False)
+    robot = read_recipe(folder / "recipe.yaml")
+    for name in sample["as_csv"]:
+        path = folder / "logs" / f"{name}.parquet"
+        write_log(path.with_suffix(".csv"), LogReader([path], robot), robot)
+        path.unlink()
+    (folder / "logs" / "truth.json").rename(folder / "truth.json")
+    return folder
+
+
+def contents(folder: Path) -> dict[str, bytes]:
+    """Every file below a folder, by its path."""
+    files = sorted(path for path in folder.rglob("*") if path.is_file())
+    return {str(path.relative_to(folder)): path.read_bytes() for path in files}
+
+
+def main() -> int:
+    """Make all samples, or (``--check``) compare what is there with what would be made."""
+    options = argparse.ArgumentParser(description=__doc__)
+    options.add_argument("--check", action="store_true", help="change nothing; exit with 1 if a sample is not current")
+    check = options.parse_args().check
+    stale = []
+    for sample in index():
+        with TemporaryDirectory() as scratch:
+            made, target = make(sample, Path(scratch)), SAMPLES / sample["folder"]
+            if contents(made) == contents(target):
+                continue
+            stale.append(sample["folder"])
+            if not check:
+                shutil.rmtree(target, ignore_errors=True)
+                shutil.copytree(made, target)
+    if stale:
+        print(f"{'not current' if check else 'made'}: {', '.join(stale)}", file=sys.stderr)
+    return 1 if check and stale else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
