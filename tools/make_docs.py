@@ -2,6 +2,8 @@
 
 ``--check`` writes nothing and leaves with 1 where the page of commands is out of date. Sessions are the README's
 ``console`` blocks: each ``$ command`` is run in a scratch copy of the samples, and what it prints stands below it.
+The README's picture is drawn from a sample too; other versions of the drawing library draw other bytes, so it is not
+checked.
 """
 
 from __future__ import annotations
@@ -20,7 +22,7 @@ import click
 from pumaid.cli import group
 
 ROOT = Path(__file__).parents[1]
-COMMANDS, README = ROOT / "docs" / "commands.md", ROOT / "README.md"
+COMMANDS, README, PICTURE = ROOT / "docs" / "commands.md", ROOT / "README.md", ROOT / "docs" / "img" / "spent.svg"
 HEAD = """# Commands
 
 Generated from the commands' own help by `make docs`; do not edit.
@@ -79,11 +81,26 @@ def _printed(command: str, folder: str) -> str:
     return "".join(f"{line.rstrip()}\n" for line in done.stdout.splitlines())
 
 
+def picture() -> bytes:
+    """What the sample PUMA's currents are spent on."""
+    from pumaid import compare, identify
+    from pumaid.cli.reading import read_evidence
+    from pumaid.show.plots import drawings
+    from pumaid.show.story import Story
+
+    robot, evidence = read_evidence([str(ROOT / "sample_logs" / "puma560")], None)
+    estimate = identify(evidence, robot)
+    story = Story(robot, estimate, evidence, compare(estimate, evidence, robot))
+    return next(drawing for drawing in drawings(story) if drawing.name == "spent").file("svg")
+
+
 def main() -> int:
     """Write, or with ``--check`` only compare."""
     wanted = {COMMANDS: commands_page()}
     if "--check" not in sys.argv:
         wanted[README] = run_sessions(README.read_text(encoding="utf-8"))
+        PICTURE.parent.mkdir(exist_ok=True)
+        PICTURE.write_bytes(picture())
     stale = [path for path, text in wanted.items() if not path.exists() or path.read_text(encoding="utf-8") != text]
     for path in stale:
         if "--check" not in sys.argv:
