@@ -22,7 +22,7 @@ import click
 from pumaid.cli import group
 
 ROOT = Path(__file__).parents[1]
-COMMANDS, README, PICTURE = ROOT / "docs" / "commands.md", ROOT / "README.md", ROOT / "docs" / "img" / "spent.svg"
+COMMANDS, README, PICTURE = ROOT / "docs" / "commands.md", ROOT / "README.md", ROOT / "docs" / "img" / "spent.png"
 HEAD = """# Commands
 
 Generated from the commands' own help by `make docs`; do not edit.
@@ -91,7 +91,7 @@ def picture() -> bytes:
     robot, evidence = read_evidence([str(ROOT / "sample_logs" / "puma560")], None)
     estimate = identify(evidence, robot)
     story = Story(robot, estimate, evidence, compare(estimate, evidence, robot))
-    return next(drawing for drawing in drawings(story) if drawing.name == "spent").file("svg")
+    return next(drawing for drawing in drawings(story) if drawing.name == "spent").file("png")
 
 
 def main() -> int:
