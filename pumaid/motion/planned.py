@@ -20,6 +20,8 @@ SAME_POSTURE = 0.05
 SAME_SPEED = 0.10
 #: Share of a run's travel that must lie inside the planned span.
 _INSIDE = 0.5
+#: Share of runs that may be none of the plan's: moves from posture to posture leave some that are as good as any.
+_FEW = 0.25
 #: Missing motions that are named; of more, the count.
 _MOST_NAMED = 4
 
@@ -41,7 +43,8 @@ def mark_heldout(evidence: Evidence, plan: Plan) -> Evidence:
     Returns
     -------
     evidence
-        With `Run.heldout` set, and notes on planned motions that were not found, and on runs that no motion planned.
+        With `Run.heldout` set, and notes on planned motions that were not found, and on runs that no motion planned where
+        they are many (moves between postures leave a few, which are fitted).
     """
     if not evidence.runs or not plan.motions:
         return evidence
@@ -117,11 +120,11 @@ def _described(motion: Motion, number: int) -> str:
 
 def _on_strays(runs: Sequence[Run], found: Sequence[int | None]) -> tuple[Note, ...]:
     strays = [run for run, kind in zip(runs, found, strict=True) if kind is None]
-    if not strays:
+    if len(strays) <= _FEW * len(runs):
         return ()
     first = strays[0]
     text = (
         f"{len(strays)} of {len(runs)} runs are none that the plan has, the first of joint {first.joint} at"
-        f" {first.start:.1f} s; they are fitted"
+        f" {first.start:.1f} s; they are fitted; is it the plan of these logs?"
     )
     return (Note("plan-run-unplanned", text, Where(file=first.origin, row=first.first_row)),)

@@ -10,6 +10,7 @@ from rich.console import Group
 from rich.table import Table
 from rich.text import Text
 
+from pumaid import __version__
 from pumaid.records import Plan, Posture, Robot
 from pumaid.units import factor, number
 
@@ -122,6 +123,12 @@ def _promises(plan: Plan, robot: Robot) -> Table:
         if any(value is not None for value in found):
             table.add_row(label, *("-" if value is None else number(value * scale, 2) for value in found))
     return table
+
+
+def session_document(robot: str, seed: int, files: Sequence[tuple[str, int, float, float]]) -> dict[str, object]:
+    """What ``simulate --json`` prints; `files` as in `session_table`."""
+    listed = [dict(zip(("file", "samples", "start", "end"), one, strict=True)) for one in files]
+    return {"kind": "simulation", "format": 1, "pumaid": __version__, "robot": robot, "seed": seed, "files": listed}
 
 
 def session_table(files: Sequence[tuple[str, int, float, float]]) -> Table:

@@ -86,12 +86,13 @@ def test_a_replicate_that_is_missing_is_told():
     assert "1 of 5 planned runs" in note.text
 
 
-def test_unplanned_runs_are_told_and_kept():
-    """A run that nobody planned stays in the fit and is told."""
+@pytest.mark.parametrize(("count", "notes"), [(1, []), (3, ["plan-run-unplanned"])])
+def test_many_unplanned_runs_are_told_and_kept(count, notes):
+    """Runs that nobody planned stay in the fit; a quarter of all may pass unsaid, more is told."""
     stray = replace(evidence().runs[0], joint=4, posture=np.array([0.0, -1.5, 0.5, np.nan, 0.0, 0.0]))
-    found = mark_heldout(Evidence((*evidence().runs, stray)), PLAN)
-    assert [run.heldout for run in found.runs] == [False, False, True, True, False]
-    assert [note.slug for note in found.notes] == ["plan-run-unplanned"]
+    found = mark_heldout(Evidence((*evidence().runs, *[stray] * count)), PLAN)
+    assert [run.heldout for run in found.runs] == [False, False, True, True] + [False] * count
+    assert [note.slug for note in found.notes] == notes
 
 
 def test_parts_of_a_motion_are_all_marked():

@@ -66,7 +66,7 @@ def command(
     from pumaid.cli.reading import experiment_folder, read_robot
     from pumaid.files.plan import PLAN_NAME, read_plan
     from pumaid.files.session import read_truth, write_session
-    from pumaid.show.plans import session_table
+    from pumaid.show.plans import session_document, session_table
     from pumaid.verbs.simulate import simulate
     from pumaid.virtual import record, table1
     from pumaid.virtual.draw import draw
@@ -74,11 +74,10 @@ def command(
     robot = read_robot(recipe)
     made = read_plan(plan_path or experiment_folder(recipe) / PLAN_NAME, robot)
     notes(note for note in made.notes if note.slug == "plan-other-robot")
-    if truth is None:
-        real = draw(robot, seed)
+    if str(truth) == "table1":
+        real = record.from_json(record.as_json(table1.puma560()), robot)
     else:
-        told = record.as_json(table1.puma560()) if str(truth) == "table1" else read_truth(truth)
-        real = record.from_json(told, robot)
+        real = draw(robot, seed) if truth is None else record.from_json(read_truth(truth), robot)
     real = real if noise is None else real.with_noise(noise)
     logs = simulate(
         robot, made, seed=seed, truth=real, rate=rate, runs_per_file=runs_per_file, has_velocity=not no_velocity
@@ -97,8 +96,7 @@ def command(
     if str(folder) == "-":
         return
     if as_json:
-        listed = [dict(zip(("file", "samples", "start", "end"), one, strict=True)) for one in files]
-        document({"kind": "simulation", "format": 1, "robot": robot.name, "seed": seed, "files": listed})
+        document(session_document(robot.name, seed, files))
     else:
         table(session_table(files))
     remark(f"logs and truth.json written to {folder}")
