@@ -291,11 +291,10 @@ class Cleaner:
         return [Note("time-repeated", text, where)]
 
     def _wrap_notes(self) -> list[Note]:
-        return [
-            Note(
-                "position-wraps",
-                f"position jumps by a whole turn {count} times and is taken as continuous",
-                Where(file=self.name, row=self._first_wrap[joint], joint=joint + 1),
-            )
-            for joint, count in self._wraps.items()
-        ]
+        if not self._wraps:
+            return []
+        joints = sorted(self._wraps)
+        told = ", ".join(f"joint {joint + 1} ({self._wraps[joint]} times)" for joint in joints)
+        first = min(joints, key=lambda joint: self._first_wrap[joint])
+        where = Where(file=self.name, row=self._first_wrap[first], joint=first + 1)
+        return [Note("position-wraps", f"position jumps by a whole turn and is taken as continuous: {told}", where)]

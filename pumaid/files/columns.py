@@ -151,7 +151,8 @@ def without_empty(columns: Columns, table: Floats, name: str) -> Columns:
     lacking = [columns.names[k] for k in places["current"][dead][:, 1]]
     places["current"] = places["current"][~dead]
     if lacking and not len(places["current"]):
-        what = f"the currents of {name} are empty ({_listed(lacking)})"
+        n_rows = min(EMPTY_PROBE, table.shape[1])
+        what = f"the currents of {name} are empty over its first {n_rows} rows ({_listed(lacking)})"
         raise LogError("no-current", what, Where(file=name, column=lacking[0]), "record the motor currents")
     if lacking:
         text = f"column {_listed(lacking)} is empty: the runs of these joints show no current and are not identified"
@@ -232,5 +233,6 @@ def _more_joints(have: set[str], robot: Robot, name: str) -> list[Note]:
 
 def _listed(names: Sequence[str], most: int = 12) -> str:
     """Names for a message; the first few of many."""
-    shown = ", ".join(item if len(item) <= 40 else item[:37] + "..." for item in names[:most])
+    clean = ["".join(letter if letter.isprintable() else "?" for letter in item) for item in names[:most]]
+    shown = ", ".join(item if len(item) <= 40 else item[:37] + "..." for item in clean)
     return f"{shown} ... ({len(names)} in all)" if len(names) > most else shown

@@ -27,6 +27,8 @@ from pumaid.records import FileFacts, Log, Robot
 __all__ = ["LogReader", "expand", "write_log"]
 
 _GZIP = b"\x1f\x8b"
+#: Notes of one kind that are told in full; a campaign of a thousand files may have one in each.
+MOST_ALIKE = 3
 
 
 class LogReader:
@@ -182,10 +184,17 @@ def _digest_to_end(buffered: io.BufferedReader[_Hashing], hashing: _Hashing) -> 
 
 
 def _merged(notes: Iterable[Note]) -> Iterator[Note]:
-    """Notes that several files share word for word, once, with the number of files."""
+    """What several files share word for word once; of each kind the first `MOST_ALIKE`, and how many more there are."""
     groups: dict[tuple[str, str], list[Note]] = {}
     for note in notes:
         groups.setdefault((note.slug, note.text), []).append(note)
+    by_slug: dict[str, list[Note]] = {}
     for (slug, text), alike in groups.items():
         more = f"; the same in {len(alike) - 1} more files" if len(alike) > 1 else ""
-        yield Note(slug, text + more, alike[0].where)
+        by_slug.setdefault(slug, []).append(Note(slug, text + more, alike[0].where))
+    for slug, told in by_slug.items():
+        yield from told[:MOST_ALIKE]
+        if rest := told[MOST_ALIKE:]:
+            files = list(dict.fromkeys(str(note.where.file) for note in rest))
+            named = ", ".join(files[:MOST_ALIKE]) + (" ..." if len(files) > MOST_ALIKE else "")
+            yield Note(slug, f"{len(rest)} more notes of this kind, on {named}")

@@ -455,6 +455,24 @@ def test_a_second_recording_in_a_file_starts_a_clock(tmp_path: Path) -> None:
     assert [note.slug for note in reader.notes] == ["clock-restarts"]
 
 
+def test_notes_of_one_kind_do_not_flood(tmp_path: Path) -> None:
+    """Of ten files with gaps of their own three are told in full, and how many more there are."""
+    for k in range(10):
+        log = motion(100)
+        log.time[50:] += 1.0 + k
+        (tmp_path / f"{k}.csv").write_text(text(log))
+    _, reader = read(sorted(tmp_path.iterdir()), arm())
+    assert [note.slug for note in reader.notes] == ["gaps"] * 4 and "7 more notes" in reader.notes[-1].text
+
+
+def test_flipped_bytes_are_found(tmp_path: Path) -> None:
+    """A log that pumaid wrote carries checksums: a damaged page is refused, not read as numbers."""
+    write_log(tmp_path / "a.parquet", [motion(5000)], arm())
+    data = bytearray((tmp_path / "a.parquet").read_bytes())
+    data[3000:3004] = bytes(byte ^ 255 for byte in data[3000:3004])
+    assert refusal(tmp_path / "a.parquet", bytes(data)).slug == "damaged-log"
+
+
 def test_notes_that_files_share_are_told_once(tmp_path: Path) -> None:
     """Twenty files without a current are one note, not twenty."""
     for k in range(20):
