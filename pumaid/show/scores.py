@@ -93,18 +93,23 @@ def worst_grid(comparison: Comparison, robot: Robot, *, count: int = 5, units: s
 
 def outside_grid(comparison: Comparison, robot: Robot) -> Grid | None:
     """What lies outside runs; None where nothing does."""
-    rows: list[list[str | Cell]] = [
-        [f"{o.joint} {robot.joint(o.joint).name}", o.reason, f"{o.samples:,}", amount(o.rmse), amount(o.bias)]
-        for o in comparison.outside
-    ]
-    if not rows:
+    if not comparison.outside:
         return None
+    found = {(score.joint, score.reason): score for score in comparison.outside}
+    reasons = sorted(
+        {reason for _, reason in found}, key=lambda r: -sum(s.samples for s in found.values() if s.reason == r)
+    )
+    rows: list[list[str | Cell]] = []
+    for joint in sorted({joint for joint, _ in found}):
+        scores = [found.get((joint, reason)) for reason in reasons]
+        samples = sum(score.samples for score in scores if score is not None)
+        cells = [amount(None if score is None else score.rmse) for score in scores]
+        rows.append([f"{joint} {robot.joint(joint).name}", f"{samples:,}", *cells])
     return grid(
-        "Outside runs",
-        ("joint", "why no run", "samples", "RMSE (A)", "bias (A)"),
+        "Outside runs: RMSE (A) by what keeps a stretch from being a run",
+        ("joint", "samples", *reasons),
         rows,
         caption="Inertia is missing there by design: the model holds what a joint draws at constant speed.",
-        lefts=(0, 1),
     )
 
 
@@ -132,8 +137,8 @@ def posture_text(run: Run, robot: Robot, units: str = "rad") -> str:
             words.append("–")
             continue
         shown = np.degrees(held) if units == "deg" and joint.is_revolute else held
-        places = 0 if units == "deg" and joint.is_revolute else 2
-        words.append(f"{shown + 0.0:.{places}f}".replace("-0.00", "0.00"))
+        text = f"{shown:.{0 if units == 'deg' and joint.is_revolute else 2}f}"
+        words.append(text.lstrip("-") if float(text) == 0.0 else text)
     return "[" + " ".join(words) + "]"
 
 

@@ -32,7 +32,7 @@ def drawings(story: Story) -> Iterator[Drawing]:
         yield Drawing(
             f"current_j{joint}",
             f"{story.title(joint)}: current against position",
-            "Dots: measured (forward blue, backward orange). Lines: predicted, one a run." + more,
+            "Dots: measured. Lines: predicted, one a run." + more,
             partial(draw, story, joint),
             joint,
         )

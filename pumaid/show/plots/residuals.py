@@ -51,11 +51,11 @@ def drawings(story: Story) -> Iterator[Drawing]:
             f"{number} = {posture_text(group[0].run, story.robot, story.units)}"
             for number, group in enumerate(groups[:4], start=1)
         )
+        unit = story.position_unit(joint)
         yield Drawing(
             f"residual_j{joint}",
             f"{story.title(joint)}: what the model leaves",
-            "Measured minus predicted; dots are cells, marks with bars are means with their standard error over runs."
-            f" The band is the noise floor. Marks off the zero line show missing physics. Postures: {letters}.",
+            f"Postures ({unit}): {letters}.",
             partial(draw, story, joint),
             joint,
         )

@@ -44,7 +44,7 @@ def draw(story: Story) -> Figure:
     scores = [score for score in story.comparison.joints if score.shares]
     effects = [name for name in _ordered(scores) if name != UNEXPLAINED]
     others = [name for name in effects if name not in _WORDS]
-    figure = Figure(figsize=(6.4, 0.44 * len(scores) + 1.95), layout="constrained")
+    figure = Figure(figsize=(5.1, 0.42 * len(scores) + 1.75), layout="constrained")
     figure.suptitle(
         f"{story.robot.name}: what the motors' currents are spent on",
         x=0.01,
@@ -52,7 +52,7 @@ def draw(story: Story) -> Figure:
         fontsize=12.5,
         fontweight="bold",
     )
-    left, right = figure.subplots(1, 2, width_ratios=(2.5, 1.0), sharey=True)
+    left, right = figure.subplots(1, 2, width_ratios=(2.35, 1.0), sharey=True)
     places = np.arange(len(scores))[::-1]
     for place, score in zip(places, scores, strict=True):
         _bar(left, float(place), score, colours={name: effect_colour(name, others) for name in effects})
@@ -98,15 +98,15 @@ def _bar(axes: Axes, place: float, score: JointScore, *, colours: dict[str, str]
 
 def _frame(axes: Axes, story: Story, scores: list[JointScore], places: np.ndarray) -> None:
     lowest = min(0.0, *(sum(share for share in score.shares.values() if share < 0.0) for score in scores))
-    axes.set_xlim(1.05 * lowest if lowest < -0.01 else 0.0, 1.17 - lowest)
+    axes.set_xlim(1.05 * lowest if lowest < -0.01 else 0.0, 1.29 - lowest)
     axes.set_yticks(places, [f"{score.joint}  {story.robot.joint(score.joint).name}" for score in scores])
     axes.set_ylim(-0.6, len(scores) - 0.4)
     axes.xaxis.set_major_formatter(lambda share, _: f"{100 * share:.0f} %")
-    axes.set_xticks([0.0, 0.25, 0.5, 0.75, 1.0])
+    axes.set_xticks([0.0, 0.5, 1.0])
     axes.spines["bottom"].set_bounds(0.0, 1.0)
     axes.set_title("spent on", fontsize=10, fontweight="normal")
     axes.text(1.02, 1.012, "RMS", transform=axes.get_xaxis_transform(), va="bottom", fontsize=9.5)
-    axes.set_xlabel("share of mean square current", x=0.43)
+    axes.set_xlabel("share of mean square current", x=0.4)
     axes.tick_params(left=False)
     axes.spines["left"].set_visible(False)
 
@@ -123,8 +123,8 @@ def _left_over(axes: Axes, scores: list[JointScore], places: np.ndarray) -> None
                 color=INK, fontsize=9,
             )  # fmt: skip
     largest = max((max(score.rmse or 0.0, score.noise_floor or 0.0) for score in scores), default=1.0)
-    axes.set_xlim(0.0, 1.45 * largest if largest > 0 else 1.0)
-    axes.locator_params(axis="x", nbins=3)
+    axes.set_xlim(0.0, 1.65 * largest if largest > 0 else 1.0)
+    axes.locator_params(axis="x", nbins=2)
     axes.set_title("left over", fontsize=10, fontweight="normal")
     axes.set_xlabel("current (A)")
     axes.tick_params(left=False, labelleft=False)

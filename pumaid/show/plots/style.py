@@ -37,13 +37,23 @@ OTHER_COLOURS = ("#56b4e9", "#ece133", "#7f5fa8", "#ca9161", "#949494")
 PALE = {"#de8f05", "#cc78bc", "#56b4e9", "#ece133", "#ca9161", "#949494"}
 
 #: Colours on a dark page, by those on a light one: lighter where contrast asks for it.
-DARK = {FORWARD: "#4fb0ea", BACKWARD: "#ff8a4c", FAINT: "#4a515c", GREY: "#9aa3af"}
+DARK = {
+    FORWARD: "#4fb0ea",
+    BACKWARD: "#ff8a4c",
+    FAINT: "#4a515c",
+    GREY: "#9aa3af",
+    "#f3f4f6": "#1d2126",
+    "#e3e6ea": "#2a3038",
+}
 
 #: inch: a panel that is read at 400 px without shrinking.
 NARROW = 4.5
 
 #: Points a panel shows at most; more would blacken it and swell the page.
-MOST_POINTS = 900
+MOST_POINTS = 600
+
+#: A hundredth of a point is finer than any screen.
+_LONG, _TAG = re.compile(r"(\.\d\d)\d+(?=[\s\"])"), re.compile(r"<[^>]+>")
 
 _RC = {
     "font.family": "sans-serif",
@@ -72,7 +82,8 @@ _RC = {
     "lines.solid_capstyle": "round",
     "axes.unicode_minus": True,
     "axes.formatter.useoffset": False,
-    "path.simplify": False,
+    "path.simplify": True,
+    "path.simplify_threshold": 0.1,
     "svg.hashsalt": "pumaid",
     "pdf.fonttype": 42,
 }
@@ -171,13 +182,14 @@ def woven(svg: str, name: str, title: str) -> str:
     body = re.sub(r'\bid="', f'id="{name}-', body)
     body = re.sub(r'(xlink:href|href)="#', rf'\1="#{name}-', body)
     body = body.replace("url(#", f"url(#{name}-")
+    body = _TAG.sub(lambda tag: _LONG.sub(r"\1", tag[0]), body)
     for light in {INK, *DARK}:
         spot = "currentColor" if light == INK else f"var(--c{light[1:]}, {light})"
         body = body.replace(light, spot)
     body = re.sub(r"font: ([\d.]+)px [^;\"]*", r"font: \1px var(--figure-font, sans-serif)", body)
     label = f'role="img" aria-label="{escape(title, quote=True)}"'
     width = re.search(r'<svg[^>]*?width="([\d.]+)pt"', body)
-    natural = f' style="max-width: {float(width[1]) / 0.75:.0f}px"' if width else ""
+    natural = f' style="--natural: {float(width[1]) / 0.75:.0f}px"' if width else ""
     opening, rest = body.split(">", 1)
     opening = re.sub(r' (width|height)="[^"]*"', "", opening)
     return f"{opening.replace('<svg', f'<svg {label}{natural}', 1)}>{rest}"

@@ -1,0 +1,25 @@
+"""Model against measurement: error by joint, and the curves themselves."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+from pumaid.show.plots.spent import sentence
+from pumaid.show.plots.style import Drawing
+from pumaid.show.report.base import Section
+from pumaid.show.scores import comparison_grid
+from pumaid.show.story import Story
+
+
+class Prediction(Section):
+    """The paper's Fig. 4 for every joint."""
+
+    order = 40
+    title = "Model against measurement"
+
+    def content(self, story: Story, drawings: Mapping[str, Drawing]) -> dict[str, object]:
+        return {
+            "table": comparison_grid(story.comparison, story.robot),
+            "spent": [sentence(story, score) for score in story.comparison.joints if score.shares],
+            "figures": [drawing for name, drawing in drawings.items() if name.startswith("current_")],
+        }

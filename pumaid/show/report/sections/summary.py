@@ -1,0 +1,25 @@
+"""In short: what was learnt, in sentences, and where the currents go."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+from pumaid.show.plots.style import Drawing
+from pumaid.show.report.base import Section
+from pumaid.show.story import Story
+from pumaid.show.wording import data_sentence, joint_sentence, noise_sentence, parameters_sentence
+
+
+class Summary(Section):
+    """The page's first screen."""
+
+    order = 0
+    title = "In short"
+
+    def content(self, story: Story, drawings: Mapping[str, Drawing]) -> dict[str, object]:
+        noise = noise_sentence(story)
+        return {
+            "sentences": [data_sentence(story), parameters_sentence(story), *([noise] if noise else [])],
+            "joints": [joint_sentence(story, score) for score in story.comparison.joints],
+            "spent": drawings.get("spent"),
+        }
