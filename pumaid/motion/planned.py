@@ -43,8 +43,8 @@ def mark_heldout(evidence: Evidence, plan: Plan) -> Evidence:
     Returns
     -------
     evidence
-        With `Run.heldout` set, and notes on planned motions that were not found, and on runs that no motion planned where
-        they are many (moves between postures leave a few, which are fitted).
+        With `Run.heldout` set, and notes on planned motions that were not found, and on runs that no motion planned
+        where they are many (moves between postures leave a few, which are fitted).
     """
     if not evidence.runs or not plan.motions:
         return evidence
