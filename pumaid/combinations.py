@@ -8,6 +8,7 @@ from collections.abc import Iterable
 import numpy as np
 from numpy.typing import NDArray
 
+from pumaid.maths.joint_fit import Bilinear
 from pumaid.model import SAME_POSTURE
 from pumaid.reasons import Facts
 from pumaid.records import NOT_IDENTIFIABLE, Combination, Samples
@@ -35,7 +36,7 @@ def determined(sheet: Sheet) -> tuple[Combination, ...]:
         candidates = [*_friction(sheet, row), *_loads(sheet, row)]
         found += [
             sum_
-            for sum_ in (_sum(sheet, row, weights, text) for weights, text in candidates)
+            for sum_ in (_sum(sheet, row, *item) for item in candidates if _matters(sheet, row, item[0]))
             if set(sum_.terms) & unknown
         ]
     return tuple(sum_ for sum_ in found if math.isfinite(sum_.value))
@@ -43,17 +44,18 @@ def determined(sheet: Sheet) -> tuple[Combination, ...]:
 
 def _matters(sheet: Sheet, row: Row, weights: Floats) -> bool:
     """Whether parameters of plausible size would make this sum more than `LEANING` of the joint's current."""
-    return float(np.linalg.norm(weights * sheet.fitted.limit)) > LEANING * math.sqrt(row.mean_square)
+    return float(np.linalg.norm(weights[: len(sheet.numbers)] * sheet.fitted.limit)) > LEANING * math.sqrt(row.mean_square)
 
 
 def _sum(sheet: Sheet, row: Row, weights: Floats, text: str) -> Combination:
     """The sum with its standard error; NaN where it leans on a direction that the data do not determine."""
     names = sheet.fitted.model.names
-    large = np.abs(weights) > SHARE * np.max(np.abs(weights), initial=0.0)
-    terms = {name: float(weight) for name, weight, is_large in zip(names, weights, large, strict=True) if is_large}
-    p, off = len(weights), float(np.linalg.norm(weights @ sheet.blind()))
-    variance = float(weights @ sheet.covariance[:p, :p] @ weights)
-    value = float(weights @ sheet.numbers) if off < LEANING * math.sqrt(row.mean_square) else math.nan
+    bare = weights[: len(names)]
+    large = np.abs(bare) > SHARE * np.max(np.abs(bare), initial=0.0)
+    terms = {name: float(weight) for name, weight, is_large in zip(names, bare, large, strict=True) if is_large}
+    off = float(np.linalg.norm(weights @ sheet.reach()))
+    variance = float(weights @ sheet.covariance @ weights) + off**2
+    value = float(bare @ sheet.numbers) if off < LEANING * math.sqrt(row.mean_square) else math.nan
     return Combination(terms, value, math.sqrt(max(variance, 0.0)), "A", text)
 
 
@@ -64,7 +66,7 @@ def _friction(sheet: Sheet, row: Row) -> Iterable[tuple[Floats, str]]:
     for sign, side, way in ((1, "plus", "forward"), (-1, "minus", "backward")):
         if facts.has_one_speed(sign):
             speed = sign * float(np.mean(facts.speeds[sign]))
-            weights = np.zeros(len(names))
+            weights = np.zeros(len(sheet.covariance))
             weights[names.index(f"coulomb.j{row.joint}.{side}")] = 1.0
             weights[names.index(f"viscous.j{row.joint}.{side}")] = speed
             yield weights, f"friction of joint {row.joint} {way}, at the one speed that was run"
@@ -76,7 +78,6 @@ def _loads(sheet: Sheet, row: Row) -> Iterable[tuple[Floats, str]]:
     if not model.robot.joint(row.joint).is_revolute:
         return
     gravity = np.array([column.effect == "gravity" for column in model.columns])
-    scales = np.nan_to_num(sheet.gains.scales()[row.joint - 1])[sheet.fitted.system.owners]
     postures: list[Floats] = []
     for run in row.runs:
         held = np.nan_to_num(run.posture)
@@ -87,6 +88,8 @@ def _loads(sheet: Sheet, row: Row) -> Iterable[tuple[Floats, str]]:
         position[:, row.joint - 1] = [0.0, math.pi / 2.0]
         samples = Samples(row.joint, position, np.zeros_like(position), np.zeros(2), np.ones(2))
         which = f" (posture {number})" if len(postures) > 1 else ""
-        weights = model.regressor(samples) * gravity * scales
+        here = np.full(2, row.joint - 1)
+        load = Bilinear(here, model.regressor(samples) * gravity, np.zeros(2), sheet.fitted.system.owners)
+        weights = load.jacobian(sheet.gains, sheet.numbers)
         yield weights[0], f"weight felt by joint {row.joint} at position 0{which}"
         yield weights[1], f"weight felt by joint {row.joint} a quarter turn on{which}"
