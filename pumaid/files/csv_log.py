@@ -138,19 +138,15 @@ class CsvSource:
 
     def _numbers(self, block: bytes, line: int, indices: list[int], is_last: bool) -> Chunk:
         n_lines = block.count(b"\n") + (not block.endswith(b"\n"))
-        table = None if self._by_spaces else self._fast(block, indices)
+        if self.dialect.delimiter == SPACES:
+            block = _squeezed(block)
+        table = self._fast(block, indices)
         if table is not None and table.shape[1] == n_lines:
             return line + np.arange(n_lines), table
         # Some line is empty, a comment, cut, or holds what Arrow does not read.
         block, rows = _without_blanks(block, line)
-        if self._by_spaces:
-            block = re.sub(rb"[ \t]+", b" ", re.sub(rb"(?m)^[ \t]+|[ \t]+$", b"", block))
         table = self._fast(block, indices)
         return self._slow(block, rows, indices, is_last) if table is None else (rows, table)
-
-    @property
-    def _by_spaces(self) -> bool:
-        return self.dialect.delimiter == SPACES
 
     def _fast(self, block: bytes, indices: list[int]) -> NDArray[np.float64] | None:
         """By Arrow; None if a cell or row is out of the ordinary."""
@@ -231,6 +227,14 @@ class CsvSource:
 def _one_line_end(block: bytes) -> bytes:
     """Line ends of Windows and of old Macs become line feeds."""
     return block.replace(b"\r\n", b"\n").replace(b"\r", b"\n") if b"\r" in block else block
+
+
+def _squeezed(block: bytes) -> bytes:
+    """Runs of spaces and tabs become one space, those at the ends of lines none."""
+    block = block.replace(b"\t", b" ")
+    while b"  " in block:
+        block = block.replace(b"  ", b" ")
+    return block.replace(b"\n ", b"\n").replace(b" \n", b"\n").strip(b" ")
 
 
 def _without_blanks(block: bytes, line: int) -> tuple[bytes, NDArray[np.int64]]:

@@ -1,0 +1,57 @@
+"""Logs stream: memory does not grow with the file."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from pumaid.files.table import write_log
+from pumaid.records import Joint, Log, Robot
+
+READ = """
+import resource, sys
+from pathlib import Path
+from pumaid.files.table import LogReader
+from pumaid.motion.suspicion import Watch
+from pumaid.records import Joint, Robot
+robot = Robot("arm", tuple(Joint(k, f"j{k}", "revolute") for k in range(1, 7)))
+rows = sum(len(log) for log in Watch(LogReader([Path(sys.argv[1])], robot), robot, refuse=False))
+print(rows, resource.getrusage(resource.RUSAGE_SELF).ru_maxrss // 1024)
+"""
+
+
+def batches(n_rows: int) -> Iterator[Log]:
+    """Six joints at 1 kHz: 19 columns of numbers that do not compress."""
+    rng = np.random.default_rng(0)
+    for start in range(0, n_rows, 50_000):
+        rows = start + np.arange(50_000)
+        phase = np.outer(rows * 1e-3, 0.2 + 0.1 * np.arange(6))
+        position, velocity = np.sin(phase), np.cos(phase) + rng.normal(size=phase.shape)
+        yield Log("made", rows + 2, rows * 1e-3, position, velocity, rng.normal(size=phase.shape))
+
+
+def peak(path: Path) -> tuple[int, int]:
+    """Rows read, and peak memory in MiB of a process that reads and watches the log."""
+    done = subprocess.run([sys.executable, "-c", READ, str(path)], capture_output=True, text=True, check=True)
+    rows, memory = done.stdout.split()
+    return int(rows), int(memory)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("ending", ["parquet", "csv"])
+def test_memory_does_not_grow_with_the_log(tmp_path: Path, ending: str) -> None:
+    """Six times the rows (76 MB more of numbers) cost less than 60 MiB more: buffers fill up, nothing is kept."""
+    robot = Robot("arm", tuple(Joint(k, f"j{k}", "revolute") for k in range(1, 7)))
+    peaks = []
+    for n_rows in (100_000, 600_000):
+        path = tmp_path / f"{n_rows}.{ending}"
+        write_log(path, batches(n_rows), robot)
+        rows, memory = peak(path)
+        assert rows == n_rows
+        peaks.append(memory)
+    assert peaks[1] - peaks[0] < 60
