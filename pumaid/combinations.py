@@ -44,7 +44,9 @@ def determined(sheet: Sheet) -> tuple[Combination, ...]:
 
 def _matters(sheet: Sheet, row: Row, weights: Floats) -> bool:
     """Whether parameters of plausible size would make this sum more than `LEANING` of the joint's current."""
-    return float(np.linalg.norm(weights[: len(sheet.numbers)] * sheet.fitted.limit)) > LEANING * math.sqrt(row.mean_square)
+    return float(np.linalg.norm(weights[: len(sheet.numbers)] * sheet.fitted.limit)) > LEANING * math.sqrt(
+        row.mean_square
+    )
 
 
 def _sum(sheet: Sheet, row: Row, weights: Floats, text: str) -> Combination:

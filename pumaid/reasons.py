@@ -17,6 +17,9 @@ ONE_SPEED = 0.02
 #: A current below this (A) is rounding, not a load.
 UNFELT = 1e-7
 
+#: A load of this many standard errors is felt, whatever else keeps its ratio from being known.
+SURELY_FELT = 5.0
+
 
 @dataclass(frozen=True, slots=True)
 class Reason:
@@ -72,8 +75,10 @@ def of_column(model: Model, column: Column, *, facts: dict[int, Facts], partners
     if own.runs == 0:
         return NO_RUNS
     if column.effect in ("coulomb", "viscous"):
-        return _friction(column, own, partners)
+        return _friction(model, column, own=own, partners=partners)
     if column.effect == "gravity":
+        if not model.robot.joint(column.owner).is_revolute and any(name.startswith("coulomb") for name in partners):
+            return ONE_LOAD
         return _gravity(column, own, partners)
     shared = _some(partners) or "nothing that these runs vary"
     return Reason(f"only determined together with {shared}", "repeat its runs in another posture and at other speeds")
@@ -83,23 +88,37 @@ def of_column(model: Model, column: Column, *, facts: dict[int, Facts], partners
 NO_RUNS = Reason("waits for logs in which its joint moves alone", "move the joint alone, at several speeds, both ways")
 
 
+#: Of a prismatic joint whose load is the same in all its runs.
+ONE_LOAD = Reason(
+    "in these logs the joint's axis keeps one angle to gravity, so its constant load cannot be told from Coulomb"
+    " friction",
+    "repeat its runs with the joints before it turned so that its axis stands at another angle to gravity",
+)
+
+
 def _some(names: Sequence[str]) -> str:
     return ", ".join(names[:3]) + (f" and {len(names) - 3} more" if len(names) > 3 else "")
 
 
-def _friction(column: Column, own: Facts, partners: Sequence[str]) -> Reason:
+def _friction(model: Model, column: Column, *, own: Facts, partners: Sequence[str]) -> Reason:
     sign, way, other = (1, "forward", "backward") if column.name.endswith(".plus") else (-1, "backward", "forward")
     if not own.speeds[sign]:
         return Reason(f"the joint never moves {way} in these logs", f"repeat its {other} runs {way}")
     low, high = own.speeds[sign][0], own.speeds[sign][-1]
-    unit = "m/s" if column.unit.endswith("/m") else "rad/s"
-    if any(name.startswith(("coulomb", "viscous")) for name in partners):
-        told = number(high, 2) if own.has_one_speed(sign) else f"{number(low, 3)} to {number(high, 3)}"
+    joint = model.robot.joint(column.owner)
+    unit = f"{joint.position_unit}/s"
+    pair = {f"{effect}.j{column.owner}.{column.name.rsplit('.', 1)[1]}" for effect in ("coulomb", "viscous")}
+    if pair - {column.name} <= set(partners):
+        speeds = f"has practically one speed ({number(high, 2)} {unit})"
+        if not own.has_one_speed(sign):
+            speeds = f"has a speed between {number(low, 2)} and {number(high, 2)} {unit}"
         return Reason(
-            f"every {way} run has practically one speed ({told} {unit}), so Coulomb and viscous friction cannot be told"
-            " apart, only their sum at that speed",
+            f"every {way} run {speeds}, so Coulomb and viscous friction cannot be told apart, only their sum at that"
+            " speed",
             f"repeat a {way} run at {number(high / 3.0, 2)} {unit}",
         )
+    if not joint.is_revolute:
+        return ONE_LOAD
     return Reason(
         "over the span that the joint travels, its friction cannot be told from its weight",
         "let it travel further, in both directions",
@@ -159,7 +178,7 @@ def of_ratio(
     for joint in (inner, outer):
         if facts[joint].runs == 0:
             return Reason(f"waits for logs in which joint {joint} moves alone", NO_RUNS.next_run)
-    if felt > UNFELT:
+    if UNFELT < felt < SURELY_FELT * noise:
         return Reason(
             f"link {outer} is too light to be felt by joint {inner}: its weight moves that current by about"
             f" {number(felt, 2)} A, known to {number(noise, 2)} A",

@@ -9,14 +9,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pumaid import reasons
+from pumaid.maths.joint_fit import JointSolution
 from pumaid.maths.levels import freedoms
-from pumaid.maths.recursion import Gains
+from pumaid.maths.recursion import LARGEST_RATIO, Gains
 from pumaid.maths.statistics import Clustered, interval, two_sided
 from pumaid.reasons import Facts, Reason
 from pumaid.records import IDENTIFIED, NOT_IDENTIFIABLE, Run, Value
 from pumaid.system import RATIO_KNOWN, Fitted
 
 Floats = NDArray[np.float64]
+Absorbed = dict[int, list[tuple[int, int]]]
 
 #: A variance that rests on fewer degrees of freedom than this is taken from the working model of the noise instead.
 FEWEST_FREEDOMS = 3.0
@@ -35,38 +37,54 @@ PART_OF = 1e-3
 class Sheet:
     """A fit with the covariance that belongs to it: of all joints together or of the recursion.
 
-    `numbers` (p,) and `gains` are the values shown.
+    `solution` holds the values shown; `absorbed` is that of `Fitted`, of the recursion only.
     """
 
     fitted: Fitted
     runs: Sequence[Run]
-    numbers: Floats
-    gains: Gains
+    solution: JointSolution
     covariance: Floats
     freedoms: Floats
+    absorbed: Absorbed
+
+    @property
+    def numbers(self) -> Floats:
+        """(p,) the parameters."""
+        return self.solution.values
+
+    @property
+    def gains(self) -> Gains:
+        """The ratios."""
+        return self.solution.gains
 
     @classmethod
     def of(cls, fitted: Fitted, runs: Sequence[Run], errors: Clustered) -> Sheet:
         """The fit over all joints."""
-        freedoms = _freedoms(fitted, errors)
-        return cls(fitted, runs, fitted.solution.values, fitted.gains, cls.blended(fitted, errors), freedoms)
+        return cls._with(fitted, runs, fitted.solution, errors=errors, absorbed={})
 
     @classmethod
     def of_recursion(cls, fitted: Fitted, runs: Sequence[Run], errors: Clustered) -> Sheet:
         """The recursion alone."""
-        return cls(fitted, runs, fitted.first_values, fitted.first_gains, errors.covariance, errors.freedoms)
+        return cls._with(fitted, runs, fitted.first, errors=errors, absorbed=fitted.absorbed)
 
-    @staticmethod
-    def blended(fitted: Fitted, errors: Clustered) -> Floats:
-        """Covariance clustered by run, with the working model's rows and columns where clusters are too few."""
+    @classmethod
+    def _with(
+        cls, fitted: Fitted, runs: Sequence[Run], solution: JointSolution, *, errors: Clustered, absorbed: Absorbed
+    ) -> Sheet:
+        """Clustered by run, with the working model's rows and columns where clusters are too few."""
         poor = errors.freedoms < FEWEST_FREEDOMS
-        model = fitted.solution.linear.inverse
-        return np.where(poor[:, None] | poor[None, :], model, errors.covariance)
+        covariance = np.where(poor[:, None] | poor[None, :], solution.linear.inverse, errors.covariance)
+        return cls(fitted, runs, solution, covariance, _freedoms(fitted, solution, errors), absorbed)
 
     def blind(self) -> Floats:
         """(p, b) undetermined directions, each as far as it may plausibly reach (see `Estimate.blind`)."""
-        solution, p = self.fitted.solution.linear, len(self.numbers)
-        return self.fitted.limit[:, None] * solution.blind[:p]
+        return self.reach()[: len(self.numbers)]
+
+    def reach(self) -> Floats:
+        """(p + edges, b) `blind` over parameters and ratios."""
+        blind = self.solution.linear.blind
+        edges = np.full(len(blind) - len(self.numbers), LARGEST_RATIO)
+        return np.concatenate([self.fitted.limit, edges])[:, None] * blind
 
     def values(self) -> tuple[Value, ...]:
         """Every parameter, then every ratio of neighbours."""
@@ -82,7 +100,8 @@ class Sheet:
             if facts[column.owner].runs == 0 or partners is not None:
                 out.append(_unknown(bare, reasons.of_column(model, column, facts=facts, partners=partners or [])))
             else:
-                out.append(_known(bare, self.numbers[index], self.covariance[index, index], self.freedoms[index]))
+                variance = float(self.covariance[index, index] + np.sum(self.reach()[index] ** 2))
+                out.append(_known(bare, self.numbers[index], variance, self.freedoms[index]))
         for name, why in model.structure.absent.items():
             link, part = int(name.split(".")[1][1:]), name.rsplit(".", 1)[1]
             symbol = f"m{link}" if part == "mass" else f"k{link}{part}"
@@ -91,23 +110,21 @@ class Sheet:
 
     def _partners(self, index: int) -> list[str] | None:
         """Names of what parameter `index` is only determined together with; None where it is determined."""
-        blind = self.fitted.solution.linear.blind
-        touched = np.abs(blind[index]) > PART_OF if blind.size else np.zeros(0, dtype=bool)
-        if not touched.any():
+        blind, lost = self.solution.linear.blind, self.absorbed.get(index, [])
+        # The projector on the undetermined directions does not depend on how they are chosen within their span.
+        share = np.abs(blind @ blind[index])
+        if share[index] <= PART_OF**2 and not lost:
             return None
-        share = np.max(np.abs(blind[:, touched]), axis=1)
-        names = [*self.fitted.model.names, *self._edge_names()]
-        return [name for n, name in enumerate(names) if share[n] > PART_OF and n != index]
-
-    def _edge_names(self) -> list[str]:
-        gains = self.fitted.gains
-        return [f"gain_ratio.{_above(gains, edge) + 1}.{edge + 1}" for edge in gains.edges]
+        edges = [(_above(self.gains, edge) + 1, edge + 1) for edge in self.gains.edges]
+        names = [*self.fitted.model.names, *(_ratio_name(*pair) for pair in edges)]
+        together = [name for n, name in enumerate(names) if share[n] > PART_OF * np.sqrt(share[index]) and n != index]
+        return [*together, *(_ratio_name(*pair) for pair in lost)]
 
     def _ratios(self, facts: dict[int, Facts]) -> list[Value]:
         model, out = self.fitted.model, []
         for inner in range(1, model.robot.n_joints):
             outer = inner + 1
-            bare = Value(f"gain_ratio.{inner}.{outer}", f"eta{inner}/eta{outer}", inner, "")
+            bare = Value(_ratio_name(inner, outer), f"eta{inner}/eta{outer}", inner, "")
             out.append(self._ratio(bare, inner, outer, facts))
         return out
 
@@ -119,7 +136,7 @@ class Sheet:
         p, edges = len(self.numbers), np.flatnonzero(gradient)
         if any(self._partners(p + int(edge)) is not None for edge in edges):
             return _unknown(bare, reasons.of_ratio(model, inner, outer, facts=facts))
-        variance = float(gradient @ self.covariance[p:, p:] @ gradient)
+        variance = float(gradient @ self.covariance[p:, p:] @ gradient + np.sum((gradient @ self.reach()[p:]) ** 2))
         freedoms = float(np.min(self.freedoms[p + edges])) if edges.size else np.inf
         error = float(np.sqrt(max(variance, 0.0)))
         certain = error < RATIO_KNOWN or two_sided(value / error, freedoms) < RATIO_LEVEL
@@ -134,13 +151,14 @@ class Sheet:
         lower = gains.edges[edge]
         below = np.array([lower in gains.path(row) for row in range(gains.n_rows)])
         is_link = np.array([column.effect == "gravity" for column in self.fitted.model.columns])
-        return is_link & below[self.fitted.system.owners]
+        owners = self.fitted.system.owners
+        return is_link & (owners >= 0) & below[owners]
 
     def _carries(self, edge: int) -> bool:
         """Whether the load behind an edge is itself non-zero at `RATIO_LEVEL`."""
         for index in np.flatnonzero(self._cluster(edge)):
             error = float(np.sqrt(self.covariance[index, index]))
-            if error == 0.0 or two_sided(self.numbers[index] / error, self.freedoms[index]) < RATIO_LEVEL:
+            if error > 0.0 and two_sided(self.numbers[index] / error, self.freedoms[index]) < RATIO_LEVEL:
                 return True
         return False
 
@@ -162,6 +180,10 @@ class Sheet:
             if worst == (0.0, 0.0) or part[0] * worst[1] < worst[0] * part[1]:
                 worst = part
         return worst
+
+
+def _ratio_name(inner: int, outer: int) -> str:
+    return f"gain_ratio.{inner}.{outer}"
 
 
 def _above(gains: Gains, row: int) -> int:
@@ -191,11 +213,11 @@ def _outer(gains: Gains, up: list[int], down: list[int]) -> float:
     return float(np.prod([gains.edge[step] for step in up if step in gains.edges and step not in down]))
 
 
-def _freedoms(fitted: Fitted, errors: Clustered) -> Floats:
+def _freedoms(fitted: Fitted, solution: JointSolution, errors: Clustered) -> Floats:
     """(p + edges,) degrees of freedom; the working model's own where clusters are too few."""
     out = errors.freedoms.copy()
     poor = out < FEWEST_FREEDOMS
-    gains, start = fitted.gains, 0
+    gains, start = solution.gains, 0
     joints = np.array([*fitted.system.owners, *(_above(gains, edge) for edge in gains.edges)])
     for row in fitted.rows:
         stop = start + row.target.size
@@ -204,9 +226,8 @@ def _freedoms(fitted: Fitted, errors: Clustered) -> Floats:
             levels = fitted.levels[row.joint]
             own: Floats | float = float(levels.freedoms)
             if row.joint not in fitted.weak:
-                J = fitted.solution.jacobian[start:stop].reshape(*row.target.shape, -1)
-                inverse = fitted.solution.linear.inverse
-                own = freedoms(levels, ones=row.ones, jacobian=J, inverse=inverse)[chosen]
+                J = solution.jacobian[start:stop].reshape(*row.target.shape, -1)
+                own = freedoms(levels, ones=row.ones, jacobian=J, inverse=solution.linear.inverse)[chosen]
             out[chosen] = np.maximum(own, 1.0)
         start = stop
     return out

@@ -19,11 +19,12 @@ from pumaid.records import Run
 Floats = NDArray[np.float64]
 Progress = Callable[[int, str], None]
 
-#: Noise below this share of the RMS current is rounding: data without noise, whose weights would be infinite.
-EXACT = 1e-12
+#: Noise below this share of the RMS current is rounding: data without noise, whose weights would be infinite. Large
+#: enough that rounding, thus weighted, says nothing about a parameter's plausible size.
+EXACT = 1e-10
 
 #: A ratio whose own row shows it neither to this standard error nor to `RATIO_SIGNIFICANT` standard errors is held
-#: about zero by `RATIO_SPREAD` in the joint fit. Neighbouring gains differ by up to about ten on published arms.
+#: about one by `RATIO_SPREAD` in the joint fit. Neighbouring gains differ by up to about ten on published arms.
 RATIO_KNOWN = 0.25
 RATIO_SIGNIFICANT = 3.3
 RATIO_SPREAD = 10.0
@@ -88,10 +89,13 @@ class Fitted:
         Variances by joint (from 1).
     weak
         Joints whose level a run could not be estimated (too few runs).
-    first_system, first_values, first_gains
-        The recursion: its whitened rows and its result.
-    system, solution
-        The final whitened rows and the fit over all of them.
+    first_system, first
+        The recursion: its whitened rows and its result, with the least squares over all rows there.
+    absorbed
+        By column (from 0) that the recursion cannot tell from loads outward: the ratios (i, j) of gains (joints from 1)
+        that it thereby leaves open.
+    system, solution, pull
+        The final whitened rows, the fit over all of them, and the precision (edges,) of the prior on each ratio.
     run_of
         (N,) number of the run that each equation belongs to.
     limit
@@ -104,10 +108,11 @@ class Fitted:
     levels: dict[int, Levels]
     weak: tuple[int, ...]
     first_system: Bilinear
-    first_values: Floats
-    first_gains: Gains
+    first: JointSolution
+    absorbed: dict[int, list[tuple[int, int]]]
     system: Bilinear
     solution: JointSolution
+    pull: Floats
     run_of: NDArray[np.int64]
     limit: Floats
 
@@ -115,6 +120,16 @@ class Fitted:
     def gains(self) -> Gains:
         """The ratios found."""
         return self.solution.gains
+
+    @property
+    def first_values(self) -> Floats:
+        """(p,) parameters by the recursion."""
+        return self.first.values
+
+    @property
+    def first_gains(self) -> Gains:
+        """Ratios by the recursion."""
+        return self.first.gains
 
 
 def assign(model: Model, moving: Sequence[int]) -> NDArray[np.int64]:
@@ -154,26 +169,34 @@ def solve(model: Model, runs: Sequence[Run], *, recursive: bool = False, progres
         recursion.take(row.joint - 1, white[:, :-1], white[:, -1], limit=limit)
         start.take(row.joint - 1, white[:, :-1], white[:, -1], limit=limit, spread=RATIO_SPREAD)
     first = _system(rows, levels, owners)
-    values, gains = recursion.values, recursion.gains
-    if recursive:
-        system, solution = first, fit(first, values, gains, limit=_with_edges(limit, gains), most_steps=0)
-    else:
+    gains = recursion.gains
+    taken = fit(first, recursion.values, gains, limit=_with_edges(limit, gains), most_steps=0)
+    system, solution, spread = first, taken, np.full(len(gains.edges), np.inf)
+    if not recursive:
         tell(0, "refining all joints together")
-        system, solution = _refine(rows, levels, start, limit)
+        system, solution, spread = _refine(rows, levels, start, limit)
     runs_before = np.cumsum([0, *[len(row.runs) for row in rows]])
     run_of = np.concatenate(
         [
-            start + np.repeat(np.arange(len(row.runs)), row.target.shape[1])
-            for start, row in zip(runs_before, rows, strict=False)
+            before + np.repeat(np.arange(len(row.runs)), row.target.shape[1])
+            for before, row in zip(runs_before, rows, strict=False)
         ]
     )
-    return Fitted(model, rows, assigned, levels, tuple(weak), first, values, gains, system, solution, run_of, limit)
+    absorbed = _absorbed(recursion)
+    told = (model, rows, assigned, levels, tuple(weak))
+    return Fitted(*told, first, taken, absorbed, system, solution, 1.0 / spread**2, run_of, limit)
+
+
+def _absorbed(recursion: Recursion) -> dict[int, list[tuple[int, int]]]:
+    lost = {row: [(r + 1, root + 1) for r, root in recursion.redundant if r == row] for row, _ in recursion.redundant}
+    columns = np.flatnonzero(recursion.undetermined & np.isin(recursion.owners, list(lost)))
+    return {int(column): lost[int(recursion.owners[column])] for column in columns}
 
 
 def _refine(
     rows: Sequence[Row], levels: dict[int, Levels], start: Recursion, limit: Floats
-) -> tuple[Bilinear, JointSolution]:
-    """Joint fit with weights from its own residuals; `levels` is updated."""
+) -> tuple[Bilinear, JointSolution, Floats]:
+    """Joint fit with weights from its own residuals, and the prior spread of its ratios; `levels` is updated."""
     values, gains, owners = start.values, start.gains, start.owners
     system = _system(rows, levels, owners)
     limit = _with_edges(limit, gains)
@@ -192,7 +215,7 @@ def _refine(
             if estimated is not None:
                 levels[row.joint] = _floored(estimated, row)
         system = _system(rows, levels, owners)
-    return system, fit(system, values, gains, limit=limit, spread=spread)
+    return system, fit(system, values, gains, limit=limit, spread=spread), spread
 
 
 def _spread(system: Bilinear, values: Floats, gains: Gains) -> Floats:
@@ -203,7 +226,8 @@ def _spread(system: Bilinear, values: Floats, gains: Gains) -> Floats:
         here = system.row == row
         own = np.flatnonzero(system.owners == row)
         columns = np.column_stack([jacobian[here][:, own], jacobian[here][:, len(values) + number]])
-        error = float(np.sqrt(rank.solve(columns, system.target[here]).inverse[-1, -1]))
+        alone = rank.solve(columns, system.target[here])
+        error = float(np.sqrt(alone.inverse[-1, -1])) if alone.determined[-1] else np.inf
         shown = error < RATIO_KNOWN or abs(gains.edge[edge]) > RATIO_SIGNIFICANT * error
         out.append(np.inf if shown else RATIO_SPREAD)
     return np.array(out)

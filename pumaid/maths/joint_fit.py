@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pumaid.maths import rank
-from pumaid.maths.recursion import Gains
+from pumaid.maths.recursion import USUAL_RATIO, Gains
 
 Floats = NDArray[np.float64]
 
@@ -110,8 +110,8 @@ def fit(
     limit
         As for `rank.solve`, over [values, edges].
     spread
-        (edges,) prior standard deviation of each ratio about zero, infinite where it has none: it keeps a ratio that
-        the data hardly show from drifting off and taking others along.
+        (edges,) prior standard deviation of each ratio about `USUAL_RATIO`, infinite where it has none: it keeps a
+        ratio that the data hardly show from drifting off and taking others along.
 
     Source
     ------
@@ -147,11 +147,12 @@ def _edges(gains: Gains) -> Floats:
 
 def _cost(system: Bilinear, values: Floats, gains: Gains, pull: Floats) -> float:
     residual = system.target - system.scaled(gains) @ values
-    return float(residual @ residual + np.sum((pull * _edges(gains)) ** 2))
+    return float(residual @ residual + np.sum((pull * (_edges(gains) - USUAL_RATIO)) ** 2))
 
 
 def _augmented(system: Bilinear, values: Floats, gains: Gains, pull: Floats) -> tuple[Floats, Floats]:
     """Jacobian and residual with a row for each prior."""
     prior = np.hstack([np.zeros((len(pull), len(values))), np.diag(pull)])
     residual = system.target - system.scaled(gains) @ values
-    return np.vstack([system.jacobian(gains, values), prior]), np.concatenate([residual, -pull * _edges(gains)])
+    pulled = -pull * (_edges(gains) - USUAL_RATIO)
+    return np.vstack([system.jacobian(gains, values), prior]), np.concatenate([residual, pulled])

@@ -72,7 +72,8 @@ def estimate(ones: Floats, design: Floats, target: Floats, *, counts: NDArray[np
     D. A. Harville, J. Am. Stat. Assoc. 72 (1977) 320-338.
     """
     flat = design.reshape(-1, design.shape[2])
-    left, singular, _ = np.linalg.svd(flat, full_matrices=False)
+    size = np.linalg.norm(flat, axis=0)
+    left, singular, _ = np.linalg.svd(flat / np.where(size > 0, size, 1.0), full_matrices=False)
     kept = singular > 1e-9 * max(float(singular[0]), 1e-300)
     basis = left[:, kept].reshape(*design.shape[:2], -1)
     freedoms = int(counts.sum()) - int(kept.sum())
@@ -132,7 +133,8 @@ def freedoms(levels: Levels, *, ones: Floats, jacobian: Floats, inverse: Floats)
     along = np.einsum("rij,rj->ri", root, ones)
     by_level = along[:, :, None] * along[:, None, :]
     flat = jacobian.reshape(-1, p)
-    left, singular, _ = np.linalg.svd(flat, full_matrices=False)
+    size = np.linalg.norm(flat, axis=0)
+    left, singular, _ = np.linalg.svd(flat / np.where(size > 0, size, 1.0), full_matrices=False)
     basis = left[:, singular > 1e-9 * max(float(singular[0]), 1e-300)].reshape(n_runs, k, -1)
     parts = [by_sample, by_level]
     info = np.zeros((2, 2))

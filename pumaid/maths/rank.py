@@ -13,6 +13,9 @@ Floats = NDArray[np.float64]
 #: double precision (1e-16) from regressors of order one, and merging thousands of them loses about six digits.
 RELATIVE_TOLERANCE = 1e-9
 
+#: With limits the columns are not scaled to one length, so only what is surely rounding of the largest counts as zero.
+ROUNDING = 1e-13
+
 #: A parameter whose share in an undetermined unit direction is below this does not belong to it (rounding).
 SHARE_TOLERANCE = 1e-6
 
@@ -75,7 +78,7 @@ def solve(
     left, singular, right = np.linalg.svd(rows * inverse_scale, full_matrices=len(rows) < len(norms))
     full = np.zeros(len(norms))
     full[: len(singular)] = singular
-    seen = full > (tolerance * full[0] if limit is None else 1.0)
+    seen = full > (tolerance * full[0] if limit is None else max(1.0, ROUNDING * full[0]))
     kept = np.flatnonzero(seen)
     half = inverse_scale[:, None] * (right[kept].T / full[kept])
     values = half @ (left[:, kept].T @ target)

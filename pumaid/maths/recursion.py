@@ -24,6 +24,10 @@ Floats = NDArray[np.float64]
 #: A ratio of gains with a larger standard error than this says nothing about any machine.
 LARGEST_RATIO = 1e4
 
+#: What a ratio is taken for before any data: gains of one arm are of one order. Not zero, at which an outer ratio would
+#: seem to act on nothing further inward.
+USUAL_RATIO = 1.0
+
 
 class Gains:
     """The known ratios of row gains, as a forest: an edge (i, c) holds eta_i / eta_c.
@@ -74,8 +78,11 @@ class Gains:
         """eta_row / eta_other for any two rows of one cluster, NaN where they are in different ones."""
         if self.root(row) != self.root(other):
             return np.nan
-        top = self.root(row)
-        return self.scale(top, other) / self.scale(top, row)
+        down, up = self.path(other), self.path(row)
+        product = [
+            float(np.prod([self.edge[k] for k in one if k not in rest])) for one, rest in ((down, up), (up, down))
+        ]
+        return product[0] / product[1] if product[1] else np.nan
 
     def scales(self) -> Floats:
         """(n, n) of `scale`, 0 left of the diagonal."""
@@ -167,12 +174,14 @@ class Recursion:
 
         A nu that cannot be told from the row's own columns is left out: they absorb it, the ratio stays unknown, and
         the own columns that absorbed it are marked as undetermined. `limit` (p,) is that of `rank.solve`; `spread` is
-        a prior standard deviation of ratios about zero (rows whitened), for a start that no weakly shown ratio spoils.
+        a prior standard deviation of ratios about `USUAL_RATIO` (rows whitened), for a start that no weakly shown ratio
+        spoils: then a nu that cannot be told joins all the same, with that ratio.
         """
         matrix, own, roots = self.design(row, rows)
         if spread is not None:
             prior = np.hstack([np.zeros((len(roots), len(own))), np.eye(len(roots)) / spread])
-            matrix, target = np.vstack([matrix, prior]), np.concatenate([target, np.zeros(len(roots))])
+            matrix = np.vstack([matrix, prior])
+            target = np.concatenate([target, np.full(len(roots), USUAL_RATIO / spread)])
         if limit is not None:
             limit = np.concatenate([limit[own], np.full(len(roots), LARGEST_RATIO)])
         whole = rank.solve(matrix, target, limit=limit)
@@ -181,12 +190,13 @@ class Recursion:
         if told.all():
             solution = whole
         else:
-            solution = rank.solve(matrix[:, told], target, limit=None if limit is None else limit[told])
+            rest = target if spread is None else target - USUAL_RATIO * matrix[:, ~told].sum(axis=1)
+            solution = rank.solve(matrix[:, told], rest, limit=None if limit is None else limit[told])
         self.values[own] = solution.values[: len(own)]
         self.undetermined[own] = ~sure[: len(own)]
         ratios = iter(solution.values[len(own) :])
         for root, is_told in zip(roots, told[len(own) :], strict=True):
-            if is_told:
-                self.gains.merge(row, root, float(next(ratios)))
-            else:
+            if is_told or spread is not None:
+                self.gains.merge(row, root, float(next(ratios)) if is_told else USUAL_RATIO)
+            if not is_told:
                 self.redundant.append((row, root))

@@ -71,9 +71,9 @@ def identify(
     fitted = solve(model, runs, recursive=recursive, progress=progress)
     first = recursion_covariance(fitted.first_system, fitted.first_values, fitted.first_gains, runs=fitted.run_of)
     final = first if recursive else _joint_covariance(fitted)
-    sheet = Sheet.of(fitted, runs, final)
+    of_recursion = Sheet.of_recursion(fitted, runs, first)
+    sheet = of_recursion if recursive else Sheet.of(fitted, runs, final)
     values = sheet.values()
-    before = Sheet.of_recursion(fitted, runs, first).values() if not recursive else values
     p = len(model.names)
     return Estimate(
         robot=robot.name,
@@ -87,7 +87,7 @@ def identify(
         effects=robot.effects,
         combinations=determined(sheet),
         stroke_postures=model.stroke_postures,
-        recursive=before,
+        recursive=of_recursion.values(),
         method="recursive" if recursive else "joint",
         recipe_digest=robot.digest,
         origin=robot.origin,
@@ -100,12 +100,11 @@ def identify(
 def _joint_covariance(fitted: Fitted) -> Clustered:
     """Clustered by run; jacobian rows of one run together."""
     order = [np.flatnonzero(fitted.run_of == number) for number in range(int(fitted.run_of.max()) + 1)]
-    solution = fitted.solution
-    return clustered(
-        [solution.jacobian[rows] for rows in order],
-        [solution.residual[rows] for rows in order],
-        solution.linear.inverse,
-    )
+    solution, inverse = fitted.solution, fitted.solution.linear.inverse
+    found = clustered([solution.jacobian[rows] for rows in order], [solution.residual[rows] for rows in order], inverse)
+    # What rests on the prior of a ratio is as uncertain as the prior says: no run's residual shows that.
+    through = inverse[:, len(solution.values) :]
+    return Clustered(found.covariance + (through * fitted.pull) @ through.T, found.freedoms)
 
 
 def _scales(fitted: Fitted) -> Floats:
