@@ -192,6 +192,10 @@ def _mend(header: Sequence[str], robot: Robot, missing: Sequence[str]) -> str:
     if block:
         return f"if these are the columns meant, put this into the recipe:\n{block}"
     hints = []
+    have = [joint.number for joint in robot.joints if robot.log.column("position", joint.number) in header]
+    if have and robot.log.time in header and max(have) == len(have) < robot.n_joints:
+        hints.append(f"it holds {len(have)} joints, {robot.name} has {robot.n_joints}: is it this robot's log?")
+        missing = ()
     for column in missing[:3]:
         near = difflib.get_close_matches(column.lower(), [item.lower() for item in header], n=1)
         real = next((item for item in header if near and item.lower() == near[0]), None)

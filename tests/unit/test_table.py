@@ -438,6 +438,12 @@ def test_a_misspelt_column_gets_its_neighbour(tmp_path: Path) -> None:
     assert error.slug == "column-missing" and "the nearest to q2 is Q2" in error.mend
 
 
+def test_fewer_joints_than_the_recipe_are_counted(tmp_path: Path) -> None:
+    """A log of a shorter arm is refused with both numbers."""
+    error = refusal(tmp_path / "a.csv", text(motion(20, 2)), arm(3))
+    assert error.slug == "column-missing" and "it holds 2 joints, test arm has 3" in error.mend
+
+
 def test_more_joints_than_the_recipe_are_noted(tmp_path: Path) -> None:
     """A log of a longer arm is read, with a doubt."""
     (tmp_path / "a.csv").write_text(text(motion(20, 3)))
