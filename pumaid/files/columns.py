@@ -192,8 +192,11 @@ def _mend(header: Sequence[str], robot: Robot, missing: Sequence[str]) -> str:
     if block:
         return f"if these are the columns meant, put this into the recipe:\n{block}"
     hints = []
-    have = [joint.number for joint in robot.joints if robot.log.column("position", joint.number) in header]
-    if have and robot.log.time in header and max(have) == len(have) < robot.n_joints:
+    have, drawn = (
+        [joint.number for joint in robot.joints if robot.log.column(quantity, joint.number) in header]
+        for quantity in ("position", "current")
+    )
+    if have and robot.log.time in header and have == drawn and max(have) == len(have) < robot.n_joints:
         hints.append(f"it holds {len(have)} joints, {robot.name} has {robot.n_joints}: is it this robot's log?")
         missing = ()
     for column in missing[:3]:
