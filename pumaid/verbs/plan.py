@@ -28,7 +28,7 @@ Floats = NDArray[np.float64]
 
 #: Shares of a joint's highest speed at which runs are fitted: the first where time is no matter; a budget may take any
 #: (the slowest runs take most of the time).
-SHARES = ((0.2, 0.35, 0.55, 0.8), (0.2, 0.45, 0.8), (0.35, 0.5, 0.65, 0.8), (0.35, 0.55, 0.8), (0.5, 0.7, 0.95))
+SHARES = ((0.1, 0.3, 0.55, 0.85), (0.1, 0.45, 0.85), (0.15, 0.5, 0.95), (0.25, 0.6, 0.95))
 #: Postures and replicates where neither user nor budget says otherwise.
 POSTURES, REPLICATES = 3, 2
 #: What a budget may choose from.
@@ -145,7 +145,11 @@ class _Drafts:
             fitted = speeds_of(self.robot, choice.joint, size.shares)
             judged = speeds_of(self.robot, choice.joint, _between(size.shares)[: size.replicates])
             for blocks in passes:
-                blocks += [Block(choice.joint, hold, fitted) for hold in choice.fitted]
+                ends = (place % 2 == 1 for place in range(len(choice.fitted)))
+                blocks += [
+                    Block(choice.joint, hold, fitted, is_high=end)
+                    for hold, end in zip(choice.fitted, ends, strict=True)
+                ]
             late = int(rng.integers(size.replicates))
             passes[late].append(Block(choice.joint, choice.heldout, judged, purpose="heldout"))
         return timetable(self.robot, passes, rng)
@@ -197,7 +201,7 @@ class _Drafts:
 def _fitting(drafts: _Drafts, sizes: Sequence[_Size], seconds: float, replicates: int | None) -> _Size:
     """Of the sizes that fit into the time the one that tells most; two replicates before anything else.
 
-    Replicates of a plan multiply its information and, but for the held-out runs, its time.
+    Replicates multiply a plan's information and, but for the held-out runs, its time.
     """
     ranked, shortest = [], math.inf
     for size in sizes:
@@ -205,16 +209,15 @@ def _fitting(drafts: _Drafts, sizes: Sequence[_Size], seconds: float, replicates
         whole = _seconds(drafts.robot, motions)
         once = _seconds(drafts.robot, [motion for motion in motions if motion.purpose == "fit"])
         shortest = min(shortest, whole + ((replicates or 1) - 1) * once)
-        count = replicates or min(_MOST_REPLICATES, 1 + math.floor((seconds - whole) / once))
-        if count >= 1:
-            errors = list(drafts.errors(motions).values())
-            score = float(np.exp(np.mean(np.log(errors)))) / math.sqrt(count)
-            ranked.append(((count < REPLICATES, score), replace(size, replicates=count)))
+        most = 1 + math.floor((seconds - whole) / once)
+        counts = [replicates] if replicates else range(1, min(most, _MOST_REPLICATES) + 1)
+        error = float(np.mean(np.log(list(drafts.errors(motions).values())))) if most >= 1 else math.inf
+        for count in counts:
+            key = (count < REPLICATES, error - 0.5 * math.log(count))
+            ranked.append((key, replace(size, replicates=count)))
     for _, size in sorted(ranked, key=lambda item: item[0]):
-        for count in range(size.replicates, 0 if replicates is None else size.replicates - 1, -1):
-            smaller = replace(size, replicates=count)
-            if _seconds(drafts.robot, drafts.motions(smaller)) <= seconds:
-                return smaller
+        if _seconds(drafts.robot, drafts.motions(size)) <= seconds:
+            return size
     raise ModelError(
         "plan-too-short",
         f"{number(seconds / 60.0)} minutes are too short: the least experiment that shows everything takes"

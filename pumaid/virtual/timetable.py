@@ -19,18 +19,27 @@ Floats = NDArray[np.float64]
 QUICKEST_TURN, QUICKEST_SLIDE = 1.75, 0.25
 #: A run keeps its speed over at least this share of its span; the ramps take the rest.
 _LEAST_CRUISE = 0.6
+#: s that a run takes at most: what its samples share does not shrink with its length, so a slow run over part of the
+#: span tells as much of friction as one over all of it.
+_LONGEST = 6.0
+#: ... but at least this share of the span: gravity must be told from a constant within the run.
+_LEAST_PART = 0.3
 #: Random orders of a pass from which the one with the shortest moves is taken.
 _ORDERS = 40
 
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Block:
-    """One joint, one posture (J,), some speeds (rad/s or m/s), each there and back."""
+    """One joint, one posture (J,), some speeds (rad/s or m/s), each there and back from one end of the span.
+
+    Runs start at the high end where `is_high`, else at the low end; fast ones cover the span, slow ones part of it.
+    """
 
     joint: int
     hold: Floats
     speeds: tuple[float, ...]
     purpose: str = "fit"
+    is_high: bool = False
 
 
 def speeds(robot: Robot, joint: int, shares: Sequence[float]) -> tuple[float, ...]:
@@ -87,19 +96,23 @@ def timetable(robot: Robot, passes: Sequence[Sequence[Block]], rng: np.random.Ge
 
 
 def _runs(joint: Joint, block: Block, rng: np.random.Generator) -> list[Motion]:
-    ends = span(joint)
+    low, high = span(joint)
     hold = tuple(block.hold.tolist())
     runs = []
     for speed in rng.permutation(block.speeds).tolist():
-        for start, end in (ends, ends[::-1]):
+        way = max(_LEAST_PART * (high - low), speed * _LONGEST)
+        step = factor("deg") if joint.is_revolute else 1e-3
+        whole = min(high - low, float(np.ceil(way / step)) * step)
+        first, last = (high, high - whole) if block.is_high else (low, low + whole)
+        for start, end in ((first, last), (last, first)):
             runs.append(Motion(block.joint, hold, start, end, speed, block.purpose))
     return runs
 
 
 def _begin(robot: Robot, block: Block) -> Floats:
-    """Every block begins and ends at the low end of its span."""
+    """Every block begins and ends at its end of the span."""
     posture = block.hold.copy()
-    posture[block.joint - 1] = span(robot.joint(block.joint))[0]
+    posture[block.joint - 1] = span(robot.joint(block.joint))[int(block.is_high)]
     return posture
 
 
