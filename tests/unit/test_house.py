@@ -144,11 +144,9 @@ def test_module_budget():
 
 
 def length(function: ast.FunctionDef) -> int:
-    """Lines of a function without its docstring and decorators."""
-    first = function.body[0]
-    told = ast.get_docstring(function, clean=False) is not None
-    docstring = (first.end_lineno or 0) - first.lineno + 1 if told else 0
-    return (function.end_lineno or 0) - function.lineno + 1 - docstring
+    """Lines of a function's body, from what follows its docstring."""
+    body = function.body[1:] if ast.get_docstring(function, clean=False) is not None else function.body
+    return (body[-1].end_lineno or 0) - body[0].lineno + 1 if body else 0
 
 
 def test_function_budget():
