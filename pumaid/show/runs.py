@@ -6,6 +6,7 @@ import csv
 import io
 import math
 from collections.abc import Iterable, Sequence
+from pathlib import PurePath
 from typing import Any
 
 import numpy as np
@@ -43,7 +44,10 @@ def run_grid(evidence: Evidence, robot: Robot, *, units: str = "rad") -> Grid:
         f"speed {angle}/s{' or m/s' if lengths else ''}",
         "samples",
     ]
-    rows = [_run_row(index, run, robot, units=units) for index, run in enumerate(evidence.runs, 1)]
+    names = shortened([run.origin for run in evidence.runs])
+    rows = [
+        _run_row(index, run, robot, units=units, name=names[run.origin]) for index, run in enumerate(evidence.runs, 1)
+    ]
     told = "posture: the held joints in order, · stands for the moving one; of a stroke the mean speed is told."
     return grid(
         f"{robot.name}: {_counted(evidence.runs)}", header, rows, caption=told if rows else "", lefts=(1, 4, 5, 6)
@@ -83,11 +87,22 @@ def left_grid(evidence: Evidence) -> Grid:
 
 def reject_grid(evidence: Evidence) -> Grid:
     """Every stretch left out, with its rows."""
+    names = shortened([reject.origin for reject in evidence.rejects])
     rows = [
-        [reject.origin, f"{reject.first_row}–{_last_row(reject)}", number(reject.start, 6), reject.reason, reject.text]
-        for reject in evidence.rejects
+        [names[one.origin], f"{one.first_row}–{_last_row(one)}", f"{one.start:.2f}", one.reason, one.text]
+        for one in evidence.rejects
     ]
     return grid("Stretches left out", ("file", "rows", "start s", "reason", "why"), rows, lefts=(0, 1, 3, 4))
+
+
+def shortened(names: Iterable[str]) -> dict[str, str]:
+    """Every file name by itself, or without the folders that all of them share."""
+    every = list(dict.fromkeys(names))
+    folders = [PurePath(name).parent for name in every]
+    while len(set(folders)) > 1:
+        deepest = max(folders, key=lambda folder: len(folder.parts))
+        folders = [folder.parent if folder == deepest else folder for folder in folders]
+    return {name: str(PurePath(name).relative_to(folders[0])) for name in every}
 
 
 def by_reason(rejects: Iterable[Reject]) -> dict[str, list[Reject]]:
@@ -130,7 +145,7 @@ def runs_csv(evidence: Evidence, robot: Robot) -> str:
     return out.getvalue()
 
 
-def _run_row(index: int, run: Run, robot: Robot, *, units: str) -> list[str | Cell]:
+def _run_row(index: int, run: Run, robot: Robot, *, units: str, name: str) -> list[str | Cell]:
     joint = robot.joint(run.joint)
     times, _ = in_unit(joint.position_unit, units)
     speed = in_unit(f"{joint.position_unit}/s", units)[0] * run.speed

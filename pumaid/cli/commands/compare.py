@@ -6,7 +6,15 @@ from pathlib import Path
 
 import rich_click as click
 
-from pumaid.cli.options import check_option, json_option, logs_argument, model_argument, recipe_option, units_option
+from pumaid.cli.options import (
+    check_option,
+    json_option,
+    logs_argument,
+    model_argument,
+    recipe_option,
+    trust_option,
+    units_option,
+)
 from pumaid.cli.output import attention, document, notes, remark, table
 
 
@@ -17,6 +25,7 @@ from pumaid.cli.output import attention, document, notes, remark, table
 @click.option("--worst", type=click.IntRange(min=0), default=5, show_default=True, help="How many runs to list.")
 @click.option("--figure", type=click.Path(path_type=Path), help="Also draw the misfit here (.png, .svg or .pdf).")
 @units_option
+@trust_option
 @json_option
 @check_option
 def command(
@@ -27,6 +36,7 @@ def command(
     worst: int,
     figure: Path | None,
     units: str,
+    trust: bool,
     as_json: bool,
     check: bool,
 ) -> None:
@@ -45,9 +55,9 @@ def command(
     from pumaid.verbs.compare import compare
 
     estimate = read_model(model)
-    robot, evidence = read_evidence(logs, recipe)
+    robot, evidence = read_evidence(logs, recipe, trust=trust)
     comparison = compare(estimate, evidence, robot)
-    notes(dict.fromkeys((*estimate.notes, *comparison.notes)))
+    notes((*estimate.notes, *comparison.notes))
     if figure is not None:
         from pumaid.files.atomic import write_whole
         from pumaid.show.plots import misfit
@@ -61,7 +71,7 @@ def command(
         grids = [comparison_grid(comparison, robot), outside_grid(comparison, robot)]
         grids += [worst_grid(comparison, robot, count=worst, units=units)] if worst else []
         for number, grid in enumerate(grid for grid in grids if grid is not None):
-            table("" if number == 0 else "\n") if number else None
+            table("") if number else None
             table(Shown(grid))
     if check and any(is_above_floor(score.rmse, score.noise_floor) for score in comparison.joints):
         attention()

@@ -22,7 +22,7 @@ from pumaid.units import number
 ORDER = 10
 
 #: Share of a bar below which its figure would not fit inside.
-FITS = 0.085
+FITS = 0.14
 
 _WORDS = {"gravity": "gravity", "coulomb": "Coulomb friction", "viscous": "viscous friction", "inertia": "inertia"}
 
@@ -49,7 +49,7 @@ def draw(story: Story) -> Figure:
         f"{story.robot.name}: what the motors' currents are spent on",
         x=0.01,
         ha="left",
-        fontsize=12.5,
+        fontsize=11,
         fontweight="bold",
     )
     left, right = figure.subplots(1, 2, width_ratios=(2.35, 1.0), sharey=True)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import io
 import re
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from html import escape
@@ -45,6 +45,9 @@ DARK = {
     "#f3f4f6": "#1d2126",
     "#e3e6ea": "#2a3038",
 }
+
+#: The form of a figure that is part of a page.
+INLINE = "inline"
 
 #: inch: a panel that is read at 400 px without shrinking.
 NARROW = 4.5
@@ -113,13 +116,24 @@ class Drawing:
 
     def file(self, form: str) -> bytes:
         """The figure as ``png``, ``svg`` or ``pdf``."""
-        with styled():
-            return saved(self.make(), form, self.title)
+        return self.files([form])[form]
 
     def inline(self) -> str:
         """The figure as an SVG element for a page, in the page's own ink, its ids its own."""
-        with styled(text_as_paths=False):
-            return woven(saved(self.make(), "svg", self.title).decode("utf-8"), self.name, self.title)
+        return self.files([INLINE])[INLINE].decode("utf-8")
+
+    def files(self, forms: Sequence[str]) -> dict[str, bytes]:
+        """The figure in several forms (`INLINE` among them) for the price of drawing it once."""
+        with styled():
+            figure = self.make()
+            figure.draw_without_rendering()
+            figure.set_layout_engine("none")  # the layout is found now; finding it again for every form costs the most
+            out = {form: saved(figure, form, self.title) for form in forms if form != INLINE}
+        if INLINE in forms:
+            with styled(text_as_paths=False):
+                svg = saved(figure, "svg", self.title).decode("utf-8")
+            out[INLINE] = woven(svg, self.name, self.title).encode("utf-8")
+        return out
 
 
 @contextmanager

@@ -33,13 +33,15 @@ def sections() -> tuple[Section, ...]:
     return tuple(sorted(found, key=lambda section: section.order))
 
 
-def page(story: Story) -> str:
+def page(story: Story, *, drawn: Mapping[str, str] | None = None) -> str:
     """The report as one HTML document without any outside reference.
 
     Parameters
     ----------
     story
         What it tells of.
+    drawn
+        Figures as SVG elements by name, where they are drawn already.
 
     Returns
     -------
@@ -54,7 +56,8 @@ def page(story: Story) -> str:
         undefined=jinja2.StrictUndefined,
     )
     figures = {drawing.name: drawing for drawing in drawings(story)}
-    environment.globals["inline"] = lambda drawing: Markup(drawing.inline())
+    known = drawn or {}
+    environment.globals["inline"] = lambda drawing: Markup(known.get(drawing.name) or drawing.inline())
     told = [section for section in sections() if section.applies(story)]
     parts = [_part(environment, section, story, figures=figures) for section in told]
     return environment.get_template("page.html").render(

@@ -13,8 +13,8 @@ from pumaid.show.story import Story
 class Section(ABC):
     """One part of the page: a file with one class, and a template of the same name.
 
-    Sections are found by looking into the folder and stand in the order of `order`; gaps between the numbers are room for
-    what comes. The template is ``templates/<name>.html``; it sees `content` and the macros of ``parts.html``.
+    Sections are found by looking into the folder and stand in the order of `order`; gaps between the numbers are room
+    for what comes. The template is ``templates/<name>.html``; it sees `content` and the macros of ``parts.html``.
 
     Attributes
     ----------

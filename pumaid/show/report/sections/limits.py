@@ -10,9 +10,9 @@ from pumaid.show.story import Story
 
 #: What the method cannot say, whatever the data.
 LIMITS = (
-    "All parameters are currents of each joint's own motor; torque constants and gear ratios are not known and not needed.",
-    "Lengths a and d of a chain of turning joints are absorbed in the parameters: a wrong length in the recipe cannot be"
-    " seen here, and does no harm to the predicted current.",
+    "All parameters are currents of each joint's own motor; torque constants and gears are neither known nor needed.",
+    "Lengths a and d of a chain of turning joints are absorbed in the parameters: a wrong length in the recipe cannot"
+    " be seen here, and does no harm to the predicted current.",
     "At constant speed there is no inertia in the current; only strokes, from rest to rest, carry it.",
     "Intervals count a run as one observation, since its samples share what is particular to it; with fewer than about"
     " ten runs a joint they are wide, and rightly so.",

@@ -1,0 +1,145 @@
+"""``pumaid report``: one page, the tables and the figures of an experiment."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import rich_click as click
+
+from pumaid.cli.options import json_option, output_option, recipe_option, results_option, trust_option, units_option
+from pumaid.cli.output import document, notes, remark
+from pumaid.cli.progress import progress
+
+if TYPE_CHECKING:
+    from pumaid.show.story import Story
+
+TABLES = ("text", "csv", "parquet", "latex", "markdown", "json")
+FIGURES = ("png", "svg", "pdf")
+
+
+@click.command()
+@click.argument("model", type=click.Path(path_type=Path, allow_dash=True), required=False, metavar="[MODEL]")
+@click.argument("logs", nargs=-1, metavar="[LOGS...]")
+@recipe_option
+@output_option(
+    "The page, or with --table the table; - for standard output. Default: report.html in the results folder."
+)
+@results_option
+@click.option(
+    "--table", "form", type=click.Choice(TABLES), help="Only the parameter table, in this form; reads no logs."
+)
+@click.option(
+    "--figures", type=click.Path(path_type=Path), metavar="FOLDER", help="Where figures go; else results/figures."
+)
+@click.option("--format", "forms", default="png,svg,pdf", show_default=True, help="Forms of the figures; '' for none.")
+@units_option
+@trust_option
+@json_option
+def command(
+    *,
+    model: Path | None,
+    logs: tuple[str, ...],
+    recipe: Path | None,
+    output: Path | None,
+    results: Path | None,
+    form: str | None,
+    figures: Path | None,
+    forms: str,
+    units: str,
+    trust: bool,
+    as_json: bool,
+) -> None:
+    """Write the report: one self-contained HTML page, the tables and the figures.
+
+    MODEL is results/model.json beside the recipe, LOGS the folder logs/ there, where they are not given.
+
+    \b
+    Example:
+      pumaid report
+      pumaid report results/model.json new_logs/ -o new.html --units deg
+      pumaid report --table latex > table.tex
+      pumaid report --figures paper/ --format pdf
+    """
+    from pumaid.cli.reading import experiment_folder
+
+    near = logs or ((str(model.parent.parent / "logs"),) if model and str(model) != "-" else ("logs",))
+    home = experiment_folder(recipe, near)
+    source = model or home / "results" / "model.json"
+    if form is not None:
+        _table(source, near, recipe=recipe, form=form, units=units, output=output)
+        return
+    chosen = _forms(forms)
+    told = _story(source, logs or (str(home / "logs"),), recipe=recipe, units=units, trust=trust)
+    folder = results or home / "results"
+    files = _written(told, folder, figures=figures or folder / "figures", forms=chosen, page=output)
+    if as_json:
+        from pumaid.files.result import heading
+
+        document(heading("report", robot=told.robot, logs=told.comparison.logs) | {"files": files})
+
+
+def _forms(text: str) -> list[str]:
+    """``png,svg`` as a list."""
+    forms = [word.strip().lower() for word in text.split(",") if word.strip()]
+    wrong = [word for word in forms if word not in FIGURES]
+    if wrong:
+        raise click.BadParameter(f"'{wrong[0]}' is none of {', '.join(FIGURES)}", param_hint="--format")
+    return list(dict.fromkeys(forms))
+
+
+def _table(
+    source: Path, near: Sequence[str], *, recipe: Path | None, form: str, units: str, output: Path | None
+) -> None:
+    """Only the parameter table."""
+    from pumaid.cli.reading import read_robot
+    from pumaid.files.atomic import write_whole
+    from pumaid.files.result import check_same_recipe, read_model
+    from pumaid.show.export import parameters_as
+
+    estimate, robot = read_model(source), read_robot(recipe, near)
+    check_same_recipe(estimate, robot)
+    content = parameters_as(estimate, robot, form, units=units)
+    if output is None or str(output) == "-":
+        sys.stdout.buffer.write(content)
+    else:
+        write_whole(output, content)
+        remark(f"table written to {output}")
+
+
+def _story(source: Path, logs: Sequence[str], *, recipe: Path | None, units: str, trust: bool) -> Story:
+    """What the report tells of: the model on the logs."""
+    from pumaid.cli.reading import read_evidence
+    from pumaid.files.result import read_model
+    from pumaid.show.story import Story
+    from pumaid.verbs.compare import compare
+
+    estimate = read_model(source)
+    robot, evidence = read_evidence(logs, recipe, trust=trust)
+    comparison = compare(estimate, evidence, robot)
+    notes((*evidence.notes, *estimate.notes, *comparison.notes))
+    return Story(robot, estimate, evidence, comparison, units)
+
+
+def _written(told: Story, folder: Path, *, figures: Path, forms: Sequence[str], page: Path | None) -> list[str]:
+    """Make everything, then write everything, so that a failure leaves the old report as it was."""
+    from pumaid.files.atomic import write_whole
+    from pumaid.show.export import export
+
+    made: list[tuple[Path, bytes]] = []
+    with progress("drawing") as step:
+        for number, (name, content) in enumerate(export(told, figures=forms)):
+            step(number, name)
+            part, _, rest = name.partition("/")
+            place = figures / rest if part == "figures" else folder / name
+            made.append((page or place if name == "report.html" else place, content))
+    for path, content in made:
+        if str(path) == "-":
+            sys.stdout.buffer.write(content)
+        else:
+            write_whole(path, content)
+    remark(f"report written to {made[-1][0]}")
+    remark(f"{len(made) - 1} tables and figures written to {folder}")
+    return [str(path) for path, _ in made]

@@ -1,0 +1,156 @@
+"""Everything that a report makes, as file names with their content; nothing is written here."""
+
+from __future__ import annotations
+
+import io
+import json
+from collections.abc import Iterator, Sequence
+from typing import Any
+
+import pandas as pd
+from rich.console import Console
+
+from pumaid.records import Estimate, Robot
+from pumaid.show.forms import Shown, latex, markdown
+from pumaid.show.grid import Grid
+from pumaid.show.numbers import in_unit
+from pumaid.show.plots import drawings
+from pumaid.show.plots.style import INLINE
+from pumaid.show.report import page
+from pumaid.show.scores import comparison_grid
+from pumaid.show.story import Story
+from pumaid.show.tables import parameter_grid
+
+#: Forms of a table, with their suffix.
+TABLE_FORMS = {"text": "txt", "csv": "csv", "parquet": "parquet", "latex": "tex", "markdown": "md", "json": "json"}
+
+#: Forms of a figure.
+FIGURE_FORMS = ("png", "svg", "pdf")
+
+#: Forms in which a report keeps its tables.
+_KEPT = ("csv", "parquet", "latex", "markdown")
+
+
+def export(story: Story, *, figures: Sequence[str] = FIGURE_FORMS) -> Iterator[tuple[str, bytes]]:
+    """Page, tables and figures of a story.
+
+    Parameters
+    ----------
+    story
+        What is told.
+    figures
+        Forms of the figures.
+
+    Yields
+    ------
+    name, content
+        Relative file name (``tables/parameters.csv``) and bytes; the page comes last.
+    """
+    for form in _KEPT:
+        yield (
+            f"tables/parameters.{TABLE_FORMS[form]}",
+            parameters_as(story.estimate, story.robot, form, units=story.units),
+        )
+    for form in ("latex", "markdown"):
+        grid = comparison_grid(story.comparison, story.robot)
+        yield f"tables/comparison.{TABLE_FORMS[form]}", _grid_as(grid, form)
+    for form in ("csv", "parquet"):
+        yield f"tables/runs.{form}", _frame_as(runs_frame(story), form)
+    inline = {}
+    for drawing in drawings(story):
+        drawn = drawing.files([*figures, INLINE])
+        inline[drawing.name] = drawn.pop(INLINE).decode("utf-8")
+        yield from ((f"figures/{drawing.name}.{form}", content) for form, content in drawn.items())
+    yield "report.html", page(story, drawn=inline).encode("utf-8")
+
+
+def parameters_as(estimate: Estimate, robot: Robot, form: str, *, units: str = "rad") -> bytes:
+    """The parameter table as a file's content.
+
+    Text, LaTeX and Markdown look like the paper's Table I; CSV, Parquet and JSON hold one row a parameter.
+
+    Parameters
+    ----------
+    estimate, robot
+        The model and its arm.
+    form
+        One of `TABLE_FORMS`.
+    units
+        ``"rad"`` or ``"deg"``.
+    """
+    if form in ("csv", "parquet", "json"):
+        return _frame_as(parameters_frame(estimate, units), form)
+    return _grid_as(parameter_grid(estimate, robot, units), form)
+
+
+def parameters_frame(estimate: Estimate, units: str = "rad") -> pd.DataFrame:
+    """One row a parameter.
+
+    Parameters
+    ----------
+    estimate
+        The model.
+    units
+        ``"rad"`` or ``"deg"``: angles in values and in the column `unit`.
+
+    Returns
+    -------
+    frame
+        Columns name, symbol, joint, unit, value, std_error, ci_low, ci_high, dof, state, reason, next_run; empty where
+        a parameter is not identifiable.
+    """
+    rows: list[dict[str, Any]] = []
+    for value in estimate.values:
+        times, unit = in_unit(value.unit, units)
+        low, high = value.ci95 if value.ci95 is not None else (None, None)
+        amounts = {"value": value.value, "std_error": value.std_error, "ci_low": low, "ci_high": high}
+        scaled = {key: None if amount is None else times * amount for key, amount in amounts.items()}
+        head = {"name": value.name, "symbol": value.symbol, "joint": value.joint, "unit": unit}
+        tail = {"dof": value.dof, "state": value.state, "reason": value.reason, "next_run": value.next_run}
+        rows.append(head | scaled | tail)
+    frame = pd.DataFrame(rows)
+    numbers = ["value", "std_error", "ci_low", "ci_high", "dof"]
+    return frame.astype({**dict.fromkeys(numbers, "float64"), "joint": "Int64"})
+
+
+def runs_frame(story: Story) -> pd.DataFrame:
+    """One row a run: where it lies and how the model does on it; SI, postures in columns ``q1`` to ``qJ``."""
+    rows = []
+    for score in story.comparison.runs:
+        run = score.run
+        row: dict[str, Any] = {
+            "joint": run.joint,
+            "file": run.origin,
+            "start_s": run.start,
+            "duration_s": run.duration,
+            "kind": run.kind,
+            "speed": run.speed,
+            "samples": run.samples,
+            "rmse_A": score.rmse,
+            "bias_A": score.bias,
+            "largest_A": score.largest,
+            "explained": score.explained,
+            "heldout": run.heldout,
+            "undetermined": score.undetermined,
+        }
+        rows.append(row | {f"q{number}": held for number, held in enumerate(run.posture, start=1)})
+    return pd.DataFrame(rows)
+
+
+def _frame_as(frame: pd.DataFrame, form: str) -> bytes:
+    if form == "parquet":
+        out = io.BytesIO()
+        frame.to_parquet(out, index=False)
+        return out.getvalue()
+    if form == "json":
+        records = json.loads(frame.to_json(orient="records", double_precision=15))
+        return (json.dumps(records, indent=2, ensure_ascii=False) + "\n").encode("utf-8")
+    return frame.to_csv(index=False, lineterminator="\n").encode("utf-8")
+
+
+def _grid_as(grid: Grid, form: str) -> bytes:
+    if form == "text":
+        out = io.StringIO()
+        Console(file=out, width=100, color_system=None).print(Shown(grid))
+        return out.getvalue().encode("utf-8")
+    return (latex(grid) if form == "latex" else markdown(grid)).encode("utf-8")
