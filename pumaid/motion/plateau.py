@@ -78,9 +78,9 @@ def plateaus(
         if last - first >= FEWEST and _is_level(samples, (first, last), peak=peak):
             begins, ends = settled(samples[0][first:last], samples[1][first:last])
             found.append(Plateau(first + begins, first + ends, level))
-    middles = 0.5 * (ticks.edges[stretch.start : stretch.stop] + ticks.edges[stretch.start + 1 : stretch.stop + 1])
+    places = ticks.edges[stretch.start : stretch.stop].astype(np.float64)
     typical = max((abs(plateau.level) for plateau in found), default=0.0)
-    return _apart(found, (middles, speed), band=options.speed_tolerance * typical + SPREAD * error)
+    return _apart(found, (places, speed), band=options.speed_tolerance * typical + SPREAD * error)
 
 
 def movement_speed(ticks: Ticks, stretch: Stretch, options: SegmentOptions) -> tuple[Floats, int]:
@@ -174,7 +174,7 @@ def _edge(time: Floats, position: Floats, offset: int, fallback: int) -> int:
 def _apart(found: list[Plateau], course: tuple[Floats, Floats], *, band: float) -> list[Plateau]:
     """The same plateaus without overlap; those of one speed with at most a hiccup between them are one.
 
-    `course` are sample numbers and speeds of the movement's ticks, `band` the departure (rad/s or m/s) within one speed.
+    `course` are first samples and speeds of the movement's ticks, `band` the spread (rad/s or m/s) of one speed.
     """
     out: list[Plateau] = []
     for plateau in found:

@@ -79,6 +79,7 @@ class Leftover:
             samples=self.samples,
             cells=cells,
             last_origin=self.last_origin if self.last_origin != self.origin else "",
+            clock=self.clock,
         )
 
     def _sentence(self, robot: Robot, options: SegmentOptions) -> str:

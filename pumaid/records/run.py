@@ -124,7 +124,7 @@ class Reject:
 
     `reason` is a slug (``ramp``, ``rest``, ``several-joints`` ...), `text` a sentence with the figures; `joints` those
     that moved. `cells` are kept where something moved, so that a model can be compared there too. `last_origin` is the
-    file of `last_row` where that is another one, else empty.
+    file of `last_row` where that is another one, else empty; `clock` is as of a `Run`.
     """
 
     origin: str
@@ -138,6 +138,7 @@ class Reject:
     samples: int
     cells: Cells | None = None
     last_origin: str = ""
+    clock: int = 0
 
 
 @dataclass(frozen=True, slots=True)

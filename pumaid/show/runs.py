@@ -97,12 +97,13 @@ def reject_grid(evidence: Evidence) -> Grid:
 
 def shortened(names: Iterable[str]) -> dict[str, str]:
     """Every file name by itself, or without the folders that all of them share."""
-    every = list(dict.fromkeys(names))
-    folders = [PurePath(name).parent for name in every]
-    while len(set(folders)) > 1:
-        deepest = max(folders, key=lambda folder: len(folder.parts))
-        folders = [folder.parent if folder == deepest else folder for folder in folders]
-    return {name: str(PurePath(name).relative_to(folders[0])) for name in every}
+    every = {name: PurePath(name) for name in names}
+    shared = 0
+    for parts in zip(*(path.parent.parts for path in every.values()), strict=False):
+        if len(set(parts)) > 1:
+            break
+        shared += 1
+    return {name: str(PurePath(*path.parts[shared:])) for name, path in every.items()}
 
 
 def by_reason(rejects: Iterable[Reject]) -> dict[str, list[Reject]]:

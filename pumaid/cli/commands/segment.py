@@ -1,0 +1,123 @@
+"""``pumaid segment``: the runs in some logs, why the rest was left out, and a picture of both."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import rich_click as click
+
+from pumaid.cli.options import json_option, logs_argument, recipe_option, trust_option, units_option
+from pumaid.cli.output import document, notes, remark, say, table
+from pumaid.cli.progress import progress
+
+if TYPE_CHECKING:
+    from pumaid.records import Evidence, Robot
+
+#: What a threshold may be.
+_SHARE = click.FloatRange(0.0, 1.0, min_open=True, max_open=True)
+_POSITIVE = click.FloatRange(0.0, min_open=True)
+
+
+@click.command()
+@logs_argument
+@recipe_option
+@click.option("--kinds", type=click.Choice(["both", "constant", "stroke"]), default="both", show_default=True)
+@click.option("--min-duration", type=_POSITIVE, metavar="S", help="Shortest run, s. [default: 0.2]")
+@click.option("--min-travel", type=_POSITIVE, metavar="X", help="Shortest way of a run, rad or m. [default: 0.02]")
+@click.option("--speed-tolerance", type=_SHARE, metavar="SHARE", help="Spread of one constant speed. [default: 0.03]")
+@click.option("--held-share", type=_SHARE, metavar="SHARE", help="Speed of a held joint, as share. [default: 0.02]")
+@click.option("--held-drift", type=_POSITIVE, metavar="X", help="Way of a held joint, rad or m. [default: 0.02]")
+@click.option("--rejects", is_flag=True, help="List every stretch that was left out, with its rows and the reason.")
+@click.option("--picture", type=click.Path(path_type=Path), metavar="FILE", help="Draw it: .png, .svg or .pdf.")
+@click.option("--csv", "as_csv", is_flag=True, help="Print the runs as CSV, in SI.")
+@units_option
+@trust_option
+@json_option
+def command(
+    *,
+    logs: tuple[str, ...],
+    recipe: Path | None,
+    rejects: bool,
+    picture: Path | None,
+    as_csv: bool,
+    units: str,
+    trust: bool,
+    as_json: bool,
+    **thresholds: Any,
+) -> None:
+    """Find the runs in logs: one joint alone, at constant speed or from rest to rest.
+
+    Prints each run, what the runs of each joint amount to, and why the rest was left out.
+
+    \b
+    Example:
+      pumaid segment logs/
+      pumaid segment logs/ --units deg --picture runs.png
+      pumaid segment logs/ --json | jq '.runs[] | {joint, speed, samples}'
+    """
+    from pumaid.files.result import heading
+    from pumaid.show import runs
+
+    if as_json and as_csv:
+        raise click.UsageError("--json and --csv both want standard output; give one of them")
+    form = _form(picture)
+    robot, evidence = _read(logs, recipe, trust=trust, **thresholds)
+    notes(evidence.notes)
+    if picture is not None:
+        _draw(picture, evidence, robot, form=form, units=units)
+    if as_json:
+        digests = {facts.name: facts.digest for facts in evidence.files}
+        document(heading("segments", robot=robot, logs=digests) | runs.segments_document(evidence, robot))
+    elif as_csv:
+        say(runs.runs_csv(evidence, robot).rstrip("\n"))
+    else:
+        _tell(evidence, robot, units=units, rejects=rejects)
+
+
+def _read(logs: tuple[str, ...], recipe: Path | None, *, trust: bool, **thresholds: Any) -> tuple[Robot, Evidence]:
+    """The one pass with the thresholds that were given, and the plan's held-out runs marked."""
+    from pumaid.cli.reading import experiment_folder, read_robot
+    from pumaid.files.paths import expand
+    from pumaid.files.plan import find_plan, read_plan
+    from pumaid.files.table import LogReader
+    from pumaid.motion.options import SegmentOptions
+    from pumaid.motion.planned import mark_heldout
+    from pumaid.motion.suspicion import Watch
+    from pumaid.verbs.segment import segment
+
+    robot = read_robot(recipe, logs)
+    options = SegmentOptions(**{name: value for name, value in thresholds.items() if value is not None})
+    watched = Watch(LogReader(expand(logs), robot), robot, refuse=not trust)
+    with progress("reading logs") as step:
+        evidence = segment(watched, robot, options=options, progress=lambda rows: step(rows, f"{rows:,} rows"))
+    plan = find_plan([experiment_folder(recipe, logs)])
+    return robot, evidence if plan is None else mark_heldout(evidence, read_plan(plan, robot))
+
+
+def _tell(evidence: Evidence, robot: Robot, *, units: str, rejects: bool) -> None:
+    from pumaid.show import runs
+    from pumaid.show.forms import Shown
+
+    parts = [runs.run_grid(evidence, robot, units=units)]
+    parts += [runs.joint_grid(evidence, robot, units=units), runs.left_grid(evidence)]
+    parts += [runs.reject_grid(evidence)] if rejects else []
+    for index, part in enumerate(parts):
+        if index:
+            say()
+        table(Shown(part))
+
+
+def _form(picture: Path | None) -> str:
+    form = "" if picture is None else picture.suffix.lstrip(".").lower()
+    if picture is not None and form not in ("png", "svg", "pdf"):
+        raise click.BadParameter(f"{picture} is no .png, .svg or .pdf", param_hint="--picture")
+    return form
+
+
+def _draw(picture: Path, evidence: Evidence, robot: Robot, *, form: str, units: str) -> None:
+    from pumaid.files.atomic import write_whole
+    from pumaid.show.segments import drawn
+
+    write_whole(picture, drawn(evidence, robot, form, units=units))
+    remark(f"picture written to {picture}")
