@@ -8,6 +8,7 @@ from collections.abc import Iterable
 import numpy as np
 from numpy.typing import NDArray
 
+from pumaid.maths.frames import apart
 from pumaid.maths.joint_fit import Bilinear
 from pumaid.model import SAME_POSTURE
 from pumaid.reasons import Facts
@@ -83,7 +84,7 @@ def _loads(sheet: Sheet, row: Row) -> Iterable[tuple[Floats, str]]:
     postures: list[Floats] = []
     for run in row.runs:
         held = np.nan_to_num(run.posture)
-        if all(np.any(np.abs(held - other) > SAME_POSTURE) for other in postures):
+        if all(np.any(apart(held, other) > SAME_POSTURE) for other in postures):
             postures.append(held)
     for number, held in enumerate(postures[:MOST_POSTURES], start=1):
         position = np.tile(held, (2, 1))

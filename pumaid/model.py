@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pumaid.effects import Effect, Scope, catalogue
+from pumaid.maths.frames import apart
 from pumaid.records import CONSTANT_COLUMNS, Estimate, Robot, Run, Samples
 from pumaid.structure import Structure, minimal
 
@@ -152,7 +153,7 @@ class Model:
         held = np.array([held for number, held in self.stroke_postures if number == joint])
         if held.size == 0:
             return np.full(len(position), -1)
-        distance = np.abs(position[:, None, joint:] - held[None, :, joint:]).max(axis=2, initial=0.0)
+        distance = apart(position[:, None, joint:], held[None, :, joint:]).max(axis=2, initial=0.0)
         return distance.argmin(axis=1)
 
     def is_foreign(self, run: Run) -> bool:
@@ -213,7 +214,7 @@ class Model:
 def _group(groups: Sequence[tuple[int, Floats]], joint: int, posture: Floats) -> int | None:
     """Index of the group that `posture` belongs to; only joints outward of the moving one matter to inertia."""
     for number, (member, held) in enumerate(groups):
-        if member == joint and np.all(np.abs(posture[joint:] - held[joint:]) < SAME_POSTURE):
+        if member == joint and np.all(apart(posture[joint:], held[joint:]) < SAME_POSTURE):
             return number
     return None
 

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from pumaid.maths.frames import apart
 from pumaid.model import SAME_POSTURE, Column, Model
 from pumaid.records import Run
 from pumaid.units import number
@@ -45,7 +46,7 @@ class Facts:
         own = [run for run in runs if run.joint == joint]
         held: list[np.ndarray] = []
         for run in own:
-            if not any(np.all(np.abs(run.posture[joint:] - other[joint:]) < SAME_POSTURE) for other in held):
+            if not any(np.all(apart(run.posture[joint:], other[joint:]) < SAME_POSTURE) for other in held):
                 held.append(run.posture)
         speeds = {sign: tuple(sorted(abs(run.speed) for run in own if run.direction == sign)) for sign in (1, -1)}
         strokes = sum(run.kind == "stroke" for run in own)

@@ -10,7 +10,6 @@ from pumaid.effects.base import NO_SHAPE, Effect, Floats, Parameter, Scope, Trac
 from pumaid.maths.frames import axes
 from pumaid.records import Robot, Samples
 
-
 #: Columns below this share of g are rounding of rotations by right angles, not levers.
 ROUNDING = 1e-13
 

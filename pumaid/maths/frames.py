@@ -8,6 +8,16 @@ from numpy.typing import ArrayLike, NDArray
 Floats = NDArray[np.float64]
 
 
+def apart(first: ArrayLike, second: ArrayLike) -> Floats:
+    """How far held positions are apart (rad or m, not negative), whole turns taken out; NaN where either is NaN.
+
+    Encoders of endless joints are unwrapped file by file, so one posture may be told with turns between. A sliding
+    joint that travels 2 pi m is taken for one of them: none does.
+    """
+    gap = np.asarray(first, dtype=float) - np.asarray(second, dtype=float)
+    return np.abs(np.remainder(gap + np.pi, 2.0 * np.pi) - np.pi)
+
+
 def link_rotation(alpha: float, theta: ArrayLike) -> Floats:
     """Rotation that turns frame i into frame i-1: Rot_x(alpha) Rot_z(theta).
 

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from pumaid.maths.frames import apart
 from pumaid.records import Run
 
 Floats = NDArray[np.float64]
@@ -38,11 +39,11 @@ def _repeats(first: Run, second: Run) -> bool:
         return False
     if abs(second.speed - first.speed) > SAME_SPEED * abs(first.speed):
         return False
-    held = np.delete(first.posture - second.posture, first.joint - 1)
-    if np.any(np.abs(held) > SAME_POSITION):
+    if np.any(np.delete(apart(first.posture, second.posture), first.joint - 1) > SAME_POSITION):
         return False
-    low = max(min(first.span), min(second.span))
-    high = min(max(first.span), max(second.span))
+    turns = _turns(first, second)
+    low = max(min(first.span), min(second.span) + turns)
+    high = min(max(first.span), max(second.span) + turns)
     shorter = min(abs(run.span[1] - run.span[0]) for run in (first, second))
     return high - low >= OVERLAP * shorter
 
@@ -66,6 +67,11 @@ def noise_floor(runs: Sequence[Run]) -> tuple[float | None, str | None]:
     return float(np.sqrt(between + np.mean(inside))), None
 
 
+def _turns(first: Run, second: Run) -> float:
+    """Whole turns (rad) that bring the second run's travel to the first's."""
+    return float(2.0 * np.pi * np.round((sum(first.span) - sum(second.span)) / (4.0 * np.pi)))
+
+
 def _curve(run: Run) -> tuple[Floats, Floats, Floats]:
     """Cells' position, current and the run's own first harmonic (A) there."""
     own = run.joint - 1
@@ -78,6 +84,7 @@ def _difference(first: Run, second: Run) -> float:
     """Mean squared difference (A2) of two runs at the same positions, slopes within a cell taken out."""
     q_a, i_a, smooth_a = _curve(first)
     q_b, i_b, _ = _curve(second)
+    q_b = q_b + _turns(first, second)
     order = np.argsort(q_a)
     inside = (q_b >= q_a.min()) & (q_b <= q_a.max())
     if not inside.any():
