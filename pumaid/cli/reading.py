@@ -51,8 +51,9 @@ def read_evidence(logs: Sequence[str], recipe: Path | None, *, trust: bool = Fal
     from pumaid.motion.suspicion import Watch
     from pumaid.verbs.segment import segment
 
+    paths = expand(logs)
     robot = read_robot(recipe, logs)
-    watched = Watch(LogReader(expand(logs), robot), robot, refuse=not trust)
+    watched = Watch(LogReader(paths, robot), robot, refuse=not trust)
     with progress("reading logs") as step:
         evidence = segment(watched, robot, progress=lambda rows: step(rows, f"{rows:,} rows"))
     return robot, _with_plan(evidence, robot, experiment_folder(recipe, logs))

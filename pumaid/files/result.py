@@ -198,7 +198,8 @@ def _text(path: Path, name: str) -> str:
         mend = "make it with 'pumaid identify LOGS...', or give its path"
         raise ResultError("model-missing", f"there is no model file {name}", Where(file=name), mend) from None
     except IsADirectoryError:
-        mend = f"give the file in it, such as {path / 'model.json'}"
+        inside = (path / "model.json", path / "results" / "model.json")
+        mend = f"give the file in it: {next((found for found in inside if found.is_file()), inside[0])}"
         raise ResultError("model-missing", f"{name} is a folder, not a model file", Where(file=name), mend) from None
     try:
         return data.decode("utf-8-sig")

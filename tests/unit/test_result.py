@@ -137,9 +137,11 @@ def test_missing_file(tmp_path):
     assert "nothing.json" in found.what and "pumaid identify" in found.mend
 
 
-def test_folder_instead_of_file(tmp_path):
-    """A folder is told from a file."""
-    assert refusal(tmp_path).slug == "model-missing"
+def test_folder_instead_of_file(model):
+    """A folder is told from a file, with the model that lies in it."""
+    for folder in (model.parent, model.parent.parent):
+        found = refusal(folder)
+        assert found.slug == "model-missing" and str(model) in found.mend
 
 
 @pytest.mark.parametrize("keep", [0.1, 0.5, 0.9, 0.999])
