@@ -136,7 +136,7 @@ def posture_text(run: Run, robot: Robot, units: str = "rad") -> str:
         if np.isnan(held):
             words.append("–")
             continue
-        shown = np.degrees(held) if units == "deg" and joint.is_revolute else held
+        shown = held * in_unit(joint.position_unit, units)[0]
         text = f"{shown:.{0 if units == 'deg' and joint.is_revolute else 2}f}"
         words.append(text.lstrip("-") if float(text) == 0.0 else text)
     return "[" + " ".join(words) + "]"

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pumaid.records import Comparison, Estimate, Evidence, Robot, RunScore
+from pumaid.show.numbers import in_unit
 
 Floats = NDArray[np.float64]
 
@@ -45,8 +46,7 @@ class Story:
 
     def shown(self, joint: int, positions: Floats) -> Floats:
         """Positions or speeds of a joint (SI) in the unit of `position_unit`."""
-        turns = self.units == "deg" and self.robot.joint(joint).is_revolute
-        return np.degrees(positions) if turns else positions
+        return positions * in_unit(self.robot.joint(joint).position_unit, self.units)[0]
 
     def position_unit(self, joint: int) -> str:
         """``rad``, ``deg`` or ``m``."""

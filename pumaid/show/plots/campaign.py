@@ -58,19 +58,15 @@ def draw(story: Story) -> Figure:
 
 
 def _marks(axes: Axes, numbered: list[tuple[int, RunScore]]) -> None:
-    for sign, colour in ((1, FORWARD), (-1, BACKWARD)):
-        for heldout, mark in ((False, "o"), (True, "D")):
-            for hollow in (False, True):
-                chosen = [
-                    (number, score)
-                    for number, score in numbered
-                    if (score.run.direction, score.run.heldout, score.undetermined) == (sign, heldout, hollow)
-                ]
-                if not chosen:
-                    continue
-                place = np.array([float(number) for number, _ in chosen])
-                bias = np.array([score.bias for _, score in chosen])
-                rmse = np.array([score.rmse for _, score in chosen])
-                axes.vlines(place, bias - rmse, bias + rmse, color=colour, linewidth=0.9, alpha=0.45)
-                face = "none" if hollow else colour
-                axes.plot(place, bias, mark, color=colour, markersize=3.2, markerfacecolor=face, zorder=3)
+    looks: dict[tuple[int, bool, bool], list[tuple[int, RunScore]]] = {}
+    for number, score in numbered:
+        key = (score.run.direction, score.run.heldout, score.undetermined)
+        looks.setdefault(key, []).append((number, score))
+    for (sign, heldout, hollow), chosen in looks.items():
+        colour = FORWARD if sign > 0 else BACKWARD
+        place = np.array([float(number) for number, _ in chosen])
+        bias = np.array([score.bias for _, score in chosen])
+        rmse = np.array([score.rmse for _, score in chosen])
+        axes.vlines(place, bias - rmse, bias + rmse, color=colour, linewidth=0.9, alpha=0.45)
+        face = "none" if hollow else colour
+        axes.plot(place, bias, "D" if heldout else "o", color=colour, markersize=3.2, markerfacecolor=face, zorder=3)

@@ -53,8 +53,8 @@ def draw(story: Story) -> Figure:
         both = sides(story, joint)
         floor = story.comparison.joints[joint - 1].noise_floor
         for side in both:
-            against_position(left, side, story, joint)
-            against_speed(right, side, story, joint)
+            against_position(left, side, story, joint=joint)
+            against_speed(right, side, story, joint=joint)
         for axes in (left, right):
             _ground(axes, floor)
         limited(left, both, floor)

@@ -74,8 +74,8 @@ def draw(story: Story, joint: int) -> Figure:
             axes.axhspan(-floor, floor, color=GREY, alpha=0.18, linewidth=0, zorder=0)
         axes.set_ylabel("left (A)")
     for side in both:
-        against_position(all_axes[0], side, story, joint)
-        against_speed(all_axes[1], side, story, joint)
+        against_position(all_axes[0], side, story, joint=joint)
+        against_speed(all_axes[1], side, story, joint=joint)
         _continuous(all_axes[2], side, side.time / 60.0)
         _discrete(all_axes[3], side, side.posture + 0.06 * side.sign)
         if has_temperature:
@@ -105,12 +105,12 @@ def sides(story: Story, joint: int) -> list[Left]:
     return [side for side in (_left(story, joint, sign) for sign in (1, -1)) if len(side.residual)]
 
 
-def against_position(axes: Axes, side: Left, story: Story, joint: int) -> None:
+def against_position(axes: Axes, side: Left, story: Story, *, joint: int) -> None:
     """Cells, and their means in bins of position."""
     _continuous(axes, side, story.shown(joint, side.position))
 
 
-def against_speed(axes: Axes, side: Left, story: Story, joint: int) -> None:
+def against_speed(axes: Axes, side: Left, story: Story, *, joint: int) -> None:
     """Cells, and their means by speed; directions a hair apart, so that neither hides the other."""
     _discrete(axes, side, story.shown(joint, side.speed) * (1.0 + 0.006 * side.sign))
 

@@ -20,7 +20,7 @@ Floats = NDArray[np.float64]
 ORDER = 0
 
 #: Looking at the arm from the front right and a little above (rad).
-AZIMUTH, ELEVATION = np.radians(-55.0), np.radians(22.0)
+AZIMUTH, ELEVATION = -0.96, 0.38
 
 
 def drawings(story: Story) -> Iterator[Drawing]:
@@ -77,7 +77,7 @@ def draw(robot: Robot, position: Floats) -> Figure:
         axes.plot(
             *here, "o" if joint.is_revolute else "s", color=colour, markersize=8, markeredgecolor="none", zorder=4
         )
-        _number(axes, here, joint.number, placed, reach)
+        _number(axes, here, joint.number, placed=placed, reach=reach)
     _gravity(axes, robot, flat, reach)
     axes.set_aspect("equal")
     axes.axis("off")
@@ -100,7 +100,7 @@ def _base(axes: Axes, reach: float) -> None:
     axes.fill(seen[:, 0], seen[:, 1], color=FAINT, linewidth=0, zorder=0)
 
 
-def _number(axes: Axes, here: Floats, number: int, placed: list[Floats], reach: float) -> None:
+def _number(axes: Axes, here: Floats, number: int, *, placed: list[Floats], reach: float) -> None:
     """Numbers of joints that share a place stand beside each other."""
     crowd = sum(bool(np.linalg.norm(here - other) < 0.03 * reach) for other in placed)
     axes.annotate(

@@ -4,10 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-import numpy as np
-
 from pumaid.records import Joint, Robot
 from pumaid.show.grid import Cell, Grid, grid
+from pumaid.show.numbers import in_unit
 from pumaid.show.plots.style import Drawing
 from pumaid.show.report.base import Section
 from pumaid.show.story import Story
@@ -50,7 +49,7 @@ def _table(robot: Robot, units: str) -> Grid:
 
 
 def _angle(value: float, units: str) -> str:
-    return f"{np.degrees(value):.5g}" if units == "deg" else f"{value:.5g}"
+    return f"{value * in_unit('rad', units)[0]:.5g}"
 
 
 def _limits(joint: Joint, units: str) -> str:
