@@ -9,6 +9,7 @@ from typing import Any, NoReturn
 import rich_click as click
 from click.exceptions import Exit
 
+from pumaid import __version__
 from pumaid.errors import EXIT_ATTENTION, Note
 
 #: Widest table that is written to a file or pipe, where there is no terminal to ask (characters).
@@ -48,10 +49,14 @@ def table(renderable: Any) -> None:
 
 
 def document(content: Mapping[str, Any]) -> None:
-    """The one JSON document of ``--json``; arrays become lists, numbers that JSON lacks become null."""
+    """The one JSON document of ``--json``; arrays become lists, numbers that JSON lacks become null.
+
+    Kind, format and version stand first in every document; the version is ours where the document does not say.
+    """
     from pumaid.files.result import as_text
 
-    click.echo(as_text(content, ascii_only=True), nl=False)
+    head = {"kind": content["kind"], "format": content["format"], "pumaid": __version__}
+    click.echo(as_text(head | dict(content), ascii_only=True), nl=False)
 
 
 def attention() -> NoReturn:

@@ -30,6 +30,7 @@ def command(recipe: Path | None, as_json: bool) -> None:
     from pumaid import __version__
     from pumaid.effects import catalogue
     from pumaid.files.recipe import shipped_recipes
+    from pumaid.files.result import heading
 
     facts: dict[str, object] = {
         "pumaid": __version__,
@@ -45,7 +46,7 @@ def command(recipe: Path | None, as_json: bool) -> None:
         robot = read_robot(recipe)
         facts["recipe"] = {"file": robot.origin, "sha256": robot.digest, "joints": robot.n_joints}
     if as_json:
-        document({"kind": "doctor", "format": 1} | facts)
+        document(heading("doctor") | facts)
         return
     for name, found in facts.items():
         say(f"{name:10} {_line(found)}")

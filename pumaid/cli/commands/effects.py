@@ -26,6 +26,7 @@ def command(name: str | None, as_json: bool) -> None:
     """
     from pumaid.effects import catalogue
     from pumaid.errors import ModelError
+    from pumaid.files.result import heading
 
     known = catalogue()
     if name is not None and name not in known:
@@ -34,7 +35,7 @@ def command(name: str | None, as_json: bool) -> None:
         raise ModelError("unknown-effect", f"there is no effect '{name}'", mend=mend)
     chosen = list(known.values()) if name is None else [known[name]]
     if as_json:
-        document({"kind": "effects", "format": 1, "effects": [_facts(effect) for effect in chosen]})
+        document(heading("effects") | {"effects": [_facts(effect) for effect in chosen]})
     elif name is None:
         _list(chosen)
     else:
