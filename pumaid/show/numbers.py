@@ -69,6 +69,11 @@ def percent(share: float | None) -> str:
     return f"{100.0 * share:.{places}f} %"
 
 
+def shortened(name: str, most: int = 52) -> str:
+    """A name that fits above a figure: at most `most` letters."""
+    return name if len(name) <= most else name[: most - 1] + "…"
+
+
 def amperes(value: float | None) -> str:
     """A current for people: A, three significant digits; a dash where there is none."""
     return "-" if value is None else f"{number(value, 3)} A"

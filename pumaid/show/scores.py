@@ -34,9 +34,12 @@ def comparison_grid(comparison: Comparison, robot: Robot) -> Grid:
         row += [Cell("-", tone="absent") if score.explained is None else Cell(percent(score.explained))]
         row += [amount(score.heldout)] if has_heldout else []
         rows.append(row)
-        if score.noise_floor_reason:
+        if score.noise_floor_reason and score.runs:
             reasons[score.noise_floor_reason] = None
     header = ["joint", "runs", "RMSE (A)", "noise floor (A)", "bias (A)", "explained"]
+    still = [str(score.joint) for score in comparison.joints if not score.runs]
+    if still:
+        reasons[f"joint {', '.join(still)}: never moves alone in these logs"] = None
     if comparison.rmse is not None:
         total: list[str | Cell] = ["all", str(sum(score.runs for score in comparison.joints)), amount(comparison.rmse)]
         rows.append([*total, *([""] * 3), *([amount(comparison.heldout)] if has_heldout else [])])

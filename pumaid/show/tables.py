@@ -24,6 +24,7 @@ _LABELS = {
     ("coulomb", "minus"): ("λ₁⁻", r"$\lambda_{1-}$"),
     ("viscous", "plus"): ("λ₂⁺", r"$\lambda_{2+}$"),
     ("viscous", "minus"): ("λ₂⁻", r"$\lambda_{2-}$"),
+    ("inertia", "J"): ("J", r"$J$"),
 }
 
 #: Order of the rows of Table I; those of other effects follow.
@@ -59,7 +60,7 @@ def parameter_grid(estimate: Estimate, robot: Robot, units: str = "rad") -> Grid
             rows.setdefault(row_of(value), {})[value.joint] = value
     notes = Notes()
     body = []
-    for key in sorted(rows, key=lambda row: (_ORDER.index(row) if row in _ORDER else len(_ORDER), row)):
+    for key in sorted(rows, key=place_of):
         label, tex = _LABELS.get(key, (" ".join(key), ""))
         weight = float(np.linalg.norm(robot.gravity)) if key[0] == "gravity" else 0.0
         unit = _row_unit(rows[key].values(), units, weight)
@@ -111,6 +112,11 @@ def row_of(value: Value) -> tuple[str, str]:
     """Effect and bare parameter name of a value: the row of the table in which it stands."""
     parts = value.name.split(".")
     return (parts[0], "") if parts[0] == "gain_ratio" else (parts[0], parts[-1])
+
+
+def place_of(row: tuple[str, str]) -> tuple[int, tuple[str, str]]:
+    """By which rows are sorted: those of the paper's table first, in its order."""
+    return (_ORDER.index(row) if row in _ORDER else len(_ORDER), row)
 
 
 def row_label(row: tuple[str, str]) -> str:
@@ -178,7 +184,7 @@ def joints_grid(estimate: Estimate, robot: Robot) -> Grid:
         title = f"{fit.joint} {robot.joint(fit.joint).name}"
         rows.append([title, kinds, str(fit.posture_groups), f"{fit.samples:,}", rmse, floor, level])
     header = ("joint", "runs", "postures", "samples", "RMSE (A)", "noise floor (A)", "run level (A)")
-    notes = dict.fromkeys(fit.noise_floor_reason for fit in estimate.joints if fit.noise_floor_reason)
+    notes = dict.fromkeys(fit.noise_floor_reason for fit in estimate.joints if fit.noise_floor_reason and fit.runs)
     return grid(
         "Fit by joint",
         header,
@@ -190,14 +196,24 @@ def joints_grid(estimate: Estimate, robot: Robot) -> Grid:
     )
 
 
+def _sum(terms: dict[str, float]) -> str:
+    """Weighted terms as a sum; those below a thousandth of the largest weight are left out."""
+    largest = max((abs(weight) for weight in terms.values()), default=0.0)
+    out = ""
+    for name, weight in terms.items():
+        if abs(weight) >= 1e-3 * largest > 0.0:
+            sign = (" − " if weight < 0 else " + ") if out else ("−" if weight < 0 else "")
+            out += f"{sign}{number(abs(weight), 4)}·{name}"
+    return out
+
+
 def combinations_grid(estimate: Estimate, units: str = "rad") -> Grid | None:
     """Sums of parameters that are determined although their terms are not; None where there is none."""
     rows: list[list[str | Cell]] = []
     for found in estimate.combinations:
         text, error = with_error(found.value, found.std_error)
-        terms = " + ".join(f"{number(weight, 4)}·{name}" for name, weight in found.terms.items())
-        rows.append([found.text, Cell(terms), Cell(text, error), found.unit])
+        rows.append([found.text, Cell(_sum(found.terms)), Cell(text, error), found.unit])
     if not rows:
         return None
-    caption = "Weights are in SI units; the terms alone cannot be told apart from these data."
+    caption = "Weights are in SI units (those below a thousandth left out); these data do not tell the terms apart."
     return grid("Determined only together", ("what", "sum", "value", "unit"), rows, caption=caption, lefts=(0, 1, 3))

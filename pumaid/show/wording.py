@@ -33,6 +33,14 @@ def joint_sentence(story: Story, score: JointScore) -> str:
     return words
 
 
+def still_sentence(story: Story) -> str | None:
+    """Which joints were never moved alone; None where all were."""
+    still = [str(score.joint) for score in story.comparison.joints if score.rmse is None]
+    if not still:
+        return None
+    return f"Joint{'s' * (len(still) > 1)} {listed(still)} never move{'s' * (len(still) == 1)} alone in these logs."
+
+
 def noise_sentence(story: Story) -> str | None:
     """For which joints the noise floor is not known, and what to do; None where it is known of all."""
     blind = [score.joint for score in story.comparison.joints if score.rmse is not None and score.noise_floor is None]

@@ -288,8 +288,9 @@ def _notes(estimate: Estimate, evidence: Evidence, joints: Sequence[JointScore])
     digests = {facts.digest for facts in evidence.files}
     seen = digests & set(estimate.logs.values())
     if digests and seen == digests and not any(joint.heldout_runs for joint in joints):
+        which = "the log was" if len(seen) == 1 else f"all {len(seen)} logs were"
         text = (
-            f"all {len(seen)} logs were fitted, so the error is what is left after fitting;"
+            f"{which} fitted, so the error is what is left after fitting;"
             " logs that the model never saw show what it predicts"
         )
         notes.append(Note("compared-with-fitted", text))

@@ -7,6 +7,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
 from pumaid.errors import ResultError, Where
+from pumaid.show.numbers import shortened
 from pumaid.show.plots.residuals import against_position, against_speed, limited, sides
 from pumaid.show.plots.style import BACKWARD, FORWARD, GREY, INK, saved, styled
 from pumaid.show.story import Story
@@ -61,7 +62,7 @@ def draw(story: Story) -> Figure:
         left.set_ylabel(f"joint {joint} (A)")
         left.set_xlabel(f"position ({story.position_unit(joint)})", labelpad=1)
         right.set_xlabel(f"speed ({story.position_unit(joint)}/s)", labelpad=1)
-    all_axes[0][0].set_title(f"{story.robot.name}: measured minus predicted")
+    all_axes[0][0].set_title(f"{shortened(story.robot.name)}: measured minus predicted")
     handles = [
         Line2D([], [], marker="o", markersize=4.5, color=FORWARD, label="forward"),
         Line2D([], [], marker="s", markersize=4.5, color=BACKWARD, label="backward"),

@@ -13,7 +13,7 @@ from pumaid.records import Value
 from pumaid.show.numbers import in_unit
 from pumaid.show.plots.style import BACKWARD, FAINT, FORWARD, GREY, INK, Drawing, panels
 from pumaid.show.story import Story
-from pumaid.show.tables import is_absent, row_label, row_of
+from pumaid.show.tables import is_absent, place_of, row_label, row_of
 
 #: Where it stands among the figures of a report.
 ORDER = 40
@@ -36,6 +36,8 @@ _LOOKS = ((FORWARD, "o"), (BACKWARD, "s"), (GREY, "D"))
 
 def drawings(story: Story) -> Iterator[Drawing]:
     """The values, and their relative precision."""
+    if not any(value.value is not None for value in story.estimate.values):
+        return
     yield Drawing(
         "parameters",
         f"Parameters of {story.robot.name} with their 95 % intervals",
@@ -55,16 +57,18 @@ def drawings(story: Story) -> Iterator[Drawing]:
 
 def values(story: Story) -> Figure:
     """Values by link, with intervals."""
-    chosen = [(title, keys) for title, keys in _PANELS if any(row_of(v) in keys for v in story.estimate.values)]
+    known = {row_of(value) for value in story.estimate.values if value.value is not None}
+    chosen = [(title, keys) for title, keys in _PANELS if known & set(keys)]
     figure, all_axes = panels(len(chosen), height=1.45, sharex=True)
     weight = float(np.linalg.norm(story.robot.gravity))
     for axes, (title, keys) in zip(all_axes, chosen, strict=True):
         axes.axhline(0.0, color=INK, linewidth=0.7)
         units = dict.fromkeys(in_unit(v.unit, story.units)[1] for v in story.estimate.values if row_of(v) in keys)
         axes.set_title(title.format(unit=" | ".join(units)), fontsize=9.5, fontweight="normal")
-        for value in story.estimate.values:
-            if row_of(value) in keys:
-                _point(axes, value, keys.index(row_of(value)), weight=weight, units=story.units)
+        shown = [value for value in story.estimate.values if row_of(value) in keys]
+        for value in shown:
+            _point(axes, value, keys.index(row_of(value)), weight=weight, units=story.units)
+        _unknown(axes, shown)
         axes.margins(y=0.18)
         axes.grid(axis="y")
     joints = range(1, story.robot.n_joints + 1)
@@ -78,8 +82,6 @@ def _point(axes: Axes, value: Value, look: int, *, weight: float, units: str) ->
     colour, mark = _LOOKS[min(look, 2)]
     place = (value.joint or 0) + (-0.12, 0.12, 0.0)[min(look, 2)]
     if value.value is None or value.ci95 is None:
-        if not is_absent(value):
-            axes.annotate("n/i", (place, 0.0), (0, 3), textcoords="offset points", ha="center", fontsize=8.5)
         return
     times = in_unit(value.unit, units)[0] * (weight or 1.0 if row_of(value)[0] == "gravity" else 1.0)
     middle, low, high = (times * number for number in (value.value, *value.ci95))
@@ -89,10 +91,17 @@ def _point(axes: Axes, value: Value, look: int, *, weight: float, units: str) ->
     )  # fmt: skip
 
 
+def _unknown(axes: Axes, shown: list[Value]) -> None:
+    """``n/i`` where a link has nothing to show in this panel although it could have."""
+    told = {value.joint for value in shown if value.value is not None}
+    for joint in {value.joint for value in shown if not is_absent(value)} - told:
+        axes.annotate("n/i", (joint or 0, 0.0), (0, 3), textcoords="offset points", ha="center", fontsize=8.5)
+
+
 def precision(story: Story) -> Figure:
     """Relative half width of every interval, a line a row of the table, a number a joint."""
     known = [value for value in story.estimate.values if value.ci95 is not None and value.value]
-    rows = list(dict.fromkeys(row_of(value) for value in story.estimate.values if not is_absent(value)))
+    rows = sorted(dict.fromkeys(row_of(value) for value in known), key=place_of)
     figure = Figure(figsize=(4.9, 0.42 * len(rows) + 1.1), layout="constrained")
     axes = figure.subplots()
     shares = {value.name: _share(value) for value in known}

@@ -13,7 +13,7 @@ from matplotlib.patches import Patch
 
 from pumaid.effects import catalogue
 from pumaid.records import UNEXPLAINED, JointScore
-from pumaid.show.numbers import percent
+from pumaid.show.numbers import percent, shortened
 from pumaid.show.plots.style import GREY, INK, PALE, VERMILION, Drawing, effect_colour
 from pumaid.show.story import Story
 from pumaid.units import number
@@ -44,9 +44,9 @@ def draw(story: Story) -> Figure:
     scores = [score for score in story.comparison.joints if score.shares]
     effects = [name for name in _ordered(scores) if name != UNEXPLAINED]
     others = [name for name in effects if name not in _WORDS]
-    figure = Figure(figsize=(5.1, 0.42 * len(scores) + 1.75), layout="constrained")
+    figure = Figure(figsize=(5.1, 0.42 * len(scores) + 1.95), layout="constrained")
     figure.suptitle(
-        f"{story.robot.name}: what the motors' currents are spent on",
+        f"{shortened(story.robot.name)}\nWhat the motors' currents are spent on",
         x=0.01,
         ha="left",
         fontsize=11,

@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from pumaid.show.plots.style import Drawing
 from pumaid.show.report.base import Section
 from pumaid.show.story import Story
-from pumaid.show.wording import data_sentence, joint_sentence, noise_sentence, parameters_sentence
+from pumaid.show.wording import data_sentence, joint_sentence, noise_sentence, parameters_sentence, still_sentence
 
 
 class Summary(Section):
@@ -17,9 +17,9 @@ class Summary(Section):
     title = "In short"
 
     def content(self, story: Story, drawings: Mapping[str, Drawing]) -> dict[str, object]:
-        noise = noise_sentence(story)
+        more = [sentence for sentence in (still_sentence(story), noise_sentence(story)) if sentence]
         return {
-            "sentences": [data_sentence(story), parameters_sentence(story), *([noise] if noise else [])],
-            "joints": [joint_sentence(story, score) for score in story.comparison.joints],
+            "sentences": [data_sentence(story), parameters_sentence(story), *more],
+            "joints": [joint_sentence(story, score) for score in story.comparison.joints if score.runs],
             "spent": drawings.get("spent"),
         }
