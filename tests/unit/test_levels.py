@@ -1,0 +1,136 @@
+"""Variances of noise and of runs' levels, against dense likelihoods and many draws."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy import optimize
+
+from pumaid.maths import levels
+from pumaid.maths.levels import Levels, estimate, freedoms, whiten
+
+RUNS, ROWS = 12, 3
+#: Each run's constant in its own rows, as the QR of a long run makes it: long along one direction.
+ONES = np.random.default_rng(7).normal(size=(RUNS, ROWS)) * 10.0
+DESIGN = np.random.default_rng(8).normal(size=(RUNS, ROWS, 4)) * 5.0
+COUNTS = np.full(RUNS, ROWS)
+SAMPLE, LEVEL = 0.04, 0.01
+
+
+def draw(rng: np.random.Generator, *, level: float = LEVEL) -> np.ndarray:
+    noise = np.sqrt(SAMPLE) * rng.normal(size=(RUNS, ROWS))
+    return noise + np.sqrt(level) * rng.normal(size=(RUNS, 1)) * ONES
+
+
+def covariance(sample: float, level: float) -> np.ndarray:
+    """(R k, R k) dense."""
+    whole = sample * np.eye(RUNS * ROWS)
+    for run in range(RUNS):
+        rows = slice(run * ROWS, (run + 1) * ROWS)
+        whole[rows, rows] += level * np.outer(ONES[run], ONES[run])
+    return whole
+
+
+def dense_likelihood(target: np.ndarray, sample: float, level: float) -> float:
+    """Minus twice the restricted log likelihood, straight from the book."""
+    X, V = DESIGN.reshape(-1, 4), covariance(sample, level)
+    inverse = np.linalg.inv(V)
+    info = X.T @ inverse @ X
+    P = inverse - inverse @ X @ np.linalg.inv(info) @ X.T @ inverse
+    return float(np.linalg.slogdet(V)[1] + np.linalg.slogdet(info)[1] + target.ravel() @ P @ target.ravel())
+
+
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_variances_are_the_dense_optimum(seed):
+    """No other pair of variances is likelier by the dense restricted likelihood."""
+    target = draw(np.random.default_rng(seed))
+    found = estimate(ONES, DESIGN, target, counts=COUNTS)
+    best = optimize.minimize(
+        lambda logs: dense_likelihood(target, *np.exp(logs)), np.log([SAMPLE, LEVEL]), method="Nelder-Mead"
+    )
+    assert dense_likelihood(target, found.sample, found.level) <= best.fun + 1e-4
+
+
+def test_variances_are_unbiased():
+    """The mean over 400 draws is the truth within four of its own standard errors."""
+    found = [estimate(ONES, DESIGN, draw(np.random.default_rng(100 + n)), counts=COUNTS) for n in range(400)]
+    for name, truth in (("sample", SAMPLE), ("level", LEVEL)):
+        values = np.array([getattr(one, name) for one in found])
+        assert abs(values.mean() - truth) < 4 * values.std() / np.sqrt(len(values))
+
+
+def test_without_levels_none_is_found():
+    """Runs that share nothing get a level of zero about half of the time, and never a large one."""
+    found = [estimate(ONES, DESIGN, draw(np.random.default_rng(n), level=0.0), counts=COUNTS) for n in range(60)]
+    assert 15 < sum(one.level == 0.0 for one in found) < 50
+    assert max(one.level for one in found) < 0.1 * SAMPLE
+
+
+def test_too_few_runs_are_said_so():
+    """With fewer than four degrees of freedom left there is no estimate."""
+    assert estimate(ONES[:2], DESIGN[:2], np.ones((2, ROWS)), counts=COUNTS[:2]) is None
+
+
+def test_padding_is_no_data():
+    """Rows of zeros that pad a short run change nothing."""
+    target = draw(np.random.default_rng(5))
+    pad = ((0, 0), (0, 2))
+    padded = estimate(np.pad(ONES, pad), np.pad(DESIGN, (*pad, (0, 0))), np.pad(target, pad), counts=COUNTS)
+    plain = estimate(ONES, DESIGN, target, counts=COUNTS)
+    assert (padded.sample, padded.level) == pytest.approx((plain.sample, plain.level), rel=1e-6)
+
+
+@pytest.mark.parametrize("unit", [1e-11, 1e11])
+def test_units_of_columns_do_not_matter(unit):
+    """A regressor in another unit, such as a load of a weak motor, leaves the variances alone."""
+    target, columns = draw(np.random.default_rng(6)), np.array([1.0, unit, 1.0, 1.0])
+    plain, scaled = (estimate(ONES, DESIGN * c, target, counts=COUNTS) for c in (1.0, columns))
+    assert (scaled.sample, scaled.level) == pytest.approx((plain.sample, plain.level), rel=1e-6)
+
+
+def test_data_without_noise():
+    """Exact data have no variance; nothing divides by it."""
+    target = DESIGN @ [1.0, 2.0, -1.0, 0.5]
+    found = estimate(ONES, DESIGN, target, counts=COUNTS)
+    assert 0.0 < found.sample < 1e-20 and found.level < 1e-20
+
+
+def test_whitened_rows_have_unit_covariance():
+    """The whitener is the inverse root of sample I + level 1 1'."""
+    root = whiten(Levels(SAMPLE, LEVEL, 9), ONES, np.broadcast_to(np.eye(ROWS), (RUNS, ROWS, ROWS)))
+    for run in range(RUNS):
+        rows = slice(run * ROWS, (run + 1) * ROWS)
+        assert root[run] @ covariance(SAMPLE, LEVEL)[rows, rows] @ root[run].T == pytest.approx(np.eye(ROWS), abs=1e-10)
+
+
+def test_freedoms_are_those_of_drawn_variances():
+    """Satterthwaite: 2 mean^2 / variance of a parameter's estimated variance over draws is its degrees of freedom."""
+    # Levels well above the noise, so that the estimate does not stick at zero, where the formula is no more than a guide.
+    level = 0.04
+    truth = Levels(SAMPLE, level, RUNS * ROWS - 4)
+    white = whiten(truth, ONES, DESIGN)
+    inverse = np.linalg.inv(np.einsum("rkp,rkq->pq", white, white))
+    told = freedoms(truth, ones=ONES, jacobian=white, inverse=inverse)
+    drawn = []
+    for n in range(500):
+        found = estimate(ONES, DESIGN, draw(np.random.default_rng(900 + n), level=level), counts=COUNTS)
+        again = whiten(found, ONES, DESIGN)
+        drawn.append(np.diag(np.linalg.inv(np.einsum("rkp,rkq->pq", again, again))))
+    variances = np.array(drawn)
+    # 500 draws know a variance to some 10 %; the formula is first order in 1/freedoms of about 10 to 30.
+    assert told == pytest.approx(2 * variances.mean(0) ** 2 / variances.var(0), rel=0.35)
+
+
+def test_freedoms_without_levels_are_those_of_one_variance():
+    """With white noise alone every parameter has the residual's degrees of freedom."""
+    white = whiten(Levels(SAMPLE, 0.0, 1), ONES, DESIGN)
+    inverse = np.linalg.inv(np.einsum("rkp,rkq->pq", white, white))
+    told = freedoms(Levels(SAMPLE, 0.0, 1), ones=ONES, jacobian=white, inverse=inverse)
+    assert told == pytest.approx(np.full(4, RUNS * ROWS - 4), rel=1e-9)
+
+
+def test_fewest_freedoms_is_the_border():
+    """Exactly the fewest degrees of freedom are enough."""
+    runs = 2
+    enough = estimate(ONES[:runs], DESIGN[:runs, :, :2], draw(np.random.default_rng(1))[:runs], counts=COUNTS[:runs])
+    assert enough is not None and enough.freedoms == levels.FEWEST_FREEDOMS
