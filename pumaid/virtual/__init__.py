@@ -7,6 +7,7 @@ paper's own recursion.
 from pumaid.virtual import table1
 from pumaid.virtual.bench import Bench, runs
 from pumaid.virtual.draw import draw
+from pumaid.virtual.hidden import Hidden
 from pumaid.virtual.links import Links, gravity_load
 from pumaid.virtual.recursion import Constants
 from pumaid.virtual.session import Session
@@ -16,6 +17,7 @@ __all__ = [
     "Bench",
     "Constants",
     "Friction",
+    "Hidden",
     "Links",
     "Noise",
     "Session",

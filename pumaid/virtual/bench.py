@@ -114,12 +114,17 @@ class Bench:
             motion=motion,
             speed=speed,
             position=own,
-            current=self._gravity(motion, own) + self.truth.friction.current(motion.joint, np.full(len(own), speed)),
+            current=self._current(motion, own, speed=speed, time=clock + local),
             basis=np.ascontiguousarray((basis * sign).T),
             upper=upper * sign[:, None],
             edges=edges[:-1],
             cells=self._empty_cells(motion, own, speed=speed, time=clock + local, edges=edges),
         )
+
+    def _current(self, motion: Motion, own: Floats, *, speed: float, time: Floats) -> Floats:
+        truth, velocity, gravity = self.truth, np.full(len(own), speed), self._gravity(motion, own)
+        hidden = truth.hidden_current(motion.joint, time, position=own, velocity=velocity, load=gravity)
+        return gravity + truth.friction.current(motion.joint, velocity) + hidden
 
     def _gravity(self, motion: Motion, own: Floats) -> Floats:
         """While one joint moves its gravity is ``C cos q + S sin q`` (turning) or constant (sliding)."""

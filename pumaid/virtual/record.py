@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from pumaid import __version__
 from pumaid.errors import ModelError, Where
 from pumaid.records import Robot
+from pumaid.virtual.hidden import LAWS, Hidden
 from pumaid.virtual.links import Links
 from pumaid.virtual.recursion import Constants
 from pumaid.virtual.truth import Friction, Noise, Truth
@@ -60,6 +61,7 @@ def as_json(truth: Truth, *, seed: int | None = None) -> dict[str, Any]:
             "viscous_minus": friction.viscous_minus.tolist(),
         },
         "inertia": truth.inertia.tolist(),
+        "hidden": [{"effect": one.effect, "joint": one.joint, "values": dict(one.values)} for one in truth.hidden],
         "noise": {
             "std": noise.std.tolist(),
             "level_share": noise.level_share,
@@ -113,7 +115,18 @@ def from_json(document: Mapping[str, Any], robot: Robot) -> Truth:
         gain=_array(document, "gain", (n,)) if has_links else None,
         known=known,
         inertia=_array(document, "inertia", (n,)),
+        hidden=tuple(_hidden(entry, n) for entry in document.get("hidden") or ()),
     )
+
+
+def _hidden(entry: object, n_joints: int) -> Hidden:
+    inner = entry if isinstance(entry, Mapping) else {}
+    name, joint, values = inner.get("effect"), inner.get("joint"), inner.get("values")
+    is_known = name in LAWS and (joint is None or (isinstance(joint, int) and 1 <= joint <= n_joints))
+    if not is_known or not isinstance(values, Mapping) or set(values) != set(LAWS[str(name)][1]):
+        what = f"{str(entry)[:80]} is no hidden effect of this robot"
+        raise ModelError("truth-wrong", what, Where(field="hidden"), f"known: {', '.join(LAWS)}")
+    return Hidden(str(name), joint, {key: float(_array(values, key, ())) for key in values})
 
 
 def _part(document: Mapping[str, Any], name: str) -> Mapping[str, Any]:

@@ -71,30 +71,34 @@ class Session:
         count = max(1, int(np.ceil(stretch.duration * self.rate)))
         local = np.arange(count) / self.rate
         position, velocity, acceleration = stretch.at(local)
-        current = self._current(position, velocity, acceleration)
-        measured, speed = self._encoder(position, velocity)
-        step = self.truth.noise.current_step
         first = self._sample
         self._sample += count
+        time = np.round((first + np.arange(count)) / self.rate, 9)
+        current = self._current(time, position, velocity=velocity, acceleration=acceleration)
+        measured, speed = self._encoder(position, velocity)
+        step = self.truth.noise.current_step
         return Log(
             origin=origin,
             rows=np.arange(row, row + count, dtype=np.int64),
-            time=np.round((first + np.arange(count)) / self.rate, 9),
+            time=time,
             position=measured,
             velocity=speed if self.has_velocity else None,
             current=np.round(current / step) * step if step > 0 else current,
             starts_clock=first == 0,
         )
 
-    def _current(self, position: Floats, velocity: Floats, acceleration: Floats) -> Floats:
+    def _current(self, time: Floats, position: Floats, *, velocity: Floats, acceleration: Floats) -> Floats:
         truth, noise = self.truth, self.truth.noise
-        current = truth.gravity_current(position) + truth.inertia * acceleration
+        gravity = truth.gravity_current(position)
+        current = gravity + truth.inertia * acceleration
         before, self._stiction = self._stiction, np.where(np.any(velocity != 0, axis=0), self._settle(), self._stiction)
         has_moved = np.cumsum(velocity != 0, axis=0) > 0
         for j in range(truth.robot.n_joints):
             resting = np.where(has_moved[:, j], self._stiction[j], before[j])
             friction = truth.friction.current(j + 1, velocity[:, j])
             current[:, j] += np.where(velocity[:, j] == 0, resting, friction)
+            q, v, load = position[:, j], velocity[:, j], gravity[:, j]
+            current[:, j] += truth.hidden_current(j + 1, time, position=q, velocity=v, load=load)
         if not np.any(noise.std > 0):
             return current
         coloured_noise = coloured(self.rng, current.shape, phi=self._phi, start=self._noise)

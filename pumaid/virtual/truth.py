@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pumaid.records import Robot
+from pumaid.virtual.hidden import Hidden, State, added
 from pumaid.virtual.links import Links, gravity_load
 from pumaid.virtual.recursion import Constants, constants, gravity_current
 
@@ -92,6 +93,8 @@ class Truth:
         (J,) A s2/rad or A s2/m: current per acceleration of the moving joint.
     seed
         From which it was drawn, or none.
+    hidden
+        Physics beyond the paper's model.
     """
 
     robot: Robot
@@ -102,6 +105,7 @@ class Truth:
     known: Constants | None = None
     inertia: Floats = field(default_factory=lambda: np.zeros(0))
     seed: int | None = None
+    hidden: tuple[Hidden, ...] = ()
 
     def __post_init__(self) -> None:
         if (self.links is None or self.gain is None) == (self.known is None):
@@ -115,6 +119,13 @@ class Truth:
             return gravity_load(self.robot, self.links, position) * self.gain
         assert self.known is not None
         return gravity_current(self.robot, self.known, position)
+
+    def hidden_current(self, joint: int, time: Floats, *, position: Floats, velocity: Floats, load: Floats) -> Floats:
+        """(N,) A that hidden effects add to joint `joint` (from 1), all arguments (N,) and its own; `load` in A."""
+        if not self.hidden:
+            return np.zeros(len(time))
+        side = -1.0 if self.friction.coulomb_plus[joint - 1] < 0 else 1.0
+        return added(self.hidden, joint, State(time, position, velocity, load, side))
 
     @property
     def constants(self) -> Constants:

@@ -143,3 +143,12 @@ def test_what_is_no_truth_is_refused(arm, text):
     small()
     (arm / "truth.json").write_text(text)
     assert "error[" in run("simulate", "--truth", "truth.json", code=3).stderr
+
+
+def test_hidden_effects_are_in_the_truth(arm):
+    """--hide changes the logs and is written to truth.json; a wrong name is told."""
+    small()
+    run("simulate", "--rate", "20", "--hide", "stribeck@knee:a=0.3", "--hide", "spring@1")
+    hidden = json.loads((arm / "logs" / "truth.json").read_text())["hidden"]
+    assert [(one["effect"], one["joint"]) for one in hidden] == [("stribeck", 2), ("spring", 1)]
+    assert "did you mean spring?" in run("simulate", "--hide", "sprint", "-o", "other", code=3).stderr

@@ -3,12 +3,35 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import rich_click as click
 
 from pumaid.cli.options import json_option, output_option, seed_option
 from pumaid.cli.output import document, notes, remark, table
 from pumaid.cli.progress import progress
+
+if TYPE_CHECKING:
+    from pumaid.records import Robot
+    from pumaid.virtual import Truth
+
+
+def _real(robot: Robot, truth: Path | None, *, hide: tuple[str, ...], noise: float | None, seed: int) -> Truth:
+    """The virtual robot that the options describe."""
+    from dataclasses import replace
+
+    from pumaid.files.session import read_truth
+    from pumaid.virtual import hidden, record, table1
+    from pumaid.virtual.draw import draw
+
+    if truth is None:
+        real = draw(robot, seed)
+    else:
+        is_paper = str(truth) == "table1"
+        real = record.from_json(record.as_json(table1.puma560()) if is_paper else read_truth(truth), robot)
+    if hide:
+        real = replace(real, hidden=tuple(hidden.parse(text, robot) for text in hide))
+    return real if noise is None else real.with_noise(noise)
 
 
 @click.command()
@@ -27,6 +50,12 @@ from pumaid.cli.progress import progress
     metavar="FILE",
     help="What the robot is: an earlier truth.json, or table1 (the PUMA 560 of the paper); else drawn from the seed.",
 )
+@click.option(
+    "--hide",
+    multiple=True,
+    metavar="EFFECT[@JOINT][:KEY=VALUE,...]",
+    help="Physics beyond the paper's model that the robot has; may be repeated. A wrong name lists the right ones.",
+)
 @click.option("--rate", type=float, default=250.0, show_default=True, metavar="HZ", help="Samples a second.")
 @click.option("--noise", type=click.FloatRange(min=0), metavar="A", help="Noise of every current; 0 for none at all.")
 @click.option("--format", "form", type=click.Choice(["parquet", "csv"]), default="parquet", show_default=True)
@@ -41,6 +70,7 @@ def command(
     plan_path: Path | None,
     output: Path | None,
     truth: Path | None,
+    hide: tuple[str, ...],
     rate: float,
     noise: float | None,
     form: str,
@@ -60,25 +90,21 @@ def command(
     \b
     Example:
       pumaid simulate recipe.yaml --plan plan.yaml -o logs/ --seed 7
+      pumaid simulate --hide stribeck@3:a=0.2 --hide spring@2 -o hidden/
       pumaid simulate --noise 0.05 --rate 100 --format csv -o noisy/
       pumaid simulate -o - | pumaid identify -
     """
     from pumaid.cli.reading import experiment_folder, read_robot
     from pumaid.files.plan import PLAN_NAME, read_plan
-    from pumaid.files.session import read_truth, write_session
+    from pumaid.files.session import write_session
     from pumaid.show.plans import session_document, session_table
     from pumaid.verbs.simulate import simulate
-    from pumaid.virtual import record, table1
-    from pumaid.virtual.draw import draw
+    from pumaid.virtual.record import as_json as as_json_truth
 
     robot = read_robot(recipe)
     made = read_plan(plan_path or experiment_folder(recipe) / PLAN_NAME, robot)
     notes(note for note in made.notes if note.slug == "plan-other-robot")
-    if str(truth) == "table1":
-        real = record.from_json(record.as_json(table1.puma560()), robot)
-    else:
-        real = draw(robot, seed) if truth is None else record.from_json(read_truth(truth), robot)
-    real = real if noise is None else real.with_noise(noise)
+    real = _real(robot, truth, hide=hide, noise=noise, seed=seed)
     logs = simulate(
         robot, made, seed=seed, truth=real, rate=rate, runs_per_file=runs_per_file, has_velocity=not no_velocity
     )
@@ -90,7 +116,7 @@ def command(
             robot,
             form=form,
             force=force,
-            truth=record.as_json(real, seed=seed),
+            truth=as_json_truth(real, seed=seed),
             progress=lambda seconds: step(seconds, f"{seconds:.0f} s of robot time"),
         )
     if str(folder) == "-":
