@@ -11,6 +11,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
 from pumaid.records import RunScore
+from pumaid.show.numbers import shortened
 from pumaid.show.plots.style import BACKWARD, FORWARD, INK, Drawing, dots, panels
 from pumaid.show.scores import posture_text
 from pumaid.show.story import Story
@@ -45,7 +46,7 @@ def draw(story: Story, joint: int) -> Figure:
     for axes, group in zip(all_axes, groups, strict=True):
         _posture(axes, story, group)
     all_axes[-1].set_xlabel(f"position of joint {joint} ({story.position_unit(joint)})")
-    all_axes[0].set_title(story.title(joint), pad=18)
+    all_axes[0].set_title(shortened(story.title(joint), 40), pad=18)
     handles = [
         Line2D([], [], linestyle="", marker="o", markersize=4, color=FORWARD, label="forward"),
         Line2D([], [], linestyle="", marker="o", markersize=4, color=BACKWARD, label="backward"),

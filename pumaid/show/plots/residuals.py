@@ -12,6 +12,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from numpy.typing import NDArray
 
+from pumaid.show.numbers import shortened
 from pumaid.show.plots.style import BACKWARD, FORWARD, GREY, INK, Drawing, dots, panels
 from pumaid.show.scores import posture_text
 from pumaid.show.story import Story
@@ -21,8 +22,8 @@ Floats = NDArray[np.float64]
 #: Where it stands among the figures of a report.
 ORDER = 30
 
-#: Bins over an axis that is continuous.
-BINS = 14
+#: Bins over position, fine enough for a ripple of a dozen periods, and over time or temperature, which change slowly.
+FINE, COARSE = 48, 14
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -94,7 +95,7 @@ def _named(all_axes: list[Axes], story: Story, joint: int, unit: str) -> None:
     words = [f"position ({unit})", f"speed ({unit}/s)", "time (min)", "posture (number)", "temperature (°C)"]
     for axes, word in zip(all_axes, words, strict=False):
         axes.set_xlabel(word, labelpad=1)
-    all_axes[0].set_title(f"{story.title(joint)}: measured minus predicted")
+    all_axes[0].set_title(shortened(story.title(joint), 40))
     count = len(story.postures(joint))
     all_axes[3].set_xlim(0.5, count + 0.5)
     all_axes[3].set_xticks(range(1, count + 1, max(1, count // 10)))
@@ -107,12 +108,15 @@ def sides(story: Story, joint: int) -> list[Left]:
 
 def against_position(axes: Axes, side: Left, story: Story, *, joint: int) -> None:
     """Cells, and their means in bins of position."""
-    _continuous(axes, side, story.shown(joint, side.position))
+    _continuous(axes, side, story.shown(joint, side.position), bins=FINE)
 
 
 def against_speed(axes: Axes, side: Left, story: Story, *, joint: int) -> None:
     """Cells, and their means by speed; directions a hair apart, so that neither hides the other."""
-    _discrete(axes, side, story.shown(joint, side.speed) * (1.0 + 0.006 * side.sign))
+    speed = story.shown(joint, side.speed)
+    _discrete(axes, side, speed * (1.0 + 0.006 * side.sign))
+    axes.update_datalim([(0.92 * speed.min(), 0.0), (1.08 * speed.max(), 0.0)])
+    axes.autoscale_view(scaley=False)
 
 
 def _left(story: Story, joint: int, sign: int) -> Left:
@@ -154,15 +158,15 @@ def _clock(story: Story) -> dict[int, float]:
     return added
 
 
-def _continuous(axes: Axes, side: Left, x: Floats) -> None:
+def _continuous(axes: Axes, side: Left, x: Floats, *, bins: int = COARSE) -> None:
     seen = np.isfinite(x)
     if not seen.any():
         return
     low, high = float(x[seen].min()), float(x[seen].max())
-    edges = np.linspace(low, high if high > low else low + 1.0, BINS + 1)
-    label = np.clip(np.digitize(x, edges) - 1, 0, BINS - 1).astype(float)
+    edges = np.linspace(low, high if high > low else low + 1.0, bins + 1)
+    label = np.clip(np.digitize(x, edges) - 1, 0, bins - 1).astype(float)
     label[~seen] = np.nan
-    _drawn(axes, side, x, label)
+    _drawn(axes, side, x, label=label, joined=bins == FINE)
 
 
 def _discrete(axes: Axes, side: Left, x: Floats) -> None:
@@ -171,10 +175,10 @@ def _discrete(axes: Axes, side: Left, x: Floats) -> None:
     width = 0.03 * max(float(np.abs(order).max(initial=0.0)), 1e-12)
     starts = np.concatenate([[True], np.diff(order) > width]) if len(order) else np.zeros(0, dtype=bool)
     label = np.cumsum(starts)[np.searchsorted(order, x)].astype(float)
-    _drawn(axes, side, x, label)
+    _drawn(axes, side, x, label=label)
 
 
-def _drawn(axes: Axes, side: Left, x: Floats, label: Floats) -> None:
+def _drawn(axes: Axes, side: Left, x: Floats, *, label: Floats, joined: bool = False) -> None:
     colour, mark = (FORWARD, "o") if side.sign > 0 else (BACKWARD, "s")
     dots(axes, x, side.residual, colour=colour, size=1.6, alpha=0.28)
     places, means, errors = [], [], []
@@ -185,13 +189,13 @@ def _drawn(axes: Axes, side: Left, x: Floats, label: Floats) -> None:
         means.append(float(by_run.mean()))
         errors.append(float(by_run.std(ddof=1) / np.sqrt(len(by_run))) if len(by_run) > 1 else np.nan)
     axes.errorbar(
-        places, means, yerr=errors, fmt=mark, color=colour, markersize=4.2, elinewidth=1.2, capsize=0, zorder=4,
-        markeredgecolor="none",
+        places, means, yerr=errors, fmt=f"{mark}-" if joined else mark, linewidth=0.8, color=colour,
+        markersize=2.4 if joined else 4.2, elinewidth=1.1, capsize=0, zorder=4, markeredgecolor="none",
     )  # fmt: skip
 
 
 def limited(axes: Axes, both: list[Left], floor: float | None) -> None:
-    """The same scale above and below zero, set by all but the farthest thousandth."""
+    """The same scale above and below zero, with room for all but the farthest hundredth."""
     everything = np.abs(np.concatenate([side.residual for side in both])) if both else np.zeros(1)
-    top = 1.15 * max(float(np.quantile(everything, 0.999)), 1.3 * (floor or 0.0), 1e-9)
+    top = 1.3 * max(float(np.quantile(everything, 0.99)), 1.2 * (floor or 0.0), 1e-9)
     axes.set_ylim(-top, top)
