@@ -21,7 +21,7 @@ LINES = {
     "segment": "segment logs --json",
     "identify": "identify logs --json",
     "compare": "compare model.json logs --json",
-    "report": "report model.json logs --json",
+    "report": "report model.json logs --format= --json",
     "effects": "effects --json",
     "doctor": "doctor --json",
 }
