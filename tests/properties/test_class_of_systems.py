@@ -1,7 +1,7 @@
 """Random systems of class (1): what is determined is found exactly, what is not is said to be open.
 
-The oracle sets up the whole bilinear system densely, all gains unknown, and looks at the null space of its derivative at
-the truth; it knows neither order of rows nor clusters.
+The oracle sets up the whole bilinear system densely, all gains unknown, and looks at the null space of its derivative
+at the truth; it knows neither order of rows nor clusters.
 """
 
 from __future__ import annotations

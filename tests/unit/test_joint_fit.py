@@ -11,7 +11,7 @@ from pumaid.maths.recursion import Gains
 RNG = np.random.default_rng(6)
 N, OWNERS = 30, np.array([0, 0, 1, 2, 3])
 ROW = np.repeat(np.arange(4), N)
-REGRESSORS = np.where(OWNERS >= ROW[:, None], RNG.normal(size=(4 * N, 5)), 0.0)
+REGRESSORS = np.where(ROW[:, None] <= OWNERS, RNG.normal(size=(4 * N, 5)), 0.0)
 VALUES = np.array([1.0, -2.0, 0.5, 1.5, -0.7])
 
 

@@ -105,7 +105,7 @@ def test_whitened_rows_have_unit_covariance():
 
 def test_freedoms_are_those_of_drawn_variances():
     """Satterthwaite: 2 mean^2 / variance of a parameter's estimated variance over draws is its degrees of freedom."""
-    # Levels well above the noise, so that the estimate does not stick at zero, where the formula is no more than a guide.
+    # Levels well above the noise: where the estimate sticks at zero the formula is no more than a guide.
     level = 0.04
     truth = Levels(SAMPLE, level, RUNS * ROWS - 4)
     white = whiten(truth, ONES, DESIGN)

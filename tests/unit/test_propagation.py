@@ -13,7 +13,7 @@ OWNERS, RUNS, SIZE = np.array([0, 0, 1, 2]), 30, 4
 RNG = np.random.default_rng(10)
 ROW = np.repeat(np.arange(3), RUNS * SIZE)
 RUN = np.repeat(np.arange(3 * RUNS), SIZE)
-REGRESSORS = np.where(OWNERS >= ROW[:, None], RNG.normal(size=(len(ROW), 4)), 0.0)
+REGRESSORS = np.where(ROW[:, None] <= OWNERS, RNG.normal(size=(len(ROW), 4)), 0.0)
 VALUES, GAINS = np.array([1.0, -2.0, 1.5, 3.0]), np.array([1.0, 0.5, 2.0])
 EXACT = np.einsum("np,np,p->n", REGRESSORS, GAINS[ROW][:, None] / GAINS[OWNERS], VALUES)
 

@@ -34,7 +34,7 @@ def test_blind_direction_changes_no_prediction():
 
 
 def test_short_rank_gives_the_shortest_solution():
-    """Of all solutions it is the shortest in parameters scaled by their columns' norms, as a pseudo-inverse gives it."""
+    """Of all solutions it is the shortest in parameters scaled by their columns' norms, as by a pseudo-inverse."""
     size = np.linalg.norm(SHORT, axis=0)
     wanted = np.linalg.pinv(SHORT / size, rcond=1e-9) @ TARGET / size
     assert rank.solve(SHORT, TARGET).values == pytest.approx(wanted, rel=1e-9)

@@ -1,0 +1,151 @@
+"""The minimal parameters, derived by rank, against the case rules of Theorem 3 and Corollary 4.
+
+The rules speak of axes that are parallel or perpendicular to gravity or to each other in every posture; those facts are
+looked up here in random postures by plain products of rotations, since special twists align axes by accident.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from itertools import product
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+from worlds import TURN, arm
+
+from pumaid.files.recipe import read_recipe, shipped_recipes
+from pumaid.records import Robot
+from pumaid.structure import Structure, minimal
+
+#: Cosines and sines below this are rounding of right angles.
+ALIGNED = 1e-9
+STRINGS = ["".join(kinds) for n in range(1, 7) for kinds in product("RP", repeat=n)]
+
+
+@dataclass
+class Facts:
+    """Of each joint (from 0): turning, upright or level in every posture, its angle to gravity constant; and (J, J)
+    whether two axes are always parallel."""
+
+    turning: list[bool]
+    upright: list[bool]
+    level: list[bool]
+    constant: list[bool]
+    parallel: np.ndarray
+
+
+def facts(robot: Robot) -> Facts:
+    """By eight random postures."""
+    rng, axes = np.random.default_rng(99), []
+    for _ in range(8):
+        turn, z = Rotation.identity(), []
+        for joint in robot.joints:
+            angle = joint.theta + (rng.uniform(-3, 3) if joint.is_revolute else 0.0)
+            turn = turn * Rotation.from_euler("x", joint.alpha) * Rotation.from_euler("z", angle)
+            z.append(turn.apply([0.0, 0.0, 1.0]))
+        axes.append(z)
+    found, down = np.array(axes), np.array(robot.gravity) / np.linalg.norm(robot.gravity)
+    along = found @ down
+    crossed = np.linalg.norm(np.cross(found[:, :, None], found[:, None]), axis=-1).max(axis=0)
+    return Facts(
+        turning=[joint.is_revolute for joint in robot.joints],
+        upright=(np.abs(along).min(axis=0) > 1 - ALIGNED).tolist(),
+        level=(np.abs(along).max(axis=0) < ALIGNED).tolist(),
+        constant=(np.ptp(along, axis=0) < ALIGNED).tolist(),
+        parallel=crossed < 1e-6,
+    )
+
+
+def by_the_rules(robot: Robot) -> tuple[set[str], set[int], set[tuple[int, int]]]:
+    """Absent parameters, prismatic joints whose load hides in Coulomb terms, redundant ratios (joints from 1)."""
+    known, n = facts(robot), robot.n_joints
+    r = known.turning.index(True) if any(known.turning) else n
+    s = next((k for k in range(r + 1, n) if known.turning[k] and not known.parallel[r, k]), n)
+    is_upright = r < n and known.upright[r]
+    absent, embodied = set(), set()
+    for i in range(n):
+        if known.turning[i] and is_upright and r <= i < s:
+            absent |= {f"gravity.l{i + 1}.x", f"gravity.l{i + 1}.y"}
+        if not known.turning[i] and known.constant[i]:
+            absent.add(f"gravity.l{i + 1}.mass")
+            embodied |= set() if known.level[i] else {i + 1}
+    redundant = {j for j in range(n - 1) if j < r or (is_upright and j < s)}
+    # A slide that never carries anything draws no current for weight, so its own gain is in no equation: of its two
+    # ratios only the product can be known.
+    idle = {j for j in range(n) if not known.turning[j] and known.level[j]}
+    redundant |= {j for j in range(n - 1) if j in idle or j + 1 in idle}
+    return absent, embodied, {(j + 1, j + 2) for j in redundant}
+
+
+def found(structure: Structure) -> tuple[set[str], set[int], set[tuple[int, int]]]:
+    return set(structure.absent), set(structure.embodied), set(structure.redundant)
+
+
+def special(kinds: str, rng: np.random.Generator, *, first: float) -> Robot:
+    """Twists and offsets of right angles; `first` (rad) tilts the first axis from the vertical."""
+    robot = arm(kinds, [first, *rng.choice([0.0, TURN, -TURN, np.pi], len(kinds) - 1)])
+    turned = [replace(joint, theta=float(rng.choice([0.0, TURN, -TURN, np.pi]))) for joint in robot.joints]
+    return replace(robot, joints=tuple(turned))
+
+
+@pytest.mark.parametrize("length", range(1, 7))
+def test_random_arms(length):
+    """Every string of joints with random twists."""
+    rng, wrong = np.random.default_rng(length), []
+    for kinds in (kinds for kinds in STRINGS if len(kinds) == length):
+        robot = arm(kinds, rng.uniform(-3.0, 3.0, length), gravity=tuple(rng.normal(size=3) * 5.0))
+        wrong += [kinds] if found(minimal(robot)) != by_the_rules(robot) else []
+    assert not wrong
+
+
+@pytest.mark.parametrize("first", [0.0, TURN, -TURN, np.pi])
+@pytest.mark.parametrize("length", range(1, 7))
+def test_arms_of_right_angles(length, first):
+    """Every string of joints with twists of 0, 90, -90 and 180 degrees, the first axis upright or level."""
+    rng, wrong = np.random.default_rng(10 * length), []
+    for kinds in (kinds for kinds in STRINGS if len(kinds) == length):
+        robot = special(kinds, rng, first=first)
+        if found(minimal(robot)) != by_the_rules(robot):
+            wrong.append((kinds, [joint.alpha for joint in robot.joints], [joint.theta for joint in robot.joints]))
+    assert not wrong
+
+
+@pytest.mark.parametrize("seed", [1, 2])
+def test_the_answer_does_not_depend_on_the_postures(seed):
+    """Other random postures find the same parameters."""
+    for kinds, alphas in (("RRPRRR", [0, -TURN, TURN, 0, -TURN, TURN]), ("PRPR", [TURN, 0, TURN, 0.4])):
+        robot = arm(kinds, alphas)
+        assert found(minimal(robot, seed=seed)) == found(minimal(robot))
+
+
+@pytest.mark.parametrize("unit", [1e-6, 1e6])
+def test_the_unit_of_gravity_does_not_matter(unit):
+    """Gravity in another unit leaves the parameters that exist the same."""
+    for kinds, alphas in (("RRPRRR", [0, -TURN, TURN, 0, -TURN, TURN]), ("PRPR", [0.3, 0, TURN, 0.4])):
+        robot = arm(kinds, alphas)
+        scaled = replace(robot, gravity=tuple(unit * g for g in robot.gravity))
+        assert found(minimal(scaled)) == found(minimal(robot))
+
+
+def test_without_gravity_nothing_has_weight():
+    """An arm in orbit has friction and nothing else."""
+    structure = minimal(arm("RPR", [0.3, 0.4, 0.5], gravity=(0.0, 0.0, 0.0)))
+    assert len(structure.absent) == 5 and set(structure.redundant) == {(1, 2), (2, 3)}
+
+
+def test_stanford_as_in_the_paper():
+    """The Stanford arm: joint 1 is upright and so carries nothing; everything else can be seen."""
+    structure = minimal(read_recipe(shipped_recipes()["stanford"]))
+    assert found(structure) == ({"gravity.l1.x", "gravity.l1.y"}, set(), {(1, 2)})
+
+
+def test_reasons_name_the_joint_and_its_case():
+    """Each case has its own sentence, with the joint's number and name."""
+    lift = minimal(arm("PR", [0.0, 0.0]))
+    assert "joint 1 (joint 1) and gravity never changes" in lift.absent["gravity.l1.mass"]
+    assert "coulomb.j1.plus" in lift.absent["gravity.l1.mass"]
+    assert "turns about the direction of gravity" in lift.absent["gravity.l2.x"]
+    level = minimal(arm("PR", [TURN, 0.0]))
+    assert "perpendicular to gravity" in level.absent["gravity.l1.mass"]
+    assert "joint 1 (joint 1) does not feel the weight that joint 2" in level.redundant[(1, 2)]
