@@ -76,13 +76,17 @@ def words(text: str) -> list[tuple[str, list[float]]]:
 
 
 def calls_with_slug() -> Iterator[ast.expr]:
-    """What stands in the place of a slug in calls of our errors, of notes and of functions with such a parameter."""
+    """What stands in the place of a slug in calls of our errors, of notes, of functions and records that take one."""
     takers = {"PumaidError": 0, "RecipeError": 0, "LogError": 0, "ModelError": 0, "ResultError": 0, "Note": 0}
     trees = [ast.parse(path.read_text(encoding="utf-8")) for path in SOURCES]
     for function in (node for tree in trees for node in ast.walk(tree) if isinstance(node, ast.FunctionDef)):
         names = [argument.arg for argument in function.args.args if argument.arg != "self"]
         if "slug" in names and function.name != "__init__":
             takers[function.name] = names.index("slug")
+    for record in (node for tree in trees for node in ast.walk(tree) if isinstance(node, ast.ClassDef)):
+        fields = [item.target.id for item in record.body if isinstance(item, ast.AnnAssign) and item.simple]
+        if "slug" in fields:
+            takers[record.name] = fields.index("slug")
     for call in (node for tree in trees for node in ast.walk(tree) if isinstance(node, ast.Call)):
         place = takers.get(ast.unparse(call.func).split(".")[-1])
         if place is not None and len(call.args) > place:
