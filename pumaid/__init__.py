@@ -34,7 +34,7 @@ _HOMES = {
     "write_model": "pumaid.files.result",
 }
 
-__all__ = ["__version__", *sorted(_HOMES)]  # noqa: PLE0604
+__all__ = ["__version__", *sorted(_HOMES)]
 
 
 def __getattr__(name: str) -> Any:
