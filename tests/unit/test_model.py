@@ -1,0 +1,165 @@
+"""The model's names, and its equations against regressors of every sample."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from worlds import CRANE, PENDULUM, STANFORD, course, drawn, evidence, experiment, random_arm, run_of
+
+from pumaid.model import Model
+from pumaid.records import Evidence, Samples
+from pumaid.verbs.identify import identify
+
+#: A name as interfaces.md has it.
+NAME = re.compile(r"gravity\.l\d\.(x|y|mass)|(coulomb|viscous)\.j\d\.(plus|minus)|inertia\.j\d\.J\d*")
+
+
+def sampled(robot, joint, hold, moves) -> tuple:
+    """A run with random currents, and its samples as effects see them."""
+    t, q, qd, qdd = moves
+    current = np.random.default_rng(joint).normal(size=len(q))
+    position, velocity = np.tile(hold, (len(q), 1)), np.zeros((len(q), robot.n_joints))
+    position[:, joint - 1], velocity[:, joint - 1] = q, qd
+    direction = np.full(len(q), np.sign(q[-1] - q[0]))
+    samples = Samples(joint, position, velocity, acceleration=qdd, direction=direction, time=t)
+    return run_of(robot, joint, hold, course=moves, current=current), samples, current
+
+
+def test_names_are_the_contracts():
+    """Every parameter of the Stanford arm has a name of the contract, and the paper's symbol."""
+    model = Model(STANFORD, [(3, (0.0,) * 6)])
+    assert [name for name in model.names if not NAME.fullmatch(name)] == []
+    assert {"gravity.l3.mass", "gravity.l6.x", "coulomb.j3.minus", "viscous.j1.plus", "inertia.j3.J"} <= set(
+        model.names
+    )
+    symbols = {column.name: (column.symbol, column.unit) for column in model.columns}
+    assert symbols["gravity.l3.mass"] == ("m3", "A s2/m")
+    assert symbols["gravity.l6.x"] == ("k6x", "A s2/m")
+    assert symbols["viscous.j3.plus"] == ("lambda2+", "A s/m") and symbols["viscous.j2.plus"][1] == "A s/rad"
+
+
+def test_names_are_unique_and_owned():
+    """No name stands twice, and every column says whose it is."""
+    model = Model(STANFORD, [(2, (0.0,) * 6), (2, (1.0,) * 6)])
+    assert len(set(model.names)) == len(model.names)
+    assert all(f"{column.owner}." in column.name for column in model.columns)
+
+
+def test_absent_parameters_have_no_column():
+    """What no motion of the arm can show is not in the model."""
+    model = Model(STANFORD)
+    assert "gravity.l1.x" in model.structure.absent and "gravity.l1.x" not in model.names
+
+
+@pytest.mark.parametrize("kind", ["constant", "stroke"])
+@pytest.mark.parametrize("seed", range(4))
+def test_blocks_are_the_samples_own_equations(kind, seed):
+    """A run's block has the normal equations and the misfit of all its samples, turning or sliding, in any posture."""
+    rng = np.random.default_rng(seed)
+    robot = random_arm("RPRPR", rng)
+    for joint in range(1, 6):
+        hold = tuple(rng.uniform(-1.5, 1.5, 5))
+        moves = course(kind, *rng.uniform(-2, 2, 2))
+        run, samples, current = sampled(robot, joint, hold, moves)
+        model = Model.of_runs(robot, [run])
+        (block,) = model.blocks([run])
+        dense = model.regressor(samples)
+        assert block.regressors.T @ block.regressors == pytest.approx(dense.T @ dense, rel=1e-9, abs=1e-6)
+        assert block.regressors.T @ block.target == pytest.approx(dense.T @ current, rel=1e-9, abs=1e-6)
+        assert block.ones @ block.target == pytest.approx(current.sum(), rel=1e-9, abs=1e-9)
+        assert block.target @ block.target + block.rest == pytest.approx(current @ current, rel=1e-12)
+
+
+def test_blocks_come_in_the_order_of_the_runs():
+    """Runs of several joints and kinds, mixed, keep their places."""
+    hold = (0.1, 0.2, 0.3)
+    runs = [
+        sampled(CRANE, joint, hold, course(kind, -1.0, 1.0))[0]
+        for joint, kind in ((3, "stroke"), (1, "constant"), (3, "constant"), (2, "stroke"), (1, "constant"))
+    ]
+    model = Model.of_runs(CRANE, runs)
+    assert [block.run for block in model.blocks(runs)] == runs
+
+
+def test_a_constant_run_informs_as_many_equations_as_it_can():
+    """A turning joint's run at constant speed gives three equations, a sliding joint's one, a stroke's up to five."""
+    sizes = []
+    for joint, kind in ((1, "constant"), (2, "constant"), (1, "stroke"), (2, "stroke")):
+        run = sampled(CRANE, joint, (0.1, 0.2, 0.3), course(kind, -1.0, 1.0))[0]
+        sizes.append(len(Model.of_runs(CRANE, [run]).blocks([run])[0].target))
+    assert sizes == [3, 1, 5, 3]
+
+
+def test_a_run_of_one_position_informs_one_equation():
+    """Where the joint hardly travels sine and cosine say the same: one equation, not three of rounding."""
+    run = sampled(PENDULUM, 1, (0.3, 0.4), course("constant", 0.5, 0.5 + 1e-12))[0]
+    assert len(Model.of_runs(PENDULUM, [run]).blocks([run])[0].target) == 1
+
+
+def test_outer_links_act_on_inner_joints_only():
+    """Gravity of link 1 is nothing to joint 2; friction is the moving joint's own."""
+    model = Model(PENDULUM)
+    samples = sampled(PENDULUM, 2, (0.3, 0.4), course("constant", -1.0, 1.0))[1]
+    moved = dict(zip(model.names, np.abs(model.regressor(samples)).max(axis=0), strict=True))
+    assert moved["gravity.l1.x"] == moved["coulomb.j1.plus"] == moved["viscous.j1.minus"] == 0.0
+    assert moved["gravity.l2.x"] > 1.0 and moved["coulomb.j2.plus"] == 1.0 and moved["coulomb.j2.minus"] == 0.0
+
+
+def test_strokes_in_other_outer_postures_have_other_inertias():
+    """Inertia is one parameter a set of outer positions; where the inner joints stand does not matter."""
+    holds = [(0.0, 0.0, 0.1), (1.0, 0.0, 0.1), (0.0, 0.0, 0.5), (0.0, 0.0, 0.101)]
+    runs = [sampled(CRANE, 2, hold, course("stroke", -0.2, 0.2))[0] for hold in holds]
+    model = Model.of_runs(CRANE, runs)
+    assert [name for name in model.names if name.startswith("inertia")] == ["inertia.j2.J1", "inertia.j2.J2"]
+    columns = [model.names.index(f"inertia.j2.J{group}") for group in (1, 2)]
+    acting = [[bool(block.regressors[:, column].any()) for column in columns] for block in model.blocks(runs)]
+    assert acting == [[True, False], [True, False], [False, True], [True, False]]
+
+
+def test_one_posture_of_strokes_has_a_plain_name():
+    """A single group needs no number."""
+    run = sampled(CRANE, 2, (0.0, 0.0, 0.1), course("stroke", -0.2, 0.2))[0]
+    assert "inertia.j2.J" in Model.of_runs(CRANE, [run]).names
+
+
+def test_a_stroke_elsewhere_is_foreign():
+    """A stroke in a posture whose inertia was never identified is known as such; a constant run never is."""
+    model = Model(CRANE, [(2, (0.0, 0.0, 0.1))])
+    near, far = (sampled(CRANE, 2, hold, course("stroke", -0.2, 0.2))[0] for hold in ((0, 0, 0.11), (0, 0, 0.9)))
+    steady = sampled(CRANE, 2, (0, 0, 0.9), course("constant", -0.2, 0.2))[0]
+    assert [model.is_foreign(run) for run in (near, far, steady)] == [False, True, False]
+
+
+def test_prediction_is_the_truth_where_the_fit_is_exact():
+    """Predicted currents of a noise-free arm are the truth's, in postures that were never run."""
+    truth = drawn(STANFORD, noisy=False)
+    estimate = identify(evidence(truth, experiment(STANFORD)), STANFORD)
+    model, rng = Model.of_estimate(STANFORD, estimate), np.random.default_rng(3)
+    for joint in range(1, 7):
+        position = rng.uniform(-1.0, 1.0, (20, 6))
+        velocity = np.zeros((20, 6))
+        velocity[:, joint - 1] = rng.choice([-0.4, 0.7], 20)
+        own = velocity[:, joint - 1]
+        samples = Samples(joint, position, velocity, acceleration=np.zeros(20), direction=np.sign(own))
+        wanted = truth.gravity_current(position)[:, joint - 1] + truth.friction.current(joint, own)
+        assert model.predict(estimate, samples) == pytest.approx(wanted, abs=1e-9)
+
+
+def test_model_of_an_estimate_has_the_fits_columns():
+    """The model read back from an estimate has the same names, groups of strokes included."""
+    holds = [(0.0, 0.0, 0.1), (0.0, 0.0, 0.9)]
+    runs = [sampled(CRANE, 2, hold, course("stroke", -0.2 * s, 0.2 * s))[0] for hold in holds for s in (1, -1)]
+    estimate = identify(Evidence(tuple(runs)), CRANE)
+    assert Model.of_estimate(CRANE, estimate).names == estimate.names
+
+
+def test_samples_of_a_constant_run_have_its_own_speed():
+    """A noisy measured velocity is not what an effect sees of a run at constant speed; the mean is."""
+    run, _, _ = sampled(PENDULUM, 1, (0.0, 0.2), course("constant", 1.0, -1.0))
+    shaky = replace(run, cells=replace(run.cells, velocity=run.cells.velocity + 0.3))
+    samples = Model(PENDULUM).samples_of(shaky)
+    assert np.all(samples.velocity[:, 0] == run.speed) and np.all(samples.direction == -1.0)
+    assert samples.travel == pytest.approx(np.abs(run.cells.position[:, 0] - 1.0))
