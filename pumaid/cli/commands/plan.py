@@ -8,6 +8,7 @@ import rich_click as click
 
 from pumaid.cli.options import json_option, output_option, seed_option
 from pumaid.cli.output import document, notes, remark, say, table
+from pumaid.cli.progress import progress
 
 
 def _shares(_: click.Context, __: click.Parameter, text: str | None) -> tuple[float, ...] | None:
@@ -23,7 +24,9 @@ def _shares(_: click.Context, __: click.Parameter, text: str | None) -> tuple[fl
 @click.option("--speeds", callback=_shares, metavar="S,S,S", help="Shares of each joint's highest speed, 3 or more.")
 @click.option("--postures", type=int, metavar="N", help="Postures of the other joints, for each joint. [default: 3]")
 @click.option("--replicates", type=int, metavar="N", help="How often each run is made. [default: 2]")
-@click.option("--format", "form", type=click.Choice(["yaml", "csv"]), default="yaml", show_default=True)
+@click.option(
+    "--format", "form", type=click.Choice(["yaml", "csv"]), default="yaml", show_default=True, help="Form of the plan."
+)
 @click.option("--force", is_flag=True, help="Replace a plan that is there already.")
 @output_option("The plan to write; - for standard output. Default: plan.yaml beside the recipe.")
 @seed_option
@@ -64,7 +67,10 @@ def command(
     path = output or (experiment_folder(recipe) / PLAN_NAME).with_suffix(f".{form}")
     if not force:
         refuse_to_replace(path)
-    found = plan(robot, minutes=minutes, speeds=speeds, postures_per_joint=postures, replicates=replicates, seed=seed)
+    with progress("choosing postures"):
+        found = plan(
+            robot, minutes=minutes, speeds=speeds, postures_per_joint=postures, replicates=replicates, seed=seed
+        )
     notes(found.notes)
     if as_json:
         document(plan_document(found, robot))

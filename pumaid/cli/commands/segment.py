@@ -22,7 +22,13 @@ _POSITIVE = click.FloatRange(0.0, min_open=True)
 @click.command()
 @logs_argument
 @recipe_option
-@click.option("--kinds", type=click.Choice(["both", "constant", "stroke"]), default="both", show_default=True)
+@click.option(
+    "--kinds",
+    type=click.Choice(["both", "constant", "stroke"]),
+    default="both",
+    show_default=True,
+    help="Runs at constant speed, strokes from rest to rest, or both.",
+)
 @click.option("--min-duration", type=_POSITIVE, metavar="S", help="Shortest run, s. [default: 0.2]")
 @click.option("--min-travel", type=_POSITIVE, metavar="X", help="Shortest way of a run, rad or m. [default: 0.02]")
 @click.option("--speed-tolerance", type=_SHARE, metavar="SHARE", help="Spread of one constant speed. [default: 0.03]")

@@ -58,9 +58,23 @@ def _real(robot: Robot, truth: Path | None, *, hide: tuple[str, ...], noise: flo
 )
 @click.option("--rate", type=float, default=250.0, show_default=True, metavar="HZ", help="Samples a second.")
 @click.option("--noise", type=click.FloatRange(min=0), metavar="A", help="Noise of every current; 0 for none at all.")
-@click.option("--format", "form", type=click.Choice(["parquet", "csv"]), default="parquet", show_default=True)
+@click.option(
+    "--format",
+    "form",
+    type=click.Choice(["parquet", "csv"]),
+    default="parquet",
+    show_default=True,
+    help="Form of the log files.",
+)
 @click.option("--no-velocity", is_flag=True, help="Leave velocities out of the logs.")
-@click.option("--runs-per-file", type=click.IntRange(min=1), default=40, show_default=True, metavar="N")
+@click.option(
+    "--runs-per-file",
+    type=click.IntRange(min=1),
+    default=40,
+    show_default=True,
+    metavar="N",
+    help="Planned runs in one log file.",
+)
 @click.option("--force", is_flag=True, help="Replace the logs of an earlier simulation.")
 @seed_option
 @json_option
