@@ -1,0 +1,206 @@
+"""`compare`: exact scores, honest flags, what lies outside runs; the oracle works sample by sample."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import worlds
+
+import pumaid
+from pumaid.errors import ModelError
+from pumaid.records import UNEXPLAINED, Cells, Comparison, Evidence, FileFacts, Reject, Robot, Run
+from pumaid.verbs.compare import compare
+
+#: RMS noise of the samples in these tests (A).
+NOISE = 0.02
+
+
+def pendulum_current(joint: int, q: np.ndarray, *, other: float, qd: np.ndarray) -> np.ndarray:
+    """Current (A) of the two-link pendulum by trigonometry: both axes level, motor constants 0.5 and 2 A/(N m).
+
+    Angles from the horizontal; first moments 0.2 kg m and 0.08 kg m, the outer link of 0.3 kg a quarter metre out.
+    """
+    first = 9.80665 * ((0.2 + 0.25 * 0.3) * np.cos(q) + 0.08 * np.cos(q + other))
+    second = 9.80665 * 0.08 * np.cos(q + other)
+    weight = 0.5 * first if joint == 1 else 2.0 * second
+    return weight + np.where(qd > 0, 0.4 + 0.2 * qd, -0.3 + 0.1 * qd)
+
+
+def runs(postures: tuple[float, ...], speeds: tuple[float, ...], *, seed: int = 1) -> tuple[Run, ...]:
+    """Both joints in these postures (rad) of the other, at these speeds (rad/s), both ways, two of each."""
+    rng, out = np.random.default_rng(seed), []
+    for joint in (1, 2):
+        for other in postures:
+            for speed in (s * sign for s in speeds for sign in (1, -1) for _ in range(2)):
+                course = worlds.course(
+                    "constant", -1.5 * np.sign(speed), 1.5 * np.sign(speed), duration=3.0 / abs(speed)
+                )
+                exact = pendulum_current(joint, course[1], other=other, qd=course[2])
+                noisy = exact + rng.normal(0.0, NOISE, len(exact))
+                out.append(worlds.run_of(worlds.PENDULUM, joint, [other, other], course=course, current=noisy))
+    return tuple(out)
+
+
+@pytest.fixture(scope="module")
+def fitted():
+    """Runs in two postures at two speeds, and the model of them."""
+    evidence = Evidence(runs((0.0, 1.0), (0.4, 1.0)))
+    return evidence, pumaid.identify(evidence, worlds.PENDULUM)
+
+
+def made(evidence: Evidence, estimate, robot: Robot = worlds.PENDULUM) -> Comparison:
+    """`compare`, told which arm."""
+    return compare(estimate, evidence, robot)
+
+
+def test_scores_are_those_of_every_sample(fitted):
+    """RMSE and bias of a run, computed from its triangle, are those of the samples one by one."""
+    course = worlds.course("constant", -1.0, 1.2, duration=2.0, samples=333)
+    current = pendulum_current(2, course[1], other=0.5, qd=course[2]) + 0.1 * np.sin(9.0 * course[1])
+    run = worlds.run_of(worlds.PENDULUM, 2, [0.5, 0.0], course=course, current=current)
+    score = made(Evidence((run,)), fitted[1]).runs[0]
+    values = {value.name: value.value for value in fitted[1].values}
+    q, lean = course[1], np.array([0.5, 0.0])
+    # Link 2 weighs on joint 2 by (z x g) . x and (z x g) . y of its frame: g turned through the sum of both angles.
+    up = 9.80665 * np.array([np.cos(q + lean[0]), -np.sin(q + lean[0])])
+    weight = values["gravity.l2.x"] * up[0] + values["gravity.l2.y"] * up[1]
+    predicted = weight + values["coulomb.j2.plus"] + values["viscous.j2.plus"] * course[2]
+    residual = current - predicted
+    assert score.rmse == pytest.approx(np.sqrt(np.mean(residual**2)), rel=1e-9)
+    assert score.bias == pytest.approx(np.mean(residual), rel=1e-7)
+
+
+def test_agrees_with_what_identify_says(fitted):
+    """On the runs that were fitted, the error is the one in the model."""
+    comparison = made(*fitted)
+    told = [fit.rmse for fit in fitted[1].joints]
+    assert [score.rmse for score in comparison.joints] == pytest.approx(told, rel=1e-9)
+
+
+def test_error_is_the_noise(fitted):
+    """Where the model is right, the RMSE is the noise and the noise floor is it too (10 %: some 2000 samples)."""
+    for score in made(*fitted).joints:
+        assert score.rmse == pytest.approx(NOISE, rel=0.1)
+        assert score.noise_floor == pytest.approx(NOISE, rel=0.1)
+
+
+def test_predicts_a_posture_that_it_never_saw(fitted):
+    """Two postures determine all, so a third is predicted to the noise."""
+    comparison = made(Evidence(runs((-0.7,), (0.7,), seed=2)), fitted[1])
+    assert comparison.rmse == pytest.approx(NOISE, rel=0.15)
+    assert not any(score.undetermined for score in comparison.runs)
+
+
+def test_shares_add_up(fitted):
+    """Shares of the effects and what is unexplained make up the whole current."""
+    for score in made(*fitted).joints:
+        assert sum(score.shares.values()) == pytest.approx(1.0, abs=1e-12)
+        assert score.shares[UNEXPLAINED] == pytest.approx((score.rmse / score.rms) ** 2, abs=2e-3)
+
+
+def test_parts_add_up(fitted):
+    """At every cell the effects' parts make up the prediction."""
+    for score in made(*fitted).runs:
+        assert np.allclose(sum(score.parts.values()), score.predicted, atol=1e-12)
+
+
+def test_flags_another_speed(fitted):
+    """A model of one speed says that it does not know what another speed takes, and still knows the one it saw."""
+    estimate = pumaid.identify(Evidence(runs((0.0, 1.0), (0.4,))), worlds.PENDULUM)
+    flags = {abs(score.run.speed): score for score in made(fitted[0], estimate).runs}
+    assert not flags[0.4].undetermined
+    assert flags[1.0].undetermined and "viscous.j2" in flags[1.0].reason
+
+
+def test_flags_another_posture():
+    """A model of one posture says that it does not know the outer link's weight in another."""
+    estimate = pumaid.identify(Evidence(runs((0.0,), (0.4, 1.0))), worlds.PENDULUM)
+    other = [score for score in made(Evidence(runs((1.3,), (0.4,))), estimate).runs if score.run.joint == 1]
+    assert all(score.undetermined for score in other)
+
+
+def test_a_fitted_log_is_never_flagged():
+    """Runs of a log that was fitted are known, whatever is undetermined elsewhere."""
+    facts = (FileFacts("samples", "d1", 1, 0.01, 0.0, 1.0),)
+    evidence = Evidence(runs((0.0,), (0.4,)), files=facts)
+    estimate = pumaid.identify(evidence, worlds.PENDULUM)
+    comparison = made(evidence, estimate)
+    assert not any(score.undetermined for score in comparison.runs)
+    assert "compared-with-fitted" in [note.slug for note in comparison.notes]
+
+
+def test_flags_a_stroke_whose_inertia_is_unknown(fitted):
+    """A stroke compared with a model of constant speeds only is scored, and said to lack its inertia."""
+    course = worlds.course("stroke", -1.0, 1.0)
+    current = pendulum_current(1, course[1], other=0.0, qd=course[2]) + 0.7 * course[3]
+    stroke = worlds.run_of(worlds.PENDULUM, 1, [0.0, 0.0], course=course, current=current)
+    score = made(Evidence((stroke,)), fitted[1]).runs[0]
+    assert score.undetermined and "inertia of joint 1" in score.reason
+    assert score.rmse == pytest.approx(0.7 * np.sqrt(np.mean(course[3] ** 2)), rel=0.05)
+
+
+def test_heldout_runs_are_apart(fitted):
+    """Held-out runs do not enter the joints' error but have their own."""
+    spoilt = [replace(run, heldout=True) for run in runs((0.5,), (0.6,), seed=3)]
+    comparison = made(Evidence((*fitted[0].runs, *spoilt)), fitted[1])
+    assert [score.heldout_runs for score in comparison.joints] == [4, 4]
+    assert comparison.rmse == pytest.approx(made(*fitted).rmse, rel=1e-12)
+    assert comparison.heldout == pytest.approx(NOISE, rel=0.2)
+
+
+def test_only_heldout_runs_are_still_scored(fitted):
+    """Logs that hold nothing but held-out runs have an error by joint."""
+    evidence = Evidence(tuple(replace(run, heldout=True) for run in runs((0.5,), (0.6,), seed=3)))
+    assert all(score.rmse is not None for score in made(evidence, fitted[1]).joints)
+
+
+def test_outside_runs_lack_inertia_only(fitted):
+    """A ramp is predicted with weight and friction; what is left of it is the inertia, by design."""
+    course = worlds.course("stroke", -1.0, 1.0)
+    current = pendulum_current(1, course[1], other=0.0, qd=course[2]) + 0.7 * course[3]
+    cells: Cells = worlds.run_of(worlds.PENDULUM, 1, [0.0, 0.0], course=course, current=current).cells
+    ramp = Reject("samples", 2, 201, 0.0, 2.0, (1,), "ramp", "a ramp", 200, cells)
+    (score,) = made(Evidence((), rejects=(ramp,)), fitted[1]).outside
+    assert (score.joint, score.reason) == (1, "ramp")
+    moving = np.abs(cells.velocity[:, 0]) > 0.05 * np.abs(cells.velocity[:, 0]).max()
+    assert score.rmse == pytest.approx(0.7 * np.sqrt(np.mean(cells.acceleration[moving] ** 2)), rel=0.05)
+
+
+def test_several_joints_moving_are_scored_one_by_one(fitted):
+    """Where both joints move, each has its own score outside runs."""
+    t = np.linspace(0.0, 2.0, 100)
+    q, qd = np.column_stack([t - 1.0, 1.0 - t]), np.tile([1.0, -1.0], (100, 1))
+    currents = np.column_stack(
+        [
+            pendulum_current(1, q[:, 0], other=q[:, 1], qd=qd[:, 0]),
+            pendulum_current(2, q[:, 1], other=q[:, 0], qd=qd[:, 1]),
+        ]
+    )
+    zero = np.zeros(100)
+    cells = Cells(np.full(100, 4), t, q, qd, zero, currents, zero, np.full(100, np.nan))
+    both = Reject("samples", 2, 401, 0.0, 2.0, (1, 2), "several-joints", "both move", 400, cells)
+    scores = made(Evidence((), rejects=(both,)), fitted[1]).outside
+    assert [score.joint for score in scores] == [1, 2]
+    assert all(score.rmse < NOISE for score in scores)  # exact currents; what is left is the fit's own error
+
+
+def test_no_runs_is_no_error(fitted):
+    """Logs without runs give an empty comparison, not a failure."""
+    comparison = made(Evidence(()), fitted[1])
+    assert comparison.rmse is None and comparison.joints[0].noise_floor_reason
+
+
+def test_refuses_the_model_of_another_recipe(fitted):
+    """A model is not held against an arm that it was not made for."""
+    with pytest.raises(ModelError, match="another arm"):
+        made(fitted[0], fitted[1], replace(worlds.PENDULUM, name="another arm"))
+
+
+def test_worst_runs_come_first(fitted):
+    """Runs are ranked by error against their joint's noise floor."""
+    comparison = made(*fitted)
+    floors = {score.joint: score.noise_floor for score in comparison.joints}
+    ranks = [score.rmse / floors[score.run.joint] for score in comparison.worst(99)]
+    assert ranks == sorted(ranks, reverse=True)
