@@ -24,6 +24,8 @@ BELIEVED = 25.0
 TINY = 1e-18
 #: Excess of a departure's mean square misfit over the line's, in its standard deviations, up to which a curve fits it.
 DESCRIBED = 2.5
+#: Mean square swing about the line, in units of the sure part's, above which position does not stay on it.
+SWINGING = 5.0
 #: Times that less of a departure is looked at, and samples of it always looked at.
 MOST_LOOKS, LEAST_DEPARTURE = 6, 6
 #: Fewest points from which a noise is told.
@@ -47,7 +49,7 @@ def leaving(time: Floats, position: Floats, sure: int) -> float:
     Returns
     -------
     time
-        s; the last time given where nothing leaves the line.
+        s; the last time given where nothing leaves the line; the end of what is sure where position swings about it.
     """
     points = _thinned(time, position, sure)
     earliest, latest, is_described = _onset(points)
@@ -62,7 +64,20 @@ def leaving(time: Floats, position: Floats, sure: int) -> float:
         points = Points(points.time[:stop], points.position[:stop], points.weight[:stop])
         again, latest, is_described = _onset(points)
         earliest = min(again, earliest)
-    return float(time[-1]) if earliest >= points.time[-1] else earliest
+    if earliest < points.time[-1]:
+        return earliest
+    return float(time[-1] if _stays(points, float(time[sure])) else time[sure])
+
+
+def _stays(points: Points, sure: float) -> bool:
+    """Whether position swings no more about the line behind the time `sure` than before it."""
+    line = points.time < sure
+    if line.sum() < FEWEST or line.all():
+        return True
+    t, w = points.time - sure, points.weight
+    slope, level = np.polyfit(t[line], points.position[line] - points.position[0], 1, w=w[line])
+    swing = ((points.position - points.position[0] - level - slope * t) * w) ** 2
+    return bool(swing[~line].mean() <= SWINGING * swing[line].mean() + TINY)
 
 
 @dataclass(frozen=True, eq=False, slots=True)

@@ -19,6 +19,8 @@ from pumaid.records import Cells, Reject, Robot, Run
 
 Floats = NDArray[np.float64]
 
+#: Pieces of an endless run that are kept apart before they are joined.
+MOST_OPEN = 16
 #: Ticks on either side of a straight line through a run's own ticks.
 HALF = 2
 
@@ -48,6 +50,8 @@ class Harvest:
         run = self._run(block, whole, piece, samples)
         if self._open and not _continues(self._open[-1], run, self.options):
             self._close()
+        if len(self._open) >= MOST_OPEN:
+            self._open = [_joined(self._open, self.options)]
         self._open.append(run)
         self._last = None
         if not goes_on:

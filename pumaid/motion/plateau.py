@@ -29,6 +29,8 @@ SPREAD = 3.0
 DEPARTED = 0.2
 #: s; dropped before every edge found: a corner sharper than the noise can tell, or a current that is logged late.
 GUARD = 0.003
+#: The same as a share of the sampling interval.
+GUARD_SHARE = 0.6
 #: Share of a movement's largest acceleration above which a stretch is a slow ramp and no constant speed.
 RAMPING = 0.25
 #: Departure from one speed, in units of the tolerance, that does not end a run where the same speed goes on behind it.
@@ -69,6 +71,8 @@ def plateaus(
     peak = float(np.abs(slopes(ticks.time[stretch.start : stretch.stop], velocity, 1)).max())
     reach = max(1, round(0.7 * options.min_duration / ticks.interval))
     found: list[Plateau] = []
+    # A swing of the speed may pass for a shorter one, and be joined to a run by mistake.
+    shortest = 0.75 * options.min_duration
     for start, stop in _cores(speed, reach, (options.speed_tolerance, SPREAD * error)):
         level = float(np.median(velocity[start:stop]))
         core = (stretch.start + start, stretch.start + stop)
@@ -77,7 +81,8 @@ def plateaus(
         first, last = _refined(ticks, samples, core=core, seen=beyond, half=half)
         if last - first >= FEWEST and _is_level(samples, (first, last), peak=peak):
             begins, ends = settled(samples[0][first:last], samples[1][first:last])
-            found.append(Plateau(first + begins, first + ends, level))
+            if ends - begins >= FEWEST and samples[0][first + ends - 1] - samples[0][first + begins] >= shortest:
+                found.append(Plateau(first + begins, first + ends, level))
     places = ticks.edges[stretch.start : stretch.stop].astype(np.float64)
     typical = max((abs(plateau.level) for plateau in found), default=0.0)
     return _apart(found, (places, speed), band=options.speed_tolerance * typical + SPREAD * error)
@@ -168,7 +173,8 @@ def _edge(time: Floats, position: Floats, offset: int, fallback: int) -> int:
     if len(time) < FEWEST:
         return fallback
     left = leaving(time, position, sure=max(0, min(fallback - offset, len(time) - FEWEST)))
-    return offset + int(np.searchsorted(time, left - GUARD)) if left < time[-1] else offset + len(time)
+    guard = max(GUARD, GUARD_SHARE * float(time[-1] - time[0]) / len(time))
+    return offset + int(np.searchsorted(time, left - guard)) if left < time[-1] else offset + len(time)
 
 
 def _apart(found: list[Plateau], course: tuple[Floats, Floats], *, band: float) -> list[Plateau]:

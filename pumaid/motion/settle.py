@@ -11,8 +11,8 @@ Floats = NDArray[np.float64]
 
 #: s; means over it resolve a ringing of up to some 40 Hz.
 STEP = 0.005
-#: Steps on either side of a straight line for the speed.
-HALF = 2
+#: Steps on either side of the straight lines for the speed: short ones for fast ringing, longer ones for weak ringing.
+HALVES = (2, 5)
 #: s; a ringing that returns within it (half a period at 5 Hz) is still the same ringing.
 RETURN = 0.1
 #: Standard deviations of the middle's speed above which an end is not settled.
@@ -20,7 +20,7 @@ UNSETTLED = 4.5
 #: Share of the speed below which a departure is nothing to speak of.
 NEGLIGIBLE = 0.005
 #: A ringing that sank into the noise after some time is given this share of that time again to die.
-AGAIN = 1.0
+AGAIN = 0.3
 #: Fewest steps whose middle half tells a spread.
 FEWEST = 24
 
@@ -39,7 +39,18 @@ def settled(time: Floats, position: Floats) -> tuple[int, int]:
         return 0, len(time)
     counts = np.diff(np.append(starts, len(time)))
     t = np.add.reduceat(time - time[0], starts) / counts
-    speed = slopes(t, np.add.reduceat(position - position[0], starts) / counts, HALF)
+    q = np.add.reduceat(position - position[0], starts) / counts
+    reach = max(1, round(RETURN / max(1e-9, float(t[-1] - t[0]) / len(t))))
+    front = back = 0
+    for half in HALVES:
+        far = _departures(t, slopes(t, q, half), half)
+        front = max(front, _ringing(far[: len(t) // 2], reach))
+        back = max(back, _ringing(far[::-1][: len(t) // 2], reach))
+    return front * size, len(time) - back * size
+
+
+def _departures(t: Floats, speed: Floats, half: int) -> NDArray[np.bool_]:
+    """(M,) where the speed is off the middle's straight line by more than the middle's own spread allows."""
     quarter = len(t) // 4
     middle = slice(quarter, len(t) - quarter)
     x, level = t - t[middle].mean(), float(speed[middle].mean())
@@ -48,10 +59,8 @@ def settled(time: Floats, position: Floats) -> tuple[int, int]:
     spread = float(np.sqrt(np.mean(departure[middle] ** 2)))
     far = departure > max(UNSETTLED * spread, NEGLIGIBLE * abs(level))
     # Straight lines at the ends have fewer neighbours and so more noise.
-    far[:HALF] = far[-HALF:] = False
-    reach = max(1, round(RETURN / max(1e-9, float(t[-1] - t[0]) / len(t))))
-    front, back = _ringing(far[: len(t) // 2], reach), _ringing(far[::-1][: len(t) // 2], reach)
-    return front * size, len(time) - back * size
+    far[:half] = far[-half:] = False
+    return far
 
 
 def _ringing(far: NDArray[np.bool_], reach: int) -> int:
@@ -61,4 +70,4 @@ def _ringing(far: NDArray[np.bool_], reach: int) -> int:
         if step - last > reach:
             break
         last = step
-    return 0 if last < 0 else min(len(far), round((last + 1) * (1.0 + AGAIN)) + HALF)
+    return 0 if last < 0 else min(len(far), round((last + 1) * (1.0 + AGAIN)) + HALVES[0])

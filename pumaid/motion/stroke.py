@@ -16,7 +16,7 @@ Floats = NDArray[np.float64]
 #: s; shortest and longest span of the local fits; the longer, the calmer the acceleration and the blunter its corners.
 SHORTEST_FIT, LONGEST_FIT = 0.04, 0.4
 #: Share of the movement's mean acceleration that the smoothed one's noise should stay below.
-CALM = 0.05
+CALM = 0.1
 #: Share of a movement that one local fit may span at most.
 LARGEST_SHARE = 0.15
 

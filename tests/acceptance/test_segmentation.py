@@ -1,0 +1,105 @@
+"""The segmentation against logs whose edges are known; seeds that no threshold was chosen on."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+import numpy as np
+import pytest
+from motion_worlds import INERTIA, SCENARIOS, VISCOUS, World, make, robot, score
+
+from pumaid.records import Joint, Log, Robot
+from pumaid.verbs.segment import segment
+
+SEEDS = (2001, 2002)
+#: Inertia draws ten times the current of all else, or rings at a third of the speed: more than a third is told in docs.
+HARD_ON_BIAS = {"hard ramps, 30 rad/s2": 1.5, "ringing 30 %, 10 rad/s2": 1.0}
+REAL = Path(os.environ.get("PUMAID_REAL_DATA", Path(__file__).parents[2].parent / "shared" / "data"))
+
+
+@pytest.mark.parametrize("name", SCENARIOS)
+def test_samples_kept_are_the_right_ones(name):
+    """At signal-to-noise 10, over 0.99 of what is kept is truly in a run and over 0.95 of what is in a run is kept."""
+    world = World(**SCENARIOS[name])
+    scores = [score(truth, segment(truth.logs, robot(world))) for truth in (make(world, seed) for seed in SEEDS)]
+    right = sum(s.right for s in scores)
+    assert right / sum(s.kept for s in scores) > 0.99
+    assert right / sum(s.true for s in scores) > 0.95
+    assert max(s.bias for s in scores) < HARD_ON_BIAS.get(name, 1 / 3)
+
+
+@pytest.mark.parametrize("rate", [125.0, 1000.0])
+def test_strokes_carry_friction_and_inertia_without_bias(rate):
+    """Over strokes of many seeds, friction and inertia come back to a few percent from the triangles alone."""
+    world = World(strokes=True, rate=rate, motions=24, plateau=(1.5, 4.0))
+    found = []
+    for seed in range(2001, 2005):
+        evidence = segment(make(world, seed).logs, robot(world))
+        for joint in (1, 2, 3):
+            rows = [_stroke_rows(run) for run in evidence.of_joint(joint)]
+            columns, target = np.vstack([a for a, _ in rows]), np.concatenate([b for _, b in rows])
+            found.append(np.linalg.lstsq(columns, target, rcond=None)[0][4:])
+    viscous, inertia = np.mean(found, axis=0)
+    assert viscous == pytest.approx(VISCOUS, rel=0.05)
+    assert inertia == pytest.approx(INERTIA, rel=0.05)
+
+
+def _stroke_rows(run):
+    """A stroke's triangle over cos, sin, forward, backward, velocity, acceleration."""
+    columns, target = run.triangle.rows()
+    spread = np.zeros((5, 6))
+    spread[0, 0] = spread[1, 1] = spread[3, 4] = spread[4, 5] = 1.0
+    spread[2, 2 if run.speed > 0 else 3] = 1.0
+    return columns @ spread, target
+
+
+def _arm(n_joints: int) -> Robot:
+    return Robot("real", tuple(Joint(n + 1, f"j{n + 1}", "revolute") for n in range(n_joints)))
+
+
+def _table(name: str):
+    if not (REAL / name).exists():
+        pytest.skip(f"no public recordings in {REAL} (set PUMAID_REAL_DATA)")
+    import pandas as pd
+
+    return pd.read_parquet(REAL / name)
+
+
+def _log(table, *, time, position, current) -> Log:
+    rows = np.arange(len(table)) + 2
+    return Log("real", rows, time, table[position].to_numpy(float), None, table[current].to_numpy(float), None, True)
+
+
+@pytest.mark.realdata
+def test_ur3e_goes_in_strokes():
+    """The UR3e's shoulder makes eleven strokes of half a turn, none at constant speed."""
+    table = _table("ur3e-aurt/wave_currentData_100v_40a.parquet")
+    names = {"position": [f"actual_q_{j}" for j in range(6)], "current": [f"actual_current_{j}" for j in range(6)]}
+    runs = segment([_log(table, time=table["timestamp"].to_numpy(float), **names)], _arm(6)).runs
+    assert [(run.kind, run.joint) for run in runs] == [("stroke", 2)] * 11
+    assert all(abs(run.span[1] - run.span[0]) > np.radians(178) for run in runs)
+
+
+@pytest.mark.realdata
+@pytest.mark.parametrize("joint", [1, 2, 3, 4, 5, 7])
+def test_kinova_trapezoids_are_one_run_each(joint):
+    """Each Kinova log holds one movement at one constant speed: one run, at its speed (times are counts)."""
+    table = _table(f"kinova-gen3-jointwise/joint_{joint}_trapez.parquet")
+    names = {"position": [f"Position{j}" for j in range(1, 8)], "current": [f"Cur{j}" for j in range(1, 8)]}
+    log = _log(table, time=1e-3 * np.arange(len(table)), **names)
+    log = Log("real", log.rows, log.time, np.unwrap(log.position, axis=0), None, log.current, None, True)
+    (run,) = segment([log], _arm(7)).runs
+    assert (run.kind, run.joint) == ("constant", joint)
+    assert run.speed == pytest.approx(np.median(table[f"Velocity{joint}"]), rel=0.02)
+
+
+@pytest.mark.realdata
+def test_motion_of_both_joints_is_left_out():
+    """The double pendulum swings both joints at once: no run, and the reason is told."""
+    table = _table("dfki-double-pendulum-a0/slow_75s_20220812-061157.parquet")
+    log = _log(table, time=table["time"].to_numpy(float), position=["pos1", "pos2"], current=["tau1", "tau2"])
+    evidence = segment([log], _arm(2))
+    several = sum(reject.samples for reject in evidence.rejects if reject.reason == "several-joints")
+    assert evidence.runs == ()
+    assert several > 0.8 * len(log)

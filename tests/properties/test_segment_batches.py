@@ -1,0 +1,99 @@
+"""How logs are cut into batches, windows and files changes nothing; every sample is accounted for."""
+
+from __future__ import annotations
+
+import tracemalloc
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from motion_worlds import World, make, robot, score
+
+from pumaid.records import Log
+from pumaid.verbs.segment import SegmentOptions, segment
+
+
+def batches(logs, size):
+    """The same samples in batches of `size`."""
+    for log in logs:
+        for low in range(0, len(log), size):
+            part = slice(low, low + size)
+            yield replace(
+                log,
+                rows=log.rows[part],
+                time=log.time[part],
+                position=log.position[part],
+                velocity=None,
+                current=log.current[part],
+                starts_clock=log.starts_clock and low == 0,
+            )
+
+
+def told(evidence):
+    """All that must agree, to the bit."""
+    runs = [(r.kind, r.joint, r.origin, r.first_row, r.last_row, r.triangle.factor.tobytes()) for r in evidence.runs]
+    return runs, [(r.reason, r.origin, r.first_row, r.last_row, r.samples, r.text) for r in evidence.rejects]
+
+
+@pytest.mark.parametrize("size", [1, 7, 1000, 30_000])
+@pytest.mark.parametrize(
+    "more", [{"files": 3, "rate": 100.0}, {"strokes": True, "rate": 50.0}], ids=["runs", "strokes"]
+)
+def test_batch_size_changes_nothing(size, more):
+    """Runs, triangles and rejects are the same to the bit for any batch size."""
+    world = World(**more)
+    logs = make(world, 11).logs
+    assert told(segment(batches(logs, size), robot(world))) == told(segment(logs, robot(world)))
+
+
+@pytest.mark.parametrize("window", [2048, 5000, 16_384])
+def test_a_run_longer_than_the_window_is_one_run(window):
+    """Runs are found whole and as precisely where each spans several windows."""
+    world = World(plateau=(4.0, 9.0), motions=6)
+    truth = make(world, 12)
+    evidence = segment(truth.logs, robot(world), options=SegmentOptions(window=window))
+    found = score(truth, evidence)
+    assert (found.runs, found.true_runs) == (6, 6)
+    assert found.precision > 0.99
+    assert found.recall > 0.97
+    assert max(len(run.cells) for run in evidence.runs) <= 512
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_every_sample_is_kept_or_rejected_once(seed):
+    """Rows of runs and rejects cover the log without overlap, whatever is wrong with it."""
+    rng = np.random.default_rng(seed)
+    world = World(motions=6, twitch=seed % 2 == 0, gap=True, files=2, rate=200.0)
+    logs = [_spoilt(log, rng) for log in make(world, seed).logs]
+    evidence = segment(logs, robot(world), options=SegmentOptions(window=2048 if seed % 3 else 10**6))
+    kept = sum(run.samples for run in evidence.runs)
+    assert kept + sum(reject.samples for reject in evidence.rejects) == sum(len(log) for log in logs)
+
+
+def _spoilt(log: Log, rng: np.random.Generator) -> Log:
+    position, current = log.position.copy(), log.current.copy()
+    position[rng.integers(0, len(log), 5), 0] = [np.nan, np.inf, 1e298, -1e300, np.nan]
+    current[rng.integers(0, len(log), 40)] = np.nan
+    return replace(log, position=position, current=current)
+
+
+def test_memory_does_not_grow_with_the_logs():
+    """Four times as many samples of one endless movement take no more memory at the peak."""
+
+    def endless(n_batches):
+        rng = np.random.default_rng(0)
+        for k in range(n_batches):
+            time = (np.arange(5000) + 5000 * k) / 1000.0
+            position = np.column_stack([0.1 * time, np.zeros_like(time)]) + 1e-4 * rng.standard_normal((5000, 2))
+            current = np.ones((5000, 2)) + 0.1 * rng.standard_normal((5000, 2))
+            yield Log("long.csv", np.arange(5000) + 5000 * k + 2, time, position, None, current, None, k == 0)
+
+    def peak(n_batches):
+        tracemalloc.start()
+        (run,) = segment(endless(n_batches), robot(World(joints=2)), options=SegmentOptions(window=8192)).runs
+        size = tracemalloc.get_traced_memory()[1]
+        tracemalloc.stop()
+        assert run.samples == 5000 * n_batches
+        return size
+
+    assert peak(160) < 1.3 * peak(40)

@@ -1,0 +1,202 @@
+"""The one pass: what it keeps of a run, and what it does with what it cannot use."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from pumaid.errors import PumaidError
+from pumaid.records import Joint, Log, Robot
+from pumaid.verbs.segment import SegmentOptions, segment
+
+ARM = Robot("arm", (Joint(1, "base", "revolute"), Joint(2, "arm", "revolute"), Joint(3, "slide", "prismatic")))
+
+
+def log(*, joint=2, speed=0.5, ramp=0.1, hold=2.0, rate=500.0, origin="a.csv", start=0.0, noise=0.0, **more):
+    """Rest, ramp, constant speed, ramp, rest of one joint; current 1 + 2 cos q + 3 sin q + noise."""
+    fine = np.concatenate([np.zeros(200), np.ones(round(ramp * 1000)) * speed / ramp, np.zeros(round(hold * 1000))])
+    rate_of_speed = np.concatenate([fine, -np.ones(round(ramp * 1000)) * speed / ramp, np.zeros(400)])
+    way = np.cumsum(np.cumsum(rate_of_speed)) * 1e-6
+    time = np.arange(0.0, len(way) / 1000 - 0.001, 1 / rate)
+    position = np.tile([0.3, -0.2, 0.1], (len(time), 1))
+    position[:, joint - 1] += np.interp(time, np.arange(len(way)) / 1000, way)
+    q = position[:, [joint - 1]]
+    rng = np.random.default_rng(0)
+    current = 1 + 2 * np.cos(q) + 3 * np.sin(q) + noise * rng.standard_normal((len(time), 3))
+    rows = np.arange(len(time)) + 2
+    return Log(origin, rows, time + start, position, None, current, starts_clock=start == 0.0, **more)
+
+
+def changed(one, **arrays):
+    """The log with other arrays."""
+    names = ("origin", "rows", "time", "position", "velocity", "current", "temperature", "starts_clock")
+    return Log(**({name: getattr(one, name) for name in names} | arrays))
+
+
+def reasons(evidence):
+    """Reasons of the rejects in order."""
+    return [reject.reason for reject in evidence.rejects]
+
+
+def test_one_trapezoid_is_one_run():
+    """Joint, kind, speed, span, posture and what is left out are those of the command."""
+    evidence = segment([log()], ARM)
+    (run,) = evidence.runs
+    assert (run.joint, run.kind, run.direction) == (2, "constant", 1)
+    assert run.speed == pytest.approx(0.5, rel=1e-6)
+    assert run.span == pytest.approx((-0.175, 0.825), abs=0.01)
+    np.testing.assert_allclose(run.posture, [0.3, np.nan, 0.1], atol=1e-9)
+    assert reasons(evidence) == ["rest", "ramp", "ramp", "rest"]
+
+
+def test_triangle_gives_the_current_back():
+    """Least squares on a run's triangle returns the current's constants, and no residual."""
+    (run,) = segment([log()], ARM).runs
+    columns, target = run.triangle.rows()
+    np.testing.assert_allclose(np.linalg.solve(columns[:3], target[:3]), [2.0, 3.0, 1.0], atol=1e-7)
+    assert run.samples == run.cells.count.sum()
+
+
+def test_cells_are_the_samples_means():
+    """Count-weighted means of the cells are the means over the run's samples, their spread included."""
+    one = log(rate=1000.0, noise=0.2)
+    (run,) = segment([one], ARM, options=SegmentOptions(max_cells=40)).runs
+    part = slice(run.first_row - 2, run.last_row - 1)
+    weights = run.cells.count
+    np.testing.assert_allclose(np.average(run.cells.current, axis=0, weights=weights), one.current[part].mean(axis=0))
+    np.testing.assert_allclose(np.average(run.cells.time, weights=weights), one.time[part].mean())
+    assert len(run.cells) == 40
+    assert np.average(run.cells.variance, weights=weights) == pytest.approx(0.04, rel=0.1)
+    np.testing.assert_allclose(run.cells.velocity[:, 1], 0.5, atol=1e-6)
+
+
+def test_a_slide_has_no_sine():
+    """A prismatic joint's cosine and sine columns are zero."""
+    (run,) = segment([log(joint=3, speed=0.1)], ARM).runs
+    assert run.joint == 3
+    np.testing.assert_array_equal(run.triangle.factor[:, :2], 0.0)
+
+
+def test_a_triangle_of_speed_is_a_stroke():
+    """A movement without constant speed becomes one stroke whose acceleration is the command's."""
+    (run,) = segment([log(ramp=1.0, hold=0.0)], ARM).runs
+    assert run.kind == "stroke"
+    quarter = len(run.cells) // 4
+    np.testing.assert_allclose(run.cells.acceleration[quarter // 2 : quarter], 0.5, rtol=0.02)
+    assert run.triangle.columns[-2:] == ("velocity", "acceleration")
+
+
+def test_kinds_can_be_chosen():
+    """With constant only, a stroke is left out; with stroke only, a trapezoid is a stroke."""
+    assert segment([log(ramp=1.0, hold=0.0)], ARM, options=SegmentOptions(kinds="constant")).runs == ()
+    (run,) = segment([log()], ARM, options=SegmentOptions(kinds="stroke")).runs
+    assert run.kind == "stroke"
+
+
+def test_a_run_goes_on_in_the_next_file():
+    """Files that share a clock are one stream: the run's rows lie in both."""
+    one = log()
+    half = 400
+    first = changed(one, **{name: getattr(one, name)[:half] for name in ("rows", "time", "position", "current")})
+    rest = {name: getattr(one, name)[half:] for name in ("time", "position", "current")}
+    second = changed(one, origin="b.csv", rows=np.arange(len(rest["time"])) + 2, starts_clock=False, **rest)
+    (run,) = segment([first, second], ARM).runs
+    assert (run.origin, run.last_origin) == ("a.csv", "b.csv")
+    assert run.samples == segment([one], ARM).runs[0].samples
+
+
+def test_a_clock_that_starts_anew_is_another_recording():
+    """Runs of recordings with their own clocks carry their numbers."""
+    evidence = segment([log(), log(origin="b.csv")], ARM)
+    assert [(run.origin, run.clock) for run in evidence.runs] == [("a.csv", 0), ("b.csv", 1)]
+
+
+def test_missing_current_is_left_out():
+    """Samples without current are counted as such; a run without any is no run."""
+    one = log()
+    current = one.current.copy()
+    current[300:310, 1] = np.nan
+    evidence = segment([changed(one, current=current)], ARM)
+    assert {reject.reason: reject.samples for reject in evidence.rejects}["no-current"] == 10
+    assert np.isfinite(evidence.runs[0].triangle.factor).all()
+    assert np.isfinite(evidence.runs[0].cells.current[:, 1]).all()
+    dead = changed(one, current=np.full_like(current, np.nan))
+    assert segment([dead], ARM).runs == ()
+
+
+def test_garbage_positions_are_left_out():
+    """Infinite and absurd positions are dropped by name and the run goes on around them."""
+    one = log()
+    position = one.position.copy()
+    position[500, 0], position[501, 2] = np.inf, 1e298
+    evidence = segment([changed(one, position=position)], ARM)
+    assert {reject.reason: reject.samples for reject in evidence.rejects}["not-a-number"] == 2
+    assert len(evidence.runs) == 1
+
+
+def test_a_held_joint_that_drifts_spoils_the_run():
+    """A creep below the share is borne until it adds up to more than the allowed way."""
+    one = log(hold=4.0)
+    position = one.position.copy()
+    position[:, 0] += 0.008 * one.time
+    assert reasons(segment([changed(one, position=position)], ARM)).count("drift-of-held-joint") == 1
+    position[:, 0] -= 0.005 * one.time
+    assert len(segment([changed(one, position=position)], ARM).runs) == 1
+
+
+def test_two_joints_at_once_are_no_run():
+    """Both joints are named."""
+    one = log()
+    position = one.position.copy()
+    position[:, 0] += position[:, 1]
+    (left,) = (reject for reject in segment([changed(one, position=position)], ARM).rejects if reject.joints)
+    assert (left.reason, set(left.joints)) == ("several-joints", {1, 2})
+    assert left.cells is not None
+    assert len(left.cells) <= 64
+
+
+@pytest.mark.parametrize("count", [0, 1, 2, 5, 7])
+def test_a_handful_of_samples_is_no_error(count):
+    """Logs too small for anything are accounted for."""
+    one = log()
+    tiny = changed(one, **{name: getattr(one, name)[:count] for name in ("rows", "time", "position", "current")})
+    evidence = segment([tiny], ARM)
+    assert evidence.runs == ()
+    assert sum(reject.samples for reject in evidence.rejects) == count
+
+
+def test_no_logs_are_no_evidence():
+    """An empty stream gives an empty result."""
+    evidence = segment([], ARM)
+    assert (evidence.runs, evidence.rejects) == ((), ())
+
+
+def test_another_arms_logs_are_refused():
+    """The number of joints must be the robot's."""
+    with pytest.raises(ValueError, match="3 joints, one has 1"):
+        segment([log()], Robot("one", ARM.joints[:1]))
+
+
+def test_progress_ends_with_all_samples():
+    """The last call tells every sample."""
+    told = []
+    segment([log()], ARM, progress=told.append)
+    assert told[-1] == len(log())
+
+
+def test_temperature_is_kept():
+    """A run's temperature is its joint's mean."""
+    one = log()
+    warm = changed(one, temperature=np.tile([20.0, 31.0, 40.0], (len(one), 1)))
+    (run,) = segment([warm], ARM).runs
+    assert run.temperature == pytest.approx(31.0)
+
+
+@pytest.mark.parametrize(
+    "wrong", [{"kinds": "all"}, {"min_duration": 0.0}, {"speed_tolerance": 1.5}, {"window": 10}, {"held_share": -1.0}]
+)
+def test_impossible_options_are_refused(wrong):
+    """The option, its value and what to give are told."""
+    with pytest.raises(PumaidError, match=str(next(iter(wrong.values())))) as caught:
+        SegmentOptions(**wrong)
+    assert caught.value.where.field == next(iter(wrong))
