@@ -268,12 +268,26 @@ def _reasons(robot: Robot, choice: Choice) -> list[Posture]:
             why = f"{name} carries no weight that can be told from friction: its runs are for friction"
             why += "" if place == 0 else ", here to see whether the posture changes it"
         elif serves:
-            why = f"{_stance(robot, choice.joint, hold)}; without it {', '.join(serves)} would be told far worse"
+            why = f"{_stance(robot, choice.joint, hold)}; without it {_loss(serves)}"
         else:
             why = f"{_stance(robot, choice.joint, hold)}; the load differs from that of the other postures"
-        out.append(Posture(choice.joint, tuple(hold.tolist()), serves, why))
+        out.append(Posture(choice.joint, tuple(hold.tolist()), tuple(serves), why))
     judged = f"{name} is judged here, at speeds and in a posture that no fit has seen"
     return [*out, Posture(choice.joint, tuple(choice.heldout.tolist()), (), judged)]
+
+
+def _loss(serves: dict[str, float]) -> str:
+    """What would be lost without a posture, worst first."""
+    dark = [name for name, rise in serves.items() if math.isinf(rise)]
+    worse = sorted(((rise, name) for name, rise in serves.items() if not math.isinf(rise)), reverse=True)
+    told = []
+    if dark:
+        # One posture shows the sum of several loads; it takes another to divide it among them.
+        listed = ", ".join(dark[:-1]) + (" and " if len(dark) > 1 else "") + dark[-1]
+        told.append(f"{listed} could not be told {'apart' if len(dark) > 1 else 'at all'}")
+    if worse:
+        told.append(f"the error of {', '.join(f'{name} would be {rise:.2g} times' for rise, name in worse)} as large")
+    return "; ".join(told)
 
 
 def _stance(robot: Robot, joint: int, hold: Floats) -> str:

@@ -20,6 +20,8 @@ _DRAWN = 160
 _SECONDS, _RATE = 5.0, 100.0
 #: Slopes below this share of the greatest are rounding.
 _NOTHING = 1e-9
+#: A posture serves a parameter whose error without it is this many times as large; from the second on it is not seen.
+_HALF_MORE, _UNSEEN = 1.5, 1e3
 #: What a turn of half a circle of one held joint may cost, as a share of the criterion: breaks ties toward short moves.
 _LAZINESS = 0.01
 
@@ -37,7 +39,8 @@ class Choice:
     heldout
         (J,) a posture for judging only.
     serves
-        For each fitted posture the parameters whose standard error rises by half or more without it.
+        For each fitted posture the parameters whose standard error rises by half or more without it, and how many times
+        as large it would be (infinite where the parameter would not be seen at all).
     wanted
         Parameters that this joint's runs are to show: its own and the ratios that outer joints cannot.
     """
@@ -45,7 +48,7 @@ class Choice:
     joint: int
     fitted: Floats
     heldout: Floats
-    serves: tuple[tuple[str, ...], ...]
+    serves: tuple[dict[str, float], ...]
     wanted: tuple[str, ...]
 
 
@@ -137,11 +140,11 @@ def _choose(
         anything = [number for number in range(1, robot.n_joints + 1) if number != joint]
         holds = candidates(robot, joint, free=anything, count=8, rng=rng)
         fitted = np.vstack([holds[:1], holds[-1:]])[: min(count, 2, len(holds))]
-        return Choice(joint, fitted, holds[max(len(holds) - 2, 0)], ((),) * len(fitted), ())
+        return Choice(joint, fitted, holds[max(len(holds) - 2, 0)], ({},) * len(fitted), ())
     worth = _Worth(truths, joint, holds, wanted)
     lazy = 1.0 - _LAZINESS * np.sum(np.abs(holds - reference(robot)), axis=1) / np.pi
     chosen = _exchange(worth, lazy, min(count, len(holds)))
-    serves = tuple(_served(worth, chosen, position, wanted) for position in range(len(chosen)))
+    serves = tuple(_served(worth, chosen, place=place, wanted=wanted) for place in range(len(chosen)))
     return Choice(joint, holds[chosen], holds[_apart(worth, chosen, rng)], serves, tuple(wanted))
 
 
@@ -167,12 +170,13 @@ def _exchange(worth: _Worth, lazy: Floats, count: int) -> list[int]:
     return chosen
 
 
-def _served(worth: _Worth, chosen: Sequence[int], place: int, wanted: Sequence[str]) -> tuple[str, ...]:
-    """Wanted parameters whose error rises by half or more without the posture at `place`."""
+def _served(worth: _Worth, chosen: Sequence[int], *, place: int, wanted: Sequence[str]) -> dict[str, float]:
+    """Wanted parameters whose error rises by half or more without the posture at `place`, and by what factor."""
     if len(chosen) == 1:
-        return tuple(wanted)
-    without = worth.errors([*chosen[:place], *chosen[place + 1 :]])
-    return tuple(name for name, rise in zip(wanted, without / worth.errors(chosen), strict=True) if rise >= 1.5)
+        return dict.fromkeys(wanted, float("inf"))
+    rises = worth.errors([*chosen[:place], *chosen[place + 1 :]]) / worth.errors(chosen)
+    found = {name: float(rise) for name, rise in zip(wanted, rises, strict=True) if rise >= _HALF_MORE}
+    return {name: rise if rise < _UNSEEN else float("inf") for name, rise in found.items()}
 
 
 def _apart(worth: _Worth, chosen: Sequence[int], rng: np.random.Generator) -> int:
