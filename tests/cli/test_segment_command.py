@@ -1,0 +1,104 @@
+"""``pumaid segment`` on files, as a user runs it."""
+
+from __future__ import annotations
+
+import csv
+import io
+import json
+import shutil
+
+import pytest
+from click.testing import CliRunner
+from motion_worlds import World, make
+
+from pumaid.cli import group
+from pumaid.files.recipe import read_recipe, shipped_recipes
+from pumaid.files.table import write_log
+
+
+@pytest.fixture(scope="module")
+def logs(tmp_path_factory):
+    """A recipe of two joints and two logs of known motions."""
+    folder = tmp_path_factory.mktemp("arm")
+    shutil.copy(shipped_recipes()["pendulum2"], folder / "recipe.yaml")
+    robot = read_recipe(folder / "recipe.yaml")
+    for log in make(World(joints=2, motions=8, rate=200.0, files=2), 21).logs:
+        write_log(folder / "logs" / log.origin, [log], robot)
+    return folder / "logs"
+
+
+def run(*arguments):
+    """The command's result with standard output and error apart."""
+    return CliRunner().invoke(group, ["segment", *map(str, arguments)])
+
+
+@pytest.fixture(scope="module")
+def document(logs):
+    """The JSON of these logs."""
+    result = run(logs, "--json")
+    assert result.exit_code == 0, result.stderr
+    return json.loads(result.stdout)
+
+
+def test_json_is_one_document_with_every_sample(document):
+    """Kept and left-out samples add up to those read, and joints count from 1."""
+    assert (document["kind"], document["format"]) == ("segments", 1)
+    assert document["samples"] == sum(entry["samples"] for entry in document["runs"] + document["rejects"])
+    assert document["samples"] == document["kept"] + sum(document["left_out"].values())
+    assert {entry["joint"] for entry in document["runs"]} <= {1, 2}
+    assert all(entry["posture"][entry["joint"] - 1] is None for entry in document["runs"])
+    assert all(len(digest) == 64 for digest in document["logs"].values())
+
+
+def test_table_tells_runs_and_reasons(logs, document):
+    """The table names the joints and ends with what was left out."""
+    result = run(logs, "--units", "deg")
+    assert result.exit_code == 0
+    assert f"{len(document['runs'])} runs at constant speed" in result.stdout
+    assert "speed °/s" in result.stdout
+    assert "Left out:" in result.stdout
+    assert "ramp" in result.stdout
+
+
+def test_rejects_are_listed_with_rows(logs, document):
+    """``--rejects`` lists each stretch by its rows."""
+    result = run(logs, "--rejects")
+    first = document["rejects"][0]
+    assert f"{first['first_row']}–{first['last_row']}" in result.stdout
+
+
+def test_csv_has_a_line_a_run(logs, document):
+    """The CSV holds the same runs, postures as columns."""
+    rows = list(csv.DictReader(io.StringIO(run(logs, "--csv").stdout)))
+    assert [int(row["joint"]) for row in rows] == [entry["joint"] for entry in document["runs"]]
+    assert rows[0][f"q{rows[0]['joint']}"] == ""
+
+
+@pytest.mark.parametrize(("ending", "begins"), [("png", b"\x89PNG"), ("svg", b"<?xml"), ("pdf", b"%PDF")])
+def test_picture_is_written(logs, tmp_path, ending, begins):
+    """The picture's form follows its ending."""
+    picture = tmp_path / f"runs.{ending}"
+    result = run(logs, "--picture", picture, "--json")
+    assert result.exit_code == 0
+    assert picture.read_bytes().startswith(begins)
+    assert json.loads(result.stdout)["kind"] == "segments"
+
+
+@pytest.mark.parametrize(
+    "wrong", [("--picture", "runs.gif"), ("--json", "--csv"), ("--min-duration", "0"), ("--speed-tolerance", "2")]
+)
+def test_misuse_is_code_2(logs, wrong):
+    """Impossible options are refused before anything is read."""
+    assert run(logs, *wrong).exit_code == 2
+
+
+def test_thresholds_reach_the_segmentation(logs, document):
+    """Asking for longer runs leaves fewer, and says why."""
+    longest = max(entry["duration"] for entry in document["runs"])
+    result = run(logs, "--min-duration", longest, "--kinds", "constant", "--json")
+    assert len(json.loads(result.stdout)["runs"]) < len(document["runs"])
+
+
+def test_help_shows_an_example():
+    """The help has a line to paste."""
+    assert "pumaid segment logs/ --units deg" in " ".join(run("--help").stdout.split())
