@@ -72,7 +72,8 @@ def parameter_grid(estimate: Estimate, robot: Robot, units: str = "rad") -> Grid
         body.append((head, *cells))
     body += _quality_rows(estimate.joints)
     sources = [f"g = {number(float(np.linalg.norm(robot.gravity)), 6)} m/s2"]
-    sources += [f"{name}: {known[name].title}" for name in dict.fromkeys(k[0] for k in rows if k not in _ORDER)]
+    others = dict.fromkeys(effect for effect, _ in rows if (effect, _) not in _ORDER)
+    sources += [f"{name}: {known[name].title}" for name in others if name in known]
     return Grid(
         f"{robot.name}: parameters ± standard error",
         (Cell("link"), *(Cell(str(joint.number)) for joint in robot.joints)),

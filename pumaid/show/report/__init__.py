@@ -17,11 +17,11 @@ from pumaid.show.plots.style import DARK, Drawing
 from pumaid.show.report.base import Section
 from pumaid.show.story import Story
 
-__all__ = ["Section", "page", "sections"]
+__all__ = ["Section", "all_sections", "page"]
 
 
 @functools.cache
-def sections() -> tuple[Section, ...]:
+def all_sections() -> tuple[Section, ...]:
     """Every section, in the order of the page."""
     folder = importlib.import_module(f"{__name__}.sections")
     found: list[Section] = []
@@ -58,7 +58,7 @@ def page(story: Story, *, drawn: Mapping[str, str] | None = None) -> str:
     figures = {drawing.name: drawing for drawing in drawings(story)}
     known = drawn or {}
     environment.globals["inline"] = lambda drawing: Markup(known.get(drawing.name) or drawing.inline())
-    told = [section for section in sections() if section.applies(story)]
+    told = [section for section in all_sections() if section.applies(story)]
     parts = [_part(environment, section, story, figures=figures) for section in told]
     return environment.get_template("page.html").render(
         robot=story.robot.name, sections=told, parts=parts, version=__version__, dark=DARK

@@ -1,0 +1,133 @@
+"""Figures: all kinds are found, can be written in every form, and draw what they say."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import replace
+from xml.etree import ElementTree
+
+import numpy as np
+import pytest
+import stories
+import worlds
+
+from pumaid.errors import ResultError
+from pumaid.records import Evidence, Joint, Robot
+from pumaid.show.plots import drawings, misfit, spent
+from pumaid.show.plots.segments import MOST_RUNS, beginning
+from pumaid.show.plots.skeleton import frames
+from pumaid.show.plots.style import INK, woven
+from pumaid.show.story import Story
+from pumaid.verbs.compare import compare
+
+
+@pytest.fixture(scope="module")
+def told():
+    """The small arm's story."""
+    return stories.story()
+
+
+@pytest.fixture(scope="module")
+def figures(told):
+    """Every figure by name."""
+    return {drawing.name: drawing for drawing in drawings(told)}
+
+
+def test_every_kind_is_there(figures):
+    """Arm, segments, spending, curves and residuals of both joints, parameters and campaign, in that order."""
+    names = list(figures)
+    assert names[:3] == ["arm", "segments", "spent"]
+    assert {"current_j1", "current_j2", "residual_j1", "residual_j2", "parameters", "precision", "campaign"} < set(
+        names
+    )
+
+
+@pytest.mark.parametrize("name", ["arm", "spent", "residual_j1", "campaign"])
+def test_forms_begin_as_their_kind_does(figures, name):
+    """PNG, SVG and PDF are what their suffix says."""
+    made = figures[name].files(["png", "svg", "pdf"])
+    assert made["png"].startswith(b"\x89PNG") and made["pdf"].startswith(b"%PDF")
+    assert ElementTree.fromstring(made["svg"]).tag.endswith("svg")
+
+
+def test_the_same_story_gives_the_same_bytes(told, figures):
+    """A figure drawn twice is the same file, whatever the date."""
+    again = {drawing.name: drawing for drawing in drawings(told)}
+    for form in ("svg", "png", "pdf"):
+        assert again["spent"].file(form) == figures["spent"].file(form)
+
+
+def test_inline_figure_is_a_guest_on_the_page(figures):
+    """Its ids carry its name, its ink is the page's, and it reaches for nothing outside."""
+    svg = figures["residual_j1"].inline()
+    ids = re.findall(r'\bid="([^"]+)"', svg)
+    assert ids and all(found.startswith("residual_j1-") for found in ids) and len(ids) == len(set(ids))
+    assert set(re.findall(r'href="#([^"]+)"', svg)) <= set(ids)
+    assert set(re.findall(r"url\(#([^)]+)\)", svg)) <= set(ids)
+    assert "currentColor" in svg and INK not in svg and "<style" not in svg
+    assert ElementTree.fromstring(svg).attrib["role"] == "img"
+
+
+def test_numbers_on_a_page_are_not_rounded():
+    """Coordinates are shortened, words are not."""
+    svg = '<svg width="10pt" height="5pt"><path d="M 1.23456 2.34567"/><text>0.360 A</text></svg>'
+    assert "M 1.23 2.34" in woven(svg, "x", "t") and "0.360 A" in woven(svg, "x", "t")
+
+
+def test_shares_of_an_arm_stand_in_the_picture(told):
+    """The largest share of each joint is written in its bar."""
+    svg = next(d for d in drawings(told) if d.name == "spent").inline()
+    for score in told.comparison.joints:
+        assert f"{100 * max(score.shares.values()):.0f} %" in svg
+
+
+def test_spending_is_told_in_words(told):
+    """The sentence names the effects, the largest first."""
+    score = told.comparison.joints[0]
+    words = spent.sentence(told, replace(score, shares={"gravity": 0.2, "coulomb": 0.79, "unexplained": 0.01}))
+    assert words.endswith("Coulomb friction 79 %, gravity 20 %.")
+
+
+def test_skeleton_is_where_the_arm_is():
+    """Origins of the PUMA's frames with the arm stretched up, worked out by hand from its table of lengths."""
+    arm = Robot("two", (Joint(1, "a", "revolute"), Joint(2, "b", "revolute", alpha=-np.pi / 2, d=0.25),
+                        Joint(3, "c", "revolute", a=0.4)))  # fmt: skip
+    origins, axes = frames(arm, np.array([0.0, -np.pi / 2, 0.0]))
+    assert origins == pytest.approx(np.array([[0, 0, 0], [0, 0, 0], [0, 0.25, 0], [0, 0.25, 0.4]]), abs=1e-12)
+    assert axes == pytest.approx(np.array([[0, 0, 1], [0, 1, 0], [0, 1, 0]]), abs=1e-12)
+
+
+def test_a_slide_moves_the_skeleton():
+    """A prismatic joint's position shifts what is outward of it along its axis."""
+    origins, _ = frames(worlds.CRANE, np.array([0.0, 0.7, 0.0]))
+    shorter, _ = frames(worlds.CRANE, np.array([0.0, 0.2, 0.0]))
+    assert np.linalg.norm(origins[2] - shorter[2]) == pytest.approx(0.5, rel=1e-12)
+
+
+def test_long_campaigns_show_their_beginning(told):
+    """The picture of the runs stops after its limit, with what was left out until then."""
+    many = Evidence(told.evidence.runs * 9, told.evidence.rejects)
+    shown = beginning(many)
+    assert len(shown.runs) == MOST_RUNS and len(beginning(told.evidence).runs) == len(told.evidence.runs)
+
+
+def test_logs_without_runs_draw_the_arm_only(told):
+    """With nothing to show, there is no empty figure."""
+    nothing = Evidence(())
+    empty = Story(told.robot, told.estimate, nothing, compare(told.estimate, nothing, told.robot))
+    names = [drawing.name for drawing in drawings(empty)]
+    assert names == ["arm", "parameters", "precision"]
+
+
+def test_misfit_refuses_other_forms(told):
+    """A figure's form is one of three."""
+    with pytest.raises(ResultError, match=r"\.gif"):
+        misfit.drawn(told, ".gif")
+    assert misfit.drawn(told, ".svg").startswith(b"<?xml")
+
+
+def test_misfit_without_runs_is_refused(told):
+    """There is no picture of no runs."""
+    nothing = Evidence(())
+    with pytest.raises(ResultError, match="no run"):
+        misfit.drawn(Story(told.robot, told.estimate, nothing, compare(told.estimate, nothing, told.robot)), ".png")

@@ -1,0 +1,122 @@
+"""The page: one file, nothing from outside, every section found, nothing of a name obeyed."""
+
+from __future__ import annotations
+
+import io
+import re
+from html.parser import HTMLParser
+
+import pandas as pd
+import pytest
+import stories
+
+from pumaid.show.export import export, parameters_as, parameters_frame
+from pumaid.show.report import all_sections, page
+
+
+class Outline(HTMLParser):
+    """Ids, references and open elements of a page."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.ids: list[str] = []
+        self.references: list[str] = []
+        self.tags: list[str] = []
+        self.words: list[str] = []
+
+    def handle_starttag(self, tag, attrs):
+        self.tags.append(tag)
+        for name, value in attrs:
+            if name == "id":
+                self.ids.append(value)
+            if name in ("href", "src", "xlink:href", "srcset", "action"):
+                self.references.append(value)
+
+    def handle_data(self, data):
+        self.words.append(data)
+
+
+def outline(html: str) -> Outline:
+    """A page's outline."""
+    found = Outline()
+    found.feed(html)
+    return found
+
+
+@pytest.fixture(scope="module")
+def html():
+    """The small arm's page."""
+    return page(stories.story(units="deg"))
+
+
+def test_sections_stand_in_the_order_of_the_story():
+    """Arm, data, parameters, prediction, misfit, limits, sources after the summary."""
+    names = [section.name for section in all_sections()]
+    told = ["summary", "arm", "data", "parameters", "prediction", "misfit", "limits", "sources"]
+    assert [name for name in names if name in told] == told
+
+
+def test_every_section_is_on_the_page(html):
+    """Each section can be reached by its anchor, from the list at the top."""
+    found = outline(html)
+    for section in all_sections():
+        assert section.name in found.ids and f"#{section.name}" in found.references
+
+
+def test_page_needs_nothing_from_outside(html):
+    """Every reference points into the page."""
+    outside = [ref for ref in outline(html).references if not ref.startswith("#") and ref != "data:,"]
+    assert outside == [] and "@import" not in html and not re.search(r"url\((?!#)", html)
+    assert "script" not in outline(html).tags
+
+
+def test_ids_are_unique(html):
+    """No id occurs twice, figures included."""
+    ids = outline(html).ids
+    assert len(ids) == len(set(ids)) > 20
+
+
+def test_names_are_words_not_markup():
+    """A hostile name of arm, joint or file stands on the page as it is written."""
+    found = outline(page(stories.hostile()))
+    assert "script" not in found.tags
+    assert any(stories.HOSTILE in words for words in found.words)
+
+
+def test_says_what_matters_first(html):
+    """The summary has a sentence on every joint before any table."""
+    words = html[: html.index("<table")]
+    assert "Joint 1 (joint 1): the model explains" in words and "noise floor" in words
+
+
+def test_notes_and_rejects_are_told(html):
+    """What was left out and what looked wrong stand on the page with their place."""
+    assert "0.2 s are missing" in html and "logs/a.csv, row 7" in html and "joint 1 speeds up for 1.0 s" in html
+
+
+def test_export_has_page_tables_and_figures():
+    """One call yields all files, the page last."""
+    names = [name for name, _ in export(stories.story(), figures=("svg",))]
+    assert names[-1] == "report.html" and "figures/spent.svg" in names
+    assert {"tables/parameters.csv", "tables/parameters.tex", "tables/runs.parquet", "tables/comparison.md"} < set(
+        names
+    )
+
+
+def test_long_tables_hold_the_same_numbers():
+    """CSV, Parquet and the records agree."""
+    told = stories.story()
+    csv = pd.read_csv(io.BytesIO(parameters_as(told.estimate, told.robot, "csv")))
+    parquet = pd.read_parquet(io.BytesIO(parameters_as(told.estimate, told.robot, "parquet")))
+    assert csv["value"].tolist() == pytest.approx(parquet["value"].tolist(), rel=1e-12, nan_ok=True)
+    assert list(csv["name"]) == [value.name for value in told.estimate.values]
+
+
+def test_degrees_change_value_error_and_interval():
+    """In degrees a viscous parameter, its error and its interval shrink alike, and the unit says so."""
+    told = stories.story()
+    radians = parameters_frame(told.estimate).set_index("name").loc["viscous.j1.plus"]
+    degrees = parameters_frame(told.estimate, "deg").set_index("name").loc["viscous.j1.plus"]
+    assert degrees["unit"] == "A s/deg"
+    for column in ("value", "std_error", "ci_low", "ci_high"):
+        assert degrees[column] == pytest.approx(radians[column] * 3.141592653589793 / 180, rel=1e-12)
