@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -51,20 +52,19 @@ def _repeats(first: Run, second: Run) -> bool:
 def noise_floor(runs: Sequence[Run]) -> tuple[float | None, str | None]:
     """The RMSE (A, of samples) that no model of position, posture, speed and direction can go below, or why unknown.
 
-    Half the mean squared difference of replicates at the same positions, plus the variance inside cells.
+    Half the mean squared difference of replicates at the same positions, plus the variance inside cells that the
+    current's course from cell to cell does not explain. Physics that repeats within less than a cell counts as noise.
 
     Source
     ------
     G. E. P. Box, W. G. Hunter and J. S. Hunter, Statistics for Experimenters, ch. 3: pure error from replicates.
     """
-    pairs = [(group[0], other) for group in replicates(runs) for other in group[1:]]
+    pairs = [(runs[group[0]], runs[other]) for group in replicates(runs) for other in group[1:]]
     if not pairs:
         return None, "no run is repeated (same posture, speed, direction), so noise cannot be told from missing physics"
-    squares = [_difference(runs[first], runs[second]) for first, second in pairs]
-    weights = np.array([len(runs[first].cells) for first, _ in pairs], dtype=float)
-    between = 0.5 * float(np.average(squares, weights=weights))
-    inside = [_inside(run) for pair in pairs for run in (runs[pair[0]], runs[pair[1]])]
-    return float(np.sqrt(between + np.mean(inside))), None
+    squares = [_between(*pair) + _inside(*pair) for pair in pairs]
+    weights = np.array([first.samples + second.samples for first, second in pairs], dtype=float)
+    return float(np.sqrt(np.average(squares, weights=weights))), None
 
 
 def _turns(first: Run, second: Run) -> float:
@@ -72,32 +72,74 @@ def _turns(first: Run, second: Run) -> float:
     return float(2.0 * np.pi * np.round((sum(first.span) - sum(second.span)) / (4.0 * np.pi)))
 
 
-def _curve(run: Run) -> tuple[Floats, Floats, Floats]:
-    """Cells' position, current and the run's own first harmonic (A) there."""
-    own = run.joint - 1
-    q, current = run.cells.position[:, own], run.cells.current[:, own]
-    basis = np.column_stack([np.cos(q), np.sin(q), np.ones(len(q)), run.cells.acceleration])
-    return q, current, basis @ np.linalg.lstsq(basis, current, rcond=1e-6)[0]
+@dataclass(frozen=True, eq=False, slots=True)
+class _Course:
+    """A run's cells in order of position (M,): current (A), its variance (A2), samples, first harmonic's regressors."""
+
+    q: Floats
+    current: Floats
+    variance: Floats
+    count: NDArray[np.int64]
+    basis: Floats
+
+    @classmethod
+    def of(cls, run: Run, turns: float = 0.0) -> _Course:
+        own, cells = run.joint - 1, run.cells
+        order = np.argsort(cells.position[:, own], kind="stable")
+        q = cells.position[order, own] + turns
+        basis = np.column_stack([np.cos(q), np.sin(q), np.ones(len(q)), cells.acceleration[order]])
+        return cls(q, cells.current[order, own], cells.variance[order], cells.count[order], basis)
+
+    def before(self, q: Floats) -> NDArray[np.int64]:
+        """The cell before each position, so that it and the next enclose the position."""
+        return np.asarray(np.searchsorted(self.q, q).clip(1, len(self.q) - 1) - 1)
+
+    def rise(self, values: Floats, q: Floats) -> Floats:
+        """Slope (A/rad or A/m) at each position of `values` (M,), from one cell to the next."""
+        k = self.before(q)
+        width = self.q[k + 1] - self.q[k]
+        return np.divide(values[k + 1] - values[k], width, out=np.zeros(len(q)), where=width > 0)
 
 
-def _difference(first: Run, second: Run) -> float:
-    """Mean squared difference (A2) of two runs at the same positions, slopes within a cell taken out."""
-    q_a, i_a, smooth_a = _curve(first)
-    q_b, i_b, _ = _curve(second)
-    q_b = q_b + _turns(first, second)
-    order = np.argsort(q_a)
-    inside = (q_b >= q_a.min()) & (q_b <= q_a.max())
-    if not inside.any():
-        return 0.0
-    nearest = order[np.searchsorted(q_a[order], q_b[inside]).clip(1, len(order) - 1)]
-    at_b = np.interp(q_b[inside], q_a[order], smooth_a[order])
-    return float(np.mean((i_b[inside] - at_b - (i_a[nearest] - smooth_a[nearest])) ** 2))
+def _pair(first: Run, second: Run) -> tuple[_Course, _Course, Floats]:
+    """Both courses, and the first harmonic (A; by cos, sin, one and acceleration) of the first."""
+    a, b = _Course.of(first), _Course.of(second, _turns(first, second))
+    return a, b, np.asarray(np.linalg.lstsq(a.basis, a.current, rcond=1e-6)[0], dtype=float)
 
 
-def _inside(run: Run) -> float:
-    """Mean variance (A2) inside the run's cells, less what the current's slope makes of a cell's width."""
-    q, _, smooth = _curve(run)
-    if len(q) < 2:
-        return float(np.mean(run.cells.variance))
-    slope = np.gradient(smooth)
-    return max(float(np.mean(run.cells.variance - slope**2 / 12.0)), 0.0)
+def _between(first: Run, second: Run) -> float:
+    """Variance (A2) by which the cells of two runs differ at the same positions: of their noise and of runs' levels."""
+    a, b, smooth = _pair(first, second)
+    shared = (b.q >= a.q[0]) & (b.q <= a.q[-1])
+    if len(a.q) < 2 or np.count_nonzero(shared) < 2:
+        return 0.5 * float(np.average(b.current, weights=b.count) - np.average(a.current, weights=a.count)) ** 2
+    rest_a, rest_b = a.current - a.basis @ smooth, (b.current - b.basis @ smooth)[shared]
+    k, q = a.before(b.q[shared]), b.q[shared]
+    width = a.q[k + 1] - a.q[k]
+    share = np.divide(q - a.q[k], width, out=np.zeros(len(q)), where=width > 0)
+    difference = rest_b - (1.0 - share) * rest_a[k] - share * rest_a[k + 1]
+    # Interpolation averages the cells' noise, not what a whole run shares.
+    left = 0.5 * (1.0 + (1.0 - share) ** 2 + share**2)
+    level = float(np.mean(difference))
+    return 0.5 * (level**2 + float(np.mean((difference - level) ** 2 / left)))
+
+
+def _inside(first: Run, second: Run) -> float:
+    """Mean variance (A2) inside the cells of two runs, less what the current's slope makes of a cell's width.
+
+    What the slope adds to the first harmonic's is squared as a product of both runs', whose noise is independent.
+    """
+    a, b, smooth = _pair(first, second)
+    variance = float(np.average(np.concatenate([a.variance, b.variance]), weights=np.concatenate([a.count, b.count])))
+    if len(a.q) < 2 or len(b.q) < 2:
+        return variance
+    width = np.gradient(b.q)
+    bend = np.divide(np.gradient(b.basis[:, 3]), width, out=np.zeros(len(width)), where=width > 0)
+    harmonic = np.column_stack([-b.basis[:, 1], b.basis[:, 0], bend]) @ smooth[[0, 1, 3]]
+    middle = 0.5 * (b.q[1:] + b.q[:-1])
+    ours = a.rise(a.current - a.basis @ smooth, middle)
+    theirs = b.rise(b.current - b.basis @ smooth, middle)
+    along = 0.5 * (harmonic[1:] + harmonic[:-1])
+    inner = np.diff(b.q) ** 2 * (along * (ours + theirs) + ours * theirs)
+    spread = float(np.mean((harmonic * width) ** 2) + np.mean(inner)) / 12.0
+    return max(variance - spread * (1.0 - 1.0 / float(np.mean(b.count)) ** 2), 0.0)
