@@ -16,8 +16,8 @@ REASONS: dict[str, tuple[str, str]] = {
     "several-joints": ("several joints move", "joints {joints} move at the same time for {duration} s"),
     "between-several": ("alone by chance", "joint {joints} moves alone for only {duration} s between motions of "
                         "several joints"),
-    "too-short": ("too short", "joint {joints} moves {figure} {unit} in {duration} s; a run needs {min_duration} s, "
-                  "{min_travel} {unit} and {min_samples} samples"),
+    "too-short": ("too short", "joint {joints} moves {figure} {unit} in {duration} s, too little of it at one speed; a "
+                  "run needs {min_duration} s, {min_travel} {unit} and {min_samples} samples"),
     "speed-not-constant": ("speed not constant", "joint {joints} moves {figure} {unit} in {duration} s, never within "
                            "{speed_tolerance} of one speed for {min_duration} s"),
     "low-speed": ("too slow for sliding friction", "joint {joints} is below {low_speed_share} of its peak speed "

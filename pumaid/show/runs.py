@@ -155,9 +155,9 @@ def _run_row(index: int, run: Run, robot: Robot, *, units: str, name: str) -> li
     kind = Cell(run.kind, mark="held out" if run.heldout else "")
     cells: list[str | Cell] = [
         str(index),
-        run.origin,
-        number(run.start, 6),
-        number(run.duration, 3),
+        name,
+        f"{run.start:.2f}",
+        f"{run.duration:.2f}",
         f"{run.joint} {joint.name}",
         kind,
     ]

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 from motion_worlds import World, make, robot
 
@@ -65,3 +67,14 @@ def test_names_lose_shared_folders_only():
     assert shortened(["a/b/c.csv", "a/x.csv"]) == {"a/b/c.csv": "b/c.csv", "a/x.csv": "x.csv"}
     assert shortened(["/a/b.csv", "x.csv"]) == {"/a/b.csv": "/a/b.csv", "x.csv": "x.csv"}
     assert shortened(["-"]) == {"-": "-"}
+
+
+def test_the_table_shows_short_names_and_units():
+    """Files without their shared folders, times to a hundredth, speeds in the unit of the header."""
+    evidence, arm = evidence_of(speeds=(0.5, 0.5001))
+    moved = replace(evidence, runs=tuple(replace(run, origin=f"logs/day/{run.origin}") for run in evidence.runs))
+    shown = run_grid(moved, arm, units="deg")
+    row = {head.text: cell.text for head, cell in zip(shown.header, shown.rows[0], strict=True)}
+    assert row["file"] == "log_0.csv"
+    assert row["start s"] == f"{evidence.runs[0].start:.2f}"
+    assert np.isclose(float(row["speed °/s"]), np.degrees(0.5), rtol=0.01)
