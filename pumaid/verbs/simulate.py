@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 
 import numpy as np
@@ -11,6 +12,9 @@ from pumaid.records import Log, Plan, Robot
 from pumaid.virtual.draw import draw
 from pumaid.virtual.session import Session
 from pumaid.virtual.truth import Truth
+
+#: Hz; ten times the fastest current loops that are logged.
+FASTEST = 100_000.0
 
 
 def simulate(
@@ -58,9 +62,9 @@ def simulate(
     Raises
     ------
     ModelError [plan-misfit]
-        The plan is for another number of joints.
+        The plan is for another number of joints, or has a speed that is none.
     ModelError [rate-impossible]
-        The rate is not positive.
+        The rate is not positive, or beyond that of any drive.
 
     Examples
     --------
@@ -70,8 +74,9 @@ def simulate(
     >>> first.origin, first.current.shape[1]
     ('session_01', 6)
     """
-    if not rate > 0:
-        raise ModelError("rate-impossible", f"a log cannot have {rate:g} samples a second", mend="give a positive rate")
+    if not 0 < rate <= FASTEST:
+        mend = f"give a rate above 0 and at most {FASTEST:g} Hz"
+        raise ModelError("rate-impossible", f"a log cannot have {rate:g} samples a second", mend=mend)
     for number, motion in enumerate(plan.motions, start=1):
         if len(motion.hold) != robot.n_joints or not 1 <= motion.joint <= robot.n_joints:
             raise ModelError(
@@ -81,6 +86,9 @@ def simulate(
                 Where(field=f"runs[{number}]"),
                 "take a plan made for this robot: pumaid plan",
             )
+        if not 0.0 < motion.velocity < math.inf:
+            what = f"run {number} of the plan has the speed {motion.velocity:g}"
+            raise ModelError("plan-misfit", what, Where(field=f"runs[{number}].velocity"), "speeds are positive")
     robot_truth = draw(robot, seed) if truth is None else truth
     if noise is not None:
         robot_truth = robot_truth.with_noise(noise)

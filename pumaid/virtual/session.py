@@ -18,6 +18,10 @@ Floats = NDArray[np.float64]
 STICTION_SHARE = 0.8
 
 
+#: Most samples of a batch: what keeps memory flat however long a run is.
+CHUNK = 16384
+
+
 class Session:
     """A virtual robot at work; `logs` yields its samples in batches, in order of time.
 
@@ -57,54 +61,62 @@ class Session:
         self._sample = 0
 
     def logs(self) -> Iterator[Log]:
-        """One batch a stretch (a run with its rests, or a move between postures); `origin` names the file."""
+        """Batches of at most `CHUNK` samples, none across two stretches; `origin` names the file.
+
+        A stretch is a run with its rests, or a move between postures.
+        """
         row, file_number = 2, -1
         for stretch in stretches(self.truth.robot, self.plan):
             number = stretch.index // self.runs_per_file
             if number != file_number:
                 row, file_number = 2, number
-            log = self._batch(stretch, origin=f"session_{number + 1:02d}", row=row)
-            row += len(log)
-            yield log
+            for log in self._stretch(stretch, origin=f"session_{number + 1:02d}", row=row):
+                row += len(log)
+                yield log
 
-    def _batch(self, stretch: Stretch, *, origin: str, row: int) -> Log:
+    def _stretch(self, stretch: Stretch, *, origin: str, row: int) -> Iterator[Log]:
         count = max(1, int(np.ceil(stretch.duration * self.rate)))
-        local = np.arange(count) / self.rate
-        position, velocity, acceleration = stretch.at(local)
-        first = self._sample
-        self._sample += count
-        time = np.round((first + np.arange(count)) / self.rate, 9)
-        current = self._current(time, position, velocity=velocity, acceleration=acceleration)
-        measured, speed = self._encoder(position, velocity)
-        step = self.truth.noise.current_step
-        return Log(
-            origin=origin,
-            rows=np.arange(row, row + count, dtype=np.int64),
-            time=time,
-            position=measured,
-            velocity=speed if self.has_velocity else None,
-            current=np.round(current / step) * step if step > 0 else current,
-            starts_clock=first == 0,
-        )
+        moving = np.array([path.start != path.end for path in stretch.paths])
+        before, self._stiction = self._stiction, np.where(moving, self._settle(), self._stiction)
+        levels = self.truth.noise.level_std * self.rng.standard_normal(len(moving))
+        for first in range(0, count, CHUNK):
+            local = np.arange(first, min(first + CHUNK, count)) / self.rate
+            position, velocity, acceleration = stretch.at(local)
+            time = np.round((self._sample + np.arange(len(local))) / self.rate, 9)
+            resting = np.where((local > stretch.lead)[:, None], self._stiction, before)
+            current = self._ideal(time, position, velocity=velocity, resting=resting)
+            current += self.truth.inertia * acceleration + self._noise_of(len(local), levels)
+            measured, speed = self._encoder(position, velocity)
+            step = self.truth.noise.current_step
+            yield Log(
+                origin=origin,
+                rows=np.arange(row + first, row + first + len(local), dtype=np.int64),
+                time=time,
+                position=measured,
+                velocity=speed if self.has_velocity else None,
+                current=np.round(current / step) * step if step > 0 else current,
+                starts_clock=self._sample == 0,
+            )
+            self._sample += len(local)
 
-    def _current(self, time: Floats, position: Floats, *, velocity: Floats, acceleration: Floats) -> Floats:
-        truth, noise = self.truth, self.truth.noise
+    def _ideal(self, time: Floats, position: Floats, *, velocity: Floats, resting: Floats) -> Floats:
+        """(N, J) A of gravity, friction or (N, J) stiction, and hidden effects."""
+        truth = self.truth
         gravity = truth.gravity_current(position)
-        current = gravity + truth.inertia * acceleration
-        before, self._stiction = self._stiction, np.where(np.any(velocity != 0, axis=0), self._settle(), self._stiction)
-        has_moved = np.cumsum(velocity != 0, axis=0) > 0
+        current = gravity.copy()
         for j in range(truth.robot.n_joints):
-            resting = np.where(has_moved[:, j], self._stiction[j], before[j])
-            friction = truth.friction.current(j + 1, velocity[:, j])
-            current[:, j] += np.where(velocity[:, j] == 0, resting, friction)
             q, v, load = position[:, j], velocity[:, j], gravity[:, j]
+            current[:, j] += np.where(v == 0, resting[:, j], truth.friction.current(j + 1, v))
             current[:, j] += truth.hidden_current(j + 1, time, position=q, velocity=v, load=load)
+        return current
+
+    def _noise_of(self, count: int, levels: Floats) -> Floats:
+        noise = self.truth.noise
         if not np.any(noise.std > 0):
-            return current
-        coloured_noise = coloured(self.rng, current.shape, phi=self._phi, start=self._noise)
-        self._noise = coloured_noise[-1]
-        levels = noise.level_std * self.rng.standard_normal(truth.robot.n_joints)
-        return current + noise.sample_std * coloured_noise + levels
+            return np.zeros((count, len(levels)))
+        found = coloured(self.rng, (count, len(levels)), phi=self._phi, start=self._noise)
+        self._noise = found[-1]
+        return noise.sample_std * found + levels
 
     def _settle(self) -> Floats:
         """(J,) A that stiction takes of each resting joint: undetermined by anything that a log shows."""

@@ -42,8 +42,8 @@ def test_truth_is_found_through_logs(name, seeds):
     robot = arm(name)
     made = plan(robot, minutes=25, seed=9)
     off = np.concatenate([from_logs(robot, made, seed)[1] for seed in seeds])
-    # Four robots of some 38 parameters, correlated in pairs, know their RMS to a tenth; intervals of some twenty degrees
-    # of freedom leave 5 to 7 % beyond 2 standard errors, give or take 2.
+    # Four robots of some 38 parameters, correlated in pairs, know their RMS to a tenth; intervals of some twenty
+    # degrees of freedom leave 5 to 7 % beyond 2 standard errors, give or take 2.
     assert 0.75 < np.sqrt(np.mean(off**2)) < 1.35
     assert np.mean(np.abs(off) > 2.0) < 0.13
 

@@ -131,6 +131,17 @@ def test_files_share_one_clock():
     assert [int(log.rows[0]) for log in logs] == [2, 2, 2 + len(logs[1])]
 
 
+def test_long_stretches_come_in_parts(monkeypatch):
+    """A run that is cut into batches is the run itself: nothing but its noise depends on where it is cut."""
+    whole = session(PUMA.with_noise(0.0))
+    monkeypatch.setattr("pumaid.virtual.session.CHUNK", 100)
+    parts = session(PUMA.with_noise(0.0))
+    assert all(np.array_equal(parts[name], whole[name]) for name in whole)
+    logs = list(Session(PUMA, SHORT, np.random.default_rng(1), rate=RATE).logs())
+    assert max(len(log) for log in logs) == 100
+    assert [log.starts_clock for log in logs].count(True) == 1
+
+
 def test_velocity_can_be_absent():
     """A log without velocities has none, not zeros."""
     logs = Session(PUMA, SHORT, np.random.default_rng(1), rate=RATE, has_velocity=False).logs()
@@ -151,7 +162,9 @@ def test_short_way_never_reaches_the_speed():
     [
         (replace(SHORT, motions=(Motion(1, (0.0, 0.0), 0.0, 1.0, 0.5),)), RATE, "plan-misfit"),
         (replace(SHORT, motions=(Motion(7, (0.0,) * 6, 0.0, 1.0, 0.5),)), RATE, "plan-misfit"),
+        (replace(SHORT, motions=(replace(SHORT.motions[0], velocity=0.0),)), RATE, "plan-misfit"),
         (SHORT, 0.0, "rate-impossible"),
+        (SHORT, 1e9, "rate-impossible"),
         (SHORT, float("nan"), "rate-impossible"),
     ],
 )
