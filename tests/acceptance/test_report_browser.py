@@ -1,0 +1,181 @@
+"""The report page in a real browser: quiet, offline, whole at any width, light and dark, on paper."""
+
+from __future__ import annotations
+
+import base64
+import json
+import re
+import shutil
+import zlib
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+import stories
+import worlds
+
+from pumaid.show.report import page
+
+pytestmark = pytest.mark.browser
+
+CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
+DRIVER = shutil.which("chromedriver")
+FLAGS = [
+    "--headless=new",
+    "--no-sandbox",
+    "--disable-gpu",
+    "--disable-quic",
+    "--no-first-run",
+    "--disable-background-networking",
+    "--disable-component-update",
+    "--disable-sync",
+    "--hide-scrollbars",
+]
+
+#: Luminance contrast that the Web Content Accessibility Guidelines 2.1 ask of text (criterion 1.4.3).
+CONTRAST = 4.5
+
+#: px: smallest text of a figure on a 400 px page that is still read without zooming.
+SMALLEST = 8.0
+
+
+@pytest.fixture(scope="module")
+def browser(tmp_path_factory) -> Iterator[object]:
+    """A headless Chromium with a profile of its own that logs its console and its network."""
+    if CHROMIUM is None or DRIVER is None:
+        pytest.skip("needs chromium and chromedriver (Debian: apt-get install chromium chromium-driver)")
+    webdriver = pytest.importorskip("selenium.webdriver", reason="needs selenium (pip install 'pumaid[test]')")
+    options = webdriver.ChromeOptions()
+    options.binary_location = CHROMIUM
+    for flag in (*FLAGS, f"--user-data-dir={tmp_path_factory.mktemp('profile')}"):
+        options.add_argument(flag)
+    options.set_capability("goog:loggingPrefs", {"browser": "ALL", "performance": "ALL"})
+    driver = webdriver.Chrome(options=options, service=webdriver.ChromeService(DRIVER))
+    yield driver
+    driver.quit()
+
+
+@pytest.fixture(scope="module", params=["ordinary", "hostile"])
+def address(request, tmp_path_factory) -> str:
+    """Where the page of a six-joint arm, or of one with dangerous names, lies."""
+    told = stories.story(worlds.STANFORD, units="deg") if request.param == "ordinary" else stories.hostile()
+    path: Path = tmp_path_factory.mktemp("page") / "report.html"
+    path.write_text(page(told), encoding="utf-8")
+    return path.as_uri()
+
+
+def shown(browser, address: str, *, width: int, scheme: str = "light"):
+    """The page at `width` px for a reader who prefers `scheme`."""
+    size = {"width": width, "height": 900, "deviceScaleFactor": 1, "mobile": False}
+    browser.execute_cdp_cmd("Emulation.setDeviceMetricsOverride", size)
+    features = [{"name": "prefers-color-scheme", "value": scheme}]
+    browser.execute_cdp_cmd("Emulation.setEmulatedMedia", {"media": "", "features": features})
+    browser.get(address)
+    return browser
+
+
+def test_console_is_silent(browser, address):
+    """The browser has nothing to complain of."""
+    browser.get_log("browser")
+    assert shown(browser, address, width=1600).get_log("browser") == []
+
+
+def test_nothing_is_fetched(browser, address):
+    """The only request is the page itself."""
+    browser.get_log("performance")
+    shown(browser, address, width=1600)
+    events = [json.loads(entry["message"])["message"] for entry in browser.get_log("performance")]
+    urls = [e["params"]["request"]["url"] for e in events if e["method"] == "Network.requestWillBeSent"]
+    assert {url for url in urls if not url.startswith("data:")} == {address}
+
+
+@pytest.mark.parametrize("width", [400, 1600])
+def test_page_does_not_scroll_sideways(browser, address, width):
+    """The page is as wide as its window; wide tables scroll inside themselves."""
+    shown(browser, address, width=width)
+    assert browser.execute_script("return document.documentElement.scrollWidth") <= width
+
+
+@pytest.mark.parametrize("width", [400, 1600])
+def test_every_figure_is_seen(browser, address, width):
+    """Each figure has a size that can be read and lies inside the page, and each has ink in it."""
+    shown(browser, address, width=width)
+    boxes = browser.execute_script(
+        "return [...document.querySelectorAll('figure svg')].map(s => {const b = s.getBoundingClientRect();"
+        " return [b.left, b.width, b.height, s.querySelectorAll('path').length]})"
+    )
+    assert len(boxes) == len(set(re.findall(r'<figure id="([^"]+)"', browser.page_source))) >= 8
+    for left, wide, high, paths in boxes:
+        assert left >= 0 and wide >= min(280, 0.7 * width) and high >= 90 and paths > 3
+
+
+def test_words_in_figures_can_be_read_on_a_phone(browser, address):
+    """At 400 px no text of a figure is smaller than the eye takes."""
+    shown(browser, address, width=400)
+    heights = browser.execute_script(
+        "return [...document.querySelectorAll('figure:not(.wide) svg text')].map(t => parseFloat("
+        "getComputedStyle(t).fontSize) * t.getScreenCTM().a).filter(size => size > 0)"
+    )
+    assert heights and min(heights) >= SMALLEST
+
+
+@pytest.mark.parametrize("scheme", ["light", "dark"])
+def test_words_stand_out_from_the_page(browser, address, scheme):
+    """Text, in figures too, has the contrast that accessibility asks for, on light and on dark."""
+    shown(browser, address, width=1600, scheme=scheme)
+    paper = browser.execute_script("return getComputedStyle(document.body).backgroundColor")
+    inks = browser.execute_script(
+        "return ['p', 'li', 'td', 'th', 'figcaption', 'a', 'td.alarm', 'td.unknown', 'figure svg'].map(s =>"
+        " document.querySelector(s)).filter(Boolean).map(e => getComputedStyle(e).color)"
+    )
+    assert (luminance(paper) < 0.1) == (scheme == "dark")
+    assert all(contrast(ink, paper) >= CONTRAST for ink in inks)
+
+
+def luminance(colour: str) -> float:
+    """Relative luminance of ``rgb(r, g, b)`` (WCAG 2.1)."""
+    parts = [int(part) / 255 for part in re.findall(r"\d+", colour)[:3]]
+    red, green, blue = (p / 12.92 if p <= 0.03928 else ((p + 0.055) / 1.055) ** 2.4 for p in parts)
+    return 0.2126 * red + 0.7152 * green + 0.0722 * blue
+
+
+def contrast(ink: str, paper: str) -> float:
+    """Contrast of two colours (WCAG 2.1)."""
+    high, low = sorted((luminance(ink), luminance(paper)), reverse=True)
+    return (high + 0.05) / (low + 0.05)
+
+
+def test_links_lead_to_sections(browser, address):
+    """Every entry of the list at the top leads to a heading that exists."""
+    shown(browser, address, width=1600)
+    broken = browser.execute_script(
+        "return [...document.querySelectorAll('a[href^=\"#\"]')].filter(a =>"
+        " !document.querySelector(a.getAttribute('href') + ' h2')).length"
+    )
+    assert broken == 0
+
+
+def test_prints_to_several_pages(browser, address):
+    """On paper the page is light, breaks into sheets, and cuts no figure in two."""
+    shown(browser, address, width=1600, scheme="dark")
+    browser.execute_cdp_cmd("Emulation.clearDeviceMetricsOverride", {})
+    options = {"paperWidth": 8.27, "paperHeight": 11.69, "printBackground": True}
+    pdf = base64.b64decode(browser.execute_cdp_cmd("Page.printToPDF", options)["data"])
+    assert pdf.startswith(b"%PDF") and pages(pdf) > 1
+    browser.execute_cdp_cmd("Emulation.setEmulatedMedia", {"media": "print", "features": []})
+    paper = browser.execute_script("return getComputedStyle(document.body).backgroundColor")
+    breaks = browser.execute_script(
+        "return [...document.querySelectorAll('figure')].map(f => getComputedStyle(f).breakInside)"
+    )
+    assert luminance(paper) > 0.9 and set(breaks) == {"avoid"}
+
+
+def pages(pdf: bytes) -> int:
+    """Sheets of a PDF, its compressed parts opened."""
+    parts = [pdf]
+    for found in re.finditer(rb"stream\r?\n(.*?)endstream", pdf, re.DOTALL):
+        try:
+            parts.append(zlib.decompress(found[1]))
+        except zlib.error:
+            continue
+    return sum(len(re.findall(rb"/Type\s*/Page(?![a-zA-Z])", part)) for part in parts)

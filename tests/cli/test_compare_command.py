@@ -1,0 +1,153 @@
+"""``pumaid compare`` as a user types it."""
+
+from __future__ import annotations
+
+import json
+import shutil
+from itertools import groupby
+from pathlib import Path
+
+import pytest
+from click.testing import CliRunner, Result
+
+import pumaid
+from pumaid.cli import group
+from pumaid.files.log_writer import write_log
+from pumaid.files.recipe import shipped_recipes
+from pumaid.virtual.draw import draw
+
+
+def run(*arguments: str) -> Result:
+    """Run ``pumaid`` with these arguments."""
+    return CliRunner().invoke(group, list(arguments))
+
+
+@pytest.fixture(scope="module")
+def made(tmp_path_factory) -> Path:
+    """A pendulum's experiment: recipe, plan with held-out runs, logs, model."""
+    folder = tmp_path_factory.mktemp("pendulum")
+    shutil.copy(shipped_recipes()["pendulum2"], folder / "recipe.yaml")
+    robot = pumaid.read_recipe(folder / "recipe.yaml")
+    plan = pumaid.plan(robot, minutes=6, seed=3)
+    for origin, logs in groupby(pumaid.simulate(robot, plan, seed=3, rate=100.0), key=lambda log: log.origin):
+        write_log(folder / "logs" / f"{origin}.csv", logs, robot)
+    done = run("identify", str(folder / "logs"))
+    assert done.exit_code == 0, done.stderr
+    return folder
+
+
+@pytest.fixture
+def arm(made, tmp_path, monkeypatch) -> Path:
+    """A copy of the experiment, which is the working folder."""
+    shutil.copytree(made, tmp_path / "arm")
+    monkeypatch.chdir(tmp_path / "arm")
+    return tmp_path / "arm"
+
+
+def test_prints_error_by_joint_and_the_worst_runs(arm):
+    """Tables of joints, of what lies outside runs, and as many of the worst runs as asked for."""
+    done = run("compare", "results/model.json", "logs", "--worst", "2")
+    assert done.exit_code == 0, done.stderr
+    assert "noise floor" in done.stdout and "Outside runs" in done.stdout
+    assert len(done.stdout.split("Worst runs")[1].splitlines()[2:-1]) == 2
+
+
+def test_json_is_one_document(arm):
+    """``--json`` prints the comparison and nothing else on standard output."""
+    done = run("compare", "results/model.json", "logs", "--json")
+    document = json.loads(done.stdout)
+    assert document["kind"] == "comparison" and document["format"] == 1
+    assert document["recipe"]["sha256"] and list(document["logs"].values())
+    assert document["joints"][1]["rmse"] == pytest.approx(document["joints"][1]["noise_floor"], rel=0.3)
+
+
+def test_draws_the_misfit(arm):
+    """``--figure`` writes the picture that its suffix asks for."""
+    assert run("compare", "results/model.json", "logs", "--figure", "misfit.png").exit_code == 0
+    assert Path("misfit.png").read_bytes().startswith(b"\x89PNG")
+
+
+def test_check_asks_for_attention(arm):
+    """``--check`` leaves with 1 where the error is above the noise floor, with 0 where it is not."""
+    robot = pumaid.read_recipe(Path("recipe.yaml"))
+    plan, another = pumaid.plan(robot, minutes=6, seed=3), draw(robot, 99)
+    logs = list(pumaid.simulate(robot, plan, truth=another, seed=3, rate=100.0))
+    write_log(Path("other.csv"), [log for log in logs if log.origin == logs[0].origin], robot)
+    assert run("compare", "results/model.json", "logs", "--check").exit_code == 0
+    assert run("compare", "results/model.json", "other.csv", "--check", "--trust").exit_code == 1
+
+
+def test_refuses_another_recipe(arm):
+    """A recipe that was changed after the model was made is refused, with both digests."""
+    text = Path("recipe.yaml").read_text(encoding="utf-8")
+    Path("recipe.yaml").write_text(text + "\n# changed\n", encoding="utf-8")
+    done = run("compare", "results/model.json", "logs")
+    assert done.exit_code == 3 and "error[model-other-recipe]" in done.stderr
+
+
+def test_missing_model_says_how_to_make_one(arm):
+    """A model that is not there is a message with its mend."""
+    done = run("compare", "nowhere.json", "logs")
+    assert done.exit_code == 3 and "pumaid identify" in done.stderr
+
+
+def test_report_writes_page_tables_and_figures(arm):
+    """Without arguments the report is made of results/model.json and logs/, beside the recipe."""
+    done = run("report", "--format", "png")
+    assert done.exit_code == 0, done.stderr
+    assert Path("results/report.html").read_text(encoding="utf-8").startswith("<!DOCTYPE html>")
+    assert Path("results/figures/spent.png").read_bytes().startswith(b"\x89PNG")
+    assert Path("results/tables/parameters.parquet").is_file()
+
+
+def test_report_goes_where_it_is_told(arm):
+    """Page, figures and results can each go elsewhere, and JSON lists what was written."""
+    where = ["-o", "page.html", "--figures", "pictures", "--results", "out", "--format", "svg", "--units", "deg"]
+    done = run("report", "results/model.json", "logs", *where, "--json")
+    files = json.loads(done.stdout)["files"]
+    assert all(Path(name).is_file() for name in files)
+    assert "page.html" in files and "pictures/spent.svg" in files and "out/tables/runs.csv" in files
+
+
+def test_report_finds_the_experiment_from_elsewhere(arm, tmp_path, monkeypatch):
+    """Named by its model only, the report takes the logs beside that model's folder and writes there."""
+    monkeypatch.chdir(tmp_path)
+    done = run("report", "arm/results/model.json", "--format", "")
+    assert done.exit_code == 0, done.stderr
+    assert (tmp_path / "arm" / "results" / "report.html").is_file()
+
+
+@pytest.mark.parametrize(
+    ("form", "start"),
+    [
+        ("text", "two-link pendulum"),
+        ("csv", "name,symbol"),
+        ("latex", "% needs"),
+        ("markdown", "**two-link"),
+        ("json", "["),
+    ],
+)
+def test_table_goes_to_standard_output(arm, form, start):
+    """``--table`` prints the parameter table in any form and writes nothing."""
+    done = run("report", "--table", form)
+    assert done.exit_code == 0 and done.stdout.startswith(start)
+    assert not Path("results/report.html").exists()
+
+
+def test_table_as_parquet_goes_to_a_file(arm):
+    """A binary form is written whole to the file that is named."""
+    assert run("report", "--table", "parquet", "-o", "table.parquet").exit_code == 0
+    assert Path("table.parquet").read_bytes().startswith(b"PAR1")
+
+
+def test_a_failure_leaves_the_old_report(arm):
+    """A report that cannot be made leaves the one that stood there."""
+    Path("results/report.html").write_text("old", encoding="utf-8")
+    assert run("report", "results/model.json", "no_such_logs").exit_code == 3
+    assert Path("results/report.html").read_text(encoding="utf-8") == "old"
+
+
+def test_wrong_figure_form_is_misuse(arm):
+    """An unknown form is told with the known ones."""
+    done = run("report", "--format", "gif")
+    assert done.exit_code == 2 and "png, svg, pdf" in done.stderr
