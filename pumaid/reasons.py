@@ -179,6 +179,13 @@ def of_ratio(
     for joint in (inner, outer):
         if facts[joint].runs == 0:
             return Reason(f"waits for logs in which joint {joint} moves alone", NO_RUNS.next_run)
+    level = f"repeat the runs of joint {inner}, its axis level, with joint {outer} held at two or more positions"
+    if facts[inner].postures < 2:
+        return Reason(
+            f"the joints outward of joint {inner} were held in one posture only, so its own weight cannot be told from"
+            " the weight outward of it",
+            level,
+        )
     if UNFELT < felt < SURELY_FELT * noise:
         return Reason(
             f"link {outer} is too light to be felt by joint {inner}: its weight moves that current by about"
@@ -187,5 +194,5 @@ def of_ratio(
         )
     return Reason(
         f"in no posture of these logs can joint {inner}'s own weight be told from the weight outward of it",
-        f"repeat the runs of joint {inner}, its axis level, with joint {outer} held at two or more positions",
+        level,
     )
