@@ -13,9 +13,9 @@ Floats = NDArray[np.float64]
 #: How position may leave the line: as a corner, as at constant acceleration, as at constant jerk.
 POWERS = (1, 2, 3)
 #: Points to which the samples of the sure line and of the rest are thinned; more would change little and cost time.
-LINE_POINTS, EDGE_POINTS = 60, 120
+LINE_POINTS, EDGE_POINTS = 40, 100
 #: Instants tried for an edge, first along the whole window, then around the best.
-COARSE, FINE = 40, 24
+COARSE, FINE = 32, 20
 #: Rise of the misfit, in units of its mean share a point, of an instant that is compatible (two standard deviations).
 COMPATIBLE = 4.0
 #: Fall of the misfit, in the same units, that a departure must bring to be believed (five standard deviations).

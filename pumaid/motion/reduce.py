@@ -56,36 +56,52 @@ def cells(block: Block, piece: Piece, rate: tuple[Floats, Floats], *, samples: N
     starts = np.arange(number) if number == len(samples) else np.unique(np.searchsorted(time, borders))
     count = np.diff(np.append(starts, len(samples)))
     middle = time[0] + np.add.reduceat(time - time[0], starts) / count
-    current = _means(block.current[samples], starts)
+    current = _known_means(block.current[samples], starts, count)
     spread = np.nan_to_num(block.current[samples, own] - np.repeat(current[:, own], count))
-    velocity = np.column_stack([np.interp(middle, rate[0], column) for column in rate[1].T])
+    velocity = _between(middle, rate)
     acceleration = np.zeros(len(starts))
     if piece.course is not None:
         at = samples - piece.start
         velocity[:, own] = np.add.reduceat(piece.course.velocity[at], starts) / count
         acceleration = np.add.reduceat(piece.course.acceleration[at], starts) / count
-    warmth = np.full(len(samples), np.nan) if block.temperature is None else block.temperature[samples, own]
+    warmth = np.full(len(starts), np.nan)
+    if block.temperature is not None:
+        warmth = _known_means(block.temperature[samples, own, None], starts, count)[:, 0]
     return Cells(
         count=count.astype(np.int64),
         time=middle,
-        position=_means(block.position[samples], starts),
+        position=_means(block.position[samples], starts, count),
         velocity=velocity,
         acceleration=acceleration,
         current=current,
         variance=np.add.reduceat(spread * spread, starts) / count,
-        temperature=_means(warmth[:, None], starts)[:, 0],
+        temperature=warmth,
     )
 
 
-def _means(values: Floats, starts: NDArray[np.int64]) -> Floats:
-    """(M, J) means between `starts`, of the numbers only; NaN where there are none."""
+def _means(values: Floats, starts: NDArray[np.int64], count: NDArray[np.int64]) -> Floats:
+    """(M, J) means of the `count` (M,) values from each start on."""
+    return np.asarray(np.add.reduceat(values, starts, axis=0) / count[:, None])
+
+
+def _known_means(values: Floats, starts: NDArray[np.int64], count: NDArray[np.int64]) -> Floats:
+    """The same of the numbers only; NaN where there are none."""
     good = np.abs(values) < LARGEST
     if good.all():
-        count = np.diff(np.append(starts, len(values)))[:, None]
-        return np.add.reduceat(values - values[0], starts, axis=0) / count + values[0]
-    count = np.add.reduceat(good.astype(float), starts, axis=0)
+        return _means(values, starts, count)
+    known = np.add.reduceat(good.astype(float), starts, axis=0)
     total = np.add.reduceat(np.where(good, values, 0.0), starts, axis=0)
-    return np.divide(total, count, out=np.full(total.shape, np.nan), where=count > 0)
+    return np.divide(total, known, out=np.full(total.shape, np.nan), where=known > 0)
+
+
+def _between(time: Floats, rate: tuple[Floats, Floats]) -> Floats:
+    """(M, J) values of (K,) times and (K, J) values at other times: on straight lines, held at the ends."""
+    known, values = rate
+    if len(known) < 2:
+        return np.repeat(values, len(time), axis=0)
+    right = np.clip(np.searchsorted(known, time), 1, len(known) - 1)
+    share = np.clip((time - known[right - 1]) / (known[right] - known[right - 1]), 0.0, 1.0)[:, None]
+    return np.asarray(values[right - 1] * (1.0 - share) + values[right] * share)
 
 
 def coarser(parts: list[Cells], most: int, *, joint: int) -> Cells:
