@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import string
 from collections.abc import Iterable, Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -49,6 +50,23 @@ def parameter_table(estimate: Estimate, robot: Robot, units: str = "rad") -> Sho
         A rich renderable; cells that cannot be identified are marked and explained below it.
     """
     return Shown(parameter_grid(estimate, robot, units))
+
+
+def sums_table(estimate: Estimate, units: str = "rad") -> Shown | None:
+    """For the terminal: what is determined only together; the terms are in the model file and in the report.
+
+    Parameters
+    ----------
+    estimate, units
+        As in `parameter_table`.
+
+    Returns
+    -------
+    shown
+        A rich renderable, None where there is no such sum.
+    """
+    sums = combinations_grid(estimate, units)
+    return None if sums is None else Shown(replace(sums.columns([0, 2, 3]), caption=""))
 
 
 def parameter_grid(estimate: Estimate, robot: Robot, units: str = "rad") -> Grid:

@@ -52,7 +52,7 @@ def command(
     """
     from pumaid.cli.reading import read_evidence, results_folder
     from pumaid.files.result import model_document, write_model
-    from pumaid.show.tables import parameter_table
+    from pumaid.show.tables import parameter_table, sums_table
     from pumaid.verbs.identify import identify
 
     robot, evidence = read_evidence(logs, recipe, trust=trust)
@@ -69,4 +69,7 @@ def command(
     write_model(path, estimate)
     if not as_json:
         table(parameter_table(estimate, robot, units))
+        if sums := sums_table(estimate, units):
+            table("")
+            table(sums)
     remark(f"model written to {path}")
