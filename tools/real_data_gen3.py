@@ -107,10 +107,10 @@ def _moving_together(evidence: Evidence, robot: Robot, scratch: Path) -> Iterabl
             counts = np.array([part.samples for part in own], dtype=float)
             squares = np.array([part.rmse**2 for part in own])
             told.append(f"{name} {math.sqrt(float(np.average(squares, weights=counts))):.3f}")
-        yield f"    joint {joint}: {', '.join(told)}; current itself {_size(joint):.3f}"
+        yield f"    joint {joint}: {', '.join(told)}; current itself {current_size(joint):.3f}"
 
 
-def _size(joint: int) -> float:
+def current_size(joint: int) -> float:
     """RMS current (A) of a joint in the recordings of all joints."""
     currents = [pd.read_parquet(path, columns=[f"Cur{joint}"]) for path in several_joint_files()]
     return float(np.sqrt(np.mean(np.concatenate([part.to_numpy().ravel() for part in currents]) ** 2)))

@@ -186,7 +186,18 @@ def _independent(evidence: Evidence, estimate: Estimate) -> Iterable[str]:
 
 
 def _controller() -> Iterable[str]:
-    """The controller's own model, read from target currents in many postures: its torque constants, its tool."""
+    known = controller_model()
+    constants = ", ".join(f"{known[name]:.2f} at {name}" for name in ("joint 2", "joint 3", "wrist"))
+    yield f"  controller's own model, N m/A: {constants}"
+    mass, moment = known["tool kg"], known["tool kg m"]
+    yield f"  controller's own model: a tool of {mass:.2f} kg, {moment:.3f} kg m beyond the flange"
+
+
+def controller_model() -> dict[str, float]:
+    """The controller's own torque constants (N m/A) and tool (kg, kg m), from its target currents in many postures.
+
+    The published masses give the arm's own load; the tool that the controller reckons with is fitted beside.
+    """
     table = pd.read_parquet(folder() / "ur3e-aurt" / "currentData_100v_40a.parquet").iloc[::20]
 
     def of(name: str) -> Floats:
@@ -207,9 +218,7 @@ def _controller() -> Iterable[str]:
         return np.concatenate(left)
 
     found = least_squares(misfit, [8.0, 6.0, 2.0, 0.3, 0.0]).x
-    second, third, wrist = found[:3]
-    yield f"  controller's own model: {second:.2f} N m/A at joint 2, {third:.2f} at joint 3, {wrist:.2f} at the wrist"
-    yield f"  controller's own model: a tool of {found[3]:.2f} kg, {found[4]:.3f} kg m beyond the flange"
+    return dict(zip(("joint 2", "joint 3", "wrist", "tool kg", "tool kg m"), found.tolist(), strict=True))
 
 
 def _with_tool(position: Floats) -> tuple[Floats, Floats]:
