@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 import worlds
 
 import pumaid
 from pumaid.errors import Note, Where
-from pumaid.records import Evidence, FileFacts, Reject, Robot, Value
+from pumaid.records import Estimate, Evidence, FileFacts, JointFit, Reject, Robot, Value
 from pumaid.show.story import Story
 from pumaid.verbs.compare import compare
 
@@ -39,23 +39,35 @@ def hostile() -> Story:
     return replace(told, evidence=evidence, comparison=compare(told.estimate, evidence, told.robot))
 
 
-def table_one() -> Story:
-    """The paper's PUMA with rounded values in place of fitted ones, so that its table is the same on every machine."""
-    robot = worlds.puma().robot
-    truth = worlds.puma().parameters()
-    runs = worlds.evidence(worlds.puma(), worlds.only(worlds.table1.experiment(), lambda motion: True)).runs
-    estimate = pumaid.identify(Evidence(runs), robot)
-    values = tuple(_rounded(value, truth.get(value.name, 0.0)) for value in estimate.values)
-    fits = tuple(replace(fit, rmse=0.02, noise_floor=0.019, runs=10) for fit in estimate.joints)
-    estimate = replace(estimate, values=values, joints=fits)
-    return Story(robot, estimate, Evidence(runs), compare(estimate, Evidence(runs), robot), "deg")
+@dataclass(frozen=True)
+class Table:
+    """A model's records as far as tables show them."""
+
+    robot: Robot
+    estimate: Estimate
 
 
-def _rounded(value: Value, truth: float) -> Value:
-    if value.name == "gain_ratio.5.6":
-        return replace(value, value=None, state="not_identifiable", reason="link 6 is light", next_run="add a payload")
-    if value.value is None:
-        return value
+def table_one() -> Table:
+    """The paper's PUMA with the paper's values and errors of 1 %, written by hand and so the same on every machine."""
+    truth = worlds.puma()
+    values = tuple(_value(name, value) for name, value in truth.parameters().items())
+    fits = tuple(
+        JointFit(joint, 10, 1000, float(std), 0.9 * float(std), None, 0.1 * float(std), 2, {"constant": 10})
+        for joint, std in enumerate(truth.noise.std, start=1)
+    )
+    empty = np.zeros((0, 0))
+    estimate = Estimate("PUMA 560", fits, values, (), np.zeros(0), empty, np.eye(6), empty)
+    return Table(truth.robot, estimate)
+
+
+def _value(name: str, truth: float) -> Value:
+    effect, owner = name.split(".")[:2]
+    joint = int(owner.strip("lj"))
+    unit = {"gravity": "A s2/m", "coulomb": "A", "viscous": "A s/rad", "gain_ratio": ""}[effect]
+    bare = Value(name, "", joint, unit)
+    if name in ("gravity.l1.x", "gravity.l1.y", "gain_ratio.1.2"):
+        return replace(bare, state="not_identifiable", reason="joint 1 carries no weight")
+    if name == "gain_ratio.5.6":
+        return replace(bare, state="not_identifiable", reason="link 6 is light", next_run="add a payload")
     error = float(f"{0.01 * abs(truth) + 1e-5:.1e}")
-    interval = (truth - 2.0 * error, truth + 2.0 * error)
-    return replace(value, value=float(np.round(truth, 6)), std_error=error, ci95=interval, state="identified")
+    return replace(bare, value=truth, std_error=error, ci95=(truth - 2.0 * error, truth + 2.0 * error))

@@ -152,5 +152,5 @@ def _grid_as(grid: Grid, form: str) -> bytes:
     if form == "text":
         out = io.StringIO()
         Console(file=out, width=100, color_system=None).print(Shown(grid))
-        return out.getvalue().encode("utf-8")
+        return "".join(f"{line.rstrip()}\n" for line in out.getvalue().splitlines()).encode("utf-8")
     return (latex(grid) if form == "latex" else markdown(grid)).encode("utf-8")

@@ -22,7 +22,7 @@ from pumaid.units import number
 ORDER = 10
 
 #: Share of a bar below which its figure would not fit inside.
-FITS = 0.14
+FITS = 0.15
 
 _WORDS = {"gravity": "gravity", "coulomb": "Coulomb friction", "viscous": "viscous friction", "inertia": "inertia"}
 
@@ -125,6 +125,7 @@ def _left_over(axes: Axes, scores: list[JointScore], places: np.ndarray) -> None
     largest = max((max(score.rmse or 0.0, score.noise_floor or 0.0) for score in scores), default=1.0)
     axes.set_xlim(0.0, 1.65 * largest if largest > 0 else 1.0)
     axes.locator_params(axis="x", nbins=2)
+    axes.xaxis.set_major_formatter(lambda current, _: f"{current:g}")
     axes.set_title("left over", fontsize=10, fontweight="normal")
     axes.set_xlabel("current (A)")
     axes.tick_params(left=False, labelleft=False)
