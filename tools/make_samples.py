@@ -14,6 +14,7 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
 
+import pyarrow.parquet as pq
 from ruamel.yaml import YAML
 
 from pumaid.cli import group
@@ -58,10 +59,13 @@ def make(sample: dict[str, Any], root: Path) -> Path:
     return folder
 
 
-def contents(folder: Path) -> dict[str, bytes]:
-    """Every file below a folder, by its path."""
-    files = sorted(path for path in folder.rglob("*") if path.is_file())
-    return {str(path.relative_to(folder)): path.read_bytes() for path in files}
+def contents(folder: Path) -> dict[str, object]:
+    """Every file below a folder, by its path: bytes, or the table where the bytes depend on the library's version."""
+    files = sorted(path for path in folder.rglob("*") if path.is_file() and "results" not in path.parts)
+    return {
+        str(path.relative_to(folder)): pq.read_table(path) if path.suffix == ".parquet" else path.read_bytes()
+        for path in files
+    }
 
 
 def main() -> int:
