@@ -31,7 +31,7 @@ def segment(
     """Find the stretches in which one joint moves alone, and reduce each to a triangle and cells.
 
     Speed is judged from position. A movement of one joint yields its stretches of constant speed; where they are too
-    small a part of it and it goes from rest to rest, the whole movement is a stroke. All else is left out, with reasons.
+    small a part of it and it goes from rest to rest, all of it is a stroke. The rest is left out, with its reason.
     Samples are held in a window of bounded size only; how the logs are cut into batches changes nothing.
 
     Parameters
