@@ -117,7 +117,10 @@ class Sheet:
             return None
         edges = [(_above(self.gains, edge) + 1, edge + 1) for edge in self.gains.edges]
         names = [*self.fitted.model.names, *(_ratio_name(*pair) for pair in edges)]
-        together = [name for n, name in enumerate(names) if share[n] > PART_OF * np.sqrt(share[index]) and n != index]
+        # Ratios are measured by another limit, and must not outshine the parameters.
+        p = len(self.numbers)
+        least = PART_OF * np.where(np.arange(len(share)) < p, share[:p].max(), share.max())
+        together = [name for n, name in enumerate(names) if share[n] > least[n] and n != index]
         return [*together, *(_ratio_name(*pair) for pair in lost)]
 
     def _ratios(self, facts: dict[int, Facts]) -> list[Value]:
@@ -218,12 +221,13 @@ def _freedoms(fitted: Fitted, solution: JointSolution, errors: Clustered) -> Flo
     out = errors.freedoms.copy()
     poor = out < FEWEST_FREEDOMS
     gains, start = solution.gains, 0
+    variances = fitted.first_levels if solution is fitted.first else fitted.levels
     joints = np.array([*fitted.system.owners, *(_above(gains, edge) for edge in gains.edges)])
     for row in fitted.rows:
         stop = start + row.target.size
         chosen = np.flatnonzero(poor & (joints == row.joint - 1))
         if len(chosen):
-            levels = fitted.levels[row.joint]
+            levels = variances[row.joint]
             own: Floats | float = float(levels.freedoms)
             if row.joint not in fitted.weak:
                 J = solution.jacobian[start:stop].reshape(*row.target.shape, -1)

@@ -12,7 +12,7 @@ from pumaid.maths import levels as variances
 from pumaid.maths import rank
 from pumaid.maths.joint_fit import Bilinear, JointSolution, fit
 from pumaid.maths.levels import Levels
-from pumaid.maths.recursion import LARGEST_RATIO, Gains, Recursion
+from pumaid.maths.recursion import LARGEST_RATIO, USUAL_RATIO, Gains, Recursion
 from pumaid.model import Block, Model
 from pumaid.records import Run
 
@@ -84,9 +84,9 @@ class Fitted:
         The model, and a row for each joint that moves, outermost first.
     assigned
         (J,) joint (from 0) in whose gain link j's parameters are expressed: its own or, where that never moves, the
-        next inner one that does; -1 where there is none.
-    levels
-        Variances by joint (from 1).
+        next inner one that does and feels them; -1 where there is none.
+    levels, first_levels
+        Variances by joint (from 1), at the end and of the recursion.
     weak
         Joints whose level a run could not be estimated (too few runs).
     first_system, first
@@ -106,6 +106,7 @@ class Fitted:
     rows: tuple[Row, ...]
     assigned: NDArray[np.int64]
     levels: dict[int, Levels]
+    first_levels: dict[int, Levels]
     weak: tuple[int, ...]
     first_system: Bilinear
     first: JointSolution
@@ -133,9 +134,14 @@ class Fitted:
 
 
 def assign(model: Model, moving: Sequence[int]) -> NDArray[np.int64]:
-    """(J,) joint (from 0) in whose gain each link's parameters are when `moving` joints (from 1) have runs."""
-    felt_by = [[joint - 1 for joint in moving if joint - 1 <= link] for link in range(model.robot.n_joints)]
-    return np.array([max(joints, default=-1) for joints in felt_by])
+    """(J,) joint (from 0) in whose gain each link's parameters are when `moving` joints (from 1) have runs.
+
+    A prismatic joint feels no weight but its own link's parameter.
+    """
+    turns = model.robot.is_revolute
+    rows = [joint - 1 for joint in moving]
+    felt_by = [[row for row in rows if row == link or (row < link and turns[row])] for link in range(len(turns))]
+    return np.array([max(some, default=-1) for some in felt_by])
 
 
 def solve(model: Model, runs: Sequence[Run], *, recursive: bool = False, progress: Progress | None = None) -> Fitted:
@@ -157,6 +163,7 @@ def solve(model: Model, runs: Sequence[Run], *, recursive: bool = False, progres
     recursion, start = Recursion(owners, model.robot.n_joints), Recursion(owners, model.robot.n_joints)
     levels: dict[int, Levels] = {}
     weak, limit = [], _limits(rows, model)
+    is_load = np.array([column.effect == "gravity" for column in model.columns])
     for row in rows:
         tell(row.joint, "solving")
         design, _, _ = start.design(row.joint - 1, row.stacked)
@@ -168,8 +175,9 @@ def solve(model: Model, runs: Sequence[Run], *, recursive: bool = False, progres
         white = variances.whiten(levels[row.joint], row.ones, _joined(row)).reshape(row.target.size, -1)
         recursion.take(row.joint - 1, white[:, :-1], white[:, -1], limit=limit)
         start.take(row.joint - 1, white[:, :-1], white[:, -1], limit=limit, spread=RATIO_SPREAD)
+        _unstretch(start, row.joint - 1, is_load=is_load)
     first = _system(rows, levels, owners)
-    gains = recursion.gains
+    gains, first_levels = recursion.gains, dict(levels)
     taken = fit(first, recursion.values, gains, limit=_with_edges(limit, gains), most_steps=0)
     system, solution, spread = first, taken, np.full(len(gains.edges), np.inf)
     if not recursive:
@@ -183,8 +191,22 @@ def solve(model: Model, runs: Sequence[Run], *, recursive: bool = False, progres
         ]
     )
     absorbed = _absorbed(recursion)
-    told = (model, rows, assigned, levels, tuple(weak))
+    told = (model, rows, assigned, levels, first_levels, tuple(weak))
     return Fitted(*told, first, taken, absorbed, system, solution, 1.0 / spread**2, run_of, limit)
+
+
+def _unstretch(start: Recursion, row: int, *, is_load: NDArray[np.bool_]) -> None:
+    """Where only the product of a ratio and its load is known, share it out so that the ratio is a usual one.
+
+    The load's own row cannot tell it (from friction, say) and gave it any size, perhaps next to none.
+    """
+    gains = start.gains
+    for root in [edge for edge in gains.edges if gains.parent[edge] == row and abs(gains.edge[edge]) > RATIO_SPREAD]:
+        below = [member for member in range(gains.n_rows) if root in gains.path(member)]
+        load = np.isin(start.owners, below) & is_load
+        if np.all(start.undetermined[load] | (start.values[load] == 0.0)):
+            start.values[load] *= gains.edge[root]
+            gains.edge[root] = USUAL_RATIO
 
 
 def _absorbed(recursion: Recursion) -> dict[int, list[tuple[int, int]]]:
