@@ -56,11 +56,9 @@ def identify(
     """
     runs = tuple(run for run in evidence.runs if not run.heldout)
     if not runs:
-        kept = (
-            f"{len(evidence.runs)} runs, all held out"
-            if evidence.runs
-            else f"{len(evidence.rejects)} stretches left out"
-        )
+        number = len(evidence.runs) or len(evidence.rejects)
+        what = ("run{}, all held out" if evidence.runs else "stretch{} left out").format
+        kept = f"{number} {what('' if number == 1 else 's' if evidence.runs else 'es')}"
         raise LogError(
             "no-runs",
             f"there is no run to fit ({kept})",
