@@ -15,6 +15,9 @@ from pumaid.units import number
 #: a tenth, so a quarter above it is more than chance.
 ATTENTION = 1.25
 
+#: A: errors below this are rounding, that of squares of a few A; far finer than any sensor.
+ROUNDING = 1e-7
+
 
 def comparison_grid(comparison: Comparison, robot: Robot) -> Grid:
     """The model's error by joint, against the noise floor."""
@@ -118,7 +121,7 @@ def outside_grid(comparison: Comparison, robot: Robot) -> Grid | None:
 
 def is_above_floor(rmse: float | None, floor: float | None) -> bool:
     """Whether an error (A) is more than noise explains (A)."""
-    return rmse is not None and floor is not None and rmse > ATTENTION * floor
+    return rmse is not None and floor is not None and rmse > ATTENTION * floor + ROUNDING
 
 
 def amount(value: float | None, tone: str = "") -> Cell:

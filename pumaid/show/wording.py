@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 from pumaid.records import IDENTIFIED, NOT_IDENTIFIABLE, JointScore
 from pumaid.show.numbers import amperes, percent
-from pumaid.show.scores import ATTENTION
+from pumaid.show.scores import ATTENTION, ROUNDING
 from pumaid.show.story import Story
 from pumaid.show.tables import is_absent
 from pumaid.units import number
@@ -25,7 +25,7 @@ def joint_sentence(story: Story, score: JointScore) -> str:
     if score.noise_floor is None:
         words += "."
     else:
-        words += f", the noise floor is {amperes(score.noise_floor)}: {_verdict(score.rmse / score.noise_floor)}."
+        words += f", the noise floor is {amperes(score.noise_floor)}: {_verdict((score.rmse - ROUNDING) / max(score.noise_floor, ROUNDING))}."
     if score.heldout is not None and score.heldout_runs < score.runs:
         words += f" On {plural(score.heldout_runs, 'run')} that were not fitted, {amperes(score.heldout)} is left."
     if score.undetermined:
