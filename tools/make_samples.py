@@ -59,9 +59,14 @@ def make(sample: dict[str, Any], root: Path) -> Path:
     return folder
 
 
+def _is_result(path: Path) -> bool:
+    """Whether pumaid made a file of a sample from it, as the README's first command does."""
+    return "results" in path.parts
+
+
 def contents(folder: Path) -> dict[str, object]:
     """Every file below a folder, by its path: bytes, or the table where the bytes depend on the library's version."""
-    files = sorted(path for path in folder.rglob("*") if path.is_file() and "results" not in path.parts)
+    files = sorted(path for path in folder.rglob("*") if path.is_file() and not _is_result(path.relative_to(folder)))
     return {
         str(path.relative_to(folder)): pq.read_table(path) if path.suffix == ".parquet" else path.read_bytes()
         for path in files
