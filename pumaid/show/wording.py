@@ -25,7 +25,8 @@ def joint_sentence(story: Story, score: JointScore) -> str:
     if score.noise_floor is None:
         words += "."
     else:
-        words += f", the noise floor is {amperes(score.noise_floor)}: {_verdict((score.rmse - ROUNDING) / max(score.noise_floor, ROUNDING))}."
+        ratio = (score.rmse - ROUNDING) / max(score.noise_floor, ROUNDING)
+        words += f", the noise floor is {amperes(score.noise_floor)}: {_verdict(ratio)}."
     if score.heldout is not None and score.heldout_runs < score.runs:
         words += f" On {plural(score.heldout_runs, 'run')} that were not fitted, {amperes(score.heldout)} is left."
     if score.undetermined:
