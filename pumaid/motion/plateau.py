@@ -27,8 +27,9 @@ ANCHOR = 0.3
 SPREAD = 3.0
 #: Share of the speed by which a ramp must have changed it where one stops looking at it.
 DEPARTED = 0.2
-#: s; dropped before every edge found: a corner sharper than the noise can tell, or a current that is logged late.
-GUARD = 0.003
+#: s; dropped at every edge found: a corner sharper than the noise can tell, or a current logged late. One sample of a
+#: hard ramp draws many times the current of a run, and 10 ms at each end cost a run of a second 2 %.
+GUARD = 0.010
 #: The same as a share of the sampling interval.
 GUARD_SHARE = 0.6
 #: Share of a movement's largest acceleration above which a stretch is a slow ramp and no constant speed.
