@@ -19,6 +19,8 @@ HOME = (0.0,) * 7
 LOADED = (2, 4, 6)
 #: Joints 1 to 4 have Kinova's large actuator, 5 to 7 its small one; N m/A by the recordings' own torque columns.
 FILE_CONSTANT = {2: 9.13, 4: 9.13, 6: 5.85}
+#: s between two rows.
+INTERVAL = 1e-3
 #: Largest number that a cell of a healthy recording holds.
 SANE = 1e6
 
@@ -41,6 +43,10 @@ def lines(scratch: Path) -> Iterable[str]:
     yield "KINOVA GEN3"
     yield from _found(evidence)
     yield from _states(estimate)
+    for joint in range(1, 8):
+        order, amplitude, slow = ripple(evidence, joint)
+        told = f"{amplitude:.3f} A at {order:.0f} cycles a turn is the strongest part above 20 Hz"
+        yield f"  joint {joint}, what is left: {told}; {slow:.3f} A RMS below 10 Hz"
     yield from _independent(estimate)
     yield from _moving_together(evidence, robot, scratch)
     yield from _garbage()
@@ -50,9 +56,20 @@ def _found(evidence: Evidence) -> Iterable[str]:
     for run in evidence.runs:
         span = f"{run.span[0]:.3f} to {run.span[1]:.3f} rad"
         yield f"  run: joint {run.joint}, {span} at {run.speed:.4f} rad/s, {run.duration:.2f} s, {run.kind}"
+    for joint in range(1, 8):
+        slow, fast = paces(joint)
+        yield f"  joint {joint}, means over 0.05 s within its motion: {slow:.3f} to {fast:.3f} rad/s"
     left = sum(reject.samples for reject in evidence.rejects)
     why = ", ".join(sorted({reject.reason for reject in evidence.rejects}))
     yield f"  left out: {left} of {sum(facts.rows for facts in evidence.files)} samples ({why})"
+
+
+def paces(joint: int) -> tuple[float, float]:
+    """Lowest and highest speed (rad/s) over 50 samples in the middle 80 % of a joint's motion."""
+    position = np.unwrap(pd.read_parquet(one_joint_files()[joint - 1])[f"Position{joint}"].to_numpy(dtype=float))
+    inner = position[len(position) // 10 : -len(position) // 10]
+    speed = (inner[50:] - inner[:-50]) / (50 * INTERVAL)
+    return float(speed.min()), float(speed.max())
 
 
 def _states(estimate: Estimate) -> Iterable[str]:
@@ -65,6 +82,28 @@ def _states(estimate: Estimate) -> Iterable[str]:
         yield f"  {found.text} = {found.value:.4f} +- {found.std_error:.4f} {found.unit}"
     for fit in estimate.joints:
         yield f"  joint {fit.joint}: RMSE {fit.rmse:.4f} A over {fit.samples} samples"
+
+
+def ripple(evidence: Evidence, joint: int) -> tuple[float, float, float]:
+    """Order (cycles a turn) and amplitude (A) of a joint's strongest fast ripple, and RMS (A) left below 10 Hz.
+
+    Read from the residual of the joint's longest run against its own first harmonic; the speed turns Hz into cycles.
+    """
+    run = max(evidence.of_joint(joint), key=lambda run: run.samples)
+    path = one_joint_files()[joint - 1]
+    table = pd.read_parquet(path, columns=[f"Position{joint}", f"Cur{joint}"]).iloc[
+        run.first_row - 2 : run.last_row - 1
+    ]
+    position, current = table.to_numpy().T
+    basis = np.column_stack([np.cos(position), np.sin(position), np.ones(len(position))])
+    left = current - basis @ np.linalg.lstsq(basis, current, rcond=None)[0]
+    window = np.hanning(len(left))
+    size = 2.0 * np.abs(np.fft.rfft(left * window)) / window.sum()
+    hertz = np.fft.rfftfreq(len(left), INTERVAL)
+    fast = int(np.argmax(size * (hertz > 20.0)))
+    power = np.abs(np.fft.rfft(left)) ** 2
+    slow = math.sqrt(2.0 * float(power[(hertz > 0.0) & (hertz < 10.0)].sum())) / len(left)
+    return float(hertz[fast] * 2.0 * math.pi / abs(run.speed)), float(size[fast]), slow
 
 
 def weight(estimate: Estimate, joint: int, where: str) -> Combination | None:
