@@ -14,6 +14,10 @@ from pumaid.units import number
 #: An error within this factor of the noise floor is at the floor: the floor itself is not known better.
 AT_FLOOR = 1.1
 
+#: An error below this share of the noise floor says that the floor holds more than noise: what drifts or warms up makes
+#: repeats differ although the model, fitted to all of them, stands in their middle.
+BELOW_FLOOR = 0.8
+
 
 def joint_sentence(story: Story, score: JointScore) -> str:
     """How well the model explains one joint's current, and whether there is more to explain."""
@@ -56,6 +60,8 @@ def noise_sentence(story: Story) -> str | None:
 
 
 def _verdict(ratio: float) -> str:
+    if ratio < BELOW_FLOOR:
+        return "repeated runs differ by more than the model leaves, so something changes from run to run"
     if ratio <= AT_FLOOR:
         return "nothing more to explain"
     if ratio <= ATTENTION:

@@ -32,7 +32,7 @@ def drawings(story: Story) -> Iterator[Drawing]:
 def draw(story: Story) -> Figure:
     """The figure."""
     joints = story.moving()
-    figure, all_axes = panels(len(joints), height=0.92 if len(joints) > 2 else 1.7, width=5.4, sharex=True)
+    figure, all_axes = panels(len(joints), height=0.92 if len(joints) > 2 else 1.7, width=4.9, sharex=True)
     numbers = {id(score): number for number, score in enumerate(story.comparison.runs, start=1)}
     for axes, joint in zip(all_axes, joints, strict=True):
         scores = story.comparison.of_joint(joint)

@@ -102,7 +102,7 @@ def precision(story: Story) -> Figure:
     """Relative half width of every interval, a line a row of the table, a number a joint."""
     known = [value for value in story.estimate.values if value.ci95 is not None and value.value]
     rows = sorted(dict.fromkeys(row_of(value) for value in known), key=place_of)
-    figure = Figure(figsize=(4.9, 0.42 * len(rows) + 1.1), layout="constrained")
+    figure = Figure(figsize=(4.6, 0.42 * len(rows) + 1.1), layout="constrained")
     axes = figure.subplots()
     shares = {value.name: _share(value) for value in known}
     top = max(2.0, *(1.6 * share for share in shares.values())) if shares else 2.0

@@ -63,9 +63,10 @@ def draw(robot: Robot, position: Floats) -> Figure:
     """The figure, seen with the third base axis up."""
     origins, directions = frames(robot, position)
     reach = max(float(np.ptp(origins, axis=0).max()), 0.1)
-    figure = Figure(figsize=(3.4, 3.6), layout="constrained")
-    axes = figure.subplots()
     flat = _seen(origins)
+    wide, high = np.ptp(flat, axis=0) + 0.5 * reach
+    figure = Figure(figsize=(3.4, float(np.clip(3.4 * high / wide, 2.0, 3.8))), layout="constrained")
+    axes = figure.subplots()
     _base(axes, reach)
     axes.plot(flat[:, 0], flat[:, 1], color=INK, linewidth=4.5, alpha=0.85, solid_joinstyle="round", zorder=2)
     placed: list[Floats] = []
@@ -121,7 +122,7 @@ def _gravity(axes: Axes, robot: Robot, flat: Floats, reach: float) -> None:
     if size == 0.0:
         return
     along = _seen(0.3 * reach * (pull / size)[None])[0]
-    start = np.array([flat[:, 0].max() + 0.22 * reach, flat[:, 1].max()])
+    start = np.array([flat[:, 0].max() + 0.36 * reach, flat[:, 1].max()])
     axes.annotate(
         "",
         _pair(start + along),

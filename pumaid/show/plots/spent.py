@@ -13,7 +13,7 @@ from matplotlib.patches import Patch
 
 from pumaid.effects import catalogue
 from pumaid.records import UNEXPLAINED, JointScore
-from pumaid.show.numbers import percent, shortened
+from pumaid.show.numbers import shortened
 from pumaid.show.plots.style import GREY, INK, PALE, VERMILION, Drawing, effect_colour
 from pumaid.show.story import Story
 from pumaid.units import number
@@ -135,5 +135,5 @@ def _left_over(axes: Axes, scores: list[JointScore], places: np.ndarray) -> None
 def sentence(story: Story, score: JointScore) -> str:
     """What one joint's current is spent on, in words."""
     named = sorted(((s, n) for n, s in score.shares.items() if n != UNEXPLAINED and s > 0.005), reverse=True)
-    spent = ", ".join(f"{_word(name)} {percent(share)}" for share, name in named)
+    spent = ", ".join(f"{_word(name)} {100.0 * share:.0f} %" for share, name in named)
     return f"{story.title(score.joint)} draws {number(score.rms or 0.0, 3)} A (RMS): {spent}."
