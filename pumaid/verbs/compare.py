@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -31,6 +31,9 @@ Floats = NDArray[np.float64]
 #: A prediction leans on an undetermined direction n where |x . n| exceeds this share of sum |x_k n_k|. Jitter of held
 #: positions makes a hundredth at most; another posture makes a tenth and more.
 LEANING = 0.05
+
+#: Instants whose regressor is made at once: enough to spare calls, some ten megabytes.
+AT_ONCE = 20_000
 
 #: A (A) below which a contribution is rounding.
 NOTHING = 1e-9
@@ -75,9 +78,10 @@ def compare(estimate: Estimate, evidence: Evidence, robot: Robot) -> Comparison:
     known = [not run.heldout and run.origin in fitted_files for run in evidence.runs]
     tallies = [judge.tally(block) for block in judge.model.blocks(evidence.runs)]
     means = {joint: _mean([t for t in tallies if t.run.joint == joint]) for joint in {t.run.joint for t in tallies}}
+    rows = judge.rows([judge.model.samples_of(run) for run in evidence.runs])
     scores = [
-        judge.score(tally, mean=means[tally.run.joint], is_fitted=was)
-        for tally, was in zip(tallies, known, strict=True)
+        judge.score(tally, row, mean=means[tally.run.joint], is_fitted=was)
+        for tally, row, was in zip(tallies, rows, known, strict=True)
     ]
     joints = tuple(_of_joint(joint.number, tallies, scores) for joint in robot.joints)
     counted = [tally for joint in robot.joints for tally in _counted(joint.number, tallies)]
@@ -145,10 +149,21 @@ class Judge:
             products=products,
         )
 
-    def score(self, tally: Tally, *, mean: float, is_fitted: bool) -> RunScore:
-        """A run's figures and its prediction at cells."""
-        run, samples = tally.run, self.model.samples_of(tally.run)
-        rows, weights = self.model.regressor(samples), self.scaled(run.joint)
+    def rows(self, many: Sequence[Samples]) -> Iterator[Floats]:
+        """The regressor (M, p) of each of `many`; neighbours of one joint are looked at together, which is quicker."""
+        start = 0
+        while start < len(many):
+            end, instants = start, 0
+            while end < len(many) and many[end].joint == many[start].joint and instants < AT_ONCE:
+                instants += len(many[end])
+                end += 1
+            together = self.model.regressor(_joined(many[start:end]))
+            yield from np.split(together, np.cumsum([len(samples) for samples in many[start:end]])[:-1])
+            start = end
+
+    def score(self, tally: Tally, rows: Floats, *, mean: float, is_fitted: bool) -> RunScore:
+        """A run's figures and its prediction at cells, whose regressor `rows` (M, p) is."""
+        run, weights = tally.run, self.scaled(tally.run.joint)
         parts = {name: rows[:, own] @ weights[own] for name, own in self.effects().items() if rows[:, own].any()}
         predicted = rows @ weights
         about = tally.current_squares - 2.0 * mean * tally.current_total + tally.samples * mean**2
@@ -190,14 +205,22 @@ class Judge:
         return f"the fitted data did not tell {' from '.join(names)}, and this run needs each of them"
 
     def outside(self, evidence: Evidence) -> tuple[OutsideScore, ...]:
-        """Scores of what is no run, by joint and reason."""
+        """Scores of what is no run, by joint and reason; cells in which a joint rests are not its own."""
+        stretches = [
+            (joint, reject.reason, reject.cells)
+            for reject in evidence.rejects
+            for joint in reject.joints
+            if reject.cells is not None
+        ]
+        stretches.sort(key=lambda stretch: stretch[:2])
+        seen = [_moving(cells, joint) for joint, _, cells in stretches]
+        many = [_ramp(cells, joint, keep) for (joint, _, cells), keep in zip(stretches, seen, strict=True)]
         found: dict[tuple[int, str], list[tuple[Floats, Floats]]] = {}
-        for reject in evidence.rejects:
-            for joint in reject.joints if reject.cells is not None else ():
-                assert reject.cells is not None
-                found.setdefault((joint, reject.reason), []).append(self._residual(reject.cells, joint))
+        for (joint, reason, cells), keep, rows in zip(stretches, seen, self.rows(many), strict=True):
+            residual = cells.current[keep, joint - 1] - rows @ self.scaled(joint)
+            found.setdefault((joint, reason), []).append((cells.count[keep].astype(float), residual))
         out = []
-        for (joint, reason), pieces in sorted(found.items()):
+        for (joint, reason), pieces in found.items():
             counts = np.concatenate([count for count, _ in pieces])
             residual = np.concatenate([values for _, values in pieces])
             if counts.sum() > 0:
@@ -206,24 +229,36 @@ class Judge:
                 out.append(OutsideScore(joint, reason, int(counts.sum()), rmse, bias))
         return tuple(out)
 
-    def _residual(self, cells: Cells, joint: int) -> tuple[Floats, Floats]:
-        """Samples behind, and residual (A) of, the cells in which `joint` moves; without inertia."""
-        speed = np.abs(cells.velocity[:, joint - 1])
-        current = cells.current[:, joint - 1]
-        seen = np.isfinite(current) & (speed > MOVING * np.max(speed, initial=0.0))
-        velocity = cells.velocity[seen]
-        samples = Samples(
-            joint,
-            cells.position[seen],
-            velocity,
-            acceleration=np.zeros(len(velocity)),
-            direction=np.sign(velocity[:, joint - 1]),
-            time=cells.time[seen] - cells.time[0],
-            travel=np.abs(cells.position[seen, joint - 1] - cells.position[0, joint - 1]),
-            temperature=np.full(len(velocity), np.nan),
-        )
-        residual = current[seen] - self.model.regressor(samples) @ self.scaled(joint)
-        return cells.count[seen].astype(float), residual
+
+def _moving(cells: Cells, joint: int) -> NDArray[np.bool_]:
+    """(M,) whether `joint` moves, and its current is measured."""
+    speed = np.abs(cells.velocity[:, joint - 1])
+    return np.isfinite(cells.current[:, joint - 1]) & (speed > MOVING * np.max(speed, initial=0.0))
+
+
+def _ramp(cells: Cells, joint: int, keep: NDArray[np.bool_]) -> Samples:
+    """The cells `keep` as what effects see of `joint`; without acceleration, since inertia is missing by design."""
+    velocity = cells.velocity[keep]
+    return Samples(
+        joint,
+        cells.position[keep],
+        velocity,
+        acceleration=np.zeros(len(velocity)),
+        direction=np.sign(velocity[:, joint - 1]),
+        time=cells.time[keep] - cells.time[0],
+        travel=np.abs(cells.position[keep, joint - 1] - cells.position[0, joint - 1]),
+        temperature=np.full(len(velocity), np.nan),
+    )
+
+
+def _joined(many: Sequence[Samples]) -> Samples:
+    """Samples of one joint one after another; `run` counts them from 0."""
+    if len(many) == 1:
+        return many[0]
+    names = ("position", "velocity", "acceleration", "direction", "time", "travel", "temperature", "load")
+    fields = {name: np.concatenate([getattr(samples, name) for samples in many]) for name in names}
+    run = np.repeat(np.arange(float(len(many))), [len(samples) for samples in many])
+    return Samples(many[0].joint, **fields, run=run)
 
 
 def _leaning(rows: Floats, blind: Floats) -> Floats | None:

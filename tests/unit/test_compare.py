@@ -204,3 +204,11 @@ def test_worst_runs_come_first(fitted):
     floors = {score.joint: score.noise_floor for score in comparison.joints}
     ranks = [score.rmse / floors[score.run.joint] for score in comparison.worst(99)]
     assert ranks == sorted(ranks, reverse=True)
+
+
+def test_how_runs_are_batched_changes_nothing(fitted, monkeypatch):
+    """Predictions made run by run are those made together."""
+    together = made(*fitted)
+    monkeypatch.setattr("pumaid.verbs.compare.AT_ONCE", 1)
+    for one, other in zip(made(*fitted).runs, together.runs, strict=True):
+        assert np.array_equal(one.predicted, other.predicted)
