@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+import re
 import sys
 from pathlib import Path
 
@@ -228,3 +229,18 @@ def test_one_speed_of_a_bare_motor_gives_one_sum(scratch):
     estimate = identify(evidence, robot)
     assert [value.name for value in estimate.values if value.value is not None] == []
     assert sums(estimate, "friction of joint 1 forward").value == pytest.approx(0.092, abs=0.003)
+
+
+def test_document_tells_what_comes_out(shoulder, wrist_to_waist):
+    """Each sum in the tables of docs/real_data.md is within half a standard error, and rounding, of today's."""
+    page = (Path(__file__).parents[2] / "docs" / "real_data.md").read_text(encoding="utf-8")
+    rows = re.findall(
+        r"^\| ((?:friction of|weight felt by) joint [^|]+) \| ([^|]+) \| ([^|]+) \| A \|$", page, re.MULTILINE
+    )
+    assert len(rows) == 13
+    for number, (what, value, error) in enumerate(rows):
+        estimate = shoulder[2] if number < 2 else wrist_to_waist[2]
+        found = sums(estimate, re.sub(r" (forward )?\(?(at \d.*|arm .*)$", "", what.strip()))
+        rounding = 0.5 * 10.0 ** -len(value.strip().partition(".")[2])
+        assert float(value) == pytest.approx(found.value, abs=0.5 * found.std_error + rounding)
+        assert float(error) == pytest.approx(found.std_error, rel=0.3, abs=0.001)
