@@ -12,7 +12,7 @@ from pumaid.maths.frames import apart
 from pumaid.maths.joint_fit import Bilinear
 from pumaid.model import SAME_POSTURE
 from pumaid.reasons import Facts
-from pumaid.records import NOT_IDENTIFIABLE, Combination, Samples
+from pumaid.records import Combination, Samples
 from pumaid.reporting import Sheet
 from pumaid.system import Row
 
@@ -25,20 +25,24 @@ MOST_POSTURES = 3
 #: current. Held positions creep by a few mrad between runs, so the share is small but never zero.
 LEANING = 0.02
 
+#: A sum is worth telling when one of its terms has an error this many times its own.
+WORTH = 30.0
+
 #: Terms below this share of the largest are rounding.
 SHARE = 1e-9
 
 
 def determined(sheet: Sheet) -> tuple[Combination, ...]:
-    """Sums of parameters that the data determine although a term of theirs is not."""
-    unknown = {value.name for value in sheet.values() if value.state == NOT_IDENTIFIABLE}
+    """Sums of parameters that the data determine although a term of theirs is not, or is far less well."""
+    values = sheet.values()
+    errors = {value.name: math.inf if value.std_error is None else value.std_error for value in values}
     found: list[Combination] = []
     for row in sorted(sheet.fitted.rows, key=lambda row: row.joint):
         candidates = [*_friction(sheet, row), *_loads(sheet, row)]
         found += [
             sum_
             for sum_ in (_sum(sheet, row, *item) for item in candidates if _matters(sheet, row, item[0]))
-            if set(sum_.terms) & unknown
+            if any(abs(weight) * errors[name] > WORTH * sum_.std_error for name, weight in sum_.terms.items())
         ]
     return tuple(sum_ for sum_ in found if math.isfinite(sum_.value))
 
