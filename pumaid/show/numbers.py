@@ -77,8 +77,3 @@ def shortened(name: str, most: int = 52) -> str:
 def amperes(value: float | None) -> str:
     """A current for people: A, three significant digits; a dash where there is none."""
     return "-" if value is None else f"{number(value, 3)} A"
-
-
-def seconds(value: float) -> str:
-    """An instant: s to the hundredth."""
-    return f"{value:.2f} s"

@@ -8,7 +8,7 @@ import numpy as np
 
 from pumaid.records import Comparison, Robot, Run, RunScore
 from pumaid.show.grid import Cell, Grid, grid
-from pumaid.show.numbers import in_unit, percent, seconds
+from pumaid.show.numbers import in_unit, percent
 from pumaid.units import number
 
 #: An error this many times the noise floor asks for attention: with a few dozen replicates the floor itself is known to
@@ -48,11 +48,12 @@ def comparison_grid(comparison: Comparison, robot: Robot) -> Grid:
         rows.append([*total, *([""] * 3), *([amount(comparison.heldout)] if has_heldout else [])])
     return grid(
         "Model against measurement",
-        header + (["held-out RMSE (A)"] if has_heldout else []),
+        header + (["held out (A)"] if has_heldout else []),
         rows,
         notes=tuple(("-", reason) for reason in reasons),
         caption="Explained: share of the current's variance that the model accounts for. RMSE at the noise floor means"
-        " that no better model exists for these data.",
+        " that no better model exists for these data."
+        + (" Held out: RMSE of runs that were not fitted." if has_heldout else ""),
     )
 
 
@@ -72,28 +73,29 @@ def worst_grid(comparison: Comparison, robot: Robot, *, count: int = 5, units: s
     """
     rows: list[list[str | Cell]] = []
     reasons: dict[str, str] = {}
-    for score in comparison.worst(count):
+    for rank, score in enumerate(comparison.worst(count), start=1):
         run = score.run
         mark = reasons.setdefault(score.reason, "abcdefghijklmnopqrstuvwxyz"[len(reasons) % 26]) if score.reason else ""
         rows.append(
             [
+                str(rank),
                 f"{run.joint} {robot.joint(run.joint).name}",
                 run.origin,
-                f"{seconds(run.start)} – {seconds(run.start + run.duration)}",
+                f"{run.start:.2f} – {run.start + run.duration:.2f}",
                 speed_text(run, robot, units),
-                posture_text(run, robot, units),
                 Cell(number(score.rmse, 3), mark=mark, tone="unknown" if mark else ""),
                 amount(score.bias),
+                posture_text(run, robot, units),
             ]
         )
-    header = ("joint", "file", "when", "speed", "others held at", "RMSE (A)", "bias (A)")
+    header = ("", "joint", "file", "seconds", "speed", "RMSE (A)", "bias (A)", "others held at")
     return grid(
         "Worst runs",
         header,
         rows,
         notes=tuple((mark, reason) for reason, mark in reasons.items()),
         caption="Ordered by error against the joint's noise floor.",
-        lefts=(0, 1, 2, 4),
+        lefts=(0, 1, 2, 3, 7),
     )
 
 

@@ -41,7 +41,7 @@ def test_worst_runs_name_file_and_seconds(told):
     """A user finds the worst run in the log by its file and seconds."""
     first = scores.worst_grid(told.comparison, told.robot, count=3).rows[0]
     run = told.comparison.worst(1)[0].run
-    assert first[1].text == run.origin and first[2].text.startswith(f"{run.start:.2f} s")
+    assert first[2].text == run.origin and first[3].text.startswith(f"{run.start:.2f} –")
 
 
 def test_an_error_above_the_floor_is_an_alarm(told):
