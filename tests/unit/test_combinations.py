@@ -83,7 +83,7 @@ def test_every_sum_says_more_than_its_terms():
     assert estimate.combinations
     for sum_ in estimate.combinations:
         terms = [(weight, estimate.value(name).std_error) for name, weight in sum_.terms.items()]
-        assert any(error is None or abs(weight) * error > 10 * sum_.std_error for weight, error in terms)
+        assert any(error is None or abs(weight) * error > 30 * sum_.std_error for weight, error in terms)
 
 
 def test_several_postures_are_numbered():
@@ -94,7 +94,7 @@ def test_several_postures_are_numbered():
     texts = [
         sum_.text for sum_ in estimate.combinations if sum_.text.startswith("weight felt by joint 1 at position 0")
     ]
-    assert set(texts) <= {f"weight felt by joint 1 at position 0 (posture {n})" for n in (1, 2, 3)}
+    assert texts and set(texts) <= {f"weight felt by joint 1 at position 0 (posture {n})" for n in (1, 2, 3)}
     holds = list(dict.fromkeys(motion.hold for motion in plan.motions))
     for text in texts:
         position = np.array([holds[int(text[-2]) - 1]])
