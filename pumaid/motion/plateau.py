@@ -31,7 +31,7 @@ DEPARTED = 0.2
 #: hard ramp draws many times the current of a run, and 10 ms at each end cost a run of a second 2 %.
 GUARD = 0.010
 #: The same as a share of the sampling interval.
-GUARD_SHARE = 0.6
+GUARD_SHARE = 1.0
 #: Share of a movement's largest acceleration above which a stretch is a slow ramp and no constant speed.
 RAMPING = 0.25
 #: Departure from one speed, in units of the tolerance, that does not end a run where the same speed goes on behind it.

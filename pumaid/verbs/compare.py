@@ -28,9 +28,8 @@ from pumaid.records import (
 
 Floats = NDArray[np.float64]
 
-#: A prediction leans on an undetermined direction n where |x . n| exceeds this share of sum |x_k n_k|. Jitter of held
-#: positions makes a hundredth at most; another posture makes a tenth and more.
-LEANING = 0.05
+#: Share of the largest term in an undetermined direction below which a term is not named.
+PART = 0.05
 
 #: Instants whose regressor is made at once: enough to spare calls, some ten megabytes.
 AT_ONCE = 20_000
@@ -197,12 +196,13 @@ class Judge:
                 f"eta{run.joint}/eta{link} was not determined: what link {link} weighs on joint {run.joint} is known"
                 " only for the postures that were fitted"
             )
-        leaning = _leaning(rows * np.nan_to_num(scale), self.estimate.blind)
-        if leaning is None:
+        used = rows * np.nan_to_num(scale)
+        off = np.sqrt(np.mean((used @ self.estimate.blind) ** 2, axis=0))
+        if float(np.linalg.norm(off)) <= max(self.estimate.joint(run.joint).rmse or 0.0, NOTHING):
             return None
-        size = np.sqrt(np.mean((rows * np.nan_to_num(scale) * leaning) ** 2, axis=0))
-        names = [self.model.names[k] for k in np.argsort(-size)[:3] if size[k] > LEANING * size.max()]
-        return f"the fitted data did not tell {' from '.join(names)}, and this run needs each of them"
+        size = np.sqrt(np.mean((used * self.estimate.blind[:, int(np.argmax(off))]) ** 2, axis=0))
+        names = [self.model.names[k] for k in np.argsort(-size)[:3] if size[k] > PART * size.max()]
+        return f"this run needs {' and '.join(names)}, which the fitted data do not determine"
 
     def outside(self, evidence: Evidence) -> tuple[OutsideScore, ...]:
         """Scores of what is no run, by joint and reason; cells in which a joint rests are not its own."""
@@ -259,20 +259,6 @@ def _joined(many: Sequence[Samples]) -> Samples:
     fields = {name: np.concatenate([getattr(samples, name) for samples in many]) for name in names}
     run = np.repeat(np.arange(float(len(many))), [len(samples) for samples in many])
     return Samples(many[0].joint, **fields, run=run)
-
-
-def _leaning(rows: Floats, blind: Floats) -> Floats | None:
-    """The undetermined direction (p,) on which rows (M, p) lean most, or None where they lean on none."""
-    worst, most = None, LEANING
-    for direction in blind.T:
-        parts = rows * direction
-        size = np.sqrt(np.mean(np.abs(parts).sum(axis=1) ** 2))
-        if size <= NOTHING * max(float(np.abs(rows).max(initial=0.0)), NOTHING):
-            continue
-        share = float(np.sqrt(np.mean(parts.sum(axis=1) ** 2)) / size)
-        if share > most:
-            worst, most = direction, share
-    return worst
 
 
 def _mean(tallies: Sequence[Tally]) -> float:
