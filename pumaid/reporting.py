@@ -110,10 +110,10 @@ class Sheet:
 
     def _partners(self, index: int) -> list[str] | None:
         """Names of what parameter `index` is only determined together with; None where it is determined."""
-        blind, lost = self.solution.linear.blind, self.absorbed.get(index, [])
+        blind, lost = self.solution.linear.blind, self.absorbed.get(index)
         # The projector on the undetermined directions does not depend on how they are chosen within their span.
         share = np.abs(blind @ blind[index])
-        if share[index] <= PART_OF**2 and not lost:
+        if share[index] <= PART_OF**2 and lost is None:
             return None
         edges = [(_above(self.gains, edge) + 1, edge + 1) for edge in self.gains.edges]
         names = [*self.fitted.model.names, *(_ratio_name(*pair) for pair in edges)]
@@ -121,7 +121,7 @@ class Sheet:
         p = len(self.numbers)
         least = PART_OF * np.where(np.arange(len(share)) < p, share[:p].max(), share.max())
         together = [name for n, name in enumerate(names) if share[n] > least[n] and n != index]
-        return [*together, *(_ratio_name(*pair) for pair in lost)]
+        return [*together, *(_ratio_name(*pair) for pair in lost or [])]
 
     def _ratios(self, facts: dict[int, Facts]) -> list[Value]:
         model, out = self.fitted.model, []
@@ -137,7 +137,7 @@ class Sheet:
         if facts[inner].runs == 0 or facts[outer].runs == 0 or not np.isfinite(value):
             return _unknown(bare, reasons.of_ratio(model, inner, outer, facts=facts))
         p, edges = len(self.numbers), np.flatnonzero(gradient)
-        if any(self._partners(p + int(edge)) is not None for edge in edges):
+        if any(self._partners(p + int(edge)) is not None or self._rests_on_open(int(edge)) for edge in edges):
             return _unknown(bare, reasons.of_ratio(model, inner, outer, facts=facts))
         variance = float(gradient @ self.covariance[p:, p:] @ gradient + np.sum((gradient @ self.reach()[p:]) ** 2))
         freedoms = float(np.min(self.freedoms[p + edges])) if edges.size else np.inf
@@ -156,6 +156,13 @@ class Sheet:
         is_link = np.array([column.effect == "gravity" for column in self.fitted.model.columns])
         owners = self.fitted.system.owners
         return is_link & (owners >= 0) & below[owners]
+
+    def _rests_on_open(self, edge: int) -> bool:
+        """Whether the row that gave an edge took any load for known that the recursion had left open."""
+        gains, columns = self.gains, list(self.absorbed)
+        row = gains.parent[gains.edges[edge]]
+        beside = [number for number, lower in enumerate(gains.edges) if gains.parent[lower] == row]
+        return any(bool(self._cluster(number)[columns].any()) for number in beside)
 
     def _carries(self, edge: int) -> bool:
         """Whether the load behind an edge is itself non-zero at `RATIO_LEVEL`."""

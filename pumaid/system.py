@@ -92,8 +92,8 @@ class Fitted:
     first_system, first
         The recursion: its whitened rows and its result, with the least squares over all rows there.
     absorbed
-        By column (from 0) that the recursion cannot tell from loads outward: the ratios (i, j) of gains (joints from 1)
-        that it thereby leaves open.
+        By column (from 0) that the recursion leaves open: the ratios (i, j) of gains (joints from 1) whose loads it
+        absorbs.
     system, solution, pull
         The final whitened rows, the fit over all of them, and the precision (edges,) of the prior on each ratio.
     run_of
@@ -190,7 +190,7 @@ def solve(model: Model, runs: Sequence[Run], *, recursive: bool = False, progres
             for before, row in zip(runs_before, rows, strict=False)
         ]
     )
-    absorbed = _absorbed(recursion)
+    absorbed = _absorbed(recursion, is_load)
     told = (model, rows, assigned, levels, first_levels, tuple(weak))
     return Fitted(*told, first, taken, absorbed, system, solution, 1.0 / spread**2, run_of, limit)
 
@@ -209,10 +209,16 @@ def _unstretch(start: Recursion, row: int, *, is_load: NDArray[np.bool_]) -> Non
             gains.edge[root] = USUAL_RATIO
 
 
-def _absorbed(recursion: Recursion) -> dict[int, list[tuple[int, int]]]:
+def _absorbed(recursion: Recursion, is_load: NDArray[np.bool_]) -> dict[int, list[tuple[int, int]]]:
+    """Columns left open by their own row; and weights of rows that were solved with an open load taken for known."""
+    gains, owners = recursion.gains, recursion.owners
     lost = {row: [(r + 1, root + 1) for r, root in recursion.redundant if r == row] for row, _ in recursion.redundant}
-    columns = np.flatnonzero(recursion.undetermined & np.isin(recursion.owners, list(lost)))
-    return {int(column): lost[int(recursion.owners[column])] for column in columns}
+    is_open = recursion.undetermined.copy()
+    for edge in sorted(gains.edges, reverse=True):
+        below = [row for row in range(gains.n_rows) if edge in gains.path(row)]
+        if np.any(is_open & is_load & np.isin(owners, below)):
+            is_open |= is_load & (owners == gains.parent[edge])
+    return {int(n): lost.get(int(owners[n]), []) for n in np.flatnonzero(is_open)}
 
 
 def _refine(

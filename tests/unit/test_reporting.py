@@ -139,3 +139,14 @@ def test_sheet_of_the_recursion_has_its_own_ratios():
     values = {value.name: value for value in Sheet.of_recursion(fitted, runs, first).values()}
     assert values["gain_ratio.2.3"].state == values["gravity.l2.x"].state == "not_identifiable"
     assert values["gravity.l6.x"].state == "identified"
+
+
+@pytest.mark.parametrize("missing", [2, 4, 5, 6])
+def test_recursion_tells_no_ratio_of_a_load_left_open(missing):
+    """Where an outer row left its load open, an inner row's ratio to it rests on a guess and is not told."""
+    truth = drawn(STANFORD, noisy=False)
+    plan = only(experiment(STANFORD, postures=2), lambda motion: motion.joint != missing)
+    estimate = identify(evidence(truth, plan), STANFORD, recursive=True)
+    known = truth.parameters()
+    told = {value.name: value.value for value in estimate.values if value.name.startswith("gain") and value.value}
+    assert {name: value for name, value in told.items() if abs(value - known[name]) > 1e-9} == {}
