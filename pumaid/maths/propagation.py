@@ -11,6 +11,10 @@ from pumaid.maths.statistics import Clustered, clustered
 
 Floats = NDArray[np.float64]
 
+#: Share of the largest singular value of a row's scaled normal matrix below which there is only rounding: its columns'
+#: own singular values, squared, with four digits to spare above machine precision.
+ROUNDING = 1e-12
+
 
 def recursion_covariance(system: Bilinear, values: Floats, gains: Gains, *, runs: NDArray[np.int64]) -> Clustered:
     """Covariance of the recursion's parameters and ratios, clustered by run.
@@ -48,7 +52,7 @@ def recursion_covariance(system: Bilinear, values: Floats, gains: Gains, *, runs
         scale = np.linalg.norm(J[:, own], axis=0)
         unit = np.divide(J[:, own], scale, out=np.zeros((len(here), len(own))), where=scale > 0)
         back = np.divide(1.0, scale, out=np.zeros_like(scale), where=scale > 0)
-        inverse = back[:, None] * np.linalg.pinv(unit.T @ unit, rcond=1e-14, hermitian=True) * back
+        inverse = back[:, None] * np.linalg.pinv(unit.T @ unit, rcond=ROUNDING, hermitian=True) * back
         outer = np.setdiff1d(np.arange(size), own)
         carry = -inverse @ J[:, own].T @ J[:, outer]
         numbers = [here[runs[here] == run] for run in np.unique(runs[here])]

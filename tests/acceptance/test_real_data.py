@@ -94,6 +94,16 @@ def test_ur3e_gravity_amplitude(shoulder):
     assert ur3e.half_sums(shoulder[1])[0][0] == pytest.approx(level.value, abs=0.02)
 
 
+def test_ur3e_recursion_alone_knows_its_errors(shoulder):
+    """With one joint in the logs both steps are one: the recursion's errors are the joint estimate's, within 20 %."""
+    robot, evidence, estimate = shoulder
+    alone = identify(evidence, robot, recursive=True)
+    for one, other in zip(alone.combinations, estimate.combinations, strict=True):
+        assert one.std_error == pytest.approx(other.std_error, rel=0.2)
+    for value in (value for value in alone.values if value.value is not None):
+        assert value.std_error == pytest.approx(estimate.value(value.name).std_error, rel=0.2)
+
+
 def test_ur3e_load_points_where_the_published_masses_do(shoulder):
     """Direction of the load: within two standard errors of the vendor's centres of mass; half sums: 0.5 degrees."""
     level, quarter = (sums(shoulder[2], f"joint 2 {where}") for where in ("at position 0", "a quarter turn on"))
