@@ -90,15 +90,15 @@ class Model:
         return cls(robot, estimate.stroke_postures)
 
     def _columns(self) -> Iterable[Column]:
-        everything = itertools.product(self._effects(), range(1, self.robot.n_joints + 1))
-        for effect, number in everything:
+        """Every parameter that exists for this arm, effect by effect."""
+        for effect, number in itertools.product(self._effects(), range(1, self.robot.n_joints + 1)):
             letter = "l" if effect.scope is Scope.LINK else "j"
-            for group, mark in self._marks(effect, number):
-                for parameter in effect.parameters(self.robot, number):
-                    name = f"{effect.name}.{letter}{number}.{parameter.name}{mark}"
-                    symbol = parameter.symbol.format(n=number) + mark
-                    if name not in self.structure.absent:
-                        yield Column(name, symbol, parameter.unit, parameter.meaning, number, effect.name, group)
+            parameters = effect.parameters(self.robot, number)
+            for (group, mark), parameter in itertools.product(self._marks(effect, number), parameters):
+                name = f"{effect.name}.{letter}{number}.{parameter.name}{mark}"
+                symbol = parameter.symbol.format(n=number) + mark
+                if name not in self.structure.absent:
+                    yield Column(name, symbol, parameter.unit, parameter.meaning, number, effect.name, group)
 
     def _marks(self, effect: Effect, number: int) -> list[tuple[int | None, str]]:
         """Posture groups of an effect's parameters at joint `number` and what marks them in names."""
