@@ -24,7 +24,8 @@ REASONS: dict[str, tuple[str, str]] = {
                   "{figure} {unit}/s where its stroke begins or ends, for {duration} s"),
     "drift-of-held-joint": ("a held joint drifts", "while joint {first} moves, joint {last} drifts {figure} "
                             "{last_unit}; {held_drift} are allowed"),
-    "no-current": ("no current measured", "the current of joint {joints} is missing in {samples} samples"),
+    "no-current": ("no current measured", "the current of joint {joints} is missing, or 0 throughout (motor off), in "
+                   "{samples} samples"),
     "not-a-number": ("garbage", "a position or the time is no number, or beyond 1e6, in {samples} samples"),
     "gap": ("between gaps", "{samples} samples stand between gaps in time, too few in a row to tell a speed"),
 }  # fmt: skip

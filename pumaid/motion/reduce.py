@@ -15,8 +15,10 @@ Floats = NDArray[np.float64]
 
 
 def usable(block: Block, piece: Piece) -> NDArray[np.int64]:
-    """Indices of the piece's samples whose own current is a number."""
+    """Indices of the samples whose own current is a number; none where it is 0 throughout (the motor is off)."""
     current = block.current[piece.start : piece.stop, piece.joints[0] - 1]
+    if not current.any():
+        return np.zeros(0, dtype=np.int64)
     return piece.start + np.flatnonzero(np.abs(current) < LARGEST)
 
 

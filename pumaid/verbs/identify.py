@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Sequence
 
 import numpy as np
@@ -15,9 +16,10 @@ from pumaid.maths.statistics import Clustered, clustered
 from pumaid.model import Model
 from pumaid.motion.replicates import noise_floor
 from pumaid.reasons import Facts
-from pumaid.records import Estimate, Evidence, JointFit, Robot, Run
+from pumaid.records import Estimate, Evidence, JointFit, Robot, Run, Value
 from pumaid.reporting import Sheet
 from pumaid.system import Fitted, Progress, Row, solve
+from pumaid.units import number
 
 Floats = NDArray[np.float64]
 
@@ -90,7 +92,7 @@ def identify(
         recipe_digest=robot.digest,
         origin=robot.origin,
         logs={facts.name: facts.digest for facts in evidence.files},
-        notes=(*evidence.notes, *_notes(fitted, robot)),
+        notes=(*evidence.notes, *_notes(fitted, robot), *_odd_friction(values, robot.n_joints)),
         version=__version__,
     )
 
@@ -141,6 +143,29 @@ def _joint_fit(fitted: Fitted, runs: Sequence[Run], joint: int) -> JointFit:
         posture_groups=Facts.of(joint, runs).postures,
         kinds=kinds,
     )
+
+
+def _odd_friction(values: Sequence[Value], n_joints: int) -> list[Note]:
+    """Viscous terms that are surely of the sign opposite to their joint's Coulomb friction."""
+    known = {
+        value.name: (value.value, value.std_error, value.ci95, value.unit)
+        for value in values
+        if value.value is not None and value.std_error is not None and value.ci95 is not None
+    }
+    notes = []
+    for joint, (side, way) in itertools.product(range(1, n_joints + 1), (("plus", "forward"), ("minus", "backward"))):
+        names = (f"viscous.j{joint}.{side}", f"coulomb.j{joint}.plus", f"coulomb.j{joint}.minus")
+        if not set(names) <= set(known):
+            continue
+        (slope, error, (low, high), unit), forward, backward = (known[name] for name in names)
+        motor = forward[0] - backward[0]  # friction opposes motion, so this has the sign of the motor's current
+        if motor * slope < 0 and not low <= 0.0 <= high:
+            text = (
+                f"friction of joint {joint} falls with speed going {way} ({number(slope)} ± {number(error, 2)} {unit}),"
+                " which viscous friction does not: something else changed with the speed, or Stribeck friction reigns"
+            )
+            notes.append(Note("friction-falls-with-speed", text, Where(joint=joint)))
+    return notes
 
 
 def _notes(fitted: Fitted, robot: Robot) -> list[Note]:
