@@ -9,16 +9,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pumaid import __version__
-from pumaid.combinations import determined
 from pumaid.errors import LogError, Note, Where
+from pumaid.fit.combinations import determined
+from pumaid.fit.reasons import Facts
+from pumaid.fit.sheet import Sheet
+from pumaid.fit.system import Fitted, Progress, Row, solve
 from pumaid.maths.propagation import recursion_covariance
 from pumaid.maths.statistics import Clustered, clustered
 from pumaid.model import Model
 from pumaid.motion.replicates import noise_floor
-from pumaid.reasons import Facts
 from pumaid.records import Estimate, Evidence, JointFit, Robot, Run, Value
-from pumaid.reporting import Sheet
-from pumaid.system import Fitted, Progress, Row, solve
 from pumaid.units import number
 
 Floats = NDArray[np.float64]

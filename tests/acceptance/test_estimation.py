@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 
 from pumaid.files.recipe import read_recipe, shipped_recipes
+from pumaid.fit.system import Fitted, solve
 from pumaid.maths.joint_fit import Bilinear
 from pumaid.model import Model
 from pumaid.records import Estimate, Evidence
-from pumaid.system import Fitted, solve
 from pumaid.verbs.identify import identify
 from pumaid.verbs.plan import plan
 from pumaid.virtual import Bench, Noise, Truth, draw, table1
@@ -101,7 +101,7 @@ def bound(truth: Truth, bench: Bench) -> tuple[list[str], np.ndarray, np.ndarray
 
 @pytest.mark.slow
 def test_joint_estimate_sits_on_the_cramer_rao_bound_and_the_recursion_does_not():
-    """Over 200 experiments with white noise the joint fit is within 5 % of the bound; k4y and k5x of the recursion are not.
+    """Over 200 experiments with white noise the joint fit is within 5 % of the bound; the recursion is not in k4y, k5x.
 
     The geometric mean over parameters is judged: one RMS of 200 experiments is itself uncertain by 5 %.
     """

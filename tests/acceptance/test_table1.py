@@ -36,7 +36,7 @@ def estimates(tmp_path_factory):
 
 @pytest.mark.slow
 def test_every_value_lies_in_its_interval_as_often_as_promised(estimates):
-    """Of all 95 % intervals over 20 experiments 93-97.5 % hold the table's value (36 values x 20, levels shared a run)."""
+    """Of all 95 % intervals of 20 experiments 93-97.5 % hold the value of the table (some 37 values each)."""
     known = table1.puma560().parameters()
     hits = [
         value.ci95[0] <= known[value.name] <= value.ci95[1]

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from worlds import CRANE, STANFORD, course, run_of
 
-from pumaid import reasons
+from pumaid.fit import reasons
+from pumaid.fit.reasons import Facts
 from pumaid.model import Model
-from pumaid.reasons import Facts
 
 MODEL = Model(CRANE)
 

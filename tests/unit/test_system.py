@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 from worlds import CRANE, PENDULUM, STANFORD, course, drawn, evidence, experiment, only, run_of
 
-from pumaid import system
+from pumaid.fit import system
+from pumaid.fit.system import Row, assign, solve
 from pumaid.model import Model
 from pumaid.records import Motion, Plan
-from pumaid.system import Row, assign, solve
 from pumaid.virtual import Bench
 
 

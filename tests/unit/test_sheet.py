@@ -7,12 +7,12 @@ import pytest
 from scipy import stats
 from worlds import CRANE, STANFORD, drawn, evidence, experiment, only, puma
 
+from pumaid.fit.sheet import Sheet, _gradient
+from pumaid.fit.system import solve
 from pumaid.maths.propagation import recursion_covariance
 from pumaid.maths.recursion import Gains
 from pumaid.model import Model
 from pumaid.records import Evidence
-from pumaid.reporting import Sheet, _gradient
-from pumaid.system import solve
 from pumaid.verbs.identify import identify
 from pumaid.virtual import Bench, table1
 

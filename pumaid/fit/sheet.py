@@ -8,14 +8,14 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from pumaid import reasons
+from pumaid.fit import reasons
+from pumaid.fit.reasons import Facts, Reason
+from pumaid.fit.system import RATIO_KNOWN, Fitted
 from pumaid.maths.joint_fit import JointSolution
 from pumaid.maths.levels import freedoms
 from pumaid.maths.recursion import LARGEST_RATIO, Gains
 from pumaid.maths.statistics import Clustered, interval, two_sided
-from pumaid.reasons import Facts, Reason
 from pumaid.records import IDENTIFIED, NOT_IDENTIFIABLE, Run, Value
-from pumaid.system import RATIO_KNOWN, Fitted
 
 Floats = NDArray[np.float64]
 Absorbed = dict[int, list[tuple[int, int]]]

@@ -8,13 +8,13 @@ from collections.abc import Iterable
 import numpy as np
 from numpy.typing import NDArray
 
+from pumaid.fit.reasons import Facts
+from pumaid.fit.sheet import Sheet
+from pumaid.fit.system import Row
 from pumaid.maths.frames import apart
 from pumaid.maths.joint_fit import Bilinear
 from pumaid.model import SAME_POSTURE
-from pumaid.reasons import Facts
 from pumaid.records import Combination, Samples
-from pumaid.reporting import Sheet
-from pumaid.system import Row
 
 Floats = NDArray[np.float64]
 
