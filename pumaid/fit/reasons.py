@@ -58,7 +58,9 @@ class Facts:
         return bool(speeds) and not self.strokes and speeds[-1] - speeds[0] <= ONE_SPEED * speeds[-1]
 
 
-def of_column(model: Model, column: Column, *, facts: dict[int, Facts], partners: Sequence[str]) -> Reason:
+def of_column(
+    model: Model, column: Column, *, facts: dict[int, Facts], partners: Sequence[str], lever: float = 1.0
+) -> Reason:
     """Why `column` is not determined.
 
     Parameters
@@ -71,6 +73,8 @@ def of_column(model: Model, column: Column, *, facts: dict[int, Facts], partners
         By joint (from 1).
     partners
         Names of the other parameters with which it is only determined together.
+    lever
+        RMS of the column over its joint's own runs, as a share of what it is when the axis lies level.
     """
     own = facts[column.owner]
     if own.runs == 0:
@@ -80,10 +84,19 @@ def of_column(model: Model, column: Column, *, facts: dict[int, Facts], partners
     if column.effect == "gravity":
         if not model.robot.joint(column.owner).is_revolute and any(name.startswith("coulomb") for name in partners):
             return ONE_LOAD
-        return _gravity(column, own, partners)
+        return UPRIGHT if lever < LEAST_LEVER else _gravity(column, own, partners)
     shared = _some(partners) or "nothing that these runs vary"
     return Reason(f"only determined together with {shared}", "repeat its runs in another posture and at other speeds")
 
+
+#: Share of its full lever below which a weight is as good as not felt: an axis within two degrees of upright.
+LEAST_LEVER = 0.035
+
+#: Of a joint whose axis never lay level.
+UPRIGHT = Reason(
+    "the joint's axis stood upright in all its runs, so it felt next to nothing of this weight",
+    "repeat its runs with the joints before it turned so that its axis lies level",
+)
 
 #: Of a joint that the logs never move alone.
 NO_RUNS = Reason("waits for logs in which its joint moves alone", "move the joint alone, at several speeds, both ways")
@@ -144,10 +157,7 @@ def _gravity(column: Column, own: Facts, partners: Sequence[str]) -> Reason:
             "over the span and directions in which the joint travels, its weight cannot be told from its friction",
             "let it travel further, in both directions",
         )
-    return Reason(
-        "in no posture of these logs does the joint feel this part of its weight",
-        "repeat its runs with the joints before it turned so that its axis lies level",
-    )
+    return UPRIGHT
 
 
 def _number(name: str) -> int:

@@ -98,7 +98,9 @@ class Sheet:
             bare = Value(column.name, column.symbol, column.owner, column.unit)
             partners = self._partners(index)
             if facts[column.owner].runs == 0 or partners is not None:
-                out.append(_unknown(bare, reasons.of_column(model, column, facts=facts, partners=partners or [])))
+                lever = self._lever(index)
+                because = reasons.of_column(model, column, facts=facts, partners=partners or [], lever=lever)
+                out.append(_unknown(bare, because))
             else:
                 variance = float(self.covariance[index, index] + np.sum(self.reach()[index] ** 2))
                 out.append(_known(bare, self.numbers[index], variance, self.freedoms[index]))
@@ -107,6 +109,15 @@ class Sheet:
             symbol = f"m{link}" if part == "mass" else f"k{link}{part}"
             out.append(_unknown(Value(name, symbol, link, "A s2/m"), Reason(why)))
         return out
+
+    def _lever(self, index: int) -> float:
+        """RMS of a gravity column over its joint's own runs, as a share of g; 1 for other columns."""
+        column = self.fitted.model.columns[index]
+        row = next((row for row in self.fitted.rows if row.joint == column.owner), None)
+        if row is None or column.effect != "gravity":
+            return 1.0
+        square = float(np.sum(row.regressors[:, :, index] ** 2)) / row.samples
+        return float(np.sqrt(square) / np.linalg.norm(self.fitted.model.robot.gravity))
 
     def _partners(self, index: int) -> list[str] | None:
         """Names of what parameter `index` is only determined together with; None where it is determined."""

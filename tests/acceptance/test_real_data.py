@@ -13,6 +13,7 @@ import pytest
 from click.testing import CliRunner
 
 from pumaid.cli import group
+from pumaid.errors import LogError
 from pumaid.verbs.compare import compare
 from pumaid.verbs.identify import identify
 
@@ -216,12 +217,14 @@ def test_gen3_garbage_cells_harm_nothing(scratch):
 
 
 def test_double_pendulum_yields_no_false_value(scratch):
-    """Both joints swing at once: most is left out for that reason and no parameter is given a value."""
+    """Both joints swing at once or with a motor off: all is left out for that reason, and identify refuses."""
     files = sorted((folder() / "dfki-double-pendulum-a0").glob("*.parquet"))
     robot, evidence = read("pendulum2", files, scratch)
     together = sum(reject.samples for reject in evidence.rejects if reject.reason == "several-joints")
     assert together > 0.8 * sum(facts.rows for facts in evidence.files)
-    assert [value.name for value in identify(evidence, robot).values if value.value is not None] == []
+    assert {reject.reason for reject in evidence.rejects} >= {"several-joints", "no-current"}
+    with pytest.raises(LogError, match="there is no run to fit"):
+        identify(evidence, robot)
 
 
 def test_tx40_has_nothing_to_fit(scratch):

@@ -117,7 +117,7 @@ def test_many_partners_are_counted():
 def test_a_weight_never_felt():
     """A weight that no posture shows asks for a level axis."""
     told = reason("gravity.l1.x", run(1, (0, 0, 0), 0.3))
-    assert "in no posture" in told.text and "lies level" in told.next_run
+    assert "next to nothing" in told.text and "lies level" in told.next_run
 
 
 def test_redundant_ratio_has_no_run():
