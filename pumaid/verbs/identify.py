@@ -154,11 +154,12 @@ def _odd_friction(values: Sequence[Value], n_joints: int) -> list[Note]:
     }
     notes = []
     for joint, (side, way) in itertools.product(range(1, n_joints + 1), (("plus", "forward"), ("minus", "backward"))):
-        names = (f"viscous.j{joint}.{side}", f"coulomb.j{joint}.plus", f"coulomb.j{joint}.minus")
-        if not set(names) <= set(known):
+        if f"viscous.j{joint}.{side}" not in known:
             continue
-        (slope, error, (low, high), unit), forward, backward = (known[name] for name in names)
-        motor = forward[0] - backward[0]  # friction opposes motion, so this has the sign of the motor's current
+        slope, error, (low, high), unit = known[f"viscous.j{joint}.{side}"]
+        # Friction opposes motion, so the Coulomb terms tell the sign in which the motor counts its current.
+        signs = {1.0: f"coulomb.j{joint}.plus", -1.0: f"coulomb.j{joint}.minus"}
+        motor = sum(sign * known[name][0] for sign, name in signs.items() if name in known)
         if motor * slope < 0 and not low <= 0.0 <= high:
             text = (
                 f"friction of joint {joint} falls with speed going {way} ({number(slope)} ± {number(error, 2)} {unit}),"

@@ -327,3 +327,14 @@ def test_load_that_hides_in_coulomb_is_noted():
     assert [note.slug for note in estimate.notes] == ["load-in-coulomb"]
     assert identified(estimate)["coulomb.j1.plus"] == pytest.approx(known["coulomb.j1.plus"] + load, rel=1e-9)
     assert identified(estimate)["coulomb.j1.minus"] == pytest.approx(known["coulomb.j1.minus"] + load, rel=1e-9)
+
+
+@pytest.mark.parametrize("both_ways", [True, False])
+def test_friction_that_falls_with_speed_is_noted(both_ways):
+    """A viscous term that drives the motion is told, also from one direction alone; one that opposes it is not."""
+    truth = drawn(PENDULUM, noisy=True)
+    against = replace(truth.friction, viscous_plus=-truth.friction.viscous_plus)
+    plan = only(experiment(PENDULUM), lambda motion: both_ways or motion.end > motion.start)
+    for friction, expected in ((truth.friction, set()), (against, {1, 2})):
+        found = identify(evidence(replace(truth, friction=friction), plan), PENDULUM)
+        assert {note.where.joint for note in found.notes if note.slug == "friction-falls-with-speed"} == expected
