@@ -126,8 +126,7 @@ class Drawing:
         """The figure in several forms (`INLINE` among them) for the price of drawing it once."""
         with styled():
             figure = self.make()
-            figure.draw_without_rendering()
-            figure.set_layout_engine("none")  # the layout is found now; finding it again for every form costs the most
+            settle(figure)
             out = {form: saved(figure, form, self.title) for form in forms if form != INLINE}
         if INLINE in forms:
             with styled(text_as_paths=False):
@@ -142,6 +141,14 @@ def styled(*, text_as_paths: bool = True) -> Iterator[None]:
     looks: Any = {**_RC, "svg.fonttype": "path" if text_as_paths else "none"}
     with mpl.rc_context(looks):
         yield
+
+
+def settle(figure: Figure) -> None:
+    """Find the layout once and for all; an engine that stays would draw everything twice for every form."""
+    engine = figure.get_layout_engine()
+    if engine is not None:
+        engine.execute(figure)
+        figure.set_layout_engine(None)
 
 
 def panels(
@@ -221,7 +228,7 @@ def dots(axes: Axes, x: Floats, y: Floats, *, colour: str, size: float = 2.2, al
     path = Path(vertices, np.tile([Path.MOVETO, Path.LINETO], len(shown)))
     path.should_simplify = False
     patch = PathPatch(path, fill=False, edgecolor=colour, linewidth=size, alpha=alpha, capstyle="round", zorder=2)
-    axes.add_patch(patch)
+    axes.add_artist(patch)  # not add_patch, which would look for the extent of every single stroke
     axes.update_datalim(shown)
     axes.autoscale_view()
 
