@@ -78,6 +78,8 @@ def _printed(command: str, folder: str) -> str:
     done = subprocess.run(
         shell, cwd=folder, env=environment, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, check=False
     )
+    if "Traceback" in done.stdout or "error[" in done.stdout:
+        raise RuntimeError(f"a session of the README fails: {command}\n{done.stdout}")
     return "".join(f"{line.rstrip()}\n" for line in done.stdout.splitlines())
 
 
