@@ -1,6 +1,6 @@
 """Frozen records that flow through the program; they hold, and compute nothing but their own names."""
 
-from pumaid.records.comparison import UNEXPLAINED, Comparison, JointScore, OutsideScore, RunScore
+from pumaid.records.comparison import TOGETHER, UNEXPLAINED, Comparison, JointScore, OutsideScore, RunScore
 from pumaid.records.estimate import (
     GIVEN,
     IDENTIFIED,
@@ -30,6 +30,7 @@ __all__ = [
     "IDENTIFIED",
     "NOT_IDENTIFIABLE",
     "STROKE_COLUMNS",
+    "TOGETHER",
     "UNEXPLAINED",
     "Cells",
     "Combination",

@@ -15,6 +15,9 @@ Floats = NDArray[np.float64]
 #: Name of the share of the current that no effect of the model explains.
 UNEXPLAINED = "unexplained"
 
+#: Between the names of effects whose sum the fitted data determine although not each of them: ``coulomb+viscous``.
+TOGETHER = "+"
+
 
 @dataclass(frozen=True, eq=False, slots=True)
 class RunScore:
@@ -35,7 +38,8 @@ class RunScore:
     explained
         1 minus the residual's share of the squares about the joint's mean current, no unit; None without variance.
     parts
-        Effect -> (M,) its part of `predicted`, A.
+        Effect -> (M,) its part of `predicted`, A; one part for effects that cannot be told apart, as in the joint's
+        `shares`.
     """
 
     run: Run
@@ -74,7 +78,8 @@ class JointScore:
         Root mean square of the measured current, A.
     shares
         Effect -> its share of the mean square of the current, no unit; with `UNEXPLAINED` for what the model leaves
-        they add up to 1. A negative share relieves the motor.
+        they add up to 1. A negative share relieves the motor. Effects of which the fitted data determine the sum only
+        stand together, joined by `TOGETHER`.
     heldout_runs, heldout
         Runs that the plan keeps for judging, and their RMSE, A.
     undetermined

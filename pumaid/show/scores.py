@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from pumaid.records import Comparison, Robot, Run, RunScore
+from pumaid.records import TOGETHER, Comparison, Robot, Run, RunScore
 from pumaid.show.grid import Cell, Grid, grid
 from pumaid.show.numbers import in_unit, percent
 from pumaid.units import number
@@ -166,6 +166,7 @@ def comparison_document(comparison: Comparison) -> dict[str, Any]:
                 "noise_floor_reason": score.noise_floor_reason,
                 "current_rms": score.rms,
                 "shares": {**score.shares},
+                "not_told_apart": [name.split(TOGETHER) for name in score.shares if TOGETHER in name],
                 "heldout": None if score.heldout is None else {"rmse": score.heldout, "runs": score.heldout_runs},
                 "undetermined_runs": score.undetermined,
                 "runs": own,

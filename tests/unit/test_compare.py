@@ -13,6 +13,8 @@ from pumaid.errors import ModelError
 from pumaid.records import UNEXPLAINED, Cells, Comparison, Evidence, FileFacts, Reject, Robot, Run
 from pumaid.verbs.compare import compare
 
+TURN = np.pi / 2
+
 #: RMS noise of the samples in these tests (A).
 NOISE = 0.02
 
@@ -98,6 +100,55 @@ def test_shares_add_up(fitted):
     for score in made(*fitted).joints:
         assert sum(score.shares.values()) == pytest.approx(1.0, abs=1e-12)
         assert score.shares[UNEXPLAINED] == pytest.approx((score.rmse / score.rms) ** 2, abs=2e-3)
+
+
+def test_one_speed_tells_friction_as_a_sum():
+    """A model of one speed knows what friction takes, not how much of it is Coulomb's; two speeds tell it."""
+    for speeds, told in (((0.4,), {"coulomb+viscous"}), ((0.4, 1.0), {"coulomb", "viscous"})):
+        evidence = Evidence(runs((0.0, 1.0), speeds))
+        comparison = made(evidence, pumaid.identify(evidence, worlds.PENDULUM))
+        for score in comparison.joints:
+            assert set(score.shares) == told | {"gravity", UNEXPLAINED}
+            assert sum(score.shares.values()) == pytest.approx(1.0, abs=1e-12)
+        assert all(set(score.parts) == told | {"gravity"} for score in comparison.runs)
+
+
+def test_a_merged_share_is_true():
+    """Friction at one speed takes the share that the truth says, however the solution splits it."""
+    evidence = Evidence(runs((0.0, 1.0), (0.4,)))
+    score = made(evidence, pumaid.identify(evidence, worlds.PENDULUM)).joints[1]
+    q, friction = np.linspace(-1.5, 1.5, 1000), {1: 0.4 + 0.2 * 0.4, -1: -0.3 - 0.1 * 0.4}
+    current, part = [], []
+    for other in (0.0, 1.0):
+        for sign, amount in friction.items():
+            current.append(pendulum_current(2, q, other=other, qd=np.full(1000, 0.4 * sign)))
+            part.append(np.full(1000, amount))
+    whole = np.concatenate(current)
+    truth = np.mean(whole * np.concatenate(part)) / np.mean(whole**2)
+    assert score.shares["coulomb+viscous"] == pytest.approx(truth, abs=0.01)
+
+
+def test_a_short_way_tells_weight_and_friction_as_a_sum():
+    """Over a hundredth of a radian in one direction weight is as constant as friction: nothing is told apart."""
+    made_runs = []
+    for joint in (1, 2):
+        course = worlds.course("constant", 0.300, 0.310, duration=1.0)
+        current = pendulum_current(joint, course[1], other=0.5, qd=course[2])
+        noisy = current + np.random.default_rng(joint).normal(0.0, NOISE, len(current))
+        made_runs.append(worlds.run_of(worlds.PENDULUM, joint, [0.5, 0.5], course=course, current=noisy))
+    evidence = Evidence(tuple(made_runs))
+    for score in made(evidence, pumaid.identify(evidence, worlds.PENDULUM)).joints:
+        assert set(score.shares) == {"gravity+coulomb+viscous", UNEXPLAINED}
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_an_unknown_ratio_does_not_hide_weight(seed):
+    """One posture leaves ratios of gains open, but what weighs and what rubs is told apart in every joint."""
+    robot = worlds.arm("RRRR", [TURN, 0.4, 0.9, -0.6])
+    truth = worlds.drawn(robot, seed)
+    evidence = worlds.evidence(truth, worlds.experiment(robot, postures=1, speeds=(0.3, 0.9)), seed=seed)
+    for score in made(evidence, pumaid.identify(evidence, robot), robot).joints:
+        assert not [name for name in score.shares if "+" in name]
 
 
 def test_parts_add_up(fitted):
@@ -209,6 +260,6 @@ def test_worst_runs_come_first(fitted):
 def test_how_runs_are_batched_changes_nothing(fitted, monkeypatch):
     """Predictions made run by run are those made together."""
     together = made(*fitted)
-    monkeypatch.setattr("pumaid.verbs.compare.AT_ONCE", 1)
+    monkeypatch.setattr("pumaid.fit.judge.AT_ONCE", 1)
     for one, other in zip(made(*fitted).runs, together.runs, strict=True):
         assert np.array_equal(one.predicted, other.predicted)

@@ -88,6 +88,18 @@ def test_spending_is_told_in_words(told):
     assert words.endswith("Coulomb friction 79 %, gravity 20 %.")
 
 
+def test_what_cannot_be_told_apart_is_named_as_a_sum(told):
+    """A share of several effects is one striped bar and one name, in words and in the legend; the caption says so."""
+    shares = {"gravity": 0.2, "coulomb+viscous": 0.79, "unexplained": 0.01}
+    score = replace(told.comparison.joints[0], shares=shares)
+    assert spent.sentence(told, score).endswith("friction (Coulomb and viscous not told apart) 79 %, gravity 20 %.")
+    joints = (score, *told.comparison.joints[1:])
+    (drawing,) = spent.drawings(replace(told, comparison=replace(told.comparison, joints=joints)))
+    assert "Coulomb + viscous" in drawing.inline() and "Striped" in drawing.caption
+    (plain,) = spent.drawings(told)
+    assert "Coulomb + viscous" not in plain.inline() and "Striped" not in plain.caption
+
+
 def test_skeleton_is_where_the_arm_is():
     """Origins of the PUMA's frames with the arm stretched up, worked out by hand from its table of lengths."""
     arm = Robot("two", (Joint(1, "a", "revolute"), Joint(2, "b", "revolute", alpha=-np.pi / 2, d=0.25),

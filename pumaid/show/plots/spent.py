@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
+from typing import Any
 
 import numpy as np
 from matplotlib.artist import Artist
@@ -11,8 +12,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
-from pumaid.effects import catalogue
-from pumaid.records import UNEXPLAINED, JointScore
+from pumaid.records import TOGETHER, UNEXPLAINED, JointScore
 from pumaid.show.numbers import shortened
 from pumaid.show.plots.style import GREY, INK, PALE, VERMILION, Drawing, effect_colour
 from pumaid.show.story import Story
@@ -24,6 +24,8 @@ ORDER = 10
 #: Share of a bar below which its figure would not fit inside.
 FITS = 0.15
 
+_STRIPES = " Striped: effects that the fitted logs cannot tell apart; only their sum is known."
+
 _WORDS = {"gravity": "gravity", "coulomb": "Coulomb friction", "viscous": "viscous friction", "inertia": "inertia"}
 
 
@@ -34,7 +36,9 @@ def drawings(story: Story) -> Iterator[Drawing]:
             "spent",
             f"What the motors' currents of {story.robot.name} are spent on",
             "Left: each joint's share of the mean square of its current, which is what heats the motor."
-            " Right: what the model leaves (dot) against the noise floor (bar), below which no model can go.",
+            " Right: what the model leaves (dot) against the noise floor (bar), below which no model can go."
+            + _STRIPES
+            * any(TOGETHER in name for score in story.comparison.joints for name in score.shares),
             lambda: draw(story),
         )
 
@@ -43,7 +47,7 @@ def draw(story: Story) -> Figure:
     """The figure."""
     scores = [score for score in story.comparison.joints if score.shares]
     effects = [name for name in _ordered(scores) if name != UNEXPLAINED]
-    others = [name for name in effects if name not in _WORDS]
+    others = [name for name in dict.fromkeys(_members(effects)) if name not in _WORDS]
     figure = Figure(figsize=(5.1, 0.42 * len(scores) + 1.95), layout="constrained")
     figure.suptitle(
         f"{shortened(story.robot.name)}\nWhat the motors' currents are spent on",
@@ -55,14 +59,16 @@ def draw(story: Story) -> Figure:
     left, right = figure.subplots(1, 2, width_ratios=(2.35, 1.0), sharey=True)
     places = np.arange(len(scores))[::-1]
     for place, score in zip(places, scores, strict=True):
-        _bar(left, float(place), score, colours={name: effect_colour(name, others) for name in effects})
+        _bar(left, float(place), score, looks={name: _look(name, others) for name in effects})
     _frame(left, story, scores, places)
     _left_over(right, scores, places)
-    titles: list[Artist] = [Patch(color=effect_colour(name, others), label=_word(name)) for name in effects]
+    titles: list[Artist] = [Patch(linewidth=0, label=_short(name), **_look(name, others)) for name in effects]
     titles.append(Patch(color=VERMILION, label="unexplained"))
     titles.append(Line2D([], [], linestyle="", marker="o", markersize=6.5, color=VERMILION, label="RMSE"))
-    titles.append(Patch(color=GREY, alpha=0.45, label="noise floor"))
-    figure.legend(handles=titles, loc="outside lower left", ncols=3, handlelength=1.0, columnspacing=1.4)
+    if any(score.noise_floor is not None for score in scores):
+        titles.append(Patch(color=GREY, alpha=0.45, label="noise floor"))
+    columns = 2 if any(TOGETHER in name for name in effects) else 3
+    figure.legend(handles=titles, loc="outside lower left", ncols=columns, handlelength=1.0, columnspacing=1.4)
     return figure
 
 
@@ -72,26 +78,54 @@ def _ordered(scores: list[JointScore]) -> list[str]:
     for score in scores:
         for name, share in score.shares.items():
             total[name] = total.get(name, 0.0) + abs(share)
-    known = [name for name in _WORDS if name in total]
+    base = list(_WORDS)
+    known = [name for name in total if name.split(TOGETHER)[0] in base]
+    known.sort(key=lambda name: (base.index(name.split(TOGETHER)[0]), name.count(TOGETHER)))
     return known + sorted((name for name in total if name not in known), key=lambda name: -total[name])
 
 
-def _word(effect: str) -> str:
-    found = catalogue().get(effect)
-    return _WORDS.get(effect) or (effect.replace("_", " ") if found is not None else effect)
+def _members(names: Sequence[str]) -> list[str]:
+    """The effects behind shares, each of those that cannot be told apart by itself."""
+    return [effect for name in names for effect in name.split(TOGETHER)]
 
 
-def _bar(axes: Axes, place: float, score: JointScore, *, colours: dict[str, str]) -> None:
+def _word(share: str) -> str:
+    """The name of a share for a legend or a sentence."""
+    effects = share.split(TOGETHER)
+    words = [_WORDS.get(effect) or effect.replace("_", " ") for effect in effects]
+    if len(effects) == 1:
+        return words[0]
+    if set(effects) == {"coulomb", "viscous"}:
+        return "friction (Coulomb and viscous not told apart)"
+    return f"{', '.join(words[:-1])} and {words[-1]} (not told apart)"
+
+
+def _short(share: str) -> str:
+    """The name of a share for the legend."""
+    effects = share.split(TOGETHER)
+    return (
+        _word(share) if len(effects) == 1 else " + ".join(_word(effect).removesuffix(" friction") for effect in effects)
+    )
+
+
+def _look(share: str, others: list[str]) -> dict[str, Any]:
+    """Colour of a share; stripes in the colours of the first two effects that cannot be told apart."""
+    colours = [effect_colour(effect, others) for effect in share.split(TOGETHER)]
+    return {"facecolor": colours[0]} | ({"hatch": "//", "edgecolor": colours[1]} if len(colours) > 1 else {})
+
+
+def _bar(axes: Axes, place: float, score: JointScore, *, looks: dict[str, dict[str, Any]]) -> None:
     ends = {True: 0.0, False: 0.0}
-    for name, colour in [*colours.items(), (UNEXPLAINED, VERMILION)]:
+    for name, look in [*looks.items(), (UNEXPLAINED, {"facecolor": VERMILION})]:
         share = score.shares.get(name, 0.0)
-        start = ends[share >= 0.0]
-        axes.barh(place, share, left=start, height=0.66, color=colour, linewidth=0)
+        start, colour = ends[share >= 0.0], look["facecolor"]
+        axes.barh(place, share, left=start, height=0.66, linewidth=0, **look)
         ends[share >= 0.0] += share
         if share >= FITS:
             axes.text(
                 start + share / 2.0, place, f"{100 * share:.0f} %", ha="center", va="center", fontsize=9.5,
                 fontweight="bold", color="#1b1e23" if colour in PALE else "white",
+                bbox={"facecolor": colour, "linewidth": 0, "pad": 1.5} if "hatch" in look else None,
             )  # fmt: skip
     axes.text(ends[True] + 0.02, place, f"{number(score.rms or 0.0, 3)} A", va="center", fontsize=9.5)
 

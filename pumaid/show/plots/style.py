@@ -77,6 +77,7 @@ _RC = {
     "axes.facecolor": "none",
     "figure.facecolor": "none",
     "savefig.facecolor": "none",
+    "hatch.linewidth": 3.5,
     "grid.color": FAINT,
     "grid.linewidth": 0.6,
     "legend.frameon": False,

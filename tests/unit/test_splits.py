@@ -1,0 +1,46 @@
+"""`told_apart`: the finest groups whose sums are known; the oracle looks at every group."""
+
+from __future__ import annotations
+
+from itertools import combinations
+
+import numpy as np
+import pytest
+
+from pumaid.maths.splits import told_apart
+
+
+def gram(*directions: list[float]) -> np.ndarray:
+    """What terms may be off by together, along each of these directions."""
+    moves = np.array(directions).T
+    return moves @ moves.T
+
+
+def test_what_is_known_stands_alone():
+    """Where nothing is open, every term is a group."""
+    assert told_apart(np.zeros((3, 3)), 0.1) == [(0,), (1,), (2,)]
+
+
+def test_what_moves_against_each_other_is_one():
+    """Two pairs that each trade with each other are two groups."""
+    assert told_apart(gram([1, 0, -1, 0], [0, 2, 0, -2]), 0.1) == [(0, 2), (1, 3)]
+
+
+def test_a_trade_of_four_is_one_group():
+    """Groups larger than are looked for are still found as what is left over."""
+    assert told_apart(gram([1, 1, 1, -3]), 0.1) == [(0, 1, 2, 3)]
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_groups_are_known_and_no_finer(seed):
+    """Every group's sum is known, and no part of a group is, for trades between random terms."""
+    rng = np.random.default_rng(seed)
+    moves = np.zeros((4, 2))
+    for column in range(2):
+        one, other = rng.choice(4, 2, replace=False)
+        moves[[one, other], column] = rng.uniform(0.5, 2.0) * np.array([1.0, -1.0])
+    groups = told_apart(moves @ moves.T, 0.1)
+    for group in groups:
+        assert np.linalg.norm(moves[list(group)].sum(axis=0)) < 0.1
+        for part in (p for size in range(1, len(group)) for p in combinations(group, size)):
+            assert np.linalg.norm(moves[list(part)].sum(axis=0)) > 0.1
