@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Iterable, Mapping
+from pathlib import Path
 from typing import Any, NoReturn
 
 import rich_click as click
@@ -27,8 +28,10 @@ def remark(text: str) -> None:
 
 
 def notes(found: Iterable[Note]) -> None:
-    """Notes and warnings of a result, on standard error, each once."""
-    for line in dict.fromkeys(str(note) for note in found):
+    """Notes and warnings of a result, on standard error, each once; one line for what is true of several joints."""
+    from pumaid.show.notes import merged
+
+    for line in dict.fromkeys(str(note) for note in merged(found)):
         head, _, rest = line.partition("]: ")
         click.echo(click.style(head + "]", fg="yellow") + ": " + rest, err=True)
 
@@ -57,6 +60,14 @@ def document(content: Mapping[str, Any]) -> None:
 
     head = {"kind": content["kind"], "format": content["format"], "pumaid": __version__}
     click.echo(as_text(head | dict(content), ascii_only=True), nl=False)
+
+
+def picture_form(path: Path | None) -> str:
+    """The form of a picture by its name: ``png``, ``svg`` or ``pdf``; empty where none is asked for."""
+    form = "" if path is None else path.suffix.lstrip(".").lower()
+    if path is not None and form not in ("png", "svg", "pdf"):
+        raise click.BadParameter(f"{path} is no .png, .svg or .pdf", param_hint="--picture")
+    return form
 
 
 def attention() -> NoReturn:

@@ -66,7 +66,7 @@ def percent(share: float | None) -> str:
         return "unknown"
     gap = abs(1.0 - share)
     places = 0 if gap >= 0.05 else min(4, max(1, -math.floor(math.log10(max(gap, 1e-6))) - 2))
-    return f"{100.0 * share:.{places}f} %"
+    return f"{round(100.0 * share, places) + 0.0:.{places}f} %"
 
 
 def shortened(name: str, most: int = 52) -> str:

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+import numpy as np
+
 from pumaid.records import IDENTIFIED, NOT_IDENTIFIABLE, JointScore
 from pumaid.show.numbers import amperes, percent
 from pumaid.show.scores import ATTENTION, ROUNDING
@@ -18,14 +20,16 @@ AT_FLOOR = 1.1
 #: repeats differ although the model, fitted to all of them, stands in their middle.
 BELOW_FLOOR = 0.8
 
+#: Predictions that differ by less than this share of the joint's RMSE are one current.
+CALM = 0.2
+
 
 def joint_sentence(story: Story, score: JointScore) -> str:
     """How well the model explains one joint's current, and whether there is more to explain."""
     title = story.title(score.joint)
     if score.rmse is None:
         return f"{title} never moves alone in these logs, so nothing is known of its error."
-    explained = f"the model explains {percent(score.explained)} of the current; " if score.explained is not None else ""
-    words = f"{title}: {explained}{amperes(score.rmse)} is left"
+    words = f"{title}: {_explained(story, score)}; {amperes(score.rmse)} is left"
     if score.noise_floor is None:
         words += "."
     else:
@@ -36,6 +40,20 @@ def joint_sentence(story: Story, score: JointScore) -> str:
     if score.undetermined:
         words += f" {plural(score.undetermined, 'run')} asked for more than the fitted logs could tell."
     return words
+
+
+def _explained(story: Story, score: JointScore) -> str:
+    """How much of what varies in a joint's current the model accounts for, or why there is nothing to account for."""
+    if (score.rms or 0.0) <= ROUNDING:
+        return "no current was measured"
+    if score.explained is None:
+        return "the measured current never changes"
+    predicted = np.concatenate([one.predicted for one in story.comparison.of_joint(score.joint)])
+    if float(np.ptp(predicted)) <= CALM * (score.rmse or 0.0):
+        return "these runs ask for one and the same current, so there is no change to explain"
+    if score.explained < 0.0:
+        return "the model does worse than a constant current would"
+    return f"the model explains {percent(score.explained)} of how the current changes"
 
 
 def still_sentence(story: Story) -> str | None:

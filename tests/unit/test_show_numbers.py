@@ -48,7 +48,15 @@ def test_units_of_angles_change_with_their_numbers(unit, shown, times):
 
 @pytest.mark.parametrize(
     ("share", "text"),
-    [(0.5, "50 %"), (0.998, "99.8 %"), (0.99998, "99.998 %"), (1.0, "100.0000 %"), (-0.2, "-20 %"), (None, "unknown")],
+    [
+        (0.5, "50 %"),
+        (0.998, "99.8 %"),
+        (0.99998, "99.998 %"),
+        (1.0, "100.0000 %"),
+        (-0.2, "-20 %"),
+        (-1e-9, "0 %"),
+        (None, "unknown"),
+    ],
 )
 def test_percentages_show_what_is_missing(share, text):
     """Near 100 % there are enough digits to see the rest."""

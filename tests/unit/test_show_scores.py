@@ -93,6 +93,28 @@ def test_sentence_without_a_floor_does_not_judge(told):
     assert wording.noise_sentence(told) is None
 
 
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        ({"rms": 0.0, "explained": None}, "no current was measured"),
+        ({"explained": None}, "the measured current never changes"),
+        ({"explained": -0.3}, "worse than a constant current"),
+        ({"explained": 0.998}, "explains 99.8 % of how the current changes"),
+    ],
+)
+def test_sentence_tells_what_there_was_to_explain(told, changes, words):
+    """Where the current does not vary, or the model does worse than a constant, it is said in words."""
+    assert words in wording.joint_sentence(told, replace(told.comparison.joints[0], **changes))
+
+
+def test_sentence_of_one_constant_current(told):
+    """Runs that ask for one and the same current leave no change to explain, whatever share comes out."""
+    runs = tuple(replace(score, predicted=np.full(len(score.predicted), 0.4)) for score in told.comparison.runs)
+    calm = replace(told, comparison=replace(told.comparison, runs=runs))
+    words = wording.joint_sentence(calm, replace(told.comparison.joints[0], explained=-1e-9))
+    assert "ask for one and the same current" in words and "%" not in words.split("is left")[0]
+
+
 def test_joints_that_never_move_are_named(told):
     """Which joints were never moved alone is said in one sentence."""
     first, second = told.comparison.joints

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import rich_click as click
 
 from pumaid.cli.options import json_option, logs_argument, recipe_option, trust_option, units_option
-from pumaid.cli.output import document, notes, remark, say, table
+from pumaid.cli.output import document, notes, picture_form, remark, say, table
 from pumaid.cli.progress import progress
 
 if TYPE_CHECKING:
@@ -67,7 +67,7 @@ def command(
 
     if as_json and as_csv:
         raise click.UsageError("--json and --csv both want standard output; give one of them")
-    form = _form(picture)
+    form = picture_form(picture)
     robot, evidence = _read(logs, recipe, trust=trust, **thresholds)
     notes(evidence.notes)
     if picture is not None:
@@ -112,13 +112,6 @@ def _tell(evidence: Evidence, robot: Robot, *, units: str, rejects: bool) -> Non
         if index:
             say()
         table(Shown(part))
-
-
-def _form(picture: Path | None) -> str:
-    form = "" if picture is None else picture.suffix.lstrip(".").lower()
-    if picture is not None and form not in ("png", "svg", "pdf"):
-        raise click.BadParameter(f"{picture} is no .png, .svg or .pdf", param_hint="--picture")
-    return form
 
 
 def _draw(picture: Path, evidence: Evidence, robot: Robot, *, form: str, units: str) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
+from pumaid.show.notes import merged
 from pumaid.show.plots.style import Drawing
 from pumaid.show.report.base import Section
 from pumaid.show.story import Story
@@ -28,5 +29,4 @@ class Limits(Section):
 
     def content(self, story: Story, drawings: Mapping[str, Drawing]) -> dict[str, object]:
         notes = (*story.evidence.notes, *story.estimate.notes, *story.comparison.notes)
-        places = {str(note): note for note in notes}
-        return {"notes": list(places.values()), "limits": LIMITS}
+        return {"notes": merged(notes), "limits": LIMITS}
