@@ -130,8 +130,7 @@ def _notes(estimate: Estimate, evidence: Evidence, joints: Sequence[JointScore])
         notes.append(Note("compared-with-fitted", text))
     lost = sum(joint.undetermined for joint in joints)
     if lost:
-        text = (
-            f"{lost} runs need something that the fitted logs did not determine; their error says little of the model"
-        )
+        which = "1 run needs" if lost == 1 else f"{lost} runs need"
+        text = f"{which} something that the fitted logs did not determine, so its error says little of the model"
         notes.append(Note("prediction-undetermined", text))
     return notes

@@ -62,9 +62,23 @@ def test_json_is_one_document(arm):
 
 
 def test_draws_the_misfit(arm):
-    """``--figure`` writes the picture that its suffix asks for."""
-    assert run("compare", "results/model.json", "logs", "--figure", "misfit.png").exit_code == 0
-    assert Path("misfit.png").read_bytes().startswith(b"\x89PNG")
+    """``--picture``, or its old name ``--figure``, writes the picture that its suffix asks for."""
+    for option in ("--picture", "--figure"):
+        assert run("compare", "results/model.json", "logs", option, f"misfit{option}.png").exit_code == 0
+        assert Path(f"misfit{option}.png").read_bytes().startswith(b"\x89PNG")
+    assert run("compare", "results/model.json", "logs", "--picture", "misfit.gif").exit_code == 2
+
+
+def test_logs_without_runs_still_have_their_tables(arm):
+    """Where no run is found, table and JSON come all the same; that there is nothing to draw is a note."""
+    lines = sorted(Path("logs").glob("*.csv"))[0].read_text(encoding="utf-8").splitlines()
+    Path("rest.csv").write_text("\n".join([lines[0], *lines[1:20]]) + "\n", encoding="utf-8")
+    done = run("compare", "results/model.json", "rest.csv", "--picture", "misfit.png")
+    assert done.exit_code == 0, done.stderr
+    assert "Model against measurement" in done.stdout and "Worst runs" not in done.stdout
+    assert "no misfit to draw" in done.stderr and not Path("misfit.png").exists()
+    done = run("compare", "results/model.json", "rest.csv", "--picture", "misfit.png", "--json")
+    assert json.loads(done.stdout)["rmse"] is None
 
 
 def test_check_asks_for_attention(arm):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import rich_click as click
 
@@ -15,7 +16,10 @@ from pumaid.cli.options import (
     trust_option,
     units_option,
 )
-from pumaid.cli.output import attention, document, notes, remark, table
+from pumaid.cli.output import attention, document, notes, picture_form, remark, table
+
+if TYPE_CHECKING:
+    from pumaid.show.story import Story
 
 
 @click.command()
@@ -23,7 +27,14 @@ from pumaid.cli.output import attention, document, notes, remark, table
 @logs_argument
 @recipe_option
 @click.option("--worst", type=click.IntRange(min=0), default=5, show_default=True, help="How many runs to list.")
-@click.option("--figure", type=click.Path(path_type=Path), help="Also draw the misfit here (.png, .svg or .pdf).")
+@click.option(
+    "--picture",
+    "--figure",
+    "picture",
+    type=click.Path(path_type=Path),
+    metavar="FILE",
+    help="Draw it: .png, .svg or .pdf.",
+)
 @units_option
 @trust_option
 @json_option
@@ -34,7 +45,7 @@ def command(
     logs: tuple[str, ...],
     recipe: Path | None,
     worst: int,
-    figure: Path | None,
+    picture: Path | None,
     units: str,
     trust: bool,
     as_json: bool,
@@ -45,7 +56,7 @@ def command(
     \b
     Example:
       pumaid compare results/model.json logs/
-      pumaid compare results/model.json new_logs/ --worst 10 --figure misfit.svg
+      pumaid compare results/model.json new_logs/ --worst 10 --picture misfit.svg
       pumaid compare results/model.json logs/ --json | jq '.joints[] | {joint, rmse, noise_floor}'
     """
     from pumaid.cli.reading import read_evidence
@@ -54,24 +65,32 @@ def command(
     from pumaid.show.scores import comparison_document, comparison_grid, is_above_floor, outside_grid, worst_grid
     from pumaid.verbs.compare import compare
 
+    form = picture_form(picture)
     estimate = read_model(model)
     robot, evidence = read_evidence(logs, recipe, trust=trust)
     comparison = compare(estimate, evidence, robot)
     notes((*estimate.notes, *comparison.notes))
-    if figure is not None:
-        from pumaid.files.atomic import write_whole
-        from pumaid.show.plots import misfit
+    if picture is not None and comparison.runs:
         from pumaid.show.story import Story
 
-        write_whole(figure, misfit.drawn(Story(robot, estimate, evidence, comparison, units), figure.suffix))
-        remark(f"figure written to {figure}")
+        _draw(picture, Story(robot, estimate, evidence, comparison, units), form=form)
+    elif picture is not None:
+        remark(f"no run was found, so there is no misfit to draw: {picture} is not written")
     if as_json:
         document(heading("comparison", robot=robot, logs=comparison.logs) | comparison_document(comparison))
     else:
         grids = [comparison_grid(comparison, robot), outside_grid(comparison, robot)]
-        grids += [worst_grid(comparison, robot, count=worst, units=units)] if worst else []
+        grids += [worst_grid(comparison, robot, count=worst, units=units)] if worst and comparison.runs else []
         for number, grid in enumerate(grid for grid in grids if grid is not None):
             table("") if number else None
             table(Shown(grid))
     if check and any(is_above_floor(score.rmse, score.noise_floor) for score in comparison.joints):
         attention()
+
+
+def _draw(picture: Path, told: Story, *, form: str) -> None:
+    from pumaid.files.atomic import write_whole
+    from pumaid.show.plots import misfit
+
+    write_whole(picture, misfit.drawn(told, form))
+    remark(f"picture written to {picture}")

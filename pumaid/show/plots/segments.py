@@ -13,7 +13,7 @@ from pumaid.show.story import Story
 #: Where it stands among the figures of a report.
 ORDER = 5
 
-#: Runs shown; more would be a page of its own (``pumaid segment --figure`` draws all).
+#: Runs shown; more would be a page of its own (``pumaid segment --picture`` draws all).
 MOST_RUNS = 72
 
 
