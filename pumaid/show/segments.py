@@ -32,8 +32,8 @@ TINT = "#f3f4f6"
 
 #: Runs in one strip of the picture, and strips at most.
 RUNS_A_STRIP, MOST_STRIPS = 36, 8
-#: Points drawn of one run or reject.
-MOST_POINTS = 96
+#: Points drawn of one run or reject where there is one strip; in more, runs are narrower.
+MOST_POINTS, NARROW_POINTS = 96, 36
 #: Share of a strip's width below which a hatch would be a smudge and a plain tint is drawn.
 SMUDGE = 0.004
 #: Shown between two recordings that do not share a clock, as a share of their whole time.
@@ -91,7 +91,8 @@ def draw(evidence: Evidence, robot: Robot, *, units: str = "rad") -> Figure:
     shifts, total = _shifts(evidence)
     number = max(1, min(MOST_STRIPS, math.ceil(len(evidence.runs) / RUNS_A_STRIP)))
     borders = np.linspace(0.0, max(total, 1e-9), number + 1)
-    curves = _curves(evidence, shifts, np.array([in_unit(joint.position_unit, units)[0] for joint in robot.joints]))
+    scale = np.array([in_unit(joint.position_unit, units)[0] for joint in robot.joints])
+    curves = _curves(evidence, shifts, scale, most=MOST_POINTS if number == 1 else NARROW_POINTS)
     figure = Figure(figsize=(12.0, (4.6 if number == 1 else 2.5) * number + 0.9), layout="constrained")
     panels = figure.subplots(2 * number, 1, squeeze=False, height_ratios=(3, 2) * number)[:, 0]
     for index in range(number):
@@ -104,7 +105,7 @@ def draw(evidence: Evidence, robot: Robot, *, units: str = "rad") -> Figure:
     return figure
 
 
-def _curves(evidence: Evidence, shifts: dict[int, float], scale: Floats) -> list[Curve]:
+def _curves(evidence: Evidence, shifts: dict[int, float], scale: Floats, *, most: int) -> list[Curve]:
     """Every run and reject as it is drawn, in order of time."""
     out = []
     nothing = np.zeros((0, len(scale)))
@@ -113,7 +114,7 @@ def _curves(evidence: Evidence, shifts: dict[int, float], scale: Floats) -> list
         shift, cells = shifts[item.clock], item.cells
         course = (np.zeros(0), nothing, nothing)
         if cells is not None:
-            step = max(1, len(cells) // MOST_POINTS)
+            step = max(1, math.ceil(len(cells) / most))
             course = (cells.time[::step] + shift, cells.velocity[::step] * scale, cells.position[::step] * scale)
         kind = item.kind if isinstance(item, Run) else item.reason
         joints = (item.joint,) if isinstance(item, Run) else item.joints

@@ -71,7 +71,7 @@ def test_inline_figure_is_a_guest_on_the_page(figures):
 def test_numbers_on_a_page_are_not_rounded():
     """Coordinates are shortened, words are not."""
     svg = '<svg width="10pt" height="5pt"><path d="M 1.23456 2.34567"/><text>0.360 A</text></svg>'
-    assert "M 1.23 2.34" in woven(svg, "x", "t") and "0.360 A" in woven(svg, "x", "t")
+    assert "M1.23 2.34" in woven(svg, "x", "t") and "0.360 A" in woven(svg, "x", "t")
 
 
 def test_shares_of_an_arm_stand_in_the_picture(told):

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from typing import Any
 
+import matplotlib as mpl
 import numpy as np
 from matplotlib.artist import Artist
 from matplotlib.axes import Axes
@@ -24,6 +25,9 @@ ORDER = 10
 #: Share of a bar below which its figure would not fit inside.
 FITS = 0.15
 
+#: Width of the stripes of effects that cannot be told apart (points).
+STRIPE = 3.5
+
 _STRIPES = " Striped: effects that the fitted logs cannot tell apart; only their sum is known."
 
 _WORDS = {"gravity": "gravity", "coulomb": "Coulomb friction", "viscous": "viscous friction", "inertia": "inertia"}
@@ -39,8 +43,13 @@ def drawings(story: Story) -> Iterator[Drawing]:
             " Right: what the model leaves (dot) against the noise floor (bar), below which no model can go."
             + _STRIPES
             * any(TOGETHER in name for score in story.comparison.joints for name in score.shares),
-            lambda: draw(story),
+            lambda: _striped(story),
         )
+
+
+def _striped(story: Story) -> Figure:
+    with mpl.rc_context({"hatch.linewidth": STRIPE}):
+        return draw(story)
 
 
 def draw(story: Story) -> Figure:

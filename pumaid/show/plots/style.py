@@ -53,10 +53,13 @@ INLINE = "inline"
 NARROW = 4.5
 
 #: Points a panel shows at most; more would blacken it and swell the page.
-MOST_POINTS = 600
+MOST_POINTS = 450
 
 #: A hundredth of a point is finer than any screen.
 _LONG, _TAG = re.compile(r"(\.\d\d)\d+(?=[\s\"])"), re.compile(r"<[^>]+>")
+
+#: A path's course, and the blanks around its letters, which nobody needs.
+_COURSE, _BLANKS = re.compile(r'(?<= d=")[^"]+'), re.compile(r"\s*([A-Za-z])\s*")
 
 _RC = {
     "font.family": "sans-serif",
@@ -77,7 +80,6 @@ _RC = {
     "axes.facecolor": "none",
     "figure.facecolor": "none",
     "savefig.facecolor": "none",
-    "hatch.linewidth": 3.5,
     "grid.color": FAINT,
     "grid.linewidth": 0.6,
     "legend.frameon": False,
@@ -205,6 +207,7 @@ def woven(svg: str, name: str, title: str) -> str:
     body = re.sub(r'(xlink:href|href)="#', rf'\1="#{name}-', body)
     body = body.replace("url(#", f"url(#{name}-")
     body = _TAG.sub(lambda tag: _LONG.sub(r"\1", tag[0]), body)
+    body = _COURSE.sub(lambda course: _BLANKS.sub(r"\1", course[0]).strip(), body)
     for light in {INK, *DARK}:
         spot = "currentColor" if light == INK else f"var(--c{light[1:]}, {light})"
         body = body.replace(light, spot)
