@@ -2,36 +2,20 @@
 
 from __future__ import annotations
 
-from itertools import groupby
-
 import numpy as np
 import pytest
+from experiments import logged
 
-from pumaid.files.table import LogReader, write_log
-from pumaid.verbs.identify import identify
-from pumaid.verbs.segment import segment
-from pumaid.verbs.simulate import simulate
 from pumaid.virtual import table1
 
 #: Not used in development.
 SEEDS = range(900, 920)
 
 
-def identified(folder, seed):
-    """Write the logs of one experiment to files and identify from them."""
-    truth = table1.puma560()
-    logs = simulate(truth.robot, table1.experiment(), seed=seed, truth=truth, rate=100.0)
-    paths = []
-    for number, (origin, batches) in enumerate(groupby(logs, key=lambda log: log.origin)):
-        paths.append(folder / f"{origin}.{'csv' if number % 2 else 'parquet'}")
-        write_log(paths[-1], batches, truth.robot)
-    return identify(segment(LogReader(paths, truth.robot), truth.robot), truth.robot)
-
-
 @pytest.fixture(scope="module")
 def estimates(tmp_path_factory):
     """One estimate a seed."""
-    return [identified(tmp_path_factory.mktemp("logs"), seed) for seed in SEEDS]
+    return [logged(tmp_path_factory.mktemp("logs"), seed) for seed in SEEDS]
 
 
 @pytest.mark.slow
