@@ -18,6 +18,9 @@ ATTENTION = 1.25
 #: A: errors below this are rounding, that of squares of a few A; far finer than any sensor.
 ROUNDING = 1e-7
 
+#: A mean error below this share of the RMSE is shown as none.
+NO_BIAS = 1e-4
+
 
 def comparison_grid(comparison: Comparison, robot: Robot) -> Grid:
     """The model's error by joint, against the noise floor."""
@@ -32,7 +35,7 @@ def comparison_grid(comparison: Comparison, robot: Robot) -> Grid:
             str(score.runs),
             amount(score.rmse, tone),
             amount(score.noise_floor),
-            amount(score.bias),
+            _bias(score.bias, score.rmse),
         ]
         row += [Cell("-", tone="absent") if score.explained is None else Cell(percent(score.explained))]
         row += [amount(score.heldout)] if has_heldout else []
@@ -42,7 +45,8 @@ def comparison_grid(comparison: Comparison, robot: Robot) -> Grid:
     header = ["joint", "runs", "RMSE (A)", "noise floor (A)", "bias (A)", "explained"]
     still = [str(score.joint) for score in comparison.joints if not score.runs]
     if still:
-        reasons[f"joint {', '.join(still)}: never moves alone in these logs"] = None
+        which = f"joint {still[0]} never moves" if len(still) == 1 else f"joints {', '.join(still)} never move"
+        reasons[f"{which} alone in these logs"] = None
     if comparison.rmse is not None:
         total: list[str | Cell] = ["all", str(sum(score.runs for score in comparison.joints)), amount(comparison.rmse)]
         rows.append([*total, *([""] * 3), *([amount(comparison.heldout)] if has_heldout else [])])
@@ -84,7 +88,7 @@ def worst_grid(comparison: Comparison, robot: Robot, *, count: int = 5, units: s
                 f"{run.start:.2f} – {run.start + run.duration:.2f}",
                 speed_text(run, robot, units),
                 Cell(number(score.rmse, 3), mark=mark, tone="unknown" if mark else ""),
-                amount(score.bias),
+                _bias(score.bias, score.rmse),
                 posture_text(run, robot, units),
             ]
         )
@@ -129,6 +133,11 @@ def is_above_floor(rmse: float | None, floor: float | None) -> bool:
 def amount(value: float | None, tone: str = "") -> Cell:
     """A current (A) as a cell."""
     return Cell("-", tone="absent") if value is None else Cell(number(value, 3), tone=tone)
+
+
+def _bias(bias: float | None, rmse: float | None) -> Cell:
+    """A mean error (A); 0 where it is nothing beside the RMSE, as it is of runs that were fitted."""
+    return Cell("0") if bias is not None and abs(bias) < NO_BIAS * (rmse or 0.0) else amount(bias)
 
 
 def speed_text(run: Run, robot: Robot, units: str = "rad") -> str:

@@ -95,6 +95,9 @@ def parameters_sentence(story: Story) -> str:
     words = f"{known} of {len(values)} parameters are identified"
     if unknown:
         words += f"; {plural(unknown, 'parameter')} cannot be told from these logs, for the reasons below the table"
+    sums = len(story.estimate.combinations)
+    if sums:
+        words += f"; of these, {plural(sums, 'sum')} {'is' if sums == 1 else 'are'} known all the same"
     return words + "."
 
 

@@ -13,7 +13,7 @@ import worlds
 
 from pumaid.errors import ResultError
 from pumaid.records import Evidence, Joint, Robot
-from pumaid.show.plots import drawings, misfit, spent
+from pumaid.show.plots import drawings, misfit, skeleton, spent
 from pumaid.show.plots.segments import MOST_RUNS, beginning
 from pumaid.show.plots.skeleton import frames
 from pumaid.show.plots.style import INK, woven
@@ -98,6 +98,40 @@ def test_what_cannot_be_told_apart_is_named_as_a_sum(told):
     assert "Coulomb + viscous" in drawing.inline() and "Striped" in drawing.caption
     (plain,) = spent.drawings(told)
     assert "Coulomb + viscous" not in plain.inline() and "Striped" not in plain.caption
+
+
+def only(told, keep):
+    """The story of the runs that `keep` wants."""
+    runs = tuple(score for score in told.comparison.runs if keep(score.run))
+    return replace(told, comparison=replace(told.comparison, runs=runs))
+
+
+@pytest.mark.parametrize("name", ["current_j1", "residual_j1", "campaign"])
+def test_legends_name_the_directions_that_were_run(told, name):
+    """Where no run goes backward, no legend speaks of backward."""
+    ahead = only(told, lambda run: run.direction > 0)
+    for story, words in ((told, True), (ahead, False)):
+        svg = next(d for d in drawings(story) if d.name == name).inline()
+        assert "forward" in svg and ("backward" in svg) is words
+
+
+def test_residuals_are_drawn_against_what_differs(told):
+    """One speed in one posture leaves nothing to see over speed and posture, so there are no panels of them."""
+    whole = next(d for d in drawings(told) if d.name == "residual_j1").inline()
+    assert "speed (rad/s)" in whole and "posture (number)" in whole
+    first = told.comparison.of_joint(1)[0].run
+    alike = only(told, lambda run: run.joint == 1 and abs(run.speed) == abs(first.speed) and np.allclose(
+        run.posture, first.posture, atol=0.01, equal_nan=True))  # fmt: skip
+    svg = next(d for d in drawings(alike) if d.name == "residual_j1").inline()
+    assert "position (rad)" in svg and "speed" not in svg and "posture" not in svg
+
+
+def test_joints_in_one_place_share_a_label():
+    """Joints 1 and 2 of an arm without a length between them are ``1, 2``, not twelve."""
+    arm = Robot("two", (Joint(1, "a", "revolute"), Joint(2, "b", "revolute", alpha=-np.pi / 2, d=0.0),
+                        Joint(3, "c", "revolute", a=0.4)))  # fmt: skip
+    (axes,) = skeleton.draw(arm, np.zeros(3)).axes
+    assert [text.get_text() for text in axes.texts if text.get_text()[:1].isdigit()] == ["1, 2", "3"]
 
 
 def test_skeleton_is_where_the_arm_is():

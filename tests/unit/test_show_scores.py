@@ -44,6 +44,25 @@ def test_worst_runs_name_file_and_seconds(told):
     assert first[2].text == run.origin and first[3].text.startswith(f"{run.start:.2f} –")
 
 
+def test_a_mean_error_that_is_rounding_is_none(told):
+    """A bias far below the RMSE is 0 in the table; the document keeps it."""
+    first, second = told.comparison.joints
+    fitted = replace(told.comparison, joints=(replace(first, bias=1e-17), replace(second, bias=0.5)))
+    assert [row[4].text for row in scores.comparison_grid(fitted, told.robot).rows][:2] == ["0", "0.500"]
+    assert scores.comparison_document(fitted)["joints"][0]["bias"] == 1e-17
+
+
+def test_joints_without_runs_are_named_below_the_table(told):
+    """One joint never moves, several never move."""
+    still = [replace(score, runs=0, rmse=None, noise_floor=None) for score in told.comparison.joints]
+    for joints, words in (
+        ((told.comparison.joints[0], still[1]), "joint 2 never moves"),
+        (still, "joints 1, 2 never move "),
+    ):
+        table = scores.comparison_grid(replace(told.comparison, joints=tuple(joints)), told.robot)
+        assert any(words in text for _, text in table.notes)
+
+
 def test_an_error_above_the_floor_is_an_alarm(told):
     """A joint whose error is well above the noise floor is marked; one at the floor is not."""
     first, second = told.comparison.joints

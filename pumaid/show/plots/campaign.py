@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
 from pumaid.records import RunScore
-from pumaid.show.plots.style import BACKWARD, FORWARD, GREY, INK, Drawing, panels
+from pumaid.show.plots.style import BACKWARD, FORWARD, GREY, INK, Drawing, panels, way_handles
 from pumaid.show.story import Story
 
 #: Where it stands among the figures of a report.
@@ -47,10 +47,7 @@ def draw(story: Story) -> Figure:
         axes.locator_params(axis="y", nbins=3)
     all_axes[0].set_title("Error of every run")
     all_axes[-1].set_xlabel("run, in the order of the logs")
-    handles = [
-        Line2D([], [], linestyle="", marker="o", markersize=4, color=FORWARD, label="forward"),
-        Line2D([], [], linestyle="", marker="o", markersize=4, color=BACKWARD, label="backward"),
-    ]
+    handles = way_handles((score.run.direction for score in story.comparison.runs), linestyle="", markersize=4)
     if any(score.run.heldout for score in story.comparison.runs):
         handles.append(Line2D([], [], linestyle="", marker="D", markersize=4, color=INK, label="held out"))
     figure.legend(handles=handles, loc="outside lower center", ncols=3, handletextpad=0.2)

@@ -12,7 +12,7 @@ from matplotlib.lines import Line2D
 
 from pumaid.records import RunScore
 from pumaid.show.numbers import shortened
-from pumaid.show.plots.style import BACKWARD, FORWARD, INK, Drawing, dots, panels
+from pumaid.show.plots.style import BACKWARD, FORWARD, INK, Drawing, dots, panels, way_handles
 from pumaid.show.scores import posture_text
 from pumaid.show.story import Story
 
@@ -48,8 +48,7 @@ def draw(story: Story, joint: int) -> Figure:
     all_axes[-1].set_xlabel(f"position of joint {joint} ({story.position_unit(joint)})")
     all_axes[0].set_title(shortened(story.title(joint), 40), pad=18)
     handles = [
-        Line2D([], [], linestyle="", marker="o", markersize=4, color=FORWARD, label="forward"),
-        Line2D([], [], linestyle="", marker="o", markersize=4, color=BACKWARD, label="backward"),
+        *way_handles((score.run.direction for group in groups for score in group), linestyle="", markersize=4),
         Line2D([], [], color=INK, linewidth=1.1, label="predicted"),
     ]
     figure.legend(handles=handles, loc="outside lower center", ncols=3, handlelength=1.2, columnspacing=1.6)

@@ -9,7 +9,7 @@ from matplotlib.lines import Line2D
 from pumaid.errors import ResultError, Where
 from pumaid.show.numbers import shortened
 from pumaid.show.plots.residuals import against_position, against_speed, limited, sides
-from pumaid.show.plots.style import BACKWARD, FORWARD, GREY, INK, saved, styled
+from pumaid.show.plots.style import GREY, INK, saved, styled, way_handles
 from pumaid.show.story import Story
 
 #: Forms of a figure.
@@ -64,8 +64,7 @@ def draw(story: Story) -> Figure:
         right.set_xlabel(f"speed ({story.position_unit(joint)}/s)", labelpad=1)
     all_axes[0][0].set_title(f"{shortened(story.robot.name)}: measured minus predicted")
     handles = [
-        Line2D([], [], marker="o", markersize=4.5, color=FORWARD, label="forward"),
-        Line2D([], [], marker="s", markersize=4.5, color=BACKWARD, label="backward"),
+        *way_handles((score.run.direction for score in story.comparison.runs), backward="s", markersize=4.5),
         Line2D([], [], color=GREY, alpha=0.4, linewidth=7, label="noise floor"),
     ]
     figure.legend(handles=handles, loc="outside lower center", ncols=3)

@@ -2,18 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import partial
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.lines import Line2D
 from numpy.typing import NDArray
 
 from pumaid.show.numbers import shortened
-from pumaid.show.plots.style import BACKWARD, FORWARD, GREY, INK, Drawing, dots, panels
+from pumaid.show.plots.style import BACKWARD, FORWARD, GREY, INK, Drawing, dots, panels, way_handles
 from pumaid.show.scores import posture_text
 from pumaid.show.story import Story
 
@@ -24,6 +23,12 @@ ORDER = 30
 
 #: Bins over position, fine enough for a ripple of a dozen periods, and over time or temperature, which change slowly.
 FINE, COARSE = 48, 14
+
+#: Speeds that differ by less than this share, and temperatures by less than this (K), are one: nothing to see there.
+ONE_SPEED, ONE_TEMPERATURE = 0.05, 0.5
+
+#: Label of the axis of postures, which has whole numbers.
+POSTURE = "posture (number)"
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -65,40 +70,45 @@ def drawings(story: Story) -> Iterator[Drawing]:
 def draw(story: Story, joint: int) -> Figure:
     """The figure of joint `joint` (from 1)."""
     both = sides(story, joint)
-    has_temperature = any(np.isfinite(side.temperature).any() for side in both)
-    figure, all_axes = panels(5 if has_temperature else 4, height=1.28, sharey=True)
-    unit = story.position_unit(joint)
+    chosen = _telling(story, both, joint)
+    figure, all_axes = panels(len(chosen), height=1.28 if len(chosen) > 2 else 1.6, sharey=True)
     floor = story.comparison.joints[joint - 1].noise_floor
-    for axes in all_axes:
+    for axes, (word, against) in zip(all_axes, chosen.items(), strict=True):
         axes.axhline(0.0, color=INK, linewidth=0.8, zorder=1)
         if floor is not None:
             axes.axhspan(-floor, floor, color=GREY, alpha=0.18, linewidth=0, zorder=0)
         axes.set_ylabel("left (A)")
-    for side in both:
-        against_position(all_axes[0], side, story, joint=joint)
-        against_speed(all_axes[1], side, story, joint=joint)
-        _continuous(all_axes[2], side, side.time / 60.0)
-        _discrete(all_axes[3], side, side.posture + 0.06 * side.sign)
-        if has_temperature:
-            _continuous(all_axes[4], side, side.temperature)
-    _named(all_axes, story, joint, unit)
+        axes.set_xlabel(word, labelpad=1)
+        for side in both:
+            against(axes, side)
+        if word == POSTURE:
+            count = len(story.postures(joint))
+            axes.set_xlim(0.5, count + 0.5)
+            axes.set_xticks(range(1, count + 1, max(1, count // 10)))
+    all_axes[0].set_title(shortened(story.title(joint), 40))
     limited(all_axes[0], both, floor)
-    handles = [
-        Line2D([], [], marker="o", markersize=4.5, color=FORWARD, label="forward"),
-        Line2D([], [], marker="s", markersize=4.5, color=BACKWARD, label="backward"),
-    ]
+    handles = way_handles((side.sign for side in both), backward="s", markersize=4.5)
     figure.legend(handles=handles, loc="outside lower center", ncols=2, handlelength=1.2)
     return figure
 
 
-def _named(all_axes: list[Axes], story: Story, joint: int, unit: str) -> None:
-    words = [f"position ({unit})", f"speed ({unit}/s)", "time (min)", "posture (number)", "temperature (°C)"]
-    for axes, word in zip(all_axes, words, strict=False):
-        axes.set_xlabel(word, labelpad=1)
-    all_axes[0].set_title(shortened(story.title(joint), 40))
-    count = len(story.postures(joint))
-    all_axes[3].set_xlim(0.5, count + 0.5)
-    all_axes[3].set_xticks(range(1, count + 1, max(1, count // 10)))
+def _telling(story: Story, both: list[Left], joint: int) -> dict[str, Callable[[Axes, Left], None]]:
+    """What the residual is drawn against, by the axis' label: only what differs between this joint's cells."""
+    unit = story.position_unit(joint)
+    out: dict[str, Callable[[Axes, Left], None]] = {
+        f"position ({unit})": partial(against_position, story=story, joint=joint)
+    }
+    speeds = np.concatenate([side.speed for side in both])
+    if np.ptp(speeds) > ONE_SPEED * speeds.max():
+        out[f"speed ({unit}/s)"] = partial(against_speed, story=story, joint=joint)
+    out["time (min)"] = lambda axes, side: _continuous(axes, side, side.time / 60.0)
+    if len(story.postures(joint)) > 1:
+        out[POSTURE] = lambda axes, side: _discrete(axes, side, side.posture + 0.06 * side.sign)
+    temperature = np.concatenate([side.temperature for side in both])
+    seen = temperature[np.isfinite(temperature)]
+    if len(seen) and np.ptp(seen) > ONE_TEMPERATURE:
+        out["temperature (°C)"] = lambda axes, side: _continuous(axes, side, side.temperature)
+    return out
 
 
 def sides(story: Story, joint: int) -> list[Left]:

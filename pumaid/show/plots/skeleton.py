@@ -69,7 +69,7 @@ def draw(robot: Robot, position: Floats) -> Figure:
     axes = figure.subplots()
     _base(axes, reach)
     axes.plot(flat[:, 0], flat[:, 1], color=INK, linewidth=4.5, alpha=0.85, solid_joinstyle="round", zorder=2)
-    placed: list[Floats] = []
+    placed: list[tuple[Floats, list[int]]] = []
     for joint, origin, z in zip(robot.joints, origins[1:], directions, strict=True):
         tip = _seen(np.array([origin - 0.09 * reach * z, origin + 0.13 * reach * z]))
         colour = FORWARD if joint.is_revolute else BACKWARD
@@ -78,7 +78,12 @@ def draw(robot: Robot, position: Floats) -> Figure:
         axes.plot(
             *here, "o" if joint.is_revolute else "s", color=colour, markersize=8, markeredgecolor="none", zorder=4
         )
-        _number(axes, here, joint.number, placed=placed, reach=reach)
+        near = next((numbers for other, numbers in placed if np.linalg.norm(here - other) < 0.03 * reach), None)
+        if near is None:
+            placed.append((here, [joint.number]))
+        else:
+            near.append(joint.number)
+    _numbers(axes, placed)
     _gravity(axes, robot, flat, reach)
     axes.set_aspect("equal")
     axes.axis("off")
@@ -101,19 +106,12 @@ def _base(axes: Axes, reach: float) -> None:
     axes.fill(seen[:, 0], seen[:, 1], color=FAINT, linewidth=0, zorder=0)
 
 
-def _number(axes: Axes, here: Floats, number: int, *, placed: list[Floats], reach: float) -> None:
-    """Numbers of joints that share a place stand beside each other."""
-    crowd = sum(bool(np.linalg.norm(here - other) < 0.03 * reach) for other in placed)
-    axes.annotate(
-        str(number),
-        (here[0], here[1]),
-        (9 + 9 * crowd, 5),
-        textcoords="offset points",
-        fontsize=10.5,
-        fontweight="bold",
-        zorder=5,
-    )
-    placed.append(here)
+def _numbers(axes: Axes, placed: list[tuple[Floats, list[int]]]) -> None:
+    """Numbers of joints; those that share a place stand in one label."""
+    for here, numbers in placed:
+        text = ", ".join(map(str, numbers))
+        place = (here[0], here[1])
+        axes.annotate(text, place, (9, 5), textcoords="offset points", fontsize=10.5, fontweight="bold", zorder=5)
 
 
 def _gravity(axes: Axes, robot: Robot, flat: Floats, reach: float) -> None:

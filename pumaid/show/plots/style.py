@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import io
 import re
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from html import escape
@@ -14,6 +14,7 @@ import matplotlib as mpl
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
 from matplotlib.patches import PathPatch
 from matplotlib.path import Path
 from numpy.typing import NDArray
@@ -218,6 +219,17 @@ def woven(svg: str, name: str, title: str) -> str:
     opening, rest = body.split(">", 1)
     opening = re.sub(r' (width|height)="[^"]*"', "", opening)
     return f"{opening.replace('<svg', f'<svg {label}{natural}', 1)}>{rest}"
+
+
+def way_handles(signs: Iterable[int], **look: Any) -> list[Line2D]:
+    """What a legend says of the directions that were run: 1 forward, -1 backward."""
+    present = set(signs)
+    ways = ((1, FORWARD, "o", "forward"), (-1, BACKWARD, look.pop("backward", "o"), "backward"))
+    return [
+        Line2D([], [], marker=mark, color=colour, label=word, **look)
+        for sign, colour, mark, word in ways
+        if sign in present
+    ]
 
 
 def dots(axes: Axes, x: Floats, y: Floats, *, colour: str, size: float = 2.2, alpha: float = 0.5) -> None:

@@ -18,7 +18,9 @@ class Prediction(Section):
     title = "Model against measurement"
 
     def content(self, story: Story, drawings: Mapping[str, Drawing]) -> dict[str, object]:
+        ways = {(score.run.joint, score.run.direction) for score in story.comparison.runs}
         return {
+            "both_ways": any((joint, -1) in ways and (joint, 1) in ways for joint in story.moving()),
             "table": comparison_grid(story.comparison, story.robot),
             "spent": [sentence(story, score) for score in story.comparison.joints if score.shares],
             "figures": [drawing for name, drawing in drawings.items() if name.startswith("current_")],
