@@ -102,7 +102,8 @@ def truth_in_units(truth: Truth, moving: Sequence[int]) -> dict[str, float]:
             link = int(name.split(".")[1][1:])
             inner = link if link in moving else max((j for j in moving if j < link and turns[j - 1]), default=link)
             values[name] *= float(gain[inner - 1] / gain[link - 1])
-    return values
+    n = truth.robot.n_joints
+    return values | {f"gain_ratio.{i}.{j}": gain[i - 1] / gain[j - 1] for i in range(1, n) for j in range(i + 1, n + 1)}
 
 
 def true_current(truth: Truth, run: Run) -> np.ndarray:

@@ -135,15 +135,17 @@ class Sheet:
         return [*together, *(_ratio_name(*pair) for pair in lost or [])]
 
     def _ratios(self, facts: dict[int, Facts]) -> list[Value]:
-        model, out = self.fitted.model, []
-        for inner in range(1, model.robot.n_joints):
-            outer = inner + 1
-            bare = Value(_ratio_name(inner, outer), f"eta{inner}/eta{outer}", inner, "")
-            out.append(self._ratio(bare, inner, outer, facts))
-        return out
+        """Ratios of neighbours, and where a joint's is unknown that to the next joint further out whose is known."""
+        n, out, further = self.fitted.model.robot.n_joints, [], []
+        for inner in range(1, n):
+            ratios = (self._ratio(inner, outer, facts) for outer in range(inner + 1, n + 1))
+            out.append(next(ratios))
+            if out[-1].state != IDENTIFIED:
+                further += [ratio for ratio in ratios if ratio.state == IDENTIFIED][:1]
+        return [*out, *further]
 
-    def _ratio(self, bare: Value, inner: int, outer: int, facts: dict[int, Facts]) -> Value:
-        model = self.fitted.model
+    def _ratio(self, inner: int, outer: int, facts: dict[int, Facts]) -> Value:
+        model, bare = self.fitted.model, Value(_ratio_name(inner, outer), f"eta{inner}/eta{outer}", inner, "")
         value, gradient = _gradient(self.gains, inner - 1, outer - 1)
         if facts[inner].runs == 0 or facts[outer].runs == 0 or not np.isfinite(value):
             return _unknown(bare, reasons.of_ratio(model, inner, outer, facts=facts))

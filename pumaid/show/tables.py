@@ -31,6 +31,8 @@ _LABELS = {
 #: Order of the rows of Table I; those of other effects follow.
 _ORDER = list(_LABELS)
 
+_SUBSCRIPTS = str.maketrans("0123456789", "₀₁₂₃₄₅₆₇₈₉")
+
 
 def parameter_table(estimate: Estimate, robot: Robot, units: str = "rad") -> Shown:
     """The parameter table for the terminal, links as columns like the paper's Table I.
@@ -79,7 +81,7 @@ def parameter_grid(estimate: Estimate, robot: Robot, units: str = "rad") -> Grid
     notes = Notes()
     body = []
     for key in sorted(rows, key=place_of):
-        label, tex = _LABELS.get(key, (" ".join(key), ""))
+        label, tex = _label(key)
         weight = float(np.linalg.norm(robot.gravity)) if key[0] == "gravity" else 0.0
         unit = _row_unit(rows[key].values(), units, weight)
         head = Cell(f"{label} ({unit})" if unit else label, latex=f"{tex} ({unit})" if tex and unit else tex)
@@ -130,17 +132,29 @@ class Notes:
 def row_of(value: Value) -> tuple[str, str]:
     """Effect and bare parameter name of a value: the row of the table in which it stands."""
     parts = value.name.split(".")
-    return (parts[0], "") if parts[0] == "gain_ratio" else (parts[0], parts[-1])
+    if parts[0] != "gain_ratio":
+        return parts[0], parts[-1]
+    further = int(parts[2]) - int(parts[1])
+    return parts[0], "" if further == 1 else str(further)
 
 
 def place_of(row: tuple[str, str]) -> tuple[int, tuple[str, str]]:
     """By which rows are sorted: those of the paper's table first, in its order."""
+    if row[0] == "gain_ratio":
+        return (_ORDER.index(("gain_ratio", "")), row)
     return (_ORDER.index(row) if row in _ORDER else len(_ORDER), row)
 
 
 def row_label(row: tuple[str, str]) -> str:
     """What a row of the table is called, without its unit."""
-    return _LABELS.get(row, (" ".join(row), ""))[0]
+    return _label(row)[0]
+
+
+def _label(row: tuple[str, str]) -> tuple[str, str]:
+    """As text and in LaTeX; a ratio to a joint further out than the next says how much further."""
+    if row[0] == "gain_ratio" and row[1]:
+        return f"ηᵢ/ηᵢ₊{row[1].translate(_SUBSCRIPTS)}", rf"$\eta_i/\eta_{{i+{row[1]}}}$"
+    return _LABELS.get(row, (" ".join(row), ""))
 
 
 def is_absent(value: Value) -> bool:

@@ -5,14 +5,14 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from scipy import stats
-from worlds import CRANE, STANFORD, drawn, evidence, experiment, only, puma
+from worlds import CRANE, STANFORD, drawn, evidence, experiment, only, puma, truth_in_units
 
 from pumaid.fit.sheet import Sheet, _gradient
 from pumaid.fit.system import solve
 from pumaid.maths.propagation import recursion_covariance
 from pumaid.maths.recursion import Gains
 from pumaid.model import Model
-from pumaid.records import Evidence
+from pumaid.records import Evidence, Joint, Robot
 from pumaid.verbs.identify import identify
 from pumaid.virtual import Bench, table1
 
@@ -147,6 +147,23 @@ def test_recursion_tells_no_ratio_of_a_load_left_open(missing):
     truth = drawn(STANFORD, noisy=False)
     plan = only(experiment(STANFORD, postures=2), lambda motion: motion.joint != missing)
     estimate = identify(evidence(truth, plan), STANFORD, recursive=True)
-    known = truth.parameters()
+    known = truth_in_units(truth, range(1, 7))
     told = {value.name: value.value for value in estimate.values if value.name.startswith("gain") and value.value}
     assert {name: value for name, value in told.items() if abs(value - known[name]) > 1e-9} == {}
+
+
+def test_a_ratio_beyond_a_joint_that_carries_nothing():
+    """On a SCARA whose slide keeps its angle to gravity, eta2/eta4 is told though eta2/eta3 and eta3/eta4 are not."""
+    twists = (0.0, 0.0, np.pi, 0.0)
+    kinds = ("revolute", "revolute", "prismatic", "revolute")
+    joints = tuple(
+        Joint(n, f"j{n}", kind, alpha=twist, a=0.3, d=0.1)
+        for n, (kind, twist) in enumerate(zip(kinds, twists, strict=True), start=1)
+    )
+    robot = Robot("SCARA on a slope", joints, gravity=(6.9, 0.0, -6.9))
+    truth = drawn(robot, noisy=False)
+    known = truth.parameters()
+    found = identify(evidence(truth, experiment(robot)), robot)
+    assert [found.value(f"gain_ratio.{pair}").state for pair in ("2.3", "3.4")] == ["not_identifiable"] * 2
+    product = known["gain_ratio.2.3"] * known["gain_ratio.3.4"]
+    assert found.value("gain_ratio.2.4").value == pytest.approx(product, rel=1e-8)
