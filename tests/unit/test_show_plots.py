@@ -10,13 +10,15 @@ import numpy as np
 import pytest
 import stories
 import worlds
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
 
 from pumaid.errors import ResultError
 from pumaid.records import Evidence, Joint, Robot
 from pumaid.show.plots import drawings, misfit, skeleton, spent
 from pumaid.show.plots.segments import MOST_RUNS, beginning
 from pumaid.show.plots.skeleton import frames
-from pumaid.show.plots.style import INK, woven
+from pumaid.show.plots.style import INK, dots, woven
 from pumaid.show.story import Story
 from pumaid.verbs.compare import compare
 
@@ -98,6 +100,21 @@ def test_what_cannot_be_told_apart_is_named_as_a_sum(told):
     assert "Coulomb + viscous" in drawing.inline() and "Striped" in drawing.caption
     (plain,) = spent.drawings(told)
     assert "Coulomb + viscous" not in plain.inline() and "Striped" not in plain.caption
+
+
+@pytest.mark.parametrize("count", [5, 400, 5000])
+def test_every_dot_is_seen_in_png(count):
+    """Dots, few or many, are drawn as dots: five of them are five spots, thousands cover the line they stand on."""
+    figure = Figure(figsize=(4.0, 1.0), dpi=100)
+    axes = figure.add_axes((0.0, 0.0, 1.0, 1.0))
+    axes.axis("off")  # white paper, black dots
+    axes.set(xlim=(-0.05, 1.05), ylim=(0.0, 1.0))
+    dots(axes, np.linspace(0.0, 1.0, count), np.full(count, 0.5), colour="#000000", size=3.0, alpha=1.0)
+    canvas = FigureCanvasAgg(figure)
+    canvas.draw()
+    dark = np.asarray(canvas.buffer_rgba())[:, :, 0].min(axis=0) < 128
+    spots = int(np.count_nonzero(np.diff(dark.astype(int)) == 1))
+    assert spots == 5 if count == 5 else dark.sum() > 0.85 * len(dark)
 
 
 def only(told, keep):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import re
+from dataclasses import replace
 from html.parser import HTMLParser
 
 import pandas as pd
@@ -120,3 +121,12 @@ def test_degrees_change_value_error_and_interval():
     assert degrees["unit"] == "A s/deg"
     for column in ("value", "std_error", "ci_low", "ci_high"):
         assert degrees[column] == pytest.approx(radians[column] * 3.141592653589793 / 180, rel=1e-12)
+
+
+def test_one_way_is_not_explained_as_two():
+    """Half sums and half differences are spoken of only where a joint was moved both ways."""
+    told = stories.story()
+    runs = tuple(score for score in told.comparison.runs if score.run.direction > 0)
+    ahead = replace(told, comparison=replace(told.comparison, runs=runs))
+    assert "half the difference is friction" in page(told) and "No joint was moved both ways" not in page(told)
+    assert "half the difference is friction" not in page(ahead) and "No joint was moved both ways" in page(ahead)

@@ -11,6 +11,7 @@ import stories
 import worlds
 
 from pumaid.files.result import as_text
+from pumaid.records import Combination
 from pumaid.show import scores, wording
 
 
@@ -132,6 +133,14 @@ def test_sentence_of_one_constant_current(told):
     calm = replace(told, comparison=replace(told.comparison, runs=runs))
     words = wording.joint_sentence(calm, replace(told.comparison.joints[0], explained=-1e-9))
     assert "ask for one and the same current" in words and "%" not in words.split("is left")[0]
+
+
+def test_sums_that_are_known_are_counted(told):
+    """Where parameters are not identified but sums of them are, the sentence says how many sums."""
+    unknown = replace(told.estimate.values[0], state="not_identifiable", value=None, reason="one speed")
+    few = Combination({"coulomb.j1.plus": 1.0, "viscous.j1.plus": 0.4}, 0.5, 0.01, "A", "friction of joint 1")
+    estimate = replace(told.estimate, values=(unknown, *told.estimate.values[1:]), combinations=(few,))
+    assert "of these, 1 sum is known" in wording.parameters_sentence(replace(told, estimate=estimate))
 
 
 def test_joints_that_never_move_are_named(told):

@@ -128,6 +128,10 @@ def _written(told: Story, folder: Path, *, figures: Path, forms: Sequence[str], 
     from pumaid.files.atomic import write_whole
     from pumaid.show.export import export
 
+    if "pdf" in forms:
+        from pumaid.files.typeface import cut_typeface
+
+        cut_typeface()
     made: list[tuple[Path, bytes]] = []
     with progress("drawing") as step:
         for number, (name, content) in enumerate(export(told, figures=forms)):

@@ -14,6 +14,7 @@ import matplotlib as mpl
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.font_manager import fontManager
 from matplotlib.lines import Line2D
 from matplotlib.patches import PathPatch
 from matplotlib.path import Path
@@ -47,6 +48,9 @@ DARK = {
     "#e3e6ea": "#2a3038",
 }
 
+#: The first that is there writes, the others what it lacks; the first is a cut of the second that the report makes.
+TYPEFACES = ("DejaVu Sans Figures", "DejaVu Sans")
+
 #: The form of a figure that is part of a page.
 INLINE = "inline"
 
@@ -63,7 +67,6 @@ _LONG, _TAG = re.compile(r"(\.\d\d)\d+(?=[\s\"])"), re.compile(r"<[^>]+>")
 _COURSE, _BLANKS = re.compile(r'(?<= d=")[^"]+'), re.compile(r"\s*([A-Za-z])\s*")
 
 _RC = {
-    "font.family": "sans-serif",
     "font.size": 9.5,
     "axes.titlesize": 10.5,
     "axes.titleweight": "bold",
@@ -142,7 +145,12 @@ class Drawing:
 @contextmanager
 def styled(*, text_as_paths: bool = True) -> Iterator[None]:
     """Draw in the house's style inside; SVG text as outlines (exact anywhere) or as text (small, can be searched)."""
-    looks: Any = {**_RC, "svg.fonttype": "path" if text_as_paths else "none"}
+    known = set(fontManager.get_font_names())
+    looks: Any = {
+        **_RC,
+        "font.family": [name for name in TYPEFACES if name in known],
+        "svg.fonttype": "path" if text_as_paths else "none",
+    }
     with mpl.rc_context(looks):
         yield
 
@@ -244,6 +252,7 @@ def dots(axes: Axes, x: Floats, y: Floats, *, colour: str, size: float = 2.2, al
     path = Path(vertices, np.tile([Path.MOVETO, Path.LINETO], len(shown)))
     path.should_simplify = False
     patch = PathPatch(path, fill=False, edgecolor=colour, linewidth=size, alpha=alpha, capstyle="round", zorder=2)
+    patch.set_snap(False)  # strokes this short would be snapped to nothing in PNG
     axes.add_artist(patch)  # not add_patch, which would look for the extent of every single stroke
     axes.update_datalim(shown)
     axes.autoscale_view()
