@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import difflib
 import itertools
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
@@ -10,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pumaid.effects import Effect, Scope, catalogue
+from pumaid.errors import ModelError, Where
 from pumaid.maths.frames import apart
 from pumaid.records import CONSTANT_COLUMNS, Estimate, Robot, Run, Samples
 from pumaid.structure import Structure, minimal
@@ -64,9 +66,15 @@ class Model:
         The arm.
     stroke_postures
         (joint, held positions (J,)) of each group of strokes, in order; those of a joint are numbered in this order.
+
+    Raises
+    ------
+    ModelError [unknown-effect]
+        The recipe switches on an effect that the catalogue does not have.
     """
 
     def __init__(self, robot: Robot, stroke_postures: Sequence[tuple[int, Sequence[float]]] = ()) -> None:
+        _check_effects(robot)
         self.robot = robot
         self.structure: Structure = minimal(robot)
         self.stroke_postures = tuple((joint, tuple(float(p) for p in held)) for joint, held in stroke_postures)
@@ -209,6 +217,19 @@ class Model:
             travel=np.abs(cells.position[:, own] - run.span[0]),
             temperature=cells.temperature,
         )
+
+
+def _check_effects(robot: Robot) -> None:
+    known = catalogue()
+    for number, choice in enumerate(robot.effects, start=1):
+        if choice.effect not in known:
+            near = difflib.get_close_matches(choice.effect, known, n=1)
+            raise ModelError(
+                "unknown-effect",
+                f"there is no effect {choice.effect} in the catalogue: {', '.join(known)}",
+                Where(file=robot.origin or None, field=f"effects[{number}]"),
+                f"did you mean {near[0]}?" if near else "take it out of the recipe's effects",
+            )
 
 
 def _group(groups: Sequence[tuple[int, Floats]], joint: int, posture: Floats) -> int | None:
