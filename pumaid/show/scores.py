@@ -55,8 +55,8 @@ def comparison_grid(comparison: Comparison, robot: Robot) -> Grid:
         header + (["held out (A)"] if has_heldout else []),
         rows,
         notes=tuple(("-", reason) for reason in reasons),
-        caption="Explained: share of the current's variance that the model accounts for. RMSE at the noise floor means"
-        " that no better model exists for these data."
+        caption="Explained: share of the current's variance that the model accounts for. RMSE at the noise floor:"
+        " repeated runs differ as much, so they show nothing that the model lacks."
         + (" Held out: RMSE of runs that were not fitted." if has_heldout else ""),
     )
 

@@ -81,7 +81,7 @@ def _verdict(ratio: float) -> str:
     if ratio < BELOW_FLOOR:
         return "repeated runs differ by more than the model leaves, so something changes from run to run"
     if ratio <= AT_FLOOR:
-        return "nothing more to explain"
+        return "nothing missing that repeated runs can show"
     if ratio <= ATTENTION:
         return "little more to explain"
     return f"{number(ratio, 2)} times the floor, so the model lacks something here"

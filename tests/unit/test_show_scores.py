@@ -93,7 +93,7 @@ def test_postures_are_told_in_the_unit_asked_for(told):
     ("ratio", "words"),
     [
         (0.6, "something changes from run to run"),
-        (1.0, "nothing more to explain"),
+        (1.0, "nothing missing that repeated runs can show"),
         (1.2, "little more to explain"),
         (2.0, "the model lacks something here"),
     ],
