@@ -188,12 +188,12 @@ class Model:
         inverse = np.linalg.pinv(basis, rcond=FLAT)
         one = CONSTANT_COLUMNS.index("one")
         for run, rows, back in zip(runs, design, inverse, strict=True):
-            factor = run.triangle.factor
-            left, singular, right = np.linalg.svd(factor[:, :-1])
+            regressors, current = run.triangle.rows()
+            left, singular, right = np.linalg.svd(regressors)
             kept = singular > FLAT * max(float(singular[0]), 1e-300)
             base = (singular[kept, None] * right[: len(singular)][kept]) if kept.any() else right[:0]
-            target = left[:, : len(singular)][:, kept].T @ factor[:, -1]
-            rest = max(float(factor[:, -1] @ factor[:, -1] - target @ target), 0.0)
+            target = left[:, : len(singular)][:, kept].T @ current
+            rest = max(float(current @ current - target @ target), 0.0)
             yield Block(run, base @ (back @ rows), target, base[:, one], rest, run.samples)
 
     def predict(self, estimate: Estimate, samples: Samples) -> Floats:

@@ -29,6 +29,11 @@ RATIO_KNOWN = 0.25
 RATIO_SIGNIFICANT = 3.3
 RATIO_SPREAD = 10.0
 
+#: Cells of a run from which the correlation of its residual is read, three of them spent on its own first harmonic.
+FEWEST_CELLS = 12
+#: Correlation of neighbouring cells beyond which a residual is a trend: its long-run variance has no estimate.
+MOST_CORRELATED = 0.98
+
 #: Rounds of variances and joint fit: the second changes weights by well under a percent.
 ROUNDS = 2
 
@@ -309,12 +314,12 @@ def _from_inside(row: Row) -> Levels:
         cells, own = run.cells, run.joint - 1
         q, current = cells.position[:, own], cells.current[:, own]
         basis = np.column_stack([np.cos(q), np.sin(q), np.ones(len(q)), cells.acceleration])
-        if len(q) < 12:
+        if len(q) < FEWEST_CELLS:
             continue
         residual = current - basis @ np.linalg.lstsq(basis, current, rcond=1e-6)[0]
         square = float(residual @ residual)
         r = float(residual[1:] @ residual[:-1]) / square if square > 0 else 0.0
-        r = min(max(r, 0.0), 0.98)
+        r = min(max(r, 0.0), MOST_CORRELATED)
         total += square * float(np.mean(cells.count)) * (1.0 + r) / (1.0 - r)
         weight += len(q) - 3
     if weight == 0:

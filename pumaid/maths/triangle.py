@@ -72,29 +72,6 @@ class Triangle:
         stacked = np.vstack([part.factor for part in all_parts])
         return cls(all_parts[0].columns, _factor(stacked), sum(part.count for part in all_parts))
 
-    def transform(self, columns: Sequence[str], matrix: Floats, offset: Floats | None = None) -> Triangle:
-        """The triangle over new columns ``old @ matrix``.
-
-        Parameters
-        ----------
-        columns
-            (r,) new names.
-        matrix
-            (p, r): new columns as combinations of the old ones.
-        offset
-            (p,) combination of the old columns that is subtracted from the target (known parameters).
-        """
-        rows, target = self.rows(matrix)
-        if offset is not None:
-            target = target - self.factor[:, :-1] @ offset
-        return Triangle(tuple(columns), _factor(np.column_stack([rows, target])), self.count)
-
-    def rows(self, matrix: Floats | None = None) -> tuple[Floats, Floats]:
-        """Rows (p+1, r) and target (p+1,) with the same normal equations as all the samples over ``old @ matrix``."""
-        regressors = self.factor[:, :-1]
-        return (regressors if matrix is None else regressors @ matrix), self.factor[:, -1].copy()
-
-    def sum_of_squares(self, matrix: Floats, values: Floats) -> float:
-        """Sum over samples of (target - old @ matrix @ values)^2."""
-        rows, target = self.rows(matrix)
-        return float(np.sum((target - rows @ values) ** 2))
+    def rows(self) -> tuple[Floats, Floats]:
+        """Rows (p+1, p) and target (p+1,) with the same normal equations as all the samples."""
+        return self.factor[:, :-1], self.factor[:, -1]

@@ -46,11 +46,6 @@ class Stretch:
         return abs(self.code)
 
     @property
-    def is_single(self) -> bool:
-        """Whether exactly one joint moves."""
-        return self.code not in (REST, SEVERAL)
-
-    @property
     def from_rest(self) -> bool:
         """Whether it begins at rest or at a reversal, and ends so."""
         ends_of_motion = (REST, -self.code)

@@ -32,28 +32,14 @@ def test_fewer_samples_than_columns():
     assert np.linalg.matrix_rank(few.factor) == 2
 
 
-def test_transform_solves_like_the_samples():
-    """Least squares over combined columns with known parts subtracted equals the dense one."""
-    matrix, known = RNG.normal(size=(3, 2)), np.array([0.5, 0.0, -1.0])
-    moved = WHOLE.transform(("u", "v"), matrix, known)
-    found = np.linalg.lstsq(*moved.rows(), rcond=None)[0]
-    wanted = np.linalg.lstsq(ROWS @ matrix, TARGET - ROWS @ known, rcond=None)[0]
-    assert found == pytest.approx(wanted, rel=1e-10)
-    assert (moved.columns, moved.count) == (("u", "v"), 60)
-
-
 def test_rows_solve_like_the_samples():
-    """Rows over combined columns are least squares' own."""
-    matrix = RNG.normal(size=(3, 2))
-    wanted = np.linalg.lstsq(ROWS @ matrix, TARGET, rcond=None)[0]
-    assert np.linalg.lstsq(*WHOLE.rows(matrix), rcond=None)[0] == pytest.approx(wanted, rel=1e-10)
-
-
-def test_sum_of_squares_is_that_of_the_samples():
-    """The misfit of any values, not only the best ones, is known without the samples."""
+    """Rows over combined columns are least squares' own, and give the misfit of any values, not only the best ones."""
     matrix, values = RNG.normal(size=(3, 2)), np.array([0.3, -0.7])
-    wanted = np.sum((TARGET - ROWS @ matrix @ values) ** 2)
-    assert WHOLE.sum_of_squares(matrix, values) == pytest.approx(wanted, rel=1e-12)
+    rows, target = WHOLE.rows()
+    wanted = np.linalg.lstsq(ROWS @ matrix, TARGET, rcond=None)[0]
+    assert np.linalg.lstsq(rows @ matrix, target, rcond=None)[0] == pytest.approx(wanted, rel=1e-10)
+    misfit = np.sum((TARGET - ROWS @ matrix @ values) ** 2)
+    assert np.sum((target - rows @ matrix @ values) ** 2) == pytest.approx(misfit, rel=1e-12)
 
 
 def test_different_columns_do_not_merge():
