@@ -1,6 +1,23 @@
 """Frozen records that flow through the program; they hold, and compute nothing but their own names."""
 
 from pumaid.records.comparison import TOGETHER, UNEXPLAINED, Comparison, JointScore, OutsideScore, RunScore
+from pumaid.records.diagnosis import (
+    ABSENT,
+    ADD,
+    ADEQUATE,
+    DOUBTFUL,
+    MISSING,
+    UNEXPLAINED_JOINT,
+    UNSEEN,
+    Candidate,
+    Diagnosis,
+    Finding,
+    JointDiagnosis,
+    Limit,
+    NextRun,
+    Size,
+    Unexplained,
+)
 from pumaid.records.estimate import (
     GIVEN,
     IDENTIFIED,
@@ -22,29 +39,44 @@ from pumaid.records.run import (
     Reject,
     Run,
 )
-from pumaid.records.samples import Samples
+from pumaid.records.samples import Extent, Loads, Samples
 
 __all__ = [
+    "ABSENT",
+    "ADD",
+    "ADEQUATE",
     "CONSTANT_COLUMNS",
+    "DOUBTFUL",
     "GIVEN",
     "IDENTIFIED",
+    "MISSING",
     "NOT_IDENTIFIABLE",
     "STROKE_COLUMNS",
     "TOGETHER",
     "UNEXPLAINED",
+    "UNEXPLAINED_JOINT",
+    "UNSEEN",
+    "Candidate",
     "Cells",
     "Combination",
     "Comparison",
+    "Diagnosis",
     "EffectChoice",
     "Estimate",
     "Evidence",
+    "Extent",
     "FileFacts",
+    "Finding",
     "Joint",
+    "JointDiagnosis",
     "JointFit",
     "JointScore",
+    "Limit",
+    "Loads",
     "Log",
     "LogFormat",
     "Motion",
+    "NextRun",
     "OutsideScore",
     "Plan",
     "Posture",
@@ -53,5 +85,7 @@ __all__ = [
     "Run",
     "RunScore",
     "Samples",
+    "Size",
+    "Unexplained",
     "Value",
 ]

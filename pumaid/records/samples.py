@@ -15,6 +15,38 @@ def _empty() -> Floats:
 
 
 @dataclass(frozen=True, eq=False, slots=True)
+class Loads:
+    """What the model fitted so far says at M instants of joint i in motion; all in A of the motor named.
+
+    Attributes
+    ----------
+    own
+        (M,) gravity's current in joint i.
+    others
+        (M, J) gravity's current in every joint k at this posture, in joint k's own motor; NaN where it is not known.
+    slopes
+        (M, J) A/rad or A/m: derivative of `own` by each joint's position.
+    tilts
+        (M, 2) A/rad: derivative of `own` by a turn of the arm's base about the base frame's x and y.
+    across
+        (M,) size of gravity's moment across joint i's axis, as the current that it would draw if it lay along it; zero
+        for a prismatic joint.
+    drawn
+        (M,) the model's whole prediction in joint i.
+    gains
+        (J,) eta_i / eta_k: what joint k's current must be multiplied by to be in joint i's; NaN where not known.
+    """
+
+    own: Floats
+    others: Floats
+    slopes: Floats
+    tilts: Floats
+    across: Floats
+    drawn: Floats
+    gains: Floats
+
+
+@dataclass(frozen=True, eq=False, slots=True)
 class Samples:
     """M instants of joint `joint` (from 1) in motion.
 
@@ -32,10 +64,10 @@ class Samples:
         (M,) rad or m since the motion began.
     temperature
         (M,) degC, NaN where not measured.
-    load
-        (M,) A: gravity's share by the model so far; zero where it is not known yet.
     run
         (M,) number of the run each instant belongs to.
+    loads
+        What the model so far says of gravity here; none where it is not known yet.
     """
 
     joint: int
@@ -46,8 +78,45 @@ class Samples:
     time: Floats = field(default_factory=_empty)
     travel: Floats = field(default_factory=_empty)
     temperature: Floats = field(default_factory=_empty)
-    load: Floats = field(default_factory=_empty)
     run: Floats = field(default_factory=_empty)
+    loads: Loads | None = None
 
     def __len__(self) -> int:
         return len(self.position)
+
+
+@dataclass(frozen=True, slots=True)
+class Extent:
+    """What the runs of one joint (or, for an effect of the whole arm, of all) cover: where a shape can be looked for.
+
+    Attributes
+    ----------
+    joint
+        From 1; None for the whole arm.
+    speeds
+        Distinct speeds, rising, rad/s or m/s.
+    position
+        Lowest and highest position of the moving joint, rad or m.
+    finest
+        Shortest wavelength that the cells can show, rad or m.
+    travel
+        Longest run, rad or m.
+    starts
+        s since the joint's first motion, of every run, rising.
+    duration
+        s from the first motion to the end of the last.
+    current
+        Largest absolute current that the model predicts, A.
+    postures
+        Distinct sets of held positions.
+    """
+
+    joint: int | None
+    speeds: tuple[float, ...]
+    position: tuple[float, float]
+    finest: float
+    travel: float
+    starts: tuple[float, ...]
+    duration: float
+    current: float
+    postures: int

@@ -33,7 +33,6 @@ def moving(robot, rng, kind: str) -> Samples:
         time=t,
         travel=np.abs(q - q[0]),
         temperature=20.0 + t,
-        load=size,
         run=np.zeros(40, dtype=int),
     )
 

@@ -33,7 +33,6 @@ def samples(joint: int, *, seed: int = 0, count: int = 60) -> Samples:
         time=np.sort(rng.uniform(0.0, 900.0, count)),
         travel=rng.uniform(0.0, 3.0, count),
         temperature=rng.uniform(20.0, 45.0, count),
-        load=rng.uniform(-2.0, 2.0, count),
         run=np.repeat(np.arange(count // 10), 10),
     )
 

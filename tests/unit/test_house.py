@@ -33,10 +33,11 @@ ROOMS = {
     "motion": BASE | {"motion"},
     **dict.fromkeys(MODEL, LAWS | MODEL),
     "fit": LAWS | MODEL | {"fit"},
+    "diagnosis": LAWS | MODEL | {"fit", "diagnosis"},
     "virtual": LAWS | {"virtual"},
-    "verbs": LAWS | MODEL | {"fit", "virtual"},
+    "verbs": LAWS | MODEL | {"fit", "diagnosis", "virtual"},
     "show": BASE | {"effects", "show"},
-    "cli": LAWS | MODEL | {"fit", "virtual", "verbs", "show", "cli"},
+    "cli": LAWS | MODEL | {"fit", "diagnosis", "virtual", "verbs", "show", "cli"},
     "__main__": {"cli"},
 }
 LONGEST_MODULE, LONGEST_FUNCTION, MOST_POSITIONAL, DEEPEST = 350, 50, 3, 3

@@ -1,0 +1,203 @@
+"""What a model still gets wrong, which physics is missing, and how sure that is."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pumaid.errors import Note
+from pumaid.records.plan import Motion
+from pumaid.records.robot import EffectChoice
+
+Floats = NDArray[np.float64]
+
+#: Verdicts of a joint.
+ADEQUATE, MISSING, UNEXPLAINED_JOINT = "adequate", "missing", "unexplained"
+#: Verdicts of a candidate.
+ADD, DOUBTFUL, ABSENT, UNSEEN = "add", "doubtful", "absent", "unseen"
+
+
+@dataclass(frozen=True, slots=True)
+class Size:
+    """A fitted parameter of a candidate: name, value and standard error, unit."""
+
+    name: str
+    value: float
+    std_error: float
+    unit: str
+
+
+@dataclass(frozen=True, slots=True)
+class NextRun:
+    """The run that would decide, in words and as motions that a plan can hold.
+
+    `separation` is the weighted misfit (in standard deviations) that one such set of runs would show between two
+    rivals; `repeats` how often the set must be run for nine chances in ten; None where no feasible run separates them.
+    """
+
+    text: str
+    motions: tuple[Motion, ...] = ()
+    separation: float | None = None
+    repeats: int | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Candidate:
+    """One effect tried at one joint (None: the whole arm).
+
+    Attributes
+    ----------
+    effect, joint, shape
+        What was tried, shape at its best values.
+    verdict
+        ``add``, ``doubtful``, ``absent`` or ``unseen``.
+    reason
+        Why, in a sentence.
+    p_value
+        Family-wise: the chance that anything in the catalogue looks as good in data where nothing is missing.
+    evidence
+        Twice the gain in log likelihood, less (parameters) x log(samples' worth); differences of 10 are decisive.
+    rmse_after
+        RMSE (A) of the joint's fitted runs with it, all else refitted.
+    rmse_heldout_before, rmse_heldout_after
+        RMSE (A) of runs left out of the fit, without and with it; of runs that the plan holds out where there are some.
+    posture_gain
+        Share of the error in postures left out that it removes; None with fewer than four postures.
+    sizes
+        Its parameters.
+    rivals
+        Names of effects that these data cannot tell from it.
+    command
+        What adds it.
+    """
+
+    effect: str
+    joint: int | None
+    shape: Mapping[str, float]
+    verdict: str
+    reason: str
+    p_value: float
+    evidence: float
+    rmse_after: float | None = None
+    rmse_heldout_before: float | None = None
+    rmse_heldout_after: float | None = None
+    posture_gain: float | None = None
+    sizes: tuple[Size, ...] = ()
+    rivals: tuple[str, ...] = ()
+    command: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class Limit:
+    """What these data could not have shown: the smallest size of an effect seen with 80 % chance, or why none is.
+
+    `parameter` and `unit` say what the size is of; `size` is None where no size could be seen, `reason` then says why.
+    """
+
+    effect: str
+    joint: int | None
+    parameter: str
+    size: float | None
+    unit: str
+    reason: str | None = None
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Unexplained:
+    """The shape of what no effect explains: free-form means over bins of one variable.
+
+    `form` is such as ``f(q)`` or ``s f(v)``; `centres` (B,) of the bins, `means` and `errors` (B,) A; `peak` where
+    it is largest, `share` of the excess over the noise floor that it takes away, `text` the same for people.
+    """
+
+    form: str
+    variable: str
+    unit: str
+    centres: Floats
+    means: Floats
+    errors: Floats
+    peak: float
+    share: float
+    text: str
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class JointDiagnosis:
+    """What is wrong at one joint.
+
+    Attributes
+    ----------
+    joint, verdict, text
+        ``adequate``, ``missing`` or ``unexplained``; in plain sentences.
+    rmse, noise_floor
+        A, of the fitted runs; the floor None where no run is repeated.
+    repeats
+        Share of the residual that repeats between replicates, and the chance of that much by noise alone (None: no
+        replicates).
+    budget
+        Parts of the residual's mean square (A2) that add up to it, by name.
+    candidates
+        Best first: what passed and what came near.
+    unexplained
+        Shape of what is left, or None.
+    limits
+        What could not have been seen.
+    weakened
+        Sentences: what weakens this diagnosis (no replicates, one posture ...).
+    """
+
+    joint: int
+    verdict: str
+    text: str
+    rmse: float | None
+    noise_floor: float | None
+    repeats: tuple[float, float] | None = None
+    budget: Mapping[str, float] = field(default_factory=dict)
+    candidates: tuple[Candidate, ...] = ()
+    unexplained: Unexplained | None = None
+    limits: tuple[Limit, ...] = ()
+    weakened: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True, slots=True)
+class Finding:
+    """What the user should add: an effect at a joint (None: the whole arm), its rivals and what would decide.
+
+    `steps` are the effects that go with it where one is not enough; `rmse_heldout_before` and `_after` (A) of runs that
+    no fit saw.
+    """
+
+    effect: str
+    joint: int | None
+    shape: Mapping[str, float]
+    verdict: str
+    rivals: tuple[str, ...]
+    p_value: float
+    text: str
+    command: str
+    rmse_heldout_before: float | None = None
+    rmse_heldout_after: float | None = None
+    sizes: tuple[Size, ...] = ()
+    next_run: NextRun | None = None
+
+    @property
+    def choice(self) -> EffectChoice:
+        """As an effect to add."""
+        return EffectChoice(self.effect, self.joint, dict(self.shape))
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Diagnosis:
+    """A diagnosis of all joints of one model on some logs; `findings` strongest first."""
+
+    robot: str
+    joints: tuple[JointDiagnosis, ...]
+    findings: tuple[Finding, ...]
+    model: str = ""
+    logs: Mapping[str, str] = field(default_factory=dict)
+    notes: tuple[Note, ...] = ()
+    recipe_digest: str = ""
+    version: str = ""
