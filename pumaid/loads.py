@@ -1,0 +1,126 @@
+"""What a fitted model says of gravity at given instants: what effects that depend on the load are made from."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pumaid.effects import catalogue
+from pumaid.maths.frames import axes
+from pumaid.model import Model
+from pumaid.records import Loads, Samples
+
+Floats = NDArray[np.float64]
+
+
+def loads(model: Model, samples: Samples, *, solution: Floats, scales: Floats) -> Loads:
+    """Gravity's currents, their slopes and the base model's prediction at M instants of one moving joint.
+
+    With h the regrouped first moment of all links from joint i outward (base axes, in joint i's gain), gravity's moment
+    about joint i is g x h and its current z_i . (g x h); a slope follows from which of z_i, h and g turn.
+
+    Parameters
+    ----------
+    model
+        The arm and its columns.
+    samples
+        M instants.
+    solution, scales
+        (p,) parameters and (J, J) ratios of gains as in `Estimate`; an unknown ratio counts as zero in the moving
+        joint's own load and makes other joints' loads NaN.
+
+    Source
+    ------
+    S.-K. Lin, eq. (11), (25), in the directions of the axes.
+    """
+    robot, number = model.robot, samples.joint
+    i, g = number - 1, np.asarray(robot.gravity, dtype=float)
+    frames = axes(robot.alphas, robot.dh_angles(samples.position))
+    z = frames[:, :, :, 2]
+    moments, weights = _moments(model, frames, samples=samples, solution=solution)
+    turns = robot.is_revolute
+    others = np.column_stack(
+        [_load(k, z, moments, weights, scales=scales, g=g, turns=turns) for k in range(len(turns))]
+    )
+    known = np.nan_to_num(scales[i])
+    parts = moments * known[None, :, None]
+    parts[:, :i] = 0.0
+    h = parts.sum(axis=1)
+    own = np.einsum("mk,mk->m", np.cross(z[:, i], g), h) if turns[i] else others[:, i]
+    slopes = np.column_stack(
+        [_slope(i, m, z=z, parts=parts, weights=weights * known, g=g, turns=turns) for m in range(len(turns))]
+    )
+    turned = [np.cross(g, axis) for axis in np.eye(3)[:2]]
+    if turns[i]:
+        tilts = np.column_stack([np.einsum("mk,mk->m", np.cross(z[:, i], way), h) for way in turned])
+        moment = np.cross(g, h)
+        across = np.linalg.norm(moment - z[:, i] * np.einsum("mk,mk->m", z[:, i], moment)[:, None], axis=1)
+    else:
+        tilts = np.column_stack([-(z[:, i] @ way) * weights[i] for way in turned])
+        across = np.zeros(len(samples))
+    drawn = own + _friction(model, samples, solution)
+    return Loads(own, others, slopes, tilts, across, drawn, _gains(scales, i))
+
+
+def _moments(model: Model, frames: Floats, *, samples: Samples, solution: Floats) -> tuple[Floats, Floats]:
+    """(M, J, 3) first moment that each link adds, in its own gain; (J,) masses of prismatic links, else 0."""
+    robot = model.robot
+    out, weights = np.zeros((len(samples), robot.n_joints, 3)), np.zeros(robot.n_joints)
+    reach = robot.dh_displacements(samples.position)
+    for column, value in zip(model.columns, solution, strict=True):
+        if column.effect != "gravity":
+            continue
+        j, part = column.owner - 1, column.name.rsplit(".", 1)[1]
+        if part == "mass":
+            weights[j] = value
+            out[:, j] = reach[:, j, None] * frames[:, j, :, 2] * value
+        else:
+            out[:, j] += frames[:, j, :, "xy".index(part)] * value
+    return out, weights
+
+
+def _load(
+    k: int, z: Floats, moments: Floats, weights: Floats, *, scales: Floats, g: Floats, turns: NDArray[np.bool_]
+) -> Floats:
+    """(M,) gravity's current in joint k (from 0), in its own motor."""
+    if not turns[k]:
+        return -(z[:, k] @ g) * weights[k]
+    heavy = np.abs(moments).max(axis=(0, 2)) > 0
+    factor = np.where(heavy, scales[k], 0.0)
+    factor[:k] = 0.0
+    return np.asarray(np.einsum("mk,mjk,j->m", np.cross(z[:, k], g), moments, factor))
+
+
+def _slope(i: int, m: int, *, z: Floats, parts: Floats, weights: Floats, g: Floats, turns: NDArray[np.bool_]) -> Floats:
+    """(M,) derivative of joint i's load by joint m's position (both from 0)."""
+    if not turns[m]:
+        far = weights[m] if turns[i] and m > i else 0.0
+        return np.einsum("mk,mk->m", np.cross(z[:, i], g), z[:, m]) * far
+    if not turns[i]:
+        return -(np.cross(z[:, m], z[:, i]) @ g) * weights[i] if m < i else np.zeros(len(z))
+    if m <= i:  # all of it turns: as if gravity turned the other way
+        return -np.einsum("mk,mk->m", np.cross(z[:, i], np.cross(z[:, m], g)), parts.sum(axis=1))
+    return np.einsum("mk,mk->m", np.cross(z[:, i], g), np.cross(z[:, m], parts[:, m:].sum(axis=1)))
+
+
+def _friction(model: Model, samples: Samples, solution: Floats) -> Floats:
+    """(M,) what the base model adds to gravity: friction, and inertia of strokes."""
+    total = np.zeros(len(samples))
+    for name in dict.fromkeys(column.effect for column in model.columns if column.owner == samples.joint):
+        effect = catalogue()[name]
+        if not effect.base or name == "gravity":
+            continue
+        found = effect.columns(model.robot, samples, number=samples.joint)
+        symbols = [parameter.name for parameter in effect.parameters(model.robot, samples.joint)]
+        for column, value in zip(model.columns, solution, strict=True):
+            if column.effect == name and column.owner == samples.joint:
+                total += found[:, symbols.index(column.name.rsplit(".", 1)[1])] * value
+    return total
+
+
+def _gains(scales: Floats, i: int) -> Floats:
+    """(J,) eta_i / eta_k."""
+    inward = scales[:, i]
+    with np.errstate(divide="ignore", invalid="ignore"):
+        back = np.where(inward != 0.0, 1.0 / inward, np.nan)
+    return np.where(np.arange(len(scales)) < i, back, scales[i])
