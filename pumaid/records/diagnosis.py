@@ -162,12 +162,55 @@ class JointDiagnosis:
     weakened: tuple[str, ...] = ()
 
 
+@dataclass(frozen=True, eq=False, slots=True)
+class Binned:
+    """What a model leaves in one direction of motion, in bins of one variable, before and after an effect is added.
+
+    `direction` is 1, -1 or 0 (both together); `centres` (B,) in the curve's unit; `before` and `after` (B,) A are means
+    over runs of what is left, `errors` (B,) A their standard errors (NaN of a single run); `runs` (B,) how many runs
+    stand behind each.
+    """
+
+    direction: int
+    centres: Floats
+    before: Floats
+    after: Floats
+    errors: Floats
+    runs: Floats
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Line:
+    """What adding `effect` changes in one direction of motion: (G,) A at `places` (G,), NaN where it is not known."""
+
+    effect: str
+    direction: int
+    places: Floats
+    values: Floats
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Curve:
+    """An effect as the data show it: what is left against the variable in which the effect lives.
+
+    `joint` is the one whose current is drawn; `variable` a word or two (``speed``, ``position`` ...), `unit` its unit
+    (SI); `lines` the effect's own first, then its rivals'; `period` of a folded variable, else None.
+    """
+
+    joint: int
+    variable: str
+    unit: str
+    sides: tuple[Binned, ...]
+    lines: tuple[Line, ...]
+    period: float | None = None
+
+
 @dataclass(frozen=True, slots=True)
 class Finding:
     """What the user should add: an effect at a joint (None: the whole arm), its rivals and what would decide.
 
     `steps` are the effects that go with it where one is not enough; `rmse_heldout_before` and `_after` (A) of runs that
-    no fit saw.
+    no fit saw. `curves` let it be seen, one for each joint whose current it changes most.
     """
 
     effect: str
@@ -182,6 +225,7 @@ class Finding:
     rmse_heldout_after: float | None = None
     sizes: tuple[Size, ...] = ()
     next_run: NextRun | None = None
+    curves: tuple[Curve, ...] = ()
 
     @property
     def choice(self) -> EffectChoice:
