@@ -216,6 +216,7 @@ class Model:
             time=cells.time - run.start,
             travel=np.abs(cells.position[:, own] - run.span[0]),
             temperature=cells.temperature,
+            extra=cells.extra,
         )
 
 

@@ -1,7 +1,7 @@
 """Arguments and options that several commands share, each written once.
 
 A decorator states the name under which its value arrives: ``logs``, ``recipe``, ``output``, ``results``, ``as_json``,
-``seed``, ``units``, ``check``, ``trust``.
+``seed``, ``units``, ``check``, ``trust``, ``suspect``.
 """
 
 from __future__ import annotations
@@ -73,3 +73,9 @@ def trust_option(function: Decorated) -> Decorated:
     """``--trust`` as `trust`: bool."""
     told = "Go on where the logs look wrong (units, order of joints, dead currents): refusals become notes."
     return click.option("--trust", is_flag=True, help=told)(function)
+
+
+def suspect_option(function: Decorated) -> Decorated:
+    """``--suspect COLUMN``, any number of times, as `suspect`: tuple of str."""
+    told = "A column of the logs that may be the cause (supply voltage, oil temperature ...); repeatable."
+    return click.option("--suspect", multiple=True, metavar="COLUMN", help=told)(function)

@@ -27,7 +27,9 @@ def read_robot(recipe: Path | None, logs: Sequence[str] = ()) -> Robot:
     return read_recipe(_recipe_path(recipe, logs))
 
 
-def read_evidence(logs: Sequence[str], recipe: Path | None, *, trust: bool = False) -> tuple[Robot, Evidence]:
+def read_evidence(
+    logs: Sequence[str], recipe: Path | None, *, trust: bool = False, extra: Sequence[str] = ()
+) -> tuple[Robot, Evidence]:
     """All that later steps know of some logs, read in one pass.
 
     Logs that cannot mean what the recipe says are refused once the pass has shown it.
@@ -40,6 +42,8 @@ def read_evidence(logs: Sequence[str], recipe: Path | None, *, trust: bool = Fal
         ``--recipe``, or none.
     trust
         Turn these refusals into notes.
+    extra
+        Columns of the logs that the user suspects; they arrive in the runs' cells.
 
     Returns
     -------
@@ -53,7 +57,7 @@ def read_evidence(logs: Sequence[str], recipe: Path | None, *, trust: bool = Fal
 
     paths = expand(logs)
     robot = read_robot(recipe, logs)
-    watched = Watch(LogReader(paths, robot), robot, refuse=not trust)
+    watched = Watch(LogReader(paths, robot, extra=extra), robot, refuse=not trust)
     with progress("reading logs") as step:
         evidence = segment(watched, robot, progress=lambda rows: step(rows, f"{rows:,} rows"))
     return robot, _with_plan(evidence, robot, experiment_folder(recipe, logs))

@@ -46,6 +46,8 @@ class Cleaner:
         Last time of the file before (s), None if there is none: a first time beyond it continues that clock.
     time_factor
         Seconds in one unit of the file's time where the file itself tells, else None.
+    n_extra
+        Columns that the user asked for, whether this file has them or not.
     """
 
     robot: Robot
@@ -53,6 +55,7 @@ class Cleaner:
     name: str
     follows: float | None = None
     time_factor: float | None = None
+    n_extra: int = 0
     n_rows: int = 0
     first_time: float = math.nan
     last_time: float = math.nan
@@ -126,8 +129,10 @@ class Cleaner:
         places = self.columns.places
         warmth = places["temperature"][:, 1]
         fine = np.abs(table) <= limits
-        # Temperature is a help, not a need: a bad one is unknown, its row stays.
+        # Temperature is a help, not a need: a bad one is unknown, its row stays. So is what the user asked for besides.
         table[warmth] = np.where(fine[warmth], table[warmth], np.nan)
+        besides = places["extra"][:, 1]
+        table[besides] = np.where(np.isfinite(table[besides]), table[besides], np.nan)
         idle = np.ones(len(table), dtype=np.bool_)
         idle[[0, *(k for q in ("position", "velocity", "current") for k in places[q][:, 1])]] = False
         fine[idle] = True
@@ -205,7 +210,8 @@ class Cleaner:
         if not same_time.any():
             return rows, table
         before = np.concatenate([table[:, :1] if self._last is None else self._last[:, None], table[:, :-1]], axis=1)
-        repeated = same_time & np.all((table == before) | np.isnan(table), axis=0)
+        own = slice(len(table) - len(self.columns.places["extra"]))
+        repeated = same_time & np.all((table[own] == before[own]) | np.isnan(table[own]), axis=0)
         where = np.flatnonzero(same_time)
         self._same += rows[where[: 3 - len(self._same)]].tolist()
         self._n_same += int(np.count_nonzero(repeated))
@@ -245,6 +251,7 @@ class Cleaner:
             current=self._by_joint("current", table),
             temperature=self._by_joint("temperature", table) if len(self.columns.places["temperature"]) else None,
             starts_clock=self._starts_clock,
+            extra=self._extra(table) if self.n_extra else None,
         )
 
     def _by_joint(self, quantity: str, table: Floats) -> Floats:
@@ -253,6 +260,13 @@ class Cleaner:
         if len(places) == self.robot.n_joints:
             return np.ascontiguousarray(table[places[:, 1]].T)
         values = np.full((table.shape[1], self.robot.n_joints), np.nan)
+        values[:, places[:, 0]] = table[places[:, 1]].T
+        return values
+
+    def _extra(self, table: Floats) -> Floats:
+        """(N, E); NaN where the file lacks a column."""
+        values = np.full((table.shape[1], self.n_extra), np.nan)
+        places = self.columns.places["extra"]
         values[:, places[:, 0]] = table[places[:, 1]].T
         return values
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import difflib
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -46,7 +46,8 @@ class Columns:
     factors
         (C,) what a file's number is multiplied by to be SI with the recipe's sign.
     places
-        Quantity -> (k, 2) rows of (index of the joint from 0, index into `names`).
+        Quantity -> (k, 2) rows of (index of the joint from 0, index into `names`); ``extra`` the same with the index of
+        the column asked for instead of the joint's. These stand last in `names`.
     notes
         What is absent and may be.
     """
@@ -85,7 +86,7 @@ def time_factor(robot: Robot) -> float:
     return UNITS[robot.log.units.get("time", "s")][1]
 
 
-def resolve(header: Sequence[str], robot: Robot, name: str) -> Columns:
+def resolve(header: Sequence[str], robot: Robot, name: str, *, extra: Sequence[str] = ()) -> Columns:
     """Find the robot's columns in a file's header.
 
     Parameters
@@ -96,6 +97,8 @@ def resolve(header: Sequence[str], robot: Robot, name: str) -> Columns:
         Names its columns in `robot.log`.
     name
         The file's name for messages.
+    extra
+        Columns to read besides, each once and without a factor; one that this file lacks is noted.
 
     Raises
     ------
@@ -105,7 +108,7 @@ def resolve(header: Sequence[str], robot: Robot, name: str) -> Columns:
     """
     wanted = {q: [robot.log.column(q, joint.number) for joint in robot.joints] for q in QUANTITIES}
     have = set(header)
-    faults = _faults(header, robot, wanted, name)
+    faults = _faults(header, robot, {**wanted, "extra": list(extra)}, name)
     if faults:
         raise faults[0] if len(faults) == 1 else Faults(faults)
     names, factors = [robot.log.time], [time_factor(robot)]
@@ -124,6 +127,11 @@ def resolve(header: Sequence[str], robot: Robot, name: str) -> Columns:
         ).reshape(-1, 2)
         names += [str(column) for _, column in found]
         factors += [factor_of(robot, quantity, joint) for joint, _ in found]
+    there = [(k, column) for k, column in enumerate(extra) if column in have]
+    places["extra"] = np.array([(k, len(names) + n) for n, (k, _) in enumerate(there)], dtype=np.int64).reshape(-1, 2)
+    names += [column for _, column in there]
+    factors += [1.0] * len(there)
+    notes += [_no_extra(column, name) for column in extra if column not in have]
     notes += _more_joints(have, robot, name)
     return Columns(tuple(names), np.array(factors), places, tuple(notes))
 
@@ -200,8 +208,7 @@ def _mend(header: Sequence[str], robot: Robot, missing: Sequence[str]) -> str:
         hints.append(f"it holds {len(have)} joints, {robot.name} has {robot.n_joints}: is it this robot's log?")
         missing = ()
     for column in missing[:3]:
-        near = difflib.get_close_matches(column.lower(), [item.lower() for item in header], n=1)
-        real = next((item for item in header if near and item.lower() == near[0]), None)
+        real = _nearest(column, header)
         if real is not None:
             hints.append(f"the nearest to {column} is {real}")
     hints.append("name this file's columns in the recipe's log block (pumaid init shows one)")
@@ -223,6 +230,42 @@ def _absence(quantity: str, lacking: list[str], found: int, *, form: LogFormat, 
     if quantity == "temperature" and (found or asked):
         return [Note("temperature-absent", f"no column {_listed(lacking)}: these temperatures are not known", where)]
     return []
+
+
+def check_extra(headers: Mapping[str, Sequence[str]], extra: Sequence[str]) -> None:
+    """Refuse columns that no file has.
+
+    Parameters
+    ----------
+    headers
+        File's name -> its column names.
+    extra
+        Columns that the user asks for.
+
+    Raises
+    ------
+    LogError [column-missing]
+        With the nearest names.
+    """
+    have = list(dict.fromkeys(name for header in headers.values() for name in header))
+    missing = [column for column in extra if column not in have]
+    if not missing or not headers:
+        return
+    hints = [f"did you mean {near} for {column}?" for column in missing if (near := _nearest(column, have))]
+    first = next(iter(headers))
+    what = f"{first if len(headers) == 1 else 'no log'} has a column {_listed(missing)}; there are {_listed(have)}"
+    where = Where(file=first, row=1, column=missing[0])
+    raise LogError("column-missing", what, where, "; ".join(hints) or "name a column as the logs' header does")
+
+
+def _nearest(column: str, header: Sequence[str]) -> str | None:
+    """The name in a header that is most like `column`, capitals apart."""
+    near = difflib.get_close_matches(column.lower(), [item.lower() for item in header], n=1)
+    return next((item for item in header if near and item.lower() == near[0]), None)
+
+
+def _no_extra(column: str, name: str) -> Note:
+    return Note("extra-absent", f"no column {_listed([column])}: it counts as unknown here", Where(file=name))
 
 
 def _more_joints(have: set[str], robot: Robot, name: str) -> list[Note]:

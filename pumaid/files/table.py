@@ -7,7 +7,7 @@ import hashlib
 import io
 import sys
 import zlib
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager, nullcontext
 from dataclasses import replace
 from pathlib import Path
@@ -17,7 +17,7 @@ import pyarrow as pa
 
 from pumaid.errors import LogError, Note, Where
 from pumaid.files.clean import Cleaner
-from pumaid.files.columns import resolve, without_empty
+from pumaid.files.columns import check_extra, resolve, without_empty
 from pumaid.files.csv_log import CsvSource
 from pumaid.files.log_writer import write_log
 from pumaid.files.parquet_log import MAGIC, ParquetSource
@@ -46,12 +46,15 @@ class LogReader:
         Says by `robot.log` how the columns are named, their units and signs.
     batch_rows
         Most samples of one batch; the samples do not depend on it.
+    extra
+        Columns to read besides what the recipe names, as the files call them; they arrive as `Log.extra`.
 
     Raises
     ------
     LogError
         While iterating: [column-missing, column-doubled, no-current, no-header, not-a-log, damaged-log, unreadable-log,
-        not-a-number, ragged-row, bad-samples, time-not-rising, clock-too-coarse, empty-log].
+        not-a-number, ragged-row, bad-samples, time-not-rising, clock-too-coarse, empty-log]. A column `extra` that no
+        file has is told before any is read; in a file that alone lacks it it is unknown.
 
     Examples
     --------
@@ -61,10 +64,13 @@ class LogReader:
     [120000, 120000]
     """
 
-    def __init__(self, paths: Iterable[Path], robot: Robot, *, batch_rows: int = 65536) -> None:
+    def __init__(
+        self, paths: Iterable[Path], robot: Robot, *, batch_rows: int = 65536, extra: Sequence[str] = ()
+    ) -> None:
         if batch_rows < 1:
             raise ValueError(f"batch_rows is {batch_rows}; a batch has at least one row")
         self._paths, self._robot, self._batch_rows = tuple(Path(path) for path in paths), robot, batch_rows
+        self.extra = tuple(dict.fromkeys(extra))
         self._files: list[FileFacts] = []
         self._notes: list[Note] = []
 
@@ -80,18 +86,29 @@ class LogReader:
 
     def __iter__(self) -> Iterator[Log]:
         self._files, self._notes = [], []
+        if self.extra:
+            check_extra(dict(self._headers()), self.extra)
         for path in self._paths:
             yield from self._one(path)
         if self._paths and not any(facts.rows for facts in self._files):
             what = f"no log has a row of numbers ({', '.join(facts.name for facts in self._files[:3])})"
             raise LogError("empty-log", what, Where(file=self._files[0].name), "record again, or name other files")
 
+    def _headers(self) -> Iterator[tuple[str, tuple[str, ...]]]:
+        """Names and columns of the files; nothing where standard input is one, which cannot be looked at twice."""
+        for path in () if STDIN in self._paths else self._paths:
+            with _opened(path, str(path)) as (source, _):
+                yield str(path), source.header
+
     def _one(self, path: Path) -> Iterator[Log]:
         name = "<stdin>" if path == STDIN else str(path)
         with _opened(path, name) as (source, digest):
-            columns = resolve(source.header, self._robot, name)
+            if path == STDIN:
+                check_extra({name: source.header}, self.extra)
+            columns = resolve(source.header, self._robot, name, extra=self.extra)
             before = [facts.last_time for facts in self._files if facts.rows]
-            cleaner = Cleaner(self._robot, columns, name, follows=before[-1] if before else None)
+            follows = before[-1] if before else None
+            cleaner = Cleaner(self._robot, columns, name, follows=follows, n_extra=len(self.extra))
             if isinstance(source, ParquetSource):
                 cleaner.time_factor = source.time_unit(columns.names[0])
             for rows, table in source.chunks(columns.names):
@@ -124,6 +141,7 @@ class LogReader:
                 current=log.current[part],
                 temperature=None if log.temperature is None else log.temperature[part],
                 starts_clock=log.starts_clock and start == 0,
+                extra=None if log.extra is None else log.extra[part],
             )
 
 
@@ -169,8 +187,8 @@ def _parquet(
     """From a pipe the whole file must be held: Parquet's index is at its end."""
     if path != STDIN and path.is_file():
         stream.seek(0)
-        digest = hashlib.file_digest(cast(io.BufferedReader, stream), "sha256").hexdigest()
-        return ParquetSource(pa.OSFile(str(path)), str(path)), lambda: digest
+        whole = cast(io.BufferedReader, stream)
+        return ParquetSource(pa.OSFile(str(path)), str(path)), lambda: hashlib.file_digest(whole, "sha256").hexdigest()
     data = buffered.read()
     return ParquetSource(io.BytesIO(data), "<stdin>" if path == STDIN else str(path)), lambda: hashlib.sha256(
         data

@@ -25,8 +25,8 @@ class Block:
     ----------
     origins
         Names of the files; `file` (N,) points into it.
-    rows, time, position, current, temperature
-        As in `Log`; temperature (N, J) is NaN where not measured.
+    rows, time, position, current, temperature, extra
+        As in `Log`; temperature (N, J) and extra (N, E) are NaN where not measured.
     clock
         Number of the recording.
     lead
@@ -46,6 +46,7 @@ class Block:
     lead: int
     begins: bool
     ends: bool
+    extra: Floats | None = None
 
     def __len__(self) -> int:
         return len(self.time)
@@ -79,7 +80,6 @@ class Buffer:
                 parts.append(_cut(part, 0, missing))
                 missing -= len(part)
         file = np.repeat(np.arange(len(parts), dtype=np.int32), [len(part) for part in parts])
-        has_temperature = any(part.temperature is not None for part in parts)
         return Block(
             origins=tuple(part.origin for part in parts),
             file=file,
@@ -87,11 +87,12 @@ class Buffer:
             time=np.concatenate([part.time for part in parts]),
             position=np.concatenate([part.position for part in parts]),
             current=np.concatenate([part.current for part in parts]),
-            temperature=np.concatenate([_temperature(part) for part in parts]) if has_temperature else None,
+            temperature=_stacked([part.temperature for part in parts], parts),
             clock=self.clock,
             lead=self.lead,
             begins=not self._begun,
             ends=ends,
+            extra=_stacked([part.extra for part in parts], parts),
         )
 
     def drop(self, count: int, lead: int) -> None:
@@ -121,7 +122,6 @@ def _by_origin(parts: Iterable[Log]) -> Iterator[list[Log]]:
 def _joined(group: list[Log]) -> Log:
     if len(group) == 1:
         return group[0]
-    has_temperature = any(part.temperature is not None for part in group)
     return Log(
         origin=group[0].origin,
         rows=np.concatenate([part.rows for part in group]),
@@ -129,7 +129,8 @@ def _joined(group: list[Log]) -> Log:
         position=np.concatenate([part.position for part in group]),
         velocity=None,
         current=np.concatenate([part.current for part in group]),
-        temperature=np.concatenate([_temperature(part) for part in group]) if has_temperature else None,
+        temperature=_stacked([part.temperature for part in group], group),
+        extra=_stacked([part.extra for part in group], group),
     )
 
 
@@ -142,8 +143,17 @@ def _cut(log: Log, start: int, stop: int) -> Log:
         velocity=None,
         current=log.current[start:stop],
         temperature=None if log.temperature is None else log.temperature[start:stop],
+        extra=None if log.extra is None else log.extra[start:stop],
     )
 
 
-def _temperature(log: Log) -> Floats:
-    return np.full(log.position.shape, np.nan) if log.temperature is None else log.temperature
+def _stacked(values: list[Floats | None], parts: list[Log]) -> Floats | None:
+    """One quantity of consecutive parts, NaN in those that lack it; None where all do."""
+    width = next((known.shape[1] for known in values if known is not None), None)
+    if width is None:
+        return None
+    filled = [
+        np.full((len(part), width), np.nan) if known is None else known
+        for known, part in zip(values, parts, strict=True)
+    ]
+    return np.concatenate(filled)

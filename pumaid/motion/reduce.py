@@ -78,6 +78,7 @@ def cells(block: Block, piece: Piece, rate: tuple[Floats, Floats], *, samples: N
         current=current,
         variance=np.add.reduceat(spread * spread, starts) / count,
         temperature=warmth,
+        extra=None if block.extra is None else _known_means(block.extra[samples], starts, count, largest=np.inf),
     )
 
 
@@ -86,9 +87,11 @@ def _means(values: Floats, starts: NDArray[np.int64], count: NDArray[np.int64]) 
     return np.asarray(np.add.reduceat(values, starts, axis=0) / count[:, None])
 
 
-def _known_means(values: Floats, starts: NDArray[np.int64], count: NDArray[np.int64]) -> Floats:
-    """The same of the numbers only; NaN where there are none."""
-    good = np.abs(values) < LARGEST
+def _known_means(
+    values: Floats, starts: NDArray[np.int64], count: NDArray[np.int64], *, largest: float = LARGEST
+) -> Floats:
+    """The same of the numbers below `largest` only; NaN where there are none."""
+    good = np.abs(values) < largest
     if good.all():
         return _means(values, starts, count)
     known = np.add.reduceat(good.astype(float), starts, axis=0)
@@ -108,10 +111,13 @@ def _between(time: Floats, rate: tuple[Floats, Floats]) -> Floats:
 
 def coarser(parts: list[Cells], most: int, *, joint: int) -> Cells:
     """The cells of consecutive pieces, in which `joint` (from 1) moves, as one set of at most `most`."""
-    joined = [np.concatenate([getattr(part, name) for part in parts]) for name in Cells.__dataclass_fields__]
+    names = [name for name in Cells.__dataclass_fields__ if name != "extra"]
+    joined = [np.concatenate([getattr(part, name) for part in parts]) for name in names]
     count, time, position, velocity, acceleration, current, variance, temperature = joined
+    known = [part.extra for part in parts if part.extra is not None]
+    extra = np.concatenate(known) if len(known) == len(parts) else None
     if len(count) <= most:
-        return Cells(count, time, position, velocity, acceleration, current, variance, temperature)
+        return Cells(count, time, position, velocity, acceleration, current, variance, temperature, extra)
     borders = np.linspace(time[0], time[-1], most + 1)[:-1]
     starts = np.unique(np.searchsorted(time, borders))
     total = np.add.reduceat(count, starts)
@@ -132,4 +138,13 @@ def coarser(parts: list[Cells], most: int, *, joint: int) -> Cells:
         current=middle,
         variance=mean(variance + between * between),
         temperature=mean(temperature),
+        extra=None if extra is None else _known_mean(extra, starts, count),
     )
+
+
+def _known_mean(values: Floats, starts: NDArray[np.int64], count: NDArray[np.int64]) -> Floats:
+    """(M, E) means of cells of `count` samples each, those without a number left out."""
+    weight = np.where(np.isfinite(values), count[:, None], 0)
+    total = np.add.reduceat(weight, starts, axis=0)
+    sums = np.add.reduceat(np.nan_to_num(values) * weight, starts, axis=0)
+    return np.divide(sums, total, out=np.full(sums.shape, np.nan), where=total > 0)

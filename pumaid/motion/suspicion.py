@@ -20,7 +20,7 @@ class Watch:
     Parameters
     ----------
     logs
-        Consecutive batches, SI. What the iterable tells of its files (`files`, `notes`) is taken over.
+        Consecutive batches, SI. What the iterable tells of its files (`files`, `notes`, `extra`) is taken over.
     robot
         The arm that the recipe says these are logs of.
     refuse
@@ -45,6 +45,11 @@ class Watch:
     def files(self) -> tuple[FileFacts, ...]:
         """Facts of the files read so far, as the stream below tells them."""
         return tuple(getattr(self._logs, "files", ()))
+
+    @property
+    def extra(self) -> tuple[str, ...]:
+        """Names of the columns that the stream below reads besides."""
+        return tuple(getattr(self._logs, "extra", ()))
 
     @property
     def notes(self) -> tuple[Note, ...]:

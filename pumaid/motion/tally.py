@@ -208,6 +208,7 @@ def _joined(one: Log, other: Log) -> Log:
         velocity=velocity,
         current=both("current"),
         temperature=None,
+        extra=None,
     )
 
 
@@ -220,5 +221,6 @@ def _part(log: Log, part: slice) -> Log:
         velocity=None if log.velocity is None else log.velocity[part].copy(),
         current=log.current[part].copy(),
         temperature=None,
+        extra=None,
         starts_clock=False,
     )

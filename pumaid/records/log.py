@@ -28,6 +28,8 @@ class Log:
         (N, J) A; a column is NaN where the log lacks that joint.
     temperature
         (N, J) degC, or None.
+    extra
+        (N, E) columns that the user asked for besides, in the log's own units, NaN where not a number; or None.
     starts_clock
         Whether the clock starts anew here: samples before belong to another recording.
     """
@@ -40,6 +42,7 @@ class Log:
     current: Floats
     temperature: Floats | None = None
     starts_clock: bool = False
+    extra: Floats | None = None
 
     def __post_init__(self) -> None:
         n_samples, n_joints = self.position.shape
@@ -47,6 +50,8 @@ class Log:
             values = getattr(self, name)
             if values is not None and values.shape != (n_samples, n_joints):
                 raise ValueError(f"{name} is {values.shape}, position is {(n_samples, n_joints)}")
+        if self.extra is not None and len(self.extra) != n_samples:
+            raise ValueError(f"extra has {len(self.extra)} rows for {n_samples} samples")
         if self.time.shape != (n_samples,) or self.rows.shape != (n_samples,):
             raise ValueError(f"time is {self.time.shape} and rows {self.rows.shape} for {n_samples} samples")
 

@@ -37,6 +37,8 @@ class Cells:
         (M,) A2: variance of the moving joint's current inside the cell.
     temperature
         (M,) degC of the moving joint, NaN where not measured.
+    extra
+        (M, E) means of the columns `Evidence.extra`, in the log's own units, NaN where not a number; None without.
     """
 
     count: NDArray[np.int64]
@@ -47,6 +49,7 @@ class Cells:
     current: Floats
     variance: Floats
     temperature: Floats
+    extra: Floats | None = None
 
     def __len__(self) -> int:
         return len(self.count)
@@ -157,13 +160,15 @@ class FileFacts:
 class Evidence:
     """All that later steps know of the logs.
 
-    `runs` and `rejects` in order of file and time; `notes` what looked suspicious in the files.
+    `runs` and `rejects` in order of file and time; `notes` what looked suspicious in the files; `extra` names the
+    columns of the logs that the cells hold besides.
     """
 
     runs: tuple[Run, ...]
     rejects: tuple[Reject, ...] = ()
     files: tuple[FileFacts, ...] = ()
     notes: tuple[Note, ...] = ()
+    extra: tuple[str, ...] = ()
 
     def of_joint(self, joint: int) -> tuple[Run, ...]:
         """Runs in which `joint` (from 1) moves."""

@@ -68,6 +68,8 @@ class Samples:
         (M,) number of the run each instant belongs to.
     loads
         What the model so far says of gravity here; none where it is not known yet.
+    extra
+        (M, E) columns of the logs that the user suspects, in the logs' own units; none where not asked for.
     """
 
     joint: int
@@ -80,6 +82,7 @@ class Samples:
     temperature: Floats = field(default_factory=_empty)
     run: Floats = field(default_factory=_empty)
     loads: Loads | None = None
+    extra: Floats | None = None
 
     def __len__(self) -> int:
         return len(self.position)

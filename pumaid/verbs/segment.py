@@ -38,7 +38,7 @@ def segment(
     ----------
     logs
         Consecutive batches, SI. `starts_clock` begins a new recording; within one, a run may go on from file to file.
-        What the iterable tells of its files (`files`, `notes`) is taken over.
+        What the iterable tells of its files (`files`, `notes`, `extra`) is taken over.
     robot
         Supplies the joints' kinds.
     options
@@ -78,7 +78,8 @@ def segment(
     if progress is not None:
         progress(done)
     runs, rejects = harvest.finish()
-    return Evidence(runs, rejects, tuple(getattr(logs, "files", ())), tuple(getattr(logs, "notes", ())))
+    files, notes, extra = (tuple(getattr(logs, name, ())) for name in ("files", "notes", "extra"))
+    return Evidence(runs, rejects, files, notes, extra)
 
 
 def _reduce(buffer: Buffer, harvest: Harvest, *, size: int, ends: bool) -> int:
@@ -114,6 +115,7 @@ def _only(block: Block, good: np.ndarray) -> Block:
         current=block.current[good],
         temperature=None if block.temperature is None else block.temperature[good],
         lead=int(np.count_nonzero(good[: block.lead])),
+        extra=None if block.extra is None else block.extra[good],
     )
 
 
