@@ -60,6 +60,8 @@ class Samples:
         (M,) +1 or -1: sign of the motion that the run is in (not of a noisy velocity).
     time
         (M,) s since the joint's first motion in the campaign.
+    elapsed
+        (M,) s since the arm's first motion on the same clock.
     travel
         (M,) rad or m since the motion began.
     temperature
@@ -78,6 +80,7 @@ class Samples:
     acceleration: Floats = field(default_factory=_empty)
     direction: Floats = field(default_factory=_empty)
     time: Floats = field(default_factory=_empty)
+    elapsed: Floats = field(default_factory=_empty)
     travel: Floats = field(default_factory=_empty)
     temperature: Floats = field(default_factory=_empty)
     run: Floats = field(default_factory=_empty)

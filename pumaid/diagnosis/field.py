@@ -1,0 +1,196 @@
+"""All runs of one joint as one set of cells: what every statistic of the diagnosis is computed from."""
+
+from __future__ import annotations
+
+import dataclasses
+import itertools
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pumaid.model import Model
+from pumaid.motion.reduce import coarser
+from pumaid.motion.replicates import replicates
+from pumaid.records import Extent, Run, Samples
+
+Floats = NDArray[np.float64]
+Counts = NDArray[np.int64]
+
+#: Cells a run at which slow effects are looked for: 64 periods of a position-dependent effect, four times finer than
+#: the narrowest presliding that a ramp leaves visible.
+COARSE = 128
+
+#: Speeds within this share are one speed.
+SAME_SPEED = 0.03
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Field:
+    """The runs of one joint, cell after cell.
+
+    Attributes
+    ----------
+    joint
+        From 1.
+    runs
+        R runs, in order of time.
+    samples
+        All N cells as effects see them; `run` counts the runs from 0.
+    current
+        (N,) A of the moving joint.
+    count
+        (N,) samples behind each cell.
+    inside
+        (N,) A2: variance inside each cell.
+    first
+        (R,) index of each run's first cell.
+    step
+        (R,) s, duration of a cell of each run.
+    groups
+        Runs (from 0) that repeat one another, every run in one group.
+    """
+
+    joint: int
+    runs: tuple[Run, ...]
+    samples: Samples
+    current: Floats
+    count: Floats
+    inside: Floats
+    first: Counts
+    step: Floats
+    groups: tuple[tuple[int, ...], ...]
+
+    def __len__(self) -> int:
+        return len(self.current)
+
+    @property
+    def run(self) -> Counts:
+        """(N,) number of the run (from 0) that each cell belongs to."""
+        return self.samples.run.astype(np.int64)
+
+    @property
+    def lengths(self) -> Counts:
+        """(R,) cells of each run."""
+        return np.diff(np.append(self.first, len(self)))
+
+    def sums(self, values: Floats) -> Floats:
+        """(R, ...) sums over the cells of each run."""
+        return np.asarray(np.add.reduceat(values, self.first, axis=0))
+
+    @property
+    def pairs(self) -> list[tuple[int, int]]:
+        """Neighbours in time among runs that repeat one another."""
+        return [pair for group in self.groups for pair in itertools.pairwise(group)]
+
+    def extent(self, drawn: Floats) -> Extent:
+        """What the runs cover; `drawn` (N,) is what the model predicts (A)."""
+        q = self.samples.position[:, self.joint - 1]
+        starts = sorted(float(self.samples.time[k]) for k in self.first)
+        widths = [abs(run.span[1] - run.span[0]) / max(len(run.cells), 1) for run in self.runs]
+        return Extent(
+            joint=self.joint,
+            speeds=distinct([abs(run.speed) for run in self.runs]),
+            position=(float(q.min()), float(q.max())),
+            finest=2.0 * float(np.median(widths)),
+            travel=float(self.samples.travel.max()),
+            starts=tuple(starts),
+            duration=float(self.samples.time.max()),
+            current=float(np.abs(drawn).max()),
+            postures=len(posture_groups(self.runs)),
+        )
+
+
+def fields(model: Model, runs: Sequence[Run], *, most: int = COARSE) -> tuple[Field, ...]:
+    """A field for each joint that moves in `runs`, base first."""
+    begun = starts(runs)
+    joints = sorted({run.joint for run in runs})
+    return tuple(field(model, [run for run in runs if run.joint == joint], begun=begun, most=most) for joint in joints)
+
+
+def starts(runs: Sequence[Run]) -> dict[tuple[int, int], float]:
+    """(clock, joint) -> s of its first motion; joint 0 for the whole arm."""
+    begun: dict[tuple[int, int], float] = {}
+    for run in runs:
+        for key in ((run.clock, run.joint), (run.clock, 0)):
+            begun[key] = min(begun.get(key, run.start), run.start)
+    return begun
+
+
+def field(model: Model, runs: Sequence[Run], *, begun: Mapping[tuple[int, int], float], most: int = COARSE) -> Field:
+    """The runs of one joint in at most `most` cells each.
+
+    Parameters
+    ----------
+    model
+        Of the arm.
+    runs
+        All of one joint, in order of time.
+    begun
+        As `starts` gives it.
+    most
+        Cells a run.
+    """
+    thin = [
+        run if len(run.cells) <= most else replace(run, cells=coarser([run.cells], most, joint=joint)) for run in runs
+    ]
+    many = [_timed(model.samples_of(run), run, begun) for run in thin]
+    samples = joined(many)
+    lengths = np.array([len(one) for one in many])
+    repeated = [tuple(group) for group in replicates(runs)]
+    alone = [(k,) for k in range(len(runs)) if not any(k in group for group in repeated)]
+    return Field(
+        joint=joint,
+        runs=tuple(runs),
+        samples=samples,
+        current=np.concatenate([run.cells.current[:, joint - 1] for run in thin]),
+        count=np.concatenate([run.cells.count for run in thin]).astype(float),
+        inside=np.concatenate([run.cells.variance for run in thin]),
+        first=np.concatenate([[0], np.cumsum(lengths)[:-1]]).astype(np.int64),
+        step=np.array([run.duration / max(len(run.cells), 1) for run in thin]),
+        groups=tuple(sorted([*repeated, *alone])),
+    )
+
+
+def _timed(samples: Samples, run: Run, begun: Mapping[tuple[int, int], float]) -> Samples:
+    time = run.cells.time
+    return replace(samples, time=time - begun[run.clock, run.joint], elapsed=time - begun[run.clock, 0])
+
+
+def joined(many: Sequence[Samples]) -> Samples:
+    """Samples of one joint one after another; `run` counts them from 0."""
+    values = {
+        item.name: np.concatenate([getattr(one, item.name) for one in many])
+        for item in dataclasses.fields(Samples)
+        if item.name not in ("joint", "run", "loads") and getattr(many[0], item.name) is not None
+    }
+    run = np.repeat(np.arange(float(len(many))), [len(one) for one in many])
+    return Samples(many[0].joint, **values, run=run)
+
+
+def distinct(speeds: Sequence[float]) -> tuple[float, ...]:
+    """Speeds that differ by more than `SAME_SPEED`, rising."""
+    out: list[float] = []
+    for speed in sorted(speeds):
+        if not out or speed > out[-1] * (1.0 + SAME_SPEED):
+            out.append(speed)
+    return tuple(out)
+
+
+def posture_groups(runs: Sequence[Run]) -> list[list[int]]:
+    """Numbers of the runs (from 0) by held posture."""
+    groups: list[list[int]] = []
+    for number, run in enumerate(runs):
+        for group in groups:
+            gap = np.nan_to_num(runs[group[0]].posture - run.posture)
+            if np.all(np.abs(gap) < SAME_POSTURE):
+                group.append(number)
+                break
+        else:
+            groups.append([number])
+    return groups
+
+
+#: Held positions closer than this (rad or m) are one posture.
+SAME_POSTURE = 0.03

@@ -1,0 +1,142 @@
+"""The noise of one joint's cells: correlated within a run, with a level that the run shares; and how to whiten it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pumaid.diagnosis.field import Field
+
+Floats = NDArray[np.float64]
+
+#: Fewest pairs of repeated runs from which noise is taken; with fewer it comes from the residuals.
+FEWEST_PAIRS = 6
+#: Runs whose cells last equally long within this factor share correlation and spread.
+ALIKE = 1.2
+#: Cells below which a group of runs takes the whole joint's correlation and spread.
+FEWEST_CELLS = 200
+#: Correlation beyond which a residual is a trend.
+MOST_CORRELATED = 0.98
+#: Noise below this share of the RMS current is rounding.
+EXACT = 1e-9
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Noise:
+    """Noise of one joint.
+
+    Attributes
+    ----------
+    correlation, spread
+        (R,) of neighbouring cells, and standard deviation of a cell (A), of each run.
+    level
+        Standard deviation (A) of the level that a run shares.
+    from_replicates
+        Whether it comes from differences of repeated runs; else from residuals, which hold missing physics too.
+    """
+
+    correlation: Floats
+    spread: Floats
+    level: float
+    from_replicates: bool
+
+    def whiten(self, field: Field, values: Floats) -> Floats:
+        """(N, ...) values times the inverse root of the noise's covariance, run by run."""
+        run = field.run
+        out = self._decorrelated(field, values)
+        if self.level == 0.0:
+            return out
+        ones = self._decorrelated(field, np.ones(len(field)))
+        length2 = field.sums(ones * ones)
+        shrink = (1.0 - 1.0 / np.sqrt(1.0 + self.level**2 * length2)) / length2
+        wide = (slice(None),) + (None,) * (values.ndim - 1)
+        along = field.sums(out * ones[wide])
+        return np.asarray(out - (ones * shrink[run])[wide] * along[run])
+
+    def _decorrelated(self, field: Field, values: Floats) -> Floats:
+        run = field.run
+        wide = (slice(None),) + (None,) * (values.ndim - 1)
+        rho = self.correlation[run][wide]
+        out = np.empty_like(values)
+        out[1:] = values[1:] - rho[1:] * values[:-1]
+        start = np.sqrt(1.0 - self.correlation**2)[(slice(None),) + (None,) * (values.ndim - 1)]
+        out[field.first] = start * values[field.first]
+        return np.asarray(out / (self.spread * np.sqrt(1.0 - self.correlation**2))[run][wide])
+
+
+def noise(field: Field, residual: Floats) -> Noise:
+    """Estimate the noise from differences of repeated runs, else from the residual (N,) itself.
+
+    Differences are taken at the nearest cells, so that interpolation does not smooth the noise.
+
+    Source
+    ------
+    Yule-Walker for the correlation, with the first-order correction of its bias (M. G. Kendall, Biometrika 41, 1954).
+    """
+    pairs = field.pairs
+    paired = len(pairs) >= FEWEST_PAIRS
+    pieces = [_difference(field, residual, pair) for pair in pairs] if paired else _alone(field, residual)
+    owners = [a for a, _ in pairs] if paired else list(range(len(field.runs)))
+    floor = EXACT * float(np.sqrt(np.mean(field.current**2)) + 1e-12)
+    whole = _moments([pieces[k] for k in range(len(pieces))])
+    correlation, spread = np.full(len(field.runs), whole[0]), np.full(len(field.runs), whole[1])
+    for group in _alike(field.step):
+        own = [pieces[k] for k, owner in enumerate(owners) if owner in group]
+        if sum(len(piece) for piece in own) >= FEWEST_CELLS:
+            correlation[group], spread[group] = _moments(own)
+    means = np.array([piece.mean() for piece in pieces])
+    lengths = np.array([len(piece) for piece in pieces], dtype=float)
+    rho, sd = correlation[owners], spread[owners]
+    by_cells = sd**2 * (1.0 + rho) / (1.0 - rho) / lengths
+    level = float(np.sqrt(max(np.mean(means**2 - by_cells), 0.0)))
+    return Noise(correlation, np.maximum(spread, floor), level, paired)
+
+
+def _difference(field: Field, residual: Floats, pair: tuple[int, int]) -> Floats:
+    """Half the root-two difference of two runs, at the first's cells that the second passed."""
+    a, b = (slice(int(field.first[k]), int(field.first[k] + field.lengths[k])) for k in pair)
+    q = field.samples.position[:, field.joint - 1]
+    order = np.argsort(q[b], kind="stable")
+    there = q[b][order]
+    right = np.clip(np.searchsorted(there, q[a]), 1, len(there) - 1) if len(there) > 1 else np.zeros(len(q[a]), int)
+    left = np.maximum(right - 1, 0)
+    nearest = np.where(np.abs(there[right] - q[a]) < np.abs(q[a] - there[left]), right, left)
+    width = np.median(np.abs(np.diff(q[a]))) if len(q[a]) > 1 else np.inf
+    shared = np.abs(there[nearest] - q[a]) <= width
+    other = residual[b][order][nearest]
+    kept = (residual[a] - other)[shared] if np.count_nonzero(shared) > 2 else residual[a] - other
+    return np.asarray(kept / np.sqrt(2.0))
+
+
+def _alone(field: Field, residual: Floats) -> list[Floats]:
+    return np.split(residual, field.first[1:])
+
+
+def _moments(pieces: list[Floats]) -> tuple[float, float]:
+    """Correlation of neighbours and standard deviation of cells about their run's mean, bias taken out."""
+    n = np.array([len(piece) for piece in pieces], dtype=float)
+    centred = [piece - piece.mean() for piece in pieces]
+    square = sum(float(c @ c) for c in centred)
+    if square <= 0.0 or n.sum() <= len(n):
+        return 0.0, 0.0
+    lagged = sum(float(c[1:] @ c[:-1]) for c in centred)
+    rho = lagged / square
+    mean_n = float(n.mean())
+    rho = float(np.clip(rho + (1.0 + 4.0 * rho) / mean_n, 0.0, MOST_CORRELATED))
+    variance = square / float(np.sum(n - 1.0))
+    lost = (1.0 + rho) / (1.0 - rho) / mean_n  # share of the variance that the run's own mean took away
+    return rho, float(np.sqrt(variance / max(1.0 - lost, 0.2)))
+
+
+def _alike(step: Floats) -> list[list[int]]:
+    """Runs by the duration of their cells."""
+    order = np.argsort(step, kind="stable")
+    groups: list[list[int]] = []
+    for number in order:
+        if groups and step[number] <= ALIKE * step[groups[-1][0]]:
+            groups[-1].append(int(number))
+        else:
+            groups.append([int(number)])
+    return groups

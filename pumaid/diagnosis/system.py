@@ -1,0 +1,325 @@
+"""All joints' cells, whitened, as one nonlinear least squares: the base model with whatever was added to it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pumaid.diagnosis.field import Field
+from pumaid.diagnosis.noise import Noise, noise
+from pumaid.effects import Effect, Scope, catalogue
+from pumaid.loads import loads
+from pumaid.model import Model
+from pumaid.records import Samples
+
+Floats = NDArray[np.float64]
+
+#: Eigenvalues of the scaled information below this share of the largest are directions that the data do not show.
+FLAT = 1e-10
+#: Columns shorter than this share of the longest are zero but for rounding.
+FAINT = 1e-12
+#: Gauss-Newton steps; the start is already a least-squares solution.
+STEPS = 6
+SETTLED = 1e-9
+#: Relative step of a shape's numerical derivative.
+NUDGE = 1e-3
+
+
+@dataclass(frozen=True, slots=True)
+class Added:
+    """An effect in the model: at a joint (from 1; None: the whole arm), with its shape."""
+
+    effect: Effect
+    joint: int | None
+    shape: Mapping[str, float]
+
+    @property
+    def key(self) -> tuple[str, int | None]:
+        """Effect's name and joint."""
+        return self.effect.name, self.joint
+
+    def columns(self, model: Model, samples: Samples) -> Floats:
+        """(M, p) of its parameters in the joint that `samples` are of; zero where it does not act."""
+        if self.effect.scope is Scope.JOINT and self.joint != samples.joint:
+            return np.zeros((len(samples), len(self.effect.parameters(model.robot, self.joint or 0))))
+        found = self.effect.columns(model.robot, samples, number=self.joint or 0, shape=self.shape)
+        return np.nan_to_num(found)
+
+    def tangent(self, model: Model, samples: Samples, values: Floats) -> Floats:
+        """(M, s) derivative of its current by each searched shape, its parameters being `values`."""
+        out = []
+        for shape in self.effect.shapes(model.robot, self.joint or 0):
+            if not shape.is_searched or shape.name not in self.shape:
+                continue
+            at = self.shape[shape.name]
+            step = NUDGE * (abs(at) or 1.0)
+            ends = [replace(self, shape={**self.shape, shape.name: at + sign * step}) for sign in (1.0, -1.0)]
+            rise = ends[0].columns(model, samples) - ends[1].columns(model, samples)
+            out.append(rise @ values / (2.0 * step))
+        return np.column_stack(out) if out else np.zeros((len(samples), 0))
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Row:
+    """One joint of a solved system.
+
+    Attributes
+    ----------
+    field, noise
+        Its cells, with loads by the solution, and what their noise is like.
+    jacobian
+        (N, P) whitened derivative of the prediction by every parameter of the system.
+    residual
+        (N,) whitened.
+    misfit
+        (N,) A, not whitened.
+    """
+
+    field: Field
+    noise: Noise
+    jacobian: Floats
+    residual: Floats
+    misfit: Floats
+
+    @property
+    def drawn(self) -> Floats:
+        """(N,) A that the model predicts."""
+        return np.asarray(self.field.current - self.misfit)
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Solved:
+    """A system at its minimum.
+
+    Attributes
+    ----------
+    model, added
+        The base model and what was added to it.
+    rows
+        One a joint that moves.
+    inverse
+        (P, P) pseudo-inverse of the information of all rows.
+    start
+        Base parameters and ratios of gains at the minimum.
+    sizes
+        Linear parameters of each of `added`.
+    rank
+        Directions of the parameters that the data determine.
+    """
+
+    model: Model
+    added: tuple[Added, ...]
+    rows: tuple[Row, ...]
+    inverse: Floats
+    start: Start
+    sizes: tuple[Floats, ...]
+    rank: int
+
+    @property
+    def square(self) -> float:
+        """Sum of squares of the whitened residuals."""
+        return sum(float(row.residual @ row.residual) for row in self.rows)
+
+    @property
+    def cells(self) -> int:
+        """N of all joints."""
+        return sum(len(row.field) for row in self.rows)
+
+    @property
+    def scale(self) -> float:
+        """Variance of a whitened residual: one where the noise model is right."""
+        return self.square / max(self.cells - self.rank, 1)
+
+    @property
+    def noises(self) -> dict[int, Noise]:
+        """By joint."""
+        return {row.field.joint: row.noise for row in self.rows}
+
+    def row(self, joint: int) -> Row:
+        """The row of joint `joint` (from 1)."""
+        return next(row for row in self.rows if row.field.joint == joint)
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Start:
+    """Where a system starts: (p,) base parameters, (J, J) ratios of gains (NaN where unknown)."""
+
+    base: Floats
+    scales: Floats
+
+
+def solve(
+    model: Model,
+    fields: Sequence[Field],
+    start: Start,
+    *,
+    added: Sequence[Added] = (),
+    noises: Mapping[int, Noise] | None = None,
+) -> Solved:
+    """Least squares over base parameters, ratios of gains and what is added.
+
+    Columns made from gravity's load, and tangents of shapes, are made anew once the parameters have moved.
+
+    Parameters
+    ----------
+    model
+        The base model.
+    fields
+        One a joint.
+    start
+        The fitted model.
+    added
+        Effects beyond the model.
+    noises
+        By joint; where not given they are taken from the residuals of a first round.
+    """
+    values = [np.zeros(_width(model, one)) for one in added]
+    found = _round(model, fields, start, added=added, values=values, noises=noises)
+    if noises is None:
+        noises = {row.field.joint: noise(row.field, row.misfit) for row in found.rows}
+    elif not added:
+        return found
+    return _round(model, fields, found.start, added=added, values=found.sizes, noises=noises)
+
+
+def _width(model: Model, one: Added) -> int:
+    return len(one.effect.parameters(model.robot, one.joint or 0))
+
+
+def _round(
+    model: Model,
+    fields: Sequence[Field],
+    start: Start,
+    *,
+    added: Sequence[Added],
+    values: Sequence[Floats],
+    noises: Mapping[int, Noise] | None,
+) -> Solved:
+    """Gauss-Newton on the rows' Gram matrices, with loads and tangents as they are at `start`."""
+    loaded = [
+        replace(
+            field,
+            samples=replace(field.samples, loads=loads(model, field.samples, solution=start.base, scales=start.scales)),
+        )
+        for field in fields
+    ]
+    designs = [_design(model, field.samples, added, values) for field in loaded]
+    kinds = [noises[field.joint] if noises is not None else _white(field) for field in loaded]
+    whites = [
+        kind.whiten(field, np.column_stack([design, field.current]))
+        for kind, field, design in zip(kinds, loaded, designs, strict=True)
+    ]
+    chain = _Chain(model, start, [field.joint - 1 for field in loaded], [white.T @ white for white in whites])
+    theta = chain.least(designs[0].shape[1])
+    information, _ = chain.normal(theta)
+    inverse, rank = pseudo_inverse(information)
+    rows = []
+    for field, kind, design, white in zip(loaded, kinds, designs, whites, strict=True):
+        weights, turn = chain.effective(theta, field.joint - 1)
+        rows.append(
+            Row(
+                field,
+                kind,
+                white[:, :-1] @ turn,
+                white[:, -1] - white[:, :-1] @ weights,
+                field.current - design @ weights,
+            )
+        )
+    p = len(start.base)
+    ends = np.cumsum([len(one) for one in values])
+    sizes = np.split(theta[p + len(start.scales) :], ends)[: len(values)]
+    return Solved(model, tuple(added), tuple(rows), inverse, chain.moved(theta), tuple(sizes), rank)
+
+
+def _white(field: Field) -> Noise:
+    flat = np.ones(len(field.runs))
+    return Noise(0.0 * flat, flat, 0.0, from_replicates=False)
+
+
+def _design(model: Model, samples: Samples, added: Sequence[Added], values: Sequence[Floats]) -> Floats:
+    """(N, p + added parameters + tangents)."""
+    columns = [one.columns(model, samples) for one in added]
+    tangents = [one.tangent(model, samples, size) for one, size in zip(added, values, strict=True)]
+    return np.column_stack([model.regressor(samples), *columns, *tangents])
+
+
+class _Chain:
+    """The bilinear system over [base parameters, logarithms of gains (J), what is added] in Gram matrices."""
+
+    def __init__(self, model: Model, start: Start, numbers: Sequence[int], grams: Sequence[Floats]) -> None:
+        scopes = [catalogue()[column.effect].scope for column in model.columns]
+        self.is_link = np.array([scope is Scope.LINK for scope in scopes])
+        self.owner = np.where(self.is_link, model.owners - 1, 0)
+        self.start, self.numbers, self.grams = start, numbers, grams
+        self.base = np.nan_to_num(start.scales)
+
+    def scales(self, theta: Floats) -> Floats:
+        """(J, J) ratios, unknown ones zero."""
+        p, n = len(self.start.base), len(self.base)
+        change = theta[p : p + n]
+        return np.asarray(self.base * np.exp(change[:, None] - change[None, :]))
+
+    def moved(self, theta: Floats) -> Start:
+        """The parameters as a start."""
+        scales = np.where(np.isnan(self.start.scales), np.nan, self.scales(theta))
+        return Start(theta[: len(self.start.base)].copy(), scales)
+
+    def effective(self, theta: Floats, i: int) -> tuple[Floats, Floats]:
+        """What each column of the design counts in joint i (from 0), and the derivative of that by theta."""
+        p, n = len(self.start.base), len(self.base)
+        factor = np.where(self.is_link, self.scales(theta)[i][self.owner], 1.0)
+        weights = np.concatenate([factor * theta[:p], theta[p + n :]])
+        turn = np.zeros((len(weights), len(theta)))
+        turn[np.arange(p), np.arange(p)] = factor
+        turn[np.arange(p, len(weights)), np.arange(p + n, len(theta))] = 1.0
+        outer = np.flatnonzero(self.is_link & (self.owner != i))
+        turn[outer, p + i] = weights[outer]
+        turn[outer, p + self.owner[outer]] = -weights[outer]
+        return weights, turn
+
+    def cost(self, theta: Floats) -> float:
+        """Sum of squares."""
+        total = 0.0
+        for i, gram in zip(self.numbers, self.grams, strict=True):
+            w = np.append(self.effective(theta, i)[0], -1.0)
+            total += float(w @ gram @ w)
+        return total
+
+    def normal(self, theta: Floats) -> tuple[Floats, Floats]:
+        """Information (P, P) and slope (P,) of the sum of squares."""
+        information, slope = np.zeros((len(theta), len(theta))), np.zeros(len(theta))
+        for i, gram in zip(self.numbers, self.grams, strict=True):
+            weights, turn = self.effective(theta, i)
+            information += turn.T @ gram[:-1, :-1] @ turn
+            slope += turn.T @ (gram[:-1, -1] - gram[:-1, :-1] @ weights)
+        return information, slope
+
+    def least(self, width: int) -> Floats:
+        """The minimum, from the start, in directions that the data show."""
+        theta = np.concatenate([self.start.base, np.zeros(len(self.base)), np.zeros(width - len(self.start.base))])
+        cost = self.cost(theta)
+        for _ in range(STEPS):
+            information, slope = self.normal(theta)
+            step, share, fresh = pseudo_inverse(information)[0] @ slope, 1.0, np.inf
+            while share > 1e-3 and fresh >= cost:
+                trial = theta + share * step
+                fresh, share = self.cost(trial), share / 2.0
+            if fresh >= cost:
+                break
+            fall, theta, cost = cost - fresh, trial, fresh
+            if fall < SETTLED * cost:
+                break
+        return theta
+
+
+def pseudo_inverse(information: Floats) -> tuple[Floats, int]:
+    """Pseudo-inverse (P, P) in scaled columns, and the rank."""
+    size = np.sqrt(np.diagonal(information))
+    unit = np.divide(1.0, size, out=np.zeros_like(size), where=size > FAINT * size.max(initial=0.0))
+    values, vectors = np.linalg.eigh(information * unit[:, None] * unit[None, :])
+    kept = values > FLAT * values[-1]
+    half = vectors[:, kept] / np.sqrt(values[kept])
+    return (unit[:, None] * half) @ (half.T * unit[None, :]), int(np.count_nonzero(kept))

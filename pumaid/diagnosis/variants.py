@@ -1,0 +1,137 @@
+"""Everything that could be missing: each effect at each joint with each shape of its grid, as columns on cells."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pumaid.diagnosis.field import distinct, posture_groups, starts
+from pumaid.diagnosis.system import Added, Solved
+from pumaid.effects import Effect, Scope, catalogue
+from pumaid.records import Extent
+
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Variant:
+    """One candidate with one shape.
+
+    Attributes
+    ----------
+    added
+        Effect, joint and shape.
+    columns
+        Numbers of its columns in the matrix of its kind.
+    is_wide
+        Whether it acts in several joints.
+    """
+
+    added: Added
+    columns: tuple[int, ...]
+    is_wide: bool
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Catalogue:
+    """All variants with their columns, not whitened.
+
+    Attributes
+    ----------
+    variants
+        Of every effect, local ones by joint first.
+    local
+        Joint (from 1) -> (N, V) columns of effects that act there alone.
+    wide
+        Joint (from 1) -> (N, W) columns, in that joint, of effects that act in several.
+    excluded
+        (effect, joint or None) -> why it cannot act or cannot be tried.
+    """
+
+    variants: tuple[Variant, ...]
+    local: dict[int, Floats]
+    wide: dict[int, Floats]
+    excluded: dict[tuple[str, int | None], str]
+
+
+def build(solved: Solved, effects: Sequence[Effect] | None = None) -> Catalogue:
+    """Columns of every effect that is not in the model, at the loads of `solved`.
+
+    Parameters
+    ----------
+    solved
+        The model so far.
+    effects
+        What to try; all that are no part of every model where not given.
+    """
+    tried = [one for one in (effects or catalogue().values()) if not one.base]
+    variants: list[Variant] = []
+    excluded: dict[tuple[str, int | None], str] = {}
+    local: dict[int, list[Floats]] = {row.field.joint: [] for row in solved.rows}
+    wide: dict[int, list[Floats]] = {row.field.joint: [] for row in solved.rows}
+    width = dict.fromkeys([*local, 0], 0)
+    extents = {row.field.joint: row.field.extent(row.drawn) for row in solved.rows}
+    for effect in tried:
+        for owner in _owners(solved, effect):
+            why = None if owner is None else effect.applies(solved.model.robot, owner)
+            if why is None and _present(solved, effect, owner):
+                continue
+            if why is not None:
+                excluded[effect.name, owner] = why
+                continue
+            here = extents.get(owner or 0) or _whole(solved, extents, owner)
+            for shape in effect.grid(solved.model.robot, here):
+                one = Added(effect, owner, dict(shape))
+                place = owner if effect.scope is Scope.JOINT and owner is not None else 0
+                rows = [row for row in solved.rows if place in (0, row.field.joint)]
+                columns = {row.field.joint: one.columns(solved.model, row.field.samples) for row in rows}
+                count = next(iter(columns.values())).shape[1]
+                for joint, values in columns.items():
+                    (wide if place == 0 else local)[joint].append(values)
+                variants.append(Variant(one, tuple(range(width[place], width[place] + count)), place == 0))
+                width[place] += count
+    return Catalogue(tuple(variants), _stacked(local, solved), _stacked(wide, solved), excluded)
+
+
+def _owners(solved: Solved, effect: Effect) -> Iterable[int | None]:
+    if effect.scope is Scope.ARM:
+        return (None,)
+    if effect.scope is Scope.CAUSE:
+        return range(1, solved.model.robot.n_joints + 1)
+    return [row.field.joint for row in solved.rows]
+
+
+def _present(solved: Solved, effect: Effect, owner: int | None) -> bool:
+    """Whether the model has the effect there already, and only once is possible."""
+    if effect.is_repeatable:
+        return False
+    inside = any(one.key == (effect.name, owner) for one in solved.added)
+    chosen = {(column.effect, column.owner or None) for column in solved.model.columns}
+    return inside or (effect.name, owner) in chosen
+
+
+def _whole(solved: Solved, extents: dict[int, Extent], owner: int | None) -> Extent:
+    """Of all joints together, for what acts in several."""
+    every = list(extents.values())
+    runs = [run for row in solved.rows for run in row.field.runs]
+    begun = starts(runs)
+    elapsed = sorted(run.start - begun[run.clock, 0] for run in runs)
+    return Extent(
+        joint=owner,
+        speeds=distinct([speed for one in every for speed in one.speeds]),
+        position=(min(one.position[0] for one in every), max(one.position[1] for one in every)),
+        finest=min(one.finest for one in every),
+        travel=max(one.travel for one in every),
+        starts=tuple(elapsed),
+        duration=max(float(row.field.samples.elapsed.max()) for row in solved.rows),
+        current=max(one.current for one in every),
+        postures=len(posture_groups(runs)),
+    )
+
+
+def _stacked(parts: dict[int, list[Floats]], solved: Solved) -> dict[int, Floats]:
+    empty = {row.field.joint: np.zeros((len(row.field), 0)) for row in solved.rows}
+    return {joint: np.column_stack(some) if some else empty[joint] for joint, some in parts.items()}
