@@ -1,0 +1,225 @@
+"""What is left against the variable in which an effect lives: the picture by which an engineer believes a finding."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, fields, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pumaid.diagnosis.field import SAME_SPEED
+from pumaid.effects import Effect, Trace
+from pumaid.records import Binned, Curve, Line, Loads, Robot, Samples
+
+Floats = NDArray[np.float64]
+
+#: Bins over a span: narrow enough for the shapes of the catalogue, wide enough to hold several runs each.
+FINE, COARSE = 32, 16
+
+#: A smooth line of speed is drawn from this share of the slowest speed run to this of the fastest: look-alikes part
+#: below the slowest.
+SLOWEST, FASTEST = 0.4, 1.1
+
+#: Points of a smooth line.
+POINTS = 80
+
+#: Of a family of effects, the variable that shows it; a family that is not named is shown by what the effect itself
+#: adds.
+VARIABLES = {
+    "speed": "speed",
+    "load": "load",
+    "position": "position",
+    "torque": "position",
+    "start": "travel",
+    "time": "time",
+    "temperature": "temperature",
+    "current": "current",
+}
+
+#: The same of what an effect says of itself in `Effect.trace`, where its family has a word of its own.
+TRACES = {Trace.SPEED: "speed", Trace.LOAD: "load", Trace.POSITION: "position", Trace.TIME: "time"}
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Trial:
+    """An effect as it was fitted.
+
+    `number` owns it (None: the whole arm), `shape` are its nonlinear parameters, `values` (p,) its linear ones, `left`
+    (M,) A what the joint's cells keep with it, all else refitted.
+    """
+
+    effect: Effect
+    number: int | None
+    shape: dict[str, float]
+    values: Floats
+    left: Floats
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Axis:
+    """What a picture is drawn against: a word or two, the unit, (M,) values at the cells, bins (edges, or None where
+    equal values stand together), the period of a folded variable."""
+
+    variable: str
+    unit: str
+    values: Floats
+    bins: int | None = FINE
+    period: float | None = None
+
+
+def curve(
+    robot: Robot, samples: Samples, *, before: Floats, trials: Sequence[Trial], against: Axis | None = None
+) -> Curve:
+    """Bin what is left before and after an effect is added, with the effect's own line and its rivals'.
+
+    A line is what adding the effect changes in the model, so that it runs through what is left before. Over speed it is
+    drawn between the speeds that were run, where rivals part; elsewhere at the bins.
+
+    Parameters
+    ----------
+    robot
+        The arm.
+    samples
+        M cells of all runs of one joint; `Samples.run` tells them apart.
+    before
+        (M,) A left without the effect.
+    trials
+        The effect found, then its rivals.
+    against
+        What it is drawn against, where the effect's family does not say (a suspected column).
+
+    Returns
+    -------
+    curve
+        A side for each direction of motion that was run.
+    """
+    found = trials[0]
+    axis = against or _axis(robot, samples, found, change=before - found.left)
+    sides, lines = [], []
+    for way in (1, -1):
+        here = (samples.direction == way) & np.isfinite(axis.values)
+        if not here.any():
+            continue
+        label = _labels(axis, here)
+        places = _means(axis.values, label, samples.run)[0]
+        mean = _means(before, label, samples.run)[0]
+        after, errors, runs = _means(found.left, label, samples.run)
+        sides.append(Binned(way, places, mean, after, errors, runs))
+        for trial in trials:
+            change = _means(before - trial.left, label, samples.run)[0]
+            lines.append(_line(robot, samples, axis, trial, way=way, places=places, change=change))
+    names = [trial.effect.name for trial in trials]
+    lines.sort(key=lambda line: names.index(line.effect))
+    return Curve(samples.joint, axis.variable, axis.unit, tuple(sides), tuple(lines), axis.period)
+
+
+def _axis(robot: Robot, samples: Samples, trial: Trial, *, change: Floats) -> Axis:
+    """The variable in which an effect lives."""
+    own, unit = samples.joint - 1, robot.joint(samples.joint).position_unit
+    position = samples.position[:, own]
+    if "frequency" in trial.shape and trial.shape["frequency"] > 0:
+        period = 2.0 * math.pi / trial.shape["frequency"]
+        return Axis("position within one period", unit, np.mod(position, period), FINE, period)
+    family = trial.effect.family.split("(")[0].split(",")[0].strip()
+    known = [TRACES[trace] for trace in trial.effect.trace if trace in TRACES]
+    word = VARIABLES.get(family, known[0] if not family and known else "")
+    loads = samples.loads
+    if word == "speed":
+        return Axis("speed", f"{unit}/s", _by_run(np.abs(samples.velocity[:, own]), samples.run), None)
+    if word == "position":
+        return Axis("position", unit, position)
+    if word == "travel":
+        return Axis("travel since the motion began", unit, samples.travel)
+    if word == "time":
+        return Axis("time since the first motion", "s", samples.time, COARSE)
+    if word == "temperature" and np.isfinite(samples.temperature).any():
+        return Axis("temperature", "degC", samples.temperature, COARSE)
+    if word == "load" and loads is not None:
+        across = "side" in trial.effect.name
+        return Axis(
+            "moment across the axis" if across else "gravity load", "A", loads.across if across else loads.own, COARSE
+        )
+    if word == "current" and loads is not None:
+        return Axis("predicted current", "A", loads.drawn, COARSE)
+    return Axis("what it adds", "A", change, COARSE)
+
+
+def _by_run(values: Floats, run: Floats) -> Floats:
+    """(M,) each value replaced by its run's mean."""
+    _, label = np.unique(run, return_inverse=True)
+    return np.asarray((np.bincount(label, values) / np.bincount(label))[label])
+
+
+def _labels(axis: Axis, here: NDArray[np.bool_]) -> Floats:
+    """(M,) number of each cell's bin, NaN outside `here`; bins of travel are narrow where the motion begins."""
+    label = np.full(len(here), np.nan)
+    values = axis.values[here]
+    if axis.bins is None:
+        order = np.unique(values)
+        starts = np.concatenate([[True], np.diff(order) > SAME_SPEED * order[1:]])
+        label[here] = np.cumsum(starts)[np.searchsorted(order, values)]
+        return label
+    low, high = (0.0, axis.period) if axis.period else (float(values.min()), float(values.max()))
+    share = (values - low) / (high - low) if high > low else np.zeros(len(values))
+    if axis.variable.startswith("travel"):
+        share = np.sqrt(share)
+    label[here] = np.minimum(np.floor(share * axis.bins), axis.bins - 1)
+    return label
+
+
+def _means(values: Floats, label: Floats, run: Floats) -> tuple[Floats, Floats, Floats]:
+    """Means over runs in each bin, their standard errors (NaN of one run), and how many runs there are."""
+    seen = np.isfinite(label)
+    both, where = np.unique(np.column_stack([label[seen], run[seen]]), axis=0, return_inverse=True)
+    where = np.ravel(where)
+    by_run = np.bincount(where, values[seen]) / np.bincount(where)
+    _, at = np.unique(both[:, 0], return_inverse=True)
+    runs = np.bincount(at)
+    mean = np.bincount(at, by_run) / runs
+    spread = np.bincount(at, (by_run - mean[at]) ** 2)
+    error = np.sqrt(spread / np.where(runs > 1, runs * (runs - 1.0), np.nan))
+    return mean, error, runs.astype(float)
+
+
+def _line(
+    robot: Robot, samples: Samples, axis: Axis, trial: Trial, *, way: int, places: Floats, change: Floats
+) -> Line:
+    """A smooth line over speed where the effect is the joint's own, else the binned change itself."""
+    own = trial.number in (None, samples.joint) and trial.effect.family.startswith("speed")
+    if axis.variable != "speed" or not own:
+        return Line(trial.effect.name, way, places, change)
+    grid = np.linspace(SLOWEST * places.min(), FASTEST * places.max(), POINTS)
+    rest = change - _law(robot, samples, trial, way=way, speeds=places)
+    # Coulomb and viscous friction give way when the effect comes in: by a straight line of speed, which the bins tell.
+    powers = np.arange(min(2, len(places)))
+    straight = np.linalg.lstsq(places[:, None] ** powers, rest, rcond=None)[0]
+    smooth = _law(robot, samples, trial, way=way, speeds=grid) + grid[:, None] ** powers @ straight
+    return Line(trial.effect.name, way, grid, smooth)
+
+
+def _law(robot: Robot, samples: Samples, trial: Trial, *, way: int, speeds: Floats) -> Floats:
+    """(G,) A that the effect alone adds at these speeds, everything else as in the cell of middle speed."""
+    ways = np.flatnonzero(samples.direction == way)
+    middle = int(ways[np.argsort(np.abs(samples.velocity[ways, samples.joint - 1]))[len(ways) // 2]])
+    still = _repeated(samples, middle, len(speeds))
+    velocity = np.zeros_like(still.velocity)
+    velocity[:, samples.joint - 1] = way * speeds
+    swept = replace(still, velocity=velocity)
+    return np.asarray(trial.effect.columns(robot, swept, number=trial.number, shape=trial.shape) @ trial.values)
+
+
+def _repeated(samples: Samples, cell: int, times: int) -> Samples:
+    """One cell, `times` times."""
+
+    def again(values: Floats | None) -> Floats | None:
+        return values if values is None or not len(values) else np.repeat(values[cell : cell + 1], times, axis=0)
+
+    names = [item.name for item in fields(Samples) if item.name not in ("joint", "loads")]
+    rest = {name: again(getattr(samples, name)) for name in names}
+    loads = samples.loads
+    if loads is not None:
+        parts = {item.name: again(getattr(loads, item.name)) for item in fields(Loads) if item.name != "gains"}
+        loads = Loads(**parts, gains=loads.gains)  # type: ignore[arg-type]
+    return Samples(samples.joint, **rest, loads=loads)  # type: ignore[arg-type]

@@ -1,0 +1,137 @@
+"""A finding's picture: bins, error bars and lines are what a slow loop over the cells gives."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import worlds
+
+from pumaid.diagnosis.curves import SLOWEST, Axis, Trial, curve
+from pumaid.effects import Effect, Trace
+from pumaid.effects.base import Parameter, Shape
+from pumaid.records import Samples
+
+
+class Falling(Effect):
+    """s a exp(-v / scale)."""
+
+    title, source, family, trace = "Falling", "an example", "speed", (Trace.SPEED,)
+
+    def parameters(self, robot, number):
+        return (Parameter("a", "A", "size", "a"),)
+
+    def shapes(self, robot, number):
+        return (Shape("velocity", "rad/s", "scale", 0.01, 10.0, 0.2),)
+
+    def columns(self, robot, samples, *, number=None, shape=None):
+        speed = np.abs(samples.velocity[:, samples.joint - 1])
+        return (samples.direction * np.exp(-speed / shape["velocity"]))[:, None]
+
+
+class Waving(Falling):
+    """a cos(f q)."""
+
+    family, trace = "position", (Trace.POSITION,)
+
+    def columns(self, robot, samples, *, number=None, shape=None):
+        return np.cos(shape["frequency"] * samples.position[:, samples.joint - 1])[:, None]
+
+
+SPEEDS = (0.1, 0.3, 0.6, 1.0)
+
+
+def cells(seed: int = 0, *, cells: int = 40, repeats: int = 2) -> Samples:
+    """Joint 2 of the pendulum at four speeds, both ways, each run twice."""
+    rng, runs = np.random.default_rng(seed), []
+    for number, (speed, way) in enumerate([(v, s) for v in SPEEDS for s in (1, -1)] * repeats):
+        ones = np.ones(cells)
+        q = np.linspace(-1.5, 1.5, cells) * way + rng.uniform(-0.01, 0.01)
+        runs.append((q, way * speed * ones * (1 + 1e-3 * rng.normal(size=cells)), way * ones, number * ones))
+    q, v, way, run = (np.concatenate(part) for part in zip(*runs, strict=True))
+    zeros = np.zeros_like(q)
+    travel = np.tile(np.linspace(0.0, 3.0, cells), 2 * len(SPEEDS) * repeats)
+    position, velocity = np.column_stack([zeros, q]), np.column_stack([zeros, v])
+    more = {"direction": way, "time": run * 5.0, "travel": travel, "temperature": zeros * np.nan, "run": run}
+    return Samples(2, position, velocity, acceleration=zeros, **more)
+
+
+def without_line(samples: Samples, values: np.ndarray) -> np.ndarray:
+    """What Coulomb and viscous friction of each direction leave of `values`."""
+    speed = samples.velocity[:, 1]
+    forward = samples.direction > 0
+    base = np.column_stack([forward, ~forward, speed * forward, speed * ~forward])
+    return values - base @ np.linalg.lstsq(base, values, rcond=None)[0]
+
+
+def test_bins_are_means_over_runs():
+    """Means and standard errors of each speed are those of the runs' own means."""
+    samples = cells()
+    before, after = np.random.default_rng(1).normal(size=(2, len(samples)))
+    found = curve(
+        worlds.PENDULUM, samples, before=before, trials=[Trial(Falling(), 2, {"velocity": 0.2}, [0.1], after)]
+    )
+    runs = [n for n in np.unique(samples.run) if samples.direction[samples.run == n][0] < 0]
+    slow = [n for n in runs if abs(samples.velocity[samples.run == n, 1].mean()) < 0.2]
+    means = [after[samples.run == n].mean() for n in slow]
+    back = found.sides[1]
+    assert back.direction == -1 and len(back.centres) == len(SPEEDS) and back.runs.tolist() == [2.0] * 4
+    assert back.after[0] == pytest.approx(np.mean(means), rel=1e-12)
+    assert back.errors[0] == pytest.approx(np.std(means, ddof=1) / np.sqrt(2), rel=1e-12)
+
+
+def test_line_over_speed_runs_through_what_is_left():
+    """What the base model leaves of a law of speed lies on that law's line at every speed that was run."""
+    samples, law = cells(), Falling()
+    left = without_line(samples, 0.1 * law.columns(None, samples, shape={"velocity": 0.2})[:, 0])
+    trial = Trial(law, 2, {"velocity": 0.2}, np.array([0.1]), 0.0 * left)
+    found = curve(worlds.PENDULUM, samples, before=left, trials=[trial])
+    for side, line in zip(found.sides, found.lines, strict=True):
+        at = np.interp(side.centres, line.places, line.values)
+        assert at == pytest.approx(side.before, abs=1e-3)  # 80 points over the span, and speeds that waver by 1e-3
+
+
+def test_rivals_part_below_the_slowest_run():
+    """Two scales that agree on the speeds run differ where nobody ran, and the picture goes there."""
+    samples, law = cells(), Falling()
+    left = without_line(samples, 0.1 * law.columns(None, samples, shape={"velocity": 0.2})[:, 0])
+    trials = [Trial(law, 2, {"velocity": scale}, np.array([0.1]), 0.0 * left) for scale in (0.2, 0.1)]
+    lines = curve(worlds.PENDULUM, samples, before=left, trials=trials).lines
+    first, rival = lines[0], lines[2]
+    gap = np.abs(np.interp(first.places, rival.places, rival.values) - first.values)
+    assert first.places[0] == pytest.approx(SLOWEST * min(SPEEDS), rel=0.01)
+    assert gap[0] > 2.0 * np.abs(np.interp(min(SPEEDS), first.places, gap))
+
+
+def test_a_ripple_is_folded_on_its_period():
+    """Over one period the bins show the wave that many periods hide."""
+    samples, shape = cells(cells=400), {"frequency": 40.0}
+    wave = 0.05 * np.cos(40.0 * samples.position[:, 1])
+    trial = Trial(Waving(), 2, shape, np.array([0.05]), 0.0 * wave)
+    found = curve(worlds.PENDULUM, samples, before=wave, trials=[trial])
+    side = found.sides[0]
+    assert found.period == pytest.approx(2 * np.pi / 40.0)
+    assert side.before == pytest.approx(0.05 * np.cos(40.0 * side.centres), abs=2e-3)  # a bin is 1/32 of a period
+
+
+def test_a_suspect_is_drawn_against_itself():
+    """A column that the user suspects is the axis, whatever the effect; cells without it are left out."""
+    samples = cells()
+    volts = 24.0 + samples.run
+    volts[samples.run == 0] = np.nan
+    trial = Trial(Falling(), 2, {"velocity": 0.2}, np.array([0.1]), np.zeros(len(samples)))
+    axis = Axis("supply", "V", volts, 16)
+    found = curve(worlds.PENDULUM, samples, before=volts, trials=[trial], against=axis)
+    assert (found.variable, found.unit) == ("supply", "V")
+    assert found.sides[0].centres == pytest.approx(found.sides[0].before)
+    assert sum(side.runs.sum() for side in found.sides) == 15
+
+
+def test_one_direction_has_one_side():
+    """A joint that only ran forward has one side and one line an effect."""
+    whole = cells()
+    ahead = whole.direction > 0
+    names = ("position", "velocity", "acceleration", "direction", "time", "travel", "temperature", "run")
+    some = Samples(2, **{name: getattr(whole, name)[ahead] for name in names})
+    trial = Trial(Falling(), 2, {"velocity": 0.2}, np.array([0.1]), np.zeros(len(some)))
+    found = curve(worlds.PENDULUM, some, before=np.ones(len(some)), trials=[trial])
+    assert [side.direction for side in found.sides] == [1] and len(found.lines) == 1
