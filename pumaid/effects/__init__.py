@@ -8,9 +8,9 @@ import inspect
 import pkgutil
 from types import MappingProxyType
 
-from pumaid.effects.base import Effect, Parameter, Scope, Trace
+from pumaid.effects.base import Effect, Parameter, Scope, Shape, Trace
 
-__all__ = ["Effect", "Parameter", "Scope", "Trace", "catalogue"]
+__all__ = ["Effect", "Parameter", "Scope", "Shape", "Trace", "catalogue"]
 
 
 @functools.cache

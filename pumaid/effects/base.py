@@ -12,10 +12,23 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from pumaid.records import Extent, Robot, Samples
+from pumaid.maths.frames import axes
+from pumaid.records import Extent, Loads, Robot, Samples
 
 Floats = NDArray[np.float64]
 NO_SHAPE: Mapping[str, float] = {}
+
+#: Below this share of gravity a component is the rounding of twists by right angles.
+ROUNDING = 1e-9
+
+#: Instants tried at most for a change in time: neighbours share all but a fortieth of the runs.
+MOST_INSTANTS = 40
+
+#: Share of the time between two starts by which an instant lies ahead of the second: within any real pause.
+AHEAD = 0.02
+
+#: Random postures that show how an axis can stand to gravity; the answer does not depend on them.
+POSTURES = 8
 
 
 class Scope(Enum):
@@ -98,6 +111,11 @@ class Effect(ABC):
         velocity and acceleration), so that it is fitted without looking at cells.
     per_posture
         Whether its parameters are separate for each set of positions at which the outer joints are held.
+    is_repeatable
+        Whether a joint may have it several times with other shapes (two harmonics).
+    periodic
+        Name of the shape that is a frequency of the own position, looked for by a periodogram on the finest cells; None
+        for most effects.
     needs_loads
         Whether its columns are made from `Samples.loads`, so that they wait for a fit and move with it.
 
@@ -126,6 +144,8 @@ class Effect(ABC):
     base: ClassVar[bool] = False
     in_triangle: ClassVar[bool] = False
     per_posture: ClassVar[bool] = False
+    is_repeatable: ClassVar[bool] = False
+    periodic: ClassVar[str | None] = None
     needs_loads: ClassVar[bool] = False
 
     @property
@@ -186,3 +206,49 @@ class Effect(ABC):
     def applies(self, robot: Robot, joint: int) -> str | None:
         """Why the effect cannot act at (or be caused by) `joint` (from 1), or None where it can."""
         return None
+
+
+def instants(extent: Extent) -> tuple[float, ...]:
+    """Times (s) between runs at which something may have changed, at most `MOST_INSTANTS`, spread over the runs.
+
+    Each lies in the pause before a run, just ahead of it: half way between two starts a slow run may still be going.
+    """
+    starts = np.unique(np.asarray(extent.starts, dtype=float))
+    if len(starts) < 2:
+        return (max(extent.duration, 1.0) / 2.0,)
+    between = starts[1:] - AHEAD * np.diff(starts)
+    chosen = np.unique(np.linspace(0, len(between) - 1, min(len(between), MOST_INSTANTS)).round().astype(int))
+    return tuple(float(t) for t in between[chosen])
+
+
+def loads_of(samples: Samples) -> Loads:
+    """The loads at `samples`, which whoever calls an effect with `needs_loads` has filled."""
+    assert samples.loads is not None
+    return samples.loads
+
+
+def load_refusal(robot: Robot, joint: int, *, must_change: bool = False) -> str | None:
+    """Why an effect of gravity's load says nothing at joint `joint` (from 1), or None where it can.
+
+    Parameters
+    ----------
+    robot
+        Its geometry and gravity; joint limits are not looked at.
+    joint
+        The one that must feel gravity.
+    must_change
+        Whether a load that is the same in every posture does not count either.
+    """
+    position = np.random.default_rng(0).uniform(-np.pi, np.pi, (POSTURES, robot.n_joints))
+    z = axes(robot.alphas, robot.dh_angles(position))[:, joint - 1, :, 2]
+    g = np.asarray(robot.gravity, dtype=float)
+    small = ROUNDING * float(np.linalg.norm(g))
+    if robot.joint(joint).is_revolute:
+        upright = float(np.abs(np.cross(z, g)).max()) <= small
+        return f"joint {joint} turns about the direction of gravity in every posture" if upright else None
+    along = z @ g
+    if float(np.abs(along).max()) <= small:
+        return f"joint {joint} slides across the direction of gravity in every posture"
+    if must_change and float(np.ptp(along)) <= small:
+        return f"the load of joint {joint} is the same in every posture, so this is part of its Coulomb friction"
+    return None

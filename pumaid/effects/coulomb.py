@@ -17,7 +17,9 @@ class Coulomb(Effect):
     """
 
     title = "Coulomb friction, each direction its own"
+    equation = "lambda_1+ where qd > 0, lambda_1- where qd < 0"
     source = "S.-K. Lin, Identification of a Class of Nonlinear Deterministic Systems, eq. (20), Table I"
+    family = "direction"
     trace = (Trace.DIRECTION,)
     base = True
     in_triangle = True

@@ -23,8 +23,10 @@ class Gravity(Effect):
     """
 
     title = "Gravity load of the links"
+    equation = "sum over links j: k_jx (z_i x g) . x_j + k_jy (z_i x g) . y_j"
     source = "S.-K. Lin, Identification of a Class of Nonlinear Deterministic Systems, eq. (9)-(25)"
     scope = Scope.LINK
+    family = "gravity"
     trace = (Trace.POSITION,)
     base = True
     in_triangle = True

@@ -17,9 +17,12 @@ class Inertia(Effect):
     """
 
     title = "Inertia of the moving joint"
+    equation = "J dv/dt"
     source = "J. J. Craig, Introduction to Robotics, 3rd ed., section 6.7; one joint moving alone"
     scope = Scope.JOINT
+    family = "motion"
     trace = (Trace.POSITION,)
+    look_alikes = ("presliding",)
     in_triangle = True
     per_posture = True
 

@@ -14,7 +14,9 @@ class Viscous(Effect):
     """lambda_2+ qd while the joint moves forward, lambda_2- qd while it moves back (qd signed)."""
 
     title = "Viscous friction, each direction its own"
+    equation = "lambda_2+ qd where qd > 0, lambda_2- qd where qd < 0"
     source = "S.-K. Lin, Identification of a Class of Nonlinear Deterministic Systems, eq. (20), Table I"
+    family = "speed"
     trace = (Trace.SPEED,)
     base = True
     in_triangle = True

@@ -7,23 +7,28 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from worlds import CRANE, STANFORD
+from worlds import CRANE, PENDULUM, STANFORD
 
 import pumaid.effects
 from pumaid.effects import Effect, Scope, Trace, catalogue
-from pumaid.records import Samples
+from pumaid.records import Extent, Joint, Loads, Robot, Samples
 
 NAMES = sorted(catalogue())
 #: What units are made of; powers follow their letter.
 WORD = re.compile(r"(A|s|m|N|kg|rad|degC|\{unit\}|1)\d?")
+JOINTS = range(1, STANFORD.n_joints + 1)
 
 
 def samples(joint: int, *, seed: int = 0, count: int = 60) -> Samples:
     """Instants of an arm in all its postures, every field filled."""
     rng = np.random.default_rng(seed)
-    position = rng.uniform(-2.0, 2.0, (count, STANFORD.n_joints))
+    n = STANFORD.n_joints
+    position = rng.uniform(-2.0, 2.0, (count, n))
     velocity = np.zeros_like(position)
     velocity[:, joint - 1] = rng.uniform(0.1, 1.0, count) * rng.choice([-1.0, 1.0], count)
+    own, across, drawn = rng.normal(size=(3, count))
+    others, slopes = rng.normal(size=(2, count, n))
+    others[:, 4], gains = np.nan, rng.uniform(0.5, 2.0, n)
     return Samples(
         joint,
         position,
@@ -34,12 +39,38 @@ def samples(joint: int, *, seed: int = 0, count: int = 60) -> Samples:
         travel=rng.uniform(0.0, 3.0, count),
         temperature=rng.uniform(20.0, 45.0, count),
         run=np.repeat(np.arange(count // 10), 10),
+        loads=Loads(own, others, slopes, rng.normal(size=(count, 2)), np.abs(across), 3.0 * drawn, gains),
     )
 
 
-def acting() -> list[tuple[Effect, int]]:
-    """Every effect at every joint where it applies."""
-    return [(e, joint) for e in catalogue().values() for joint in range(1, 7) if e.applies(STANFORD, joint) is None]
+def extent(joint: int | None, *, scale: float = 1.0) -> Extent:
+    """What a campaign of 60 runs at four speeds covers."""
+    starts = tuple(20.0 * k for k in range(60))
+    speeds = tuple(scale * v for v in (0.1, 0.25, 0.5, 1.0))
+    return Extent(joint, speeds, (-1.2 * scale, 1.3 * scale), 0.04 * scale, 2.5 * scale, starts, 1200.0, 4.0, 4)
+
+
+def owners(effect: Effect) -> list[int]:
+    """Joints (or 0: the whole arm) that can own the effect."""
+    numbers = [0] if effect.scope is Scope.ARM else JOINTS
+    return [number for number in numbers if effect.applies(STANFORD, number) is None]
+
+
+def example_shape(effect: Effect, number: int) -> dict[str, float]:
+    """The examples of an effect's shapes."""
+    return {shape.name: shape.example for shape in effect.shapes(STANFORD, number)}
+
+
+def acting(name: str) -> list[tuple[int, Samples, np.ndarray]]:
+    """(owner, samples, columns) of an effect wherever it can act, at the examples of its shapes."""
+    effect, found = catalogue()[name], []
+    for number in owners(effect):
+        everywhere = effect.scope in (Scope.ARM, Scope.CAUSE)
+        for joint in JOINTS if everywhere else [number]:
+            seen = samples(joint, seed=joint)
+            shape = example_shape(effect, number)
+            found.append((number, seen, effect.columns(STANFORD, seen, number=number, shape=shape)))
+    return found
 
 
 @pytest.mark.parametrize("name", NAMES)
@@ -51,20 +82,56 @@ def test_name_is_the_files(name):
 
 @pytest.mark.parametrize("name", NAMES)
 def test_states_what_people_read(name):
-    """Title, source and trace are there, and of the right kinds."""
+    """Title, equation, family, source with a year or a section, and trace are there, and of the right kinds."""
     effect = catalogue()[name]
-    assert effect.title and len(effect.source) > 20 and isinstance(effect.scope, Scope)
+    assert effect.title and effect.equation and effect.family and isinstance(effect.scope, Scope)
+    assert re.search(r"\d", effect.source) and len(effect.source) > 20
     assert effect.trace and all(isinstance(trace, Trace) for trace in effect.trace)
 
 
 @pytest.mark.parametrize("name", NAMES)
+def test_look_alikes_exist(name):
+    """Look-alikes are other effects of the catalogue, and not of the base model."""
+    for other in catalogue()[name].look_alikes:
+        assert other != name and not catalogue()[other].base
+
+
+@pytest.mark.parametrize("name", NAMES)
 def test_parameters_are_well_told(name):
-    """Names are words, units are known, meanings are told, examples are not zero."""
-    for joint in (1, 3):
-        for parameter in catalogue()[name].parameters(STANFORD, joint):
+    """Names are words, units are known, meanings are told, examples are within bounds and not zero."""
+    effect = catalogue()[name]
+    for number in owners(effect):
+        assert effect.parameters(STANFORD, number)
+        for parameter in effect.parameters(STANFORD, number):
             assert re.fullmatch(r"[A-Za-z]\w*", parameter.name) and parameter.meaning
             assert all(WORD.fullmatch(word) for word in re.split(r"[ /]", parameter.unit) if word), parameter.unit
-            assert parameter.symbol.format(n=joint) and np.isfinite(parameter.example) and parameter.example != 0.0
+            assert parameter.symbol.format(n=number) and parameter.example != 0.0
+            assert parameter.low < parameter.example < parameter.high
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_shapes_are_well_told(name):
+    """Shapes have known units, finite bounds and an example within them."""
+    effect = catalogue()[name]
+    for number in owners(effect):
+        for shape in effect.shapes(STANFORD, number):
+            assert re.fullmatch(r"[a-z_]+", shape.name) and shape.meaning
+            assert all(WORD.fullmatch(word) for word in re.split(r"[ /]", shape.unit) if word), shape.unit
+            assert np.isfinite([shape.low, shape.high]).all() and shape.low <= shape.example <= shape.high
+
+
+@pytest.mark.parametrize("scale", [1e-2, 1.0, 30.0])
+@pytest.mark.parametrize("name", NAMES)
+def test_grid_starts_within_bounds(name, scale):
+    """A search begins somewhere, with every shape named and within its bounds, for small motions and large ones."""
+    effect = catalogue()[name]
+    for number in owners(effect):
+        shapes = {shape.name: shape for shape in effect.shapes(STANFORD, number)}
+        starts = effect.grid(STANFORD, extent(number or None, scale=scale))
+        assert starts
+        for start in starts:
+            assert set(start) == set(shapes)
+            assert all(shapes[key].low <= value <= shapes[key].high for key, value in start.items()), start
 
 
 def test_catalogue_cannot_be_changed():
@@ -75,28 +142,38 @@ def test_catalogue_cannot_be_changed():
 
 @pytest.mark.parametrize("name", NAMES)
 def test_columns_have_the_parameters_shape(name):
-    """One finite column a parameter, one row an instant."""
-    for effect, joint in acting():
-        if effect.name == name:
-            columns = effect.columns(STANFORD, samples(joint))
-            assert columns.shape == (60, len(effect.parameters(STANFORD, joint)))
-            assert np.isfinite(columns).all()
+    """One finite column a parameter, one row an instant, wherever the effect's owner may act."""
+    for number, seen, columns in acting(name):
+        assert columns.shape == (60, len(catalogue()[name].parameters(STANFORD, number))), seen.joint
+        assert np.isfinite(columns).all()
 
 
 @pytest.mark.parametrize("name", NAMES)
 def test_example_is_recovered(name):
     """Currents made from an effect's own example give it back, where its columns can tell its parameters apart."""
     recovered = 0
-    for effect, joint in acting():
-        if effect.name != name:
-            continue
-        columns = effect.columns(STANFORD, samples(joint, seed=joint))
-        example = np.array([parameter.example for parameter in effect.parameters(STANFORD, joint)])
+    for number, _, columns in acting(name):
+        example = np.array([parameter.example for parameter in catalogue()[name].parameters(STANFORD, number)])
         if np.linalg.matrix_rank(columns) == len(example):
             found = np.linalg.lstsq(columns, columns @ example, rcond=None)[0]
             assert found == pytest.approx(example, rel=1e-9)
             recovered += 1
     assert recovered > 0
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_loads_are_asked_for_by_name(name):
+    """An effect that says that it needs no loads makes its columns without them."""
+    effect = catalogue()[name]
+    bare = [Samples(**{**_fields(seen), "loads": None}) for _, seen, _ in acting(name)]
+    for (number, _, columns), seen in zip(acting(name), bare, strict=True):
+        if not effect.needs_loads:
+            again = effect.columns(STANFORD, seen, number=number, shape=example_shape(effect, number))
+            assert np.array_equal(again, columns)
+
+
+def _fields(seen: Samples) -> dict[str, object]:
+    return {name: getattr(seen, name) for name in Samples.__dataclass_fields__}
 
 
 def test_links_act_inward_only():
@@ -112,3 +189,31 @@ def test_prismatic_load_on_a_turning_joint():
     position = np.array([[0.3, 0.2, 0.0], [0.3, 0.5, 0.0]])
     columns = catalogue()["gravity"].columns(CRANE, Samples(1, position, np.zeros((2, 3))), number=2)
     assert columns[1, 0] / columns[0, 0] == pytest.approx((0.5 + 0.1) / (0.2 + 0.1))
+
+
+#: A turning joint and a slide, both upright: the one feels no weight, the other always the same.
+UPRIGHT = Robot("upright", (Joint(1, "turn", "revolute"), Joint(2, "slide", "prismatic")))
+
+
+@pytest.mark.parametrize(
+    ("name", "joint", "word"),
+    [
+        ("load_friction", 1, "gravity"),
+        ("load_friction", 2, "Coulomb"),
+        ("delay", 1, "gravity"),
+        ("flexibility", 2, "slides"),
+        ("counterbalance", 2, "Coulomb"),
+        ("zero_offset", 1, "gravity"),
+        ("zero_offset", 2, "lever"),
+        ("coupling", 1, "before"),
+    ],
+)
+def test_refuses_where_it_cannot_act(name, joint, word):
+    """An effect says why it cannot act at a joint."""
+    assert word in str(catalogue()[name].applies(UPRIGHT, joint))
+
+
+@pytest.mark.parametrize("name", ["load_friction", "flexibility", "delay", "payload", "side_load_friction"])
+def test_acts_where_gravity_does(name):
+    """Effects of the load act on a joint whose axis is level."""
+    assert catalogue()[name].applies(PENDULUM, 1) is None

@@ -1,0 +1,43 @@
+"""A friction that changed at one instant: a brake that drags, a bolt that was tightened, grease that was renewed."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from pumaid.effects.base import NO_SHAPE, Effect, Floats, Parameter, Shape, Trace, instants
+from pumaid.records import Extent, Robot, Samples
+
+
+class FrictionStep(Effect):
+    """s a [t > t_0]: friction is a higher after the instant t_0 than before.
+
+    s is the sign of the motion, t the time since the joint's first motion. Which instant between two runs it was, no
+    run can tell.
+    """
+
+    title = "Friction that changed at one instant"
+    equation = "s a [t > t_0]"
+    source = (
+        "A. C. Bittencourt, P. Axelsson, Y. Jung and T. Brogardh, Modeling and identification of wear in a robot joint"
+        " under temperature uncertainties, IFAC World Congress 2011; M. Basseville and I. V. Nikiforov, Detection of"
+        " Abrupt Changes, Prentice Hall 1993, chapter 2 (change of a mean)"
+    )
+    family = "time"
+    trace = (Trace.TIME, Trace.DIRECTION)
+    look_alikes = ("warmup",)
+
+    def parameters(self, robot: Robot, number: int) -> tuple[Parameter, ...]:
+        return (Parameter("a", "A", "friction that came at t_0", "a{n}", 0.08),)
+
+    def shapes(self, robot: Robot, number: int) -> tuple[Shape, ...]:
+        return (Shape("time", "s", "t_0: when it came, counted from the first motion", 0.0, 1e9, 600.0, False),)
+
+    def grid(self, robot: Robot, extent: Extent) -> tuple[Mapping[str, float], ...]:
+        return tuple({"time": t} for t in instants(extent))
+
+    def columns(
+        self, robot: Robot, samples: Samples, *, number: int | None = None, shape: Mapping[str, float] = NO_SHAPE
+    ) -> Floats:
+        return (samples.direction * (samples.time > shape["time"]).astype(np.float64))[:, None]

@@ -1,0 +1,48 @@
+"""Friction in proportion to the load: a gear's efficiency."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from pumaid.effects.base import NO_SHAPE, Effect, Floats, Parameter, Trace, load_refusal, loads_of
+from pumaid.records import Robot, Samples
+
+
+class LoadFriction(Effect):
+    """s drive |tau| where the motor lifts the load, s back |tau| where it lowers it.
+
+    s is the sign of the motion, tau gravity's current in the joint by the model (A); the motor lifts where s tau > 0.
+    A gear that passes a share e of the power on needs 1/e of the load to lift it, so drive = 1/e - 1; to lower it, it
+    needs e of the load (if e is the same that way), so back = 1 - e. Where the motor's current counts against its
+    joint, both are negative and change places.
+    """
+
+    title = "Friction in proportion to the load (gear efficiency)"
+    equation = "s drive |tau| where s tau > 0, else s back |tau|"
+    source = (
+        "P. Hamon, M. Gautier and P. Garrec, Dynamic identification of robots with a dry friction model depending on"
+        " load and velocity, IROS 2010, 6187-6193"
+    )
+    family = "load"
+    trace = (Trace.LOAD, Trace.DIRECTION)
+    look_alikes = ("position_friction", "side_load_friction")
+    needs_loads = True
+
+    def parameters(self, robot: Robot, number: int) -> tuple[Parameter, ...]:
+        return (
+            Parameter("drive", "1", "friction per load while the motor lifts it", "drive{n}", 0.12, -5.0, 5.0),
+            Parameter("back", "1", "friction per load while the motor lowers it", "back{n}", 0.08, -5.0, 5.0),
+        )
+
+    def columns(
+        self, robot: Robot, samples: Samples, *, number: int | None = None, shape: Mapping[str, float] = NO_SHAPE
+    ) -> Floats:
+        own, s = loads_of(samples).own, samples.direction
+        lifts = s * own > 0.0
+        size = s * np.abs(own)
+        return np.column_stack([np.where(lifts, size, 0.0), np.where(lifts, 0.0, size)])
+
+    def applies(self, robot: Robot, joint: int) -> str | None:
+        return load_refusal(robot, joint, must_change=True)

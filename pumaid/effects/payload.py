@@ -1,0 +1,89 @@
+"""A mass that the last link carries from some instant on."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from pumaid.effects.base import (
+    NO_SHAPE,
+    Effect,
+    Floats,
+    Parameter,
+    Scope,
+    Shape,
+    Trace,
+    instants,
+    load_refusal,
+    loads_of,
+)
+from pumaid.maths.frames import axes, origins
+from pumaid.records import Extent, Robot, Samples
+
+
+class Payload(Effect):
+    """[t > t_0] (mass gamma_p + x gamma_x + y gamma_y + z gamma_z): gravity of something taken up, or lost.
+
+    gamma_p is what a unit of mass at the origin of the last link's frame draws in the moving joint, gamma_x .. gamma_z
+    what a unit of first moment along that frame's axes does; mass, x, y, z are the mass and its first moments, times
+    the gain of the last joint. A joint feels them by the ratio of its gain to the last joint's; where that is not known
+    it is left out. `Samples.time` counts, as for every effect of the whole arm, from the first motion of any joint.
+
+    For a joint i that turns, a first moment h (base axes) draws (z_i x g) . h; a slide only carries the mass.
+    """
+
+    title = "Payload on the last link from an instant on"
+    equation = "[t > t_0] (mass gamma_p + x gamma_x + y gamma_y + z gamma_z)"
+    source = (
+        "W. Khalil, M. Gautier and P. Lemoine, Identification of the payload inertial parameters of industrial"
+        " manipulators, IEEE Int. Conf. Robotics and Automation 2007, 4943-4948"
+    )
+    scope = Scope.ARM
+    family = "time, gravity"
+    trace = (Trace.TIME, Trace.POSITION)
+    look_alikes = ("torque_constant_drift", "tilt", "zero_offset")
+    needs_loads = True
+
+    def parameters(self, robot: Robot, number: int) -> tuple[Parameter, ...]:
+        if number:
+            return ()
+        length = "m" if robot.joints[-1].is_revolute else "1"
+        mass, moment = ("A s2/m2", "A s2/m") if length == "m" else ("A s2/m", "A s2")
+        felt = "in the last link's frame, times the last joint's gain"
+        return (
+            Parameter("mass", mass, "mass, times the last joint's gain", "m", 0.1),
+            Parameter("x", moment, f"first moment along x {felt}", "mx", 0.005),
+            Parameter("y", moment, f"first moment along y {felt}", "my", -0.003),
+            Parameter("z", moment, f"first moment along z {felt}", "mz", 0.01),
+        )
+
+    def shapes(self, robot: Robot, number: int) -> tuple[Shape, ...]:
+        return (Shape("time", "s", "t_0: when it came, counted from the arm's first motion", 0.0, 1e9, 600.0, False),)
+
+    def grid(self, robot: Robot, extent: Extent) -> tuple[Mapping[str, float], ...]:
+        return tuple({"time": t} for t in instants(extent))
+
+    def columns(
+        self, robot: Robot, samples: Samples, *, number: int | None = None, shape: Mapping[str, float] = NO_SHAPE
+    ) -> Floats:
+        i, g = samples.joint - 1, np.asarray(robot.gravity, dtype=float)
+        thetas = robot.dh_angles(samples.position)
+        frames = axes(robot.alphas, thetas)
+        z_i, last = frames[:, i, :, 2], frames[:, -1]
+        if robot.joint(samples.joint).is_revolute:
+            places = origins(
+                robot.alphas, robot.lengths, offsets=robot.dh_displacements(samples.position), thetas=thetas
+            )
+            levers = np.concatenate([(places[:, -1] - places[:, i])[:, :, None], last], axis=2)
+            felt = np.einsum("mk,mkp->mp", np.cross(z_i, g), levers)
+        else:
+            felt = np.column_stack([-(z_i @ g), np.zeros((len(samples), 3))])
+        gain = float(np.nan_to_num(loads_of(samples).gains[-1]))
+        return felt * (gain * (samples.time > shape["time"]))[:, None]
+
+    def applies(self, robot: Robot, joint: int) -> str | None:
+        if joint:
+            return load_refusal(robot, joint)
+        reasons = [load_refusal(robot, one.number) for one in robot.joints]
+        return None if None in reasons else "no joint of this arm feels gravity"

@@ -1,0 +1,49 @@
+"""Presliding: friction that builds up over the first travel after the motion begins."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from pumaid.effects.base import NO_SHAPE, Effect, Floats, Parameter, Shape, Trace
+from pumaid.records import Extent, Robot, Samples
+
+#: Starting lengths of the build-up.
+STARTS = 5
+
+
+class Presliding(Effect):
+    """-s a exp(-x / x_s): friction is a lower where the motion begins and has its full value after a few x_s.
+
+    s is the sign of the motion, x the travel since it began. Asperities bend, or teeth take up their play, before the
+    contact slides: Dahl's model with exponent 1, whose solution for one motion is this exponential.
+    """
+
+    title = "Presliding: friction that builds up at the start of a motion"
+    equation = "-s a exp(-x/x_s)"
+    source = (
+        "P. R. Dahl, A solid friction model, The Aerospace Corporation, TOR-0158(3107-18)-1 (1968); C. Canudas de Wit,"
+        " H. Olsson, K. J. Astrom and P. Lischinsky, A new model for control of systems with friction, IEEE Trans."
+        " Automatic Control 40 (1995) 419-425"
+    )
+    family = "start"
+    trace = (Trace.POSITION, Trace.DIRECTION)
+    look_alikes = ("inertia",)
+
+    def parameters(self, robot: Robot, number: int) -> tuple[Parameter, ...]:
+        return (Parameter("a", "A", "what friction lacks where the motion begins", "a{n}", 0.1),)
+
+    def shapes(self, robot: Robot, number: int) -> tuple[Shape, ...]:
+        unit = robot.joint(number).position_unit
+        return (Shape("travel", unit, "x_s: travel over which what is lacking falls to 1/e", 1e-5, 3.0, 0.05),)
+
+    def grid(self, robot: Robot, extent: Extent) -> tuple[Mapping[str, float], ...]:
+        longest = max(extent.travel / 4.0, 1e-4)
+        lengths = np.geomspace(min(extent.finest / 2.0, longest / 8.0), longest, STARTS)
+        return tuple({"travel": float(x)} for x in np.clip(lengths, 1e-5, 3.0))
+
+    def columns(
+        self, robot: Robot, samples: Samples, *, number: int | None = None, shape: Mapping[str, float] = NO_SHAPE
+    ) -> Floats:
+        return (-samples.direction * np.exp(-samples.travel / shape["travel"]))[:, None]

@@ -1,0 +1,66 @@
+"""Ripple: cogging of the motor, ripple of its torque, mesh of the gear."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from pumaid.effects.base import NO_SHAPE, Effect, Floats, Parameter, Shape, Trace
+from pumaid.records import Extent, Robot, Samples
+
+#: Periods a turn of the motor: its eccentricity, a wave generator's two lobes, the usual counts of poles and slots.
+PER_TURN = (1, 2, 6, 12)
+
+#: Periods over the whole travel below which a ripple is no ripple but a slow effect of position.
+FEWEST = 1.5
+
+
+class Ripple(Effect):
+    """cos cos(f q) + sin sin(f q): one line of the current's spectrum against position.
+
+    q is the joint's position, f the radians of phase per radian (or m) of it: a whole multiple of the gear ratio for
+    what repeats with the motor's turn, the count of teeth for the mesh of a gear. It does not change its sign with the
+    direction. Two lines are two ripples at the joint.
+
+    The search begins at such multiples of the gear ratio, where the recipe gives it, and on an even grid with a step
+    of pi / (2 span): a line half way between two of its frequencies is out of phase by pi/8 at the ends of the span,
+    where 95 % of its power is still found. The shortest wavelength is the one that the cells can show.
+    """
+
+    title = "Ripple: cogging, torque ripple, gear mesh"
+    equation = "cos cos(f q) + sin sin(f q)"
+    source = (
+        "D. C. Hanselman, Brushless Permanent-Magnet Motor Design, 2nd ed., Writers' Collective 2003 (cogging torque);"
+        " T. D. Tuttle and W. P. Seering, A nonlinear model of a harmonic drive gear transmission, IEEE Trans. Robotics"
+        " and Automation 12 (1996) 368-374"
+    )
+    family = "position, fast"
+    trace = (Trace.POSITION,)
+    look_alikes = ()
+
+    def parameters(self, robot: Robot, number: int) -> tuple[Parameter, ...]:
+        return (
+            Parameter("cos", "A", "ripple in phase with the cosine of f q", "r{n}c", 0.03),
+            Parameter("sin", "A", "ripple in phase with the sine of f q", "r{n}s", 0.02),
+        )
+
+    def shapes(self, robot: Robot, number: int) -> tuple[Shape, ...]:
+        unit = f"rad/{robot.joint(number).position_unit}"
+        return (Shape("frequency", unit, "f: radians of phase per rad or m of the joint", 0.5, 1e5, 50.0),)
+
+    def grid(self, robot: Robot, extent: Extent) -> tuple[Mapping[str, float], ...]:
+        span = max(extent.position[1] - extent.position[0], extent.finest)
+        highest, lowest = 2.0 * np.pi / extent.finest, max(FEWEST * 2.0 * np.pi / span, 0.5)
+        gear = robot.joint(extent.joint).gear_ratio if extent.joint else None
+        lines = [abs(gear) * turns for turns in PER_TURN] if gear else []
+        count = max(int(np.ceil((highest - lowest) / (np.pi / (2.0 * span)))) + 1, 1)
+        even = np.linspace(lowest, max(highest, lowest), count)
+        meant = [f for f in lines if lowest <= f <= highest]
+        return tuple({"frequency": float(f)} for f in (*meant, *even))
+
+    def columns(
+        self, robot: Robot, samples: Samples, *, number: int | None = None, shape: Mapping[str, float] = NO_SHAPE
+    ) -> Floats:
+        angle = shape["frequency"] * samples.position[:, samples.joint - 1]
+        return np.column_stack([np.cos(angle), np.sin(angle)])

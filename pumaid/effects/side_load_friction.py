@@ -1,0 +1,40 @@
+"""Friction of bearings under the moment that bends across the axis."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+from pumaid.effects.base import NO_SHAPE, Effect, Floats, Parameter, Trace, loads_of
+from pumaid.records import Robot, Samples
+
+
+class SideLoadFriction(Effect):
+    """s mu M: friction of the joint's bearings under gravity's moment M across its axis.
+
+    M is counted as the current (A) that it would draw if it lay along the axis; s is the sign of the motion. It needs
+    no weight about the axis itself, so a waist that turns about the vertical can have it.
+    """
+
+    title = "Friction of bearings under a side load"
+    equation = "s mu M_across"
+    source = (
+        "A. C. Bittencourt and S. Gunnarsson, Static friction in a robot joint: modeling and identification of load and"
+        " temperature effects, ASME J. Dynamic Systems, Measurement, and Control 134 (2012) 051013 (perpendicular load)"
+    )
+    family = "load"
+    trace = (Trace.LOAD, Trace.DIRECTION)
+    look_alikes = ("load_friction", "position_friction")
+    needs_loads = True
+
+    def parameters(self, robot: Robot, number: int) -> tuple[Parameter, ...]:
+        return (Parameter("mu", "1", "friction per moment across the axis", "mu{n}", 0.03, -5.0, 5.0),)
+
+    def columns(
+        self, robot: Robot, samples: Samples, *, number: int | None = None, shape: Mapping[str, float] = NO_SHAPE
+    ) -> Floats:
+        return (samples.direction * loads_of(samples).across)[:, None]
+
+    def applies(self, robot: Robot, joint: int) -> str | None:
+        if not robot.joint(joint).is_revolute:
+            return f"joint {joint} slides, and how its guide is loaded cannot be known from its weight alone"
+        return None

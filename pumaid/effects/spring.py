@@ -1,0 +1,35 @@
+"""A spring at the joint: hoses, cables, a torsion bar."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+from pumaid.effects.base import NO_SHAPE, Effect, Floats, Parameter, Trace
+from pumaid.records import Robot, Samples
+
+
+class Spring(Effect):
+    """a q: the current that holds a linear spring, such as a hose package or a torsion bar.
+
+    q is the joint's position; where the spring is slack cannot be told from Coulomb friction's asymmetry and so is
+    part of it. A positive a pulls the joint back to its zero.
+    """
+
+    title = "Spring: a current in proportion to position"
+    equation = "a q"
+    source = (
+        "Y. Wang, R. Gondokaryono, A. Munawar and G. S. Fischer, A convex optimization-based dynamic model"
+        " identification package for the da Vinci Research Kit, IEEE Robotics and Automation Letters 4 (2019) 3657-3664"
+    )
+    family = "torque(q)"
+    trace = (Trace.POSITION,)
+    look_alikes = ("counterbalance", "flexibility")
+
+    def parameters(self, robot: Robot, number: int) -> tuple[Parameter, ...]:
+        unit = f"A/{robot.joint(number).position_unit}"
+        return (Parameter("a", unit, "stiffness, as current", "a{n}", 0.1),)
+
+    def columns(
+        self, robot: Robot, samples: Samples, *, number: int | None = None, shape: Mapping[str, float] = NO_SHAPE
+    ) -> Floats:
+        return samples.position[:, samples.joint - 1][:, None].copy()

@@ -1,0 +1,54 @@
+"""Stribeck friction: what a lubricated contact needs more at low speed than at high."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from pumaid.effects.base import NO_SHAPE, Effect, Floats, Parameter, Shape, Trace
+from pumaid.records import Extent, Robot, Samples
+
+#: Starting speeds of the fall, from below the slowest run (where all but it are past the fall) to near the fastest.
+STARTS = 6
+
+
+class Stribeck(Effect):
+    """s a exp(-(v / v_s)^d): friction that falls from a at rest to nothing well above the speed v_s.
+
+    s is the sign of the motion, v the speed (rad/s or m/s). Coulomb friction in each direction takes what does not
+    change with speed, so a is the height of the fall. With d = 1 the fall is Tustin's, with d = 2 Gaussian.
+    """
+
+    title = "Stribeck friction: less at higher speed"
+    equation = "s a exp(-(v/v_s)^d)"
+    source = (
+        "L. C. Bo and D. Pavelescu, The friction-speed relation and its influence on the critical velocity of"
+        " stick-slip motion, Wear 82 (1982) 277-289; B. Armstrong-Helouvry, P. Dupont and C. Canudas de Wit, A survey"
+        " of models, analysis tools and compensation methods for the control of machines with friction, Automatica 30"
+        " (1994) 1083-1138, section 2"
+    )
+    family = "speed"
+    trace = (Trace.SPEED, Trace.DIRECTION)
+    look_alikes = ("viscous_power", "torque_droop")
+
+    def parameters(self, robot: Robot, number: int) -> tuple[Parameter, ...]:
+        return (Parameter("a", "A", "height of the fall, from rest to high speed", "a{n}", 0.1),)
+
+    def shapes(self, robot: Robot, number: int) -> tuple[Shape, ...]:
+        unit = f"{robot.joint(number).position_unit}/s"
+        return (
+            Shape("velocity", unit, "v_s: speed at which the fall is down to 1/e", 1e-4, 20.0, 0.15),
+            Shape("exponent", "1", "d: how sudden the fall is", 0.5, 2.0, 1.0),
+        )
+
+    def grid(self, robot: Robot, extent: Extent) -> tuple[Mapping[str, float], ...]:
+        slow, fast = 0.5 * extent.speeds[0], 0.7 * extent.speeds[-1]
+        speeds = np.clip(np.geomspace(slow, max(fast, 2.0 * slow), STARTS), 1e-4, 20.0)
+        return tuple({"velocity": float(v), "exponent": d} for v in speeds for d in (1.0, 2.0))
+
+    def columns(
+        self, robot: Robot, samples: Samples, *, number: int | None = None, shape: Mapping[str, float] = NO_SHAPE
+    ) -> Floats:
+        v = np.abs(samples.velocity[:, samples.joint - 1])
+        return (samples.direction * np.exp(-((v / shape["velocity"]) ** shape["exponent"])))[:, None]

@@ -1,0 +1,41 @@
+"""Friction that follows a measured temperature."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from pumaid.effects.base import NO_SHAPE, Effect, Floats, Parameter, Trace
+from pumaid.records import Robot, Samples
+
+#: degC; where the effect is nothing. Another choice only moves Coulomb friction.
+REFERENCE = 25.0
+
+
+class ThermalFriction(Effect):
+    """s a (temperature - 25 degC): friction in proportion to the joint's measured temperature.
+
+    s is the sign of the motion; a is negative where grease thins as it warms. The reference only shifts Coulomb
+    friction. Where the logs have no temperature the effect is nothing, as if the joint were at the reference: with no
+    temperature at all it cannot be seen.
+    """
+
+    title = "Friction that follows the temperature"
+    equation = "s a (temperature - 25 degC)"
+    source = (
+        "A. C. Bittencourt and S. Gunnarsson, Static friction in a robot joint: modeling and identification of load and"
+        " temperature effects, ASME J. Dynamic Systems, Measurement, and Control 134 (2012) 051013"
+    )
+    family = "temperature"
+    trace = (Trace.TIME, Trace.DIRECTION)
+    look_alikes = ("warmup",)
+
+    def parameters(self, robot: Robot, number: int) -> tuple[Parameter, ...]:
+        return (Parameter("a", "A/degC", "friction per degree", "a{n}", -0.008),)
+
+    def columns(
+        self, robot: Robot, samples: Samples, *, number: int | None = None, shape: Mapping[str, float] = NO_SHAPE
+    ) -> Floats:
+        above = np.where(np.isnan(samples.temperature), 0.0, samples.temperature - REFERENCE)
+        return (samples.direction * above)[:, None]

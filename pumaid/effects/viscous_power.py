@@ -1,0 +1,44 @@
+"""Viscous friction that is not proportional to speed: a power of it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from pumaid.effects.base import NO_SHAPE, Effect, Floats, Parameter, Shape, Trace
+from pumaid.records import Extent, Robot, Samples
+
+
+class ViscousPower(Effect):
+    """s b v^p: friction of a lubricant that thins under shear (p below 1), or that is churned (p about 2).
+
+    s is the sign of the motion, v the speed in rad/s or m/s, b the current at unit speed. p = 1 is the paper's own
+    viscous friction and so nothing new.
+    """
+
+    title = "Viscous friction with a power of speed"
+    equation = "s b v^p"
+    source = (
+        "H. Olsson, K. J. Astrom, C. Canudas de Wit, M. Gafvert and P. Lischinsky, Friction models and friction"
+        " compensation, European Journal of Control 4 (1998) 176-195, section 2 (classical models)"
+    )
+    family = "speed"
+    trace = (Trace.SPEED, Trace.DIRECTION)
+    look_alikes = ("stribeck", "torque_droop")
+
+    def parameters(self, robot: Robot, number: int) -> tuple[Parameter, ...]:
+        speed = f"1 {robot.joint(number).position_unit}/s"
+        return (Parameter("b", "A", f"current at a speed of {speed}", "b{n}", 0.15),)
+
+    def shapes(self, robot: Robot, number: int) -> tuple[Shape, ...]:
+        return (Shape("exponent", "1", "p: power of speed", 0.1, 4.0, 0.5),)
+
+    def grid(self, robot: Robot, extent: Extent) -> tuple[Mapping[str, float], ...]:
+        return tuple({"exponent": p} for p in (0.25, 0.5, 1.5, 2.0, 3.0))
+
+    def columns(
+        self, robot: Robot, samples: Samples, *, number: int | None = None, shape: Mapping[str, float] = NO_SHAPE
+    ) -> Floats:
+        v = np.abs(samples.velocity[:, samples.joint - 1])
+        return (samples.direction * v ** shape["exponent"])[:, None]

@@ -1,0 +1,45 @@
+"""Warm-up: friction that fades as the joint runs itself warm."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from pumaid.effects.base import NO_SHAPE, Effect, Floats, Parameter, Shape, Trace
+from pumaid.records import Extent, Robot, Samples
+
+#: Time constants that a search begins with, as shares of the campaign's duration.
+SHARES = (0.08, 0.15, 0.3, 0.6, 1.2)
+
+
+class Warmup(Effect):
+    """s a exp(-t / T): friction is a higher at the joint's first motion and has lost it after a few T.
+
+    s is the sign of the motion, t the time since the joint's first motion. Grease thins as the gear warms; a room that
+    warms, or a joint that was warm, gives a negative a.
+    """
+
+    title = "Warm-up: friction that fades with time"
+    equation = "s a exp(-t/T)"
+    source = (
+        "L. Simoni, M. Beschi, G. Legnani and A. Visioli, Friction modeling with temperature effects for industrial"
+        " robot manipulators, IROS 2015, 3524-3529"
+    )
+    family = "time"
+    trace = (Trace.TIME, Trace.DIRECTION)
+    look_alikes = ("torque_constant_drift", "thermal_friction", "friction_step")
+
+    def parameters(self, robot: Robot, number: int) -> tuple[Parameter, ...]:
+        return (Parameter("a", "A", "friction that is gone when the joint is warm", "a{n}", 0.1),)
+
+    def shapes(self, robot: Robot, number: int) -> tuple[Shape, ...]:
+        return (Shape("time_constant", "s", "T: time in which the excess falls to 1/e", 1.0, 1e6, 600.0),)
+
+    def grid(self, robot: Robot, extent: Extent) -> tuple[Mapping[str, float], ...]:
+        return tuple({"time_constant": float(np.clip(c * extent.duration, 1.0, 1e6))} for c in SHARES)
+
+    def columns(
+        self, robot: Robot, samples: Samples, *, number: int | None = None, shape: Mapping[str, float] = NO_SHAPE
+    ) -> Floats:
+        return (samples.direction * np.exp(-samples.time / shape["time_constant"]))[:, None]
