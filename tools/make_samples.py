@@ -48,8 +48,7 @@ def make(sample: dict[str, Any], root: Path) -> Path:
     shutil.copyfile(shipped_recipes()[sample["recipe"]], folder / "recipe.yaml")
     with inside(folder):
         for command in sample["commands"]:
-            with contextlib.redirect_stdout(io.StringIO()), contextlib.redirect_stderr(io.StringIO()):
-                group.main(shlex.split(command)[1:], prog_name="pumaid", standalone_mode=False)
+            _run(command)
     robot = read_recipe(folder / "recipe.yaml")
     for name in sample["as_csv"]:
         path = folder / "logs" / f"{name}.parquet"
@@ -57,6 +56,15 @@ def make(sample: dict[str, Any], root: Path) -> Path:
         path.unlink()
     (folder / "logs" / "truth.json").rename(folder / "truth.json")
     return folder
+
+
+def _run(command: str) -> None:
+    """A command of the index, in this process; what it says is told only where it fails."""
+    said = io.StringIO()
+    with contextlib.redirect_stdout(said), contextlib.redirect_stderr(said):
+        code = group.main(shlex.split(command)[1:], prog_name="pumaid", standalone_mode=False)
+    if code:
+        raise SystemExit(f"{command!r} left with {code}:\n{said.getvalue()}")
 
 
 def _is_result(path: Path) -> bool:

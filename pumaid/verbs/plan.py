@@ -108,7 +108,6 @@ def plan(
     'joint 1 (waist) turn'
     """
     _check(minutes, speeds, (postures_per_joint, replicates))
-    _check(minutes, speeds, (postures_per_joint, replicates))
     drafts = _Drafts(robot, seed)
     if minutes is None:
         size = _Size(postures_per_joint or POSTURES, replicates or REPLICATES, tuple(speeds or SHARES[0]))
@@ -213,7 +212,8 @@ def _fitting(drafts: _Drafts, sizes: Sequence[_Size], seconds: float, replicates
         counts = [replicates] if replicates else range(1, min(most, _MOST_REPLICATES) + 1)
         error = float(np.mean(np.log(list(drafts.errors(motions).values())))) if most >= 1 else math.inf
         for count in counts:
-            key = (count < REPLICATES, error - 0.5 * math.log(count))
+            # Rounded: of sizes that tell the same the first is taken, on every machine.
+            key = (count < REPLICATES, round(error - 0.5 * math.log(count), 6))
             ranked.append((key, replace(size, replicates=count)))
     for _, size in sorted(ranked, key=lambda item: item[0]):
         if _seconds(drafts.robot, drafts.motions(size)) <= seconds:

@@ -26,6 +26,8 @@ _COUNTS, _GEAR = 4000, 100.0
 _COUNTS_PER_METRE = 1e5
 #: A: noise of a sample, and resolution of the current sensor.
 _NOISE, _CURRENT_STEP = 0.02, 0.001
+#: Significant digits of what is drawn: the last ones of a sum differ between machines, a robot must not.
+_DIGITS = 9
 
 
 def draw(robot: Robot, seed: int) -> Truth:
@@ -46,7 +48,7 @@ def draw(robot: Robot, seed: int) -> Truth:
     links = _links(robot, rng)
     capacity = _capacity(robot, links, rng)
     sign = np.where(rng.random(robot.n_joints) < 0.25, -1.0, 1.0)
-    gain = sign * rng.uniform(*_RATED, robot.n_joints) / capacity
+    gain = _shortened(sign * rng.uniform(*_RATED, robot.n_joints) / capacity)
     gears = np.array([joint.gear_ratio or _GEAR for joint in robot.joints])
     counts = np.where(robot.is_revolute, _COUNTS * np.abs(gears) / (2 * np.pi), _COUNTS_PER_METRE)
     std = _NOISE * rng.uniform(0.7, 1.3, robot.n_joints)
@@ -71,7 +73,12 @@ def _links(robot: Robot, rng: np.random.Generator) -> Links:
     size = np.maximum(length, shortest)
     mass = _LINK_DENSITY * size * _TAPER ** np.arange(n) * rng.uniform(0.8, 1.25, n)
     across = shortest * rng.uniform(0.15, 0.6, (n, 3)) * rng.choice([-1.0, 1.0], (n, 3))
-    return Links(mass, along * rng.uniform(0.3, 0.6, (n, 1)) + across)
+    return Links(_shortened(mass), _shortened(along * rng.uniform(0.3, 0.6, (n, 1)) + across))
+
+
+def _shortened(values: Floats) -> Floats:
+    """Each to `_DIGITS` significant digits."""
+    return np.array([float(f"{value:.{_DIGITS}g}") for value in values.flat]).reshape(values.shape)
 
 
 def _capacity(robot: Robot, links: Links, rng: np.random.Generator) -> Floats:

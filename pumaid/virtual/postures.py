@@ -24,6 +24,11 @@ _NOTHING = 1e-9
 _HALF_MORE, _UNSEEN = 1.5, 1e3
 #: What a turn of half a circle of one held joint may cost, as a share of the criterion: breaks ties toward short moves.
 _LAZINESS = 0.01
+#: Scores closer than this share of the best are equal: machines differ in the last digits of a sum, symmetric postures
+#: in nothing else, and a plan must not depend on which machine made it.
+_EQUAL = 1e-6
+#: Scaled information below this is rounding; and what stands for nothing where sets of too few postures are compared.
+_ROUNDING, _RIDGE = 1e-9, 1e-3
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -76,9 +81,16 @@ class _Worth:
 
     def of(self, sets: Sequence[Sequence[int]]) -> Floats:
         """(S,) smallest singular value that is left of the scaled wanted columns once friction has taken its share."""
+        smallest = self._values(sets)[..., 0]
+        return np.asarray(np.sqrt(np.where(smallest > _ROUNDING, smallest, 0.0)).mean(axis=1))
+
+    def spread(self, sets: Sequence[Sequence[int]]) -> Floats:
+        """(S,) geometric mean of what is left in all directions: ranks sets too small to show every wanted column."""
+        return np.asarray(np.exp(np.log(np.maximum(self._values(sets), 0.0) + _RIDGE).mean(axis=(1, 2))))
+
+    def _values(self, sets: Sequence[Sequence[int]]) -> Floats:
         total = np.stack([self.information[:, list(chosen)].sum(axis=1) for chosen in sets])
-        smallest = np.linalg.eigvalsh(self._left(total))[..., 0]
-        return np.asarray(np.sqrt(np.maximum(smallest, 0.0)).mean(axis=1))
+        return np.asarray(np.linalg.eigvalsh(self._left(total)))
 
     def errors(self, chosen: Sequence[int]) -> Floats:
         """(w,) standard errors of the wanted parameters, in one unit all through, from the postures `chosen`."""
@@ -153,9 +165,9 @@ def _exchange(worth: _Worth, lazy: Floats, count: int) -> list[int]:
     chosen: list[int] = []
     everything = range(len(lazy))
     for _ in range(count):
-        found = worth.of([[*chosen, k] for k in everything]) * lazy
+        found = worth.spread([[*chosen, k] for k in everything]) * lazy
         found[chosen] = -1.0
-        chosen.append(int(np.argmax(found)))
+        chosen.append(_best(found))
     best = float(worth.of([chosen])[0] * lazy[chosen].mean())
     is_improving = True
     while is_improving:
@@ -165,9 +177,20 @@ def _exchange(worth: _Worth, lazy: Floats, count: int) -> list[int]:
             found = worth.of([[*others, k] for k in everything])
             found *= np.array([lazy[[*others, k]].mean() for k in everything])
             found[others] = -1.0
-            if found.max() > best * (1 + 1e-6):
-                best, chosen[place], is_improving = float(found.max()), int(np.argmax(found)), True
+            better = _best(found)
+            if found[better] > best * (1 + 2 * _EQUAL):
+                best, chosen[place], is_improving = float(found[better]), better, True
     return chosen
+
+
+def _best(scores: Floats) -> int:
+    """The first of the scores that equal the greatest."""
+    return int(np.argmax(_settled(scores)))
+
+
+def _settled(scores: Floats) -> Floats:
+    """Scores as multiples of `_EQUAL` of the greatest, so that rounding decides between no two of them."""
+    return np.asarray(np.round(scores / (np.max(scores) or 1.0) / _EQUAL))
 
 
 def _served(worth: _Worth, chosen: Sequence[int], *, place: int, wanted: Sequence[str]) -> dict[str, float]:
@@ -183,7 +206,7 @@ def _apart(worth: _Worth, chosen: Sequence[int], rng: np.random.Generator) -> in
     """A posture for judging: not fitted, drawn from the better half of those that feel the weight."""
     felt = np.einsum("gkpp->k", worth.information[:, :, : worth.width, : worth.width])
     felt[list(chosen)] = -1.0
-    better = np.argsort(felt)[-max(1, (len(felt) - len(chosen)) // 2) :]
+    better = np.argsort(_settled(felt), kind="stable")[-max(1, (len(felt) - len(chosen)) // 2) :]
     return int(rng.choice(better))
 
 

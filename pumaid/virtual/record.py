@@ -19,6 +19,8 @@ from pumaid.virtual.truth import Friction, Noise, Truth
 Floats = NDArray[np.float64]
 
 FORMAT = 1
+#: Significant digits of what is worked out from masses and gains: the last ones of a sum differ between machines.
+_DIGITS = 9
 
 
 def as_json(truth: Truth, *, seed: int | None = None) -> dict[str, Any]:
@@ -36,7 +38,7 @@ def as_json(truth: Truth, *, seed: int | None = None) -> dict[str, Any]:
         Of the session, where it is known.
     """
     links, friction, noise = truth.links, truth.friction, truth.noise
-    known = truth.constants
+    known, digits = truth.constants, 17 if links is None else _DIGITS
     return {
         "kind": "truth",
         "format": FORMAT,
@@ -44,15 +46,13 @@ def as_json(truth: Truth, *, seed: int | None = None) -> dict[str, Any]:
         "robot": truth.robot.name,
         "recipe": {"file": truth.robot.origin, "sha256": truth.robot.digest},
         "seed": truth.seed if seed is None else seed,
-        "parameters": truth.parameters(),
+        "parameters": {name: _short(value, digits) for name, value in truth.parameters().items()},
         "gain": None if truth.gain is None else truth.gain.tolist(),
         "mass": None if links is None else links.mass.tolist(),
         "centre": None if links is None else links.centre.tolist(),
         "constants": {
-            "x": known.x.tolist(),
-            "y": known.y.tolist(),
-            "mass": known.mass.tolist(),
-            "ratio": known.ratio.tolist(),
+            part: [_short(value, digits) for value in getattr(known, part).tolist()]
+            for part in ("x", "y", "mass", "ratio")
         },
         "friction": {
             "coulomb_plus": friction.coulomb_plus.tolist(),
@@ -70,6 +70,10 @@ def as_json(truth: Truth, *, seed: int | None = None) -> dict[str, Any]:
             "counts": None if noise.counts is None else noise.counts.tolist(),
         },
     }
+
+
+def _short(value: float, digits: int) -> float:
+    return float(f"{value:.{digits}g}")
 
 
 def from_json(document: Mapping[str, Any], robot: Robot) -> Truth:

@@ -119,4 +119,5 @@ def _begin(robot: Robot, block: Block) -> Floats:
 def _moving(robot: Robot, blocks: Sequence[Block], now: Floats | None) -> float:
     places = np.array(([] if now is None else [now]) + [_begin(robot, block) for block in blocks])
     pace = MOVE_SHARE * highest_speeds(robot)
-    return float(np.sum(np.max(np.abs(np.diff(places, axis=0)) / pace + RAMP_TIME, axis=1)))
+    # To the microsecond: an order and its reverse may take equally long, and rounding must not choose between them.
+    return round(float(np.sum(np.max(np.abs(np.diff(places, axis=0)) / pace + RAMP_TIME, axis=1))), 6)

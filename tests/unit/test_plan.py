@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import os
+import subprocess
+import sys
 from dataclasses import replace
 from functools import cache
 
@@ -187,3 +190,24 @@ def test_missing_limits_are_told():
     """What was assumed for want of limits stands among the assumptions."""
     told = plan(Robot("hinge", (Joint(1, "hinge", "revolute", alpha=1.5),))).assumptions
     assert "Joint 1 (hinge) states no limits: -125..125 deg taken." in told
+
+
+def test_rounding_decides_nothing(monkeypatch):
+    """A plan stays as it is where every score is off in its twelfth digit, as on a machine that adds in other order."""
+    exact, rng = np.linalg.eigvalsh, np.random.default_rng(0)
+    wanted = planned("puma560").motions
+    noisy = lambda matrix: exact(matrix) + 1e-12 * rng.standard_normal(matrix.shape[:-1])  # noqa: E731
+    monkeypatch.setattr(np.linalg, "eigvalsh", noisy)
+    assert plan(arm("puma560"), seed=5).motions == wanted
+
+
+@pytest.mark.parametrize("core", ["Nehalem", "Haswell", "SkylakeX"])
+def test_processors_plan_alike(core):
+    """Kernels of linear algebra for other processors round otherwise and plan the same."""
+    program = (
+        "from pumaid.files.recipe import read_recipe, shipped_recipes as r; from pumaid.verbs.plan import plan\n"
+        "print(repr(plan(read_recipe(r()['puma560']), seed=5).motions))"
+    )
+    settings = {**os.environ, "OPENBLAS_CORETYPE": core}
+    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True, env=settings)
+    assert done.stdout.strip() == repr(planned("puma560").motions)
