@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from pumaid.records import Comparison, Estimate, Evidence, Robot, RunScore
+from pumaid.records import Comparison, Diagnosis, Estimate, Evidence, Robot, RunScore
 from pumaid.show.numbers import in_unit
 
 Floats = NDArray[np.float64]
@@ -27,6 +27,10 @@ class Story:
         The arm, its model, the logs and how the model does on them.
     units
         ``"rad"`` or ``"deg"``: unit of angles in tables and figures.
+    diagnosis
+        What is missing from the model, where that was asked.
+    stale
+        Why the diagnosis may not be true of this model and these logs: sentences, none where it is.
     """
 
     robot: Robot
@@ -34,11 +38,12 @@ class Story:
     evidence: Evidence
     comparison: Comparison
     units: str = "rad"
+    diagnosis: Diagnosis | None = None
+    stale: tuple[str, ...] = ()
 
     def title(self, joint: int) -> str:
         """Number and name of joint `joint` (from 1)."""
-        name = self.robot.joint(joint).name
-        return f"Joint {joint}" if name == f"joint{joint}" else f"Joint {joint} ({name})"
+        return joint_title(self.robot, joint)
 
     def moving(self) -> list[int]:
         """Joints (from 1) that have runs."""
@@ -55,6 +60,12 @@ class Story:
     def postures(self, joint: int) -> list[list[RunScore]]:
         """Runs of a joint by the posture in which it moved; the posture with most runs first."""
         return postures(self.comparison.of_joint(joint))
+
+
+def joint_title(robot: Robot, joint: int) -> str:
+    """Number and name of joint `joint` (from 1)."""
+    name = robot.joint(joint).name
+    return f"Joint {joint}" if name == f"joint{joint}" else f"Joint {joint} ({name})"
 
 
 def postures(scores: Sequence[RunScore]) -> list[list[RunScore]]:
