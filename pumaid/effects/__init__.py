@@ -1,27 +1,65 @@
-"""The catalogue of physical effects: every module of this folder is one."""
+"""The catalogue of physical effects: every module of this folder is one, and so are files that a user names."""
 
 from __future__ import annotations
 
 import functools
 import importlib
-import inspect
 import pkgutil
+from collections.abc import Mapping
+from pathlib import Path
 from types import MappingProxyType
 
 from pumaid.effects.base import Effect, Parameter, Scope, Shape, Trace
+from pumaid.effects.outside import effect_in, from_entry_points, from_file
 
-__all__ = ["Effect", "Parameter", "Scope", "Shape", "Trace", "catalogue"]
+__all__ = ["Effect", "Parameter", "Scope", "Shape", "Trace", "catalogue", "include"]
+
+#: Files that a user named in this process -> their effects.
+_INCLUDED: dict[Path, Effect] = {}
 
 
 @functools.cache
-def catalogue() -> MappingProxyType[str, Effect]:
-    """Every effect by its name, found by looking into this folder."""
-    found: dict[str, Effect] = {}
-    for module_info in sorted(pkgutil.iter_modules(__path__), key=lambda info: info.name):
-        if module_info.name == "base":
-            continue
-        module = importlib.import_module(f"{__name__}.{module_info.name}")
-        for member in vars(module).values():
-            if inspect.isclass(member) and issubclass(member, Effect) and member.__module__ == module.__name__:
-                found[module_info.name] = member()
-    return MappingProxyType(found)
+def catalogue() -> Mapping[str, Effect]:
+    """Every effect by its name: this folder's, those of entry points ``pumaid.effects``, and files that were included.
+
+    Raises
+    ------
+    ModelError [effect-file, effect-contract, effect-taken]
+        An installed package offers something that is no effect, breaks the contract or takes a name that is taken.
+    """
+    found = dict(_own())
+    found |= from_entry_points(found)
+    return MappingProxyType(found | {effect.name: effect for effect in _INCLUDED.values()})
+
+
+def include(path: Path) -> Effect:
+    """Add the effect in a ``.py`` file to the catalogue of this process; its name is the file's.
+
+    The file is run, so only one that the user names may come here, never one that a recipe or a model names. A file
+    that was included before is not run again.
+
+    Parameters
+    ----------
+    path
+        The file; it holds one class made from `Effect`.
+
+    Raises
+    ------
+    ModelError [effect-file]
+        It cannot be run, or holds no effect or several.
+    ModelError [effect-taken]
+        The catalogue has an effect of this name.
+    ModelError [effect-contract]
+        The effect does not keep what every effect promises; tried on a small arm and made-up motions.
+    """
+    place = path.resolve()
+    if place not in _INCLUDED:
+        _INCLUDED[place] = from_file(path, taken=catalogue())
+        catalogue.cache_clear()
+    return _INCLUDED[place]
+
+
+@functools.cache
+def _own() -> Mapping[str, Effect]:
+    names = sorted(info.name for info in pkgutil.iter_modules(__path__) if not info.ispkg and info.name != "base")
+    return {name: effect_in(importlib.import_module(f"{__name__}.{name}")) for name in names}

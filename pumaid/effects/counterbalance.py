@@ -21,8 +21,8 @@ class Counterbalance(Effect):
     equation = "a sin(q-p)/sqrt(1 + c^2 - 2 c cos(q-p))"
     source = (
         "A. Klimchik, Y. Wu, C. Dumas, S. Caro, B. Furet and A. Pashkevich, Identification of geometrical and"
-        " elastostatic parameters of heavy industrial robots, IEEE Int. Conf. Robotics and Automation 2013, 3707-3714"
-        " (geometry of the gravity compensator, here with a constant force)"
+        " elastostatic parameters of heavy industrial robots, IEEE Int. Conf. Robotics and Automation 2013,"
+        " arXiv:1311.6810 (geometry of the gravity compensator, here with a constant force)"
     )
     family = "torque(q)"
     trace = (Trace.POSITION,)

@@ -27,6 +27,7 @@ class FrictionStep(Effect):
     family = "time"
     trace = (Trace.TIME, Trace.DIRECTION)
     look_alikes = ("warmup",)
+    is_repeatable = True
 
     def parameters(self, robot: Robot, number: int) -> tuple[Parameter, ...]:
         return (Parameter("a", "A", "friction that came at t_0", "a{n}", 0.08),)

@@ -28,7 +28,7 @@ class Payload(Effect):
     gamma_p is what a unit of mass at the origin of the last link's frame draws in the moving joint, gamma_x .. gamma_z
     what a unit of first moment along that frame's axes does; mass, x, y, z are the mass and its first moments, times
     the gain of the last joint. A joint feels them by the ratio of its gain to the last joint's; where that is not known
-    it is left out. `Samples.time` counts, as for every effect of the whole arm, from the first motion of any joint.
+    it is left out. t counts from the arm's first motion, whichever joint made it.
 
     For a joint i that turns, a first moment h (base axes) draws (z_i x g) . h; a slide only carries the mass.
     """
@@ -80,7 +80,7 @@ class Payload(Effect):
         else:
             felt = np.column_stack([-(z_i @ g), np.zeros((len(samples), 3))])
         gain = float(np.nan_to_num(loads_of(samples).gains[-1]))
-        return felt * (gain * (samples.time > shape["time"]))[:, None]
+        return felt * (gain * (samples.elapsed > shape["time"]))[:, None]
 
     def applies(self, robot: Robot, joint: int) -> str | None:
         if joint:

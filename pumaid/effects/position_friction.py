@@ -29,6 +29,7 @@ class PositionFriction(Effect):
     family = "position"
     trace = (Trace.POSITION, Trace.DIRECTION)
     look_alikes = ("load_friction", "side_load_friction")
+    is_repeatable = True
 
     def parameters(self, robot: Robot, number: int) -> tuple[Parameter, ...]:
         return (

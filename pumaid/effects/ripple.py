@@ -38,6 +38,8 @@ class Ripple(Effect):
     family = "position, fast"
     trace = (Trace.POSITION,)
     look_alikes = ()
+    is_repeatable = True
+    periodic = "frequency"
 
     def parameters(self, robot: Robot, number: int) -> tuple[Parameter, ...]:
         return (

@@ -12,7 +12,7 @@ from worlds import course, random_arm
 from pumaid.effects import Scope, catalogue
 from pumaid.records import Loads, Samples
 
-FIELDS = ("position", "velocity", "acceleration", "direction", "time", "travel", "temperature", "run")
+FIELDS = ("position", "velocity", "acceleration", "direction", "time", "elapsed", "travel", "temperature", "run")
 LOADS = ("own", "others", "slopes", "tilts", "across", "drawn")
 ARMS = st.tuples(st.text("RP", min_size=1, max_size=6), st.integers(0, 2**32 - 1))
 SETTINGS = settings(max_examples=25, deadline=None)
@@ -31,6 +31,7 @@ def moving(robot, rng, kind: str) -> Samples:
         acceleration=qdd,
         direction=np.full(40, np.sign(q[-1] - q[0])),
         time=t,
+        elapsed=500.0 + 100.0 * t,
         travel=np.abs(q - q[0]),
         temperature=20.0 + t,
         run=np.zeros(40, dtype=int),

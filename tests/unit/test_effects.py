@@ -36,6 +36,7 @@ def samples(joint: int, *, seed: int = 0, count: int = 60) -> Samples:
         acceleration=rng.uniform(-1.0, 1.0, count),
         direction=np.sign(velocity[:, joint - 1]),
         time=np.sort(rng.uniform(0.0, 900.0, count)),
+        elapsed=np.sort(rng.uniform(0.0, 900.0, count)),
         travel=rng.uniform(0.0, 3.0, count),
         temperature=rng.uniform(20.0, 45.0, count),
         run=np.repeat(np.arange(count // 10), 10),
