@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pumaid.records import Comparison, Diagnosis, Estimate, Evidence, Robot, RunScore
+from pumaid.records.ladder import Ladder
 from pumaid.show.numbers import in_unit
 
 Floats = NDArray[np.float64]
@@ -31,6 +32,8 @@ class Story:
         What is missing from the model, where that was asked.
     stale
         Why the diagnosis may not be true of this model and these logs: sentences, none where it is.
+    ladder
+        The models of the experiment that can be compared with this one, where they were kept.
     """
 
     robot: Robot
@@ -40,6 +43,7 @@ class Story:
     units: str = "rad"
     diagnosis: Diagnosis | None = None
     stale: tuple[str, ...] = ()
+    ladder: Ladder | None = None
 
     def title(self, joint: int) -> str:
         """Number and name of joint `joint` (from 1)."""
