@@ -2,18 +2,19 @@
 
 from __future__ import annotations
 
-import difflib
+import copy
 import itertools
-from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
+from pumaid.chosen import Chosen, Column, in_order
 from pumaid.effects import Effect, Scope, catalogue
-from pumaid.errors import ModelError, Where
 from pumaid.maths.frames import apart
-from pumaid.records import CONSTANT_COLUMNS, Estimate, Robot, Run, Samples
+from pumaid.records import CONSTANT_COLUMNS, Campaign, Estimate, Robot, Run, Samples
+from pumaid.sight import FLAT, Sight, samples_of
 from pumaid.structure import Structure, minimal
 
 Floats = NDArray[np.float64]
@@ -22,31 +23,13 @@ Floats = NDArray[np.float64]
 #: planner would call another posture.
 SAME_POSTURE = 0.03
 
-#: Singular values of a run's basis below this share of its largest are rounding.
-FLAT = 1e-10
-
-
-@dataclass(frozen=True, slots=True)
-class Column:
-    """One linear parameter: its name, symbol and unit, the joint or link (from 1) that owns it, its effect.
-
-    `group` is the posture group (from 0) of a parameter that each set of held positions has for itself, else None.
-    """
-
-    name: str
-    symbol: str
-    unit: str
-    meaning: str
-    owner: int
-    effect: str
-    group: int | None = None
-
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Block:
     """A run reduced to as many equations as it can inform: (k, p) regressors, (k,) target, (k,) of the constant.
 
-    `rest` is the sum of squares (A2) that no model of these columns can touch, `samples` the samples behind.
+    `rest` is the sum of squares (A2) that no model of these columns can touch, `samples` the samples behind, `basis`
+    (b, c) the triangle's regressors in the first b equations.
     """
 
     run: Run
@@ -55,10 +38,11 @@ class Block:
     ones: Floats
     rest: float
     samples: int
+    basis: Floats
 
 
 class Model:
-    """The arm's base model (gravity, Coulomb, viscous) with an inertia a posture group where strokes are.
+    """The arm's base model (gravity, Coulomb, viscous) with an inertia a posture group where strokes are, and more.
 
     Parameters
     ----------
@@ -66,47 +50,68 @@ class Model:
         The arm.
     stroke_postures
         (joint, held positions (J,)) of each group of strokes, in order; those of a joint are numbered in this order.
-
-    Raises
-    ------
-    ModelError [unknown-effect]
-        The recipe switches on an effect that the catalogue does not have.
+    effects
+        Physics beyond the paper's model, shapes filled in; their columns come last.
     """
 
-    def __init__(self, robot: Robot, stroke_postures: Sequence[tuple[int, Sequence[float]]] = ()) -> None:
-        _check_effects(robot)
+    def __init__(
+        self,
+        robot: Robot,
+        stroke_postures: Sequence[tuple[int, Sequence[float]]] = (),
+        effects: Sequence[Chosen] = (),
+    ) -> None:
         self.robot = robot
         self.structure: Structure = minimal(robot)
         self.stroke_postures = tuple((joint, tuple(float(p) for p in held)) for joint, held in stroke_postures)
-        self.columns = tuple(self._columns())
+        self._base = tuple(self._columns())
+        self._choose(effects)
+
+    def _choose(self, effects: Sequence[Chosen]) -> None:
+        parts = [one.parts(self.robot, place) for place, one in enumerate(effects)]
+        self.effects = tuple(effects)
+        self.columns: tuple[Column, ...] = (*self._base, *itertools.chain.from_iterable(parts))
         self.names = tuple(column.name for column in self.columns)
         self.owners = np.array([column.owner for column in self.columns], dtype=int)
+        self.is_scaled = np.array([column.scope is Scope.LINK for column in self.columns], dtype=bool)
+
+    def with_effects(self, effects: Sequence[Chosen]) -> Model:
+        """The same arm and strokes with these effects instead of its own."""
+        other = copy.copy(self)
+        other._choose(effects)
+        return other
 
     @classmethod
-    def of_runs(cls, robot: Robot, runs: Iterable[Run]) -> Model:
+    def of_runs(cls, robot: Robot, runs: Iterable[Run], effects: Sequence[Chosen] = ()) -> Model:
         """The model that `runs` ask for: an inertia for each joint and set of outer positions with strokes."""
         groups: list[tuple[int, Floats]] = []
         for run in runs:
             if run.kind == "stroke" and _group(groups, run.joint, run.posture) is None:
                 groups.append((run.joint, np.nan_to_num(run.posture)))
         groups.sort(key=lambda item: item[0])
-        return cls(robot, [(joint, tuple(held)) for joint, held in groups])
+        return cls(robot, [(joint, tuple(held)) for joint, held in groups], effects)
 
     @classmethod
     def of_estimate(cls, robot: Robot, estimate: Estimate) -> Model:
-        """The model that `estimate` is a fit of."""
-        return cls(robot, estimate.stroke_postures)
+        """The model that `estimate` is a fit of, with the derivatives by shapes that it fitted."""
+        known = dict(zip(estimate.names, estimate.solution, strict=True))
+        effects = []
+        for one in in_order(estimate.effects):
+            parts = list(replace(one, fitted=tuple(one.choice.shape)).parts(robot, 0))
+            fitted = tuple(part.shape for part in parts if part.shape is not None and part.name in known)
+            sizes = tuple(float(known[part.name]) for part in parts if part.shape is None)
+            effects.append(replace(one, fitted=fitted, sizes=sizes))
+        return cls(robot, estimate.stroke_postures, effects)
 
     def _columns(self) -> Iterable[Column]:
-        """Every parameter that exists for this arm, effect by effect."""
+        """Every parameter of the paper's model that exists for this arm, effect by effect."""
         for effect, number in itertools.product(self._effects(), range(1, self.robot.n_joints + 1)):
             letter = "l" if effect.scope is Scope.LINK else "j"
             parameters = effect.parameters(self.robot, number)
             for (group, mark), parameter in itertools.product(self._marks(effect, number), parameters):
                 name = f"{effect.name}.{letter}{number}.{parameter.name}{mark}"
-                symbol = parameter.symbol.format(n=number) + mark
+                facts = (parameter.symbol.format(n=number) + mark, parameter.unit, parameter.meaning, number)
                 if name not in self.structure.absent:
-                    yield Column(name, symbol, parameter.unit, parameter.meaning, number, effect.name, group)
+                    yield Column(name, *facts, effect.name, group, scope=effect.scope)
 
     def _marks(self, effect: Effect, number: int) -> list[tuple[int | None, str]]:
         """Posture groups of an effect's parameters at joint `number` and what marks them in names."""
@@ -128,7 +133,7 @@ class Model:
         Parameters
         ----------
         samples
-            M instants of one moving joint.
+            M instants of one moving joint, with loads where an effect needs them.
         groups
             (M,) posture group of each instant (from 0), -1 where it is in none; the nearest where not given.
 
@@ -137,11 +142,14 @@ class Model:
         regressor
             (M, p); columns of link j are in units of joint j's own gain.
         """
-        moving, out = samples.joint, np.zeros((len(samples), len(self.columns)))
+        return np.hstack([self._of_base(samples, groups), self.beyond(samples)])
+
+    def _of_base(self, samples: Samples, groups: NDArray[np.int64] | None = None) -> Floats:
+        moving, out = samples.joint, np.zeros((len(samples), len(self._base)))
         computed: dict[tuple[str, int], Floats] = {}
         if groups is None:
             groups = self.groups(moving, samples.position)
-        for index, column in enumerate(self.columns):
+        for index, column in enumerate(self._base):
             effect = catalogue()[column.effect]
             outward = effect.scope is Scope.LINK and column.owner >= moving
             if not (outward or column.owner == moving):
@@ -156,6 +164,20 @@ class Model:
             out[:, index] = values if column.group is None else np.where(groups == column.group, values, 0.0)
         return out
 
+    def beyond(self, samples: Samples) -> Floats:
+        """(M, e) the columns of chosen effects, in the order in which they come after the paper's model."""
+        parts = [np.zeros((len(samples), 0))]
+        for place, one in enumerate(self.effects):
+            if one.touches(samples.joint):
+                parts.append(one.columns(self.robot, samples))
+            else:
+                parts.append(np.zeros((len(samples), sum(column.place == place for column in self.columns))))
+        return np.hstack(parts)
+
+    def factors(self, scales: Floats, joint: int) -> Floats:
+        """(p,) what multiplies each parameter in joint `joint`: ratios (J, J) for links, NaN where unknown; else 1."""
+        return np.where(self.is_scaled, scales[joint - 1][self.owners - 1], 1.0)
+
     def groups(self, joint: int, position: Floats) -> NDArray[np.int64]:
         """(M,) group of strokes whose held outer positions are nearest to (M, J) positions; -1 where there is none."""
         held = np.array([held for number, held in self.stroke_postures if number == joint])
@@ -169,22 +191,53 @@ class Model:
         held = [(joint, np.array(posture)) for joint, posture in self.stroke_postures]
         return run.kind == "stroke" and _group(held, run.joint, run.posture) is None
 
-    def blocks(self, runs: Sequence[Run]) -> list[Block]:
-        """Each run's equations, from its triangle alone.
+    def touched(self, joint: int) -> bool:
+        """Whether a chosen effect may act on `joint`."""
+        return any(one.touches(joint) for one in self.effects)
 
-        Within a run every column is a combination of the triangle's regressors; the combination is found by looking at
-        the model at a few instants that the run could contain.
+    def needs_loads(self) -> bool:
+        """Whether a chosen effect is made from the fitted loads."""
+        return any(one.effect.needs_loads for one in self.effects)
+
+    def has_slope(self, joint: int) -> bool:
+        """Whether runs of `joint` at constant speed are looked at for what their speed changes all the same."""
+        return any(one.effect.name == "inertia" and one.number == joint for one in self.effects)
+
+    def blocks(self, runs: Sequence[Run], sights: Mapping[int, Sight] | None = None) -> list[Block]:
+        """Each run's equations, from its triangle; from its cells as well where a chosen effect acts.
+
+        Within a run every column of the paper's model is a combination of the triangle's regressors; the combination is
+        found by looking at the model at a few instants that the run could contain. A chosen effect's column is such a
+        combination and a rest, which adds equations of its own.
+
+        Parameters
+        ----------
+        runs
+            In any order.
+        sights
+            By joint (from 1), of all of `runs` in which it moves, in their order; with loads where an effect needs
+            them. Made here where it is not given.
         """
         out: dict[int, Block] = {}
         for joint, kind in sorted({(run.joint, run.kind) for run in runs}):
             numbers = [n for n, run in enumerate(runs) if (run.joint, run.kind) == (joint, kind)]
             alike = self._blocks_alike(joint, [runs[n] for n in numbers])
             out.update(zip(numbers, alike, strict=True))
+        for joint in sorted({run.joint for run in runs if self.touched(run.joint)}):
+            sight = (sights or {}).get(joint) or self.sight(joint, runs)
+            numbers = [n for n, run in enumerate(runs) if run.joint == joint]
+            wider = self._wider([out[n] for n in numbers], sight)
+            out.update(zip(numbers, wider, strict=True))
         return [out[n] for n in range(len(runs))]
+
+    def sight(self, joint: int, runs: Sequence[Run], campaign: Campaign | None = None) -> Sight:
+        """The runs of `joint` as the chosen effects see them, without loads."""
+        campaign = campaign or Campaign.of(runs)
+        return Sight.of(self.robot, joint, runs, campaign=campaign, has_slope=self.has_slope(joint))
 
     def _blocks_alike(self, joint: int, runs: Sequence[Run]) -> Iterable[Block]:
         probes, basis = _probes(self.robot, joint, runs)
-        design = self.regressor(probes).reshape(len(runs), -1, len(self.columns))
+        design = self._of_base(probes).reshape(len(runs), -1, len(self._base))
         inverse = np.linalg.pinv(basis, rcond=FLAT)
         one = CONSTANT_COLUMNS.index("one")
         for run, rows, back in zip(runs, design, inverse, strict=True):
@@ -194,43 +247,49 @@ class Model:
             base = (singular[kept, None] * right[: len(singular)][kept]) if kept.any() else right[:0]
             target = left[:, : len(singular)][:, kept].T @ current
             rest = max(float(current @ current - target @ target), 0.0)
-            yield Block(run, base @ (back @ rows), target, base[:, one], rest, run.samples)
+            yield Block(run, base @ (back @ rows), target, base[:, one], rest, run.samples, base)
+
+    def _wider(self, blocks: Sequence[Block], sight: Sight) -> Iterable[Block]:
+        """Blocks of one joint with the columns of chosen effects; equations that only those touch come last."""
+        along, rest = sight.split(self.beyond(sight.samples))
+        used = np.flatnonzero(along.any(axis=(0, 1)) | rest.any(axis=0))
+        for number, block in enumerate(blocks):
+            here = slice(sight.starts[number], sight.starts[number] + sight.sizes[number])
+            basis, upper = _orthonormal(rest[here][:, used])
+            extra = np.zeros((len(upper), along.shape[2]))
+            extra[:, used] = upper
+            target = basis.T @ sight.left[here]
+            width = block.basis.shape[1]
+            inside = block.basis @ along[number][:width]
+            yield Block(
+                run=block.run,
+                regressors=np.block([[block.regressors, inside], [np.zeros((len(upper), len(self._base))), extra]]),
+                target=np.concatenate([block.target, target]),
+                ones=np.concatenate([block.ones, np.zeros(len(upper))]),
+                rest=max(block.rest - float(target @ target), 0.0),
+                samples=block.samples,
+                basis=block.basis,
+            )
 
     def predict(self, estimate: Estimate, samples: Samples) -> Floats:
         """(M,) current (A) of joint `samples.joint` by the fitted model; unknown ratios count as zero."""
-        scales = np.nan_to_num(estimate.scales[samples.joint - 1])[self.owners - 1]
-        return self.regressor(samples) @ (scales * estimate.solution)
-
-    def samples_of(self, run: Run) -> Samples:
-        """A run's cells as what effects see; at constant speed the velocity is the run's own mean."""
-        cells, own = run.cells, run.joint - 1
-        velocity = cells.velocity.copy()
-        if run.kind == "constant":
-            velocity[:, own] = run.speed
-        return Samples(
-            run.joint,
-            cells.position,
-            velocity,
-            acceleration=cells.acceleration,
-            direction=np.full(len(cells), float(run.direction)),
-            time=cells.time - run.start,
-            travel=np.abs(cells.position[:, own] - run.span[0]),
-            temperature=cells.temperature,
-            extra=cells.extra,
+        return self.regressor(samples) @ (
+            np.nan_to_num(self.factors(estimate.scales, samples.joint)) * estimate.solution
         )
 
+    def samples_of(self, run: Run, campaign: Campaign | None = None) -> Samples:
+        """A run's cells as what effects see; at constant speed the velocity is the run's own mean."""
+        return samples_of(run, campaign or Campaign.of([run]), has_slope=self.has_slope(run.joint))
 
-def _check_effects(robot: Robot) -> None:
-    known = catalogue()
-    for number, choice in enumerate(robot.effects, start=1):
-        if choice.effect not in known:
-            near = difflib.get_close_matches(choice.effect, known, n=1)
-            raise ModelError(
-                "unknown-effect",
-                f"there is no effect {choice.effect} in the catalogue: {', '.join(known)}",
-                Where(file=robot.origin or None, field=f"effects[{number}]"),
-                f"did you mean {near[0]}?" if near else "take it out of the recipe's effects",
-            )
+
+def _orthonormal(columns: Floats) -> tuple[Floats, Floats]:
+    """(M, k) orthonormal columns and (k, p) parts of (M, p) columns along them; none where there is only rounding."""
+    if not columns.any():
+        return np.zeros((len(columns), 0)), np.zeros((0, columns.shape[1]))
+    size = np.linalg.norm(columns, axis=0)
+    left, singular, right = np.linalg.svd(columns / np.where(size > 0, size, 1.0), full_matrices=False)
+    kept = singular > FLAT * singular[0]
+    return left[:, kept], singular[kept, None] * right[kept] * size
 
 
 def _group(groups: Sequence[tuple[int, Floats]], joint: int, posture: Floats) -> int | None:

@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pumaid.fit.reasons import Facts
+from pumaid.fit.rows import Row
 from pumaid.fit.sheet import Sheet
-from pumaid.fit.system import Row
 from pumaid.maths.frames import apart
 from pumaid.maths.joint_fit import Bilinear
 from pumaid.model import SAME_POSTURE

@@ -3,15 +3,29 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
+from pumaid.fit.views import loaded, sights
+from pumaid.loads import loads
 from pumaid.maths.splits import told_apart
 from pumaid.model import Block, Model
-from pumaid.records import TOGETHER, Cells, Estimate, Evidence, OutsideScore, Run, RunScore, Samples
+from pumaid.records import (
+    TOGETHER,
+    Campaign,
+    Cells,
+    Estimate,
+    Evidence,
+    OutsideScore,
+    Robot,
+    Run,
+    RunScore,
+    Samples,
+)
+from pumaid.sight import joined
 
 Floats = NDArray[np.float64]
 
@@ -66,10 +80,35 @@ class Judge:
 
     model: Model
     estimate: Estimate
+    campaign: Campaign
+
+    @classmethod
+    def of(cls, robot: Robot, estimate: Estimate, evidence: Evidence) -> Judge:
+        """The model of `estimate`, to be held against `evidence`."""
+        return cls(Model.of_estimate(robot, estimate), estimate, Campaign.of(evidence.runs))
 
     def scaled(self, joint: int) -> Floats:
         """(p,) what each parameter counts in joint `joint`: value times ratio of gains, 0 where that is unknown."""
-        return np.nan_to_num(self.estimate.scales[joint - 1])[self.model.owners - 1] * self.estimate.solution
+        return self._factors(joint) * self.estimate.solution
+
+    def _factors(self, joint: int) -> Floats:
+        return np.nan_to_num(self.model.factors(self.estimate.scales, joint))
+
+    def blocks(self, runs: Sequence[Run]) -> list[Block]:
+        """The equations of `runs`."""
+        seen = sights(self.model, runs, self.campaign)
+        known = {"solution": self.estimate.solution, "scales": self.estimate.scales}
+        return self.model.blocks(runs, loaded(seen, self.model, **known))
+
+    def samples_of(self, run: Run) -> Samples:
+        """The cells of `run` as effects see them."""
+        return self.model.samples_of(run, self.campaign)
+
+    def _loaded(self, samples: Samples) -> Samples:
+        if not self.model.needs_loads():
+            return samples
+        known = {"solution": self.estimate.solution, "scales": self.estimate.scales}
+        return replace(samples, loads=loads(self.model, samples, **known))
 
     def effects(self) -> dict[str, NDArray[np.bool_]]:
         """Effect -> (p,) which parameters are its own, in the model's order."""
@@ -97,7 +136,7 @@ class Judge:
 
     def _doubts(self, block: Block) -> Floats:
         """(k, k) of a `Tally`."""
-        used = block.regressors * np.nan_to_num(self.estimate.scales[block.run.joint - 1])[self.model.owners - 1]
+        used = block.regressors * self._factors(block.run.joint)
         off = [(used[:, own] @ self.estimate.blind[own]).ravel() for own in self.effects().values()]
         return np.array(off) @ np.array(off).T
 
@@ -122,7 +161,7 @@ class Judge:
             while end < len(many) and many[end].joint == many[start].joint and instants < AT_ONCE:
                 instants += len(many[end])
                 end += 1
-            design = self.model.regressor(_joined(many[start:end]))
+            design = self.model.regressor(self._loaded(joined(many[start:end])))
             yield from np.split(design, np.cumsum([len(samples) for samples in many[start:end]])[:-1])
             start = end
 
@@ -151,7 +190,7 @@ class Judge:
         """Why the fitted data cannot tell what `run` should draw, or None where they can."""
         if is_fitted:
             return None
-        scale = self.estimate.scales[run.joint - 1][self.model.owners - 1]
+        scale = self.model.factors(self.estimate.scales, run.joint)
         if self.model.is_foreign(run):
             stand_in = any(joint == run.joint for joint, _ in self.estimate.stroke_postures)
             instead = "that of the nearest posture stands in" if stand_in else "none is counted"
@@ -174,16 +213,19 @@ class Judge:
     def outside(self, evidence: Evidence) -> tuple[OutsideScore, ...]:
         """Scores of what is no run, by joint and reason; cells in which a joint rests are not its own."""
         stretches = [
-            (joint, reject.reason, reject.cells)
+            (joint, reject.reason, reject.cells, reject.clock)
             for reject in evidence.rejects
             for joint in reject.joints
             if reject.cells is not None
         ]
         stretches.sort(key=lambda stretch: stretch[:2])
-        seen = [_moving(cells, joint) for joint, _, cells in stretches]
-        many = [_ramp(cells, joint, keep) for (joint, _, cells), keep in zip(stretches, seen, strict=True)]
+        seen = [_moving(cells, joint) for joint, _, cells, _ in stretches]
+        many = [
+            self._ramp(cells, joint, keep, clock)
+            for (joint, _, cells, clock), keep in zip(stretches, seen, strict=True)
+        ]
         found: dict[tuple[int, str], list[tuple[Floats, Floats]]] = {}
-        for (joint, reason, cells), keep, rows in zip(stretches, seen, self.rows(many), strict=True):
+        for (joint, reason, cells, _), keep, rows in zip(stretches, seen, self.rows(many), strict=True):
             residual = cells.current[keep, joint - 1] - rows @ self.scaled(joint)
             found.setdefault((joint, reason), []).append((cells.count[keep].astype(float), residual))
         out = []
@@ -195,6 +237,22 @@ class Judge:
                 bias = float(np.average(residual, weights=counts))
                 out.append(OutsideScore(joint, reason, int(counts.sum()), rmse, bias))
         return tuple(out)
+
+    def _ramp(self, cells: Cells, joint: int, keep: NDArray[np.bool_], clock: int) -> Samples:
+        """The cells `keep` as what effects see of `joint`; without acceleration, since inertia is missing by design."""
+        velocity, time = cells.velocity[keep], cells.time[keep]
+        return Samples(
+            joint,
+            cells.position[keep],
+            velocity,
+            acceleration=np.zeros(len(velocity)),
+            direction=np.sign(velocity[:, joint - 1]),
+            time=self.campaign.since(joint, clock, time),
+            elapsed=self.campaign.since(0, clock, time),
+            travel=np.abs(cells.position[keep, joint - 1] - cells.position[0, joint - 1]),
+            temperature=np.full(len(velocity), np.nan),
+            run=np.zeros(len(velocity)),
+        )
 
 
 def together(parts: Mapping[str, Part], groups: Groups) -> dict[str, Part]:
@@ -224,28 +282,3 @@ def _moving(cells: Cells, joint: int) -> NDArray[np.bool_]:
     """(M,) whether `joint` moves, and its current is measured."""
     speed = np.abs(cells.velocity[:, joint - 1])
     return np.isfinite(cells.current[:, joint - 1]) & (speed > MOVING * np.max(speed, initial=0.0))
-
-
-def _ramp(cells: Cells, joint: int, keep: NDArray[np.bool_]) -> Samples:
-    """The cells `keep` as what effects see of `joint`; without acceleration, since inertia is missing by design."""
-    velocity = cells.velocity[keep]
-    return Samples(
-        joint,
-        cells.position[keep],
-        velocity,
-        acceleration=np.zeros(len(velocity)),
-        direction=np.sign(velocity[:, joint - 1]),
-        time=cells.time[keep] - cells.time[0],
-        travel=np.abs(cells.position[keep, joint - 1] - cells.position[0, joint - 1]),
-        temperature=np.full(len(velocity), np.nan),
-    )
-
-
-def _joined(many: Sequence[Samples]) -> Samples:
-    """Samples of one joint one after another; `run` counts them from 0."""
-    if len(many) == 1:
-        return many[0]
-    names = ("position", "velocity", "acceleration", "direction", "time", "travel", "temperature", "load")
-    fields = {name: np.concatenate([getattr(samples, name) for samples in many]) for name in names}
-    run = np.repeat(np.arange(float(len(many))), [len(samples) for samples in many])
-    return Samples(many[0].joint, **fields, run=run)

@@ -8,6 +8,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from pumaid.effects import Scope
+from pumaid.fit.rows import Row, floored, from_inside, joined, limits, rows_of, system
 from pumaid.maths import levels as variances
 from pumaid.maths import rank
 from pumaid.maths.joint_fit import Bilinear, JointSolution, fit
@@ -19,64 +21,14 @@ from pumaid.records import Run
 Floats = NDArray[np.float64]
 Progress = Callable[[int, str], None]
 
-#: Noise below this share of the RMS current is rounding: data without noise, whose weights would be infinite. Large
-#: enough that rounding, thus weighted, says nothing about a parameter's plausible size.
-EXACT = 1e-10
-
 #: A ratio whose own row shows it neither to this standard error nor to `RATIO_SIGNIFICANT` standard errors is held
 #: about one by `RATIO_SPREAD` in the joint fit. Neighbouring gains differ by up to about ten on published arms.
 RATIO_KNOWN = 0.25
 RATIO_SIGNIFICANT = 3.3
 RATIO_SPREAD = 10.0
 
-#: Cells of a run from which the correlation of its residual is read, three of them spent on its own first harmonic.
-FEWEST_CELLS = 12
-#: Correlation of neighbouring cells beyond which a residual is a trend: its long-run variance has no estimate.
-MOST_CORRELATED = 0.98
-
 #: Rounds of variances and joint fit: the second changes weights by well under a percent.
 ROUNDS = 2
-
-
-@dataclass(frozen=True, eq=False, slots=True)
-class Row:
-    """All runs of one joint: (R, k) constants, (R, k, p) regressors, (R, k) targets, zero where a run has fewer rows.
-
-    `counts` (R,) are the true rows of each run, `rest` the sum of squares (A2) beyond the model's reach.
-    """
-
-    joint: int
-    runs: tuple[Run, ...]
-    ones: Floats
-    regressors: Floats
-    target: Floats
-    counts: NDArray[np.int64]
-    rest: float
-    samples: int
-
-    @classmethod
-    def of(cls, joint: int, blocks: Sequence[Block]) -> Row:
-        """Stack the blocks of one joint."""
-        counts = np.array([len(block.target) for block in blocks])
-        shape = (len(blocks), int(counts.max()))
-        ones, target = np.zeros(shape), np.zeros(shape)
-        regressors = np.zeros((*shape, blocks[0].regressors.shape[1]))
-        for number, block in enumerate(blocks):
-            rows = slice(0, counts[number])
-            ones[number, rows], target[number, rows] = block.ones, block.target
-            regressors[number, rows] = block.regressors
-        rest, samples = sum(block.rest for block in blocks), sum(block.samples for block in blocks)
-        return cls(joint, tuple(block.run for block in blocks), ones, regressors, target, counts, rest, samples)
-
-    @property
-    def stacked(self) -> Floats:
-        """(R k, p) regressors."""
-        return self.regressors.reshape(-1, self.regressors.shape[2])
-
-    @property
-    def mean_square(self) -> float:
-        """Mean squared current, A2."""
-        return (float(np.sum(self.target**2)) + self.rest) / max(self.samples, 1)
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -149,25 +101,49 @@ def assign(model: Model, moving: Sequence[int]) -> NDArray[np.int64]:
     return np.array([max(some, default=-1) for some in felt_by])
 
 
-def solve(model: Model, runs: Sequence[Run], *, recursive: bool = False, progress: Progress | None = None) -> Fitted:
+def owners_of(model: Model, assigned: NDArray[np.int64]) -> NDArray[np.int64]:
+    """(p,) joint (from 0) in whose gain each column counts; -1 for one that acts on several joints in their own."""
+    shared = [column.scope in (Scope.CAUSE, Scope.ARM) for column in model.columns]
+    return np.where(shared, -1, assigned[model.owners - 1])
+
+
+def solve(
+    model: Model,
+    runs: Sequence[Run],
+    *,
+    blocks: Sequence[Block] | None = None,
+    recursive: bool = False,
+    progress: Progress | None = None,
+) -> Fitted:
     """Recursion from the last joint to the first, then (unless `recursive`) all rows together.
 
     Each row is weighted by its own noise: a variance of samples and a variance of the level that a run shares.
+
+    Parameters
+    ----------
+    model
+        What the currents are spent on.
+    runs
+        Of some or all joints.
+    blocks
+        Their equations by the model, where they are there already.
+    recursive
+        Stop after the recursion.
+    progress
+        Called with the joint at work (0: all) and a word on what is done.
 
     Source
     ------
     S.-K. Lin, Theorem 1, for the recursion; the refinement is maximum likelihood for the same system.
     """
     tell = progress or (lambda joint, text: None)
-    moving = sorted({run.joint for run in runs}, reverse=True)
-    assigned = assign(model, moving)
-    owners = assigned[model.owners - 1]
-    blocks = model.blocks(runs)
-    rows = tuple(Row.of(joint, [block for block in blocks if block.run.joint == joint]) for joint in moving)
+    rows = rows_of(model.blocks(runs) if blocks is None else blocks)
+    assigned = assign(model, [row.joint for row in rows])
+    owners = owners_of(model, assigned)
     # The paper's recursion, and beside it one whose weakly shown ratios cannot run off: that one starts the joint fit.
     recursion, start = Recursion(owners, model.robot.n_joints), Recursion(owners, model.robot.n_joints)
     levels: dict[int, Levels] = {}
-    weak, limit = [], _limits(rows, model)
+    weak, limit = [], limits(rows, model)
     is_load = np.array([column.effect == "gravity" for column in model.columns])
     for row in rows:
         tell(row.joint, "solving")
@@ -175,29 +151,52 @@ def solve(model: Model, runs: Sequence[Run], *, recursive: bool = False, progres
         estimated = variances.estimate(row.ones, design.reshape(*row.target.shape, -1), row.target, counts=row.counts)
         if estimated is None:
             weak.append(row.joint)
-            estimated = _from_inside(row)
-        levels[row.joint] = _floored(estimated, row)
-        white = variances.whiten(levels[row.joint], row.ones, _joined(row)).reshape(row.target.size, -1)
+            estimated = from_inside(row)
+        levels[row.joint] = floored(estimated, row)
+        white = variances.whiten(levels[row.joint], row.ones, joined(row)).reshape(row.target.size, -1)
         recursion.take(row.joint - 1, white[:, :-1], white[:, -1], limit=limit)
         start.take(row.joint - 1, white[:, :-1], white[:, -1], limit=limit, spread=RATIO_SPREAD)
         _unstretch(start, row.joint - 1, is_load=is_load)
-    first = _system(rows, levels, owners)
+    first = system(rows, levels, owners)
     gains, first_levels = recursion.gains, dict(levels)
     taken = fit(first, recursion.values, gains, limit=_with_edges(limit, gains), most_steps=0)
-    system, solution, spread = first, taken, np.full(len(gains.edges), np.inf)
+    final, solution, spread = first, taken, np.full(len(gains.edges), np.inf)
     if not recursive:
         tell(0, "refining all joints together")
-        system, solution, spread = _refine(rows, levels, start, limit)
-    runs_before = np.cumsum([0, *[len(row.runs) for row in rows]])
-    run_of = np.concatenate(
-        [
-            before + np.repeat(np.arange(len(row.runs)), row.target.shape[1])
-            for before, row in zip(runs_before, rows, strict=False)
-        ]
-    )
+        final, solution, spread = _refine(rows, levels, start, limit)
     absorbed = _absorbed(recursion, is_load)
     told = (model, rows, assigned, levels, first_levels, tuple(weak))
-    return Fitted(*told, first, taken, absorbed, system, solution, 1.0 / spread**2, run_of, limit)
+    return Fitted(*told, first, taken, absorbed, final, solution, 1.0 / spread**2, _run_of(rows), limit)
+
+
+def again(before: Fitted, model: Model, blocks: Sequence[Block]) -> Fitted:
+    """The joint fit of another model to the same runs, from where `before` ended and with its noise: a quick one.
+
+    Parameters
+    ----------
+    before
+        A fit of all joints.
+    model
+        The same arm with other effects, or the same ones with other shapes.
+    blocks
+        The runs' equations by `model`.
+    """
+    rows, owners = rows_of(blocks), owners_of(model, before.assigned)
+    limit = limits(rows, model)
+    known = dict(zip(before.model.names, before.solution.values, strict=True))
+    values = np.array([0.0 if c.shape else known.get(c.name, 0.0) for c in model.columns])
+    white, gains = system(rows, before.levels, owners), before.gains
+    with np.errstate(divide="ignore"):
+        spread = 1.0 / np.sqrt(before.pull)
+    solution = fit(white, values, gains, limit=_with_edges(limit, gains), spread=spread)
+    return replace(before, model=model, rows=rows, system=white, solution=solution, run_of=_run_of(rows), limit=limit)
+
+
+def _run_of(rows: Sequence[Row]) -> NDArray[np.int64]:
+    """(N,) number of the run that each equation belongs to."""
+    before = np.cumsum([0, *[len(row.runs) for row in rows]])
+    parts = zip(before, rows, strict=False)
+    return np.concatenate([n + np.repeat(np.arange(len(row.runs)), row.target.shape[1]) for n, row in parts])
 
 
 def _unstretch(start: Recursion, row: int, *, is_load: NDArray[np.bool_]) -> None:
@@ -231,11 +230,11 @@ def _refine(
 ) -> tuple[Bilinear, JointSolution, Floats]:
     """Joint fit with weights from its own residuals, and the prior spread of its ratios; `levels` is updated."""
     values, gains, owners = start.values, start.gains, start.owners
-    system = _system(rows, levels, owners)
+    white = system(rows, levels, owners)
     limit = _with_edges(limit, gains)
-    spread = _spread(system, values, gains)
+    spread = _spread(white, values, gains)
     for _ in range(ROUNDS):
-        solution = fit(system, values, gains, limit=limit, spread=spread)
+        solution = fit(white, values, gains, limit=limit, spread=spread)
         values, gains = solution.values, solution.gains
         for row in rows:
             plain = Bilinear(np.full(row.target.size, row.joint - 1), row.stacked, row.target.ravel(), owners)
@@ -246,82 +245,25 @@ def _refine(
             design = jacobian[:, own].reshape(*row.target.shape, -1)
             estimated = variances.estimate(row.ones, design, residual, counts=row.counts)
             if estimated is not None:
-                levels[row.joint] = _floored(estimated, row)
-        system = _system(rows, levels, owners)
-    return system, fit(system, values, gains, limit=limit, spread=spread), spread
+                levels[row.joint] = floored(estimated, row)
+        white = system(rows, levels, owners)
+    return white, fit(white, values, gains, limit=limit, spread=spread), spread
 
 
-def _spread(system: Bilinear, values: Floats, gains: Gains) -> Floats:
+def _spread(white: Bilinear, values: Floats, gains: Gains) -> Floats:
     """(edges,) prior spread of each ratio: none where its own row shows it."""
-    jacobian, out = system.jacobian(gains, values), []
+    jacobian, out = white.jacobian(gains, values), []
     for number, edge in enumerate(gains.edges):
         row = gains.parent[edge]
-        here = system.row == row
-        own = np.flatnonzero(system.owners == row)
+        here = white.row == row
+        own = np.flatnonzero(white.owners == row)
         columns = np.column_stack([jacobian[here][:, own], jacobian[here][:, len(values) + number]])
-        alone = rank.solve(columns, system.target[here])
+        alone = rank.solve(columns, white.target[here])
         error = float(np.sqrt(alone.inverse[-1, -1])) if alone.determined[-1] else np.inf
         shown = error < RATIO_KNOWN or abs(gains.edge[edge]) > RATIO_SIGNIFICANT * error
         out.append(np.inf if shown else RATIO_SPREAD)
     return np.array(out)
 
 
-def _joined(row: Row) -> Floats:
-    """(R, k, p + 1): regressors and target side by side."""
-    return np.concatenate([row.regressors, row.target[:, :, None]], axis=2)
-
-
-def _system(rows: Sequence[Row], levels: dict[int, Levels], owners: NDArray[np.int64]) -> Bilinear:
-    white = [variances.whiten(levels[row.joint], row.ones, _joined(row)).reshape(row.target.size, -1) for row in rows]
-    stacked = np.vstack(white)
-    number = np.concatenate([np.full(row.target.size, row.joint - 1) for row in rows])
-    return Bilinear(number, stacked[:, :-1], stacked[:, -1], owners)
-
-
-def _limits(rows: Sequence[Row], model: Model) -> Floats:
-    """(p,) standard error at which each parameter, acting in full, is as uncertain as all that its joint drew."""
-    drawn = {row.joint: float(np.sqrt(row.mean_square)) for row in rows}
-    largest = max(drawn.values())
-    speed, pull = dict.fromkeys(drawn, 0.0), dict.fromkeys(drawn, 0.0)
-    for row in rows:
-        speed[row.joint] = max(abs(run.speed) for run in row.runs)
-        pull[row.joint] = max(float(np.max(np.abs(run.cells.acceleration), initial=0.0)) for run in row.runs)
-    g = float(np.linalg.norm(model.robot.gravity))
-    full = {"gravity": dict.fromkeys(range(1, model.robot.n_joints + 1), g), "viscous": speed, "inertia": pull}
-    out = []
-    for column in model.columns:
-        in_full = full.get(column.effect, {}).get(column.owner, 1.0) or 1.0
-        out.append(max(drawn.get(column.owner, largest), np.finfo(float).tiny) / in_full)
-    return np.array(out)
-
-
 def _with_edges(limit: Floats, gains: Gains) -> Floats:
     return np.concatenate([limit, np.full(len(gains.edges), LARGEST_RATIO)])
-
-
-def _floored(levels: Levels, row: Row) -> Levels:
-    return replace(levels, sample=max(levels.sample, EXACT**2 * row.mean_square, np.finfo(float).tiny ** 0.5))
-
-
-def _from_inside(row: Row) -> Levels:
-    """Variance of low-frequency noise from the course of the residual inside runs, where runs are too few to compare.
-
-    The residual of a run's own fit is taken as first-order autoregressive over cells; its long-run variance a sample is
-    variance x samples a cell x (1 + r) / (1 - r). The level that a run shares stays unknown (zero).
-    """
-    total, weight = 0.0, 0
-    for run in row.runs:
-        cells, own = run.cells, run.joint - 1
-        q, current = cells.position[:, own], cells.current[:, own]
-        basis = np.column_stack([np.cos(q), np.sin(q), np.ones(len(q)), cells.acceleration])
-        if len(q) < FEWEST_CELLS:
-            continue
-        residual = current - basis @ np.linalg.lstsq(basis, current, rcond=1e-6)[0]
-        square = float(residual @ residual)
-        r = float(residual[1:] @ residual[:-1]) / square if square > 0 else 0.0
-        r = min(max(r, 0.0), MOST_CORRELATED)
-        total += square * float(np.mean(cells.count)) * (1.0 + r) / (1.0 - r)
-        weight += len(q) - 3
-    if weight == 0:
-        return Levels(max(row.rest / max(row.samples - 3, 1), 0.0), 0.0, 1)
-    return Levels(total / weight, 0.0, max(weight // 4, 1))

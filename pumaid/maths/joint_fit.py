@@ -28,7 +28,7 @@ class Bilinear:
     regressors, target
         (N, p), (N,), whitened.
     owners
-        (p,) row that owns each column.
+        (p,) row that owns each column; -1 for one that counts in every row's own current.
     """
 
     row: NDArray[np.int64]
@@ -36,9 +36,13 @@ class Bilinear:
     target: Floats
     owners: NDArray[np.int64]
 
+    def factors(self, gains: Gains) -> Floats:
+        """(n, p) eta_row / eta_owner of every row and column; unknown ratios count as zero."""
+        return _widened(np.nan_to_num(gains.scales()), 1.0)[:, self.owners]
+
     def scaled(self, gains: Gains) -> Floats:
         """(N, p) regressors times eta_row / eta_owner; unknown ratios count as zero."""
-        return self.regressors * np.nan_to_num(gains.scales())[self.row][:, self.owners]
+        return self.regressors * self.factors(gains)[self.row]
 
     def jacobian(self, gains: Gains, values: Floats) -> Floats:
         """(N, p + edges): derivative of the prediction by the parameters and by each edge of `gains`."""
@@ -50,7 +54,7 @@ class Bilinear:
             through = np.array([edge in gains.path(owner) for owner in range(gains.n_rows)])
             above = np.array([_is_above(gains, row, edge) for row in range(gains.n_rows)])
             factor = np.where(np.outer(above, through), np.nan_to_num(other), 0.0)
-            columns.append(((self.regressors * factor[self.row][:, self.owners]) @ values)[:, None])
+            columns.append(((self.regressors * _widened(factor, 0.0)[self.row][:, self.owners]) @ values)[:, None])
         return np.hstack(columns)
 
 
@@ -63,6 +67,11 @@ class JointSolution:
     linear: rank.Solution
     jacobian: Floats
     residual: Floats
+
+
+def _widened(scales: Floats, value: float) -> Floats:
+    """(n, n + 1): a last column of `value`, which is what owner -1 finds."""
+    return np.hstack([scales, np.full((len(scales), 1), value)])
 
 
 def _with_edge(gains: Gains, row: int, value: float) -> Gains:

@@ -1,5 +1,6 @@
 """Frozen records that flow through the program; they hold, and compute nothing but their own names."""
 
+from pumaid.records.campaign import Campaign
 from pumaid.records.comparison import TOGETHER, UNEXPLAINED, Comparison, JointScore, OutsideScore, RunScore
 from pumaid.records.diagnosis import (
     ABSENT,
@@ -60,6 +61,7 @@ __all__ = [
     "UNEXPLAINED_JOINT",
     "UNSEEN",
     "Binned",
+    "Campaign",
     "Candidate",
     "Cells",
     "Combination",

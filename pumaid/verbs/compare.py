@@ -9,7 +9,6 @@ import numpy as np
 from pumaid.errors import Note
 from pumaid.files.result import check_same_recipe
 from pumaid.fit.judge import NOTHING, Groups, Judge, Tally, together
-from pumaid.model import Model
 from pumaid.motion.replicates import noise_floor
 from pumaid.records import UNEXPLAINED, Comparison, Estimate, Evidence, JointScore, Robot, RunScore
 
@@ -44,12 +43,12 @@ def compare(estimate: Estimate, evidence: Evidence, robot: Robot) -> Comparison:
     S.-K. Lin, section IV: the estimated against the measured current, and the standard deviation in Table I.
     """
     check_same_recipe(estimate, robot)
-    judge = Judge(Model.of_estimate(robot, estimate), estimate)
+    judge = Judge.of(robot, estimate, evidence)
     fitted_files = {facts.name for facts in evidence.files if facts.digest in set(estimate.logs.values())}
     known = [not run.heldout and run.origin in fitted_files for run in evidence.runs]
-    tallies = [judge.tally(block) for block in judge.model.blocks(evidence.runs)]
+    tallies = [judge.tally(block) for block in judge.blocks(evidence.runs)]
     means = {joint: _mean([t for t in tallies if t.run.joint == joint]) for joint in {t.run.joint for t in tallies}}
-    rows = judge.rows([judge.model.samples_of(run) for run in evidence.runs])
+    rows = judge.rows([judge.samples_of(run) for run in evidence.runs])
     groups = {joint: judge.groups(_counted(joint, tallies)) for joint in means}
     scores = [
         judge.score(tally, row, mean=means[tally.run.joint], groups=groups[tally.run.joint], is_fitted=was)

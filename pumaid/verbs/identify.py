@@ -13,7 +13,8 @@ from pumaid.errors import LogError, Note, Where
 from pumaid.fit.combinations import determined
 from pumaid.fit.reasons import Facts
 from pumaid.fit.sheet import Sheet
-from pumaid.fit.system import Fitted, Progress, Row, solve
+from pumaid.fit.rows import Row
+from pumaid.fit.system import Fitted, Progress, solve
 from pumaid.maths.propagation import recursion_covariance
 from pumaid.maths.statistics import Clustered, clustered
 from pumaid.model import Model

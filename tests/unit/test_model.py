@@ -9,9 +9,8 @@ import numpy as np
 import pytest
 from worlds import CRANE, PENDULUM, STANFORD, course, drawn, evidence, experiment, random_arm, run_of
 
-from pumaid.errors import ModelError
 from pumaid.model import Model
-from pumaid.records import EffectChoice, Evidence, Samples
+from pumaid.records import Evidence, Samples
 from pumaid.verbs.identify import identify
 
 #: A name as interfaces.md has it.
@@ -164,12 +163,3 @@ def test_samples_of_a_constant_run_have_its_own_speed():
     samples = Model(PENDULUM).samples_of(shaky)
     assert np.all(samples.velocity[:, 0] == run.speed) and np.all(samples.direction == -1.0)
     assert samples.travel == pytest.approx(np.abs(run.cells.position[:, 0] - 1.0))
-
-
-def test_unknown_effects_of_a_recipe_are_refused():
-    """An effect that the catalogue does not have is told with its place and the nearest name, not left out."""
-    robot = replace(PENDULUM, effects=(EffectChoice("viscous"), EffectChoice("columb", 2)))
-    with pytest.raises(ModelError) as told:
-        Model(robot)
-    assert told.value.slug == "unknown-effect"
-    assert "effects[2]" in str(told.value) and "did you mean coulomb?" in str(told.value)

@@ -9,7 +9,8 @@ import pytest
 from worlds import CRANE, PENDULUM, STANFORD, course, drawn, evidence, experiment, only, run_of
 
 from pumaid.fit import system
-from pumaid.fit.system import Row, assign, solve
+from pumaid.fit.rows import Row
+from pumaid.fit.system import assign, solve
 from pumaid.model import Model
 from pumaid.records import Motion, Plan
 from pumaid.virtual import Bench

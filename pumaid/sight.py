@@ -1,0 +1,197 @@
+"""Runs as effects see them, cell by cell, and what a column does inside each run beyond the run's triangle."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.signal import savgol_filter
+
+from pumaid.knots import COURSES, spread
+from pumaid.records import Campaign, Loads, Robot, Run, Samples
+
+Floats = NDArray[np.float64]
+Counts = NDArray[np.int64]
+
+#: Instants inside a cell (shares of its width from its middle) and their weights: Gauss and Legendre's rule, exact
+#: enough for the mean over a cell of a ripple with two cells a period.
+NODES = np.sqrt(0.6) / 2.0 * np.array([-1.0, 0.0, 1.0])
+WEIGHTS = np.array([5.0, 8.0, 5.0]) / 18.0
+
+#: Singular values of a run's basis below this share of its largest are rounding.
+FLAT = 1e-10
+
+#: What a column has beyond the basis of its run, below this share of its size, is rounding.
+INSIDE = 1e-7
+
+#: Cells over which the slope of a run's speed is read: a sixteenth of it, and no fewer than nine.
+SLOPE_SHARE, FEWEST = 16, 9
+
+
+def samples_of(run: Run, campaign: Campaign, *, has_slope: bool = False) -> Samples:
+    """A run's cells as what effects see; at constant speed the velocity is the run's own mean.
+
+    Parameters
+    ----------
+    run
+        M cells.
+    campaign
+        When its joint first moved.
+    has_slope
+        Whether the acceleration of a run at constant speed is the smooth second derivative of its positions, not zero.
+    """
+    cells, own = run.cells, run.joint - 1
+    velocity = cells.velocity.copy()
+    acceleration = cells.acceleration
+    if run.kind == "constant":
+        velocity[:, own] = run.speed
+        if has_slope:
+            acceleration = _slope(cells.time, cells.position[:, own])
+    return Samples(
+        run.joint,
+        cells.position,
+        velocity,
+        acceleration=acceleration,
+        direction=np.full(len(cells), float(run.direction)),
+        time=campaign.since(run.joint, run.clock, cells.time),
+        elapsed=campaign.since(0, run.clock, cells.time),
+        travel=np.abs(cells.position[:, own] - run.span[0]),
+        temperature=cells.temperature,
+        run=np.zeros(len(cells)),
+        extra=cells.extra,
+    )
+
+
+def _slope(time: Floats, position: Floats) -> Floats:
+    """(M,) acceleration from positions at nearly equal steps of time."""
+    window = max(FEWEST, len(time) // SLOPE_SHARE) | 1
+    if len(time) < window:
+        return np.zeros(len(time))
+    step = float(time[-1] - time[0]) / (len(time) - 1)
+    return np.asarray(savgol_filter(position, window, 3, deriv=2, delta=step))
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Sight:
+    """All runs of one joint, ready for columns of any effect: (N,) cells in all, three instants in each.
+
+    Attributes
+    ----------
+    joint, runs
+        R runs of one joint.
+    samples
+        3 N instants: of each cell its first, middle and last.
+    weight
+        (N,) root of the samples in each cell.
+    starts
+        (R,) first cell of each run.
+    basis
+        (N, k) of each run orthonormal columns that span what its triangle knows, weighted; zero columns where it knows
+        less.
+    lift
+        (R, k, k): parts along the basis to parts along the triangle's regressors.
+    left
+        (N,) weighted current (A) beyond the basis.
+    has_slope
+        Whether the acceleration of runs at constant speed is read from their positions.
+    """
+
+    joint: int
+    runs: tuple[Run, ...]
+    samples: Samples
+    weight: Floats
+    starts: Counts
+    basis: Floats
+    lift: Floats
+    left: Floats
+    has_slope: bool = False
+
+    @classmethod
+    def of(cls, robot: Robot, joint: int, runs: Sequence[Run], *, campaign: Campaign, has_slope: bool = False) -> Sight:
+        """The runs among `runs` in which `joint` moves."""
+        own = tuple(run for run in runs if run.joint == joint)
+        samples = joined([_inside(run, samples_of(run, campaign, has_slope=has_slope)) for run in own])
+        sizes = np.array([len(run.cells) for run in own])
+        starts = np.concatenate([[0], np.cumsum(sizes)[:-1]]).astype(np.int64)
+        weight = np.sqrt(np.concatenate([run.cells.count for run in own]).astype(float))
+        regressors = averaged(_regressors(robot, samples, np.repeat([run.kind == "stroke" for run in own], 3 * sizes)))
+        current = weight * np.concatenate([run.cells.current[:, joint - 1] for run in own])
+        basis, lift = np.zeros_like(regressors), np.zeros((len(own), regressors.shape[1], regressors.shape[1]))
+        for number, (start, size) in enumerate(zip(starts, sizes, strict=True)):
+            here = slice(start, start + size)
+            left, singular, right = np.linalg.svd(weight[here, None] * regressors[here], full_matrices=False)
+            kept = np.flatnonzero(singular > FLAT * max(float(singular[0]), 1e-300))
+            basis[here, kept] = left[:, kept]
+            lift[number][:, kept] = right[kept].T / singular[kept]
+        along = np.add.reduceat(basis * current[:, None], starts, axis=0)
+        left_over = current - np.einsum("nk,nk->n", basis, np.repeat(along, sizes, axis=0))
+        return cls(joint, own, samples, weight, starts, basis, lift, left_over, has_slope)
+
+    @property
+    def sizes(self) -> Counts:
+        """(R,) cells of each run."""
+        return np.diff(np.append(self.starts, len(self.weight)))
+
+    def with_loads(self, loads: Callable[[Samples], Loads]) -> Sight:
+        """The same with what a fitted model says of gravity; `loads` is asked at a few instants of each run."""
+        return replace(self, samples=replace(self.samples, loads=spread(self.samples, 3 * self.sizes, loads)))
+
+    def split(self, columns: Floats) -> tuple[Floats, Floats]:
+        """Columns at the instants as (R, k, p) parts along the triangle's regressors and (N, p) weighted rest."""
+        cells = self.weight[:, None] * averaged(columns)
+        size = np.sqrt(self.per_run(cells * cells))
+        along = self.per_run(self.basis[:, :, None] * cells[:, None, :])
+        rest = cells - np.einsum("nk,nkp->np", self.basis, np.repeat(along, self.sizes, axis=0))
+        is_inside = np.sqrt(self.per_run(rest * rest)) <= INSIDE * size
+        rest[np.repeat(is_inside, self.sizes, axis=0)] = 0.0
+        return self.lift @ along, rest
+
+    def per_run(self, values: Floats) -> Floats:
+        """(N, ...) summed over the cells of each run: (R, ...)."""
+        return np.asarray(np.add.reduceat(values, self.starts, axis=0))
+
+
+def averaged(values: Floats) -> Floats:
+    """(3 N, ...) at the instants inside cells as (N, ...) means over the cells."""
+    parts = values.reshape(-1, len(NODES), *values.shape[1:])
+    return np.asarray(np.tensordot(parts, WEIGHTS, axes=([1], [0])))
+
+
+def joined(many: Sequence[Samples]) -> Samples:
+    """Samples of one joint one after another, without loads; `run` counts them from 0."""
+    if len(many) == 1:
+        return many[0]
+    parts = {name: [getattr(samples, name) for samples in many] for name in COURSES}
+    known = {name: np.concatenate(part) for name, part in parts.items() if all(one is not None for one in part)}
+    run = np.repeat(np.arange(float(len(many))), [len(samples) for samples in many])
+    return Samples(many[0].joint, **known | {"run": run})
+
+
+def _inside(run: Run, middle: Samples) -> Samples:
+    """Three instants in each cell of a run."""
+    cells, own = run.cells, run.joint - 1
+    width = np.gradient(cells.time) if len(cells) > 1 else np.zeros(len(cells))
+    # The mean of a few samples at equal steps is not quite that of their span; of a single one it is itself.
+    ahead = ((width * np.sqrt(1.0 - 1.0 / cells.count**2))[:, None] * NODES).ravel()
+    three = {
+        name: np.repeat(held, len(NODES), axis=0) for name in COURSES if (held := getattr(middle, name)) is not None
+    }
+    moved = three["velocity"][:, own] * ahead
+    three["position"][:, own] += moved
+    three["time"] += ahead
+    three["elapsed"] += ahead
+    three["travel"] = np.maximum(three["travel"] + run.direction * moved, 0.0)
+    return Samples(run.joint, **three)
+
+
+def _regressors(robot: Robot, samples: Samples, is_stroke: NDArray[np.bool_]) -> Floats:
+    """(3 N, k) of the triangle: three columns, five where there are strokes."""
+    own = samples.joint - 1
+    turns = float(robot.joint(samples.joint).is_revolute)
+    q = samples.position[:, own]
+    columns = [turns * np.cos(q), turns * np.sin(q), np.ones(len(q))]
+    if is_stroke.any():
+        columns += [np.where(is_stroke, samples.velocity[:, own], 0.0), np.where(is_stroke, samples.acceleration, 0.0)]
+    return np.column_stack(columns)
