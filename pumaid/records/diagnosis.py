@@ -235,7 +235,11 @@ class Finding:
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Diagnosis:
-    """A diagnosis of all joints of one model on some logs; `findings` strongest first."""
+    """A diagnosis of all joints of one model on some logs.
+
+    `findings` stand strongest first; `applied` are those of earlier diagnoses that this model holds, in the order in
+    which they were added. `model` is the SHA-256 of the model file, `logs` maps names to those of the logs.
+    """
 
     robot: str
     joints: tuple[JointDiagnosis, ...]
@@ -245,3 +249,4 @@ class Diagnosis:
     notes: tuple[Note, ...] = ()
     recipe_digest: str = ""
     version: str = ""
+    applied: tuple[Finding, ...] = ()

@@ -1,0 +1,289 @@
+"""A diagnosis in plain sentences: what is missing and where, how sure that is, what would decide, what adds it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+
+from pumaid.effects import Scope, catalogue
+from pumaid.records import (
+    ADD,
+    ADEQUATE,
+    UNEXPLAINED_JOINT,
+    Candidate,
+    Diagnosis,
+    Finding,
+    JointDiagnosis,
+    Limit,
+    Robot,
+    Unexplained,
+)
+from pumaid.show.numbers import amperes, in_unit, percent, with_error
+from pumaid.show.story import joint_title
+from pumaid.show.wording import AT_FLOOR, listed, plural
+from pumaid.units import number
+
+#: A chance below this is told as less than one in a million: no experiment is that sure of its noise.
+SUREST = 1e-6
+
+#: What a letter before a free form says of it: the sign of motion, the velocity, nothing.
+_KINDS = {"s": "a friction that depends on", "v": "a viscous friction that depends on", "": "a current that depends on"}
+
+
+def headline(diagnosis: Diagnosis, robot: Robot) -> str:
+    """The diagnosis in one sentence."""
+    lacking = [_named(found, robot) for found in diagnosis.findings if found.verdict == ADD]
+    strange = [f"joint {one.joint}" for one in diagnosis.joints if one.verdict == UNEXPLAINED_JOINT]
+    parts = [f"missing are {listed(lacking)}" if len(lacking) > 1 else f"{lacking[0]} is missing"] if lacking else []
+    if strange:
+        parts.append(f"something that no known effect explains is missing at {listed(strange)}")
+    doubtful = [_named(found, robot) for found in diagnosis.findings if found.verdict != ADD]
+    if doubtful:
+        parts.append(f"{listed(doubtful)} may be missing")
+    unnamed = [one for one in diagnosis.joints if one.verdict not in (ADEQUATE, UNEXPLAINED_JOINT)]
+    if not parts and unnamed:
+        parts.append(f"something is missing at {listed([f'joint {one.joint}' for one in unnamed])}")
+    return f"{robot.name}: " + ("; ".join(parts) if parts else "nothing is missing that these data can show") + "."
+
+
+def _named(found: Finding, robot: Robot) -> str:
+    return f"{found.effect} {'of' if found.joint is None else 'at'} {place(found, robot)}"
+
+
+def place(found: Finding | Candidate | Limit, robot: Robot) -> str:
+    """Where an effect acts: ``joint 3 (elbow)``, or ``the whole arm``."""
+    if found.joint is None:
+        return "the whole arm"
+    title = joint_title(robot, found.joint)
+    return title[0].lower() + title[1:]
+
+
+def finding_title(found: Finding, robot: Robot) -> str:
+    """Where and what, with the names that these data cannot tell from it."""
+    where = place(found, robot)
+    verb = "is missing" if found.verdict == ADD else "may be missing"
+    words = f"{where[0].upper()}{where[1:]}: {found.effect} {verb}"
+    if found.rivals:
+        words += f", or {listed_or(found.rivals)}, which these data cannot tell from it"
+    return words
+
+
+def finding_sentences(found: Finding, diagnosis: Diagnosis, robot: Robot, *, units: str = "rad") -> list[str]:
+    """What a finding is, what it explains, how sure it is, and how large the effect is.
+
+    Parameters
+    ----------
+    found
+        One of the diagnosis' findings.
+    diagnosis
+        All of it, for the joint's error and the candidate's reason.
+    robot
+        Names of joints.
+    units
+        ``"rad"`` or ``"deg"``.
+    """
+    own = next((one for one in diagnosis.joints if one.joint == found.joint), None)
+    out = [*effect_sentences(found.effect)]
+    if own is not None and _of_scope(found.effect) in (Scope.JOINT, None):
+        out.append(floor_sentence(own))
+    if found.rmse_heldout_before is not None and found.rmse_heldout_after is not None:
+        out.append(heldout_sentence(found.rmse_heldout_before, found.rmse_heldout_after))
+    out.append(chance_sentence(found.p_value))
+    reason = next((one.reason for one in _candidates(diagnosis, found) if one.reason), "")
+    if found.verdict != ADD and reason:
+        out.append(f"Why it is doubtful: {reason}{'' if reason.endswith('.') else '.'}")
+    size = size_sentence(found, robot, units)
+    return [*out, *([size] if size else [])]
+
+
+def _candidates(diagnosis: Diagnosis, found: Finding) -> Iterable[Candidate]:
+    for joint in diagnosis.joints:
+        yield from (one for one in joint.candidates if (one.effect, one.joint) == (found.effect, found.joint))
+
+
+def _of_scope(effect: str) -> Scope | None:
+    return catalogue()[effect].scope if effect in catalogue() else None
+
+
+def effect_sentences(effect: str) -> list[str]:
+    """What an effect is; nothing where the catalogue does not have it."""
+    if effect not in catalogue():
+        return []
+    known = catalogue()[effect]
+    return [f"{known.title}." + (f" It adds the current {known.equation}." if known.equation else "")]
+
+
+def floor_sentence(found: JointDiagnosis) -> str:
+    """A joint's error against what repeated runs differ by."""
+    if found.rmse is None:
+        return f"Joint {found.joint} never moves alone in these logs, so nothing is known of its error."
+    if found.noise_floor is None:
+        return (
+            f"The model misses by {amperes(found.rmse)}; no run is repeated, so how much of it is noise is not known."
+        )
+    if found.rmse <= AT_FLOOR * found.noise_floor:
+        return f"The model misses by {amperes(found.rmse)}, and repeated runs differ by {amperes(found.noise_floor)}."
+    times = number(found.rmse / found.noise_floor, 2)
+    return (
+        f"The model misses by {amperes(found.rmse)} where repeated runs differ by {amperes(found.noise_floor)}:"
+        f" {times} times as much."
+    )
+
+
+def heldout_sentence(before: float, after: float) -> str:
+    """What becomes of the error on runs that no fit saw."""
+    fall = f", {percent(1.0 - after / before)} less" if 0.0 < after < before else ""
+    return f"With it, the error on runs that the fit did not see goes from {amperes(before)} to {amperes(after)}{fall}."
+
+
+def chance_sentence(p: float) -> str:
+    """How sure a finding is."""
+    return (
+        f"How sure: if nothing were missing, {chance(p)} such experiments would show something as strong by chance"
+        f" (p = {number(p, 2)}, all effects and joints counted)."
+    )
+
+
+def chance(p: float) -> str:
+    """A probability in words.
+
+    Examples
+    --------
+    >>> chance(0.0033), chance(0.04), chance(0.3), chance(1e-9)
+    ('one in 300', 'one in 25', 'three in ten', 'less than one in a million')
+    """
+    if p < SUREST:
+        return "less than one in a million"
+    if p >= 0.15:
+        tenths = ("one", "two", "three", "four", "five", "six", "seven", "eight", "nine", "ten")
+        return f"{tenths[min(max(round(10 * p), 1), 10) - 1]} in ten"
+    times = 1.0 / p
+    digits = 1 if times >= 100 else 2
+    return f"one in {int(float(f'{times:.{digits - 1}e}')):,}"
+
+
+def size_sentence(found: Finding | Candidate, robot: Robot, units: str = "rad") -> str:
+    """How large an effect is, with its shape; empty where neither is told."""
+    sizes = []
+    for size in found.sizes:
+        times, unit = in_unit(size.unit, units)
+        value, error = with_error(times * size.value, times * size.std_error)
+        sizes.append(f"{size.name.rsplit('.', 1)[-1]} = {value} ± {error} {unit}".rstrip())
+    shape = shape_text(found, robot, units)
+    if not sizes:
+        return f"Its shape: {shape}." if shape else ""
+    return f"Its size: {listed(sizes)}" + (f", with {shape}." if shape else ".")
+
+
+def shape_text(found: Finding | Candidate, robot: Robot, units: str = "rad") -> str:
+    """The nonlinear parameters of an effect with their units."""
+    known = catalogue()[found.effect].shapes(robot, found.joint or 0) if found.effect in catalogue() else ()
+    unit_of = {shape.name: "" if shape.unit == "1" else shape.unit for shape in known}
+    words = []
+    for name, value in found.shape.items():
+        times, unit = in_unit(unit_of.get(name, ""), units)
+        words.append(f"{name} {number(times * value, 3)} {unit}".rstrip())
+    return listed(words)
+
+
+def decision_sentence(found: Finding) -> str:
+    """The run that would decide between an effect and its rivals; empty where there is nothing to decide."""
+    run = found.next_run
+    if run is None:
+        return ""
+    words = f"To decide: {run.text.rstrip('.')}"
+    if run.motions:
+        words += f" ({plural(len(run.motions), 'run')}"
+        words += f", all of them {number_of_times(run.repeats)}" if run.repeats and run.repeats > 1 else ""
+        words += "; pumaid diagnose --plan FILE writes them)"
+    return words + "."
+
+
+def number_of_times(count: int) -> str:
+    """``once``, ``twice``, ``3 times``."""
+    return {1: "once", 2: "twice"}.get(count, f"{count} times")
+
+
+def unexplained_title(found: JointDiagnosis, robot: Robot) -> str:
+    """That something is missing at a joint which no effect explains."""
+    return f"{joint_title(robot, found.joint)}: something is missing that no effect of the catalogue explains"
+
+
+def unexplained_sentences(found: JointDiagnosis, units: str = "rad") -> list[str]:
+    """What is known of physics that has no name."""
+    out = [floor_sentence(found)]
+    if found.repeats is not None:
+        share, p = found.repeats
+        out.append(f"{percent(share)} of what is left repeats when a run is repeated (by chance: {chance(p)}).")
+    if found.unexplained is not None:
+        out.append(form_sentence(found.unexplained, units))
+    return out
+
+
+def form_sentence(shape: Unexplained, units: str = "rad") -> str:
+    """Which free form describes best what is left, and where it is largest."""
+    times, unit = in_unit(shape.unit, units)
+    letter = shape.form.split("f(")[0].strip()
+    kind = _KINDS.get(letter, _KINDS[""])
+    at = f"{number(times * shape.peak, 3)} {unit}".rstrip()
+    return (
+        f"It looks most like {kind} {shape.variable} ({shape.form}), strongest at {at};"
+        f" that shape explains {percent(shape.share)} of what exceeds the noise."
+    )
+
+
+def adequate_sentences(diagnosis: Diagnosis, robot: Robot) -> list[str]:
+    """Of which joints nothing is missing, where something is at others; of which nothing is known."""
+    fine = [one.joint for one in diagnosis.joints if one.verdict == ADEQUATE and one.rmse is not None]
+    still = [one.joint for one in diagnosis.joints if one.rmse is None]
+    out = []
+    if fine and len(fine) < len(diagnosis.joints):
+        out.append(f"{joints_named(fine, robot)}: nothing is missing that these data can show.")
+    if still:
+        out.append(f"{joints_named(still, robot)}: never moved alone in these logs, so nothing is known.")
+    return out
+
+
+def applied_sentences(diagnosis: Diagnosis, robot: Robot) -> list[str]:
+    """What earlier diagnoses found and the model now holds."""
+    if not diagnosis.applied:
+        return []
+    names = listed([_named(found, robot) for found in diagnosis.applied])
+    return [f"In the model since an earlier diagnosis: {names}."]
+
+
+def joints_named(joints: Sequence[int], robot: Robot) -> str:
+    """``Joint 3 (elbow)``, ``Joints 1 (waist) and 3 (elbow)``."""
+    names = [joint_title(robot, joint).removeprefix("Joint ") for joint in joints]
+    return f"Joint{'s' * (len(joints) > 1)} {listed(names)}"
+
+
+def weaknesses(diagnosis: Diagnosis, robot: Robot) -> list[str]:
+    """What weakens the diagnosis, each sentence once with its joints."""
+    said: dict[str, list[int]] = {}
+    for one in diagnosis.joints:
+        for sentence in one.weakened:
+            said.setdefault(sentence.rstrip("."), []).append(one.joint)
+    everywhere = len(diagnosis.joints)
+    return [
+        f"{text[0].upper()}{text[1:]}."
+        if len(joints) == everywhere or _says_joint(text, joints)
+        else f"{joints_named(joints, robot)}: {text}."
+        for text, joints in said.items()
+    ]
+
+
+def _says_joint(text: str, joints: Sequence[int]) -> bool:
+    return len(joints) == 1 and text.lower().startswith(f"joint {joints[0]} ")
+
+
+def limit_sentence(limit: Limit, robot: Robot, units: str = "rad") -> str:
+    """What would have been found: ``stribeck at joint 3 (elbow) with a larger than 0.03 A would have been found``."""
+    times, unit = in_unit(limit.unit, units)
+    size = f"{number(times * (limit.size or 0.0), 2)} {unit}".rstrip()
+    at = "of the whole arm" if limit.joint is None else f"at {place(limit, robot)}"
+    return f"{limit.effect} {at} with {limit.parameter} larger than {size} would have been found"
+
+
+def listed_or(words: Sequence[str]) -> str:
+    """``a, b or c``."""
+    return " or ".join([", ".join(words[:-1]), words[-1]] if len(words) > 1 else words)

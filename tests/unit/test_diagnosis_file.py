@@ -1,0 +1,105 @@
+"""Diagnosis files: the entries that interfaces fix, nothing lost on the way to disk and back, damage told."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from dataclasses import fields, is_dataclass
+
+import diagnoses
+import numpy as np
+import pytest
+import stories
+
+from pumaid.errors import ResultError
+from pumaid.files.diagnosis import diagnosis_document, model_digest, read_diagnosis, write_diagnosis
+from pumaid.files.result import write_model
+
+
+def same(a, b) -> bool:
+    """Whether two records hold the same, arrays with their NaN too."""
+    if is_dataclass(a):
+        return type(a) is type(b) and all(same(getattr(a, f.name), getattr(b, f.name)) for f in fields(a))
+    if isinstance(a, np.ndarray):
+        return np.array_equal(a, b, equal_nan=True)
+    if isinstance(a, tuple):
+        return len(a) == len(b) and all(same(x, y) for x, y in zip(a, b, strict=True))
+    return a == b
+
+
+@pytest.mark.parametrize("told", [diagnoses.rich(), diagnoses.clean()], ids=["rich", "clean"])
+def test_nothing_is_lost(tmp_path, told):
+    """What is read equals what was written, records and arrays, bit for bit."""
+    write_diagnosis(tmp_path / "results" / "diagnosis.json", told)
+    assert same(read_diagnosis(tmp_path / "results" / "diagnosis.json"), told)
+
+
+def test_document_has_the_fixed_entries():
+    """Kind, format, joints with candidates, findings with the next run as rows of a plan, limits as ``unseen``."""
+    document = json.loads(json.dumps(diagnosis_document(diagnoses.rich())))
+    assert (document["kind"], document["format"]) == ("diagnosis", 1)
+    joint = document["joints"][2]
+    assert {"joint", "verdict", "rmse", "noise_floor", "budget", "candidates", "unexplained", "unseen"} <= set(joint)
+    wanted = {
+        "effect",
+        "joint",
+        "shape",
+        "rmse_after",
+        "rmse_heldout_before",
+        "rmse_heldout_after",
+        "p_value",
+        "rivals",
+    }
+    assert wanted | {"verdict", "command"} <= set(joint["candidates"][0])
+    assert document["joints"][4]["unexplained"]["form"] == "s f(q)"
+    finding = document["findings"][0]
+    assert (finding["effect"], finding["joint"], finding["rivals"]) == ("stribeck", 3, ["viscous_power"])
+    assert finding["next_run"]["text"] and document["findings"][1]["joint"] is None
+    row = finding["next_run"]["runs"][0]
+    assert (row["joint"], row["from"], row["to"], row["velocity"], len(row["hold"])) == (3, -1.2, 1.2, 0.05, 6)
+
+
+def test_digest_of_a_model_is_that_of_its_file(tmp_path):
+    """The digest in a diagnosis is what ``sha256sum results/model.json`` prints."""
+    estimate = stories.story().estimate
+    write_model(tmp_path / "model.json", estimate)
+    assert model_digest(estimate) == hashlib.sha256((tmp_path / "model.json").read_bytes()).hexdigest()
+
+
+@pytest.mark.parametrize(
+    ("change", "field"),
+    [
+        (lambda d: d["findings"][0].update(p_value="small"), "findings[0].p_value"),
+        (lambda d: d["joints"][2].pop("verdict"), "joints[2].verdict"),
+        (lambda d: d["joints"][4]["unexplained"].update(means=[1, "x"]), "joints[4].unexplained.means"),
+        (lambda d: d["findings"][0]["next_run"]["runs"][0].update(hold=3), "findings[0].next_run.motions[0].hold"),
+        (lambda d: d.update(format=2), "format"),
+        (lambda d: d.update(kind="model"), "kind"),
+        (lambda d: d["findings"].append(7), None),
+        (lambda d: d.pop("joints"), None),
+    ],
+)
+def test_damage_is_told_with_its_place(tmp_path, change, field):
+    """A file that was edited is refused with the entry that is wrong, never with a failure of ours."""
+    document = diagnosis_document(diagnoses.rich())
+    change(document)
+    (tmp_path / "d.json").write_text(json.dumps(document), encoding="utf-8")
+    with pytest.raises(ResultError) as refused:
+        read_diagnosis(tmp_path / "d.json")
+    assert refused.value.slug == "diagnosis-damaged" and refused.value.where.field == field
+
+
+@pytest.mark.parametrize("content", [b"", b"{", b"[]", b"\xff\xfe", b"[" * 100_000])
+def test_what_is_no_diagnosis_is_refused(tmp_path, content):
+    """Empty, broken, binary or endless files are refused with a mend."""
+    (tmp_path / "d.json").write_bytes(content)
+    with pytest.raises(ResultError, match="diagnosis-damaged"):
+        read_diagnosis(tmp_path / "d.json")
+
+
+def test_entries_of_a_later_version_are_passed_over(tmp_path):
+    """Entries that this version does not know do no harm."""
+    document = diagnosis_document(diagnoses.rich())
+    document["joints"][0]["mood"] = document["mood"] = {"of": "tomorrow"}
+    (tmp_path / "d.json").write_text(json.dumps(document), encoding="utf-8")
+    assert same(read_diagnosis(tmp_path / "d.json"), diagnoses.rich())
