@@ -31,6 +31,7 @@ from pumaid.records.estimate import (
     JointFit,
     Value,
 )
+from pumaid.records.ladder import Errors, History, Ladder, Rung
 from pumaid.records.log import Log
 from pumaid.records.plan import Motion, Plan, Posture
 from pumaid.records.robot import EffectChoice, Joint, LogFormat, Robot
@@ -69,15 +70,18 @@ __all__ = [
     "Curve",
     "Diagnosis",
     "EffectChoice",
+    "Errors",
     "Estimate",
     "Evidence",
     "Extent",
     "FileFacts",
     "Finding",
+    "History",
     "Joint",
     "JointDiagnosis",
     "JointFit",
     "JointScore",
+    "Ladder",
     "Limit",
     "Line",
     "Loads",
@@ -92,6 +96,7 @@ __all__ = [
     "Robot",
     "Run",
     "RunScore",
+    "Rung",
     "Samples",
     "Size",
     "Unexplained",

@@ -1,0 +1,223 @@
+"""Kept models: nothing is lost, nothing is kept twice, every model knows what it was made from."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from pumaid.errors import ResultError
+from pumaid.files.archive import keep, restore
+from pumaid.files.ladders import read_history
+from pumaid.files.result import read_model, write_model
+from pumaid.records import EffectChoice, Estimate, Joint, JointFit, Robot, Value
+
+ARM = Robot("arm", (Joint(1, "a", "revolute"), Joint(2, "b", "revolute")), origin="recipe.yaml", digest="aa" * 32)
+STRIBECK, RIPPLE = EffectChoice("stribeck", 1, {"velocity": 0.1}), EffectChoice("ripple", 2, {"frequency": 50.0})
+ROTTEN = {"notes.txt": "mine", "009-broken.json": "{", "010-other.json": '{"kind": "comparison"}', "best.json": "{}"}
+
+
+def model(*effects: EffectChoice, rmse: float = 0.03, samples: int = 300, **changes: object) -> Estimate:
+    """A model of two joints, the second with a third of the first's samples and twice its error."""
+    joints = (JointFit(1, 9, samples, rmse, 0.01), JointFit(2, 3, samples // 3, 2 * rmse, 0.01))
+    empty = np.zeros((0, 0))
+    value = Value("coulomb.j1.plus", "c1", 1, "A", rmse, 0.1, (0.0, 1.0))
+    found = Estimate("arm", joints, (value,), (), np.zeros(0), empty, np.ones((2, 2)), empty, effects)
+    told = {"recipe_digest": ARM.digest, "origin": "recipe.yaml", "logs": {"a.csv": "cd" * 32}} | changes
+    return replace(found, **told)
+
+
+@pytest.fixture
+def path(tmp_path) -> Path:
+    """The current model's file."""
+    return tmp_path / "results" / "model.json"
+
+
+def names(path: Path) -> list[str]:
+    """What the archive beside a model holds."""
+    return sorted(kept.name for kept in (path.parent / "models").iterdir())
+
+
+def parents(path: Path) -> dict[int, int | None]:
+    """Number -> number of the model that it was made from, over all ladders."""
+    return {rung.number: rung.parent for ladder in read_history(path.parent).ladders for rung in ladder.rungs}
+
+
+def test_every_model_is_kept_under_its_number_and_effects(path):
+    """The current model is the last, and each stays readable as the model that it was."""
+    keep(path, model(), ARM)
+    keep(path, model(STRIBECK, RIPPLE, replace(STRIBECK, joint=2), rmse=0.01), ARM)
+    assert names(path) == ["001-base.json", "002-stribeck@1,2+ripple@2.json"]
+    assert read_model(path).effects == read_model(path.parent / "models" / names(path)[1]).effects
+    assert read_model(path.parent / "models" / names(path)[0]).effects == ()
+
+
+def test_the_same_model_is_kept_once(path):
+    """Fitting anew what was fitted before makes it current and adds no file."""
+    first = keep(path, model(), ARM)
+    keep(path, model(STRIBECK, rmse=0.02), ARM)
+    again = keep(path, model(), ARM)
+    assert (again.number, again.is_new, again.path) == (1, False, first.path)
+    assert len(names(path)) == 2 and read_history(path.parent).current == 1
+
+
+def test_a_model_is_made_from_the_one_before(path):
+    """Each addition, and a removal, links to the model that was current."""
+    keep(path, model(), ARM)
+    keep(path, model(STRIBECK, rmse=0.02), ARM)
+    keep(path, model(STRIBECK, RIPPLE, rmse=0.01), ARM)
+    keep(path, model(RIPPLE, rmse=0.015), ARM)
+    assert parents(path) == {1: None, 2: 1, 3: 2, 4: 3}
+    rungs = read_history(path.parent).ladders[0].rungs
+    assert [(rung.added, rung.removed) for rung in rungs[1:]] == [((STRIBECK,), ()), ((RIPPLE,), ()), ((), (STRIBECK,))]
+
+
+def test_another_effect_starts_from_the_base(path):
+    """A model that lacks an effect of the one before was not made from it but from the best that it contains."""
+    keep(path, model(), ARM)
+    keep(path, model(STRIBECK, rmse=0.02), ARM)
+    keep(path, model(RIPPLE, rmse=0.025), ARM)
+    assert parents(path) == {1: None, 2: 1, 3: 1}
+    assert [rung.number for rung in read_history(path.parent).ladders[0].path] == [1, 3]
+
+
+def test_a_second_ripple_is_what_was_added(path):
+    """The same effect twice at a joint counts as two."""
+    other = replace(RIPPLE, shape={"frequency": 100.0})
+    keep(path, model(RIPPLE), ARM)
+    keep(path, model(RIPPLE, other, rmse=0.02), ARM)
+    assert read_history(path.parent).ladders[0].rungs[1].added == (other,)
+
+
+def test_undo_brings_the_earlier_file_back(path):
+    """After restoring, the current model is the earlier one byte for byte, and the later one is still kept."""
+    keep(path, model(), ARM)
+    before = path.read_bytes()
+    keep(path, model(STRIBECK, rmse=0.02), ARM)
+    assert restore(path.parent, 1) == path
+    assert path.read_bytes() == before
+    assert read_history(path.parent).current == 1 and len(names(path)) == 2
+
+
+def test_after_an_undo_the_ladder_grows_from_there(path):
+    """What is fitted next was made from the model that was brought back."""
+    keep(path, model(), ARM)
+    keep(path, model(STRIBECK, rmse=0.02), ARM)
+    restore(path.parent, 1)
+    keep(path, model(RIPPLE, rmse=0.02), ARM)
+    assert parents(path)[3] == 1
+
+
+def test_a_model_from_before_the_archive_is_kept_too(path):
+    """Neither the next model nor an undo destroys a current model that nobody had kept."""
+    write_model(path, model())
+    keep(path, model(STRIBECK, rmse=0.02), ARM)
+    write_model(path, model(RIPPLE, rmse=0.015))
+    restore(path.parent, 2)
+    assert names(path) == ["001-base.json", "002-stribeck@1.json", "003-ripple@2.json"]
+    assert parents(path)[2] == 1
+
+
+def test_wrong_number_tells_the_right_ones(path):
+    """An undo to a model that is not there changes nothing."""
+    keep(path, model(), ARM)
+    with pytest.raises(ResultError, match="there are 1") as refused:
+        restore(path.parent, 7)
+    assert refused.value.slug == "no-such-model"
+    assert read_model(path).effects == ()
+
+
+def test_nothing_kept_is_said(path):
+    """Without an archive the message names the command that makes one."""
+    with pytest.raises(ResultError) as refused:
+        read_history(path.parent)
+    assert refused.value.slug == "no-history" and "pumaid identify" in refused.value.mend
+
+
+def test_whole_arm_weighs_samples(path):
+    """Squares of 0.03 A over 300 and 0.06 A over 100 samples: the root of 0.001575 A2; no joint has held-out runs."""
+    keep(path, model(), ARM)
+    whole = read_history(path.parent).ladders[0].rungs[0].whole
+    assert whole.fitted == pytest.approx(0.001575**0.5)
+    assert (whole.heldout, whole.noise_floor) == (None, pytest.approx(0.01))
+
+
+@pytest.mark.parametrize(
+    ("changes", "robot", "why"),
+    [
+        ({"recipe_digest": "bb" * 32}, replace(ARM, gravity=(0.0, 0.0, 9.8), digest="bb" * 32), "another recipe"),
+        ({"logs": {"a.csv": "cd" * 32, "b.csv": "ef" * 32}}, ARM, "other logs (1, of which the current model has 1)"),
+        ({"samples": 210}, ARM, "other runs"),
+    ],
+)
+def test_what_cannot_be_compared_stands_apart(path, changes, robot, why):
+    """Models of another arm, other logs or other runs of them are a ladder of their own, which says why."""
+    keep(path, model(), ARM)
+    keep(path, model(STRIBECK, rmse=0.02, **changes), robot)
+    own, other = read_history(path.parent).ladders
+    assert [rung.number for rung in own.rungs] == [2] and own.rungs[0].parent is None
+    assert own.apart == "" and why in other.apart
+
+
+def test_effects_in_the_recipe_do_not_part_the_ladder(path):
+    """A recipe that gained an effect is still the same arm."""
+    keep(path, model(), ARM)
+    robot = replace(ARM, effects=(STRIBECK,), digest="bb" * 32)
+    keep(path, model(STRIBECK, rmse=0.02, recipe_digest="bb" * 32), robot)
+    assert len(read_history(path.parent).ladders) == 1 and parents(path) == {1: None, 2: 1}
+
+
+def test_foreign_and_broken_files_are_told(path):
+    """Each is named with what is wrong with it; the rest is used, and the next number stays clear of them."""
+    keep(path, model(), ARM)
+    for name, text in ROTTEN.items():
+        (path.parent / "models" / name).write_text(text, encoding="utf-8")
+    history = read_history(path.parent)
+    assert sorted(Path(note.where.file).name for note in history.notes) == sorted(ROTTEN)
+    assert {note.slug for note in history.notes} == {"model-skipped"}
+    assert keep(path, model(STRIBECK), ARM).number == 11
+
+
+def test_a_changed_copy_is_told(path):
+    """An edited file is used as it is, with a note; the ladder does not break."""
+    keep(path, model(), ARM)
+    kept = keep(path, model(STRIBECK, rmse=0.02), ARM)
+    kept.path.write_text(kept.path.read_text().replace('"rmse": 0.02,', '"rmse": 0.0002,'), encoding="utf-8")
+    history = read_history(path.parent)
+    assert [note.slug for note in history.notes] == ["model-changed", "model-not-kept"]
+    assert history.ladders[0].rungs[1].joints[0].rmse == 0.0002
+
+
+def test_a_lost_parent_leaves_a_ladder(path):
+    """Where the model before was deleted, what follows stands as a first one with all that is in it."""
+    first = keep(path, model(), ARM)
+    keep(path, model(STRIBECK, rmse=0.02), ARM)
+    first.path.unlink()
+    (rung,) = read_history(path.parent).ladders[0].rungs
+    assert (rung.parent, rung.added, rung.is_current) == (None, (STRIBECK,), True)
+
+
+@pytest.mark.parametrize(("text", "why"), [(None, "missing"), ("{", "damaged")])
+def test_a_current_model_that_is_gone_is_told(path, text, why):
+    """The ladder then ends at the last model that was kept."""
+    keep(path, model(), ARM)
+    path.unlink() if text is None else path.write_text(text, encoding="utf-8")
+    history = read_history(path.parent)
+    assert history.current is None and why in history.notes[0].text
+    assert [rung.number for rung in history.ladders[0].path] == [1]
+
+
+def test_kept_copy_is_a_model_file(path):
+    """Other commands can be given a kept copy: it differs from the model by one entry that they pass over."""
+    kept = keep(path, model(), ARM)
+    copy, current = (json.loads(file.read_text(encoding="utf-8")) for file in (kept.path, path))
+    assert {key: held for key, held in copy.items() if key != "history"} == current
+
+
+def test_a_long_list_of_effects_is_counted_in_the_name(path):
+    """A name that no disk would take is never made."""
+    many = [EffectChoice(f"effect_of_a_long_name_{k}", 1) for k in range(40)]
+    assert keep(path, model(*many), ARM).path.name == "001-40-effects.json"
