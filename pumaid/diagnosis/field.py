@@ -80,6 +80,11 @@ class Field:
         return np.asarray(np.add.reduceat(values, self.first, axis=0))
 
     @property
+    def postures(self) -> list[list[int]]:
+        """Numbers of the runs (from 0) by held posture."""
+        return posture_groups(self.runs)
+
+    @property
     def pairs(self) -> list[tuple[int, int]]:
         """Neighbours in time among runs that repeat one another."""
         return [pair for group in self.groups for pair in itertools.pairwise(group)]
@@ -132,6 +137,7 @@ def field(model: Model, runs: Sequence[Run], *, begun: Mapping[tuple[int, int], 
     most
         Cells a run.
     """
+    joint = runs[0].joint
     thin = [
         run if len(run.cells) <= most else replace(run, cells=coarser([run.cells], most, joint=joint)) for run in runs
     ]

@@ -55,6 +55,24 @@ class Noise:
         along = field.sums(out * ones[wide])
         return np.asarray(out - (ones * shrink[run])[wide] * along[run])
 
+    def unwhiten(self, field: Field, white: Floats) -> Floats:
+        """(N,) the transpose of `whiten` on whitened values: with it a column's score is its plain product."""
+        run = field.run
+        values = white
+        if self.level > 0.0:
+            ones = self._decorrelated(field, np.ones(len(field)))
+            length2 = field.sums(ones * ones)
+            shrink = (1.0 - 1.0 / np.sqrt(1.0 + self.level**2 * length2)) / length2
+            values = white - ones * (shrink * field.sums(white * ones))[run]
+        scaled = values / (self.spread * np.sqrt(1.0 - self.correlation**2))[run]
+        rho = self.correlation[run]
+        out = scaled.copy()
+        out[field.first] *= np.sqrt(1.0 - self.correlation**2)
+        later = np.ones(len(field), dtype=bool)
+        later[field.first] = False
+        out[:-1] -= np.where(later[1:], rho[1:] * scaled[1:], 0.0)
+        return np.asarray(out)
+
     def _decorrelated(self, field: Field, values: Floats) -> Floats:
         run = field.run
         wide = (slice(None),) + (None,) * (values.ndim - 1)

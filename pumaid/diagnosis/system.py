@@ -74,15 +74,20 @@ class Row:
         (N, P) whitened derivative of the prediction by every parameter of the system.
     residual
         (N,) whitened.
-    misfit
-        (N,) A, not whitened.
+    plain, misfit
+        Both in A, not whitened.
+    weights, turn
+        (D,) what each column of the design counts here, and (D, P) its derivative by the parameters.
     """
 
     field: Field
     noise: Noise
     jacobian: Floats
     residual: Floats
+    plain: Floats
     misfit: Floats
+    weights: Floats
+    turn: Floats
 
     @property
     def drawn(self) -> Floats:
@@ -185,6 +190,21 @@ def solve(
     return _round(model, fields, found.start, added=added, values=found.sizes, noises=noises)
 
 
+def at_cells(solved: Solved, field: Field) -> Solved:
+    """The same solution with one joint's row at other cells, noise as these show it."""
+    old = solved.row(field.joint)
+    found = loads(solved.model, field.samples, solution=solved.start.base, scales=solved.start.scales)
+    field = replace(field, samples=replace(field.samples, loads=found))
+    design = _design(solved.model, field.samples, solved.added, solved.sizes)
+    misfit, plain = field.current - design @ old.weights, design @ old.turn
+    kind = noise(field, misfit)
+    white = kind.whiten(field, np.column_stack([plain, misfit]))
+    row = Row(field, kind, white[:, :-1], white[:, -1], plain, misfit, old.weights, old.turn)
+    rows = tuple(row if one.field.joint == field.joint else one for one in solved.rows)
+    inverse, rank = pseudo_inverse(np.asarray(sum(one.jacobian.T @ one.jacobian for one in rows)))
+    return replace(solved, rows=rows, inverse=inverse, rank=rank)
+
+
 def _width(model: Model, one: Added) -> int:
     return len(one.effect.parameters(model.robot, one.joint or 0))
 
@@ -219,15 +239,9 @@ def _round(
     rows = []
     for field, kind, design, white in zip(loaded, kinds, designs, whites, strict=True):
         weights, turn = chain.effective(theta, field.joint - 1)
-        rows.append(
-            Row(
-                field,
-                kind,
-                white[:, :-1] @ turn,
-                white[:, -1] - white[:, :-1] @ weights,
-                field.current - design @ weights,
-            )
-        )
+        left = white[:, -1] - white[:, :-1] @ weights
+        misfit = field.current - design @ weights
+        rows.append(Row(field, kind, white[:, :-1] @ turn, left, design @ turn, misfit, weights, turn))
     p = len(start.base)
     ends = np.cumsum([len(one) for one in values])
     sizes = np.split(theta[p + len(start.scales) :], ends)[: len(values)]

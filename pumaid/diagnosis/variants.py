@@ -58,7 +58,7 @@ class Catalogue:
 
 
 def build(solved: Solved, effects: Sequence[Effect] | None = None) -> Catalogue:
-    """Columns of every effect that is not in the model, at the loads of `solved`.
+    """Columns of every effect that is not in the model, at the loads of `solved`; periodic ones have spectra instead.
 
     Parameters
     ----------
@@ -67,7 +67,7 @@ def build(solved: Solved, effects: Sequence[Effect] | None = None) -> Catalogue:
     effects
         What to try; all that are no part of every model where not given.
     """
-    tried = [one for one in (effects or catalogue().values()) if not one.base]
+    tried = [one for one in (effects or catalogue().values()) if not one.base and one.periodic is None]
     variants: list[Variant] = []
     excluded: dict[tuple[str, int | None], str] = {}
     local: dict[int, list[Floats]] = {row.field.joint: [] for row in solved.rows}

@@ -1,0 +1,184 @@
+"""A candidate looked at closely: its best shape, its chance, and what it does for runs that were left out."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pumaid.diagnosis.familywise import Family
+from pumaid.diagnosis.folds import Falls, falls, groups_of
+from pumaid.diagnosis.refine import at
+from pumaid.diagnosis.scan import Projector, Trial, surprise
+from pumaid.diagnosis.system import Added, Solved
+
+Floats = NDArray[np.float64]
+Key = tuple[str, int | None]
+
+#: Family-wise chance of a finding where nothing is missing.
+LEVEL = 0.05
+#: Standard errors by which held-out error must fall.
+STEADY = 1.0
+#: Share by which an effect must lower the RMSE of some joint to be worth a parameter.
+WORTH = 0.01
+#: Difference of evidence beyond which one effect is decidedly better (odds of 150).
+DECISIVE = 10.0
+#: Standard errors of the paired held-out difference beyond which a rival is worse.
+WORSE = 2.0
+#: Share of a rival's statistic that may be left once the chosen effect is in: above, it explains something else.
+SAME = 0.5
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Contender:
+    """A candidate looked at closely.
+
+    Attributes
+    ----------
+    trial
+        At its best shape.
+    shapes
+        All that were tried.
+    on
+        The system that it was tried on.
+    p_value
+        Family-wise.
+    evidence
+        Twice the gain in log likelihood, less what its parameters would gain by chance.
+    falls
+        What leaving runs out says.
+    before, after
+        (A) RMSE of the fitted samples by joint that it touches.
+    """
+
+    trial: Trial
+    shapes: tuple[Added, ...]
+    on: Solved
+    p_value: float
+    evidence: float
+    falls: Falls
+    before: dict[int, float]
+    after: dict[int, float]
+
+    @property
+    def key(self) -> Key:
+        """Effect and joint."""
+        return self.trial.added.key
+
+    @property
+    def gain(self) -> float:
+        """Largest share by which a joint's RMSE falls."""
+        return max((1.0 - after / self.before[joint] for joint, after in self.after.items()), default=0.0)
+
+    @property
+    def fault(self) -> str | None:
+        """Which gate it misses; None where it passes all."""
+        if self.p_value > LEVEL:
+            return "chance"
+        if self.falls.total <= 0.0 or self.falls.steadiness <= STEADY:
+            return "heldout"
+        return "worth" if self.gain < WORTH else None
+
+
+def contender(on: Solved, grid: Trial, trial: Trial, *, shapes: Sequence[Added], family: Family) -> Contender:
+    """Judge one candidate.
+
+    Parameters
+    ----------
+    on
+        The system that it is tried on.
+    grid, trial
+        Its best on the grid (what the flips were compared with), and refined.
+    shapes
+        Its grid.
+    family
+        Chances under the flips.
+    """
+    tried = (*shapes, trial.added)
+    chance = family.p_value(trial.added.key, float(surprise(grid.statistic / on.scale, grid.width)))
+    before, after = _errors(on, trial)
+    joints = sorted(after)
+    return Contender(
+        trial=trial,
+        shapes=tried,
+        on=on,
+        p_value=chance,
+        evidence=evidence(on, trial),
+        falls=falls(on, tried, groups_of(on, joints)),
+        before=before,
+        after=after,
+    )
+
+
+def evidence(on: Solved, trial: Trial) -> float:
+    """Twice the gain in log likelihood less (parameters) x log(runs): effects between runs have only runs to go by.
+
+    Source
+    ------
+    G. Schwarz, Ann. Stat. 6 (1978) 461-464; the count of clusters for that of observations.
+    """
+    runs = [len(row.field.runs) for row in on.rows]
+    return trial.statistic / on.scale - trial.freedoms * float(np.log(max(np.mean(runs), 2.0)))
+
+
+def _errors(on: Solved, trial: Trial) -> tuple[dict[int, float], dict[int, float]]:
+    """RMSE (A) of samples by joint in which the effect acts, without and with it, all else refitted."""
+    plain = {row.field.joint: trial.added.columns(on.model, row.field.samples) for row in on.rows}
+    white = {joint: on.row(joint).noise.whiten(on.row(joint).field, C) for joint, C in plain.items() if np.any(C)}
+    cross = sum(on.row(joint).jacobian.T @ C for joint, C in white.items())
+    turned = on.inverse @ cross
+    before, after = {}, {}
+    for joint in white:
+        row = on.row(joint)
+        left = row.misfit - (plain[joint] - row.plain @ turned) @ trial.sizes
+        before[joint], after[joint] = (
+            rmse(row.field.count, row.field.inside, row.misfit),
+            rmse(row.field.count, row.field.inside, left),
+        )
+    return before, after
+
+
+def rmse(count: Floats, inside: Floats, misfit: Floats) -> float:
+    """RMSE (A) of samples from cells."""
+    return float(np.sqrt(count @ (misfit**2 + inside) / count.sum()))
+
+
+def rivals(chosen: Contender, others: Sequence[Contender], after: Solved) -> tuple[Contender, ...]:
+    """Those which these data cannot tell from `chosen`.
+
+    A rival passes the family-wise test itself, has nothing left to explain once `chosen` is in, and is neither
+    decisively less likely nor clearly worse in runs left out.
+
+    Parameters
+    ----------
+    chosen, others
+        All judged on one system.
+    after
+        The system with `chosen` in it.
+    """
+    projector, found = Projector(after), []
+    for other in others:
+        if other.key == chosen.key or other.p_value > LEVEL:
+            continue
+        left = at(projector, other.trial.added)
+        if left is not None and left.statistic > SAME * other.trial.statistic:
+            continue
+        if chosen.evidence - other.evidence <= DECISIVE or not is_worse(other, chosen):
+            found.append(other)
+    return tuple(found)
+
+
+def is_worse(other: Contender, chosen: Contender) -> bool:
+    """Whether `other` predicts runs left out clearly worse than `chosen`, fold by fold."""
+    if len(other.falls.falls) != len(chosen.falls.falls):
+        joints = sorted({*other.after, *chosen.after})
+        pair = [falls(one.on, one.shapes, groups_of(one.on, joints)).falls for one in (other, chosen)]
+    else:
+        pair = [other.falls.falls, chosen.falls.falls]
+    gap = pair[1] - pair[0]
+    if len(gap) < 2:
+        return bool(gap.sum() > 0.0)
+    error = float(gap.std(ddof=1)) / np.sqrt(len(gap))
+    return float(gap.mean()) > WORSE * error

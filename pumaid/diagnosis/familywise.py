@@ -1,0 +1,107 @@
+"""One error rate for the whole catalogue: how good the best candidate looks where nothing is missing."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pumaid.diagnosis.scan import Scan, Trial, surprise
+from pumaid.diagnosis.system import pseudo_inverse
+
+Floats = NDArray[np.float64]
+Key = tuple[str, int | None]
+
+#: Flips of the signs of whole runs; the smallest p-value is one in a thousand.
+FLIPS = 999
+#: Of the flips; a diagnosis is the same each time.
+SEED = 20_261
+#: Degrees of freedom of a periodic effect: cosine and sine.
+PERIODIC = 2
+#: Quantile of each candidate's own flips that all are brought to, so that each has the same chance of a false alarm.
+BALANCED = 0.98
+#: Candidates whose flips are held at once.
+AT_ONCE = 128
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Family:
+    """How surprising the best of a catalogue is where nothing is missing.
+
+    Attributes
+    ----------
+    handicaps
+        (effect, joint) -> surprise (-log10 of a single p-value) that its best shape reaches in `BALANCED` of the flips.
+    largest
+        (B,) surprise beyond its handicap of the best candidate in each flip, sorted.
+    """
+
+    handicaps: dict[Key, float]
+    largest: Floats
+
+    def p_value(self, key: Key, seen: float) -> float:
+        """Chance of any candidate at least as far beyond its handicap as `key` is with the surprise `seen`."""
+        beyond = seen - self.handicaps.get(key, 0.0)
+        return float(1 + np.count_nonzero(self.largest >= beyond)) / (1 + len(self.largest))
+
+    def threshold(self, key: Key, level: float) -> float:
+        """Surprise that `key` needs for a p-value below `level`."""
+        return self.handicaps.get(key, 0.0) + float(np.quantile(self.largest, 1.0 - level))
+
+
+def family(scan: Scan, *, periodic: str | None = None, flips: int = FLIPS) -> Family:
+    """Flip the signs of whole runs' scores and keep the best shape of each candidate each time.
+
+    Candidates with many shapes (all frequencies of a ripple) are handicapped by what these gain in the flips, so that
+    they do not drown the others.
+
+    Parameters
+    ----------
+    scan
+        Of the whole catalogue.
+    periodic
+        Name of the effect whose spectra the scan holds.
+    flips
+        How many.
+
+    Source
+    ------
+    The wild cluster score bootstrap of P. Kline and A. Santos, J. Econometric Methods 1 (2012) 23-41, with the maximum
+    over hypotheses of J. P. Romano and M. Wolf, Econometrica 73 (2005) 1237-1282, balanced as in their section 4.
+    """
+    signs = np.random.default_rng(SEED).choice([-1.0, 1.0], size=(flips, len(scan.leverage))) * scan.leverage
+    scale, found = scan.solved.scale, dict[Key, Floats]()
+    by_width: dict[int, list[Trial]] = {}
+    for trial in scan.trials:
+        by_width.setdefault(trial.width, []).append(trial)
+    for width, trials in by_width.items():
+        for start in range(0, len(trials), AT_ONCE):
+            some = trials[start : start + AT_ONCE]
+            for trial, seen in zip(some, _surprises(some, signs, width=width, scale=scale).T, strict=True):
+                found[trial.added.key] = np.maximum(found.get(trial.added.key, 0.0), seen)
+    before = 0
+    for row in scan.solved.rows:
+        runs = slice(before, before + len(row.field.runs))
+        before = runs.stop
+        spectrum = scan.spectra.get(row.field.joint)
+        if spectrum is not None and periodic is not None:
+            best = spectrum.statistic(signs[:, runs]).max(axis=1)
+            found[periodic, row.field.joint] = surprise(best / scale, PERIODIC)
+    if not found:
+        return Family({}, np.zeros(flips))
+    handicaps = {key: float(np.quantile(seen, BALANCED)) for key, seen in found.items()}
+    largest = np.max([seen - handicaps[key] for key, seen in found.items()], axis=0)
+    return Family(handicaps, np.sort(largest))
+
+
+def _surprises(trials: list[Trial], signs: Floats, *, width: int, scale: float) -> Floats:
+    """(B, trials) surprise of trials of one width in each flip."""
+    total = (signs @ np.concatenate([trial.scores for trial in trials], axis=1)).reshape(len(signs), len(trials), width)
+    inverse = np.array([_inverse(trial.information) for trial in trials])
+    statistic = np.einsum("btw,btw->bt", np.einsum("btw,twv->btv", total, inverse), total) / scale
+    return surprise(statistic, width)
+
+
+def _inverse(information: Floats) -> Floats:
+    return np.array([[1.0 / information[0, 0]]]) if len(information) == 1 else pseudo_inverse(information)[0]

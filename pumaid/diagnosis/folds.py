@@ -1,0 +1,129 @@
+"""Whether an effect predicts runs that it was not fitted to: runs left out, those that repeat one another together."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pumaid.diagnosis.scan import Projector
+from pumaid.diagnosis.system import Added, Solved, pseudo_inverse
+
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Falls:
+    """What leaving runs out says of one effect.
+
+    Attributes
+    ----------
+    falls
+        (F,) fall of the held-out whitened square, one a fold.
+    before, after
+        RMSE (A) of the runs left out, without and with the effect.
+    """
+
+    falls: Floats
+    before: float
+    after: float
+
+    @property
+    def total(self) -> float:
+        """Of all folds."""
+        return float(self.falls.sum())
+
+    @property
+    def steadiness(self) -> float:
+        """Mean fall in its own standard errors."""
+        if len(self.falls) < 2:
+            return 0.0
+        error = float(self.falls.std(ddof=1)) / np.sqrt(len(self.falls))
+        return float(self.falls.mean()) / error if error > 0 else 0.0
+
+
+def groups_of(solved: Solved, joints: Sequence[int]) -> list[tuple[int, tuple[int, ...]]]:
+    """(joint, runs) that leave together: repeated runs of each joint."""
+    return [(row.field.joint, group) for row in solved.rows if row.field.joint in joints for group in row.field.groups]
+
+
+def postures_of(solved: Solved, joints: Sequence[int]) -> list[tuple[int, tuple[int, ...]]]:
+    """(joint, runs) of each posture."""
+    found = []
+    for row in solved.rows:
+        if row.field.joint in joints:
+            found += [(row.field.joint, tuple(group)) for group in row.field.postures]
+    return found
+
+
+def falls(solved: Solved, shapes: Sequence[Added], folds: Sequence[tuple[int, tuple[int, ...]]]) -> Falls:
+    """Leave each fold out, choose the shape and fit without it, and see what it then predicts.
+
+    Everything is done on Gram matrices of the whole less those of the fold.
+
+    Parameters
+    ----------
+    solved
+        The model without the effect.
+    shapes
+        The effect with each shape that it may take.
+    folds
+        As `groups_of` or `postures_of` give them.
+
+    Source
+    ------
+    M. Stone, J. R. Stat. Soc. B 36 (1974) 111-147, with clusters left out whole.
+    """
+    test = _Folds(solved, shapes)
+    results = [test.one(joint, runs) for joint, runs in folds]
+    counts = np.array([result[3] for result in results])
+    squares = np.array([result[1:3] for result in results])
+    mean = np.sqrt(squares.sum(axis=0) / counts.sum())
+    return Falls(np.array([result[0] for result in results]), float(mean[0]), float(mean[1]))
+
+
+class _Folds:
+    def __init__(self, solved: Solved, shapes: Sequence[Added]) -> None:
+        self.solved, self.shapes = solved, shapes
+        self.plain = {
+            row.field.joint: np.column_stack([one.columns(solved.model, row.field.samples) for one in shapes])
+            for row in solved.rows
+        }
+        self.width = next(iter(self.plain.values())).shape[1] // len(shapes)
+        acting = {joint: values for joint, values in self.plain.items() if np.any(values)}
+        self.white = {joint: solved.row(joint).noise.whiten(solved.row(joint).field, acting[joint]) for joint in acting}
+        _, self.cross, _, _ = Projector(solved).scores(self.white)
+        self.gram = sum(columns.T @ columns for columns in self.white.values())
+        self.slope = sum(columns.T @ solved.row(joint).residual for joint, columns in self.white.items())
+        self.information = sum(row.jacobian.T @ row.jacobian for row in solved.rows)
+
+    def one(self, joint: int, runs: tuple[int, ...]) -> tuple[float, float, float, float]:
+        """Fall, raw squares before and after weighted by samples, and samples, of one fold."""
+        row = self.solved.row(joint)
+        cells = np.isin(row.field.run, runs)
+        J, r, plain = row.jacobian[cells], row.residual[cells], row.plain[cells]
+        columns = self.white.get(joint)
+        C = columns[cells] if columns is not None else np.zeros((len(r), self.cross.shape[1]))
+        inverse, _ = pseudo_inverse(self.information - J.T @ J)
+        move = -inverse @ (J.T @ r)
+        cross = self.cross - J.T @ C
+        turned = inverse @ cross
+        score = self.slope - C.T @ r - cross.T @ move
+        information = self.gram - C.T @ C - cross.T @ turned
+        error, beyond = r - J @ move, C - J @ turned
+        best, chosen, sizes = -np.inf, slice(0, self.width), np.zeros(self.width)
+        for number in range(len(self.shapes)):
+            own = slice(number * self.width, (number + 1) * self.width)
+            fitted = pseudo_inverse(information[own, own])[0] @ score[own]
+            gain = float(score[own] @ fitted)
+            if gain > best:
+                best, chosen, sizes = gain, own, fitted
+        after = error - beyond[:, chosen] @ sizes
+        raw = row.misfit[cells] - plain @ move
+        raw_after = raw - (self.plain[joint][cells][:, chosen] - plain @ turned[:, chosen]) @ sizes
+        weight = row.field.count[cells]
+        inside = float(weight @ row.field.inside[cells])
+        squares = (float(weight @ raw**2) + inside, float(weight @ raw_after**2) + inside)
+        return float(error @ error - after @ after), *squares, float(weight.sum())

@@ -1,0 +1,231 @@
+"""Every candidate tried on top of a solved system: how much better it would fit, run by run."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import stats
+
+from pumaid.diagnosis.periodogram import Spectrum
+from pumaid.diagnosis.system import Added, Row, Solved, pseudo_inverse
+from pumaid.diagnosis.variants import Catalogue, Variant
+
+Floats = NDArray[np.float64]
+
+#: Share of a column's square below which the model absorbs it: what is left is rounding and creep of held positions.
+ABSORBED = 1e-5
+#: Condition beyond which two columns of one candidate are one.
+SINGULAR = 1e8
+#: Least share of an information that is left for a residual where few runs feed many parameters.
+LEAST_FREEDOM = 0.25
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Trial:
+    """One variant's score statistic.
+
+    Attributes
+    ----------
+    added
+        What was tried.
+    statistic
+        Twice the gain in log likelihood if it were added (chi-square with as many degrees of freedom as columns).
+    information
+        (m, m) of its parameters, all else refitted.
+    sizes
+        (m,) parameters at the maximum.
+    scores
+        (R, m) score of each run of all joints together.
+    visible
+        Share of its columns' square that the model does not absorb.
+    """
+
+    added: Added
+    statistic: float
+    information: Floats
+    sizes: Floats
+    scores: Floats
+    visible: float
+
+    @property
+    def width(self) -> int:
+        """Linear parameters."""
+        return len(self.sizes)
+
+    @property
+    def freedoms(self) -> int:
+        """Parameters and searched shapes."""
+        return self.width + self.searched
+
+    @property
+    def searched(self) -> int:
+        """Shapes over which the best was taken."""
+        return len(self.added.shape)
+
+    def evidence(self, cells: int, scale: float) -> float:
+        """Twice the gain in log likelihood less (parameters) x log(cells)."""
+        return self.statistic / scale - self.freedoms * float(np.log(cells))
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Scan:
+    """A catalogue tried on a solved system.
+
+    Attributes
+    ----------
+    solved
+        The model so far.
+    trials
+        Every variant that the model does not absorb.
+    absorbed
+        Share that is left of those which it does, by (effect, joint), the largest over shapes.
+    spectra
+        By joint: scores of all frequencies of a periodic effect.
+    leverage
+        (R,) factor by which a run's scores are too small, since the run itself was fitted.
+    """
+
+    solved: Solved
+    trials: tuple[Trial, ...]
+    absorbed: dict[tuple[str, int | None], float]
+    spectra: dict[int, Spectrum]
+    leverage: Floats
+
+    def best(self) -> dict[tuple[str, int | None], Trial]:
+        """The best shape of each effect at each joint."""
+        out: dict[tuple[str, int | None], Trial] = {}
+        for trial in self.trials:
+            key = trial.added.key
+            if key not in out or trial.statistic > out[key].statistic:
+                out[key] = trial
+        return out
+
+
+class Projector:
+    """What is left of candidates' columns beyond a solved system."""
+
+    def __init__(self, solved: Solved) -> None:
+        self.solved = solved
+        ends = np.cumsum([0, *[len(row.field.runs) for row in solved.rows]])
+        self.runs = {
+            row.field.joint: slice(int(a), int(b)) for row, a, b in zip(solved.rows, ends[:-1], ends[1:], strict=True)
+        }
+        self.total = int(ends[-1])
+        self.own = {row.field.joint: row.field.sums(row.jacobian * row.residual[:, None]) for row in solved.rows}
+        self.own_scores = np.concatenate([self.own[row.field.joint] for row in solved.rows])
+
+    def scores(self, white: dict[int, Floats]) -> tuple[Floats, Floats, Floats, Floats]:
+        """Scores by run, information and what was there before the projection.
+
+        Parameters
+        ----------
+        white
+            Joint -> (N, V) whitened columns; joints that are absent have zero.
+
+        Returns
+        -------
+        scores
+            (R, V) of all joints' runs.
+        cross, gram
+            (P, V) and (V, V): with the system's parameters and among themselves.
+        raw
+            (V,) squares of the columns.
+        """
+        width = next(iter(white.values())).shape[1]
+        scores, cross = np.zeros((self.total, width)), np.zeros((self.own_scores.shape[1], width))
+        gram = np.zeros((width, width))
+        for row in self.solved.rows:
+            columns = white.get(row.field.joint)
+            if columns is None:
+                continue
+            scores[self.runs[row.field.joint]] += row.field.sums(columns * row.residual[:, None])
+            cross += row.jacobian.T @ columns
+            gram += columns.T @ columns
+        turned = self.solved.inverse @ cross
+        return scores - self.own_scores @ turned, cross, gram - cross.T @ turned, np.diagonal(gram).copy()
+
+    def trials(
+        self, variants: Sequence[Variant], white: dict[int, Floats]
+    ) -> tuple[list[Trial], dict[tuple[str, int | None], float]]:
+        """Every variant of one kind; those that the model absorbs apart, with the share that is left."""
+        out: list[Trial] = []
+        lost: dict[tuple[str, int | None], float] = {}
+        if not variants:
+            return out, lost
+        scores, _, left, raw = self.scores(white)
+        for variant in variants:
+            own = np.array(variant.columns)
+            information, before = left[np.ix_(own, own)], raw[own]
+            share = np.divide(np.diagonal(information), before, out=np.zeros(len(own)), where=before > 0)
+            trial = trial_of(variant.added, scores[:, own], information, share)
+            if trial is None:
+                key = variant.added.key
+                lost[key] = max(lost.get(key, 0.0), float(share.max(initial=0.0)))
+            else:
+                out.append(trial)
+        seen = {trial.added.key for trial in out}
+        return out, {key: share for key, share in lost.items() if key not in seen}
+
+
+def trial_of(added: Added, scores: Floats, information: Floats, share: Floats) -> Trial | None:
+    """The score statistic of one variant in the directions that the model does not absorb; None where there is none."""
+    size = np.sqrt(np.maximum(np.diagonal(information), 0.0))
+    kept = (share >= ABSORBED) & (size > 0)
+    if not kept.any():
+        return None
+    own = np.flatnonzero(kept)
+    inner = information[np.ix_(own, own)]
+    inverse = pseudo_inverse(inner)[0] if len(own) > 1 else 1.0 / inner
+    if len(own) > 1 and np.linalg.cond(inner / np.outer(size[own], size[own])) > SINGULAR:
+        own = own[:1]
+        inverse = 1.0 / information[np.ix_(own, own)]
+    total = scores[:, own].sum(axis=0)
+    sizes = np.zeros(len(kept))
+    sizes[own] = inverse @ total
+    return Trial(added, float(total @ inverse @ total), information, sizes, scores, float(share[kept].max()))
+
+
+def scan(solved: Solved, catalogue: Catalogue, spectra: dict[int, Spectrum] | None = None) -> Scan:
+    """Score every variant of a catalogue.
+
+    Source
+    ------
+    C. R. Rao, Proc. Camb. Phil. Soc. 44 (1948) 50-57, the score test; whitened, so of generalised least squares.
+    """
+    projector = Projector(solved)
+    trials: list[Trial] = []
+    absorbed: dict[tuple[str, int | None], float] = {}
+    for row in solved.rows:
+        joint = row.field.joint
+        variants = [one for one in catalogue.variants if not one.is_wide and one.added.joint == joint]
+        white = {joint: row.noise.whiten(row.field, catalogue.local[joint])}
+        found, lost = projector.trials(variants, white)
+        trials += found
+        absorbed |= lost
+    wide = [one for one in catalogue.variants if one.is_wide]
+    white = {row.field.joint: row.noise.whiten(row.field, catalogue.wide[row.field.joint]) for row in solved.rows}
+    found, lost = projector.trials(wide, white)
+    leverage = np.concatenate([_leverage(row, solved) for row in solved.rows])
+    return Scan(solved, (*trials, *found), absorbed | lost, spectra or {}, leverage)
+
+
+def _leverage(row: Row, solved: Solved) -> Floats:
+    """(R,) 1 / sqrt(1 - parameters a run), the bias of scores of runs that were themselves fitted (HC2's)."""
+    used = float(np.sum((row.jacobian @ solved.inverse) * row.jacobian))
+    runs = len(row.field.runs)
+    return np.full(runs, 1.0 / np.sqrt(max(LEAST_FREEDOM, 1.0 - used / runs)))
+
+
+def surprise(statistic: Floats, freedoms: int) -> Floats:
+    """-log10 of the chance of at least `statistic` under chi-square, also far out in the tail."""
+    return np.asarray(-stats.chi2.logsf(statistic, freedoms) / np.log(10.0))
+
+
+def ranked(trials: Iterable[Trial], *, cells: int, scale: float) -> list[Trial]:
+    """By evidence, best first; the name breaks ties."""
+    return sorted(
+        trials, key=lambda one: (-round(one.evidence(cells, scale), 6), one.added.key[0], one.added.joint or 0)
+    )
