@@ -1,0 +1,160 @@
+"""What the best possible test can see: the whitened score test with the true noise, after the paper's base model.
+
+Runs are the rows in which the commanded speed is constant and the loop has settled. The noise of run r of joint j is
+
+    sigma_jr^2 AR(memory_j)  +  (step^2 / 12) white  +  level_jr^2 (one constant for the whole run),
+
+and is whitened exactly but for the first sample's transient. The base model is linearised at the truth: gravity's
+independent link parameters (shared by all joints, each joint in its own gain), the gain of every joint, and Coulomb and
+viscous friction of both directions of every joint. A signature f (A) with d free amplitudes has the noncentrality
+
+    lambda = |W f|^2 - |projection of W f on W (base columns)|^2,
+
+and is at its detection limit where a test of d degrees of freedom at the level 0.05 / TESTS rejects with 80 % power.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import brentq
+from scipy.signal import lfilter
+from scipy.stats import chi2, ncx2
+
+from blind_world.world import World, loudness
+
+Floats = NDArray[np.float64]
+
+#: Independent looks that a search over catalogue, joints and shapes amounts to: a two-sided z of 4.0.
+TESTS = 800
+LEVEL, POWER = 0.05, 0.8
+#: Eigenvalues of the scaled normal equations below this share of the largest are directions that nothing determines.
+RANK = 1e-10
+
+
+def threshold(freedoms: int) -> float:
+    """Noncentrality at which a chi-square test of `freedoms` at LEVEL / TESTS has the power POWER."""
+    critical = chi2.isf(LEVEL / TESTS, freedoms)
+    return float(brentq(lambda size: ncx2.sf(critical, freedoms, size) - POWER, 1.0, 200.0))
+
+
+class Oracle:
+    """The base model's whitened normal equations for one world.
+
+    Attributes
+    ----------
+    joints
+        By joint (from 0): rows of its fitted runs.
+    """
+
+    def __init__(self, world: World) -> None:
+        self.world = world
+        self.loud = loudness(world)
+        run, held = world.motion.run, world.heldout
+        own = np.where(run >= 0, world.joint_of[run], -1)
+        self.joints = [np.flatnonzero((own == j) & ~held[run]) for j in range(world.arm.n)]
+        self.judged = [np.flatnonzero((own == j) & held[run]) for j in range(world.arm.n)]
+        self.columns = [self.base(j, rows) for j, rows in enumerate(self.joints)]
+        self.white = [self.whitened(j, self.joints[j], block) for j, block in enumerate(self.columns)]
+        gram = sum(block.T @ block for block in self.white)
+        self.scale = 1.0 / np.sqrt(np.maximum(np.diag(gram), 1e-30))
+        values, vectors = np.linalg.eigh(gram * self.scale * self.scale[:, None])
+        good = values > RANK * values[-1]
+        #: (p, r) with root @ root.T the generalised inverse of the normal equations.
+        self.root = self.scale[:, None] * vectors[:, good] / np.sqrt(values[good])
+
+    def base(self, joint: int, rows: NDArray[np.int64]) -> Floats:
+        """(M, p) columns of the base model, A per unit, at rows in which `joint` moves."""
+        motion, arm = self.world.motion, self.world.arm
+        p, n = motion.regressor.shape[1], arm.n
+        out = np.zeros((len(rows), p + 5 * n))
+        out[:, :p] = motion.regressor[rows] * arm.gain[joint]
+        out[:, p + joint] = motion.load[rows] * arm.gain[joint]
+        v = motion.velocity[rows, joint]
+        first = p + n + 4 * joint
+        out[:, first : first + 4] = np.column_stack([v > 0, v <= 0, np.maximum(v, 0), np.minimum(v, 0)])
+        return out
+
+    def whitened(self, joint: int, rows: NDArray[np.int64], values: Floats) -> Floats:
+        """(M, ...) `values` at rows of runs of `joint`, with the noise's covariance made the identity."""
+        noise, run = self.world.noise, self.world.motion.run[rows]
+        out = np.empty_like(values, dtype=float)
+        keep = noise.memory[joint]
+        starts = np.flatnonzero(np.append(True, np.diff(run) != 0))
+        for begin, end in zip(starts, np.append(starts[1:], len(rows)), strict=True):
+            loud = self.loud[run[begin]]
+            sigma = noise.sigma[joint] * loud
+            grain = (noise.step / sigma) ** 2 / 12.0
+            level = noise.level[joint] * loud / sigma
+            block = np.column_stack([np.ones(end - begin), values[begin:end].reshape(end - begin, -1) / sigma])
+            block = _arma(block, keep, grain)
+            one = block[:, 0]
+            size = float(one @ one)
+            share = (1.0 - 1.0 / np.sqrt(1.0 + level**2 * size)) / size
+            block = block[:, 1:] - share * one[:, None] * (one @ block[:, 1:])
+            out[begin:end] = block.reshape(out[begin:end].shape)
+        return out
+
+    def noncentrality(self, signature: Mapping[int, Floats]) -> float:
+        """Of a signature: by joint (from 0), A at the rows `joints`; joints left out feel nothing."""
+        size, along = 0.0, np.zeros(len(self.scale))
+        for joint, values in signature.items():
+            white = self.whitened(joint, self.joints[joint], values)
+            size += float(white @ white)
+            along += self.white[joint].T @ white
+        return max(size - float(np.square(self.root.T @ along).sum()), 0.0)
+
+    def share_seen(self, signature: Mapping[int, Floats]) -> float:
+        """Share of the signature's whitened square that the base model leaves."""
+        whole = sum(
+            float(np.square(self.whitened(joint, self.joints[joint], values)).sum())
+            for joint, values in signature.items()
+        )
+        return self.noncentrality(signature) / whole if whole > 0 else 0.0
+
+    def felt(self, current: Floats) -> dict[int, Floats]:
+        """Currents (N, J) at the rows of each joint's fitted runs."""
+        return {joint: current[rows, joint] for joint, rows in enumerate(self.joints)}
+
+    def fit(self, measured: Floats, effects: list[Floats], start: Floats) -> tuple[Floats, Floats]:
+        """Weighted fit of the base model and of known signatures to `measured`.
+
+        Parameters
+        ----------
+        measured, start
+            (N, J) A, and currents of the true base model about which it is linearised.
+        effects
+            (N, J) A each: signatures with one free amplitude each.
+
+        Returns
+        -------
+        values, amplitudes
+            Changes of the base parameters, and amplitudes (1 where the signature is as it was hidden).
+        """
+        p = len(self.scale)
+        gram, right = np.zeros((p + len(effects),) * 2), np.zeros(p + len(effects))
+        for joint, rows in enumerate(self.joints):
+            known = np.column_stack([(measured - start)[rows, joint], *(one[rows, joint] for one in effects)])
+            white = self.whitened(joint, rows, known)
+            block = np.column_stack([self.white[joint], white[:, 1:]])
+            gram += block.T @ block
+            right += block.T @ white[:, 0]
+        scale = 1.0 / np.sqrt(np.maximum(np.diag(gram), 1e-30))
+        values, vectors = np.linalg.eigh(gram * scale * scale[:, None])
+        good = values > RANK * values[-1]
+        root = scale[:, None] * vectors[:, good] / np.sqrt(values[good])
+        found = root @ (root.T @ right)
+        return found[:p], found[p:]
+
+
+def _arma(block: Floats, keep: float, grain: float) -> Floats:
+    """Innovations of AR(1) noise of unit variance plus white noise of variance `grain`, scaled to unit variance."""
+    total = (1.0 - keep**2) + grain * (1.0 + keep**2)
+    ratio = total / (2.0 * grain * keep) if grain * keep > 1e-12 * total else np.inf
+    lag = 0.0 if np.isinf(ratio) else ratio - np.sqrt(ratio**2 - 1.0)
+    spread = np.sqrt(total / (1.0 + lag**2))
+    out = lfilter([1.0, -keep], [1.0, -lag], block, axis=0) / spread
+    out[0] = block[0] / np.sqrt(1.0 + grain)
+    return np.asarray(out)

@@ -1,0 +1,205 @@
+"""One experiment's physics: the arm's motion, its motors' friction and noise, and what a log would hold."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+from scipy.signal import lfilter
+
+from blind_world.arms import Arm, compiled, mjcf
+from blind_world.campaign import Campaign
+from blind_world.motion import RATE, Motion
+
+Floats = NDArray[np.float64]
+
+#: rad/s or m/s below which friction turns over smoothly.
+TURNOVER = 0.004
+
+
+@dataclass(frozen=True, eq=False)
+class Friction:
+    """(J,) Coulomb (A) and viscous (A s/rad or A s/m) friction of both directions, all positive."""
+
+    plus: Floats
+    minus: Floats
+    viscous_plus: Floats
+    viscous_minus: Floats
+
+
+@dataclass(frozen=True, eq=False)
+class Noise:
+    """What sensors add; (J,) by joint.
+
+    Attributes
+    ----------
+    sigma
+        A, of a sample.
+    memory
+        Correlation of one sample with the next (AR(1)).
+    level
+        A, spread of what a whole stroke shares.
+    louder
+        Share by which all of it grows up to the joint's highest speed.
+    step
+        A, of the current's quantisation.
+    tick
+        rad or m, of the encoder.
+    """
+
+    sigma: Floats
+    memory: Floats
+    level: Floats
+    louder: Floats
+    step: float
+    tick: Floats
+
+
+@dataclass(frozen=True, eq=False)
+class State:
+    """What sensors see before they add noise: N rows of J joints."""
+
+    current: Floats
+    position: Floats
+
+
+@dataclass(frozen=True, eq=False)
+class World:
+    """Motion and all that was drawn for one experiment. Joints count from 0 here."""
+
+    arm: Arm
+    campaign: Campaign
+    motion: Motion
+    friction: Friction
+    noise: Noise
+    temperature: Floats
+    has_temperature: bool
+    has_velocity: bool
+
+    @cached_property
+    def joint_of(self) -> NDArray[np.int64]:
+        """(R,) moving joint of every stroke."""
+        return np.array([stroke.joint for stroke in self.campaign.strokes])
+
+    @cached_property
+    def speed_of(self) -> Floats:
+        """(R,) signed commanded speed of every stroke."""
+        return np.array([stroke.speed * stroke.sign for stroke in self.campaign.strokes])
+
+    @cached_property
+    def heldout(self) -> NDArray[np.bool_]:
+        """(R,) which strokes are for judging only."""
+        return np.array([stroke.is_heldout for stroke in self.campaign.strokes])
+
+    @cached_property
+    def sign(self) -> Floats:
+        """(J,) of the motors' wiring."""
+        return np.sign(self.arm.gain)
+
+    @cached_property
+    def model(self) -> mujoco.MjModel:
+        """The arm in MuJoCo, without friction."""
+        return compiled(mjcf(self.arm))
+
+    def rows(self, joint: int) -> NDArray[np.int64]:
+        """Rows in which a stroke of `joint` is under way."""
+        moving = self.motion.moving
+        return np.flatnonzero((moving >= 0) & (self.joint_of[moving] == joint))
+
+    @cached_property
+    def base(self) -> State:
+        """Without any hidden effect: inverse dynamics, Coulomb and viscous friction."""
+        v, f = self.motion.velocity, self.friction
+        way = np.tanh(v / TURNOVER)
+        drag = np.where(v > 0, f.plus, f.minus) * way + np.where(v > 0, f.viscous_plus, f.viscous_minus) * v
+        return State(self.motion.torque * self.arm.gain + self.sign * drag, self.motion.position)
+
+
+def draw_world(arm: Arm, campaign: Campaign, motion: Motion, *, rng: np.random.Generator) -> World:
+    """Friction, noise, temperature and the log's columns of one experiment.
+
+    Parameters
+    ----------
+    arm, campaign, motion
+        What is done by which arm.
+    rng
+        The experiment's own.
+    """
+    n = arm.n
+    coulomb = arm.coulomb * rng.uniform(0.7, 1.3, n)
+    lean = rng.uniform(-0.25, 0.25, n)
+    viscous = coulomb * rng.uniform(0.1, 0.5, n) / arm.speed
+    tilt = rng.uniform(-0.25, 0.25, n)
+    friction = Friction(coulomb * (1 + lean), coulomb * (1 - lean), viscous * (1 + tilt), viscous * (1 - tilt))
+    sigma = arm.coulomb * np.exp(rng.uniform(np.log(0.02), np.log(0.06), n))
+    noise = Noise(
+        sigma=sigma,
+        memory=np.exp(-1.0 / (RATE * rng.uniform(0.012, 0.08, n))),
+        level=sigma * rng.uniform(0.1, 0.45, n),
+        louder=np.full(n, rng.uniform(0.3, 1.2) if rng.random() < 1 / 3 else 0.0),
+        step=float(sigma.min() * rng.uniform(0.2, 0.8)),
+        tick=np.where(arm.slides, 1e-5, 2 * np.pi / 2.0 ** rng.integers(16, 20)),
+    )
+    warm, is_thermal = _temperature(motion, arm, rng), bool(rng.random() < 0.4)
+    return World(arm, campaign, motion, friction, noise, warm, is_thermal, bool(rng.random() < 0.7))
+
+
+def _temperature(motion: Motion, arm: Arm, rng: np.random.Generator) -> Floats:
+    """(N, J) degC: each motor warms while it moves and cools in between, in a room that drifts."""
+    memory = np.exp(-1.0 / (RATE * rng.uniform(150.0, 600.0, arm.n)))
+    heat = np.abs(motion.velocity) / arm.speed * rng.uniform(60.0, 140.0, arm.n)
+    out = np.empty_like(heat)
+    for joint, keep in enumerate(memory):
+        out[:, joint] = lfilter([1.0 - keep], [1.0, -keep], heat[:, joint])
+    room = rng.uniform(18.0, 26.0) + rng.uniform(-2.0, 2.0) * np.linspace(0.0, 1.0, len(motion)) ** 2
+    return out + room[:, None] + rng.uniform(0.0, 6.0, arm.n)
+
+
+def loudness(world: World) -> Floats:
+    """(R,) factor by which noise of the moving joint is louder in each stroke."""
+    share = np.abs(world.speed_of) / world.arm.speed[world.joint_of]
+    return 1.0 + world.noise.louder[world.joint_of] * share
+
+
+def noises(world: World, rng: np.random.Generator) -> Floats:
+    """(N, J) A: correlated noise, and in the moving joint the level of each stroke.
+
+    Parameters
+    ----------
+    world
+        The experiment.
+    rng
+        Source of randomness.
+    """
+    noise, moving = world.noise, world.motion.moving
+    size = (len(world.motion), world.arm.n)
+    white = rng.standard_normal(size)
+    out = np.empty(size)
+    for joint, keep in enumerate(noise.memory):
+        first = keep * rng.standard_normal(1)
+        out[:, joint] = lfilter([np.sqrt(1 - keep**2)], [1.0, -keep], white[:, joint], zi=first)[0]
+    out *= noise.sigma
+    on = np.flatnonzero(moving >= 0)
+    own, loud = world.joint_of[moving[on]], loudness(world)
+    levels = rng.standard_normal(len(loud)) * noise.level[world.joint_of]
+    out[on, own] = loud[moving[on]] * (out[on, own] + levels[moving[on]])
+    return out
+
+
+def sensed(world: World, state: State, noise: Floats) -> State:
+    """What the log holds: noise added, current and position in whole steps.
+
+    Parameters
+    ----------
+    world
+        The experiment.
+    state
+        True currents and positions.
+    noise
+        (N, J) A.
+    """
+    current = np.round((state.current + noise) / world.noise.step) * world.noise.step
+    return replace(state, current=current, position=np.round(state.position / world.noise.tick) * world.noise.tick)
