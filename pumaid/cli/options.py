@@ -79,3 +79,26 @@ def suspect_option(function: Decorated) -> Decorated:
     """``--suspect COLUMN``, any number of times, as `suspect`: tuple of str."""
     told = "A column of the logs that may be the cause (supply voltage, oil temperature ...); repeatable."
     return click.option("--suspect", multiple=True, metavar="COLUMN", help=told)(function)
+
+
+def effects_option(function: Decorated) -> Decorated:
+    """``--effects FILE.py``, any number of times: in the catalogue before the command begins, so no value arrives."""
+    told = "A file that holds an effect of your own; it is run, so name only files that you trust. Repeatable."
+    kind = click.Path(path_type=Path)
+    return click.option(
+        "--effects",
+        type=kind,
+        multiple=True,
+        metavar="FILE.py",
+        help=told,
+        callback=_include,
+        expose_value=False,
+    )(function)
+
+
+def _include(context: click.Context, option: click.Parameter, paths: tuple[Path, ...]) -> None:
+    if paths:
+        from pumaid.effects import include
+
+        for path in paths:
+            include(path)

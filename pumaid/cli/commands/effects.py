@@ -3,87 +3,103 @@
 from __future__ import annotations
 
 import difflib
-import inspect
+from pathlib import Path
 from typing import Any
 
 import rich_click as click
 
-from pumaid.cli.options import json_option
-from pumaid.cli.output import document, say, table
+from pumaid.cli.options import effects_option, json_option
+from pumaid.cli.output import document, picture_form, remark, say, table
 
 
 @click.command()
 @click.argument("name", required=False)
+@click.option("--picture", type=click.Path(path_type=Path), metavar="FILE", help="Draw it: .png, .svg or .pdf.")
+@effects_option
 @json_option
-def command(name: str | None, as_json: bool) -> None:
+def command(name: str | None, picture: Path | None, as_json: bool) -> None:
     """The physics that pumaid knows: all effects, or one explained.
+
+    Explaining one prints its law, parameters and look-alikes, the command that adds it, and what it looks like.
 
     \b
     Example:
       pumaid effects
-      pumaid effects coulomb
-      pumaid effects --json | jq '.effects[].effect'
+      pumaid effects stribeck
+      pumaid effects ripple --picture ripple.png
+      pumaid effects --json | jq '.effects[].equation'
     """
     from pumaid.effects import catalogue
     from pumaid.errors import ModelError
     from pumaid.files.result import heading
+    from pumaid.show.effects import facts
 
-    known = catalogue()
+    known, form = catalogue(), picture_form(picture)
     if name is not None and name not in known:
         near = difflib.get_close_matches(name, known, n=1)
         mend = f"did you mean '{near[0]}'?" if near else f"effects are {', '.join(known)}"
         raise ModelError("unknown-effect", f"there is no effect '{name}'", mend=mend)
+    if picture is not None and name is None:
+        raise click.UsageError("--picture draws one effect: name it")
     chosen = list(known.values()) if name is None else [known[name]]
     if as_json:
-        document(heading("effects") | {"effects": [_facts(effect) for effect in chosen]})
+        document(heading("effects") | {"effects": [facts(effect) for effect in chosen]})
     elif name is None:
-        _list(chosen)
+        _list([facts(effect) for effect in chosen])
     else:
-        _explain(_facts(chosen[0]))
+        _explain(facts(chosen[0]), chosen[0])
+    if picture is not None:
+        _draw(chosen[0], picture, form)
 
 
-def _facts(effect: Any) -> dict[str, Any]:
-    """What is known of `effect`; its parameters as a revolute (rad) and a prismatic (m) joint or link own them."""
-    from pumaid.records import Joint, Robot
-
-    arm = Robot("any arm", (Joint(1, "revolute", "revolute"), Joint(2, "prismatic", "prismatic")))
-    parameters = [
-        {"joint": joint.kind, "name": found.name, "unit": found.unit.format(unit=joint.position_unit)}
-        | {"symbol": found.symbol.format(n="N"), "meaning": found.meaning, "example": found.example}
-        for joint in arm.joints
-        for found in effect.parameters(arm, joint.number)
-    ]
-    return {
-        "effect": effect.name,
-        "title": effect.title,
-        "base": effect.base,
-        "scope": effect.scope.value,
-        "shown_by": [trace.value for trace in effect.trace],
-        "physics": inspect.cleandoc(type(effect).__doc__ or ""),
-        "parameters": parameters,
-        "source": effect.source,
-    }
-
-
-def _list(chosen: list[Any]) -> None:
+def _list(chosen: list[dict[str, Any]]) -> None:
+    from rich.markup import escape
     from rich.table import Table
 
-    rows = Table("effect", "what it is", "in every model", "shown by", box=None, pad_edge=False)
-    for effect in chosen:
-        traces = ", ".join(trace.value for trace in effect.trace)
-        rows.add_row(effect.name, effect.title, "yes" if effect.base else "no", traces)
+    rows = Table("effect", "what it is", "current", "family", "may be mistaken for", box=None, pad_edge=False)
+    for one in sorted(chosen, key=lambda one: not one["base"]):
+        name = f"{one['effect']} (in every model)" if one["base"] else one["effect"]
+        rows.add_row(name, one["title"], escape(one["equation"]), one["family"], ", ".join(one["look_alikes"]))
+    table(rows)
+    say("\ns sign of the motion, v speed, q position, tau gravity's load, i predicted current (A), t time")
+
+
+def _explain(told: dict[str, Any], effect: Any) -> None:
+    from pumaid.show.signature import signature, sketch
+
+    say(f"{told['effect']}: {told['title']}\n\n{told['equation']}\n\n{told['physics']}\n")
+    say(f"parameters of {told['owner']}:")
+    _numbers(told["parameters"], "parameter")
+    if told["shapes"]:
+        say("\nshape (found by searching, or given):")
+        _numbers(told["shapes"], "shape")
+    for kind, reason in told["not_at"].items():
+        say(f"\nnot at a {kind} joint: {reason}")
+    shown = signature(effect)
+    say(f"\nwhat it looks like ({shown.text}):\n{sketch(shown)}\n")
+    if told["look_alikes"]:
+        say(f"may be mistaken for: {', '.join(told['look_alikes'])}")
+    say(f"shown by: {', '.join(told['shown_by'])} (what the residual depends on where the effect is missing)")
+    say(f"to add it: {told['command'] or 'it is in every model'}")
+    say(f"source: {told['source']}")
+
+
+def _numbers(found: list[dict[str, Any]], word: str) -> None:
+    from rich.table import Table
+
+    from pumaid.show.effects import bounds, merged
+
+    rows = Table("joint", word, "symbol", "unit", "bounds", "example", "meaning", box=None, pad_edge=False)
+    for one in merged(found):
+        limits = bounds(one["low"], one["high"])
+        symbol, example = one.get("symbol", ""), f"{one['example']:g}"
+        rows.add_row(one["owner"], one["name"], symbol, one["unit"], limits, example, one["meaning"])
     table(rows)
 
 
-def _explain(facts: dict[str, Any]) -> None:
-    from rich.table import Table
+def _draw(effect: Any, picture: Path, form: str) -> None:
+    from pumaid.files.atomic import write_whole
+    from pumaid.show.plots.signature import drawing
 
-    owner = {"joint": "each joint", "link": "each link", "arm": "the whole arm"}[facts["scope"]]
-    say(f"{facts['effect']}: {facts['title']}\n\n{facts['physics']}\n")
-    say(f"parameters of {owner}:")
-    rows = Table("joint", "parameter", "symbol", "unit", "meaning", box=None, pad_edge=False)
-    for one in facts["parameters"]:
-        rows.add_row(one["joint"], one["name"], one["symbol"], one["unit"], one["meaning"])
-    table(rows)
-    say(f"\nshown by: {', '.join(facts['shown_by'])} (what the residual depends on where the effect is missing)")
-    say(f"source: {facts['source']}")
+    write_whole(picture, drawing(effect).file(form))
+    remark(f"picture written to {picture}")
