@@ -74,9 +74,9 @@ def keep(path: Path, estimate: Estimate, robot: Robot) -> Kept:
     """Write the current model of an experiment, and keep it among all the others.
 
     The copy goes to ``models/`` beside `path` as ``NUMBER-EFFECTS.json``. It remembers the model that it was made from:
-    the one that stood at `path` where one of the two has all effects of the other, else the one with most of its
-    effects among those fitted to the same runs. A model that is there already is not kept twice. Both files are written
-    whole or not at all.
+    the one that stood at `path` where one of the two has all effects of the other, else (or where it is an earlier one
+    fitted again) the one with most of its effects among those fitted to the same runs. A model that is there already is
+    not kept twice. Both files are written whole or not at all.
 
     Parameters
     ----------
@@ -200,10 +200,12 @@ def _parent(own: Entry, others: Sequence[Entry], before: str | None) -> str | No
     """Digest of the model that `own` was made from, among those that can be compared with it."""
     mine = counted(own.estimate.effects)
     sets = {entry.digest: counted(entry.estimate.effects) for entry in others}
-    if before in sets and (sets[before] <= mine or mine <= sets[before]):
-        return before
     within = [entry for entry in others if sets[entry.digest] <= mine]
-    return max(within, key=lambda entry: (sets[entry.digest].total(), entry.number)).digest if within else None
+    best = max(within, key=lambda entry: (sets[entry.digest].total(), entry.number), default=None)
+    has_twin = best is not None and sets[best.digest] == mine
+    if before in sets and (sets[before] <= mine or (mine <= sets[before] and not has_twin)):
+        return before
+    return None if best is None else best.digest
 
 
 def counted(effects: Iterable[EffectChoice]) -> Counter[tuple[str, int | None]]:

@@ -93,9 +93,10 @@ def test_standard_input_and_output(arm):
     [(("-o", "first.json"), "first.json"), (("--results", "out"), "out/model.json"), ((), "results/model.json")],
 )
 def test_model_goes_where_it_is_told(arm, options, path):
-    """``-o`` names the file, ``--results`` the folder, else it is results/ beside the recipe."""
+    """``-o`` names the file, ``--results`` the folder, else it is results/ beside the recipe, where all are kept."""
     identify("logs", *options)
-    assert [str(found.relative_to(arm)) for found in arm.rglob("*.json")] == [path]
+    kept = [] if path == "first.json" else [path.replace("model.json", "models/001-base.json")]
+    assert sorted(str(found.relative_to(arm)) for found in arm.rglob("*.json")) == [path, *kept]
 
 
 def test_results_go_beside_the_recipe_from_anywhere(arm, tmp_path, monkeypatch):

@@ -6,28 +6,16 @@ import json
 from dataclasses import replace
 from pathlib import Path
 
-import numpy as np
 import pytest
+from ladders import ARM, RIPPLE, STRIBECK, model
 
 from pumaid.errors import ResultError
 from pumaid.files.archive import keep, restore
 from pumaid.files.ladders import read_history
 from pumaid.files.result import read_model, write_model
-from pumaid.records import EffectChoice, Estimate, Joint, JointFit, Robot, Value
+from pumaid.records import EffectChoice
 
-ARM = Robot("arm", (Joint(1, "a", "revolute"), Joint(2, "b", "revolute")), origin="recipe.yaml", digest="aa" * 32)
-STRIBECK, RIPPLE = EffectChoice("stribeck", 1, {"velocity": 0.1}), EffectChoice("ripple", 2, {"frequency": 50.0})
 ROTTEN = {"notes.txt": "mine", "009-broken.json": "{", "010-other.json": '{"kind": "comparison"}', "best.json": "{}"}
-
-
-def model(*effects: EffectChoice, rmse: float = 0.03, samples: int = 300, **changes: object) -> Estimate:
-    """A model of two joints, the second with a third of the first's samples and twice its error."""
-    joints = (JointFit(1, 9, samples, rmse, 0.01), JointFit(2, 3, samples // 3, 2 * rmse, 0.01))
-    empty = np.zeros((0, 0))
-    value = Value("coulomb.j1.plus", "c1", 1, "A", rmse, 0.1, (0.0, 1.0))
-    found = Estimate("arm", joints, (value,), (), np.zeros(0), empty, np.ones((2, 2)), empty, effects)
-    told = {"recipe_digest": ARM.digest, "origin": "recipe.yaml", "logs": {"a.csv": "cd" * 32}} | changes
-    return replace(found, **told)
 
 
 @pytest.fixture
@@ -82,6 +70,15 @@ def test_another_effect_starts_from_the_base(path):
     keep(path, model(RIPPLE, rmse=0.025), ARM)
     assert parents(path) == {1: None, 2: 1, 3: 1}
     assert [rung.number for rung in read_history(path.parent).ladders[0].path] == [1, 3]
+
+
+def test_fitted_again_is_no_removal(path):
+    """The base with other numbers follows the base, whatever was current."""
+    keep(path, model(), ARM)
+    keep(path, model(STRIBECK, rmse=0.02), ARM)
+    keep(path, model(rmse=0.031), ARM)
+    rung = read_history(path.parent).ladders[0].rungs[2]
+    assert (rung.parent, rung.added, rung.removed) == (1, (), ())
 
 
 def test_a_second_ripple_is_what_was_added(path):

@@ -51,6 +51,7 @@ def command(
       pumaid identify - --recipe recipe.yaml --json < log.csv | jq '.ratios'
     """
     from pumaid.cli.reading import read_evidence, results_folder
+    from pumaid.files.archive import keep
     from pumaid.files.result import model_document, write_model
     from pumaid.show.tables import parameter_table, sums_table
     from pumaid.verbs.identify import identify
@@ -66,7 +67,7 @@ def command(
     if str(output) == "-":
         return
     path = output or results_folder(results, recipe, logs) / "model.json"
-    write_model(path, estimate)
+    write_model(path, estimate) if output else keep(path, estimate, robot)
     if not as_json:
         table(parameter_table(estimate, robot, units))
         if sums := sums_table(estimate, units):

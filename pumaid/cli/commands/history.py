@@ -1,0 +1,78 @@
+"""``pumaid history``: every model of an experiment, what each added, and the error after; undo."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import rich_click as click
+
+from pumaid.cli.options import json_option, results_option
+from pumaid.cli.output import document, notes, picture_form, remark, table
+
+if TYPE_CHECKING:
+    from pumaid.records.ladder import History, Ladder
+
+
+@click.command()
+@click.argument("folder", type=click.Path(path_type=Path), default=Path(), metavar="[FOLDER]")
+@results_option
+@click.option("--restore", type=click.IntRange(min=1), metavar="N", help="Make model N the current one again.")
+@click.option("--picture", type=click.Path(path_type=Path), metavar="FILE", help="Draw it: .png, .svg or .pdf.")
+@json_option
+def command(*, folder: Path, results: Path | None, restore: int | None, picture: Path | None, as_json: bool) -> None:
+    """Tell the error ladder of an experiment: each model, what it added, and the error after.
+
+    FOLDER is the experiment's, or its results; the working folder where not given. Every model that identify and
+    diagnose --apply wrote is kept in results/models. Errors are those of the runs that were fitted and of those that
+    were held out; the noise floor is what repeated runs differ by, which no model can pass.
+
+    \b
+    Example:
+      pumaid history
+      pumaid history my_arm --picture ladder.svg
+      pumaid history --restore 2
+      pumaid history --json | jq '.ladders[0].models[] | {model, added, rmse, heldout}'
+    """
+    from pumaid.files.ladders import read_history
+    from pumaid.files.result import heading
+    from pumaid.show.ladder import history_document
+
+    form = picture_form(picture)
+    place = results or _results(folder)
+    if restore is not None:
+        from pumaid.files.archive import restore as bring_back
+
+        remark(f"model {restore} is the current one again: {bring_back(place, restore)}")
+    history = read_history(place)
+    notes(history.notes)
+    if picture is not None:
+        _draw(picture, history.ladders[0], form=form)
+    if as_json:
+        document(heading("history") | history_document(history))
+    else:
+        _tell(history)
+
+
+def _results(folder: Path) -> Path:
+    """The results folder of an experiment, or the folder itself where it is one."""
+    return folder if (folder / "models").is_dir() or folder.name == "results" else folder / "results"
+
+
+def _draw(picture: Path, ladder: Ladder, *, form: str) -> None:
+    from pumaid.files.atomic import write_whole
+    from pumaid.show.plots.ladder import drawn
+
+    write_whole(picture, drawn(ladder, form))
+    remark(f"picture written to {picture}")
+
+
+def _tell(history: History) -> None:
+    from pumaid.show.forms import Shown
+    from pumaid.show.ladder import joint_grids, ladder_grid
+
+    first, *others = history.ladders
+    grids = [ladder_grid(first), *joint_grids(first), *map(ladder_grid, others)]
+    for number, grid in enumerate(grids):
+        table("") if number else None
+        table(Shown(grid))

@@ -1,0 +1,120 @@
+"""``pumaid history``: tables, document, picture, undo, and what it says of folders that are not as they should be."""
+
+from __future__ import annotations
+
+import json
+import re
+from dataclasses import replace
+
+import pytest
+from click.testing import CliRunner, Result
+from ladders import ARM, STRIBECK, experiment, model
+
+from pumaid.cli import group
+from pumaid.files.archive import keep
+
+
+@pytest.fixture
+def arm(tmp_path, monkeypatch):
+    """An experiment with three kept models, which is the working folder."""
+    experiment(tmp_path / "results")
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+def history(*arguments: str) -> Result:
+    """Run ``pumaid history``."""
+    return CliRunner().invoke(group, ["history", *arguments])
+
+
+def test_a_row_for_each_model(arm):
+    """What was added, the errors and the floor stand in the order of the models; the current one is marked."""
+    done = history()
+    assert done.exit_code == 0, done.stderr
+    rows = [line.split() for line in done.stdout.splitlines() if re.match(r"\d", line)]
+    assert [row[0] for row in rows[:3]] == ["1", "2", "3"] and rows[2][1] == "*"
+    assert "+ stribeck@1" in done.stdout and "+ ripple@2" in done.stdout
+    assert "Held-out" not in done.stdout and "No run was held out" in done.stdout
+
+
+def test_by_joint(arm):
+    """Each joint's errors stand in a row: 0.06, 0.04 and 0.022 A of joint 2 above a floor of 0.01 A."""
+    found = [line.split() for line in history().stdout.splitlines() if line.startswith("2 ")]
+    assert ["2", "0.0600", "0.0400", "0.0220", "0.0100"] in found
+
+
+def test_document_tells_the_ladder(arm):
+    """``--json`` is one document: models with what they add, their errors, and the path to the current one."""
+    told = json.loads(history("--json").stdout)
+    assert (told["kind"], told["format"], told["current"]) == ("history", 1, 3)
+    (ladder,) = told["ladders"]
+    assert ladder["path"] == [1, 2, 3] and ladder["apart"] is None
+    assert [one["added"] for one in ladder["models"]][1] == [
+        {"effect": "stribeck", "joint": 1, "shape": {"velocity": 0.1}}
+    ]
+    assert [one["joints"][0]["rmse"] for one in ladder["models"]] == [0.03, 0.02, 0.011]
+
+
+@pytest.mark.parametrize(("form", "magic"), [("png", b"\x89PNG"), ("svg", b"<?xml"), ("pdf", b"%PDF")])
+def test_picture_is_written(arm, form, magic):
+    """The name's ending decides the form; where it went is on standard error."""
+    done = history("--picture", f"ladder.{form}")
+    assert (arm / f"ladder.{form}").read_bytes().startswith(magic)
+    assert done.stderr.splitlines()[-1] == f"picture written to ladder.{form}"
+
+
+def test_wrong_picture_is_misuse(arm):
+    """A form that is not there is told before anything is done."""
+    assert history("--picture", "ladder.gif").exit_code == 2
+
+
+def test_undo(arm):
+    """``--restore 2`` makes the second model current, and the ladder ends there."""
+    done = history("--restore", "2", "--json")
+    assert (done.exit_code, "model 2 is the current one again" in done.stderr) == (0, True)
+    told = json.loads(done.stdout)
+    assert told["current"] == 2 and told["ladders"][0]["path"] == [1, 2]
+    assert json.loads((arm / "results" / "model.json").read_text())["effects"][0]["effect"] == "stribeck"
+
+
+def test_undo_to_nowhere(arm):
+    """A number that is not there is bad input, with those that are."""
+    done = history("--restore", "9")
+    assert done.exit_code == 3 and "there are 1, 2, 3" in done.stderr
+
+
+@pytest.mark.parametrize("arguments", [("..",), ("../results",), ("--results", "../results")])
+def test_folder_may_be_named(arm, monkeypatch, arguments):
+    """The experiment's folder, its results, or ``--results`` lead to the same ladder."""
+    (arm / "logs").mkdir()
+    monkeypatch.chdir(arm / "logs")
+    assert json.loads(history(*arguments, "--json").stdout)["current"] == 3
+
+
+def test_models_of_other_logs_stand_apart(arm):
+    """They are a table of their own that says why it must not be compared."""
+    keep(arm / "results" / "model.json", model(STRIBECK, rmse=0.5, logs={"b.csv": "ef" * 32}), ARM)
+    keep(arm / "results" / "model.json", model(), ARM)
+    out = history().stdout
+    assert "Not to be compared with the models above: fitted to other logs" in out
+    assert out.index("0.0600") < out.index("Not to be compared")
+
+
+def test_strange_files_are_told(arm):
+    """A foreign file in the folder is a note, not a failure."""
+    (arm / "results" / "models" / "mine.txt").write_text("mine")
+    done = history()
+    assert done.exit_code == 0 and "note[model-skipped]: mine.txt is passed over" in done.stderr
+
+
+def test_nothing_kept(tmp_path, monkeypatch):
+    """An experiment without a model is bad input, with the command that makes one."""
+    monkeypatch.chdir(tmp_path)
+    done = history()
+    assert done.exit_code == 3 and "error[no-history]" in done.stderr and "pumaid identify" in done.stderr
+
+
+def test_a_refit_says_so(arm):
+    """A model with the same effects and other numbers is told as fitted again."""
+    keep(arm / "results" / "model.json", replace(model(rmse=0.031), method="recursive"), ARM)
+    assert "fitted again" in history().stdout
