@@ -19,6 +19,8 @@ Key = tuple[str, int | None]
 
 #: Family-wise chance of a finding where nothing is missing.
 LEVEL = 0.05
+#: Chance beyond which a candidate is not worth leaving runs out for.
+NEAR = 0.2
 #: Standard errors by which held-out error must fall.
 STEADY = 1.0
 #: Share by which an effect must lower the RMSE of some joint to be worth a parameter.
@@ -48,7 +50,7 @@ class Contender:
     evidence
         Twice the gain in log likelihood, less what its parameters would gain by chance.
     falls
-        What leaving runs out says.
+        What leaving runs out says; None where chance alone could have made it.
     before, after
         (A) RMSE of the fitted samples by joint that it touches.
     """
@@ -58,7 +60,7 @@ class Contender:
     on: Solved
     p_value: float
     evidence: float
-    falls: Falls
+    falls: Falls | None
     before: dict[int, float]
     after: dict[int, float]
 
@@ -75,7 +77,7 @@ class Contender:
     @property
     def fault(self) -> str | None:
         """Which gate it misses; None where it passes all."""
-        if self.p_value > LEVEL:
+        if self.p_value > LEVEL or self.falls is None:
             return "chance"
         if self.falls.total <= 0.0 or self.falls.steadiness <= STEADY:
             return "heldout"
@@ -106,7 +108,7 @@ def contender(on: Solved, grid: Trial, trial: Trial, *, shapes: Sequence[Added],
         on=on,
         p_value=chance,
         evidence=evidence(on, trial),
-        falls=falls(on, tried, groups_of(on, joints)),
+        falls=falls(on, tried, groups_of(on, joints)) if chance <= NEAR else None,
         before=before,
         after=after,
     )
@@ -160,7 +162,7 @@ def rivals(chosen: Contender, others: Sequence[Contender], after: Solved) -> tup
     """
     projector, found = Projector(after), []
     for other in others:
-        if other.key == chosen.key or other.p_value > LEVEL:
+        if other.key == chosen.key or other.p_value > LEVEL or other.falls is None:
             continue
         left = at(projector, other.trial.added)
         if left is not None and left.statistic > SAME * other.trial.statistic:
@@ -172,7 +174,7 @@ def rivals(chosen: Contender, others: Sequence[Contender], after: Solved) -> tup
 
 def is_worse(other: Contender, chosen: Contender) -> bool:
     """Whether `other` predicts runs left out clearly worse than `chosen`, fold by fold."""
-    if len(other.falls.falls) != len(chosen.falls.falls):
+    if other.falls is None or chosen.falls is None or len(other.falls.falls) != len(chosen.falls.falls):
         joints = sorted({*other.after, *chosen.after})
         pair = [falls(one.on, one.shapes, groups_of(one.on, joints)).falls for one in (other, chosen)]
     else:

@@ -50,6 +50,8 @@ class Field:
         (R,) s, duration of a cell of each run.
     groups
         Runs (from 0) that repeat one another, every run in one group.
+    base
+        (N, p) regressors of the base model, ratios of gains left out.
     """
 
     joint: int
@@ -61,6 +63,7 @@ class Field:
     first: Counts
     step: Floats
     groups: tuple[tuple[int, ...], ...]
+    base: Floats
 
     def __len__(self) -> int:
         return len(self.current)
@@ -156,6 +159,7 @@ def field(model: Model, runs: Sequence[Run], *, begun: Mapping[tuple[int, int], 
         first=np.concatenate([[0], np.cumsum(lengths)[:-1]]).astype(np.int64),
         step=np.array([run.duration / max(len(run.cells), 1) for run in thin]),
         groups=tuple(sorted([*repeated, *alone])),
+        base=model.regressor(samples),
     )
 
 

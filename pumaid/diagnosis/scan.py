@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import stats
+from scipy import special, stats
 
 from pumaid.diagnosis.periodogram import Spectrum
 from pumaid.diagnosis.system import Added, Row, Solved, pseudo_inverse
@@ -219,13 +219,10 @@ def _leverage(row: Row, solved: Solved) -> Floats:
     return np.full(runs, 1.0 / np.sqrt(max(LEAST_FREEDOM, 1.0 - used / runs)))
 
 
-def surprise(statistic: Floats, freedoms: int) -> Floats:
+def surprise(statistic: Floats | float, freedoms: int) -> Floats:
     """-log10 of the chance of at least `statistic` under chi-square, also far out in the tail."""
+    if freedoms == 1:
+        return np.asarray(-(special.log_ndtr(-np.sqrt(statistic)) + np.log(2.0)) / np.log(10.0))
+    if freedoms == 2:
+        return np.asarray(np.asarray(statistic) / (2.0 * np.log(10.0)))
     return np.asarray(-stats.chi2.logsf(statistic, freedoms) / np.log(10.0))
-
-
-def ranked(trials: Iterable[Trial], *, cells: int, scale: float) -> list[Trial]:
-    """By evidence, best first; the name breaks ties."""
-    return sorted(
-        trials, key=lambda one: (-round(one.evidence(cells, scale), 6), one.added.key[0], one.added.joint or 0)
-    )

@@ -190,19 +190,49 @@ def solve(
     return _round(model, fields, found.start, added=added, values=found.sizes, noises=noises)
 
 
+def misfit_at(solved: Solved, field: Field) -> Floats:
+    """(N,) A: what the solution leaves of one joint at other cells than its own."""
+    loaded = with_loads(solved.model, field, solved.start) if _needs_loads(solved.added) else field
+    design = _design(solved.model, loaded, solved.added, solved.sizes)
+    return np.asarray(field.current - design @ solved.row(field.joint).weights)
+
+
 def at_cells(solved: Solved, field: Field) -> Solved:
     """The same solution with one joint's row at other cells, noise as these show it."""
     old = solved.row(field.joint)
-    found = loads(solved.model, field.samples, solution=solved.start.base, scales=solved.start.scales)
-    field = replace(field, samples=replace(field.samples, loads=found))
-    design = _design(solved.model, field.samples, solved.added, solved.sizes)
+    field = with_loads(solved.model, field, solved.start)
+    design = _design(solved.model, field, solved.added, solved.sizes)
     misfit, plain = field.current - design @ old.weights, design @ old.turn
     kind = noise(field, misfit)
-    white = kind.whiten(field, np.column_stack([plain, misfit]))
+    white = _whitened(kind, field, np.column_stack([plain, misfit]))
     row = Row(field, kind, white[:, :-1], white[:, -1], plain, misfit, old.weights, old.turn)
     rows = tuple(row if one.field.joint == field.joint else one for one in solved.rows)
     inverse, rank = pseudo_inverse(np.asarray(sum(one.jacobian.T @ one.jacobian for one in rows)))
     return replace(solved, rows=rows, inverse=inverse, rank=rank)
+
+
+def loaded(solved: Solved) -> Solved:
+    """The same solution with every field's loads as it has them."""
+    rows = [replace(row, field=with_loads(solved.model, row.field, solved.start)) for row in solved.rows]
+    return replace(solved, rows=tuple(rows))
+
+
+def with_loads(model: Model, field: Field, start: Start) -> Field:
+    """The field with gravity's loads by the parameters given."""
+    found = loads(model, field.samples, solution=start.base, scales=start.scales)
+    return replace(field, samples=replace(field.samples, loads=found))
+
+
+def _needs_loads(added: Sequence[Added]) -> bool:
+    return any(one.effect.needs_loads for one in added)
+
+
+def _whitened(kind: Noise, field: Field, values: Floats) -> Floats:
+    """`Noise.whiten` of the columns that are not zero throughout."""
+    live = values.any(axis=0)
+    out = np.zeros_like(values)
+    out[:, live] = kind.whiten(field, values[:, live])
+    return out
 
 
 def _width(model: Model, one: Added) -> int:
@@ -219,17 +249,11 @@ def _round(
     noises: Mapping[int, Noise] | None,
 ) -> Solved:
     """Gauss-Newton on the rows' Gram matrices, with loads and tangents as they are at `start`."""
-    loaded = [
-        replace(
-            field,
-            samples=replace(field.samples, loads=loads(model, field.samples, solution=start.base, scales=start.scales)),
-        )
-        for field in fields
-    ]
-    designs = [_design(model, field.samples, added, values) for field in loaded]
+    loaded = [with_loads(model, field, start) for field in fields] if _needs_loads(added) else fields
+    designs = [_design(model, field, added, values) for field in loaded]
     kinds = [noises[field.joint] if noises is not None else _white(field) for field in loaded]
     whites = [
-        kind.whiten(field, np.column_stack([design, field.current]))
+        _whitened(kind, field, np.column_stack([design, field.current]))
         for kind, field, design in zip(kinds, loaded, designs, strict=True)
     ]
     chain = _Chain(model, start, [field.joint - 1 for field in loaded], [white.T @ white for white in whites])
@@ -253,11 +277,11 @@ def _white(field: Field) -> Noise:
     return Noise(0.0 * flat, flat, 0.0, from_replicates=False)
 
 
-def _design(model: Model, samples: Samples, added: Sequence[Added], values: Sequence[Floats]) -> Floats:
+def _design(model: Model, field: Field, added: Sequence[Added], values: Sequence[Floats]) -> Floats:
     """(N, p + added parameters + tangents)."""
-    columns = [one.columns(model, samples) for one in added]
-    tangents = [one.tangent(model, samples, size) for one, size in zip(added, values, strict=True)]
-    return np.column_stack([model.regressor(samples), *columns, *tangents])
+    columns = [one.columns(model, field.samples) for one in added]
+    tangents = [one.tangent(model, field.samples, size) for one, size in zip(added, values, strict=True)]
+    return np.column_stack([field.base, *columns, *tangents]) if added else field.base
 
 
 class _Chain:

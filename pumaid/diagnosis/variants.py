@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from pumaid.diagnosis.field import distinct, posture_groups, starts
-from pumaid.diagnosis.system import Added, Solved
+from pumaid.diagnosis.system import Added, Row, Solved
 from pumaid.effects import Effect, Scope, catalogue
 from pumaid.records import Extent
 
@@ -83,17 +83,25 @@ def build(solved: Solved, effects: Sequence[Effect] | None = None) -> Catalogue:
                 excluded[effect.name, owner] = why
                 continue
             here = extents.get(owner or 0) or _whole(solved, extents, owner)
-            for shape in effect.grid(solved.model.robot, here):
-                one = Added(effect, owner, dict(shape))
-                place = owner if effect.scope is Scope.JOINT and owner is not None else 0
-                rows = [row for row in solved.rows if place in (0, row.field.joint)]
-                columns = {row.field.joint: one.columns(solved.model, row.field.samples) for row in rows}
-                count = next(iter(columns.values())).shape[1]
-                for joint, values in columns.items():
-                    (wide if place == 0 else local)[joint].append(values)
-                variants.append(Variant(one, tuple(range(width[place], width[place] + count)), place == 0))
+            shapes = effect.grid(solved.model.robot, here)
+            place = owner if effect.scope is Scope.JOINT and owner is not None else 0
+            some = [row for row in solved.rows if place in (0, row.field.joint)]
+            each = [_columns(solved, effect, owner, row=row, shapes=shapes) for row in some]
+            for row, columns in zip(some, each, strict=True):
+                (wide if place == 0 else local)[row.field.joint] += columns
+            count = each[0][0].shape[1] if each[0] else 0
+            for shape in shapes:
+                own = tuple(range(width[place], width[place] + count))
+                variants.append(Variant(Added(effect, owner, dict(shape)), own, place == 0))
                 width[place] += count
     return Catalogue(tuple(variants), _stacked(local, solved), _stacked(wide, solved), excluded)
+
+
+def _columns(
+    solved: Solved, effect: Effect, owner: int | None, *, row: Row, shapes: Sequence[Mapping[str, float]]
+) -> list[Floats]:
+    found = effect.columns_each(solved.model.robot, row.field.samples, number=owner or 0, shapes=shapes)
+    return [np.nan_to_num(columns) for columns in found]
 
 
 def _owners(solved: Solved, effect: Effect) -> Iterable[int | None]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from abc import ABC, abstractmethod
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from enum import Enum
 from typing import ClassVar
@@ -203,6 +203,12 @@ class Effect(ABC):
             (M, p), A per unit of parameter.
         """
 
+    def columns_each(
+        self, robot: Robot, samples: Samples, *, number: int | None, shapes: Sequence[Mapping[str, float]]
+    ) -> list[Floats]:
+        """`columns` for each of many shapes; effects that share work between them override it."""
+        return [self.columns(robot, samples, number=number, shape=shape) for shape in shapes]
+
     def applies(self, robot: Robot, joint: int) -> str | None:
         """Why the effect cannot act at (or be caused by) `joint` (from 1), or None where it can."""
         return None
@@ -239,7 +245,8 @@ def load_refusal(robot: Robot, joint: int, *, must_change: bool = False) -> str 
     must_change
         Whether a load that is the same in every posture does not count either.
     """
-    position = np.random.default_rng(0).uniform(-np.pi, np.pi, (POSTURES, robot.n_joints))
+    rng = np.random.default_rng(0)
+    position = rng.uniform(-np.pi, np.pi, (POSTURES, robot.n_joints))
     z = axes(robot.alphas, robot.dh_angles(position))[:, joint - 1, :, 2]
     g = np.asarray(robot.gravity, dtype=float)
     small = ROUNDING * float(np.linalg.norm(g))

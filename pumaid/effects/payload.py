@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
@@ -67,6 +67,11 @@ class Payload(Effect):
     def columns(
         self, robot: Robot, samples: Samples, *, number: int | None = None, shape: Mapping[str, float] = NO_SHAPE
     ) -> Floats:
+        return self.columns_each(robot, samples, number=number, shapes=[shape])[0]
+
+    def columns_each(
+        self, robot: Robot, samples: Samples, *, number: int | None, shapes: Sequence[Mapping[str, float]]
+    ) -> list[Floats]:
         i, g = samples.joint - 1, np.asarray(robot.gravity, dtype=float)
         thetas = robot.dh_angles(samples.position)
         frames = axes(robot.alphas, thetas)
@@ -80,7 +85,7 @@ class Payload(Effect):
         else:
             felt = np.column_stack([-(z_i @ g), np.zeros((len(samples), 3))])
         gain = float(np.nan_to_num(loads_of(samples).gains[-1]))
-        return felt * (gain * (samples.elapsed > shape["time"]))[:, None]
+        return [felt * (gain * (samples.elapsed > shape["time"]))[:, None] for shape in shapes]
 
     def applies(self, robot: Robot, joint: int) -> str | None:
         if joint:

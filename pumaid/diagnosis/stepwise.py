@@ -1,0 +1,194 @@
+"""Add what explains most, refit everything, look again; and swap what was named too early."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pumaid.diagnosis.contender import DECISIVE, Contender, contender, evidence, rivals
+from pumaid.diagnosis.familywise import Family, family
+from pumaid.diagnosis.field import Field, fields
+from pumaid.diagnosis.noise import Noise, noise
+from pumaid.diagnosis.periodogram import Spectrum, spectrum
+from pumaid.diagnosis.refine import at, refined
+from pumaid.diagnosis.scan import Projector, Scan, Trial, scan, surprise
+from pumaid.diagnosis.system import Added, Solved, Start, at_cells, loaded, misfit_at, solve
+from pumaid.diagnosis.variants import Catalogue, build
+from pumaid.effects import Effect, catalogue
+from pumaid.model import Model
+from pumaid.records import Run
+
+Floats = NDArray[np.float64]
+Pair = tuple[Trial, Trial]
+
+#: Effects added at most, and candidates looked at closely at a time.
+MOST_ADDED, LEADERS = 4, 10
+#: Cells a run at which a periodic effect is looked for.
+FINE = 512
+#: Chance beyond which a candidate is not looked at closely, unless nothing is nearer.
+FAR = 0.3
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Step:
+    """One look: the scan, what was chosen (None: nothing passed), its rivals, and all that were looked at closely."""
+
+    scan: Scan
+    catalogue: Catalogue
+    family: Family
+    chosen: Contender | None
+    rivals: tuple[Contender, ...]
+    contenders: tuple[Contender, ...]
+
+
+def silent(text: str) -> None:
+    """Tell nobody."""
+
+
+@dataclass(eq=False, slots=True)
+class Stepwise:
+    """A search on fitted runs: what is in the model, and how it came there.
+
+    Attributes
+    ----------
+    model, runs, start
+        The base model, the fitted runs and the fit.
+    given
+        Effects that the model has already.
+    effects
+        What may be added; every effect that is no part of each model where not given.
+    most
+        Additions at most.
+    tell
+        Called with a word on what is done.
+    added, steps
+        What is in the model now (`given` first), and each look.
+    """
+
+    model: Model
+    runs: Sequence[Run]
+    start: Start
+    given: Sequence[Added] = ()
+    effects: Sequence[Effect] = ()
+    most: int = MOST_ADDED
+    tell: Callable[[str], None] = silent
+    added: list[Added] = field(default_factory=list)
+    steps: list[Step] = field(default_factory=list)
+    _coarse: tuple[Field, ...] = ()
+    _finest: tuple[Field, ...] = ()
+
+    def __post_init__(self) -> None:
+        self.effects = [one for one in (self.effects or tuple(catalogue().values())) if not one.base]
+        self.added = list(self.given)
+        self._coarse, self._finest = fields(self.model, self.runs), fields(self.model, self.runs, most=FINE)
+
+    @property
+    def _periodic(self) -> Effect | None:
+        return next((one for one in self.effects if one.periodic is not None), None)
+
+    def solved(self, added: Sequence[Added], noises: dict[int, Noise] | None = None) -> Solved:
+        """The model with `added`, on the finest cells of joints that have a periodic effect, else on coarse ones."""
+        fine = {one.joint for one in added if one.effect.periodic is not None}
+        chosen = [b if a.joint in fine else a for a, b in zip(self._coarse, self._finest, strict=True)]
+        return solve(self.model, chosen, self.start, added=added, noises=noises)
+
+    def run(self) -> Solved:
+        """Add until nothing passes; the final system."""
+        while True:
+            self.tell(f"looking for what is missing ({len(self.added) - len(self.given)} added)")
+            step = self.look(self.added)
+            self.steps.append(step)
+            if step.chosen is None or len(self.added) - len(self.given) >= self.most:
+                return step.scan.solved
+            self.added.append(step.chosen.trial.added)
+            self._swap()
+
+    def look(self, added: Sequence[Added]) -> Step:
+        """Scan with the noise that is left once the leading candidate is out, then judge the leaders."""
+        first = loaded(self.solved(added))
+        lead = self._lead(first)
+        noises = None if lead is None else self.solved([*added, lead]).noises
+        solved = first if noises is None else loaded(self.solved(added, noises))
+        tried = build(solved, self.effects)
+        seen = scan(solved, tried, self._spectra(solved))
+        chances = family(seen, periodic=self._periodic.name if self._periodic else None)
+        pairs = self._close(seen, chances)
+        found = [self._judged(seen, tried, pair, chances) for pair in pairs]
+        found.sort(key=lambda one: -one.evidence)
+        chosen = next((one for one in found if one.fault is None), None)
+        like: tuple[Contender, ...] = ()
+        if chosen is not None:
+            like = rivals(chosen, found, loaded(self.solved([*added, chosen.trial.added])))
+        return Step(seen, tried, chances, chosen, like, tuple(found))
+
+    def _lead(self, solved: Solved) -> Added | None:
+        """What explains most on the coarse cells."""
+        best = scan(solved, build(solved, self.effects)).best().values()
+        return max(best, key=lambda one: evidence(solved, one)).added if best else None
+
+    def _spectra(self, solved: Solved) -> dict[int, Spectrum]:
+        """Of what the solved system leaves, at the finest cells."""
+        out: dict[int, Spectrum] = {}
+        for fine in self._finest if self._periodic is not None else ():
+            if self._periodic is None or self._periodic.applies(self.model.robot, fine.joint) is not None:
+                continue
+            misfit = misfit_at(solved, fine)
+            kind = noise(fine, misfit)
+            found = spectrum(fine, kind, kind.whiten(fine, misfit))
+            if found is not None:
+                out[fine.joint] = found
+        return out
+
+    def _close(self, seen: Scan, chances: Family) -> list[Pair]:
+        """Candidates worth a close look, on the grid and with refined shapes, periodic ones at their peaks."""
+        scale = seen.solved.scale
+
+        def chance(trial: Trial) -> float:
+            return chances.p_value(trial.added.key, float(surprise(trial.statistic / scale, trial.width)))
+
+        grid = sorted(seen.best().values(), key=lambda one: -evidence(seen.solved, one))
+        near = [trial for trial in grid if chance(trial) <= FAR] or grid[:1]
+        projector = Projector(seen.solved)
+        pairs = [(trial, refined(projector, trial)) for trial in near[:LEADERS]]
+        pairs += [pair for joint in seen.spectra for pair in self._peak(seen, joint, chances)]
+        return pairs
+
+    def _peak(self, seen: Scan, joint: int, chances: Family) -> list[Pair]:
+        """The highest peak of a joint's spectrum, at the finest cells."""
+        effect, found = self._periodic, seen.spectra[joint]
+        if effect is None or effect.periodic is None:
+            return []
+        statistic = found.statistic()
+        highest = float(statistic.max())
+        if chances.p_value((effect.name, joint), float(surprise(highest / seen.solved.scale, 2))) > FAR:
+            return []
+        frequency = float(found.frequency[int(np.argmax(statistic))])
+        projector = Projector(self._at_finest(seen.solved, joint))
+        trial = at(projector, Added(effect, joint, {effect.periodic: frequency}))
+        return [] if trial is None else [(trial, refined(projector, trial))]
+
+    def _at_finest(self, solved: Solved, joint: int) -> Solved:
+        return at_cells(solved, next(one for one in self._finest if one.joint == joint))
+
+    def _judged(self, seen: Scan, tried: Catalogue, pair: Pair, chances: Family) -> Contender:
+        added = pair[1].added
+        on, shapes = seen.solved, [one.added for one in tried.variants if one.added.key == added.key]
+        if added.effect.periodic is not None and added.joint is not None:
+            on, shapes = self._at_finest(on, added.joint), [pair[0].added]
+        return contender(on, *pair, shapes=shapes, family=chances)
+
+    def _swap(self) -> None:
+        """Try every earlier addition against all others, now that the later ones are in."""
+        for place in range(len(self.given), len(self.added) - 1):
+            rest = [one for number, one in enumerate(self.added) if number != place]
+            solved = loaded(self.solved(rest, self.solved(self.added).noises))
+            best = scan(solved, build(solved, self.effects)).best()
+            own = best.get(self.added[place].key)
+            if own is None:
+                continue
+            top = max(best.values(), key=lambda one: evidence(solved, one))
+            if evidence(solved, top) > evidence(solved, own) + DECISIVE:
+                self.added[place] = refined(Projector(solved), top).added
