@@ -5,9 +5,9 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-import worlds
 
 from pumaid.errors import Note, Where
+from pumaid.files.recipe import read_recipe, shipped_recipes
 from pumaid.records import (
     Binned,
     Candidate,
@@ -24,7 +24,7 @@ from pumaid.records import (
     Unexplained,
 )
 
-PUMA: Robot = worlds.puma().robot
+PUMA: Robot = replace(read_recipe(shipped_recipes()["puma560"]), name="PUMA 560")
 HOLD = (0.0, -1.57, 0.0, 0.5, 0.0, 0.0)
 SPEEDS = np.array([0.1, 0.25, 0.5, 1.0])
 

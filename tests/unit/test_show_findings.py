@@ -82,7 +82,7 @@ def test_a_weakness_of_all_joints_is_said_once():
     told = diagnoses.rich()
     everywhere = replace(told, joints=tuple(replace(one, weakened=("no replicates",)) for one in told.joints))
     assert findings.weaknesses(everywhere, PUMA) == ["No replicates."]
-    assert "Joints 2 (shoulder) and 6 (flange): one posture only." in findings.weaknesses(told, PUMA)
+    assert "Joints 2 (shoulder) and 6 (wrist3): one posture only." in findings.weaknesses(told, PUMA)
 
 
 def test_a_joint_without_a_floor_is_not_judged():
@@ -103,7 +103,7 @@ def test_evidence_has_a_row_a_candidate_with_its_reason():
 def test_limits_are_told_effect_by_effect():
     """A size a joint in the effect's own unit; what cannot be seen has a reason; the whole arm has its own column."""
     table = evidence.limits_grid(diagnoses.clean(), PUMA)
-    assert [head.text for head in table.header][-2:] == ["6 flange", "arm"]
+    assert [head.text for head in table.header][-2:] == ["6 wrist3", "arm"]
     rows = {row[0].text: [cell.text for cell in row] for row in table.rows}
     assert rows["stribeck"][1:4] == ["a (A)", "0.030", "0.015"] and rows["tilt"][-1] == "0.011"
     assert rows["spring"][2] == "-" and table.notes == (("a", "its line is a sinusoid over so short a span"),)
