@@ -24,7 +24,7 @@ test: ## all tests
 fast: ## tests without slow and browser ones
 	$(PYTHON) -m pytest -m "not slow and not browser"
 
-docs: ## write docs/commands.md and the sessions in README.md
+docs: ## write docs/commands.md, docs/effects.md and the sessions in README.md
 	$(PYTHON) tools/make_docs.py
 
 samples: ## write sample_logs/ anew

@@ -1,9 +1,9 @@
-"""Write the generated documents: docs/commands.md from the commands' help, and the README's sessions by running them.
+"""Write the generated documents: docs/commands.md, docs/effects.md, and the README's sessions by running them.
 
-``--check`` writes nothing and leaves with 1 where the page of commands is out of date. Sessions are the README's
-``console`` blocks: each ``$ command`` is run in a scratch copy of the samples, and what it prints stands below it.
-The README's picture is drawn from a sample too; other versions of the drawing library draw other bytes, so it is not
-checked.
+``--check`` writes nothing and leaves with 1 where the page of commands or of effects is out of date. Sessions are the
+README's ``console`` blocks: each ``$ command`` is run in a scratch copy of the samples, and what it prints stands
+below it. The README's picture is drawn from a sample too; other versions of the drawing library draw other bytes, so
+it is not checked.
 """
 
 from __future__ import annotations
@@ -16,19 +16,43 @@ import subprocess
 import sys
 import tempfile
 from pathlib import Path
+from typing import Any
 
 import click
 
 from pumaid.cli import group
+from pumaid.effects import catalogue
+from pumaid.show.effects import bounds, facts, merged
 
 ROOT = Path(__file__).parents[1]
 COMMANDS, README, PICTURE = ROOT / "docs" / "commands.md", ROOT / "README.md", ROOT / "docs" / "img" / "spent.png"
+EFFECTS = ROOT / "docs" / "effects.md"
 HEAD = """# Commands
 
 Generated from the commands' own help by `make docs`; do not edit.
 
 `LOGS...` is any mix of files, folders and globs; `-` is standard input, or standard output where a file is written.
 Tables go to standard output; progress, notes and where files went go to standard error.
+"""
+HEAD_EFFECTS = """# Effects
+
+Generated from the effects themselves by `make docs`; do not edit.
+It is what `pumaid effects` lists: the physics that a model can have.
+An effect is linear in its parameters once its shape is given; shapes are searched for, or given.
+
+| letter | meaning |
+|---|---|
+| s | sign of the motion, +1 or -1 |
+| q, qd, v | the joint's position, its signed velocity, its speed |
+| tau | gravity's load of the joint by the model fitted so far, A |
+| i | the model's whole prediction, A; in `coupling`, a joint's number |
+| t | time since the joint's first motion, s |
+
+Signs are those of [conventions.md](conventions.md); where a motor's current counts against its joint, friction is
+negative.
+An effect of your own is one file: [adding_an_effect.md](adding_an_effect.md).
+
+"May be mistaken for" names effects that data may not tell from it; `pumaid diagnose` says whether yours can.
 """
 SESSION = re.compile(r"```console\n(.*?)```", re.DOTALL)
 
@@ -52,6 +76,40 @@ def _section(name: str, command: click.Command | None) -> str:
     table = ["| option | |", "|---|---|", *(f"| `{_cell(left)}` | {_cell(right)} |" for left, right in rows)]
     shown = ["```sh", *(line.strip() for line in lines), "```"]
     return "\n".join([f"## {name}", "", f"`pumaid {name} {usage}`", "", "\n\n".join(prose), "", *shown, "", *table, ""])
+
+
+def effects_page() -> str:
+    """The manual's page of effects: a table, then a section each."""
+    known = sorted((facts(effect) for effect in catalogue().values()), key=lambda told: not told["base"])
+    rows = [
+        f"| [{told['effect']}](#{told['effect']}) | {_cell(told['title'])} | `{_cell(told['equation'])}` |"
+        f" {told['family']} | {', '.join(told['look_alikes'])} |"
+        for told in known
+    ]
+    table = ["| effect | what it is | current | family | may be mistaken for |", "|---|---|---|---|---|", *rows, ""]
+    return "\n".join([HEAD_EFFECTS, *table, *(_effect(told) for told in known)])
+
+
+def _effect(told: dict[str, Any]) -> str:
+    """The section of one effect."""
+    prose = [" ".join(part.split("\n")) for part in told["physics"].split("\n\n")]
+    lines = [f"## {told['effect']}", "", f"{told['title']}.", "", f"    {told['equation']}", "", "\n\n".join(prose), ""]
+    for word, found in (("parameter", told["parameters"]), ("shape", told["shapes"])):
+        if found:
+            lines += [f"| {word} | joint | unit | bounds | example | meaning |", "|---|---|---|---|---|---|"]
+            lines += [_number(one) for one in merged(found)] + [""]
+    lines += [f"- Not at a {kind} joint: {reason}." for kind, reason in told["not_at"].items()]
+    if told["look_alikes"]:
+        lines.append(f"- May be mistaken for: {', '.join(told['look_alikes'])}.")
+    lines.append(f"- Shown by: {', '.join(told['shown_by'])}.")
+    lines.append(f"- To add it: `{told['command']}`." if told["command"] else "- It is in every model.")
+    return "\n".join([*lines, f"- Source: {told['source']}.", ""])
+
+
+def _number(one: dict[str, Any]) -> str:
+    limits = bounds(one["low"], one["high"])
+    cells = (f"`{one['name']}`", one["owner"], one["unit"], limits, f"{one['example']:g}", _cell(one["meaning"]))
+    return f"| {' | '.join(cells)} |"
 
 
 def _cell(text: str) -> str:
@@ -98,7 +156,7 @@ def picture() -> bytes:
 
 def main() -> int:
     """Write, or with ``--check`` only compare."""
-    wanted = {COMMANDS: commands_page()}
+    wanted = {COMMANDS: commands_page(), EFFECTS: effects_page()}
     if "--check" not in sys.argv:
         wanted[README] = run_sessions(README.read_text(encoding="utf-8"))
         PICTURE.parent.mkdir(exist_ok=True)

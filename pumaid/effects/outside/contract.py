@@ -104,20 +104,16 @@ def breach(effect: Effect, *, known: Collection[str]) -> str | None:
     told = _untold(effect, known)
     if told is not None:
         return told
+    numbers = [0] if effect.scope is Scope.ARM else range(1, ARM.n_joints + 1)
     try:
-        for number in [0] if effect.scope is Scope.ARM else range(1, ARM.n_joints + 1):
-            if effect.applies(ARM, number) is None:
-                found = next(_of_owner(effect, number), None)
-                if found is not None:
-                    return found
+        acting = [number for number in numbers if effect.applies(ARM, number) is None]
+        return next((fault for number in acting for fault in _of_owner(effect, number)), None)
     except FAILURES as failure:
-        unseen = _hint(effect, failure)
-        return f"it fails on made-up motions: {type(failure).__name__}: {failure}{unseen}"
-    return None
+        return f"it fails on made-up motions: {type(failure).__name__}: {failure}{_hint(effect, failure)}"
 
 
 def _hint(effect: Effect, failure: BaseException) -> str:
-    """A hint for an effect that looks at loads without having asked for them."""
+    """For an effect that looks at loads without having asked for them."""
     forgot = not effect.needs_loads and isinstance(failure, AssertionError | AttributeError)
     return "; if it looks at samples.loads, write needs_loads = True" if forgot else ""
 

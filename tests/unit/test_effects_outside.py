@@ -1,0 +1,195 @@
+"""Effects from outside the package: a file that is named, entry points, and what is refused."""
+
+from __future__ import annotations
+
+import re
+from importlib.metadata import EntryPoint
+from pathlib import Path
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+
+import pumaid.effects
+from pumaid.cli import group
+from pumaid.effects import catalogue, include, outside
+from pumaid.effects.outside.contract import ARM, breach, example
+from pumaid.errors import ModelError
+
+PAGE = Path(__file__).parents[2] / "docs" / "adding_an_effect.md"
+#: The example of the manual.
+CHURNING = re.search(r"```python\n(.*?)```", PAGE.read_text(encoding="utf-8"), re.DOTALL)[1]
+#: An effect as short as it may be.
+SHORT = """
+from pumaid.effects import Effect, Parameter, Trace
+import numpy as np
+
+class Square(Effect):
+    title, equation, source, family, trace = "t", "c q^2", "a book, 1999", "position", (Trace.POSITION,)
+    def parameters(self, robot, number):
+        return (Parameter("c", "A/rad2", "m", "c", 0.1),)
+    def columns(self, robot, samples, *, number=None, shape=None):
+        return samples.position[:, samples.joint - 1][:, None] ** 2
+"""
+
+
+@pytest.fixture(autouse=True)
+def own_catalogue(monkeypatch):
+    """What a test includes is gone after it."""
+    monkeypatch.setattr(pumaid.effects, "_INCLUDED", {})
+    catalogue.cache_clear()
+    yield
+    catalogue.cache_clear()
+
+
+@pytest.fixture
+def written(tmp_path):
+    """A function that writes a file of effects."""
+
+    def write(text: str, name: str = "square.py") -> Path:
+        (tmp_path / name).write_text(text, encoding="utf-8")
+        return tmp_path / name
+
+    return write
+
+
+def test_a_file_joins_the_catalogue(written):
+    """A file that is included is an effect of its name, and the rest of the catalogue stays."""
+    before = set(catalogue())
+    effect = include(written(SHORT))
+    assert set(catalogue()) == before | {"square"} and catalogue()["square"] is effect
+
+
+def test_the_manuals_example_is_an_effect(written):
+    """The example of the manual keeps the contract and has its peak at the speed that its shape says."""
+    effect = include(written(CHURNING, "churning.py"))
+    seen = example(1, with_loads=False)
+    speeds = np.linspace(0.05, 1.0, len(seen))
+    velocity = np.zeros_like(seen.velocity)
+    velocity[:, 0] = speeds
+    current = effect.columns(
+        ARM, pumaid.records.Samples(1, seen.position, velocity, direction=np.ones(len(seen))), shape={"speed": 0.5}
+    )
+    assert speeds[current[:, 0].argmax()] == pytest.approx(0.5, abs=0.05)
+
+
+def test_a_file_is_run_once(written):
+    """Named twice, a file is one effect and is not run again."""
+    path = written(SHORT)
+    first = include(path)
+    path.write_text("raise ValueError", encoding="utf-8")
+    assert include(path) is first
+
+
+@pytest.mark.parametrize(
+    ("text", "word"),
+    [
+        ("", "holds none"),
+        (SHORT + SHORT.replace("Square", "Other"), "Square, Other"),
+        ("import a_module_that_is_not_there", "ModuleNotFoundError"),
+        ("def broken(:\n", "SyntaxError"),
+        (SHORT + "\nclass Child(Square):\n    pass\n", "holds Square, Child"),
+        (re.sub(r"    def columns.*", "", SHORT, flags=re.DOTALL), "does not say its columns"),
+    ],
+)
+def test_no_effect_in_the_file(written, text, word):
+    """A file that cannot be run, or does not hold one effect, is refused with the reason and the file's name."""
+    path = written(text)
+    with pytest.raises(ModelError) as told:
+        include(path)
+    assert told.value.slug == "effect-file" and word in str(told.value) and str(path) in str(told.value)
+    assert "square" not in catalogue()
+
+
+@pytest.mark.parametrize("name", ["Square.py", "square.txt", "2nd.py", "absent.py"])
+def test_no_such_file(written, tmp_path, name):
+    """Names that no effect can have, and files that are not there, are refused."""
+    if name != "absent.py":
+        written(SHORT, name)
+    with pytest.raises(ModelError) as told:
+        include(tmp_path / name)
+    assert told.value.slug == "effect-file"
+
+
+@pytest.mark.parametrize("name", ["stribeck.py", "base.py"])
+def test_a_taken_name_is_refused(written, name):
+    """No file takes the place of an effect that there is."""
+    with pytest.raises(ModelError) as told:
+        include(written(SHORT, name))
+    assert told.value.slug == "effect-taken"
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "word"),
+    [
+        ('"c q^2"', '""', "no equation"),
+        ('"t"', "None", "no title"),
+        ("(Trace.POSITION,)", "()", "trace"),
+        ("0.1),)", "0.1, 0.5, 0.9),)", "not between"),
+        ('return (Parameter("c", "A/rad2", "m", "c", 0.1),)', "return ()", "no parameters"),
+        (" ** 2", " / abs(samples.position).max()", "which other instants"),
+        ("[:, None] ** 2", "", "(24,)"),
+        ("return samples.position[:", "return samples.temperature[:, None] * samples.position[:", "not all finite"),
+        ("return samples.position[:", "samples.position[0] = 0\n        return samples.position[:", "read-only"),
+        ("return samples.position[:", "return samples.loads.own[:, None] * samples.position[:", "needs_loads = True"),
+        ("    def parameters", '    look_alikes = ("nobody",)\n    def parameters', "nobody"),
+        ("    def parameters", "    base = True\n    def parameters", "base"),
+        ("    def parameters", "    def grid(self, robot, extent):\n        return ()\n    def parameters", "grid"),
+    ],
+)
+def test_a_broken_promise_is_told(written, old, new, word):
+    """What an effect promises and does not keep is said in words."""
+    assert old in SHORT
+    with pytest.raises(ModelError) as told:
+        include(written(SHORT.replace(old, new)))
+    assert told.value.slug == "effect-contract" and word in str(told.value)
+
+
+def test_shipped_effects_keep_the_contract():
+    """What is asked of others holds for our own, but for the marks that are the base model's."""
+    ours = {name: effect for name, effect in catalogue().items() if not (effect.base or effect.in_triangle)}
+    assert len(ours) > 15
+    assert {name: fault for name, effect in ours.items() if (fault := breach(effect, known=catalogue()))} == {}
+
+
+@pytest.fixture
+def installed(written, tmp_path, monkeypatch):
+    """A function that makes a module an entry point of an installed package."""
+
+    def install(text: str, value: str) -> None:
+        written(text, "my_drag.py")
+        monkeypatch.syspath_prepend(str(tmp_path))
+        point = EntryPoint("my_drag", value, outside.GROUP)
+        monkeypatch.setattr(outside, "entry_points", lambda *, group: [point] if group == outside.GROUP else [])
+        catalogue.cache_clear()
+
+    yield install
+    outside.sys.modules.pop("my_drag", None)
+
+
+def test_entry_points_are_found(installed):
+    """An installed package's effect is in the catalogue without being named."""
+    installed(SHORT, "my_drag")
+    assert catalogue()["my_drag"].title == "t"
+
+
+@pytest.mark.parametrize("value", ["my_drag:Square", "not_there"])
+def test_an_entry_point_that_is_no_effect_is_told(installed, value):
+    """An entry point that cannot be used is refused with the package's name for it."""
+    installed(SHORT, value)
+    with pytest.raises(ModelError) as told:
+        catalogue()
+    assert told.value.slug == "effect-file" and value in str(told.value)
+
+
+def test_command_line_takes_files(written):
+    """``pumaid effects NAME --effects FILE`` explains an effect that the user wrote."""
+    path = written(CHURNING, "churning.py")
+    done = CliRunner().invoke(group, ["effects", "churning", "--effects", str(path)])
+    assert done.exit_code == 0 and "s a (v/v_c)^2" in done.stdout and "--add churning@" in done.stdout
+
+
+def test_command_line_refuses_a_broken_file(written):
+    """A file that is no effect leaves with the code of bad input and a message, not a traceback."""
+    done = CliRunner().invoke(group, ["effects", "--effects", str(written("x = "))])
+    assert done.exit_code == 3 and "error[effect-file]" in done.stderr and "Traceback" not in done.stderr
