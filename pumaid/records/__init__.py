@@ -1,7 +1,16 @@
 """Frozen records that flow through the program; they hold, and compute nothing but their own names."""
 
 from pumaid.records.campaign import Campaign
-from pumaid.records.comparison import TOGETHER, UNEXPLAINED, Comparison, JointScore, OutsideScore, RunScore
+from pumaid.records.comparison import (
+    TOGETHER,
+    UNEXPLAINED,
+    Budget,
+    BudgetPart,
+    Comparison,
+    JointScore,
+    OutsideScore,
+    RunScore,
+)
 from pumaid.records.diagnosis import (
     ABSENT,
     ADD,
@@ -62,6 +71,8 @@ __all__ = [
     "UNEXPLAINED_JOINT",
     "UNSEEN",
     "Binned",
+    "Budget",
+    "BudgetPart",
     "Campaign",
     "Candidate",
     "Cells",

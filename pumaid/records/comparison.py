@@ -19,6 +19,84 @@ UNEXPLAINED = "unexplained"
 TOGETHER = "+"
 
 
+@dataclass(frozen=True, slots=True)
+class BudgetPart:
+    """One part of what a model leaves at a joint.
+
+    Attributes
+    ----------
+    name
+        ``noise_shared`` (noise that a run has as a whole), ``noise_inside`` (noise inside runs), ``smooth`` (within a
+        run, a few waves over its travel), ``fast`` (within a run, a ripple), ``start`` (where a run begins), ``odd``
+        (between runs, turns round with the direction), ``even`` (between runs, the same both ways), ``time`` (with time
+        or temperature), ``unassigned`` (repeats, and is none of these).
+    mean_square
+        A2: what a model with that physics would take away; never negative.
+    p_value
+        Chance of as much in data where nothing is missing, all parts of the joint considered; None where not tested.
+    is_more
+        Whether that is more than noise would give.
+    against
+        Variables that show it, the strongest first: ``position``, ``posture``, ``speed``, ``load``, ``time``,
+        ``temperature``, ``travel``, ``direction``.
+    cycles
+        Of a ripple: cycles per turn of the joint (per metre of a sliding one), the strongest first.
+    gearing
+        Of each of these, how many cycles it makes per turn of the motor; empty where the gear ratio is not known.
+    points_to
+        Names of the effects that look like this.
+    """
+
+    name: str
+    mean_square: float
+    p_value: float | None = None
+    is_more: bool = False
+    against: tuple[str, ...] = ()
+    cycles: tuple[float, ...] = ()
+    gearing: tuple[float, ...] = ()
+    points_to: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True, slots=True)
+class Budget:
+    """The mean square of what a model leaves at one joint, in parts that add up to it.
+
+    Attributes
+    ----------
+    mean_square
+        A2, of samples: the RMSE squared.
+    parts
+        Every part, in the order of `BudgetPart.name`.
+    runs, replicates
+        How many runs there are, and how many of them repeat another.
+    floor
+        A2: half the mean squared difference of repeated runs; None without replicates.
+    limits
+        What these runs cannot split, by slug: ``no-replicates``, ``one-direction``, ``one-posture``, ``one-speed``,
+        ``two-speeds``, ``few-runs``, ``strokes``, ``several-clocks``, ``no-load``.
+    """
+
+    mean_square: float
+    parts: tuple[BudgetPart, ...]
+    runs: int
+    replicates: int
+    floor: float | None = None
+    limits: tuple[str, ...] = ()
+
+    def part(self, name: str) -> BudgetPart:
+        """The part called `name`."""
+        return next(part for part in self.parts if part.name == name)
+
+    def by_name(self) -> dict[str, float]:
+        """Name -> A2 of every part."""
+        return {part.name: part.mean_square for part in self.parts}
+
+    @property
+    def noise(self) -> float:
+        """A2 that no model can remove."""
+        return sum(part.mean_square for part in self.parts if part.name.startswith("noise"))
+
+
 @dataclass(frozen=True, eq=False, slots=True)
 class RunScore:
     """One run against the model.
@@ -84,6 +162,8 @@ class JointScore:
         Runs that the plan keeps for judging, and their RMSE, A.
     undetermined
         Runs of which the model could not know enough.
+    budget
+        Where the error lives: its square in parts; None without runs.
     """
 
     joint: int
@@ -99,6 +179,7 @@ class JointScore:
     heldout_runs: int = 0
     heldout: float | None = None
     undetermined: int = 0
+    budget: Budget | None = None
 
 
 @dataclass(frozen=True, slots=True)

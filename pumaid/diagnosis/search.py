@@ -1,0 +1,227 @@
+"""One dependence after the other is taken out of a residual, the surest first, until only noise is left."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pumaid.diagnosis.flips import MOST_LEVERAGE, Basis, Design, chances, flipped
+from pumaid.diagnosis.repeats import Repeats
+from pumaid.diagnosis.ripples import Track, spectrum
+from pumaid.diagnosis.traces import TERMS, View, fitted
+
+Floats = NDArray[np.float64]
+Labels = NDArray[np.int64]
+
+#: Chance that anything at a joint is called more than noise where all is noise.
+FALSE_ALARM = 0.05
+#: Sign flips, always the same ones.
+FLIPS, SEED = 399, 20
+#: Most dependences and ripples taken out of one joint.
+MOST_FOUND = 12
+#: A dependence worth a part takes at least this share of what is there, and this of what was there at first: less is
+#: what a smooth curve leaves of another one.
+LEAST_NOW, LEAST_AT_FIRST = 0.01, 0.005
+#: Fewest runs whose signs, flipped, can show anything at `FALSE_ALARM`.
+FEWEST_RUNS = 6
+
+#: Keys of what is no term: ripples, and what repeats without being anything that has a name.
+RIPPLE, REPEAT = ("fast", "position"), ("unassigned", "")
+
+Key = tuple[str, str]
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Found:
+    """What was taken out.
+
+    Attributes
+    ----------
+    key
+        Part and variable.
+    chance
+        Of as much by noise, everything at the joint considered.
+    fall, noise
+        By how much the square fell, and how much noise brings into these directions, A2 times samples.
+    columns
+        (N, k) orthonormal directions over the cells.
+    basis
+        The same over the design; None of a ripple.
+    frequency
+        rad of phase per rad or m; 0 of what is no ripple.
+    """
+
+    key: Key
+    chance: float
+    fall: float
+    noise: float
+    columns: Floats
+    basis: Basis | None = None
+    frequency: float = 0.0
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class _Seen:
+    """How rare a dependence is alone, and each of its flipped draws (B,); its square and what noise makes of it."""
+
+    chance: float
+    rare: Floats
+    square: float
+    noise: float
+
+
+class Search:
+    """The residual of one joint while it is taken apart.
+
+    Parameters
+    ----------
+    at
+        All N cells.
+    starts
+        First cells of the groups in which all but ripples are looked for.
+    track
+        The same cells along the position.
+    repeats
+        Runs that ought to agree.
+    is_fitted
+        Whether a fit to these very runs has taken out what every model has.
+
+    Attributes
+    ----------
+    found
+        What was taken out, in this order.
+    chance
+        Part and variable -> chance of as much by noise.
+    left
+        (N,) A.
+    """
+
+    def __init__(self, at: View, starts: Labels, track: Track, *, repeats: Repeats, is_fitted: bool) -> None:
+        self.at, self.thin, self.track, self.repeats = at, at.coarse(starts), track, repeats
+        self.found: tuple[Found, ...] = ()
+        self.chance: dict[Key, float] = {}
+        self.left = np.zeros(len(at))
+        self._starts, self._least = starts, 0.0
+        base = fitted(self.thin)
+        self._makers: list[Callable[[View], Floats]] = [fitted]
+        self._blocks = [np.arange(base.shape[1])]
+        self._open: dict[Key, Labels] = {RIPPLE: np.zeros(0, dtype=np.int64)}
+        pieces = [base]
+        for term in TERMS:
+            columns = term.columns(self.thin)
+            if np.isfinite(columns).all() and np.any(columns):
+                block = np.arange(columns.shape[1]) + self._blocks[-1][-1] + 1
+                self._open[term.key] = block
+                self._makers.append(term.columns)
+                self._blocks.append(block)
+                pieces.append(columns)
+        first = np.searchsorted(self.thin.run, np.arange(len(track.first)))
+        self._design = Design.of(np.concatenate(pieces, axis=1), self.thin.weight, first)
+        self._taken = self._blocks[0] if is_fitted else np.zeros(0, dtype=np.int64)
+
+    def run(self, residual: Floats) -> None:
+        """Take (N,) A apart until nothing in it is more than noise."""
+        self.left, runs = residual.copy(), len(self.track.first)
+        self._least = LEAST_AT_FIRST * self._square(residual)
+        rng = np.random.default_rng(SEED)
+        signs = rng.choice([-1.0, 1.0], (FLIPS, runs))
+        steps = MOST_FOUND if runs >= FEWEST_RUNS else 0
+        while steps and self._step(signs):
+            steps -= 1
+        self.found = tuple(replace(one, noise=self._noise(one)) for one in self.found)
+
+    def thin_left(self) -> Floats:
+        """What is left, in the means of the thin view."""
+        return np.asarray(np.add.reduceat(self.at.weight * self.left, self._starts) / self.thin.weight)
+
+    def is_worth(self, gain: float) -> bool:
+        """Whether a square (A2 times samples) is large enough to be told."""
+        return gain >= max(self._least, LEAST_NOW * self._square(self.left))
+
+    def _step(self, signs: Floats) -> bool:
+        """Look at everything once; take out the largest of what is more than noise. False where nothing is."""
+        thin = self.thin_left()
+        by_run = self._design.scores(thin)
+        bases = {key: self._design.basis(block, self._taken) for key, block in self._open.items()}
+        seen: dict[Key, _Seen] = {}
+        for key, basis in bases.items():
+            if basis is not None:
+                observed = float(np.sum((by_run @ basis.mixing).sum(axis=0) ** 2))
+                drawn = flipped(signs, basis.scores(by_run))
+                seen[key] = _Seen(*chances(observed, drawn), observed, float(drawn.mean()))
+        waves, frequency = spectrum(self.track, self.left) if RIPPLE in self._open else None, 0.0
+        if waves is not None:
+            frequency, height = waves.peak([one.frequency for one in self.found if one.frequency])
+            rare = chances(height, waves.height(signs).max(axis=1))
+            seen[RIPPLE] = _Seen(*rare, *waves.squares(frequency))
+        if self.repeats.groups:
+            products, own = self.repeats.products(self.thin, thin)
+            drawn = own + np.einsum("br,br->b", signs @ products, signs)
+            seen[REPEAT] = _Seen(*chances(own + float(products.sum()), drawn), 0.0, own)
+        best = self._largest(seen)
+        if best is not None:
+            self._take(best, bases.get(best), frequency)
+        return best is not None
+
+    def _largest(self, seen: dict[Key, _Seen]) -> Key | None:
+        """What takes out most of what is more than noise, directions counted against it; chances are noted."""
+        if not seen:
+            return None
+        smallest = np.min([one.rare for one in seen.values()], axis=0)
+        chance = {
+            key: float((1 + np.count_nonzero(smallest <= one.chance)) / (1 + len(smallest)))
+            for key, one in seen.items()
+        }
+        found = {one.key for one in self.found}
+        self.chance |= {key: value for key, value in chance.items() if key not in found}
+        cost = np.log(len(self.track.first))
+        worth = {
+            key: one.square - cost * one.noise
+            for key, one in seen.items()
+            if key != REPEAT and chance[key] <= FALSE_ALARM
+        }
+        return max(worth, key=lambda key: worth[key], default=None)
+
+    def _take(self, key: Key, basis: Basis | None, frequency: float) -> None:
+        """Take a dependence out, if it is worth it, and look at it no more."""
+        if basis is None:
+            frequency = self.track.refined(self.left, frequency)
+        columns = self._waves(frequency) if basis is None else self._columns(basis)
+        before, kept = self.left, self.found
+        self.left = before - columns @ (columns.T @ (self.at.weight * before))
+        fall = self._square(before) - self._square(self.left)
+        one = Found(key, self.chance[key], fall, 0.0, columns, basis, 0.0 if basis else frequency)
+        if self.is_worth(fall - self._noise(one)):
+            self.found = (*kept, one)
+            self._taken = np.append(self._taken, self._open[key])
+        else:
+            self.left = before
+        if basis is not None or self.found is kept:
+            del self._open[key]
+
+    def _columns(self, basis: Basis) -> Floats:
+        """(N, k) a basis of the design at all cells."""
+        used = np.any(basis.mixing != 0.0, axis=1)
+        pairs = [(make, block) for make, block in zip(self._makers, self._blocks, strict=True) if used[block].any()]
+        return np.asarray(np.sum([make(self.at) @ basis.mixing[block] for make, block in pairs], axis=0))
+
+    def _waves(self, frequency: float) -> Floats:
+        """(N, k) orthonormal waves of this frequency, forward and backward."""
+        root = np.sqrt(self.at.weight)[:, None]
+        left, sizes, _ = np.linalg.svd(self.track.waves(frequency) * root, full_matrices=False)
+        return np.asarray(left[:, sizes > 1e-6 * sizes[0]] / root)
+
+    def _noise(self, one: Found) -> float:
+        """Square (A2 times samples) that noise brings into what was taken out, by what each run has left there."""
+        if one.basis is not None:
+            return one.basis.noise(self._design.scores(self.thin_left()))
+        weighted, first = one.columns * self.at.weight[:, None], self.track.first
+        rest = np.add.reduceat(weighted * self.left[:, None], first, axis=0)
+        own = np.add.reduceat(weighted * one.columns, first, axis=0)
+        return float(np.sum(rest**2 / np.maximum(1.0 - own, 1.0 - MOST_LEVERAGE)))
+
+    def _square(self, values: Floats) -> float:
+        return float(self.at.weight @ values**2)
