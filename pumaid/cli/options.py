@@ -1,7 +1,7 @@
 """Arguments and options that several commands share, each written once.
 
 A decorator states the name under which its value arrives: ``logs``, ``recipe``, ``output``, ``results``, ``as_json``,
-``seed``, ``units``, ``check``, ``trust``, ``suspect``.
+``seed``, ``units``, ``check``, ``trust``, ``heldout``, ``suspect``.
 """
 
 from __future__ import annotations
@@ -73,6 +73,15 @@ def trust_option(function: Decorated) -> Decorated:
     """``--trust`` as `trust`: bool."""
     told = "Go on where the logs look wrong (units, order of joints, dead currents): refusals become notes."
     return click.option("--trust", is_flag=True, help=told)(function)
+
+
+def heldout_option(function: Decorated) -> Decorated:
+    """``--heldout FILE|posture``, any number of times, as `heldout`: tuple of str."""
+    told = (
+        "Keep the runs of these logs for judging, unfitted: a file, folder or quoted glob among LOGS; or 'posture':"
+        " each joint's last one, of four or more. Repeatable."
+    )
+    return click.option("--heldout", multiple=True, metavar="FILE|posture", help=told)(function)
 
 
 def suspect_option(function: Decorated) -> Decorated:

@@ -1,4 +1,4 @@
-"""The first step of every command that reads logs: the recipe, one pass over the logs, the plan's held-out runs."""
+"""The first step of every command that reads logs: the recipe, one pass over the logs, the held-out runs."""
 
 from __future__ import annotations
 
@@ -10,6 +10,9 @@ from pumaid.cli.progress import progress
 
 if TYPE_CHECKING:
     from pumaid.records import Evidence, Robot
+
+#: What ``--heldout`` is given for postures instead of files.
+POSTURE = "posture"
 
 
 def read_robot(recipe: Path | None, logs: Sequence[str] = ()) -> Robot:
@@ -28,7 +31,12 @@ def read_robot(recipe: Path | None, logs: Sequence[str] = ()) -> Robot:
 
 
 def read_evidence(
-    logs: Sequence[str], recipe: Path | None, *, trust: bool = False, extra: Sequence[str] = ()
+    logs: Sequence[str],
+    recipe: Path | None,
+    *,
+    trust: bool = False,
+    heldout: Sequence[str] = (),
+    extra: Sequence[str] = (),
 ) -> tuple[Robot, Evidence]:
     """All that later steps know of some logs, read in one pass.
 
@@ -42,13 +50,15 @@ def read_evidence(
         ``--recipe``, or none.
     trust
         Turn these refusals into notes.
+    heldout
+        ``--heldout``: files, folders or globs of logs, or ``posture``.
     extra
         Columns of the logs that the user suspects; they arrive in the runs' cells.
 
     Returns
     -------
     robot, evidence
-        Runs that the plan beside the recipe keeps for judging are marked as held out.
+        Runs that the plan beside the recipe or the user keeps for judging are marked as held out.
     """
     from pumaid.files.paths import expand
     from pumaid.files.table import LogReader
@@ -60,7 +70,8 @@ def read_evidence(
     watched = Watch(LogReader(paths, robot, extra=extra), robot, refuse=not trust)
     with progress("reading logs") as step:
         evidence = segment(watched, robot, progress=lambda rows: step(rows, f"{rows:,} rows"))
-    return robot, _with_plan(evidence, robot, experiment_folder(recipe, logs))
+    planned = _with_plan(evidence, robot, experiment_folder(recipe, logs))
+    return robot, _with_heldout(planned, heldout) if heldout else planned
 
 
 def experiment_folder(recipe: Path | None, logs: Sequence[str] = ()) -> Path:
@@ -101,6 +112,16 @@ def _recipe_path(recipe: Path | None, logs: Sequence[str]) -> Path:
     from pumaid.files.recipe import find_recipe
 
     return find_recipe(recipe, [Path(log) for log in logs])
+
+
+def _with_heldout(evidence: Evidence, wanted: Sequence[str]) -> Evidence:
+    """Runs of the files that the user names marked as held out; the word ``posture`` means each joint's last one."""
+    from pumaid.files.paths import meant
+    from pumaid.motion.heldout import hold_out
+
+    names = [facts.name for facts in evidence.files]
+    files = dict.fromkeys(name for word in wanted if word != POSTURE for name in meant(word, names))
+    return hold_out(evidence, files=files, postures=POSTURE in wanted)
 
 
 def _with_plan(evidence: Evidence, robot: Robot, folder: Path) -> Evidence:

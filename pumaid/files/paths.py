@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import difflib
+import fnmatch
 import glob
 import os
 import re
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 
 from pumaid.errors import LogError, Where
@@ -59,6 +60,43 @@ def expand(arguments: Iterable[str | Path]) -> list[Path]:
     if empty:
         raise LogError("no-logs", "no log was named", mend="name files, folders or globs, or - for standard input")
     return list(found.values())
+
+
+def meant(pattern: str, names: Sequence[str]) -> list[str]:
+    """Of log files that were read, those that a user means.
+
+    Parameters
+    ----------
+    pattern
+        A path, a bare file name, a folder, or a glob of paths or of bare names.
+    names
+        The files, as `expand` named them.
+
+    Returns
+    -------
+    names
+        In their order.
+
+    Raises
+    ------
+    LogError [heldout-nothing]
+        None is meant; with the nearest name.
+    """
+    real = os.path.realpath(pattern)
+    found = [
+        name
+        for name in names
+        if os.path.realpath(name) == real
+        or real in map(str, Path(os.path.realpath(name)).parents)
+        or fnmatch.fnmatch(name, pattern)
+        or fnmatch.fnmatch(Path(name).name, pattern)
+    ]
+    if not found:
+        near = difflib.get_close_matches(Path(pattern).name, [Path(name).name for name in names], n=1)
+        shown = ", ".join(names[:5]) + (f" ... ({len(names)} in all)" if len(names) > 5 else "")
+        mend = f"did you mean {near[0]}?" if near else f"the logs that were read are {shown}"
+        raise LogError("heldout-nothing", f"no log that was read is {pattern}", Where(file=pattern), mend)
+    return found
 
 
 def _of_one(argument: str) -> Iterable[Path]:

@@ -170,3 +170,19 @@ def test_suspicious_logs_are_refused_unless_trusted(arm):
     done = identify("logs")
     assert done.exit_code == 3 and "error[looks-like-degrees]" in done.stderr
     assert "note[looks-like-degrees]" in identify("logs", "--trust").stderr
+
+
+def test_heldout_files_are_not_fitted(arm):
+    """Runs of a file that is held out are missing from the fit, and standard error says how many."""
+    names = sorted(path.name for path in (arm / "logs").iterdir())
+    whole, part = (json.loads(identify("logs", *more, "--json").stdout) for more in ((), ("--heldout", names[-1])))
+    done = identify("logs", "--heldout", names[-1])
+    assert f"of logs/{names[-1]}; " in next(line for line in done.stderr.splitlines() if "note[held-out]" in line)
+    assert sum(one["runs"] for one in part["joints"]) < sum(one["runs"] for one in whole["joints"])
+
+
+def test_heldout_that_means_nothing_is_refused(arm):
+    """A name that no log has is bad input; nothing is written."""
+    done = identify("logs", "--heldout", "session_99.csv")
+    assert (done.exit_code, "error[heldout-nothing]" in done.stderr) == (3, True)
+    assert not (arm / "results").exists()

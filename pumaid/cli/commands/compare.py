@@ -9,6 +9,7 @@ import rich_click as click
 
 from pumaid.cli.options import (
     check_option,
+    heldout_option,
     json_option,
     logs_argument,
     model_argument,
@@ -36,6 +37,7 @@ if TYPE_CHECKING:
     help="Draw it: .png, .svg or .pdf.",
 )
 @units_option
+@heldout_option
 @trust_option
 @json_option
 @check_option
@@ -47,6 +49,7 @@ def command(
     worst: int,
     picture: Path | None,
     units: str,
+    heldout: tuple[str, ...],
     trust: bool,
     as_json: bool,
     check: bool,
@@ -67,7 +70,7 @@ def command(
 
     form = picture_form(picture)
     estimate = read_model(model)
-    robot, evidence = read_evidence(logs, recipe, trust=trust)
+    robot, evidence = read_evidence(logs, recipe, trust=trust, heldout=heldout)
     comparison = compare(estimate, evidence, robot)
     notes((*estimate.notes, *comparison.notes))
     if picture is not None and comparison.runs:

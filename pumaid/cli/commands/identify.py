@@ -7,6 +7,7 @@ from pathlib import Path
 import rich_click as click
 
 from pumaid.cli.options import (
+    heldout_option,
     json_option,
     logs_argument,
     output_option,
@@ -26,6 +27,7 @@ from pumaid.cli.progress import progress
 @output_option("The model file to write; - for standard output. Default: model.json in the results folder.")
 @results_option
 @units_option
+@heldout_option
 @trust_option
 @json_option
 def command(
@@ -36,6 +38,7 @@ def command(
     output: Path | None,
     results: Path | None,
     units: str,
+    heldout: tuple[str, ...],
     trust: bool,
     as_json: bool,
 ) -> None:
@@ -56,7 +59,7 @@ def command(
     from pumaid.show.tables import parameter_table, sums_table
     from pumaid.verbs.identify import identify
 
-    robot, evidence = read_evidence(logs, recipe, trust=trust)
+    robot, evidence = read_evidence(logs, recipe, trust=trust, heldout=heldout)
     with progress("identifying", total=robot.n_joints) as step:
         estimate = identify(
             evidence, robot, recursive=recursive, progress=lambda joint, text: step(robot.n_joints - joint, text)

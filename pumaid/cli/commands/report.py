@@ -3,17 +3,27 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import rich_click as click
 
-from pumaid.cli.options import json_option, output_option, recipe_option, results_option, trust_option, units_option
+from pumaid.cli.options import (
+    heldout_option,
+    json_option,
+    output_option,
+    recipe_option,
+    results_option,
+    trust_option,
+    units_option,
+)
 from pumaid.cli.output import document, notes, remark
 from pumaid.cli.progress import progress
 
 if TYPE_CHECKING:
+    from pumaid.records import Evidence, Robot
     from pumaid.show.story import Story
 
 TABLES = ("text", "csv", "parquet", "latex", "markdown", "json")
@@ -36,6 +46,7 @@ FIGURES = ("png", "svg", "pdf")
 )
 @click.option("--format", "forms", default="png,svg,pdf", show_default=True, help="Forms of the figures; '' for none.")
 @units_option
+@heldout_option
 @trust_option
 @json_option
 def command(
@@ -49,6 +60,7 @@ def command(
     figures: Path | None,
     forms: str,
     units: str,
+    heldout: tuple[str, ...],
     trust: bool,
     as_json: bool,
 ) -> None:
@@ -63,7 +75,7 @@ def command(
       pumaid report --table latex > table.tex
       pumaid report --figures paper/ --format pdf
     """
-    from pumaid.cli.reading import experiment_folder
+    from pumaid.cli.reading import experiment_folder, read_evidence
 
     near = logs or ((str(model.parent.parent / "logs"),) if model and str(model) != "-" else ("logs",))
     home = experiment_folder(recipe, near)
@@ -72,7 +84,8 @@ def command(
         _table(source, near, recipe=recipe, form=form, units=units, output=output)
         return
     chosen = _forms(forms)
-    told = _story(source, logs or (str(home / "logs"),), recipe=recipe, units=units, trust=trust)
+    read = partial(read_evidence, logs or (str(home / "logs"),), recipe, trust=trust, heldout=heldout)
+    told = _story(source, read, units=units)
     folder = results or home / "results"
     files = _written(told, folder, figures=figures or folder / "figures", forms=chosen, page=output)
     if as_json:
@@ -109,15 +122,14 @@ def _table(
         remark(f"table written to {output}")
 
 
-def _story(source: Path, logs: Sequence[str], *, recipe: Path | None, units: str, trust: bool) -> Story:
+def _story(source: Path, read: Callable[[], tuple[Robot, Evidence]], *, units: str) -> Story:
     """What the report tells of: the model on the logs."""
-    from pumaid.cli.reading import read_evidence
     from pumaid.files.result import read_model
     from pumaid.show.story import Story
     from pumaid.verbs.compare import compare
 
     estimate = read_model(source)
-    robot, evidence = read_evidence(logs, recipe, trust=trust)
+    robot, evidence = read()
     comparison = compare(estimate, evidence, robot)
     notes((*evidence.notes, *estimate.notes, *comparison.notes))
     return Story(robot, estimate, evidence, comparison, units)
