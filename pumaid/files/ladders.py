@@ -6,7 +6,7 @@ import math
 from collections.abc import Sequence
 from pathlib import Path
 
-from pumaid.errors import Note, PumaidError, Where
+from pumaid.errors import Note, PumaidError, ResultError, Where
 from pumaid.files.archive import CURRENT, FOLDER, Entry, counted, digest_of, read_document, read_entries
 from pumaid.records import EffectChoice, Errors, History, JointFit, Ladder, Rung
 
@@ -38,6 +38,15 @@ def read_history(results: Path) -> History:
     ordered = sorted(groups.values(), key=lambda group: (group[0].key != main.key, group[0].number))
     ladders = tuple(_ladder(group, main, current) for group in ordered)
     return History(str(results / FOLDER), ladders, current, (*notes, *more))
+
+
+def ladder_of(model: Path) -> Ladder | None:
+    """The ladder that ends at a current model's file; None where no model was kept, or another file is meant."""
+    try:
+        history = read_history(model.parent)
+    except ResultError:
+        return None
+    return history.ladders[0] if history.current is not None and model.name == CURRENT else None
 
 
 def _current(path: Path, kept: Sequence[Entry]) -> tuple[int | None, list[Note]]:

@@ -7,6 +7,7 @@ from typing import Any
 
 from pumaid.records import EffectChoice, Errors, History, JointFit, Ladder, Rung
 from pumaid.show.grid import Cell, Grid, grid
+from pumaid.show.numbers import amperes
 from pumaid.show.scores import amount
 
 #: The mark of the model that other commands use now.
@@ -47,6 +48,23 @@ def of_joint(fit: JointFit) -> Errors:
 def has_heldout(ladder: Ladder) -> bool:
     """Whether any joint of any model was judged on held-out runs."""
     return any(of_joint(fit).heldout is not None for rung in ladder.rungs for fit in rung.joints)
+
+
+def ladder_sentence(ladder: Ladder) -> str:
+    """How far the error came, and what is left."""
+    path = ladder.path
+    first, last = path[0].whole, path[-1].whole
+    if len(path) == 1:
+        words = f"The current model is a first one; {len(ladder.rungs) - 1} more were tried."
+    else:
+        steps = "one step" if len(path) == 2 else f"{len(path) - 1} steps"
+        words = f"In {steps} the error of the fitted runs went from {amperes(first.fitted)} to {amperes(last.fitted)}"
+        if first.heldout is not None and last.heldout is not None:
+            words += f", that of runs which no fit saw from {amperes(first.heldout)} to {amperes(last.heldout)}"
+        words += "."
+    if last.noise_floor is not None:
+        words += f" Repeated runs differ by {amperes(last.noise_floor)}, which no model can remove."
+    return words
 
 
 def ladder_grid(ladder: Ladder) -> Grid:

@@ -123,7 +123,8 @@ def _table(
 
 
 def _story(source: Path, read: Callable[[], tuple[Robot, Evidence]], *, units: str) -> Story:
-    """What the report tells of: the model on the logs."""
+    """What the report tells of: the model on the logs, and the models before it."""
+    from pumaid.files.ladders import ladder_of
     from pumaid.files.result import read_model
     from pumaid.show.story import Story
     from pumaid.verbs.compare import compare
@@ -132,7 +133,7 @@ def _story(source: Path, read: Callable[[], tuple[Robot, Evidence]], *, units: s
     robot, evidence = read()
     comparison = compare(estimate, evidence, robot)
     notes((*evidence.notes, *estimate.notes, *comparison.notes))
-    return Story(robot, estimate, evidence, comparison, units)
+    return Story(robot, estimate, evidence, comparison, units, ladder=ladder_of(source))
 
 
 def _written(told: Story, folder: Path, *, figures: Path, forms: Sequence[str], page: Path | None) -> list[str]:
