@@ -138,3 +138,16 @@ def rich() -> Diagnosis:
         version="0.1.0",
         applied=(replace(stribeck(), effect="ripple", joint=2, shape={"frequency": 40.0}, rivals=(), next_run=None),),
     )
+
+
+def small() -> Diagnosis:
+    """The pendulum's: a finding at joint 1, a shape without a name at joint 2."""
+    run = replace(next_run(), motions=(Motion(1, (0.0, 0.5), -1.2, 1.2, 0.05),))
+    sizes = (Size("stribeck.j1.a", 0.12, 0.011, "A"),)
+    found = replace(
+        stribeck(), joint=1, sizes=sizes, next_run=run, command="pumaid identify logs/ --add stribeck@1",
+        curves=(replace(curve(), joint=1),),
+    )  # fmt: skip
+    first = replace(rich().joints[2], joint=1, candidates=candidates()[:2], limits=limits(1))
+    second = replace(rich().joints[4], joint=2)
+    return Diagnosis("arm RR", (first, second), (found,), version="0.1.0")

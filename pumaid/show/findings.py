@@ -67,6 +67,12 @@ def finding_title(found: Finding, robot: Robot) -> str:
     return words
 
 
+def added_title(found: Finding, robot: Robot) -> str:
+    """Of an effect that an earlier diagnosis found and the model now holds."""
+    where = place(found, robot)
+    return f"{where[0].upper()}{where[1:]}: {found.effect} was missing, and is in the model now"
+
+
 def finding_sentences(found: Finding, diagnosis: Diagnosis, robot: Robot, *, units: str = "rad") -> list[str]:
     """What a finding is, what it explains, how sure it is, and how large the effect is.
 
@@ -83,7 +89,8 @@ def finding_sentences(found: Finding, diagnosis: Diagnosis, robot: Robot, *, uni
     """
     own = next((one for one in diagnosis.joints if one.joint == found.joint), None)
     out = [*effect_sentences(found.effect)]
-    if own is not None and _of_scope(found.effect) in (Scope.JOINT, None):
+    is_added = any(found is one for one in diagnosis.applied)
+    if own is not None and not is_added and _of_scope(found.effect) in (Scope.JOINT, None):
         out.append(floor_sentence(own))
     if found.rmse_heldout_before is not None and found.rmse_heldout_after is not None:
         out.append(heldout_sentence(found.rmse_heldout_before, found.rmse_heldout_after))

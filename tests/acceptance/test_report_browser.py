@@ -8,8 +8,10 @@ import re
 import shutil
 import zlib
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 
+import diagnoses
 import pytest
 import stories
 import worlds
@@ -59,6 +61,8 @@ def browser(tmp_path_factory) -> Iterator[object]:
 def address(request, tmp_path_factory) -> str:
     """Where the page of a six-joint arm, or of one with dangerous names, lies."""
     told = stories.story(worlds.STANFORD, units="deg") if request.param == "ordinary" else stories.hostile()
+    if request.param == "hostile":
+        told = replace(told, diagnosis=diagnoses.small(), stale=(stories.HOSTILE,))
     path: Path = tmp_path_factory.mktemp("page") / "report.html"
     path.write_text(page(told), encoding="utf-8")
     return path.as_uri()

@@ -7,6 +7,7 @@ import re
 from dataclasses import replace
 from html.parser import HTMLParser
 
+import diagnoses
 import pandas as pd
 import pytest
 import stories
@@ -44,23 +45,28 @@ def outline(html: str) -> Outline:
     return found
 
 
+def told():
+    """The small arm's story, diagnosed."""
+    return replace(stories.story(units="deg"), diagnosis=diagnoses.small())
+
+
 @pytest.fixture(scope="module")
 def html():
     """The small arm's page."""
-    return page(stories.story(units="deg"))
+    return page(told())
 
 
 def test_sections_stand_in_the_order_of_the_story():
-    """Arm, data, parameters, prediction, misfit, limits, sources after the summary."""
+    """Arm, data, parameters, prediction, misfit, what is missing, limits, sources after the summary."""
     names = [section.name for section in all_sections()]
-    told = ["summary", "arm", "data", "parameters", "prediction", "misfit", "limits", "sources"]
-    assert [name for name in names if name in told] == told
+    known = ["summary", "arm", "data", "parameters", "prediction", "misfit", "missing", "limits", "sources"]
+    assert [name for name in names if name in known] == known
 
 
 def test_every_section_is_on_the_page(html):
     """Each section can be reached by its anchor, from the list at the top."""
     found = outline(html)
-    for section in all_sections():
+    for section in (one for one in all_sections() if one.applies(told())):
         assert section.name in found.ids and f"#{section.name}" in found.references
 
 
@@ -130,3 +136,34 @@ def test_one_way_is_not_explained_as_two():
     ahead = replace(told, comparison=replace(told.comparison, runs=runs))
     assert "half the difference is friction" in page(told) and "No joint was moved both ways" not in page(told)
     assert "half the difference is friction" not in page(ahead) and "No joint was moved both ways" in page(ahead)
+
+
+def test_a_diagnosis_is_told_with_evidence_figure_and_command(html):
+    """The section says what is missing, shows it, gives the deciding run and the command that adds it."""
+    part = html[html.index('<section id="missing">') : html.index('<section id="limits">')]
+    assert "stribeck is missing, or viscous_power, which these data cannot tell from it" in part
+    assert "pumaid identify logs/ --add stribeck@1" in part and "Runs that would tell stribeck or viscous_power" in part
+    assert 'id="figure-finding_1_j1"' in part and 'id="figure-unexplained_j2"' in part
+    assert "What these data would have shown" in part and "What was tried" in part
+
+
+def test_without_a_diagnosis_there_is_no_such_section():
+    """A page of an experiment that was not diagnosed claims nothing about what is missing."""
+    assert 'id="missing"' not in page(stories.story())
+
+
+def test_a_stale_diagnosis_says_so():
+    """A diagnosis of another model or other logs is told with a warning before anything else."""
+    old = replace(told(), stale=("The diagnosis is of another model.",))
+    part = page(old).partition('<section id="missing">')[2]
+    assert part.index("The diagnosis is of another model.") < part.index("stribeck")
+
+
+def test_nothing_missing_is_told_with_its_limits():
+    """On a clean arm the section says what these data can show, and what they would have shown."""
+    quiet = (replace(diagnoses.quiet(1), limits=diagnoses.limits(1)), diagnoses.quiet(2))
+    clean = replace(diagnoses.clean(), joints=quiet)
+    part = page(replace(told(), diagnosis=clean)).partition('<section id="missing">')[2]
+    assert (
+        "Nothing is missing that these data can show." in part and "larger than 0.030 A would have been found" in part
+    )
