@@ -127,19 +127,21 @@ def evidence(on: Solved, trial: Trial) -> float:
 
 def _errors(on: Solved, trial: Trial) -> tuple[dict[int, float], dict[int, float]]:
     """RMSE (A) of samples by joint in which the effect acts, without and with it, all else refitted."""
-    plain = {row.field.joint: trial.added.columns(on.model, row.field.samples) for row in on.rows}
-    white = {joint: on.row(joint).noise.whiten(on.row(joint).field, C) for joint, C in plain.items() if np.any(C)}
-    cross = sum(on.row(joint).jacobian.T @ C for joint, C in white.items())
-    turned = on.inverse @ cross
     before, after = {}, {}
-    for joint in white:
+    for joint, left in misfit_with(on, trial).items():
         row = on.row(joint)
-        left = row.misfit - (plain[joint] - row.plain @ turned) @ trial.sizes
-        before[joint], after[joint] = (
-            rmse(row.field.count, row.field.inside, row.misfit),
-            rmse(row.field.count, row.field.inside, left),
-        )
+        before[joint] = rmse(row.field.count, row.field.inside, row.misfit)
+        after[joint] = rmse(row.field.count, row.field.inside, left)
     return before, after
+
+
+def misfit_with(on: Solved, trial: Trial) -> dict[int, Floats]:
+    """Joint in which an effect acts -> (N,) A that is left with it, all else refitted."""
+    plain = {row.field.joint: trial.added.columns(on.model, row.field.samples) for row in on.rows}
+    acting = {joint: C for joint, C in plain.items() if np.any(C)}
+    cross = sum(on.row(k).jacobian.T @ on.row(k).noise.whiten(on.row(k).field, C) for k, C in acting.items())
+    turned = on.inverse @ cross
+    return {k: on.row(k).misfit - (C - on.row(k).plain @ turned) @ trial.sizes for k, C in acting.items()}
 
 
 def rmse(count: Floats, inside: Floats, misfit: Floats) -> float:

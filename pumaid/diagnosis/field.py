@@ -92,6 +92,24 @@ class Field:
         """Neighbours in time among runs that repeat one another."""
         return [pair for group in self.groups for pair in itertools.pairwise(group)]
 
+    def side_by_side(self, values: Floats, pair: tuple[int, int]) -> tuple[Floats, Floats]:
+        """Values of two runs at the first's cells that the second passed too, the second's at the nearest of its cells.
+
+        The nearest, not a mean of two, so that the noise is not smoothed.
+        """
+        a, b = (slice(int(self.first[k]), int(self.first[k] + self.lengths[k])) for k in pair)
+        q = self.samples.position[:, self.joint - 1]
+        order = np.argsort(q[b], kind="stable")
+        there = q[b][order]
+        right = np.clip(np.searchsorted(there, q[a]), 0, len(there) - 1)
+        left = np.maximum(right - 1, 0)
+        nearest = np.where(np.abs(there[right] - q[a]) < np.abs(q[a] - there[left]), right, left)
+        width = np.median(np.abs(np.diff(q[a]))) if len(there) > 1 and len(q[a]) > 1 else np.inf
+        shared = np.abs(there[nearest] - q[a]) <= width
+        if np.count_nonzero(shared) <= 2:
+            shared = np.ones(len(shared), dtype=bool)
+        return values[a][shared], values[b][order][nearest][shared]
+
     def extent(self, drawn: Floats) -> Extent:
         """What the runs cover; `drawn` (N,) is what the model predicts (A)."""
         q = self.samples.position[:, self.joint - 1]
@@ -110,9 +128,11 @@ class Field:
         )
 
 
-def fields(model: Model, runs: Sequence[Run], *, most: int = COARSE) -> tuple[Field, ...]:
-    """A field for each joint that moves in `runs`, base first."""
-    begun = starts(runs)
+def fields(
+    model: Model, runs: Sequence[Run], *, most: int = COARSE, begun: Mapping[tuple[int, int], float] | None = None
+) -> tuple[Field, ...]:
+    """A field for each joint that moves in `runs`, base first; `begun` as `starts` gives it for the whole campaign."""
+    begun = starts(runs) if begun is None else begun
     joints = sorted({run.joint for run in runs})
     return tuple(field(model, [run for run in runs if run.joint == joint], begun=begun, most=most) for joint in joints)
 

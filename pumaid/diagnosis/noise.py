@@ -113,19 +113,9 @@ def noise(field: Field, residual: Floats) -> Noise:
 
 
 def _difference(field: Field, residual: Floats, pair: tuple[int, int]) -> Floats:
-    """Half the root-two difference of two runs, at the first's cells that the second passed."""
-    a, b = (slice(int(field.first[k]), int(field.first[k] + field.lengths[k])) for k in pair)
-    q = field.samples.position[:, field.joint - 1]
-    order = np.argsort(q[b], kind="stable")
-    there = q[b][order]
-    right = np.clip(np.searchsorted(there, q[a]), 1, len(there) - 1) if len(there) > 1 else np.zeros(len(q[a]), int)
-    left = np.maximum(right - 1, 0)
-    nearest = np.where(np.abs(there[right] - q[a]) < np.abs(q[a] - there[left]), right, left)
-    width = np.median(np.abs(np.diff(q[a]))) if len(q[a]) > 1 else np.inf
-    shared = np.abs(there[nearest] - q[a]) <= width
-    other = residual[b][order][nearest]
-    kept = (residual[a] - other)[shared] if np.count_nonzero(shared) > 2 else residual[a] - other
-    return np.asarray(kept / np.sqrt(2.0))
+    """Half the root-two difference of two runs."""
+    a, b = field.side_by_side(residual, pair)
+    return np.asarray((a - b) / np.sqrt(2.0))
 
 
 def _alone(field: Field, residual: Floats) -> list[Floats]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from pumaid.diagnosis.contender import DECISIVE, Contender, contender, evidence, rivals
 from pumaid.diagnosis.familywise import Family, family
-from pumaid.diagnosis.field import Field, fields
+from pumaid.diagnosis.field import COARSE, Field, fields
 from pumaid.diagnosis.noise import Noise, noise
 from pumaid.diagnosis.periodogram import Spectrum, spectrum
 from pumaid.diagnosis.refine import at, refined
@@ -44,6 +44,14 @@ class Step:
     contenders: tuple[Contender, ...]
 
 
+@dataclass(frozen=True, eq=False, slots=True)
+class Accepted:
+    """An addition: as it was judged, and what these data cannot tell from it."""
+
+    contender: Contender
+    rivals: tuple[Contender, ...]
+
+
 def silent(text: str) -> None:
     """Tell nobody."""
 
@@ -58,35 +66,42 @@ class Stepwise:
         The base model, the fitted runs and the fit.
     given
         Effects that the model has already.
+    begun
+        As `starts` gives it for all runs of the campaign, also those that are not fitted.
     effects
         What may be added; every effect that is no part of each model where not given.
     most
         Additions at most.
     tell
         Called with a word on what is done.
-    added, steps
-        What is in the model now (`given` first), and each look.
+    added, steps, accepted
+        What is in the model now (`given` first), each look, and why each addition was made.
     """
 
     model: Model
     runs: Sequence[Run]
     start: Start
     given: Sequence[Added] = ()
+    begun: Mapping[tuple[int, int], float] | None = None
     effects: Sequence[Effect] = ()
     most: int = MOST_ADDED
     tell: Callable[[str], None] = silent
     added: list[Added] = field(default_factory=list)
     steps: list[Step] = field(default_factory=list)
+    accepted: list[Accepted] = field(default_factory=list)
     _coarse: tuple[Field, ...] = ()
     _finest: tuple[Field, ...] = ()
 
     def __post_init__(self) -> None:
         self.effects = [one for one in (self.effects or tuple(catalogue().values())) if not one.base]
         self.added = list(self.given)
-        self._coarse, self._finest = fields(self.model, self.runs), fields(self.model, self.runs, most=FINE)
+        self._coarse, self._finest = (
+            fields(self.model, self.runs, most=most, begun=self.begun) for most in (COARSE, FINE)
+        )
 
     @property
-    def _periodic(self) -> Effect | None:
+    def periodic(self) -> Effect | None:
+        """The effect that is looked for by a periodogram."""
         return next((one for one in self.effects if one.periodic is not None), None)
 
     def solved(self, added: Sequence[Added], noises: dict[int, Noise] | None = None) -> Solved:
@@ -104,6 +119,7 @@ class Stepwise:
             if step.chosen is None or len(self.added) - len(self.given) >= self.most:
                 return step.scan.solved
             self.added.append(step.chosen.trial.added)
+            self.accepted.append(Accepted(step.chosen, step.rivals))
             self._swap()
 
     def look(self, added: Sequence[Added]) -> Step:
@@ -114,7 +130,7 @@ class Stepwise:
         solved = first if noises is None else loaded(self.solved(added, noises))
         tried = build(solved, self.effects)
         seen = scan(solved, tried, self._spectra(solved))
-        chances = family(seen, periodic=self._periodic.name if self._periodic else None)
+        chances = family(seen, periodic=self.periodic.name if self.periodic else None)
         pairs = self._close(seen, chances)
         found = [self._judged(seen, tried, pair, chances) for pair in pairs]
         found.sort(key=lambda one: -one.evidence)
@@ -132,8 +148,8 @@ class Stepwise:
     def _spectra(self, solved: Solved) -> dict[int, Spectrum]:
         """Of what the solved system leaves, at the finest cells."""
         out: dict[int, Spectrum] = {}
-        for fine in self._finest if self._periodic is not None else ():
-            if self._periodic is None or self._periodic.applies(self.model.robot, fine.joint) is not None:
+        for fine in self._finest if self.periodic is not None else ():
+            if self.periodic is None or self.periodic.applies(self.model.robot, fine.joint) is not None:
                 continue
             misfit = misfit_at(solved, fine)
             kind = noise(fine, misfit)
@@ -158,7 +174,7 @@ class Stepwise:
 
     def _peak(self, seen: Scan, joint: int, chances: Family) -> list[Pair]:
         """The highest peak of a joint's spectrum, at the finest cells."""
-        effect, found = self._periodic, seen.spectra[joint]
+        effect, found = self.periodic, seen.spectra[joint]
         if effect is None or effect.periodic is None:
             return []
         statistic = found.statistic()
@@ -185,10 +201,15 @@ class Stepwise:
         for place in range(len(self.given), len(self.added) - 1):
             rest = [one for number, one in enumerate(self.added) if number != place]
             solved = loaded(self.solved(rest, self.solved(self.added).noises))
-            best = scan(solved, build(solved, self.effects)).best()
+            tried = build(solved, self.effects)
+            seen = scan(solved, tried)
+            best = seen.best()
             own = best.get(self.added[place].key)
             if own is None:
                 continue
             top = max(best.values(), key=lambda one: evidence(solved, one))
             if evidence(solved, top) > evidence(solved, own) + DECISIVE:
-                self.added[place] = refined(Projector(solved), top).added
+                pair = (top, refined(Projector(solved), top))
+                judged = self._judged(seen, tried, pair, self.steps[-1].family)
+                self.added[place] = pair[1].added
+                self.accepted[place - len(self.given)] = Accepted(judged, ())

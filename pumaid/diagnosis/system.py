@@ -355,7 +355,7 @@ class _Chain:
 
 def pseudo_inverse(information: Floats) -> tuple[Floats, int]:
     """Pseudo-inverse (P, P) in scaled columns, and the rank."""
-    size = np.sqrt(np.diagonal(information))
+    size = np.sqrt(np.maximum(np.diagonal(information), 0.0))
     unit = np.divide(1.0, size, out=np.zeros_like(size), where=size > FAINT * size.max(initial=0.0))
     values, vectors = np.linalg.eigh(information * unit[:, None] * unit[None, :])
     kept = values > FLAT * values[-1]

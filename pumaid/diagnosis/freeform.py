@@ -1,0 +1,160 @@
+"""Shapes without a name: what is left as a free function of one variable, compared by the same evidence as effects."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pumaid.diagnosis.field import Field
+from pumaid.diagnosis.scan import Projector, Trial, trial_of
+from pumaid.diagnosis.system import Added, Solved
+from pumaid.effects.base import NO_SHAPE, Effect, Parameter
+from pumaid.records import Robot, Samples
+
+Floats = NDArray[np.float64]
+
+#: Knots of a free function over the span of its variable: a bump of an eighth of the span is still seen.
+KNOTS = {"q": 16, "v": 8, "load": 8, "t": 8, "travel": 8}
+#: Share of a knot's square below which it is absorbed by the model.
+ABSORBED = 1e-4
+
+
+@dataclass(frozen=True, slots=True)
+class Form:
+    """A free form: its name, variable, unit (``{unit}`` is rad or m) and what multiplies it (1, s or v)."""
+
+    name: str
+    variable: str
+    unit: str
+    factor: str
+
+
+FORMS = (
+    Form("f(q)", "q", "{unit}", "1"),
+    Form("s f(q)", "q", "{unit}", "s"),
+    Form("v f(q)", "q", "{unit}", "v"),
+    Form("s f(v)", "v", "{unit}/s", "s"),
+    Form("s f(load)", "load", "A", "s"),
+    Form("s f(t)", "t", "s", "s"),
+    Form("f(t)", "t", "s", "1"),
+    Form("s f(travel)", "travel", "{unit}", "s"),
+)
+
+
+class Free(Effect):
+    """A free function of one variable, as hat functions; no physics, so not in the catalogue."""
+
+    title = "A free function"
+    source = "C. de Boor, A Practical Guide to Splines, ch. 9 (linear B-splines)"
+    needs_loads: ClassVar[bool] = True
+
+    def __init__(self, form: Form, knots: Floats) -> None:
+        self.form, self.knots = form, knots
+
+    @property
+    def name(self) -> str:
+        """The form."""
+        return self.form.name
+
+    def parameters(self, robot: Robot, number: int) -> tuple[Parameter, ...]:
+        return tuple(Parameter(f"b{k}", "A", "at a knot", f"b{k}") for k in range(len(self.knots)))
+
+    def columns(
+        self, robot: Robot, samples: Samples, *, number: int | None = None, shape: Mapping[str, float] = NO_SHAPE
+    ) -> Floats:
+        factor = {"1": 1.0, "s": samples.direction, "v": samples.velocity[:, samples.joint - 1]}[self.form.factor]
+        return hats(variable(samples, self.form.variable), self.knots) * np.broadcast_to(factor, len(samples))[:, None]
+
+
+def variable(samples: Samples, name: str) -> Floats:
+    """(M,) values of a form's variable."""
+    own = samples.joint - 1
+    if name == "load":
+        return np.zeros(len(samples)) if samples.loads is None else samples.loads.own
+    found = {
+        "q": samples.position[:, own],
+        "v": np.abs(samples.velocity[:, own]),
+        "t": samples.time,
+        "travel": samples.travel,
+    }
+    return found[name]
+
+
+def hats(x: Floats, knots: Floats) -> Floats:
+    """(M, K) hat functions: one at a knot, zero at its neighbours, linear between."""
+    place = np.clip(np.searchsorted(knots, x, side="right") - 1, 0, len(knots) - 2)
+    share = np.clip((x - knots[place]) / (knots[place + 1] - knots[place]), 0.0, 1.0)
+    out = np.zeros((len(x), len(knots)))
+    rows = np.arange(len(x))
+    out[rows, place], out[rows, place + 1] = 1.0 - share, share
+    return out
+
+
+def forms(field: Field) -> Iterable[Free]:
+    """Every form that the runs of a joint can show."""
+    for form in FORMS:
+        x = variable(field.samples, form.variable)
+        low, high = float(x.min()), float(x.max())
+        if high - low <= 1e-6 * max(abs(high), 1.0):
+            continue
+        if form.variable == "v":
+            knots = np.unique(np.round(np.abs([run.speed for run in field.runs]), 9))
+            knots = knots[np.append(True, np.diff(knots) > 0.03 * knots[1:])]
+            if len(knots) > KNOTS["v"]:
+                knots = np.quantile(knots, np.linspace(0.0, 1.0, KNOTS["v"]))
+        else:
+            knots = np.linspace(low, high, KNOTS[form.variable])
+        if len(knots) > 1:
+            yield Free(form, knots)
+
+
+def free_trials(solved: Solved, joint: int) -> list[Trial]:
+    """Every free form at one joint, tried on a system with loads."""
+    row, projector, out = solved.row(joint), Projector(solved), []
+    for free in forms(row.field):
+        added = Added(free, joint, NO_SHAPE)
+        columns = added.columns(solved.model, row.field.samples)
+        scores, _, left, raw = projector.scores({joint: row.noise.whiten(row.field, columns)})
+        share = np.divide(np.diagonal(left), raw, out=np.zeros(len(raw)), where=raw > 0)
+        kept = np.flatnonzero(share > ABSORBED)
+        trial = _ranked(added, scores, left, kept)
+        if trial is not None:
+            out.append(trial)
+    return out
+
+
+#: Eigenvalues of what is left of the hats below this share of the largest are combinations that the model absorbs.
+FLAT = 1e-3
+
+
+def _ranked(added: Added, scores: Floats, left: Floats, kept: NDArray[np.int64]) -> Trial | None:
+    """The trial in the directions of the hats that the model does not absorb."""
+    if len(kept) < 2:
+        return None
+    values, vectors = np.linalg.eigh(left[np.ix_(kept, kept)])
+    good = values > FLAT * values[-1]
+    if not good.any():
+        return None
+    turn = np.zeros((len(left), int(good.sum())))
+    turn[kept] = vectors[:, good]
+    found = trial_of(added, scores @ turn, turn.T @ left @ turn, np.ones(turn.shape[1]))
+    if found is None:
+        return None
+    return Trial(added, found.statistic, found.information, found.sizes, found.scores, 1.0)
+
+
+def knot_values(solved: Solved, trial: Trial) -> tuple[Floats, Floats, Floats]:
+    """Knots, values there (A, as a current in the direction of motion where the form says so) and standard errors."""
+    free = trial.added.effect
+    assert isinstance(free, Free) and trial.added.joint is not None
+    row, projector = solved.row(trial.added.joint), Projector(solved)
+    columns = trial.added.columns(solved.model, row.field.samples)
+    scores, _, left, _ = projector.scores({trial.added.joint: row.noise.whiten(row.field, columns)})
+    values, vectors = np.linalg.eigh(left)
+    good = values > FLAT * values[-1]
+    inverse = (vectors[:, good] / values[good]) @ vectors[:, good].T
+    return free.knots, inverse @ scores.sum(axis=0), np.sqrt(np.diagonal(inverse) * solved.scale)

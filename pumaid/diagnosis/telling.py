@@ -1,0 +1,84 @@
+"""What a search says of one candidate or joint, in numbers and short sentences."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pumaid.diagnosis.contender import Contender
+from pumaid.diagnosis.field import Field, distinct
+from pumaid.diagnosis.noise import FEWEST_PAIRS
+from pumaid.diagnosis.suspect import Suspect
+from pumaid.diagnosis.system import Added, Solved, misfit_at, pseudo_inverse
+from pumaid.records import Run, Size
+
+Floats = NDArray[np.float64]
+
+
+def rmse_at(solved: Solved, held: list[Field]) -> float:
+    """RMSE (A) of samples of runs that were not fitted."""
+    square, count = 0.0, 0.0
+    for one in held:
+        square += float(one.count @ (misfit_at(solved, one) ** 2 + one.inside))
+        count += float(one.count.sum())
+    return float(np.sqrt(square / count))
+
+
+def sizes(found: Contender) -> tuple[Size, ...]:
+    """Parameters of a candidate with standard errors."""
+    robot, added = found.on.model.robot, found.trial.added
+    parameters = added.effect.parameters(robot, added.joint or 0)
+    inverse, _ = pseudo_inverse(found.trial.information)
+    errors = np.sqrt(np.maximum(np.diagonal(inverse) * found.on.scale, 0.0))
+    unit = robot.joint(added.joint or 1).position_unit
+    return tuple(
+        Size(one.name, float(value), float(error), one.unit.format(unit=unit))
+        for one, value, error in zip(parameters, found.trial.sizes, errors, strict=True)
+    )
+
+
+def command(added: Added) -> str:
+    """What adds it."""
+    where = "" if added.joint is None else f"@{added.joint}"
+    if isinstance(added.effect, Suspect):
+        return ""
+    shape = ",".join(f"{name}={value:.6g}" for name, value in added.shape.items())
+    return f"pumaid identify LOGS --add {added.effect.name}{where}" + (f":{shape}" if shape else "")
+
+
+def reason(found: Contender) -> str:
+    """Why a candidate has the verdict that it has."""
+    if found.fault == "chance":
+        return "chance alone makes something as good in these data"
+    if found.fault == "heldout":
+        return "it does not predict runs that were left out any better"
+    if found.fault == "worth":
+        return f"it would lower the error by {100.0 * found.gain:.1f} % only"
+    return f"it lowers the error by {100.0 * found.gain:.0f} % and predicts runs that were left out"
+
+
+def weakened(field: Field, runs: Sequence[Run]) -> tuple[str, ...]:
+    """What makes a joint's diagnosis weaker than it could be."""
+    out = []
+    if len(field.pairs) < FEWEST_PAIRS:
+        what = "no run is" if not field.pairs else f"only {len(field.pairs)} runs are"
+        out.append(f"{what} repeated, so noise is told from missing physics by the residual alone")
+    if len(field.postures) == 1:
+        out.append("one posture only: what depends on the load cannot be told from what depends on the position")
+    speeds = distinct([abs(run.speed) for run in field.runs])
+    if len(speeds) < 3:
+        out.append(f"{len(speeds)} speed{'s' if len(speeds) > 1 else ''} only: effects of speed are absorbed")
+    if len({run.direction for run in field.runs}) == 1:
+        out.append("one direction only: friction cannot be told from what pushes the same way in both")
+    if any(run.kind == "stroke" for run in field.runs):
+        out.append("strokes from rest to rest: speed, position and start of a run change together")
+    if len({run.joint for run in runs}) == 1:
+        out.append("one joint only: gravity's loads cannot be checked against other joints")
+    return tuple(out)
+
+
+def inside(field: Field) -> float:
+    """RMS (A) of samples about their cells' means."""
+    return float(np.sqrt(field.count @ field.inside / field.count.sum()))

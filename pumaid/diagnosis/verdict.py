@@ -1,0 +1,152 @@
+"""The verdict of a joint: nothing is missing, a known effect is, or something without a name."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pumaid.diagnosis.agreement import Agreement, agreement
+from pumaid.diagnosis.contender import DECISIVE, LEVEL, Contender, evidence, rmse
+from pumaid.diagnosis.familywise import Family, family
+from pumaid.diagnosis.freeform import Free, free_trials, knot_values
+from pumaid.diagnosis.scan import Scan, Trial, surprise
+from pumaid.diagnosis.system import Solved
+from pumaid.records import ADEQUATE, MISSING, UNEXPLAINED_JOINT, Unexplained
+
+Floats = NDArray[np.float64]
+
+#: Chance, over all joints together, below which what repeats between replicates is not noise.
+REPEATS = 0.01
+#: Share of the excess over the noise floor that what was added must take away.
+ENOUGH = 0.8
+#: Excess of the mean square over the floor below which there is none to speak of.
+EXCESS = 1.02
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Judged:
+    """One joint's verdict with what it rests on.
+
+    Attributes
+    ----------
+    verdict
+        ``adequate``, ``missing`` or ``unexplained``.
+    before, after
+        Agreement of repeated runs without and with what was added; None without replicates.
+    rmse, rmse_after
+        A, of fitted samples.
+    removed
+        Share of the excess over the floor that is gone; None where there is none or no floor.
+    shape
+        What has no name; None where all is explained.
+    """
+
+    verdict: str
+    before: Agreement | None
+    after: Agreement | None
+    rmse: float
+    rmse_after: float
+    removed: float | None
+    shape: Unexplained | None
+
+
+def judged(first: Solved, last: Solved, scan: Scan, *, joint: int, acting: bool) -> Judged:
+    """The verdict of one joint.
+
+    Parameters
+    ----------
+    first, last
+        The system as it was given and with all that was added, both with loads.
+    scan
+        Of `last`; its leverage is used.
+    joint
+        From 1.
+    acting
+        Whether anything that was added acts in this joint.
+    """
+    a, b = first.row(joint), last.row(joint)
+    before, after = agreement(a.field, a.misfit), agreement(b.field, b.misfit)
+    start = rmse(a.field.count, a.field.inside, a.misfit)
+    end = rmse(b.field.count, b.field.inside, b.misfit)
+    removed = _removed(start, end, after, b.field.inside, b.field.count)
+    still = after is not None and after.p_value * len(last.rows) <= REPEATS
+    free, chances = _free(last, scan, joint)
+    seen = [one for one in free if chances.p_value(one.added.key, _surprise(last, one)) * len(last.rows) <= LEVEL]
+    best = max(seen, key=lambda one: evidence(last, one), default=None)
+    nameless = best is not None and evidence(last, best) > DECISIVE
+    verdict = MISSING if acting else ADEQUATE
+    if (nameless or still) and not (acting and removed is not None and removed >= ENOUGH and not nameless):
+        verdict = UNEXPLAINED_JOINT
+    shape = None
+    if verdict == UNEXPLAINED_JOINT and free:
+        top = best if best is not None else max(free, key=lambda one: evidence(last, one))
+        shape = _shape(last, top)
+    return Judged(verdict, before, after, start, end, removed, shape)
+
+
+def _removed(start: float, end: float, after: Agreement | None, inside: Floats, count: Floats) -> float | None:
+    if after is None:
+        return None
+    floor2 = after.floor**2 + float(count @ inside / count.sum())
+    if start**2 <= EXCESS * floor2:
+        return None
+    return (start**2 - end**2) / (start**2 - min(floor2, end**2))
+
+
+def _free(last: Solved, scan: Scan, joint: int) -> tuple[list[Trial], Family]:
+    """Free forms at a joint, and their chances under flips of runs' signs."""
+    found = free_trials(last, joint)
+    return found, family(Scan(last, tuple(found), {}, {}, scan.leverage))
+
+
+def _surprise(solved: Solved, trial: Trial) -> float:
+    return float(surprise(trial.statistic / solved.scale, trial.width))
+
+
+def _shape(solved: Solved, trial: Trial) -> Unexplained:
+    """The free form for people."""
+    free = trial.added.effect
+    assert isinstance(free, Free) and trial.added.joint is not None
+    knots, values, errors = knot_values(solved, trial)
+    unit = solved.model.robot.joint(trial.added.joint).position_unit
+    peak = float(knots[int(np.argmax(np.abs(values)))])
+    row = solved.row(trial.added.joint)
+    gain = trial.statistic / solved.scale / max(float(row.residual @ row.residual), 1e-300)
+    text = f"what is left looks like {free.form.name}, largest at {peak:.3g} {free.form.unit.format(unit=unit)}"
+    where = free.form.unit.format(unit=unit)
+    return Unexplained(free.form.name, free.form.variable, where, knots, values, errors, peak, float(gain), text)
+
+
+#: Free forms that are a family's own, and so no competitors of its effects.
+OWN = {
+    "speed": {"s f(v)"},
+    "load": {"s f(load)"},
+    "position": {"s f(q)"},
+    "start": {"s f(travel)"},
+    "time": {"s f(t)", "f(t)"},
+    "temperature": {"s f(t)", "f(t)"},
+    "torque(q)": {"f(q)"},
+}
+
+
+def competes(first: Solved, last: Solved, joint: int, named: Sequence[Contender]) -> Unexplained | None:
+    """A free form in another variable that explains a joint decisively better than what was named there.
+
+    Parameters
+    ----------
+    first, last
+        The system without and with what was named, with loads.
+    joint
+        From 1.
+    named
+        What was named there.
+    """
+    own = set[str]().union(*(OWN.get(one.trial.added.effect.family, set()) for one in named))
+    others = [one for one in free_trials(first, joint) if one.added.effect.name not in own]
+    best = max(others, key=lambda one: evidence(first, one), default=None)
+    if best is None or evidence(first, best) <= sum(one.evidence for one in named) + DECISIVE:
+        return None
+    return _shape(first, best)

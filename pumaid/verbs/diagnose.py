@@ -1,0 +1,102 @@
+"""Which physical effect a model misses, with the evidence, the rivals, and the run that would decide."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+
+import numpy as np
+
+from pumaid import __version__
+from pumaid.diagnosis.account import Account
+from pumaid.diagnosis.field import starts
+from pumaid.diagnosis.stepwise import Stepwise, silent
+from pumaid.diagnosis.suspect import Suspect
+from pumaid.diagnosis.system import Added, Start
+from pumaid.effects import Effect, catalogue
+from pumaid.errors import LogError, Where
+from pumaid.files.result import check_same_recipe
+from pumaid.model import Model
+from pumaid.records import Diagnosis, Estimate, Evidence, Robot
+
+
+def diagnose(
+    estimate: Estimate,
+    evidence: Evidence,
+    robot: Robot,
+    *,
+    suspects: Sequence[str] = (),
+    progress: Callable[[str], None] | None = None,
+) -> Diagnosis:
+    """Try every effect of the catalogue at every joint, and say what is missing.
+
+    Cells of all runs are whitened by the noise that repeated runs show; each candidate is scored beside the fitted
+    model, all else refitted; its chance is that of the best of the whole catalogue when the signs of whole runs are
+    flipped; it must then predict runs that were left out. What passes is added, and all is looked at again.
+
+    Parameters
+    ----------
+    estimate
+        The model; what it already has is not sought again.
+    evidence
+        Runs of the same arm; those held out are only used to judge.
+    robot
+        By the recipe that the model was made with.
+    suspects
+        Names of extra columns that `evidence` carries.
+    progress
+        Called with a word on what is done.
+
+    Returns
+    -------
+    diagnosis
+        Same input, same diagnosis.
+
+    Raises
+    ------
+    ModelError [model-other-recipe]
+        The model was identified with another recipe.
+    LogError [no-runs]
+        There is no run to look at.
+    """
+    check_same_recipe(estimate, robot)
+    runs = tuple(run for run in evidence.runs if not run.heldout)
+    if not runs:
+        where = Where(file=evidence.files[0].name if evidence.files else None)
+        raise LogError("no-runs", "there is no run to diagnose", where, "see why with: pumaid segment LOGS --rejects")
+    model = Model(robot, estimate.stroke_postures)
+    known = dict(zip(estimate.names, estimate.solution, strict=True))
+    start = Start(np.array([float(known.get(name, 0.0)) for name in model.names]), estimate.scales)
+    search = Stepwise(
+        model,
+        runs,
+        start,
+        given=tuple(Added(catalogue()[one.effect], one.joint, dict(one.shape)) for one in estimate.effects),
+        begun=starts(evidence.runs),
+        effects=[*catalogue().values(), *_suspects(evidence, suspects)],
+        tell=progress or silent,
+    )
+    search.run()
+    account = Account(search, evidence)
+    return Diagnosis(
+        robot=robot.name,
+        joints=account.joints(),
+        findings=account.findings(),
+        model=estimate.recipe_digest,
+        logs={facts.name: facts.digest for facts in evidence.files},
+        notes=account.notes(),
+        recipe_digest=robot.digest,
+        version=__version__,
+    )
+
+
+def _suspects(evidence: Evidence, names: Sequence[str]) -> list[Effect]:
+    """An effect for each suspected column, scaled by what it does in these runs."""
+    out: list[Effect] = []
+    for name in names:
+        place = evidence.extra.index(name)
+        every = [run.cells.extra[:, place] for run in evidence.runs if run.cells.extra is not None]
+        values = np.concatenate(every) if every else np.zeros(1)
+        values = values[np.isfinite(values)]
+        middle, spread = (float(values.mean()), float(values.std())) if len(values) else (0.0, 0.0)
+        out.append(Suspect(name, place, middle=middle, spread=spread))
+    return out
