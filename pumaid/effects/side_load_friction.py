@@ -13,6 +13,9 @@ class SideLoadFriction(Effect):
 
     M is counted as the current (A) that it would draw if it lay along the axis; s is the sign of the motion. It needs
     no weight about the axis itself, so a waist that turns about the vertical can have it.
+
+    M is made from the first moments that currents can show. Those that they cannot, along the axis itself and of the
+    first link under an upright waist, are left out of it.
     """
 
     title = "Friction of bearings under a side load"

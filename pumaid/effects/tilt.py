@@ -15,7 +15,8 @@ class Tilt(Effect):
 
     x and y (rad) turn the whole arm by the right hand about the base frame's axes, gravity staying where it is. A turn
     about the direction of gravity changes nothing, so for an arm that stands upright x and y are all there is. It gives
-    a load to a joint whose axis was thought upright.
+    a load to a joint whose axis was thought upright; the first moment of that joint's own link, which no current shows
+    until then, is left out of it.
     """
 
     title = "Base tilted against gravity"

@@ -6,7 +6,19 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from pumaid.effects.base import NO_SHAPE, Effect, Floats, Parameter, Scope, Trace, load_refusal, loads_of
+from pumaid.effects.base import (
+    NO_SHAPE,
+    POSTURES,
+    ROUNDING,
+    Effect,
+    Floats,
+    Parameter,
+    Scope,
+    Trace,
+    load_refusal,
+    loads_of,
+)
+from pumaid.maths.frames import axes
 from pumaid.records import Robot, Samples
 
 
@@ -14,8 +26,8 @@ class ZeroOffset(Effect):
     """delta dtau/dq_m: joint m stands at q_m + delta where its sensor says q_m.
 
     It changes the load of joint m and of every other joint that feels what m moves. tau is a joint's gravity load by
-    the model (A). The last joint's offset turns its link's first moments and nothing else, and a slide's offset adds a
-    constant lever: no current can show those.
+    the model (A). Where no axis beyond joint m is at an angle to its own, as for the last joint, the offset turns the
+    links' first moments and nothing else, and a slide's offset adds a constant lever: no current can show those.
     """
 
     title = "Joint's zero off by a little"
@@ -42,6 +54,10 @@ class ZeroOffset(Effect):
     def applies(self, robot: Robot, joint: int) -> str | None:
         if not robot.joint(joint).is_revolute:
             return f"a shift of joint {joint}'s zero adds a constant lever, which the links' first moments absorb"
-        if joint == robot.n_joints:
-            return f"a shift of joint {joint}'s zero only turns the first moment of the last link, which absorbs it"
+        rng = np.random.default_rng(0)
+        z = axes(robot.alphas, robot.dh_angles(rng.uniform(-np.pi, np.pi, (POSTURES, robot.n_joints))))[..., 2]
+        outward = np.cross(z[:, joint - 1, None], z[:, joint - 1 :])
+        if float(np.abs(outward).max()) <= ROUNDING:
+            beyond = "it is the last" if joint == robot.n_joints else "all joints beyond it are parallel to it"
+            return f"a shift of joint {joint}'s zero only turns first moments, which absorb it: {beyond}"
         return load_refusal(robot, joint)
