@@ -54,10 +54,15 @@ class ZeroOffset(Effect):
     def applies(self, robot: Robot, joint: int) -> str | None:
         if not robot.joint(joint).is_revolute:
             return f"a shift of joint {joint}'s zero adds a constant lever, which the links' first moments absorb"
-        rng = np.random.default_rng(0)
-        z = axes(robot.alphas, robot.dh_angles(rng.uniform(-np.pi, np.pi, (POSTURES, robot.n_joints))))[..., 2]
-        outward = np.cross(z[:, joint - 1, None], z[:, joint - 1 :])
-        if float(np.abs(outward).max()) <= ROUNDING:
-            beyond = "it is the last" if joint == robot.n_joints else "all joints beyond it are parallel to it"
-            return f"a shift of joint {joint}'s zero only turns first moments, which absorb it: {beyond}"
-        return load_refusal(robot, joint)
+        upright = load_refusal(robot, joint)
+        return upright or _absorbed(robot, joint)
+
+
+def _absorbed(robot: Robot, joint: int) -> str | None:
+    """Why a turn of `joint` is a turn of first moments alone: it moves no axis beyond it."""
+    rng = np.random.default_rng(0)
+    z = axes(robot.alphas, robot.dh_angles(rng.uniform(-np.pi, np.pi, (POSTURES, robot.n_joints))))[..., 2]
+    if float(np.abs(np.cross(z[:, joint - 1, None], z[:, joint - 1 :])).max()) > ROUNDING:
+        return None
+    beyond = "it is the last" if joint == robot.n_joints else "all joints beyond it are parallel to it"
+    return f"a shift of joint {joint}'s zero only turns first moments, which absorb it: {beyond}"
