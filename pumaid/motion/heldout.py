@@ -14,6 +14,9 @@ from pumaid.records import Evidence, Run
 
 #: Postures that a joint needs to spare one: gravity's two constants and friction's share take three to stay known.
 FEWEST_POSTURES = 4
+#: A posture counts if it has this share of the runs that the joint's most used one has: moves from posture to posture
+#: leave a few runs in postures that nobody meant.
+MEANT = 0.25
 
 
 def hold_out(evidence: Evidence, *, files: Collection[str] = (), postures: bool = False) -> Evidence:
@@ -47,7 +50,8 @@ def hold_out(evidence: Evidence, *, files: Collection[str] = (), postures: bool 
     told = [f"{len(chosen)} of {_listed(sorted(files))}"] if files else []
     if postures:
         last = _last_postures(evidence.runs)
-        told.append(f"{len(last)} of a last posture")
+        joints = sorted({evidence.runs[number].joint for number in last})
+        told.append(f"{len(last)} at the last posture of joint {', '.join(map(str, joints))}")
         chosen |= last
     runs = tuple(replace(run, heldout=run.heldout or number in chosen) for number, run in enumerate(evidence.runs))
     _check_left(runs, chosen)
@@ -65,6 +69,9 @@ def _last_postures(runs: Sequence[Run]) -> set[int]:
             same = (group for group in own if _is_same(runs[group[0]], run))
             group = next(same, None)
             own.append([number]) if group is None else group.append(number)
+    for joint, own in groups.items():
+        most_used = max(map(len, own))
+        groups[joint] = [group for group in own if len(group) >= MEANT * most_used]
     spare = {joint: own[-1] for joint, own in groups.items() if len(own) >= FEWEST_POSTURES}
     if not spare:
         most = max(groups, key=lambda joint: len(groups[joint]), default=None)

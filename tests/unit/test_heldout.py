@@ -57,6 +57,16 @@ def test_the_last_posture_of_each_joint_is_held_out():
         assert gone == {tuple(np.round(np.delete(own[-1].posture, joint - 1), 6))}
 
 
+def test_a_chance_posture_does_not_count():
+    """One run on the way between two postures makes no fourth of them, and is not held out for a fourth."""
+    few = evidence(3)
+    stray = replace(few.runs[-1], posture=few.runs[-1].posture + 0.5)
+    with pytest.raises(LogError, match="4 postures"):
+        hold_out(Evidence((*few.runs, stray)), postures=True)
+    many = evidence(4)
+    assert held(hold_out(Evidence((*many.runs, stray)), postures=True)) == held(hold_out(many, postures=True))
+
+
 def test_whole_turns_are_no_other_posture():
     """A joint that is held a turn further on is in the same posture; so three are not four."""
     runs = tuple(
