@@ -11,7 +11,7 @@ from pumaid.records import Extent, Robot, Samples
 
 
 class Counterbalance(Effect):
-    """a sin(q - p) / sqrt(1 + c^2 - 2 c cos(q - p)): a cylinder with a constant force between link and base.
+    """A cylinder with a constant force between link and base.
 
     c is the lever on the link over the distance of the cylinder's foot from the axis, p the position at which cylinder
     and lever are in line, a the force times the lever, as current. c and 1/c are the same curve.

@@ -11,7 +11,7 @@ from pumaid.records import Extent, Robot, Samples
 
 
 class Coupling(Effect):
-    """c tau_m in joint i's current: part of joint m's load is carried by the motor of joint i.
+    """Part of joint m's load is carried by the motor of joint i.
 
     In a wrist whose drives pass through each other, a turn of joint i's motor also turns joint m, so i's motor carries
     c times m's load: m owns c, the shape says which joint i it is on. tau_m is m's gravity load by the model, in

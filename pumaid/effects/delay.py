@@ -11,7 +11,7 @@ from pumaid.records import Robot, Samples
 
 
 class Delay(Effect):
-    """-dt qd dtau/dq: the current in a row of the log is the one of dt earlier than its position.
+    """The current in a row of the log is the one of dt earlier than its position.
 
     tau is the joint's gravity load by the model (A), qd its signed velocity. The load as logged lags behind the
     position, so that it makes a loop between the directions, the wider the faster. A negative dt is a position that

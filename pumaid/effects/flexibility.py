@@ -11,7 +11,7 @@ from pumaid.records import Robot, Samples
 
 
 class Flexibility(Effect):
-    """-c tau dtau/dq: the link stands at q - c tau where the motor's sensor says q.
+    """The link stands at q - c tau where the motor's sensor says q.
 
     tau is the joint's gravity load by the model (A), c the compliance in radians per ampere of it: positive where the
     load bends the drive downward and the motor's current counts along the joint, as the paper's signs have it.

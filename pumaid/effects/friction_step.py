@@ -11,7 +11,7 @@ from pumaid.records import Extent, Robot, Samples
 
 
 class FrictionStep(Effect):
-    """s a [t > t_0]: friction is a higher after the instant t_0 than before.
+    """Friction is a higher after the instant t_0 than before.
 
     s is the sign of the motion, t the time since the joint's first motion. Which instant between two runs it was, no
     run can tell.

@@ -11,7 +11,7 @@ from pumaid.records import Robot, Samples
 
 
 class LoadFriction(Effect):
-    """s drive |tau| where the motor lifts the load, s back |tau| where it lowers it.
+    """A share of the load is lost in the gear: one share where the motor lifts, another where it lowers.
 
     s is the sign of the motion, tau gravity's current in the joint by the model (A); the motor lifts where s tau > 0.
     A gear that passes a share e of the power on needs 1/e of the load to lift it, so drive = 1/e - 1; to lower it, it

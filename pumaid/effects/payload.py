@@ -23,7 +23,7 @@ from pumaid.records import Extent, Robot, Samples
 
 
 class Payload(Effect):
-    """[t > t_0] (mass gamma_p + x gamma_x + y gamma_y + z gamma_z): gravity of something taken up, or lost.
+    """Gravity of something taken up, or lost.
 
     gamma_p is what a unit of mass at the origin of the last link's frame draws in the moving joint, gamma_x .. gamma_z
     what a unit of first moment along that frame's axes does; mass, x, y, z are the mass and its first moments, times

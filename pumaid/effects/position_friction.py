@@ -14,7 +14,7 @@ HARMONICS = (1, 2, 3)
 
 
 class PositionFriction(Effect):
-    """s (cos cos(k q) + sin sin(k q)): an eccentric gear or a bent guide is stiffer at some positions than at others.
+    """An eccentric gear or a bent guide is stiffer at some positions than at others.
 
     s is the sign of the motion, q the joint's position. k is whole for a joint that turns, since the friction of a gear
     wheel on the joint's axis repeats with each turn; for a slide it is in rad/m.

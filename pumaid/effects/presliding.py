@@ -14,7 +14,7 @@ STARTS = 5
 
 
 class Presliding(Effect):
-    """-s a exp(-x / x_s): friction is a lower where the motion begins and has its full value after a few x_s.
+    """Friction is a lower where the motion begins and has its full value after a few x_s.
 
     s is the sign of the motion, x the travel since it began. Asperities bend, or teeth take up their play, before the
     contact slides: Dahl's model with exponent 1, whose solution for one motion is this exponential.

@@ -17,7 +17,7 @@ FEWEST = 1.5
 
 
 class Ripple(Effect):
-    """cos cos(f q) + sin sin(f q): one line of the current's spectrum against position.
+    """One line of the current's spectrum against position.
 
     q is the joint's position, f the radians of phase per radian (or m) of it: a whole multiple of the gear ratio for
     what repeats with the motor's turn, the count of teeth for the mesh of a gear. It does not change its sign with the

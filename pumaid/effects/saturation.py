@@ -14,7 +14,7 @@ SHARES = (0.6, 0.7, 0.8, 0.88, 0.94)
 
 
 class Saturation(Effect):
-    """-a sign(i) max(|i| - i_lim, 0): what is above the limit is missing, all of it with a = 1.
+    """What is above the limit is missing, all of it with a = 1.
 
     i is the model's whole prediction for the joint (A).
     """

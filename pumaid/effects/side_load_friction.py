@@ -9,7 +9,7 @@ from pumaid.records import Robot, Samples
 
 
 class SideLoadFriction(Effect):
-    """s mu M: friction of the joint's bearings under gravity's moment M across its axis.
+    """Friction of the joint's bearings under gravity's moment M across its axis.
 
     M is counted as the current (A) that it would draw if it lay along the axis; s is the sign of the motion. It needs
     no weight about the axis itself, so a waist that turns about the vertical can have it.

@@ -9,7 +9,7 @@ from pumaid.records import Robot, Samples
 
 
 class Spring(Effect):
-    """a q: the current that holds a linear spring, such as a hose package or a torsion bar.
+    """The current that holds a linear spring, such as a hose package or a torsion bar.
 
     q is the joint's position; where the spring is slack cannot be told from Coulomb friction's asymmetry and so is
     part of it. A positive a pulls the joint back to its zero.

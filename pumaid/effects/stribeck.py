@@ -14,7 +14,7 @@ STARTS = 6
 
 
 class Stribeck(Effect):
-    """s a exp(-(v / v_s)^d): friction that falls from a at rest to nothing well above the speed v_s.
+    """Friction that falls from a at rest to nothing well above the speed v_s.
 
     s is the sign of the motion, v the speed (rad/s or m/s). Coulomb friction in each direction takes what does not
     change with speed, so a is the height of the fall. With d = 1 the fall is Tustin's, with d = 2 Gaussian.

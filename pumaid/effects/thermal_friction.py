@@ -14,7 +14,7 @@ REFERENCE = 25.0
 
 
 class ThermalFriction(Effect):
-    """s a (temperature - 25 degC): friction in proportion to the joint's measured temperature.
+    """Friction in proportion to the joint's measured temperature.
 
     s is the sign of the motion; a is negative where grease thins as it warms. The reference only shifts Coulomb
     friction. Where the logs have no temperature the effect is nothing, as if the joint were at the reference: with no

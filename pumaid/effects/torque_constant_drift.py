@@ -14,7 +14,7 @@ SHARES = (0.08, 0.15, 0.3, 0.6, 1.2)
 
 
 class TorqueConstantDrift(Effect):
-    """a (1 - exp(-t / T)) i: the motor needs a share a more current for the same torque when it is warm.
+    """The motor needs a share a more current for the same torque when it is warm.
 
     i is the model's whole prediction for the joint (A), t the time since its first motion. Magnets lose about a tenth
     of a percent of their flux per degree.

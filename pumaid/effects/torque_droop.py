@@ -9,7 +9,7 @@ from pumaid.records import Robot, Samples
 
 
 class TorqueDroop(Effect):
-    """a i^3: the iron saturates, so a high torque needs more current than in proportion.
+    """The iron saturates, so a high torque needs more current than in proportion.
 
     i is the model's whole prediction for the joint (A). It is the first term that a loss which is even in the current
     can have: i (i / i_ref)^2, with the reference current i_ref = 1 A, so that a means the same in any data.

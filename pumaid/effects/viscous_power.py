@@ -11,7 +11,7 @@ from pumaid.records import Extent, Robot, Samples
 
 
 class ViscousPower(Effect):
-    """s b v^p: friction of a lubricant that thins under shear (p below 1), or that is churned (p about 2).
+    """Friction of a lubricant that thins under shear (p below 1), or that is churned (p about 2).
 
     s is the sign of the motion, v the speed in rad/s or m/s, b the current at unit speed. p = 1 is the paper's own
     viscous friction and so nothing new.

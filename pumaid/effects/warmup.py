@@ -14,7 +14,7 @@ SHARES = (0.08, 0.15, 0.3, 0.6, 1.2)
 
 
 class Warmup(Effect):
-    """s a exp(-t / T): friction is a higher at the joint's first motion and has lost it after a few T.
+    """Friction is a higher at the joint's first motion and has lost it after a few T.
 
     s is the sign of the motion, t the time since the joint's first motion. Grease thins as the gear warms; a room that
     warms, or a joint that was warm, gives a negative a.

@@ -23,7 +23,7 @@ from pumaid.records import Robot, Samples
 
 
 class ZeroOffset(Effect):
-    """delta dtau/dq_m: joint m stands at q_m + delta where its sensor says q_m.
+    """Joint m stands at q_m + delta where its sensor says q_m.
 
     It changes the load of joint m and of every other joint that feels what m moves. tau is a joint's gravity load by
     the model (A). Where no axis beyond joint m is at an angle to its own, as for the last joint, the offset turns the

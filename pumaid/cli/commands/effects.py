@@ -89,11 +89,10 @@ def _numbers(found: list[dict[str, Any]], word: str) -> None:
 
     from pumaid.show.effects import bounds, merged
 
-    rows = Table("joint", word, "symbol", "unit", "bounds", "example", "meaning", box=None, pad_edge=False)
+    rows = Table("joint", word, "unit", "bounds", "example", "meaning", box=None, pad_edge=False)
     for one in merged(found):
-        limits = bounds(one["low"], one["high"])
-        symbol, example = one.get("symbol", ""), f"{one['example']:g}"
-        rows.add_row(one["owner"], one["name"], symbol, one["unit"], limits, example, one["meaning"])
+        limits, example = bounds(one["low"], one["high"]), f"{one['example']:g}"
+        rows.add_row(one["owner"], one["name"], one["unit"], limits, example, one["meaning"])
     table(rows)
 
 
