@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pumaid.diagnosis.field import SAME_SPEED
+from pumaid.diagnosis.suspect import Suspect
 from pumaid.effects import Effect, Trace
 from pumaid.records import Binned, Curve, Line, Loads, Robot, Samples
 
@@ -69,9 +70,7 @@ class Axis:
     period: float | None = None
 
 
-def curve(
-    robot: Robot, samples: Samples, *, before: Floats, trials: Sequence[Trial], against: Axis | None = None
-) -> Curve:
+def curve(robot: Robot, samples: Samples, *, before: Floats, trials: Sequence[Trial]) -> Curve:
     """Bin what is left before and after an effect is added, with the effect's own line and its rivals'.
 
     A line is what adding the effect changes in the model, so that it runs through what is left before. Over speed it is
@@ -87,8 +86,6 @@ def curve(
         (M,) A left without the effect.
     trials
         The effect found, then its rivals.
-    against
-        What it is drawn against, where the effect's family does not say (a suspected column).
 
     Returns
     -------
@@ -96,7 +93,7 @@ def curve(
         A side for each direction of motion that was run.
     """
     found = trials[0]
-    axis = against or _axis(robot, samples, found, change=before - found.left)
+    axis = _axis(robot, samples, found, change=before - found.left)
     sides, lines = [], []
     for way in (1, -1):
         here = (samples.direction == way) & np.isfinite(axis.values)
@@ -119,8 +116,11 @@ def _axis(robot: Robot, samples: Samples, trial: Trial, *, change: Floats) -> Ax
     """The variable in which an effect lives."""
     own, unit = samples.joint - 1, robot.joint(samples.joint).position_unit
     position = samples.position[:, own]
-    if "frequency" in trial.shape and trial.shape["frequency"] > 0:
-        period = 2.0 * math.pi / trial.shape["frequency"]
+    if isinstance(trial.effect, Suspect) and samples.extra is not None:
+        return Axis(trial.effect.column, "", samples.extra[:, trial.effect.place], COARSE)
+    frequency = trial.shape.get(trial.effect.periodic or "", 0.0)
+    if frequency > 0.0:
+        period = 2.0 * math.pi / frequency
         return Axis("position within one period", unit, np.mod(position, period), FINE, period)
     family = trial.effect.family.split("(")[0].split(",")[0].strip()
     known = [TRACES[trace] for trace in trial.effect.trace if trace in TRACES]

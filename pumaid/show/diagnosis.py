@@ -14,7 +14,6 @@ from pumaid.records import ADEQUATE, UNEXPLAINED_JOINT, Diagnosis, JointDiagnosi
 from pumaid.show import findings
 from pumaid.show.evidence import evidence_grid, limits_grid, runs_grid, shape_lines
 from pumaid.show.forms import READABLE, Shown
-from pumaid.show.story import joint_title
 
 
 @dataclass(frozen=True, slots=True)
@@ -69,7 +68,8 @@ def diagnosis_shown(diagnosis: Diagnosis, robot: Robot, *, units: str = "rad") -
         parts += [Told(decision, 3)] if decision else []
         parts += [Told("Add it with:", 3), Told(found.command, 5, is_command=True)] if found.command else []
     for joint in diagnosis.joints:
-        parts += _joint(joint, diagnosis, robot, units=units)
+        parts += _unexplained(joint, robot, units) if joint.verdict == UNEXPLAINED_JOINT else []
+    parts += [part for text in findings.other_sentences(diagnosis, robot) for part in (Told(""), Told(text))]
     fine = [*findings.adequate_sentences(diagnosis, robot), *findings.applied_sentences(diagnosis, robot)]
     parts += [Told(""), *(Told(text) for text in fine)] if fine else []
     weak = findings.weaknesses(diagnosis, robot)
@@ -78,15 +78,11 @@ def diagnosis_shown(diagnosis: Diagnosis, robot: Robot, *, units: str = "rad") -
     return parts + _tables(diagnosis, robot, units)
 
 
-def _joint(joint: JointDiagnosis, diagnosis: Diagnosis, robot: Robot, *, units: str) -> list[Told | Shown]:
-    """A joint of which the findings do not tell."""
-    if joint.verdict == UNEXPLAINED_JOINT:
-        told = [Told(text, 3) for text in findings.unexplained_sentences(joint, units)]
-        plot = [Told("\n".join(shape_lines(joint.unexplained, units)), 3)] if joint.unexplained is not None else []
-        return [Told(""), Told(findings.unexplained_title(joint, robot), style="bold"), *told, *plot]
-    if joint.verdict == ADEQUATE or any(found.joint == joint.joint for found in diagnosis.findings):
-        return []
-    return [Told(""), Told(f"{joint_title(robot, joint.joint)}: {joint.text}")]
+def _unexplained(joint: JointDiagnosis, robot: Robot, units: str) -> list[Told | Shown]:
+    """A joint that lacks something without a name."""
+    told = [Told(text, 3) for text in findings.unexplained_sentences(joint, units)]
+    plot = [Told("\n".join(shape_lines(joint.unexplained, units)), 3)] if joint.unexplained is not None else []
+    return [Told(""), Told(findings.unexplained_title(joint, robot), style="bold"), *told, *plot]
 
 
 def _tables(diagnosis: Diagnosis, robot: Robot, units: str) -> list[Told | Shown]:

@@ -8,7 +8,7 @@ import numpy as np
 
 from pumaid.effects import catalogue
 from pumaid.records import ABSENT, ADD, UNSEEN, Candidate, Diagnosis, Finding, Limit, Robot, Unexplained
-from pumaid.show.findings import limit_sentence, listed_or, number_of_times
+from pumaid.show.findings import label, limit_sentence, listed_or, number_of_times, variable_word
 from pumaid.show.grid import Cell, Grid, grid
 from pumaid.show.numbers import in_unit
 from pumaid.show.scores import amount
@@ -156,7 +156,7 @@ def runs_grid(found: Finding, robot: Robot, units: str = "rad") -> Grid | None:
         caption = f"Run once, they set the rivals {number(run.separation, 2)} standard deviations apart"
         caption += f"; run {number_of_times(run.repeats)}, they decide nine times in ten." if run.repeats else "."
     header = ("run", "joint", "from", "to", "speed", "others held at")
-    title = f"Runs that would tell {listed_or([found.effect, *found.rivals])}"
+    title = f"Runs that would tell {listed_or([label(name) for name in (found.effect, *found.rivals)])}"
     return grid(title, header, rows, caption=caption, lefts=(0, 1, 5))
 
 
@@ -165,7 +165,9 @@ def shape_lines(shape: Unexplained, units: str = "rad") -> list[str]:
     times, unit = in_unit(shape.unit, units)
     centres, means, errors = _thinned(shape)
     top = float(np.nanmax(np.abs(means), initial=0.0)) or 1.0
-    head = f"{shape.variable} ({unit})" if unit else shape.variable
+    word = variable_word(shape)
+    head = f"{word} ({unit})" if unit else word
+    what = f"viscous (A s/{shape.unit})" if shape.form.startswith("v ") else "left (A)"
     has_negative, has_positive = bool((means < 0.0).any()), bool((means > 0.0).any())
     lines = []
     for centre, mean, error in zip(centres, means, errors, strict=True):
@@ -174,8 +176,8 @@ def shape_lines(shape: Unexplained, units: str = "rad") -> list[str]:
         right = "#" * count if mean > 0 and has_positive else ""
         spread = "" if not np.isfinite(error) else f" ± {abs(error):.4f}"
         lines.append((f"{number(times * float(centre) + 0.0, 3)}", f"{mean:+.4f}{spread}", f"{left}|{right}"))
-    wide, broad = max(len(head), *(len(line[0]) for line in lines)), max(len(line[1]) for line in lines)
-    told = [f"{head:>{wide}}  {'left (A)':>{broad}}"]
+    wide, broad = max(len(head), *(len(line[0]) for line in lines)), max(len(what), *(len(line[1]) for line in lines))
+    told = [f"{head:>{wide}}  {what:>{broad}}"]
     return told + [f"{place:>{wide}}  {mean:>{broad}}  {bar}" for place, mean, bar in lines]
 
 

@@ -25,6 +25,21 @@ from pumaid.units import number
 #: A chance below this is told as less than one in a million: no experiment is that sure of its noise.
 SUREST = 1e-6
 
+#: Variables of free forms in words; others are told by the name that they have.
+VARIABLES = {
+    "q": "position",
+    "v": "speed",
+    "load": "gravity load",
+    "t": "time",
+    "travel": "the way since the motion began",
+}
+
+#: What a suspected column of the logs is multiplied by, in the order of its shape ``times``.
+TIMES = ("as it is", "times the direction", "times the load")
+
+#: How the name of a suspected column begins.
+SUSPECT = "suspect:"
+
 #: What a letter before a free form says of it: the sign of motion, the velocity, nothing.
 _KINDS = {"s": "a friction that depends on", "v": "a viscous friction that depends on", "": "a current that depends on"}
 
@@ -45,8 +60,18 @@ def headline(diagnosis: Diagnosis, robot: Robot) -> str:
     return f"{robot.name}: " + ("; ".join(parts) if parts else "nothing is missing that these data can show") + "."
 
 
+def label(effect: str) -> str:
+    """An effect's name in a sentence; a suspected column as what it is."""
+    return f"what follows column {effect.removeprefix(SUSPECT)}" if effect.startswith(SUSPECT) else effect
+
+
+def variable_word(shape: Unexplained) -> str:
+    """The variable of a free form in a word or two."""
+    return VARIABLES.get(shape.variable, shape.variable)
+
+
 def _named(found: Finding, robot: Robot) -> str:
-    return f"{found.effect} {'of' if found.joint is None else 'at'} {place(found, robot)}"
+    return f"{label(found.effect)} {'of' if found.joint is None else 'at'} {place(found, robot)}"
 
 
 def place(found: Finding | Candidate | Limit, robot: Robot) -> str:
@@ -61,16 +86,16 @@ def finding_title(found: Finding, robot: Robot) -> str:
     """Where and what, with the names that these data cannot tell from it."""
     where = place(found, robot)
     verb = "is missing" if found.verdict == ADD else "may be missing"
-    words = f"{where[0].upper()}{where[1:]}: {found.effect} {verb}"
+    words = f"{where[0].upper()}{where[1:]}: {label(found.effect)} {verb}"
     if found.rivals:
-        words += f", or {listed_or(found.rivals)}, which these data cannot tell from it"
+        words += f", or {listed_or([label(name) for name in found.rivals])}, which these data cannot tell from it"
     return words
 
 
 def added_title(found: Finding, robot: Robot) -> str:
     """Of an effect that an earlier diagnosis found and the model now holds."""
     where = place(found, robot)
-    return f"{where[0].upper()}{where[1:]}: {found.effect} was missing, and is in the model now"
+    return f"{where[0].upper()}{where[1:]}: {label(found.effect)} was missing, and is in the model now"
 
 
 def finding_sentences(found: Finding, diagnosis: Diagnosis, robot: Robot, *, units: str = "rad") -> list[str]:
@@ -178,11 +203,14 @@ def size_sentence(found: Finding | Candidate, robot: Robot, units: str = "rad") 
     shape = shape_text(found, robot, units)
     if not sizes:
         return f"Its shape: {shape}." if shape else ""
-    return f"Its size: {listed(sizes)}" + (f", with {shape}." if shape else ".")
+    joint = ", " if found.effect.startswith(SUSPECT) else ", with "
+    return f"Its size: {listed(sizes)}" + (f"{joint}{shape}." if shape else ".")
 
 
 def shape_text(found: Finding | Candidate, robot: Robot, units: str = "rad") -> str:
     """The nonlinear parameters of an effect with their units."""
+    if found.effect.startswith(SUSPECT):
+        return TIMES[int(found.shape.get("times", 0.0))]
     known = catalogue()[found.effect].shapes(robot, found.joint or 0) if found.effect in catalogue() else ()
     unit_of = {shape.name: "" if shape.unit == "1" else shape.unit for shape in known}
     words = []
@@ -233,9 +261,17 @@ def form_sentence(shape: Unexplained, units: str = "rad") -> str:
     kind = _KINDS.get(letter, _KINDS[""])
     at = f"{number(times * shape.peak, 3)} {unit}".rstrip()
     return (
-        f"It looks most like {kind} {shape.variable} ({shape.form}), strongest at {at};"
+        f"It looks most like {kind} {variable_word(shape)} ({shape.form}), strongest at {at};"
         f" that shape explains {percent(shape.share)} of what exceeds the noise."
     )
+
+
+def other_sentences(diagnosis: Diagnosis, robot: Robot) -> list[str]:
+    """Joints that lack something of which no finding of their own and no shape tells."""
+    rest = [one for one in diagnosis.joints if one.verdict not in (ADEQUATE, UNEXPLAINED_JOINT)]
+    own = [one for one in rest if all(found.joint != one.joint for found in diagnosis.findings)]
+    told = " What it lacks is among the findings." if diagnosis.findings else ""
+    return [f"{joint_title(robot, one.joint)}: something is missing. {floor_sentence(one)}{told}" for one in own]
 
 
 def adequate_sentences(diagnosis: Diagnosis, robot: Robot) -> list[str]:

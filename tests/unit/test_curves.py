@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import worlds
 
-from pumaid.diagnosis.curves import SLOWEST, Axis, Trial, curve
+from pumaid.diagnosis.curves import SLOWEST, Trial, curve
+from pumaid.diagnosis.suspect import Suspect
 from pumaid.effects import Effect, Trace
 from pumaid.effects.base import Parameter, Shape
 from pumaid.records import Samples
@@ -31,7 +34,7 @@ class Falling(Effect):
 class Waving(Falling):
     """a cos(f q)."""
 
-    family, trace = "position", (Trace.POSITION,)
+    family, trace, periodic = "position", (Trace.POSITION,), "frequency"
 
     def columns(self, robot, samples, *, number=None, shape=None):
         return np.cos(shape["frequency"] * samples.position[:, samples.joint - 1])[:, None]
@@ -114,14 +117,15 @@ def test_a_ripple_is_folded_on_its_period():
 
 
 def test_a_suspect_is_drawn_against_itself():
-    """A column that the user suspects is the axis, whatever the effect; cells without it are left out."""
+    """A column that the user suspects is the axis; cells without it are left out."""
     samples = cells()
     volts = 24.0 + samples.run
     volts[samples.run == 0] = np.nan
-    trial = Trial(Falling(), 2, {"velocity": 0.2}, np.array([0.1]), np.zeros(len(samples)))
-    axis = Axis("supply", "V", volts, 16)
-    found = curve(worlds.PENDULUM, samples, before=volts, trials=[trial], against=axis)
-    assert (found.variable, found.unit) == ("supply", "V")
+    samples = replace(samples, extra=np.column_stack([0.0 * volts, volts]))
+    suspect = Suspect("supply", 1, middle=30.0, spread=4.0)
+    trial = Trial(suspect, 2, {"times": 0.0}, np.array([0.1]), np.zeros(len(samples)))
+    found = curve(worlds.PENDULUM, samples, before=volts, trials=[trial])
+    assert (found.variable, found.unit) == ("supply", "")
     assert found.sides[0].centres == pytest.approx(found.sides[0].before)
     assert sum(side.runs.sum() for side in found.sides) == 15
 

@@ -68,6 +68,34 @@ def test_an_effect_from_outside_is_told_by_its_name():
     assert "Stribeck" not in words and "velocity 0.120 and" in words
 
 
+def test_a_suspected_column_is_told_as_one():
+    """What follows a column of the logs is told by the column's name and by what it is multiplied with."""
+    volts = replace(diagnoses.stribeck(), effect="suspect:supply", shape={"times": 1.0}, rivals=(), next_run=None)
+    assert findings.finding_title(volts, PUMA) == "Joint 3 (elbow): what follows column supply is missing"
+    assert "A, times the direction." in findings.size_sentence(volts, PUMA)
+
+
+def test_a_joint_that_others_explain_is_told():
+    """A joint without a finding of its own, whose misfit an effect elsewhere explains, is not passed over."""
+    told = diagnoses.rich()
+    second = replace(told.joints[1], verdict="missing", rmse=0.05)
+    spread = replace(told, joints=(told.joints[0], second, *told.joints[2:]))
+    (sentence,) = findings.other_sentences(spread, PUMA)
+    assert sentence.startswith("Joint 2 (shoulder): something is missing. The model misses by 0.0500 A")
+    assert sentence.endswith("What it lacks is among the findings.")
+
+
+@pytest.mark.parametrize(
+    ("variable", "word"), [("q", "position"), ("v", "speed"), ("load", "gravity load"), ("x", "x")]
+)
+def test_variables_of_shapes_are_words(variable, word):
+    """A letter of the engine's is told as a word; a viscous form says that its means are viscous."""
+    shape = replace(diagnoses.patch(), variable=variable, form="v f(q)")
+    assert f"depends on {word} (" in findings.form_sentence(shape)
+    assert evidence.shape_lines(shape)[0].split("(")[0].strip() == word
+    assert "viscous (A s/rad)" in evidence.shape_lines(shape)[0]
+
+
 @pytest.mark.parametrize(
     ("form", "kind"), [("s f(q)", "a friction that"), ("v f(q)", "a viscous friction that"), ("f(q)", "a current that")]
 )

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from pumaid.errors import ResultError
 from pumaid.records import Binned, Curve, Diagnosis, Finding, JointDiagnosis, Robot
-from pumaid.show.findings import form_sentence, listed_or, place
+from pumaid.show.findings import form_sentence, listed_or, place, variable_word
 from pumaid.show.numbers import in_unit, shortened
 from pumaid.show.plots.style import BACKWARD, FORWARD, GREY, INK, Drawing, panels, saved, settle, styled, way_handles
 from pumaid.show.story import Story, joint_title
@@ -161,7 +161,10 @@ def _shape(axes: Axes, found: JointDiagnosis, robot: Robot, *, units: str) -> No
     if shape is None:
         return
     times, unit = scaled(shape.unit, shape.centres, units)
-    _ground(axes, f"{shape.variable} ({unit})" if unit else shape.variable)
+    word = variable_word(shape)
+    _ground(axes, f"{word} ({unit})" if unit else word)
+    if shape.form.startswith("v "):
+        axes.set_ylabel(f"viscous (A s/{shape.unit})")
     axes.errorbar(
         times * shape.centres, shape.means, yerr=shape.errors, fmt="o-", color=FORWARD, markersize=3.6, linewidth=1.0,
         elinewidth=1.1, markeredgecolor="none",

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from pumaid.records import ADEQUATE, UNEXPLAINED_JOINT, Diagnosis, Finding
+from pumaid.records import UNEXPLAINED_JOINT, Finding
 from pumaid.show import findings
 from pumaid.show.evidence import evidence_grid, limits_grid, runs_grid
 from pumaid.show.plots.style import Drawing
 from pumaid.show.report.base import Section
-from pumaid.show.story import Story, joint_title
+from pumaid.show.story import Story
 
 
 class Missing(Section):
@@ -42,7 +42,7 @@ class Missing(Section):
                 for one in told.joints
                 if one.verdict == UNEXPLAINED_JOINT
             ],
-            "others": _others(told, story),
+            "others": [*findings.other_sentences(told, robot), *findings.adequate_sentences(told, robot)],
             "weak": findings.weaknesses(told, robot),
             "evidence": evidence_grid(told, robot),
             "limits": limits_grid(told, robot, units=story.units),
@@ -69,11 +69,3 @@ def _finding(found: Finding, story: Story, figures: list[Drawing]) -> dict[str, 
         "runs": runs_grid(found, story.robot, story.units),
         "figures": figures,
     }
-
-
-def _others(told: Diagnosis, story: Story) -> list[str]:
-    """Joints of which neither a finding nor a shape without a name tells."""
-    rest = [one for one in told.joints if one.verdict not in (ADEQUATE, UNEXPLAINED_JOINT)]
-    own = [one for one in rest if all(found.joint != one.joint for found in told.findings)]
-    sentences = [f"{joint_title(story.robot, one.joint)}: {one.text}" for one in own]
-    return sentences + findings.adequate_sentences(told, story.robot)
