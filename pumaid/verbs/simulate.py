@@ -27,6 +27,7 @@ def simulate(
     noise: float | None = None,
     runs_per_file: int = 40,
     has_velocity: bool = True,
+    has_temperature: bool = False,
 ) -> Iterator[Log]:
     """A virtual robot executes a plan, motion by motion, and logs what a real one would.
 
@@ -53,6 +54,8 @@ def simulate(
         Planned motions in one file.
     has_velocity
         Whether the log has velocities.
+    has_temperature
+        Whether the log has the motors' temperatures; it has them anyway where something hidden depends on them.
 
     Returns
     -------
@@ -99,5 +102,6 @@ def simulate(
         rate=rate,
         runs_per_file=runs_per_file,
         has_velocity=has_velocity,
+        has_temperature=has_temperature,
     )
     return session.logs()

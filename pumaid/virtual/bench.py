@@ -10,8 +10,10 @@ from numpy.typing import NDArray
 from pumaid.errors import ModelError, Where
 from pumaid.maths.triangle import Triangle
 from pumaid.records import CONSTANT_COLUMNS, Cells, Motion, Plan, Run
+from pumaid.virtual.heat import curve
+from pumaid.virtual.hidden import Instants, delays
 from pumaid.virtual.noise import coloured, correlation
-from pumaid.virtual.timing import Stretch, stretches
+from pumaid.virtual.timing import Stretch, first_starts, stretches
 from pumaid.virtual.truth import Truth
 
 Floats = NDArray[np.float64]
@@ -64,6 +66,7 @@ class Bench:
     def __init__(self, truth: Truth, plan: Plan, *, rate: float = 100.0, cells: int = 60) -> None:
         self.truth, self.plan, self.rate = truth, plan, rate
         self._phi = correlation(truth.noise, rate)
+        self._first = first_starts(truth.robot, plan, rate=rate)
         self._runs: list[_Prepared] = []
         clock = 0.0
         for stretch in stretches(truth.robot, plan):
@@ -122,9 +125,16 @@ class Bench:
         )
 
     def _current(self, motion: Motion, own: Floats, *, speed: float, time: Floats) -> Floats:
-        truth, velocity, gravity = self.truth, np.full(len(own), speed), self._gravity(motion, own)
-        hidden = truth.hidden_current(motion.joint, time, position=own, velocity=velocity, load=gravity)
-        return gravity + truth.friction.current(motion.joint, velocity) + hidden
+        truth, j = self.truth, motion.joint - 1
+        if not truth.hidden:
+            return self._gravity(motion, own) + truth.friction.current(motion.joint, np.full(len(own), speed))
+        position = np.tile(np.array(motion.hold, dtype=float), (len(own), 1))
+        position[:, j] = own - speed * delays(truth.hidden, truth.robot.n_joints)[j]
+        velocity, travel = np.zeros_like(position), np.zeros_like(position)
+        velocity[:, j], travel[:, j] = speed, np.abs(position[:, j] - motion.start)
+        warm = np.tile(curve(time)[:, None], truth.robot.n_joints)
+        at = Instants(time, self._first, position, velocity, np.zeros_like(position), travel, warm)
+        return np.asarray(truth.current(at, np.zeros_like(position))[:, j])
 
     def _gravity(self, motion: Motion, own: Floats) -> Floats:
         """While one joint moves its gravity is ``C cos q + S sin q`` (turning) or constant (sliding)."""
@@ -142,15 +152,16 @@ class Bench:
         position[:, j] = np.add.reduceat(own, edges[:-1]) / count
         velocity = np.zeros_like(position)
         velocity[:, j] = speed
+        mean_time = np.add.reduceat(time, edges[:-1]) / count
         return Cells(
             count=count,
-            time=np.add.reduceat(time, edges[:-1]) / count,
+            time=mean_time,
             position=position,
             velocity=velocity,
             acceleration=np.zeros(len(count)),
             current=self.truth.gravity_current(position),
             variance=np.zeros(len(count)),
-            temperature=np.full(len(count), np.nan),
+            temperature=curve(mean_time) if self.truth.has_warmth else np.full(len(count), np.nan),
         )
 
     @staticmethod
@@ -179,7 +190,7 @@ class Bench:
             span=(float(prepared.position[0]), float(prepared.position[-1])),
             speed=prepared.speed,
             ripple=0.0,
-            temperature=float("nan"),
+            temperature=float(np.mean(cells.temperature)),
             triangle=Triangle(CONSTANT_COLUMNS, factor, len(current)),
             cells=replace(cells, current=currents, variance=np.maximum(square - mean**2, 0.0)),
             heldout=motion.purpose == "heldout",

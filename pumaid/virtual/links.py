@@ -52,6 +52,29 @@ def gravity_load(robot: Robot, links: Links, position: Floats) -> Floats:
     load
         (N, J) N m (revolute) or N (prismatic).
     """
+    axis, arm, outer_mass = _outward(robot, links, position)
+    g = np.asarray(robot.gravity, dtype=float)
+    turning = -np.einsum("nja,nja->nj", np.cross(axis, arm), np.broadcast_to(g, axis.shape))
+    sliding = -outer_mass * (axis @ g)
+    return np.where(robot.is_revolute, turning, sliding)
+
+
+def side_load(robot: Robot, links: Links, position: Floats) -> Floats:
+    """(N, J) N m: size of the weight's moment across each turning joint's axis, which bearings carry; 0 for sliding.
+
+    Parameters
+    ----------
+    robot, links, position
+        As for `gravity_load`.
+    """
+    axis, arm, _ = _outward(robot, links, position)
+    moment = np.cross(arm, np.broadcast_to(np.asarray(robot.gravity, dtype=float), arm.shape))
+    across = np.linalg.norm(np.cross(axis, moment), axis=2)
+    return np.where(robot.is_revolute, across, 0.0)
+
+
+def _outward(robot: Robot, links: Links, position: Floats) -> tuple[Floats, Floats, Floats]:
+    """(N, J, 3) axes, (N, J, 3) first moment of links i..n about origin i, kg m, and (J,) their mass."""
     angles, displacements = robot.dh_angles(position), robot.dh_displacements(position)
     rotations = axes(robot.alphas, angles)
     origin = origins(robot.alphas, robot.lengths, offsets=displacements, thetas=angles)
@@ -59,9 +82,4 @@ def gravity_load(robot: Robot, links: Links, position: Floats) -> Floats:
     # Mass and first moment (about the base) of links i..n, summed from the tip inward.
     outer_mass = np.cumsum(links.mass[::-1])[::-1]
     outer_moment = np.cumsum((links.mass[:, None] * centres)[:, ::-1], axis=1)[:, ::-1]
-    g = np.asarray(robot.gravity, dtype=float)
-    axis = rotations[..., 2]
-    arm = outer_moment - outer_mass[:, None] * origin
-    turning = -np.einsum("nja,nja->nj", np.cross(axis, arm), np.broadcast_to(g, axis.shape))
-    sliding = -outer_mass * (axis @ g)
-    return np.where(robot.is_revolute, turning, sliding)
+    return rotations[..., 2], outer_moment - outer_mass[:, None] * origin, outer_mass

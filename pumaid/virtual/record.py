@@ -127,7 +127,7 @@ def _hidden(entry: object, n_joints: int) -> Hidden:
     inner = entry if isinstance(entry, Mapping) else {}
     name, joint, values = inner.get("effect"), inner.get("joint"), inner.get("values")
     is_known = name in LAWS and (joint is None or (isinstance(joint, int) and 1 <= joint <= n_joints))
-    if not is_known or not isinstance(values, Mapping) or set(values) != set(LAWS[str(name)][1]):
+    if not is_known or not isinstance(values, Mapping) or set(values) != set(LAWS[str(name)].keys):
         what = f"{str(entry)[:80]} is no hidden effect of this robot"
         raise ModelError("truth-wrong", what, Where(field="hidden"), f"known: {', '.join(LAWS)}")
     return Hidden(str(name), joint, {key: float(_array(values, key, ())) for key in values})

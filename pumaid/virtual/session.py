@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from pumaid.records import Log, Plan
+from pumaid.virtual.heat import STEP, Heat
+from pumaid.virtual.hidden import Instants, delays
 from pumaid.virtual.noise import coloured, correlation
-from pumaid.virtual.timing import Stretch, stretches
+from pumaid.virtual.timing import Stretch, first_starts, stretches
 from pumaid.virtual.truth import Truth
 
 Floats = NDArray[np.float64]
@@ -39,6 +42,8 @@ class Session:
         Planned motions in one file.
     has_velocity
         Whether the log has velocities.
+    has_temperature
+        Whether the log has the motors' temperatures.
     """
 
     def __init__(
@@ -50,10 +55,14 @@ class Session:
         rate: float = 250.0,
         runs_per_file: int = 40,
         has_velocity: bool = True,
+        has_temperature: bool = False,
     ) -> None:
         self.truth, self.plan, self.rng, self.rate = truth, plan, rng, rate
         self.runs_per_file, self.has_velocity = runs_per_file, has_velocity
         n = truth.robot.n_joints
+        self._first = first_starts(truth.robot, plan, rate=rate)
+        self._delays = delays(truth.hidden, n)
+        self._heat = _heat(truth, plan) if has_temperature or truth.has_warmth else None
         self._phi = correlation(truth.noise, rate)
         self._noise = rng.standard_normal(n)
         self._stiction = self._settle()
@@ -81,12 +90,16 @@ class Session:
         levels = self.truth.noise.level_std * self.rng.standard_normal(len(moving))
         for first in range(0, count, CHUNK):
             local = np.arange(first, min(first + CHUNK, count)) / self.rate
-            position, velocity, acceleration = stretch.at(local)
             time = np.round((self._sample + np.arange(len(local))) / self.rate, 9)
             resting = np.where((local > stretch.lead)[:, None], self._stiction, before)
-            current = self._ideal(time, position, velocity=velocity, resting=resting)
-            current += self.truth.inertia * acceleration + self._noise_of(len(local), levels)
-            measured, speed = self._encoder(position, velocity)
+            at = self._warmed(self._instants(stretch, local, time), resting)
+            current = self.truth.current(at, resting)
+            for late in set(self._delays.tolist()) - {0.0}:
+                then = replace(self._instants(stretch, local - late, time), temperature=at.temperature)
+                earlier = np.where((local - late > stretch.lead)[:, None], self._stiction, before)
+                current[:, self._delays == late] = self.truth.current(then, earlier)[:, self._delays == late]
+            current += self._noise_of(len(local), levels)
+            measured, speed = self._encoder(at.position, at.velocity)
             step = self.truth.noise.current_step
             yield Log(
                 origin=origin,
@@ -95,20 +108,24 @@ class Session:
                 position=measured,
                 velocity=speed if self.has_velocity else None,
                 current=np.round(current / step) * step if step > 0 else current,
+                temperature=None if self._heat is None else np.round(np.round(at.temperature / STEP) * STEP, 6),
                 starts_clock=self._sample == 0,
             )
             self._sample += len(local)
 
-    def _ideal(self, time: Floats, position: Floats, *, velocity: Floats, resting: Floats) -> Floats:
-        """(N, J) A of gravity, friction or (N, J) stiction, and hidden effects."""
-        truth = self.truth
-        gravity = truth.gravity_current(position)
-        current = gravity.copy()
-        for j in range(truth.robot.n_joints):
-            q, v, load = position[:, j], velocity[:, j], gravity[:, j]
-            current[:, j] += np.where(v == 0, resting[:, j], truth.friction.current(j + 1, v))
-            current[:, j] += truth.hidden_current(j + 1, time, position=q, velocity=v, load=load)
-        return current
+    def _instants(self, stretch: Stretch, local: Floats, time: Floats) -> Instants:
+        """The arm `local` (N,) s after the stretch began; its motors as warm as they are now."""
+        position, velocity, acceleration = stretch.at(local)
+        begin = np.array([path.start for path in stretch.paths])
+        unknown = np.full(position.shape, np.nan)
+        return Instants(time, self._first, position, velocity, acceleration, np.abs(position - begin), unknown)
+
+    def _warmed(self, at: Instants, resting: Floats) -> Instants:
+        """With the temperatures that the currents lead to, those of hidden effects apart."""
+        if self._heat is None:
+            return at
+        plain = replace(self.truth, hidden=()).current(at, resting)
+        return replace(at, temperature=self._heat.warmed(plain, 1.0 / self.rate))
 
     def _noise_of(self, count: int, levels: Floats) -> Floats:
         noise = self.truth.noise
@@ -120,8 +137,7 @@ class Session:
 
     def _settle(self) -> Floats:
         """(J,) A that stiction takes of each resting joint: undetermined by anything that a log shows."""
-        friction = self.truth.friction
-        size = 0.5 * (np.abs(friction.coulomb_plus) + np.abs(friction.coulomb_minus))
+        size = self.truth.coulomb
         return STICTION_SHARE * size * self.rng.uniform(-1.0, 1.0, len(size))
 
     def _encoder(self, position: Floats, velocity: Floats) -> tuple[Floats, Floats]:
@@ -134,3 +150,9 @@ class Session:
         self._encoder_error = error[-1]
         # Rounded so that the bytes of a log do not depend on how a machine orders its additions.
         return measured, np.round(velocity + steps * self.rate, 9)
+
+
+def _heat(truth: Truth, plan: Plan) -> Heat:
+    """Cold motors, each of a size for its Coulomb friction and for the weight that it carries in the plan."""
+    weight = truth.gravity_current(np.array([motion.hold for motion in plan.motions], dtype=float))
+    return Heat.cold(np.sqrt(np.mean(weight**2, axis=0)) + truth.coulomb)

@@ -121,6 +121,24 @@ def _move(now: Floats, begin: Floats, *, speeds: Floats, accelerations: Floats, 
     return Stretch(paths, 0.0, max(path.duration for path in paths), None, index)
 
 
+def first_starts(robot: Robot, plan: Plan, *, rate: float) -> Floats:
+    """(J,) s at which each joint's first run begins; that of the arm's first where a joint has none.
+
+    Parameters
+    ----------
+    robot, plan
+        As for `stretches`.
+    rate
+        Samples a second: every stretch is a whole number of them.
+    """
+    clock, found = 0.0, np.full(robot.n_joints, np.nan)
+    for stretch in stretches(robot, plan):
+        if stretch.motion is not None and np.isnan(found[stretch.motion.joint - 1]):
+            found[stretch.motion.joint - 1] = clock + stretch.lead
+        clock += max(1, int(np.ceil(stretch.duration * rate))) / rate
+    return np.where(np.isnan(found), np.nanmin(found) if plan.motions else 0.0, found)
+
+
 def duration(robot: Robot, plan: Plan) -> float:
     """s that the plan takes, moves between postures and rests included."""
     return float(sum(stretch.duration for stretch in stretches(robot, plan)))

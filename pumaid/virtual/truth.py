@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from pumaid.records import Robot
-from pumaid.virtual.hidden import Hidden, State, added
-from pumaid.virtual.links import Links, gravity_load
-from pumaid.virtual.recursion import Constants, constants, gravity_current
+from pumaid.virtual.hidden import Hidden, Instants, sized, total
+from pumaid.virtual.hidden.state import State
+from pumaid.virtual.links import Links
+from pumaid.virtual.recursion import Constants, constants
+from pumaid.virtual.weight import Weight
 
 Floats = NDArray[np.float64]
 
@@ -94,7 +97,7 @@ class Truth:
     seed
         From which it was drawn, or none.
     hidden
-        Physics beyond the paper's model.
+        Physics beyond the paper's model, with all values; see `hiding`.
     """
 
     robot: Robot
@@ -113,19 +116,45 @@ class Truth:
         if len(self.inertia) != self.robot.n_joints:
             object.__setattr__(self, "inertia", np.zeros(self.robot.n_joints))
 
+    @property
+    def weight(self) -> Weight:
+        """What the arm's weight draws."""
+        return Weight(self.robot, self.links, self.gain, self.known)
+
+    @property
+    def coulomb(self) -> Floats:
+        """(J,) A: size of Coulomb friction, mean of both directions."""
+        return np.asarray(0.5 * (np.abs(self.friction.coulomb_plus) + np.abs(self.friction.coulomb_minus)))
+
+    @property
+    def has_warmth(self) -> bool:
+        """Whether anything hidden depends on the motors' temperatures."""
+        return any(one.effect == "thermal_friction" for one in self.hidden)
+
     def gravity_current(self, position: Floats) -> Floats:
         """(N, J) A that carry the weight at `position` (N, J), rad or m."""
-        if self.links is not None and self.gain is not None:
-            return gravity_load(self.robot, self.links, position) * self.gain
-        assert self.known is not None
-        return gravity_current(self.robot, self.known, position)
+        return self.weight.current(position)
 
-    def hidden_current(self, joint: int, time: Floats, *, position: Floats, velocity: Floats, load: Floats) -> Floats:
-        """(N,) A that hidden effects add to joint `joint` (from 1), all arguments (N,) and its own; `load` in A."""
-        if not self.hidden:
-            return np.zeros(len(time))
+    def hiding(self, hidden: Sequence[Hidden]) -> Truth:
+        """The same robot with other hidden effects; values that they do not name are made to show at this robot."""
+        return replace(self, hidden=sized(hidden, self))
+
+    def current(self, at: Instants, resting: Floats) -> Floats:
+        """(N, J) A of every motor: gravity, friction, inertia and what is hidden; `resting` (N, J) A while at rest."""
+        load = self.gravity_current(at.position)
+        found = load.copy()
+        for j in range(self.robot.n_joints):
+            v = at.velocity[:, j]
+            found[:, j] += np.where(v == 0, resting[:, j], self.friction.current(j + 1, v))
+        found += self.inertia * at.acceleration
+        for j in range(self.robot.n_joints) if self.hidden else ():
+            found[:, j] = self._with_hidden(at, load, joint=j + 1, current=found[:, j])
+        return found
+
+    def _with_hidden(self, at: Instants, load: Floats, *, joint: int, current: Floats) -> Floats:
         side = -1.0 if self.friction.coulomb_plus[joint - 1] < 0 else 1.0
-        return added(self.hidden, joint, State(time, position, velocity, load, side))
+        state = State(joint, at, load, self.weight, self.friction.current, side)
+        return total(self.hidden, state, current)
 
     @property
     def constants(self) -> Constants:

@@ -18,8 +18,6 @@ if TYPE_CHECKING:
 
 def _real(robot: Robot, truth: Path | None, *, hide: tuple[str, ...], noise: float | None, seed: int) -> Truth:
     """The virtual robot that the options describe."""
-    from dataclasses import replace
-
     from pumaid.files.session import read_truth
     from pumaid.virtual import hidden, record, table1
     from pumaid.virtual.draw import draw
@@ -30,7 +28,7 @@ def _real(robot: Robot, truth: Path | None, *, hide: tuple[str, ...], noise: flo
         is_paper = str(truth) == "table1"
         real = record.from_json(record.as_json(table1.puma560()) if is_paper else read_truth(truth), robot)
     if hide:
-        real = replace(real, hidden=tuple(hidden.parse(text, robot) for text in hide))
+        real = real.hiding([hidden.parse(text, robot) for text in hide])
     return real if noise is None else real.with_noise(noise)
 
 
@@ -54,7 +52,8 @@ def _real(robot: Robot, truth: Path | None, *, hide: tuple[str, ...], noise: flo
     "--hide",
     multiple=True,
     metavar="EFFECT[@JOINT][:KEY=VALUE,...]",
-    help="Physics beyond the paper's model that the robot has; may be repeated. A wrong name lists the right ones.",
+    help="Physics beyond the paper's model that the robot has; may be repeated. Values that are not given are made"
+    " to show at that joint. A wrong name lists the right ones.",
 )
 @click.option("--rate", type=float, default=250.0, show_default=True, metavar="HZ", help="Samples a second.")
 @click.option("--noise", type=click.FloatRange(min=0), metavar="A", help="Noise of every current; 0 for none at all.")
@@ -67,6 +66,7 @@ def _real(robot: Robot, truth: Path | None, *, hide: tuple[str, ...], noise: flo
     help="Form of the log files.",
 )
 @click.option("--no-velocity", is_flag=True, help="Leave velocities out of the logs.")
+@click.option("--temperature", is_flag=True, help="Write the motors' temperatures, too.")
 @click.option(
     "--runs-per-file",
     type=click.IntRange(min=1),
@@ -89,6 +89,7 @@ def command(
     noise: float | None,
     form: str,
     no_velocity: bool,
+    temperature: bool,
     runs_per_file: int,
     force: bool,
     seed: int,
@@ -120,7 +121,14 @@ def command(
     notes(note for note in made.notes if note.slug == "plan-other-robot")
     real = _real(robot, truth, hide=hide, noise=noise, seed=seed)
     logs = simulate(
-        robot, made, seed=seed, truth=real, rate=rate, runs_per_file=runs_per_file, has_velocity=not no_velocity
+        robot,
+        made,
+        seed=seed,
+        truth=real,
+        rate=rate,
+        runs_per_file=runs_per_file,
+        has_velocity=not no_velocity,
+        has_temperature=temperature,
     )
     folder = output or experiment_folder(recipe) / "logs"
     with progress("simulating", total=made.duration or None) as step:

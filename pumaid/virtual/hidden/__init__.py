@@ -1,0 +1,14 @@
+"""Physics that a virtual robot has and the paper's model has not, in code of its own.
+
+Nothing here is shared with the effects that a model is fitted with: the laws are written a second time, most of them
+exactly where the model has a linear form, and gravity comes from the virtual arm's own masses.
+"""
+
+from pumaid.virtual.hidden.catalogue import LAWS
+from pumaid.virtual.hidden.law import Hidden
+from pumaid.virtual.hidden.sizes import sized
+from pumaid.virtual.hidden.spoken import parse
+from pumaid.virtual.hidden.state import Instants
+from pumaid.virtual.hidden.total import delays, total
+
+__all__ = ["LAWS", "Hidden", "Instants", "delays", "parse", "sized", "total"]

@@ -1,0 +1,48 @@
+"""What hidden effects make of a joint's current."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pumaid.virtual.hidden.catalogue import LAWS
+from pumaid.virtual.hidden.law import Hidden, Reach
+from pumaid.virtual.hidden.state import State
+
+Floats = NDArray[np.float64]
+
+
+def total(hidden: Sequence[Hidden], at: State, current: Floats) -> Floats:
+    """The joint's current with everything hidden: what adds is added, then laws of the whole current act on the sum.
+
+    Parameters
+    ----------
+    hidden
+        With all their values, see `sized`.
+    at
+        The joint.
+    current
+        (N,) A without anything hidden.
+    """
+    here = [one for one in hidden if LAWS[one.effect].reach is not Reach.JOINT or one.joint in (None, at.joint)]
+    found = current.copy()
+    for one in here:
+        adds = LAWS[one.effect].adds
+        if adds is not None:
+            found += adds(at, one)
+    for name, law in LAWS.items():
+        for one in here:
+            if one.effect == name and law.bends is not None:
+                found = law.bends(at, one, found)
+    return found
+
+
+def delays(hidden: Sequence[Hidden], n_joints: int) -> Floats:
+    """(J,) s by which each joint's current is stamped late."""
+    late = np.zeros(n_joints)
+    for one in hidden:
+        if one.effect == "delay":
+            late[slice(None) if one.joint is None else one.joint - 1] += one["dt"]
+    return late
