@@ -27,7 +27,7 @@ class Coupling(Effect):
     scope = Scope.CAUSE
     family = "gravity"
     trace = (Trace.POSITION, Trace.LOAD)
-    look_alikes = ("zero_offset", "payload")
+    look_alikes = ("zero_offset", "tilt", "counterbalance")
     needs_loads = True
 
     def parameters(self, robot: Robot, number: int) -> tuple[Parameter, ...]:

@@ -25,7 +25,7 @@ class Flexibility(Effect):
     )
     family = "gravity"
     trace = (Trace.POSITION, Trace.LOAD)
-    look_alikes = ("counterbalance", "spring", "zero_offset")
+    look_alikes = ("counterbalance", "zero_offset")
     needs_loads = True
 
     def parameters(self, robot: Robot, number: int) -> tuple[Parameter, ...]:

@@ -26,7 +26,7 @@ class FrictionStep(Effect):
     )
     family = "time"
     trace = (Trace.TIME, Trace.DIRECTION)
-    look_alikes = ("warmup",)
+    look_alikes = ("warmup", "torque_constant_drift", "thermal_friction")
     is_repeatable = True
 
     def parameters(self, robot: Robot, number: int) -> tuple[Parameter, ...]:

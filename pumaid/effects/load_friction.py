@@ -27,7 +27,7 @@ class LoadFriction(Effect):
     )
     family = "load"
     trace = (Trace.LOAD, Trace.DIRECTION)
-    look_alikes = ("position_friction", "side_load_friction")
+    look_alikes = ("position_friction", "side_load_friction", "torque_droop", "saturation")
     needs_loads = True
 
     def parameters(self, robot: Robot, number: int) -> tuple[Parameter, ...]:

@@ -42,7 +42,7 @@ class Payload(Effect):
     scope = Scope.ARM
     family = "time, gravity"
     trace = (Trace.TIME, Trace.POSITION)
-    look_alikes = ("torque_constant_drift", "tilt", "zero_offset")
+    look_alikes = ("torque_constant_drift", "tilt")
     needs_loads = True
 
     def parameters(self, robot: Robot, number: int) -> tuple[Parameter, ...]:

@@ -30,7 +30,7 @@ class Stribeck(Effect):
     )
     family = "speed"
     trace = (Trace.SPEED, Trace.DIRECTION)
-    look_alikes = ("viscous_power", "torque_droop")
+    look_alikes = ("viscous_power", "torque_droop", "saturation")
 
     def parameters(self, robot: Robot, number: int) -> tuple[Parameter, ...]:
         return (Parameter("a", "A", "height of the fall, from rest to high speed", "a{n}", 0.1),)

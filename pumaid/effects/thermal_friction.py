@@ -29,7 +29,7 @@ class ThermalFriction(Effect):
     )
     family = "temperature"
     trace = (Trace.TIME, Trace.DIRECTION)
-    look_alikes = ("warmup",)
+    look_alikes = ("warmup", "torque_constant_drift", "friction_step")
 
     def parameters(self, robot: Robot, number: int) -> tuple[Parameter, ...]:
         return (Parameter("a", "A/degC", "friction per degree", "a{n}", -0.008),)

@@ -28,7 +28,7 @@ class Tilt(Effect):
     scope = Scope.ARM
     family = "gravity"
     trace = (Trace.POSITION,)
-    look_alikes = ("zero_offset", "payload")
+    look_alikes = ("zero_offset", "counterbalance", "coupling", "spring")
     needs_loads = True
 
     def parameters(self, robot: Robot, number: int) -> tuple[Parameter, ...]:

@@ -28,7 +28,7 @@ class TorqueConstantDrift(Effect):
     )
     family = "time"
     trace = (Trace.TIME, Trace.LOAD)
-    look_alikes = ("warmup", "payload")
+    look_alikes = ("warmup", "thermal_friction", "friction_step", "payload")
     needs_loads = True
 
     def parameters(self, robot: Robot, number: int) -> tuple[Parameter, ...]:

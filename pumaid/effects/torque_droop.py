@@ -23,7 +23,7 @@ class TorqueDroop(Effect):
     )
     family = "current"
     trace = (Trace.LOAD,)
-    look_alikes = ("saturation", "viscous_power", "stribeck")
+    look_alikes = ("saturation", "load_friction", "viscous_power", "stribeck")
     needs_loads = True
 
     def parameters(self, robot: Robot, number: int) -> tuple[Parameter, ...]:

@@ -25,7 +25,7 @@ class ViscousPower(Effect):
     )
     family = "speed"
     trace = (Trace.SPEED, Trace.DIRECTION)
-    look_alikes = ("stribeck", "torque_droop")
+    look_alikes = ("stribeck", "torque_droop", "saturation")
 
     def parameters(self, robot: Robot, number: int) -> tuple[Parameter, ...]:
         speed = f"1 {robot.joint(number).position_unit}/s"

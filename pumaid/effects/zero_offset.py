@@ -39,7 +39,7 @@ class ZeroOffset(Effect):
     scope = Scope.CAUSE
     family = "gravity"
     trace = (Trace.POSITION,)
-    look_alikes = ("tilt", "flexibility", "payload")
+    look_alikes = ("tilt", "coupling", "counterbalance", "flexibility")
     needs_loads = True
 
     def parameters(self, robot: Robot, number: int) -> tuple[Parameter, ...]:
