@@ -1,4 +1,4 @@
-"""Small models by hand, for tests of what keeps and shows them."""
+"""Small models and ladders by hand, for tests of what keeps and shows them."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from pumaid.files.archive import keep
-from pumaid.records import EffectChoice, Estimate, Joint, JointFit, Robot, Value
+from pumaid.records import EffectChoice, Errors, Estimate, Joint, JointFit, Ladder, Robot, Rung, Value
 
 ARM = Robot("arm", (Joint(1, "a", "revolute"), Joint(2, "b", "revolute")), origin="recipe.yaml", digest="aa" * 32)
 STRIBECK, RIPPLE = EffectChoice("stribeck", 1, {"velocity": 0.1}), EffectChoice("ripple", 2, {"frequency": 50.0})
@@ -31,3 +31,17 @@ def experiment(results: Path) -> Path:
     keep(path, model(STRIBECK, rmse=0.02), ARM)
     keep(path, model(STRIBECK, RIPPLE, rmse=0.011), ARM)
     return path
+
+
+def ladder(n_models: int, n_joints: int, *, heldout: bool = True, floor: bool = True) -> Ladder:
+    """Models whose errors halve with each effect above a floor of 0.01 A; held-out errors are a tenth larger."""
+    rungs, effects = [], ()
+    for number in range(1, n_models + 1):
+        added = () if number == 1 else (EffectChoice("torque_constant_drift", 1 + number % n_joints),)
+        effects += added
+        rmse = 0.01 + 0.1 * 0.5**number
+        told = Errors(rmse, 1.1 * rmse if heldout else None, 0.01 if floor else None)
+        fit = JointFit(1, 9, 300, told.fitted, told.noise_floor, heldout_runs=2, heldout=told.heldout)
+        joints = tuple(replace(fit, joint=joint) for joint in range(1, n_joints + 1))
+        rungs.append(Rung(number, "", f"{number}", number - 1 or None, effects, added, (), joints, told))
+    return Ladder("arm", "", {}, tuple(rungs))

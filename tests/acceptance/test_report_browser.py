@@ -12,6 +12,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import diagnoses
+import ladders
 import pytest
 import stories
 import worlds
@@ -61,6 +62,7 @@ def browser(tmp_path_factory) -> Iterator[object]:
 def address(request, tmp_path_factory) -> str:
     """Where the page of a six-joint arm, or of one with dangerous names, lies."""
     told = stories.story(worlds.STANFORD, units="deg") if request.param == "ordinary" else stories.hostile()
+    told = replace(told, ladder=ladders.ladder(7, told.robot.n_joints))
     if request.param == "hostile":
         told = replace(told, diagnosis=diagnoses.small(), stale=(stories.HOSTILE,))
     path: Path = tmp_path_factory.mktemp("page") / "report.html"

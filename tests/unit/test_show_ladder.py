@@ -8,30 +8,16 @@ from pathlib import Path
 import numpy as np
 import pytest
 import stories
-from ladders import ARM, RIPPLE, STRIBECK, experiment, model
+from ladders import ARM, RIPPLE, STRIBECK, experiment, ladder, model
 from matplotlib.figure import Figure
 
 from pumaid.files.archive import keep
 from pumaid.files.ladders import ladder_of, read_history
-from pumaid.records import EffectChoice, Errors, JointFit, Ladder, Rung
+from pumaid.records import EffectChoice, Ladder
 from pumaid.show.ladder import joint_grids, ladder_grid, ladder_sentence, names, step
 from pumaid.show.plots.ladder import draw, drawings, drawn
 from pumaid.show.plots.style import styled
 from pumaid.show.report import page
-
-
-def ladder(n_models: int, n_joints: int, *, heldout: bool = True, floor: bool = True) -> Ladder:
-    """Models whose errors halve with each effect above a floor of 0.01 A; held-out errors are a tenth larger."""
-    rungs, effects = [], ()
-    for number in range(1, n_models + 1):
-        added = () if number == 1 else (EffectChoice("torque_constant_drift", 1 + number % n_joints),)
-        effects += added
-        rmse = 0.01 + 0.1 * 0.5**number
-        told = Errors(rmse, 1.1 * rmse if heldout else None, 0.01 if floor else None)
-        fit = JointFit(1, 9, 300, told.fitted, told.noise_floor, heldout_runs=2, heldout=told.heldout)
-        joints = tuple(replace(fit, joint=joint) for joint in range(1, n_joints + 1))
-        rungs.append(Rung(number, "", f"{number}", number - 1 or None, effects, added, (), joints, told))
-    return Ladder("arm", "", {}, tuple(rungs))
 
 
 def drawn_of(of: Ladder) -> Figure:
@@ -74,6 +60,13 @@ def test_steps_are_named_after_what_was_added():
     """Below each tread stand its number, the effect in words and its joint."""
     labels = [text.get_text() for text in drawn_of(ladder(2, 2)).axes[0].get_xticklabels()]
     assert labels == ["model 1\nbase model", "model 2\n+\N{NO-BREAK SPACE}torque constant drift\njoint 1"]
+
+
+def test_a_narrow_picture_has_numbers_below_its_steps():
+    """Where seven names would run into each other, the numbers of the models stand alone."""
+    with styled():
+        axes = draw(ladder(7, 6), width=4.9).axes[0]
+    assert [text.get_text() for text in axes.get_xticklabels()] == list("1234567") and axes.get_xlabel() == "model"
 
 
 def test_a_long_ladder_keeps_its_ends():

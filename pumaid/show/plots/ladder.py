@@ -28,8 +28,10 @@ MOST_STEPS = 8
 _ACROSS, _FEW_ACROSS = 3, {2: 2, 4: 2}
 #: Share of the axis from which the ground is high enough for words.
 _ROOM = 0.1
-#: inch: the whole figure, its main panel, a row of small ones.
-_WIDTH, _MAIN, _SMALL = 7.2, 3.1, 1.35
+#: inch: a figure of its own, and one on a page that is read at 400 px; the main panel, a row of small ones.
+_WIDTH, _ON_PAGE, _MAIN, _SMALL = 7.2, 4.9, 3.1, 1.35
+#: Letters that stand side by side in an inch of labels; a step with room for fewer than so many has its number only.
+_LETTERS, _FEWEST_LETTERS = 9.2, 8
 
 Floats = NDArray[np.float64]
 
@@ -43,7 +45,7 @@ def drawings(story: Story) -> Iterator[Drawing]:
             "Error after each addition",
             "One step a model, named after what it adds to the one before. Blue: RMSE of fitted runs; orange: of runs"
             " that no fit saw; the grey ground: what repeated runs differ by, which no model can remove.",
-            lambda: draw(ladder),
+            lambda: draw(ladder, width=_ON_PAGE),
         )
 
 
@@ -55,16 +57,16 @@ def drawn(ladder: Ladder, form: str) -> bytes:
         return saved(figure, form, f"Error of {ladder.robot} after each addition")
 
 
-def draw(ladder: Ladder) -> Figure:
-    """The whole arm above, each joint below; an arm of one moving joint has the one panel."""
+def draw(ladder: Ladder, *, width: float = _WIDTH) -> Figure:
+    """The whole arm above, each joint below, `width` inch wide; an arm of one moving joint has the one panel."""
     path = shown(ladder)
     joints = [fit.joint for fit in path[-1].joints if any(rung.joints[fit.joint - 1].rmse is not None for rung in path)]
-    across = _FEW_ACROSS.get(len(joints), _ACROSS)
+    across = _FEW_ACROSS.get(len(joints), _ACROSS if width > _ON_PAGE else 2)
     rows = -(-len(joints) // across) if len(joints) > 1 else 0
-    figure = Figure(figsize=(_WIDTH, _MAIN + _SMALL * rows + 0.5), layout="constrained")
+    figure = Figure(figsize=(width, _MAIN + _SMALL * rows + 0.5), layout="constrained")
     spec = figure.add_gridspec(1 + rows, across, height_ratios=[_MAIN, *[_SMALL] * rows])
     main = figure.add_subplot(spec[0, :])
-    _main(main, path, _wholes(path, joints))
+    _main(main, path, _wholes(path, joints), room=int(_LETTERS * width / len(path)))
     told = "error after each addition" if len(path) > 1 else "error of the model"
     main.set_title(f"{shortened(ladder.robot)}: {told}", pad=10)
     for place, joint in enumerate(joints if rows else []):
@@ -86,14 +88,15 @@ def _wholes(path: Sequence[Rung], joints: Sequence[int]) -> list[Errors]:
     return [of_joint(rung.joints[joints[0] - 1]) for rung in path] if len(joints) == 1 else [r.whole for r in path]
 
 
-def _main(axes: Axes, path: Sequence[Rung], errors: Sequence[Errors]) -> None:
+def _main(axes: Axes, path: Sequence[Rung], errors: Sequence[Errors], *, room: int) -> None:
     fitted, heldout, floor = _steps(axes, errors, width=2.4)
     if floor[0] > _ROOM * axes.get_ylim()[1]:
-        told = f"noise floor {number(float(floor[0]), 3)}: repeated runs differ by as much"
+        told = f"noise floor {number(float(floor[0]), 3)} A: repeated runs differ by as much"
         axes.text(0.012, 0.5 * floor[0], told, transform=axes.get_yaxis_transform(), va="center", fontsize=9)
     axes.set_ylabel("RMS error of the current (A)")
-    axes.set_xticks(np.arange(len(path)) + 0.5, _labels(path))
+    axes.set_xticks(np.arange(len(path)) + 0.5, _labels(path, room))
     axes.tick_params(axis="x", length=0, pad=6)
+    axes.set_xlabel("model" if room < _FEWEST_LETTERS else "")
     for place, (low, high) in enumerate(zip(fitted, heldout, strict=True)):
         colours = [(low, FORWARD), (high, BACKWARD)]
         known = sorted(((value, colour) for value, colour in colours if np.isfinite(value)), reverse=True)
@@ -138,9 +141,10 @@ def _steps(axes: Axes, errors: Sequence[Errors], *, width: float) -> tuple[Float
     return fitted, heldout, floor
 
 
-def _labels(path: Sequence[Rung]) -> list[str]:
-    """Number and changes of each model, broken where the step is too narrow for them."""
-    room = max(9, 66 // len(path))
+def _labels(path: Sequence[Rung], room: int) -> list[str]:
+    """Number and changes of each model, in lines of `room` letters where words allow it."""
+    if room < _FEWEST_LETTERS:
+        return [str(rung.number) for rung in path]
     word = "model " if len(path) < MOST_STEPS else ""
     labels = []
     for before, rung in zip((None, *path), path, strict=False):
