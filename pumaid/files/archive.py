@@ -247,7 +247,8 @@ def _entries(folder: Path) -> tuple[list[Entry], list[Note]]:
 
 
 def _skipped(path: Path, why: str) -> Note:
-    return Note("model-skipped", f"{path.name} is passed over: {why}", Where(file=str(path)))
+    told = why.replace(str(path), "it")
+    return Note("model-skipped", f"{path.name} is passed over: {told}", Where(file=str(path)))
 
 
 def _number(path: Path) -> int:
