@@ -43,7 +43,7 @@ def refuse_to_replace(path: Path) -> None:
         There is a file of that name.
     """
     if str(path) != "-" and path.is_file():
-        what, mend = f"{path} is there already", "replace it with --force, or write elsewhere with -o"
+        what, mend = f"{path} is there already", "replace it with --force, or write to another file"
         raise ResultError("plan-in-the-way", what, Where(file=str(path)), mend)
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import types
 import typing
 from collections.abc import Mapping, Sequence
@@ -79,7 +80,9 @@ def _as(kind: Any, value: Any, path: str) -> Any:
 
 
 def _plain(kind: Any, value: Any, path: str) -> Any:
-    """A number or a text; a whole number may stand for any number, true and false for none."""
+    """A number or a text; a whole number may stand for any number, null for one that JSON lacks, true for none."""
+    if value is None and kind is float:
+        return math.nan
     allowed = (int, float) if kind is float else (kind,)
     if not isinstance(value, allowed) or (isinstance(value, bool) and kind is not bool):
         raise Unfit(path, f"{str(value)[:40]!r} is no {kind.__name__}")
@@ -93,7 +96,6 @@ def _listed(value: Any, path: str) -> Sequence[Any]:
 
 
 def _array(value: Any, path: str) -> Any:
-    items = [np.nan if item is None else _plain(float, item, path) for item in _listed(value, path)]
-    found = np.array(items, dtype=float)
+    found = np.array([_plain(float, item, path) for item in _listed(value, path)], dtype=float)
     found.setflags(write=False)
     return found

@@ -33,8 +33,8 @@ def evidence_grid(diagnosis: Diagnosis, robot: Robot) -> Grid | None:
                     f"{joint.joint} {robot.joint(joint.joint).name}",
                     one.effect if one.joint in (joint.joint, None) else f"{one.effect} of joint {one.joint}",
                     Cell(VERDICTS.get(one.verdict, one.verdict), mark=mark, tone=_tone(one)),
-                    number(one.p_value, 2) if np.isfinite(one.p_value) else "-",
-                    number(one.evidence, 3) if np.isfinite(one.evidence) else "-",
+                    _figure(one.p_value, 2),
+                    _figure(one.evidence, 3),
                     amount(one.rmse_after),
                     amount(one.rmse_heldout_before),
                     amount(one.rmse_heldout_after),
@@ -54,6 +54,10 @@ def evidence_grid(diagnosis: Diagnosis, robot: Robot) -> Grid | None:
         " it and with it. Or: what these data cannot tell from it.",
         lefts=(0, 1, 2, 8),
     )
+
+
+def _figure(value: float, digits: int) -> str:
+    return number(value, digits) if np.isfinite(value) else "-"
 
 
 def _tone(one: Candidate) -> str:

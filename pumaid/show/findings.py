@@ -11,6 +11,7 @@ from pumaid.records import (
     UNEXPLAINED_JOINT,
     Candidate,
     Diagnosis,
+    Estimate,
     Finding,
     JointDiagnosis,
     Limit,
@@ -191,6 +192,34 @@ def chance(p: float) -> str:
     times = 1.0 / p
     digits = 1 if times >= 100 else 2
     return f"one in {int(float(f'{times:.{digits - 1}e}')):,}"
+
+
+def step_sentence(found: Finding, before: Estimate, after: Estimate, *, robot: Robot, number: int) -> str:
+    """What an addition did to the joint that it changed most.
+
+    Parameters
+    ----------
+    found
+        What was added.
+    before, after
+        The model without and with it.
+    robot
+        Names of joints.
+    number
+        Of the step, from 1.
+    """
+    both = [(old, new) for old, new in zip(before.joints, after.joints, strict=True) if old.rmse and new.rmse]
+    head = f"{number}. {label(found.effect)} {'of' if found.joint is None else 'at'} {place(found, robot)} added"
+    if not both:
+        return f"{head}."
+    old, new = min(both, key=lambda pair: (pair[1].rmse or 0.0) / (pair[0].rmse or 1.0))
+    words = f"{head}: joint {new.joint} is missed by {amperes(new.rmse)} instead of {amperes(old.rmse)}"
+    rest = []
+    if old.heldout is not None and new.heldout is not None:
+        rest.append(f"runs that were not fitted by {amperes(new.heldout)} instead of {amperes(old.heldout)}")
+    if new.noise_floor is not None:
+        rest.append(f"the noise floor is {amperes(new.noise_floor)}")
+    return f"{words}{'; ' + '; '.join(rest) if rest else ''}."
 
 
 def size_sentence(found: Finding | Candidate, robot: Robot, units: str = "rad") -> str:

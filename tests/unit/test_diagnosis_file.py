@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
-from dataclasses import fields, is_dataclass
+from dataclasses import fields, is_dataclass, replace
 
 import diagnoses
 import numpy as np
@@ -103,3 +103,11 @@ def test_entries_of_a_later_version_are_passed_over(tmp_path):
     document["joints"][0]["mood"] = document["mood"] = {"of": "tomorrow"}
     (tmp_path / "d.json").write_text(json.dumps(document), encoding="utf-8")
     assert same(read_diagnosis(tmp_path / "d.json"), diagnoses.rich())
+
+
+def test_a_number_that_json_lacks_is_not_damage(tmp_path):
+    """An evidence that overflowed is null in the file, and read as not a number."""
+    told = diagnoses.rich()
+    odd = replace(told.joints[2], candidates=(replace(told.joints[2].candidates[0], evidence=float("inf")),))
+    write_diagnosis(tmp_path / "d.json", replace(told, joints=(odd,)))
+    assert np.isnan(read_diagnosis(tmp_path / "d.json").joints[0].candidates[0].evidence)

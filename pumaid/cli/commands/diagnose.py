@@ -1,0 +1,162 @@
+"""``pumaid diagnose``: which physics is missing from a model, how sure that is, and what would decide."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import rich_click as click
+
+from pumaid.cli.options import (
+    check_option,
+    effects_option,
+    heldout_option,
+    json_option,
+    logs_argument,
+    model_argument,
+    output_option,
+    recipe_option,
+    results_option,
+    suspect_option,
+    trust_option,
+    units_option,
+)
+from pumaid.cli.output import attention, document, notes, picture_form, remark, table
+
+if TYPE_CHECKING:
+    from pumaid.records import Diagnosis, Robot
+
+
+@click.command()
+@model_argument
+@logs_argument
+@recipe_option
+@suspect_option
+@effects_option
+@click.option("--apply", "is_applied", is_flag=True, help="Add what is found, refit, and go on until nothing is left.")
+@click.option("--plan", type=click.Path(path_type=Path), metavar="FILE", help="Write the runs that would decide.")
+@click.option("--force", is_flag=True, help="Replace a plan that is there already.")
+@click.option("--picture", type=click.Path(path_type=Path), metavar="FILE", help="Draw it: .png, .svg or .pdf.")
+@output_option("The diagnosis as JSON; - for standard output. Default: diagnosis.json in the results folder.")
+@results_option
+@heldout_option
+@units_option
+@trust_option
+@json_option
+@check_option
+@click.pass_context
+def command(
+    context: click.Context,
+    *,
+    model: Path,
+    logs: tuple[str, ...],
+    recipe: Path | None,
+    suspect: tuple[str, ...],
+    is_applied: bool,
+    plan: Path | None,
+    force: bool,
+    picture: Path | None,
+    output: Path | None,
+    results: Path | None,
+    heldout: tuple[str, ...],
+    units: str,
+    trust: bool,
+    as_json: bool,
+    check: bool,
+) -> None:
+    """Learn which physical effect a model lacks, how sure that is, and what adding it would bring.
+
+    Tries every effect of the catalogue at every joint and says, for each joint where the model fails, which one is
+    missing, or which these data cannot tell apart and the runs that would; the error to expect on runs that no fit saw;
+    and the command that adds it. Where nothing is missing it says what these data would have shown.
+
+    With --apply every step is written as the current model and kept; pumaid history tells the steps and undoes them.
+
+    \b
+    Example:
+      pumaid diagnose results/model.json logs/
+      pumaid diagnose results/model.json logs/ --apply --picture missing.png
+      pumaid diagnose results/model.json logs/ --plan next.yaml --suspect supply_voltage
+      pumaid diagnose results/model.json logs/ --json | jq '.findings[] | {effect, joint, p_value}'
+    """
+    from functools import partial
+
+    from pumaid.cli.additions import Typed, added, diagnosed, with_earlier
+    from pumaid.cli.reading import read_evidence, results_folder
+    from pumaid.files.diagnosis import DIAGNOSIS_NAME, diagnosis_document, write_diagnosis
+    from pumaid.files.plan import refuse_to_replace
+    from pumaid.files.result import read_model
+
+    form, quiet = picture_form(picture), as_json or str(output) == "-"
+    if plan is not None and not force:
+        refuse_to_replace(plan)
+    estimate = read_model(model)
+    robot, evidence = read_evidence(logs, recipe, trust=trust, heldout=heldout, extra=suspect)
+    folder = results_folder(results, recipe, logs)
+    typed = Typed(logs, recipe, heldout, context.meta.get("pumaid.effects", ()))
+    again = partial(diagnosed, evidence=evidence, robot=robot, suspects=suspect, typed=typed)
+    found = again(estimate)
+    if is_applied:
+        tell, current = remark if quiet else _say, folder / "model.json"
+        found, estimate = added(found, estimate, evidence, robot=robot, model=current, again=again, tell=tell)
+    found = with_earlier(found, estimate, folder / DIAGNOSIS_NAME)
+    notes(dict.fromkeys((*evidence.notes, *found.notes)))
+    if quiet:
+        document(diagnosis_document(found))
+    else:
+        _tell(found, robot, units=units, ladder=folder / "model.json" if is_applied else None)
+    if str(output) != "-":
+        write_diagnosis(output or folder / DIAGNOSIS_NAME, found)
+        remark(f"diagnosis written to {output or folder / DIAGNOSIS_NAME}")
+    _draw(picture, found, robot, form=form, units=units) if picture is not None else None
+    _plan(plan, found, robot) if plan is not None else None
+    if check and (found.findings or any(joint.verdict != "adequate" for joint in found.joints)):
+        attention()
+
+
+def _say(sentence: str) -> None:
+    """A sentence of the result, wrapped."""
+    from pumaid.show.diagnosis import Told
+
+    table(Told(sentence))
+
+
+def _tell(found: Diagnosis, robot: Robot, *, units: str, ladder: Path | None) -> None:
+    """What was found; before it the ladder that ends at the model file `ladder`, where effects were added."""
+    from pumaid.files.ladders import ladder_of
+    from pumaid.show.diagnosis import diagnosis_shown
+    from pumaid.show.forms import Shown
+    from pumaid.show.ladder import ladder_grid
+
+    steps = None if ladder is None or not found.applied else ladder_of(ladder)
+    if steps is not None:
+        table("")
+        table(Shown(ladder_grid(steps)))
+        table("")
+    for part in diagnosis_shown(found, robot, units=units):
+        table(part)
+
+
+def _draw(picture: Path, found: Diagnosis, robot: Robot, *, form: str, units: str) -> None:
+    from pumaid.files.atomic import write_whole
+    from pumaid.show.plots.findings import can_be_drawn, drawn
+
+    if not can_be_drawn(found):
+        remark(f"nothing was found that could be drawn: {picture} is not written")
+        return
+    write_whole(picture, drawn(found, robot, form, units=units))
+    remark(f"picture written to {picture}")
+
+
+def _plan(path: Path, found: Diagnosis, robot: Robot) -> None:
+    """Write the runs that would decide, as often as it takes."""
+    from pumaid.cli.deciding import deciding
+    from pumaid.files.plan import write_plan
+    from pumaid.show.wording import plural
+
+    made = deciding(found.findings, robot)
+    if not made.motions:
+        remark(f"there is nothing that more runs would decide: {path} is not written")
+        return
+    write_plan(path, made, robot, format="csv" if path.suffix.lower() == ".csv" else "yaml")
+    remark(f"plan of {plural(len(made.motions), 'run')} written to {path}")
