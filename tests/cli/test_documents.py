@@ -22,6 +22,7 @@ LINES = {
     "identify": "identify logs --json",
     "compare": "compare model.json logs --json",
     "report": "report model.json logs --format= --json",
+    "history": "history --json",
     "effects": "effects --json",
     "doctor": "doctor --json",
 }
@@ -35,9 +36,8 @@ def fitted(tmp_path_factory) -> Path:
     """A copy of the sample with a model in it."""
     folder = tmp_path_factory.mktemp("fitted") / "arm"
     shutil.copytree(SAMPLE, folder, ignore=shutil.ignore_patterns("results"))
-    assert (
-        CliRunner().invoke(group, ["identify", str(folder / "logs"), "-o", str(folder / "model.json")]).exit_code == 0
-    )
+    assert CliRunner().invoke(group, ["identify", str(folder / "logs")]).exit_code == 0
+    shutil.copy(folder / "results" / "model.json", folder)
     return folder
 
 
