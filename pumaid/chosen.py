@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import difflib
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
@@ -11,7 +10,6 @@ from numpy.typing import NDArray
 
 from pumaid.effects import Effect, Scope, catalogue
 from pumaid.effects.base import Shape
-from pumaid.errors import ModelError, Where
 from pumaid.records import EffectChoice, Robot, Samples
 
 Floats = NDArray[np.float64]
@@ -64,12 +62,15 @@ class Chosen:
         Shapes that were looked for: the derivative by each is a column, so that errors know of them.
     sizes
         Linear parameters at which these derivatives are taken.
+    held
+        Those of `fitted` that are best at a bound: they stay there, and errors know of them all the same.
     """
 
     choice: EffectChoice
     mark: str = ""
     fitted: tuple[str, ...] = ()
     sizes: tuple[float, ...] = ()
+    held: tuple[str, ...] = ()
 
     @property
     def effect(self) -> Effect:
@@ -157,23 +158,6 @@ def step_of(shape: Shape, value: float) -> tuple[float, float]:
     return max(value - step, shape.low), min(value + step, shape.high)
 
 
-def expanded(choices: Sequence[EffectChoice], robot: Robot) -> tuple[EffectChoice, ...]:
-    """Each choice at one joint or of the whole arm; a choice for all joints becomes one a joint where it can act.
-
-    Raises
-    ------
-    ModelError [unknown-effect], [effect-joint], [effect-shape], [effect-not-here], [effect-twice]
-        An effect, joint or shape is wrong, cannot act there, or is in the model already.
-    """
-    out: list[EffectChoice] = []
-    for number, choice in enumerate(choices, start=1):
-        where = _where(choice, robot, number)
-        for one in _expanded(choice, robot, where):
-            _refuse_twice(one, out, where)
-            out.append(one)
-    return tuple(out)
-
-
 def in_order(choices: Sequence[EffectChoice]) -> tuple[Chosen, ...]:
     """Choices as a model has them: the second time at a joint is marked ``_2``."""
     seen: dict[tuple[str, int | None], int] = {}
@@ -183,82 +167,3 @@ def in_order(choices: Sequence[EffectChoice]) -> tuple[Chosen, ...]:
         seen[key] = seen.get(key, 0) + 1
         out.append(Chosen(choice, f"_{seen[key]}" if seen[key] > 1 else ""))
     return tuple(out)
-
-
-def _where(choice: EffectChoice, robot: Robot, number: int) -> Where:
-    if choice in robot.effects:
-        index = robot.effects.index(choice)
-        return Where(file=robot.origin or None, field=f"effects[{index + 1}]", joint=choice.joint)
-    return Where(joint=choice.joint, field=f"effect {number}: {choice.effect}")
-
-
-def _expanded(choice: EffectChoice, robot: Robot, where: Where) -> list[EffectChoice]:
-    effect = known_effect(choice.effect, where)
-    if effect.scope is Scope.ARM:
-        if choice.joint is not None:
-            what = f"{effect.name} is of the whole arm, not of joint {choice.joint}"
-            raise ModelError("effect-joint", what, where, "leave the joint out")
-        _check_shape(effect, robot, 0, shape=choice.shape, where=where)
-        return [choice]
-    if choice.joint is not None and not 1 <= choice.joint <= robot.n_joints:
-        what = f"{robot.name} has no joint {choice.joint}"
-        raise ModelError("effect-joint", what, where, f"joints count from 1 to {robot.n_joints}")
-    joints = range(1, robot.n_joints + 1) if choice.joint is None else (choice.joint,)
-    refusals = {joint: effect.applies(robot, joint) for joint in joints}
-    free = [joint for joint, why in refusals.items() if why is None]
-    if not free:
-        why = next(reason for reason in refusals.values() if reason is not None)
-        raise ModelError("effect-not-here", f"{effect.name} cannot act there: {why}", where, "leave it out")
-    for joint in free:
-        _check_shape(effect, robot, joint, shape=choice.shape, where=where)
-    return [replace(choice, joint=joint) for joint in free]
-
-
-def known_effect(name: str, where: Where) -> Effect:
-    """The effect of the catalogue called `name`, if it can be added to a model.
-
-    Raises
-    ------
-    ModelError [unknown-effect], [effect-twice]
-        There is none, or every model has it.
-    """
-    known = catalogue()
-    if name not in known:
-        near = difflib.get_close_matches(name, known, n=1)
-        raise ModelError(
-            "unknown-effect",
-            f"there is no effect {name} in the catalogue: {', '.join(known)}",
-            where,
-            f"did you mean {near[0]}?" if near else "pumaid effects lists the names",
-        )
-    if known[name].base:
-        raise ModelError("effect-twice", f"{name} is in every model already", where, "leave it out")
-    return known[name]
-
-
-def _check_shape(effect: Effect, robot: Robot, number: int, *, shape: Mapping[str, float], where: Where) -> None:
-    known = {one.name: one for one in effect.shapes(robot, number)}
-    for name, value in shape.items():
-        if name not in known:
-            near = difflib.get_close_matches(name, known, n=1)
-            listed = f"known: {', '.join(known)}" if known else f"{effect.name} has no shape: leave it out"
-            mend = f"did you mean {near[0]}?" if near else listed
-            raise ModelError("effect-shape", f"{effect.name} has no shape called {name}", where, mend)
-        low, high = known[name].low, known[name].high
-        if not low <= value <= high:
-            what = f"{name} of {effect.name} is {value:g}"
-            raise ModelError("effect-shape", what, where, f"write a number from {low:g} to {high:g}")
-
-
-def _refuse_twice(choice: EffectChoice, before: Sequence[EffectChoice], where: Where) -> None:
-    """The same effect twice is two harmonics at best, and then both say their shape."""
-    for other in before:
-        if (other.effect, other.joint) != (choice.effect, choice.joint):
-            continue
-        place = f" at joint {choice.joint}" if choice.joint else ""
-        differs = choice.shape and other.shape and dict(choice.shape) != dict(other.shape)
-        if not differs or not catalogue()[choice.effect].is_repeatable:
-            mend = "take one of them out"
-            if catalogue()[choice.effect].is_repeatable:
-                mend = "give each its own shape, such as EFFECT@JOINT:frequency=30"
-            raise ModelError("effect-twice", f"{choice.effect}{place} is in the model already", where, mend)

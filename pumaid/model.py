@@ -29,7 +29,8 @@ class Block:
     """A run reduced to as many equations as it can inform: (k, p) regressors, (k,) target, (k,) of the constant.
 
     `rest` is the sum of squares (A2) that no model of these columns can touch, `samples` the samples behind, `basis`
-    (b, c) the triangle's regressors in the first b equations.
+    (b, c) the triangle's regressors in the first b equations, `frame` (M, k - b) the directions in the run's weighted
+    cells that the others are along.
     """
 
     run: Run
@@ -39,6 +40,7 @@ class Block:
     rest: float
     samples: int
     basis: Floats
+    frame: Floats
 
 
 class Model:
@@ -142,10 +144,13 @@ class Model:
         regressor
             (M, p); columns of link j are in units of joint j's own gain.
         """
-        return np.hstack([self._of_base(samples, groups), self.beyond(samples)])
+        out = self.base(samples, groups)
+        out[:, len(self._base) :] = self.beyond(samples)
+        return out
 
-    def _of_base(self, samples: Samples, groups: NDArray[np.int64] | None = None) -> Floats:
-        moving, out = samples.joint, np.zeros((len(samples), len(self._base)))
+    def base(self, samples: Samples, groups: NDArray[np.int64] | None = None) -> Floats:
+        """(M, p) the same with nothing in the columns of chosen effects, which ask for no loads then."""
+        moving, out = samples.joint, np.zeros((len(samples), len(self.columns)))
         computed: dict[tuple[str, int], Floats] = {}
         if groups is None:
             groups = self.groups(moving, samples.position)
@@ -237,7 +242,7 @@ class Model:
 
     def _blocks_alike(self, joint: int, runs: Sequence[Run]) -> Iterable[Block]:
         probes, basis = _probes(self.robot, joint, runs)
-        design = self._of_base(probes).reshape(len(runs), -1, len(self._base))
+        design = self.base(probes).reshape(len(runs), -1, len(self.columns))
         inverse = np.linalg.pinv(basis, rcond=FLAT)
         one = CONSTANT_COLUMNS.index("one")
         for run, rows, back in zip(runs, design, inverse, strict=True):
@@ -247,12 +252,14 @@ class Model:
             base = (singular[kept, None] * right[: len(singular)][kept]) if kept.any() else right[:0]
             target = left[:, : len(singular)][:, kept].T @ current
             rest = max(float(current @ current - target @ target), 0.0)
-            yield Block(run, base @ (back @ rows), target, base[:, one], rest, run.samples, base)
+            facts = (target, base[:, one], rest, run.samples, base)
+            yield Block(run, base @ (back @ rows), *facts, np.zeros((len(run.cells), 0)))
 
     def _wider(self, blocks: Sequence[Block], sight: Sight) -> Iterable[Block]:
         """Blocks of one joint with the columns of chosen effects; equations that only those touch come last."""
         along, rest = sight.split(self.beyond(sight.samples))
         used = np.flatnonzero(along.any(axis=(0, 1)) | rest.any(axis=0))
+        known = len(self._base)
         for number, block in enumerate(blocks):
             here = slice(sight.starts[number], sight.starts[number] + sight.sizes[number])
             basis, upper = _orthonormal(rest[here][:, used])
@@ -263,12 +270,13 @@ class Model:
             inside = block.basis @ along[number][:width]
             yield Block(
                 run=block.run,
-                regressors=np.block([[block.regressors, inside], [np.zeros((len(upper), len(self._base))), extra]]),
+                regressors=np.block([[block.regressors[:, :known], inside], [np.zeros((len(upper), known)), extra]]),
                 target=np.concatenate([block.target, target]),
                 ones=np.concatenate([block.ones, np.zeros(len(upper))]),
                 rest=max(block.rest - float(target @ target), 0.0),
                 samples=block.samples,
                 basis=block.basis,
+                frame=basis,
             )
 
     def predict(self, estimate: Estimate, samples: Samples) -> Floats:

@@ -69,6 +69,18 @@ def check_option(function: Decorated) -> Decorated:
     return click.option("--check", is_flag=True, help=told)(function)
 
 
+def effect_options(function: Decorated) -> Decorated:
+    """``--add`` and ``--remove`` as `add` and `remove`: tuples of str, as `pumaid.choices` reads them."""
+    added = (
+        "Physics beyond the paper's model, such as stribeck@3; may be repeated. JOINT is a number from 1, a name or"
+        " all; a shape that is not given is fitted."
+    )
+    removed = "Leave out an effect that the recipe switches on, or all of them; may be repeated."
+    metavar = "EFFECT[@JOINT]"
+    function = click.option("--remove", multiple=True, metavar=metavar, help=removed)(function)
+    return click.option("--add", multiple=True, metavar=f"{metavar}[:SHAPE=VALUE,...]", help=added)(function)
+
+
 def trust_option(function: Decorated) -> Decorated:
     """``--trust`` as `trust`: bool."""
     told = "Go on where the logs look wrong (units, order of joints, dead currents): refusals become notes."

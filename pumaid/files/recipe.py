@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import NoReturn
 
@@ -65,7 +66,8 @@ def read_recipe(path: Path) -> Robot:
     found = without_echoes(found)
     if found or document.doubled or form is None:
         _refuse(name, document, found)
-    return _robot(form, Path(path).name, hashlib.sha256(document.content).hexdigest())
+    lines = tuple(document.root.line_of(("effects", index)) for index in range(len(form.effects)))
+    return replace(_robot(form, Path(path).name, hashlib.sha256(document.content).hexdigest()), effect_lines=lines)
 
 
 def _refuse(file: str, document: Document, found: list[Fault]) -> NoReturn:

@@ -96,6 +96,7 @@ def model_document(estimate: Estimate) -> dict[str, Any]:
             "combinations": estimate.combinations,
             "recursive": estimate.recursive,
             "notes": estimate.notes,
+            "heldout": estimate.heldout,
             "prediction": {
                 "names": estimate.names,
                 "solution": estimate.solution,
@@ -277,6 +278,7 @@ def _estimate(document: Mapping[str, Any], name: str) -> Estimate:
         logs=dict(document["logs"]),
         notes=tuple(Note(one["note"], one["text"], _record(Where, one["where"])) for one in document["notes"]),
         version=document["pumaid"],
+        heldout=document.get("heldout"),
     )
     if found.version == __version__:
         return found

@@ -44,6 +44,8 @@ class _JointFit(_Strict):
     run_level: Number | None = None
     posture_groups: Count = 0
     kinds: dict[str, Count] = {}
+    heldout_runs: Count = 0
+    heldout: Number | None = None
     parameters: list[_Value]
 
 
@@ -100,6 +102,7 @@ class _Model(_Strict):
     combinations: list[_Combination]
     recursive: list[_Value]
     notes: list[_Note]
+    heldout: Number | None = None
     prediction: _Prediction
 
 

@@ -96,7 +96,7 @@ def _loads(sheet: Sheet, row: Row) -> Iterable[tuple[Floats, str]]:
         samples = Samples(row.joint, position, np.zeros_like(position), np.zeros(2), np.ones(2))
         which = f" (posture {number})" if len(postures) > 1 else ""
         here = np.full(2, row.joint - 1)
-        load = Bilinear(here, model.regressor(samples) * gravity, np.zeros(2), sheet.fitted.system.owners)
+        load = Bilinear(here, model.base(samples) * gravity, np.zeros(2), sheet.fitted.system.owners)
         weights = load.jacobian(sheet.gains, sheet.numbers)
         yield weights[0], f"weight felt by joint {row.joint} at position 0{which}"
         yield weights[1], f"weight felt by joint {row.joint} a quarter turn on{which}"

@@ -97,8 +97,9 @@ class Judge:
     def blocks(self, runs: Sequence[Run]) -> list[Block]:
         """The equations of `runs`."""
         seen = sights(self.model, runs, self.campaign)
-        known = {"solution": self.estimate.solution, "scales": self.estimate.scales}
-        return self.model.blocks(runs, loaded(seen, self.model, **known))
+        if self.model.needs_loads():
+            seen = loaded(seen, self.model, solution=self.estimate.solution, scales=self.estimate.scales)
+        return self.model.blocks(runs, seen)
 
     def samples_of(self, run: Run) -> Samples:
         """The cells of `run` as effects see them."""
@@ -107,8 +108,8 @@ class Judge:
     def _loaded(self, samples: Samples) -> Samples:
         if not self.model.needs_loads():
             return samples
-        known = {"solution": self.estimate.solution, "scales": self.estimate.scales}
-        return replace(samples, loads=loads(self.model, samples, **known))
+        known = loads(self.model, samples, solution=self.estimate.solution, scales=self.estimate.scales)
+        return replace(samples, loads=known)
 
     def effects(self) -> dict[str, NDArray[np.bool_]]:
         """Effect -> (p,) which parameters are its own, in the model's order."""
@@ -253,6 +254,12 @@ class Judge:
             temperature=np.full(len(velocity), np.nan),
             run=np.zeros(len(velocity)),
         )
+
+
+def rmse(tallies: Sequence[Tally]) -> float | None:
+    """Root mean square (A) of the residual over all samples of some runs; None without any."""
+    samples = sum(tally.samples for tally in tallies)
+    return float(np.sqrt(sum(tally.squares for tally in tallies) / samples)) if samples else None
 
 
 def together(parts: Mapping[str, Part], groups: Groups) -> dict[str, Part]:

@@ -7,8 +7,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from pumaid.chosen import Column
+from pumaid.effects import Scope
 from pumaid.maths.frames import apart
-from pumaid.model import SAME_POSTURE, Column, Model
+from pumaid.model import SAME_POSTURE, Model
 from pumaid.records import Run
 from pumaid.units import number
 
@@ -76,6 +78,8 @@ def of_column(
     lever
         RMS of the column over its joint's own runs, as a share of what it is when the axis lies level.
     """
+    if column.place is not None:
+        return _of_effect(model, column, facts, partners)
     own = facts[column.owner]
     if own.runs == 0:
         return NO_RUNS
@@ -87,6 +91,23 @@ def of_column(
         return UPRIGHT if lever < LEAST_LEVER else _gravity(column, own, partners)
     shared = _some(partners) or "nothing that these runs vary"
     return Reason(f"only determined together with {shared}", "repeat its runs in another posture and at other speeds")
+
+
+def _of_effect(model: Model, column: Column, facts: dict[int, Facts], partners: Sequence[str]) -> Reason:
+    """Of a parameter of a chosen effect."""
+    if column.scope in (Scope.JOINT, Scope.LINK) and facts[column.owner].runs == 0:
+        return NO_RUNS
+    family = f"effects like {column.effect} differ from the rest by {model.effects[column.place or 0].effect.family}"
+    own = [name for name in partners if name.split(".")[0] == column.effect]
+    others = [name for name in partners if name not in own]
+    more = f"repeat its runs over more of what it depends on ({family})"
+    if column.shape is not None:
+        one = model.effects[column.place or 0]
+        best = f"best at its bound, {number(one.choice.shape[column.shape])}" if column.shape in one.held else ""
+        return Reason(best or "these data fit nearly as well with any value of it that is physical", more)
+    if not partners:
+        return Reason("nothing in these runs depends on it", more)
+    return Reason(f"these data could not tell it from {_some(others or own)}", more)
 
 
 #: Share of its full lever below which a weight is as good as not felt: an axis within two degrees of upright.

@@ -21,6 +21,9 @@ Floats = NDArray[np.float64]
 #: enough that rounding, thus weighted, says nothing about a parameter's plausible size.
 EXACT = 1e-10
 
+#: How much firmer than its prior a shape is held at a bound.
+TIGHT = 1e6
+
 #: Cells of a run from which the correlation of its residual is read, three of them spent on its own first harmonic.
 FEWEST_CELLS = 12
 #: Correlation of neighbouring cells beyond which a residual is a trend: its long-run variance has no estimate.
@@ -108,17 +111,34 @@ def limits(rows: Sequence[Row], model: Model) -> Floats:
 
 
 def _limit(model: Model, rows: Sequence[Row], index: int) -> float:
-    """Of a parameter of a chosen effect, from what a unit of it draws; of a shape, by how far it may go."""
-    column = model.columns[index]
-    if column.shape is not None and column.place is not None:
-        one = model.effects[column.place]
-        return scale_of(one.shapes(model.robot)[column.shape], one.choice.shape[column.shape])
+    """Of a parameter of a chosen effect, from what a unit of it draws; of a shape, beyond its prior."""
+    if model.columns[index].shape is not None:
+        return 2.0 * prior_of(model, index)
     each = []
     for row in rows:
         unit = float(np.sqrt(np.sum(row.regressors[:, :, index] ** 2) / row.samples))
         if unit > 0.0:
             each.append(max(float(np.sqrt(row.mean_square)), np.finfo(float).tiny) / unit)
     return min(each, default=1.0)
+
+
+def prior_of(model: Model, index: int) -> float:
+    """What a shape's derivative may be off by before any data: physical bounds know it that well."""
+    column = model.columns[index]
+    assert column.shape is not None and column.place is not None
+    one = model.effects[column.place]
+    return scale_of(one.shapes(model.robot)[column.shape], one.choice.shape[column.shape])
+
+
+def ridge(model: Model, *, is_tight: bool) -> Floats:
+    """(p,) inverse prior deviation of each shape, 0 for linear parameters; `is_tight` keeps shapes at a bound there."""
+    out = np.zeros(len(model.columns))
+    for index, column in enumerate(model.columns):
+        if column.shape is None or column.place is None:
+            continue
+        at_bound = column.shape in model.effects[column.place].held
+        out[index] = (TIGHT if is_tight and at_bound else 1.0) / prior_of(model, index)
+    return out
 
 
 def floored(levels: Levels, row: Row) -> Levels:

@@ -8,13 +8,17 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from pumaid.chosen import Column
+from pumaid.effects import Scope
 from pumaid.fit import reasons
 from pumaid.fit.reasons import Facts, Reason
+from pumaid.fit.rows import prior_of
 from pumaid.fit.system import RATIO_KNOWN, Fitted
 from pumaid.maths.joint_fit import JointSolution
 from pumaid.maths.levels import freedoms
 from pumaid.maths.recursion import LARGEST_RATIO, Gains
 from pumaid.maths.statistics import Clustered, interval, two_sided
+from pumaid.model import Model
 from pumaid.records import IDENTIFIED, NOT_IDENTIFIABLE, Run, Value
 
 Floats = NDArray[np.float64]
@@ -28,6 +32,9 @@ FEWEST_FREEDOMS = 3.0
 #: interval. Either way the load that carries it must itself be non-zero at that level: else the interval is none of a
 #: ratio (Fieller).
 RATIO_LEVEL = 0.001
+
+#: A shape whose error is above this share of what its physical bounds allow has not been seen.
+OPEN = 0.5
 
 #: Share of a direction that makes a parameter part of it; well above the jitter of held positions.
 PART_OF = 1e-3
@@ -95,20 +102,30 @@ class Sheet:
         model = self.fitted.model
         out = []
         for index, column in enumerate(model.columns):
-            bare = Value(column.name, column.symbol, column.owner, column.unit)
+            bare = Value(column.name, column.symbol, column.owner or None, column.unit)
             partners = self._partners(index)
-            if facts[column.owner].runs == 0 or partners is not None:
+            is_idle = column.scope in (Scope.JOINT, Scope.LINK) and facts[column.owner].runs == 0
+            if is_idle or partners is not None or self._is_open(index):
                 lever = self._lever(index)
                 because = reasons.of_column(model, column, facts=facts, partners=partners or [], lever=lever)
                 out.append(_unknown(bare, because))
             else:
                 variance = float(self.covariance[index, index] + np.sum(self.reach()[index] ** 2))
-                out.append(_known(bare, self.numbers[index], variance, self.freedoms[index]))
+                number = self.numbers[index] + shape_of(model, column)
+                out.append(_known(bare, number, variance, self.freedoms[index]))
         for name, why in model.structure.absent.items():
             link, part = int(name.split(".")[1][1:]), name.rsplit(".", 1)[1]
             symbol = f"m{link}" if part == "mass" else f"k{link}{part}"
             out.append(_unknown(Value(name, symbol, link, "A s2/m"), Reason(why)))
         return out
+
+    def _is_open(self, index: int) -> bool:
+        """Whether a shape is known hardly better than before any data, or best at a bound."""
+        model, column = self.fitted.model, self.fitted.model.columns[index]
+        if column.shape is None or column.place is None:
+            return False
+        error = float(np.sqrt(self.solution.linear.inverse[index, index]))
+        return column.shape in model.effects[column.place].held or error > OPEN * prior_of(model, index)
 
     def _lever(self, index: int) -> float:
         """RMS of a gravity column over its joint's own runs, as a share of g; 1 for other columns."""
@@ -203,6 +220,13 @@ class Sheet:
             if worst == (0.0, 0.0) or part[0] * worst[1] < worst[0] * part[1]:
                 worst = part
         return worst
+
+
+def shape_of(model: Model, column: Column) -> float:
+    """Where a shape stands in the model: its column holds what the fit moves it by. 0 for other columns."""
+    if column.shape is None or column.place is None:
+        return 0.0
+    return model.effects[column.place].choice.shape[column.shape]
 
 
 def _ratio_name(inner: int, outer: int) -> str:

@@ -9,10 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pumaid.effects import Scope
-from pumaid.fit.rows import Row, floored, from_inside, joined, limits, rows_of, system
+from pumaid.fit.rows import Row, floored, from_inside, joined, limits, ridge, rows_of, system
 from pumaid.maths import levels as variances
 from pumaid.maths import rank
-from pumaid.maths.joint_fit import Bilinear, JointSolution, fit
+from pumaid.maths.joint_fit import Bilinear, JointSolution, fit, prior_rows
 from pumaid.maths.levels import Levels
 from pumaid.maths.recursion import LARGEST_RATIO, USUAL_RATIO, Gains, Recursion
 from pumaid.model import Block, Model
@@ -52,7 +52,8 @@ class Fitted:
         By column (from 0) that the recursion leaves open: the ratios (i, j) of gains (joints from 1) whose loads it
         absorbs.
     system, solution, pull
-        The final whitened rows, the fit over all of them, and the precision (edges,) of the prior on each ratio.
+        The final whitened rows, the fit over all of them, and the precision (p + edges,) of the priors on shapes and
+        ratios.
     run_of
         (N,) number of the run that each equation belongs to.
     limit
@@ -78,6 +79,17 @@ class Fitted:
     def gains(self) -> Gains:
         """The ratios found."""
         return self.solution.gains
+
+    def scales(self) -> Floats:
+        """(J, J) eta_i / eta_j of links as the fit has them; NaN where unknown, 0 below the diagonal."""
+        known = self.gains.scales()
+        n = len(known)
+        out = np.zeros((n, n))
+        for i in range(n):
+            for j in range(i, n):
+                unit = int(self.assigned[j])
+                out[i, j] = known[i, unit] if unit >= i else np.nan
+        return out
 
     @property
     def first_values(self) -> Floats:
@@ -141,7 +153,8 @@ def solve(
     assigned = assign(model, [row.joint for row in rows])
     owners = owners_of(model, assigned)
     # The paper's recursion, and beside it one whose weakly shown ratios cannot run off: that one starts the joint fit.
-    recursion, start = Recursion(owners, model.robot.n_joints), Recursion(owners, model.robot.n_joints)
+    solved = np.where([column.shape is not None for column in model.columns], -1, owners)
+    recursion, start = Recursion(solved, model.robot.n_joints), Recursion(solved, model.robot.n_joints)
     levels: dict[int, Levels] = {}
     weak, limit = [], limits(rows, model)
     is_load = np.array([column.effect == "gravity" for column in model.columns])
@@ -163,10 +176,24 @@ def solve(
     final, solution, spread = first, taken, np.full(len(gains.edges), np.inf)
     if not recursive:
         tell(0, "refining all joints together")
-        final, solution, spread = _refine(rows, levels, start, limit)
+        final, solution, spread = _refine(model, rows, levels, start=start, limit=limit)
     absorbed = _absorbed(recursion, is_load)
     told = (model, rows, assigned, levels, first_levels, tuple(weak))
-    return Fitted(*told, first, taken, absorbed, final, solution, 1.0 / spread**2, _run_of(rows), limit)
+    free = np.concatenate([ridge(model, is_tight=False), 1.0 / spread])
+    solution = _eased(solution, free, limit)
+    pull = np.concatenate([ridge(model, is_tight=False) ** 2, 1.0 / spread**2])
+    return Fitted(*told, first, taken, absorbed, final, solution, pull, _run_of(rows), limit)
+
+
+def _eased(solution: JointSolution, free: Floats, limit: Floats) -> JointSolution:
+    """With the errors that it has where (p + edges,) priors no longer hold shapes at their bounds."""
+    p = len(solution.values)
+    if not free[:p].any():
+        return solution
+    prior = prior_rows(free[:p], free[p:])
+    rows = np.vstack([solution.jacobian, prior])
+    target = np.concatenate([solution.residual, np.zeros(len(prior))])
+    return replace(solution, linear=rank.solve(rows, target, limit=_with_edges(limit, solution.gains)))
 
 
 def again(before: Fitted, model: Model, blocks: Sequence[Block]) -> Fitted:
@@ -187,9 +214,12 @@ def again(before: Fitted, model: Model, blocks: Sequence[Block]) -> Fitted:
     values = np.array([0.0 if c.shape else known.get(c.name, 0.0) for c in model.columns])
     white, gains = system(rows, before.levels, owners), before.gains
     with np.errstate(divide="ignore"):
-        spread = 1.0 / np.sqrt(before.pull)
-    solution = fit(white, values, gains, limit=_with_edges(limit, gains), spread=spread)
-    return replace(before, model=model, rows=rows, system=white, solution=solution, run_of=_run_of(rows), limit=limit)
+        spread = 1.0 / np.sqrt(before.pull[len(before.model.names) :])
+    held = ridge(model, is_tight=True)
+    solution = fit(white, values, gains, limit=_with_edges(limit, gains), spread=spread, ridge=held)
+    pull = np.concatenate([held, 1.0 / spread]) ** 2
+    told = {"model": model, "rows": rows, "run_of": _run_of(rows), "limit": limit}
+    return replace(before, **told, system=white, solution=solution, pull=pull)
 
 
 def _run_of(rows: Sequence[Row]) -> NDArray[np.int64]:
@@ -226,15 +256,16 @@ def _absorbed(recursion: Recursion, is_load: NDArray[np.bool_]) -> dict[int, lis
 
 
 def _refine(
-    rows: Sequence[Row], levels: dict[int, Levels], start: Recursion, limit: Floats
+    model: Model, rows: Sequence[Row], levels: dict[int, Levels], *, start: Recursion, limit: Floats
 ) -> tuple[Bilinear, JointSolution, Floats]:
     """Joint fit with weights from its own residuals, and the prior spread of its ratios; `levels` is updated."""
-    values, gains, owners = start.values, start.gains, start.owners
+    values, gains = start.values, start.gains
+    owners, held = owners_of(model, assign(model, [row.joint for row in rows])), ridge(model, is_tight=True)
     white = system(rows, levels, owners)
     limit = _with_edges(limit, gains)
     spread = _spread(white, values, gains)
     for _ in range(ROUNDS):
-        solution = fit(white, values, gains, limit=limit, spread=spread)
+        solution = fit(white, values, gains, limit=limit, spread=spread, ridge=held)
         values, gains = solution.values, solution.gains
         for row in rows:
             plain = Bilinear(np.full(row.target.size, row.joint - 1), row.stacked, row.target.ravel(), owners)
@@ -247,7 +278,7 @@ def _refine(
             if estimated is not None:
                 levels[row.joint] = floored(estimated, row)
         white = system(rows, levels, owners)
-    return white, fit(white, values, gains, limit=limit, spread=spread), spread
+    return white, fit(white, values, gains, limit=limit, spread=spread, ridge=held), spread
 
 
 def _spread(white: Bilinear, values: Floats, gains: Gains) -> Floats:

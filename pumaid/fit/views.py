@@ -27,9 +27,7 @@ def sights(model: Model, runs: Sequence[Run], campaign: Campaign, *, known: Sigh
 
 
 def loaded(seen: Sights, model: Model, *, solution: Floats, scales: Floats) -> dict[int, Sight]:
-    """The same with loads, where an effect is made from them, by (p,) parameters of `model` and (J, J) ratios."""
-    if not model.needs_loads():
-        return dict(seen)
+    """The same with loads by (p,) parameters of `model` and (J, J) ratios."""
 
     def gravity(samples: Samples) -> Loads:
         return loads(model, samples, solution=solution, scales=scales)

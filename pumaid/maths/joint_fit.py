@@ -101,6 +101,7 @@ def fit(
     *,
     limit: Floats | None = None,
     spread: Floats | None = None,
+    ridge: Floats | None = None,
     most_steps: int = MOST_STEPS,
 ) -> JointSolution:
     """Least squares over parameters and ratios together, from the recursion's solution.
@@ -121,6 +122,8 @@ def fit(
     spread
         (edges,) prior standard deviation of each ratio about `USUAL_RATIO`, infinite where it has none: it keeps a
         ratio that the data hardly show from drifting off and taking others along.
+    ridge
+        (p,) inverse of each parameter's prior standard deviation about 0, zero where it has none.
 
     Source
     ------
@@ -129,20 +132,21 @@ def fit(
     """
     p = len(values)
     pull = np.zeros(len(gains.edges)) if spread is None else 1.0 / spread
-    jacobian, residual = _augmented(system, values, gains, pull)
+    prior = prior_rows(np.zeros(p) if ridge is None else ridge, pull)
+    jacobian, residual = _augmented(system, values, gains, prior)
     cost = float(residual @ residual)
     for _ in range(most_steps):
         step = rank.solve(jacobian, residual, limit=limit).values
         share, better = 1.0, False
         while share > 1e-6 and not better:
             new_values, new_gains = values + share * step[:p], _moved(gains, share * step[p:])
-            new_cost = _cost(system, new_values, new_gains, pull)
+            new_cost = _cost(system, new_values, new_gains, prior)
             better, share = new_cost < cost, share / 2.0
         if not better:
             break
         fall = cost - new_cost
         values, gains, cost = new_values, new_gains, new_cost
-        jacobian, residual = _augmented(system, values, gains, pull)
+        jacobian, residual = _augmented(system, values, gains, prior)
         if fall < CONVERGED * cost:
             break
     linear = rank.solve(jacobian, residual, limit=limit)
@@ -154,14 +158,26 @@ def _edges(gains: Gains) -> Floats:
     return np.array([gains.edge[edge] for edge in gains.edges])
 
 
-def _cost(system: Bilinear, values: Floats, gains: Gains, pull: Floats) -> float:
+def _cost(system: Bilinear, values: Floats, gains: Gains, prior: Floats) -> float:
     residual = system.target - system.scaled(gains) @ values
-    return float(residual @ residual + np.sum((pull * (_edges(gains) - USUAL_RATIO)) ** 2))
+    return float(residual @ residual + np.sum((prior @ _off(values, gains)) ** 2))
 
 
-def _augmented(system: Bilinear, values: Floats, gains: Gains, pull: Floats) -> tuple[Floats, Floats]:
+def _off(values: Floats, gains: Gains) -> Floats:
+    """(p + edges,) how far all are from where their priors have them."""
+    return np.concatenate([values, _edges(gains) - USUAL_RATIO])
+
+
+def prior_rows(ridge: Floats, pull: Floats) -> Floats:
+    """(edges + held, p + edges) an equation for each ratio, and for each parameter with a (p,) `ridge` above zero."""
+    held = np.flatnonzero(ridge)
+    rows = np.zeros((len(held), len(ridge) + len(pull)))
+    rows[np.arange(len(held)), held] = ridge[held]
+    return np.vstack([np.hstack([np.zeros((len(pull), len(ridge))), np.diag(pull)]), rows])
+
+
+def _augmented(system: Bilinear, values: Floats, gains: Gains, prior: Floats) -> tuple[Floats, Floats]:
     """Jacobian and residual with a row for each prior."""
-    prior = np.hstack([np.zeros((len(pull), len(values))), np.diag(pull)])
     residual = system.target - system.scaled(gains) @ values
-    pulled = -pull * (_edges(gains) - USUAL_RATIO)
+    pulled = -(prior @ _off(values, gains))
     return np.vstack([system.jacobian(gains, values), prior]), np.concatenate([residual, pulled])

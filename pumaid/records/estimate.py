@@ -67,7 +67,8 @@ class Combination:
 class JointFit:
     """How well one joint is fitted: counts, RMSE of samples (A), noise floor (A) or None with the reason.
 
-    `posture_groups` counts the distinct sets of held positions; `kinds` counts runs by kind.
+    `posture_groups` counts the distinct sets of held positions; `kinds` counts runs by kind. `heldout_runs` are those
+    that the plan keeps for judging, `heldout` their RMSE (A), None without.
     """
 
     joint: int
@@ -79,6 +80,8 @@ class JointFit:
     run_level: float | None = None
     posture_groups: int = 0
     kinds: dict[str, int] = field(default_factory=dict)
+    heldout_runs: int = 0
+    heldout: float | None = None
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -115,6 +118,8 @@ class Estimate:
         ``"joint"`` or ``"recursive"``.
     logs
         Name -> SHA-256 of the logs that were fitted.
+    heldout
+        RMSE (A) over all runs that were kept for judging, None without.
     """
 
     robot: str
@@ -135,6 +140,7 @@ class Estimate:
     logs: dict[str, str] = field(default_factory=dict)
     notes: tuple[Note, ...] = ()
     version: str = ""
+    heldout: float | None = None
 
     def value(self, name: str) -> Value:
         """The parameter or ratio called `name`.

@@ -98,7 +98,8 @@ class EffectChoice:
 class Robot:
     """The arm: joints base to tip, gravity in base axes (3,) m/s2, log format, effects switched on.
 
-    `origin` is the recipe's file name and `digest` its SHA-256, both empty when the robot was made in memory.
+    `origin` is the recipe's file name and `digest` its SHA-256, both empty when the robot was made in memory;
+    `effect_lines` are the recipe's lines on which its effects stand.
     """
 
     name: str
@@ -108,6 +109,7 @@ class Robot:
     effects: tuple[EffectChoice, ...] = ()
     origin: str = ""
     digest: str = ""
+    effect_lines: tuple[int | None, ...] = ()
 
     def joint(self, number: int) -> Joint:
         """Joint by its number, from 1."""

@@ -8,7 +8,7 @@ import numpy as np
 
 from pumaid.errors import Note
 from pumaid.files.result import check_same_recipe
-from pumaid.fit.judge import NOTHING, Groups, Judge, Tally, together
+from pumaid.fit.judge import NOTHING, Groups, Judge, Tally, rmse, together
 from pumaid.motion.replicates import noise_floor
 from pumaid.records import UNEXPLAINED, Comparison, Estimate, Evidence, JointScore, Robot, RunScore
 
@@ -61,10 +61,10 @@ def compare(estimate: Estimate, evidence: Evidence, robot: Robot) -> Comparison:
         joints=joints,
         runs=tuple(scores),
         outside=judge.outside(evidence),
-        rmse=_rmse(counted),
+        rmse=rmse(counted),
         logs={facts.name: facts.digest for facts in evidence.files},
         notes=tuple(_notes(estimate, evidence, joints)),
-        heldout=_rmse([tally for tally in tallies if tally.run.heldout]),
+        heldout=rmse([tally for tally in tallies if tally.run.heldout]),
         recipe_digest=robot.digest,
         version=estimate.version,
     )
@@ -72,11 +72,6 @@ def compare(estimate: Estimate, evidence: Evidence, robot: Robot) -> Comparison:
 
 def _mean(tallies: Sequence[Tally]) -> float:
     return sum(t.current_total for t in tallies) / sum(t.samples for t in tallies)
-
-
-def _rmse(tallies: Sequence[Tally]) -> float | None:
-    samples = sum(tally.samples for tally in tallies)
-    return float(np.sqrt(sum(tally.squares for tally in tallies) / samples)) if samples else None
 
 
 def _counted(joint: int, tallies: Sequence[Tally]) -> list[Tally]:
@@ -111,7 +106,7 @@ def _of_joint(
         rms=float(np.sqrt(current / samples)),
         shares=shares | {UNEXPLAINED: 1.0 - sum(shares.values())} if shares else {},
         heldout_runs=len(heldout),
-        heldout=_rmse(heldout),
+        heldout=rmse(heldout),
         undetermined=sum(score.undetermined for score in scores if score.run.joint == joint),
     )
 

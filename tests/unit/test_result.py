@@ -22,7 +22,19 @@ def estimate() -> Estimate:
     return Estimate(
         robot="Ärmchen",
         joints=(
-            JointFit(1, 3, 900, 0.01, None, "no replicates", run_level=0.002, posture_groups=2, kinds={"constant": 3}),
+            JointFit(
+                1,
+                3,
+                900,
+                0.01,
+                None,
+                "no replicates",
+                run_level=0.002,
+                posture_groups=2,
+                kinds={"constant": 3},
+                heldout_runs=2,
+                heldout=0.0125,
+            ),
             JointFit(2, 0, 0, None, None),
         ),
         values=(
@@ -46,6 +58,7 @@ def estimate() -> Estimate:
         logs={"a.csv": "cd" * 32},
         notes=(Note("few-runs", "joint 2 has 0 runs", Where(joint=2, file="a.csv")),),
         version="0.1.0",
+        heldout=0.0125,
     )
 
 
@@ -109,6 +122,16 @@ def test_document_follows_interfaces(model):
     assert document["effects"][0] == {"effect": "stribeck", "joint": 2, "shape": {"velocity": 0.12}}
     assert document["ratios"][0]["state"] == "not_identifiable"
     assert document["ratios"][0]["value"] is None
+
+
+def test_a_model_of_before_held_out_runs_were_counted_is_read(model):
+    """A file of the same format without the newer entries is read, with nothing in their place."""
+    document = json.loads(model.read_text(encoding="utf-8"))
+    for holder in (document, *document["joints"]):
+        holder.pop("heldout"), holder.pop("heldout_runs", None)
+    model.write_text(json.dumps(document), encoding="utf-8")
+    found = read_model(model)
+    assert (found.heldout, found.joint(1).heldout, found.joint(1).heldout_runs) == (None, None, 0)
 
 
 def test_text_is_strict_json():

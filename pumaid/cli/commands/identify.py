@@ -7,6 +7,7 @@ from pathlib import Path
 import rich_click as click
 
 from pumaid.cli.options import (
+    effect_options,
     heldout_option,
     json_option,
     logs_argument,
@@ -23,6 +24,7 @@ from pumaid.cli.progress import progress
 @click.command()
 @logs_argument
 @recipe_option
+@effect_options
 @click.option("--recursive", is_flag=True, help="Stop after the n-to-1 recursion; no joint refinement of all rows.")
 @output_option("The model file to write; - for standard output. Default: model.json in the results folder.")
 @results_option
@@ -34,6 +36,8 @@ def command(
     *,
     logs: tuple[str, ...],
     recipe: Path | None,
+    add: tuple[str, ...],
+    remove: tuple[str, ...],
     recursive: bool,
     output: Path | None,
     results: Path | None,
@@ -45,24 +49,32 @@ def command(
     """Identify gravity, friction and gain ratios from logged currents.
 
     Finds the runs in the logs, solves the joints from the tip to the base, refines all of them together by maximum
-    likelihood, prints the parameter table and writes the model.
+    likelihood, prints the parameter table and writes the model. Effects that are added are fitted together with all the
+    rest, their nonlinear parameters too.
 
     \b
     Example:
       pumaid identify logs/
       pumaid identify logs/ --units deg -o results/first.json
+      pumaid identify logs/ --add stribeck@3 --add ripple@elbow:frequency=58
       pumaid identify - --recipe recipe.yaml --json < log.csv | jq '.ratios'
     """
-    from pumaid.cli.reading import read_evidence, results_folder
+    from pumaid.choices import chosen_by
+    from pumaid.cli.reading import read_evidence, read_robot, results_folder
     from pumaid.files.archive import keep
     from pumaid.files.result import model_document, write_model
     from pumaid.show.tables import parameter_table, sums_table
     from pumaid.verbs.identify import identify
 
+    effects = chosen_by(read_robot(recipe, logs), add=add, remove=remove)
     robot, evidence = read_evidence(logs, recipe, trust=trust, heldout=heldout)
     with progress("identifying", total=robot.n_joints) as step:
         estimate = identify(
-            evidence, robot, recursive=recursive, progress=lambda joint, text: step(robot.n_joints - joint, text)
+            evidence,
+            robot,
+            effects=effects,
+            recursive=recursive,
+            progress=lambda joint, text: step(robot.n_joints - joint, text),
         )
     notes(dict.fromkeys((*evidence.notes, *estimate.notes)))
     if as_json or str(output) == "-":

@@ -1,0 +1,241 @@
+"""A fit with effects beyond the paper's model: shapes looked for, loads and derivatives renewed until all settle."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pumaid.chosen import Chosen, in_order, scale_of
+from pumaid.fit.ground import Ground
+from pumaid.fit.shapes import look
+from pumaid.fit.system import Fitted, Progress, again, solve
+from pumaid.fit.views import Sights, loaded, sights
+from pumaid.model import Block, Model
+from pumaid.records import Campaign, EffectChoice, Run
+
+Floats = NDArray[np.float64]
+
+#: Rounds of renewing shapes and loads, at most.
+MOST_ROUNDS = 12
+
+#: A round moved nothing when every parameter moved by less than this share of its standard error.
+SETTLED = 0.02
+
+#: A shape moves by at most this share of its scale in one round: beyond, its derivative says little.
+LONGEST = 0.5
+
+#: Relative rise of the weighted squares that is rounding.
+RISE = 1e-9
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Enlarged:
+    """A fit with its effects.
+
+    Attributes
+    ----------
+    fitted
+        The fit, in a model whose effects have their shapes.
+    sights
+        The joints on which effects act, with loads.
+    ranges
+        (place of the effect, shape) -> lowest and highest value that the data leave open, of shapes without derivative.
+    is_settled
+        Whether the last round moved nothing any more.
+    """
+
+    fitted: Fitted
+    sights: Sights = field(default_factory=dict)
+    ranges: Mapping[tuple[int, str], tuple[float, float]] = field(default_factory=dict)
+    is_settled: bool = True
+
+    @property
+    def shapes(self) -> tuple[dict[str, float], ...]:
+        """Shapes of each effect: what the model has, moved by the fit's last step."""
+        model, values = self.fitted.model, self.fitted.solution.values
+        out = [dict(one.choice.shape) for one in model.effects]
+        for column, value in zip(model.columns, values, strict=True):
+            if column.place is not None and column.shape is not None:
+                facts = model.effects[column.place].shapes(model.robot)[column.shape]
+                moved = out[column.place][column.shape] + float(value)
+                out[column.place][column.shape] = min(max(moved, facts.low), facts.high)
+        return tuple(out)
+
+
+def enlarged(
+    model: Model,
+    runs: Sequence[Run],
+    choices: Sequence[EffectChoice],
+    *,
+    campaign: Campaign,
+    recursive: bool = False,
+    progress: Progress | None = None,
+) -> Enlarged:
+    """Fit the arm's base model and chosen effects together.
+
+    Effects whose shapes are known come first; then one free effect after the other is looked for where the fit so far
+    leaves something; then all shapes are moved together by Gauss and Newton's steps, loads renewed in each round.
+
+    Parameters
+    ----------
+    model
+        The base model that `runs` ask for.
+    runs
+        To be fitted.
+    choices
+        One joint each, or the whole arm.
+    campaign
+        When the joints first moved.
+    recursive, progress
+        As for `solve`.
+
+    Source
+    ------
+    G. H. Golub and V. Pereyra, SIAM J. Numer. Anal. 10 (1973) 413-432: what is linear is refitted at every shape.
+    """
+    if not choices:
+        return Enlarged(solve(model, runs, recursive=recursive, progress=progress))
+    tell = progress or (lambda joint, text: None)
+    wanted = in_order(choices)
+    work = _Work.begun(model, runs, wanted, campaign=campaign)
+    for place, one in enumerate(wanted):
+        free = _free(one, model)
+        if free:
+            tell(one.number, f"looking for {' and '.join(free)} of {one.effect.name}")
+            work.look(place, one, free)
+        elif one.effect.needs_loads:
+            work.add(place, one)
+    tell(0, "refining all effects together")
+    is_settled = work.settle()
+    final = work.model.with_effects([work.chosen[place] for place in sorted(work.chosen)])
+    seen = work.loaded()
+    fitted = solve(final, runs, blocks=final.blocks(runs, seen), recursive=recursive, progress=progress)
+    return Enlarged(fitted, seen, work.ranges, is_settled)
+
+
+def _free(one: Chosen, model: Model) -> list[str]:
+    """Shapes that are not given."""
+    return [name for name in one.shapes(model.robot) if name not in one.choice.shape]
+
+
+class _Work:
+    """A fit that grows: `chosen` by place, `fitted` and the `blocks` that it is of."""
+
+    def __init__(self, model: Model, runs: Sequence[Run], seen: Sights) -> None:
+        self.model, self.runs, self.seen = model, runs, seen
+        self.chosen: dict[int, Chosen] = {}
+        self.ranges: dict[tuple[int, str], tuple[float, float]] = {}
+        self.fitted: Fitted
+        self.blocks: list[Block]
+
+    @classmethod
+    def begun(cls, model: Model, runs: Sequence[Run], wanted: Sequence[Chosen], *, campaign: Campaign) -> _Work:
+        """With the effects that wait for nothing."""
+        work = cls(model, runs, sights(model.with_effects(wanted), runs, campaign))
+        ready = {n: one for n, one in enumerate(wanted) if not _free(one, model) and not one.effect.needs_loads}
+        work.chosen = ready
+        now = work.now()
+        work.blocks = now.blocks(runs, work.seen)
+        work.fitted = solve(now, runs, blocks=work.blocks)
+        return work
+
+    def now(self) -> Model:
+        """The model with the effects so far, in order."""
+        return self.model.with_effects([self.chosen[place] for place in sorted(self.chosen)])
+
+    def loaded(self, extra: Sequence[Chosen] = ()) -> Sights:
+        """The sights with loads by the fit so far, if an effect of it (or an `extra` one) needs them."""
+        model, values = self.fitted.model, self.fitted.solution.values
+        if not any(one.effect.needs_loads for one in (*self.chosen.values(), *extra)):
+            return self.seen
+        return loaded(self.seen, model, solution=values, scales=self.fitted.scales())
+
+    def refit(self) -> None:
+        """The quick fit of the effects so far."""
+        now = self.now()
+        self.blocks = now.blocks(self.runs, self.loaded())
+        self.fitted = again(self.fitted, now, self.blocks)
+
+    def add(self, place: int, one: Chosen) -> None:
+        """One more effect, all its shapes known."""
+        self.chosen[place] = one
+        self.refit()
+
+    def look(self, place: int, one: Chosen, free: Sequence[str]) -> None:
+        """One more effect, some of its shapes to be looked for."""
+        seen = {joint: sight for joint, sight in self.loaded([one]).items() if one.touches(joint)}
+        found = look(Ground.of(self.fitted, self.blocks, seen), one, free=free, model=self.model, sights=seen)
+        shapes = one.shapes(self.model.robot)
+        self.ranges |= {(place, name): ends for name, ends in found.ranges.items()}
+        self.chosen[place] = found.one
+        self.refit()
+        fitted = tuple(name for name in free if shapes[name].is_searched)
+        self.chosen[place] = replace(found.one, fitted=fitted, sizes=self._sizes(place))
+
+    def _sizes(self, place: int) -> tuple[float, ...]:
+        """Linear parameters of an effect by the fit so far."""
+        rank = sorted(self.chosen).index(place)
+        columns = zip(self.fitted.model.columns, self.fitted.solution.values, strict=True)
+        return tuple(float(value) for column, value in columns if column.place == rank and column.shape is None)
+
+    def settle(self) -> bool:
+        """Renew loads and shapes until nothing moves; whether that happened."""
+        if not any(one.fitted or one.effect.needs_loads for one in self.chosen.values()):
+            return True
+        before: dict[str, float] = {}
+        last, cost = dict(self.chosen), np.inf
+        for _ in range(MOST_ROUNDS):
+            self.refit()
+            now = self._cost()
+            if now > cost * (1.0 + RISE) and not _same(last, self.chosen):
+                self.chosen = {place: _half_way(last[place], one) for place, one in self.chosen.items()}
+                continue
+            values = dict(zip(self.fitted.model.names, self.fitted.solution.values, strict=True))
+            moved = self._moved(values, before)
+            last, cost, before = dict(self.chosen), now, values
+            if moved < SETTLED:
+                return True
+            self.chosen = {place: self._stepped(place, one) for place, one in self.chosen.items()}
+        return False
+
+    def _cost(self) -> float:
+        """Weighted squares that the fit leaves, in its equations and beyond them."""
+        beyond = sum(row.rest / self.fitted.levels[row.joint].sample for row in self.fitted.rows)
+        return float(self.fitted.solution.residual @ self.fitted.solution.residual + beyond)
+
+    def _moved(self, values: Mapping[str, float], before: Mapping[str, float]) -> float:
+        """Largest move of a parameter, or step of a shape that is due, in standard errors."""
+        errors = np.sqrt(np.diag(self.fitted.solution.linear.inverse))
+        moves = [0.0]
+        for column, error in zip(self.fitted.model.columns, errors, strict=False):
+            step = values[column.name] - (0.0 if column.shape else before.get(column.name, np.inf))
+            if error > 0.0:
+                moves.append(abs(step) / float(error))
+        return max(moves)
+
+    def _stepped(self, place: int, one: Chosen) -> Chosen:
+        """An effect with its shapes moved by the fit's step, within bounds, and its derivatives at its sizes now."""
+        rank, shape, held = sorted(self.chosen).index(place), dict(one.choice.shape), list(one.held)
+        for column, value in zip(self.fitted.model.columns, self.fitted.solution.values, strict=True):
+            if column.place != rank or column.shape is None or column.shape in held:
+                continue
+            facts, now = one.shapes(self.model.robot)[column.shape], shape[column.shape]
+            longest = LONGEST * scale_of(facts, now)
+            shape[column.shape] = min(max(now + min(max(float(value), -longest), longest), facts.low), facts.high)
+            if now == shape[column.shape] and now in (facts.low, facts.high):
+                held.append(column.shape)
+        return replace(one.at(shape, self._sizes(place)), held=tuple(held))
+
+
+def _same(first: Mapping[int, Chosen], second: Mapping[int, Chosen]) -> bool:
+    """Whether all shapes are equal."""
+    return all(first[place].choice.shape == one.choice.shape for place, one in second.items())
+
+
+def _half_way(start: Chosen, end: Chosen) -> Chosen:
+    """The shapes half way between two."""
+    middle = {name: 0.5 * (start.choice.shape[name] + value) for name, value in end.choice.shape.items()}
+    return end.at(middle, end.sizes)

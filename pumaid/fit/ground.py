@@ -1,0 +1,150 @@
+"""What a new column could still explain when all that is fitted already is refitted: where shapes are looked for."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pumaid.chosen import Chosen
+from pumaid.fit.rows import Row
+from pumaid.fit.system import Fitted
+from pumaid.maths import levels as variances
+from pumaid.maths.recursion import LARGEST_RATIO
+from pumaid.model import Block
+from pumaid.records import Robot
+from pumaid.sight import Sight
+
+Floats = NDArray[np.float64]
+
+#: Share of a column's squares beyond what is fitted already, below which there is only rounding.
+NOTHING = 1e-9
+
+#: Bins of a period of the highest frequency of a periodogram, and of its resolution.
+BINS = 8
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class _Place:
+    """One joint of a fit.
+
+    Attributes
+    ----------
+    sight, row, here
+        Its runs, their equations, and where these stand in the system.
+    bases
+        (R, b, c) the triangles' regressors in each run's first equations.
+    frames
+        (N, e) directions in the cells that each run's further equations are along; zero where it has fewer.
+    first
+        (R,) number of the first of these equations.
+    left
+        (N,) current (A) beyond all equations.
+    """
+
+    sight: Sight
+    row: Row
+    here: slice
+    bases: Floats
+    frames: Floats
+    first: NDArray[np.int64]
+    left: Floats
+
+    @classmethod
+    def of(cls, sight: Sight, row: Row, *, blocks: Sequence[Block], here: slice) -> _Place:
+        """From the blocks of the joint, in the order of its runs."""
+        first = np.array([len(block.basis) for block in blocks])
+        bases = np.zeros((len(blocks), int(first.max()), sight.basis.shape[1]))
+        frames = np.zeros((len(sight.weight), max(block.frame.shape[1] for block in blocks)))
+        for number, block in enumerate(blocks):
+            cells = slice(sight.starts[number], sight.starts[number] + sight.sizes[number])
+            bases[number, : first[number], : block.basis.shape[1]] = block.basis
+            frames[cells, : block.frame.shape[1]] = block.frame
+        bare = cls(sight, row, here, bases, frames, first, sight.left)
+        return replace(bare, left=bare.beyond(sight.left[:, None])[1][:, 0])
+
+    def beyond(self, rest: Floats) -> tuple[Floats, Floats]:
+        """(N, p) in the cells as (R, e, p) along the further equations' directions and (N, p) what is left."""
+        parts = []
+        for frame in self.frames.T:
+            along = self.sight.per_run(frame[:, None] * rest)
+            rest = rest - frame[:, None] * np.repeat(along, self.sight.sizes, axis=0)
+            parts.append(along)
+        return np.array(parts).reshape(len(parts), len(self.first), rest.shape[1]).swapaxes(0, 1), rest
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Ground:
+    """A fit linearised: `taken` (N, r) spans what it can change in its equations, `residual` (N,) is what it leaves."""
+
+    fitted: Fitted
+    places: Mapping[int, _Place]
+    taken: Floats
+    residual: Floats
+
+    @classmethod
+    def of(cls, fitted: Fitted, blocks: Sequence[Block], sights: Mapping[int, Sight]) -> Ground:
+        """Of a fit whose equations are `blocks`, and the joints that `sights` show."""
+        places, start = {}, 0
+        for row in fitted.rows:
+            here = slice(start, start + row.target.size)
+            start = here.stop
+            if row.joint in sights:
+                own = [block for block in blocks if block.run.joint == row.joint]
+                places[row.joint] = _Place.of(sights[row.joint], row, blocks=own, here=here)
+        solution = fitted.solution
+        prior = np.diag(np.sqrt(fitted.pull))
+        limit = np.concatenate([fitted.limit, np.full(len(fitted.gains.edges), LARGEST_RATIO)])
+        left, singular, _ = np.linalg.svd(np.vstack([solution.jacobian, prior]) * limit, full_matrices=False)
+        taken = left[: len(solution.jacobian), singular > 1.0]
+        return cls(fitted, places, taken, solution.residual)
+
+    def gain(self, one: Chosen, robot: Robot) -> tuple[float, Floats]:
+        """Fall of the weighted squares by an effect with all else refitted, and its (p,) linear parameters."""
+        gram: Floats | float = 0.0
+        cross: Floats | float = 0.0
+        raw: Floats | float = 0.0
+        seen: Floats | float = 0.0
+        for joint, place in self.places.items():
+            if not one.touches(joint):
+                continue
+            inside, rest = self._parts(place, one.columns(robot, place.sight.samples))
+            gram, cross = gram + inside.T @ inside + rest.T @ rest, cross + inside.T @ self.residual[place.here]
+            cross = cross + rest.T @ (place.left / np.sqrt(self.fitted.levels[joint].sample))
+            seen = seen + self.taken[place.here].T @ inside
+            raw = raw + np.sum(inside**2, axis=0) + np.sum(rest**2, axis=0)
+        left = np.atleast_2d(gram - np.asarray(seen).T @ np.asarray(seen))
+        size = np.sqrt(np.where(np.asarray(raw) > 0, raw, 1.0))
+        values, vectors = np.linalg.eigh(left / np.outer(size, size))
+        kept = values > NOTHING
+        along = vectors[:, kept].T @ (np.asarray(cross) / size)
+        return float(np.sum(along**2 / values[kept])), (vectors[:, kept] @ (along / values[kept])) / size
+
+    def power(self, joint: int, frequencies: Floats) -> Floats:
+        """(F,) squared sum of what is left in the cells of `joint` (from 1) against exp(i f q)."""
+        place = self.places[joint]
+        q = place.sight.samples.position[1::3, joint - 1]
+        step = 2.0 * np.pi / (BINS * float(frequencies.max()))
+        low = float(q.min())
+        where = np.round((q - low) / step).astype(np.int64)
+        size = 2 ** int(np.ceil(np.log2((where.max() + 1) * BINS)))
+        line = np.bincount(where, weights=place.sight.weight * place.left, minlength=size)
+        spectrum = np.abs(np.fft.rfft(line)) ** 2
+        at = np.round(frequencies * step * size / (2.0 * np.pi)).astype(np.int64)
+        return np.asarray(spectrum[np.minimum(at, len(spectrum) - 1)])
+
+    def _parts(self, place: _Place, columns: Floats) -> tuple[Floats, Floats]:
+        """Whitened: (n, p) in the joint's equations, and (N, p) in its cells beyond them."""
+        along, rest = place.sight.split(columns)
+        levels, row = self.fitted.levels[place.row.joint], place.row
+        inside = np.zeros((*row.target.shape, columns.shape[1]))
+        inside[:, : place.bases.shape[1]] = place.bases @ along
+        further, rest = place.beyond(rest)
+        runs = np.arange(len(place.first))
+        for number in range(further.shape[1]):
+            exists = place.first + number < row.counts
+            inside[runs[exists], (place.first + number)[exists]] = further[exists, number]
+        white = variances.whiten(levels, row.ones, inside).reshape(row.target.size, -1)
+        return white, rest / np.sqrt(levels.sample)

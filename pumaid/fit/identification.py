@@ -1,0 +1,204 @@
+"""The fit that identify and diagnose share: runs, and effects beyond the paper's model, to an estimate."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pumaid import __version__
+from pumaid.choices import expanded
+from pumaid.chosen import Chosen, Column
+from pumaid.errors import LogError, Where
+from pumaid.fit import notes
+from pumaid.fit.combinations import determined
+from pumaid.fit.enlarged import Enlarged, enlarged
+from pumaid.fit.judge import Judge, rmse
+from pumaid.fit.reasons import Facts
+from pumaid.fit.rows import Row
+from pumaid.fit.sheet import Sheet
+from pumaid.fit.system import Fitted, Progress
+from pumaid.maths.propagation import recursion_covariance
+from pumaid.maths.statistics import Clustered, clustered
+from pumaid.model import Model
+from pumaid.motion.replicates import noise_floor
+from pumaid.records import (
+    GIVEN,
+    IDENTIFIED,
+    Campaign,
+    EffectChoice,
+    Estimate,
+    Evidence,
+    JointFit,
+    Robot,
+    Run,
+    Value,
+)
+
+Floats = NDArray[np.float64]
+
+
+def identified(
+    evidence: Evidence,
+    robot: Robot,
+    *,
+    effects: Sequence[EffectChoice] | None = None,
+    recursive: bool = False,
+    progress: Progress | None = None,
+) -> Estimate:
+    """Fit the arm's base model and chosen effects to all runs that are not held out.
+
+    Parameters
+    ----------
+    evidence
+        Runs of some or all joints.
+    robot
+        Geometry and gravity.
+    effects
+        Physics beyond the paper's model; the recipe's where not given. Shapes that a choice leaves open are fitted.
+    recursive
+        Stop after the recursion.
+    progress
+        Called with the joint at work (0: all) and a word on what is done.
+
+    Returns
+    -------
+    estimate
+        Every parameter, identified or not; its effects have all their shapes.
+
+    Raises
+    ------
+    LogError [no-runs]
+        There is no run to fit.
+    ModelError [unknown-effect], [effect-joint], [effect-shape], [effect-not-here], [effect-twice]
+        An effect cannot be in the model.
+    """
+    choices = expanded(robot.effects if effects is None else effects, robot)
+    runs = tuple(run for run in evidence.runs if not run.heldout)
+    if not runs:
+        raise _no_runs(evidence)
+    model, campaign = Model.of_runs(robot, runs), Campaign.of(evidence.runs)
+    found = enlarged(model, runs, choices, campaign=campaign, recursive=recursive, progress=progress)
+    fitted = found.fitted
+    first = recursion_covariance(fitted.first_system, fitted.first_values, fitted.first_gains, runs=fitted.run_of)
+    final = first if recursive else _joint_covariance(fitted)
+    of_recursion = Sheet.of_recursion(fitted, runs, first)
+    sheet = of_recursion if recursive else Sheet.of(fitted, runs, final)
+    values, model = (*sheet.values(), *_held(found, choices)), fitted.model
+    p = len(model.names)
+    is_shape = np.array([column.shape is not None for column in model.columns], dtype=bool)
+    estimate = Estimate(
+        robot=robot.name,
+        joints=tuple(_joint_fit(fitted, runs, joint) for joint in range(1, robot.n_joints + 1)),
+        values=values,
+        names=model.names,
+        solution=np.where(is_shape, 0.0, fitted.solution.values),
+        covariance=final.covariance[:p, :p],
+        scales=fitted.scales(),
+        blind=sheet.blind(),
+        effects=_with_shapes(found, choices),
+        combinations=determined(sheet),
+        stroke_postures=model.stroke_postures,
+        recursive=of_recursion.values(),
+        method="recursive" if recursive else "joint",
+        recipe_digest=robot.digest,
+        origin=robot.origin,
+        logs={facts.name: facts.digest for facts in evidence.files},
+        notes=(
+            *evidence.notes,
+            *notes.of_fit(fitted, robot),
+            *notes.odd_friction(values, robot.n_joints),
+            *notes.of_effects(found, runs),
+        ),
+        version=__version__,
+    )
+    return _with_heldout(estimate, robot, evidence)
+
+
+def _no_runs(evidence: Evidence) -> LogError:
+    number = len(evidence.runs) or len(evidence.rejects)
+    what = ("run{}, all held out" if evidence.runs else "stretch{} left out").format
+    kept = f"{number} {what('' if number == 1 else 's' if evidence.runs else 'es')}"
+    return LogError(
+        "no-runs",
+        f"there is no run to fit ({kept})",
+        Where(file=evidence.files[0].name if evidence.files else None),
+        "see why with: pumaid segment LOGS --rejects",
+    )
+
+
+def _joint_covariance(fitted: Fitted) -> Clustered:
+    """Clustered by run; jacobian rows of one run together."""
+    order = [np.flatnonzero(fitted.run_of == number) for number in range(int(fitted.run_of.max()) + 1)]
+    solution, inverse = fitted.solution, fitted.solution.linear.inverse
+    found = clustered([solution.jacobian[rows] for rows in order], [solution.residual[rows] for rows in order], inverse)
+    # What rests on the prior of a ratio or shape is as uncertain as the prior says: no run's residual shows that.
+    p = len(solution.values)
+    held = np.concatenate([np.flatnonzero(fitted.pull[:p]), np.arange(p, len(inverse))])
+    through = inverse[:, held]
+    return Clustered(found.covariance + (through * fitted.pull[held]) @ through.T, found.freedoms)
+
+
+def _with_shapes(found: Enlarged, choices: Sequence[EffectChoice]) -> tuple[EffectChoice, ...]:
+    return tuple(replace(choice, shape=shape) for choice, shape in zip(choices, found.shapes, strict=True))
+
+
+def _held(found: Enlarged, choices: Sequence[EffectChoice]) -> list[Value]:
+    """Shapes without a derivative: given ones, and instants and whole numbers that were looked for."""
+    model, out = found.fitted.model, []
+    for place, (choice, one) in enumerate(zip(choices, model.effects, strict=True)):
+        for column in _every_shape(one, model, place):
+            name = column.shape or ""
+            bare = Value(column.name, column.symbol, column.owner or None, column.unit, one.choice.shape[name])
+            if name in choice.shape:
+                out.append(replace(bare, state=GIVEN))
+            elif name not in one.fitted:
+                out.append(replace(bare, ci95=found.ranges.get((place, name)), state=IDENTIFIED))
+    return out
+
+
+def _every_shape(one: Chosen, model: Model, place: int) -> list[Column]:
+    every = replace(one, fitted=tuple(one.shapes(model.robot)))
+    return [column for column in every.parts(model.robot, place) if column.shape is not None]
+
+
+def _row_of(fitted: Fitted, joint: int) -> Row | None:
+    return next((row for row in fitted.rows if row.joint == joint), None)
+
+
+def _joint_fit(fitted: Fitted, runs: Sequence[Run], joint: int) -> JointFit:
+    row = _row_of(fitted, joint)
+    if row is None:
+        return JointFit(joint, 0, 0, None, None, f"joint {joint} never moves alone in these logs")
+    scales = fitted.system.factors(fitted.gains)[joint - 1]
+    misfit = row.target - row.regressors @ (scales * fitted.solution.values)
+    own = [run for run in runs if run.joint == joint]
+    floor, why = noise_floor(own)
+    kinds = {kind: sum(run.kind == kind for run in own) for kind in sorted({run.kind for run in own})}
+    return JointFit(
+        joint=joint,
+        runs=len(own),
+        samples=row.samples,
+        rmse=float(np.sqrt((np.sum(misfit**2) + row.rest) / row.samples)),
+        noise_floor=floor,
+        noise_floor_reason=why,
+        run_level=None if joint in fitted.weak else float(np.sqrt(fitted.levels[joint].level)),
+        posture_groups=Facts.of(joint, runs).postures,
+        kinds=kinds,
+    )
+
+
+def _with_heldout(estimate: Estimate, robot: Robot, evidence: Evidence) -> Estimate:
+    """With the error on runs that the plan keeps for judging."""
+    runs = [run for run in evidence.runs if run.heldout]
+    if not runs:
+        return estimate
+    judge = Judge.of(robot, estimate, evidence)
+    tallies = [judge.tally(block) for block in judge.blocks(runs)]
+    joints = []
+    for fit in estimate.joints:
+        own = [tally for tally in tallies if tally.run.joint == fit.joint]
+        joints.append(replace(fit, heldout_runs=len(own), heldout=rmse(own)))
+    return replace(estimate, joints=tuple(joints), heldout=rmse(tallies))

@@ -1,0 +1,82 @@
+"""What a user should know of a fit: odd friction, few runs, loads that hide, effects that did not settle."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Sequence
+
+from pumaid.effects import Trace
+from pumaid.errors import Note, Where
+from pumaid.fit.enlarged import Enlarged
+from pumaid.fit.system import Fitted
+from pumaid.records import Robot, Run, Value
+from pumaid.units import number
+
+
+def odd_friction(values: Sequence[Value], n_joints: int) -> list[Note]:
+    """Viscous terms that are surely of the sign opposite to their joint's Coulomb friction."""
+    known = {
+        value.name: (value.value, value.std_error, value.ci95, value.unit)
+        for value in values
+        if value.value is not None and value.std_error is not None and value.ci95 is not None
+    }
+    notes = []
+    for joint, (side, way) in itertools.product(range(1, n_joints + 1), (("plus", "forward"), ("minus", "backward"))):
+        if f"viscous.j{joint}.{side}" not in known:
+            continue
+        slope, error, (low, high), unit = known[f"viscous.j{joint}.{side}"]
+        # Friction opposes motion, so the Coulomb terms tell the sign in which the motor counts its current.
+        signs = {1.0: f"coulomb.j{joint}.plus", -1.0: f"coulomb.j{joint}.minus"}
+        motor = sum(sign * known[name][0] for sign, name in signs.items() if name in known)
+        if motor * slope < 0 and not low <= 0.0 <= high:
+            text = (
+                f"friction of joint {joint} falls with speed going {way} ({number(slope)} ± {number(error, 2)} {unit}),"
+                " which viscous friction does not: something else changed with the speed, or Stribeck friction reigns"
+            )
+            notes.append(Note("friction-falls-with-speed", text, Where(joint=joint)))
+    return notes
+
+
+def of_fit(fitted: Fitted, robot: Robot) -> list[Note]:
+    """Joints with few runs, and loads that are part of friction."""
+    notes = []
+    for joint in sorted(fitted.weak):
+        runs = len(next(row.runs for row in fitted.rows if row.joint == joint))
+        notes.append(
+            Note(
+                "few-runs",
+                f"joint {joint} has {runs} run{'s' if runs > 1 else ''} only: its intervals rest on the noise inside"
+                " runs and leave out what a repeated run would differ by",
+                Where(joint=joint),
+            )
+        )
+    for joint in fitted.model.structure.embodied:
+        notes.append(
+            Note(
+                "load-in-coulomb",
+                f"the constant load of prismatic joint {joint} ({robot.joint(joint).name}) is part of its Coulomb"
+                " terms",
+                Where(joint=joint),
+            )
+        )
+    return notes
+
+
+def of_effects(found: Enlarged, runs: Sequence[Run]) -> list[Note]:
+    """Effects that did not settle, shapes at a bound, and effects of time over several recordings."""
+    notes, effects = [], found.fitted.model.effects
+    if not found.is_settled:
+        names = ", ".join(dict.fromkeys(one.effect.name for one in effects))
+        text = f"the fit with {names} still moved when it was stopped: two of its effects may stand for one another"
+        notes.append(Note("effects-not-settled", text, Where()))
+    for one, shape in ((effect, name) for effect in effects for name in effect.held):
+        text = f"{shape} of {one.effect.name} is best at its bound, {number(one.choice.shape[shape])}"
+        notes.append(
+            Note("shape-at-bound", f"{text}: these data do not show where it is", Where(joint=one.choice.joint))
+        )
+    timed = [one.effect.name for one in effects if Trace.TIME in one.effect.trace]
+    clocks = len({run.clock for run in runs})
+    if timed and clocks > 1:
+        text = f"the logs have {clocks} clocks: {timed[0]} counts its time anew in each"
+        notes.append(Note("several-clocks", text, Where()))
+    return notes
