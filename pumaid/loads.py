@@ -53,7 +53,7 @@ def loads(model: Model, samples: Samples, *, solution: Floats, scales: Floats) -
     turned = [np.cross(g, axis) for axis in np.eye(3)[:2]]
     if turns[i]:
         tilts = np.column_stack([np.einsum("mk,mk->m", np.cross(z[:, i], way), h) for way in turned])
-        moment = np.cross(g, h)
+        moment = np.cross(g, np.einsum("mjk,j->mk", moments, _felt(moments, scales, i)))
         across = np.linalg.norm(moment - z[:, i] * np.einsum("mk,mk->m", z[:, i], moment)[:, None], axis=1)
     else:
         tilts = np.column_stack([-(z[:, i] @ way) * weights[i] for way in turned])
@@ -89,6 +89,17 @@ def _load(
     factor = np.where(heavy, scales[k], 0.0)
     factor[:k] = 0.0
     return np.asarray(np.einsum("mk,mjk,j->m", np.cross(z[:, k], g), moments, factor))
+
+
+def _felt(moments: Floats, scales: Floats, i: int) -> Floats:
+    """(J,) ratios by which joint i (from 0) counts the links' moments: its own where they are known, else those of the
+    next joint outward whose are (a moment across an upright axis is never told in its own gain)."""
+    heavy = np.abs(moments).max(axis=(0, 2)) > 0
+    heavy[:i] = False
+    for k in range(i, len(scales)):
+        if np.all(np.isfinite(scales[k][heavy & (np.arange(len(scales)) >= k)])):
+            return np.where(heavy & (np.arange(len(scales)) >= k), scales[k], 0.0)
+    return np.zeros(len(scales))
 
 
 def _slope(i: int, m: int, *, z: Floats, parts: Floats, weights: Floats, g: Floats, turns: NDArray[np.bool_]) -> Floats:

@@ -54,7 +54,8 @@ def agreement(field: Field, misfit: Floats) -> Agreement | None:
         a, b = field.side_by_side(misfit, pair)
         products[number], squares[number] = float(a @ b), 0.5 * float(a @ a + b @ b)
         gaps[number], counts[number] = 0.5 * float(np.sum((a - b) ** 2)), len(a)
-    signs = np.random.default_rng(SEED).choice([-1.0, 1.0], size=(FLIPS, len(pairs)))
+    rng = np.random.default_rng(SEED)
+    signs = rng.choice([-1.0, 1.0], size=(FLIPS, len(pairs)))
     chance = float(1 + np.count_nonzero(signs @ products >= products.sum())) / (1 + FLIPS)
     share = float(products.sum() / squares.sum()) if squares.sum() > 0 else 0.0
     return Agreement(share, chance, float(np.sqrt(gaps.sum() / counts.sum())))

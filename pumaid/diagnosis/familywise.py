@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from pumaid.diagnosis.chain import pseudo_inverse
 from pumaid.diagnosis.scan import Scan, Trial, surprise
-from pumaid.diagnosis.system import pseudo_inverse
 
 Floats = NDArray[np.float64]
 Key = tuple[str, int | None]
@@ -70,7 +70,8 @@ def family(scan: Scan, *, periodic: str | None = None, flips: int = FLIPS) -> Fa
     The wild cluster score bootstrap of P. Kline and A. Santos, J. Econometric Methods 1 (2012) 23-41, with the maximum
     over hypotheses of J. P. Romano and M. Wolf, Econometrica 73 (2005) 1237-1282, balanced as in their section 4.
     """
-    signs = np.random.default_rng(SEED).choice([-1.0, 1.0], size=(flips, len(scan.leverage))) * scan.leverage
+    rng = np.random.default_rng(SEED)
+    signs = rng.choice([-1.0, 1.0], size=(flips, len(scan.leverage))) * scan.leverage
     scale, found = scan.solved.scale, dict[Key, Floats]()
     by_width: dict[int, list[Trial]] = {}
     for trial in scan.trials:
@@ -100,6 +101,8 @@ def _surprises(trials: list[Trial], signs: Floats, *, width: int, scale: float) 
     total = (signs @ np.concatenate([trial.scores for trial in trials], axis=1)).reshape(len(signs), len(trials), width)
     inverse = np.array([_inverse(trial.information) for trial in trials])
     statistic = np.einsum("btw,btw->bt", np.einsum("btw,twv->btv", total, inverse), total) / scale
+    if width == 1:  # of the sign that the physics does not allow nothing would be made
+        statistic[total[:, :, 0] * np.array([trial.signs[0] for trial in trials]) < 0.0] = 0.0
     return surprise(statistic, width)
 
 

@@ -11,9 +11,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pumaid.model import Model
+from pumaid.motion.options import CONSTANT
 from pumaid.motion.reduce import coarser
 from pumaid.motion.replicates import replicates
-from pumaid.records import Extent, Run, Samples
+from pumaid.records import Cells, Extent, Run, Samples
 
 Floats = NDArray[np.float64]
 Counts = NDArray[np.int64]
@@ -21,6 +22,10 @@ Counts = NDArray[np.int64]
 #: Cells a run at which slow effects are looked for: 64 periods of a position-dependent effect, four times finer than
 #: the narrowest presliding that a ramp leaves visible.
 COARSE = 128
+
+#: s at the start of a run at constant speed that are left out, and the most of its duration that this may be: the speed
+#: is still settling there by a few tenths of a per cent, and every arm then draws what its inertia needs.
+SETTLING, MOST_SETTLING = 0.15, 0.2
 
 #: Speeds within this share are one speed.
 SAME_SPEED = 0.03
@@ -161,6 +166,7 @@ def field(model: Model, runs: Sequence[Run], *, begun: Mapping[tuple[int, int], 
         Cells a run.
     """
     joint = runs[0].joint
+    runs = [_settled(run) for run in runs]
     thin = [
         run if len(run.cells) <= most else replace(run, cells=coarser([run.cells], most, joint=joint)) for run in runs
     ]
@@ -181,6 +187,19 @@ def field(model: Model, runs: Sequence[Run], *, begun: Mapping[tuple[int, int], 
         groups=tuple(sorted([*repeated, *alone])),
         base=model.regressor(samples),
     )
+
+
+def _settled(run: Run) -> Run:
+    """A run at constant speed without the cells in which its speed is still settling."""
+    if run.kind != CONSTANT or len(run.cells) < FEWEST_SETTLED:
+        return run
+    kept = run.cells.time - run.start >= min(SETTLING, MOST_SETTLING * run.duration)
+    values = {item.name: getattr(run.cells, item.name) for item in dataclasses.fields(Cells)}
+    return replace(run, cells=Cells(**{name: None if value is None else value[kept] for name, value in values.items()}))
+
+
+#: Cells below which a run is taken as it is.
+FEWEST_SETTLED = 20
 
 
 def _timed(samples: Samples, run: Run, begun: Mapping[tuple[int, int], float]) -> Samples:

@@ -8,8 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from pumaid.diagnosis.chain import pseudo_inverse
 from pumaid.diagnosis.scan import Projector
-from pumaid.diagnosis.system import Added, Solved, pseudo_inverse
+from pumaid.diagnosis.system import Added, Solved
 
 Floats = NDArray[np.float64]
 

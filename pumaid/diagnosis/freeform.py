@@ -141,10 +141,8 @@ def _ranked(added: Added, scores: Floats, left: Floats, kept: NDArray[np.int64])
         return None
     turn = np.zeros((len(left), int(good.sum())))
     turn[kept] = vectors[:, good]
-    found = trial_of(added, scores @ turn, turn.T @ left @ turn, np.ones(turn.shape[1]))
-    if found is None:
-        return None
-    return Trial(added, found.statistic, found.information, found.sizes, found.scores, 1.0)
+    width = turn.shape[1]
+    return trial_of(added, scores @ turn, turn.T @ left @ turn, share=np.ones(width), signs=np.zeros(width))
 
 
 def knot_values(solved: Solved, trial: Trial) -> tuple[Floats, Floats, Floats]:

@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 from scipy import stats
 
+from pumaid.diagnosis.chain import pseudo_inverse
 from pumaid.diagnosis.contender import LEVEL
 from pumaid.diagnosis.familywise import PERIODIC, Family
 from pumaid.diagnosis.scan import Scan, Trial
-from pumaid.diagnosis.system import pseudo_inverse
 from pumaid.diagnosis.variants import Catalogue
 from pumaid.effects import Effect, Scope
 from pumaid.records import Limit, Robot

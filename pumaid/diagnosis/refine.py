@@ -92,5 +92,6 @@ def trials_at(projector: Projector, shapes: Sequence[Added]) -> list[Trial | Non
         own = np.arange(number * width, (number + 1) * width)
         information = left[np.ix_(own, own)]
         share = np.divide(np.diagonal(information), raw[own], out=np.zeros(width), where=raw[own] > 0)
-        found.append(trial_of(one, scores[:, own], information, share))
+        signs = one.signs(solved)
+        found.append(trial_of(one, scores[:, own], information, share=share, signs=signs))
     return found

@@ -9,8 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import special, stats
 
+from pumaid.diagnosis.chain import pseudo_inverse
 from pumaid.diagnosis.periodogram import Spectrum
-from pumaid.diagnosis.system import Added, Row, Solved, pseudo_inverse
+from pumaid.diagnosis.system import Added, Row, Solved
 from pumaid.diagnosis.variants import Catalogue, Variant
 
 Floats = NDArray[np.float64]
@@ -41,6 +42,8 @@ class Trial:
         (R, m) score of each run of all joints together.
     visible
         Share of its columns' square that the model does not absorb.
+    signs
+        (m,) that the parameters must have; 0 where either is possible.
     """
 
     added: Added
@@ -49,6 +52,7 @@ class Trial:
     sizes: Floats
     scores: Floats
     visible: float
+    signs: Floats
 
     @property
     def width(self) -> int:
@@ -160,7 +164,8 @@ class Projector:
             own = np.array(variant.columns)
             information, before = left[np.ix_(own, own)], raw[own]
             share = np.divide(np.diagonal(information), before, out=np.zeros(len(own)), where=before > 0)
-            trial = trial_of(variant.added, scores[:, own], information, share)
+            signs = variant.added.signs(self.solved)
+            trial = trial_of(variant.added, scores[:, own], information, share=share, signs=signs)
             if trial is None:
                 key = variant.added.key
                 lost[key] = max(lost.get(key, 0.0), float(share.max(initial=0.0)))
@@ -170,22 +175,28 @@ class Projector:
         return out, {key: share for key, share in lost.items() if key not in seen}
 
 
-def trial_of(added: Added, scores: Floats, information: Floats, share: Floats) -> Trial | None:
-    """The score statistic of one variant in the directions that the model does not absorb; None where there is none."""
+def trial_of(added: Added, scores: Floats, information: Floats, *, share: Floats, signs: Floats) -> Trial | None:
+    """The score statistic of one variant in the directions that the model does not absorb; None where there is none.
+
+    A parameter whose sign is not that of the physics is held at zero, the others fitted anew.
+    """
     size = np.sqrt(np.maximum(np.diagonal(information), 0.0))
-    kept = (share >= ABSORBED) & (size > 0)
-    if not kept.any():
+    own = np.flatnonzero((share >= ABSORBED) & (size > 0))
+    if len(own) == 0:
         return None
-    own = np.flatnonzero(kept)
-    inner = information[np.ix_(own, own)]
-    inverse = pseudo_inverse(inner)[0] if len(own) > 1 else 1.0 / inner
-    if len(own) > 1 and np.linalg.cond(inner / np.outer(size[own], size[own])) > SINGULAR:
+    if len(own) > 1 and np.linalg.cond(information[np.ix_(own, own)] / np.outer(size[own], size[own])) > SINGULAR:
         own = own[:1]
-        inverse = 1.0 / information[np.ix_(own, own)]
-    total = scores[:, own].sum(axis=0)
-    sizes = np.zeros(len(kept))
-    sizes[own] = inverse @ total
-    return Trial(added, float(total @ inverse @ total), information, sizes, scores, float(share[kept].max()))
+    total, sizes, statistic = scores.sum(axis=0), np.zeros(len(size)), 0.0
+    kept = own
+    while len(kept):
+        inverse = pseudo_inverse(information[np.ix_(kept, kept)])[0]
+        fitted = inverse @ total[kept]
+        wrong = fitted * signs[kept] < 0.0
+        if not wrong.any():
+            sizes[kept], statistic = fitted, float(total[kept] @ fitted)
+            break
+        kept = kept[~wrong]
+    return Trial(added, statistic, information, sizes, scores, float(share[own].max()), signs)
 
 
 def scan(solved: Solved, catalogue: Catalogue, spectra: dict[int, Spectrum] | None = None) -> Scan:

@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
+from pumaid.diagnosis.chain import Start
 from pumaid.diagnosis.contender import DECISIVE, Contender, contender, evidence, rivals
 from pumaid.diagnosis.familywise import Family, family
 from pumaid.diagnosis.field import COARSE, Field, fields
@@ -15,7 +16,7 @@ from pumaid.diagnosis.noise import Noise, noise
 from pumaid.diagnosis.periodogram import Spectrum, spectrum
 from pumaid.diagnosis.refine import at, refined
 from pumaid.diagnosis.scan import Projector, Scan, Trial, scan, surprise
-from pumaid.diagnosis.system import Added, Solved, Start, at_cells, loaded, misfit_at, solve
+from pumaid.diagnosis.system import Added, Solved, at_cells, loaded, misfit_at, solve
 from pumaid.diagnosis.variants import Catalogue, build
 from pumaid.effects import Effect, catalogue
 from pumaid.model import Model

@@ -111,6 +111,9 @@ class Effect(ABC):
         velocity and acceleration), so that it is fitted without looking at cells.
     per_posture
         Whether its parameters are separate for each set of positions at which the outer joints are held.
+    opposes_motion
+        Whether it is friction, so that `signs` count along the current that overcomes friction (which is against the
+        direction of motion where the motor counts its current backwards).
     is_repeatable
         Whether a joint may have it several times with other shapes (two harmonics).
     periodic
@@ -144,6 +147,7 @@ class Effect(ABC):
     base: ClassVar[bool] = False
     in_triangle: ClassVar[bool] = False
     per_posture: ClassVar[bool] = False
+    opposes_motion: ClassVar[bool] = False
     is_repeatable: ClassVar[bool] = False
     periodic: ClassVar[str | None] = None
     needs_loads: ClassVar[bool] = False
@@ -208,6 +212,10 @@ class Effect(ABC):
     ) -> list[Floats]:
         """`columns` for each of many shapes; effects that share work between them override it."""
         return [self.columns(robot, samples, number=number, shape=shape) for shape in shapes]
+
+    def signs(self, shape: Mapping[str, float]) -> tuple[int, ...]:
+        """Sign that each parameter has if it is this physics: +1, -1, or 0 where either is possible; () for all 0."""
+        return ()
 
     def applies(self, robot: Robot, joint: int) -> str | None:
         """Why the effect cannot act at (or be caused by) `joint` (from 1), or None where it can."""

@@ -21,6 +21,7 @@ class Inertia(Effect):
     source = "J. J. Craig, Introduction to Robotics, 3rd ed., section 6.7; one joint moving alone"
     scope = Scope.JOINT
     family = "motion"
+    opposes_motion = True
     trace = (Trace.POSITION,)
     look_alikes = ("presliding",)
     in_triangle = True
@@ -34,3 +35,6 @@ class Inertia(Effect):
         self, robot: Robot, samples: Samples, *, number: int | None = None, shape: Mapping[str, float] = NO_SHAPE
     ) -> Floats:
         return np.asarray(samples.acceleration)[:, None]
+
+    def signs(self, shape: Mapping[str, float]) -> tuple[int, ...]:
+        return (1,)  # mass is positive

@@ -26,6 +26,7 @@ class LoadFriction(Effect):
         " load and velocity, IROS 2010, 6187-6193"
     )
     family = "load"
+    opposes_motion = True
     trace = (Trace.LOAD, Trace.DIRECTION)
     look_alikes = ("position_friction", "side_load_friction", "torque_droop", "saturation")
     needs_loads = True
@@ -46,3 +47,6 @@ class LoadFriction(Effect):
 
     def applies(self, robot: Robot, joint: int) -> str | None:
         return load_refusal(robot, joint, must_change=True)
+
+    def signs(self, shape: Mapping[str, float]) -> tuple[int, ...]:
+        return (1, 1)  # a load never helps the motion

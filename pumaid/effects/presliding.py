@@ -28,6 +28,7 @@ class Presliding(Effect):
         " Automatic Control 40 (1995) 419-425"
     )
     family = "start"
+    opposes_motion = True
     trace = (Trace.POSITION, Trace.DIRECTION)
     look_alikes = ("inertia",)
 
@@ -47,3 +48,6 @@ class Presliding(Effect):
         self, robot: Robot, samples: Samples, *, number: int | None = None, shape: Mapping[str, float] = NO_SHAPE
     ) -> Floats:
         return (-samples.direction * np.exp(-samples.travel / shape["travel"]))[:, None]
+
+    def signs(self, shape: Mapping[str, float]) -> tuple[int, ...]:
+        return (1,)  # friction builds up

@@ -44,3 +44,6 @@ class Saturation(Effect):
     ) -> Floats:
         drawn = loads_of(samples).drawn
         return -(np.sign(drawn) * np.maximum(np.abs(drawn) - shape["limit"], 0.0))[:, None]
+
+    def signs(self, shape: Mapping[str, float]) -> tuple[int, ...]:
+        return (1,)  # what is clipped is missing

@@ -25,6 +25,7 @@ class SideLoadFriction(Effect):
         " temperature effects, ASME J. Dynamic Systems, Measurement, and Control 134 (2012) 051013 (perpendicular load)"
     )
     family = "load"
+    opposes_motion = True
     trace = (Trace.LOAD, Trace.DIRECTION)
     look_alikes = ("load_friction", "position_friction")
     needs_loads = True
@@ -41,3 +42,6 @@ class SideLoadFriction(Effect):
         if not robot.joint(joint).is_revolute:
             return f"joint {joint} slides, and how its guide is loaded cannot be known from its weight alone"
         return None
+
+    def signs(self, shape: Mapping[str, float]) -> tuple[int, ...]:
+        return (1,)  # a load never helps the motion

@@ -29,6 +29,7 @@ class Stribeck(Effect):
         " (1994) 1083-1138, section 2"
     )
     family = "speed"
+    opposes_motion = True
     trace = (Trace.SPEED, Trace.DIRECTION)
     look_alikes = ("viscous_power", "torque_droop", "saturation")
 
@@ -52,3 +53,6 @@ class Stribeck(Effect):
     ) -> Floats:
         v = np.abs(samples.velocity[:, samples.joint - 1])
         return (samples.direction * np.exp(-((v / shape["velocity"]) ** shape["exponent"])))[:, None]
+
+    def signs(self, shape: Mapping[str, float]) -> tuple[int, ...]:
+        return (1,)  # friction falls from rest

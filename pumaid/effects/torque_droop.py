@@ -33,3 +33,6 @@ class TorqueDroop(Effect):
         self, robot: Robot, samples: Samples, *, number: int | None = None, shape: Mapping[str, float] = NO_SHAPE
     ) -> Floats:
         return (loads_of(samples).drawn ** 3)[:, None]
+
+    def signs(self, shape: Mapping[str, float]) -> tuple[int, ...]:
+        return (1,)  # the motor gives less, so it needs more

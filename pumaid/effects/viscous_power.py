@@ -24,6 +24,7 @@ class ViscousPower(Effect):
         " compensation, European Journal of Control 4 (1998) 176-195, section 2 (classical models)"
     )
     family = "speed"
+    opposes_motion = True
     trace = (Trace.SPEED, Trace.DIRECTION)
     look_alikes = ("stribeck", "torque_droop", "saturation")
 
@@ -42,3 +43,6 @@ class ViscousPower(Effect):
     ) -> Floats:
         v = np.abs(samples.velocity[:, samples.joint - 1])
         return (samples.direction * v ** shape["exponent"])[:, None]
+
+    def signs(self, shape: Mapping[str, float]) -> tuple[int, ...]:
+        return (1,) if shape["exponent"] < 1.0 else (0,)  # below one a negative b would pull at low speed

@@ -27,6 +27,7 @@ class Warmup(Effect):
         " robot manipulators, IROS 2015, 3524-3529"
     )
     family = "time"
+    opposes_motion = True
     trace = (Trace.TIME, Trace.DIRECTION)
     look_alikes = ("torque_constant_drift", "thermal_friction", "friction_step")
 
@@ -43,3 +44,6 @@ class Warmup(Effect):
         self, robot: Robot, samples: Samples, *, number: int | None = None, shape: Mapping[str, float] = NO_SHAPE
     ) -> Floats:
         return (samples.direction * np.exp(-samples.time / shape["time_constant"]))[:, None]
+
+    def signs(self, shape: Mapping[str, float]) -> tuple[int, ...]:
+        return (1,)  # cold grease is stiffer

@@ -8,10 +8,11 @@ import numpy as np
 
 from pumaid import __version__
 from pumaid.diagnosis.account import Account
+from pumaid.diagnosis.chain import Start
 from pumaid.diagnosis.field import starts
 from pumaid.diagnosis.stepwise import Stepwise, silent
 from pumaid.diagnosis.suspect import Suspect
-from pumaid.diagnosis.system import Added, Start
+from pumaid.diagnosis.system import Added
 from pumaid.effects import Effect, catalogue
 from pumaid.errors import LogError, Where
 from pumaid.files.result import check_same_recipe
