@@ -113,7 +113,7 @@ def draw_campaign(arm: Arm, *, is_thin: bool) -> Campaign:
             strokes.append(Stroke(joint, hold, high, low, speed, replicate, is_heldout))
     return Campaign(
         strokes=tuple(strokes),
-        ramp=rng.uniform(0.12, 0.3, arm.n),
+        ramp=rng.uniform(0.2, 0.45, arm.n),
         is_smooth=bool(rng.random() < 0.5),
         pauses=rng.uniform(0.08, 0.35, len(strokes)),
         is_thin=is_thin,

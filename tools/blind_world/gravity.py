@@ -61,9 +61,7 @@ class Statics:
     regressor: Floats
 
 
-def statics(
-    model: mujoco.MjModel, position: Floats, joint: NDArray[np.int64], *, slides: NDArray[np.bool_]
-) -> Statics:
+def statics(model: mujoco.MjModel, position: Floats, joint: NDArray[np.int64], *, slides: NDArray[np.bool_]) -> Statics:
     """Gravity of the moving joint from the places of MuJoCo's bodies, by virtual work.
 
     Parameters

@@ -118,7 +118,10 @@ def _simulated(arm: Arm, campaign: Campaign) -> Motion:
     before = np.vstack([velocity[:1], states[EVERY - 1 :: EVERY, 1 + n : 1 + 2 * n][: len(velocity) - 1]])
     after = np.vstack([states[1::EVERY, 1 + n : 1 + 2 * n], velocity[-1:]])[: len(velocity)]
     acceleration = (after - before) / (2 * STEP)
-    moving, run = _marks(len(position), told.opens, told.closes), _marks(len(position), told.begins + SETTLING, told.ends - 2.0 / RATE)
+    moving, run = (
+        _marks(len(position), told.opens, told.closes),
+        _marks(len(position), told.begins + SETTLING, told.ends - 2.0 / RATE),
+    )
     joints = np.array([stroke.joint for stroke in campaign.strokes])
     found: Statics = statics(model, position, np.where(moving >= 0, joints[moving], -1), slides=arm.slides)
     torque = inverse(model, position, velocity, acceleration)

@@ -1,0 +1,176 @@
+"""One experiment of the benchmark: what is hidden, in which arm, how large; drawn by its own key and seed."""
+
+from __future__ import annotations
+
+import itertools
+import zlib
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
+
+from blind_world.arm_effects import ARM
+from blind_world.arms import KINDS, Arm
+from blind_world.friction_effects import FRICTION
+from blind_world.hidden import Builder, Hidden, Unfit, applied, sized
+from blind_world.motion import motion_of
+from blind_world.oracle import Oracle
+from blind_world.outside import OUTSIDE
+from blind_world.world import State, World, draw_world, noises
+
+CATALOGUE: dict[str, Builder] = {**FRICTION, **ARM}
+SIZES, PAIR_SIZE, OUTSIDE_SIZES, THIN_SIZE = (0.7, 1.0, 1.5, 2.0, 3.0), 2.5, (3.0, 5.0), 2.0
+#: Effects of the whole arm, whichever joint they are asked for.
+WHOLE = ("tilt", "payload")
+#: Different arms of a kind that one seed has.
+ARMS = 4
+#: Joints and shapes that are tried before an effect is given up at a size.
+DRAWS = 12
+#: Pairs of effects of different families; both are hidden at PAIR_SIZE.
+PAIRS = (
+    ("stribeck", "ripple"),
+    ("load_friction", "spring"),
+    ("warmup", "position_friction"),
+    ("tilt", "friction_step"),
+    ("counterbalance", "presliding"),
+    ("torque_constant_drift", "ripple"),
+    ("zero_offset", "warmup"),
+    ("saturation", "position_friction"),
+    ("payload", "ripple"),
+    ("flexibility", "friction_step"),
+)
+
+
+@dataclass(frozen=True)
+class Case:
+    """What to do.
+
+    Attributes
+    ----------
+    group
+        ``effect``, ``clean``, ``outside``, ``pair`` or ``thin``.
+    effects
+        Names of what is hidden.
+    kind
+        Of the arm.
+    size
+        Multiple of the detection limit.
+    number
+        Of several like it.
+    seed
+        Of the benchmark.
+    """
+
+    group: str
+    effects: tuple[str, ...]
+    kind: str
+    size: float
+    number: int
+    seed: int
+
+    @property
+    def key(self) -> str:
+        """Names the case in the file of results."""
+        return f"{self.seed}/{self.group}/{'+'.join(self.effects) or 'none'}/{self.kind}/{self.size:g}/{self.number}"
+
+    @property
+    def is_thin(self) -> bool:
+        """Whether it has the thin design."""
+        return self.group == "thin"
+
+
+@dataclass(frozen=True, eq=False)
+class Experiment:
+    """A case with everything drawn.
+
+    Attributes
+    ----------
+    hidden
+        Each effect with its amplitude.
+    noncentrality
+        Reached by each effect alone.
+    state
+        True currents and positions, `noise` (N, J) A to be added.
+    """
+
+    case: Case
+    world: World
+    oracle: Oracle
+    hidden: tuple[tuple[Hidden, float], ...]
+    noncentrality: tuple[float, ...]
+    state: State
+    noise: np.ndarray[Any, np.dtype[np.float64]]
+    skipped: tuple[str, ...] = field(default=())
+
+
+def cases(seeds: Sequence[int], kinds: Sequence[str] = tuple(KINDS), clean: int = 200) -> Iterator[Case]:
+    """Every case of the whole benchmark.
+
+    Parameters
+    ----------
+    seeds
+        Of the benchmark; each is a whole one.
+    kinds
+        Of arms.
+    clean
+        How many experiments without anything hidden, per seed.
+    """
+    for seed in seeds:
+        for name, kind, size in itertools.product(CATALOGUE, kinds, SIZES):
+            yield Case("effect", (name,), kind, size, 0, seed)
+        for number in range(clean):
+            yield Case("clean", (), kinds[number % len(kinds)], 0.0, number, seed)
+        for name, kind, size in itertools.product(OUTSIDE, kinds, OUTSIDE_SIZES):
+            yield Case("outside", (name,), kind, size, 0, seed)
+        for pair, kind in itertools.product(PAIRS, kinds):
+            yield Case("pair", pair, kind, PAIR_SIZE, 0, seed)
+        for name, kind in itertools.product(CATALOGUE, kinds):
+            yield Case("thin", (name,), kind, THIN_SIZE, 0, seed)
+        for number in range(clean // 10):
+            yield Case("thin", (), kinds[number % len(kinds)], 0.0, number, seed)
+
+
+def drawn(case: Case) -> Experiment:
+    """The case as an experiment.
+
+    Raises
+    ------
+    Unfit
+        The effect cannot be seen at a physical size on this arm; the message has every joint's reason.
+    """
+    own = zlib.crc32(case.key.encode())
+    rng = np.random.default_rng([case.seed, own])
+    arm, campaign, motion = motion_of(case.kind, case.seed * ARMS + own % ARMS, is_thin=case.is_thin)
+    world = draw_world(arm, campaign, motion, rng=rng)
+    if "thermal_friction" in case.effects:
+        world = replace(world, has_temperature=True)
+    oracle, hidden, reached = Oracle(world), [], []
+    for name in case.effects:
+        found, size = _sized(case, name, world, oracle, rng)
+        hidden.append(found)
+        reached.append(size)
+    state = applied(world, hidden)
+    return Experiment(case, world, oracle, tuple(hidden), tuple(reached), state, noises(world, rng))
+
+
+def _sized(
+    case: Case, name: str, world: World, oracle: Oracle, rng: np.random.Generator
+) -> tuple[tuple[Hidden, float], float]:
+    build = {**CATALOGUE, **OUTSIDE}[name]
+    reasons: dict[str, int] = {}
+    for joint in _joints(name, world.arm, rng):
+        try:
+            hidden = build(world, rng, joint)
+            amplitude, reached = sized(world, oracle, hidden, case.size)
+            return (hidden, amplitude), reached
+        except Unfit as why:
+            reasons[str(why)] = reasons.get(str(why), 0) + 1
+    raise Unfit("; ".join(f"{why} ({count})" for why, count in sorted(reasons.items())))
+
+
+def _joints(name: str, arm: Arm, rng: np.random.Generator) -> list[int]:
+    """Joints to be tried, each twice with other shapes; an effect of the whole arm has none of its own."""
+    if name in WHOLE:
+        return [0, 0, 0]
+    return [int(joint) for _ in range(DRAWS // arm.n) for joint in rng.permutation(arm.n)]

@@ -1,0 +1,91 @@
+"""The program under test, called the way its command line calls it; nothing else here imports it."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pumaid.cli.reading import read_evidence
+from pumaid.errors import PumaidError
+from pumaid.records import Diagnosis, EffectChoice, Estimate, Evidence, Robot
+from pumaid.verbs.compare import compare
+from pumaid.verbs.identify import identify
+
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class Session:
+    """One folder, read and identified."""
+
+    folder: Path
+    robot: Robot
+    evidence: Evidence
+    estimate: Estimate
+
+
+def opened(folder: Path) -> Session:
+    """Read the folder's logs and identify the paper's model.
+
+    Parameters
+    ----------
+    folder
+        Of an experiment.
+    """
+    robot, evidence = read_evidence([str(folder / "logs")], None)
+    return Session(folder, robot, evidence, identify(evidence, robot))
+
+
+def diagnosed(session: Session) -> Diagnosis:
+    """What the program says is missing."""
+    from pumaid.verbs.diagnose import diagnose
+
+    return diagnose(session.estimate, session.evidence, session.robot)
+
+
+def with_effects(session: Session, choices: Sequence[EffectChoice]) -> Estimate | str:
+    """The model with effects added and all refitted, or why the program refuses."""
+    try:
+        return identify(session.evidence, session.robot, effects=tuple(choices))
+    except PumaidError as error:
+        return error.slug
+
+
+def heldout_rmse(session: Session, estimate: Estimate) -> Floats:
+    """(J,) A: RMSE of every joint's held-out runs; NaN without any."""
+    squares, counts = np.zeros(session.robot.n_joints), np.zeros(session.robot.n_joints)
+    for score in compare(estimate, session.evidence, session.robot).runs:
+        if score.run.heldout:
+            squares[score.run.joint - 1] += score.rmse**2 * score.run.samples
+            counts[score.run.joint - 1] += score.run.samples
+    with np.errstate(invalid="ignore"):
+        return np.asarray(np.sqrt(squares / counts))
+
+
+def heldout_spans(session: Session) -> list[tuple[int, float, float]]:
+    """Joint (from 0), first and last time (s) of every held-out run that the program found."""
+    return [(run.joint - 1, run.start, run.start + run.duration) for run in session.evidence.runs if run.heldout]
+
+
+def fitted_rmse(session: Session, estimate: Estimate) -> Floats:
+    """(J,) A: RMSE of every joint's fitted runs."""
+    found = [estimate.joint(number + 1).rmse for number in range(session.robot.n_joints)]
+    return np.array([np.nan if value is None else value for value in found])
+
+
+def on_the_command_line(folder: Path) -> list[dict[str, Any]]:
+    """Findings as the two commands tell them that a user types in the experiment's folder."""
+    program = [sys.executable, "-m", "pumaid"]
+    subprocess.run([*program, "identify", "logs"], cwd=folder, check=True, capture_output=True)
+    done = subprocess.run(
+        [*program, "diagnose", "results/model.json", "logs", "--json"], cwd=folder, check=True, capture_output=True
+    )
+    return list(json.loads(done.stdout)["findings"])
