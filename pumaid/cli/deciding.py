@@ -8,9 +8,6 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from pumaid.records import Finding, Plan, Robot
 
-#: Times that one set of runs is repeated at most: what needs more is better decided by another experiment.
-MOST_REPEATS = 10
-
 
 def deciding(findings: Iterable[Finding], robot: Robot) -> Plan:
     """The runs of all findings that have rivals, one whole set after the other.
@@ -39,7 +36,7 @@ def deciding(findings: Iterable[Finding], robot: Robot) -> Plan:
         run = found.next_run
         if run is None or not run.motions:
             continue
-        motions += list(run.motions) * min(run.repeats or 1, MOST_REPEATS)
+        motions += list(run.motions) * (run.repeats or 1)
         told.append(f"tells {found.effect} from {', '.join(found.rivals)}: {run.text}")
     plan = Plan(robot=robot.name, motions=tuple(motions), assumptions=tuple(told))
     return replace(plan, duration=duration(robot, plan)) if motions else plan

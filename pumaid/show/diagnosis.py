@@ -11,7 +11,7 @@ from rich.measure import Measurement
 from rich.text import Text
 
 from pumaid.records import ADEQUATE, UNEXPLAINED_JOINT, Diagnosis, JointDiagnosis, Robot
-from pumaid.show import findings
+from pumaid.show import findings, verdicts
 from pumaid.show.evidence import evidence_grid, limits_grid, runs_grid, shape_lines
 from pumaid.show.forms import READABLE, Shown
 
@@ -60,7 +60,7 @@ def diagnosis_shown(diagnosis: Diagnosis, robot: Robot, *, units: str = "rad") -
     units
         ``"rad"`` or ``"deg"``: unit of angles.
     """
-    parts: list[Told | Shown] = [Told(findings.headline(diagnosis, robot), style="bold")]
+    parts: list[Told | Shown] = [Told(verdicts.headline(diagnosis, robot), style="bold")]
     for number, found in enumerate(diagnosis.findings, start=1):
         parts += [Told(""), Told(f"{number}. {findings.finding_title(found, robot)}", style="bold")]
         parts += [Told(text, 3) for text in findings.finding_sentences(found, diagnosis, robot, units=units)]
@@ -69,10 +69,10 @@ def diagnosis_shown(diagnosis: Diagnosis, robot: Robot, *, units: str = "rad") -
         parts += [Told("Add it with:", 3), Told(found.command, 5, is_command=True)] if found.command else []
     for joint in diagnosis.joints:
         parts += _unexplained(joint, robot, units) if joint.verdict == UNEXPLAINED_JOINT else []
-    parts += [part for text in findings.other_sentences(diagnosis, robot) for part in (Told(""), Told(text))]
-    fine = [*findings.adequate_sentences(diagnosis, robot), *findings.applied_sentences(diagnosis, robot)]
+    parts += [part for text in verdicts.other_sentences(diagnosis, robot) for part in (Told(""), Told(text))]
+    fine = [*verdicts.adequate_sentences(diagnosis, robot), *verdicts.applied_sentences(diagnosis, robot)]
     parts += [Told(""), *(Told(text) for text in fine)] if fine else []
-    weak = findings.weaknesses(diagnosis, robot)
+    weak = verdicts.weaknesses(diagnosis, robot)
     parts += [Told(""), Told("What weakens this diagnosis:")] if weak else []
     parts += [Told(f"- {text}", 2) for text in weak]
     return parts + _tables(diagnosis, robot, units)
@@ -80,9 +80,9 @@ def diagnosis_shown(diagnosis: Diagnosis, robot: Robot, *, units: str = "rad") -
 
 def _unexplained(joint: JointDiagnosis, robot: Robot, units: str) -> list[Told | Shown]:
     """A joint that lacks something without a name."""
-    told = [Told(text, 3) for text in findings.unexplained_sentences(joint, units)]
+    told = [Told(text, 3) for text in verdicts.unexplained_sentences(joint, units)]
     plot = [Told("\n".join(shape_lines(joint.unexplained, units)), 3)] if joint.unexplained is not None else []
-    return [Told(""), Told(findings.unexplained_title(joint, robot), style="bold"), *told, *plot]
+    return [Told(""), Told(verdicts.unexplained_title(joint, robot), style="bold"), *told, *plot]
 
 
 def _tables(diagnosis: Diagnosis, robot: Robot, units: str) -> list[Told | Shown]:

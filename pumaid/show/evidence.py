@@ -8,10 +8,11 @@ import numpy as np
 
 from pumaid.effects import catalogue
 from pumaid.records import ABSENT, ADD, UNSEEN, Candidate, Diagnosis, Finding, Limit, Robot, Unexplained
-from pumaid.show.findings import label, limit_sentence, listed_or, number_of_times, variable_word
+from pumaid.show.findings import label, limit_sentence, listed_or, number_of_times
 from pumaid.show.grid import Cell, Grid, grid
 from pumaid.show.numbers import in_unit
 from pumaid.show.scores import amount
+from pumaid.show.verdicts import variable_word
 from pumaid.units import number
 
 #: Verdicts of candidates as people read them.

@@ -12,7 +12,7 @@ import worlds
 from rich.console import Console
 
 from pumaid.records import Limit, Unexplained
-from pumaid.show import evidence, findings
+from pumaid.show import evidence, findings, verdicts
 from pumaid.show.diagnosis import Told
 
 PUMA = diagnoses.PUMA
@@ -36,8 +36,8 @@ def test_chance_in_words(p, words):
 
 def test_a_clean_arm_is_told_in_one_sentence():
     """Nothing missing is said as what these data can show, not as a fact."""
-    assert findings.headline(diagnoses.clean(), PUMA) == "PUMA 560: nothing is missing that these data can show."
-    assert findings.adequate_sentences(diagnoses.clean(), PUMA) == []
+    assert verdicts.headline(diagnoses.clean(), PUMA) == "PUMA 560: nothing is missing that these data can show."
+    assert verdicts.adequate_sentences(diagnoses.clean(), PUMA) == []
 
 
 def test_rivals_stand_in_the_title():
@@ -80,7 +80,7 @@ def test_a_joint_that_others_explain_is_told():
     told = diagnoses.rich()
     second = replace(told.joints[1], verdict="missing", rmse=0.05)
     spread = replace(told, joints=(told.joints[0], second, *told.joints[2:]))
-    (sentence,) = findings.other_sentences(spread, PUMA)
+    (sentence,) = verdicts.other_sentences(spread, PUMA)
     assert sentence.startswith("Joint 2 (shoulder): something is missing. The model misses by 0.0500 A")
     assert sentence.endswith("What it lacks is among the findings.")
 
@@ -91,7 +91,7 @@ def test_a_joint_that_others_explain_is_told():
 def test_variables_of_shapes_are_words(variable, word):
     """A letter of the engine's is told as a word; a viscous form says that its means are viscous."""
     shape = replace(diagnoses.patch(), variable=variable, form="v f(q)")
-    assert f"depends on {word} (" in findings.form_sentence(shape)
+    assert f"depends on {word} (" in verdicts.form_sentence(shape)
     assert evidence.shape_lines(shape)[0].split("(")[0].strip() == word
     assert "viscous (A s/rad)" in evidence.shape_lines(shape)[0]
 
@@ -101,7 +101,7 @@ def test_variables_of_shapes_are_words(variable, word):
 )
 def test_shapes_without_a_name_are_told_in_words(form, kind):
     """A free form is a friction, a viscous friction or a current that depends on a variable, with its peak."""
-    sentence = findings.form_sentence(replace(diagnoses.patch(), form=form), "deg")
+    sentence = verdicts.form_sentence(replace(diagnoses.patch(), form=form), "deg")
     assert f"{kind} depends on position ({form}), strongest at 28.6 deg" in sentence and "83 %" in sentence
 
 
@@ -109,8 +109,8 @@ def test_a_weakness_of_all_joints_is_said_once():
     """What weakens every joint alike is one sentence without joints; of some it names them."""
     told = diagnoses.rich()
     everywhere = replace(told, joints=tuple(replace(one, weakened=("no replicates",)) for one in told.joints))
-    assert findings.weaknesses(everywhere, PUMA) == ["No replicates."]
-    assert "Joints 2 (shoulder) and 6 (wrist3): one posture only." in findings.weaknesses(told, PUMA)
+    assert verdicts.weaknesses(everywhere, PUMA) == ["No replicates."]
+    assert "Joints 2 (shoulder) and 6 (wrist3): one posture only." in verdicts.weaknesses(told, PUMA)
 
 
 def test_a_joint_without_a_floor_is_not_judged():

@@ -14,10 +14,11 @@ from numpy.typing import NDArray
 
 from pumaid.errors import ResultError
 from pumaid.records import Binned, Curve, Diagnosis, Finding, JointDiagnosis, Robot
-from pumaid.show.findings import form_sentence, listed_or, place, variable_word
+from pumaid.show.findings import listed_or, place
 from pumaid.show.numbers import in_unit, shortened
 from pumaid.show.plots.style import BACKWARD, FORWARD, GREY, INK, Drawing, panels, saved, settle, styled, way_handles
 from pumaid.show.story import Story, joint_title
+from pumaid.show.verdicts import form_sentence, variable_word
 
 Floats = NDArray[np.float64]
 

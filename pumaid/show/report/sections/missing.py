@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 from pumaid.records import UNEXPLAINED_JOINT, Finding
-from pumaid.show import findings
+from pumaid.show import findings, verdicts
 from pumaid.show.evidence import evidence_grid, limits_grid, runs_grid
 from pumaid.show.plots.style import Drawing
 from pumaid.show.report.base import Section
@@ -28,22 +28,22 @@ class Missing(Section):
         added = {name: drawing for name, drawing in drawings.items() if name.startswith("added_")}
         return {
             "stale": story.stale,
-            "headline": findings.headline(told, robot).partition(": ")[2],
+            "headline": verdicts.headline(told, robot).partition(": ")[2],
             "findings": [
                 _finding(one, story, _own(figures, f"finding_{number}_"))
                 for number, one in enumerate(told.findings, start=1)
             ],
             "unexplained": [
                 {
-                    "title": findings.unexplained_title(one, robot),
-                    "sentences": findings.unexplained_sentences(one, story.units),
+                    "title": verdicts.unexplained_title(one, robot),
+                    "sentences": verdicts.unexplained_sentences(one, story.units),
                     "figures": _own(drawings, f"unexplained_j{one.joint}"),
                 }
                 for one in told.joints
                 if one.verdict == UNEXPLAINED_JOINT
             ],
-            "others": [*findings.other_sentences(told, robot), *findings.adequate_sentences(told, robot)],
-            "weak": findings.weaknesses(told, robot),
+            "others": [*verdicts.other_sentences(told, robot), *verdicts.adequate_sentences(told, robot)],
+            "weak": verdicts.weaknesses(told, robot),
             "evidence": evidence_grid(told, robot),
             "limits": limits_grid(told, robot, units=story.units),
             "added": [
