@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
+
 import numpy as np
 from numpy.typing import NDArray
 
-from pumaid.diagnosis.field import Field, distinct
+from pumaid.diagnosis.field import Field, distinct, joined, starts
 from pumaid.diagnosis.repeats import Repeats, alike, halves
 from pumaid.diagnosis.ripples import Track
 from pumaid.diagnosis.search import FALSE_ALARM, FEWEST_RUNS, REPEAT, RIPPLE, Search
 from pumaid.diagnosis.traces import View, coarse_starts, view
-from pumaid.motion.replicates import noise_floor
-from pumaid.records import Budget, BudgetPart, Joint
+from pumaid.motion.replicates import noise_floor, replicates
+from pumaid.records import Budget, BudgetPart, Joint, Run, Samples
 
 Floats = NDArray[np.float64]
 
@@ -23,12 +25,15 @@ POINTS_TO = {
     ("smooth", "position"): ("spring", "counterbalance", "flexibility"),
     ("smooth", "direction"): ("position_friction", "load_friction"),
     ("smooth", "posture"): ("tilt", "zero_offset", "flexibility", "coupling"),
+    ("smooth", "load"): ("flexibility",),
     ("fast", "position"): ("ripple",),
     ("start", "travel"): ("presliding", "inertia"),
     ("odd", "speed"): ("stribeck", "viscous_power"),
     ("odd", "load"): ("load_friction",),
+    ("odd", "lag"): ("delay",),
     ("odd", "posture"): ("side_load_friction", "load_friction", "coupling"),
     ("even", "posture"): ("tilt", "zero_offset", "coupling", "payload"),
+    ("even", "load"): ("torque_droop", "saturation"),
     ("even", "speed"): ("torque_droop", "saturation"),
     ("time", "time"): ("warmup", "friction_step"),
     ("time", "load"): ("torque_constant_drift", "payload"),
@@ -93,6 +98,48 @@ def budget(
         replicates=len(repeats.members) if repeats.levels else 0,
         floor=None if floor is None else floor**2,
         limits=tuple(_limits(field, at, has_load=load is not None)),
+    )
+
+
+def spread(runs: Sequence[Run]) -> Field:
+    """Runs of one joint with all their cells, as `budget` takes them; a model's regressors are not needed for it.
+
+    Parameters
+    ----------
+    runs
+        At least one, all of one joint.
+    """
+    joint, begun = runs[0].joint, starts(runs)
+    repeated = [tuple(group) for group in replicates(runs)]
+    alone = [(k,) for k in range(len(runs)) if not any(k in group for group in repeated)]
+    lengths = [len(run.cells) for run in runs]
+    count = np.concatenate([run.cells.count for run in runs]).astype(float)
+    return Field(
+        joint=joint,
+        runs=tuple(runs),
+        samples=joined([_samples(run, begun) for run in runs]),
+        current=np.concatenate([run.cells.current[:, joint - 1] for run in runs]),
+        count=count,
+        inside=np.concatenate([run.cells.variance for run in runs]),
+        first=np.concatenate([[0], np.cumsum(lengths)[:-1]]).astype(np.int64),
+        step=np.array([run.duration / len(run.cells) for run in runs]),
+        groups=tuple(sorted([*repeated, *alone])),
+        base=np.zeros((len(count), 0)),
+    )
+
+
+def _samples(run: Run, begun: Mapping[tuple[int, int], float]) -> Samples:
+    cells, own = run.cells, run.joint - 1
+    return Samples(
+        run.joint,
+        cells.position,
+        cells.velocity,
+        acceleration=cells.acceleration,
+        direction=np.full(len(cells), float(run.direction)),
+        time=cells.time - begun[run.clock, run.joint],
+        elapsed=cells.time - begun[run.clock, 0],
+        travel=np.abs(cells.position[:, own] - run.span[0]),
+        temperature=cells.temperature,
     )
 
 

@@ -55,6 +55,8 @@ class View:
         (N,) degC, NaN where not measured.
     load
         (N,) A that gravity draws by the model, NaN where not known.
+    slope
+        (N,) A per span: how the load changes along the position.
     pull
         (N,) acceleration as a share of the largest; zero at constant speed.
     speed_group, posture, clock
@@ -71,6 +73,7 @@ class View:
     travel: Floats
     temperature: Floats
     load: Floats
+    slope: Floats
     pull: Floats
     speed_group: Labels
     posture: Labels
@@ -124,11 +127,22 @@ def view(field: Field, load: Floats | None, *, is_revolute: bool) -> View:
         travel=samples.travel / span,
         temperature=samples.temperature,
         load=np.full(len(q), np.nan) if load is None else load,
+        slope=np.full(len(q), np.nan) if load is None else _slopes(load, q / span, field.first),
         pull=samples.acceleration / (np.abs(samples.acceleration).max() or 1.0),
         speed_group=np.repeat(np.maximum(by_run, 0) if few else np.full(len(runs), -1), lengths),
         posture=np.repeat(posture, lengths),
         clock=np.repeat(clocks, lengths),
     )
+
+
+def _slopes(load: Floats, share: Floats, first: Labels) -> Floats:
+    """(N,) derivative of a load by the position, run by run; 0 where a run stands still."""
+    out = np.zeros_like(load)
+    for own in np.split(np.arange(len(load)), first[1:]):
+        if len(own) > 1:
+            rise, way = np.gradient(load[own]), np.gradient(share[own])
+            out[own] = np.divide(rise, way, out=np.zeros(len(own)), where=way != 0.0)
+    return out
 
 
 def coarse_starts(field: Field) -> Labels:
@@ -187,10 +201,25 @@ def _speeds(at: View) -> Floats:
     return _each(at.speed_group) if at.speed_group[0] >= 0 else _waves(at.speed, 4)
 
 
-def _lift(at: View) -> Floats:
-    """Load friction where the motor lifts and where it lowers."""
-    drag, lifts = at.way * np.abs(at.load), at.load * at.way > 0
-    return np.column_stack([drag * lifts, drag * ~lifts])
+def _pressed(at: View) -> Floats:
+    """Friction that grows with the load; how it differs between lifting and lowering is weight to a model."""
+    return _ways(np.abs(at.load)[:, None] ** [1.0, 2.0], at)
+
+
+def _bent(at: View) -> Floats:
+    """A load that does not draw in proportion."""
+    size = np.abs(at.load).max() or 1.0
+    return np.column_stack([at.load * np.abs(at.load) / size, at.load**3 / size**2])
+
+
+def _yielding(at: View) -> Floats:
+    """Load where the joint stands a little farther than measured, by as much as it carries."""
+    return (at.load * at.slope)[:, None]
+
+
+def _lagging(at: View) -> Floats:
+    """Load where the joint stood a moment ago."""
+    return (at.way * at.speed * at.slope)[:, None]
 
 
 def _harmonics(at: View) -> Floats:
@@ -226,12 +255,15 @@ TERMS = (
     Term("smooth", "position", _smooth),
     Term("smooth", "direction", lambda at: _ways(_smooth(at), at)),
     Term("smooth", "posture", _harmonics),
+    Term("smooth", "load", _yielding),
     Term("start", "travel", lambda at: _ways(np.exp(-at.travel[:, None] / np.array(STARTS)), at)),
     Term("odd", "speed", lambda at: _ways(_speeds(at), at)),
-    Term("odd", "load", _lift),
+    Term("odd", "load", _pressed),
+    Term("odd", "lag", _lagging),
     Term("odd", "posture", lambda at: _ways(_each(at.posture), at)),
     Term("even", "posture", lambda at: _each(at.posture)),
     Term("even", "speed", _speeds),
+    Term("even", "load", _bent),
     Term("time", "time", lambda at: _ways(_ages(at), at)),
     Term("time", "load", _loads_in_time),
     Term("time", "even", _ages),
@@ -240,10 +272,9 @@ TERMS = (
 
 
 def fitted(at: View) -> Floats:
-    """(N, k) what every model has and a fit has therefore taken away: friction by direction, the first harmonic.
+    """(N, 5) what is the joint's own in every model, so that a fit has taken it away: friction by direction, inertia.
 
-    Columns of motions that were not made are zero.
+    Weight is not: it is shared with other joints, which may have bent it. Columns of motions not made are zero.
     """
     ahead, back = at.way > 0, at.way < 0
-    friction = [ahead, back, ahead * at.speed, back * at.speed]
-    return np.column_stack([*friction, np.cos(at.angle), np.sin(at.angle), at.pull]).astype(float)
+    return np.column_stack([ahead, back, ahead * at.speed, back * at.speed, at.pull]).astype(float)

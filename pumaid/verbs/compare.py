@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
 
+from pumaid.diagnosis.budget import budget, spread
 from pumaid.errors import Note
 from pumaid.files.result import check_same_recipe
 from pumaid.fit.judge import NOTHING, Groups, Judge, Tally, rmse, together
 from pumaid.motion.replicates import noise_floor
-from pumaid.records import UNEXPLAINED, Comparison, Estimate, Evidence, JointScore, Robot, RunScore
+from pumaid.records import UNEXPLAINED, Budget, Comparison, Estimate, Evidence, JointScore, Robot, RunScore
 
 
 def compare(estimate: Estimate, evidence: Evidence, robot: Robot) -> Comparison:
@@ -54,7 +56,8 @@ def compare(estimate: Estimate, evidence: Evidence, robot: Robot) -> Comparison:
         judge.score(tally, row, mean=means[tally.run.joint], groups=groups[tally.run.joint], is_fitted=was)
         for tally, row, was in zip(tallies, rows, known, strict=True)
     ]
-    joints = tuple(_of_joint(joint.number, tallies, scores, groups=groups) for joint in robot.joints)
+    bare = tuple(_of_joint(joint.number, tallies, scores, groups=groups) for joint in robot.joints)
+    joints = tuple(replace(score, budget=_budget(score, scores, robot, known=known)) for score in bare)
     counted = [tally for joint in robot.joints for tally in _counted(joint.number, tallies)]
     return Comparison(
         robot=robot.name,
@@ -108,6 +111,23 @@ def _of_joint(
         heldout_runs=len(heldout),
         heldout=rmse(heldout),
         undetermined=sum(score.undetermined for score in scores if score.run.joint == joint),
+    )
+
+
+def _budget(score: JointScore, scores: Sequence[RunScore], robot: Robot, *, known: Sequence[bool]) -> Budget | None:
+    """Where the error of a joint lives."""
+    if score.rmse is None:
+        return None
+    own = [(one, was) for one, was in zip(scores, known, strict=True) if one.run.joint == score.joint]
+    own = [(one, was) for one, was in own if not one.run.heldout] or own
+    loads = [one.parts["gravity"] for one, _ in own if "gravity" in one.parts]
+    return budget(
+        spread([one.run for one, _ in own]),
+        np.concatenate([one.residual for one, _ in own]),
+        robot.joint(score.joint),
+        load=np.concatenate(loads) if len(loads) == len(own) else None,
+        mean_square=score.rmse**2,
+        is_fitted=all(was for _, was in own),
     )
 
 
