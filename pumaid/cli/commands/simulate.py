@@ -12,7 +12,7 @@ from pumaid.cli.output import document, notes, remark, table
 from pumaid.cli.progress import progress
 
 if TYPE_CHECKING:
-    from pumaid.records import Robot
+    from pumaid.records import Plan, Robot
     from pumaid.virtual import Truth
 
 
@@ -30,6 +30,15 @@ def _real(robot: Robot, truth: Path | None, *, hide: tuple[str, ...], noise: flo
     if hide:
         real = real.hiding([hidden.parse(text, robot) for text in hide])
     return real if noise is None else real.with_noise(noise)
+
+
+def _surprised(real: Truth, made: Plan, effect: str | None, *, seed: int) -> Truth:
+    """The robot with one more effect, of which the plan's runs show something."""
+    from dataclasses import replace
+
+    from pumaid.virtual.surprise import surprise
+
+    return replace(real, hidden=(*real.hidden, surprise(replace(real, hidden=()), made, seed, effect=effect)))
 
 
 @click.command()
@@ -54,6 +63,11 @@ def _real(robot: Robot, truth: Path | None, *, hide: tuple[str, ...], noise: flo
     metavar="EFFECT[@JOINT][:KEY=VALUE,...]",
     help="Physics beyond the paper's model that the robot has; may be repeated. Values that are not given are made"
     " to show at that joint. A wrong name lists the right ones.",
+)
+@click.option(
+    "--surprise",
+    metavar="any|EFFECT",
+    help="Hide one effect that you do not know: joint and size follow from the seed, the kind too with 'any'.",
 )
 @click.option("--rate", type=float, default=250.0, show_default=True, metavar="HZ", help="Samples a second.")
 @click.option("--noise", type=click.FloatRange(min=0), metavar="A", help="Noise of every current; 0 for none at all.")
@@ -85,6 +99,7 @@ def command(
     output: Path | None,
     truth: Path | None,
     hide: tuple[str, ...],
+    surprise: str | None,
     rate: float,
     noise: float | None,
     form: str,
@@ -106,6 +121,7 @@ def command(
     Example:
       pumaid simulate recipe.yaml --plan plan.yaml -o logs/ --seed 7
       pumaid simulate --hide stribeck@3:a=0.2 --hide spring@2 -o hidden/
+      pumaid simulate --surprise any --seed 7
       pumaid simulate --noise 0.05 --rate 100 --format csv -o noisy/
       pumaid simulate -o - | pumaid identify -
     """
@@ -120,6 +136,8 @@ def command(
     made = read_plan(plan_path or experiment_folder(recipe) / PLAN_NAME, robot)
     notes(note for note in made.notes if note.slug == "plan-other-robot")
     real = _real(robot, truth, hide=hide, noise=noise, seed=seed)
+    if surprise is not None:
+        real = _surprised(real, made, None if surprise == "any" else surprise, seed=seed)
     logs = simulate(
         robot,
         made,

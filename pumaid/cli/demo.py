@@ -1,0 +1,259 @@
+"""The demo's story: which commands follow each other, and what each showed, in a sentence."""
+
+from __future__ import annotations
+
+import itertools
+import json
+import shlex
+import shutil
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from pumaid.cli.rehearsal import Step, run
+from pumaid.errors import ResultError, Where
+from pumaid.units import number
+
+#: The file by which a folder is known to be a demo's.
+MARK = "demo.json"
+#: What a demo makes in its folder.
+MADE = ("recipe.yaml", "plan.yaml", "logs", "results", MARK)
+#: The arm, the robot's minutes and Hz of its log: enough to find an effect, little enough for a minute of the user's.
+ARM, MINUTES, RATE = "puma560", 20, 50
+
+Document = Mapping[str, Any]
+
+
+@dataclass(frozen=True, slots=True)
+class Told:
+    """A step of the story: the command that was run, and what it showed."""
+
+    step: Step
+    sentence: str
+
+
+def make_room(folder: Path) -> None:
+    """An empty folder for a demo: an earlier demo's files are removed, anybody else's are not touched.
+
+    Raises
+    ------
+    ResultError [demo-in-the-way]
+        The folder holds something that no demo made.
+    """
+    there = sorted(folder.iterdir()) if folder.is_dir() else []
+    if folder.exists() and not folder.is_dir():
+        there = [folder]
+    strange = [path for path in there if path.name not in MADE]
+    if there and (strange or not (folder / MARK).is_file()):
+        first = (strange or there)[0]
+        what = f"{folder} is no earlier demo: it holds {first.name}"
+        raise ResultError("demo-in-the-way", what, Where(file=str(first)), "name another folder: pumaid demo FOLDER")
+    for path in there:
+        if path.is_dir():
+            shutil.rmtree(path)
+        else:
+            path.unlink()
+    folder.mkdir(parents=True, exist_ok=True)
+    (folder / MARK).write_text(json.dumps({"kind": "demo", "format": 1}) + "\n", encoding="utf-8")
+
+
+def story(folder: Path, *, seed: int, surprise: str | None) -> Iterator[Told]:
+    """Run the commands one after the other; what a step shows decides what the next ones are.
+
+    None of them opens ``logs/truth.json``, in which the robot's secret lies.
+
+    Parameters
+    ----------
+    folder
+        The experiment.
+    seed
+        Of the plan and of the robot.
+    surprise
+        What ``simulate --surprise`` is given; none for a robot with nothing hidden.
+    """
+    recipe, logs, model = (str(folder / name) for name in ("recipe.yaml", "logs", "results/model.json"))
+    yield _told(["init", ARM, "-o", recipe, "--force"], _arm)
+    yield _told(["plan", recipe, "--minutes", str(MINUTES), "--seed", str(seed), "--force"], _plan)
+    secret = [] if surprise is None else ["--surprise", surprise]
+    yield _told(["simulate", recipe, *secret, "--seed", str(seed), "--rate", str(RATE), "--force"], _simulated)
+    yield _told(["identify", logs], _identified)
+    yield _told(["compare", model, logs], _compared)
+    diagnosed = _told(["diagnose", model, logs], _diagnosed)
+    yield diagnosed
+    wanted = additions(diagnosed.step.answer)
+    if wanted:
+        yield _told(["identify", logs, *(word for one in wanted for word in ("--add", one))], _identified)
+        yield _told(["diagnose", model, logs], _diagnosed_again)
+    yield _told(["history", str(folder)], _climbed)
+    yield _told(["report", model, logs, "--format", "png"], _reported)
+
+
+def _told(words: list[str], sentence: Callable[[Document], str]) -> Told:
+    step = run(words)
+    try:
+        return Told(step, sentence(step.answer))
+    except (KeyError, TypeError, IndexError) as error:
+        what = f"the document that '{step.line}' printed lacks {error}"
+        raise ResultError("step-failed", what, Where(), "run the line yourself with --json") from error
+
+
+def findings(answer: Document) -> list[Document]:
+    """What a diagnosis says should be added, strongest first."""
+    return [found for found in answer["findings"] if found["verdict"] == "add"]
+
+
+def additions(answer: Document) -> list[str]:
+    """Words for ``identify --add``: as the findings' own commands have them, else effect and joint."""
+    out = []
+    for found in findings(answer):
+        words = shlex.split(found.get("command") or "")
+        named = [word for before, word in itertools.pairwise(words) if before == "--add"]
+        out += named or [place(found)]
+    return list(dict.fromkeys(out))
+
+
+def place(found: Document) -> str:
+    """``stribeck@3``, or the effect alone where it is the whole arm's."""
+    return str(found["effect"]) + ("" if found.get("joint") is None else f"@{found['joint']}")
+
+
+def _amperes(value: float | None) -> str:
+    return "unknown" if value is None else f"{1e3 * value:.3g} mA"
+
+
+def _arm(answer: Document) -> str:
+    return f"The recipe of a {answer['robot']} with {answer['joints']} joints: geometry and limits, nothing else."
+
+
+def _plan(answer: Document) -> str:
+    runs = answer["runs"]
+    kept = sum(run["purpose"] == "heldout" for run in runs)
+    return (
+        f"{len(runs)} runs in {number(answer['duration'] / 60.0, 3)} minutes of the robot's time, in which every joint"
+        f" runs alone; {kept} are kept for judging and never fitted."
+    )
+
+
+def _simulated(answer: Document) -> str:
+    samples = sum(part["samples"] for part in answer["files"])
+    return f"A robot with masses and friction of its own made the runs: {samples:,} samples, its secret sealed beside."
+
+
+def _identified(answer: Document) -> str:
+    added = ", ".join(place(one) for one in answer.get("effects", ()))
+    joints = [joint for joint in answer["joints"] if joint.get("rmse") is not None]
+    worst = max(joints, key=lambda joint: joint["rmse"] / (joint.get("noise_floor") or joint["rmse"]))
+    count = sum(len(joint["parameters"]) for joint in answer["joints"])
+    return (
+        f"Weight and friction{f', and {added},' if added else ''} in {count} parameters; farthest above its noise is"
+        f" joint {worst['joint']}: {_amperes(worst['rmse'])} where repeated runs differ by"
+        f" {_amperes(worst.get('noise_floor'))}."
+    )
+
+
+def _compared(answer: Document) -> str:
+    joints = [joint for joint in answer["joints"] if joint.get("rmse") is not None and joint.get("noise_floor")]
+    above = [str(joint["joint"]) for joint in joints if joint["rmse"] > 1.15 * joint["noise_floor"]]
+    where = f"joint{'s' if len(above) > 1 else ''} {', '.join(above)}" if above else "no joint"
+    return f"Over all runs the model is off by {_amperes(answer['rmse'])}; clearly more than noise at {where}."
+
+
+def _diagnosed(answer: Document) -> str:
+    found = findings(answer)
+    if found:
+        told = "; ".join(_finding(one) for one in found)
+        return f"Missing: {told}."
+    unexplained = [str(joint["joint"]) for joint in answer["joints"] if joint["verdict"] == "unexplained"]
+    if unexplained:
+        return f"Something is missing at joint {', '.join(unexplained)} that no known effect explains."
+    return "Nothing is missing that these data can show."
+
+
+def _finding(found: Document) -> str:
+    chance = found.get("p_value")
+    rivals = [str(rival) for rival in found.get("rivals") or ()]
+    told = place(found)
+    if chance is not None:
+        told += f" (by chance alone: {number(max(chance, 1e-4), 2)})"
+    return told + (f", which these data cannot tell from {' or '.join(rivals)}" if rivals else "")
+
+
+def _diagnosed_again(answer: Document) -> str:
+    more = findings(answer)
+    return f"Still {_diagnosed(answer)[0].lower()}{_diagnosed(answer)[1:]}" if more else _diagnosed(answer)
+
+
+def _climbed(answer: Document) -> str:
+    models = answer["ladders"][0]["models"]
+    parts = []
+    for key, words in (("rmse", "runs that were fitted"), ("heldout", "runs that no fit saw")):
+        first, last = models[0].get(key), models[-1].get(key)
+        if first is not None and last is not None:
+            parts.append(f"{_amperes(first)} to {_amperes(last)} on {words}")
+    floor = models[-1].get("noise_floor")
+    end = f"; the noise floor is {_amperes(floor)}" if floor is not None else ""
+    if len(models) == 1:
+        return f"One model, and no reason for another{end}."
+    return f"The error went from {', and from '.join(parts)}{end}."
+
+
+def _reported(answer: Document) -> str:
+    page = next((file for file in answer["files"] if str(file).endswith(".html")), answer["files"][-1])
+    return f"All of it on one page: {page}."
+
+
+def verdict(hidden: Sequence[Document], answer: Document) -> tuple[str, str]:
+    """Whether a diagnosis was right, in a word and in a sentence.
+
+    Parameters
+    ----------
+    hidden
+        What ``truth.json`` says was hidden: nothing, or one effect.
+    answer
+        The document of the first ``pumaid diagnose``.
+
+    Returns
+    -------
+    word
+        ``named``, ``in the set``, ``wrong`` or ``missed``; ``left alone`` or ``wrong`` where nothing was hidden.
+    sentence
+        The same for people, with what it named beside.
+    """
+    found = findings(answer)
+    if not hidden:
+        if found:
+            return "wrong", f"Wrong: nothing was hidden, and diagnosis named {', '.join(map(place, found))}."
+        return "left alone", "Right: nothing was hidden, and nothing was found."
+    true = hidden[0]
+    others = [place(one) for one in found if place(one) != place(true)]
+    if place(true) in map(place, found):
+        beside = f"; but it named {', '.join(others)} as well, which is not there" if others else ""
+        return "named", f"Right: diagnosis named {place(true)}{beside}."
+    alike = [one for one in found if _is_rival(true, one)]
+    if alike:
+        return "in the set", (
+            f"In the set: diagnosis named {place(alike[0])} and said that these data cannot tell it from"
+            f" {true['effect']}, which it is."
+        )
+    if found:
+        return "wrong", f"Wrong: it is {place(true)}, and diagnosis named {', '.join(others)}."
+    strange = [str(joint["joint"]) for joint in answer["joints"] if joint["verdict"] == "unexplained"]
+    if strange:
+        told = f"it saw that something is missing at joint {', '.join(strange)} and could not name {place(true)}"
+        return "missed", f"Missed: {told}."
+    return "missed", f"Missed: {place(true)} was hidden, and diagnosis found nothing."
+
+
+def _is_rival(true: Document, found: Document) -> bool:
+    """Whether a finding keeps the hidden effect among its rivals, at the same joint or where one is the whole arm's."""
+    names = {str(rival).split("@", maxsplit=1)[0] for rival in found.get("rivals") or ()}
+    same = true["joint"] is None or found.get("joint") is None or true["joint"] == found["joint"]
+    return true["effect"] in names and same
+
+
+def secret(folder: Path) -> list[dict[str, Any]]:
+    """What was hidden, from ``logs/truth.json``: to be opened when all is said."""
+    document = json.loads((folder / "logs" / "truth.json").read_text(encoding="utf-8"))
+    hidden: list[dict[str, Any]] = document["hidden"]
+    return hidden

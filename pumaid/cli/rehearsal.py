@@ -1,0 +1,70 @@
+"""Commands run inside another one: typed as a user would type them, their answer read as a document."""
+
+from __future__ import annotations
+
+import contextlib
+import io
+import json
+import shlex
+import time
+from dataclasses import dataclass
+from typing import Any
+
+from pumaid.errors import ResultError, Where
+
+#: Lines of a command's complaint that are told.
+_TOLD = 6
+
+
+@dataclass(frozen=True, slots=True)
+class Step:
+    """A command line that was run: the line, its ``--json`` document, what it said beside it, and s that it took."""
+
+    line: str
+    answer: dict[str, Any]
+    said: str
+    seconds: float
+
+
+def run(words: list[str]) -> Step:
+    """Run ``pumaid`` with some words and ``--json``, in this process.
+
+    Parameters
+    ----------
+    words
+        The command and its arguments, without ``pumaid`` and ``--json``.
+
+    Raises
+    ------
+    ResultError [step-failed]
+        The command left with another exit code than 0, or printed no document.
+    """
+    from pumaid.cli import group
+
+    line = shlex.join(["pumaid", *words])
+    out, said, start = io.StringIO(), io.StringIO(), time.monotonic()
+    with contextlib.redirect_stdout(out), contextlib.redirect_stderr(said):
+        try:
+            code = group.main([*words, "--json"], prog_name="pumaid", standalone_mode=False)
+        except click_refusals() as error:
+            raise _failed(line, f"was not understood: {error.format_message()}", "") from error
+    if code:
+        raise _failed(line, f"left with exit code {code}", said.getvalue())
+    try:
+        answer = json.loads(out.getvalue())
+    except ValueError as error:
+        raise _failed(line, "printed no JSON document", said.getvalue()) from error
+    return Step(line, answer, said.getvalue(), time.monotonic() - start)
+
+
+def click_refusals() -> type[Any]:
+    """What click raises where words make no command."""
+    import rich_click as click
+
+    return click.ClickException
+
+
+def _failed(line: str, what: str, said: str) -> ResultError:
+    last = " / ".join(said.strip().splitlines()[-_TOLD:])
+    mend = "run the line yourself to see all that it says"
+    return ResultError("step-failed", f"'{line}' {what}" + (f": {last}" if last else ""), Where(), mend)
