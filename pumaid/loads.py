@@ -13,7 +13,7 @@ from pumaid.records import Loads, Samples
 Floats = NDArray[np.float64]
 
 
-def loads(model: Model, samples: Samples, *, solution: Floats, scales: Floats) -> Loads:
+def loads(model: Model, samples: Samples, *, solution: Floats, scales: Floats, frames: Floats | None = None) -> Loads:
     """Gravity's currents, their slopes and the base model's prediction at M instants of one moving joint.
 
     With h the regrouped first moment of all links from joint i outward (base axes, in joint i's gain), gravity's moment
@@ -35,25 +35,27 @@ def loads(model: Model, samples: Samples, *, solution: Floats, scales: Floats) -
     """
     robot, number = model.robot, samples.joint
     i, g = number - 1, np.asarray(robot.gravity, dtype=float)
-    frames = axes(robot.alphas, robot.dh_angles(samples.position))
+    if frames is None:
+        frames = axes(robot.alphas, robot.dh_angles(samples.position))
     z = frames[:, :, :, 2]
+    levers = np.cross(z, g)
     moments, weights = _moments(model, frames, samples=samples, solution=solution)
     turns = robot.is_revolute
-    others = np.column_stack(
-        [_load(k, z, moments, weights, scales=scales, g=g, turns=turns) for k in range(len(turns))]
-    )
+    heavy = np.abs(moments).max(axis=(0, 2)) > 0
+    others = np.einsum("mkp,mjp,kj->mk", levers, moments, _counted(scales, heavy), optimize=True)
+    others[:, ~turns] = (-(z @ g) * weights)[:, ~turns]
     known = np.nan_to_num(scales[i])
     parts = moments * known[None, :, None]
     parts[:, :i] = 0.0
     h = parts.sum(axis=1)
-    own = np.einsum("mk,mk->m", np.cross(z[:, i], g), h) if turns[i] else others[:, i]
+    own = np.einsum("mk,mk->m", levers[:, i], h) if turns[i] else others[:, i]
     slopes = np.column_stack(
         [_slope(i, m, z=z, parts=parts, weights=weights * known, g=g, turns=turns) for m in range(len(turns))]
     )
     turned = [np.cross(g, axis) for axis in np.eye(3)[:2]]
     if turns[i]:
         tilts = np.column_stack([np.einsum("mk,mk->m", np.cross(z[:, i], way), h) for way in turned])
-        moment = np.cross(g, np.einsum("mjk,j->mk", moments, _felt(moments, scales, i)))
+        moment = np.cross(g, np.einsum("mjk,j->mk", moments, _felt(heavy, scales, i)))
         across = np.linalg.norm(moment - z[:, i] * np.einsum("mk,mk->m", z[:, i], moment)[:, None], axis=1)
     else:
         tilts = np.column_stack([-(z[:, i] @ way) * weights[i] for way in turned])
@@ -79,26 +81,19 @@ def _moments(model: Model, frames: Floats, *, samples: Samples, solution: Floats
     return out, weights
 
 
-def _load(
-    k: int, z: Floats, moments: Floats, weights: Floats, *, scales: Floats, g: Floats, turns: NDArray[np.bool_]
-) -> Floats:
-    """(M,) gravity's current in joint k (from 0), in its own motor."""
-    if not turns[k]:
-        return -(z[:, k] @ g) * weights[k]
-    heavy = np.abs(moments).max(axis=(0, 2)) > 0
-    factor = np.where(heavy, scales[k], 0.0)
-    factor[:k] = 0.0
-    return np.asarray(np.einsum("mk,mjk,j->m", np.cross(z[:, k], g), moments, factor))
+def _counted(scales: Floats, heavy: NDArray[np.bool_]) -> Floats:
+    """(J, J) ratios by which each joint counts the links beyond it; zero for links without weight."""
+    return np.where(heavy[None, :], np.triu(scales), 0.0)
 
 
-def _felt(moments: Floats, scales: Floats, i: int) -> Floats:
+def _felt(heavy: NDArray[np.bool_], scales: Floats, i: int) -> Floats:
     """(J,) ratios by which joint i (from 0) counts the links' moments: its own where they are known, else those of the
     next joint outward whose are (a moment across an upright axis is never told in its own gain)."""
-    heavy = np.abs(moments).max(axis=(0, 2)) > 0
-    heavy[:i] = False
+    links = np.arange(len(scales))
     for k in range(i, len(scales)):
-        if np.all(np.isfinite(scales[k][heavy & (np.arange(len(scales)) >= k)])):
-            return np.where(heavy & (np.arange(len(scales)) >= k), scales[k], 0.0)
+        beyond = heavy & (links >= k)
+        if np.all(np.isfinite(scales[k][beyond])):
+            return np.where(beyond, scales[k], 0.0)
     return np.zeros(len(scales))
 
 

@@ -10,6 +10,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from pumaid.maths.frames import axes
 from pumaid.model import Model
 from pumaid.motion.options import CONSTANT
 from pumaid.motion.reduce import coarser
@@ -55,8 +56,12 @@ class Field:
         (R,) s, duration of a cell of each run.
     groups
         Runs (from 0) that repeat one another, every run in one group.
+    postures
+        Runs (from 0) by held posture.
     base
         (N, p) regressors of the base model, ratios of gains left out.
+    frames
+        (N, J, 3, 3) rotations of the links.
     """
 
     joint: int
@@ -68,7 +73,9 @@ class Field:
     first: Counts
     step: Floats
     groups: tuple[tuple[int, ...], ...]
+    postures: tuple[tuple[int, ...], ...]
     base: Floats
+    frames: Floats
 
     def __len__(self) -> int:
         return len(self.current)
@@ -86,11 +93,6 @@ class Field:
     def sums(self, values: Floats) -> Floats:
         """(R, ...) sums over the cells of each run."""
         return np.asarray(np.add.reduceat(values, self.first, axis=0))
-
-    @property
-    def postures(self) -> list[list[int]]:
-        """Numbers of the runs (from 0) by held posture."""
-        return posture_groups(self.runs)
 
     @property
     def pairs(self) -> list[tuple[int, int]]:
@@ -129,7 +131,7 @@ class Field:
             starts=tuple(starts),
             duration=float(self.samples.time.max()),
             current=float(np.abs(drawn).max()),
-            postures=len(posture_groups(self.runs)),
+            postures=len(self.postures),
         )
 
 
@@ -185,7 +187,9 @@ def field(model: Model, runs: Sequence[Run], *, begun: Mapping[tuple[int, int], 
         first=np.concatenate([[0], np.cumsum(lengths)[:-1]]).astype(np.int64),
         step=np.array([run.duration / max(len(run.cells), 1) for run in thin]),
         groups=tuple(sorted([*repeated, *alone])),
+        postures=tuple(tuple(group) for group in posture_groups(runs)),
         base=model.regressor(samples),
+        frames=axes(model.robot.alphas, model.robot.dh_angles(samples.position)),
     )
 
 

@@ -55,7 +55,7 @@ def postures_of(solved: Solved, joints: Sequence[int]) -> list[tuple[int, tuple[
     found = []
     for row in solved.rows:
         if row.field.joint in joints:
-            found += [(row.field.joint, tuple(group)) for group in row.field.postures]
+            found += [(row.field.joint, group) for group in row.field.postures]
     return found
 
 

@@ -126,10 +126,13 @@ class Stepwise:
     def look(self, added: Sequence[Added]) -> Step:
         """Scan with the noise that is left once the leading candidate is out, then judge the leaders."""
         first = loaded(self.solved(added))
-        lead = self._lead(first)
-        noises = None if lead is None else self.solved([*added, lead]).noises
-        solved = first if noises is None else loaded(self.solved(added, noises))
-        tried = build(solved, self.effects)
+        tried = build(first, self.effects)
+        best = scan(first, tried).best().values()
+        if best:
+            lead = max(best, key=lambda one: evidence(first, one)).added
+            solved = loaded(self.solved(added, self.solved([*added, lead]).noises))
+        else:
+            solved = first
         seen = scan(solved, tried, self._spectra(solved))
         chances = family(seen, periodic=self.periodic.name if self.periodic else None)
         pairs = self._close(seen, chances)
@@ -140,11 +143,6 @@ class Stepwise:
         if chosen is not None:
             like = rivals(chosen, found, loaded(self.solved([*added, chosen.trial.added])))
         return Step(seen, tried, chances, chosen, like, tuple(found))
-
-    def _lead(self, solved: Solved) -> Added | None:
-        """What explains most on the coarse cells."""
-        best = scan(solved, build(solved, self.effects)).best().values()
-        return max(best, key=lambda one: evidence(solved, one)).added if best else None
 
     def _spectra(self, solved: Solved) -> dict[int, Spectrum]:
         """Of what the solved system leaves, at the finest cells."""

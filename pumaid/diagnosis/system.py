@@ -221,7 +221,7 @@ def loaded(solved: Solved) -> Solved:
 
 def with_loads(model: Model, field: Field, start: Start) -> Field:
     """The field with gravity's loads by the parameters given."""
-    found = loads(model, field.samples, solution=start.base, scales=start.scales)
+    found = loads(model, field.samples, solution=start.base, scales=start.scales, frames=field.frames)
     return replace(field, samples=replace(field.samples, loads=found))
 
 

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from pumaid.diagnosis.field import distinct, posture_groups, starts
+from pumaid.diagnosis.field import distinct, starts
 from pumaid.diagnosis.system import Added, Row, Solved
 from pumaid.effects import Effect, Scope, catalogue
 from pumaid.records import Extent
@@ -74,6 +74,7 @@ def build(solved: Solved, effects: Sequence[Effect] | None = None) -> Catalogue:
     wide: dict[int, list[Floats]] = {row.field.joint: [] for row in solved.rows}
     width = dict.fromkeys([*local, 0], 0)
     extents = {row.field.joint: row.field.extent(row.drawn) for row in solved.rows}
+    whole = _whole(solved, extents)
     for effect in tried:
         for owner in _owners(solved, effect):
             why = None if owner is None else effect.applies(solved.model.robot, owner)
@@ -82,7 +83,7 @@ def build(solved: Solved, effects: Sequence[Effect] | None = None) -> Catalogue:
             if why is not None:
                 excluded[effect.name, owner] = why
                 continue
-            here = extents.get(owner or 0) or _whole(solved, extents, owner)
+            here = extents.get(owner or 0) or whole
             shapes = effect.grid(solved.model.robot, here)
             place = owner if effect.scope is Scope.JOINT and owner is not None else 0
             some = [row for row in solved.rows if place in (0, row.field.joint)]
@@ -121,14 +122,14 @@ def _present(solved: Solved, effect: Effect, owner: int | None) -> bool:
     return inside or (effect.name, owner) in chosen
 
 
-def _whole(solved: Solved, extents: dict[int, Extent], owner: int | None) -> Extent:
+def _whole(solved: Solved, extents: dict[int, Extent]) -> Extent:
     """Of all joints together, for what acts in several."""
     every = list(extents.values())
     runs = [run for row in solved.rows for run in row.field.runs]
     begun = starts(runs)
     elapsed = sorted(run.start - begun[run.clock, 0] for run in runs)
     return Extent(
-        joint=owner,
+        joint=None,
         speeds=distinct([speed for one in every for speed in one.speeds]),
         position=(min(one.position[0] for one in every), max(one.position[1] for one in every)),
         finest=min(one.finest for one in every),
@@ -136,7 +137,7 @@ def _whole(solved: Solved, extents: dict[int, Extent], owner: int | None) -> Ext
         starts=tuple(elapsed),
         duration=max(float(row.field.samples.elapsed.max()) for row in solved.rows),
         current=max(one.current for one in every),
-        postures=len(posture_groups(runs)),
+        postures=max(one.postures for one in every),
     )
 
 
