@@ -97,7 +97,7 @@ def _whole(joints: Sequence[JointFit]) -> Errors:
             return None
         return math.sqrt(sum(fit.samples * value**2 for fit, value in zip(fitted, known, strict=True)) / samples)
 
-    heldout = [getattr(fit, "heldout", None) for fit in fitted]
+    heldout = [fit.heldout for fit in fitted]
     return Errors(pooled([fit.rmse for fit in fitted]), pooled(heldout), pooled([fit.noise_floor for fit in fitted]))
 
 

@@ -42,7 +42,7 @@ def _at(joints: Sequence[int | None], n_joints: int) -> str:
 
 def of_joint(fit: JointFit) -> Errors:
     """The errors of one joint."""
-    return Errors(fit.rmse, getattr(fit, "heldout", None), fit.noise_floor)
+    return Errors(fit.rmse, fit.heldout, fit.noise_floor)
 
 
 def has_heldout(ladder: Ladder) -> bool:
@@ -169,7 +169,7 @@ def _rung_document(rung: Rung) -> dict[str, Any]:
                 "samples": fit.samples,
                 "rmse": fit.rmse,
                 "heldout": of_joint(fit).heldout,
-                "heldout_runs": getattr(fit, "heldout_runs", 0),
+                "heldout_runs": fit.heldout_runs,
                 "noise_floor": fit.noise_floor,
             }
             for fit in rung.joints

@@ -8,8 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from pumaid.records import Comparison, Diagnosis, Estimate, Evidence, Robot, RunScore
-from pumaid.records.ladder import Ladder
+from pumaid.records import Comparison, Diagnosis, Estimate, Evidence, Ladder, Robot, RunScore
 from pumaid.show.numbers import in_unit
 
 Floats = NDArray[np.float64]

@@ -11,7 +11,7 @@ from pumaid.cli.options import json_option, results_option
 from pumaid.cli.output import document, notes, picture_form, remark, table
 
 if TYPE_CHECKING:
-    from pumaid.records.ladder import History, Ladder
+    from pumaid.records import History, Ladder
 
 
 @click.command()
