@@ -2,18 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+import itertools
 
 import numpy as np
 from numpy.typing import NDArray
 
-from pumaid.diagnosis.field import Field, distinct, joined, starts
+from pumaid.diagnosis.field import distinct
 from pumaid.diagnosis.repeats import Repeats, alike, halves
 from pumaid.diagnosis.ripples import Track
 from pumaid.diagnosis.search import FALSE_ALARM, FEWEST_RUNS, REPEAT, RIPPLE, Search
-from pumaid.diagnosis.traces import View, coarse_starts, view
-from pumaid.motion.replicates import noise_floor, replicates
-from pumaid.records import Budget, BudgetPart, Joint, Run, Samples
+from pumaid.diagnosis.traces import Laid, View, coarse_starts, view
+from pumaid.motion.replicates import noise_floor
+from pumaid.records import Budget, BudgetPart, Joint
 
 Floats = NDArray[np.float64]
 
@@ -43,7 +43,7 @@ POINTS_TO = {
 
 
 def budget(
-    field: Field,
+    laid: Laid,
     residual: Floats,
     joint: Joint,
     *,
@@ -61,14 +61,15 @@ def budget(
 
     Parameters
     ----------
-    field
-        The runs of the joint, in as many cells as they have: ripples are seen down to two cells a wave.
+    laid
+        The runs of the joint (`Spread.of`, or a field), in as many cells as they have: ripples are seen down to two
+        cells a wave.
     residual
-        (N,) A, measured less predicted, at the field's cells.
+        (N,) A, measured less predicted, at these cells.
     joint
         Whose runs they are.
     load
-        (N,) A that gravity draws by the model; the field's own where it knows it.
+        (N,) A that gravity draws by the model; their own where they know it.
     mean_square
         A2 of samples, where it is known better than from the cells.
     is_fitted
@@ -79,87 +80,45 @@ def budget(
     R. A. Fisher, The Design of Experiments, for the test by flipped signs; P. H. Westfall and S. S. Young,
     Resampling-Based Multiple Testing (1993), for many tests at once.
     """
-    if load is None and field.samples.loads is not None:
-        load = field.samples.loads.own
-    at = view(field, load, is_revolute=joint.is_revolute)
-    floor = noise_floor(field.runs)[0]
-    repeats = _repeats(field, at)
-    track = Track.of(field, is_revolute=joint.is_revolute)
-    search = Search(at, coarse_starts(field), track, repeats=repeats, is_fitted=is_fitted)
+    if load is None and laid.samples.loads is not None:
+        load = laid.samples.loads.own
+    at = view(laid, load, is_revolute=joint.is_revolute)
+    floor = noise_floor(laid.runs)[0]
+    repeats = _repeats(laid, at)
+    track = Track.of(laid, is_revolute=joint.is_revolute)
+    search = Search(at, coarse_starts(laid.first, len(laid.count)), track, repeats=repeats, is_fitted=is_fitted)
     search.run(residual)
     cells, samples = float(at.weight @ residual**2), float(at.weight.sum())
-    inside = _inside(field, residual) if mean_square is None else max(mean_square * samples - cells, 0.0)
+    inside = _inside(laid, residual) if mean_square is None else max(mean_square * samples - cells, 0.0)
     total = (cells + inside) / samples if mean_square is None else mean_square
     parts = _parts(search, joint, total=total, inside=inside)
     return Budget(
         mean_square=total,
         parts=parts,
-        runs=len(field.runs),
+        runs=len(laid.runs),
         replicates=len(repeats.members) if repeats.levels else 0,
         floor=None if floor is None else floor**2,
-        limits=tuple(_limits(field, at, has_load=load is not None)),
+        limits=tuple(_limits(laid, at, has_load=load is not None)),
     )
 
 
-def spread(runs: Sequence[Run]) -> Field:
-    """Runs of one joint with all their cells, as `budget` takes them; a model's regressors are not needed for it.
-
-    Parameters
-    ----------
-    runs
-        At least one, all of one joint.
-    """
-    joint, begun = runs[0].joint, starts(runs)
-    repeated = [tuple(group) for group in replicates(runs)]
-    alone = [(k,) for k in range(len(runs)) if not any(k in group for group in repeated)]
-    lengths = [len(run.cells) for run in runs]
-    count = np.concatenate([run.cells.count for run in runs]).astype(float)
-    return Field(
-        joint=joint,
-        runs=tuple(runs),
-        samples=joined([_samples(run, begun) for run in runs]),
-        current=np.concatenate([run.cells.current[:, joint - 1] for run in runs]),
-        count=count,
-        inside=np.concatenate([run.cells.variance for run in runs]),
-        first=np.concatenate([[0], np.cumsum(lengths)[:-1]]).astype(np.int64),
-        step=np.array([run.duration / len(run.cells) for run in runs]),
-        groups=tuple(sorted([*repeated, *alone])),
-        base=np.zeros((len(count), 0)),
-    )
-
-
-def _samples(run: Run, begun: Mapping[tuple[int, int], float]) -> Samples:
-    cells, own = run.cells, run.joint - 1
-    return Samples(
-        run.joint,
-        cells.position,
-        cells.velocity,
-        acceleration=cells.acceleration,
-        direction=np.full(len(cells), float(run.direction)),
-        time=cells.time - begun[run.clock, run.joint],
-        elapsed=cells.time - begun[run.clock, 0],
-        travel=np.abs(cells.position[:, own] - run.span[0]),
-        temperature=cells.temperature,
-    )
-
-
-def _repeats(field: Field, at: View) -> Repeats:
-    groups = tuple(group for group in field.groups if len(group) > 1)
+def _repeats(laid: Laid, at: View) -> Repeats:
+    groups = tuple(group for group in laid.groups if len(group) > 1)
     samples = np.bincount(at.run, at.weight).astype(np.float64)
     return Repeats(groups, True, samples) if groups else Repeats(alike(at), False, samples)
 
 
-def _inside(field: Field, residual: Floats) -> float:
+def _inside(laid: Laid, residual: Floats) -> float:
     """A2 times samples: what the residual varies inside cells, the prediction's slope across a cell taken out."""
-    predicted, total = field.current - residual, 0.0
-    for first, length in zip(field.first, field.lengths, strict=True):
-        own = slice(first, first + length)
-        if length < 2:
-            total += float(field.count[own] @ field.inside[own])
+    predicted, total = laid.current - residual, 0.0
+    for first, end in itertools.pairwise([*laid.first, len(residual)]):
+        own = slice(first, end)
+        if end - first < 2:
+            total += float(laid.count[own] @ laid.inside[own])
             continue
         slope, rest = np.gradient(predicted[own]), np.gradient(residual[own])
-        within = (slope**2 + 2.0 * slope * rest) * (1.0 - 1.0 / field.count[own] ** 2) / 12.0
-        total += max(float(field.count[own] @ (field.inside[own] - within)), 0.0)
+        within = (slope**2 + 2.0 * slope * rest) * (1.0 - 1.0 / laid.count[own] ** 2) / 12.0
+        total += max(float(laid.count[own] @ (laid.inside[own] - within)), 0.0)
     return total
 
 
@@ -217,14 +176,16 @@ def _averaging(search: Search, frequency: float) -> float:
 
 
 def _unassigned(search: Search) -> float:
-    """A2 times samples that repeat and have no name; without replicates, what differs between runs too."""
-    repeats, thin = search.repeats, search.thin_left()
+    """A2 times samples that repeat and have no name, and what may be noise or not: in too few runs, without repeats."""
+    repeats = search.repeats
+    if len(search.track.first) < FEWEST_RUNS:
+        return search.track.slow(search.left)
     total = 0.0
     if search.chance.get(REPEAT, 1.0) <= FALSE_ALARM:
-        shared = float(repeats.products(search.thin, thin)[0].sum()) * repeats.scale
+        shared = float(repeats.products(search.at, search.left)[0].sum()) * repeats.scale
         total += shared if search.is_worth(shared) else 0.0
     if not repeats.levels:
-        both = halves(search.thin, thin)
+        both = halves(search.thin, search.thin_left())
         total += max(float(repeats.samples @ (both[:, 0] * both[:, 1])), 0.0)
     return total
 
@@ -236,13 +197,13 @@ def _shared(search: Search) -> float:
     return search.repeats.level(halves(search.thin, search.thin_left())) * search.repeats.scale
 
 
-def _limits(field: Field, at: View, *, has_load: bool) -> list[str]:
+def _limits(laid: Laid, at: View, *, has_load: bool) -> list[str]:
     """What these runs cannot split."""
-    runs = field.runs
+    runs = laid.runs
     speeds = len(distinct([abs(run.speed) for run in runs]))
     claims = {
         "few-runs": len(runs) < FEWEST_RUNS,
-        "no-replicates": all(len(group) < 2 for group in field.groups),
+        "no-replicates": all(len(group) < 2 for group in laid.groups),
         "one-direction": len({run.direction for run in runs}) == 1,
         "one-posture": int(at.posture.max()) == 0,
         "one-speed": speeds == 1,

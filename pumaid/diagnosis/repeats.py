@@ -12,8 +12,8 @@ from pumaid.diagnosis.traces import View
 Floats = NDArray[np.float64]
 Labels = NDArray[np.int64]
 
-#: Bins over the span in which runs are laid side by side.
-BINS = 48
+#: Most bins over the span in which runs are laid side by side.
+MOST_BINS = 512
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -57,9 +57,10 @@ class Repeats:
             Sum of what the diagonal would hold.
         """
         runs = len(self.samples)
-        cell = at.run * BINS + np.minimum((at.share * BINS).astype(np.int64), BINS - 1)
-        weight = np.bincount(cell, at.weight, minlength=runs * BINS).reshape(runs, BINS)
-        total = np.bincount(cell, at.weight * residual, minlength=runs * BINS).reshape(runs, BINS)
+        bins = int(min(np.median(np.bincount(at.run)), MOST_BINS))
+        cell = at.run * bins + np.minimum((at.share * bins).astype(np.int64), bins - 1)
+        weight = np.bincount(cell, at.weight, minlength=runs * bins).reshape(runs, bins)
+        total = np.bincount(cell, at.weight * residual, minlength=runs * bins).reshape(runs, bins)
         mean = np.divide(total, weight, out=np.zeros_like(total), where=weight > 0)
         if not self.levels:
             mean -= (total.sum(axis=1) / weight.sum(axis=1))[:, None]

@@ -7,9 +7,9 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import ndimage
+from scipy import ndimage, stats
 
-from pumaid.diagnosis.field import Field
+from pumaid.diagnosis.traces import Laid
 
 Floats = NDArray[np.float64]
 Complex = NDArray[np.complex128]
@@ -60,16 +60,24 @@ class Track:
     width: Floats
 
     @classmethod
-    def of(cls, field: Field, *, is_revolute: bool) -> Track:
-        """The cells of a field."""
-        q, turn = field.samples.position[:, field.joint - 1], 2.0 * np.pi
-        low, high = np.minimum.reduceat(q, field.first), np.maximum.reduceat(q, field.first)
+    def of(cls, laid: Laid, *, is_revolute: bool) -> Track:
+        """The cells of one joint's runs."""
+        q, turn, first = laid.samples.position[:, laid.joint - 1], 2.0 * np.pi, laid.first
+        low, high = np.minimum.reduceat(q, first), np.maximum.reduceat(q, first)
         back = turn * np.round(0.5 * (low + high) / turn) if is_revolute else np.zeros(len(low))
-        span, lengths = high - low, field.lengths
+        span, lengths = high - low, np.diff(np.append(first, len(q)))
         width = span / np.maximum(lengths - 1, 1)
         place = q - np.repeat(back, lengths)
-        way = field.samples.direction
-        return cls(place, way, field.count, field.run, field.first, lengths, low - back, span, width)
+        run = np.repeat(np.arange(len(first)), lengths)
+        return cls(place, laid.samples.direction, laid.count, run, first, lengths, low - back, span, width)
+
+    def slow(self, residual: Floats) -> float:
+        """Square (weight times A2) of a residual (N,) in each run's own polynomial, less what is due to fast noise."""
+        fast = self.rough(residual)
+        whole, rest = self.weight @ residual**2, self.weight @ fast**2
+        degrees = np.minimum(SMOOTH, self.lengths // 2) + 1
+        share = float(degrees.sum() / max(len(residual) - degrees.sum(), 1))
+        return max(float(whole - rest * (1.0 + share)), 0.0)
 
     def rough(self, residual: Floats) -> Floats:
         """(N,) a residual less a polynomial of each run's own."""
@@ -151,12 +159,18 @@ class Spectrum:
         """Square (A2 times samples) of the wave at a frequency of the grid, and what noise makes of it."""
         at = int(np.argmin(np.abs(self.frequency - frequency)))
         found = noise = 0.0
-        for way in WAYS:
-            here, total = self.sums[self.way == way, at], float(self.weight[self.way == way].sum())
+        for way, loud in zip(WAYS, self.loudness[:, at], strict=True):
+            total = float(self.weight[self.way == way].sum())
             if total > 0.0:
-                found += 2.0 * abs(complex(here.sum())) ** 2 / total
-                noise += 2.0 * float(np.sum(np.abs(here) ** 2)) / total
+                found += 2.0 * abs(complex(self.sums[self.way == way, at].sum())) ** 2 / total
+                noise += 2.0 * float(loud) / total
         return found, noise
+
+    def chance(self, height: float) -> float:
+        """Chance of that height at any frequency by noise alone, as its neighbours tell: where runs are few."""
+        ways = len(np.unique(self.way))
+        one = float(stats.f.sf(height / ways, 2 * ways, 2 * NEIGHBOURS * len(self.way) / ways))
+        return -float(np.expm1(0.5 * len(self.frequency) * np.log1p(-min(one, 1.0 - 1e-12))))
 
 
 def spectrum(track: Track, residual: Floats) -> Spectrum | None:

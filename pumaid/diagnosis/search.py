@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from pumaid.diagnosis.flips import MOST_LEVERAGE, Basis, Design, chances, flipped
+from pumaid.diagnosis.flips import Basis, Design, chances, flipped
 from pumaid.diagnosis.repeats import Repeats
 from pumaid.diagnosis.ripples import Track, spectrum
 from pumaid.diagnosis.traces import TERMS, View, fitted
@@ -46,10 +46,8 @@ class Found:
         Of as much by noise, everything at the joint considered.
     fall, noise
         By how much the square fell, and how much noise brings into these directions, A2 times samples.
-    columns
-        (N, k) orthonormal directions over the cells.
     basis
-        The same over the design; None of a ripple.
+        Its directions; None of a ripple.
     frequency
         rad of phase per rad or m; 0 of what is no ripple.
     """
@@ -58,7 +56,6 @@ class Found:
     chance: float
     fall: float
     noise: float
-    columns: Floats
     basis: Basis | None = None
     frequency: float = 0.0
 
@@ -128,9 +125,9 @@ class Search:
         self._least = LEAST_AT_FIRST * self._square(residual)
         rng = np.random.default_rng(SEED)
         signs = rng.choice([-1.0, 1.0], (FLIPS, runs))
-        steps = MOST_FOUND if runs >= FEWEST_RUNS else 0
-        while steps and self._step(signs):
-            steps -= 1
+        for _ in range(MOST_FOUND):
+            if not (self._step(signs) if runs >= FEWEST_RUNS else self._step_of_few()):
+                break
         self.found = tuple(replace(one, noise=self._noise(one)) for one in self.found)
 
     def thin_left(self) -> Floats:
@@ -158,13 +155,26 @@ class Search:
             rare = chances(height, waves.height(signs).max(axis=1))
             seen[RIPPLE] = _Seen(*rare, *waves.squares(frequency))
         if self.repeats.groups:
-            products, own = self.repeats.products(self.thin, thin)
+            products, own = self.repeats.products(self.at, self.left)
             drawn = own + np.einsum("br,br->b", signs @ products, signs)
             seen[REPEAT] = _Seen(*chances(own + float(products.sum()), drawn), 0.0, own)
         best = self._largest(seen)
         if best is not None:
-            self._take(best, bases.get(best), frequency)
+            self._take(best, bases.get(best), frequency, noise=seen[best].noise)
         return best is not None
+
+    def _step_of_few(self) -> bool:
+        """Where runs are few only a ripple can be told from noise: by the frequencies beside it."""
+        waves = spectrum(self.track, self.left) if RIPPLE in self._open else None
+        if waves is None:
+            return False
+        frequency, height = waves.peak([one.frequency for one in self.found])
+        chance = waves.chance(height)
+        if not self.found:
+            self.chance[RIPPLE] = chance
+        if chance <= FALSE_ALARM:
+            self._take(RIPPLE, None, frequency, noise=waves.squares(frequency)[1])
+        return chance <= FALSE_ALARM
 
     def _largest(self, seen: dict[Key, _Seen]) -> Key | None:
         """What takes out most of what is more than noise, directions counted against it; chances are noted."""
@@ -185,7 +195,7 @@ class Search:
         }
         return max(worth, key=lambda key: worth[key], default=None)
 
-    def _take(self, key: Key, basis: Basis | None, frequency: float) -> None:
+    def _take(self, key: Key, basis: Basis | None, frequency: float, *, noise: float) -> None:
         """Take a dependence out, if it is worth it, and look at it no more."""
         if basis is None:
             frequency = self.track.refined(self.left, frequency)
@@ -193,7 +203,7 @@ class Search:
         before, kept = self.left, self.found
         self.left = before - columns @ (columns.T @ (self.at.weight * before))
         fall = self._square(before) - self._square(self.left)
-        one = Found(key, self.chance[key], fall, 0.0, columns, basis, 0.0 if basis else frequency)
+        one = Found(key, self.chance[key], fall, noise, basis, 0.0 if basis else frequency)
         if self.is_worth(fall - self._noise(one)):
             self.found = (*kept, one)
             self._taken = np.append(self._taken, self._open[key])
@@ -215,13 +225,8 @@ class Search:
         return np.asarray(left[:, sizes > 1e-6 * sizes[0]] / root)
 
     def _noise(self, one: Found) -> float:
-        """Square (A2 times samples) that noise brings into what was taken out, by what each run has left there."""
-        if one.basis is not None:
-            return one.basis.noise(self._design.scores(self.thin_left()))
-        weighted, first = one.columns * self.at.weight[:, None], self.track.first
-        rest = np.add.reduceat(weighted * self.left[:, None], first, axis=0)
-        own = np.add.reduceat(weighted * one.columns, first, axis=0)
-        return float(np.sum(rest**2 / np.maximum(1.0 - own, 1.0 - MOST_LEVERAGE)))
+        """Square (A2 times samples) that noise brought into what was taken out, by what each run has left there."""
+        return one.noise if one.basis is None else one.basis.noise(self._design.scores(self.thin_left()))
 
     def _square(self, values: Floats) -> float:
         return float(self.at.weight @ values**2)

@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import itertools
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, fields
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
-from pumaid.diagnosis.field import Field, distinct, posture_groups
+from pumaid.diagnosis.field import distinct, joined, posture_groups
+from pumaid.motion.options import CONSTANT
+from pumaid.motion.replicates import replicates
+from pumaid.records import Run, Samples
 
 Floats = NDArray[np.float64]
 Labels = NDArray[np.int64]
@@ -27,6 +31,92 @@ MOST_SPEEDS = 8
 MOST_POSTURES = 24
 #: Cells of a run: the first ones as they are, where a start shows, the others in groups.
 FIRST, GROUPS = 16, 48
+
+
+class Laid(Protocol):
+    """The runs of one joint cell after cell, as a `Field` has them: what `Spread` states."""
+
+    @property
+    def joint(self) -> int: ...
+    @property
+    def runs(self) -> tuple[Run, ...]: ...
+    @property
+    def samples(self) -> Samples: ...
+    @property
+    def current(self) -> Floats: ...
+    @property
+    def count(self) -> Floats: ...
+    @property
+    def inside(self) -> Floats: ...
+    @property
+    def first(self) -> Labels: ...
+    @property
+    def groups(self) -> tuple[tuple[int, ...], ...]: ...
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Spread:
+    """The runs of one joint with all their cells, N together.
+
+    Attributes
+    ----------
+    joint
+        From 1.
+    runs
+        R of them.
+    samples
+        The cells; `run` counts the runs from 0.
+    current, count, inside
+        (N,) A of the moving joint, samples behind it, A2 of variance inside.
+    first
+        (R,) index of each run's first cell.
+    groups
+        Runs (from 0) that repeat one another, every run in one group.
+    """
+
+    joint: int
+    runs: tuple[Run, ...]
+    samples: Samples
+    current: Floats
+    count: Floats
+    inside: Floats
+    first: Labels
+    groups: tuple[tuple[int, ...], ...]
+
+    @classmethod
+    def of(cls, runs: Sequence[Run]) -> Spread:
+        """At least one run, all of one joint."""
+        joint, lengths = runs[0].joint, [len(run.cells) for run in runs]
+        begun: dict[int, float] = {}
+        for run in runs:
+            begun[run.clock] = min(run.start, begun.get(run.clock, run.start))
+        repeated = [tuple(group) for group in replicates(runs)]
+        alone = [(k,) for k in range(len(runs)) if not any(k in group for group in repeated)]
+        return cls(
+            joint=joint,
+            runs=tuple(runs),
+            samples=joined([_samples(run, begun[run.clock]) for run in runs]),
+            current=np.concatenate([run.cells.current[:, joint - 1] for run in runs]),
+            count=np.concatenate([run.cells.count for run in runs]).astype(float),
+            inside=np.concatenate([run.cells.variance for run in runs]),
+            first=np.concatenate([[0], np.cumsum(lengths)[:-1]]).astype(np.int64),
+            groups=tuple(sorted([*repeated, *alone])),
+        )
+
+
+def _samples(run: Run, begun: float) -> Samples:
+    cells, own = run.cells, run.joint - 1
+    return Samples(
+        run.joint,
+        cells.position,
+        cells.velocity,
+        acceleration=cells.acceleration,
+        direction=np.full(len(cells), float(run.direction)),
+        time=cells.time - begun,
+        elapsed=cells.time - begun,
+        travel=np.abs(cells.position[:, own] - run.span[0]),
+        temperature=cells.temperature,
+    )
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -93,32 +183,32 @@ class View:
         return View(**(out | {"weight": total}))
 
 
-def view(field: Field, load: Floats | None, *, is_revolute: bool) -> View:
+def view(laid: Laid, load: Floats | None, *, is_revolute: bool) -> View:
     """The cells of a field.
 
     Parameters
     ----------
-    field
+    laid
         N cells.
     load
         (N,) A that gravity draws by the model, or None.
     is_revolute
         Whether the joint turns.
     """
-    samples, own, runs = field.samples, field.joint - 1, field.runs
+    samples, own, runs = laid.samples, laid.joint - 1, laid.runs
     q = samples.position[:, own]
     speed = np.abs(samples.velocity[:, own])
     speeds = distinct([abs(run.speed) for run in runs])
     by_run = np.searchsorted(np.array(speeds) * (1.0 + 1e-9), [abs(run.speed) for run in runs], side="right") - 1
-    few = len(speeds) <= MOST_SPEEDS and all(run.kind == "constant" for run in runs)
+    few = len(speeds) <= MOST_SPEEDS and all(run.kind == CONSTANT for run in runs)
     posture = np.zeros(len(runs), dtype=np.int64)
     for number, group in enumerate(sorted(posture_groups(runs), key=lambda group: -len(group))):
         posture[group] = min(number, MOST_POSTURES)
     clocks = np.unique([run.clock for run in runs], return_inverse=True)[1]
-    lengths, span = field.lengths, float(np.ptp(q)) or 1.0
+    run, span = samples.run.astype(np.int64), float(np.ptp(q)) or 1.0
     return View(
-        weight=field.count,
-        run=field.run,
+        weight=laid.count,
+        run=run,
         share=(q - q.min()) / span,
         angle=q if is_revolute else np.zeros(len(q)),
         way=samples.direction,
@@ -127,11 +217,11 @@ def view(field: Field, load: Floats | None, *, is_revolute: bool) -> View:
         travel=samples.travel / span,
         temperature=samples.temperature,
         load=np.full(len(q), np.nan) if load is None else load,
-        slope=np.full(len(q), np.nan) if load is None else _slopes(load, q / span, field.first),
+        slope=np.full(len(q), np.nan) if load is None else _slopes(load, q / span, laid.first),
         pull=samples.acceleration / (np.abs(samples.acceleration).max() or 1.0),
-        speed_group=np.repeat(np.maximum(by_run, 0) if few else np.full(len(runs), -1), lengths),
-        posture=np.repeat(posture, lengths),
-        clock=np.repeat(clocks, lengths),
+        speed_group=(np.maximum(by_run, 0) if few else np.full(len(runs), -1))[run],
+        posture=posture[run],
+        clock=clocks[run],
     )
 
 
@@ -145,14 +235,22 @@ def _slopes(load: Floats, share: Floats, first: Labels) -> Floats:
     return out
 
 
-def coarse_starts(field: Field) -> Labels:
-    """First cells of the groups in which all but ripples are looked for."""
+def coarse_starts(first: Labels, cells: int) -> Labels:
+    """First cells of the groups in which all but ripples are looked for.
+
+    Parameters
+    ----------
+    first
+        (R,) each run's first cell.
+    cells
+        N.
+    """
     pieces = []
-    for first, length in zip(field.first, field.lengths, strict=True):
-        inner = np.arange(length)
-        if length > FIRST + GROUPS:
-            inner = np.append(np.arange(FIRST), np.linspace(FIRST, length, GROUPS + 1).astype(np.int64)[:-1])
-        pieces.append(first + inner)
+    for start, end in itertools.pairwise([*first, cells]):
+        inner = np.arange(end - start)
+        if len(inner) > FIRST + GROUPS:
+            inner = np.append(np.arange(FIRST), np.linspace(FIRST, len(inner), GROUPS + 1).astype(np.int64)[:-1])
+        pieces.append(start + inner)
     return np.concatenate(pieces)
 
 

@@ -7,7 +7,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from pumaid.diagnosis.budget import budget, spread
+from pumaid.diagnosis.budget import budget
+from pumaid.diagnosis.traces import Spread
 from pumaid.errors import Note
 from pumaid.files.result import check_same_recipe
 from pumaid.fit.judge import NOTHING, Groups, Judge, Tally, rmse, together
@@ -122,7 +123,7 @@ def _budget(score: JointScore, scores: Sequence[RunScore], robot: Robot, *, know
     own = [(one, was) for one, was in own if not one.run.heldout] or own
     loads = [one.parts["gravity"] for one, _ in own if "gravity" in one.parts]
     return budget(
-        spread([one.run for one, _ in own]),
+        Spread.of([one.run for one, _ in own]),
         np.concatenate([one.residual for one, _ in own]),
         robot.joint(score.joint),
         load=np.concatenate(loads) if len(loads) == len(own) else None,
