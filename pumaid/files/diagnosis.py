@@ -108,6 +108,16 @@ def read_diagnosis(path: Path) -> Diagnosis:
         raise _damaged(f"{name} is damaged: {fault}", Where(file=name)) from fault
 
 
+def stale(diagnosis: Diagnosis, estimate: Estimate, logs: Mapping[str, str]) -> tuple[str, ...]:
+    """Why a diagnosis may not be true of a model and of logs (name -> SHA-256): sentences, none where it is."""
+    out = []
+    if diagnosis.model != model_digest(estimate):
+        out.append("The diagnosis is of another model than this page.")
+    if set(diagnosis.logs.values()) != set(logs.values()):
+        out.append("The diagnosis is of other logs than this page.")
+    return (*out, "Make it again with: pumaid diagnose MODEL LOGS...") if out else ()
+
+
 def _damaged(what: str, where: Where) -> ResultError:
     return ResultError("diagnosis-damaged", what, where, "make it again with 'pumaid diagnose MODEL LOGS...'")
 

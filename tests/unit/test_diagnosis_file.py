@@ -12,7 +12,7 @@ import pytest
 import stories
 
 from pumaid.errors import ResultError
-from pumaid.files.diagnosis import diagnosis_document, model_digest, read_diagnosis, write_diagnosis
+from pumaid.files.diagnosis import diagnosis_document, model_digest, read_diagnosis, stale, write_diagnosis
 from pumaid.files.result import write_model
 
 
@@ -111,3 +111,12 @@ def test_a_number_that_json_lacks_is_not_damage(tmp_path):
     odd = replace(told.joints[2], candidates=(replace(told.joints[2].candidates[0], evidence=float("inf")),))
     write_diagnosis(tmp_path / "d.json", replace(told, joints=(odd,)))
     assert np.isnan(read_diagnosis(tmp_path / "d.json").joints[0].candidates[0].evidence)
+
+
+def test_a_diagnosis_knows_whether_it_is_stale():
+    """It is told of another model and of other logs, each for itself; of its own there is nothing to tell."""
+    estimate, logs = stories.story().estimate, {"a.csv": "cd" * 32}
+    own = replace(diagnoses.rich(), model=model_digest(estimate), logs=logs)
+    assert stale(own, estimate, {"renamed.csv": "cd" * 32}) == ()
+    assert "other logs" in stale(own, estimate, {})[0] and len(stale(own, estimate, {})) == 2
+    assert "another model" in stale(replace(own, model="ab"), estimate, logs)[0]

@@ -133,7 +133,30 @@ def _story(source: Path, read: Callable[[], tuple[Robot, Evidence]], *, units: s
     robot, evidence = read()
     comparison = compare(estimate, evidence, robot)
     notes((*evidence.notes, *estimate.notes, *comparison.notes))
-    return Story(robot, estimate, evidence, comparison, units, ladder=ladder_of(source))
+    told = Story(robot, estimate, evidence, comparison, units, ladder=ladder_of(source))
+    return _diagnosed(told, source.parent)
+
+
+def _diagnosed(told: Story, results: Path) -> Story:
+    """The story with the diagnosis that stands beside the model; one that cannot be read is told and left out."""
+    from dataclasses import replace
+
+    from pumaid.errors import Note, ResultError
+    from pumaid.files.diagnosis import DIAGNOSIS_NAME, read_diagnosis, stale
+
+    path = results / DIAGNOSIS_NAME
+    if not path.is_file():
+        return told
+    try:
+        found = read_diagnosis(path)
+    except ResultError as error:
+        notes([Note("diagnosis-damaged", f"{error.what}; the page leaves it out", error.where)])
+        return told
+    if len(found.joints) != told.robot.n_joints:
+        what = f"{path} is of an arm with {len(found.joints)} joints, this one has {told.robot.n_joints}"
+        notes([Note("diagnosis-damaged", f"{what}; the page leaves it out")])
+        return told
+    return replace(told, diagnosis=found, stale=stale(found, told.estimate, told.comparison.logs))
 
 
 def _written(told: Story, folder: Path, *, figures: Path, forms: Sequence[str], page: Path | None) -> list[str]:

@@ -1,0 +1,258 @@
+"""``pumaid diagnose`` as a user types it: what it says, writes, adds and refuses."""
+
+from __future__ import annotations
+
+import json
+import shlex
+import shutil
+import subprocess
+import sys
+from dataclasses import replace
+from itertools import groupby
+from pathlib import Path
+
+import diagnoses
+import numpy as np
+import pandas as pd
+import pytest
+from click.testing import CliRunner, Result
+
+import pumaid
+from pumaid.cli import group
+from pumaid.cli.additions import Typed, named
+from pumaid.cli.deciding import deciding
+from pumaid.files.diagnosis import model_digest, read_diagnosis, write_diagnosis
+from pumaid.files.log_writer import write_log
+from pumaid.files.plan import read_plan, write_plan
+from pumaid.files.recipe import shipped_recipes
+from pumaid.records import EffectChoice
+from pumaid.virtual import hidden
+from pumaid.virtual.draw import draw
+
+#: A ripple of 0.08 A on a pendulum whose noise is a third of it: no design could overlook it.
+HIDDEN = "ripple@1:cos=0.08,sin=0,frequency=30"
+
+
+def run(*arguments: str) -> Result:
+    """Run ``pumaid`` with these arguments."""
+    return CliRunner().invoke(group, list(arguments))
+
+
+def experiment(folder: Path, *, hide: str | None) -> Path:
+    """A pendulum's recipe, plan, logs and model, its motors with hidden physics or without."""
+    shutil.copy(shipped_recipes()["pendulum2"], folder / "recipe.yaml")
+    robot = pumaid.read_recipe(folder / "recipe.yaml")
+    plan, truth = pumaid.plan(robot, minutes=8, seed=3), draw(robot, 3)
+    write_plan(folder / "plan.yaml", plan, robot)
+    truth = truth if hide is None else truth.hiding([hidden.parse(hide, robot)])
+    for origin, logs in groupby(pumaid.simulate(robot, plan, truth=truth, seed=3, rate=100.0), key=lambda x: x.origin):
+        write_log(folder / "logs" / f"{origin}.csv", logs, robot)
+    done = run("identify", str(folder / "logs"))
+    assert done.exit_code == 0, done.stderr
+    return folder
+
+
+@pytest.fixture(scope="module")
+def rippled(tmp_path_factory) -> Path:
+    """An experiment in which a ripple hides."""
+    return experiment(tmp_path_factory.mktemp("rippled"), hide=HIDDEN)
+
+
+@pytest.fixture(scope="module")
+def clean(tmp_path_factory) -> Path:
+    """An experiment in which nothing hides."""
+    return experiment(tmp_path_factory.mktemp("clean"), hide=None)
+
+
+@pytest.fixture
+def arm(rippled, tmp_path, monkeypatch) -> Path:
+    """A copy of the rippled experiment, which is the working folder."""
+    shutil.copytree(rippled, tmp_path / "arm")
+    monkeypatch.chdir(tmp_path / "arm")
+    return tmp_path / "arm"
+
+
+def test_says_what_is_missing_and_writes_it(arm):
+    """The sentence names effect and joint; the file holds the same, with the digests of model and logs."""
+    done = run("diagnose", "results/model.json", "logs")
+    assert done.exit_code == 0, done.stderr
+    assert "Joint 1 (hip): ripple is missing" in done.stdout and "Add it with:" in done.stdout
+    found = read_diagnosis(Path("results/diagnosis.json"))
+    assert [(one.effect, one.joint) for one in found.findings] == [("ripple", 1)]
+    assert found.model == model_digest(pumaid.read_model(Path("results/model.json"))) and len(found.logs) >= 1
+
+
+def test_json_is_the_file(arm):
+    """``--json`` prints the document that is written, and nothing else on standard output."""
+    done = run("diagnose", "results/model.json", "logs", "--json")
+    document = json.loads(done.stdout)
+    assert document == json.loads(Path("results/diagnosis.json").read_text(encoding="utf-8"))
+    assert (document["kind"], document["format"]) == ("diagnosis", 1)
+    assert document["findings"][0]["rmse_heldout_after"] < 0.6 * document["findings"][0]["rmse_heldout_before"]
+
+
+def test_document_goes_where_it_is_told(arm):
+    """``-o -`` prints the document alone and writes nothing; ``-o FILE`` writes it there."""
+    done = run("diagnose", "results/model.json", "logs", "-o", "-")
+    assert json.loads(done.stdout)["kind"] == "diagnosis" and not Path("results/diagnosis.json").exists()
+    assert run("diagnose", "results/model.json", "logs", "-o", "found.json").exit_code == 0
+    assert read_diagnosis(Path("found.json")).findings and not Path("results/diagnosis.json").exists()
+
+
+def test_its_command_runs_and_the_misfit_is_gone(arm):
+    """The command that it prints can be pasted; after it nothing is missing, and the old finding is remembered."""
+    first = json.loads(run("diagnose", "results/model.json", "logs", "--json").stdout)
+    words = shlex.split(first["findings"][0]["command"])
+    assert words[:2] == ["pumaid", "identify"] and run(*words[1:]).exit_code == 0
+    done = run("diagnose", "results/model.json", "logs", "--check")
+    assert done.exit_code == 0, done.stdout
+    assert "nothing is missing that these data can show" in done.stdout
+    assert "In the model since an earlier diagnosis: ripple at joint 1" in done.stdout
+
+
+def test_apply_adds_refits_and_keeps_every_step(arm):
+    """``--apply`` writes the enlarged model, shows the error fall on runs that were not fitted, and can be undone."""
+    done = run("diagnose", "results/model.json", "logs", "--apply")
+    assert done.exit_code == 0, done.stderr
+    assert "1. ripple at joint 1 (hip) added" in done.stdout and "+ ripple@1" in done.stdout
+    assert "nothing is missing that these data can show" in done.stdout
+    before, after = (pumaid.read_model(path) for path in sorted(Path("results/models").glob("*.json")))
+    assert [one.effect for one in after.effects] == ["ripple"] and before.effects == ()
+    assert after.joint(1).heldout < 0.6 * before.joint(1).heldout
+    assert [one.effect for one in read_diagnosis(Path("results/diagnosis.json")).applied] == ["ripple"]
+    assert run("history", "--restore", "1").exit_code == 0
+    assert pumaid.read_model(Path("results/model.json")).effects == ()
+
+
+def test_apply_with_json_is_still_one_document(arm):
+    """With ``--json`` the steps are told on standard error."""
+    done = run("diagnose", "results/model.json", "logs", "--apply", "--json")
+    document = json.loads(done.stdout)
+    assert document["findings"] == [] and document["applied"][0]["effect"] == "ripple"
+    assert "1. ripple at joint 1 (hip) added" in done.stderr
+
+
+def test_check_asks_for_attention(arm):
+    """``--check`` leaves with 1 where something is missing."""
+    assert run("diagnose", "results/model.json", "logs", "--check").exit_code == 1
+
+
+def test_a_clean_arm_is_left_alone(clean, tmp_path, monkeypatch):
+    """Nothing is found, what would have been found is told, there is nothing to draw, to decide or to add."""
+    shutil.copytree(clean, tmp_path / "arm")
+    monkeypatch.chdir(tmp_path / "arm")
+    more = ["--picture", "missing.png", "--plan", "next.yaml", "--apply", "--check"]
+    done = run("diagnose", "results/model.json", "logs", *more)
+    assert done.exit_code == 0, done.stdout
+    assert done.stdout.startswith("two-link pendulum: nothing is missing that these data can show.")
+    assert "What these data would have shown" in done.stdout and "stribeck" in done.stdout
+    assert not Path("missing.png").exists() and not Path("next.yaml").exists()
+    assert len(list(Path("results/models").glob("*.json"))) == 1
+
+
+def test_draws_what_it_found(arm):
+    """``--picture`` writes the picture that its suffix asks for; another suffix is misuse."""
+    assert run("diagnose", "results/model.json", "logs", "--picture", "missing.png").exit_code == 0
+    assert Path("missing.png").read_bytes().startswith(b"\x89PNG")
+    assert run("diagnose", "results/model.json", "logs", "--picture", "missing.gif").exit_code == 2
+
+
+def test_the_report_tells_it(arm):
+    """A report made after a diagnosis holds it, and says so where it is of another model or of other logs."""
+    run("diagnose", "results/model.json", "logs")
+    path = Path("results/diagnosis.json")
+    document = json.loads(path.read_text(encoding="utf-8"))
+    path.write_text(json.dumps(document | {"model": {"sha256": "ab" * 32}}), encoding="utf-8")
+    assert run("report", "--format", "").exit_code == 0
+    page = Path("results/report.html").read_text(encoding="utf-8")
+    assert 'id="missing"' in page and "ripple is missing" in page
+    assert "of another model" in page and "of other logs" not in page
+
+
+def test_a_diagnosis_of_another_arm_does_not_stop_the_report(arm):
+    """A diagnosis that cannot be told of this arm is noted and left out."""
+    write_diagnosis(Path("results/diagnosis.json"), diagnoses.rich())
+    done = run("report", "--format", "")
+    assert done.exit_code == 0 and "note[diagnosis-damaged]" in done.stderr
+    assert 'id="missing"' not in Path("results/report.html").read_text(encoding="utf-8")
+
+
+def test_a_suspected_column_is_found(arm):
+    """Current that follows a supply voltage in the logs is found under the column's name; nothing adds it."""
+    for path in Path("logs").glob("*.csv"):
+        frame = pd.read_csv(path)
+        frame["volts"] = 48.0 + np.sin(0.05 * frame["t"])
+        frame["i2"] += 0.3 * (frame["volts"] - 48.0)
+        frame.to_csv(path, index=False)
+    run("identify", "logs")
+    done = run("diagnose", "results/model.json", "logs", "--suspect", "volts", "--json")
+    found = next(one for one in json.loads(done.stdout)["findings"] if one["joint"] == 2)
+    assert (found["effect"], found["command"]) == ("suspect:volts", "")
+
+
+def test_a_suspect_that_no_log_has_is_refused(arm):
+    """A column that is not there is a message with its mend."""
+    done = run("diagnose", "results/model.json", "logs", "--suspect", "voltz")
+    assert done.exit_code == 3 and "voltz" in done.stderr
+
+
+def test_a_plan_in_the_way_is_kept(arm):
+    """``--plan`` does not replace a plan, which says which runs are held out, unless told to."""
+    done = run("diagnose", "results/model.json", "logs", "--plan", "plan.yaml")
+    assert done.exit_code == 3 and "error[plan-in-the-way]" in done.stderr
+
+
+def test_runs_that_decide_become_a_plan(tmp_path):
+    """The rows of a finding's next run, as often as it takes, make a plan that a robot can run."""
+    plan = deciding(diagnoses.rich().findings, diagnoses.PUMA)
+    write_plan(tmp_path / "next.yaml", plan, diagnoses.PUMA)
+    again = read_plan(tmp_path / "next.yaml", diagnoses.PUMA)
+    assert [round(motion.start, 6) for motion in again.motions] == [-1.2, 1.2, -1.2, 1.2]
+    assert again.motions[0].velocity == pytest.approx(0.05) and again.duration > 4 * 2.4 / 0.05
+    assert "tells stribeck from viscous_power" in again.assumptions[0]
+
+
+def test_commands_repeat_what_the_model_has(arm):
+    """A command names the logs, the recipe and the model's own effects; shapes that were fitted stay open."""
+    robot = replace(diagnoses.PUMA, effects=(EffectChoice("spring", 1),))
+    held = (EffectChoice("spring", 1), EffectChoice("warmup", 2, {"time_constant": 60.0}))
+    held += (EffectChoice("ripple", 4, {"frequency": 58.0}),)
+    estimate = replace(pumaid.read_model(Path("results/model.json")), effects=held)
+    typed = Typed(("my logs/",), Path("arm.yaml"), ("day 2.csv",), (Path("brake.py"),))
+    found = named(diagnoses.rich(), estimate, robot, typed=typed).findings[0].command
+    assert found == (
+        "pumaid identify 'my logs/' --recipe arm.yaml --heldout 'day 2.csv' --effects brake.py"
+        " --add warmup@2 --add ripple@4:frequency=58 --add stribeck@3"
+    )
+
+
+OWN = '''
+import numpy as np
+from pumaid.effects.base import Effect, Parameter, Trace
+
+class Brake(Effect):
+    """s a q^2: a brake that rubs away from the middle."""
+    title, equation, source = "Rubbing brake", "s a q^2", "my workshop"
+    family, trace = "position", (Trace.POSITION,)
+
+    def parameters(self, robot, number):
+        return (Parameter("a", "A/{unit}2", "rubbing", "a{n}", 0.05),)
+
+    def columns(self, robot, samples, *, number=None, shape={}):
+        return (samples.direction * samples.position[:, samples.joint - 1] ** 2)[:, None]
+'''
+
+
+def test_an_effect_of_ones_own_is_tried(arm):
+    """``--effects FILE.py`` tries the effect in it, and the command that adds it names the file."""
+    Path("brake.py").write_text(OWN, encoding="utf-8")
+    for path in Path("logs").glob("*.csv"):
+        frame = pd.read_csv(path)
+        frame["i2"] += 0.1 * np.sign(frame["qd2"].round(2)) * frame["q2"] ** 2
+        frame.to_csv(path, index=False)
+    run("identify", "logs")
+    command = ["-m", "pumaid", "diagnose", "results/model.json", "logs", "--effects", "brake.py", "--json"]
+    done = subprocess.run([sys.executable, *command], capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    found = next(one for one in json.loads(done.stdout)["findings"] if one["joint"] == 2)
+    assert found["effect"] == "brake" and "--effects brake.py" in found["command"]
