@@ -19,8 +19,8 @@ from pumaid.units import number
 MARK = "demo.json"
 #: What a demo makes in its folder.
 MADE = ("recipe.yaml", "plan.yaml", "logs", "results", MARK)
-#: The arm, the robot's minutes and Hz of its log: enough to find an effect, little enough for a minute of the user's.
-ARM, MINUTES, RATE = "puma560", 20, 50
+#: The robot's minutes a joint and Hz of its log: enough to find an effect, little enough for a minute of the user's.
+MINUTES, RATE = 20 / 6, 50
 
 Document = Mapping[str, Any]
 
@@ -58,7 +58,7 @@ def make_room(folder: Path) -> None:
     (folder / MARK).write_text(json.dumps({"kind": "demo", "format": 1}) + "\n", encoding="utf-8")
 
 
-def story(folder: Path, *, seed: int, surprise: str | None) -> Iterator[Told]:
+def story(folder: Path, *, robot: str, seed: int, surprise: str | None) -> Iterator[Told]:
     """Run the commands one after the other; what a step shows decides what the next ones are.
 
     None of them opens ``logs/truth.json``, in which the robot's secret lies.
@@ -67,14 +67,18 @@ def story(folder: Path, *, seed: int, surprise: str | None) -> Iterator[Told]:
     ----------
     folder
         The experiment.
+    robot
+        Name of a shipped recipe.
     seed
         Of the plan and of the robot.
     surprise
         What ``simulate --surprise`` is given; none for a robot with nothing hidden.
     """
     recipe, logs, model = (str(folder / name) for name in ("recipe.yaml", "logs", "results/model.json"))
-    yield _told(["init", ARM, "-o", recipe, "--force"], _arm)
-    yield _told(["plan", recipe, "--minutes", str(MINUTES), "--seed", str(seed), "--force"], _plan)
+    arm = _told(["init", robot, "-o", recipe, "--force"], _arm)
+    yield arm
+    minutes = str(round(MINUTES * arm.step.answer["joints"]))
+    yield _told(["plan", recipe, "--minutes", minutes, "--seed", str(seed), "--force"], _plan)
     secret = [] if surprise is None else ["--surprise", surprise]
     yield _told(["simulate", recipe, *secret, "--seed", str(seed), "--rate", str(RATE), "--force"], _simulated)
     yield _told(["identify", logs], _identified)
@@ -86,7 +90,7 @@ def story(folder: Path, *, seed: int, surprise: str | None) -> Iterator[Told]:
         yield _told(["identify", logs, *(word for one in wanted for word in ("--add", one))], _identified)
         yield _told(["diagnose", model, logs], _diagnosed_again)
     yield _told(["history", str(folder)], _climbed)
-    yield _told(["report", model, logs, "--format", "png"], _reported)
+    yield _told(["report", model, logs, "--format="], _reported)
 
 
 def _told(words: list[str], sentence: Callable[[Document], str]) -> Told:
@@ -172,7 +176,8 @@ def _diagnosed(answer: Document) -> str:
 
 def _finding(found: Document) -> str:
     chance = found.get("p_value")
-    rivals = [str(rival) for rival in found.get("rivals") or ()]
+    elsewhere = f"{found['effect']} at another joint"
+    rivals = [elsewhere if rival == found["effect"] else str(rival) for rival in found.get("rivals") or ()]
     told = place(found)
     if chance is not None:
         told += f" (by chance alone: {number(max(chance, 1e-4), 2)})"

@@ -12,9 +12,6 @@ from typing import Any
 
 from pumaid.errors import ResultError, Where
 
-#: Lines of a command's complaint that are told.
-_TOLD = 6
-
 
 @dataclass(frozen=True, slots=True)
 class Step:
@@ -65,6 +62,12 @@ def click_refusals() -> type[Any]:
 
 
 def _failed(line: str, what: str, said: str) -> ResultError:
-    last = " / ".join(said.strip().splitlines()[-_TOLD:])
-    mend = "run the line yourself to see all that it says"
-    return ResultError("step-failed", f"'{line}' {what}" + (f": {last}" if last else ""), Where(), mend)
+    # The first error is the one to mend; of a bug the exception stands on the line before.
+    lines = said.strip().splitlines()
+    first = next((k for k, text in enumerate(lines) if text.startswith("error[")), None)
+    if first is None:
+        first = next((k - 1 for k, text in enumerate(lines) if text.startswith("bug:")), len(lines) - 1)
+    told = f": {lines[first].strip()}" if lines else ""
+    return ResultError(
+        "step-failed", f"'{line}' {what}{told}", Where(), "run the line yourself to see all that it says"
+    )

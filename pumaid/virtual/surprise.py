@@ -22,7 +22,7 @@ Floats = NDArray[np.float64]
 #: What the paper's model leaves of an effect, as multiples of the joint's noise.
 _SIZES = (1.0, 2.0)
 #: What is left at least, whatever was tried, and how much larger than usual an effect may be made for it.
-_LEAST, _LARGEST = 0.5, 3.0
+_LEAST, _LARGEST = 0.5, 2.0
 #: Keys that are the size of an effect, not its form.
 _AMPLITUDES = ("a", "b", "cos", "sin", "drive", "back", "mu", "x", "y", "delta", "mass", "c", "dt")
 #: Points at which a run is looked at.

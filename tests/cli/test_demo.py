@@ -21,10 +21,8 @@ sys.addaudithook(lambda event, facts: OPENED.append(str(facts[0])) if event == "
 
 @pytest.fixture
 def small(monkeypatch, tmp_path):
-    """A demo on two joints, in a folder of its own."""
+    """An empty working folder, for demos on an arm of two joints."""
     monkeypatch.chdir(tmp_path)
-    for name, value in {"ARM": "pendulum2", "MINUTES": 6, "RATE": 40}.items():
-        monkeypatch.setattr(demo, name, value)
     return tmp_path
 
 
@@ -37,7 +35,7 @@ def invoke(*words: str, code: int = 0):
 
 def test_story_ends_in_the_report_and_the_truth(small):
     """Every step is a line that can be typed; the page is there; the end opens the secret and judges."""
-    told = invoke("demo", "tale", "--effect", "friction_step", "--seed", "1").stdout
+    told = invoke("demo", "tale", "--robot", "pendulum2", "--effect", "friction_step", "--seed", "1").stdout
     lines = [line.removeprefix("$ pumaid ").split()[0] for line in told.splitlines() if line.startswith("$ ")]
     assert lines[:6] == ["init", "plan", "simulate", "identify", "compare", "diagnose"]
     assert lines[-2:] == ["history", "report"]
@@ -48,7 +46,7 @@ def test_story_ends_in_the_report_and_the_truth(small):
 
 def test_document_says_the_same(small):
     """With --json one document comes: steps, what was hidden, what was found, and the outcome."""
-    found = json.loads(invoke("demo", "tale", "--clean", "--json").stdout)
+    found = json.loads(invoke("demo", "tale", "--robot", "pendulum2", "--clean", "--json").stdout)
     assert found["hidden"] == []
     assert found["outcome"] in ("left alone", "wrong")
     assert [step["command"].split()[1] for step in found["steps"]][:3] == ["init", "plan", "simulate"]
@@ -59,7 +57,7 @@ def test_document_says_the_same(small):
 def test_truth_stays_sealed(small):
     """No command of the story reads truth.json: only simulate opens its folder's new file, to write it."""
     demo.make_room(Path("tale"))
-    steps = demo.story(Path("tale"), seed=1, surprise="any")
+    steps = demo.story(Path("tale"), robot="pendulum2", seed=1, surprise="any")
     for told in steps:
         name = told.step.line.split()[1]
         assert name in ("init", "plan", "simulate") or not [path for path in OPENED if path.endswith("truth.json")]

@@ -25,6 +25,7 @@ LINES = {
     "history": "history --json",
     "effects": "effects --json",
     "doctor": "doctor --json",
+    "demo": "demo tale --robot pendulum2 --clean --json",
 }
 SPEAKERS = [
     name for name in group.list_commands(None) if any(o.name == "as_json" for o in group.get_command(None, name).params)

@@ -14,11 +14,12 @@ from pumaid.cli.progress import progress
 
 @click.command()
 @click.argument("folder", type=click.Path(path_type=Path), default=Path("pumaid_demo"), metavar="[FOLDER]")
+@click.option("--robot", default="puma560", show_default=True, metavar="NAME", help="The arm; pumaid init lists them.")
 @click.option("--effect", metavar="NAME", help="Hide this effect instead of one by chance; joint and size stay open.")
 @click.option("--clean", is_flag=True, help="Hide nothing: a good diagnosis leaves such an arm alone.")
 @seed_option
 @json_option
-def command(*, folder: Path, effect: str | None, clean: bool, seed: int, as_json: bool) -> None:
+def command(*, folder: Path, robot: str, effect: str | None, clean: bool, seed: int, as_json: bool) -> None:
     """Tell the whole story on a virtual arm that hides a physical effect, in under a minute.
 
     Makes an experiment in FOLDER, runs the commands that a user would type there, and says of each what it showed. The
@@ -33,7 +34,7 @@ def command(*, folder: Path, effect: str | None, clean: bool, seed: int, as_json
       pumaid demo
       pumaid demo my_demo --seed 7
       pumaid demo --effect ripple --seed 2
-      pumaid demo --clean
+      pumaid demo --clean --robot ur5e
     """
     from pumaid.cli import demo
     from pumaid.files.atomic import write_whole
@@ -44,7 +45,7 @@ def command(*, folder: Path, effect: str | None, clean: bool, seed: int, as_json
     demo.make_room(folder)
     steps: list[demo.Told] = []
     with progress("demo") as step:
-        for told in demo.story(folder, seed=seed, surprise=None if clean else effect or "any"):
+        for told in demo.story(folder, robot=robot, seed=seed, surprise=None if clean else effect or "any"):
             steps.append(told)
             step(len(steps), told.step.line)
             if not as_json:
