@@ -28,6 +28,8 @@ def loads(model: Model, samples: Samples, *, solution: Floats, scales: Floats, f
     solution, scales
         (p,) parameters and (J, J) ratios of gains as in `Estimate`; an unknown ratio counts as zero in the moving
         joint's own load and makes other joints' loads NaN.
+    frames
+        (M, J, 3, 3) rotations of the links, as `axes` gives them, where they are at hand.
 
     Source
     ------

@@ -20,6 +20,8 @@ FAINT = 1e-12
 #: Gauss-Newton steps; the start is already a least-squares solution.
 STEPS = 6
 SETTLED = 1e-9
+#: Natural logarithm by which a ratio that the data hardly show may move from where the fit left it: a factor of ten.
+SPREAD = 2.3
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -65,33 +67,43 @@ class Chain:
         return weights, turn
 
     def cost(self, theta: Floats) -> float:
-        """Sum of squares."""
-        total = 0.0
+        """Sum of squares, with the prior of the ratios."""
+        total = float(np.sum((self._change(theta) / SPREAD) ** 2))
         for i, gram in zip(self.numbers, self.grams, strict=True):
             w = np.append(self.effective(theta, i)[0], -1.0)
             total += float(w @ gram @ w)
         return total
 
+    def _change(self, theta: Floats) -> Floats:
+        p = len(self.start.base)
+        return theta[p : p + len(self.base)]
+
     def normal(self, theta: Floats) -> tuple[Floats, Floats]:
-        """Information (P, P) and slope (P,) of the sum of squares."""
+        """Information (P, P) and slope (P,) of the sum of squares, with the prior of the ratios."""
         information, slope = np.zeros((len(theta), len(theta))), np.zeros(len(theta))
         for i, gram in zip(self.numbers, self.grams, strict=True):
             weights, turn = self.effective(theta, i)
             information += turn.T @ gram[:-1, :-1] @ turn
             slope += turn.T @ (gram[:-1, -1] - gram[:-1, :-1] @ weights)
+        own = len(self.start.base) + np.arange(len(self.base))
+        information[own, own] += 1.0 / SPREAD**2
+        slope[own] -= self._change(theta) / SPREAD**2
         return information, slope
 
     def least(self, width: int) -> Floats:
         """The minimum, from the start, in directions that the data show."""
         theta = np.concatenate([self.start.base, np.zeros(len(self.base)), np.zeros(width - len(self.start.base))])
+        own = slice(len(self.start.base), len(self.start.base) + len(self.base))
         cost = self.cost(theta)
         for _ in range(STEPS):
             information, slope = self.normal(theta)
-            step, share, fresh = pseudo_inverse(information)[0] @ slope, 1.0, np.inf
-            while share > 1e-3 and fresh >= cost:
+            step = pseudo_inverse(information)[0] @ slope
+            step[own] = np.clip(step[own], -1.0, 1.0)
+            share, trial, fresh = 1.0, theta, cost
+            while share > 1e-3 and not fresh < cost:
                 trial = theta + share * step
                 fresh, share = self.cost(trial), share / 2.0
-            if fresh >= cost:
+            if not fresh < cost:
                 break
             fall, theta, cost = cost - fresh, trial, fresh
             if fall < SETTLED * cost:

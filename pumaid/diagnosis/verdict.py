@@ -9,8 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pumaid.diagnosis.agreement import Agreement, agreement
-from pumaid.diagnosis.contender import DECISIVE, LEVEL, Contender, evidence, rmse
+from pumaid.diagnosis.contender import DECISIVE, Contender, evidence, rmse
 from pumaid.diagnosis.familywise import Family, family
+from pumaid.diagnosis.field import Field
 from pumaid.diagnosis.freeform import Free, free_trials, knot_values
 from pumaid.diagnosis.scan import Scan, Trial, surprise
 from pumaid.diagnosis.system import Solved
@@ -20,6 +21,8 @@ Floats = NDArray[np.float64]
 
 #: Chance, over all joints together, below which what repeats between replicates is not noise.
 REPEATS = 0.01
+#: Chance, over all joints together, below which a free form is more than noise.
+NAMELESS = 0.01
 #: Share of the excess over the noise floor that what was added must take away.
 ENOUGH = 0.8
 #: Excess of the mean square over the floor below which there is none to speak of.
@@ -71,10 +74,10 @@ def judged(first: Solved, last: Solved, scan: Scan, *, joint: int, acting: bool)
     before, after = agreement(a.field, a.misfit), agreement(b.field, b.misfit)
     start = rmse(a.field.count, a.field.inside, a.misfit)
     end = rmse(b.field.count, b.field.inside, b.misfit)
-    removed = _removed(start, end, after, b.field.inside, b.field.count)
+    removed = _removed(start, end, b.field, after)
     still = after is not None and after.p_value * len(last.rows) <= REPEATS
     free, chances = _free(last, scan, joint)
-    seen = [one for one in free if chances.p_value(one.added.key, _surprise(last, one)) * len(last.rows) <= LEVEL]
+    seen = [one for one in free if chances.p_value(one.added.key, _surprise(last, one)) * len(last.rows) <= NAMELESS]
     best = max(seen, key=lambda one: evidence(last, one), default=None)
     nameless = best is not None and evidence(last, best) > DECISIVE
     verdict = MISSING if acting else ADEQUATE
@@ -87,10 +90,11 @@ def judged(first: Solved, last: Solved, scan: Scan, *, joint: int, acting: bool)
     return Judged(verdict, before, after, start, end, removed, shape)
 
 
-def _removed(start: float, end: float, after: Agreement | None, inside: Floats, count: Floats) -> float | None:
+def _removed(start: float, end: float, field: Field, after: Agreement | None) -> float | None:
+    """Share of the excess over the floor that is gone."""
     if after is None:
         return None
-    floor2 = after.floor**2 + float(count @ inside / count.sum())
+    floor2 = after.floor**2 + float(field.count @ field.inside / field.count.sum())
     if start**2 <= EXCESS * floor2:
         return None
     return (start**2 - end**2) / (start**2 - min(floor2, end**2))
