@@ -119,6 +119,7 @@ def effects_option(function: Decorated) -> Decorated:
 
 def _include(context: click.Context, option: click.Parameter, paths: tuple[Path, ...]) -> None:
     if paths:
+        context.meta["pumaid.effects"] = paths
         from pumaid.effects import include
 
         for path in paths:

@@ -8,7 +8,7 @@ import numpy as np
 
 from pumaid.effects import catalogue
 from pumaid.records import ABSENT, ADD, UNSEEN, Candidate, Diagnosis, Finding, Limit, Robot, Unexplained
-from pumaid.show.findings import label, limit_sentence, listed_or, number_of_times
+from pumaid.show.findings import bare, label, limit_sentence, listed_or, number_of_times
 from pumaid.show.grid import Cell, Grid, grid
 from pumaid.show.numbers import in_unit
 from pumaid.show.scores import amount
@@ -23,25 +23,24 @@ ROWS, BAR = 20, 24
 
 
 def evidence_grid(diagnosis: Diagnosis, robot: Robot) -> Grid | None:
-    """What was tried and came near, joint by joint; None where nothing did."""
+    """What was tried and explains more than its parameters cost, each once; None where nothing does."""
     rows: list[list[str | Cell]] = []
     marks: dict[str, str] = {}
-    for joint in diagnosis.joints:
-        for one in joint.candidates:
-            mark = _mark(marks, one.reason) if one.reason and one.verdict != ADD else ""
-            rows.append(
-                [
-                    f"{joint.joint} {robot.joint(joint.joint).name}",
-                    one.effect if one.joint in (joint.joint, None) else f"{one.effect} of joint {one.joint}",
-                    Cell(VERDICTS.get(one.verdict, one.verdict), mark=mark, tone=_tone(one)),
-                    _figure(one.p_value, 2),
-                    _figure(one.evidence, 3),
-                    amount(one.rmse_after),
-                    amount(one.rmse_heldout_before),
-                    amount(one.rmse_heldout_after),
-                    ", ".join(one.rivals) or "-",
-                ]
-            )
+    for one in _tried(diagnosis):
+        mark = _mark(marks, one.reason) if one.reason and one.verdict != ADD else ""
+        rows.append(
+            [
+                f"{one.joint} {robot.joint(one.joint).name}" if one.joint else "arm",
+                label(one.effect),
+                Cell(VERDICTS.get(one.verdict, one.verdict), mark=mark, tone=_tone(one)),
+                _figure(one.p_value, 2),
+                _figure(one.evidence, 3),
+                amount(one.rmse_after),
+                amount(one.rmse_heldout_before),
+                amount(one.rmse_heldout_after),
+                ", ".join(label(name) for name in one.rivals) or "-",
+            ]
+        )
     if not rows:
         return None
     header = ("joint", "effect", "verdict", "chance", "evidence", "left (A)", "unseen runs (A)", "with it (A)", "or")
@@ -50,11 +49,22 @@ def evidence_grid(diagnosis: Diagnosis, robot: Robot) -> Grid | None:
         header,
         rows,
         notes=tuple((mark, text) for text, mark in marks.items()),
-        caption="Chance: that something as strong shows up anywhere although nothing is missing. Evidence: differences"
-        " of 10 are decisive. Left: RMSE of fitted runs with it. Unseen runs: RMSE of runs kept out of the fit, without"
-        " it and with it. Or: what these data cannot tell from it.",
+        caption="Chance: that something as strong shows up anywhere although nothing is missing. Evidence: what it"
+        " explains, less what its parameters cost; differences of 10 are decisive. Left: RMSE of fitted runs with it."
+        " Unseen runs: RMSE of runs kept out of the fit, without it and with it. Or: what these data cannot tell from"
+        " it.",
         lefts=(0, 1, 2, 8),
     )
+
+
+def _tried(diagnosis: Diagnosis) -> list[Candidate]:
+    """Candidates in order of joints, those of the whole arm last; what shows up at several joints stands once."""
+    found: dict[tuple[str, int | None], Candidate] = {}
+    for joint in diagnosis.joints:
+        for one in joint.candidates:
+            if one.verdict == ADD or one.evidence > 0.0:
+                found.setdefault((one.effect, one.joint), one)
+    return sorted(found.values(), key=lambda one: (one.joint is None, one.joint or 0))
 
 
 def _figure(value: float, digits: int) -> str:
@@ -97,7 +107,7 @@ def limits_grid(diagnosis: Diagnosis, robot: Robot, *, units: str = "rad", joint
     marks: dict[str, str] = {}
     rows: list[list[str | Cell]] = []
     for effect, (parameter, unit) in rows_of:
-        times, shown = in_unit(unit, units)
+        times, shown = in_unit(bare(unit), units)
         cells: list[str | Cell] = [Cell(effect), Cell(f"{parameter} ({shown})" if shown else parameter)]
         own = [sized.get((n, effect, parameter, unit), unseen.get((n, effect))) for n in columns]
         rows.append(cells + [_limit_cell(limit, times, marks) for limit in own])

@@ -50,7 +50,8 @@ def finding_title(found: Finding, robot: Robot) -> str:
     verb = "is missing" if found.verdict == ADD else "may be missing"
     words = f"{where[0].upper()}{where[1:]}: {label(found.effect)} {verb}"
     if found.rivals:
-        words += f", or {listed_or([label(name) for name in found.rivals])}, which these data cannot tell from it"
+        names = [label(name) + (" of another kind" if name == found.effect else "") for name in found.rivals]
+        words += f", or {listed_or(names)}, which these data cannot tell from it"
     return words
 
 
@@ -183,11 +184,16 @@ def step_sentence(found: Finding, before: Estimate, after: Estimate, *, robot: R
     return f"{words}{'; ' + '; '.join(rest) if rest else ''}."
 
 
+def bare(unit: str) -> str:
+    """A unit for people: none where a number has none."""
+    return "" if unit == "1" else unit
+
+
 def size_sentence(found: Finding | Candidate, robot: Robot, units: str = "rad") -> str:
     """How large an effect is, with its shape; empty where neither is told."""
     sizes = []
     for size in found.sizes:
-        times, unit = in_unit(size.unit, units)
+        times, unit = in_unit(bare(size.unit), units)
         value, error = with_error(times * size.value, times * size.std_error)
         sizes.append(f"{size.name.rsplit('.', 1)[-1]} = {value} ± {error} {unit}".rstrip())
     shape = shape_text(found, robot, units)
@@ -202,25 +208,25 @@ def shape_text(found: Finding | Candidate, robot: Robot, units: str = "rad") -> 
     if found.effect.startswith(SUSPECT):
         return TIMES[int(found.shape.get("times", 0.0))]
     known = catalogue()[found.effect].shapes(robot, found.joint or 0) if found.effect in catalogue() else ()
-    unit_of = {shape.name: "" if shape.unit == "1" else shape.unit for shape in known}
+    unit_of = {shape.name: bare(shape.unit) for shape in known}
     words = []
     for name, value in found.shape.items():
         times, unit = in_unit(unit_of.get(name, ""), units)
-        words.append(f"{name} {number(times * value, 3)} {unit}".rstrip())
+        words.append(f"{name} {times * value:.4g} {unit}".rstrip())
     return listed(words)
 
 
 def decision_sentence(found: Finding) -> str:
-    """The run that would decide between an effect and its rivals; empty where there is nothing to decide."""
+    """The run that would decide between an effect and its rivals, or why none would; empty where nothing is open."""
     run = found.next_run
     if run is None:
         return ""
-    words = f"To decide: {run.text.rstrip('.')}"
-    if run.motions:
-        words += f" ({plural(len(run.motions), 'run')}"
-        words += f", all of them {number_of_times(run.repeats)}" if run.repeats and run.repeats > 1 else ""
-        words += "; pumaid diagnose --plan FILE writes them)"
-    return words + "."
+    text = run.text.rstrip(".")
+    if not run.motions:
+        return f"{text[0].upper()}{text[1:]}."
+    often = f", all of them {number_of_times(run.repeats)}" if run.repeats and run.repeats > 1 else ""
+    runs = plural(len(run.motions), "run")
+    return f"To decide: {text} ({runs}{often}; pumaid diagnose --plan FILE writes them)."
 
 
 def number_of_times(count: int) -> str:
@@ -230,7 +236,7 @@ def number_of_times(count: int) -> str:
 
 def limit_sentence(limit: Limit, robot: Robot, units: str = "rad") -> str:
     """What would have been found: ``stribeck at joint 3 (elbow) with a larger than 0.03 A would have been found``."""
-    times, unit = in_unit(limit.unit, units)
+    times, unit = in_unit(bare(limit.unit), units)
     size = f"{number(times * (limit.size or 0.0), 2)} {unit}".rstrip()
     at = "of the whole arm" if limit.joint is None else f"at {place(limit, robot)}"
     return f"{limit.effect} {at} with {limit.parameter} larger than {size} would have been found"

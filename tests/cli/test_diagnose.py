@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 import shlex
 import shutil
 import subprocess
@@ -11,6 +12,7 @@ from dataclasses import replace
 from itertools import groupby
 from pathlib import Path
 
+import click
 import diagnoses
 import numpy as np
 import pandas as pd
@@ -256,3 +258,28 @@ def test_an_effect_of_ones_own_is_tried(arm):
     assert done.returncode == 0, done.stderr
     found = next(one for one in json.loads(done.stdout)["findings"] if one["joint"] == 2)
     assert found["effect"] == "brake" and "--effects brake.py" in found["command"]
+
+
+PAGE = (Path(__file__).parents[2] / "docs" / "diagnosis.md").read_text(encoding="utf-8")
+
+
+def shown_commands() -> list[list[str]]:
+    """Commands in the page's shell blocks, as the shell would split them, up to a pipe."""
+    lines = [line for block in re.findall(r"```sh\n(.*?)```", PAGE, re.DOTALL) for line in block.splitlines()]
+    return [shlex.split(line.split(" | ")[0])[1:] for line in lines if line.startswith("pumaid ")]
+
+
+@pytest.mark.parametrize("words", shown_commands(), ids=" ".join)
+def test_the_page_shows_commands_that_exist(words):
+    """Each command of docs/diagnosis.md is one that the program understands."""
+    context = click.Context(group)
+    found = group.get_command(context, words[0])
+    assert found is not None
+    found.make_context(words[0], words[1:])
+
+
+def test_the_page_shows_what_the_program_says():
+    """The example in docs/diagnosis.md is what a diagnosis looks like, letter by letter."""
+    gold = (Path(__file__).parents[1] / "golden" / "gold" / "diagnosis_rich_rad.txt").read_text(encoding="utf-8")
+    (block,) = re.findall(r"```text\n(.*?)```", PAGE, re.DOTALL)
+    assert block in gold

@@ -11,7 +11,7 @@ import pytest
 import worlds
 from rich.console import Console
 
-from pumaid.records import Limit, Unexplained
+from pumaid.records import Limit, NextRun, Unexplained
 from pumaid.show import evidence, findings, verdicts
 from pumaid.show.diagnosis import Told
 
@@ -57,7 +57,7 @@ def test_a_doubtful_finding_may_be_missing():
 def test_sizes_are_in_the_unit_asked_for():
     """Angles in degrees with their errors; currents stay."""
     assert "x = 1.20 ± 0.23 deg" in findings.size_sentence(diagnoses.tilt(), PUMA, "deg")
-    assert "velocity 6.88 deg/s" in findings.size_sentence(diagnoses.stribeck(), PUMA, "deg")
+    assert "velocity 6.875 deg/s" in findings.size_sentence(diagnoses.stribeck(), PUMA, "deg")
     assert "a = 0.120 ± 0.011 A" in findings.size_sentence(diagnoses.stribeck(), PUMA, "deg")
 
 
@@ -65,7 +65,7 @@ def test_an_effect_from_outside_is_told_by_its_name():
     """An effect that the catalogue lacks has no title and no units of its shape, and is told all the same."""
     foreign = replace(diagnoses.stribeck(), effect="my_brake")
     words = " ".join(findings.finding_sentences(foreign, diagnoses.rich(), PUMA))
-    assert "Stribeck" not in words and "velocity 0.120 and" in words
+    assert "Stribeck" not in words and "velocity 0.12 and" in words
 
 
 def test_a_suspected_column_is_told_as_one():
@@ -120,10 +120,11 @@ def test_a_joint_without_a_floor_is_not_judged():
 
 
 def test_evidence_has_a_row_a_candidate_with_its_reason():
-    """Verdict, chance and errors of what was tried; reasons stand below, each once."""
+    """Verdict, chance and errors of what explains more than it costs; reasons stand below, each once."""
     table = evidence.evidence_grid(diagnoses.rich(), PUMA)
-    assert [row[1].text for row in table.rows] == ["stribeck", "viscous_power", "tilt", "spring"]
+    assert [row[1].text for row in table.rows] == ["stribeck", "viscous_power", "tilt"]
     assert table.rows[0][2].tone == "alarm" and table.rows[2][2].mark == "a"
+    assert [row[0].text for row in table.rows] == ["3 elbow", "3 elbow", "arm"]
     assert ("a", "the error on runs left out does not fall") in table.notes
     assert evidence.evidence_grid(diagnoses.clean(), PUMA) is None
 
@@ -163,6 +164,14 @@ def test_runs_that_decide_are_rows():
     ]  # fmt: skip
     assert "run twice, they decide nine times in ten" in table.caption
     assert evidence.runs_grid(diagnoses.tilt(), PUMA) is None
+
+
+def test_where_no_run_decides_it_is_said():
+    """A finding whose rivals no feasible run separates says so, and offers no plan."""
+    stuck = replace(diagnoses.stribeck(), next_run=NextRun("no run within the limits tells them apart"))
+    assert findings.decision_sentence(stuck) == "No run within the limits tells them apart."
+    assert "--plan FILE" in findings.decision_sentence(diagnoses.stribeck())
+    assert findings.decision_sentence(diagnoses.tilt()) == ""
 
 
 def test_many_bins_are_drawn_as_few_lines():
