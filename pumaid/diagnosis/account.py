@@ -9,7 +9,7 @@ from pumaid.diagnosis.budget import budget
 from pumaid.diagnosis.contender import LEVEL, Contender, misfit_with
 from pumaid.diagnosis.curves import Trial as Drawn
 from pumaid.diagnosis.curves import curve
-from pumaid.diagnosis.field import fields, starts
+from pumaid.diagnosis.field import fields
 from pumaid.diagnosis.folds import falls, postures_of
 from pumaid.diagnosis.limits import limits
 from pumaid.diagnosis.stepwise import Accepted, Step, Stepwise
@@ -58,7 +58,7 @@ class Account:
         self.search, self.evidence = search, evidence
         self.states = [step.scan.solved for step in search.steps]
         held = [run for run in evidence.runs if run.heldout]
-        self.heldout = fields(search.model, held, begun=starts(evidence.runs)) if held else ()
+        self.heldout = fields(search.model, held, campaign=search.campaign) if held else ()
         last = search.steps[-1]
         self.limits = limits(last.scan, last.catalogue, last.family, periodic=search.periodic)
         self.verdicts = {row.field.joint: self._judged(row.field.joint) for row in self.states[0].rows}

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import itertools
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -15,7 +15,8 @@ from pumaid.model import Model
 from pumaid.motion.options import CONSTANT
 from pumaid.motion.reduce import coarser
 from pumaid.motion.replicates import replicates
-from pumaid.records import Cells, Extent, Run, Samples
+from pumaid.records import Campaign, Cells, Extent, Run, Samples
+from pumaid.sight import samples_of
 
 Floats = NDArray[np.float64]
 Counts = NDArray[np.int64]
@@ -136,24 +137,16 @@ class Field:
 
 
 def fields(
-    model: Model, runs: Sequence[Run], *, most: int = COARSE, begun: Mapping[tuple[int, int], float] | None = None
+    model: Model, runs: Sequence[Run], *, most: int = COARSE, campaign: Campaign | None = None
 ) -> tuple[Field, ...]:
-    """A field for each joint that moves in `runs`, base first; `begun` as `starts` gives it for the whole campaign."""
-    begun = starts(runs) if begun is None else begun
+    """A field for each joint that moves in `runs`, base first; `campaign` is that of all runs of the logs."""
+    campaign = campaign or Campaign.of(runs)
     joints = sorted({run.joint for run in runs})
-    return tuple(field(model, [run for run in runs if run.joint == joint], begun=begun, most=most) for joint in joints)
+    own = [[run for run in runs if run.joint == joint] for joint in joints]
+    return tuple(field(model, some, campaign=campaign, most=most) for some in own)
 
 
-def starts(runs: Sequence[Run]) -> dict[tuple[int, int], float]:
-    """(clock, joint) -> s of its first motion; joint 0 for the whole arm."""
-    begun: dict[tuple[int, int], float] = {}
-    for run in runs:
-        for key in ((run.clock, run.joint), (run.clock, 0)):
-            begun[key] = min(begun.get(key, run.start), run.start)
-    return begun
-
-
-def field(model: Model, runs: Sequence[Run], *, begun: Mapping[tuple[int, int], float], most: int = COARSE) -> Field:
+def field(model: Model, runs: Sequence[Run], *, campaign: Campaign, most: int = COARSE) -> Field:
     """The runs of one joint in at most `most` cells each.
 
     Parameters
@@ -162,8 +155,8 @@ def field(model: Model, runs: Sequence[Run], *, begun: Mapping[tuple[int, int], 
         Of the arm.
     runs
         All of one joint, in order of time.
-    begun
-        As `starts` gives it.
+    campaign
+        When its joint first moved.
     most
         Cells a run.
     """
@@ -172,8 +165,9 @@ def field(model: Model, runs: Sequence[Run], *, begun: Mapping[tuple[int, int], 
     thin = [
         run if len(run.cells) <= most else replace(run, cells=coarser([run.cells], most, joint=joint)) for run in runs
     ]
-    many = [_timed(model.samples_of(run), run, begun) for run in thin]
+    many = [samples_of(run, campaign, has_slope=True) for run in thin]
     samples = joined(many)
+    steady = np.concatenate([run.cells.acceleration for run in thin])
     lengths = np.array([len(one) for one in many])
     repeated = [tuple(group) for group in replicates(runs)]
     alone = [(k,) for k in range(len(runs)) if not any(k in group for group in repeated)]
@@ -188,7 +182,7 @@ def field(model: Model, runs: Sequence[Run], *, begun: Mapping[tuple[int, int], 
         step=np.array([run.duration / max(len(run.cells), 1) for run in thin]),
         groups=tuple(sorted([*repeated, *alone])),
         postures=tuple(tuple(group) for group in posture_groups(runs)),
-        base=model.regressor(samples),
+        base=model.regressor(replace(samples, acceleration=steady)),
         frames=axes(model.robot.alphas, model.robot.dh_angles(samples.position)),
     )
 
@@ -204,11 +198,6 @@ def _settled(run: Run) -> Run:
 
 #: Cells below which a run is taken as it is.
 FEWEST_SETTLED = 20
-
-
-def _timed(samples: Samples, run: Run, begun: Mapping[tuple[int, int], float]) -> Samples:
-    time = run.cells.time
-    return replace(samples, time=time - begun[run.clock, run.joint], elapsed=time - begun[run.clock, 0])
 
 
 def joined(many: Sequence[Samples]) -> Samples:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -20,7 +20,7 @@ from pumaid.diagnosis.system import Added, Solved, at_cells, loaded, misfit_at, 
 from pumaid.diagnosis.variants import Catalogue, build
 from pumaid.effects import Effect, catalogue
 from pumaid.model import Model
-from pumaid.records import Run
+from pumaid.records import Campaign, Run
 
 Floats = NDArray[np.float64]
 Pair = tuple[Trial, Trial]
@@ -67,8 +67,8 @@ class Stepwise:
         The base model, the fitted runs and the fit.
     given
         Effects that the model has already.
-    begun
-        As `starts` gives it for all runs of the campaign, also those that are not fitted.
+    campaign
+        That of all runs of the logs, also those that are not fitted.
     effects
         What may be added; every effect that is no part of each model where not given.
     most
@@ -83,7 +83,7 @@ class Stepwise:
     runs: Sequence[Run]
     start: Start
     given: Sequence[Added] = ()
-    begun: Mapping[tuple[int, int], float] | None = None
+    campaign: Campaign | None = None
     effects: Sequence[Effect] = ()
     most: int = MOST_ADDED
     tell: Callable[[str], None] = silent
@@ -97,7 +97,7 @@ class Stepwise:
         self.effects = [one for one in (self.effects or tuple(catalogue().values())) if not one.base]
         self.added = list(self.given)
         self._coarse, self._finest = (
-            fields(self.model, self.runs, most=most, begun=self.begun) for most in (COARSE, FINE)
+            fields(self.model, self.runs, most=most, campaign=self.campaign) for most in (COARSE, FINE)
         )
 
     @property

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from pumaid.diagnosis.field import distinct, starts
+from pumaid.diagnosis.field import distinct
 from pumaid.diagnosis.system import Added, Row, Solved
 from pumaid.effects import Effect, Scope, catalogue
 from pumaid.records import Extent
@@ -125,9 +125,7 @@ def _present(solved: Solved, effect: Effect, owner: int | None) -> bool:
 def _whole(solved: Solved, extents: dict[int, Extent]) -> Extent:
     """Of all joints together, for what acts in several."""
     every = list(extents.values())
-    runs = [run for row in solved.rows for run in row.field.runs]
-    begun = starts(runs)
-    elapsed = sorted(run.start - begun[run.clock, 0] for run in runs)
+    elapsed = sorted(float(row.field.samples.elapsed[k]) for row in solved.rows for k in row.field.first)
     return Extent(
         joint=None,
         speeds=distinct([speed for one in every for speed in one.speeds]),

@@ -6,23 +6,25 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from pumaid.effects.base import NO_SHAPE, Effect, Floats, Parameter, Trace, load_refusal, loads_of
+from pumaid.effects.base import NO_SHAPE, Effect, Floats, Parameter, Scope, Trace, load_refusal, loads_of
 from pumaid.records import Robot, Samples
 
 
 class Flexibility(Effect):
-    """The link stands at q - c tau where the motor's sensor says q.
+    """The link of joint m stands at q - c tau where the motor's sensor says q, whichever joint moves.
 
-    tau is the joint's gravity load by the model (A), c the compliance in radians per ampere of it: positive where the
-    load bends the drive downward and the motor's current counts along the joint, as the paper's signs have it.
+    tau is the gravity load of joint m by the model (A, of its own motor), c its compliance in radians per ampere of it:
+    positive where the load bends the drive downward and the motor's current counts along the joint, as the paper's
+    signs have it. Every joint that feels m's position feels the deflection: dtau_i/dq_m times -c tau.
     """
 
     title = "Flexible drive: the link sags under its load"
-    equation = "-c tau dtau/dq"
+    equation = "-c tau_m dtau_i/dq_m"
     source = (
         "M. W. Spong, Modeling and control of elastic joint robots, ASME J. Dynamic Systems, Measurement, and Control"
         " 109 (1987) 310-319, at rest and linearised in the deflection"
     )
+    scope = Scope.CAUSE
     family = "gravity"
     trace = (Trace.POSITION, Trace.LOAD)
     look_alikes = ("counterbalance", "zero_offset")
@@ -34,8 +36,9 @@ class Flexibility(Effect):
     def columns(
         self, robot: Robot, samples: Samples, *, number: int | None = None, shape: Mapping[str, float] = NO_SHAPE
     ) -> Floats:
-        loads = loads_of(samples)
-        return -(np.nan_to_num(loads.slopes[:, samples.joint - 1]) * loads.own)[:, None]
+        loads, m = loads_of(samples), (number or samples.joint) - 1
+        bent = loads.own if m == samples.joint - 1 else loads.others[:, m]
+        return -(np.nan_to_num(loads.slopes[:, m]) * np.nan_to_num(bent))[:, None]
 
     def applies(self, robot: Robot, joint: int) -> str | None:
         if not robot.joint(joint).is_revolute:

@@ -9,7 +9,6 @@ import numpy as np
 from pumaid import __version__
 from pumaid.diagnosis.account import Account
 from pumaid.diagnosis.chain import Start
-from pumaid.diagnosis.field import starts
 from pumaid.diagnosis.stepwise import Stepwise, silent
 from pumaid.diagnosis.suspect import Suspect
 from pumaid.diagnosis.system import Added
@@ -17,7 +16,7 @@ from pumaid.effects import Effect, catalogue
 from pumaid.errors import LogError, Where
 from pumaid.files.result import check_same_recipe
 from pumaid.model import Model
-from pumaid.records import Diagnosis, Estimate, Evidence, Robot
+from pumaid.records import Campaign, Diagnosis, Estimate, Evidence, Robot
 
 
 def diagnose(
@@ -72,7 +71,7 @@ def diagnose(
         runs,
         start,
         given=tuple(Added(catalogue()[one.effect], one.joint, dict(one.shape)) for one in estimate.effects),
-        begun=starts(evidence.runs),
+        campaign=Campaign.of(evidence.runs),
         effects=[*catalogue().values(), *_suspects(evidence, suspects)],
         tell=progress or silent,
     )
