@@ -17,7 +17,7 @@ from pumaid.records import (
 )
 from pumaid.show.numbers import amperes, in_unit, percent, with_error
 from pumaid.show.story import joint_title
-from pumaid.show.wording import AT_FLOOR, listed, plural
+from pumaid.show.wording import AT_FLOOR, BELOW_FLOOR, listed, plural
 from pumaid.units import number
 
 #: A chance below this is told as less than one in a million: no experiment is that sure of its noise.
@@ -179,7 +179,7 @@ def step_sentence(found: Finding, before: Estimate, after: Estimate, *, robot: R
     rest = []
     if old.heldout is not None and new.heldout is not None:
         rest.append(f"runs that were not fitted by {amperes(new.heldout)} instead of {amperes(old.heldout)}")
-    if new.noise_floor is not None:
+    if new.noise_floor is not None and (new.rmse or 0.0) >= BELOW_FLOOR * new.noise_floor:
         rest.append(f"the noise floor is {amperes(new.noise_floor)}")
     return f"{words}{'; ' + '; '.join(rest) if rest else ''}."
 

@@ -8,6 +8,7 @@ from dataclasses import replace
 import diagnoses
 import numpy as np
 import pytest
+import stories
 import worlds
 from rich.console import Console
 
@@ -193,3 +194,19 @@ def test_a_long_command_can_be_pasted():
     lines = out.getvalue().splitlines()
     assert len(lines) > 2 and all(line.rstrip().endswith("\\") for line in lines[:-1])
     assert " ".join(line.strip().rstrip("\\").strip() for line in lines) == command
+
+
+def test_a_step_is_told_by_the_joint_that_it_changed_most():
+    """Error before and after, on runs that were not fitted too; a floor that drift has raised is no floor."""
+    table = stories.table_one()
+    first = table.estimate.joints[3]
+    old = replace(first, rmse=0.08, heldout=0.09, noise_floor=0.021)
+    new = replace(first, rmse=0.02, heldout=0.025, noise_floor=0.021)
+    before, after = (replace(table.estimate, joints=(*table.estimate.joints[:3], one)) for one in (old, new))
+    told = findings.step_sentence(diagnoses.tilt(), before, after, robot=PUMA, number=2)
+    assert told == (
+        "2. tilt of the whole arm added: joint 4 is missed by 0.0200 A instead of 0.0800 A; runs that were not fitted"
+        " by 0.0250 A instead of 0.0900 A; the noise floor is 0.0210 A."
+    )
+    drifted = replace(after, joints=(*after.joints[:3], replace(new, noise_floor=0.1)))
+    assert "noise floor" not in findings.step_sentence(diagnoses.tilt(), before, drifted, robot=PUMA, number=2)
