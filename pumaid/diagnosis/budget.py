@@ -17,6 +17,9 @@ from pumaid.records import Budget, BudgetPart, Joint
 
 Floats = NDArray[np.float64]
 
+#: A: an RMSE below this is rounding, of which nothing is said.
+NOTHING = 1e-7
+
 #: Parts that point to causes, in the order in which they are told.
 CAUSES = ("smooth", "fast", "start", "odd", "even", "time")
 
@@ -49,6 +52,7 @@ def budget(
     *,
     load: Floats | None = None,
     mean_square: float | None = None,
+    floor: float | None = None,
     is_fitted: bool = True,
 ) -> Budget:
     """Split the mean square of what a model leaves at one joint into parts that add up to it.
@@ -72,6 +76,8 @@ def budget(
         (N,) A that gravity draws by the model; their own where they know it.
     mean_square
         A2 of samples, where it is known better than from the cells.
+    floor
+        A: the noise floor by replicates, where it is known already.
     is_fitted
         Whether the model was fitted to these very runs, so that friction and weight are already at their best.
 
@@ -83,14 +89,15 @@ def budget(
     if load is None and laid.samples.loads is not None:
         load = laid.samples.loads.own
     at = view(laid, load, is_revolute=joint.is_revolute)
-    floor = noise_floor(laid.runs)[0]
+    floor = noise_floor(laid.runs)[0] if floor is None else floor
     repeats = _repeats(laid, at)
     track = Track.of(laid, is_revolute=joint.is_revolute)
     search = Search(at, coarse_starts(laid.first, len(laid.count)), track, repeats=repeats, is_fitted=is_fitted)
-    search.run(residual)
     cells, samples = float(at.weight @ residual**2), float(at.weight.sum())
     inside = _inside(laid, residual) if mean_square is None else max(mean_square * samples - cells, 0.0)
     total = (cells + inside) / samples if mean_square is None else mean_square
+    if total > NOTHING**2:
+        search.run(residual)
     parts = _parts(search, joint, total=total, inside=inside)
     return Budget(
         mean_square=total,
@@ -153,14 +160,15 @@ def _cause(search: Search, name: str, joint: Joint, mean_square: float) -> Budge
     ripples = [one.frequency if joint.is_revolute else one.frequency / (2.0 * np.pi) for one in own if one.frequency]
     gearing = joint.gear_ratio if joint.is_revolute else None
     return BudgetPart(
-        name,
-        mean_square,
-        min((one.chance for one in own), default=min(tried, default=None)),
-        bool(own),
-        tuple(dict.fromkeys(one.key[1] for one in own)),
-        tuple(ripples),
-        tuple(cycles / gearing for cycles in ripples) if gearing else (),
-        tuple(dict.fromkeys(effect for one in own for effect in POINTS_TO[one.key])),
+        name=name,
+        mean_square=mean_square,
+        p_value=min((one.chance for one in own), default=min(tried, default=None)),
+        is_more=bool(own),
+        against=tuple(dict.fromkeys(one.key[1] for one in own)),
+        cycles=tuple(ripples),
+        per="" if not ripples else "turn" if joint.is_revolute else "m",
+        gearing=tuple(cycles / gearing for cycles in ripples) if gearing else (),
+        points_to=tuple(dict.fromkeys(effect for one in own for effect in POINTS_TO[one.key])),
     )
 
 
@@ -178,6 +186,8 @@ def _averaging(search: Search, frequency: float) -> float:
 def _unassigned(search: Search) -> float:
     """A2 times samples that repeat and have no name, and what may be noise or not: in too few runs, without repeats."""
     repeats = search.repeats
+    if not search.left.any():
+        return 0.0
     if len(search.track.first) < FEWEST_RUNS:
         return search.track.slow(search.left)
     total = 0.0

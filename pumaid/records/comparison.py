@@ -39,8 +39,8 @@ class BudgetPart:
     against
         Variables that show it, the strongest first: ``position``, ``posture``, ``speed``, ``load``, ``time``,
         ``temperature``, ``travel``, ``direction``.
-    cycles
-        Of a ripple: cycles per turn of the joint (per metre of a sliding one), the strongest first.
+    cycles, per
+        Of a ripple: cycles per ``turn`` of the joint, or per ``m`` of a sliding one, the strongest first.
     gearing
         Of each of these, how many cycles it makes per turn of the motor; empty where the gear ratio is not known.
     points_to
@@ -53,6 +53,7 @@ class BudgetPart:
     is_more: bool = False
     against: tuple[str, ...] = ()
     cycles: tuple[float, ...] = ()
+    per: str = ""
     gearing: tuple[float, ...] = ()
     points_to: tuple[str, ...] = ()
 

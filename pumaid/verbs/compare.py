@@ -13,7 +13,7 @@ from pumaid.errors import Note
 from pumaid.files.result import check_same_recipe
 from pumaid.fit.judge import NOTHING, Groups, Judge, Tally, rmse, together
 from pumaid.motion.replicates import noise_floor
-from pumaid.records import UNEXPLAINED, Budget, Comparison, Estimate, Evidence, JointScore, Robot, RunScore
+from pumaid.records import TOGETHER, UNEXPLAINED, Budget, Comparison, Estimate, Evidence, JointScore, Robot, RunScore
 
 
 def compare(estimate: Estimate, evidence: Evidence, robot: Robot) -> Comparison:
@@ -121,13 +121,15 @@ def _budget(score: JointScore, scores: Sequence[RunScore], robot: Robot, *, know
         return None
     own = [(one, was) for one, was in zip(scores, known, strict=True) if one.run.joint == score.joint]
     own = [(one, was) for one, was in own if not one.run.heldout] or own
-    loads = [one.parts["gravity"] for one, _ in own if "gravity" in one.parts]
+    is_known = all(name == "gravity" or "gravity" not in name.split(TOGETHER) for one, _ in own for name in one.parts)
+    loads = [one.parts.get("gravity", np.zeros(len(one.predicted))) for one, _ in own]
     return budget(
         Spread.of([one.run for one, _ in own]),
         np.concatenate([one.residual for one, _ in own]),
         robot.joint(score.joint),
-        load=np.concatenate(loads) if len(loads) == len(own) else None,
+        load=np.concatenate(loads) if is_known else None,
         mean_square=score.rmse**2,
+        floor=score.noise_floor,
         is_fitted=all(was for _, was in own),
     )
 

@@ -13,6 +13,7 @@ import worlds
 from pumaid.files.result import as_text
 from pumaid.records import Combination
 from pumaid.show import scores, wording
+from pumaid.show.comparison import comparison_document
 
 
 @pytest.fixture(scope="module")
@@ -23,7 +24,7 @@ def told():
 
 def test_document_has_the_fixed_entries(told):
     """The JSON document of a comparison holds what interfaces promise, and is plain JSON."""
-    document = json.loads(as_text(scores.comparison_document(told.comparison)))
+    document = json.loads(as_text(comparison_document(told.comparison)))
     joint = document["joints"][0]
     assert {"joint", "rmse", "noise_floor", "bias", "explained", "runs"} <= set(joint)
     assert {"file", "start", "velocity", "posture", "rmse", "bias"} <= set(joint["runs"][0])
@@ -33,7 +34,7 @@ def test_document_has_the_fixed_entries(told):
 
 def test_document_tells_heldout_apart(told):
     """Held-out runs have their own error and are marked among the runs."""
-    document = scores.comparison_document(told.comparison)
+    document = comparison_document(told.comparison)
     assert document["heldout"] == {"rmse": told.comparison.heldout}
     assert sum(run["heldout"] for joint in document["joints"] for run in joint["runs"]) == 1
 
@@ -50,7 +51,7 @@ def test_a_mean_error_that_is_rounding_is_none(told):
     first, second = told.comparison.joints
     fitted = replace(told.comparison, joints=(replace(first, bias=1e-17), replace(second, bias=0.5)))
     assert [row[4].text for row in scores.comparison_grid(fitted, told.robot).rows][:2] == ["0", "0.500"]
-    assert scores.comparison_document(fitted)["joints"][0]["bias"] == 1e-17
+    assert comparison_document(fitted)["joints"][0]["bias"] == 1e-17
 
 
 def test_joints_without_runs_are_named_below_the_table(told):

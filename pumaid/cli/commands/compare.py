@@ -64,8 +64,10 @@ def command(
     """
     from pumaid.cli.reading import read_evidence
     from pumaid.files.result import heading, read_model
+    from pumaid.show.budget import budget_shown
+    from pumaid.show.comparison import comparison_document
     from pumaid.show.forms import Shown
-    from pumaid.show.scores import comparison_document, comparison_grid, is_above_floor, outside_grid, worst_grid
+    from pumaid.show.scores import comparison_grid, is_above_floor, outside_grid, worst_grid
     from pumaid.verbs.compare import compare
 
     form = picture_form(picture)
@@ -82,11 +84,15 @@ def command(
     if as_json:
         document(heading("comparison", robot=robot, logs=comparison.logs) | comparison_document(comparison))
     else:
-        grids = [comparison_grid(comparison, robot), outside_grid(comparison, robot)]
+        table(Shown(comparison_grid(comparison, robot)))
+        for part in budget_shown(comparison, robot):
+            table(part)
+        grids = [outside_grid(comparison, robot)]
         grids += [worst_grid(comparison, robot, count=worst, units=units)] if worst and comparison.runs else []
-        for number, grid in enumerate(grid for grid in grids if grid is not None):
-            table("") if number else None
-            table(Shown(grid))
+        for grid in grids:
+            if grid is not None:
+                table("")
+                table(Shown(grid))
     if check and any(is_above_floor(score.rmse, score.noise_floor) for score in comparison.joints):
         attention()
 

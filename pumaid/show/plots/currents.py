@@ -56,6 +56,18 @@ def draw(story: Story, joint: int) -> Figure:
 
 
 def _posture(axes: Axes, story: Story, group: Sequence[RunScore]) -> None:
+    course(axes, story, group)
+    axes.grid(axis="y")
+    axes.set_ylabel("current (A)")
+    unit = " | ".join(dict.fromkeys(story.position_unit(other.number) for other in story.robot.joints))
+    axes.text(
+        0.0, 1.02, f"others held at {posture_text(group[0].run, story.robot, story.units)} {unit}",
+        transform=axes.transAxes, fontsize=8.5,
+    )  # fmt: skip
+
+
+def course(axes: Axes, story: Story, group: Sequence[RunScore]) -> None:
+    """Measured (dots) and predicted (lines) current of runs in one posture, both directions."""
     joint = group[0].run.joint
     for sign, colour in ((1, FORWARD), (-1, BACKWARD)):
         side = [score for score in group if score.run.direction == sign]
@@ -68,10 +80,3 @@ def _posture(axes: Axes, story: Story, group: Sequence[RunScore]) -> None:
             order = np.argsort(score.run.cells.position[:, joint - 1])
             place = story.shown(joint, score.run.cells.position[order, joint - 1])
             axes.plot(place, score.predicted[order], color=INK, linewidth=0.7, zorder=1.5)
-    axes.grid(axis="y")
-    axes.set_ylabel("current (A)")
-    unit = " | ".join(dict.fromkeys(story.position_unit(other.number) for other in story.robot.joints))
-    axes.text(
-        0.0, 1.02, f"others held at {posture_text(group[0].run, story.robot, story.units)} {unit}",
-        transform=axes.transAxes, fontsize=8.5,
-    )  # fmt: skip

@@ -1,4 +1,4 @@
-"""What the model leaves, against position, speed, time, posture and temperature: the shape says what is missing."""
+"""What the model leaves, against position, speed, load, time, posture, temperature: the shape says what is missing."""
 
 from __future__ import annotations
 
@@ -11,6 +11,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
+from pumaid.records import TOGETHER, RunScore
 from pumaid.show.numbers import shortened
 from pumaid.show.plots.style import BACKWARD, FORWARD, GREY, INK, Drawing, dots, panels, way_handles
 from pumaid.show.scores import posture_text
@@ -27,18 +28,22 @@ FINE, COARSE = 48, 14
 #: Speeds that differ by less than this share, and temperatures by less than this (K), are one: nothing to see there.
 ONE_SPEED, ONE_TEMPERATURE = 0.05, 0.5
 
-#: Label of the axis of postures, which has whole numbers.
-POSTURE = "posture (number)"
+#: A: a load that changes by less shows nothing.
+ONE_LOAD = 1e-6
+
+#: Labels of axes; that of postures has whole numbers.
+POSTURE, LOAD, TIME, TEMPERATURE = "posture (number)", "gravity's current (A)", "time (min)", "temperature (°C)"
 
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Left:
-    """The residual of one direction of a joint.
+    """The residual of one direction of a joint (from 1).
 
     (M,) A at cells, with (M,) number of the run, position, speed (SI, absolute), time (s), posture (number of the group
-    from 1) and temperature (degC).
+    from 1), temperature (degC) and gravity's current by the model (A, NaN where it is not known by itself).
     """
 
+    joint: int
     sign: int
     residual: Floats
     run: Floats
@@ -47,6 +52,7 @@ class Left:
     time: Floats
     posture: Floats
     temperature: Floats
+    load: Floats
 
 
 def drawings(story: Story) -> Iterator[Drawing]:
@@ -101,14 +107,30 @@ def _telling(story: Story, both: list[Left], joint: int) -> dict[str, Callable[[
     speeds = np.concatenate([side.speed for side in both])
     if np.ptp(speeds) > ONE_SPEED * speeds.max():
         out[f"speed ({unit}/s)"] = partial(against_speed, story=story, joint=joint)
-    out["time (min)"] = lambda axes, side: _continuous(axes, side, side.time / 60.0)
+    if has_load(both):
+        out[LOAD] = against_load
+    out[TIME] = against_time
     if len(story.postures(joint)) > 1:
         out[POSTURE] = lambda axes, side: _discrete(axes, side, side.posture + 0.06 * side.sign)
-    temperature = np.concatenate([side.temperature for side in both])
-    seen = temperature[np.isfinite(temperature)]
-    if len(seen) and np.ptp(seen) > ONE_TEMPERATURE:
-        out["temperature (°C)"] = lambda axes, side: _continuous(axes, side, side.temperature)
+    if has_temperature(both):
+        out[TEMPERATURE] = against_temperature
     return out
+
+
+def has_load(both: list[Left]) -> bool:
+    """Whether gravity draws a current that is known by itself, and not always the same."""
+    return _varies([side.load for side in both], ONE_LOAD)
+
+
+def has_temperature(both: list[Left]) -> bool:
+    """Whether temperatures were measured and differ."""
+    return _varies([side.temperature for side in both], ONE_TEMPERATURE)
+
+
+def _varies(pieces: list[Floats], least: float) -> bool:
+    values = np.concatenate(pieces) if pieces else np.zeros(0)
+    seen = values[np.isfinite(values)]
+    return bool(len(seen)) and float(np.ptp(seen)) > least
 
 
 def sides(story: Story, joint: int) -> list[Left]:
@@ -129,6 +151,21 @@ def against_speed(axes: Axes, side: Left, story: Story, *, joint: int) -> None:
     axes.autoscale_view(scaley=False)
 
 
+def against_load(axes: Axes, side: Left) -> None:
+    """Cells, and their means in bins of what gravity draws."""
+    _continuous(axes, side, side.load)
+
+
+def against_time(axes: Axes, side: Left) -> None:
+    """Cells, and their means in bins of time."""
+    _continuous(axes, side, side.time / 60.0)
+
+
+def against_temperature(axes: Axes, side: Left) -> None:
+    """Cells, and their means in bins of temperature."""
+    _continuous(axes, side, side.temperature)
+
+
 def _left(story: Story, joint: int, sign: int) -> Left:
     """Cells of all runs of a joint in one direction."""
     groups = story.postures(joint)
@@ -143,6 +180,7 @@ def _left(story: Story, joint: int, sign: int) -> Left:
 
     starts = _clock(story)
     return Left(
+        joint=joint,
         sign=sign,
         residual=joined([score.residual for score in scores]),
         run=constant([float(n) for n in range(len(scores))]),
@@ -151,7 +189,15 @@ def _left(story: Story, joint: int, sign: int) -> Left:
         time=joined([score.run.cells.time + starts[score.run.clock] for score in scores]),
         posture=constant([float(n) for n, _ in chosen]),
         temperature=joined([score.run.cells.temperature for score in scores]),
+        load=joined([_load(score) for score in scores]),
     )
+
+
+def _load(score: RunScore) -> Floats:
+    """(M,) A that gravity draws; NaN where only a sum with it is known, 0 where the joint carries no weight."""
+    merged = any("gravity" in name.split(TOGETHER) and name != "gravity" for name in score.parts)
+    nothing = np.full(len(score.predicted), np.nan if merged else 0.0)
+    return score.parts.get("gravity", nothing)
 
 
 def _clock(story: Story) -> dict[int, float]:

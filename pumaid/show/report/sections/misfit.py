@@ -1,12 +1,13 @@
-"""Where it fails: the shape of what is left, the worst runs, what lies outside runs."""
+"""Where it fails: where the error lives, the shape of what is left, the worst runs, what lies outside runs."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 
+from pumaid.show.budget import budget_sentence, found_parts, is_plain, limit_sentences, noise_only_sentence
 from pumaid.show.plots.style import Drawing
 from pumaid.show.report.base import Section
-from pumaid.show.scores import is_above_floor, outside_grid, worst_grid
+from pumaid.show.scores import outside_grid, worst_grid
 from pumaid.show.story import Story
 from pumaid.show.wording import listed, noise_sentence
 
@@ -24,8 +25,13 @@ class Misfit(Section):
         return bool(story.comparison.runs)
 
     def content(self, story: Story, drawings: Mapping[str, Drawing]) -> dict[str, object]:
+        split = [score for score in story.comparison.joints if score.budget is not None and not is_plain(score.budget)]
         return {
             "sentence": _verdict(story),
+            "told": [budget_sentence(score, story.robot) for score in split],
+            "plain": noise_only_sentence(story.comparison, story.robot),
+            "limits": limit_sentences(story.comparison),
+            "budget": drawings.get("budget"),
             "figures": [drawing for name, drawing in drawings.items() if name.startswith("residual_")],
             "campaign": drawings.get("campaign"),
             "worst": worst_grid(story.comparison, story.robot, count=WORST, units=story.units),
@@ -34,15 +40,9 @@ class Misfit(Section):
 
 
 def _verdict(story: Story) -> str:
-    scores = story.comparison.joints
-    above = [score.joint for score in scores if is_above_floor(score.rmse, score.noise_floor)]
-    words = []
-    if above:
-        titles = listed([story.title(joint) for joint in above])
-        words.append(f"{titles}: more is left than repeated runs differ by, so some physics is missing.")
-    unsure = noise_sentence(story)
-    if unsure:
-        words.append(unsure)
-    if not words:
-        words.append("No joint's error is above what repeated runs differ by.")
-    return " ".join(words)
+    """Whether any joint's error is more than noise."""
+    scores = [score for score in story.comparison.joints if score.budget is not None]
+    found = [story.title(score.joint) for score in scores if score.budget and found_parts(score.budget)]
+    if found:
+        return f"Some physics is missing: more is left than noise explains of {listed(found)}."
+    return noise_sentence(story) or "Of no joint more is left than noise explains."
