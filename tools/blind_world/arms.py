@@ -208,7 +208,9 @@ def _lay_along_links(centre: Floats, common: Kind, rng: np.random.Generator) -> 
     for k in range(len(centre) - 1):
         alpha, a, d = common.alpha[k + 1], common.a[k + 1], 0.0 if common.slides[k + 1] else common.d[k + 1]
         centre[k] += rng.uniform(0.2, 0.6) * np.array([a, -d * np.sin(alpha), d * np.cos(alpha)])
-    for k in np.flatnonzero(common.slides):
+    for k, slides in enumerate(common.slides):
+        if not slides:
+            continue
         centre[k, 2] -= rng.uniform(0.2, 0.8) * common.reach[k]
 
 

@@ -16,7 +16,6 @@ from numpy.typing import NDArray
 from pumaid.cli.reading import read_evidence
 from pumaid.errors import PumaidError
 from pumaid.records import Diagnosis, EffectChoice, Estimate, Evidence, Robot
-from pumaid.verbs.compare import compare
 from pumaid.verbs.identify import identify
 
 Floats = NDArray[np.float64]
@@ -59,26 +58,20 @@ def with_effects(session: Session, choices: Sequence[EffectChoice]) -> Estimate 
         return error.slug
 
 
-def heldout_rmse(session: Session, estimate: Estimate) -> Floats:
+def heldout_rmse(estimate: Estimate) -> Floats:
     """(J,) A: RMSE of every joint's held-out runs; NaN without any."""
-    squares, counts = np.zeros(session.robot.n_joints), np.zeros(session.robot.n_joints)
-    for score in compare(estimate, session.evidence, session.robot).runs:
-        if score.run.heldout:
-            squares[score.run.joint - 1] += score.rmse**2 * score.run.samples
-            counts[score.run.joint - 1] += score.run.samples
-    with np.errstate(invalid="ignore"):
-        return np.asarray(np.sqrt(squares / counts))
+    return np.array([np.nan if joint.heldout is None else joint.heldout for joint in estimate.joints])
 
 
-def heldout_spans(session: Session) -> list[tuple[int, float, float]]:
-    """Joint (from 0), first and last time (s) of every held-out run that the program found."""
-    return [(run.joint - 1, run.start, run.start + run.duration) for run in session.evidence.runs if run.heldout]
+def spans(session: Session, *, are_heldout: bool) -> list[tuple[int, float, float]]:
+    """Joint (from 0), first and last time (s) of every held-out, or every fitted, run that the program found."""
+    runs = [run for run in session.evidence.runs if run.heldout == are_heldout]
+    return [(run.joint - 1, run.start, run.start + run.duration) for run in runs]
 
 
-def fitted_rmse(session: Session, estimate: Estimate) -> Floats:
+def fitted_rmse(estimate: Estimate) -> Floats:
     """(J,) A: RMSE of every joint's fitted runs."""
-    found = [estimate.joint(number + 1).rmse for number in range(session.robot.n_joints)]
-    return np.array([np.nan if value is None else value for value in found])
+    return np.array([np.nan if joint.rmse is None else joint.rmse for joint in estimate.joints])
 
 
 def on_the_command_line(folder: Path) -> list[dict[str, Any]]:

@@ -150,15 +150,15 @@ def _after(experiment: Experiment, session: program.Session, diagnosis: Any) -> 
     """Error on held-out runs before and after adding what was found, over that of the true model, felt joints only."""
     felt = sorted({joint for hidden, _ in experiment.hidden for joint in hidden.felt}) or range(experiment.world.arm.n)
     best = true_rmse(experiment, session)[list(felt)]
-    before = program.heldout_rmse(session, session.estimate)[list(felt)]
-    out: dict[str, Any] = {"before": _ratio(before, best)}
+    before = program.heldout_rmse(session.estimate)[list(felt)]
+    out: dict[str, Any] = {"before": _ratio(before, best), "ramps_kept": _ramps_kept(experiment, session)}
     added = _added(diagnosis)
     if not added:
         return out | {"after": out["before"]}
     model = program.with_effects(session, [finding.choice for finding in added])
     if isinstance(model, str):
         return out | {"after": None, "refused": model}
-    return out | {"after": _ratio(program.heldout_rmse(session, model)[list(felt)], best)}
+    return out | {"after": _ratio(program.heldout_rmse(model)[list(felt)], best)}
 
 
 def _ratio(error: Floats, best: Floats) -> float:
@@ -167,21 +167,40 @@ def _ratio(error: Floats, best: Floats) -> float:
 
 
 def true_rmse(experiment: Experiment, session: program.Session) -> Floats:
-    """(J,) A: RMSE on the program's own held-out runs of the true model, fitted with the true noise and shapes."""
+    """(J,) A: RMSE on the program's own held-out runs of the true model, fitted with the true noise and shapes.
+
+    The true model has no inertia either, so what a run kept of a ramp counts against it as against the program.
+    """
     world, oracle = experiment.world, experiment.oracle
     measured = sensed(world, experiment.state, experiment.noise).current
     base = world.base.current
     effects = [applied(world, [pair]).current - base for pair in experiment.hidden]
     values, amplitudes = oracle.fit(measured, effects, base)
     squares, counts = np.zeros(world.arm.n), np.zeros(world.arm.n)
-    for joint, first, last in program.heldout_spans(session):
-        rows = np.arange(round(first * RATE), round(last * RATE) + 1)
-        miss = (measured - base)[rows, joint] - oracle.base(joint, rows) @ values
+    for joint, first, last in program.spans(session, are_heldout=True):
+        rows = _rows(first, last)
+        miss = (measured - base)[rows, joint] + world.inertial[rows] - oracle.base(joint, rows) @ values
         miss -= sum((a * one[rows, joint] for a, one in zip(amplitudes, effects, strict=True)), np.zeros(len(rows)))
         squares[joint] += miss @ miss
         counts[joint] += len(rows)
     with np.errstate(invalid="ignore"):
         return np.asarray(np.sqrt(squares / counts))
+
+
+def _rows(first: float, last: float) -> NDArray[np.int64]:
+    """Rows of the log from one instant (s) to another."""
+    return np.arange(round(first * RATE), round(last * RATE) + 1)
+
+
+def _ramps_kept(experiment: Experiment, session: program.Session) -> float:
+    """RMS of the current of acceleration in the program's fitted runs over the noise there; of the worst joint."""
+    world = experiment.world
+    squares, counts = np.zeros(world.arm.n), np.zeros(world.arm.n)
+    for joint, first, last in program.spans(session, are_heldout=False):
+        kept = world.inertial[_rows(first, last)]
+        squares[joint] += kept @ kept
+        counts[joint] += len(kept)
+    return float(np.max(np.sqrt(squares / np.maximum(counts, 1)) / world.noise.sigma))
 
 
 def _reproduced(experiment: Experiment, diagnosis: Any) -> dict[str, Any]:
@@ -196,8 +215,8 @@ def _reproduced(experiment: Experiment, diagnosis: Any) -> dict[str, Any]:
             return {"reproduced": None}
         felt = sorted({joint for hidden, _ in experiment.hidden for joint in hidden.felt})
         floor = _quiet(experiment)[felt]
-        left = np.square(program.fitted_rmse(session, model)[felt]) / floor - 1.0
-        lacking = np.square(program.fitted_rmse(session, session.estimate)[felt]) / floor - 1.0
+        left = np.square(program.fitted_rmse(model)[felt]) / floor - 1.0
+        lacking = np.square(program.fitted_rmse(session.estimate)[felt]) / floor - 1.0
     share = 1.0 - float(np.sum(left) / np.sum(lacking))
     return {"reproduced": round(share, 3), "equivalent": share >= EQUIVALENT}
 

@@ -117,6 +117,15 @@ class World:
         drag = np.where(v > 0, f.plus, f.minus) * way + np.where(v > 0, f.viscous_plus, f.viscous_minus) * v
         return State(self.motion.torque * self.arm.gain + self.sign * drag, self.motion.position)
 
+    @cached_property
+    def inertial(self) -> Floats:
+        """(N,) A: what acceleration draws in the joint that moves; zero between strokes."""
+        on = np.flatnonzero(self.motion.moving >= 0)
+        own = self.joint_of[self.motion.moving[on]]
+        out = np.zeros(len(self.motion))
+        out[on] = (self.motion.torque[on, own] - self.motion.load[on]) * self.arm.gain[own]
+        return out
+
 
 def draw_world(arm: Arm, campaign: Campaign, motion: Motion, *, rng: np.random.Generator) -> World:
     """Friction, noise, temperature and the log's columns of one experiment.

@@ -1,0 +1,129 @@
+"""The blind benchmark: its worlds are what they claim, and a fixed small share of it comes out right."""
+
+from __future__ import annotations
+
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+sys.path.insert(0, str(Path(__file__).parents[2] / "tools"))
+
+pytest.importorskip("mujoco", reason="the arms are MuJoCo's (pip install pumaid[test])")
+
+from blind_world import program
+from blind_world.case import CATALOGUE, Case, drawn
+from blind_world.gravity import holding
+from blind_world.hidden import Unfit, signature, sized
+from blind_world.logs import write_experiment
+from blind_world.oracle import TESTS, threshold
+from blind_world.score import judged
+from blind_world.world import noises, sensed
+
+pytestmark = pytest.mark.slow
+
+KINDS = ("puma", "stanford", "ur")
+
+
+def thin(name: str, kind: str, size: float = 1.0) -> Case:
+    return Case("thin", (name,) if name else (), kind, size, 0, 7)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_the_oracles_gravity_is_the_engines(kind):
+    """Load by virtual work on the bodies' places is what MuJoCo's inverse dynamics needs to hold the arm."""
+    world = drawn(thin("", kind)).world
+    rows = np.flatnonzero(world.motion.run >= 0)[::50]
+    held = holding(world.model, world.motion.position[rows])
+    own = world.joint_of[world.motion.run[rows]]
+    assert np.allclose(held[np.arange(len(rows)), own], world.motion.load[rows], atol=1e-9)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_a_clean_arm_lies_in_the_base_model(kind):
+    """Without noise, what the base model leaves of a clean log has less than half the noncentrality of a limit."""
+    experiment = drawn(thin("", kind))
+    left = experiment.oracle.noncentrality(experiment.oracle.felt(experiment.state.current))
+    assert left < 0.5 * threshold(1)
+
+
+def test_whitened_noise_is_white():
+    """Mean square 1 after whitening, within 4 standard errors of that many samples; hardly correlated."""
+    experiment = drawn(thin("", "puma"))
+    world, oracle = experiment.world, experiment.oracle
+    left = sensed(world, experiment.state, experiment.noise).current - experiment.state.current
+    white = [oracle.whitened(j, rows, left[rows, j]) for j, rows in enumerate(oracle.joints)]
+    flat = np.concatenate(white)
+    assert abs(np.mean(flat**2) - 1.0) < 4.0 * np.sqrt(2.0 / len(flat))
+    assert abs(np.mean(flat[1:] * flat[:-1])) < 4.0 / np.sqrt(len(flat))
+
+
+def test_the_limit_is_seen_with_80_percent_power():
+    """A known column at its limit passes |z| > 4.0 in 80 % of 300 noise draws (within 3 standard errors, 7 %)."""
+    experiment = drawn(thin("spring", "puma"))
+    world, oracle, (hidden, amplitude) = experiment.world, experiment.oracle, experiment.hidden[0]
+    column = signature(world, oracle, hidden, amplitude)
+    joint, rows = hidden.felt[0], oracle.joints[hidden.felt[0]]
+    white = oracle.whitened(joint, rows, column[joint])
+    clear = white - oracle.white[joint] @ (oracle.root @ (oracle.root.T @ (oracle.white[joint].T @ white)))
+    rng = np.random.default_rng(3)
+    draws = [oracle.whitened(joint, rows, noises(world, rng)[rows, joint]) for _ in range(300)]
+    scores = np.array([clear @ (white + noise) for noise in draws]) / np.sqrt(clear @ white)
+    assert abs(np.mean(np.abs(scores) > 4.0) - 0.8) < 0.07
+    assert TESTS == 800
+
+
+@pytest.fixture(scope="module")
+def clean():
+    """One Stanford-like arm with the full design, nothing hidden."""
+    return drawn(Case("clean", (), "stanford", 0.0, 0, 7))
+
+
+@pytest.mark.parametrize("name", CATALOGUE)
+def test_every_effect_can_be_hidden(name, clean):
+    """At one joint at least each effect has a physical size at its limit, and reaches that noncentrality within 2 %."""
+    world, rng = replace(clean.world, has_temperature=True), np.random.default_rng(11)
+    for joint in (5, 4, 3, 2, 1, 0) * 2:
+        try:
+            hidden = CATALOGUE[name](world, rng, joint)
+            _, reached = sized(world, clean.oracle, hidden, 1.0)
+        except Unfit:
+            continue
+        assert reached == pytest.approx(threshold(hidden.freedoms), rel=0.025)
+        return
+    pytest.fail(f"{name} cannot be seen at any joint")
+
+
+def test_identification_reaches_the_noise_through_the_logs(tmp_path):
+    """On a clean arm the program's RMSE is the true noise of the same rows (5 %: it fits about 24 numbers to them)."""
+    experiment = drawn(Case("clean", (), "ur", 0.0, 0, 7))
+    log = sensed(experiment.world, experiment.state, experiment.noise)
+    write_experiment(tmp_path, experiment.world, log)
+    session = program.opened(tmp_path)
+    left = log.current - experiment.state.current
+    true = [np.sqrt(np.mean(np.square(left[rows, j]))) for j, rows in enumerate(experiment.oracle.joints)]
+    assert program.fitted_rmse(session.estimate) == pytest.approx(true, rel=0.05)
+
+
+@pytest.mark.parametrize(
+    "case",
+    [
+        Case("effect", ("spring",), "puma", 3.0, 0, 7),
+        Case("effect", ("friction_step",), "puma", 3.0, 0, 7),
+        Case("effect", ("position_friction",), "ur", 3.0, 0, 7),
+    ],
+    ids=lambda case: case.effects[0],
+)
+def test_a_hidden_effect_is_named(case):
+    """At three times its limit, named first or in a set of at most two."""
+    record = judged(case)
+    assert record["outcome"] in ("first", "set") and record["sets"][0] <= 2
+
+
+def test_nothing_is_found_in_a_clean_arm():
+    """No finding, and no joint called unexplained."""
+    record = judged(Case("clean", (), "ur", 0.0, 0, 7))
+    assert record["outcome"] == "quiet"
+    assert "unexplained" not in record["verdicts"]
