@@ -1,9 +1,9 @@
-"""Smooth functions along runs from their values at a few instants of each."""
+"""Loads along runs from their values at a few instants of each."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import fields
+from dataclasses import fields, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,26 +17,32 @@ Counts = NDArray[np.int64]
 #: What of some samples runs along with them.
 COURSES = tuple(item.name for item in fields(Samples) if item.name not in ("joint", "loads"))
 
-#: Instants of a run at which loads are computed: gravity is one harmonic of the position, so over a whole turn a cubic
-#: between these is right to a few parts in a million.
+#: Instants of a run at which loads are computed.
 KNOTS = 33
+
+#: What loads have beyond one harmonic of the position, below this share of their size, is rounding.
+ROUNDING = 1e-9
 
 
 def spread(samples: Samples, sizes: Counts, loads: Callable[[Samples], Loads]) -> Loads:
-    """Loads at all of M instants of R runs of `sizes` instants each, asked for at `KNOTS` of each."""
-    starts = np.concatenate([[0], np.cumsum(sizes)[:-1]])
-    picks = [np.unique(np.round(np.linspace(0, size - 1, KNOTS)).astype(int)) for size in sizes]
+    """Loads at all of M instants of R runs of `sizes` instants each, asked for at `KNOTS` of each.
+
+    While one joint moves, gravity is one harmonic of its position (or linear in it, of a slide); what a load has beyond
+    that and the course of speed and acceleration goes on smoothly between the knots. The other joints stand where they
+    stood in the mean of the run, so that noise of their sensors is no load.
+    """
+    starts = np.concatenate([[0], np.cumsum(sizes)[:-1]]).astype(np.int64)
+    picks = [np.unique(np.round(np.linspace(0, size - 1, KNOTS)).astype(np.int64)) for size in sizes]
     chosen = np.concatenate([start + pick for start, pick in zip(starts, picks, strict=True)])
-    at_knots = loads(at(samples, chosen))
+    counts = np.array([len(pick) for pick in picks])
+    at_knots = loads(_held(at(samples, chosen), samples, starts=starts, sizes=sizes, counts=counts))
     names = [item.name for item in fields(Loads) if item.name != "gains"]
     table = np.column_stack([getattr(at_knots, name).reshape(len(chosen), -1) for name in names])
-    out = np.empty((int(sizes.sum()), table.shape[1]))
-    first = 0
+    basis, out, first = _basis(samples), np.empty((int(sizes.sum()), table.shape[1])), 0
     for start, size, pick in zip(starts, sizes, picks, strict=True):
-        known = table[first : first + len(pick)]
-        first += len(pick)
         here = slice(start, start + size)
-        out[here] = known if len(pick) == size else _between(pick, known, size)
+        out[here] = _between(basis[here], table[first : first + len(pick)], pick)
+        first += len(pick)
     parts = {}
     for name in names:
         shape = getattr(at_knots, name).shape[1:]
@@ -45,16 +51,42 @@ def spread(samples: Samples, sizes: Counts, loads: Callable[[Samples], Loads]) -
     return Loads(**parts, gains=at_knots.gains)
 
 
-def _between(pick: Counts, known: Floats, size: int) -> Floats:
-    """(size, F) through (K, F) values at whole numbers; NaN columns stay NaN."""
-    good = np.isfinite(known).all(axis=0)
-    out = np.full((size, known.shape[1]), np.nan)
-    if good.any():
-        out[:, good] = CubicSpline(pick, known[:, good])(np.arange(size))
+def _held(knots: Samples, samples: Samples, *, starts: Counts, sizes: Counts, counts: Counts) -> Samples:
+    """The knots with all joints but the moving one at the mean of their run."""
+    means = np.add.reduceat(samples.position, starts, axis=0) / sizes[:, None]
+    position = np.repeat(means, counts, axis=0)
+    position[:, samples.joint - 1] = knots.position[:, samples.joint - 1]
+    return replace(knots, position=position)
+
+
+def _basis(samples: Samples) -> Floats:
+    """(M, 6) what gravity, friction and inertia of one run are made of."""
+    q, v = samples.position[:, samples.joint - 1], samples.velocity[:, samples.joint - 1]
+    return np.column_stack([np.ones(len(q)), np.cos(q), np.sin(q), q, v, samples.acceleration])
+
+
+def _between(basis: Floats, known: Floats, pick: Counts) -> Floats:
+    """(size, F) from (K, F) values at `pick`; columns with a NaN are NaN."""
+    out = np.full((len(basis), known.shape[1]), np.nan)
+    good = np.flatnonzero(np.isfinite(known).all(axis=0))
+    if len(good) == 0:
+        return out
+    weights = np.linalg.lstsq(basis[pick], known[:, good], rcond=1e-12)[0]
+    out[:, good] = basis @ weights
+    left = known[:, good] - basis[pick] @ weights
+    rough = good[np.abs(left).max(axis=0) > ROUNDING * np.maximum(np.abs(known[:, good]).max(axis=0), ROUNDING)]
+    if len(rough) and len(pick) > 3:
+        course = CubicSpline(pick, known[:, rough] - out[np.ix_(pick, rough)])
+        out[:, rough] += course(np.arange(len(basis)))
     return out
 
 
 def at(samples: Samples, rows: Counts) -> Samples:
-    """The instants `rows` of some samples, without loads."""
+    """The instants `rows` of some samples."""
     parts = {name: getattr(samples, name) for name in COURSES}
-    return Samples(samples.joint, **{n: part[rows] for n, part in parts.items() if part is not None and len(part)})
+    known = {name: part[rows] for name, part in parts.items() if part is not None and len(part)}
+    if samples.loads is None:
+        return Samples(samples.joint, **known)
+    loads = {item.name: getattr(samples.loads, item.name) for item in fields(Loads)}
+    chosen = {name: part if name == "gains" else part[rows] for name, part in loads.items()}
+    return Samples(samples.joint, **known, loads=Loads(**chosen))

@@ -5,16 +5,17 @@ from __future__ import annotations
 import copy
 import itertools
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from pumaid.chosen import Chosen, Column, in_order
 from pumaid.effects import Effect, Scope, catalogue
+from pumaid.equations import Block, of_cells, of_triangles, padded
 from pumaid.maths.frames import apart
-from pumaid.records import CONSTANT_COLUMNS, Campaign, Estimate, Robot, Run, Samples
-from pumaid.sight import FLAT, Sight, samples_of
+from pumaid.records import Campaign, Estimate, Robot, Run, Samples
+from pumaid.sight import Sight, samples_of
 from pumaid.structure import Structure, minimal
 
 Floats = NDArray[np.float64]
@@ -22,25 +23,6 @@ Floats = NDArray[np.float64]
 #: Held positions closer than this (rad or m) are one posture: far above encoder noise and creep, far below what a
 #: planner would call another posture.
 SAME_POSTURE = 0.03
-
-
-@dataclass(frozen=True, eq=False, slots=True)
-class Block:
-    """A run reduced to as many equations as it can inform: (k, p) regressors, (k,) target, (k,) of the constant.
-
-    `rest` is the sum of squares (A2) that no model of these columns can touch, `samples` the samples behind, `basis`
-    (b, c) the triangle's regressors in the first b equations, `frame` (M, k - b) the directions in the run's weighted
-    cells that the others are along.
-    """
-
-    run: Run
-    regressors: Floats
-    target: Floats
-    ones: Floats
-    rest: float
-    samples: int
-    basis: Floats
-    frame: Floats
 
 
 class Model:
@@ -144,13 +126,14 @@ class Model:
         regressor
             (M, p); columns of link j are in units of joint j's own gain.
         """
-        out = self.base(samples, groups)
-        out[:, len(self._base) :] = self.beyond(samples)
-        return out
+        return np.hstack([self._of_base(samples, groups), self.beyond(samples)])
 
-    def base(self, samples: Samples, groups: NDArray[np.int64] | None = None) -> Floats:
+    def base(self, samples: Samples) -> Floats:
         """(M, p) the same with nothing in the columns of chosen effects, which ask for no loads then."""
-        moving, out = samples.joint, np.zeros((len(samples), len(self.columns)))
+        return np.pad(self._of_base(samples), ((0, 0), (0, len(self.columns) - len(self._base))))
+
+    def _of_base(self, samples: Samples, groups: NDArray[np.int64] | None = None) -> Floats:
+        moving, out = samples.joint, np.zeros((len(samples), len(self._base)))
         computed: dict[tuple[str, int], Floats] = {}
         if groups is None:
             groups = self.groups(moving, samples.position)
@@ -208,6 +191,10 @@ class Model:
         """Whether runs of `joint` at constant speed are looked at for what their speed changes all the same."""
         return any(one.effect.name == "inertia" and one.number == joint for one in self.effects)
 
+    def is_fine(self, joint: int) -> bool:
+        """Whether an effect may change within a cell of `joint`; what follows the load does not."""
+        return any(one.touches(joint) and not one.effect.needs_loads for one in self.effects)
+
     def blocks(self, runs: Sequence[Run], sights: Mapping[int, Sight] | None = None) -> list[Block]:
         """Each run's equations, from its triangle; from its cells as well where a chosen effect acts.
 
@@ -226,58 +213,41 @@ class Model:
         out: dict[int, Block] = {}
         for joint, kind in sorted({(run.joint, run.kind) for run in runs}):
             numbers = [n for n, run in enumerate(runs) if (run.joint, run.kind) == (joint, kind)]
-            alike = self._blocks_alike(joint, [runs[n] for n in numbers])
+            alike = of_triangles(self.robot, joint, [runs[n] for n in numbers], design=self._of_base)
             out.update(zip(numbers, alike, strict=True))
-        for joint in sorted({run.joint for run in runs if self.touched(run.joint)}):
-            sight = (sights or {}).get(joint) or self.sight(joint, runs)
+        return self.widened([out[n] for n in range(len(runs))], sights)
+
+    def widened(self, blocks: Sequence[Block], sights: Mapping[int, Sight] | None = None) -> list[Block]:
+        """The equations of runs by the paper's model, or by another choice of effects, with this model's effects.
+
+        Parameters
+        ----------
+        blocks
+            Of runs in any order, without equations that only effects touch.
+        sights
+            As for `blocks`.
+        """
+        if not self.effects:
+            return list(blocks)
+        runs, known, out = [block.run for block in blocks], len(self._base), list(blocks)
+        more = len(self.columns) - known
+        for joint in sorted({run.joint for run in runs}):
             numbers = [n for n, run in enumerate(runs) if run.joint == joint]
-            wider = self._wider([out[n] for n in numbers], sight)
-            out.update(zip(numbers, wider, strict=True))
-        return [out[n] for n in range(len(runs))]
+            own = [blocks[n] for n in numbers]
+            if self.touched(joint):
+                sight = (sights or {}).get(joint) or self.sight(joint, runs)
+                wider = of_cells(own, sight, columns=self.beyond(sight.samples), known=known)
+            else:
+                wider = padded(own, known=known, more=more)
+            for n, block in zip(numbers, wider, strict=True):
+                out[n] = block
+        return out
 
     def sight(self, joint: int, runs: Sequence[Run], campaign: Campaign | None = None) -> Sight:
         """The runs of `joint` as the chosen effects see them, without loads."""
         campaign = campaign or Campaign.of(runs)
-        return Sight.of(self.robot, joint, runs, campaign=campaign, has_slope=self.has_slope(joint))
-
-    def _blocks_alike(self, joint: int, runs: Sequence[Run]) -> Iterable[Block]:
-        probes, basis = _probes(self.robot, joint, runs)
-        design = self.base(probes).reshape(len(runs), -1, len(self.columns))
-        inverse = np.linalg.pinv(basis, rcond=FLAT)
-        one = CONSTANT_COLUMNS.index("one")
-        for run, rows, back in zip(runs, design, inverse, strict=True):
-            regressors, current = run.triangle.rows()
-            left, singular, right = np.linalg.svd(regressors)
-            kept = singular > FLAT * max(float(singular[0]), 1e-300)
-            base = (singular[kept, None] * right[: len(singular)][kept]) if kept.any() else right[:0]
-            target = left[:, : len(singular)][:, kept].T @ current
-            rest = max(float(current @ current - target @ target), 0.0)
-            facts = (target, base[:, one], rest, run.samples, base)
-            yield Block(run, base @ (back @ rows), *facts, np.zeros((len(run.cells), 0)))
-
-    def _wider(self, blocks: Sequence[Block], sight: Sight) -> Iterable[Block]:
-        """Blocks of one joint with the columns of chosen effects; equations that only those touch come last."""
-        along, rest = sight.split(self.beyond(sight.samples))
-        used = np.flatnonzero(along.any(axis=(0, 1)) | rest.any(axis=0))
-        known = len(self._base)
-        for number, block in enumerate(blocks):
-            here = slice(sight.starts[number], sight.starts[number] + sight.sizes[number])
-            basis, upper = _orthonormal(rest[here][:, used])
-            extra = np.zeros((len(upper), along.shape[2]))
-            extra[:, used] = upper
-            target = basis.T @ sight.left[here]
-            width = block.basis.shape[1]
-            inside = block.basis @ along[number][:width]
-            yield Block(
-                run=block.run,
-                regressors=np.block([[block.regressors[:, :known], inside], [np.zeros((len(upper), known)), extra]]),
-                target=np.concatenate([block.target, target]),
-                ones=np.concatenate([block.ones, np.zeros(len(upper))]),
-                rest=max(block.rest - float(target @ target), 0.0),
-                samples=block.samples,
-                basis=block.basis,
-                frame=basis,
-            )
+        fine, slope = self.is_fine(joint), self.has_slope(joint)
+        return Sight.of(self.robot, joint, runs, campaign=campaign, has_slope=slope, is_fine=fine)
 
     def predict(self, estimate: Estimate, samples: Samples) -> Floats:
         """(M,) current (A) of joint `samples.joint` by the fitted model; unknown ratios count as zero."""
@@ -290,45 +260,9 @@ class Model:
         return samples_of(run, campaign or Campaign.of([run]), has_slope=self.has_slope(run.joint))
 
 
-def _orthonormal(columns: Floats) -> tuple[Floats, Floats]:
-    """(M, k) orthonormal columns and (k, p) parts of (M, p) columns along them; none where there is only rounding."""
-    if not columns.any():
-        return np.zeros((len(columns), 0)), np.zeros((0, columns.shape[1]))
-    size = np.linalg.norm(columns, axis=0)
-    left, singular, right = np.linalg.svd(columns / np.where(size > 0, size, 1.0), full_matrices=False)
-    kept = singular > FLAT * singular[0]
-    return left[:, kept], singular[kept, None] * right[kept] * size
-
-
 def _group(groups: Sequence[tuple[int, Floats]], joint: int, posture: Floats) -> int | None:
     """Index of the group that `posture` belongs to; only joints outward of the moving one matter to inertia."""
     for number, (member, held) in enumerate(groups):
         if member == joint and np.all(apart(posture[joint:], held[joint:]) < SAME_POSTURE):
             return number
     return None
-
-
-def _probes(robot: Robot, joint: int, runs: Sequence[Run]) -> tuple[Samples, Floats]:
-    """Instants that determine a column's combination of the triangle's regressors, and those regressors there.
-
-    Returns samples of all runs one after another (R * K) and the basis (R, K, columns).
-    """
-    own, kind = joint - 1, runs[0].kind
-    angle = np.array([0.3, 1.6, 2.9, 4.1, 5.2, 5.9])
-    share = np.array([0.4, 1.3, 0.7, 1.7, 1.1, 0.2]) if kind == "stroke" else np.ones(6)
-    pull = np.array([0.5, -0.8, 0.9, -0.1, 0.2, -0.6]) if kind == "stroke" else np.zeros(6)
-    k = len(angle)
-    posture = np.nan_to_num(np.array([run.posture for run in runs]))
-    position = np.repeat(posture, k, axis=0)
-    position[:, own] = np.tile(angle, len(runs))
-    speed = np.array([run.speed for run in runs])
-    velocity = np.zeros_like(position)
-    velocity[:, own] = (speed[:, None] * share).ravel()
-    acceleration = np.tile(pull, len(runs))
-    direction = np.repeat(np.sign(speed), k)
-    samples = Samples(joint, position, velocity, acceleration=acceleration, direction=direction)
-    turns = 1.0 if robot.joint(joint).is_revolute else 0.0
-    regressors = [turns * np.cos(position[:, own]), turns * np.sin(position[:, own]), np.ones(len(position))]
-    if kind == "stroke":
-        regressors += [velocity[:, own], acceleration]
-    return samples, np.stack(regressors, axis=-1).reshape(len(runs), k, -1)

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.signal import savgol_filter
 
-from pumaid.knots import COURSES, spread
+from pumaid.knots import COURSES, at, spread
 from pumaid.records import Campaign, Loads, Robot, Run, Samples
 
 Floats = NDArray[np.float64]
@@ -75,14 +76,14 @@ def _slope(time: Floats, position: Floats) -> Floats:
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Sight:
-    """All runs of one joint, ready for columns of any effect: (N,) cells in all, three instants in each.
+    """All runs of one joint, ready for columns of any effect: (N,) cells in all, with g = 1 or 3 instants in each.
 
     Attributes
     ----------
     joint, runs
         R runs of one joint.
     samples
-        3 N instants: of each cell its first, middle and last.
+        g N instants: of each cell its middle, or three about it.
     weight
         (N,) root of the samples in each cell.
     starts
@@ -109,14 +110,25 @@ class Sight:
     has_slope: bool = False
 
     @classmethod
-    def of(cls, robot: Robot, joint: int, runs: Sequence[Run], *, campaign: Campaign, has_slope: bool = False) -> Sight:
-        """The runs among `runs` in which `joint` moves."""
+    def of(
+        cls,
+        robot: Robot,
+        joint: int,
+        runs: Sequence[Run],
+        *,
+        campaign: Campaign,
+        has_slope: bool = False,
+        is_fine: bool = True,
+    ) -> Sight:
+        """The runs among `runs` in which `joint` moves; `is_fine` looks at three instants of each cell, not one."""
         own = tuple(run for run in runs if run.joint == joint)
-        samples = joined([_inside(run, samples_of(run, campaign, has_slope=has_slope)) for run in own])
+        middles = [samples_of(run, campaign, has_slope=has_slope) for run in own]
+        samples = joined([_inside(*one) for one in zip(own, middles, strict=True)] if is_fine else middles)
         sizes = np.array([len(run.cells) for run in own])
         starts = np.concatenate([[0], np.cumsum(sizes)[:-1]]).astype(np.int64)
         weight = np.sqrt(np.concatenate([run.cells.count for run in own]).astype(float))
-        regressors = averaged(_regressors(robot, samples, np.repeat([run.kind == "stroke" for run in own], 3 * sizes)))
+        is_stroke = np.repeat([run.kind == "stroke" for run in own], len(samples) // len(weight) * sizes)
+        regressors = averaged(_regressors(robot, samples, is_stroke), len(weight))
         current = weight * np.concatenate([run.cells.current[:, joint - 1] for run in own])
         basis, lift = np.zeros_like(regressors), np.zeros((len(own), regressors.shape[1], regressors.shape[1]))
         for number, (start, size) in enumerate(zip(starts, sizes, strict=True)):
@@ -134,13 +146,24 @@ class Sight:
         """(R,) cells of each run."""
         return np.diff(np.append(self.starts, len(self.weight)))
 
+    @property
+    def grain(self) -> int:
+        """Instants in each cell."""
+        return len(self.samples) // len(self.weight)
+
     def with_loads(self, loads: Callable[[Samples], Loads]) -> Sight:
         """The same with what a fitted model says of gravity; `loads` is asked at a few instants of each run."""
-        return replace(self, samples=replace(self.samples, loads=spread(self.samples, 3 * self.sizes, loads)))
+        return replace(self, samples=replace(self.samples, loads=spread(self.samples, self.grain * self.sizes, loads)))
+
+    def middles(self) -> Sight:
+        """The same with one instant a cell: coarser for ripples near two cells a period, and three times quicker."""
+        if self.grain == 1:
+            return self
+        return replace(self, samples=at(self.samples, np.arange(1, len(self.samples), len(NODES))))
 
     def split(self, columns: Floats) -> tuple[Floats, Floats]:
         """Columns at the instants as (R, k, p) parts along the triangle's regressors and (N, p) weighted rest."""
-        cells = self.weight[:, None] * averaged(columns)
+        cells = self.weight[:, None] * averaged(columns, len(self.weight))
         size = np.sqrt(self.per_run(cells * cells))
         along = self.per_run(self.basis[:, :, None] * cells[:, None, :])
         rest = cells - np.einsum("nk,nkp->np", self.basis, np.repeat(along, self.sizes, axis=0))
@@ -148,14 +171,24 @@ class Sight:
         rest[np.repeat(is_inside, self.sizes, axis=0)] = 0.0
         return self.lift @ along, rest
 
+    def inside(self, columns: Floats) -> Floats:
+        """(R, p, p) summed products, over the samples, of what columns at the instants do within cells."""
+        parts = columns.reshape(len(self.weight), self.grain, -1)
+        means = averaged(columns, len(self.weight))
+        off = np.sqrt(WEIGHTS if self.grain > 1 else np.zeros(1))[:, None] * (parts - means[:, None])
+        weighted = self.weight[:, None, None] * off
+        return self.per_run(np.einsum("ngp,ngq->npq", weighted, weighted))
+
     def per_run(self, values: Floats) -> Floats:
         """(N, ...) summed over the cells of each run: (R, ...)."""
         return np.asarray(np.add.reduceat(values, self.starts, axis=0))
 
 
-def averaged(values: Floats) -> Floats:
-    """(3 N, ...) at the instants inside cells as (N, ...) means over the cells."""
-    parts = values.reshape(-1, len(NODES), *values.shape[1:])
+def averaged(values: Floats, cells: int) -> Floats:
+    """(g N, ...) at the instants inside cells as (N, ...) means over the `cells`."""
+    if len(values) == cells:
+        return values
+    parts = values.reshape(cells, len(NODES), *values.shape[1:])
     return np.asarray(np.tensordot(parts, WEIGHTS, axes=([1], [0])))
 
 
@@ -164,9 +197,11 @@ def joined(many: Sequence[Samples]) -> Samples:
     if len(many) == 1:
         return many[0]
     parts = {name: [getattr(samples, name) for samples in many] for name in COURSES}
-    known = {name: np.concatenate(part) for name, part in parts.items() if all(one is not None for one in part)}
+    known: dict[str, Any] = {
+        name: np.concatenate(part) for name, part in parts.items() if all(one is not None for one in part)
+    }
     run = np.repeat(np.arange(float(len(many))), [len(samples) for samples in many])
-    return Samples(many[0].joint, **known | {"run": run})
+    return replace(many[0], **known | {"run": run}, loads=None)
 
 
 def _inside(run: Run, middle: Samples) -> Samples:
@@ -175,7 +210,7 @@ def _inside(run: Run, middle: Samples) -> Samples:
     width = np.gradient(cells.time) if len(cells) > 1 else np.zeros(len(cells))
     # The mean of a few samples at equal steps is not quite that of their span; of a single one it is itself.
     ahead = ((width * np.sqrt(1.0 - 1.0 / cells.count**2))[:, None] * NODES).ravel()
-    three = {
+    three: dict[str, Any] = {
         name: np.repeat(held, len(NODES), axis=0) for name in COURSES if (held := getattr(middle, name)) is not None
     }
     moved = three["velocity"][:, own] * ahead
@@ -183,7 +218,7 @@ def _inside(run: Run, middle: Samples) -> Samples:
     three["time"] += ahead
     three["elapsed"] += ahead
     three["travel"] = np.maximum(three["travel"] + run.direction * moved, 0.0)
-    return Samples(run.joint, **three)
+    return replace(middle, **three)
 
 
 def _regressors(robot: Robot, samples: Samples, is_stroke: NDArray[np.bool_]) -> Floats:

@@ -44,7 +44,27 @@ def determined(sheet: Sheet) -> tuple[Combination, ...]:
             for sum_ in (_sum(sheet, row, *item) for item in candidates if _matters(sheet, row, item[0]))
             if any(abs(weight) * errors[name] > WORTH * sum_.std_error for name, weight in sum_.terms.items())
         ]
+    found += _of_effects(sheet)
     return tuple(sum_ for sum_ in found if math.isfinite(sum_.value))
+
+
+def _of_effects(sheet: Sheet) -> Iterable[Combination]:
+    """Of each added effect that the data tell only in part from the paper's model: the parts that they do tell."""
+    if sheet.gauge is None:
+        return
+    model = sheet.fitted.model
+    for place, one in enumerate(model.effects):
+        own = [n for n, column in enumerate(model.columns) if column.place == place and column.shape is None]
+        held = sheet.gauge.rows[:, own] * sheet.fitted.limit[own]
+        _, sizes, right = np.linalg.svd(held)
+        for weights in right[np.count_nonzero(sizes > SHARE * sizes[0]) if sizes[0] > 0 else len(own) :]:
+            whole = np.zeros(len(sheet.covariance))
+            whole[own] = weights / sheet.fitted.limit[own]
+            whole /= np.abs(whole).sum() * np.sign(whole[np.argmax(np.abs(whole))])
+            where = f" of joint {one.number}" if one.number else ""
+            row = next(row for row in sheet.fitted.rows if one.touches(row.joint))
+            text = f"{one.effect.name}{where}: what does not pass for the paper's model"
+            yield _sum(sheet, row, whole, text, unit=model.columns[own[0]].unit)
 
 
 def _matters(sheet: Sheet, row: Row, weights: Floats) -> bool:
@@ -54,7 +74,7 @@ def _matters(sheet: Sheet, row: Row, weights: Floats) -> bool:
     )
 
 
-def _sum(sheet: Sheet, row: Row, weights: Floats, text: str) -> Combination:
+def _sum(sheet: Sheet, row: Row, weights: Floats, text: str, *, unit: str = "A") -> Combination:
     """The sum with its standard error; NaN where it leans on a direction that the data do not determine."""
     names = sheet.fitted.model.names
     bare = weights[: len(names)]
@@ -63,7 +83,7 @@ def _sum(sheet: Sheet, row: Row, weights: Floats, text: str) -> Combination:
     off = float(np.linalg.norm(weights @ sheet.reach()))
     variance = float(weights @ sheet.covariance @ weights) + off**2
     value = float(bare @ sheet.numbers) if off < LEANING * math.sqrt(row.mean_square) else math.nan
-    return Combination(terms, value, math.sqrt(max(variance, 0.0)), "A", text)
+    return Combination(terms, value, math.sqrt(max(variance, 0.0)), unit, text)
 
 
 def _friction(sheet: Sheet, row: Row) -> Iterable[tuple[Floats, str]]:

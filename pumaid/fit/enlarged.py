@@ -9,17 +9,22 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pumaid.chosen import Chosen, in_order, scale_of
+from pumaid.equations import Block
+from pumaid.fit.gauge import Gauge, gauge_of
 from pumaid.fit.ground import Ground
 from pumaid.fit.shapes import look
-from pumaid.fit.system import Fitted, Progress, again, solve
+from pumaid.fit.system import Fitted, Progress, again, eased, solve
 from pumaid.fit.views import Sights, loaded, sights
-from pumaid.model import Block, Model
+from pumaid.model import Model
 from pumaid.records import Campaign, EffectChoice, Run
 
 Floats = NDArray[np.float64]
 
 #: Rounds of renewing shapes and loads, at most.
 MOST_ROUNDS = 12
+
+#: Rounds in which the loads follow the final fit.
+POLISH = 2
 
 #: A round moved nothing when every parameter moved by less than this share of its standard error.
 SETTLED = 0.02
@@ -45,12 +50,15 @@ class Enlarged:
         (place of the effect, shape) -> lowest and highest value that the data leave open, of shapes without derivative.
     is_settled
         Whether the last round moved nothing any more.
+    gauge
+        What the data show of effects only together with the paper's model.
     """
 
     fitted: Fitted
     sights: Sights = field(default_factory=dict)
     ranges: Mapping[tuple[int, str], tuple[float, float]] = field(default_factory=dict)
     is_settled: bool = True
+    gauge: Gauge | None = None
 
     @property
     def shapes(self) -> tuple[dict[str, float], ...]:
@@ -110,10 +118,12 @@ def enlarged(
             work.add(place, one)
     tell(0, "refining all effects together")
     is_settled = work.settle()
-    final = work.model.with_effects([work.chosen[place] for place in sorted(work.chosen)])
-    seen = work.loaded()
-    fitted = solve(final, runs, blocks=final.blocks(runs, seen), recursive=recursive, progress=progress)
-    return Enlarged(fitted, seen, work.ranges, is_settled)
+    now, seen = work.now(), work.loaded()
+    blocks, gauge = now.widened(work.bare, seen), work.gauge
+    work.fitted = solve(now, runs, blocks=blocks, gauge=work.convention, recursive=recursive, progress=progress)
+    if not recursive:
+        seen = work.polish(seen)
+    return Enlarged(eased(work.fitted), seen, work.ranges, is_settled, gauge)
 
 
 def _free(one: Chosen, model: Model) -> list[str]:
@@ -122,14 +132,16 @@ def _free(one: Chosen, model: Model) -> list[str]:
 
 
 class _Work:
-    """A fit that grows: `chosen` by place, `fitted` and the `blocks` that it is of."""
+    """A fit that grows: `chosen` by place, `fitted` and the `blocks` that it is of, `bare` ones of the base model."""
 
     def __init__(self, model: Model, runs: Sequence[Run], seen: Sights) -> None:
         self.model, self.runs, self.seen = model, runs, seen
         self.chosen: dict[int, Chosen] = {}
         self.ranges: dict[tuple[int, str], tuple[float, float]] = {}
         self.fitted: Fitted
+        self.bare: list[Block]
         self.blocks: list[Block]
+        self.gauge: Gauge | None = None
 
     @classmethod
     def begun(cls, model: Model, runs: Sequence[Run], wanted: Sequence[Chosen], *, campaign: Campaign) -> _Work:
@@ -138,9 +150,17 @@ class _Work:
         ready = {n: one for n, one in enumerate(wanted) if not _free(one, model) and not one.effect.needs_loads}
         work.chosen = ready
         now = work.now()
-        work.blocks = now.blocks(runs, work.seen)
+        work.bare = model.blocks(runs)
+        work.blocks = now.widened(work.bare, work.seen)
         work.fitted = solve(now, runs, blocks=work.blocks)
+        if work.chosen:
+            work.refit()
         return work
+
+    @property
+    def convention(self) -> Floats | None:
+        """Sums of the effects' parameters that are held at 0."""
+        return None if self.gauge is None else self.gauge.rows
 
     def now(self) -> Model:
         """The model with the effects so far, in order."""
@@ -155,9 +175,12 @@ class _Work:
 
     def refit(self) -> None:
         """The quick fit of the effects so far."""
-        now = self.now()
-        self.blocks = now.blocks(self.runs, self.loaded())
-        self.fitted = again(self.fitted, now, self.blocks)
+        now, before = self.now(), self.fitted
+        self.blocks = now.widened(self.bare, self.loaded())
+        self.fitted = again(before, now, self.blocks)
+        self.gauge = gauge_of(self.fitted)
+        if self.gauge is not None:
+            self.fitted = again(before, now, self.blocks, gauge=self.gauge.rows)
 
     def add(self, place: int, one: Chosen) -> None:
         """One more effect, all its shapes known."""
@@ -200,6 +223,16 @@ class _Work:
                 return True
             self.chosen = {place: self._stepped(place, one) for place, one in self.chosen.items()}
         return False
+
+    def polish(self, seen: Sights) -> Sights:
+        """Loads by the final fit itself, so that what only looks like a change of load is known to be nothing else."""
+        if not any(one.effect.needs_loads for one in self.chosen.values()):
+            return seen
+        for _ in range(POLISH):
+            seen = self.loaded()
+            self.blocks = self.now().widened(self.bare, seen)
+            self.fitted = again(self.fitted, self.now(), self.blocks, gauge=self.convention)
+        return seen
 
     def _cost(self) -> float:
         """Weighted squares that the fit leaves, in its equations and beyond them."""

@@ -21,7 +21,7 @@ def extent(sights: Sights, joint: int) -> Extent:
     ends = [value for run in runs for value in run.span]
     widths = [abs(run.span[1] - run.span[0]) / max(len(run.cells), 1) for run in runs]
     times = [sight.samples.time if joint else sight.samples.elapsed for sight in chosen]
-    starts = [float(t[3 * first]) for t, sight in zip(times, chosen, strict=True) for first in sight.starts]
+    starts = [float(t[sight.grain * first]) for t, sight in zip(times, chosen, strict=True) for first in sight.starts]
     return Extent(
         joint=joint or None,
         speeds=_distinct([abs(run.speed) for run in runs]),

@@ -9,11 +9,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pumaid.chosen import Chosen
+from pumaid.equations import Block
 from pumaid.fit.rows import Row
 from pumaid.fit.system import Fitted
 from pumaid.maths import levels as variances
+from pumaid.maths.joint_fit import prior_rows
 from pumaid.maths.recursion import LARGEST_RATIO
-from pumaid.model import Block
 from pumaid.records import Robot
 from pumaid.sight import Sight
 
@@ -86,16 +87,16 @@ class Ground:
 
     @classmethod
     def of(cls, fitted: Fitted, blocks: Sequence[Block], sights: Mapping[int, Sight]) -> Ground:
-        """Of a fit whose equations are `blocks`, and the joints that `sights` show."""
+        """Of a fit whose equations are `blocks`, and the joints that `sights` show, looked at in the cells' middles."""
         places, start = {}, 0
         for row in fitted.rows:
             here = slice(start, start + row.target.size)
             start = here.stop
             if row.joint in sights:
                 own = [block for block in blocks if block.run.joint == row.joint]
-                places[row.joint] = _Place.of(sights[row.joint], row, blocks=own, here=here)
+                places[row.joint] = _Place.of(sights[row.joint].middles(), row, blocks=own, here=here)
         solution = fitted.solution
-        prior = np.diag(np.sqrt(fitted.pull))
+        prior = prior_rows(fitted.held, np.sqrt(fitted.pull))
         limit = np.concatenate([fitted.limit, np.full(len(fitted.gains.edges), LARGEST_RATIO)])
         left, singular, _ = np.linalg.svd(np.vstack([solution.jacobian, prior]) * limit, full_matrices=False)
         taken = left[: len(solution.jacobian), singular > 1.0]
@@ -125,7 +126,7 @@ class Ground:
     def power(self, joint: int, frequencies: Floats) -> Floats:
         """(F,) squared sum of what is left in the cells of `joint` (from 1) against exp(i f q)."""
         place = self.places[joint]
-        q = place.sight.samples.position[1::3, joint - 1]
+        q = place.sight.samples.position[:, joint - 1]
         step = 2.0 * np.pi / (BINS * float(frequencies.max()))
         low = float(q.min())
         where = np.round((q - low) / step).astype(np.int64)

@@ -85,7 +85,7 @@ def identified(
     first = recursion_covariance(fitted.first_system, fitted.first_values, fitted.first_gains, runs=fitted.run_of)
     final = first if recursive else _joint_covariance(fitted)
     of_recursion = Sheet.of_recursion(fitted, runs, first)
-    sheet = of_recursion if recursive else Sheet.of(fitted, runs, final)
+    sheet = of_recursion if recursive else Sheet.of(fitted, runs, final, gauge=found.gauge)
     values, model = (*sheet.values(), *_held(found, choices)), fitted.model
     p = len(model.names)
     is_shape = np.array([column.shape is not None for column in model.columns], dtype=bool)
@@ -136,9 +136,9 @@ def _joint_covariance(fitted: Fitted) -> Clustered:
     found = clustered([solution.jacobian[rows] for rows in order], [solution.residual[rows] for rows in order], inverse)
     # What rests on the prior of a ratio or shape is as uncertain as the prior says: no run's residual shows that.
     p = len(solution.values)
-    held = np.concatenate([np.flatnonzero(fitted.pull[:p]), np.arange(p, len(inverse))])
-    through = inverse[:, held]
-    return Clustered(found.covariance + (through * fitted.pull[held]) @ through.T, found.freedoms)
+    ratios, shapes = inverse[:, p:], inverse[:, :p] @ fitted.held.T
+    added = (ratios * fitted.pull) @ ratios.T + shapes @ shapes.T
+    return Clustered(found.covariance + added, found.freedoms)
 
 
 def _with_shapes(found: Enlarged, choices: Sequence[EffectChoice]) -> tuple[EffectChoice, ...]:
@@ -172,8 +172,7 @@ def _joint_fit(fitted: Fitted, runs: Sequence[Run], joint: int) -> JointFit:
     row = _row_of(fitted, joint)
     if row is None:
         return JointFit(joint, 0, 0, None, None, f"joint {joint} never moves alone in these logs")
-    scales = fitted.system.factors(fitted.gains)[joint - 1]
-    misfit = row.target - row.regressors @ (scales * fitted.solution.values)
+    values = fitted.system.factors(fitted.gains)[joint - 1] * fitted.solution.values
     own = [run for run in runs if run.joint == joint]
     floor, why = noise_floor(own)
     kinds = {kind: sum(run.kind == kind for run in own) for kind in sorted({run.kind for run in own})}
@@ -181,7 +180,7 @@ def _joint_fit(fitted: Fitted, runs: Sequence[Run], joint: int) -> JointFit:
         joint=joint,
         runs=len(own),
         samples=row.samples,
-        rmse=float(np.sqrt((np.sum(misfit**2) + row.rest) / row.samples)),
+        rmse=float(np.sqrt(row.squares(values) / row.samples)),
         noise_floor=floor,
         noise_floor_reason=why,
         run_level=None if joint in fitted.weak else float(np.sqrt(fitted.levels[joint].level)),

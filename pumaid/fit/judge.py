@@ -9,10 +9,11 @@ from typing import TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+from pumaid.equations import Block
 from pumaid.fit.views import loaded, sights
 from pumaid.loads import loads
 from pumaid.maths.splits import told_apart
-from pumaid.model import Block, Model
+from pumaid.model import Model
 from pumaid.records import (
     TOGETHER,
     Campaign,
@@ -127,7 +128,7 @@ class Judge:
         return Tally(
             run=block.run,
             samples=block.samples,
-            squares=float(residual @ residual) + block.rest,
+            squares=float(residual @ residual) + block.beyond(weights),
             total=float(block.ones @ residual),
             current_squares=float(block.target @ block.target) + block.rest,
             current_total=float(block.ones @ block.target),

@@ -93,14 +93,29 @@ def of_column(
     return Reason(f"only determined together with {shared}", "repeat its runs in another posture and at other speeds")
 
 
+#: Word of an effect's family -> the run that would show it better.
+MORE = {
+    "speed": "run the joint at more speeds, slow and fast ones",
+    "load": "run the joint in postures in which it carries much and little",
+    "position": "let the joint travel further, in both directions",
+    "torque(q)": "let the joint travel further, in both directions",
+    "start": "run the joint from rest, at several speeds",
+    "time": "spread repeated runs over a longer time",
+    "temperature": "repeat runs with the motor cold and warm",
+    "gravity": "repeat the runs with the other joints elsewhere",
+    "current": "run the joint in postures in which it draws more",
+    "motion": "run the joint with harder acceleration, and slowly",
+}
+
+
 def _of_effect(model: Model, column: Column, facts: dict[int, Facts], partners: Sequence[str]) -> Reason:
     """Of a parameter of a chosen effect."""
     if column.scope in (Scope.JOINT, Scope.LINK) and facts[column.owner].runs == 0:
         return NO_RUNS
-    family = f"effects like {column.effect} differ from the rest by {model.effects[column.place or 0].effect.family}"
     own = [name for name in partners if name.split(".")[0] == column.effect]
     others = [name for name in partners if name not in own]
-    more = f"repeat its runs over more of what it depends on ({family})"
+    effect = model.effects[column.place or 0].effect
+    more = MORE.get(effect.family.split(",")[0], MORE["position"])
     if column.shape is not None:
         one = model.effects[column.place or 0]
         best = f"best at its bound, {number(one.choice.shape[column.shape])}" if column.shape in one.held else ""

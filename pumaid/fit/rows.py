@@ -9,10 +9,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pumaid.chosen import scale_of
+from pumaid.equations import Block
 from pumaid.maths import levels as variances
 from pumaid.maths.joint_fit import Bilinear
 from pumaid.maths.levels import Levels
-from pumaid.model import Block, Model
+from pumaid.model import Model
 from pumaid.records import Run
 
 Floats = NDArray[np.float64]
@@ -34,7 +35,8 @@ MOST_CORRELATED = 0.98
 class Row:
     """All runs of one joint: (R, k) constants, (R, k, p) regressors, (R, k) targets, zero where a run has fewer rows.
 
-    `counts` (R,) are the true rows of each run, `rest` the sum of squares (A2) beyond the model's reach.
+    `counts` (R,) are the true rows of each run, `rest` the sum of squares (A2) beyond the model's reach, `inner` (p, p)
+    what columns do within cells, as of a `Block`.
     """
 
     joint: int
@@ -45,6 +47,7 @@ class Row:
     counts: NDArray[np.int64]
     rest: float
     samples: int
+    inner: Floats
 
     @classmethod
     def of(cls, joint: int, blocks: Sequence[Block]) -> Row:
@@ -58,7 +61,13 @@ class Row:
             ones[number, rows], target[number, rows] = block.ones, block.target
             regressors[number, rows] = block.regressors
         rest, samples = sum(block.rest for block in blocks), sum(block.samples for block in blocks)
-        return cls(joint, tuple(block.run for block in blocks), ones, regressors, target, counts, rest, samples)
+        inner = np.sum([block.inner for block in blocks], axis=0)
+        return cls(joint, tuple(block.run for block in blocks), ones, regressors, target, counts, rest, samples, inner)
+
+    def squares(self, values: Floats) -> float:
+        """Sum of squares (A2), over all samples, that (p,) values in this joint's gain leave."""
+        misfit = self.target - self.regressors @ values
+        return float(np.sum(misfit**2)) + max(self.rest - float(values @ self.inner @ values), 0.0)
 
     @property
     def stacked(self) -> Floats:
@@ -130,14 +139,13 @@ def prior_of(model: Model, index: int) -> float:
     return scale_of(one.shapes(model.robot)[column.shape], one.choice.shape[column.shape])
 
 
-def ridge(model: Model, *, is_tight: bool) -> Floats:
-    """(p,) inverse prior deviation of each shape, 0 for linear parameters; `is_tight` keeps shapes at a bound there."""
-    out = np.zeros(len(model.columns))
-    for index, column in enumerate(model.columns):
-        if column.shape is None or column.place is None:
-            continue
-        at_bound = column.shape in model.effects[column.place].held
-        out[index] = (TIGHT if is_tight and at_bound else 1.0) / prior_of(model, index)
+def shapes_held(model: Model, *, is_tight: bool) -> Floats:
+    """(h, p) a prior for each shape that was looked for; `is_tight` keeps those that are best at a bound there."""
+    columns = [(index, column) for index, column in enumerate(model.columns) if column.shape is not None]
+    out = np.zeros((len(columns), len(model.columns)))
+    for row, (index, column) in zip(out, columns, strict=True):
+        at_bound = column.place is not None and column.shape in model.effects[column.place].held
+        row[index] = (TIGHT if is_tight and at_bound else 1.0) / prior_of(model, index)
     return out
 
 

@@ -25,10 +25,11 @@ Point = dict[str, float]
 WITHIN = 3.84
 
 #: Points of a grid from which a refinement starts.
-STARTS = 3
+STARTS = 2
 
-#: Relative step of the refinement's own derivatives.
-NUDGE = 1e-4
+#: Relative step of the refinement's own derivatives, and its relative gain that is not worth another step: the fit of
+#: all parameters together goes on from there.
+NUDGE, ENOUGH = 1e-4, 1e-4
 
 #: Frequencies of a long grid that are looked at closely, after a periodogram has ranked them.
 SHORTLIST = 24
@@ -127,7 +128,7 @@ def _refined(
         return -ground.gain(one.at(at(step)), robot)[0]
 
     found = optimize.minimize(
-        cost, np.zeros(len(names)), method="L-BFGS-B", bounds=bounds, options={"eps": NUDGE, "maxiter": 30}
+        cost, np.zeros(len(names)), method="L-BFGS-B", bounds=bounds, options={"eps": NUDGE, "ftol": ENOUGH}
     )
     return at(found.x), -float(found.fun)
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from pumaid.chosen import Column
 from pumaid.effects import Scope
 from pumaid.fit import reasons
+from pumaid.fit.gauge import Gauge
 from pumaid.fit.reasons import Facts, Reason
 from pumaid.fit.rows import prior_of
 from pumaid.fit.system import RATIO_KNOWN, Fitted
@@ -44,7 +45,8 @@ PART_OF = 1e-3
 class Sheet:
     """A fit with the covariance that belongs to it: of all joints together or of the recursion.
 
-    `solution` holds the values shown; `absorbed` is that of `Fitted`, of the recursion only.
+    `solution` holds the values shown; `absorbed` is that of `Fitted`, of the recursion only; `gauge` what added effects
+    show only together with the paper's model.
     """
 
     fitted: Fitted
@@ -53,6 +55,7 @@ class Sheet:
     covariance: Floats
     freedoms: Floats
     absorbed: Absorbed
+    gauge: Gauge | None = None
 
     @property
     def numbers(self) -> Floats:
@@ -65,9 +68,9 @@ class Sheet:
         return self.solution.gains
 
     @classmethod
-    def of(cls, fitted: Fitted, runs: Sequence[Run], errors: Clustered) -> Sheet:
+    def of(cls, fitted: Fitted, runs: Sequence[Run], errors: Clustered, *, gauge: Gauge | None = None) -> Sheet:
         """The fit over all joints."""
-        return cls._with(fitted, runs, fitted.solution, errors=errors, absorbed={})
+        return replace(cls._with(fitted, runs, fitted.solution, errors=errors, absorbed={}), gauge=gauge)
 
     @classmethod
     def of_recursion(cls, fitted: Fitted, runs: Sequence[Run], errors: Clustered) -> Sheet:
@@ -138,6 +141,8 @@ class Sheet:
 
     def _partners(self, index: int) -> list[str] | None:
         """Names of what parameter `index` is only determined together with; None where it is determined."""
+        if self.gauge is not None and index in self.gauge.partners:
+            return self.gauge.partners[index]
         blind, lost = self.solution.linear.blind, self.absorbed.get(index)
         # The projector on the undetermined directions does not depend on how they are chosen within their span.
         share = np.abs(blind @ blind[index])

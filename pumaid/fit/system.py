@@ -9,13 +9,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pumaid.effects import Scope
-from pumaid.fit.rows import Row, floored, from_inside, joined, limits, ridge, rows_of, system
+from pumaid.equations import Block
+from pumaid.fit.rows import Row, floored, from_inside, joined, limits, rows_of, shapes_held, system
 from pumaid.maths import levels as variances
 from pumaid.maths import rank
 from pumaid.maths.joint_fit import Bilinear, JointSolution, fit, prior_rows
 from pumaid.maths.levels import Levels
 from pumaid.maths.recursion import LARGEST_RATIO, USUAL_RATIO, Gains, Recursion
-from pumaid.model import Block, Model
+from pumaid.model import Model
 from pumaid.records import Run
 
 Floats = NDArray[np.float64]
@@ -51,9 +52,10 @@ class Fitted:
     absorbed
         By column (from 0) that the recursion leaves open: the ratios (i, j) of gains (joints from 1) whose loads it
         absorbs.
-    system, solution, pull
-        The final whitened rows, the fit over all of them, and the precision (p + edges,) of the priors on shapes and
-        ratios.
+    system, solution
+        The final whitened rows and the fit over all of them.
+    pull, held
+        Precision (edges,) of the prior on each ratio, and (h, p) of those on parameters, as for `joint_fit.fit`.
     run_of
         (N,) number of the run that each equation belongs to.
     limit
@@ -72,6 +74,7 @@ class Fitted:
     system: Bilinear
     solution: JointSolution
     pull: Floats
+    held: Floats
     run_of: NDArray[np.int64]
     limit: Floats
 
@@ -124,6 +127,7 @@ def solve(
     runs: Sequence[Run],
     *,
     blocks: Sequence[Block] | None = None,
+    gauge: Floats | None = None,
     recursive: bool = False,
     progress: Progress | None = None,
 ) -> Fitted:
@@ -139,6 +143,8 @@ def solve(
         Of some or all joints.
     blocks
         Their equations by the model, where they are there already.
+    gauge
+        (h, p) sums of parameters that are 0 by convention.
     recursive
         Stop after the recursion.
     progress
@@ -174,29 +180,35 @@ def solve(
     gains, first_levels = recursion.gains, dict(levels)
     taken = fit(first, recursion.values, gains, limit=_with_edges(limit, gains), most_steps=0)
     final, solution, spread = first, taken, np.full(len(gains.edges), np.inf)
+    held = held_by(model, gauge)
     if not recursive:
         tell(0, "refining all joints together")
-        final, solution, spread = _refine(model, rows, levels, start=start, limit=limit)
+        final, solution, spread = _refine(owners, rows, levels, start=start, limit=limit, held=held)
     absorbed = _absorbed(recursion, is_load)
     told = (model, rows, assigned, levels, first_levels, tuple(weak))
-    free = np.concatenate([ridge(model, is_tight=False), 1.0 / spread])
-    solution = _eased(solution, free, limit)
-    pull = np.concatenate([ridge(model, is_tight=False) ** 2, 1.0 / spread**2])
-    return Fitted(*told, first, taken, absorbed, final, solution, pull, _run_of(rows), limit)
+    return Fitted(*told, first, taken, absorbed, final, solution, 1.0 / spread**2, held, _run_of(rows), limit)
 
 
-def _eased(solution: JointSolution, free: Floats, limit: Floats) -> JointSolution:
-    """With the errors that it has where (p + edges,) priors no longer hold shapes at their bounds."""
-    p = len(solution.values)
-    if not free[:p].any():
-        return solution
-    prior = prior_rows(free[:p], free[p:])
-    rows = np.vstack([solution.jacobian, prior])
-    target = np.concatenate([solution.residual, np.zeros(len(prior))])
-    return replace(solution, linear=rank.solve(rows, target, limit=_with_edges(limit, solution.gains)))
+def held_by(model: Model, gauge: Floats | None) -> Floats:
+    """(h, p) priors on shapes, those at a bound kept there, and sums that are 0 by convention."""
+    shapes = shapes_held(model, is_tight=True)
+    return shapes if gauge is None else np.vstack([shapes, gauge])
 
 
-def again(before: Fitted, model: Model, blocks: Sequence[Block]) -> Fitted:
+def eased(fitted: Fitted) -> Fitted:
+    """With the errors that the fit has where shapes that are best at a bound are no better known than others."""
+    free = shapes_held(fitted.model, is_tight=False)
+    if len(free) == 0:
+        return fitted
+    held = np.vstack([free, fitted.held[len(free) :]])
+    prior = prior_rows(held, np.sqrt(fitted.pull))
+    rows = np.vstack([fitted.solution.jacobian, prior])
+    target = np.concatenate([fitted.solution.residual, np.zeros(len(prior))])
+    linear = rank.solve(rows, target, limit=_with_edges(fitted.limit, fitted.gains))
+    return replace(fitted, held=held, solution=replace(fitted.solution, linear=linear))
+
+
+def again(before: Fitted, model: Model, blocks: Sequence[Block], *, gauge: Floats | None = None) -> Fitted:
     """The joint fit of another model to the same runs, from where `before` ended and with its noise: a quick one.
 
     Parameters
@@ -207,19 +219,19 @@ def again(before: Fitted, model: Model, blocks: Sequence[Block]) -> Fitted:
         The same arm with other effects, or the same ones with other shapes.
     blocks
         The runs' equations by `model`.
+    gauge
+        (h, p) sums of parameters that are 0 by convention.
     """
     rows, owners = rows_of(blocks), owners_of(model, before.assigned)
     limit = limits(rows, model)
     known = dict(zip(before.model.names, before.solution.values, strict=True))
     values = np.array([0.0 if c.shape else known.get(c.name, 0.0) for c in model.columns])
-    white, gains = system(rows, before.levels, owners), before.gains
+    white, gains, held = system(rows, before.levels, owners), before.gains, held_by(model, gauge)
     with np.errstate(divide="ignore"):
-        spread = 1.0 / np.sqrt(before.pull[len(before.model.names) :])
-    held = ridge(model, is_tight=True)
-    solution = fit(white, values, gains, limit=_with_edges(limit, gains), spread=spread, ridge=held)
-    pull = np.concatenate([held, 1.0 / spread]) ** 2
-    told = {"model": model, "rows": rows, "run_of": _run_of(rows), "limit": limit}
-    return replace(before, **told, system=white, solution=solution, pull=pull)
+        spread = 1.0 / np.sqrt(before.pull)
+    solution = fit(white, values, gains, limit=_with_edges(limit, gains), spread=spread, held=held)
+    found = replace(before, model=model, rows=rows, run_of=_run_of(rows), limit=limit)
+    return replace(found, system=white, solution=solution, held=held)
 
 
 def _run_of(rows: Sequence[Row]) -> NDArray[np.int64]:
@@ -256,16 +268,21 @@ def _absorbed(recursion: Recursion, is_load: NDArray[np.bool_]) -> dict[int, lis
 
 
 def _refine(
-    model: Model, rows: Sequence[Row], levels: dict[int, Levels], *, start: Recursion, limit: Floats
+    owners: NDArray[np.int64],
+    rows: Sequence[Row],
+    levels: dict[int, Levels],
+    *,
+    start: Recursion,
+    limit: Floats,
+    held: Floats,
 ) -> tuple[Bilinear, JointSolution, Floats]:
     """Joint fit with weights from its own residuals, and the prior spread of its ratios; `levels` is updated."""
     values, gains = start.values, start.gains
-    owners, held = owners_of(model, assign(model, [row.joint for row in rows])), ridge(model, is_tight=True)
     white = system(rows, levels, owners)
     limit = _with_edges(limit, gains)
     spread = _spread(white, values, gains)
     for _ in range(ROUNDS):
-        solution = fit(white, values, gains, limit=limit, spread=spread, ridge=held)
+        solution = fit(white, values, gains, limit=limit, spread=spread, held=held)
         values, gains = solution.values, solution.gains
         for row in rows:
             plain = Bilinear(np.full(row.target.size, row.joint - 1), row.stacked, row.target.ravel(), owners)
@@ -278,7 +295,7 @@ def _refine(
             if estimated is not None:
                 levels[row.joint] = floored(estimated, row)
         white = system(rows, levels, owners)
-    return white, fit(white, values, gains, limit=limit, spread=spread, ridge=held), spread
+    return white, fit(white, values, gains, limit=limit, spread=spread, held=held), spread
 
 
 def _spread(white: Bilinear, values: Floats, gains: Gains) -> Floats:

@@ -21,7 +21,8 @@ def sights(model: Model, runs: Sequence[Run], campaign: Campaign, *, known: Sigh
     moving = sorted({run.joint for run in runs})
     out = dict(known or {})
     for joint in (joint for joint in moving if model.touched(joint)):
-        if joint not in out or out[joint].has_slope != model.has_slope(joint):
+        has = (out[joint].has_slope, out[joint].grain > 1) if joint in out else None
+        if has != (model.has_slope(joint), model.is_fine(joint)):
             out[joint] = model.sight(joint, runs, campaign)
     return out
 

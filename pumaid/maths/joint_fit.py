@@ -101,7 +101,7 @@ def fit(
     *,
     limit: Floats | None = None,
     spread: Floats | None = None,
-    ridge: Floats | None = None,
+    held: Floats | None = None,
     most_steps: int = MOST_STEPS,
 ) -> JointSolution:
     """Least squares over parameters and ratios together, from the recursion's solution.
@@ -122,8 +122,8 @@ def fit(
     spread
         (edges,) prior standard deviation of each ratio about `USUAL_RATIO`, infinite where it has none: it keeps a
         ratio that the data hardly show from drifting off and taking others along.
-    ridge
-        (p,) inverse of each parameter's prior standard deviation about 0, zero where it has none.
+    held
+        (h, p) sums of parameters that are 0 before any data, each in units of its prior standard deviation.
 
     Source
     ------
@@ -132,7 +132,7 @@ def fit(
     """
     p = len(values)
     pull = np.zeros(len(gains.edges)) if spread is None else 1.0 / spread
-    prior = prior_rows(np.zeros(p) if ridge is None else ridge, pull)
+    prior = prior_rows(np.zeros((0, p)) if held is None else held, pull)
     jacobian, residual = _augmented(system, values, gains, prior)
     cost = float(residual @ residual)
     for _ in range(most_steps):
@@ -168,12 +168,11 @@ def _off(values: Floats, gains: Gains) -> Floats:
     return np.concatenate([values, _edges(gains) - USUAL_RATIO])
 
 
-def prior_rows(ridge: Floats, pull: Floats) -> Floats:
-    """(edges + held, p + edges) an equation for each ratio, and for each parameter with a (p,) `ridge` above zero."""
-    held = np.flatnonzero(ridge)
-    rows = np.zeros((len(held), len(ridge) + len(pull)))
-    rows[np.arange(len(held)), held] = ridge[held]
-    return np.vstack([np.hstack([np.zeros((len(pull), len(ridge))), np.diag(pull)]), rows])
+def prior_rows(held: Floats, pull: Floats) -> Floats:
+    """(edges + h, p + edges) an equation for each ratio, of weight `pull` (edges,), and for each sum `held` (h, p)."""
+    edges, width = len(pull), held.shape[1]
+    ratios = np.hstack([np.zeros((edges, width)), np.diag(pull)])
+    return np.vstack([ratios, np.hstack([held, np.zeros((len(held), edges))])])
 
 
 def _augmented(system: Bilinear, values: Floats, gains: Gains, prior: Floats) -> tuple[Floats, Floats]:

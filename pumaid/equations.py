@@ -1,0 +1,158 @@
+"""A run's equations: from its triangle, and from its cells where an effect does what the triangle does not know."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pumaid.records import CONSTANT_COLUMNS, Robot, Run, Samples
+from pumaid.sight import FLAT, Sight
+
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Block:
+    """A run reduced to as many equations as it can inform: (k, p) regressors, (k,) target, (k,) of the constant.
+
+    `rest` is the sum of squares (A2) that no model of these columns can touch, `samples` the samples behind, `basis`
+    (b, c) the triangle's regressors in the first b equations, `frame` (M, k - b) the directions in the run's weighted
+    cells that the others are along, `inner` (p, p) the products of what columns do within cells, where no equation is.
+    """
+
+    run: Run
+    regressors: Floats
+    target: Floats
+    ones: Floats
+    rest: float
+    samples: int
+    basis: Floats
+    frame: Floats
+    inner: Floats
+
+    def beyond(self, values: Floats) -> float:
+        """Sum of squares (A2) that (p,) values leave within the run where no equation tells of it."""
+        return max(self.rest - float(values @ self.inner @ values), 0.0)
+
+
+def of_triangles(
+    robot: Robot, joint: int, runs: Sequence[Run], *, design: Callable[[Samples], Floats]
+) -> Iterator[Block]:
+    """Equations of runs of one joint and kind by columns that are combinations of their triangle's regressors.
+
+    The combination is found by looking at the columns at a few instants that a run could contain.
+
+    Parameters
+    ----------
+    robot
+        The arm.
+    joint
+        That moves, from 1.
+    runs
+        All of one kind.
+    design
+        The columns (M, p) at M instants.
+    """
+    probes, basis = _probes(robot, joint, runs)
+    columns = design(probes)
+    inverse = np.linalg.pinv(basis, rcond=FLAT)
+    one, p = CONSTANT_COLUMNS.index("one"), columns.shape[1]
+    for run, rows, back in zip(runs, columns.reshape(len(runs), -1, p), inverse, strict=True):
+        regressors, current = run.triangle.rows()
+        left, singular, right = np.linalg.svd(regressors)
+        kept = singular > FLAT * max(float(singular[0]), 1e-300)
+        base = (singular[kept, None] * right[: len(singular)][kept]) if kept.any() else right[:0]
+        target = left[:, : len(singular)][:, kept].T @ current
+        yield Block(
+            run=run,
+            regressors=base @ (back @ rows),
+            target=target,
+            ones=base[:, one],
+            rest=max(float(current @ current - target @ target), 0.0),
+            samples=run.samples,
+            basis=base,
+            frame=np.zeros((len(run.cells), 0)),
+            inner=np.zeros((p, p)),
+        )
+
+
+def of_cells(blocks: Sequence[Block], sight: Sight, *, columns: Floats, known: int) -> Iterator[Block]:
+    """Equations of one joint's runs with more columns; what these do beyond the triangles gets equations of its own.
+
+    Parameters
+    ----------
+    blocks
+        Of the runs of `sight`, in their order.
+    sight
+        The cells.
+    columns
+        The new columns at its instants.
+    known
+        How many of the blocks' columns to keep.
+    """
+    (along, rest), inside = sight.split(columns), sight.inside(columns)
+    used, more = np.flatnonzero(rest.any(axis=0)), along.shape[2]
+    for number, block in enumerate(blocks):
+        here = slice(sight.starts[number], sight.starts[number] + sight.sizes[number])
+        frame, upper = _orthonormal(rest[here][:, used])
+        first, further = len(block.basis), len(upper)
+        regressors = np.zeros((first + further, known + more))
+        regressors[:first, :known] = block.regressors[:, :known]
+        regressors[:first, known:] = block.basis @ along[number][: block.basis.shape[1]]
+        regressors[first:, known + used] = upper
+        target = frame.T @ sight.left[here]
+        yield replace(
+            block,
+            regressors=regressors,
+            target=np.concatenate([block.target, target]),
+            ones=np.concatenate([block.ones, np.zeros(further)]),
+            rest=max(block.rest - float(target @ target), 0.0),
+            frame=frame,
+            inner=np.pad(inside[number], ((known, 0), (known, 0))),
+        )
+
+
+def padded(blocks: Sequence[Block], *, known: int, more: int) -> Iterator[Block]:
+    """Equations with `more` columns of nothing after the first `known`."""
+    for block in blocks:
+        regressors = np.pad(block.regressors[:, :known], ((0, 0), (0, more)))
+        yield replace(block, regressors=regressors, inner=np.zeros((known + more,) * 2))
+
+
+def _orthonormal(columns: Floats) -> tuple[Floats, Floats]:
+    """(M, k) orthonormal columns and (k, p) parts of (M, p) columns along them; none where there is only rounding."""
+    if not columns.any():
+        return np.zeros((len(columns), 0)), np.zeros((0, columns.shape[1]))
+    size = np.linalg.norm(columns, axis=0)
+    left, singular, right = np.linalg.svd(columns / np.where(size > 0, size, 1.0), full_matrices=False)
+    kept = singular > FLAT * singular[0]
+    return left[:, kept], singular[kept, None] * right[kept] * size
+
+
+def _probes(robot: Robot, joint: int, runs: Sequence[Run]) -> tuple[Samples, Floats]:
+    """Instants that determine a column's combination of the triangle's regressors, and those regressors there.
+
+    Returns samples of all runs one after another (R * K) and the basis (R, K, columns).
+    """
+    own, kind = joint - 1, runs[0].kind
+    angle = np.array([0.3, 1.6, 2.9, 4.1, 5.2, 5.9])
+    share = np.array([0.4, 1.3, 0.7, 1.7, 1.1, 0.2]) if kind == "stroke" else np.ones(6)
+    pull = np.array([0.5, -0.8, 0.9, -0.1, 0.2, -0.6]) if kind == "stroke" else np.zeros(6)
+    k = len(angle)
+    posture = np.nan_to_num(np.array([run.posture for run in runs]))
+    position = np.repeat(posture, k, axis=0)
+    position[:, own] = np.tile(angle, len(runs))
+    speed = np.array([run.speed for run in runs])
+    velocity = np.zeros_like(position)
+    velocity[:, own] = (speed[:, None] * share).ravel()
+    acceleration = np.tile(pull, len(runs))
+    direction = np.repeat(np.sign(speed), k)
+    samples = Samples(joint, position, velocity, acceleration=acceleration, direction=direction)
+    turns = 1.0 if robot.joint(joint).is_revolute else 0.0
+    regressors = [turns * np.cos(position[:, own]), turns * np.sin(position[:, own]), np.ones(len(position))]
+    if kind == "stroke":
+        regressors += [velocity[:, own], acceleration]
+    return samples, np.stack(regressors, axis=-1).reshape(len(runs), k, -1)
