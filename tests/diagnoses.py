@@ -148,6 +148,7 @@ def small() -> Diagnosis:
         stribeck(), joint=1, sizes=sizes, next_run=run, command="pumaid identify logs/ --add stribeck@1",
         curves=(replace(curve(), joint=1),),
     )  # fmt: skip
-    first = replace(rich().joints[2], joint=1, candidates=candidates()[:2], limits=limits(1))
+    tried = tuple(replace(one, joint=1) for one in candidates()[:2])
+    first = replace(rich().joints[2], joint=1, candidates=tried, limits=limits(1))
     second = replace(rich().joints[4], joint=2)
     return Diagnosis("arm RR", (first, second), (found,), version="0.1.0")

@@ -31,6 +31,9 @@ DASHES = ((0, (4, 2)), (0, (1.2, 1.4)), (0, (6, 2, 1.2, 2)))
 #: s: beyond this a time is told in minutes.
 MINUTES = 300.0
 
+#: Times the largest mark that a line may ask for room.
+MOST_LINE = 3.0
+
 #: Rows that a picture has room for.
 MOST_ROWS = 6
 
@@ -213,9 +216,13 @@ def _ground(axes: Axes, label: str) -> None:
 
 
 def _level(both: Sequence[Axes], curve: Curve) -> None:
-    """The same scale before and after, which shows the marks; a line that leaves it is cut."""
+    """The same scale before and after, which shows the marks, and of lines what lies between the runs."""
     marks = [values for side in curve.sides for values in (side.before, side.after)]
-    top = 1.35 * max(float(np.nanmax(np.abs(np.concatenate(marks)), initial=0.0)), 1e-9)
+    top = max(float(np.nanmax(np.abs(np.concatenate(marks)), initial=0.0)), 1e-9)
+    places = np.concatenate([side.centres for side in curve.sides])
+    between = [line.values[(line.places >= places.min()) & (line.places <= places.max())] for line in curve.lines]
+    farthest = float(np.nanmax(np.abs(np.concatenate(between)), initial=0.0)) if between else 0.0
+    top = 1.35 * min(max(top, farthest), MOST_LINE * top)
     for axes in both:
         axes.set_ylim(-top, top)
 
