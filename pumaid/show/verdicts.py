@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 from pumaid.records import ADD, ADEQUATE, UNEXPLAINED_JOINT, Diagnosis, Finding, JointDiagnosis, Robot, Unexplained
-from pumaid.show.findings import chance, floor_sentence, label, place
+from pumaid.show.findings import chance, floor_sentence, label, listed_or, place
 from pumaid.show.numbers import in_unit, percent
 from pumaid.show.story import joint_title
 from pumaid.show.wording import listed
@@ -41,7 +42,8 @@ def headline(diagnosis: Diagnosis, robot: Robot) -> str:
 
 
 def _named(found: Finding, robot: Robot) -> str:
-    return f"{label(found.effect)} {'of' if found.joint is None else 'at'} {place(found, robot)}"
+    names = listed_or([label(name) for name in dict.fromkeys((found.effect, *found.rivals))])
+    return f"{names} {'of' if found.joint is None else 'at'} {place(found, robot)}"
 
 
 def unexplained_title(found: JointDiagnosis, robot: Robot) -> str:
@@ -101,7 +103,7 @@ def applied_sentences(diagnosis: Diagnosis, robot: Robot) -> list[str]:
     """What earlier diagnoses found and the model now holds."""
     if not diagnosis.applied:
         return []
-    names = listed([_named(found, robot) for found in diagnosis.applied])
+    names = listed([_named(replace(found, rivals=()), robot) for found in diagnosis.applied])
     return [f"In the model since an earlier diagnosis: {names}."]
 
 
