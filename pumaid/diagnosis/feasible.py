@@ -1,0 +1,278 @@
+"""Runs that could still be made: within the recipe's limits, in postures of the data and in new ones."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pumaid.diagnosis.field import Field, distinct
+from pumaid.diagnosis.noise import Noise
+from pumaid.diagnosis.system import Added, Row, Solved, with_loads
+from pumaid.maths.frames import axes
+from pumaid.records import Joint, Motion, Samples
+from pumaid.units import factor
+
+Floats = NDArray[np.float64]
+Room = tuple[float, float]
+
+#: Slowest run as a share of the highest speed, and of the slowest run so far: whichever is slower.
+SLOW, SLOWER = 0.02, 0.5
+#: Fastest run as a share of the highest speed: a trajectory generator overshoots.
+FAST = 0.95
+#: Speeds tried, from the slowest to the fastest.
+SPEEDS = 9
+#: s of a ramp from rest to the speed of a run, and least time at constant speed.
+RAMP, LEAST = 0.4, 0.5
+#: s that a run takes at most, unless the data have longer ones.
+LONGEST = 40.0
+#: What is left free at a limit, as a share of the range, and at most (rad or m).
+MARGIN, MOST_MARGIN = 0.02, 0.05
+#: Widest stretch of a turning joint that is worth its time, rad.
+WIDEST = 1.5 * np.pi
+#: Postures taken from the data, and drawn.
+KNOWN, DRAWN = 5, 9
+#: Held joints stand at multiples of this, so that people can read and set them: rad.
+STEP = 15.0 * factor("deg")
+#: Cells of a run; of a wave of a periodic effect, and at most.
+CELLS, A_WAVE, MOST_CELLS = 40, 4, 512
+#: Seed of the drawn postures.
+SEED = 41
+
+
+@dataclass(frozen=True, slots=True)
+class Lap:
+    """There and back with one joint at one speed.
+
+    Attributes
+    ----------
+    joint
+        Moving joint, from 1.
+    hold
+        (J,) positions of all joints, rad or m.
+    low, high
+        rad or m.
+    speed
+        rad/s or m/s.
+    is_new
+        Whether the arm stood in no such posture before.
+    """
+
+    joint: int
+    hold: tuple[float, ...]
+    low: float
+    high: float
+    speed: float
+    is_new: bool
+
+    @property
+    def motions(self) -> tuple[Motion, Motion]:
+        """Forward and backward."""
+        ends = ((self.low, self.high), (self.high, self.low))
+        first, second = (Motion(self.joint, self.hold, start, end, self.speed) for start, end in ends)
+        return first, second
+
+
+def room(solved: Solved, number: int) -> Room:
+    """Lowest and highest position (rad or m) that a joint may take: its limits, else where it has been."""
+    q = np.concatenate([row.field.samples.position[:, number - 1] for row in solved.rows])
+    been = (float(q.min()), float(q.max()))
+    limits = solved.model.robot.joint(number).limits
+    if limits is None:
+        return been
+    margin = min(MARGIN * (limits[1] - limits[0]), MOST_MARGIN)
+    low, high = min(limits[0] + margin, been[0]), max(limits[1] - margin, been[1])
+    return max(low, limits[0]), min(high, limits[1])
+
+
+def laps(solved: Solved, joint: int, *, drawn: int = DRAWN) -> tuple[Lap, ...]:
+    """What joint `joint` (from 1) can do: every speed on every stretch in every posture.
+
+    Parameters
+    ----------
+    solved
+        The data so far.
+    joint
+        Moves.
+    drawn
+        New postures.
+    """
+    postures = [(hold, False) for hold in _known(solved, joint)]
+    postures += [(hold, True) for hold in _drawn(solved, joint, drawn)]
+    stretches = [(*_stretch(solved, joint, speed, wide), speed) for speed in speeds(solved, joint) for wide in (1, 0)]
+    here = [one for k, one in enumerate(stretches) if one not in stretches[:k]]
+    return tuple(Lap(joint, hold, low, high, speed, is_new) for hold, is_new in postures for low, high, speed in here)
+
+
+def speeds(solved: Solved, joint: int) -> tuple[float, ...]:
+    """Speeds (rad/s or m/s) on a logarithmic grid, rounded to two digits of degrees or millimetres a second."""
+    arm, runs = solved.model.robot.joint(joint), solved.row(joint).field.runs
+    seen = [abs(run.speed) for run in runs]
+    highest = arm.max_velocity or max(seen)
+    slow, fast = min(SLOW * highest, SLOWER * min(seen)), min(max(FAST * highest, *seen), highest)
+    low, high = _wide(solved, joint)
+    fast = min(fast, max((high - low) / (RAMP + LEAST), max(seen)))
+    unit = _step(arm)
+    rounded = [unit * float(f"{speed / unit:.2g}") for speed in np.geomspace(slow, fast, SPEEDS)]
+    return distinct([min(speed, fast) for speed in rounded])
+
+
+def _step(joint: Joint) -> float:
+    return factor("deg") if joint.is_revolute else factor("mm")
+
+
+def _wide(solved: Solved, joint: int) -> Room:
+    low, high = room(solved, joint)
+    q = solved.row(joint).field.samples.position[:, joint - 1]
+    if not solved.model.robot.joint(joint).is_revolute:
+        return low, high
+    spare = max(0.5 * (WIDEST - float(np.ptp(q))), 0.0)
+    return max(low, float(q.min()) - spare), min(high, float(q.max()) + spare)
+
+
+def _stretch(solved: Solved, joint: int, speed: float, is_wide: int) -> Room:
+    """From where to where: as wide as possible, or as the data's run that is nearest in speed; slow ones shorter."""
+    runs = solved.row(joint).field.runs
+    near = min(runs, key=lambda run: abs(np.log(abs(run.speed) / speed)))
+    low, high = _wide(solved, joint)
+    if not is_wide:
+        ramps = RAMP * abs(near.speed) / 2.0
+        low, high = max(low, min(near.span) - ramps), min(high, max(near.span) + ramps)
+    longest = max(LONGEST, *(run.duration for run in runs))
+    spare = max(high - low - speed * longest, 0.0) / 2.0
+    unit = _step(solved.model.robot.joint(joint))
+    ends = unit * np.ceil((low + spare) / unit), unit * np.floor((high - spare) / unit)
+    return (float(ends[0]), float(ends[1])) if ends[1] - ends[0] > RAMP * speed else (low, high)
+
+
+def _known(solved: Solved, joint: int) -> list[tuple[float, ...]]:
+    """Postures of the data, those with the most runs first."""
+    field = solved.row(joint).field
+    groups = sorted(field.postures, key=lambda group: (-len(group), group[0]))[:KNOWN]
+    return [tuple(field.samples.position[field.first[group[0]]].tolist()) for group in groups]
+
+
+def _drawn(solved: Solved, joint: int, count: int) -> list[tuple[float, ...]]:
+    rng = np.random.default_rng([SEED, joint])
+    robot, base = solved.model.robot, np.array(_known(solved, joint)[0])
+    out = []
+    for _ in range(count if robot.n_joints > 1 else 0):
+        hold = base.copy()
+        for other in robot.joints:
+            low, high = room(solved, other.number)
+            steps = STEP if other.is_revolute else (high - low) / 8.0 or 1.0
+            places = np.arange(np.ceil(low / steps - 1e-9), np.floor(high / steps + 1e-9) + 1) * steps
+            if other.number != joint and len(places):
+                hold[other.number - 1] = rng.choice(places)
+        out.append(tuple(np.round(hold, 9).tolist()))
+    return out
+
+
+def cells_for(solved: Solved, added: Sequence[Added]) -> int:
+    """Cells a run that show all effects, periodic ones too."""
+    out = CELLS
+    for one in added:
+        if one.effect.periodic is not None and one.joint is not None:
+            low, high = _wide(solved, one.joint)
+            waves = one.shape[one.effect.periodic] * (high - low) / (2.0 * np.pi)
+            out = max(out, int(np.clip(A_WAVE * waves, CELLS, MOST_CELLS)))
+    return out
+
+
+def ahead(solved: Solved, chosen: Sequence[Lap], *, age: tuple[float, float], cells: int = CELLS) -> Row:
+    """Runs of one joint that have not been made, as a row: two a lap, forward and backward, nothing measured.
+
+    Noise is that of the run of the data that is nearest in speed, at the new length of cells.
+
+    Parameters
+    ----------
+    solved
+        The data so far.
+    chosen
+        L laps of one joint.
+    age
+        s since the joint's and the arm's first motion when a run starts.
+    cells
+        K of each run.
+    """
+    joint, own = chosen[0].joint, chosen[0].joint - 1
+    old = solved.row(joint)
+    lap = [each for each in chosen for _ in range(2)]
+    sign = np.tile([1.0, -1.0], len(chosen))
+    speed = np.array([one.speed for one in lap])
+    low, high = (np.array([getattr(one, name) for one in lap]) for name in ("low", "high"))
+    ramp = np.minimum(0.5 * RAMP * speed, 0.25 * (high - low))
+    way = high - low - 2.0 * ramp
+    share = (np.arange(cells) + 0.5) / cells
+    gone = way[:, None] * share
+    position = np.repeat(np.array([one.hold for one in lap]), cells, axis=0)
+    position[:, own] = (np.where(sign > 0, low + ramp, high - ramp)[:, None] + sign[:, None] * gone).ravel()
+    velocity = np.zeros_like(position)
+    velocity[:, own] = np.repeat(sign * speed, cells)
+    passed = (gone / speed[:, None]).ravel()
+    samples = Samples(
+        joint,
+        position,
+        velocity,
+        acceleration=np.zeros(len(position)),
+        direction=np.repeat(sign, cells),
+        time=age[0] + passed,
+        elapsed=age[1] + passed,
+        travel=gone.ravel(),
+        temperature=np.full(len(position), _temperature(old, is_cold=age[0] == 0.0)),
+        run=np.repeat(np.arange(float(len(lap))), cells),
+        extra=None if old.field.samples.extra is None else np.zeros((len(position), old.field.samples.extra.shape[1])),
+    )
+    step = way / speed / cells
+    nothing = np.zeros(len(position))
+    field = replace(
+        old.field,
+        runs=(),
+        samples=samples,
+        current=nothing,
+        count=nothing + 1.0,
+        inside=nothing,
+        first=np.arange(len(lap)) * cells,
+        step=step,
+        groups=(),
+        postures=(),
+        base=solved.model.regressor(samples),
+        frames=axes(solved.model.robot.alphas, solved.model.robot.dh_angles(position)),
+    )
+    return _as_row(solved, field, _noise(old, speed, step))
+
+
+def _as_row(solved: Solved, field: Field, noise: Noise) -> Row:
+    field, old = with_loads(solved.model, field, solved.start), solved.row(field.joint)
+    columns = [one.columns(solved.model, field.samples) for one in solved.added]
+    tangents = [
+        one.tangent(solved.model, field.samples, size) for one, size in zip(solved.added, solved.sizes, strict=True)
+    ]
+    plain = np.column_stack([field.base, *columns, *tangents]) @ old.turn
+    return replace(
+        old,
+        field=field,
+        noise=noise,
+        jacobian=noise.whiten(field, plain),
+        residual=field.current,
+        plain=plain,
+        misfit=field.current,
+    )
+
+
+def _temperature(old: Row, *, is_cold: bool) -> float:
+    known = old.field.samples.temperature[np.isfinite(old.field.samples.temperature)]
+    return float("nan") if len(known) == 0 else float(known.min() if is_cold else known.max())
+
+
+def _noise(old: Row, speed: Floats, step: Floats) -> Noise:
+    """Of runs at these speeds with cells of `step` s: correlation decays with time, slow noise keeps its density."""
+    seen = np.array([abs(run.speed) for run in old.field.runs])
+    near = np.argmin(np.abs(np.log(seen[None, :] / speed[:, None])), axis=1)
+    rho, spread = old.noise.correlation[near], old.noise.spread[near]
+    ratio = step / np.maximum(old.field.step[near], 1e-12)
+    fresh = np.where(rho > 0.0, rho, 0.0) ** ratio
+    density = spread**2 * (1.0 + rho) / (1.0 - rho) / ratio
+    return Noise(fresh, np.sqrt(density * (1.0 - fresh) / (1.0 + fresh)), old.noise.level, old.noise.from_replicates)

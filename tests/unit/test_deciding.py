@@ -1,0 +1,205 @@
+"""The runs that would decide: within limits, worth what they promise, and worth more than others."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from pumaid.diagnosis import deciding as module
+from pumaid.diagnosis.contender import evidence
+from pumaid.diagnosis.deciding import deciding, showing
+from pumaid.diagnosis.feasible import ahead, laps
+from pumaid.diagnosis.field import fields
+from pumaid.diagnosis.prospect import Duel, Prospect
+from pumaid.diagnosis.refine import refined, trials_at
+from pumaid.diagnosis.scan import Projector
+from pumaid.diagnosis.system import Added, Start, loaded, solve
+from pumaid.effects import catalogue
+from pumaid.files.plan import plan_text, read_plan
+from pumaid.files.recipe import read_recipe
+from pumaid.model import Model
+from pumaid.records import Evidence, Motion, Plan
+from pumaid.verbs.identify import identify
+from pumaid.virtual import Bench, Hidden, draw
+
+PUMA = read_recipe(Path(__file__).parents[2] / "recipes" / "puma560.yaml")
+JOINT, SPEEDS = 3, (0.15, 0.35, 0.6, 0.9)
+STRIBECK = Hidden("stribeck", JOINT, {"a": 0.3, "velocity": 0.15, "exponent": 1.0})
+WARM = Hidden("warmup", JOINT, {"a": 0.3, "time_constant": 100.0})
+#: Shapes that a rival is fitted with: wider than its own grid, since more runs let it take others.
+SHAPES = {
+    "stribeck": [{"velocity": v, "exponent": d} for v in np.geomspace(0.02, 4.0, 9).tolist() for d in (0.6, 1.0, 2.0)],
+    "viscous_power": [{"exponent": p} for p in (0.1, 0.3, 0.6, 0.9, 1.1, 1.4, 2.0, 3.0)],
+}
+
+
+def campaign(seed: int, *, speeds=SPEEDS, reach: float = 1.5, postures: int = 3) -> list[Motion]:
+    """Joint 3 both ways at some speeds in random postures, all twice, in random order."""
+    rng, once = np.random.default_rng(seed), []
+    for _ in range(postures):
+        hold = tuple(np.round(rng.uniform(-1.2, 1.2, 6), 2).tolist())
+        once += [Motion(JOINT, hold, -s * reach, s * reach, v) for v in speeds for s in (1.0, -1.0)]
+    return [once[k] for _ in range(2) for k in rng.permutation(len(once))]
+
+
+def runs_of(hidden: Hidden, motions, seed: int, *, is_quiet: bool = False):
+    """Runs of a drawn arm with a hidden effect."""
+    truth = replace(draw(PUMA, seed), hidden=(hidden,))
+    bench = Bench(truth.with_noise(0.0) if is_quiet else truth, Plan(PUMA.name, tuple(motions)), rate=50.0, cells=128)
+    return bench.runs(np.random.default_rng(seed))
+
+
+def system(runs, noises=None):
+    """The base model solved on runs."""
+    estimate, model = identify(Evidence(runs), PUMA), Model.of_runs(PUMA, runs)
+    known = dict(zip(estimate.names, estimate.solution, strict=True))
+    start = Start(np.array([float(known.get(name, 0.0)) for name in model.names]), estimate.scales)
+    return loaded(solve(model, fields(model, runs), start, noises=noises))
+
+
+def trial(solved, name: str):
+    """An effect at joint 3 at its best shape."""
+    effect, row, projector = catalogue()[name], solved.row(JOINT), Projector(solved)
+    grid = SHAPES.get(name) or effect.grid(PUMA, row.field.extent(row.drawn))
+    found = [one for one in trials_at(projector, [Added(effect, JOINT, dict(shape)) for shape in grid]) if one]
+    return refined(projector, max(found, key=lambda one: one.statistic))
+
+
+@cache
+def measured(hidden: str = "stribeck", seed: int = 1):
+    """Motions and the solved system of an arm that hides one effect."""
+    motions = campaign(seed)
+    return motions, system(runs_of({"stribeck": STRIBECK, "warmup": WARM}[hidden], motions, seed))
+
+
+def gap(solved, first: str, second: str) -> float:
+    """How far the first effect's evidence is ahead."""
+    return evidence(solved, trial(solved, first)) - evidence(solved, trial(solved, second))
+
+
+def test_runs_can_be_planned_and_made(tmp_path):
+    """The motions are a plan that is read without complaint and that a virtual arm can make."""
+    _, solved = measured()
+    found = deciding(solved, trial(solved, "stribeck"), trial(solved, "viscous_power"))
+    path = tmp_path / "plan.yaml"
+    path.write_text(plan_text(Plan(PUMA.name, found.motions), PUMA), encoding="utf-8")
+    again = read_plan(path, PUMA)
+    assert len(again.motions) == len(found.motions) in (4, 8)
+    assert {motion.purpose for motion in again.motions} == {"fit"}
+    assert len(runs_of(STRIBECK, again.motions, 1)) == len(found.motions)
+
+
+def test_every_lap_is_within_limits():
+    """Stretches, held positions and speeds of all that is tried keep the recipe's limits."""
+    _, solved = measured()
+    arm, tried = PUMA.joint(JOINT), laps(solved, JOINT)
+    assert len({lap.speed for lap in tried}) > 5 and any(lap.is_new for lap in tried)
+    for lap in tried:
+        assert arm.limits[0] <= lap.low < lap.high <= arm.limits[1]
+        assert 0.0 < lap.speed <= arm.max_velocity
+        for other, place in zip(PUMA.joints, lap.hold, strict=True):
+            assert other.number == JOINT or other.limits[0] <= place <= other.limits[1]
+
+
+def test_without_limits_nothing_new_is_risked():
+    """An arm whose recipe states no limits is not sent where it has not been, nor faster than it has moved."""
+    _, solved = measured()
+    bare = replace(PUMA, joints=tuple(replace(joint, limits=None, max_velocity=None) for joint in PUMA.joints))
+    free = replace(solved, model=Model(bare))
+    been = solved.row(JOINT).field.samples.position
+    for lap in laps(free, JOINT):
+        assert lap.speed <= max(SPEEDS)
+        assert -1.5 <= lap.low < lap.high <= 1.5
+        held = np.delete(lap.hold, JOINT - 1)
+        low, high = np.delete(been.min(axis=0), JOINT - 1), np.delete(been.max(axis=0), JOINT - 1)
+        assert np.all((held >= low - 1e-6) & (held <= high + 1e-6))
+
+
+def test_gain_is_what_least_squares_leaves():
+    """A duel's gain is what a dense fit of the rival to data and forecast leaves, less what one to the data leaves."""
+    _, solved = measured()
+    truth, rival = trial(solved, "stribeck"), trial(solved, "viscous_power")
+    rows = [solved.row(JOINT), ahead(solved, laps(solved, JOINT)[:1], age=(0.0, 0.0))]
+    first, other = (
+        [row.noise.whiten(row.field, one.added.columns(solved.model, row.field.samples)) for row in rows]
+        for one in (truth, rival)
+    )
+    turned = solved.inverse @ rows[0].jacobian.T @ first[0]
+    target = [rows[0].residual, (first[1] - rows[1].jacobian @ turned) @ truth.sizes]
+
+    def left(count: int) -> float:
+        design = np.vstack([np.column_stack([row.jacobian, C]) for row, C in zip(rows[:count], other, strict=False)])
+        design /= np.linalg.norm(design, axis=0) + 1e-300
+        y = np.concatenate(target[:count])
+        return float(np.sum((y - design @ np.linalg.lstsq(design, y, rcond=1e-9)[0]) ** 2))
+
+    scale = (solved.square - truth.statistic) / (solved.cells - solved.rank)
+    found = Duel(Prospect(solved, rows[1:]), truth, rival).gains(np.ones((1, 1)))
+    assert found[0] == pytest.approx((left(2) - left(1)) / scale, rel=2e-3)  # a ridge stands for what no run shows
+
+
+def test_promise_is_kept():
+    """Made without noise, the runs set the true effect ahead by what was promised, within a third."""
+    motions, solved = measured(seed=2)
+    found = deciding(solved, trial(solved, "stribeck"), trial(solved, "viscous_power"))
+    leads = []
+    for made in (motions, [*motions, *found.motions]):
+        noises = system(runs_of(STRIBECK, made, 2)).noises
+        quiet = system(runs_of(STRIBECK, made, 2, is_quiet=True), noises)
+        leads.append(trial(quiet, "stribeck").statistic - trial(quiet, "viscous_power").statistic)
+    assert np.sqrt(leads[1] - leads[0]) > 0.67 * found.separation
+
+
+def test_chosen_runs_decide_sooner_than_others():
+    """Over three arms the chosen runs set Stribeck friction farther ahead than as many random runs or repeats do."""
+    leads = []
+    for seed in (1, 2, 3):
+        motions, solved = measured(seed=seed)
+        found = deciding(solved, trial(solved, "stribeck"), trial(solved, "viscous_power")).motions
+        rng, tried = np.random.default_rng(seed), laps(solved, JOINT)
+        some = [motion for k in rng.integers(len(tried), size=len(found) // 2) for motion in tried[k].motions]
+        again = [motions[k] for k in rng.permutation(len(motions))[: len(found)]]
+        every = [system(runs_of(STRIBECK, [*motions, *more], seed)) for more in (found, some, again)]
+        leads.append([gap(one, "stribeck", "viscous_power") for one in every])
+    chosen, at_random, repeated = np.mean(leads, axis=0)
+    assert chosen > at_random > repeated
+    assert np.min(leads, axis=0)[0] > module.DECISIVE
+
+
+def test_twins_are_not_told_apart():
+    """Between an effect and itself no run decides, and that is said with what might."""
+    _, solved = measured()
+    same = trial(solved, "stribeck")
+    found = deciding(solved, same, same)
+    assert found.motions == () and found.separation is None and found.repeats is None
+    assert found.text.startswith("no run within the limits tells") and "speeds beyond" in found.text
+
+
+def test_same_data_same_runs():
+    """Nothing is left to chance: asked again, the same runs."""
+    _, solved = measured()
+    both = trial(solved, "stribeck"), trial(solved, "viscous_power")
+    assert deciding(solved, *both) == deciding(solved, *both)
+
+
+def test_what_has_passed_is_asked_of_a_cold_arm():
+    """Warm-up and a step of friction are told apart by letting the arm cool: one comes back, the other stays."""
+    _, solved = measured("warmup")
+    found = deciding(solved, trial(solved, "warmup"), trial(solved, "friction_step"))
+    assert found.text.startswith("let the arm cool") and found.repeats is not None
+    assert showing(solved, catalogue()["friction_step"], JOINT) is None
+
+
+def test_unseen_effect_is_shown():
+    """Runs that should show a friction that the data cannot do show it, and by about what was promised."""
+    motions = campaign(4, speeds=(0.6, 0.75, 0.9))
+    solved = system(runs_of(STRIBECK, motions, 4))
+    found = showing(solved, catalogue()["stribeck"], JOINT, size=0.3)
+    runs = system(runs_of(STRIBECK, [*motions, *found.motions], 4))
+    before, after = (trial(one, "stribeck").statistic / one.scale for one in (solved, runs))
+    assert before < 10.0 < 25.0 < after
+    assert max(motion.velocity for motion in found.motions) < 0.3
