@@ -61,17 +61,19 @@ class Hidden:
 Builder = Callable[[World, np.random.Generator, int], Hidden]
 
 
-def applied(world: World, effects: Sequence[tuple[Hidden, float]]) -> State:
+def applied(world: World, effects: Sequence[tuple[Hidden, float]], base: State | None = None) -> State:
     """The state with some effects at some amplitudes, in the order of their stages.
 
     Parameters
     ----------
     world
-        The experiment; its base is where they begin.
+        The experiment.
     effects
         Each with its amplitude.
+    base
+        Where they begin, the world's own where not given.
     """
-    state = world.base
+    state = world.base if base is None else base
     for hidden, amplitude in sorted(effects, key=lambda pair: pair[0].stage):
         state = hidden.change(world, state, amplitude)
     return state

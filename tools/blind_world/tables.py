@@ -20,6 +20,7 @@ from blind_world.statistics import (
     near_truth,
     right_or_pair,
     share,
+    soundly_outside,
     spoke,
     strictly,
     wrong_alone,
@@ -45,6 +46,11 @@ def goals(records: list[Record]) -> str:
         _goal(
             "outside the catalogue: called unexplained, or explained to the noise on unseen runs",
             share(chosen(records, "outside"), honest_outside),
+            0.90,
+        ),
+        _goal(
+            "the same, but explained means that 90 % of the truth is reproduced without noise",
+            share(chosen(records, "outside"), soundly_outside),
             0.90,
         ),
         _goal("at 2 x and above: held-out error within 5 % of the true model's", share(at_two, near_truth), 0.90),
@@ -167,14 +173,15 @@ def outside(records: list[Record]) -> str:
                 len(own),
                 sum(r["unexplained"] for r in own),
                 sum(not r["unexplained"] and spoke(r) and near_truth(r) for r in own),
+                sum(not r["unexplained"] and r.get("equivalent", False) for r in own),
                 sum(not honest_outside(r) and spoke(r) for r in own),
                 sum(not r["unexplained"] and not spoke(r) for r in own),
                 ", ".join(f"{effect} {count}" for effect, count in named.most_common(3)) or "-",
                 skipped or "",
             )
         )
-    head = ("hidden", "runs", "unexplained", "explained to the noise", "named, not explained", "nothing said")
-    return table((*head, "names given", "not to be seen"), rows)
+    head = ("hidden", "runs", "unexplained", "explained to the noise", "of these 90 % reproduced")
+    return table((*head, "named, not explained", "nothing said", "names given", "not to be seen"), rows)
 
 
 def pairs(records: list[Record]) -> str:
@@ -229,7 +236,7 @@ def skipped(records: list[Record]) -> str:
 
 
 def spent(records: list[Record]) -> str:
-    """Seconds a step takes, median and longest."""
+    """Seconds of processor time a step takes, median and longest; the longest simulate a motion for the first time."""
     timed = [r["seconds"] for r in records if "seconds" in r]
     names = dict.fromkeys(name for one in timed for name in one)
     rows = []

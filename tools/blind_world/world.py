@@ -126,6 +126,14 @@ class World:
         out[on] = (self.motion.torque[on, own] - self.motion.load[on]) * self.arm.gain[own]
         return out
 
+    @cached_property
+    def resting(self) -> State:
+        """The base without what acceleration draws in the joint that moves."""
+        on = np.flatnonzero(self.motion.moving >= 0)
+        current = self.base.current.copy()
+        current[on, self.joint_of[self.motion.moving[on]]] -= self.inertial[on]
+        return replace(self.base, current=current)
+
 
 def draw_world(arm: Arm, campaign: Campaign, motion: Motion, *, rng: np.random.Generator) -> World:
     """Friction, noise, temperature and the log's columns of one experiment.
