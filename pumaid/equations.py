@@ -20,7 +20,8 @@ class Block:
 
     `rest` is the sum of squares (A2) that no model of these columns can touch, `samples` the samples behind, `basis`
     (b, c) the triangle's regressors in the first b equations, `frame` (M, k - b) the directions in the run's weighted
-    cells that the others are along, `inner` (p, p) the products of what columns do within cells, where no equation is.
+    cells that the others are along, `inner` (p, p) the products of what columns do within cells, where no equation is,
+    `peak` (p,) the largest size of columns that come from cells.
     """
 
     run: Run
@@ -32,6 +33,7 @@ class Block:
     basis: Floats
     frame: Floats
     inner: Floats
+    peak: Floats
 
     def beyond(self, values: Floats) -> float:
         """Sum of squares (A2) that (p,) values leave within the run where no equation tells of it."""
@@ -76,6 +78,7 @@ def of_triangles(
             basis=base,
             frame=np.zeros((len(run.cells), 0)),
             inner=np.zeros((p, p)),
+            peak=np.zeros(p),
         )
 
 
@@ -95,6 +98,7 @@ def of_cells(blocks: Sequence[Block], sight: Sight, *, columns: Floats, known: i
     """
     (along, rest), inside = sight.split(columns), sight.inside(columns)
     used, more = np.flatnonzero(rest.any(axis=0)), along.shape[2]
+    peaks = np.maximum.reduceat(np.abs(columns), sight.grain * sight.starts, axis=0)
     for number, block in enumerate(blocks):
         here = slice(sight.starts[number], sight.starts[number] + sight.sizes[number])
         frame, upper = _orthonormal(rest[here][:, used])
@@ -112,6 +116,7 @@ def of_cells(blocks: Sequence[Block], sight: Sight, *, columns: Floats, known: i
             rest=max(block.rest - float(target @ target), 0.0),
             frame=frame,
             inner=np.pad(inside[number], ((known, 0), (known, 0))),
+            peak=np.concatenate([np.zeros(known), peaks[number]]),
         )
 
 
@@ -119,7 +124,8 @@ def padded(blocks: Sequence[Block], *, known: int, more: int) -> Iterator[Block]
     """Equations with `more` columns of nothing after the first `known`."""
     for block in blocks:
         regressors = np.pad(block.regressors[:, :known], ((0, 0), (0, more)))
-        yield replace(block, regressors=regressors, inner=np.zeros((known + more,) * 2))
+        size = known + more
+        yield replace(block, regressors=regressors, inner=np.zeros((size, size)), peak=np.zeros(size))
 
 
 def _orthonormal(columns: Floats) -> tuple[Floats, Floats]:

@@ -55,11 +55,16 @@ def _of_effects(sheet: Sheet) -> Iterable[Combination]:
     model = sheet.fitted.model
     for place, one in enumerate(model.effects):
         own = [n for n, column in enumerate(model.columns) if column.place == place and column.shape is None]
-        held = sheet.gauge.rows[:, own] * sheet.fitted.limit[own]
+        size = np.linalg.norm(sheet.solution.jacobian[:, own], axis=0)
+        if not size.all():
+            continue
+        held = sheet.gauge.rows[:, own] / size
         _, sizes, right = np.linalg.svd(held)
-        for weights in right[np.count_nonzero(sizes > SHARE * sizes[0]) if sizes[0] > 0 else len(own) :]:
+        if not sizes.any():
+            continue
+        for weights in right[np.count_nonzero(sizes > SHARE * sizes[0]) :]:
             whole = np.zeros(len(sheet.covariance))
-            whole[own] = weights / sheet.fitted.limit[own]
+            whole[own] = weights * size
             whole /= np.abs(whole).sum() * np.sign(whole[np.argmax(np.abs(whole))])
             where = f" of joint {one.number}" if one.number else ""
             row = next(row for row in sheet.fitted.rows if one.touches(row.joint))

@@ -13,7 +13,7 @@ from pumaid.equations import Block
 from pumaid.fit.gauge import Gauge, gauge_of
 from pumaid.fit.ground import Ground
 from pumaid.fit.shapes import look
-from pumaid.fit.system import Fitted, Progress, again, eased, solve
+from pumaid.fit.system import Fitted, Progress, again, eased, releveled, solve
 from pumaid.fit.views import Sights, loaded, sights
 from pumaid.model import Model
 from pumaid.records import Campaign, EffectChoice, Run
@@ -117,13 +117,10 @@ def enlarged(
         elif one.effect.needs_loads:
             work.add(place, one)
     tell(0, "refining all effects together")
+    work.fitted = releveled(work.fitted)
     is_settled = work.settle()
-    now, seen = work.now(), work.loaded()
-    blocks, gauge = now.widened(work.bare, seen), work.gauge
-    work.fitted = solve(now, runs, blocks=blocks, gauge=work.convention, recursive=recursive, progress=progress)
-    if not recursive:
-        seen = work.polish(seen)
-    return Enlarged(eased(work.fitted), seen, work.ranges, is_settled, gauge)
+    seen = work.finish(recursive=recursive, progress=progress)
+    return Enlarged(eased(work.fitted), seen, work.ranges, is_settled, work.gauge)
 
 
 def _free(one: Chosen, model: Model) -> list[str]:
@@ -178,7 +175,7 @@ class _Work:
         now, before = self.now(), self.fitted
         self.blocks = now.widened(self.bare, self.loaded())
         self.fitted = again(before, now, self.blocks)
-        self.gauge = gauge_of(self.fitted)
+        self.gauge = gauge_of(self.fitted) if now.needs_loads() else None
         if self.gauge is not None:
             self.fitted = again(before, now, self.blocks, gauge=self.gauge.rows)
 
@@ -224,14 +221,24 @@ class _Work:
             self.chosen = {place: self._stepped(place, one) for place, one in self.chosen.items()}
         return False
 
-    def polish(self, seen: Sights) -> Sights:
-        """Loads by the final fit itself, so that what only looks like a change of load is known to be nothing else."""
-        if not any(one.effect.needs_loads for one in self.chosen.values()):
+    def finish(self, *, recursive: bool, progress: Progress | None) -> Sights:
+        """The whole fit, noise included, and the sights that it is of.
+
+        Loads follow the fit once more, so that what only looks like a change of load is known to be nothing else; and
+        the paper's model has the first word where the data cannot tell it from an effect.
+        """
+        now, seen, gauge = self.now(), self.loaded(), self.convention
+        self.blocks = now.widened(self.bare, seen)
+        self.fitted = solve(now, self.runs, blocks=self.blocks, gauge=gauge, recursive=recursive, progress=progress)
+        if recursive:
             return seen
-        for _ in range(POLISH):
+        for _ in range(POLISH if now.needs_loads() else 0):
             seen = self.loaded()
-            self.blocks = self.now().widened(self.bare, seen)
-            self.fitted = again(self.fitted, self.now(), self.blocks, gauge=self.convention)
+            self.blocks = now.widened(self.bare, seen)
+            self.fitted = again(self.fitted, now, self.blocks, gauge=gauge)
+        if gauge is None and (found := gauge_of(self.fitted)) is not None:
+            self.gauge = found
+            self.fitted = again(self.fitted, now, self.blocks, gauge=found.rows)
         return seen
 
     def _cost(self) -> float:

@@ -12,57 +12,55 @@ from pumaid.fit.system import Fitted
 
 Floats = NDArray[np.float64]
 
-#: Share of a direction below which a term does not belong to it; well above the jitter of held positions.
+#: Share of an effect's column beyond the paper's model, below which it is none: what is made from fitted loads is known
+#: to a few parts in a thousand.
+NOTHING = 1e-3
+
+#: Share of a direction below which a term does not belong to it.
 PART_OF = 1e-3
 
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Gauge:
-    """Directions in which effects and the paper's model stand for one another; the effects' part is 0 by convention.
+    """Sums of effects' parameters that the paper's model could take over whole; they are 0 by convention.
 
     Attributes
     ----------
     rows
-        (h, p) sums of the effects' parameters that are held at 0.
-    directions
-        (p + edges, b) as of `rank.Solution.blind`, of parameters each measured by its limit.
+        (h, p) the sums, each as a multiple of the noise, times `TIGHT`.
     partners
-        Number (from 0) of an effect's parameter that takes part -> names of the others that do.
+        Number (from 0) of an effect's parameter in such a sum -> names of what could take it over.
     """
 
     rows: Floats
-    directions: Floats
     partners: dict[int, list[str]]
 
 
 def gauge_of(fitted: Fitted) -> Gauge | None:
-    """What `fitted` leaves open between its effects and the paper's model; None where there is nothing.
+    """What of the effects in `fitted` no run tells from the paper's model; None where there is nothing.
 
     The paper's model has the first word: it says what it would say without the effect, and what the effect shows
     beyond it is the effect's.
     """
-    model, blind = fitted.model, fitted.solution.linear.blind
-    added = np.array([column.place is not None and column.shape is None for column in model.columns], dtype=bool)
-    ours = np.zeros(len(blind), dtype=bool)
-    ours[: len(added)] = added
-    theirs = np.ones(len(blind), dtype=bool)
-    theirs[: len(added)] = [column.place is None for column in model.columns]
-    if blind.shape[1] == 0 or not added.any():
+    model, jacobian = fitted.model, fitted.solution.jacobian
+    ours = np.array([n for n, c in enumerate(model.columns) if c.place is not None and c.shape is None], dtype=int)
+    theirs = np.array([n for n, c in enumerate(model.columns) if c.place is None], dtype=int)
+    theirs = np.concatenate([theirs, np.arange(len(model.columns), jacobian.shape[1])])
+    size, scale = np.linalg.norm(jacobian[:, ours], axis=0), np.linalg.norm(jacobian[:, theirs], axis=0)
+    acting = size > 0
+    if not acting.any():
         return None
-    _, sizes, right = np.linalg.svd(blind[theirs], full_matrices=False)
-    mixed = blind @ right[sizes > PART_OF].T
-    left, sizes, _ = np.linalg.svd(mixed[ours], full_matrices=False)
-    kept = left[:, sizes > PART_OF]
-    if kept.shape[1] == 0:
+    ours, size = ours[acting], size[acting]
+    unit, base = jacobian[:, ours] / size, jacobian[:, theirs] / np.where(scale > 0, scale, 1.0)
+    share, *_ = np.linalg.lstsq(base, unit, rcond=1e-12)
+    _, sizes, right = np.linalg.svd(unit - base @ share, full_matrices=False)
+    lost = right[sizes < NOTHING * max(1.0, sizes[0])]
+    if len(lost) == 0:
         return None
-    rows = np.zeros((kept.shape[1], len(added)))
-    rows[:, added] = TIGHT * kept.T / fitted.limit[added]
+    rows = np.zeros((len(lost), len(model.columns)))
+    rows[:, ours] = TIGHT * lost * size
     names = [*model.names, *(f"a gain of joint {edge + 1}" for edge in fitted.gains.edges)]
-    shares = np.abs(mixed @ mixed.T)
-    least = PART_OF * shares.max()
-    partners = {
-        int(index): [name for n, name in enumerate(names) if shares[index, n] > least and n != index]
-        for index in np.flatnonzero(added)
-        if np.abs(kept[np.flatnonzero(np.flatnonzero(added) == index)[0]]).max() > PART_OF
-    }
-    return Gauge(rows, mixed, partners)
+    taken = np.abs(share @ lost.T).max(axis=1)
+    others = [names[n] for n, part in zip(theirs, taken, strict=True) if part > PART_OF * taken.max()]
+    partners = {int(n): others for n, part in zip(ours, np.abs(lost).max(axis=0), strict=True) if part > PART_OF}
+    return Gauge(rows, partners)

@@ -35,8 +35,8 @@ MOST_CORRELATED = 0.98
 class Row:
     """All runs of one joint: (R, k) constants, (R, k, p) regressors, (R, k) targets, zero where a run has fewer rows.
 
-    `counts` (R,) are the true rows of each run, `rest` the sum of squares (A2) beyond the model's reach, `inner` (p, p)
-    what columns do within cells, as of a `Block`.
+    `counts` (R,) are the true rows of each run, `rest` the sum of squares (A2) beyond the model's reach; `inner` (p, p)
+    and `peak` (p,) as of a `Block`.
     """
 
     joint: int
@@ -48,6 +48,7 @@ class Row:
     rest: float
     samples: int
     inner: Floats
+    peak: Floats
 
     @classmethod
     def of(cls, joint: int, blocks: Sequence[Block]) -> Row:
@@ -62,7 +63,9 @@ class Row:
             regressors[number, rows] = block.regressors
         rest, samples = sum(block.rest for block in blocks), sum(block.samples for block in blocks)
         inner = np.sum([block.inner for block in blocks], axis=0)
-        return cls(joint, tuple(block.run for block in blocks), ones, regressors, target, counts, rest, samples, inner)
+        peak = np.max([block.peak for block in blocks], axis=0)
+        runs = tuple(block.run for block in blocks)
+        return cls(joint, runs, ones, regressors, target, counts, rest, samples, inner, peak)
 
     def squares(self, values: Floats) -> float:
         """Sum of squares (A2), over all samples, that (p,) values in this joint's gain leave."""
@@ -120,32 +123,35 @@ def limits(rows: Sequence[Row], model: Model) -> Floats:
 
 
 def _limit(model: Model, rows: Sequence[Row], index: int) -> float:
-    """Of a parameter of a chosen effect, from what a unit of it draws; of a shape, beyond its prior."""
-    if model.columns[index].shape is not None:
-        return 2.0 * prior_of(model, index)
-    each = []
-    for row in rows:
-        unit = float(np.sqrt(np.sum(row.regressors[:, :, index] ** 2) / row.samples))
-        if unit > 0.0:
-            each.append(max(float(np.sqrt(row.mean_square)), np.finfo(float).tiny) / unit)
-    return min(each, default=1.0)
-
-
-def prior_of(model: Model, index: int) -> float:
-    """What a shape's derivative may be off by before any data: physical bounds know it that well."""
+    """Of a parameter of a chosen effect, from what a unit of it draws; of a shape, how far it may go."""
     column = model.columns[index]
-    assert column.shape is not None and column.place is not None
-    one = model.effects[column.place]
-    return scale_of(one.shapes(model.robot)[column.shape], one.choice.shape[column.shape])
+    if column.shape is not None and column.place is not None:
+        one = model.effects[column.place]
+        return scale_of(one.shapes(model.robot)[column.shape], one.choice.shape[column.shape])
+    drawn = [(float(np.sqrt(row.mean_square)), float(row.peak[index])) for row in rows]
+    return min((max(size, np.finfo(float).tiny) / peak for size, peak in drawn if peak > 0.0), default=1.0)
 
 
-def shapes_held(model: Model, *, is_tight: bool) -> Floats:
-    """(h, p) a prior for each shape that was looked for; `is_tight` keeps those that are best at a bound there."""
-    columns = [(index, column) for index, column in enumerate(model.columns) if column.shape is not None]
+def priors(model: Model, limit: Floats, *, is_tight: bool) -> Floats:
+    """(h, p) a prior for each parameter of chosen effects: before any data it may be as large as its limit.
+
+    The paper's parameters have none: what the data do not show of them is not identifiable. An effect's are held so
+    that a shape at which it looks like the paper's model does not let it, and with it that model, run off.
+
+    Parameters
+    ----------
+    model
+        The model.
+    limit
+        (p,) as `limits` gives it.
+    is_tight
+        Whether shapes that are best at a bound are kept there.
+    """
+    columns = [(index, column) for index, column in enumerate(model.columns) if column.place is not None]
     out = np.zeros((len(columns), len(model.columns)))
     for row, (index, column) in zip(out, columns, strict=True):
         at_bound = column.place is not None and column.shape in model.effects[column.place].held
-        row[index] = (TIGHT if is_tight and at_bound else 1.0) / prior_of(model, index)
+        row[index] = (TIGHT if is_tight and at_bound else 1.0) / limit[index]
     return out
 
 

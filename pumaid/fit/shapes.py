@@ -75,7 +75,8 @@ def look(ground: Ground, one: Chosen, *, free: Sequence[str], model: Model, sigh
         if gain > top:
             best, top = point, gain
     fixed = [name for name in free if not shapes[name].is_searched]
-    ranges = {name: _range(name, grid, scored, top=float(scored.max())) for name in fixed}
+    starts = extent(sights, 0 if one.effect.scope is Scope.ARM else one.number).starts
+    ranges = {name: _range(shapes[name], grid, scored, starts=starts) for name in fixed}
     return Found(one.at({name: best[name] for name in free}), top, ranges)
 
 
@@ -133,7 +134,11 @@ def _refined(
     return at(found.x), -float(found.fun)
 
 
-def _range(name: str, grid: Sequence[Point], scored: Floats, *, top: float) -> tuple[float, float]:
-    """Lowest and highest value of a shape that the data do not exclude."""
-    kept = [point[name] for point, gain in zip(grid, scored, strict=True) if gain >= top - WITHIN]
-    return min(kept), max(kept)
+def _range(shape: Shape, grid: Sequence[Point], scored: Floats, *, starts: Sequence[float]) -> tuple[float, float]:
+    """Lowest and highest value of a shape that the data do not exclude; an instant lies anywhere between two starts."""
+    kept = [point[shape.name] for point, gain in zip(grid, scored, strict=True) if gain >= scored.max() - WITHIN]
+    low, high = min(kept), max(kept)
+    if shape.unit == "s":
+        low = max((start for start in starts if start <= low), default=low)
+        high = min((start for start in starts if start >= high), default=high)
+    return low, high

@@ -13,7 +13,6 @@ from pumaid.effects import Scope
 from pumaid.fit import reasons
 from pumaid.fit.gauge import Gauge
 from pumaid.fit.reasons import Facts, Reason
-from pumaid.fit.rows import prior_of
 from pumaid.fit.system import RATIO_KNOWN, Fitted
 from pumaid.maths.joint_fit import JointSolution
 from pumaid.maths.levels import freedoms
@@ -34,7 +33,7 @@ FEWEST_FREEDOMS = 3.0
 #: ratio (Fieller).
 RATIO_LEVEL = 0.001
 
-#: A shape whose error is above this share of what its physical bounds allow has not been seen.
+#: An effect's parameter whose error is above this share of what it can be at all has not been seen.
 OPEN = 0.5
 
 #: Share of a direction that makes a parameter part of it; well above the jitter of held positions.
@@ -123,12 +122,12 @@ class Sheet:
         return out
 
     def _is_open(self, index: int) -> bool:
-        """Whether a shape is known hardly better than before any data, or best at a bound."""
+        """Whether an effect's parameter is known hardly better than before any data, or a shape best at a bound."""
         model, column = self.fitted.model, self.fitted.model.columns[index]
-        if column.shape is None or column.place is None:
+        if column.place is None:
             return False
         error = float(np.sqrt(self.solution.linear.inverse[index, index]))
-        return column.shape in model.effects[column.place].held or error > OPEN * prior_of(model, index)
+        return column.shape in model.effects[column.place].held or error > OPEN * self.fitted.limit[index]
 
     def _lever(self, index: int) -> float:
         """RMS of a gravity column over its joint's own runs, as a share of g; 1 for other columns."""

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from pumaid.effects import Scope
 from pumaid.equations import Block
-from pumaid.fit.rows import Row, floored, from_inside, joined, limits, rows_of, shapes_held, system
+from pumaid.fit.rows import Row, floored, from_inside, joined, limits, priors, rows_of, system
 from pumaid.maths import levels as variances
 from pumaid.maths import rank
 from pumaid.maths.joint_fit import Bilinear, JointSolution, fit, prior_rows
@@ -178,33 +178,36 @@ def solve(
         _unstretch(start, row.joint - 1, is_load=is_load)
     first = system(rows, levels, owners)
     gains, first_levels = recursion.gains, dict(levels)
-    taken = fit(first, recursion.values, gains, limit=_with_edges(limit, gains), most_steps=0)
+    reach = _reach(model, limit, gains)
+    taken = fit(first, recursion.values, gains, limit=reach, most_steps=0)
     final, solution, spread = first, taken, np.full(len(gains.edges), np.inf)
-    held = held_by(model, gauge)
+    held = held_by(model, limit, gauge)
     if not recursive:
         tell(0, "refining all joints together")
-        final, solution, spread = _refine(owners, rows, levels, start=start, limit=limit, held=held)
+        final, solution, spread = _refine(
+            owners, rows, levels, start=start, limit=_reach(model, limit, start.gains), held=held
+        )
     absorbed = _absorbed(recursion, is_load)
     told = (model, rows, assigned, levels, first_levels, tuple(weak))
     return Fitted(*told, first, taken, absorbed, final, solution, 1.0 / spread**2, held, _run_of(rows), limit)
 
 
-def held_by(model: Model, gauge: Floats | None) -> Floats:
-    """(h, p) priors on shapes, those at a bound kept there, and sums that are 0 by convention."""
-    shapes = shapes_held(model, is_tight=True)
-    return shapes if gauge is None else np.vstack([shapes, gauge])
+def held_by(model: Model, limit: Floats, gauge: Floats | None) -> Floats:
+    """(h, p) priors on effects, shapes at a bound kept there, and sums that are 0 by convention."""
+    own = priors(model, limit, is_tight=True)
+    return own if gauge is None else np.vstack([own, gauge])
 
 
 def eased(fitted: Fitted) -> Fitted:
     """With the errors that the fit has where shapes that are best at a bound are no better known than others."""
-    free = shapes_held(fitted.model, is_tight=False)
+    free = priors(fitted.model, fitted.limit, is_tight=False)
     if len(free) == 0:
         return fitted
     held = np.vstack([free, fitted.held[len(free) :]])
     prior = prior_rows(held, np.sqrt(fitted.pull))
     rows = np.vstack([fitted.solution.jacobian, prior])
     target = np.concatenate([fitted.solution.residual, np.zeros(len(prior))])
-    linear = rank.solve(rows, target, limit=_with_edges(fitted.limit, fitted.gains))
+    linear = rank.solve(rows, target, limit=_reach(fitted.model, fitted.limit, fitted.gains))
     return replace(fitted, held=held, solution=replace(fitted.solution, linear=linear))
 
 
@@ -226,10 +229,10 @@ def again(before: Fitted, model: Model, blocks: Sequence[Block], *, gauge: Float
     limit = limits(rows, model)
     known = dict(zip(before.model.names, before.solution.values, strict=True))
     values = np.array([0.0 if c.shape else known.get(c.name, 0.0) for c in model.columns])
-    white, gains, held = system(rows, before.levels, owners), before.gains, held_by(model, gauge)
+    white, gains, held = system(rows, before.levels, owners), before.gains, held_by(model, limit, gauge)
     with np.errstate(divide="ignore"):
         spread = 1.0 / np.sqrt(before.pull)
-    solution = fit(white, values, gains, limit=_with_edges(limit, gains), spread=spread, held=held)
+    solution = fit(white, values, gains, limit=_reach(model, limit, gains), spread=spread, held=held)
     found = replace(before, model=model, rows=rows, run_of=_run_of(rows), limit=limit)
     return replace(found, system=white, solution=solution, held=held)
 
@@ -279,23 +282,36 @@ def _refine(
     """Joint fit with weights from its own residuals, and the prior spread of its ratios; `levels` is updated."""
     values, gains = start.values, start.gains
     white = system(rows, levels, owners)
-    limit = _with_edges(limit, gains)
     spread = _spread(white, values, gains)
     for _ in range(ROUNDS):
         solution = fit(white, values, gains, limit=limit, spread=spread, held=held)
         values, gains = solution.values, solution.gains
-        for row in rows:
-            plain = Bilinear(np.full(row.target.size, row.joint - 1), row.stacked, row.target.ravel(), owners)
-            jacobian = plain.jacobian(gains, values)
-            edges = [len(values) + k for k, edge in enumerate(gains.edges) if gains.parent[edge] == row.joint - 1]
-            own = np.concatenate([np.flatnonzero(owners == row.joint - 1), edges]).astype(int)
-            residual = (plain.target - plain.scaled(gains) @ values).reshape(row.target.shape)
-            design = jacobian[:, own].reshape(*row.target.shape, -1)
-            estimated = variances.estimate(row.ones, design, residual, counts=row.counts)
-            if estimated is not None:
-                levels[row.joint] = floored(estimated, row)
+        levels.update(_levels_of(rows, values, gains, owners))
         white = system(rows, levels, owners)
     return white, fit(white, values, gains, limit=limit, spread=spread, held=held), spread
+
+
+def _levels_of(rows: Sequence[Row], values: Floats, gains: Gains, owners: NDArray[np.int64]) -> dict[int, Levels]:
+    """Each joint's noise from what the fit leaves; without joints whose runs are too few to tell."""
+    out = {}
+    for row in rows:
+        plain = Bilinear(np.full(row.target.size, row.joint - 1), row.stacked, row.target.ravel(), owners)
+        jacobian = plain.jacobian(gains, values)
+        edges = [len(values) + k for k, edge in enumerate(gains.edges) if gains.parent[edge] == row.joint - 1]
+        own = np.concatenate([np.flatnonzero(owners == row.joint - 1), edges]).astype(int)
+        residual = (plain.target - plain.scaled(gains) @ values).reshape(row.target.shape)
+        design = jacobian[:, own].reshape(*row.target.shape, -1)
+        estimated = variances.estimate(row.ones, design, residual, counts=row.counts)
+        if estimated is not None:
+            out[row.joint] = floored(estimated, row)
+    return out
+
+
+def releveled(fitted: Fitted) -> Fitted:
+    """With each joint's noise as it is now that effects are in the model; the next fit is weighted by it."""
+    solution, owners = fitted.solution, owners_of(fitted.model, fitted.assigned)
+    found = _levels_of(fitted.rows, solution.values, fitted.gains, owners)
+    return replace(fitted, levels=fitted.levels | found)
 
 
 def _spread(white: Bilinear, values: Floats, gains: Gains) -> Floats:
@@ -313,5 +329,7 @@ def _spread(white: Bilinear, values: Floats, gains: Gains) -> Floats:
     return np.array(out)
 
 
-def _with_edges(limit: Floats, gains: Gains) -> Floats:
-    return np.concatenate([limit, np.full(len(gains.edges), LARGEST_RATIO)])
+def _reach(model: Model, limit: Floats, gains: Gains) -> Floats:
+    """(p + edges,) standard errors that say nothing; what has a prior is never as uncertain as that."""
+    has_prior = np.array([column.place is not None for column in model.columns], dtype=bool)
+    return np.concatenate([np.where(has_prior, 2.0 * limit, limit), np.full(len(gains.edges), LARGEST_RATIO)])
