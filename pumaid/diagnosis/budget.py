@@ -8,10 +8,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pumaid.diagnosis.field import distinct
+from pumaid.diagnosis.laid import Laid, View, coarse_starts, view
 from pumaid.diagnosis.repeats import Repeats, alike, halves
 from pumaid.diagnosis.ripples import Track
 from pumaid.diagnosis.search import FALSE_ALARM, FEWEST_RUNS, REPEAT, RIPPLE, Search
-from pumaid.diagnosis.traces import Laid, View, coarse_starts, view
 from pumaid.motion.replicates import noise_floor
 from pumaid.records import Budget, BudgetPart, Joint
 
@@ -31,10 +31,12 @@ POINTS_TO = {
     ("smooth", "load"): ("flexibility",),
     ("fast", "position"): ("ripple",),
     ("start", "travel"): ("presliding", "inertia"),
+    ("odd", "direction"): ("warmup", "thermal_friction"),
     ("odd", "speed"): ("stribeck", "viscous_power"),
     ("odd", "load"): ("load_friction",),
     ("odd", "lag"): ("delay",),
     ("odd", "posture"): ("side_load_friction", "load_friction", "coupling"),
+    ("even", "direction"): ("payload",),
     ("even", "posture"): ("tilt", "zero_offset", "coupling", "payload"),
     ("even", "load"): ("torque_droop", "saturation"),
     ("even", "speed"): ("torque_droop", "saturation"),

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from pumaid.diagnosis.traces import View
+from pumaid.diagnosis.laid import View
 
 Floats = NDArray[np.float64]
 Labels = NDArray[np.int64]

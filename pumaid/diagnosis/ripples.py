@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage, stats
 
-from pumaid.diagnosis.traces import Laid
+from pumaid.diagnosis.laid import Laid
 
 Floats = NDArray[np.float64]
 Complex = NDArray[np.complex128]

@@ -9,9 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pumaid.diagnosis.flips import Basis, Design, chances, flipped
+from pumaid.diagnosis.laid import View
 from pumaid.diagnosis.repeats import Repeats
 from pumaid.diagnosis.ripples import Track, spectrum
-from pumaid.diagnosis.traces import TERMS, View, fitted
+from pumaid.diagnosis.traces import TERMS, fitted
 
 Floats = NDArray[np.float64]
 Labels = NDArray[np.int64]
@@ -24,7 +25,7 @@ FLIPS, SEED = 399, 20
 MOST_FOUND = 12
 #: A dependence worth a part takes at least this share of what is there, and this of what was there at first: less is
 #: what a smooth curve leaves of another one.
-LEAST_NOW, LEAST_AT_FIRST = 0.01, 0.005
+LEAST_NOW, LEAST_AT_FIRST = 0.01, 0.02
 #: Fewest runs whose signs, flipped, can show anything at `FALSE_ALARM`.
 FEWEST_RUNS = 6
 

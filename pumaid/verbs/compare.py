@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from pumaid.diagnosis.budget import budget
-from pumaid.diagnosis.traces import Spread
+from pumaid.diagnosis.laid import Spread
 from pumaid.errors import Note
 from pumaid.files.result import check_same_recipe
 from pumaid.fit.judge import NOTHING, Groups, Judge, Tally, rmse, together

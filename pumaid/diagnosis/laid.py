@@ -1,0 +1,230 @@
+"""The runs of one joint laid out cell after cell, and what a residual can depend on at each."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Sequence
+from dataclasses import dataclass, fields
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pumaid.diagnosis.field import Field, distinct, joined, posture_groups
+from pumaid.motion.options import CONSTANT
+from pumaid.motion.replicates import replicates
+from pumaid.records import Run, Samples
+
+Floats = NDArray[np.float64]
+Labels = NDArray[np.int64]
+
+#: Distinct speeds beyond which friction over speed is a smooth curve, not a mean for each.
+MOST_SPEEDS = 8
+#: Postures beyond which the rest count as one.
+MOST_POSTURES = 24
+#: Cells of a run: the first ones as they are, where a start shows, the others in groups.
+FIRST, GROUPS = 16, 48
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Spread:
+    """The runs of one joint with all their cells, N together.
+
+    Attributes
+    ----------
+    joint
+        From 1.
+    runs
+        R of them.
+    samples
+        The cells; `run` counts the runs from 0.
+    current, count, inside
+        (N,) A of the moving joint, samples behind it, A2 of variance inside.
+    first
+        (R,) index of each run's first cell.
+    groups
+        Runs (from 0) that repeat one another, every run in one group.
+    """
+
+    joint: int
+    runs: tuple[Run, ...]
+    samples: Samples
+    current: Floats
+    count: Floats
+    inside: Floats
+    first: Labels
+    groups: tuple[tuple[int, ...], ...]
+
+    @classmethod
+    def of(cls, runs: Sequence[Run]) -> Spread:
+        """At least one run, all of one joint."""
+        joint, lengths = runs[0].joint, [len(run.cells) for run in runs]
+        begun: dict[int, float] = {}
+        for run in runs:
+            begun[run.clock] = min(run.start, begun.get(run.clock, run.start))
+        repeated = [tuple(group) for group in replicates(runs)]
+        alone = [(k,) for k in range(len(runs)) if not any(k in group for group in repeated)]
+        return cls(
+            joint=joint,
+            runs=tuple(runs),
+            samples=joined([_samples(run, begun[run.clock]) for run in runs]),
+            current=np.concatenate([run.cells.current[:, joint - 1] for run in runs]),
+            count=np.concatenate([run.cells.count for run in runs]).astype(float),
+            inside=np.concatenate([run.cells.variance for run in runs]),
+            first=np.concatenate([[0], np.cumsum(lengths)[:-1]]).astype(np.int64),
+            groups=tuple(sorted([*repeated, *alone])),
+        )
+
+
+def _samples(run: Run, begun: float) -> Samples:
+    cells, own = run.cells, run.joint - 1
+    return Samples(
+        run.joint,
+        cells.position,
+        cells.velocity,
+        acceleration=cells.acceleration,
+        direction=np.full(len(cells), float(run.direction)),
+        time=cells.time - begun,
+        elapsed=cells.time - begun,
+        travel=np.abs(cells.position[:, own] - run.span[0]),
+        temperature=cells.temperature,
+    )
+
+
+#: The runs of one joint with all their cells, or as the diagnosis thins them.
+Laid = Spread | Field
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class View:
+    """What the columns are made of at N cells of one joint.
+
+    Attributes
+    ----------
+    weight
+        (N,) samples.
+    run
+        (N,) number of the run from 0.
+    share
+        (N,) position between the lowest (0) and the highest (1) of the joint.
+    angle
+        (N,) position in rad; zero throughout for a sliding joint.
+    way
+        (N,) +1 or -1.
+    speed
+        (N,) share of the largest speed; `speed_group` its number where speeds are few.
+    age
+        (N,) share of the longest recording, s since the joint's first motion in it.
+    travel
+        (N,) share of the span since the motion began.
+    temperature
+        (N,) degC, NaN where not measured.
+    load
+        (N,) A that gravity draws by the model, NaN where not known.
+    slope
+        (N,) A per span: how the load changes along the position.
+    pull
+        (N,) acceleration as a share of the largest; zero at constant speed.
+    speed_group, posture, clock
+        (N,) numbers from 0; `speed_group` is -1 throughout where speeds are many.
+    """
+
+    weight: Floats
+    run: Labels
+    share: Floats
+    angle: Floats
+    way: Floats
+    speed: Floats
+    age: Floats
+    travel: Floats
+    temperature: Floats
+    load: Floats
+    slope: Floats
+    pull: Floats
+    speed_group: Labels
+    posture: Labels
+    clock: Labels
+
+    def __len__(self) -> int:
+        return len(self.weight)
+
+    def coarse(self, starts: Labels) -> View:
+        """Means over groups of cells that begin at `starts` (within one run each)."""
+        total = np.add.reduceat(self.weight, starts)
+        out: dict[str, Any] = {}
+        for item in fields(View):
+            values = getattr(self, item.name)
+            whole = np.issubdtype(values.dtype, np.integer)
+            out[item.name] = values[starts] if whole else np.add.reduceat(values * self.weight, starts) / total
+        return View(**(out | {"weight": total}))
+
+
+def view(laid: Laid, load: Floats | None, *, is_revolute: bool) -> View:
+    """The cells of a field.
+
+    Parameters
+    ----------
+    laid
+        N cells.
+    load
+        (N,) A that gravity draws by the model, or None.
+    is_revolute
+        Whether the joint turns.
+    """
+    samples, own, runs = laid.samples, laid.joint - 1, laid.runs
+    q = samples.position[:, own]
+    speed = np.abs(samples.velocity[:, own])
+    speeds = distinct([abs(run.speed) for run in runs])
+    by_run = np.searchsorted(np.array(speeds) * (1.0 + 1e-9), [abs(run.speed) for run in runs], side="right") - 1
+    few = len(speeds) <= MOST_SPEEDS and all(run.kind == CONSTANT for run in runs)
+    posture = np.zeros(len(runs), dtype=np.int64)
+    for number, group in enumerate(sorted(posture_groups(runs), key=lambda group: -len(group))):
+        posture[group] = min(number, MOST_POSTURES)
+    clocks = np.unique([run.clock for run in runs], return_inverse=True)[1]
+    run, span = samples.run.astype(np.int64), float(np.ptp(q)) or 1.0
+    return View(
+        weight=laid.count,
+        run=run,
+        share=(q - q.min()) / span,
+        angle=q if is_revolute else np.zeros(len(q)),
+        way=samples.direction,
+        speed=speed / (speed.max() or 1.0),
+        age=samples.time / (samples.time.max() or 1.0),
+        travel=samples.travel / span,
+        temperature=samples.temperature,
+        load=np.full(len(q), np.nan) if load is None else load,
+        slope=np.full(len(q), np.nan) if load is None else _slopes(load, q / span, laid.first),
+        pull=samples.acceleration / (np.abs(samples.acceleration).max() or 1.0),
+        speed_group=(np.maximum(by_run, 0) if few else np.full(len(runs), -1))[run],
+        posture=posture[run],
+        clock=clocks[run],
+    )
+
+
+def _slopes(load: Floats, share: Floats, first: Labels) -> Floats:
+    """(N,) derivative of a load by the position, run by run; 0 where a run stands still."""
+    out = np.zeros_like(load)
+    for own in np.split(np.arange(len(load)), first[1:]):
+        if len(own) > 1:
+            rise, way = np.gradient(load[own]), np.gradient(share[own])
+            out[own] = np.divide(rise, way, out=np.zeros(len(own)), where=way != 0.0)
+    return out
+
+
+def coarse_starts(first: Labels, cells: int) -> Labels:
+    """First cells of the groups in which all but ripples are looked for.
+
+    Parameters
+    ----------
+    first
+        (R,) each run's first cell.
+    cells
+        N.
+    """
+    pieces = []
+    for start, end in itertools.pairwise([*first, cells]):
+        inner = np.arange(end - start)
+        if len(inner) > FIRST + GROUPS:
+            inner = np.append(np.arange(FIRST), np.linspace(FIRST, len(inner), GROUPS + 1).astype(np.int64)[:-1])
+        pieces.append(start + inner)
+    return np.concatenate(pieces)
