@@ -55,9 +55,10 @@ def loads(model: Model, samples: Samples, *, solution: Floats, scales: Floats, f
         [_slope(i, m, z=z, parts=parts, weights=weights * known, g=g, turns=turns) for m in range(len(turns))]
     )
     turned = [np.cross(g, axis) for axis in np.eye(3)[:2]]
+    felt = np.einsum("mjk,j->mk", moments, _felt(heavy, scales, i))
     if turns[i]:
-        tilts = np.column_stack([np.einsum("mk,mk->m", np.cross(z[:, i], way), h) for way in turned])
-        moment = np.cross(g, np.einsum("mjk,j->mk", moments, _felt(heavy, scales, i)))
+        tilts = np.column_stack([np.einsum("mk,mk->m", np.cross(z[:, i], way), felt) for way in turned])
+        moment = np.cross(g, felt)
         across = np.linalg.norm(moment - z[:, i] * np.einsum("mk,mk->m", z[:, i], moment)[:, None], axis=1)
     else:
         tilts = np.column_stack([-(z[:, i] @ way) * weights[i] for way in turned])

@@ -184,7 +184,7 @@ class Account:
             joint=added.joint,
             shape=dict(added.shape),
             verdict=verdict,
-            reason=reason(one),
+            reason=reason(one, None if verdict == ADD or is_rival or step.chosen is None else step.chosen.key[0]),
             p_value=one.p_value,
             evidence=one.evidence,
             rmse_after=min(one.after.values(), default=None),

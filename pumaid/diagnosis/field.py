@@ -25,9 +25,9 @@ Counts = NDArray[np.int64]
 #: the narrowest presliding that a ramp leaves visible.
 COARSE = 128
 
-#: s at the start of a run at constant speed that are left out, and the most of its duration that this may be: the speed
-#: is still settling there by a few tenths of a per cent, and every arm then draws what its inertia needs.
-SETTLING, MOST_SETTLING = 0.15, 0.2
+#: s at the start of a run at constant speed that are left out, and the most of its duration that this may be: the steep
+#: part of the transient in which the speed settles (see `settling`).
+SETTLING, MOST_SETTLING = 0.03, 0.2
 
 #: Speeds within this share are one speed.
 SAME_SPEED = 0.03
@@ -96,6 +96,11 @@ class Field:
         return np.asarray(np.add.reduceat(values, self.first, axis=0))
 
     @property
+    def speeds(self) -> tuple[float, ...]:
+        """Distinct speeds, rising, rad/s or m/s."""
+        return distinct([abs(run.speed) for run in self.runs])
+
+    @property
     def pairs(self) -> list[tuple[int, int]]:
         """Neighbours in time among runs that repeat one another."""
         return [pair for group in self.groups for pair in itertools.pairwise(group)]
@@ -125,7 +130,7 @@ class Field:
         widths = [abs(run.span[1] - run.span[0]) / max(len(run.cells), 1) for run in self.runs]
         return Extent(
             joint=self.joint,
-            speeds=distinct([abs(run.speed) for run in self.runs]),
+            speeds=self.speeds,
             position=(float(q.min()), float(q.max())),
             finest=2.0 * float(np.median(widths)),
             travel=float(self.samples.travel.max()),

@@ -15,6 +15,10 @@ from pumaid.diagnosis.system import Added, Solved
 Floats = NDArray[np.float64]
 
 
+#: Share of a parameter's information that runs must keep for it to be fitted to them.
+KEPT = 0.01
+
+
 @dataclass(frozen=True, eq=False, slots=True)
 class Falls:
     """What leaving runs out says of one effect.
@@ -97,6 +101,8 @@ class _Folds:
         self.white = {joint: solved.row(joint).noise.whiten(solved.row(joint).field, acting[joint]) for joint in acting}
         _, self.cross, _, _ = Projector(solved).scores(self.white)
         self.gram = sum(columns.T @ columns for columns in self.white.values())
+        turned = solved.inverse @ self.cross
+        self.whole = np.maximum(np.diagonal(self.gram) - np.sum(self.cross * turned, axis=0), 0.0)
         self.slope = sum(columns.T @ solved.row(joint).residual for joint, columns in self.white.items())
         self.information = sum(row.jacobian.T @ row.jacobian for row in solved.rows)
 
@@ -117,7 +123,7 @@ class _Folds:
         best, chosen, sizes = -np.inf, slice(0, self.width), np.zeros(self.width)
         for number in range(len(self.shapes)):
             own = slice(number * self.width, (number + 1) * self.width)
-            fitted = pseudo_inverse(information[own, own])[0] @ score[own]
+            fitted = _solved(information[own, own], score[own], self.whole[own])
             gain = float(score[own] @ fitted)
             if gain > best:
                 best, chosen, sizes = gain, own, fitted
@@ -128,3 +134,12 @@ class _Folds:
         inside = float(weight @ row.field.inside[cells])
         squares = (float(weight @ raw**2) + inside, float(weight @ raw_after**2) + inside)
         return float(error @ error - after @ after), *squares, float(weight.sum())
+
+
+def _solved(information: Floats, score: Floats, whole: Floats) -> Floats:
+    """Parameters of the training runs, in directions of which these keep at least `KEPT` of the whole information."""
+    unit = np.divide(1.0, np.sqrt(whole), out=np.zeros_like(whole), where=whole > 0.0)
+    values, vectors = np.linalg.eigh(information * unit[:, None] * unit[None, :])
+    kept = values > KEPT
+    half = vectors[:, kept] / np.sqrt(values[kept])
+    return np.asarray(unit * (half @ (half.T @ (unit * score))))

@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 from scipy import stats
 
-from pumaid.diagnosis.chain import pseudo_inverse
 from pumaid.diagnosis.contender import LEVEL
 from pumaid.diagnosis.familywise import PERIODIC, Family
 from pumaid.diagnosis.scan import Scan, Trial
@@ -56,10 +55,9 @@ def needed(surprise: float, freedoms: int) -> float:
 
 
 def _size(trial: Trial, family: Family, scale: float) -> float:
-    inverse, _ = pseudo_inverse(trial.information)
-    variance = float(inverse[0, 0]) * scale
-    if variance <= 0.0:
+    if trial.information[0, 0] <= 0.0:
         return float("inf")
+    variance = scale / float(trial.information[0, 0])  # the effect's other parameters zero
     return needed(family.threshold(trial.added.key, LEVEL), trial.width) * float(np.sqrt(variance))
 
 

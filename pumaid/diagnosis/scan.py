@@ -18,8 +18,9 @@ Floats = NDArray[np.float64]
 
 #: Share of a column's square below which the model absorbs it: what is left is rounding and creep of held positions.
 ABSORBED = 1e-5
-#: Condition beyond which two columns of one candidate are one.
-SINGULAR = 1e8
+#: Condition beyond which two columns of one candidate are one: their sizes would be told with errors a hundred times
+#: those of their sum.
+SINGULAR = 1e4
 #: Least share of an information that is left for a residual where few runs feed many parameters.
 LEAST_FREEDOM = 0.25
 

@@ -9,13 +9,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pumaid.diagnosis.chain import Start
-from pumaid.diagnosis.contender import DECISIVE, Contender, contender, evidence, rivals
+from pumaid.diagnosis.contender import DECISIVE, LEVEL, Contender, contender, evidence, rivals
 from pumaid.diagnosis.familywise import Family, family
 from pumaid.diagnosis.field import COARSE, Field, fields
 from pumaid.diagnosis.noise import Noise, noise
 from pumaid.diagnosis.periodogram import Spectrum, spectrum
 from pumaid.diagnosis.refine import at, refined
 from pumaid.diagnosis.scan import Projector, Scan, Trial, scan, surprise
+from pumaid.diagnosis.settling import settling
 from pumaid.diagnosis.system import Added, Solved, at_cells, loaded, misfit_at, solve
 from pumaid.diagnosis.variants import Catalogue, build
 from pumaid.effects import Effect, catalogue
@@ -109,7 +110,7 @@ class Stepwise:
         """The model with `added`, on the finest cells of joints that have a periodic effect, else on coarse ones."""
         fine = {one.joint for one in added if one.effect.periodic is not None}
         chosen = [b if a.joint in fine else a for a, b in zip(self._coarse, self._finest, strict=True)]
-        return solve(self.model, chosen, self.start, added=added, noises=noises)
+        return solve(self.model, chosen, self.start, added=[*settling(self._coarse), *added], noises=noises)
 
     def run(self) -> Solved:
         """Add until nothing passes; the final system."""
@@ -196,19 +197,32 @@ class Stepwise:
         return contender(on, *pair, shapes=shapes, family=chances)
 
     def _swap(self) -> None:
-        """Try every earlier addition against all others, now that the later ones are in."""
-        for place in range(len(self.given), len(self.added) - 1):
+        """Look at every earlier addition again, now that the later ones are in: drop it, or put a better one there."""
+        first = len(self.given)
+        place = first
+        while place < len(self.added) - 1:
             rest = [one for number, one in enumerate(self.added) if number != place]
             solved = loaded(self.solved(rest, self.solved(self.added).noises))
             tried = build(solved, self.effects)
-            seen = scan(solved, tried)
-            best = seen.best()
-            own = best.get(self.added[place].key)
-            if own is None:
+            seen, chances = scan(solved, tried), self.steps[-1].family
+            own = self._again(seen, self.added[place])
+            if own is None or chances.p_value(own.added.key, _surprise(seen, own)) > LEVEL:
+                del self.added[place], self.accepted[place - first]
                 continue
-            top = max(best.values(), key=lambda one: evidence(solved, one))
+            top = max(seen.best().values(), key=lambda one: evidence(solved, one), default=own)
             if evidence(solved, top) > evidence(solved, own) + DECISIVE:
                 pair = (top, refined(Projector(solved), top))
-                judged = self._judged(seen, tried, pair, self.steps[-1].family)
                 self.added[place] = pair[1].added
-                self.accepted[place - len(self.given)] = Accepted(judged, ())
+                self.accepted[place - first] = Accepted(self._judged(seen, tried, pair, chances), ())
+            place += 1
+
+    def _again(self, seen: Scan, added: Added) -> Trial | None:
+        """An addition tried on the model without it."""
+        solved = seen.solved
+        if added.effect.periodic is not None and added.joint is not None:
+            solved = self._at_finest(solved, added.joint)
+        return at(Projector(solved), added)
+
+
+def _surprise(seen: Scan, trial: Trial) -> float:
+    return float(surprise(trial.statistic / seen.solved.scale, trial.width))

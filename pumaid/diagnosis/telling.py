@@ -49,15 +49,18 @@ def command(added: Added) -> str:
     return f"pumaid identify LOGS --add {added.effect.name}{where}" + (f":{shape}" if shape else "")
 
 
-def reason(found: Contender) -> str:
-    """Why a candidate has the verdict that it has."""
+def reason(found: Contender, better: str | None = None) -> str:
+    """Why a candidate has the verdict that it has; `better` is what was chosen instead of it."""
     if found.fault == "chance":
         return "chance alone makes something as good in these data"
     if found.fault == "heldout":
         return "it does not predict runs that were left out any better"
     if found.fault == "worth":
-        return f"it would lower the error by {100.0 * found.gain:.1f} % only"
-    return f"it lowers the error by {100.0 * found.gain:.0f} % and predicts runs that were left out"
+        return f"it would lower the error by {100.0 * found.gain:.1g} % only"
+    gain = 100.0 * found.gain
+    if better is not None:
+        return f"it would lower the error by {gain:.2g} %, but {better} explains the same and more"
+    return f"it lowers the error by {gain:.2g} % and predicts runs that were left out"
 
 
 def weakened(field: Field, runs: Sequence[Run]) -> tuple[str, ...]:

@@ -37,12 +37,12 @@ class Presliding(Effect):
 
     def shapes(self, robot: Robot, number: int) -> tuple[Shape, ...]:
         unit = robot.joint(number).position_unit
-        return (Shape("travel", unit, "x_s: travel over which what is lacking falls to 1/e", 1e-5, 3.0, 0.05),)
+        return (Shape("travel", unit, "x_s: travel over which what is lacking falls to 1/e", 1e-5, 0.4, 0.05),)
 
     def grid(self, robot: Robot, extent: Extent) -> tuple[Mapping[str, float], ...]:
         longest = max(extent.travel / 4.0, 1e-4)
         lengths = np.geomspace(min(extent.finest / 2.0, longest / 8.0), longest, STARTS)
-        return tuple({"travel": float(x)} for x in np.clip(lengths, 1e-5, 3.0))
+        return tuple({"travel": float(x)} for x in np.clip(lengths, 1e-5, 0.4))
 
     def columns(
         self, robot: Robot, samples: Samples, *, number: int | None = None, shape: Mapping[str, float] = NO_SHAPE

@@ -10,7 +10,7 @@ from pumaid.effects.base import NO_SHAPE, Effect, Floats, Parameter, Shape, Trac
 from pumaid.records import Extent, Robot, Samples
 
 #: Limits that a search begins with, as shares of the largest predicted current.
-SHARES = (0.6, 0.7, 0.8, 0.88, 0.94)
+SHARES = (0.6, 0.7, 0.8, 0.88, 0.94, 0.97, 0.985)
 
 
 class Saturation(Effect):

@@ -6,8 +6,11 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from pumaid.effects.base import NO_SHAPE, Effect, Floats, Parameter, Scope, Trace, loads_of
-from pumaid.records import Robot, Samples
+from pumaid.effects.base import NO_SHAPE, Effect, Floats, Parameter, Scope, Shape, Trace, load_refusal, loads_of
+from pumaid.records import Extent, Robot, Samples
+
+#: Ratios of gains at which a search begins: those of neighbours on published arms, of either sign.
+RATIOS = (-3.0, -1.0, -0.3, 0.3, 1.0, 3.0)
 
 
 class Tilt(Effect):
@@ -15,8 +18,8 @@ class Tilt(Effect):
 
     x and y (rad) turn the whole arm by the right hand about the base frame's axes, gravity staying where it is. A turn
     about the direction of gravity changes nothing, so for an arm that stands upright x and y are all there is. It gives
-    a load to a joint whose axis was thought upright; the first moment of that joint's own link, which no current shows
-    until then, is left out of it.
+    a load to a joint whose axis was thought upright: by its gain, which nothing else tells and which is a shape, and by
+    the first moment of its own link, which no current shows until then and which has parameters of its own.
     """
 
     title = "Base tilted against gravity"
@@ -34,12 +37,40 @@ class Tilt(Effect):
     def parameters(self, robot: Robot, number: int) -> tuple[Parameter, ...]:
         if number:
             return ()
+        own = [
+            Parameter(
+                f"{part}{n}", "A", f"load that link {n}'s own moment gives upright joint {n}", f"tilt {part}{n}", 0.01
+            )
+            for n in _uprights(robot)
+            for part in ("cos", "sin")
+        ]
         return (
             Parameter("x", "rad", "turn of the base about its x axis", "tilt x", 0.02, -0.5, 0.5),
             Parameter("y", "rad", "turn of the base about its y axis", "tilt y", -0.015, -0.5, 0.5),
+            *own,
         )
+
+    def shapes(self, robot: Robot, number: int) -> tuple[Shape, ...]:
+        meaning = (
+            "gain of an upright joint over that of the next joint that gravity loads, which no other current tells"
+        )
+        return (Shape("waist", "1", meaning, -30.0, 30.0, 1.0),) if _uprights(robot) else ()
+
+    def grid(self, robot: Robot, extent: Extent) -> tuple[Mapping[str, float], ...]:
+        return tuple({"waist": ratio} for ratio in RATIOS) if _uprights(robot) else (NO_SHAPE,)
 
     def columns(
         self, robot: Robot, samples: Samples, *, number: int | None = None, shape: Mapping[str, float] = NO_SHAPE
     ) -> Floats:
-        return np.array(loads_of(samples).tilts)
+        felt, q = np.array(loads_of(samples).tilts), samples.position[:, samples.joint - 1]
+        uprights = _uprights(robot)
+        if samples.joint in uprights:
+            felt = felt * shape.get("waist", 1.0)
+        own = [turn(q) * (n == samples.joint) for n in uprights for turn in (np.cos, np.sin)]
+        return np.column_stack([felt, *own])
+
+
+def _uprights(robot: Robot) -> tuple[int, ...]:
+    """Joints (from 1) that turn about the direction of gravity in every posture."""
+    turning = [joint.number for joint in robot.joints if joint.is_revolute]
+    return tuple(number for number in turning if load_refusal(robot, number) is not None)
