@@ -124,8 +124,8 @@ def best(solved: Solved, added: Sequence[Added], goal: Goal) -> Choice | None:
     cells = cells_for(solved, added)
     most = max(TRIED * CELLS // cells, KEPT)
     if len(tried) > most:
-        order = np.random.default_rng(len(tried)).permutation(len(tried))[:most]
-        tried = [tried[k] for k in np.sort(order)]
+        rng = np.random.default_rng(len(tried))
+        tried = [tried[k] for k in np.sort(rng.permutation(len(tried))[:most])]
     if not tried:
         return None
     found = [_Search(solved, tried, age=age, goal=goal, cells=cells).best() for age in _ages(solved, added)]

@@ -34,8 +34,11 @@ MARGIN, MOST_MARGIN = 0.02, 0.05
 WIDEST = 1.5 * np.pi
 #: Postures taken from the data, and drawn.
 KNOWN, DRAWN = 5, 9
-#: Held joints stand at multiples of this, so that people can read and set them: rad.
-STEP = 15.0 * factor("deg")
+#: Decimals of a known posture, rad or m.
+DIGITS = 4
+#: Held joints stand at multiples of this, so that people can read and set them, and this near to where they have been
+#: on the average: rad.
+STEP, FARTHEST = 15.0 * factor("deg"), 150.0 * factor("deg")
 #: Cells of a run; of a wave of a periodic effect, and at most.
 CELLS, A_WAVE, MOST_CELLS = 40, 4, 512
 #: Seed of the drawn postures.
@@ -77,14 +80,18 @@ class Lap:
 
 def room(solved: Solved, number: int) -> Room:
     """Lowest and highest position (rad or m) that a joint may take: its limits, else where it has been."""
-    q = np.concatenate([row.field.samples.position[:, number - 1] for row in solved.rows])
-    been = (float(q.min()), float(q.max()))
+    been = _been(solved, number)
     limits = solved.model.robot.joint(number).limits
     if limits is None:
         return been
     margin = min(MARGIN * (limits[1] - limits[0]), MOST_MARGIN)
     low, high = min(limits[0] + margin, been[0]), max(limits[1] - margin, been[1])
     return max(low, limits[0]), min(high, limits[1])
+
+
+def _been(solved: Solved, number: int) -> Room:
+    q = [row.field.samples.position[:, number - 1] for row in solved.rows]
+    return min(float(one.min()) for one in q), max(float(one.max()) for one in q)
 
 
 def laps(solved: Solved, joint: int, *, drawn: int = DRAWN) -> tuple[Lap, ...]:
@@ -148,10 +155,12 @@ def _stretch(solved: Solved, joint: int, speed: float, is_wide: int) -> Room:
 
 
 def _known(solved: Solved, joint: int) -> list[tuple[float, ...]]:
-    """Postures of the data, those with the most runs first."""
-    field = solved.row(joint).field
+    """Postures of the data, those with the most runs first, without the last digits of what was measured."""
+    field, arms = solved.row(joint).field, solved.model.robot.joints
     groups = sorted(field.postures, key=lambda group: (-len(group), group[0]))[:KNOWN]
-    return [tuple(field.samples.position[field.first[group[0]]].tolist()) for group in groups]
+    held = np.round(field.samples.position[field.first[[group[0] for group in groups]]], DIGITS)
+    bounds = [arm.limits or (-np.inf, np.inf) for arm in arms]
+    return [tuple(one.tolist()) for one in np.clip(held, *np.transpose(bounds))]
 
 
 def _drawn(solved: Solved, joint: int, count: int) -> list[tuple[float, ...]]:
@@ -162,6 +171,9 @@ def _drawn(solved: Solved, joint: int, count: int) -> list[tuple[float, ...]]:
         hold = base.copy()
         for other in robot.joints:
             low, high = room(solved, other.number)
+            if other.is_revolute:
+                middle = 0.5 * sum(_been(solved, other.number))
+                low, high = max(low, middle - FARTHEST), min(high, middle + FARTHEST)
             steps = STEP if other.is_revolute else (high - low) / 8.0 or 1.0
             places = np.arange(np.ceil(low / steps - 1e-9), np.floor(high / steps + 1e-9) + 1) * steps
             if other.number != joint and len(places):

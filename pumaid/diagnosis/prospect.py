@@ -83,7 +83,11 @@ class Prospect:
                 samples = replace(samples, time=long, elapsed=long)
             found = np.column_stack([one.columns(self.solved.model, samples) for one in shapes])
             out.append(row.noise.whiten(row.field, found) if np.any(found) else None)
-        return out
+        return out if any(values is not None for values in out) else self._nothing(found.shape[1])
+
+    def _nothing(self, width: int) -> Columns:
+        """Columns of an effect that acts nowhere."""
+        return [np.zeros((len(self.rows[0].field), width)), *([None] * (len(self.rows) - 1))]
 
     def forecast(self, trial: Trial) -> Columns:
         """(N, 1) in each row: what the data leave, and what the trial's effect predicts that laps will leave."""
