@@ -9,6 +9,7 @@ from pumaid.diagnosis.budget import budget
 from pumaid.diagnosis.contender import LEVEL, Contender, misfit_with
 from pumaid.diagnosis.curves import Trial as Drawn
 from pumaid.diagnosis.curves import curve
+from pumaid.diagnosis.deciding import deciding
 from pumaid.diagnosis.field import fields
 from pumaid.diagnosis.folds import falls, postures_of
 from pumaid.diagnosis.limits import limits
@@ -105,9 +106,8 @@ class Account:
 
     def _next(self, one: Accepted) -> NextRun | None:
         """The run that would tell it from its first rival."""
-        if not one.rivals or one.rivals[0].on is not one.contender.on:
-            return None
-        return None
+        rival = next((each for each in one.rivals if each.on is one.contender.on), None)
+        return None if rival is None else deciding(rival.on, one.contender.trial, rival.trial)
 
     def _curves(self, one: Accepted) -> tuple[Curve, ...]:
         """What is left before and after in the joints that it changes most."""

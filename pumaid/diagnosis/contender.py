@@ -116,12 +116,16 @@ def contender(on: Solved, grid: Trial, trial: Trial, *, shapes: Sequence[Added],
 def evidence(on: Solved, trial: Trial) -> float:
     """Twice the gain in log likelihood less (parameters) x log(runs): effects between runs have only runs to go by.
 
+    The variance is that which is left with the effect, so that large effects are told apart as well as small ones.
+
     Source
     ------
     G. Schwarz, Ann. Stat. 6 (1978) 461-464; the count of clusters for that of observations.
     """
     runs = [len(row.field.runs) for row in on.rows]
-    return trial.statistic / on.scale - trial.freedoms * float(np.log(max(np.mean(runs), 2.0)))
+    left = max(on.square - trial.statistic, np.finfo(float).tiny)
+    gain = max(on.cells - on.rank, 1) * float(np.log(on.square / left)) if trial.statistic > 0.0 else 0.0
+    return gain - trial.freedoms * float(np.log(max(np.mean(runs), 2.0)))
 
 
 def _errors(on: Solved, trial: Trial) -> tuple[dict[int, float], dict[int, float]]:

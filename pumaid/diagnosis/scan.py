@@ -70,10 +70,6 @@ class Trial:
         """Shapes over which the best was taken."""
         return len(self.added.shape)
 
-    def evidence(self, cells: int, scale: float) -> float:
-        """Twice the gain in log likelihood less (parameters) x log(cells)."""
-        return self.statistic / scale - self.freedoms * float(np.log(cells))
-
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Scan:

@@ -20,7 +20,7 @@ from pumaid.records import ADEQUATE, MISSING, UNEXPLAINED_JOINT, Unexplained
 Floats = NDArray[np.float64]
 
 #: Chance, over all joints together, below which what repeats between replicates is not noise.
-REPEATS = 0.01
+REPEATS = 0.005
 #: Chance, over all joints together, below which a free form is more than noise.
 NAMELESS = 0.01
 #: Share of the excess over the noise floor that what was added must take away.
