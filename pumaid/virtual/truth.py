@@ -152,8 +152,8 @@ class Truth:
         return found
 
     def _with_hidden(self, at: Instants, load: Floats, *, joint: int, current: Floats) -> Floats:
-        side = -1.0 if self.friction.coulomb_plus[joint - 1] < 0 else 1.0
-        state = State(joint, at, load, self.weight, self.friction.current, side)
+        sides = np.where(self.friction.coulomb_plus < 0, -1.0, 1.0)
+        state = State(joint, at, load, self.weight, self.friction.current, sides)
         return total(self.hidden, state, current)
 
     @property

@@ -183,16 +183,18 @@ def test_payload_comes_at_an_instant(joint):
         assert added[k, joint - 1] == pytest.approx(wanted, abs=1e-6)
 
 
-def test_flexible_drive_sags_until_it_carries():
-    """The link stands where the spring of its drive balances its weight there."""
+@pytest.mark.parametrize("joint", [1, 2])
+def test_flexible_drive_sags_until_it_carries(joint):
+    """The link stands where the spring of its drive balances its weight there, and every joint feels it there."""
     found, added = difference("flexibility", 2, HEAVY, HEAVY_PLAN, c=0.05)
     side = np.sign(HEAVY.friction.coulomb_plus[1])
-    for k in some(found, 2):
+    for k in some(found, joint):
         q = found["position"][k]
         at = lambda link, q=q: slow_load(HEAVY, np.array([q[0], link, q[2]]), 2)  # noqa: E731
         link = brentq(lambda x, q=q, at=at: x - q[1] + side * 0.05 * at(x), q[1] - 1.0, q[1] + 1.0, xtol=1e-10)
-        assert added[k, 1] == pytest.approx(at(link) - at(q[1]), abs=1e-5)
-    assert np.max(np.abs(added[:, 1])) > 0.01
+        bent = slow_load(HEAVY, np.array([q[0], link, q[2]]), joint)
+        assert added[k, joint - 1] == pytest.approx(bent - slow_load(HEAVY, q, joint), abs=1e-5)
+    assert np.max(np.abs(added[:, joint - 1])) > 0.01
 
 
 def test_coupling_carries_another_joints_load():

@@ -38,14 +38,15 @@ def _zero_offset(at: State, one: Hidden) -> Floats:
 
 
 def _flexibility(at: State, one: Hidden) -> Floats:
-    """The link stands where drive and weight agree: c times its load there below the motor."""
-    found, link = at.own, at.arm.position.copy()
+    """The link stands where drive and weight agree: c times its load there below the motor, whichever joint moves."""
+    soft = (one.joint or at.joint) - 1
+    load, link = at.load, at.arm.position.copy()
     for _ in range(_ROUNDS):
-        link[:, at.joint - 1] = at.position - at.side * one["c"] * found
-        before, found = found, at.weight.current(link)[:, at.joint - 1]
-        if np.max(np.abs(found - before), initial=0.0) < _SETTLED:
+        link[:, soft] = at.arm.position[:, soft] - at.sides[soft] * one["c"] * load[:, soft]
+        before, load = load, at.weight.current(link)
+        if np.max(np.abs(load - before), initial=0.0) < _SETTLED:
             break
-    return np.asarray(found - at.own)
+    return np.asarray(load[:, at.joint - 1] - at.own)
 
 
 def _coupling(at: State, one: Hidden) -> Floats:
@@ -71,6 +72,6 @@ LAWS = {
         letters={"t_0": "time"},
         needs_masses=True,
     ),
-    "flexibility": Law(("c",), lambda joint: (0.08 / joint.most,), _flexibility),
+    "flexibility": Law(("c",), lambda joint: (0.08 / joint.most,), _flexibility, reach=Reach.CAUSE),
     "coupling": Law(("c", "on"), _usual_coupling, _coupling, reach=Reach.CAUSE, letters={"m": "on"}),
 }

@@ -56,8 +56,8 @@ class State:
         The arm's masses, for loads at other postures.
     friction
         Joint (from 1) and its velocity (N,) -> (N,) A of Coulomb and viscous friction.
-    side
-        +1 where the motor's current counts along the joint's motion, else -1.
+    sides
+        (J,) +1 where a joint's motor counts its current along the joint's motion, else -1.
     """
 
     joint: int
@@ -65,7 +65,7 @@ class State:
     load: Floats
     weight: Weight
     friction: Callable[[int, Floats], Floats]
-    side: float
+    sides: Floats
 
     @property
     def time(self) -> Floats:
@@ -91,6 +91,11 @@ class State:
     def own(self) -> Floats:
         """(N,) A of gravity in the joint."""
         return self.load[:, self.joint - 1]
+
+    @property
+    def side(self) -> float:
+        """+1 where the motor's current counts along the joint's motion, else -1."""
+        return float(self.sides[self.joint - 1])
 
     @property
     def opposing(self) -> Floats:
