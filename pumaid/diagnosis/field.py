@@ -25,8 +25,8 @@ Counts = NDArray[np.int64]
 #: the narrowest presliding that a ramp leaves visible.
 COARSE = 128
 
-#: s at the start of a run at constant speed that are left out, and the most of its duration that this may be: the steep
-#: part of the transient in which the speed settles (see `settling`).
+#: s at either end of a run at constant speed that are left out, and the most of its duration that this may be: the
+#: steep part of the transient in which the speed settles (see `settling`), and the first samples of the next ramp.
 SETTLING, MOST_SETTLING = 0.03, 0.2
 
 #: Speeds within this share are one speed.
@@ -196,7 +196,8 @@ def _settled(run: Run) -> Run:
     """A run at constant speed without the cells in which its speed is still settling."""
     if run.kind != CONSTANT or len(run.cells) < FEWEST_SETTLED:
         return run
-    kept = run.cells.time - run.start >= min(SETTLING, MOST_SETTLING * run.duration)
+    lost, since = min(SETTLING, MOST_SETTLING * run.duration), run.cells.time - run.start
+    kept = (since >= lost) & (since <= run.duration - lost)
     values = {item.name: getattr(run.cells, item.name) for item in dataclasses.fields(Cells)}
     return replace(run, cells=Cells(**{name: None if value is None else value[kept] for name, value in values.items()}))
 
