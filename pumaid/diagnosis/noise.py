@@ -19,6 +19,8 @@ ALIKE = 1.2
 FEWEST_CELLS = 200
 #: Correlation beyond which a residual is a trend.
 MOST_CORRELATED = 0.98
+#: Share of the variance that a run's own mean may have taken away; more is known of hardly correlated cells only.
+MOST_LOST = 0.8
 #: Noise below this share of the RMS current is rounding.
 EXACT = 1e-9
 
@@ -107,7 +109,7 @@ def noise(field: Field, residual: Floats) -> Noise:
     means = np.array([piece.mean() for piece in pieces])
     lengths = np.array([len(piece) for piece in pieces], dtype=float)
     rho, sd = correlation[owners], spread[owners]
-    by_cells = sd**2 * (1.0 + rho) / (1.0 - rho) / lengths
+    by_cells = sd**2 * _shared(rho, lengths)
     level = float(np.sqrt(max(np.mean(means**2 - by_cells), 0.0)))
     return Noise(correlation, np.maximum(spread, floor), level, paired)
 
@@ -133,9 +135,13 @@ def _moments(pieces: list[Floats]) -> tuple[float, float]:
     rho = lagged / square
     mean_n = float(n.mean())
     rho = float(np.clip(rho + (1.0 + 4.0 * rho) / mean_n, 0.0, MOST_CORRELATED))
-    variance = square / float(np.sum(n - 1.0))
-    lost = (1.0 + rho) / (1.0 - rho) / mean_n  # share of the variance that the run's own mean took away
-    return rho, float(np.sqrt(variance / max(1.0 - lost, 0.2)))
+    lost = np.minimum(_shared(rho, n), MOST_LOST)  # the share that a run's own mean took away
+    return rho, float(np.sqrt(square / np.sum(n * (1.0 - lost))))
+
+
+def _shared(rho: Floats | float, n: Floats) -> Floats:
+    """Variance of the mean of n cells of correlation rho, over that of a cell."""
+    return np.asarray(((1.0 + rho) / (1.0 - rho) - 2.0 * rho * (1.0 - rho**n) / (n * (1.0 - rho) ** 2)) / n)
 
 
 def _alike(step: Floats) -> list[list[int]]:

@@ -1,0 +1,165 @@
+"""Small experiments for tests of the diagnosis: noise known to the cell, and slow dense algebra to check with.
+
+Positions, gravity, friction and hidden physics come from `pumaid.virtual`; noise is made here, cell by cell, so that a
+test knows its correlation, its spread and its runs' levels, and can make it heavy-tailed.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cache
+
+import numpy as np
+from worlds import PENDULUM, TURN, arm
+
+from pumaid.diagnosis.chain import Start
+from pumaid.diagnosis.field import Field, fields
+from pumaid.diagnosis.noise import Noise
+from pumaid.diagnosis.system import Added, Solved, loaded, solve
+from pumaid.model import Model
+from pumaid.records import Estimate, Evidence, Motion, Plan, Robot, Run
+from pumaid.verbs.identify import identify
+from pumaid.virtual import Bench, Hidden, Truth, draw
+
+#: One level axis: its diagnosis is plain linear least squares.
+LEVER = arm("R", [TURN])
+SPEEDS = (0.25, 0.5, 1.0, 1.5)
+
+
+def design(
+    robot: Robot,
+    joints: Sequence[int] | None = None,
+    *,
+    postures: int = 2,
+    speeds: Sequence[float] = SPEEDS,
+    ways: Sequence[float] = (1.0, -1.0),
+    repeats: int = 2,
+    reach: float = 1.8,
+    seed: int = 0,
+) -> Plan:
+    """Each joint in random postures at these speeds (rad/s) over -reach..reach (rad), repeats in random order."""
+    rng, once = np.random.default_rng(seed), []
+    for joint in joints or range(1, robot.n_joints + 1):
+        for _ in range(postures):
+            hold = tuple(rng.uniform(-1.5, 1.5, robot.n_joints).tolist())
+            once += [Motion(joint, hold, -way * reach, way * reach, speed) for speed in speeds for way in ways]
+    return Plan(robot.name, tuple(once[k] for _ in range(repeats) for k in rng.permutation(len(once))))
+
+
+@dataclass(frozen=True)
+class Din:
+    """Noise of cells: A of a cell, correlation of neighbours, A of a run's level; normal, or Student's t of 3."""
+
+    spread: float = 0.01
+    correlation: float = 0.5
+    level: float = 0.005
+    is_heavy: bool = False
+
+    def draw(self, rng: np.random.Generator, lengths: Sequence[int]) -> np.ndarray:
+        """(N,) A over runs of these lengths, cell after cell."""
+        parts = []
+        for length in lengths:
+            shocks = self._shocks(rng, length + 1)
+            course = np.empty(length)
+            course[0] = shocks[0]
+            for k in range(1, length):
+                course[k] = self.correlation * course[k - 1] + np.sqrt(1.0 - self.correlation**2) * shocks[k]
+            parts.append(self.spread * course + self.level * shocks[-1])
+        return np.concatenate(parts)
+
+    def _shocks(self, rng: np.random.Generator, count: int) -> np.ndarray:
+        """Unit variance."""
+        return rng.standard_t(3, count) / np.sqrt(3.0) if self.is_heavy else rng.standard_normal(count)
+
+
+@dataclass(frozen=True, eq=False)
+class Lab:
+    """One experiment on one virtual arm, made as often as wanted with other noise."""
+
+    truth: Truth
+    runs: tuple[Run, ...]
+    estimate: Estimate
+    model: Model
+    start: Start
+
+    @classmethod
+    def of(cls, robot: Robot, plan: Plan, *hidden: Hidden, seed: int = 5, cells: int = 64) -> Lab:
+        """The arm that `seed` draws, what hides in it, and its fit (of the base model, without noise)."""
+        truth = draw(robot, seed).with_noise(0.0)
+        truth = truth.hiding(hidden) if hidden else truth
+        runs = Bench(truth, plan, rate=100.0, cells=cells).runs(np.random.default_rng(0))
+        estimate = identify(Evidence(runs), robot)
+        known = dict(zip(estimate.names, estimate.solution, strict=True))
+        model = Model(robot, estimate.stroke_postures)
+        start = Start(np.array([float(known.get(name, 0.0)) for name in model.names]), estimate.scales)
+        return cls(truth, runs, estimate, model, start)
+
+    @property
+    def robot(self) -> Robot:
+        """The arm."""
+        return self.truth.robot
+
+    def noisy(self, seed: int, din: Din = Din()) -> tuple[Run, ...]:
+        """The runs with one more draw of noise in their cells."""
+        rng = np.random.default_rng(seed)
+        return tuple(with_current(run, din.draw(rng, [len(run.cells)])) for run in self.runs)
+
+    def fields(self, runs: Sequence[Run] | None = None) -> tuple[Field, ...]:
+        """A field a joint."""
+        return fields(self.model, self.runs if runs is None else runs)
+
+    def solved(
+        self, runs: Sequence[Run], added: Sequence[Added] = (), noises: Mapping[int, Noise] | None = None
+    ) -> Solved:
+        """The base model with `added`, fitted to the cells."""
+        return loaded(solve(self.model, self.fields(runs), self.start, added=added, noises=noises))
+
+
+def with_current(run: Run, more: np.ndarray) -> Run:
+    """The run with `more` (M,) A in the cells of its moving joint."""
+    current = run.cells.current.copy()
+    current[:, run.joint - 1] += more
+    return replace(run, cells=replace(run.cells, current=current))
+
+
+@cache
+def lever(*hidden: Hidden) -> Lab:
+    """One joint, 32 runs."""
+    return Lab.of(LEVER, design(LEVER), *hidden)
+
+
+@cache
+def pendulum(*hidden: Hidden) -> Lab:
+    """Two joints, the inner one lifting the outer, 72 runs."""
+    return Lab.of(PENDULUM, design(PENDULUM, postures=3, speeds=(0.3, 0.6, 1.2)), *hidden)
+
+
+def covariance(field: Field, noise: Noise) -> np.ndarray:
+    """(N, N) A2 that `noise` states, element by element."""
+    out = np.zeros((len(field), len(field)))
+    for a in range(len(field)):
+        for b in range(len(field)):
+            run = int(field.samples.run[a])
+            if run == int(field.samples.run[b]):
+                fall = noise.correlation[run] ** abs(a - b)
+                out[a, b] = noise.spread[run] ** 2 * fall + noise.level**2
+    return out
+
+
+def whitened(field: Field, noise: Noise, values: np.ndarray) -> np.ndarray:
+    """Values times the inverse of the covariance's Cholesky factor, run by run."""
+    out = np.empty_like(values)
+    for run in range(len(field.runs)):
+        own = np.flatnonzero(field.samples.run == run)
+        lag = np.abs(own[:, None] - own[None, :])
+        stated = noise.spread[run] ** 2 * noise.correlation[run] ** lag + noise.level**2
+        out[own] = np.linalg.solve(np.linalg.cholesky(stated), values[own])
+    return out
+
+
+def left(columns: np.ndarray, target: np.ndarray) -> float:
+    """Square that least squares leaves, by a singular value decomposition of scaled columns."""
+    size = np.linalg.norm(columns, axis=0)
+    unit = columns[:, size > 0] / size[size > 0]
+    return float(np.sum((target - unit @ np.linalg.lstsq(unit, target, rcond=1e-11)[0]) ** 2))
