@@ -12,6 +12,7 @@ from pumaid.diagnosis.laid import Laid, View, coarse_starts, view
 from pumaid.diagnosis.repeats import Repeats, alike, halves
 from pumaid.diagnosis.ripples import Track
 from pumaid.diagnosis.search import FALSE_ALARM, FEWEST_RUNS, REPEAT, RIPPLE, Search
+from pumaid.motion.options import STROKE
 from pumaid.motion.replicates import noise_floor
 from pumaid.records import Budget, BudgetPart, Joint
 
@@ -30,6 +31,7 @@ POINTS_TO = {
     ("smooth", "posture"): ("tilt", "zero_offset", "flexibility", "coupling"),
     ("smooth", "load"): ("flexibility",),
     ("fast", "position"): ("ripple",),
+    ("fast", "size"): ("ripple",),
     ("start", "travel"): ("presliding", "inertia"),
     ("odd", "direction"): ("warmup", "thermal_friction"),
     ("odd", "speed"): ("stribeck", "viscous_power"),
@@ -99,7 +101,7 @@ def budget(
     inside = _inside(laid, residual) if mean_square is None else max(mean_square * samples - cells, 0.0)
     total = (cells + inside) / samples if mean_square is None else mean_square
     if total > NOTHING**2:
-        search.run(residual)
+        search.run(residual, inside=inside)
     parts = _parts(search, joint, total=total, inside=inside)
     return Budget(
         mean_square=total,
@@ -137,7 +139,7 @@ def _parts(search: Search, joint: Joint, *, total: float, inside: float) -> tupl
     explained: dict[str, float] = dict.fromkeys(CAUSES, 0.0)
     for one in search.found:
         gain = max(one.fall - one.noise, 0.0)
-        if one.key == RIPPLE:
+        if one.frequency:
             more = min(gain * (_averaging(search, one.frequency) - 1.0), inside)
             gain, inside = gain + more, inside - more
         explained[one.key[0]] += gain / samples
@@ -159,7 +161,9 @@ def _parts(search: Search, joint: Joint, *, total: float, inside: float) -> tupl
 def _cause(search: Search, name: str, joint: Joint, mean_square: float) -> BudgetPart:
     own = sorted((one for one in search.found if one.key[0] == name), key=lambda one: -one.fall)
     tried = [chance for key, chance in search.chance.items() if key[0] == name]
-    ripples = [one.frequency if joint.is_revolute else one.frequency / (2.0 * np.pi) for one in own if one.frequency]
+    ripples = [
+        one.frequency if joint.is_revolute else one.frequency / (2.0 * np.pi) for one in own if one.key == RIPPLE
+    ]
     gearing = joint.gear_ratio if joint.is_revolute else None
     return BudgetPart(
         name=name,
@@ -191,7 +195,8 @@ def _unassigned(search: Search) -> float:
     if not search.left.any():
         return 0.0
     if len(search.track.first) < FEWEST_RUNS:
-        return search.track.slow(search.left)
+        slow = search.track.slow(search.left)
+        return slow if search.is_worth(slow) else 0.0
     total = 0.0
     if search.chance.get(REPEAT, 1.0) <= FALSE_ALARM:
         shared = float(repeats.products(search.at, search.left)[0].sum()) * repeats.scale
@@ -213,14 +218,15 @@ def _limits(laid: Laid, at: View, *, has_load: bool) -> list[str]:
     """What these runs cannot split."""
     runs = laid.runs
     speeds = len(distinct([abs(run.speed) for run in runs]))
+    strokes = any(run.kind == STROKE for run in runs)
     claims = {
         "few-runs": len(runs) < FEWEST_RUNS,
         "no-replicates": all(len(group) < 2 for group in laid.groups),
         "one-direction": len({run.direction for run in runs}) == 1,
         "one-posture": int(at.posture.max()) == 0,
-        "one-speed": speeds == 1,
-        "two-speeds": speeds == 2,
-        "strokes": any(run.kind == "stroke" for run in runs),
+        "one-speed": speeds == 1 and not strokes,
+        "two-speeds": speeds == 2 and not strokes,
+        "strokes": strokes,
         "several-clocks": int(at.clock.max()) > 0,
         "no-load": not has_load,
     }

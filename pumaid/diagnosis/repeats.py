@@ -14,6 +14,8 @@ Labels = NDArray[np.int64]
 
 #: Most bins over the span in which runs are laid side by side.
 MOST_BINS = 512
+#: Least share of two runs' bins that is taken for common: of fewer bins no more is concluded.
+LEAST_COMMON = 0.3
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -64,11 +66,16 @@ class Repeats:
         mean = np.divide(total, weight, out=np.zeros_like(total), where=weight > 0)
         if not self.levels:
             mean -= (total.sum(axis=1) / weight.sum(axis=1))[:, None]
-        root = np.sqrt(weight) * mean
+        root = np.sqrt(weight)
         out = np.zeros((runs, runs))
         for group in self.groups:
             own = np.array(group)
-            out[np.ix_(own, own)] = root[own] @ root[own].T / (len(own) - 1.0)
+            both = root[own] @ root[own].T
+            size = np.sqrt(np.diag(both))
+            # Where one run has a cell and the other none they share nothing, which is no disagreement.
+            common = np.maximum(both / np.outer(size, size), LEAST_COMMON)
+            left = root[own] * mean[own]
+            out[np.ix_(own, own)] = left @ left.T / common / (len(own) - 1.0)
         diagonal = float(np.trace(out))
         np.fill_diagonal(out, 0.0)
         return out, diagonal

@@ -29,6 +29,9 @@ PROMINENCE = 7.0
 WAYS = (1.0, -1.0)
 #: Frequencies on either side of a known ripple that are its own.
 KNOWN = 5
+#: Degree of the polynomial over the span by which the size of a ripple changes along a run, as where it meets a
+#: resonance of the arm.
+MODULATED = 12
 #: Steps to either side at which the best frequency is looked for, twice.
 STEPS = 12
 
@@ -88,11 +91,29 @@ class Track:
             out[first : first + length] = own - smooth @ (own @ smooth)
         return out
 
-    def waves(self, frequency: float) -> Floats:
-        """(N, 4) cosine and sine of the place in each direction; `frequency` in rad of phase per rad or m."""
-        angle, ahead = frequency * self.place, (self.way > 0).astype(float)
-        pair = np.column_stack([np.cos(angle), np.sin(angle)])
-        return np.column_stack([pair * ahead[:, None], pair * (1.0 - ahead)[:, None]])
+    def waves(self, frequency: float, *, degree: int = 0) -> Floats:
+        """(N, k) orthonormal waves of the place in each direction.
+
+        Parameters
+        ----------
+        frequency
+            rad of phase per rad or m.
+        degree
+            Of the polynomial over the joint's span by which their size changes.
+        """
+        low, high = float(self.place.min()), float(self.place.max())
+        middle = (2.0 * self.place - low - high) / ((high - low) or 1.0)
+        size = np.polynomial.legendre.legvander(middle, degree) * np.sqrt(self.weight)[:, None]
+        angle = frequency * self.place[:, None]
+        both = np.concatenate([size * np.cos(angle), size * np.sin(angle)], axis=1)
+        out = np.zeros((len(both), 2 * both.shape[1]))
+        for number, way in enumerate(WAYS):
+            here = self.way == way
+            if here.any():
+                left, sizes, _ = np.linalg.svd(both[here], full_matrices=False)
+                first = number * both.shape[1]
+                out[here, first : first + np.count_nonzero(sizes > 1e-6 * sizes[0])] = left[:, sizes > 1e-6 * sizes[0]]
+        return np.asarray(out[:, out.any(axis=0)] / np.sqrt(self.weight)[:, None])
 
     def refined(self, residual: Floats, frequency: float) -> float:
         """The frequency near `frequency` of which a residual (N,) holds most."""

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from pumaid.diagnosis.flips import Basis, Design, chances, flipped
 from pumaid.diagnosis.laid import View
 from pumaid.diagnosis.repeats import Repeats
-from pumaid.diagnosis.ripples import Track, spectrum
+from pumaid.diagnosis.ripples import MODULATED, Track, spectrum
 from pumaid.diagnosis.traces import TERMS, fitted
 
 Floats = NDArray[np.float64]
@@ -22,15 +22,15 @@ FALSE_ALARM = 0.05
 #: Sign flips, always the same ones.
 FLIPS, SEED = 399, 20
 #: Most dependences and ripples taken out of one joint.
-MOST_FOUND = 12
-#: A dependence worth a part takes at least this share of what is there, and this of what was there at first: less is
-#: what a smooth curve leaves of another one.
-LEAST_NOW, LEAST_AT_FIRST = 0.01, 0.02
+MOST_FOUND = 16
+#: A dependence worth a part takes at least this share of the error's square, a hundredth of the error: less is what a
+#: smooth curve leaves of another one. Ripples come in numbers, and nothing leaves them: each may be smaller.
+LEAST, LEAST_RIPPLE = 0.02, 0.004
 #: Fewest runs whose signs, flipped, can show anything at `FALSE_ALARM`.
 FEWEST_RUNS = 6
 
-#: Keys of what is no term: ripples, and what repeats without being anything that has a name.
-RIPPLE, REPEAT = ("fast", "position"), ("unassigned", "")
+#: Keys of what is no term: ripples, a ripple that changes its size along the run, and what repeats without a name.
+RIPPLE, SWELL, REPEAT = ("fast", "position"), ("fast", "size"), ("unassigned", "")
 
 Key = tuple[str, str]
 
@@ -63,12 +63,17 @@ class Found:
 
 @dataclass(frozen=True, eq=False, slots=True)
 class _Seen:
-    """How rare a dependence is alone, and each of its flipped draws (B,); its square and what noise makes of it."""
+    """How rare a dependence is alone, and each of its flipped draws (B,); its square and what noise makes of it.
+
+    `basis` are its directions; where it is a ripple, `frequency` says them.
+    """
 
     chance: float
     rare: Floats
     square: float
     noise: float
+    basis: Basis | None = None
+    frequency: float = 0.0
 
 
 class Search:
@@ -102,7 +107,7 @@ class Search:
         self.found: tuple[Found, ...] = ()
         self.chance: dict[Key, float] = {}
         self.left = np.zeros(len(at))
-        self._starts, self._least = starts, 0.0
+        self._starts, self._whole = starts, 0.0
         base = fitted(self.thin)
         self._makers: list[Callable[[View], Floats]] = [fitted]
         self._blocks = [np.arange(base.shape[1])]
@@ -120,10 +125,10 @@ class Search:
         self._design = Design.of(np.concatenate(pieces, axis=1), self.thin.weight, first)
         self._taken = self._blocks[0] if is_fitted else np.zeros(0, dtype=np.int64)
 
-    def run(self, residual: Floats) -> None:
-        """Take (N,) A apart until nothing in it is more than noise."""
+    def run(self, residual: Floats, *, inside: float) -> None:
+        """Take (N,) A apart until nothing in it is more than noise; `inside` (A2 times samples) varies within cells."""
         self.left, runs = residual.copy(), len(self.track.first)
-        self._least = LEAST_AT_FIRST * self._square(residual)
+        self._whole = self._square(residual) + inside
         rng = np.random.default_rng(SEED)
         signs = rng.choice([-1.0, 1.0], (FLIPS, runs))
         for _ in range(MOST_FOUND):
@@ -135,34 +140,43 @@ class Search:
         """What is left, in the means of the thin view."""
         return np.asarray(np.add.reduceat(self.at.weight * self.left, self._starts) / self.thin.weight)
 
-    def is_worth(self, gain: float) -> bool:
-        """Whether a square (A2 times samples) is large enough to be told."""
-        return gain >= max(self._least, LEAST_NOW * self._square(self.left))
+    def is_worth(self, gain: float, *, least: float = LEAST) -> bool:
+        """Whether a square (A2 times samples) is large enough to be told: at least this share of what was there."""
+        return gain >= least * self._whole
 
     def _step(self, signs: Floats) -> bool:
         """Look at everything once; take out the largest of what is more than noise. False where nothing is."""
-        thin = self.thin_left()
-        by_run = self._design.scores(thin)
-        bases = {key: self._design.basis(block, self._taken) for key, block in self._open.items()}
+        by_run = self._design.scores(self.thin_left())
         seen: dict[Key, _Seen] = {}
-        for key, basis in bases.items():
+        for key, block in self._open.items():
+            basis = self._design.basis(block, self._taken)
             if basis is not None:
                 observed = float(np.sum((by_run @ basis.mixing).sum(axis=0) ** 2))
                 drawn = flipped(signs, basis.scores(by_run))
-                seen[key] = _Seen(*chances(observed, drawn), observed, float(drawn.mean()))
-        waves, frequency = spectrum(self.track, self.left) if RIPPLE in self._open else None, 0.0
+                seen[key] = _Seen(*chances(observed, drawn), observed, float(drawn.mean()), basis=basis)
+        waves = spectrum(self.track, self.left) if RIPPLE in self._open else None
         if waves is not None:
-            frequency, height = waves.peak([one.frequency for one in self.found if one.frequency])
+            frequency, height = waves.peak([one.frequency for one in self.found])
             rare = chances(height, waves.height(signs).max(axis=1))
-            seen[RIPPLE] = _Seen(*rare, *waves.squares(frequency))
+            seen[RIPPLE] = _Seen(*rare, *waves.squares(frequency), frequency=frequency)
+        if SWELL in self._open:
+            seen[SWELL] = self._swelling(signs)
         if self.repeats.groups:
             products, own = self.repeats.products(self.at, self.left)
             drawn = own + np.einsum("br,br->b", signs @ products, signs)
             seen[REPEAT] = _Seen(*chances(own + float(products.sum()), drawn), 0.0, own)
         best = self._largest(seen)
         if best is not None:
-            self._take(best, bases.get(best), frequency, noise=seen[best].noise)
+            self._take(best, seen[best])
         return best is not None
+
+    def _swelling(self, signs: Floats) -> _Seen:
+        """Whether the strongest ripple changes its size along the run."""
+        frequency = max((one for one in self.found if one.key == RIPPLE), key=lambda one: one.fall).frequency
+        columns = self.track.waves(frequency, degree=MODULATED)
+        scores = np.add.reduceat(columns * (self.at.weight * self.left)[:, None], self.track.first, axis=0)
+        observed, drawn = float(np.sum(scores.sum(axis=0) ** 2)), flipped(signs, scores)
+        return _Seen(*chances(observed, drawn), observed, float(drawn.mean()), frequency=frequency)
 
     def _step_of_few(self) -> bool:
         """Where runs are few only a ripple can be told from noise: by the frequencies beside it."""
@@ -174,7 +188,7 @@ class Search:
         if not self.found:
             self.chance[RIPPLE] = chance
         if chance <= FALSE_ALARM:
-            self._take(RIPPLE, None, frequency, noise=waves.squares(frequency)[1])
+            self._take(RIPPLE, _Seen(chance, np.zeros(0), *waves.squares(frequency), frequency=frequency))
         return chance <= FALSE_ALARM
 
     def _largest(self, seen: dict[Key, _Seen]) -> Key | None:
@@ -196,34 +210,33 @@ class Search:
         }
         return max(worth, key=lambda key: worth[key], default=None)
 
-    def _take(self, key: Key, basis: Basis | None, frequency: float, *, noise: float) -> None:
-        """Take a dependence out, if it is worth it, and look at it no more."""
-        if basis is None:
-            frequency = self.track.refined(self.left, frequency)
-        columns = self._waves(frequency) if basis is None else self._columns(basis)
-        before, kept = self.left, self.found
+    def _take(self, key: Key, seen: _Seen) -> None:
+        """Take a dependence out, if it is worth it, and look at it no more; at ripples until none is worth it."""
+        frequency = self.track.refined(self.left, seen.frequency) if key == RIPPLE else seen.frequency
+        if seen.basis is not None:
+            columns = self._columns(seen.basis)
+        else:
+            columns = self.track.waves(frequency, degree=MODULATED if key == SWELL else 0)
+        before = self.left
         self.left = before - columns @ (columns.T @ (self.at.weight * before))
         fall = self._square(before) - self._square(self.left)
-        one = Found(key, self.chance[key], fall, noise, basis, 0.0 if basis else frequency)
-        if self.is_worth(fall - self._noise(one)):
-            self.found = (*kept, one)
+        one = Found(key, self.chance[key], fall, seen.noise, seen.basis, frequency)
+        is_worth = self.is_worth(fall - self._noise(one), least=LEAST_RIPPLE if key == RIPPLE else LEAST)
+        if is_worth:
+            self.found = (*self.found, one)
             self._taken = np.append(self._taken, self._open[key])
         else:
             self.left = before
-        if basis is not None or self.found is kept:
+        if key != RIPPLE or not is_worth:
             del self._open[key]
+        elif SWELL not in self.chance:
+            self._open[SWELL] = self._open[RIPPLE]
 
     def _columns(self, basis: Basis) -> Floats:
         """(N, k) a basis of the design at all cells."""
         used = np.any(basis.mixing != 0.0, axis=1)
         pairs = [(make, block) for make, block in zip(self._makers, self._blocks, strict=True) if used[block].any()]
         return np.asarray(np.sum([make(self.at) @ basis.mixing[block] for make, block in pairs], axis=0))
-
-    def _waves(self, frequency: float) -> Floats:
-        """(N, k) orthonormal waves of this frequency, forward and backward."""
-        root = np.sqrt(self.at.weight)[:, None]
-        left, sizes, _ = np.linalg.svd(self.track.waves(frequency) * root, full_matrices=False)
-        return np.asarray(left[:, sizes > 1e-6 * sizes[0]] / root)
 
     def _noise(self, one: Found) -> float:
         """Square (A2 times samples) that noise brought into what was taken out, by what each run has left there."""

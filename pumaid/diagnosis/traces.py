@@ -13,7 +13,7 @@ from pumaid.diagnosis.laid import View
 Floats = NDArray[np.float64]
 Labels = NDArray[np.int64]
 
-#: What counts as smooth: this many harmonics of a turn with polynomials over the span up to a degree; of a sliding joint
+#: What counts as smooth: so many harmonics of a turn, and polynomials over the span up to a degree; of a sliding joint
 #: polynomials up to a higher degree alone.
 HARMONICS, DEGREE, SLIDING_DEGREE = 3, 5, 9
 #: Half waves over the campaign: a warm-up, a drift or a step shows in these.

@@ -37,8 +37,9 @@ class BudgetPart:
     is_more
         Whether that is more than noise would give.
     against
-        Variables that show it, the strongest first: ``position``, ``posture``, ``speed``, ``load``, ``time``,
-        ``temperature``, ``travel``, ``direction``.
+        Variables that show it, the strongest first: ``position``, ``direction``, ``posture``, ``speed``, ``load``,
+        ``travel``, ``lag``, ``time``, ``even`` (time, the same both ways), ``temperature``; ``size`` of a ripple that
+        changes along the run.
     cycles, per
         Of a ripple: cycles per ``turn`` of the joint, or per ``m`` of a sliding one, the strongest first.
     gearing

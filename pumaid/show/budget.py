@@ -9,7 +9,7 @@ from pumaid.show.diagnosis import Told
 from pumaid.show.findings import listed_or
 from pumaid.show.numbers import amperes
 from pumaid.show.story import joint_title
-from pumaid.show.wording import listed, plural
+from pumaid.show.wording import listed
 from pumaid.units import number
 
 #: What each part is called in figures and beside bars.
@@ -50,15 +50,15 @@ SAID = {
 
 #: What these runs cannot split, by slug.
 LIMITS = {
-    "few-runs": "its runs are too few to tell anything but a ripple from slow noise",
+    "few-runs": "too few runs to tell anything but a ripple from slow noise",
     "no-replicates": "no run is repeated, so noise that a run has as a whole cannot be told from missing physics",
-    "one-direction": "it moves in one direction only, so what opposes motion cannot be told from what does not",
-    "one-posture": "it moves in one posture only, so load and position cannot be told apart",
-    "one-speed": "it moves at one speed only, so nothing shows against speed, and a ripple may be a hum in time",
-    "two-speeds": "it moves at two speeds only, which any friction fits",
-    "strokes": "it never holds a speed, so speed and position change together",
-    "several-clocks": "its recordings have clocks of their own, so time is looked at within each only",
-    "no-load": "its weight is not known by itself, so nothing is held against the load",
+    "one-direction": "run in one direction only, so what opposes motion cannot be told from what does not",
+    "one-posture": "run in one posture only, so load and position cannot be told apart",
+    "one-speed": "run at one speed only, so nothing shows against speed, and a ripple may be a hum in time",
+    "two-speeds": "run at two speeds only, which any friction fits",
+    "strokes": "strokes that never hold a speed, so speed and position change together",
+    "several-clocks": "recordings with clocks of their own, so time is looked at within each only",
+    "no-load": "weight is not known apart from friction, so nothing is held against the load",
 }
 
 #: How to read it.
@@ -100,9 +100,10 @@ def part_sentence(budget: Budget, part: BudgetPart) -> str:
     """What a part says of the error, without a full stop."""
     share = share_text(part_share(budget, part))
     if part.name == "fast" and part.is_more:
-        waves = listed([_wave(part, k) for k in range(min(len(part.cycles), MOST_RIPPLES))])
-        more = f" and {plural(len(part.cycles) - MOST_RIPPLES, 'more')}" if len(part.cycles) > MOST_RIPPLES else ""
-        return f"{share} is ripple with position: {waves}{more} cycles per {part.per}"
+        waves = [_wave(part, k) for k in range(min(len(part.cycles), MOST_RIPPLES))]
+        waves += [f"{len(part.cycles) - MOST_RIPPLES} more"] if len(part.cycles) > MOST_RIPPLES else []
+        size = " that changes its size along the run" if "size" in part.against else ""
+        return f"{share} is ripple with position{size}: {listed(waves)} cycles per {part.per}"
     if part.name == "unassigned":
         return f"{share} {_unassigned(budget, part)}"
     if part.name.startswith("noise"):
@@ -176,7 +177,7 @@ def noise_only_sentence(comparison: Comparison, robot: Robot) -> str | None:
 
 
 def limit_sentences(comparison: Comparison) -> list[str]:
-    """What the runs cannot split; one sentence for joints that lack the same."""
+    """What the runs cannot split, without a full stop; one sentence for joints that lack the same."""
     joints: dict[str, list[str]] = {}
     for score in comparison.joints:
         for slug in score.budget.limits if score.budget is not None else ():
@@ -186,8 +187,8 @@ def limit_sentences(comparison: Comparison) -> list[str]:
     for slug, text in LIMITS.items():
         own = joints.get(slug, [])
         if own:
-            who = "Every joint" if len(own) == moving > 1 else f"Joint{'s' * (len(own) > 1)} {listed(own)}"
-            out.append(f"{who}: {text}.")
+            who = "every joint" if len(own) == moving > 1 else f"joint{'s' * (len(own) > 1)} {listed(own)}"
+            out.append(f"{who}: {text}")
     return out
 
 
@@ -205,8 +206,9 @@ def budget_shown(comparison: Comparison, robot: Robot) -> list[Told]:
     for score in comparison.joints:
         if score.budget is not None and not is_plain(score.budget):
             parts += [Told(budget_sentence(score, robot)), Told(bars(score.budget), 2), Told("")]
-    rest = [noise_only_sentence(comparison, robot), *limit_sentences(comparison)]
-    parts += [Told(text) for text in rest if text]
+    plain, limits = noise_only_sentence(comparison, robot), limit_sentences(comparison)
+    parts += [Told(plain)] if plain else []
+    parts += [Told("What these runs cannot split:"), *(Told(f"- {text}", 2) for text in limits)] if limits else []
     return [*parts, Told(CAPTION, style="dim")] if len(parts) > 2 else []
 
 
