@@ -124,15 +124,15 @@ def with_current(run: Run, more: np.ndarray) -> Run:
 
 
 @cache
-def lever(*hidden: Hidden) -> Lab:
+def lever() -> Lab:
     """One joint, 32 runs."""
-    return Lab.of(LEVER, design(LEVER), *hidden)
+    return Lab.of(LEVER, design(LEVER))
 
 
 @cache
-def pendulum(*hidden: Hidden) -> Lab:
+def pendulum() -> Lab:
     """Two joints, the inner one lifting the outer, 72 runs."""
-    return Lab.of(PENDULUM, design(PENDULUM, postures=3, speeds=(0.3, 0.6, 1.2)), *hidden)
+    return Lab.of(PENDULUM, design(PENDULUM, postures=3, speeds=(0.3, 0.6, 1.2)))
 
 
 def covariance(field: Field, noise: Noise) -> np.ndarray:
@@ -147,15 +147,21 @@ def covariance(field: Field, noise: Noise) -> np.ndarray:
     return out
 
 
-def whitened(field: Field, noise: Noise, values: np.ndarray) -> np.ndarray:
-    """Values times the inverse of the covariance's Cholesky factor, run by run."""
-    out = np.empty_like(values)
+def roots(field: Field, noise: Noise) -> list[np.ndarray]:
+    """Of each run, the inverse of the Cholesky factor of the covariance that `noise` states."""
+    found = []
     for run in range(len(field.runs)):
         own = np.flatnonzero(field.samples.run == run)
         lag = np.abs(own[:, None] - own[None, :])
         stated = noise.spread[run] ** 2 * noise.correlation[run] ** lag + noise.level**2
-        out[own] = np.linalg.solve(np.linalg.cholesky(stated), values[own])
-    return out
+        found.append(np.linalg.inv(np.linalg.cholesky(stated)))
+    return found
+
+
+def whitened(field: Field, noise: Noise, values: np.ndarray) -> np.ndarray:
+    """Values times these roots, run by run."""
+    parts = np.split(values, field.first[1:])
+    return np.concatenate([root @ part for root, part in zip(roots(field, noise), parts, strict=True)])
 
 
 def left(columns: np.ndarray, target: np.ndarray) -> float:

@@ -110,7 +110,7 @@ def noise(field: Field, residual: Floats) -> Noise:
     lengths = np.array([len(piece) for piece in pieces], dtype=float)
     rho, sd = correlation[owners], spread[owners]
     by_cells = sd**2 * _shared(rho, lengths)
-    level = float(np.sqrt(max(np.mean(means**2 - by_cells), 0.0)))
+    level = float(np.sqrt(max(float(np.mean(means**2 - by_cells)), 0.0)))
     return Noise(correlation, np.maximum(spread, floor), level, paired)
 
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import special, stats
+from scipy import special
 
 from pumaid.diagnosis.chain import pseudo_inverse
 from pumaid.diagnosis.periodogram import Spectrum
@@ -21,6 +21,8 @@ ABSORBED = 1e-5
 #: Condition beyond which two columns of one candidate are one: their sizes would be told with errors a hundred times
 #: those of their sum.
 SINGULAR = 1e4
+#: Half of a chi-square beyond which its tail is told by the expansion, for no program can hold it.
+FAR = 500.0
 #: Least share of an information that is left for a residual where few runs feed many parameters.
 LEAST_FREEDOM = 0.25
 
@@ -233,4 +235,7 @@ def surprise(statistic: Floats | float, freedoms: int) -> Floats:
         return np.asarray(-(special.log_ndtr(-np.sqrt(statistic)) + np.log(2.0)) / np.log(10.0))
     if freedoms == 2:
         return np.asarray(np.asarray(statistic) / (2.0 * np.log(10.0)))
-    return np.asarray(-stats.chi2.logsf(statistic, freedoms) / np.log(10.0))
+    half, x = freedoms / 2.0, np.maximum(np.asarray(statistic, dtype=float) / 2.0, 1e-12)
+    tail = special.gammaincc(half, x)
+    far = (half - 1.0) * np.log(x) - x - special.gammaln(half) + np.log1p((half - 1.0) / np.maximum(x, FAR))
+    return np.asarray(-np.where(x > FAR, far, np.log(np.maximum(tail, 1e-300))) / np.log(10.0))

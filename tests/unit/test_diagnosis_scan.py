@@ -1,0 +1,235 @@
+"""Scores of candidates: what adding the column to the whole fit would gain, all else refitted."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy import stats
+from scipy.optimize import least_squares, nnls
+from searches import LEVER, Lab, design, left, lever, pendulum, roots
+from worlds import PENDULUM
+
+from pumaid.diagnosis.contender import misfit_with
+from pumaid.diagnosis.refine import at, refined, trials_at
+from pumaid.diagnosis.scan import Projector, Trial, scan, surprise, trial_of
+from pumaid.diagnosis.system import Added, Solved
+from pumaid.diagnosis.variants import build
+from pumaid.effects import Scope, catalogue
+from pumaid.virtual import Hidden
+
+HIDDEN = Hidden("stribeck", 1, {"a": 0.1, "velocity": 0.3, "exponent": 1.0})
+
+
+def solved_of(lab: Lab, seed: int = 1) -> Solved:
+    """One experiment with noise."""
+    return lab.solved(lab.noisy(seed))
+
+
+def stacked(solved: Solved, added: Added) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Every joint's derivatives, a candidate's columns and the residuals, whitened by dense algebra."""
+    parts = []
+    for row in solved.rows:
+        plain = np.column_stack([row.plain, added.columns(solved.model, row.field.samples), row.misfit])
+        pieces = np.split(plain, row.field.first[1:])
+        parts += [root @ piece for root, piece in zip(roots(row.field, row.noise), pieces, strict=True)]
+    whole, width = np.vstack(parts), solved.rows[0].plain.shape[1]
+    return whole[:, :width], whole[:, width:-1], whole[:, -1]
+
+
+def gain(solved: Solved, added: Added, kept: np.ndarray) -> float:
+    """By how much a dense refit with a candidate's `kept` columns lowers the square."""
+    base, columns, target = stacked(solved, added)
+    return left(base, target) - left(np.column_stack([base, columns[:, kept]]), target)
+
+
+@pytest.mark.parametrize("lab", [lever, pendulum])
+def test_statistic_is_the_fall_of_the_square(lab):
+    """Of every effect at every joint, at one of its shapes, against a dense refit with what physics allows of it."""
+    solved = solved_of(lab())
+    trials = scan(solved, build(solved)).trials
+    chosen = {trial.added.key: trial for trial in trials}
+    assert len(chosen) >= 14 * len(solved.rows)
+    for trial in chosen.values():
+        kept = np.flatnonzero(trial.sizes)
+        assert trial.statistic == pytest.approx(gain(solved, trial.added, kept), rel=2e-4, abs=2e-4)
+
+
+def test_statistic_is_close_to_the_whole_refit_where_ratios_of_gains_are_free():
+    """A spring at the inner joint of a pendulum, ratio of gains fitted anew too, not linearised: within 5 %."""
+    lab = Lab.of(PENDULUM, design(PENDULUM, postures=3), Hidden("spring", 1, {"a": 0.05}))
+    solved = solved_of(lab)
+    added = Added(catalogue()["spring"], 1, {})
+    trial = at(Projector(solved), added)
+    again = lab.solved(lab.noisy(1), [added], noises=solved.noises)
+    assert trial.statistic > 100.0
+    assert trial.statistic == pytest.approx(solved.square - again.square, rel=0.05)
+    np.testing.assert_allclose(trial.sizes, again.sizes[0], rtol=0.05)
+
+
+def test_information_and_sizes_are_those_of_the_refit():
+    """Parameters and their covariance are those of dense least squares over base and candidate."""
+    solved = solved_of(Lab.of(LEVER, design(LEVER), HIDDEN))
+    for name, shape in (("stribeck", {"velocity": 0.3, "exponent": 1.0}), ("ripple", {"frequency": 9.0})):
+        trial = at(Projector(solved), Added(catalogue()[name], 1, shape))
+        base, columns, target = stacked(solved, trial.added)
+        whole = np.column_stack([base[:, np.any(base, axis=0)], columns])
+        inverse, width = np.linalg.pinv(whole), columns.shape[1]
+        np.testing.assert_allclose(trial.sizes, (inverse @ target)[-width:], rtol=1e-4)
+        covariance = (inverse @ inverse.T)[-width:, -width:]
+        np.testing.assert_allclose(np.linalg.inv(trial.information), covariance, rtol=1e-4, atol=1e-9)
+
+
+def test_scores_of_runs_add_up_to_the_gain():
+    """Runs' scores are one row a run of all joints; their sum, squared in the information's measure, is the gain."""
+    solved = solved_of(pendulum())
+    trial = at(Projector(solved), Added(catalogue()["position_friction"], 2, {"harmonic": 2.0}))
+    total = trial.scores.sum(axis=0)
+    assert len(trial.scores) == sum(len(row.field.runs) for row in solved.rows)
+    assert trial.statistic == pytest.approx(float(total @ np.linalg.solve(trial.information, total)))
+
+
+def test_what_the_model_absorbs_is_no_candidate():
+    """A load that no posture changes is gravity's own; an effect without data (no temperatures) is set aside, too."""
+    solved = solved_of(lever())
+    found = scan(solved, build(solved))
+    names = {trial.added.effect.name for trial in found.trials}
+    assert ("thermal_friction", 1) in found.absorbed and "thermal_friction" not in names
+    assert all(share < 1e-5 for share in found.absorbed.values())
+    assert not names & {name for name, _ in found.absorbed}
+
+
+def test_every_effect_is_tried_or_said_not_to_be():
+    """Each effect of the catalogue that is no part of every model is tried, absorbed, excluded, or has a spectrum."""
+    solved = solved_of(pendulum())
+    tried = build(solved)
+    found = scan(solved, tried)
+    seen = {trial.added.key for trial in found.trials} | set(found.absorbed) | set(tried.excluded)
+    for effect in catalogue().values():
+        if effect.base or effect.periodic is not None:
+            continue
+        owners = [None] if effect.scope is Scope.ARM else [1, 2]
+        assert {(effect.name, owner) for owner in owners} <= seen
+
+
+def test_what_the_model_has_is_not_tried_again():
+    """An effect that is in the model at a joint is still tried at others, and one of another harmonic at the same."""
+    lab = pendulum()
+    inside = [Added(catalogue()["spring"], 1, {}), Added(catalogue()["position_friction"], 1, {"harmonic": 2.0})]
+    tried = build(lab.solved(lab.noisy(1), inside))
+    keys = {one.added.key for one in tried.variants}
+    assert ("spring", 1) not in keys and ("spring", 2) in keys
+    is_repeatable = catalogue()["position_friction"].is_repeatable
+    assert (("position_friction", 1) in keys) == is_repeatable
+
+
+@pytest.mark.parametrize("lab", [lever, pendulum])
+def test_a_mirrored_effect_is_not_added(lab):
+    """Friction that rises where Stribeck's falls gains nothing; the same experiment with its current mirrored does."""
+    solved = solved_of(lab())
+    row = solved.rows[0]
+    added = Added(catalogue()["stribeck"], 1, {"velocity": 0.3, "exponent": 1.0})
+    column = row.noise.whiten(row.field, added.columns(solved.model, row.field.samples))[:, 0]
+    side = float(added.signs(solved)[0])
+    found = []
+    for sign in (side, -side):
+        rows = (replace(row, residual=row.residual + 3.0 * sign * column), *solved.rows[1:])
+        found.append(at(Projector(replace(solved, rows=rows)), added))
+    assert abs(side) == 1.0
+    assert found[0].statistic > 100.0 and found[0].sizes[0] * side > 0.0
+    assert found[1].statistic == 0.0 and found[1].sizes[0] == 0.0
+
+
+def test_of_two_signed_parameters_the_wrong_one_is_held_at_zero():
+    """Where one is wrong the gain is that of least squares with bounds, whatever the two share."""
+    rng, checked = np.random.default_rng(5), 0
+    added = Added(catalogue()["load_friction"], 1, {})
+    for _ in range(200):
+        A = rng.normal(size=(6, 2))
+        y = rng.normal(size=6)
+        plain = np.linalg.lstsq(A, y, rcond=None)[0]
+        if np.all(plain < 0.0):
+            continue
+        scores = A * y[:, None]
+        trial = trial_of(added, scores, A.T @ A, share=np.ones(2), signs=np.ones(2))
+        bounded, rest = nnls(A, y)
+        assert trial.statistic == pytest.approx(float(y @ y) - rest**2, abs=1e-9)
+        np.testing.assert_allclose(trial.sizes, bounded, atol=1e-9)
+        checked += 1
+    assert checked > 100
+
+
+@pytest.mark.parametrize("freedoms", [1, 2, 3])
+def test_surprise_is_the_tail_of_chi_square(freedoms):
+    """-log10 of the chance where it can be told in numbers; beyond, it still rises as the tail's expansion does."""
+    for value in (0.1, 1.0, 5.0, 50.0, 500.0):
+        assert float(surprise(value, freedoms)) == pytest.approx(-np.log10(stats.chi2.sf(value, freedoms)), rel=1e-9)
+    around = surprise(np.linspace(990.0, 1010.0, 50), freedoms)
+    assert np.all(np.diff(around) > 0.0) and np.ptp(np.diff(around)) < 1e-4  # no step where the expansion takes over
+    far = 1e5
+    shape = far / 2.0 + (1.0 - freedoms / 2.0) * np.log(far / 2.0)
+    constant = {1: np.log(np.pi) / 2.0, 2: 0.0, 3: np.log(np.pi) / 2.0 - np.log(2.0)}[freedoms]
+    expected = (shape + constant) / np.log(10.0)
+    assert float(surprise(far, freedoms)) == pytest.approx(expected, rel=1e-6)
+
+
+def test_leverage_restores_the_spread_of_fitted_scores():
+    """Scores of runs that were fitted are too small by the share of the runs that parameters use up, on average."""
+    solved = solved_of(lever())
+    found = scan(solved, build(solved, [catalogue()["spring"]]))
+    assert np.all((found.leverage >= 1.0) & (found.leverage <= 2.0))
+    used = np.trace(solved.row(1).jacobian @ solved.inverse @ solved.row(1).jacobian.T)
+    np.testing.assert_allclose(found.leverage, 1.0 / np.sqrt(1.0 - used / 32.0))
+
+
+def test_misfit_with_an_effect_is_that_of_the_refit():
+    """What is left in A, cell by cell, against a dense weighted refit."""
+    solved = solved_of(Lab.of(LEVER, design(LEVER), HIDDEN))
+    trial = at(Projector(solved), Added(catalogue()["stribeck"], 1, {"velocity": 0.3, "exponent": 1.0}))
+    base, columns, target = stacked(solved, trial.added)
+    move = np.linalg.pinv(np.column_stack([base, columns])) @ target
+    row = solved.row(1)
+    plain = np.column_stack([row.plain, trial.added.columns(solved.model, row.field.samples)])
+    np.testing.assert_allclose(misfit_with(solved, trial)[1], row.misfit - plain @ move, atol=1e-7)
+
+
+def best(solved: Solved, name: str) -> tuple[Trial, Trial]:
+    """An effect at joint 1 at the best point of its grid, and refined."""
+    found = scan(solved, build(solved, [catalogue()[name]])).best()[name, 1]
+    return found, refined(Projector(solved), found)
+
+
+def test_refining_finds_the_best_of_a_dense_grid():
+    """Stribeck's speed and exponent on 40 x 16 points: none is better by more than a twentieth of a unit."""
+    solved = solved_of(Lab.of(LEVER, design(LEVER), HIDDEN))
+    grid, found = best(solved, "stribeck")
+    points = [{"velocity": v, "exponent": d} for v in np.geomspace(0.05, 2.0, 40) for d in np.linspace(0.5, 2.0, 16)]
+    effect = catalogue()["stribeck"]
+    dense = [one for one in trials_at(Projector(solved), [Added(effect, 1, p) for p in points]) if one is not None]
+    highest = max(one.statistic for one in dense)
+    assert found.statistic >= grid.statistic
+    assert found.statistic > highest - 0.05
+    assert found.added.shape["velocity"] == pytest.approx(0.3, rel=0.3)
+
+
+def test_refining_agrees_with_a_general_minimiser():
+    """Warm-up's time constant, everything else refitted at every step of a bounded least-squares program."""
+    solved = solved_of(Lab.of(LEVER, design(LEVER), Hidden("warmup", 1, {"a": 0.1, "time_constant": 60.0})))
+    _, found = best(solved, "warmup")
+    base, _, target = stacked(solved, found.added)
+
+    def misfits(log: np.ndarray) -> np.ndarray:
+        columns = stacked(solved, replace(found.added, shape={"time_constant": float(np.exp(log[0]))}))[1]
+        whole = np.column_stack([base, columns])
+        return target - whole @ (np.linalg.pinv(whole) @ target)
+
+    dense = least_squares(misfits, [np.log(40.0)])
+    assert found.added.shape["time_constant"] == pytest.approx(float(np.exp(dense.x[0])), rel=0.02)
+    assert solved.square - found.statistic == pytest.approx(2.0 * dense.cost, abs=0.02)
+
+
+def test_an_effect_without_shape_is_left_as_it_is():
+    """There is nothing to refine of a spring."""
+    grid, found = best(solved_of(lever()), "spring")
+    assert found is grid

@@ -1,0 +1,173 @@
+"""The whitened system: its minimum and its derivatives are those of the whole problem written out cell by cell."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.linalg import block_diag
+from scipy.optimize import least_squares
+from searches import LEVER, Lab, design, left, lever, pendulum, roots, whitened
+from worlds import STANFORD
+
+from pumaid.diagnosis.chain import SPREAD, pseudo_inverse
+from pumaid.diagnosis.settling import settling
+from pumaid.diagnosis.system import Added, Solved, at_cells, misfit_at
+from pumaid.effects import catalogue
+
+STRIBECK = Added(catalogue()["stribeck"], 1, {"velocity": 0.3, "exponent": 1.0})
+WARMUP = Added(catalogue()["warmup"], 1, {"time_constant": 60.0})
+SPRING = Added(catalogue()["spring"], 1, {})
+
+
+class Written:
+    """The bilinear problem in the paper's words: link parameters of an outer link times a ratio of gains."""
+
+    def __init__(self, solved: Solved) -> None:
+        self.solved = solved
+        names = solved.model.names
+        self.links = [int(name.split(".")[1][1:]) if ".l" in name else 0 for name in names]
+        self.joints = solved.model.robot.n_joints
+        self.roots = [block_diag(*roots(row.field, row.noise)) for row in solved.rows]
+
+    def predicted(self, field, theta: np.ndarray) -> np.ndarray:
+        """(N,) A in a joint, column after column."""
+        p, more = len(self.links), 0
+        out = np.zeros(len(field))
+        for column, link in enumerate(self.links):
+            ratio = 1.0
+            if link:
+                first = self.solved.start.scales[field.joint - 1, link - 1]
+                change = theta[p + field.joint - 1] - theta[p + link - 1]
+                ratio = 0.0 if np.isnan(first) else first * np.exp(change)
+            out += ratio * theta[column] * field.base[:, column]
+        for one in self.solved.added:
+            for column in one.columns(self.solved.model, field.samples).T:
+                out += theta[p + self.joints + more] * column
+                more += 1
+        return out
+
+    def misfits(self, theta: np.ndarray) -> np.ndarray:
+        """All whitened residuals, and how far the ratios have moved from the fit in their allowance."""
+        parts = [
+            root @ (row.field.current - self.predicted(row.field, theta))
+            for root, row in zip(self.roots, self.solved.rows, strict=True)
+        ]
+        moved = theta[len(self.links) : len(self.links) + self.joints]
+        return np.concatenate([*parts, moved / SPREAD])
+
+    def least(self) -> np.ndarray:
+        """The minimum, from what was found moved by a tenth."""
+        extra = sum(len(size) for size in self.solved.sizes)
+        begin = np.concatenate([0.9 * self.solved.start.base, np.full(self.joints, 0.05), np.zeros(extra)])
+        return least_squares(self.misfits, begin, x_scale="jac", xtol=1e-14, ftol=1e-14, gtol=1e-14).x
+
+
+def noisy(lab: Lab, *added: Added) -> Solved:
+    """An experiment with noise, solved."""
+    return lab.solved(lab.noisy(3), added)
+
+
+@pytest.mark.parametrize("added", [(), (SPRING,)])
+def test_the_minimum_is_that_of_the_whole_problem(added):
+    """Residuals of both joints agree with a general least-squares program on dense, Cholesky-whitened residuals."""
+    solved = noisy(pendulum(), *added)
+    written = Written(solved)
+    theta = written.least()
+    for row in solved.rows:
+        misfit = row.field.current - written.predicted(row.field, theta)
+        np.testing.assert_allclose(row.misfit, misfit, atol=1e-6)
+    total = float(np.sum(written.misfits(theta)[: solved.cells] ** 2))
+    assert solved.square == pytest.approx(total, rel=1e-8)
+
+
+def test_jacobian_is_the_derivative_of_the_prediction():
+    """By every parameter, ratios of gains included, against central differences of the problem written out."""
+    solved = noisy(pendulum())
+    written = Written(solved)
+    n = solved.model.robot.n_joints
+    theta = np.concatenate([solved.start.base, np.zeros(n)])
+    for row in solved.rows:
+        for place in range(len(theta)):
+            step = np.zeros(len(theta))
+            step[place] = 1e-5 * max(abs(theta[place]), 1.0)
+            ends = [written.predicted(row.field, theta + sign * step) for sign in (1.0, -1.0)]
+            slope = row.noise.whiten(row.field, (ends[0] - ends[1]) / (2.0 * step[place]))
+            np.testing.assert_allclose(row.jacobian[:, place], slope, atol=1e-5 * (1.0 + np.abs(slope).max()))
+
+
+def test_what_is_told_of_a_row_fits_together():
+    """Misfit is current less prediction, residual is its whitening, the square is their sum over joints."""
+    solved = noisy(pendulum())
+    for row in solved.rows:
+        np.testing.assert_allclose(row.drawn + row.misfit, row.field.current, atol=1e-12)
+        np.testing.assert_allclose(row.residual, row.noise.whiten(row.field, row.misfit), atol=1e-7)
+    assert solved.square == pytest.approx(sum(float(row.residual @ row.residual) for row in solved.rows))
+    assert solved.scale == pytest.approx(1.0, abs=0.1)  # noise is what replicates showed
+
+
+def test_effects_and_their_shapes_are_fitted_with_all_else():
+    """One joint is linear: the square is what a dense fit of base, effects and derivatives by their shapes leaves."""
+    solved = noisy(lever(), STRIBECK, WARMUP)
+    row = solved.row(1)
+    columns = [row.field.base]
+    for one in solved.added:
+        here = one.columns(solved.model, row.field.samples)
+        near = [replace(one, shape={**one.shape, name: value * 1.0001}) for name, value in one.shape.items()]
+        columns += [here, *[other.columns(solved.model, row.field.samples) - here for other in near]]
+    dense = whitened(row.field, row.noise, np.column_stack([*columns, row.field.current]))
+    assert solved.square == pytest.approx(left(dense[:, :-1], dense[:, -1]), rel=1e-4)
+
+
+def test_pseudo_inverse_leaves_out_what_no_data_show():
+    """Of a matrix with two equal columns it is Moore and Penrose's in scaled columns; the rank tells."""
+    rng = np.random.default_rng(0)
+    J = rng.normal(size=(50, 4)) * [1.0, 1e4, 1e-4, 1.0]
+    J[:, 3] = J[:, 0]
+    inverse, rank = pseudo_inverse(J.T @ J)
+    size = np.linalg.norm(J, axis=0)
+    np.testing.assert_allclose(inverse, np.linalg.pinv((J / size).T @ (J / size)) / np.outer(size, size), rtol=1e-6)
+    assert rank == 3
+
+
+def test_other_cells_of_the_same_runs_leave_the_same():
+    """A solution carried to cells four times finer predicts what it predicted, and its noise is that of those cells."""
+    lab = lever()
+    runs = lab.noisy(4)
+    solved = lab.solved(runs)
+    fine = Lab.of(LEVER, design(LEVER), cells=256)
+    (field,) = fine.fields()
+    moved = at_cells(solved, field)
+    plain = fine.solved(fine.runs, noises={1: moved.row(1).noise})
+    np.testing.assert_allclose(misfit_at(solved, field), moved.row(1).misfit, atol=1e-12)
+    assert np.abs(moved.row(1).misfit - plain.row(1).misfit).max() < 0.01  # A: what the noise of the first fit moved
+    assert moved.row(1).jacobian.shape == (len(field), solved.row(1).jacobian.shape[1])
+
+
+def test_settling_is_free_at_every_speed_and_nowhere_else():
+    """A transient of each speed's own size at the start of runs leaves nothing; the same in mid-run stays."""
+    lab = lever()
+    (field,) = lab.fields()
+    t = field.samples.travel / np.abs(field.samples.velocity[:, 0])
+    own = np.abs(field.samples.velocity[:, 0]) ** 0.3
+    early, late = (0.3 * field.samples.direction * own * np.exp(-np.abs(t - at) / 0.025) for at in (0.0, 1.0))
+    (free,) = settling([field])
+    columns = np.column_stack([field.base, free.columns(lab.model, field.samples)])
+    assert left(columns, early) < 1e-6 * float(early @ early)
+    assert left(columns, late) > 0.5 * float(late @ late)
+
+
+def test_strokes_have_no_settling():
+    """A run from rest to rest has no speed to settle at."""
+    lab = lever()
+    (field,) = lab.fields()
+    assert settling([replace(field, runs=tuple(replace(run, kind="stroke") for run in field.runs))]) == ()
+
+
+def test_scale_of_a_slide_is_left_alone():
+    """An arm with a sliding joint is solved too, each joint's misfit no larger than its noise."""
+    lab = Lab.of(STANFORD, design(STANFORD, postures=2, speeds=(0.2, 0.4), repeats=1, reach=0.5))
+    solved = lab.solved(lab.noisy(0))
+    for row in solved.rows:
+        assert float(np.sqrt(np.mean(row.misfit**2))) < 0.013
