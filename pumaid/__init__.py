@@ -26,12 +26,18 @@ _HOMES = {
     **dict.fromkeys(("Evidence", "FileFacts", "Joint", "JointFit", "JointScore", "Log"), "pumaid.records"),
     **dict.fromkeys(("LogFormat", "Motion", "OutsideScore", "Plan", "Posture", "Reject"), "pumaid.records"),
     **dict.fromkeys(("Robot", "Run", "RunScore", "Samples", "Value"), "pumaid.records"),
-    **{verb: f"pumaid.verbs.{verb}" for verb in ("compare", "identify", "plan", "segment", "simulate")},
+    **dict.fromkeys(("Budget", "BudgetPart", "Candidate", "Curve", "Diagnosis", "Finding"), "pumaid.records"),
+    **dict.fromkeys(("JointDiagnosis", "Limit", "NextRun", "Size", "Unexplained"), "pumaid.records"),
+    **dict.fromkeys(("Errors", "History", "Ladder", "Rung"), "pumaid.records"),
+    **{verb: f"pumaid.verbs.{verb}" for verb in ("compare", "diagnose", "identify", "plan", "segment", "simulate")},
     "catalogue": "pumaid.effects",
     "read_recipe": "pumaid.files.recipe",
     "LogReader": "pumaid.files.table",
     "read_model": "pumaid.files.result",
     "write_model": "pumaid.files.result",
+    "read_diagnosis": "pumaid.files.diagnosis",
+    "write_diagnosis": "pumaid.files.diagnosis",
+    "read_history": "pumaid.files.ladders",
 }
 
 __all__ = ["__version__", *sorted(_HOMES)]

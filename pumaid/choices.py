@@ -14,6 +14,8 @@ from pumaid.records import EffectChoice, Robot
 #: The joint that stands for all of them.
 ALL = "all"
 
+_OWN = "an effect from a file of your own needs that file each time: --effects FILE.py"
+
 
 def spoken(text: str, robot: Robot, *, option: str = "--add") -> EffectChoice:
     """A choice as the command line writes it: ``EFFECT[@JOINT][:SHAPE=VALUE,...]``, angles in rad.
@@ -107,11 +109,25 @@ def known_effect(name: str, where: Where) -> Effect:
             "unknown-effect",
             f"there is no effect {name} in the catalogue: {', '.join(known)}",
             where,
-            f"did you mean {near[0]}?" if near else "pumaid effects lists the names",
+            f"did you mean {near[0]}?" if near else f"pumaid effects lists the names; {_OWN}",
         )
     if known[name].base:
         raise ModelError("effect-twice", f"{name} is in every model already", where, "leave it out")
     return known[name]
+
+
+def check_known(effects: Iterable[EffectChoice]) -> None:
+    """Refuse effects of a model that the catalogue does not have.
+
+    Raises
+    ------
+    ModelError [unknown-effect]
+        There is one; most often it comes from a file that has to be named again.
+    """
+    for number, choice in enumerate(effects, start=1):
+        if choice.effect not in catalogue():
+            what = f"the model holds {choice.effect}, which is not in the catalogue"
+            raise ModelError("unknown-effect", what, Where(joint=choice.joint, field=f"effects[{number}]"), _OWN)
 
 
 def _joint(word: str, robot: Robot, where: Where) -> int | None:

@@ -36,7 +36,7 @@ class Typed:
 
 
 def named(diagnosis: Diagnosis, estimate: Estimate, robot: Robot, *, typed: Typed) -> Diagnosis:
-    """The diagnosis with its model's digest, and with commands that can be pasted.
+    """The diagnosis with commands that can be pasted.
 
     Parameters
     ----------
@@ -47,8 +47,6 @@ def named(diagnosis: Diagnosis, estimate: Estimate, robot: Robot, *, typed: Type
     typed
         What the user typed.
     """
-    from pumaid.files.diagnosis import model_digest
-
     given = {(one.effect, one.joint) for one in robot.effects} | {(one.effect, None) for one in robot.effects}
     kept = [one for one in reopened(estimate) if not {(one.effect, one.joint), (one.effect, None)} & given]
     head = typed.words() + [word for one in kept for word in ("--add", spelled(one))]
@@ -61,7 +59,7 @@ def named(diagnosis: Diagnosis, estimate: Estimate, robot: Robot, *, typed: Type
         for joint in diagnosis.joints
     )
     findings = tuple(replace(found, command=command(found)) for found in diagnosis.findings)
-    return replace(diagnosis, model=model_digest(estimate), joints=joints, findings=findings)
+    return replace(diagnosis, joints=joints, findings=findings)
 
 
 def spelled(choice: EffectChoice) -> str:

@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from pumaid.choices import check_known
 from pumaid.diagnosis.budget import budget
 from pumaid.diagnosis.laid import Spread
 from pumaid.errors import Note
@@ -40,12 +41,15 @@ def compare(estimate: Estimate, evidence: Evidence, robot: Robot) -> Comparison:
     ------
     ModelError [model-other-recipe]
         The model was identified with another recipe.
+    ModelError [unknown-effect]
+        It holds an effect that the catalogue does not have.
 
     Source
     ------
     S.-K. Lin, section IV: the estimated against the measured current, and the standard deviation in Table I.
     """
     check_same_recipe(estimate, robot)
+    check_known(estimate.effects)
     judge = Judge.of(robot, estimate, evidence)
     fitted_files = {facts.name for facts in evidence.files if facts.digest in set(estimate.logs.values())}
     known = [not run.heldout and run.origin in fitted_files for run in evidence.runs]

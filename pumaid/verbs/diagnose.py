@@ -7,6 +7,7 @@ from collections.abc import Callable, Sequence
 import numpy as np
 
 from pumaid import __version__
+from pumaid.choices import check_known
 from pumaid.diagnosis.account import Account
 from pumaid.diagnosis.chain import Start
 from pumaid.diagnosis.stepwise import Stepwise, silent
@@ -14,6 +15,7 @@ from pumaid.diagnosis.suspect import Suspect
 from pumaid.diagnosis.system import Added
 from pumaid.effects import Effect, catalogue
 from pumaid.errors import LogError, Where
+from pumaid.files.diagnosis import model_digest
 from pumaid.files.result import check_same_recipe
 from pumaid.model import Model
 from pumaid.records import Campaign, Diagnosis, Estimate, Evidence, Robot
@@ -55,10 +57,13 @@ def diagnose(
     ------
     ModelError [model-other-recipe]
         The model was identified with another recipe.
+    ModelError [unknown-effect]
+        It holds an effect that the catalogue does not have.
     LogError [no-runs]
         There is no run to look at.
     """
     check_same_recipe(estimate, robot)
+    check_known(estimate.effects)
     runs = tuple(run for run in evidence.runs if not run.heldout)
     if not runs:
         where = Where(file=evidence.files[0].name if evidence.files else None)
@@ -81,7 +86,7 @@ def diagnose(
         robot=robot.name,
         joints=account.joints(),
         findings=account.findings(),
-        model=estimate.recipe_digest,
+        model=model_digest(estimate),
         logs={facts.name: facts.digest for facts in evidence.files},
         notes=account.notes(),
         recipe_digest=robot.digest,

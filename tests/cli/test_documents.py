@@ -21,6 +21,7 @@ LINES = {
     "segment": "segment logs --json",
     "identify": "identify logs --json",
     "compare": "compare model.json logs --json",
+    "diagnose": "diagnose model.json logs --json",
     "report": "report model.json logs --format= --json",
     "history": "history --json",
     "effects": "effects --json",

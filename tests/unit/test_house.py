@@ -337,11 +337,13 @@ def test_help_imports_nothing_heavy():
 
 
 PUBLIC = [
-    *("Cells", "Combination", "Comparison", "EffectChoice", "Estimate", "Evidence", "Faults", "FileFacts", "Joint"),
-    *("JointFit", "JointScore", "Log", "LogError", "LogFormat", "LogReader", "ModelError", "Motion", "Note"),
-    *("OutsideScore", "Plan", "Posture", "PumaidError", "RecipeError", "Reject", "ResultError", "Robot", "Run"),
-    *("RunScore", "Samples", "Value", "Where", "catalogue", "compare", "identify", "plan", "read_model"),
-    *("read_recipe", "segment", "simulate", "write_model"),
+    *("Budget", "BudgetPart", "Candidate", "Cells", "Combination", "Comparison", "Curve", "Diagnosis"),
+    *("EffectChoice", "Errors", "Estimate", "Evidence", "Faults", "FileFacts", "Finding", "History", "Joint"),
+    *("JointDiagnosis", "JointFit", "JointScore", "Ladder", "Limit", "Log", "LogError", "LogFormat", "LogReader"),
+    *("ModelError", "Motion", "NextRun", "Note", "OutsideScore", "Plan", "Posture", "PumaidError", "RecipeError"),
+    *("Reject", "ResultError", "Robot", "Run", "RunScore", "Rung", "Samples", "Size", "Unexplained", "Value"),
+    *("Where", "catalogue", "compare", "diagnose", "identify", "plan", "read_diagnosis", "read_history"),
+    *("read_model", "read_recipe", "segment", "simulate", "write_diagnosis", "write_model"),
 ]
 
 

@@ -9,6 +9,7 @@ import rich_click as click
 
 from pumaid.cli.options import (
     check_option,
+    effects_option,
     heldout_option,
     json_option,
     logs_argument,
@@ -27,6 +28,7 @@ if TYPE_CHECKING:
 @model_argument
 @logs_argument
 @recipe_option
+@effects_option
 @click.option("--worst", type=click.IntRange(min=0), default=5, show_default=True, help="How many runs to list.")
 @click.option(
     "--picture",

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import rich_click as click
 
-from pumaid.cli.options import json_option, results_option
+from pumaid.cli.options import effects_option, json_option, results_option
 from pumaid.cli.output import document, notes, picture_form, remark, table
 
 if TYPE_CHECKING:
@@ -17,6 +17,7 @@ if TYPE_CHECKING:
 @click.command()
 @click.argument("folder", type=click.Path(path_type=Path), default=Path(), metavar="[FOLDER]")
 @results_option
+@effects_option
 @click.option("--restore", type=click.IntRange(min=1), metavar="N", help="Make model N the current one again.")
 @click.option("--picture", type=click.Path(path_type=Path), metavar="FILE", help="Draw it: .png, .svg or .pdf.")
 @json_option

@@ -8,6 +8,7 @@ import rich_click as click
 
 from pumaid.cli.options import (
     effect_options,
+    effects_option,
     heldout_option,
     json_option,
     logs_argument,
@@ -25,6 +26,7 @@ from pumaid.cli.progress import progress
 @logs_argument
 @recipe_option
 @effect_options
+@effects_option
 @click.option("--recursive", is_flag=True, help="Stop after the n-to-1 recursion; no joint refinement of all rows.")
 @output_option("The model file to write; - for standard output. Default: model.json in the results folder.")
 @results_option

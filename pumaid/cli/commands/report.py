@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 import rich_click as click
 
 from pumaid.cli.options import (
+    effects_option,
     heldout_option,
     json_option,
     output_option,
@@ -34,6 +35,7 @@ FIGURES = ("png", "svg", "pdf")
 @click.argument("model", type=click.Path(path_type=Path, allow_dash=True), required=False, metavar="[MODEL]")
 @click.argument("logs", nargs=-1, metavar="[LOGS...]")
 @recipe_option
+@effects_option
 @output_option(
     "The page, or with --table the table; - for standard output. Default: report.html in the results folder."
 )

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import rich_click as click
 
-from pumaid.cli.options import json_option, output_option, seed_option
+from pumaid.cli.options import effects_option, json_option, output_option, seed_option
 from pumaid.cli.output import document, notes, remark, table
 from pumaid.cli.progress import progress
 
@@ -64,6 +64,7 @@ def _surprised(real: Truth, made: Plan, effect: str | None, *, seed: int) -> Tru
     help="Physics beyond the paper's model that the robot has; may be repeated. Values that are not given are made"
     " to show at that joint. A wrong name lists the right ones.",
 )
+@effects_option
 @click.option(
     "--surprise",
     metavar="any|EFFECT",
