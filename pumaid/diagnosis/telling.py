@@ -74,6 +74,8 @@ def weakened(field: Field, runs: Sequence[Run]) -> tuple[str, ...]:
     speeds = distinct([abs(run.speed) for run in field.runs])
     if len(speeds) < 3:
         out.append(f"{len(speeds)} speed{'s' if len(speeds) > 1 else ''} only: effects of speed are absorbed")
+    elif len(speeds) == 3:
+        out.append("three speeds only: an effect of speed shows its height there, not its course between")
     if len({run.direction for run in field.runs}) == 1:
         out.append("one direction only: friction cannot be told from what pushes the same way in both")
     if any(run.kind == "stroke" for run in field.runs):
