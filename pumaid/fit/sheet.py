@@ -39,6 +39,8 @@ OPEN = 0.5
 #: Share of a direction that makes a parameter part of it; well above the jitter of held positions.
 PART_OF = 1e-3
 
+_SHARED = "it acts on several joints, and the recursion solves one after the other; identify without --recursive"
+
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Sheet:
@@ -111,6 +113,8 @@ class Sheet:
                 lever = self._lever(index)
                 because = reasons.of_column(model, column, facts=facts, partners=partners or [], lever=lever)
                 out.append(_unknown(bare, because))
+            elif self.solution is self.fitted.first and self.fitted.system.owners[index] < 0:
+                out.append(_unknown(bare, Reason(_SHARED)))
             else:
                 variance = float(self.covariance[index, index] + np.sum(self.reach()[index] ** 2))
                 number = self.numbers[index] + shape_of(model, column)

@@ -186,3 +186,14 @@ def test_heldout_that_means_nothing_is_refused(arm):
     done = identify("logs", "--heldout", "session_99.csv")
     assert (done.exit_code, "error[heldout-nothing]" in done.stderr) == (3, True)
     assert not (arm / "results").exists()
+
+
+@pytest.mark.parametrize("options", [[], ["--recursive"]])
+def test_an_effect_of_several_joints_can_be_read_back(arm, options):
+    """The recursion cannot solve what acts on several joints: the model says so, and other commands can read it."""
+    done = identify("logs", "--add", "flexibility@2", *options)
+    assert done.exit_code == 0, done.stderr
+    found = pumaid.read_model(arm / "results" / "model.json")
+    alone = next(value for value in found.recursive if value.name == "flexibility.j2.c")
+    assert alone.value is None and "without --recursive" in alone.reason
+    assert (found.value("flexibility.j2.c").value is None) == bool(options)
