@@ -87,7 +87,7 @@ def family(scan: Scan, *, periodic: str | None = None, flips: int = FLIPS) -> Fa
         before = runs.stop
         spectrum = scan.spectra.get(row.field.joint)
         if spectrum is not None and periodic is not None:
-            best = spectrum.statistic(signs[:, runs]).max(axis=1)
+            best = spectrum.highest(signs[:, runs])
             found[periodic, row.field.joint] = surprise(best / scale, PERIODIC)
     if not found:
         return Family({}, np.zeros(flips))

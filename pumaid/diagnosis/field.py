@@ -170,7 +170,7 @@ def field(model: Model, runs: Sequence[Run], *, campaign: Campaign, most: int = 
     thin = [
         run if len(run.cells) <= most else replace(run, cells=coarser([run.cells], most, joint=joint)) for run in runs
     ]
-    many = [samples_of(run, campaign, has_slope=True) for run in thin]
+    many = [_held(samples_of(run, campaign, has_slope=True), run) for run in thin]
     samples = joined(many)
     steady = np.concatenate([run.cells.acceleration for run in thin])
     lengths = np.array([len(one) for one in many])
@@ -190,6 +190,17 @@ def field(model: Model, runs: Sequence[Run], *, campaign: Campaign, most: int = 
         base=model.regressor(replace(samples, acceleration=steady)),
         frames=axes(model.robot.alphas, model.robot.dh_angles(samples.position)),
     )
+
+
+def _held(samples: Samples, run: Run) -> Samples:
+    """The cells of a run with all joints but the moving one at the run's posture, as the fit sees them.
+
+    Held joints creep by thousandths of a rad as the moving one speeds up and turns back; columns of weight that differ
+    by that alone would let weights of any size explain anything.
+    """
+    position = np.tile(run.posture, (len(samples), 1))
+    position[:, run.joint - 1] = samples.position[:, run.joint - 1]
+    return replace(samples, position=position)
 
 
 def _settled(run: Run) -> Run:

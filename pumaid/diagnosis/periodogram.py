@@ -6,21 +6,35 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import signal
+from scipy import fft
 
 from pumaid.diagnosis.field import Field
-from pumaid.diagnosis.noise import Noise
+from pumaid.diagnosis.system import Row
 
 Floats = NDArray[np.float64]
 Complexes = NDArray[np.complex128]
+Counts = NDArray[np.int64]
 
 #: Lowest frequency looked at, in periods over the longest run: below, gravity and friction that vary with position
 #: absorb or mimic it.
 FEWEST_PERIODS = 3.0
-#: Steps of the frequency a resolution (2 pi / span): the peak is missed by at most a tenth of a step's power.
+#: Steps of the frequency a resolution (2 pi / way from the lowest to the highest position): the peak is missed by at
+#: most a tenth of a step's power.
 OVERSAMPLING = 2.5
 #: Share of the finest cells' Nyquist frequency that is looked at: cells are means, which damp what is near it.
 HIGHEST = 0.9
+#: Points of the even grid that cells are shared out to, a period of the highest frequency: a wave there leaks 2 %.
+POINTS = 8
+#: Lengths that stand for the ways from cell to cell, which are unequal where the speed is.
+WIDTHS = 8
+#: Runs below which signs are flipped of pieces of runs, about so many in all: of so few whole runs, flips that change
+#: nothing or all are more than one in fifty. Waves are looked at of which a piece holds this many: what is slower may
+#: be noise that neighbouring pieces share.
+FEWEST_RUNS, PIECES, A_PIECE = 8, 12, 2.0
+#: Of the flips of pieces; a diagnosis is the same each time.
+SEED = 20_262
+#: Numbers held at once while flips are drawn.
+AT_ONCE = 4_000_000
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -32,35 +46,51 @@ class Spectrum:
     frequency
         (F,) 1/rad or 1/m: phase by position.
     scores
-        (R, F) complex: cosine and sine part of each run's score.
+        (S, F) complex: cosine and sine part of each run's score, of each piece's where runs are few.
     information
         (F,) of either part; both are alike and do not mix.
+    is_pieces
+        Whether the scores are of pieces of runs.
     """
 
     frequency: Floats
     scores: Complexes
     information: Floats
+    is_pieces: bool = False
 
-    def statistic(self, signs: Floats | None = None) -> Floats:
-        """(F,) or (B, F) twice the gain in log likelihood, runs' scores multiplied by `signs` (B, R) where given."""
-        total = self.scores.sum(axis=0) if signs is None else signs @ self.scores
-        return np.asarray(np.abs(total) ** 2 / self.information)
+    def statistic(self) -> Floats:
+        """(F,) twice the gain in log likelihood."""
+        return np.asarray(np.abs(self.scores.sum(axis=0)) ** 2 / self.information)
+
+    def highest(self, signs: Floats) -> Floats:
+        """(B,) the largest statistic of all frequencies, the signs of runs being those of `signs` (B, R).
+
+        The size of `signs`, by which scores of slow effects are corrected for the fit, means nothing here: the fit
+        takes nothing from so fast a wave. Where runs are few, other flips are drawn, of pieces.
+        """
+        rng, flips, out = np.random.default_rng(SEED), np.sign(signs), np.empty(len(signs))
+        if self.is_pieces:
+            flips = rng.choice([-1.0, 1.0], size=(len(signs), len(self.scores)))
+        some = max(AT_ONCE // len(self.frequency), 1)
+        for start in range(0, len(flips), some):
+            total = flips[start : start + some] @ self.scores
+            out[start : start + some] = (np.abs(total) ** 2 / self.information).max(axis=1)
+        return out
 
 
-def spectrum(field: Field, noise: Noise, residual: Floats) -> Spectrum | None:
+def spectrum(row: Row, *, scale: float = 1.0) -> Spectrum | None:
     """Scores of cos(f q) and sin(f q) at all frequencies that the cells can show.
 
-    Within a run at constant speed cells are equally spaced in position, so one chirp-z transform a run gives all
-    frequencies at once. What the base model would absorb is left out of account: nothing of it varies so fast.
+    Cells lie at uneven places where the speed is not constant, so each is shared out to the two nearest points of an
+    even grid, whose transform gives all frequencies at once. What the base model would absorb is left out of account:
+    nothing of it varies so fast.
 
     Parameters
     ----------
-    field
-        Of a joint, at its finest cells.
-    noise
-        Of these cells.
-    residual
-        (N,) whitened misfit at these cells.
+    row
+        A joint at its finest cells.
+    scale
+        Variance of a whitened residual at these cells, as a share of that by which statistics are divided.
 
     Returns
     -------
@@ -69,36 +99,64 @@ def spectrum(field: Field, noise: Noise, residual: Floats) -> Spectrum | None:
 
     Source
     ------
-    J. D. Scargle, Astrophys. J. 263 (1982) 835-853, for the periodogram as least squares; L. R. Rabiner, R. W. Schafer
-    and C. M. Rader, Bell Syst. Tech. J. 48 (1969) 1249-1292, for the transform.
+    J. D. Scargle, Astrophys. J. 263 (1982) 835-853, for the periodogram as least squares; W. H. Press and
+    G. B. Rybicki, Astrophys. J. 338 (1989) 277-280, for sharing out to a grid, here by straight lines, whose transform
+    is divided out.
     """
-    q = field.samples.position[:, field.joint - 1]
-    lengths = field.lengths
-    steps = np.array([_step(q[a : a + n]) for a, n in zip(field.first, lengths, strict=True)])
-    usable = (lengths > 4) & (np.abs(steps) > 0)
+    field, noise = row.field, row.noise
+    q, lengths = field.samples.position[:, field.joint - 1], field.lengths
+    low, high = np.minimum.reduceat(q, field.first), np.maximum.reduceat(q, field.first)
+    way = high - low
+    usable = (lengths > 4) & (way > 0)
     if not usable.any():
         return None
-    span = float(np.max(np.abs(steps[usable]) * lengths[usable]))
-    resolution = 2.0 * np.pi / span
-    top = HIGHEST * np.pi / float(np.median(np.abs(steps[usable])))
-    frequency = np.arange(FEWEST_PERIODS * resolution, top, resolution / OVERSAMPLING)
-    if len(frequency) < 2:
+    piece = _pieces(field, np.where(usable, way, 0.0))
+    top = HIGHEST * np.pi / float(np.median(way[usable] / (lengths[usable] - 1)))
+    slow = FEWEST_PERIODS / way.max()
+    lowest = 2.0 * np.pi * (slow if len(field.runs) >= FEWEST_RUNS else max(slow, A_PIECE * PIECES / way[usable].sum()))
+    extent = float(high[usable].max() - low[usable].min())
+    step = 2.0 * np.pi / (POINTS * top)
+    points = fft.next_fast_len(int(np.ceil(OVERSAMPLING * extent / step)), real=True)
+    frequency = np.asarray(2.0 * np.pi * np.fft.rfftfreq(points, step), dtype=np.float64)
+    seen = (frequency >= lowest) & (frequency <= top)
+    if np.count_nonzero(seen) < 2:
         return None
-    back = noise.unwhiten(field, residual)
-    scores = np.zeros((len(field.runs), len(frequency)), dtype=complex)
+    frequency = frequency[seen]
+    back = noise.unwhiten(field, row.residual) * usable[field.run]
+    shared = _shared((q - low[usable].min()) / step, back, piece=piece, points=points)
+    scores = np.conj(fft.rfft(shared, axis=1)[:, seen]) / np.sinc(0.5 * frequency * step / np.pi) ** 2
     information = np.zeros(len(frequency))
-    delta = frequency[1] - frequency[0]
     for number in np.flatnonzero(usable):
-        part = slice(int(field.first[number]), int(field.first[number] + lengths[number]))
-        step = steps[number]
-        middle = float(q[part].mean()) - 0.5 * step * (lengths[number] - 1)
-        turned = signal.czt(back[part], len(frequency), np.exp(1j * delta * step), np.exp(-1j * frequency[0] * step))
-        scores[number] = turned * np.exp(1j * frequency * middle)
+        own = q[field.first[number] : field.first[number] + lengths[number]]
         rho, spread = noise.correlation[number], noise.spread[number]
-        power = 1.0 - 2.0 * rho * np.cos(frequency * step) + rho**2
+        power = 1.0 - 2.0 * rho * _likeness(np.abs(np.diff(own)), frequency) + rho**2
         information += 0.5 * lengths[number] * power / (spread**2 * (1.0 - rho**2))
-    return Spectrum(frequency, scores, information)
+    turned = scores * np.exp(1j * frequency * low[usable].min())
+    return Spectrum(frequency, turned / scale, information / scale, len(field.runs) < FEWEST_RUNS)
 
 
-def _step(q: Floats) -> float:
-    return float((q[-1] - q[0]) / (len(q) - 1)) if len(q) > 1 else 0.0
+def _pieces(field: Field, way: Floats) -> Counts:
+    """(N,) number from 0 of the run of each cell; where runs are few, of the piece of a run."""
+    if len(field.runs) >= FEWEST_RUNS:
+        return field.run
+    parts = np.maximum(np.round(way / way.sum() * PIECES), 1.0).astype(np.int64)
+    lengths = np.repeat(field.lengths, field.lengths)
+    within = (np.arange(len(field)) - field.first[field.run]) * parts[field.run] // lengths
+    return np.asarray((np.cumsum(parts) - parts)[field.run] + within)
+
+
+def _shared(place: Floats, values: Floats, *, piece: Counts, points: int) -> Floats:
+    """(S, points) values at places between the points of an endless grid of that period, shared out to both sides."""
+    left = np.floor(place).astype(np.int64)
+    part, row, many = place - left, piece * points, int(piece[-1] + 1) * points
+    out = np.bincount(row + left % points, values * (1.0 - part), minlength=many)
+    out += np.bincount(row + (left + 1) % points, values * part, minlength=many)
+    return np.asarray(out.reshape(-1, points), dtype=np.float64)
+
+
+def _likeness(ways: Floats, frequency: Floats) -> Floats:
+    """(F,) mean cosine of the phase from one cell to the next."""
+    widths = np.quantile(ways, (np.arange(WIDTHS) + 0.5) / WIDTHS)
+    if widths[-1] - widths[0] < 0.05 * widths[-1]:
+        widths = widths[WIDTHS // 2 : WIDTHS // 2 + 1]
+    return np.asarray(np.cos(np.outer(widths, frequency)).mean(axis=0))

@@ -12,12 +12,12 @@ from pumaid.diagnosis.chain import Start
 from pumaid.diagnosis.contender import DECISIVE, LEVEL, Contender, contender, evidence, rivals
 from pumaid.diagnosis.familywise import Family, family
 from pumaid.diagnosis.field import COARSE, Field, fields
-from pumaid.diagnosis.noise import Noise, noise
+from pumaid.diagnosis.noise import Noise
 from pumaid.diagnosis.periodogram import Spectrum, spectrum
 from pumaid.diagnosis.refine import at, refined
 from pumaid.diagnosis.scan import Projector, Scan, Trial, scan, surprise
 from pumaid.diagnosis.settling import settling
-from pumaid.diagnosis.system import Added, Solved, at_cells, loaded, misfit_at, solve
+from pumaid.diagnosis.system import Added, Solved, at_cells, loaded, solve
 from pumaid.diagnosis.variants import Catalogue, build
 from pumaid.effects import Effect, catalogue
 from pumaid.model import Model
@@ -151,9 +151,8 @@ class Stepwise:
         for fine in self._finest if self.periodic is not None else ():
             if self.periodic is None or self.periodic.applies(self.model.robot, fine.joint) is not None:
                 continue
-            misfit = misfit_at(solved, fine)
-            kind = noise(fine, misfit)
-            found = spectrum(fine, kind, kind.whiten(fine, misfit))
+            on = at_cells(solved, fine)
+            found = spectrum(on.row(fine.joint), scale=on.scale / solved.scale)
             if found is not None:
                 out[fine.joint] = found
         return out
