@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
@@ -34,6 +35,8 @@ class Column:
         Name of the nonlinear parameter of which the column is the derivative; None for linear parameters.
     scope
         Whose it is: a link's acts on inner joints through the ratio of gains, all others as they are.
+    span
+        From the lowest to the highest value of it that is physical.
     """
 
     name: str
@@ -46,6 +49,7 @@ class Column:
     place: int | None = None
     shape: str | None = None
     scope: Scope = Scope.JOINT
+    span: float = math.inf
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -108,6 +112,7 @@ class Chosen:
                 effect=effect.name,
                 place=place,
                 scope=effect.scope,
+                span=parameter.high - parameter.low,
             )
         for shape in (one for one in effect.shapes(robot, number) if one.name in self.fitted):
             yield Column(
@@ -129,9 +134,8 @@ class Chosen:
         def at(values: Mapping[str, float]) -> Floats:
             return effect.columns(robot, samples, number=self.number, shape=values)
 
-        linear = at(shape)
-        found = [linear]
-        for name, facts in self.shapes(robot).items():
+        found = [at(shape)]
+        for name, facts in self.shapes(robot).items() if self.fitted else ():
             if name in self.fitted:
                 low, high = step_of(facts, shape[name])
                 rise = at(shape | {name: high}) - at(shape | {name: low})

@@ -98,6 +98,8 @@ def of_cells(blocks: Sequence[Block], sight: Sight, *, columns: Floats, known: i
     """
     (along, rest), inside = sight.split(columns), sight.inside(columns)
     used, more = np.flatnonzero(rest.any(axis=0)), along.shape[2]
+    inner = np.zeros((len(inside), known + more, known + more))
+    inner[:, known:, known:] = inside
     peaks = np.maximum.reduceat(np.abs(columns), sight.grain * sight.starts, axis=0)
     for number, block in enumerate(blocks):
         here = slice(sight.starts[number], sight.starts[number] + sight.sizes[number])
@@ -115,17 +117,19 @@ def of_cells(blocks: Sequence[Block], sight: Sight, *, columns: Floats, known: i
             ones=np.concatenate([block.ones, np.zeros(further)]),
             rest=max(block.rest - float(target @ target), 0.0),
             frame=frame,
-            inner=np.pad(inside[number], ((known, 0), (known, 0))),
+            inner=inner[number],
             peak=np.concatenate([np.zeros(known), peaks[number]]),
         )
 
 
 def padded(blocks: Sequence[Block], *, known: int, more: int) -> Iterator[Block]:
     """Equations with `more` columns of nothing after the first `known`."""
+    size = known + more
+    inner, peak = np.zeros((size, size)), np.zeros(size)
     for block in blocks:
-        regressors = np.pad(block.regressors[:, :known], ((0, 0), (0, more)))
-        size = known + more
-        yield replace(block, regressors=regressors, inner=np.zeros((size, size)), peak=np.zeros(size))
+        regressors = np.zeros((len(block.basis), size))
+        regressors[:, :known] = block.regressors[: len(block.basis), :known]
+        yield replace(block, regressors=regressors, inner=inner, peak=peak)
 
 
 def _orthonormal(columns: Floats) -> tuple[Floats, Floats]:

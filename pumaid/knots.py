@@ -20,6 +20,9 @@ COURSES = tuple(item.name for item in fields(Samples) if item.name not in ("join
 #: Instants of a run at which loads are computed.
 KNOTS = 33
 
+#: Singular values of a run's basis below this share of its largest are rounding.
+FLAT = 1e-11
+
 #: What loads have beyond one harmonic of the position, below this share of their size, is rounding.
 ROUNDING = 1e-9
 
@@ -38,11 +41,15 @@ def spread(samples: Samples, sizes: Counts, loads: Callable[[Samples], Loads]) -
     at_knots = loads(_held(at(samples, chosen), samples, starts=starts, sizes=sizes, counts=counts))
     names = [item.name for item in fields(Loads) if item.name != "gains"]
     table = np.column_stack([getattr(at_knots, name).reshape(len(chosen), -1) for name in names])
-    basis, out, first = _basis(samples), np.empty((int(sizes.sum()), table.shape[1])), 0
-    for start, size, pick in zip(starts, sizes, picks, strict=True):
-        here = slice(start, start + size)
-        out[here] = _between(basis[here], table[first : first + len(pick)], pick)
-        first += len(pick)
+    basis, out = _basis(samples), np.empty((int(sizes.sum()), table.shape[1]))
+    for count in np.unique(counts):
+        alike = np.flatnonzero(counts == count)
+        firsts = np.cumsum(np.append(0, counts))[alike]
+        rows = firsts[:, None] + np.arange(count)
+        solved = np.linalg.pinv(basis[chosen[rows]], rcond=FLAT) @ np.nan_to_num(table[rows])
+        for number, known, weights in zip(alike, table[rows], solved, strict=True):
+            here = slice(starts[number], starts[number] + sizes[number])
+            out[here] = _between(basis[here], known, picks[number], weights)
     parts = {}
     for name in names:
         shape = getattr(at_knots, name).shape[1:]
@@ -65,19 +72,15 @@ def _basis(samples: Samples) -> Floats:
     return np.column_stack([np.ones(len(q)), np.cos(q), np.sin(q), q, v, samples.acceleration])
 
 
-def _between(basis: Floats, known: Floats, pick: Counts) -> Floats:
-    """(size, F) from (K, F) values at `pick`; columns with a NaN are NaN."""
-    out = np.full((len(basis), known.shape[1]), np.nan)
-    good = np.flatnonzero(np.isfinite(known).all(axis=0))
-    if len(good) == 0:
-        return out
-    weights = np.linalg.lstsq(basis[pick], known[:, good], rcond=1e-12)[0]
-    out[:, good] = basis @ weights
-    left = known[:, good] - basis[pick] @ weights
-    rough = good[np.abs(left).max(axis=0) > ROUNDING * np.maximum(np.abs(known[:, good]).max(axis=0), ROUNDING)]
+def _between(basis: Floats, known: Floats, pick: Counts, weights: Floats) -> Floats:
+    """(size, F) from (K, F) values at `pick` and their parts (6, F) along the basis; columns with a NaN are NaN."""
+    out = basis @ weights
+    left = known - out[pick]
+    size = np.maximum(np.abs(known).max(axis=0), ROUNDING)
+    rough = np.flatnonzero(np.abs(left).max(axis=0) > ROUNDING * size)  # NaN is not
     if len(rough) and len(pick) > 3:
-        course = CubicSpline(pick, known[:, rough] - out[np.ix_(pick, rough)])
-        out[:, rough] += course(np.arange(len(basis)))
+        out[:, rough] += CubicSpline(pick, left[:, rough])(np.arange(len(basis)))
+    out[:, np.isnan(known).any(axis=0)] = np.nan
     return out
 
 

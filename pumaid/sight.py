@@ -207,7 +207,8 @@ def joined(many: Sequence[Samples]) -> Samples:
 def _inside(run: Run, middle: Samples) -> Samples:
     """Three instants in each cell of a run."""
     cells, own = run.cells, run.joint - 1
-    width = np.gradient(cells.time) if len(cells) > 1 else np.zeros(len(cells))
+    between = float(cells.count.sum()) - 0.5 * float(cells.count[0] + cells.count[-1])
+    width = cells.count * (float(cells.time[-1] - cells.time[0]) / max(between, 1.0))
     # The mean of a few samples at equal steps is not quite that of their span; of a single one it is itself.
     ahead = ((width * np.sqrt(1.0 - 1.0 / cells.count**2))[:, None] * NODES).ravel()
     three: dict[str, Any] = {

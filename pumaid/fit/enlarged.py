@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -16,18 +16,28 @@ from pumaid.fit.shapes import look
 from pumaid.fit.system import Fitted, Progress, again, eased, releveled, solve
 from pumaid.fit.views import Sights, loaded, sights
 from pumaid.model import Model
+from pumaid.motion.reduce import coarser
 from pumaid.records import Campaign, EffectChoice, Run
 
 Floats = NDArray[np.float64]
 
+#: Searches for a shape, the second with the noise that the first leaves.
+SEARCHES = 2
+
+#: Families of effects that are the same within a stretch of a run as long as a few of its cells.
+SLOW = ("speed", "load", "time", "time, gravity", "temperature", "gravity", "torque(q)", "current")
+
+#: Cells a run in which these are looked for.
+COARSE = 64
+
 #: Rounds of renewing shapes and loads, at most.
-MOST_ROUNDS = 12
+MOST_ROUNDS = 15
 
 #: Rounds in which the loads follow the final fit.
 POLISH = 2
 
 #: A round moved nothing when every parameter moved by less than this share of its standard error.
-SETTLED = 0.02
+SETTLED = 0.05
 
 #: A shape moves by at most this share of its scale in one round: beyond, its derivative says little.
 LONGEST = 0.5
@@ -52,6 +62,8 @@ class Enlarged:
         Whether the last round moved nothing any more.
     gauge
         What the data show of effects only together with the paper's model.
+    without
+        Place of an effect -> the fit without it, for looking at its likelihood; None where there are no effects.
     """
 
     fitted: Fitted
@@ -59,6 +71,7 @@ class Enlarged:
     ranges: Mapping[tuple[int, str], tuple[float, float]] = field(default_factory=dict)
     is_settled: bool = True
     gauge: Gauge | None = None
+    without: Callable[[int], Ground] | None = None
 
     @property
     def shapes(self) -> tuple[dict[str, float], ...]:
@@ -117,10 +130,9 @@ def enlarged(
         elif one.effect.needs_loads:
             work.add(place, one)
     tell(0, "refining all effects together")
-    work.fitted = releveled(work.fitted)
     is_settled = work.settle()
     seen = work.finish(recursive=recursive, progress=progress)
-    return Enlarged(eased(work.fitted), seen, work.ranges, is_settled, work.gauge)
+    return Enlarged(eased(work.fitted), seen, work.ranges, is_settled, work.gauge, work.without)
 
 
 def _free(one: Chosen, model: Model) -> list[str]:
@@ -129,10 +141,13 @@ def _free(one: Chosen, model: Model) -> list[str]:
 
 
 class _Work:
-    """A fit that grows: `chosen` by place, `fitted` and the `blocks` that it is of, `bare` ones of the base model."""
+    """A fit that grows: `chosen` by place, `fitted` and the `blocks` that it is of, `bare` ones of the base model.
 
-    def __init__(self, model: Model, runs: Sequence[Run], seen: Sights) -> None:
-        self.model, self.runs, self.seen = model, runs, seen
+    `seen` are the runs in all their cells, `thin` in a few.
+    """
+
+    def __init__(self, model: Model, runs: Sequence[Run], *, seen: Sights, thin: Sights) -> None:
+        self.model, self.runs, self.seen, self.thin = model, runs, seen, thin
         self.chosen: dict[int, Chosen] = {}
         self.ranges: dict[tuple[int, str], tuple[float, float]] = {}
         self.fitted: Fitted
@@ -143,7 +158,10 @@ class _Work:
     @classmethod
     def begun(cls, model: Model, runs: Sequence[Run], wanted: Sequence[Chosen], *, campaign: Campaign) -> _Work:
         """With the effects that wait for nothing."""
-        work = cls(model, runs, sights(model.with_effects(wanted), runs, campaign))
+        every = model.with_effects(wanted)
+        slow = any(_free(one, model) and one.effect.family in SLOW for one in wanted)
+        thin = [replace(r, cells=coarser([r.cells], COARSE, joint=r.joint)) for r in runs] if slow else []
+        work = cls(model, runs, seen=sights(every, runs, campaign), thin=sights(every, thin, campaign))
         ready = {n: one for n, one in enumerate(wanted) if not _free(one, model) and not one.effect.needs_loads}
         work.chosen = ready
         now = work.now()
@@ -163,12 +181,13 @@ class _Work:
         """The model with the effects so far, in order."""
         return self.model.with_effects([self.chosen[place] for place in sorted(self.chosen)])
 
-    def loaded(self, extra: Sequence[Chosen] = ()) -> Sights:
+    def loaded(self, extra: Sequence[Chosen] = (), *, seen: Sights | None = None) -> Sights:
         """The sights with loads by the fit so far, if an effect of it (or an `extra` one) needs them."""
+        seen = self.seen if seen is None else seen
         model, values = self.fitted.model, self.fitted.solution.values
         if not any(one.effect.needs_loads for one in (*self.chosen.values(), *extra)):
-            return self.seen
-        return loaded(self.seen, model, solution=values, scales=self.fitted.scales())
+            return seen
+        return loaded(seen, model, solution=values, scales=self.fitted.scales())
 
     def refit(self) -> None:
         """The quick fit of the effects so far."""
@@ -185,15 +204,38 @@ class _Work:
         self.refit()
 
     def look(self, place: int, one: Chosen, free: Sequence[str]) -> None:
-        """One more effect, some of its shapes to be looked for."""
-        seen = {joint: sight for joint, sight in self.loaded([one]).items() if one.touches(joint)}
-        found = look(Ground.of(self.fitted, self.blocks, seen), one, free=free, model=self.model, sights=seen)
+        """One more effect, some of its shapes to be looked for.
+
+        What it explains passes for noise at first, most of all where it is the same throughout a run; so the search is
+        made again with the noise that is left with it.
+        """
         shapes = one.shapes(self.model.robot)
-        self.ranges |= {(place, name): ends for name, ends in found.ranges.items()}
-        self.chosen[place] = found.one
-        self.refit()
+        for _ in range(SEARCHES if one.effect.family in SLOW else 1):
+            ground = self.without(place, one, is_quick=True)
+            sights = {joint: at.sight for joint, at in ground.places.items()}
+            found = look(ground, one, free=free, model=self.model, sights=sights)
+            self.ranges |= {(place, name): ends for name, ends in found.ranges.items()}
+            self.chosen[place] = found.one
+            self.refit()
+            self.fitted = releveled(self.fitted)
         fitted = tuple(name for name in free if shapes[name].is_searched)
-        self.chosen[place] = replace(found.one, fitted=fitted, sizes=self._sizes(place))
+        self.chosen[place] = replace(self.chosen[place], fitted=fitted, sizes=self._sizes(place))
+
+    def without(self, place: int, one: Chosen | None = None, *, is_quick: bool = False) -> Ground:
+        """The fit of all effects but the one at `place`, where that one (or `one`) may act.
+
+        A quick one looks at the cells' middles only, where a ripple of two cells a period is too small by a third.
+        """
+        out = one or self.chosen[place]
+        now = self.model.with_effects([self.chosen[other] for other in sorted(self.chosen) if other != place])
+        acting = {joint: [each for each in (*now.effects, out) if each.touches(joint)] for joint in self.seen}
+        is_slow = {joint: all(each.effect.family in SLOW for each in own) for joint, own in acting.items()}
+        mixed = {joint: (self.thin if self.thin and slow else self.seen)[joint] for joint, slow in is_slow.items()}
+        seen, kept = self.loaded([out], seen=mixed), [joint for joint in mixed if out.touches(joint)]
+        blocks = now.widened(self.bare, seen)
+        fitted = again(self.fitted, now, blocks)
+        shown = {joint: seen[joint].middles() if is_quick else seen[joint] for joint in kept}
+        return Ground.of(fitted, blocks, shown)
 
     def _sizes(self, place: int) -> tuple[float, ...]:
         """Linear parameters of an effect by the fit so far."""
@@ -208,11 +250,11 @@ class _Work:
         before: dict[str, float] = {}
         last, cost = dict(self.chosen), np.inf
         for _ in range(MOST_ROUNDS):
-            self.refit()
-            now = self._cost()
+            now = self._cost_of_shapes()
             if now > cost * (1.0 + RISE) and not _same(last, self.chosen):
                 self.chosen = {place: _half_way(last[place], one) for place, one in self.chosen.items()}
                 continue
+            self.refit()
             values = dict(zip(self.fitted.model.names, self.fitted.solution.values, strict=True))
             moved = self._moved(values, before)
             last, cost, before = dict(self.chosen), now, values
@@ -220,6 +262,17 @@ class _Work:
                 return True
             self.chosen = {place: self._stepped(place, one) for place, one in self.chosen.items()}
         return False
+
+    def _cost_of_shapes(self) -> float:
+        """Weighted squares that the fit leaves at these shapes, whose derivatives are then taken at its sizes."""
+        if not any(one.fitted for one in self.chosen.values()):
+            return 0.0
+        full = dict(self.chosen)
+        self.chosen = {place: replace(one, fitted=()) for place, one in full.items()}
+        self.refit()
+        self.chosen = {place: replace(one, sizes=self._sizes(place)) for place, one in full.items()}
+        beyond = sum(row.rest / self.fitted.levels[row.joint].sample for row in self.fitted.rows)
+        return float(self.fitted.solution.residual @ self.fitted.solution.residual + beyond)
 
     def finish(self, *, recursive: bool, progress: Progress | None) -> Sights:
         """The whole fit, noise included, and the sights that it is of.
@@ -241,11 +294,6 @@ class _Work:
             self.fitted = again(self.fitted, now, self.blocks, gauge=found.rows)
         return seen
 
-    def _cost(self) -> float:
-        """Weighted squares that the fit leaves, in its equations and beyond them."""
-        beyond = sum(row.rest / self.fitted.levels[row.joint].sample for row in self.fitted.rows)
-        return float(self.fitted.solution.residual @ self.fitted.solution.residual + beyond)
-
     def _moved(self, values: Mapping[str, float], before: Mapping[str, float]) -> float:
         """Largest move of a parameter, or step of a shape that is due, in standard errors."""
         errors = np.sqrt(np.diag(self.fitted.solution.linear.inverse))
@@ -257,7 +305,7 @@ class _Work:
         return max(moves)
 
     def _stepped(self, place: int, one: Chosen) -> Chosen:
-        """An effect with its shapes moved by the fit's step, within bounds, and its derivatives at its sizes now."""
+        """An effect with its shapes moved by the fit's step, within bounds."""
         rank, shape, held = sorted(self.chosen).index(place), dict(one.choice.shape), list(one.held)
         for column, value in zip(self.fitted.model.columns, self.fitted.solution.values, strict=True):
             if column.place != rank or column.shape is None or column.shape in held:
@@ -267,7 +315,7 @@ class _Work:
             shape[column.shape] = min(max(now + min(max(float(value), -longest), longest), facts.low), facts.high)
             if now == shape[column.shape] and now in (facts.low, facts.high):
                 held.append(column.shape)
-        return replace(one.at(shape, self._sizes(place)), held=tuple(held))
+        return replace(one.at(shape, one.sizes), held=tuple(held))
 
 
 def _same(first: Mapping[int, Chosen], second: Mapping[int, Chosen]) -> bool:

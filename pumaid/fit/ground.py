@@ -62,7 +62,8 @@ class _Place:
         for number, block in enumerate(blocks):
             cells = slice(sight.starts[number], sight.starts[number] + sight.sizes[number])
             bases[number, : first[number], : block.basis.shape[1]] = block.basis
-            frames[cells, : block.frame.shape[1]] = block.frame
+            if block.frame.shape[1]:
+                frames[cells, : block.frame.shape[1]] = block.frame
         bare = cls(sight, row, here, bases, frames, first, sight.left)
         return replace(bare, left=bare.beyond(sight.left[:, None])[1][:, 0])
 
@@ -77,51 +78,99 @@ class _Place:
 
 
 @dataclass(frozen=True, eq=False, slots=True)
+class Refit:
+    """An effect added to a fit.
+
+    Attributes
+    ----------
+    gain
+        Fall of the weighted squares.
+    values, half
+        (p,) its linear parameters and (p, k) half of their covariance: ``half half'``.
+    shift
+        (P, p): by how much all that was fitted before moves with each of them.
+    """
+
+    gain: float
+    values: Floats
+    half: Floats
+    shift: Floats
+
+
+@dataclass(frozen=True, eq=False, slots=True)
 class Ground:
-    """A fit linearised: `taken` (N, r) spans what it can change in its equations, `residual` (N,) is what it leaves."""
+    """A fit linearised.
+
+    Attributes
+    ----------
+    fitted, places
+        The fit, and the joints on which effects may act.
+    taken, back
+        (N, r) orthonormal, what the fit can change in its equations; (r, p + edges) the parameters that do.
+    residual
+        (N,) what it leaves.
+    """
 
     fitted: Fitted
     places: Mapping[int, _Place]
     taken: Floats
+    back: Floats
     residual: Floats
 
     @classmethod
     def of(cls, fitted: Fitted, blocks: Sequence[Block], sights: Mapping[int, Sight]) -> Ground:
-        """Of a fit whose equations are `blocks`, and the joints that `sights` show, looked at in the cells' middles."""
+        """Of a fit whose equations are `blocks`, and the joints that `sights` show."""
         places, start = {}, 0
         for row in fitted.rows:
             here = slice(start, start + row.target.size)
             start = here.stop
             if row.joint in sights:
                 own = [block for block in blocks if block.run.joint == row.joint]
-                places[row.joint] = _Place.of(sights[row.joint].middles(), row, blocks=own, here=here)
+                places[row.joint] = _Place.of(sights[row.joint], row, blocks=own, here=here)
         solution = fitted.solution
         prior = prior_rows(fitted.held, np.sqrt(fitted.pull))
         limit = np.concatenate([fitted.limit, np.full(len(fitted.gains.edges), LARGEST_RATIO)])
-        left, singular, _ = np.linalg.svd(np.vstack([solution.jacobian, prior]) * limit, full_matrices=False)
-        taken = left[: len(solution.jacobian), singular > 1.0]
-        return cls(fitted, places, taken, solution.residual)
+        left, singular, right = np.linalg.svd(np.vstack([solution.jacobian, prior]) * limit, full_matrices=False)
+        kept = singular > 1.0
+        back = right[kept] * limit / singular[kept, None]
+        return cls(fitted, places, left[: len(solution.jacobian), kept], back, solution.residual)
 
-    def gain(self, one: Chosen, robot: Robot) -> tuple[float, Floats]:
-        """Fall of the weighted squares by an effect with all else refitted, and its (p,) linear parameters."""
-        gram: Floats | float = 0.0
-        cross: Floats | float = 0.0
-        raw: Floats | float = 0.0
-        seen: Floats | float = 0.0
+    def gain(self, one: Chosen, robot: Robot) -> float:
+        """Fall of the weighted squares by an effect, all else refitted."""
+        return self.fit(one, robot).gain
+
+    def fit(self, one: Chosen, robot: Robot, *, limits: Floats | None = None) -> Refit:
+        """An effect added, all else refitted.
+
+        Parameters
+        ----------
+        one
+            The effect, its shape filled in; what it has of derivatives is left out.
+        robot
+            The arm.
+        limits
+            (p,) prior deviations of the linear parameters, if they have any.
+        """
+        bare, found = replace(one, fitted=()), []
         for joint, place in self.places.items():
             if not one.touches(joint):
                 continue
-            inside, rest = self._parts(place, one.columns(robot, place.sight.samples))
-            gram, cross = gram + inside.T @ inside + rest.T @ rest, cross + inside.T @ self.residual[place.here]
-            cross = cross + rest.T @ (place.left / np.sqrt(self.fitted.levels[joint].sample))
-            seen = seen + self.taken[place.here].T @ inside
-            raw = raw + np.sum(inside**2, axis=0) + np.sum(rest**2, axis=0)
-        left = np.atleast_2d(gram - np.asarray(seen).T @ np.asarray(seen))
-        size = np.sqrt(np.where(np.asarray(raw) > 0, raw, 1.0))
-        values, vectors = np.linalg.eigh(left / np.outer(size, size))
+            inside, rest = self._parts(place, bare.columns(robot, place.sight.samples))
+            left = place.left / np.sqrt(self.fitted.levels[joint].sample)
+            gram = inside.T @ inside + rest.T @ rest
+            cross = inside.T @ self.residual[place.here] + rest.T @ left
+            found.append((gram, cross, self.taken[place.here].T @ inside))
+        gram, cross, seen = (np.sum(part, axis=0) for part in zip(*found, strict=True))
+        left, raw = gram - seen.T @ seen, np.diag(gram)
+        size = np.sqrt(np.where(raw > 0, raw, 1.0))
+        scaled = left / np.outer(size, size)
+        if limits is not None:
+            scaled = scaled + np.diag((1.0 / np.maximum(limits * size, NOTHING)) ** 2)
+        values, vectors = np.linalg.eigh(scaled)
         kept = values > NOTHING
-        along = vectors[:, kept].T @ (np.asarray(cross) / size)
-        return float(np.sum(along**2 / values[kept])), (vectors[:, kept] @ (along / values[kept])) / size
+        half = (vectors[:, kept] / np.sqrt(values[kept])) / size[:, None]
+        solution = half @ (half.T @ cross)
+        return Refit(float(solution @ cross), solution, half, -self.back.T @ seen)
 
     def power(self, joint: int, frequencies: Floats) -> Floats:
         """(F,) squared sum of what is left in the cells of `joint` (from 1) against exp(i f q)."""

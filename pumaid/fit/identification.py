@@ -16,12 +16,13 @@ from pumaid.fit import notes
 from pumaid.fit.combinations import determined
 from pumaid.fit.enlarged import Enlarged, enlarged
 from pumaid.fit.judge import Judge, rmse
+from pumaid.fit.profiles import Profile
 from pumaid.fit.reasons import Facts
 from pumaid.fit.rows import Row
 from pumaid.fit.sheet import Sheet
 from pumaid.fit.system import Fitted, Progress
 from pumaid.maths.propagation import recursion_covariance
-from pumaid.maths.statistics import Clustered, clustered
+from pumaid.maths.statistics import Clustered, clustered, interval
 from pumaid.model import Model
 from pumaid.motion.replicates import noise_floor
 from pumaid.records import (
@@ -80,12 +81,14 @@ def identified(
     if not runs:
         raise _no_runs(evidence)
     model, campaign = Model.of_runs(robot, runs), Campaign.of(evidence.runs)
+    choices = tuple(choice for choice in choices if not _is_there(choice, model))
     found = enlarged(model, runs, choices, campaign=campaign, recursive=recursive, progress=progress)
     fitted = found.fitted
     first = recursion_covariance(fitted.first_system, fitted.first_values, fitted.first_gains, runs=fitted.run_of)
     final = first if recursive else _joint_covariance(fitted)
     of_recursion = Sheet.of_recursion(fitted, runs, first)
     sheet = of_recursion if recursive else Sheet.of(fitted, runs, final, gauge=found.gauge)
+    sheet = replace(sheet, profiles=_profiles(found, sheet))
     values, model = (*sheet.values(), *_held(found, choices)), fitted.model
     p = len(model.names)
     is_shape = np.array([column.shape is not None for column in model.columns], dtype=bool)
@@ -115,6 +118,11 @@ def identified(
         version=__version__,
     )
     return _with_heldout(estimate, robot, evidence)
+
+
+def _is_there(choice: EffectChoice, model: Model) -> bool:
+    """Whether runs from rest to rest have brought the joint's inertia into the model already."""
+    return choice.effect == "inertia" and any(joint == choice.joint for joint, _ in model.stroke_postures)
 
 
 def _no_runs(evidence: Evidence) -> LogError:
@@ -157,6 +165,42 @@ def _held(found: Enlarged, choices: Sequence[EffectChoice]) -> list[Value]:
             elif name not in one.fitted:
                 out.append(replace(bare, ci95=found.ranges.get((place, name)), state=IDENTIFIED))
     return out
+
+
+def _profiles(found: Enlarged, sheet: Sheet) -> dict[int, tuple[float, float]]:
+    """By column (from 0): intervals of effects whose shapes were fitted, along the likelihood, and of what moves along.
+
+    Where the model's own likelihood is all that is known of a parameter's spread, clustered errors are; an interval
+    reaches as much further.
+    """
+    model, out = found.fitted.model, {}
+    inverse = np.diag(found.fitted.solution.linear.inverse)
+    wide = np.array([interval(0.0, 1.0, freedom)[1] for freedom in sheet.freedoms])
+    with np.errstate(divide="ignore", invalid="ignore"):
+        reach = np.where(inverse > 0, wide * np.sqrt(np.diag(sheet.covariance) / inverse), 0.0)
+    for place, one in enumerate(model.effects):
+        columns = {n: column for n, column in enumerate(model.columns) if column.place == place}
+        lost = found.gauge is not None and any(n in found.gauge.partners for n in columns)
+        if found.without is None or lost or not one.fitted or one.held or not all(reach[n] > 0 for n in columns):
+            continue
+        linear = [n for n, column in columns.items() if column.shape is None]
+        best = one.at(found.shapes[place])
+        profile = Profile(found.without(place), best, model.robot, found.fitted.limit[linear])
+        for n, column in columns.items():
+            if column.shape is not None:
+                error = float(np.sqrt(sheet.covariance[n, n]))
+                out[n] = profile.shape(column.shape, error=error, reach=float(reach[n]))
+        out |= _ends(linear, profile.linear(reach[linear]))
+        names = profile.ground.fitted.model.names
+        same = {model.names.index(name): n for n, name in enumerate(names) if name in model.names}
+        before = profile.others(reach[[*same, *range(len(model.names), len(reach))]])
+        moved = {n: tuple(before[k]) for n, k in same.items() if model.columns[n].owner == one.number}
+        out |= {n: ends for n, ends in moved.items() if n not in out}
+    return out
+
+
+def _ends(columns: Sequence[int], ends: Floats) -> dict[int, tuple[float, float]]:
+    return {n: (float(low), float(high)) for n, (low, high) in zip(columns, ends, strict=True)}
 
 
 def _every_shape(one: Chosen, model: Model, place: int) -> list[Column]:

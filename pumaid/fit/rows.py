@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
@@ -21,6 +22,9 @@ Floats = NDArray[np.float64]
 #: Noise below this share of the RMS current is rounding: data without noise, whose weights would be infinite. Large
 #: enough that rounding, thus weighted, says nothing about a parameter's plausible size.
 EXACT = 1e-10
+
+#: Share of the range that is physical by which a parameter is uncertain before any data.
+QUARTER = 0.25
 
 #: How much firmer than its prior a shape is held at a bound.
 TIGHT = 1e6
@@ -129,7 +133,8 @@ def _limit(model: Model, rows: Sequence[Row], index: int) -> float:
         one = model.effects[column.place]
         return scale_of(one.shapes(model.robot)[column.shape], one.choice.shape[column.shape])
     drawn = [(float(np.sqrt(row.mean_square)), float(row.peak[index])) for row in rows]
-    return min((max(size, np.finfo(float).tiny) / peak for size, peak in drawn if peak > 0.0), default=1.0)
+    each = [max(size, np.finfo(float).tiny) / peak for size, peak in drawn if peak > 0.0]
+    return min(each + [QUARTER * column.span] * math.isfinite(column.span), default=1.0)
 
 
 def priors(model: Model, limit: Floats, *, is_tight: bool) -> Floats:

@@ -93,7 +93,7 @@ def _grid(ground: Ground, one: Chosen, robot: Robot, sights: Sights) -> list[Poi
 
 
 def _scored(ground: Ground, one: Chosen, grid: Sequence[Point], robot: Robot) -> Floats:
-    return np.array([ground.gain(one.at(point), robot)[0] for point in grid])
+    return np.array([ground.gain(one.at(point), robot) for point in grid])
 
 
 def _between(one: Chosen, grid: list[Point], scored: Floats, *, robot: Robot, sights: Sights) -> list[Point]:
@@ -126,7 +126,7 @@ def _refined(
         return start | dict(zip(names, (middle + scales * step).tolist(), strict=True))
 
     def cost(step: Floats) -> float:
-        return -ground.gain(one.at(at(step)), robot)[0]
+        return -ground.gain(one.at(at(step)), robot)
 
     found = optimize.minimize(
         cost, np.zeros(len(names)), method="L-BFGS-B", bounds=bounds, options={"eps": NUDGE, "ftol": ENOUGH}

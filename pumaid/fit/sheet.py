@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -47,7 +47,7 @@ class Sheet:
     """A fit with the covariance that belongs to it: of all joints together or of the recursion.
 
     `solution` holds the values shown; `absorbed` is that of `Fitted`, of the recursion only; `gauge` what added effects
-    show only together with the paper's model.
+    show only together with the paper's model; `profiles` by column (from 0) intervals that are not a tangent's.
     """
 
     fitted: Fitted
@@ -57,6 +57,7 @@ class Sheet:
     freedoms: Floats
     absorbed: Absorbed
     gauge: Gauge | None = None
+    profiles: Mapping[int, tuple[float, float]] = field(default_factory=dict)
 
     @property
     def numbers(self) -> Floats:
@@ -118,7 +119,8 @@ class Sheet:
             else:
                 variance = float(self.covariance[index, index] + np.sum(self.reach()[index] ** 2))
                 number = self.numbers[index] + shape_of(model, column)
-                out.append(_known(bare, number, variance, self.freedoms[index]))
+                ends = self.profiles.get(index)
+                out.append(_known(bare, number, variance, self.freedoms[index], ends=ends))
         for name, why in model.structure.absent.items():
             link, part = int(name.split(".")[1][1:]), name.rsplit(".", 1)[1]
             symbol = f"m{link}" if part == "mass" else f"k{link}{part}"
@@ -131,6 +133,8 @@ class Sheet:
         if column.place is None:
             return False
         error = float(np.sqrt(self.solution.linear.inverse[index, index]))
+        if index in self.profiles:
+            error = _error_of(self.profiles[index], self.freedoms[index])
         return column.shape in model.effects[column.place].held or error > OPEN * self.fitted.limit[index]
 
     def _lever(self, index: int) -> float:
@@ -289,9 +293,17 @@ def _freedoms(fitted: Fitted, solution: JointSolution, errors: Clustered) -> Flo
     return out
 
 
-def _known(bare: Value, value: float, variance: float, freedoms: float) -> Value:
-    error = float(np.sqrt(max(variance, 0.0)))
-    low, high = interval(float(value), error, freedoms)
+def _error_of(ends: tuple[float, float], freedoms: float) -> float:
+    """The standard error that an interval so wide would have."""
+    low, high = interval(0.0, 1.0, freedoms)
+    return float((ends[1] - ends[0]) / (high - low))
+
+
+def _known(
+    bare: Value, value: float, variance: float, freedoms: float, *, ends: tuple[float, float] | None = None
+) -> Value:
+    error = float(np.sqrt(max(variance, 0.0))) if ends is None else _error_of(ends, freedoms)
+    low, high = ends or interval(float(value), error, freedoms)
     return Value(
         bare.name, bare.symbol, bare.joint, bare.unit, float(value), error, (low, high), float(freedoms), IDENTIFIED
     )
