@@ -17,8 +17,8 @@ from pumaid.diagnosis.system import Added, Solved
 Floats = NDArray[np.float64]
 Key = tuple[str, int | None]
 
-#: Family-wise chance of a finding where nothing is missing: with the chance of a shape without a name, one experiment in
-#: twenty at most is told that something is missing when nothing is.
+#: Family-wise chance of a finding where nothing is missing: with the chance of a shape without a name, at most one
+#: experiment in twenty is told that something is missing when nothing is.
 LEVEL = 0.03
 #: Chance beyond which a candidate is not worth leaving runs out for.
 NEAR = 0.2
