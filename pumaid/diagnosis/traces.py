@@ -17,7 +17,7 @@ Labels = NDArray[np.int64]
 #: polynomials up to a higher degree alone.
 HARMONICS, DEGREE, SLIDING_DEGREE = 3, 5, 9
 #: Half waves over the campaign: a warm-up, a drift or a step shows in these.
-SLOW = 4
+SLOW = 6
 #: Lengths of a start, as shares of the span.
 STARTS = (0.01, 0.03, 0.1)
 
@@ -94,16 +94,21 @@ def _harmonics(at: View) -> Floats:
     return np.concatenate([each * np.cos(at.angle)[:, None], each * np.sin(at.angle)[:, None]], axis=1)
 
 
-def _within_clock(columns: Floats, at: View) -> Floats:
-    """Less their mean over each recording and direction, since recordings cannot be compared in time."""
-    label = 2 * at.clock + (at.way > 0)
+def _centred(columns: Floats, at: View, label: Labels) -> Floats:
+    """Less their mean over the cells of each label."""
     total = np.bincount(label, at.weight)
     means = [np.bincount(label, at.weight * column) / np.where(total > 0, total, 1.0) for column in columns.T]
     return columns - np.array(means).T[label]
 
 
+def _within(make: Callable[[View], Floats]) -> Callable[[View], Floats]:
+    """Columns as they vary within each run."""
+    return lambda at: _centred(make(at), at, at.run)
+
+
 def _ages(at: View) -> Floats:
-    return _within_clock(_waves(at.age, SLOW), at)
+    """Time within each recording and direction, since recordings cannot be compared in time."""
+    return _centred(_waves(at.age, SLOW), at, 2 * at.clock + (at.way > 0))
 
 
 def _loads_in_time(at: View) -> Floats:
@@ -119,11 +124,11 @@ def _warmth(at: View) -> Floats:
 #: What is tried, by part and variable. That which turns round with the direction opposes motion. Of a model that was
 #: fitted to the runs nothing is left of friction and offset by direction alone.
 TERMS = (
-    Term("smooth", "position", _smooth),
-    Term("smooth", "direction", lambda at: _ways(_smooth(at), at)),
-    Term("smooth", "posture", _harmonics),
-    Term("smooth", "load", _yielding),
-    Term("start", "travel", lambda at: _ways(np.exp(-at.travel[:, None] / np.array(STARTS)), at)),
+    Term("smooth", "position", _within(_smooth)),
+    Term("smooth", "direction", _within(lambda at: _ways(_smooth(at), at))),
+    Term("smooth", "posture", _within(_harmonics)),
+    Term("smooth", "load", _within(_yielding)),
+    Term("start", "travel", _within(lambda at: _ways(np.exp(-at.travel[:, None] / np.array(STARTS)), at))),
     Term("odd", "direction", lambda at: _ways(at.speed[:, None] ** [0.0, 1.0], at)),
     Term("odd", "speed", lambda at: _ways(_speeds(at), at)),
     Term("odd", "load", _pressed),
