@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -23,6 +24,9 @@ FEWEST_PERIODS = 3.0
 OVERSAMPLING = 2.5
 #: Share of the finest cells' Nyquist frequency that is looked at: cells are means, which damp what is near it.
 HIGHEST = 0.9
+#: Resolutions of a run about a wave that the model has already, in which there is no other: what is left there is that
+#: wave, stronger or shifted in some runs.
+SAME = 2.0
 #: Points of the even grid that cells are shared out to, a period of the highest frequency: a wave there leaks 2 %.
 POINTS = 8
 #: Lengths that stand for the ways from cell to cell, which are unequal where the speed is.
@@ -78,7 +82,7 @@ class Spectrum:
         return out
 
 
-def spectrum(row: Row, *, scale: float = 1.0) -> Spectrum | None:
+def spectrum(row: Row, *, scale: float = 1.0, known: Sequence[float] = ()) -> Spectrum | None:
     """Scores of cos(f q) and sin(f q) at all frequencies that the cells can show.
 
     Cells lie at uneven places where the speed is not constant, so each is shared out to the two nearest points of an
@@ -91,6 +95,8 @@ def spectrum(row: Row, *, scale: float = 1.0) -> Spectrum | None:
         A joint at its finest cells.
     scale
         Variance of a whitened residual at these cells, as a share of that by which statistics are divided.
+    known
+        Frequencies of waves that the model has.
 
     Returns
     -------
@@ -132,6 +138,8 @@ def spectrum(row: Row, *, scale: float = 1.0) -> Spectrum | None:
         power = 1.0 - 2.0 * rho * _likeness(np.abs(np.diff(own)), frequency) + rho**2
         information += 0.5 * lengths[number] * power / (spread**2 * (1.0 - rho**2))
     turned = scores * np.exp(1j * frequency * low[usable].min())
+    for wave in known:
+        turned[:, np.abs(frequency - wave) < SAME * 2.0 * np.pi / way.max()] = 0.0
     return Spectrum(frequency, turned / scale, information / scale, len(field.runs) < FEWEST_RUNS)
 
 

@@ -152,7 +152,12 @@ class Stepwise:
             if self.periodic is None or self.periodic.applies(self.model.robot, fine.joint) is not None:
                 continue
             on = at_cells(solved, fine)
-            found = spectrum(on.row(fine.joint), scale=on.scale / solved.scale)
+            known = [
+                one.shape[one.effect.periodic]
+                for one in solved.added
+                if one.effect.periodic and one.joint == fine.joint
+            ]
+            found = spectrum(on.row(fine.joint), scale=on.scale / solved.scale, known=known)
             if found is not None:
                 out[fine.joint] = found
         return out

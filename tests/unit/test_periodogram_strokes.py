@@ -80,3 +80,10 @@ def test_runs_in_places_far_apart_are_one_course():
     top = int(np.argmax(found.statistic()))
     assert found.frequency[top] == pytest.approx(WAVE, abs=0.2 * np.pi / 23.0 + 0.5 * np.diff(found.frequency[:2])[0])
     assert np.abs(found.scores.sum(axis=0)[top]) / found.information[top] == pytest.approx(0.05, rel=0.15)
+
+
+def test_beside_a_wave_that_is_known_there_is_no_other():
+    """The highest of what is left lies two resolutions of a run away from it at least."""
+    found = spectrum(row("stroke", 12, 0.05), known=[WAVE])
+    top = found.frequency[int(np.argmax(found.statistic()))]
+    assert abs(top - WAVE) >= 2.0 * 2.0 * np.pi / 3.0
