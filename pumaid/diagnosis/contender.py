@@ -126,7 +126,7 @@ def evidence(on: Solved, trial: Trial) -> float:
     runs = [len(row.field.runs) for row in on.rows]
     left = max(on.square - trial.statistic, np.finfo(float).tiny)
     gain = max(on.cells - on.rank, 1) * float(np.log(on.square / left)) if trial.statistic > 0.0 else 0.0
-    return gain - trial.freedoms * float(np.log(max(np.mean(runs), 2.0)))
+    return gain - trial.freedoms * float(np.log(max(sum(runs) / len(runs), 2.0)))
 
 
 def _errors(on: Solved, trial: Trial) -> tuple[dict[int, float], dict[int, float]]:

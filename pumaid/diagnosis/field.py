@@ -6,6 +6,7 @@ import dataclasses
 import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -152,7 +153,7 @@ def fields(
 
 
 def field(model: Model, runs: Sequence[Run], *, campaign: Campaign, most: int = COARSE) -> Field:
-    """The runs of one joint in at most `most` cells each.
+    """The runs of one joint in at most `most` cells each, of a joint that turns round and round each turn.
 
     Parameters
     ----------
@@ -163,13 +164,12 @@ def field(model: Model, runs: Sequence[Run], *, campaign: Campaign, most: int = 
     campaign
         When its joint first moved.
     most
-        Cells a run.
+        Cells a run, or a turn.
     """
     joint = runs[0].joint
     runs = [_settled(run) for run in runs]
-    thin = [
-        run if len(run.cells) <= most else replace(run, cells=coarser([run.cells], most, joint=joint)) for run in runs
-    ]
+    turn = 2.0 * np.pi if model.robot.joint(joint).is_revolute else np.inf
+    thin = [_thinned(run, int(most * max(abs(run.span[1] - run.span[0]) / turn, 1.0))) for run in runs]
     many = [_held(samples_of(run, campaign, has_slope=True), run) for run in thin]
     samples = joined(many)
     steady = np.concatenate([run.cells.acceleration for run in thin])
@@ -192,6 +192,10 @@ def field(model: Model, runs: Sequence[Run], *, campaign: Campaign, most: int = 
     )
 
 
+def _thinned(run: Run, most: int) -> Run:
+    return run if len(run.cells) <= most else replace(run, cells=coarser([run.cells], most, joint=run.joint))
+
+
 def _held(samples: Samples, run: Run) -> Samples:
     """The cells of a run with all joints but the moving one at the run's posture, as the fit sees them.
 
@@ -209,7 +213,7 @@ def _settled(run: Run) -> Run:
         return run
     lost, since = min(SETTLING, MOST_SETTLING * run.duration), run.cells.time - run.start
     kept = (since >= lost) & (since <= run.duration - lost)
-    values = {item.name: getattr(run.cells, item.name) for item in dataclasses.fields(Cells)}
+    values: dict[str, Any] = {item.name: getattr(run.cells, item.name) for item in dataclasses.fields(Cells)}
     return replace(run, cells=Cells(**{name: None if value is None else value[kept] for name, value in values.items()}))
 
 
@@ -219,7 +223,7 @@ FEWEST_SETTLED = 20
 
 def joined(many: Sequence[Samples]) -> Samples:
     """Samples of one joint one after another; `run` counts them from 0."""
-    values = {
+    values: dict[str, Any] = {
         item.name: np.concatenate([getattr(one, item.name) for one in many])
         for item in dataclasses.fields(Samples)
         if item.name not in ("joint", "run", "loads") and getattr(many[0], item.name) is not None

@@ -66,8 +66,9 @@ class Free(Effect):
     def columns(
         self, robot: Robot, samples: Samples, *, number: int | None = None, shape: Mapping[str, float] = NO_SHAPE
     ) -> Floats:
-        factor = {"1": 1.0, "s": samples.direction, "v": samples.velocity[:, samples.joint - 1]}[self.form.factor]
-        return hats(variable(samples, self.form.variable), self.knots) * np.broadcast_to(factor, len(samples))[:, None]
+        factors = {"s": samples.direction, "v": samples.velocity[:, samples.joint - 1]}
+        factor = factors.get(self.form.factor, np.ones(len(samples)))
+        return hats(variable(samples, self.form.variable), self.knots) * factor[:, None]
 
 
 def variable(samples: Samples, name: str) -> Floats:
@@ -101,13 +102,10 @@ def forms(field: Field) -> Iterable[Free]:
         low, high = float(x.min()), float(x.max())
         if high - low <= 1e-6 * max(abs(high), 1.0):
             continue
+        knots: Floats = np.linspace(low, high, KNOTS[form.variable])
         if form.variable == "v":
-            knots = np.unique(np.round(np.abs([run.speed for run in field.runs]), 9))
-            knots = knots[np.append(True, np.diff(knots) > 0.03 * knots[1:])]
-            if len(knots) > KNOTS["v"]:
-                knots = np.quantile(knots, np.linspace(0.0, 1.0, KNOTS["v"]))
-        else:
-            knots = np.linspace(low, high, KNOTS[form.variable])
+            speeds = np.array(field.speeds)
+            knots = speeds if len(speeds) <= KNOTS["v"] else np.quantile(speeds, np.linspace(0.0, 1.0, KNOTS["v"]))
         if len(knots) > 1:
             yield Free(form, knots)
 
