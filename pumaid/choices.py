@@ -36,13 +36,20 @@ def spoken(text: str, robot: Robot, *, option: str = "--add") -> EffectChoice:
     """
     where = Where(field=f"{option} {text}")
     head, _, tail = text.partition(":")
-    name, _, joint = head.partition("@")
+    name, at, joint = head.partition("@")
+    if not name.strip() or (at and not joint.strip()):
+        what = "no joint is named after the @" if name.strip() else "no effect is named"
+        raise ModelError(
+            "effect-joint" if name.strip() else "unknown-effect", what, where, f"write {option} stribeck@3"
+        )
     effect = known_effect(name.strip(), where)
     number = _joint(joint.strip(), robot, where)
     shape: dict[str, float] = {}
     for part in filter(None, (piece.strip() for piece in tail.split(","))):
         key, _, value = (piece.strip() for piece in part.partition("="))
         _check_name(effect, robot, number or 1, key=key, where=where)
+        if key in shape:
+            raise ModelError("effect-shape", f"{key} is given twice", where, "give it once")
         try:
             shape[key] = float(value)
         except ValueError:

@@ -2,8 +2,8 @@
 
 ``--check`` writes nothing and leaves with 1 where the page of commands or of effects is out of date. Sessions are the
 README's ``console`` blocks: each ``$ command`` is run in a scratch copy of the samples, and what it prints stands
-below it. The README's picture is drawn from a sample too; other versions of the drawing library draw other bytes, so
-it is not checked.
+below it. The README's pictures are drawn from samples too, one by a session; other versions of the drawing library
+draw other bytes, so they are not checked.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ from pumaid.effects import catalogue
 from pumaid.show.effects import bounds, facts, merged
 
 ROOT = Path(__file__).parents[1]
-COMMANDS, README, PICTURE = ROOT / "docs" / "commands.md", ROOT / "README.md", ROOT / "docs" / "img" / "spent.png"
+COMMANDS, README, PICTURES = ROOT / "docs" / "commands.md", ROOT / "README.md", ROOT / "docs" / "img"
 EFFECTS = ROOT / "docs" / "effects.md"
 HEAD = """# Commands
 
@@ -116,12 +116,18 @@ def _cell(text: str) -> str:
     return " ".join(text.split()).replace("|", "\\|")
 
 
-def run_sessions(text: str) -> str:
-    """The README with what its sessions' commands print now, all run one after the other in one scratch folder."""
+def run_sessions(text: str, *, pictures: Path | None = None) -> str:
+    """The README with what its sessions' commands print now, all run one after the other in one scratch folder.
+
+    Pictures that they draw there are copied to the folder `pictures`.
+    """
     with tempfile.TemporaryDirectory() as scratch:
         for name in ("sample_logs", "recipes"):
             shutil.copytree(ROOT / name, Path(scratch) / name)
-        return SESSION.sub(lambda found: f"```console\n{_session(found[1], scratch)}```", text)
+        told = SESSION.sub(lambda found: f"```console\n{_session(found[1], scratch)}```", text)
+        for drawn in Path(scratch).glob("*.png") if pictures is not None else ():
+            shutil.copy(drawn, pictures)
+        return told
 
 
 def _session(block: str, folder: str) -> str:
@@ -158,9 +164,9 @@ def main() -> int:
     """Write, or with ``--check`` only compare."""
     wanted = {COMMANDS: commands_page(), EFFECTS: effects_page()}
     if "--check" not in sys.argv:
-        wanted[README] = run_sessions(README.read_text(encoding="utf-8"))
-        PICTURE.parent.mkdir(exist_ok=True)
-        PICTURE.write_bytes(picture())
+        PICTURES.mkdir(exist_ok=True)
+        wanted[README] = run_sessions(README.read_text(encoding="utf-8"), pictures=PICTURES)
+        (PICTURES / "spent.png").write_bytes(picture())
     stale = [path for path, text in wanted.items() if not path.exists() or path.read_text(encoding="utf-8") != text]
     for path in stale:
         if "--check" not in sys.argv:

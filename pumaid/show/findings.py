@@ -107,6 +107,12 @@ def effect_sentences(effect: str) -> list[str]:
     return [f"{known.title}." + (f" It adds the current {known.equation}." if known.equation else "")]
 
 
+def is_at_floor(found: JointDiagnosis) -> bool:
+    """Whether a joint's error is no more than what repeated runs differ by, as far as that is known."""
+    known = found.rmse is not None and found.noise_floor is not None
+    return known and (found.rmse or 0.0) <= AT_FLOOR * (found.noise_floor or 0.0)
+
+
 def floor_sentence(found: JointDiagnosis) -> str:
     """A joint's error against what repeated runs differ by."""
     if found.rmse is None:
@@ -115,7 +121,7 @@ def floor_sentence(found: JointDiagnosis) -> str:
         return (
             f"The model misses by {amperes(found.rmse)}; no run is repeated, so how much of it is noise is not known."
         )
-    if found.rmse <= AT_FLOOR * found.noise_floor:
+    if is_at_floor(found):
         return f"The model misses by {amperes(found.rmse)}, and repeated runs differ by {amperes(found.noise_floor)}."
     times = number(found.rmse / found.noise_floor, 2)
     return (

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 from pumaid.records import ADD, ADEQUATE, UNEXPLAINED_JOINT, Diagnosis, Finding, JointDiagnosis, Robot, Unexplained
-from pumaid.show.findings import chance, floor_sentence, label, listed_or, place
+from pumaid.show.findings import chance, floor_sentence, is_at_floor, label, listed_or, place
 from pumaid.show.numbers import in_unit, percent
 from pumaid.show.story import joint_title
 from pumaid.show.wording import listed
@@ -83,8 +83,15 @@ def other_sentences(diagnosis: Diagnosis, robot: Robot) -> list[str]:
     """Joints that lack something of which no finding of their own and no shape tells."""
     rest = [one for one in diagnosis.joints if one.verdict not in (ADEQUATE, UNEXPLAINED_JOINT)]
     own = [one for one in rest if all(found.joint != one.joint for found in diagnosis.findings)]
+    quiet = [one.joint for one in own if diagnosis.findings and is_at_floor(one)]
     told = " What it lacks is among the findings." if diagnosis.findings else ""
-    return [f"{joint_title(robot, one.joint)}: something is missing. {floor_sentence(one)}{told}" for one in own]
+    loud = [one for one in own if one.joint not in quiet]
+    out = [f"{joint_title(robot, one.joint)}: something is missing. {floor_sentence(one)}{told}" for one in loud]
+    if quiet:
+        out.append(
+            f"{joints_named(quiet, robot)}: not missed by more than noise; what is among the findings acts there."
+        )
+    return out
 
 
 def adequate_sentences(diagnosis: Diagnosis, robot: Robot) -> list[str]:

@@ -149,6 +149,9 @@ def test_held_out_runs_are_not_fitted(arm):
         (("logs", "--recipe", "nothing.yaml"), "recipe-not-found"),
         (("logs", "--recipe", "puma560"), "column-missing"),
         (("logs", "-o", "/proc/model.json"), "cannot-write"),
+        (("logs", "--add", "ripple@"), "effect-joint"),
+        (("logs", "--add", "@2"), "unknown-effect"),
+        (("logs", "--add", "stribeck@2:velocity=1,velocity=2"), "effect-shape"),
     ],
 )
 def test_bad_input_leaves_with_3(arm, arguments, slug):

@@ -86,6 +86,15 @@ def test_a_joint_that_others_explain_is_told():
     assert sentence.endswith("What it lacks is among the findings.")
 
 
+def test_a_joint_at_its_noise_is_not_said_to_be_missed():
+    """Where an effect elsewhere acts at a joint whose error is noise, nobody is told that its model fails."""
+    told = diagnoses.rich()
+    second = replace(told.joints[1], verdict="missing", rmse=0.0150, noise_floor=0.0151)
+    spread = replace(told, joints=(told.joints[0], second, *told.joints[2:]))
+    (sentence,) = verdicts.other_sentences(spread, PUMA)
+    assert sentence == "Joint 2 (shoulder): not missed by more than noise; what is among the findings acts there."
+
+
 @pytest.mark.parametrize(
     ("variable", "word"), [("q", "position"), ("v", "speed"), ("load", "gravity load"), ("x", "x")]
 )
