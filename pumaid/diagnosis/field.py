@@ -214,7 +214,8 @@ def _settled(run: Run) -> Run:
     lost, since = min(SETTLING, MOST_SETTLING * run.duration), run.cells.time - run.start
     kept = (since >= lost) & (since <= run.duration - lost)
     values: dict[str, Any] = {item.name: getattr(run.cells, item.name) for item in dataclasses.fields(Cells)}
-    return replace(run, cells=Cells(**{name: None if value is None else value[kept] for name, value in values.items()}))
+    some = {name: value[kept] for name, value in values.items() if value is not None}
+    return replace(run, cells=Cells(**some))
 
 
 #: Cells below which a run is taken as it is.

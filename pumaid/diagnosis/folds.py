@@ -17,6 +17,9 @@ Floats = NDArray[np.float64]
 
 #: Share of a parameter's information that runs must keep for it to be fitted to them.
 KEPT = 0.01
+#: Groups of repeated runs below which they do not leave together: with all runs of one direction gone, the others could
+#: not even tell friction from weight.
+FEWEST_GROUPS = 4
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -50,8 +53,14 @@ class Falls:
 
 
 def groups_of(solved: Solved, joints: Sequence[int]) -> list[tuple[int, tuple[int, ...]]]:
-    """(joint, runs) that leave together: repeated runs of each joint."""
-    return [(row.field.joint, group) for row in solved.rows if row.field.joint in joints for group in row.field.groups]
+    """(joint, runs) that leave together: repeated runs of each joint; runs one by one where that would be few folds."""
+    found: list[tuple[int, tuple[int, ...]]] = []
+    for row in solved.rows:
+        if row.field.joint in joints:
+            alone = tuple((number,) for number in range(len(row.field.runs)))
+            groups = row.field.groups if len(row.field.groups) >= FEWEST_GROUPS else alone
+            found += [(row.field.joint, group) for group in groups]
+    return found
 
 
 def postures_of(solved: Solved, joints: Sequence[int]) -> list[tuple[int, tuple[int, ...]]]:
