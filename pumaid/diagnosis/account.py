@@ -160,7 +160,7 @@ class Account:
         named = [one.contender for one in self.search.accepted if one.contender.key[1] == joint]
         if not named:
             return None
-        return competes(self.states[0], self.states[-1], joint, named)
+        return competes(self.states[0], joint, named)
 
     def _candidates(self, joint: int) -> tuple[Candidate, ...]:
         """What was found, and what came near, at one joint."""

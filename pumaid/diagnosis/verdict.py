@@ -136,13 +136,13 @@ OWN = {
 }
 
 
-def competes(first: Solved, last: Solved, joint: int, named: Sequence[Contender]) -> Unexplained | None:
+def competes(first: Solved, joint: int, named: Sequence[Contender]) -> Unexplained | None:
     """A free form in another variable that explains a joint decisively better than what was named there.
 
     Parameters
     ----------
-    first, last
-        The system without and with what was named, with loads.
+    first
+        The system without what was named, with loads.
     joint
         From 1.
     named
