@@ -70,7 +70,8 @@ def diagnosis_shown(diagnosis: Diagnosis, robot: Robot, *, units: str = "rad") -
     for joint in diagnosis.joints:
         parts += _unexplained(joint, robot, units) if joint.verdict == UNEXPLAINED_JOINT else []
     parts += [part for text in verdicts.other_sentences(diagnosis, robot) for part in (Told(""), Told(text))]
-    fine = [*verdicts.adequate_sentences(diagnosis, robot), *verdicts.applied_sentences(diagnosis, robot)]
+    fine = [*verdicts.adequate_sentences(diagnosis, robot), *verdicts.suspect_sentences(diagnosis)]
+    fine += verdicts.applied_sentences(diagnosis, robot)
     parts += [Told(""), *(Told(text) for text in fine)] if fine else []
     weak = verdicts.weaknesses(diagnosis, robot)
     parts += [Told(""), Told("What weakens this diagnosis:")] if weak else []

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 from pumaid.records import ADD, ADEQUATE, UNEXPLAINED_JOINT, Diagnosis, Finding, JointDiagnosis, Robot, Unexplained
-from pumaid.show.findings import chance, floor_sentence, is_at_floor, label, listed_or, place
+from pumaid.show.findings import SUSPECT, chance, floor_sentence, is_at_floor, label, listed_or, place
 from pumaid.show.numbers import in_unit, percent
 from pumaid.show.story import joint_title
 from pumaid.show.wording import listed
@@ -104,6 +104,24 @@ def adequate_sentences(diagnosis: Diagnosis, robot: Robot) -> list[str]:
     if still:
         out.append(f"{joints_named(still, robot)}: never moved alone in these logs, so nothing is known.")
     return out
+
+
+def suspect_sentences(diagnosis: Diagnosis) -> list[str]:
+    """Of the columns that the user suspected and that no finding names: whether anything follows them."""
+    named = {name for found in diagnosis.findings for name in (found.effect, *found.rivals)}
+    out: dict[str, bool] = {}
+    for limit in (limit for joint in diagnosis.joints for limit in joint.limits):
+        if limit.effect.startswith(SUSPECT) and limit.effect not in named:
+            out[limit.effect] = out.get(limit.effect, False) or limit.size is not None
+    return [
+        f"Column {name.removeprefix(SUSPECT)}: "
+        + (
+            "no joint's current is shown to follow it."
+            if could
+            else "these runs show nothing of it: it hardly changes there, or has no numbers."
+        )
+        for name, could in out.items()
+    ]
 
 
 def applied_sentences(diagnosis: Diagnosis, robot: Robot) -> list[str]:

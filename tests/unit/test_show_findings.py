@@ -86,6 +86,16 @@ def test_a_joint_that_others_explain_is_told():
     assert sentence.endswith("What it lacks is among the findings.")
 
 
+def test_a_suspicion_is_answered():
+    """Of a suspected column that no finding names it is said whether these data could have shown anything."""
+    told = diagnoses.rich()
+    limits = (Limit("suspect:oil", 1, "a", 0.02, "A"), Limit("suspect:volt", 1, "a", None, "A", "it stays the same"))
+    asked = replace(told, joints=(replace(told.joints[0], limits=limits), *told.joints[1:]))
+    oil, volt = verdicts.suspect_sentences(asked)
+    assert oil == "Column oil: no joint's current is shown to follow it."
+    assert volt == "Column volt: these runs show nothing of it: it hardly changes there, or has no numbers."
+
+
 def test_a_joint_at_its_noise_is_not_said_to_be_missed():
     """Where an effect elsewhere acts at a joint whose error is noise, nobody is told that its model fails."""
     told = diagnoses.rich()
