@@ -96,7 +96,8 @@ def of_cells(blocks: Sequence[Block], sight: Sight, *, columns: Floats, known: i
     known
         How many of the blocks' columns to keep.
     """
-    (along, rest), inside = sight.split(columns), sight.inside(columns)
+    along, rest = sight.split(columns)
+    inside = sight.inside(columns, along)
     used, more = np.flatnonzero(rest.any(axis=0)), along.shape[2]
     inner = np.zeros((len(inside), known + more, known + more))
     inner[:, known:, known:] = inside

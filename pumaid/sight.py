@@ -88,6 +88,8 @@ class Sight:
         (N,) root of the samples in each cell.
     starts
         (R,) first cell of each run.
+    regressors
+        (g N, k) of the triangle at the instants.
     basis
         (N, k) of each run orthonormal columns that span what its triangle knows, weighted; zero columns where it knows
         less.
@@ -104,6 +106,7 @@ class Sight:
     samples: Samples
     weight: Floats
     starts: Counts
+    regressors: Floats
     basis: Floats
     lift: Floats
     left: Floats
@@ -128,7 +131,8 @@ class Sight:
         starts = np.concatenate([[0], np.cumsum(sizes)[:-1]]).astype(np.int64)
         weight = np.sqrt(np.concatenate([run.cells.count for run in own]).astype(float))
         is_stroke = np.repeat([run.kind == "stroke" for run in own], len(samples) // len(weight) * sizes)
-        regressors = averaged(_regressors(robot, samples, is_stroke), len(weight))
+        instants = _regressors(robot, samples, is_stroke)
+        regressors = averaged(instants, len(weight))
         current = weight * np.concatenate([run.cells.current[:, joint - 1] for run in own])
         basis, lift = np.zeros_like(regressors), np.zeros((len(own), regressors.shape[1], regressors.shape[1]))
         for number, (start, size) in enumerate(zip(starts, sizes, strict=True)):
@@ -139,7 +143,7 @@ class Sight:
             lift[number][:, kept] = right[kept].T / singular[kept]
         along = np.add.reduceat(basis * current[:, None], starts, axis=0)
         left_over = current - np.einsum("nk,nk->n", basis, np.repeat(along, sizes, axis=0))
-        return cls(joint, own, samples, weight, starts, basis, lift, left_over, has_slope)
+        return cls(joint, own, samples, weight, starts, instants, basis, lift, left_over, has_slope)
 
     @property
     def sizes(self) -> Counts:
@@ -159,7 +163,8 @@ class Sight:
         """The same with one instant a cell: coarser for ripples near two cells a period, and three times quicker."""
         if self.grain == 1:
             return self
-        return replace(self, samples=at(self.samples, np.arange(1, len(self.samples), len(NODES))))
+        rows = np.arange(1, len(self.samples), len(NODES))
+        return replace(self, samples=at(self.samples, rows), regressors=self.regressors[rows])
 
     def split(self, columns: Floats) -> tuple[Floats, Floats]:
         """Columns at the instants as (R, k, p) parts along the triangle's regressors and (N, p) weighted rest."""
@@ -171,12 +176,17 @@ class Sight:
         rest[np.repeat(is_inside, self.sizes, axis=0)] = 0.0
         return self.lift @ along, rest
 
-    def inside(self, columns: Floats) -> Floats:
-        """(R, p, p) summed products, over the samples, of what columns at the instants do within cells."""
-        parts = columns.reshape(len(self.weight), self.grain, -1)
-        means = averaged(columns, len(self.weight))
-        off = np.sqrt(WEIGHTS if self.grain > 1 else np.zeros(1))[:, None] * (parts - means[:, None])
-        weighted = self.weight[:, None, None] * off
+    def inside(self, columns: Floats, along: Floats) -> Floats:
+        """(R, p, p) summed products, over the samples, of what columns at the instants do within cells.
+
+        Without what the triangle does there: (R, k, p) `along`, as `split` gives it.
+        """
+        if self.grain == 1:
+            return np.zeros((len(self.runs), columns.shape[1], columns.shape[1]))
+        inner = np.repeat(along, self.grain * self.sizes, axis=0)
+        own = columns - np.einsum("nk,nkp->np", self.regressors, inner)
+        off = own.reshape(len(self.weight), self.grain, -1) - averaged(own, len(self.weight))[:, None]
+        weighted = self.weight[:, None, None] * np.sqrt(WEIGHTS)[:, None] * off
         return self.per_run(np.einsum("ngp,ngq->npq", weighted, weighted))
 
     def per_run(self, values: Floats) -> Floats:
@@ -215,6 +225,9 @@ def _inside(run: Run, middle: Samples) -> Samples:
         name: np.repeat(held, len(NODES), axis=0) for name in COURSES if (held := getattr(middle, name)) is not None
     }
     moved = three["velocity"][:, own] * ahead
+    if run.kind == "stroke" and len(cells) > 1:
+        three["velocity"][:, own] += three["acceleration"] * ahead
+        three["acceleration"] += np.repeat(np.gradient(middle.acceleration, middle.time), len(NODES)) * ahead
     three["position"][:, own] += moved
     three["time"] += ahead
     three["elapsed"] += ahead

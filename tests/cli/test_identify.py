@@ -200,3 +200,63 @@ def test_an_effect_of_several_joints_can_be_read_back(arm, options):
     alone = next(value for value in found.recursive if value.name == "flexibility.j2.c")
     assert alone.value is None and "without --recursive" in alone.reason
     assert (found.value("flexibility.j2.c").value is None) == bool(options)
+
+
+def test_add_fits_an_effect_with_all_the_rest(arm):
+    """``--add`` prints the effect's rows and writes its parameters and shape; the next command predicts with it."""
+    done = identify("logs", "--add", "stribeck@knee:exponent=1", "--json")
+    assert done.exit_code == 0, done.stderr
+    document = json.loads(done.stdout)
+    (effect,) = document["effects"]
+    assert (effect["effect"], effect["joint"], effect["shape"]["exponent"]) == ("stribeck", 2, 1.0)
+    assert 1e-4 <= effect["shape"]["velocity"] <= 20.0
+    states = {value["name"]: value["state"] for value in document["joints"][1]["parameters"]}
+    assert states["stribeck.j2.exponent"] == "given" and {"stribeck.j2.a", "stribeck.j2.velocity"} <= set(states)
+    compared = CliRunner().invoke(group, ["compare", "results/model.json", "logs", "--json"])
+    assert compared.exit_code == 0, compared.stderr
+    rmse = [joint["rmse"] for joint in json.loads(compared.stdout)["joints"]]
+    assert rmse == pytest.approx([joint["rmse"] for joint in document["joints"]], rel=1e-6)
+
+
+def test_the_table_shows_added_effects(arm):
+    """An added effect's parameters have rows of their own."""
+    done = identify("logs", "--add", "ripple@2:frequency=20")
+    assert done.exit_code == 0, done.stderr
+    assert "ripple" in done.stdout
+
+
+def test_recipe_effects_can_be_left_out(arm):
+    """``--remove`` takes out what the recipe switches on; the recipe, and so the model's recipe, is the same."""
+    with (arm / "recipe.yaml").open("a", encoding="utf-8") as recipe:
+        recipe.write("\neffects:\n  - {effect: spring, joint: knee}\n")
+    kept, left = (json.loads(identify("logs", *more, "--json").stdout) for more in ((), ("--remove", "spring@2")))
+    assert [one["effect"] for one in kept["effects"]] == ["spring"] and left["effects"] == []
+    assert kept["recipe"] == left["recipe"]
+
+
+@pytest.mark.parametrize(
+    ("line", "slug", "hint"),
+    [
+        ("- {effect: sprig, joint: knee}", "unknown-effect", "did you mean spring?"),
+        ("- {effect: stribeck, joint: 2, shape: {velocty: 1}}", "effect-shape", "did you mean velocity?"),
+        ("- {effect: stribeck, joint: kne}", "recipe-unknown-word", "did you mean knee?"),
+        ("- {effect: stribeck, jiont: 2}", "recipe-unknown-key", "did you mean joint?"),
+        ("- {effect: ripple, shape: {frequency: -3}}", "effect-shape", "write a number from"),
+    ],
+)
+def test_wrong_effects_of_a_recipe_are_told_with_their_line(arm, line, slug, hint):
+    """File, line, entry and the nearest right word, before any log is read."""
+    recipe = arm / "recipe.yaml"
+    text = recipe.read_text(encoding="utf-8")
+    recipe.write_text(f"{text}\neffects:\n  {line}\n", encoding="utf-8")
+    done = identify("logs")
+    number = len(text.splitlines()) + 3
+    assert done.exit_code == 3 and f"error[{slug}]" in done.stderr and hint in done.stderr
+    assert "recipe.yaml" in done.stderr and f"line {number}" in done.stderr and "effects[1]" in done.stderr
+
+
+def test_wrong_additions_are_refused(arm):
+    """A misspelt effect is told with the option as typed and the nearest name."""
+    done = identify("logs", "--add", "stribek@2")
+    assert done.exit_code == 3
+    assert "--add stribek@2" in done.stderr and "did you mean stribeck?" in done.stderr

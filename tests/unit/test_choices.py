@@ -1,0 +1,106 @@
+"""Effects as users choose them: read, spread over joints, and refused with the nearest right word."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import pytest
+from worlds import PENDULUM
+
+from pumaid.choices import chosen_by, expanded, spoken
+from pumaid.errors import ModelError
+from pumaid.records import EffectChoice
+from pumaid.virtual import table1
+
+PUMA = table1.puma560().robot
+
+
+def refusal(*, add=(), remove=(), robot=PUMA) -> ModelError:
+    """What a choice is refused with."""
+    with pytest.raises(ModelError) as told:
+        chosen_by(robot, add=add, remove=remove)
+    return told.value
+
+
+@pytest.mark.parametrize(
+    ("text", "wanted"),
+    [
+        ("stribeck@3", EffectChoice("stribeck", 3)),
+        ("stribeck@elbow", EffectChoice("stribeck", 3)),
+        ("stribeck", EffectChoice("stribeck", None)),
+        ("stribeck@all", EffectChoice("stribeck", None)),
+        ("tilt", EffectChoice("tilt", None)),
+        (
+            "stribeck@3:velocity=0.12, exponent=1",
+            EffectChoice("stribeck", 3, {"velocity": 0.12, "exponent": 1.0}),
+        ),
+    ],
+)
+def test_a_choice_is_read_as_it_is_written(text, wanted):
+    """Joints go by number or name or all, shapes after a colon."""
+    assert spoken(text, PUMA) == wanted
+
+
+def test_all_is_every_joint_where_the_effect_can_act():
+    """Friction that follows the load is nowhere where no load is: not at the PUMA's upright waist."""
+    assert [one.joint for one in chosen_by(PUMA, add=["load_friction"])] == [2, 3, 4, 5, 6]
+    assert [one.joint for one in chosen_by(PUMA, add=["tilt"])] == [None]
+
+
+@pytest.mark.parametrize(
+    ("text", "slug", "hint"),
+    [
+        ("stribek@3", "unknown-effect", "did you mean stribeck?"),
+        ("stribeck@elbwo", "effect-joint", "did you mean elbow?"),
+        ("stribeck@7", "effect-joint", "number from 1"),
+        ("tilt@2", "effect-joint", "leave the joint out"),
+        ("stribeck@3:velocit=1", "effect-shape", "did you mean velocity?"),
+        ("stribeck@3:velocity=fast", "effect-shape", "velocity=NUMBER"),
+        ("stribeck@3:velocity=500", "effect-shape", "from 0.0001 to 20"),
+        ("stribeck@3:velocity=nan", "effect-shape", "from 0.0001 to 20"),
+        ("spring@3:rate=1", "effect-shape", "has no shape"),
+        ("load_friction@1", "effect-not-here", "leave it out"),
+        ("viscous@3", "effect-twice", "leave it out"),
+    ],
+)
+def test_a_wrong_choice_is_told_with_what_is_right(text, slug, hint):
+    """Unknown names get the nearest one, wrong values their bounds, and the option as typed is the place."""
+    told = refusal(add=[text])
+    assert told.slug == slug and hint in str(told)
+    assert f"--add {text}" in str(told)
+
+
+def test_what_is_in_the_model_is_not_added_again():
+    """Twice the same friction is refused; two ripples are two, unless they are of one frequency."""
+    assert refusal(add=["stribeck@3", "stribeck@3"]).slug == "effect-twice"
+    assert refusal(add=["ripple@3:frequency=30", "ripple@3:frequency=30"]).slug == "effect-twice"
+    assert len(chosen_by(PUMA, add=["ripple@3:frequency=30", "ripple@3:frequency=60"])) == 2
+
+
+def test_remove_takes_out_what_the_recipe_switches_on():
+    """By name, by name and joint, or all; what is not there is refused with what is."""
+    robot = replace(PUMA, effects=(EffectChoice("stribeck", 3), EffectChoice("spring", 2), EffectChoice("spring", 3)))
+    left = [(one.effect, one.joint) for one in chosen_by(robot, remove=["spring@3"])]
+    assert left == [("stribeck", 3), ("spring", 2)]
+    assert [one.effect for one in chosen_by(robot, remove=["spring"])] == ["stribeck"]
+    assert chosen_by(robot, remove=["all"]) == ()
+    told = refusal(remove=["tilt"], robot=robot)
+    assert told.slug == "effect-not-there" and "stribeck@3, spring@2, spring@3" in str(told)
+
+
+def test_a_removed_effect_can_be_added_with_another_shape():
+    """Removing comes before adding."""
+    robot = replace(PUMA, effects=(EffectChoice("stribeck", 3),))
+    (one,) = chosen_by(robot, remove=["stribeck"], add=["stribeck@3:exponent=2"])
+    assert one.shape == {"exponent": 2.0}
+
+
+def test_an_effect_of_the_recipe_that_nobody_knows_is_told_with_its_place():
+    """The recipe's file, line and entry stand in the message, and the nearest name."""
+    choices = (EffectChoice("spring", 1), EffectChoice("striebeck", 2))
+    robot = replace(PENDULUM, effects=choices, origin="recipe.yaml", effect_lines=(8, 9))
+    with pytest.raises(ModelError) as told:
+        expanded(robot.effects, robot)
+    assert told.value.slug == "unknown-effect"
+    assert (told.value.where.file, told.value.where.line, told.value.where.field) == ("recipe.yaml", 9, "effects[2]")
+    assert "did you mean stribeck?" in str(told.value)
