@@ -26,7 +26,7 @@ class Counterbalance(Effect):
     )
     family = "torque(q)"
     trace = (Trace.POSITION,)
-    look_alikes = ("spring", "tilt", "ripple")
+    look_alikes = ("spring", "tilt", "ripple", "flexibility")
 
     def parameters(self, robot: Robot, number: int) -> tuple[Parameter, ...]:
         return (Parameter("a", "A", "force times lever, as current", "a{n}", 0.3),)

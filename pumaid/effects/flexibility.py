@@ -27,7 +27,7 @@ class Flexibility(Effect):
     scope = Scope.CAUSE
     family = "gravity"
     trace = (Trace.POSITION, Trace.LOAD)
-    look_alikes = ("counterbalance", "zero_offset")
+    look_alikes = ("counterbalance", "zero_offset", "spring")
     needs_loads = True
 
     def parameters(self, robot: Robot, number: int) -> tuple[Parameter, ...]:

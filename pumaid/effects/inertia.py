@@ -23,7 +23,7 @@ class Inertia(Effect):
     family = "motion"
     opposes_motion = True
     trace = (Trace.POSITION,)
-    look_alikes = ("presliding",)
+    look_alikes = ("presliding", "saturation")
     in_triangle = True
     per_posture = True
 

@@ -27,7 +27,7 @@ class Saturation(Effect):
     )
     family = "current"
     trace = (Trace.LOAD,)
-    look_alikes = ("torque_droop", "stribeck", "viscous_power")
+    look_alikes = ("torque_droop", "stribeck", "viscous_power", "inertia")
     needs_loads = True
 
     def parameters(self, robot: Robot, number: int) -> tuple[Parameter, ...]:

@@ -23,7 +23,7 @@ class Spring(Effect):
     )
     family = "torque(q)"
     trace = (Trace.POSITION,)
-    look_alikes = ("counterbalance", "tilt", "ripple", "presliding")
+    look_alikes = ("counterbalance", "tilt", "ripple", "presliding", "flexibility")
 
     def parameters(self, robot: Robot, number: int) -> tuple[Parameter, ...]:
         unit = f"A/{robot.joint(number).position_unit}"
