@@ -30,8 +30,8 @@ class Loads:
         (M, 2) A/rad: derivative of `own` by a turn of the arm's base about the base frame's x and y; of a joint whose
         ratio to those beyond it is not known, in the gain of the next joint outward whose is.
     across
-        (M,) size of gravity's moment across joint i's axis, as the current that it would draw if it lay along it, in the
-        same gain as `tilts`; zero for a prismatic joint.
+        (M,) size of gravity's moment across joint i's axis, as the current that it would draw if it lay along it, in
+        the same gain as `tilts`; zero for a prismatic joint.
     drawn
         (M,) the model's whole prediction in joint i.
     gains

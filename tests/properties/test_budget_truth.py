@@ -87,7 +87,7 @@ def test_a_hidden_effect_lands_in_its_part(effect):
 
 @pytest.mark.parametrize("effect", TRACES)
 def test_the_part_is_what_the_effect_leaves(effect):
-    """All parts but noise hold what the effect leaves of the model where there is no noise, to a third or a tenth of all.
+    """All parts but noise hold what the effect leaves of a model without noise, to a third or a tenth of the whole.
 
     A tenth of the whole is what 32 levels of repeated runs allow.
     """

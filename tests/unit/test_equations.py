@@ -68,7 +68,7 @@ LAWS = {
 @pytest.mark.parametrize("kind", ["constant", "stroke"])
 @pytest.mark.parametrize("name", LAWS)
 def test_equations_are_those_of_all_samples(name, kind):
-    """Cells give the effect's size that all samples give, also of a ripple of twelve cells a period, and the same misfit.
+    """Cells give the effect's size that all samples give, also of a ripple of twelve cells a period; the same misfit.
 
     To a thousandth of the size. Of the misfit to six percent: within cells the noise has a part along the effect that
     means of cells do not show, of a standard deviation of three percent for this ripple.
