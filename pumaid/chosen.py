@@ -18,6 +18,9 @@ Floats = NDArray[np.float64]
 #: Step of a numerical derivative by a shape, as a share of the shape's own scale: its square is far below any interval.
 STEP = 1e-4
 
+#: Columns of an effect below this share of its largest are rounding.
+ROUNDING = 1e-11
+
 
 @dataclass(frozen=True, slots=True)
 class Column:
@@ -134,7 +137,9 @@ class Chosen:
         def at(values: Mapping[str, float]) -> Floats:
             return effect.columns(robot, samples, number=self.number, shape=values)
 
-        found = [at(shape)]
+        linear = at(shape)
+        size = np.abs(linear).max(axis=0, initial=0.0)
+        found = [np.where(size > ROUNDING * size.max(initial=0.0), linear, 0.0)]
         for name, facts in self.shapes(robot).items() if self.fitted else ():
             if name in self.fitted:
                 low, high = step_of(facts, shape[name])

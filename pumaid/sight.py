@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.signal import savgol_filter
+from scipy.signal import savgol_coeffs, savgol_filter
 
 from pumaid.knots import COURSES, at, spread
 from pumaid.records import Campaign, Loads, Robot, Run, Samples
@@ -29,6 +29,10 @@ INSIDE = 1e-7
 
 #: Cells over which the slope of a run's speed is read: a sixteenth of it, and no fewer than nine.
 SLOPE_SHARE, FEWEST = 16, 9
+#: Order of the polynomial through them.
+ORDER = 3
+#: Mean square of an acceleration, over that of the noise in it, from which it is seen.
+SEEN = 10.0
 
 
 def samples_of(run: Run, campaign: Campaign, *, has_slope: bool = False) -> Samples:
@@ -58,7 +62,7 @@ def samples_of(run: Run, campaign: Campaign, *, has_slope: bool = False) -> Samp
         direction=np.full(len(cells), float(run.direction)),
         time=campaign.since(run.joint, run.clock, cells.time),
         elapsed=campaign.since(0, run.clock, cells.time),
-        travel=np.abs(cells.position[:, own] - run.span[0]),
+        travel=campaign.lead(run) + np.abs(cells.position[:, own] - run.span[0]),
         temperature=cells.temperature,
         run=np.zeros(len(cells)),
         extra=cells.extra,
@@ -66,12 +70,19 @@ def samples_of(run: Run, campaign: Campaign, *, has_slope: bool = False) -> Samp
 
 
 def _slope(time: Floats, position: Floats) -> Floats:
-    """(M,) acceleration from positions at nearly equal steps of time."""
+    """(M,) acceleration from positions at nearly equal steps of time; zeros where it is lost in the sensor's noise.
+
+    Noise in a regressor would pass for a small inertia, well known.
+    """
     window = max(FEWEST, len(time) // SLOPE_SHARE) | 1
-    if len(time) < window:
+    if len(time) <= window:
         return np.zeros(len(time))
     step = float(time[-1] - time[0]) / (len(time) - 1)
-    return np.asarray(savgol_filter(position, window, 3, deriv=2, delta=step))
+    found = np.asarray(savgol_filter(position, window, ORDER, deriv=2, delta=step))
+    rough = position - savgol_filter(position, window, ORDER)
+    noise = float(np.mean(rough**2)) * window / (window - ORDER - 1)
+    carried = noise * float(np.sum(savgol_coeffs(window, ORDER, deriv=2, delta=step) ** 2))
+    return found if np.mean(found**2) > SEEN * carried else np.zeros(len(time))
 
 
 @dataclass(frozen=True, eq=False, slots=True)

@@ -21,6 +21,9 @@ SEED = 20_261
 PERIODIC = 2
 #: Quantile of each candidate's own flips that all are brought to, so that each has the same chance of a false alarm.
 BALANCED = 0.98
+#: Surprise beyond which no flip is asked. Of what shows in a few runs flips can say nothing (of three runs one flip in
+#: four changes nothing but the sign), whatever its size; and no misjudgement of the noise makes eleven deviations.
+GROSS = 30.0
 #: Candidates whose flips are held at once.
 AT_ONCE = 128
 
@@ -42,12 +45,14 @@ class Family:
 
     def p_value(self, key: Key, seen: float) -> float:
         """Chance of any candidate at least as far beyond its handicap as `key` is with the surprise `seen`."""
+        if seen >= GROSS:
+            return 1.0 / (1 + len(self.largest))
         beyond = seen - self.handicaps.get(key, 0.0)
         return float(1 + np.count_nonzero(self.largest >= beyond)) / (1 + len(self.largest))
 
     def threshold(self, key: Key, level: float) -> float:
         """Surprise that `key` needs for a p-value below `level`."""
-        return self.handicaps.get(key, 0.0) + float(np.quantile(self.largest, 1.0 - level))
+        return min(self.handicaps.get(key, 0.0) + float(np.quantile(self.largest, 1.0 - level)), GROSS)
 
 
 def family(scan: Scan, *, periodic: str | None = None, flips: int = FLIPS) -> Family:

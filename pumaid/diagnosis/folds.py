@@ -17,9 +17,9 @@ Floats = NDArray[np.float64]
 
 #: Share of a parameter's information that runs must keep for it to be fitted to them.
 KEPT = 0.01
-#: Groups of repeated runs below which they do not leave together: with all runs of one direction gone, the others could
-#: not even tell friction from weight.
-FEWEST_GROUPS = 4
+#: Most of a joint's runs that leave together: with all runs of one direction gone, the others could not even tell
+#: friction from weight.
+MOST_LEAVING = 1.0 / 3.0
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -53,12 +53,13 @@ class Falls:
 
 
 def groups_of(solved: Solved, joints: Sequence[int]) -> list[tuple[int, tuple[int, ...]]]:
-    """(joint, runs) that leave together: repeated runs of each joint; runs one by one where that would be few folds."""
+    """(joint, runs) that leave together: repeated runs of each joint; runs one by one where that would be too many."""
     found: list[tuple[int, tuple[int, ...]]] = []
     for row in solved.rows:
         if row.field.joint in joints:
+            most = MOST_LEAVING * len(row.field.runs)
             alone = tuple((number,) for number in range(len(row.field.runs)))
-            groups = row.field.groups if len(row.field.groups) >= FEWEST_GROUPS else alone
+            groups = alone if max(len(group) for group in row.field.groups) > most else row.field.groups
             found += [(row.field.joint, group) for group in groups]
     return found
 

@@ -6,7 +6,7 @@ import numpy as np
 from scipy import stats
 
 from pumaid.diagnosis.contender import LEVEL
-from pumaid.diagnosis.familywise import PERIODIC, Family
+from pumaid.diagnosis.familywise import GROSS, PERIODIC, Family
 from pumaid.diagnosis.scan import Scan, Trial
 from pumaid.diagnosis.variants import Catalogue
 from pumaid.effects import Effect, Scope
@@ -16,6 +16,8 @@ Key = tuple[str, int | None]
 
 #: Chance with which an effect of the limit's size is found.
 POWER = 0.8
+#: Fourth moment of a normal score over its square's square.
+NORMAL = 3.0
 #: Share of an effect that is left beside the model, below which a size that could be seen would be no small effect.
 FAINT = "the fitted model absorbs all of it in these runs"
 
@@ -24,8 +26,8 @@ def limits(scan: Scan, catalogue: Catalogue, family: Family, *, periodic: Effect
     """The detection limit of every effect at every joint, in the unit of its first parameter.
 
     With information S of the parameter, all else refitted, a size a shifts the score by a sqrt(S) standard deviations;
-    it is found in `POWER` of all cases when this exceeds the family-wise threshold by the normal quantile of `POWER`.
-    Of an effect with a shape it is the median over shapes that can be seen.
+    it is found in `POWER` of all cases when this exceeds the family-wise threshold, as it then is, by the normal
+    quantile of `POWER`. Of an effect with a shape it is the median over shapes that can be seen.
     """
     robot, out = scan.solved.model.robot, dict[Key, Limit]()
     sizes: dict[Key, list[float]] = {}
@@ -33,13 +35,14 @@ def limits(scan: Scan, catalogue: Catalogue, family: Family, *, periodic: Effect
     for trial in scan.trials:
         key = trial.added.key
         kinds[key] = trial.added.effect
-        sizes.setdefault(key, []).append(_size(trial, family, scan.solved.scale))
+        sizes.setdefault(key, []).append(_size(trial, family, scan))
     for key, some in sizes.items():
         out[key] = _limit(robot, kinds[key], key, float(np.median(some)))
     for joint, spectrum in scan.spectra.items():
         if periodic is not None:
-            lowest = needed(family.threshold((periodic.name, joint), LEVEL), PERIODIC) ** 2 * scan.solved.scale
-            size = float(np.sqrt(lowest / np.median(spectrum.information)))
+            threshold = family.threshold((periodic.name, joint), LEVEL)
+            shift = needed(threshold, PERIODIC, runs=len(spectrum.scores))
+            size = shift * float(np.sqrt(scan.solved.scale / np.median(spectrum.information)))
             out[periodic.name, joint] = _limit(robot, periodic, (periodic.name, joint), size)
     for key in scan.absorbed:
         out[key] = Limit(*key, "", None, "", FAINT)
@@ -48,17 +51,34 @@ def limits(scan: Scan, catalogue: Catalogue, family: Family, *, periodic: Effect
     return out
 
 
-def needed(surprise: float, freedoms: int) -> float:
-    """Standard deviations of shift that are found with `POWER` when the threshold is `surprise` (-log10 p)."""
-    threshold = float(stats.chi2.isf(10.0 ** -min(surprise, 300.0), freedoms))
-    return float(np.sqrt(threshold) + stats.norm.ppf(POWER))
+def needed(surprise: float, freedoms: int, *, runs: float) -> float:
+    """Standard deviations of shift that are found with `POWER` when the threshold is `surprise` (-log10 p).
+
+    Flipped scores hold the effect, too: a shift of d, spread over R runs, raises the flips' squares and with them the
+    threshold by the share d^2 / R; but beyond `GROSS` no flip is asked.
+    """
+    more = float(stats.norm.ppf(POWER))
+    threshold, surely = (float(stats.chi2.isf(10.0**-alarm, freedoms)) for alarm in (min(surprise, GROSS), GROSS))
+    rest = 1.0 - threshold / runs
+    most = float(np.sqrt(surely)) + more
+    if rest <= 0.0:
+        return most
+    return min((more + float(np.sqrt(more**2 - rest * (more**2 - threshold)))) / rest, most)
 
 
-def _size(trial: Trial, family: Family, scale: float) -> float:
+def _size(trial: Trial, family: Family, scan: Scan) -> float:
     if trial.information[0, 0] <= 0.0:
         return float("inf")
-    variance = scale / float(trial.information[0, 0])  # the effect's other parameters zero
-    return needed(family.threshold(trial.added.key, LEVEL), trial.width) * float(np.sqrt(variance))
+    variance = scan.solved.scale / float(trial.information[0, 0])  # the effect's other parameters zero
+    threshold = family.threshold(trial.added.key, LEVEL)
+    return needed(threshold, trial.width, runs=_runs(trial, scan)) * float(np.sqrt(variance))
+
+
+def _runs(trial: Trial, scan: Scan) -> float:
+    """Runs, each telling as much as any other, that would flip like these: by their scores' fourth moment."""
+    squares = trial.scores[:, 0] ** 2
+    alike = float(NORMAL * squares.sum() ** 2 / np.sum(squares**2)) if squares.any() else 1.0
+    return min(alike, float(len(squares))) / float(np.mean(scan.leverage**2))
 
 
 def _limit(robot: Robot, effect: Effect, key: Key, size: float) -> Limit:

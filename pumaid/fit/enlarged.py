@@ -124,7 +124,9 @@ def enlarged(
     work = _Work.begun(model, runs, wanted, campaign=campaign)
     for place, one in enumerate(wanted):
         free = _free(one, model)
-        if free:
+        if free and not any(one.touches(joint) for joint in work.seen):
+            work.chosen[place] = one.at({name: one.shapes(model.robot)[name].example for name in free})
+        elif free:
             tell(one.number, f"looking for {' and '.join(free)} of {one.effect.name}")
             work.look(place, one, free)
         elif one.effect.needs_loads:

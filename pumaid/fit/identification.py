@@ -28,6 +28,7 @@ from pumaid.motion.replicates import noise_floor
 from pumaid.records import (
     GIVEN,
     IDENTIFIED,
+    NOT_IDENTIFIABLE,
     Campaign,
     EffectChoice,
     Estimate,
@@ -80,7 +81,7 @@ def identified(
     runs = tuple(run for run in evidence.runs if not run.heldout)
     if not runs:
         raise _no_runs(evidence)
-    model, campaign = Model.of_runs(robot, runs), Campaign.of(evidence.runs)
+    model, campaign = Model.of_runs(robot, runs), Campaign.of(evidence.runs, evidence.rejects)
     choices = tuple(choice for choice in choices if not _is_there(choice, model))
     found = enlarged(model, runs, choices, campaign=campaign, recursive=recursive, progress=progress)
     fitted = found.fitted
@@ -89,7 +90,8 @@ def identified(
     of_recursion = Sheet.of_recursion(fitted, runs, first)
     sheet = of_recursion if recursive else Sheet.of(fitted, runs, final, gauge=found.gauge)
     sheet = replace(sheet, profiles=_profiles(found, sheet))
-    values, model = (*sheet.values(), *_held(found, choices)), fitted.model
+    values, model = sheet.values(), fitted.model
+    values = (*values, *_held(found, choices, values))
     p = len(model.names)
     is_shape = np.array([column.shape is not None for column in model.columns], dtype=bool)
     estimate = Estimate(
@@ -153,17 +155,23 @@ def _with_shapes(found: Enlarged, choices: Sequence[EffectChoice]) -> tuple[Effe
     return tuple(replace(choice, shape=shape) for choice, shape in zip(choices, found.shapes, strict=True))
 
 
-def _held(found: Enlarged, choices: Sequence[EffectChoice]) -> list[Value]:
+def _held(found: Enlarged, choices: Sequence[EffectChoice], values: Sequence[Value]) -> list[Value]:
     """Shapes without a derivative: given ones, and instants and whole numbers that were looked for."""
     model, out = found.fitted.model, []
+    known = {value.name for value in values if value.state == IDENTIFIED}
     for place, (choice, one) in enumerate(zip(choices, model.effects, strict=True)):
+        shows = any(column.name in known for column in model.columns if column.place == place)
         for column in _every_shape(one, model, place):
             name = column.shape or ""
-            bare = Value(column.name, column.symbol, column.owner or None, column.unit, one.choice.shape[name])
+            bare = Value(column.name, column.symbol, column.owner or None, column.unit)
             if name in choice.shape:
-                out.append(replace(bare, state=GIVEN))
+                out.append(replace(bare, value=choice.shape[name], state=GIVEN))
+            elif name not in one.fitted and shows:
+                ends = found.ranges.get((place, name))
+                out.append(replace(bare, value=one.choice.shape[name], ci95=ends, state=IDENTIFIED))
             elif name not in one.fitted:
-                out.append(replace(bare, ci95=found.ranges.get((place, name)), state=IDENTIFIED))
+                why = f"no size of {one.effect.name} shows in these data"
+                out.append(replace(bare, state=NOT_IDENTIFIABLE, reason=why))
     return out
 
 

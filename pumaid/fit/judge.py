@@ -86,7 +86,7 @@ class Judge:
     @classmethod
     def of(cls, robot: Robot, estimate: Estimate, evidence: Evidence) -> Judge:
         """The model of `estimate`, to be held against `evidence`."""
-        return cls(Model.of_estimate(robot, estimate), estimate, Campaign.of(evidence.runs))
+        return cls(Model.of_estimate(robot, estimate), estimate, Campaign.of(evidence.runs, evidence.rejects))
 
     def scaled(self, joint: int) -> Floats:
         """(p,) what each parameter counts in joint `joint`: value times ratio of gains, 0 where that is unknown."""

@@ -52,6 +52,16 @@ def test_prints_error_by_joint_and_the_worst_runs(arm):
     assert len(done.stdout.split("Worst runs")[1].splitlines()[2:-1]) == 2
 
 
+def test_says_where_the_error_lives(arm):
+    """Below the errors stands what they are made of; in JSON each joint's parts add up to its squared error."""
+    told = run("compare", "results/model.json", "logs")
+    assert "Where the error lives" in told.stdout and "noise" in told.stdout.split("Where the error lives")[1]
+    document = json.loads(run("compare", "results/model.json", "logs", "--json").stdout)
+    for joint in document["joints"]:
+        parts = joint["budget"]["parts"]
+        assert sum(part["mean_square"] for part in parts) == pytest.approx(joint["rmse"] ** 2, rel=1e-9)
+
+
 def test_json_is_one_document(arm):
     """``--json`` prints the comparison and nothing else on standard output."""
     done = run("compare", "results/model.json", "logs", "--json")
