@@ -1,0 +1,176 @@
+"""Measure what docs/budget.md states: false alarms where all is noise, and whose part a hidden effect grows.
+
+python tools/budget_trials.py
+
+Takes about fifteen minutes. The seeds were not used in development.
+"""
+
+from __future__ import annotations
+
+import os
+from collections import Counter
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+
+import numpy as np
+
+from pumaid.errors import PumaidError
+from pumaid.files.recipe import read_recipe, shipped_recipes
+from pumaid.records import Budget, Evidence, FileFacts, Motion, Plan, Robot
+from pumaid.verbs.compare import compare
+from pumaid.verbs.identify import identify
+from pumaid.virtual import Bench, Truth, draw, table1
+from pumaid.virtual.hidden import Hidden, sized
+
+#: First seed of the noise-only experiments, and of the others.
+NOISE_ONLY, HIDDEN = 910_000, 920_000
+#: Noise-only experiments on each arm; hidden effects of each kind and size on each arm.
+REPEATS, TRIALS = 20, 6
+#: What a hidden effect leaves of the model, as a multiple of the noise.
+SIZES = (0.5, 1.0)
+#: Design -> postures, speeds (of a slide: a fifth, in m/s), directions, repeats.
+DESIGNS: dict[str, tuple[int, Sequence[float], Sequence[int], int]] = {
+    "4 postures, 4 speeds, both ways, twice": (4, (0.2, 0.4, 0.8, 1.2), (1, -1), 2),
+    "the same, once": (4, (0.2, 0.4, 0.8, 1.2), (1, -1), 1),
+    "2 postures, 2 speeds, both ways, twice": (2, (0.3, 0.9), (1, -1), 2),
+    "4 postures, 4 speeds, one way, twice": (4, (0.2, 0.4, 0.8, 1.2), (1,), 2),
+}
+#: Effect -> where its trace may be told, the best first: part, variable.
+TRACES: dict[str, tuple[tuple[str, str], ...]] = {
+    "stribeck": (("odd", "speed"),),
+    "viscous_power": (("odd", "speed"),),
+    "load_friction": (("odd", "load"), ("smooth", "direction")),
+    "position_friction": (("smooth", "direction"),),
+    "presliding": (("start", "travel"),),
+    "spring": (("smooth", "position"), ("smooth", "posture")),
+    "counterbalance": (("smooth", "position"), ("smooth", "posture")),
+    "ripple": (("fast", "position"),),
+    "warmup": (("time", "time"),),
+    "friction_step": (("time", "time"),),
+    "torque_constant_drift": (("time", "load"), ("time", "time")),
+    "torque_droop": (("odd", "load"), ("even", "load")),
+    "flexibility": (("smooth", "load"), ("smooth", "posture"), ("smooth", "position")),
+    "delay": (("odd", "lag"),),
+    "tilt": (("smooth", "posture"), ("even", "posture"), ("smooth", "position")),
+}
+WORDS = ("right", "other", "open", "silent")
+AMPLITUDES = ("a", "b", "cos", "sin", "drive", "back", "x", "y", "c", "dt")
+
+
+def arms() -> Iterator[Truth]:
+    """The paper's PUMA, a UR3e and the Stanford arm with its slide, the last two drawn."""
+    yield table1.puma560()
+    for name, seed in (("ur3e", 21), ("stanford", 22)):
+        yield draw(read_recipe(shipped_recipes()[name]), seed)
+
+
+def plan(robot: Robot, design: str, seed: int) -> Plan:
+    """Every joint in random postures, in random order, repeats one after another."""
+    postures, speeds, ways, repeats = DESIGNS[design]
+    rng, holds = np.random.default_rng(seed), {}
+    size = np.where(robot.is_revolute, 2.0, 0.3)
+    for joint in robot.joints:
+        holds[joint.number] = [tuple(rng.uniform(-size, size)) for _ in range(postures)]
+    motions: list[Motion] = []
+    for _ in range(repeats):
+        for joint in robot.joints:
+            reach, slow = (2.0, 1.0) if joint.is_revolute else (0.3, 0.2)
+            own = [
+                Motion(joint.number, hold, -reach * way, reach * way, speed * slow)
+                for hold in holds[joint.number]
+                for speed in speeds
+                for way in ways
+            ]
+            motions += [own[k] for k in rng.permutation(len(own))]
+    return Plan(robot.name, tuple(motions))
+
+
+def judged(bench: Bench, seed: int) -> dict[int, Budget]:
+    """Budget of every joint of the model that is fitted to one experiment."""
+    runs = bench.runs(np.random.default_rng(seed))
+    evidence = Evidence(runs, (), (FileFacts("bench", "ab" * 32, 1, 0.01, 0.0, 1.0),))
+    comparison = compare(identify(evidence, bench.truth.robot), evidence, bench.truth.robot)
+    return {score.joint: score.budget for score in comparison.joints if score.budget is not None}
+
+
+def false_alarms() -> Iterator[str]:
+    """A table row a design."""
+    for design in DESIGNS:
+        chances, flagged, joints = [], 0, 0
+        for truth in arms():
+            bench = Bench(truth, plan(truth.robot, design, NOISE_ONLY), rate=50.0, cells=120)
+            for seed in range(NOISE_ONLY, NOISE_ONLY + REPEATS):
+                for found in judged(bench, seed).values():
+                    joints += 1
+                    flagged += any(part.is_more for part in found.parts)
+                    chances.append(min(part.p_value for part in found.parts if part.p_value is not None))
+        rare = 100.0 * np.mean(np.array(chances) <= 0.05)
+        told = 100.0 * flagged / joints
+        yield f"| {design} | {joints} | {rare:.1f} % | {told:.1f} % | {np.median(chances):.2f} |"
+
+
+def hidden(truth: Truth, effect: str, joint: int, *, ratio: float, seed: int) -> tuple[Bench, int] | None:
+    """An arm on which `effect` leaves `ratio` times the noise of the joint where it shows most; None if it cannot."""
+    design = "4 postures, 4 speeds, both ways, twice"
+    motions = plan(truth.robot, design, seed)
+    where = None if effect == "tilt" else joint
+    values = {"friction_step": {"time": 1500.0}}.get(effect, {})
+    values |= {"time_constant": 1500.0} if effect in ("warmup", "torque_constant_drift") else {}
+    try:
+        (one,) = sized((Hidden(effect, where, values),), truth)
+    except PumaidError:
+        return None
+    bare = replace(truth.with_noise(0.0), hidden=(one,))
+    left = {number: found.mean_square**0.5 for number, found in judged(Bench(bare, motions, rate=50.0), seed).items()}
+    shown = max(left, key=lambda number: left[number] / truth.noise.std[number - 1]) if where is None else joint
+    if left[shown] < 1e-4 * truth.noise.std[shown - 1]:
+        return None
+    scale = ratio * truth.noise.std[shown - 1] / left[shown]
+    full = {key: value * (scale if key in AMPLITUDES else 1.0) for key, value in one.values.items()}
+    made = replace(truth, hidden=(Hidden(effect, where, full),))
+    return Bench(made, motions, rate=50.0, cells=120), shown
+
+
+def verdict(found: Budget, effect: str) -> str:
+    """``right``: the largest part is the effect's; ``other``: it is not, ``open``: it has no name; ``silent``."""
+    parts = sorted((part for part in found.parts if part.is_more), key=lambda part: -part.mean_square)
+    if not parts:
+        return "silent"
+    if parts[0].name == "unassigned":
+        return "open"
+    return "right" if any((parts[0].name, against) in TRACES[effect] for against in parts[0].against) else "other"
+
+
+def attributions() -> Iterator[str]:
+    """A table row an effect."""
+    for effect in TRACES:
+        cells = []
+        for ratio in SIZES:
+            seen: Counter[str] = Counter()
+            for place, truth in enumerate(arms()):
+                for trial in range(TRIALS):
+                    seed = HIDDEN + 100 * place + trial
+                    joint = int(np.random.default_rng(seed).integers(1, truth.robot.n_joints + 1))
+                    made = hidden(truth, effect, joint, ratio=ratio, seed=seed)
+                    if made is not None:
+                        seen[verdict(judged(made[0], seed)[made[1]], effect)] += 1
+            cells.append(
+                ", ".join(f"{seen[word]} {word}" for word in ("right", "other", "open", "silent") if seen[word])
+            )
+        yield f"| {effect} | {' | '.join(cells)} |"
+
+
+def main() -> None:
+    """Print both tables."""
+    print("| design | joints | smallest chance below 5 % | told more than noise | median chance |")
+    for row in false_alarms():
+        print(row, flush=True)
+    print("\n| effect | 0.5 x noise | 1 x noise |")
+    for row in attributions():
+        print(row, flush=True)
+
+
+if __name__ == "__main__":
+    main()
