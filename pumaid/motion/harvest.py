@@ -23,6 +23,9 @@ Floats = NDArray[np.float64]
 MOST_OPEN = 16
 #: Ticks on either side of a straight line through a run's own ticks.
 HALF = 2
+#: Turns from which a run gets more cells, so that a ripple of 100 waves a turn is not averaged away, and the turns up
+#: to which it does: what is kept of an endless run is bounded.
+MANY_TURNS, MOST_TURNS = 2.0, 64.0
 
 
 class Harvest:
@@ -51,7 +54,7 @@ class Harvest:
         if self._open and not _continues(self._open[-1], run, self.options):
             self._close()
         if len(self._open) >= MOST_OPEN:
-            self._open = [_joined(self._open, self.options)]
+            self._open = [_joined(self._open, self.robot, self.options)]
         self._open.append(run)
         self._last = None
         if not goes_on:
@@ -74,7 +77,7 @@ class Harvest:
 
     def _close(self) -> None:
         if self._open:
-            self._runs.append(_joined(self._open, self.options))
+            self._runs.append(_joined(self._open, self.robot, self.options))
         self._open = []
 
     def _leftover(self, block: Block, whole: Whole | None, piece: Piece) -> Leftover:
@@ -103,10 +106,11 @@ class Harvest:
         joint = piece.joints[0]
         first, last = int(samples[0]), int(samples[-1])
         rate = _rate(whole, piece)
-        inside = cells(block, piece, rate, samples=samples, most=self.options.max_cells)
+        position = block.position[piece.start : piece.stop, joint - 1]
+        most = _most(_ends(position), self.options, is_turning=self.robot.joint(joint).is_revolute)
+        inside = cells(block, piece, rate, samples=samples, most=most)
         posture = np.average(inside.position, axis=0, weights=inside.count)
         posture[joint - 1] = np.nan
-        position = block.position[piece.start : piece.stop, joint - 1]
         line = _line(block.time[piece.start : piece.stop], position)
         own = rate[1][:, joint - 1] if piece.course is None else piece.course.velocity
         return Run(
@@ -162,6 +166,12 @@ def _ends(position: Floats) -> tuple[float, float]:
     return float(position[0]), float(position[-1])
 
 
+def _most(span: tuple[float, float], options: SegmentOptions, *, is_turning: bool) -> int:
+    """Most cells of a run from one end of `span` (rad or m) to the other."""
+    turns = abs(span[1] - span[0]) / (2.0 * math.pi) if is_turning else 0.0
+    return math.ceil(options.max_cells * min(max(turns, MANY_TURNS), MOST_TURNS) / MANY_TURNS)
+
+
 def _warmth(inside: Cells) -> float:
     known = np.isfinite(inside.temperature)
     if not known.any():
@@ -181,21 +191,23 @@ def _continues(run: Run, following: Run, options: SegmentOptions) -> bool:
     return same and (close or run.kind != CONSTANT)
 
 
-def _joined(parts: list[Run], options: SegmentOptions) -> Run:
+def _joined(parts: list[Run], robot: Robot, options: SegmentOptions) -> Run:
     if len(parts) == 1:
         return parts[0]
     first, last = parts[0], parts[-1]
     weights = np.array([part.samples for part in parts], dtype=float)
     speed = float(np.average([part.speed for part in parts], weights=weights))
     ripple = np.average([part.ripple**2 + (part.speed - speed) ** 2 for part in parts], weights=weights)
-    inside = coarser([part.cells for part in parts], options.max_cells, joint=first.joint)
+    span = (first.span[0], last.span[1])
+    most = _most(span, options, is_turning=robot.joint(first.joint).is_revolute)
+    inside = coarser([part.cells for part in parts], most, joint=first.joint)
     return replace(
         first,
         last_row=last.last_row,
         last_origin=(last.last_origin or last.origin) if (last.last_origin or last.origin) != first.origin else "",
         duration=last.start + last.duration - first.start,
         posture=np.average([part.posture for part in parts], axis=0, weights=weights),
-        span=(first.span[0], last.span[1]),
+        span=span,
         speed=speed,
         ripple=math.sqrt(float(ripple)),
         temperature=_warmth(inside),

@@ -42,7 +42,7 @@ class SegmentOptions:
     low_speed_share
         A stroke starts and ends where the speed passes this share of its peak: below, friction is not yet sliding.
     max_cells
-        Most cells that a run is reduced to.
+        Most cells that a run is reduced to; one of more than two turns has half as many for each turn.
     reject_cells
         Most cells kept of a stretch that is left out.
     window

@@ -70,6 +70,16 @@ def test_cells_are_the_samples_means():
     np.testing.assert_allclose(run.cells.velocity[:, 1], 0.5, atol=1e-6)
 
 
+def test_runs_of_many_turns_keep_a_fast_ripple():
+    """Of a run of ten turns, means over 256 cells a turn still hold three quarters of a ripple of 100 waves a turn."""
+    one = log(speed=10.0, hold=6.3, rate=5000.0)
+    current = np.cos(100.0 * one.position)
+    (run,) = segment([changed(one, current=current)], ARM).runs
+    own = run.cells.position[:, 1]
+    assert len(run.cells) == pytest.approx(256 * np.ptp(own) / (2.0 * np.pi), rel=0.02)
+    assert 2.0 * np.mean(run.cells.current[:, 1] * np.cos(100.0 * own)) == pytest.approx(np.sinc(100 / 256), rel=0.03)
+
+
 def test_a_slide_has_no_sine():
     """A prismatic joint's cosine and sine columns are zero."""
     (run,) = segment([log(joint=3, speed=0.1)], ARM).runs
