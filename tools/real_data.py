@@ -9,6 +9,7 @@ import argparse
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
+import real_data_diagnosis
 import real_data_gen3
 import real_data_others
 import real_data_ur3e
@@ -24,7 +25,7 @@ def main() -> None:
         raise SystemExit("the recordings are not there: set PUMAID_REAL_DATA to their folder")
     told: list[str] = []
     with TemporaryDirectory() as scratch:
-        for section in (real_data_ur3e, real_data_gen3, real_data_others):
+        for section in (real_data_ur3e, real_data_gen3, real_data_others, real_data_diagnosis):
             told += [*section.lines(Path(scratch)), ""]
     text = "\n".join(told)
     if chosen.o is None:
