@@ -14,7 +14,8 @@ from pumaid.records import EffectChoice, Robot
 #: The joint that stands for all of them.
 ALL = "all"
 
-_OWN = "an effect from a file of your own needs that file each time: --effects FILE.py"
+#: What to do where an effect is not known that may be a user's own.
+OWN = "an effect from a file of your own needs that file each time: --effects FILE.py"
 
 
 def spoken(text: str, robot: Robot, *, option: str = "--add") -> EffectChoice:
@@ -116,7 +117,7 @@ def known_effect(name: str, where: Where) -> Effect:
             "unknown-effect",
             f"there is no effect {name} in the catalogue: {', '.join(known)}",
             where,
-            f"did you mean {near[0]}?" if near else f"pumaid effects lists the names; {_OWN}",
+            f"did you mean {near[0]}?" if near else f"pumaid effects lists the names; {OWN}",
         )
     if known[name].base:
         raise ModelError("effect-twice", f"{name} is in every model already", where, "leave it out")
@@ -134,7 +135,7 @@ def check_known(effects: Iterable[EffectChoice]) -> None:
     for number, choice in enumerate(effects, start=1):
         if choice.effect not in catalogue():
             what = f"the model holds {choice.effect}, which is not in the catalogue"
-            raise ModelError("unknown-effect", what, Where(joint=choice.joint, field=f"effects[{number}]"), _OWN)
+            raise ModelError("unknown-effect", what, Where(joint=choice.joint, field=f"effects[{number}]"), OWN)
 
 
 def _joint(word: str, robot: Robot, where: Where) -> int | None:

@@ -11,7 +11,8 @@ from numpy.typing import NDArray
 
 from pumaid.effects import Effect, Scope, catalogue
 from pumaid.effects.base import Shape
-from pumaid.records import EffectChoice, Robot, Samples
+from pumaid.errors import ModelError, Where
+from pumaid.records import EffectChoice, Estimate, Robot, Samples
 
 Floats = NDArray[np.float64]
 
@@ -176,3 +177,27 @@ def in_order(choices: Sequence[EffectChoice]) -> tuple[Chosen, ...]:
         seen[key] = seen.get(key, 0) + 1
         out.append(Chosen(choice, f"_{seen[key]}" if seen[key] > 1 else ""))
     return tuple(out)
+
+
+def check_parameters(estimate: Estimate, robot: Robot) -> None:
+    """Refuse a model whose effects had other parameters when it was made: a user's file has changed since.
+
+    Raises
+    ------
+    ModelError [effect-changed]
+        One of its effects lacks, or has, a parameter or shape that the model knows otherwise.
+    """
+    every = in_order(estimate.effects)
+    for number, one in enumerate(every, start=1):
+        name, joint, shapes = one.choice.effect, one.choice.joint, set(one.shapes(robot))
+        prefix = f"{name}.j{joint}." if joint else f"{name}."
+        alike = [replace(other, fitted=tuple(shapes)) for other in every if other.choice.effect == name]
+        parts = [part for other in alike if other.choice.joint == joint for part in other.parts(robot, 0)]
+        own = {known for known in estimate.names if known.startswith(prefix)}
+        differ = {part.name for part in parts if part.shape is None} - own
+        differ |= own - {part.name for part in parts}
+        differ |= shapes.symmetric_difference(one.choice.shape)
+        if differ:
+            what = f"{name} is not what it was when the model was made: {', '.join(sorted(differ))}"
+            mend = "give the file as it was then, or identify again with this one"
+            raise ModelError("effect-changed", what, Where(joint=joint, field=f"effects[{number}]"), mend)

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 from pumaid.cli.progress import progress
 
 if TYPE_CHECKING:
-    from pumaid.records import Evidence, Robot
+    from pumaid.records import Estimate, Evidence, Robot
 
 #: What ``--heldout`` is given for postures instead of files.
 POSTURE = "posture"
@@ -28,6 +28,25 @@ def read_robot(recipe: Path | None, logs: Sequence[str] = ()) -> Robot:
     from pumaid.files.recipe import read_recipe
 
     return read_recipe(_recipe_path(recipe, logs))
+
+
+def read_known_model(path: Path) -> Estimate:
+    """A model, refused before any log is read where the catalogue lacks one of its effects."""
+    from pumaid.choices import check_known
+    from pumaid.files.result import read_model
+
+    estimate = read_model(path)
+    check_known(estimate.effects)
+    return estimate
+
+
+def check_model(estimate: Estimate, robot: Robot) -> None:
+    """Refuse a model of another recipe, or whose effects are no longer what they were."""
+    from pumaid.chosen import check_parameters
+    from pumaid.files.result import check_same_recipe
+
+    check_same_recipe(estimate, robot)
+    check_parameters(estimate, robot)
 
 
 def read_evidence(

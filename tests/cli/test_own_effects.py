@@ -1,12 +1,15 @@
-"""An effect from a user's file: every command that meets it in a model can be given the file, and says so if not."""
+"""An effect from a user's file or package: the whole way by command line, and what is said where it is not known."""
 
 from __future__ import annotations
 
+import json
+import os
 import shutil
 import subprocess
 import sys
 from pathlib import Path
 
+import numpy as np
 import pytest
 from click.testing import CliRunner
 
@@ -33,31 +36,164 @@ class Brake(Effect):
 '''
 
 
-@pytest.fixture(scope="module")
-def braked(tmp_path_factory) -> Path:
-    """A sample whose model holds an effect of the file ``brake.py``; made in a process of its own, as users do."""
-    folder = tmp_path_factory.mktemp("braked") / "arm"
+#: A per rad2 that the logs of these tests have more at joint 2 than the sample has.
+SIZE = 0.05
+KNOWN = ("--effects", "brake.py")
+
+
+def typed(folder: Path, *line: str, packages: Path | None = None) -> subprocess.CompletedProcess[str]:
+    """``pumaid`` in a process of its own, as users run it: what a file brings is gone with it."""
+    more = {} if packages is None else {"PYTHONPATH": str(packages)}
+    command = [sys.executable, "-m", "pumaid", *line]
+    return subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False, env=os.environ | more)
+
+
+def rubbed(folder: Path) -> Path:
+    """The sample with the brake's current in its log, and the file ``brake.py``; no model yet."""
     shutil.copytree(SAMPLE, folder, ignore=shutil.ignore_patterns("results"))
     (folder / "brake.py").write_text(OWN, encoding="utf-8")
-    command = [sys.executable, "-m", "pumaid", "identify", "logs", "--add", "brake@2", "--effects", "brake.py"]
-    done = subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False)
-    assert done.returncode == 0, done.stderr
+    (log,) = (folder / "logs").iterdir()
+    names = log.read_text(encoding="utf-8").partition("\n")[0]
+    rows = np.loadtxt(log, delimiter=",", skiprows=1)
+    t, q, i = (rows[:, names.split(",").index(name)] for name in ("t", "q2", "i2"))
+    v = np.gradient(q, t)
+    i += SIZE * np.where(np.abs(v) > 0.02, np.sign(v), 0.0) * q**2
+    np.savetxt(log, rows, delimiter=",", header=names, comments="", fmt="%.8g")
     return folder
 
 
-@pytest.mark.parametrize("line", ["compare results/model.json logs", "diagnose results/model.json logs", "report"])
+@pytest.fixture(scope="module")
+def braked(tmp_path_factory) -> Path:
+    """An experiment whose model holds the effect of ``brake.py``, added to one without."""
+    folder = rubbed(tmp_path_factory.mktemp("braked") / "arm")
+    for more in ((), ("--add", "brake@2", *KNOWN)):
+        done = typed(folder, "identify", "logs", *more)
+        assert done.returncode == 0, done.stderr
+    return folder
+
+
+@pytest.mark.parametrize(
+    "line",
+    [
+        "compare results/model.json logs --json",
+        "diagnose results/model.json logs",
+        "diagnose results/model.json logs --apply",
+        "report",
+        "report --table text",
+    ],
+)
 def test_the_file_is_asked_for_again(braked, monkeypatch, line):
-    """A model with an effect that only a file brings is refused with the option that names the file."""
+    """A model with an effect that only a file brings is refused: which effect, which option, and nothing written."""
+    monkeypatch.chdir(braked)
+    before = sorted(braked.rglob("*"))
+    done = CliRunner().invoke(group, line.split())
+    assert done.exit_code == 3 and not done.stdout
+    assert done.stderr.startswith("error[unknown-effect]: the model holds brake,")
+    assert done.stderr.count("error[") == 1 and "--effects FILE.py" in done.stderr and "Traceback" not in done.stderr
+    assert sorted(braked.rglob("*")) == before
+
+
+@pytest.mark.parametrize("line", ["identify logs --add brake@2", "effects brake"])
+def test_the_option_is_named_where_the_effect_is_asked_for(braked, monkeypatch, line):
+    """Who types the name without the file is told of the option, too."""
     monkeypatch.chdir(braked)
     done = CliRunner().invoke(group, line.split())
-    assert done.exit_code == 3
-    assert done.stderr.startswith("error[unknown-effect]: the model holds brake,")
-    assert "--effects FILE.py" in done.stderr
+    assert done.exit_code == 3 and "error[unknown-effect]" in done.stderr and "--effects FILE.py" in done.stderr
 
 
-@pytest.mark.parametrize("line", ["compare results/model.json logs --worst 0", "report --format=", "history"])
+def test_history_needs_no_file(braked, tmp_path, monkeypatch):
+    """Errors that were kept are told, and a model is restored, also where the file is lost; a note says it is."""
+    monkeypatch.chdir(shutil.copytree(braked, tmp_path / "arm"))
+    told = CliRunner().invoke(group, ["history"])
+    assert told.exit_code == 0 and "brake@2" in told.stdout
+    assert told.stderr.startswith("note[unknown-effect]: the model holds brake,") and "--effects FILE.py" in told.stderr
+    back = CliRunner().invoke(group, ["history", "--restore", "1"])
+    assert back.exit_code == 0 and "note[" not in back.stderr
+    assert CliRunner().invoke(group, ["report", "--table", "csv"]).exit_code == 0
+
+
+@pytest.mark.parametrize(
+    "line",
+    [
+        "compare results/model.json logs --worst 0",
+        "diagnose results/model.json logs --check",
+        "report --format=",
+        "report --table text",
+        "history",
+    ],
+)
 def test_the_file_makes_it_known(braked, line):
-    """With the file named, the model is used as any other."""
-    command = [sys.executable, "-m", "pumaid", *line.split(), "--effects", "brake.py"]
-    done = subprocess.run(command, cwd=braked, capture_output=True, text=True, check=False)
+    """With the file named, the model is used as any other, and nothing is missing from it."""
+    done = typed(braked, *line.split(), *KNOWN)
     assert done.returncode == 0, done.stderr
+    assert "error[" not in done.stderr and "unknown-effect" not in done.stderr
+
+
+def test_its_size_is_what_the_logs_have(braked):
+    """What was put into the log comes back within four standard errors, and the error falls to the noise floor."""
+    done = typed(braked, "compare", "results/model.json", "logs", "--json", *KNOWN)
+    second = json.loads(done.stdout)["joints"][1]
+    assert second["rmse"] < 1.1 * second["noise_floor"]
+    rows = typed(braked, "report", "--table", "json", *KNOWN).stdout
+    (found,) = [one for one in json.loads(rows) if one["name"] == "brake.j2.a"]
+    assert abs(found["value"] - SIZE) < 4.0 * found["std_error"]
+
+
+def test_diagnose_finds_it_and_says_what_to_type(tmp_path):
+    """Of a model without it, the command that is told names the file; typed as it stands, it adds the effect."""
+    folder = rubbed(tmp_path / "arm")
+    typed(folder, "identify", "logs")
+    found = json.loads(typed(folder, "diagnose", "results/model.json", "logs", "--json", *KNOWN).stdout)["findings"]
+    assert [(one["effect"], one["joint"]) for one in found] == [("brake", 2)]
+    assert found[0]["command"] == "pumaid identify logs --effects brake.py --add brake@2"
+    page = typed(folder, "report", "--format=")  # the model has no brake, only the diagnosis beside it
+    assert page.returncode == 0, page.stderr
+    assert typed(folder, *found[0]["command"].split()[1:]).returncode == 0
+    assert "brake@2" in typed(folder, "history").stdout
+
+
+@pytest.mark.parametrize("line", ["compare results/model.json logs", "diagnose results/model.json logs", "report"])
+def test_a_file_that_has_changed_is_refused(braked, tmp_path, line):
+    """Numbers of a parameter that the file no longer has would stand for something else."""
+    (tmp_path / "brake.py").write_text(OWN.replace('"a", "A/', '"b", "A/'), encoding="utf-8")
+    done = typed(braked, *line.split(), "--effects", str(tmp_path / "brake.py"))
+    assert done.returncode == 3 and "Traceback" not in done.stderr
+    assert done.stderr.startswith("error[effect-changed]: brake is not what it was") and "brake.j2.b" in done.stderr
+
+
+@pytest.fixture
+def packages(tmp_path) -> Path:
+    """A folder of installed packages, one of which brings the effect by an entry point."""
+    home = tmp_path / "packages"
+    (home / "arm_effects").mkdir(parents=True)
+    (home / "arm_effects" / "__init__.py").touch()
+    (home / "arm_effects" / "brake.py").write_text(OWN, encoding="utf-8")
+    facts = home / "arm_effects-1.0.dist-info"
+    facts.mkdir()
+    (facts / "METADATA").write_text("Metadata-Version: 2.1\nName: arm-effects\nVersion: 1.0\n", encoding="utf-8")
+    (facts / "entry_points.txt").write_text("[pumaid.effects]\nbrake = arm_effects.brake\n", encoding="utf-8")
+    return home
+
+
+@pytest.mark.parametrize(
+    "line", ["compare results/model.json logs", "diagnose results/model.json logs", "report --format=", "history"]
+)
+def test_an_installed_package_needs_no_option(braked, packages, line):
+    """An effect that an entry point brings is known to every command; the model is the one that the file made."""
+    done = typed(braked, *line.split(), packages=packages)
+    assert done.returncode == 0, done.stderr
+    assert "unknown-effect" not in done.stderr
+
+
+def test_a_package_adds_it(packages, tmp_path):
+    """``identify --add`` knows it by name, and without the package the model is refused as with a file."""
+    folder = rubbed(tmp_path / "arm")
+    assert typed(folder, "identify", "logs", "--add", "brake@2", packages=packages).returncode == 0
+    assert typed(folder, "compare", "results/model.json", "logs", packages=packages).returncode == 0
+    assert typed(folder, "compare", "results/model.json", "logs").returncode == 3
+
+
+def test_a_file_beside_a_package_of_the_same_name_is_refused(braked, packages):
+    """Which of two effects of one name is meant is not guessed."""
+    done = typed(braked, "compare", "results/model.json", "logs", *KNOWN, packages=packages)
+    assert done.returncode == 3 and "error[effect-taken]" in done.stderr and "Traceback" not in done.stderr

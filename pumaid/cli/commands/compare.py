@@ -64,8 +64,8 @@ def command(
       pumaid compare results/model.json new_logs/ --worst 10 --picture misfit.svg
       pumaid compare results/model.json logs/ --json | jq '.joints[] | {joint, rmse, noise_floor}'
     """
-    from pumaid.cli.reading import read_evidence
-    from pumaid.files.result import heading, read_model
+    from pumaid.cli.reading import check_model, read_evidence, read_known_model
+    from pumaid.files.result import heading
     from pumaid.show.budget import budget_shown
     from pumaid.show.comparison import comparison_document
     from pumaid.show.forms import Shown
@@ -73,8 +73,9 @@ def command(
     from pumaid.verbs.compare import compare
 
     form = picture_form(picture)
-    estimate = read_model(model)
+    estimate = read_known_model(model)
     robot, evidence = read_evidence(logs, recipe, trust=trust, heldout=heldout)
+    check_model(estimate, robot)
     comparison = compare(estimate, evidence, robot)
     notes((*estimate.notes, *comparison.notes))
     if picture is not None and comparison.runs:

@@ -82,16 +82,16 @@ def command(
     from functools import partial
 
     from pumaid.cli.additions import Typed, added, diagnosed, with_earlier
-    from pumaid.cli.reading import read_evidence, results_folder
+    from pumaid.cli.reading import check_model, read_evidence, read_known_model, results_folder
     from pumaid.files.diagnosis import DIAGNOSIS_NAME, diagnosis_document, write_diagnosis
     from pumaid.files.plan import refuse_to_replace
-    from pumaid.files.result import read_model
 
     form, quiet = picture_form(picture), as_json or str(output) == "-"
     if plan is not None and not force:
         refuse_to_replace(plan)
-    estimate = read_model(model)
+    estimate = read_known_model(model)
     robot, evidence = read_evidence(logs, recipe, trust=trust, heldout=heldout, extra=suspect)
+    check_model(estimate, robot)
     folder = results_folder(results, recipe, logs)
     typed = Typed(logs, recipe, heldout, context.meta.get("pumaid.effects", ()))
     again = partial(diagnosed, evidence=evidence, robot=robot, suspects=suspect, typed=typed)

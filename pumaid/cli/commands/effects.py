@@ -29,6 +29,7 @@ def command(name: str | None, picture: Path | None, as_json: bool) -> None:
       pumaid effects ripple --picture ripple.png
       pumaid effects --json | jq '.effects[].equation'
     """
+    from pumaid.choices import OWN
     from pumaid.effects import catalogue
     from pumaid.errors import ModelError
     from pumaid.files.result import heading
@@ -37,7 +38,7 @@ def command(name: str | None, picture: Path | None, as_json: bool) -> None:
     known, form = catalogue(), picture_form(picture)
     if name is not None and name not in known:
         near = difflib.get_close_matches(name, known, n=1)
-        mend = f"did you mean '{near[0]}'?" if near else f"effects are {', '.join(known)}"
+        mend = f"did you mean '{near[0]}'?" if near else f"effects are {', '.join(known)}; {OWN}"
         raise ModelError("unknown-effect", f"there is no effect '{name}'", mend=mend)
     if picture is not None and name is None:
         raise click.UsageError("--picture draws one effect: name it")

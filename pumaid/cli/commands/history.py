@@ -11,6 +11,7 @@ from pumaid.cli.options import effects_option, json_option, results_option
 from pumaid.cli.output import document, notes, picture_form, remark, table
 
 if TYPE_CHECKING:
+    from pumaid.errors import Note
     from pumaid.records import History, Ladder
 
 
@@ -46,13 +47,27 @@ def command(*, folder: Path, results: Path | None, restore: int | None, picture:
 
         remark(f"model {restore} is the current one again: {bring_back(place, restore)}")
     history = read_history(place)
-    notes(history.notes)
+    notes((*history.notes, *_unknown(history)))
     if picture is not None:
         _draw(picture, history.ladders[0], form=form)
     if as_json:
         document(heading("history") | history_document(history))
     else:
         _tell(history)
+
+
+def _unknown(history: History) -> list[Note]:
+    """A note where other commands will not take the current model; what was kept is told, and undone, all the same."""
+    from pumaid.choices import check_known
+    from pumaid.errors import ModelError, Note
+
+    current = [rung for ladder in history.ladders for rung in ladder.rungs if rung.is_current]
+    for rung in current:
+        try:
+            check_known(rung.effects)
+        except ModelError as error:
+            return [Note(error.slug, f"{error.what}; {error.mend}", error.where)]
+    return []
 
 
 def _results(folder: Path) -> Path:

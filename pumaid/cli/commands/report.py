@@ -109,13 +109,12 @@ def _table(
     source: Path, near: Sequence[str], *, recipe: Path | None, form: str, units: str, output: Path | None
 ) -> None:
     """Only the parameter table."""
-    from pumaid.cli.reading import read_robot
+    from pumaid.cli.reading import check_model, read_known_model, read_robot
     from pumaid.files.atomic import write_whole
-    from pumaid.files.result import check_same_recipe, read_model
     from pumaid.show.export import parameters_as
 
-    estimate, robot = read_model(source), read_robot(recipe, near)
-    check_same_recipe(estimate, robot)
+    estimate, robot = read_known_model(source), read_robot(recipe, near)
+    check_model(estimate, robot)
     content = parameters_as(estimate, robot, form, units=units)
     if output is None or str(output) == "-":
         sys.stdout.buffer.write(content)
@@ -126,13 +125,14 @@ def _table(
 
 def _story(source: Path, read: Callable[[], tuple[Robot, Evidence]], *, units: str) -> Story:
     """What the report tells of: the model on the logs, and the models before it."""
+    from pumaid.cli.reading import check_model, read_known_model
     from pumaid.files.ladders import ladder_of
-    from pumaid.files.result import read_model
     from pumaid.show.story import Story
     from pumaid.verbs.compare import compare
 
-    estimate = read_model(source)
+    estimate = read_known_model(source)
     robot, evidence = read()
+    check_model(estimate, robot)
     comparison = compare(estimate, evidence, robot)
     notes((*evidence.notes, *estimate.notes, *comparison.notes))
     told = Story(robot, estimate, evidence, comparison, units, ladder=ladder_of(source))
