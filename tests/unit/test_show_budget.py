@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from dataclasses import replace
+from html import unescape
 
 import budgets
 import pytest
@@ -17,6 +18,7 @@ from pumaid.show import budget as words
 from pumaid.show.plots import budget as plot
 from pumaid.show.plots import misfit
 from pumaid.show.plots.style import styled
+from pumaid.show.report import page
 
 
 def score(budget: Budget | None, joint: int = 2) -> JointScore:
@@ -133,3 +135,17 @@ def test_the_misfit_shows_load_and_budget():
     titles = [axes.get_title(loc="left") for axes in figure.axes]
     assert titles[0].endswith("where the error lives")
     assert {"measured (dots), predicted", "error by position", "error by speed", "error by load"} <= set(titles)
+
+
+def test_the_page_tells_the_budget(rippled):
+    """The report has the sentence of the joint that ripples, the joint without more, the figure, and what is open."""
+    story = stories.story()
+    first, second = story.comparison.joints
+    plain = replace(first, budget=made(noise_inside=first.rmse**2))
+    loud = replace(second, rmse=rippled.mean_square**0.5, budget=replace(rippled, limits=("one-posture",)))
+    comparison = replace(story.comparison, joints=(plain, loud))
+    html = unescape(page(replace(story, comparison=comparison)))
+    assert "Some physics is missing: more is left than noise explains of Joint 2" in html
+    assert words.budget_sentence(loud, story.robot) in html
+    assert words.noise_only_sentence(comparison, story.robot) in html
+    assert f"joint 2: {words.LIMITS['one-posture']}" in html and words.CAPTION in html
