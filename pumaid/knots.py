@@ -20,6 +20,9 @@ COURSES = tuple(item.name for item in fields(Samples) if item.name not in ("join
 #: Instants of a run at which loads are computed.
 KNOTS = 33
 
+#: Positions of a run from which two harmonics are known.
+PLACES = 5
+
 #: Singular values of a run's basis below this share of its largest are rounding.
 FLAT = 1e-11
 
@@ -56,6 +59,47 @@ def spread(samples: Samples, sizes: Counts, loads: Callable[[Samples], Loads]) -
         width = int(np.prod(shape)) if shape else 1
         parts[name], out = out[:, :width].reshape(-1, *shape), out[:, width:]
     return Loads(**parts, gains=at_knots.gains)
+
+
+def swept(samples: Samples, sizes: Counts, table: Callable[[Samples], Floats], *, turns: bool) -> Floats:
+    """A table's values at all of M instants of R runs of `sizes` instants each, asked for at `PLACES` of each.
+
+    Exact for whatever is a direction of a link, a lever or a load, or a product of two of them, while one joint moves
+    and the others stand: two harmonics of its position, or its square of a slide's.
+
+    Parameters
+    ----------
+    samples, sizes
+        Runs one after another; in each all joints but the moving one have one position throughout.
+    table
+        (K, F) at K instants.
+    turns
+        Whether the moving joint is revolute.
+
+    Returns
+    -------
+    values
+        (M, F); columns with a NaN in a run are NaN in all of it.
+    """
+    starts = np.concatenate([[0], np.cumsum(sizes)[:-1]]).astype(np.int64)
+    own = samples.joint - 1
+    places = np.linspace(0.0, 2.0 * np.pi, PLACES, endpoint=False) if turns else np.linspace(-1.0, 1.0, PLACES)
+    knots = at(samples, np.repeat(starts, PLACES))
+    position = knots.position.copy()
+    position[:, own] = np.tile(places, len(sizes))
+    asked = table(replace(knots, position=position))
+    parts = np.linalg.pinv(_harmonics(places, turns)) @ asked.reshape(len(sizes), PLACES, -1)
+    basis, out = _harmonics(samples.position[:, own], turns), np.empty((len(samples), asked.shape[1]))
+    for start, size, part in zip(starts, sizes, parts, strict=True):
+        out[start : start + size] = basis[start : start + size] @ part
+    return out
+
+
+def _harmonics(q: Floats, turns: bool) -> Floats:
+    """(M, 5) two harmonics of an angle, or (M, 3) powers of a displacement."""
+    if turns:
+        return np.column_stack([np.ones(len(q)), np.cos(q), np.sin(q), np.cos(2.0 * q), np.sin(2.0 * q)])
+    return np.column_stack([np.ones(len(q)), q, q * q])
 
 
 def _held(knots: Samples, samples: Samples, *, starts: Counts, sizes: Counts, counts: Counts) -> Samples:

@@ -6,14 +6,31 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pumaid.effects import catalogue
+from pumaid.knots import swept
 from pumaid.maths.frames import axes
 from pumaid.model import Model
 from pumaid.records import Loads, Samples
 
 Floats = NDArray[np.float64]
+Counts = NDArray[np.int64]
 
 
-def loads(model: Model, samples: Samples, *, solution: Floats, scales: Floats, frames: Floats | None = None) -> Loads:
+def along(model: Model, samples: Samples, sizes: Counts, *, solution: Floats, scales: Floats) -> Loads:
+    """`loads` along runs of `sizes` instants each, in which all joints but the moving one stand."""
+    n, turns, gains = model.robot.n_joints, model.robot.joint(samples.joint).is_revolute, np.zeros(0)
+
+    def table(knots: Samples) -> Floats:
+        nonlocal gains
+        found = loads(model, knots, solution=solution, scales=scales)
+        gains = found.gains
+        return np.column_stack([found.own, found.across**2, found.tilts, found.others, found.slopes])
+
+    own, across, tilts, others, slopes = np.split(swept(samples, sizes, table, turns=turns), [1, 2, 4, 4 + n], axis=1)
+    drawn = own[:, 0] + _friction(model, samples, solution)
+    return Loads(own[:, 0], others, slopes, tilts, np.sqrt(np.maximum(across[:, 0], 0.0)), drawn, gains)
+
+
+def loads(model: Model, samples: Samples, *, solution: Floats, scales: Floats) -> Loads:
     """Gravity's currents, their slopes and the base model's prediction at M instants of one moving joint.
 
     With h the regrouped first moment of all links from joint i outward (base axes, in joint i's gain), gravity's moment
@@ -28,8 +45,6 @@ def loads(model: Model, samples: Samples, *, solution: Floats, scales: Floats, f
     solution, scales
         (p,) parameters and (J, J) ratios of gains as in `Estimate`; an unknown ratio counts as zero in the moving
         joint's own load and makes other joints' loads NaN.
-    frames
-        (M, J, 3, 3) rotations of the links, as `axes` gives them, where they are at hand.
 
     Source
     ------
@@ -37,8 +52,7 @@ def loads(model: Model, samples: Samples, *, solution: Floats, scales: Floats, f
     """
     robot, number = model.robot, samples.joint
     i, g = number - 1, np.asarray(robot.gravity, dtype=float)
-    if frames is None:
-        frames = axes(robot.alphas, robot.dh_angles(samples.position))
+    frames = axes(robot.alphas, robot.dh_angles(samples.position))
     z = frames[:, :, :, 2]
     levers = np.cross(z, g)
     moments, weights = _moments(model, frames, samples=samples, solution=solution)

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from pumaid.chosen import Chosen, Column, in_order
 from pumaid.effects import Effect, Scope, catalogue
 from pumaid.equations import Block, of_cells, of_triangles, padded
+from pumaid.knots import swept
 from pumaid.maths.frames import apart
 from pumaid.records import Campaign, Estimate, Robot, Run, Samples
 from pumaid.sight import Sight, samples_of
@@ -128,27 +129,36 @@ class Model:
         """
         return np.hstack([self._of_base(samples, groups), self.beyond(samples)])
 
+    def along(self, samples: Samples, sizes: NDArray[np.int64]) -> Floats:
+        """(M, p) of the paper's model along runs of `sizes` instants each; all joints but the moving one stand."""
+        links = np.array([column.scope is Scope.LINK for column in self._base])
+        turns = self.robot.joint(samples.joint).is_revolute
+        weights = swept(samples, sizes, lambda knots: self._of_base(knots)[:, links], turns=turns)
+        out = self._of_base(samples, links=False)
+        out[:, links] = weights
+        return out
+
     def base(self, samples: Samples) -> Floats:
         """(M, p) the same with nothing in the columns of chosen effects, which ask for no loads then."""
         return np.pad(self._of_base(samples), ((0, 0), (0, len(self.columns) - len(self._base))))
 
-    def _of_base(self, samples: Samples, groups: NDArray[np.int64] | None = None) -> Floats:
+    def _of_base(self, samples: Samples, groups: NDArray[np.int64] | None = None, *, links: bool = True) -> Floats:
         moving, out = samples.joint, np.zeros((len(samples), len(self._base)))
-        computed: dict[tuple[str, int], Floats] = {}
         if groups is None:
             groups = self.groups(moving, samples.position)
+        owners: dict[str, set[int]] = {}
+        for column in self._base:
+            is_link = column.scope is Scope.LINK
+            if (links or not is_link) and (column.owner == moving or (is_link and column.owner > moving)):
+                owners.setdefault(column.effect, set()).add(column.owner)
+        found = {name: catalogue()[name].columns_of(self.robot, samples, sorted(own)) for name, own in owners.items()}
         for index, column in enumerate(self._base):
-            effect = catalogue()[column.effect]
-            outward = effect.scope is Scope.LINK and column.owner >= moving
-            if not (outward or column.owner == moving):
+            if column.owner not in owners.get(column.effect, ()):
                 continue
-            key = (column.effect, column.owner)
-            if key not in computed:
-                computed[key] = effect.columns(self.robot, samples, number=column.owner)
-            names = [parameter.name for parameter in effect.parameters(self.robot, column.owner)]
-            bare = column.name.rsplit(".", 1)[1]
-            position = 0 if column.group is not None else names.index(bare)
-            values = computed[key][:, position]
+            parameters = catalogue()[column.effect].parameters(self.robot, column.owner)
+            names = [parameter.name for parameter in parameters]
+            position = 0 if column.group is not None else names.index(column.name.rsplit(".", 1)[1])
+            values = found[column.effect][column.owner][:, position]
             out[:, index] = values if column.group is None else np.where(groups == column.group, values, 0.0)
         return out
 

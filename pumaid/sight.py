@@ -8,9 +8,9 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.signal import savgol_coeffs, savgol_filter
 
 from pumaid.knots import COURSES, at, spread
+from pumaid.maths.slope import acceleration as acceleration_of
 from pumaid.records import Campaign, Loads, Robot, Run, Samples
 
 Floats = NDArray[np.float64]
@@ -26,13 +26,6 @@ FLAT = 1e-10
 
 #: What a column has beyond the basis of its run, below this share of its size, is rounding.
 INSIDE = 1e-7
-
-#: Cells over which the slope of a run's speed is read: a sixteenth of it, and no fewer than nine.
-SLOPE_SHARE, FEWEST = 16, 9
-#: Order of the polynomial through them.
-ORDER = 3
-#: Mean square of an acceleration, over that of the noise in it, from which it is seen.
-SEEN = 10.0
 
 
 def samples_of(run: Run, campaign: Campaign, *, has_slope: bool = False) -> Samples:
@@ -53,7 +46,7 @@ def samples_of(run: Run, campaign: Campaign, *, has_slope: bool = False) -> Samp
     if run.kind == "constant":
         velocity[:, own] = run.speed
         if has_slope:
-            acceleration = _slope(cells.time, cells.position[:, own])
+            acceleration = acceleration_of(cells.time, cells.position[:, own])
     return Samples(
         run.joint,
         cells.position,
@@ -67,22 +60,6 @@ def samples_of(run: Run, campaign: Campaign, *, has_slope: bool = False) -> Samp
         run=np.zeros(len(cells)),
         extra=cells.extra,
     )
-
-
-def _slope(time: Floats, position: Floats) -> Floats:
-    """(M,) acceleration from positions at nearly equal steps of time; zeros where it is lost in the sensor's noise.
-
-    Noise in a regressor would pass for a small inertia, well known.
-    """
-    window = max(FEWEST, len(time) // SLOPE_SHARE) | 1
-    if len(time) <= window:
-        return np.zeros(len(time))
-    step = float(time[-1] - time[0]) / (len(time) - 1)
-    found = np.asarray(savgol_filter(position, window, ORDER, deriv=2, delta=step))
-    rough = position - savgol_filter(position, window, ORDER)
-    noise = float(np.mean(rough**2)) * window / (window - ORDER - 1)
-    carried = noise * float(np.sum(savgol_coeffs(window, ORDER, deriv=2, delta=step) ** 2))
-    return found if np.mean(found**2) > SEEN * carried else np.zeros(len(time))
 
 
 @dataclass(frozen=True, eq=False, slots=True)

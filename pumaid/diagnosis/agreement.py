@@ -16,6 +16,8 @@ FLIPS = 4999
 SEED = 11
 #: Pairs below which nothing can be said.
 FEWEST = 4
+#: Cells of the stretches over which repeated runs are compared.
+LENGTHS = (1, 2, 4, 8, 16)
 
 
 @dataclass(frozen=True, slots=True)
@@ -38,8 +40,16 @@ class Agreement:
     floor: float
 
 
-def agreement(field: Field, misfit: Floats) -> Agreement | None:
-    """How much of the misfit (N,) A repeats; None with fewer than `FEWEST` pairs.
+def agreement(field: Field, misfit: Floats, white: Floats) -> Agreement | None:
+    """How much of the misfit repeats; None with fewer than `FEWEST` pairs.
+
+    Whitened, so that slow noise does not hide what is fast; over stretches of several lengths, so that fast noise does
+    not hide what is slow; the most surprising length against the same of each flip.
+
+    Parameters
+    ----------
+    misfit, white
+        (N,) A, and whitened.
 
     Source
     ------
@@ -49,13 +59,21 @@ def agreement(field: Field, misfit: Floats) -> Agreement | None:
     pairs = field.pairs
     if len(pairs) < FEWEST:
         return None
-    products, squares, gaps, counts = np.zeros((4, len(pairs)))
+    shared, squares, gaps, counts = np.zeros((4, len(pairs)))
+    products = np.zeros((len(LENGTHS), len(pairs)))
     for number, pair in enumerate(pairs):
         a, b = field.side_by_side(misfit, pair)
-        products[number], squares[number] = float(a @ b), 0.5 * float(a @ a + b @ b)
+        shared[number], squares[number] = float(a @ b), 0.5 * float(a @ a + b @ b)
         gaps[number], counts[number] = 0.5 * float(np.sum((a - b) ** 2)), len(a)
+        a, b = field.side_by_side(white, pair)
+        for row, length in enumerate(LENGTHS):
+            starts = np.arange(0, len(a), length)
+            products[row, number] = float(np.add.reduceat(a, starts) @ np.add.reduceat(b, starts))
     rng = np.random.default_rng(SEED)
     signs = rng.choice([-1.0, 1.0], size=(FLIPS, len(pairs)))
-    chance = float(1 + np.count_nonzero(signs @ products >= products.sum())) / (1 + FLIPS)
-    share = float(products.sum() / squares.sum()) if squares.sum() > 0 else 0.0
+    spread = np.sqrt(np.sum(products**2, axis=1)) + np.finfo(float).tiny
+    flipped = (signs @ products.T / spread).max(axis=1)
+    seen = float((products.sum(axis=1) / spread).max())
+    chance = float(1 + np.count_nonzero(flipped >= seen * (1.0 - 1e-12))) / (1 + FLIPS)
+    share = float(shared.sum() / squares.sum()) if squares.sum() > 0 else 0.0
     return Agreement(share, chance, float(np.sqrt(gaps.sum() / counts.sum())))

@@ -143,9 +143,12 @@ def misfit_with(on: Solved, trial: Trial) -> dict[int, Floats]:
     """Joint in which an effect acts -> (N,) A that is left with it, all else refitted."""
     plain = {row.field.joint: trial.added.columns(on.model, row.field.samples) for row in on.rows}
     acting = {joint: C for joint, C in plain.items() if np.any(C)}
-    cross = sum(on.row(k).jacobian.T @ on.row(k).noise.whiten(on.row(k).field, C) for k, C in acting.items())
+    cross = np.zeros((len(on.inverse), trial.width))
+    for k, C in acting.items():
+        cross[on.row(k).acting] += on.row(k).slim.T @ on.row(k).noise.whiten(on.row(k).field, C)
     turned = on.inverse @ cross
-    return {k: on.row(k).misfit - (C - on.row(k).plain @ turned) @ trial.sizes for k, C in acting.items()}
+    lost = {k: on.row(k).bare @ turned[on.row(k).acting] for k in acting}
+    return {k: on.row(k).misfit - (C - lost[k]) @ trial.sizes for k, C in acting.items()}
 
 
 def rmse(count: Floats, inside: Floats, misfit: Floats) -> float:

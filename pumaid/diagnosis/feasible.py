@@ -10,8 +10,7 @@ from numpy.typing import NDArray
 
 from pumaid.diagnosis.field import Field, distinct
 from pumaid.diagnosis.noise import Noise
-from pumaid.diagnosis.system import Added, Row, Solved, with_loads
-from pumaid.maths.frames import axes
+from pumaid.diagnosis.system import Added, Row, Solved, row_of, with_loads
 from pumaid.records import Joint, Motion, Samples
 from pumaid.units import factor
 
@@ -250,8 +249,7 @@ def ahead(solved: Solved, chosen: Sequence[Lap], *, age: tuple[float, float], ce
         step=step,
         groups=(),
         postures=(),
-        base=solved.model.regressor(samples),
-        frames=axes(solved.model.robot.alphas, solved.model.robot.dh_angles(position)),
+        base=solved.model.along(samples, np.full(len(lap), cells)),
     )
     return _as_row(solved, field, _noise(old, speed, step))
 
@@ -262,16 +260,9 @@ def _as_row(solved: Solved, field: Field, noise: Noise) -> Row:
     tangents = [
         one.tangent(solved.model, field.samples, size) for one, size in zip(solved.added, solved.sizes, strict=True)
     ]
-    plain = np.column_stack([field.base, *columns, *tangents]) @ old.turn
-    return replace(
-        old,
-        field=field,
-        noise=noise,
-        jacobian=noise.whiten(field, plain),
-        residual=field.current,
-        plain=plain,
-        misfit=field.current,
-    )
+    design = np.column_stack([field.base, *columns, *tangents])
+    row = row_of(field, noise, design, weights=old.weights, turn=old.turn)
+    return replace(row, residual=field.current, misfit=field.current)
 
 
 def _temperature(old: Row, *, is_cold: bool) -> float:

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pumaid.maths.frames import axes
+from pumaid.maths.slope import acceleration
 from pumaid.model import Model
 from pumaid.motion.options import CONSTANT
 from pumaid.motion.reduce import coarser
@@ -62,8 +62,6 @@ class Field:
         Runs (from 0) by held posture.
     base
         (N, p) regressors of the base model, ratios of gains left out.
-    frames
-        (N, J, 3, 3) rotations of the links.
     """
 
     joint: int
@@ -77,7 +75,6 @@ class Field:
     groups: tuple[tuple[int, ...], ...]
     postures: tuple[tuple[int, ...], ...]
     base: Floats
-    frames: Floats
 
     def __len__(self) -> int:
         return len(self.current)
@@ -169,10 +166,10 @@ def field(model: Model, runs: Sequence[Run], *, campaign: Campaign, most: int = 
     joint = runs[0].joint
     runs = [_settled(run) for run in runs]
     turn = 2.0 * np.pi if model.robot.joint(joint).is_revolute else np.inf
-    thin = [_thinned(run, int(most * max(abs(run.span[1] - run.span[0]) / turn, 1.0))) for run in runs]
-    many = [_held(samples_of(run, campaign, has_slope=True), run) for run in thin]
+    thin = [_thinned(_sloped(run), int(most * max(abs(run.span[1] - run.span[0]) / turn, 1.0))) for run in runs]
+    many = [_held(samples_of(run, campaign), run) for run in thin]
     samples = joined(many)
-    steady = np.concatenate([run.cells.acceleration for run in thin])
+    is_stroke = np.repeat([run.kind != CONSTANT for run in thin], [len(one) for one in many])
     lengths = np.array([len(one) for one in many])
     repeated = [tuple(group) for group in replicates(runs)]
     alone = [(k,) for k in range(len(runs)) if not any(k in group for group in repeated)]
@@ -187,9 +184,16 @@ def field(model: Model, runs: Sequence[Run], *, campaign: Campaign, most: int = 
         step=np.array([run.duration / max(len(run.cells), 1) for run in thin]),
         groups=tuple(sorted([*repeated, *alone])),
         postures=tuple(tuple(group) for group in posture_groups(runs)),
-        base=model.regressor(replace(samples, acceleration=steady)),
-        frames=axes(model.robot.alphas, model.robot.dh_angles(samples.position)),
+        base=model.along(replace(samples, acceleration=np.where(is_stroke, samples.acceleration, 0.0)), lengths),
     )
+
+
+def _sloped(run: Run) -> Run:
+    """A run at constant speed with the acceleration that its positions show, before its cells are made coarser."""
+    if run.kind != CONSTANT:
+        return run
+    found = acceleration(run.cells.time, run.cells.position[:, run.joint - 1])
+    return replace(run, cells=replace(run.cells, acceleration=found))
 
 
 def _thinned(run: Run, most: int) -> Run:

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from pumaid.diagnosis.chain import pseudo_inverse
 from pumaid.diagnosis.scan import Projector
-from pumaid.diagnosis.system import Added, Solved
+from pumaid.diagnosis.system import Added, Solved, information
 
 Floats = NDArray[np.float64]
 
@@ -114,32 +114,35 @@ class _Folds:
         turned = solved.inverse @ self.cross
         self.whole = np.maximum(np.diagonal(self.gram) - np.sum(self.cross * turned, axis=0), 0.0)
         self.slope = sum(columns.T @ solved.row(joint).residual for joint, columns in self.white.items())
-        self.information = sum(row.jacobian.T @ row.jacobian for row in solved.rows)
+        self.information = information(solved.rows)
 
     def one(self, joint: int, runs: tuple[int, ...]) -> tuple[float, float, float, float]:
         """Fall, raw squares before and after weighted by samples, and samples, of one fold."""
         row = self.solved.row(joint)
         cells = np.isin(row.field.run, runs)
-        J, r, plain = row.jacobian[cells], row.residual[cells], row.plain[cells]
+        J, r, own = row.slim[cells], row.residual[cells], row.acting
         columns = self.white.get(joint)
         C = columns[cells] if columns is not None else np.zeros((len(r), self.cross.shape[1]))
-        inverse, _ = pseudo_inverse(self.information - J.T @ J)
-        move = -inverse @ (J.T @ r)
-        cross = self.cross - J.T @ C
+        known, cross = self.information.copy(), self.cross.copy()
+        known[np.ix_(own, own)] -= J.T @ J
+        cross[own] -= J.T @ C
+        inverse, _ = pseudo_inverse(known)
+        move = -inverse[:, own] @ (J.T @ r)
         turned = inverse @ cross
         score = self.slope - C.T @ r - cross.T @ move
-        information = self.gram - C.T @ C - cross.T @ turned
-        error, beyond = r - J @ move, C - J @ turned
+        left = self.gram - C.T @ C - cross.T @ turned
+        error, beyond = r - J @ move[own], C - J @ turned[own]
         best, chosen, sizes = -np.inf, slice(0, self.width), np.zeros(self.width)
         for number in range(len(self.shapes)):
-            own = slice(number * self.width, (number + 1) * self.width)
-            fitted = _solved(information[own, own], score[own], self.whole[own])
-            gain = float(score[own] @ fitted)
+            place = slice(number * self.width, (number + 1) * self.width)
+            fitted = _solved(left[place, place], score[place], self.whole[place])
+            gain = float(score[place] @ fitted)
             if gain > best:
-                best, chosen, sizes = gain, own, fitted
+                best, chosen, sizes = gain, place, fitted
         after = error - beyond[:, chosen] @ sizes
-        raw = row.misfit[cells] - plain @ move
-        raw_after = raw - (self.plain[joint][cells][:, chosen] - plain @ turned[:, chosen]) @ sizes
+        plain = row.bare[cells]
+        raw = row.misfit[cells] - plain @ move[own]
+        raw_after = raw - (self.plain[joint][cells][:, chosen] - plain @ turned[own, chosen]) @ sizes
         weight = row.field.count[cells]
         inside = float(weight @ row.field.inside[cells])
         squares = (float(weight @ raw**2) + inside, float(weight @ raw_after**2) + inside)

@@ -117,8 +117,9 @@ class Projector:
             row.field.joint: slice(int(a), int(b)) for row, a, b in zip(solved.rows, ends[:-1], ends[1:], strict=True)
         }
         self.total = int(ends[-1])
-        self.own = {row.field.joint: row.field.sums(row.jacobian * row.residual[:, None]) for row in solved.rows}
-        self.own_scores = np.concatenate([self.own[row.field.joint] for row in solved.rows])
+        self.own_scores = np.zeros((self.total, len(solved.inverse)))
+        for row in solved.rows:
+            self.own_scores[self.runs[row.field.joint], row.acting] = row.field.sums(row.slim * row.residual[:, None])
 
     def scores(self, white: dict[int, Floats]) -> tuple[Floats, Floats, Floats, Floats]:
         """Scores by run, information and what was there before the projection.
@@ -145,7 +146,7 @@ class Projector:
             if columns is None:
                 continue
             scores[self.runs[row.field.joint]] += row.field.sums(columns * row.residual[:, None])
-            cross += row.jacobian.T @ columns
+            cross[row.acting] += row.slim.T @ columns
             gram += columns.T @ columns
         turned = self.solved.inverse @ cross
         return scores - self.own_scores @ turned, cross, gram - cross.T @ turned, np.diagonal(gram).copy()
@@ -198,7 +199,7 @@ def trial_of(added: Added, scores: Floats, information: Floats, *, share: Floats
     return Trial(added, statistic, information, sizes, scores, float(share[own].max()), signs)
 
 
-def scan(solved: Solved, catalogue: Catalogue, spectra: dict[int, Spectrum] | None = None) -> Scan:
+def scan(solved: Solved, catalogue: Catalogue) -> Scan:
     """Score every variant of a catalogue.
 
     Source
@@ -219,12 +220,12 @@ def scan(solved: Solved, catalogue: Catalogue, spectra: dict[int, Spectrum] | No
     white = {row.field.joint: row.noise.whiten(row.field, catalogue.wide[row.field.joint]) for row in solved.rows}
     found, lost = projector.trials(wide, white)
     leverage = np.concatenate([_leverage(row, solved) for row in solved.rows])
-    return Scan(solved, (*trials, *found), absorbed | lost, spectra or {}, leverage)
+    return Scan(solved, (*trials, *found), absorbed | lost, {}, leverage)
 
 
 def _leverage(row: Row, solved: Solved) -> Floats:
     """(R,) 1 / sqrt(1 - parameters a run), the bias of scores of runs that were themselves fitted (HC2's)."""
-    used = float(np.sum((row.jacobian @ solved.inverse) * row.jacobian))
+    used = float(np.sum((row.slim @ solved.inverse[np.ix_(row.acting, row.acting)]) * row.slim))
     runs = len(row.field.runs)
     return np.full(runs, 1.0 / np.sqrt(max(LEAST_FREEDOM, 1.0 - used / runs)))
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -126,15 +126,14 @@ class Stepwise:
 
     def look(self, added: Sequence[Added]) -> Step:
         """Scan with the noise that is left once the leading candidate is out, then judge the leaders."""
-        first = loaded(self.solved(added))
-        tried = build(first, self.effects)
-        best = scan(first, tried).best().values()
-        if best:
-            lead = max(best, key=lambda one: evidence(first, one)).added
-            solved = loaded(self.solved(added, self.solved([*added, lead]).noises))
-        else:
-            solved = first
-        seen = scan(solved, tried, self._spectra(solved))
+        solved = loaded(self.solved(added))
+        tried = build(solved, self.effects)
+        seen = scan(solved, tried)
+        lead = max(seen.best().values(), key=lambda one: evidence(solved, one), default=None)
+        if lead is not None and evidence(solved, lead) > DECISIVE:  # else it takes no noise with it
+            solved = loaded(self.solved(added, self.solved([*added, lead.added]).noises))
+            seen = scan(solved, tried)
+        seen = replace(seen, spectra=self._spectra(solved))
         chances = family(seen, periodic=self.periodic.name if self.periodic else None)
         pairs = self._close(seen, chances)
         found = [self._judged(seen, tried, pair, chances) for pair in pairs]

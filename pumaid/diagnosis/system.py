@@ -12,11 +12,12 @@ from pumaid.diagnosis.chain import Chain, Start, pseudo_inverse
 from pumaid.diagnosis.field import Field
 from pumaid.diagnosis.noise import Noise, noise
 from pumaid.effects import Effect, Scope
-from pumaid.loads import loads
+from pumaid.loads import along
 from pumaid.model import Model
 from pumaid.records import Samples
 
 Floats = NDArray[np.float64]
+Counts = NDArray[np.int64]
 
 #: Relative step of a shape's numerical derivative.
 NUDGE = 1e-3
@@ -71,11 +72,11 @@ class Row:
     ----------
     field, noise
         Its cells, with loads by the solution, and what their noise is like.
-    jacobian
-        (N, P) whitened derivative of the prediction by every parameter of the system.
-    residual
-        (N,) whitened.
-    plain, misfit
+    acting
+        (L,) numbers (from 0) of the parameters of the system, P in all, that this joint feels.
+    slim, residual
+        (N, L) derivative of the prediction by these, and (N,) what the solution leaves; whitened.
+    bare, misfit
         Both in A, not whitened.
     weights, turn
         (D,) what each column of the design counts here, and (D, P) its derivative by the parameters.
@@ -83,12 +84,28 @@ class Row:
 
     field: Field
     noise: Noise
-    jacobian: Floats
+    acting: Counts
+    slim: Floats
     residual: Floats
-    plain: Floats
+    bare: Floats
     misfit: Floats
     weights: Floats
     turn: Floats
+
+    @property
+    def jacobian(self) -> Floats:
+        """(N, P) whitened derivative of the prediction by every parameter of the system."""
+        return self._wide(self.slim)
+
+    @property
+    def plain(self) -> Floats:
+        """(N, P) the same in A, not whitened."""
+        return self._wide(self.bare)
+
+    def _wide(self, values: Floats) -> Floats:
+        out = np.zeros((len(values), self.turn.shape[1]))
+        out[:, self.acting] = values
+        return out
 
     @property
     def drawn(self) -> Floats:
@@ -204,13 +221,40 @@ def at_cells(solved: Solved, field: Field) -> Solved:
     old = solved.row(field.joint)
     field = with_loads(solved.model, field, solved.start)
     design = _design(solved.model, field, solved.added, solved.sizes)
-    misfit, plain = field.current - design @ old.weights, design @ old.turn
-    kind = noise(field, misfit)
-    white = _whitened(kind, field, np.column_stack([plain, misfit]))
-    row = Row(field, kind, white[:, :-1], white[:, -1], plain, misfit, old.weights, old.turn)
+    kind = noise(field, field.current - design @ old.weights)
+    row = row_of(field, kind, design, weights=old.weights, turn=old.turn)
     rows = tuple(row if one.field.joint == field.joint else one for one in solved.rows)
-    inverse, rank = pseudo_inverse(np.asarray(sum(one.jacobian.T @ one.jacobian for one in rows)))
+    inverse, rank = pseudo_inverse(information(rows))
     return replace(solved, rows=rows, inverse=inverse, rank=rank)
+
+
+def row_of(field: Field, kind: Noise, design: Floats, *, weights: Floats, turn: Floats) -> Row:
+    """One joint at a solution.
+
+    Parameters
+    ----------
+    field, kind
+        Its cells, with loads by the solution, and what their noise is like.
+    design
+        (N, D) at the cells.
+    weights, turn
+        Of the solution, as in `Row`.
+    """
+    live = np.flatnonzero(design.any(axis=0))
+    acting = np.flatnonzero(turn[live].any(axis=0))
+    bare = design[:, live] @ turn[np.ix_(live, acting)]
+    misfit = field.current - design[:, live] @ weights[live]
+    white = kind.whiten(field, np.column_stack([bare, misfit]))
+    return Row(field, kind, acting, white[:, :-1], white[:, -1], bare, misfit, weights, turn)
+
+
+def information(rows: Sequence[Row]) -> Floats:
+    """(P, P) of all rows."""
+    width = rows[0].turn.shape[1]
+    total = np.zeros((width, width))
+    for row in rows:
+        total[np.ix_(row.acting, row.acting)] += row.slim.T @ row.slim
+    return total
 
 
 def loaded(solved: Solved) -> Solved:
@@ -221,20 +265,12 @@ def loaded(solved: Solved) -> Solved:
 
 def with_loads(model: Model, field: Field, start: Start) -> Field:
     """The field with gravity's loads by the parameters given."""
-    found = loads(model, field.samples, solution=start.base, scales=start.scales, frames=field.frames)
+    found = along(model, field.samples, field.lengths, solution=start.base, scales=start.scales)
     return replace(field, samples=replace(field.samples, loads=found))
 
 
 def _needs_loads(added: Sequence[Added]) -> bool:
     return any(one.effect.needs_loads for one in added)
-
-
-def _whitened(kind: Noise, field: Field, values: Floats) -> Floats:
-    """`Noise.whiten` of the columns that are not zero throughout."""
-    live = values.any(axis=0)
-    out = np.zeros_like(values)
-    out[:, live] = kind.whiten(field, values[:, live])
-    return out
 
 
 def _width(model: Model, one: Added) -> int:
@@ -254,24 +290,27 @@ def _round(
     loaded = [with_loads(model, field, start) for field in fields] if _needs_loads(added) else fields
     designs = [_design(model, field, added, values) for field in loaded]
     kinds = [noises[field.joint] if noises is not None else _white(field) for field in loaded]
-    whites = [
-        _whitened(kind, field, np.column_stack([design, field.current]))
-        for kind, field, design in zip(kinds, loaded, designs, strict=True)
-    ]
-    chain = Chain(model, start, [field.joint - 1 for field in loaded], [white.T @ white for white in whites])
+    grams = [_gram(field, kind, design) for field, kind, design in zip(loaded, kinds, designs, strict=True)]
+    chain = Chain(model, start, [field.joint - 1 for field in loaded], grams)
     theta = chain.least(designs[0].shape[1])
-    information, _ = chain.normal(theta)
-    inverse, rank = pseudo_inverse(information)
+    inverse, rank = pseudo_inverse(chain.normal(theta)[0])
     rows = []
-    for field, kind, design, white in zip(loaded, kinds, designs, whites, strict=True):
+    for field, kind, design in zip(loaded, kinds, designs, strict=True):
         weights, turn = chain.effective(theta, field.joint - 1)
-        left = white[:, -1] - white[:, :-1] @ weights
-        misfit = field.current - design @ weights
-        rows.append(Row(field, kind, white[:, :-1] @ turn, left, design @ turn, misfit, weights, turn))
+        rows.append(row_of(field, kind, design, weights=weights, turn=turn))
     p = len(start.base)
     ends = np.cumsum([len(one) for one in values])
     sizes = np.split(theta[p + len(start.scales) :], ends)[: len(values)]
     return Solved(model, tuple(added), tuple(rows), inverse, chain.moved(theta), tuple(sizes), rank)
+
+
+def _gram(field: Field, kind: Noise, design: Floats) -> Floats:
+    """(D + 1, D + 1) products of the whitened columns of the design and the current."""
+    live = np.append(np.flatnonzero(design.any(axis=0)), design.shape[1])
+    white = kind.whiten(field, np.column_stack([design[:, live[:-1]], field.current]))
+    out = np.zeros((design.shape[1] + 1, design.shape[1] + 1))
+    out[np.ix_(live, live)] = white.T @ white
+    return out
 
 
 def _white(field: Field) -> Noise:

@@ -71,7 +71,7 @@ def judged(first: Solved, last: Solved, scan: Scan, *, joint: int, acting: bool)
         Whether anything that was added acts in this joint.
     """
     a, b = first.row(joint), last.row(joint)
-    before, after = agreement(a.field, a.misfit), agreement(b.field, b.misfit)
+    before, after = (agreement(one.field, one.misfit, one.residual) for one in (a, b))
     start = rmse(a.field.count, a.field.inside, a.misfit)
     end = rmse(b.field.count, b.field.inside, b.misfit)
     removed = _removed(start, end, b.field, after)

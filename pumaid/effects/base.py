@@ -213,6 +213,10 @@ class Effect(ABC):
         """`columns` for each of many shapes; effects that share work between them override it."""
         return [self.columns(robot, samples, number=number, shape=shape) for shape in shapes]
 
+    def columns_of(self, robot: Robot, samples: Samples, numbers: Sequence[int]) -> dict[int, Floats]:
+        """`columns` of each of several owners; effects that share work between them override it."""
+        return {number: self.columns(robot, samples, number=number) for number in numbers}
+
     def signs(self, shape: Mapping[str, float]) -> tuple[int, ...]:
         """Sign that each parameter has if it is this physics: +1, -1, or 0 where either is possible; () for all 0."""
         return ()

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
@@ -42,9 +42,15 @@ class Gravity(Effect):
     def columns(
         self, robot: Robot, samples: Samples, *, number: int | None = None, shape: Mapping[str, float] = NO_SHAPE
     ) -> Floats:
-        moving, link = samples.joint, number or samples.joint
+        link = number or samples.joint
+        return self.columns_of(robot, samples, (link,))[link]
+
+    def columns_of(self, robot: Robot, samples: Samples, numbers: Sequence[int]) -> dict[int, Floats]:
         rotations = axes(robot.alphas, robot.dh_angles(samples.position))
-        g = np.asarray(robot.gravity)
+        return {link: self._of_link(robot, samples, rotations, link=link) for link in numbers}
+
+    def _of_link(self, robot: Robot, samples: Samples, rotations: Floats, *, link: int) -> Floats:
+        moving, g = samples.joint, np.asarray(robot.gravity)
         z_i, frame_j = rotations[:, moving - 1, :, 2], rotations[:, link - 1]
         width = len(self.parameters(robot, link))
         if not robot.joint(moving).is_revolute:

@@ -8,15 +8,22 @@ from scipy import stats
 from searches import LEVER, Din, Lab, design, lever, pendulum
 
 from pumaid.diagnosis.agreement import Agreement, agreement
+from pumaid.diagnosis.field import Field
+from pumaid.diagnosis.noise import noise
 
 DIN = Din(spread=0.01, correlation=0.6, level=0.006)
+
+
+def shared(field: Field, misfit: np.ndarray) -> Agreement | None:
+    """Agreement, whitened by the noise that the repeats show."""
+    return agreement(field, misfit, noise(field, misfit).whiten(field, misfit))
 
 
 def of(lab: Lab, seed: int, pattern: float = 0.0, din: Din = DIN) -> Agreement:
     """Agreement of noise about a course of the position (A) that every run repeats."""
     field = lab.fields()[0]
     drawn = din.draw(np.random.default_rng(seed), field.lengths)
-    return agreement(field, drawn + pattern * np.sin(4.0 * field.samples.position[:, 0]))
+    return shared(field, drawn + pattern * np.sin(4.0 * field.samples.position[:, 0]))
 
 
 @pytest.mark.parametrize("din", [DIN, Din(is_heavy=True), Din(correlation=0.9, level=0.02)])
@@ -33,6 +40,19 @@ def test_what_repeats_is_seen_below_the_noise():
     size = np.sqrt(2.0) * 0.5 * np.hypot(0.01, 0.006)
     found = [of(lever(), seed, size).p_value for seed in range(30)]
     assert np.count_nonzero(np.array(found) > 0.01) <= 3
+
+
+@pytest.mark.parametrize(("length", "size"), [(1, 0.0025), (40, 0.015)])
+def test_fast_and_slow_courses_are_seen_in_slow_noise(length, size):
+    """In noise of 0.014 A that wanders slowly, what changes in 40 cells is seen at its size, what is fast far below."""
+    lab, din = lever(), Din(spread=0.01, correlation=0.95, level=0.01)
+    field, found = lab.fields()[0], []
+    for seed in range(20):
+        rng = np.random.default_rng(seed)
+        own = np.repeat(rng.normal(0.0, size, 200), length)[: int(field.lengths.max())]
+        course = np.concatenate([own[:count] for count in field.lengths])
+        found.append(shared(field, din.draw(rng, field.lengths) + course).p_value)
+    assert np.count_nonzero(np.array(found) > 0.01) <= 2
 
 
 @pytest.mark.parametrize("pattern", [0.0, 0.05])
@@ -54,7 +74,7 @@ def test_what_changes_in_time_does_not_repeat():
     lab = pendulum()
     field = lab.fields()[0]
     warm = 0.05 * field.samples.direction * np.exp(-field.samples.time / (0.2 * field.samples.time.max()))
-    plain, moved = (agreement(field, DIN.draw(np.random.default_rng(1), field.lengths) + c) for c in (0.0, warm))
+    plain, moved = (shared(field, DIN.draw(np.random.default_rng(1), field.lengths) + c) for c in (0.0, warm))
     assert moved.floor > 1.2 * plain.floor
 
 
@@ -62,9 +82,9 @@ def test_too_few_pairs_say_nothing():
     """Of three pairs every flip that matters comes up one time in eight."""
     lab = Lab.of(LEVER, design(LEVER, postures=1, speeds=(0.5,), repeats=3))
     field = lab.fields()[0]
-    assert len(field.pairs) == 4 and agreement(field, np.ones(len(field))) is not None
+    assert len(field.pairs) == 4 and agreement(field, np.ones(len(field)), np.ones(len(field))) is not None
     short = lab.fields(lab.runs[:4])[0]
-    assert len(short.pairs) < 4 and agreement(short, np.ones(len(short))) is None
+    assert len(short.pairs) < 4 and agreement(short, np.ones(len(short)), np.ones(len(short))) is None
 
 
 def test_repeats_are_compared_at_the_same_place():

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from pumaid.loads import loads
+from pumaid.loads import along, loads
 from pumaid.model import Model
 from pumaid.records import Samples
 from pumaid.virtual import table1
@@ -67,3 +67,26 @@ def test_unknown_ratio_hides_another_joints_load_and_its_gain():
     found = loads(model, instants(PUMA, 3), solution=solution, scales=scales)
     assert np.isnan(found.others[:, 1]).all() and np.isfinite(found.own).all()
     assert np.isnan(found.gains[1]) and np.isfinite(found.gains[2:]).all()
+
+
+def swung(robot, joint):
+    """Three runs in which `joint` alone moves."""
+    rng, sizes = np.random.default_rng(joint), np.array([40, 25, 60])
+    position = np.repeat(rng.uniform(-2.0, 2.0, (3, robot.n_joints)), sizes, axis=0)
+    position[:, joint - 1] = rng.uniform(-3.0, 3.0, len(position))
+    velocity = rng.uniform(-1.0, 1.0, position.shape)
+    return Samples(joint, position, velocity, np.zeros(125), np.sign(velocity[:, joint - 1])), sizes
+
+
+@pytest.mark.parametrize("joint", range(1, 7))
+@pytest.mark.parametrize("robot", [PUMA, STANFORD], ids=["puma", "stanford"])
+def test_loads_along_runs_are_the_loads(robot, joint):
+    """While one joint moves alone, five positions of a run say what its load is at all others; the regressor too."""
+    model, scales, solution, _ = arm(robot)
+    scales[0, 4] = np.nan  # an unknown ratio
+    samples, sizes = swung(robot, joint)
+    ours = along(model, samples, sizes, solution=solution, scales=scales)
+    theirs = loads(model, samples, solution=solution, scales=scales)
+    for name in ("own", "others", "slopes", "tilts", "across", "drawn", "gains"):
+        np.testing.assert_allclose(getattr(ours, name), getattr(theirs, name), atol=1e-12, err_msg=name)
+    np.testing.assert_allclose(model.along(samples, sizes), model.regressor(samples), atol=1e-12)
