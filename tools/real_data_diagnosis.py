@@ -11,7 +11,7 @@ import numpy as np
 import pandas as pd
 from real_data_gen3 import one_joint_files, several_joint_files
 from real_data_others import tx40
-from real_data_ur3e import JOINT, SPLITS, wave
+from real_data_ur3e import JOINT, SPLITS, residuals, ripple, wave
 from recordings import folder, held_out, read
 
 from pumaid.cli.additions import MOST_ADDED, choice_of, reopened, spelled
@@ -29,6 +29,8 @@ SPEED = ("speed_test", "speed_test1", "speed_test_old")
 MOTOR = {f"judge {name}": (kind, name) for kind in (ROLLING, SPEED) for name in kind}
 #: Runs (from 1) that are the later half of a recording, and are judged: 104 strokes to and fro, 24 slices of a map.
 LATER = {"acc_current": range(53, 105), "stopped_data": range(13, 25)}
+#: Waves a turn of the UR3e's joint 2 that are near two a motor turn.
+NEAR_TWO = (190.0, 212.0)
 #: Waves of a turn up to which a spectrum is told.
 HIGHEST_WAVE = 130
 
@@ -81,17 +83,21 @@ def lines(scratch: Path) -> Iterable[str]:
     robot, evidence = read("ur3e", [wave()], scratch)
     for name, runs in SPLITS.items():
         yield from _climbed(f"UR3e, {name}", climb(held_out(evidence, runs), robot, JOINT), JOINT)
+    frame = residuals(evidence, robot, identify(evidence, robot))
+    for what, by in (("stroke", "run"), ("half stroke, by direction and gain of speed", ["direction", "speeds_up"])):
+        best = [ripple(own, NEAR_TWO, step=0.05)[0] for _, own in frame.groupby(by)]
+        yield f"  UR3e, waves a turn, each {what}: {min(best):.2f} to {max(best):.2f}"
     yield from _gen3(scratch)
     for name, (kind, judged) in MOTOR.items():
         yield from _climbed(f"bare motor, {name}", climb(*motor(kind, (judged,), scratch), 1), 1)
-    for kind in (ROLLING, SPEED):
+    for kind in (ROLLING, SPEED, *((name,) for name in LATER)):
         yield from _climbed(f"bare motor, {', '.join(kind)}, all fitted", climb(*motor(kind, (), scratch), 1), 1)
     for name in LATER:
         yield from _climbed(f"bare motor, {name}, judge the later half", climb(*halved(name, scratch), 1), 1)
     yield from _nothing(scratch)
-    yield "  bare motor, waves a turn and their size (A) in the raw recordings, strongest first:"
+    yield "  bare motor, waves a turn, their size (A) and phase (deg) in the raw recordings, strongest first:"
     for name in ("stopped_data", *ROLLING, *SPEED):
-        told = ", ".join(f"{order}: {size:.3f}" for order, size in waves(name)[:8])
+        told = ", ".join(f"{order}: {size:.3f} at {phase:.0f}" for order, size, phase in waves(name)[:12])
         yield f"    {name}: {told}"
 
 
@@ -123,14 +129,14 @@ def halved(name: str, scratch: Path) -> tuple[Evidence, Robot]:
     return held_out(evidence, LATER[name]), robot
 
 
-def waves(name: str) -> list[tuple[int, float]]:
-    """Whole waves a turn and their size (A) in a recording's raw samples, strongest first; pumaid has no part in it."""
+def waves(name: str) -> list[tuple[int, float, float]]:
+    """Whole waves a turn, their size (A) and phase (deg) in raw samples, strongest first; pumaid has no part in it."""
     table = pd.read_parquet(recording(name))
     position, current = table["Position"].to_numpy(dtype=float), table["Iq"].to_numpy(dtype=float)
     angles = np.outer(np.arange(1, HIGHEST_WAVE + 1), position)
     left = current - current.mean()
-    size = 2.0 * np.hypot(np.cos(angles) @ left, np.sin(angles) @ left) / len(left)
-    return [(int(at) + 1, float(size[at])) for at in np.argsort(-size)]
+    found = 2.0 * (np.cos(angles) @ left + 1j * (np.sin(angles) @ left)) / len(left)
+    return [(int(at) + 1, abs(found[at]), math.degrees(np.angle(found[at]))) for at in np.argsort(-np.abs(found))]
 
 
 def _climbed(title: str, found: Climb, joint: int) -> Iterable[str]:
@@ -167,6 +173,8 @@ def _gen3(scratch: Path) -> Iterable[str]:
     yield f"  Gen3, all joints alone: {len(found.findings)} findings"
     for joint in found.joints:
         yield from _told(f"joint {joint.joint},", found, joint)
+        limits = [one for one in joint.limits if one.effect == "flexibility" and one.size is not None]
+        yield from (f"      flexibility of {one.size:.1e} {one.unit} would have been found" for one in limits)
     _, judged = read("kinova_gen3", several_joint_files(), scratch)
     yield f"    base model, all joints at once, A: {_outside(estimate, judged, robot)}"
     if found.findings:

@@ -121,10 +121,12 @@ def _misfit(frame: pd.DataFrame) -> Iterable[str]:
         yield f"  residual {'forward' if way > 0 else 'backward'}, {what}: RMS {_rms(own.residual):.4f} A"
 
 
-def ripple(frame: pd.DataFrame) -> tuple[float, float]:
-    """Order (cycles a turn) between 20 and 260 that explains most of the residual, and its amplitude (A)."""
+def ripple(
+    frame: pd.DataFrame, orders: tuple[float, float] = (20.0, 260.0), *, step: float = 0.25
+) -> tuple[float, float]:
+    """Order (cycles a turn) between two that explains most of the residual, and its amplitude (A)."""
     found = []
-    for order in np.arange(20.0, 260.0, 0.25):
+    for order in np.arange(*orders, step):
         basis = np.column_stack([np.cos(order * frame.position), np.sin(order * frame.position)])
         part = np.linalg.lstsq(basis, frame.residual.to_numpy(), rcond=None)[0]
         found.append((float(np.hypot(*part)), float(order)))
