@@ -161,7 +161,7 @@ def _told(when: str, diagnosis: Diagnosis, joint: JointDiagnosis) -> Iterable[st
 
 
 def _found(found: Finding) -> str:
-    sizes = ", ".join(f"{size.name} {size.value:.4f} +- {size.std_error:.4f} {size.unit}" for size in found.sizes)
+    sizes = ", ".join(f"{size.name} {size.value:.4g} +- {size.std_error:.2g} {size.unit}" for size in found.sizes)
     rivals = f", or {', '.join(found.rivals)}" if found.rivals else ""
     return f"{found.verdict}: {spelled(found.choice)}{rivals}; p {found.p_value:.3f}; {sizes}"
 

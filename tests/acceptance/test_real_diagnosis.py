@@ -26,6 +26,8 @@ from pumaid.verbs.identify import identify
 
 pytestmark = [
     pytest.mark.realdata,
+    # What a ripple takes out may pass what there is by the last digits where it is nearly all; it then ranks first.
+    pytest.mark.filterwarnings("ignore:overflow encountered in scalar divide:RuntimeWarning"),
     pytest.mark.skipif(not folder().is_dir(), reason="no public recordings here: set PUMAID_REAL_DATA to their folder"),
 ]
 
@@ -61,9 +63,9 @@ def test_motor_held_still_needs_current_for_its_magnets_and_slots():
 
 
 def test_cogging_of_the_motor_is_found_at_its_multiples():
-    """At 5 rad/s: ripples at 72, then 18 and 12 waves a turn, each to 0.01 %, and nothing but ripples."""
+    """At 5 rad/s: ripples at 72, then 18 and 12 waves a turn, each to 0.01 %; no law of friction."""
     found = climbed("bare motor", " ".join(told.SPEED))
-    assert {one.effect for one in found.first.findings} == {"ripple"}
+    assert {one.effect for one in found.first.findings} <= {"ripple", "inertia"}
     assert ripples(found)[:3] == pytest.approx([math.lcm(MAGNETS, SLOTS), SLOTS, POLE_PAIRS], rel=1e-4)
 
 
@@ -77,11 +79,21 @@ def test_fast_rolling_shows_multiples_of_the_pole_pairs():
 def test_slots_pull_alike_at_rest_and_in_motion():
     """The 18 waves fitted in motion have the size (15 %) and phase (15 degrees) of the map at standstill."""
     found = climbed("bare motor", " ".join(told.SPEED)).first
-    own = next(one for one in found.findings if round(one.shape["frequency"]) == SLOTS)
+    own = next(one for one in found.findings if round(one.shape.get("frequency", 0.0)) == SLOTS)
     cos, sin = (size.value for size in own.sizes)
     size, phase = next((size, phase) for order, size, phase in told.waves("stopped_data") if order == SLOTS)
     assert math.hypot(cos, sin) == pytest.approx(size, rel=0.15)
     assert math.degrees(math.atan2(sin, cos)) == pytest.approx(phase, abs=15.0)
+
+
+def test_rotor_is_as_heavy_in_both_kinds_of_recording(tmp_path):
+    """Inertia found where a controlled speed wavers is that of strokes to and fro, within its standard errors."""
+    found = climbed("bare motor", " ".join(told.SPEED)).first
+    (size,) = [one.sizes[0] for one in found.findings if one.effect == "inertia"]
+    robot, strokes = read("motor", [told.recording("acc_current")], tmp_path)
+    heavy = identify(strokes, robot).value("inertia.j1.J").value
+    assert abs(size.value - heavy) < 3.0 * size.std_error
+    assert size.value > 10.0 * size.std_error
 
 
 @pytest.mark.parametrize("name", told.ROLLING)
@@ -101,9 +113,9 @@ def test_earlier_speed_test_is_predicted_twice_as_well():
 
 @pytest.mark.parametrize("name", told.SPEED)
 def test_nothing_but_the_motors_multiples_is_added_to_speed_tests(name):
-    """Whatever passes is a ripple of slots or pole pairs, and does not worsen the file that was kept."""
+    """Whatever passes is the rotor's inertia or a ripple of slots or pole pairs; the file that was kept gains by it."""
     found = climbed("bare motor", f"judge {name}")
-    assert len(ripples(found)) == len(found.steps) - 1
+    assert {step.added.partition("@")[0] for step in found.steps[1:]} <= {"ripple", "inertia"}
     for waves in ripples(found):
         nearest = round(waves)
         assert waves == pytest.approx(nearest, rel=1e-4)
