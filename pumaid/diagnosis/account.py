@@ -15,7 +15,8 @@ from pumaid.diagnosis.folds import falls, postures_of
 from pumaid.diagnosis.limits import limits
 from pumaid.diagnosis.stepwise import Accepted, Step, Stepwise
 from pumaid.diagnosis.telling import command, inside, reason, rmse_at, sizes, weakened
-from pumaid.diagnosis.verdict import Judged, competes, judged
+from pumaid.diagnosis.transfer import transfer
+from pumaid.diagnosis.verdict import Judged, competes, judged, nearest
 from pumaid.errors import Note
 from pumaid.records import (
     ABSENT,
@@ -63,6 +64,11 @@ class Account:
         last = search.steps[-1]
         self.limits = limits(last.scan, last.catalogue, last.family, periodic=search.periodic)
         self.verdicts = {row.field.joint: self._judged(row.field.joint) for row in self.states[0].rows}
+        named = [one.contender for one in search.accepted]
+        self.transfers = [transfer(self.states[-1], one.trial.added, self.heldout) for one in named]
+        self.refuted = {
+            k for one, found in zip(named, self.transfers, strict=True) if found and found.is_denied for k in one.after
+        }
         self.shapeless = {joint: self._competes(joint) for joint in self.verdicts}
 
     def _judged(self, joint: int) -> Judged:
@@ -91,6 +97,7 @@ class Account:
                     sizes=sizes(found),
                     next_run=self._next(one),
                     curves=self._curves(one),
+                    transfer=self.transfers[number],
                 )
             )
         return tuple(out)
@@ -133,7 +140,7 @@ class Account:
         if told is None:
             return JointDiagnosis(joint, ADEQUATE, f"joint {joint} never moves alone in these logs", None, None)
         row, competitor = self.states[0].row(joint), self.shapeless[joint]
-        verdict = UNEXPLAINED_JOINT if competitor is not None else told.verdict
+        verdict = UNEXPLAINED_JOINT if competitor is not None or joint in self.refuted else told.verdict
         floor = None if told.after is None else float(np.hypot(told.after.floor, inside(row.field)))
         split = budget(
             row.field,
@@ -156,7 +163,10 @@ class Account:
         )
 
     def _competes(self, joint: int) -> Unexplained | None:
-        """A shape without a name that explains a joint decisively better than what was named there."""
+        """A shape without a name that explains a joint decisively better than what was named there, or what was named
+        being refuted by runs held out, the nearest shape."""
+        if joint in self.refuted:
+            return nearest(self.states[0], joint)
         named = [one.contender for one in self.search.accepted if one.contender.key[1] == joint]
         if not named:
             return None

@@ -48,6 +48,8 @@ def agreement(field: Field, misfit: Floats, white: Floats) -> Agreement | None:
 
     Parameters
     ----------
+    field
+        N cells.
     misfit, white
         (N,) A, and whitened.
 

@@ -251,7 +251,7 @@ def ahead(solved: Solved, chosen: Sequence[Lap], *, age: tuple[float, float], ce
         postures=(),
         base=solved.model.along(samples, np.full(len(lap), cells)),
     )
-    return _as_row(solved, field, _noise(old, speed, step))
+    return _as_row(solved, field, old.noise.at(old.field, speed, step))
 
 
 def _as_row(solved: Solved, field: Field, noise: Noise) -> Row:
@@ -268,14 +268,3 @@ def _as_row(solved: Solved, field: Field, noise: Noise) -> Row:
 def _temperature(old: Row, *, is_cold: bool) -> float:
     known = old.field.samples.temperature[np.isfinite(old.field.samples.temperature)]
     return float("nan") if len(known) == 0 else float(known.min() if is_cold else known.max())
-
-
-def _noise(old: Row, speed: Floats, step: Floats) -> Noise:
-    """Of runs at these speeds with cells of `step` s: correlation decays with time, slow noise keeps its density."""
-    seen = np.array([abs(run.speed) for run in old.field.runs])
-    near = np.argmin(np.abs(np.log(seen[None, :] / speed[:, None])), axis=1)
-    rho, spread = old.noise.correlation[near], old.noise.spread[near]
-    ratio = step / np.maximum(old.field.step[near], 1e-12)
-    fresh = np.where(rho > 0.0, rho, 0.0) ** ratio
-    density = spread**2 * (1.0 + rho) / (1.0 - rho) / ratio
-    return Noise(fresh, np.sqrt(density * (1.0 - fresh) / (1.0 + fresh)), old.noise.level, old.noise.from_replicates)

@@ -75,6 +75,24 @@ class Noise:
         out[:-1] -= np.where(later[1:], rho[1:] * scaled[1:], 0.0)
         return np.asarray(out)
 
+    def at(self, field: Field, speeds: Floats, steps: Floats) -> Noise:
+        """Of other runs of the joint of `field`: correlation decays with time, slow noise keeps its density.
+
+        Parameters
+        ----------
+        field
+            That this noise is of.
+        speeds, steps
+            (R,) of the other runs, rad/s or m/s, and s that their cells last.
+        """
+        seen = np.array([abs(run.speed) for run in field.runs])
+        near = np.argmin(np.abs(np.log(seen[None, :] / speeds[:, None])), axis=1)
+        rho, spread = self.correlation[near], self.spread[near]
+        ratio = steps / np.maximum(field.step[near], 1e-12)
+        fresh = np.where(rho > 0.0, rho, 0.0) ** ratio
+        density = spread**2 * (1.0 + rho) / (1.0 - rho) / ratio
+        return Noise(fresh, np.sqrt(density * (1.0 - fresh) / (1.0 + fresh)), self.level, self.from_replicates)
+
     def _decorrelated(self, field: Field, values: Floats) -> Floats:
         run = field.run
         wide = (slice(None),) + (None,) * (values.ndim - 1)

@@ -228,6 +228,15 @@ def at_cells(solved: Solved, field: Field) -> Solved:
     return replace(solved, rows=rows, inverse=inverse, rank=rank)
 
 
+def elsewhere(solved: Solved, field: Field) -> Row:
+    """One joint of the solution at runs that were not fitted, their noise like that of fitted runs as fast."""
+    old = solved.row(field.joint)
+    field = with_loads(solved.model, field, solved.start)
+    kind = old.noise.at(old.field, np.array([abs(run.speed) for run in field.runs]), field.step)
+    design = _design(solved.model, field, solved.added, solved.sizes)
+    return row_of(field, kind, design, weights=old.weights, turn=old.turn)
+
+
 def row_of(field: Field, kind: Noise, design: Floats, *, weights: Floats, turn: Floats) -> Row:
     """One joint at a solution.
 

@@ -86,7 +86,7 @@ def judged(first: Solved, last: Solved, scan: Scan, *, joint: int, acting: bool)
     shape = None
     if verdict == UNEXPLAINED_JOINT and free:
         top = best if best is not None else max(free, key=lambda one: evidence(last, one))
-        shape = _shape(last, top)
+        shape = _shape(last, top, is_clear=nameless)
     return Judged(verdict, before, after, start, end, removed, shape)
 
 
@@ -110,7 +110,7 @@ def _surprise(solved: Solved, trial: Trial) -> float:
     return float(surprise(trial.statistic / solved.scale, trial.width))
 
 
-def _shape(solved: Solved, trial: Trial) -> Unexplained:
+def _shape(solved: Solved, trial: Trial, *, is_clear: bool = True) -> Unexplained:
     """The free form for people."""
     free = trial.added.effect
     assert isinstance(free, Free) and trial.added.joint is not None
@@ -121,7 +121,9 @@ def _shape(solved: Solved, trial: Trial) -> Unexplained:
     gain = trial.statistic / solved.scale / max(float(row.residual @ row.residual), 1e-300)
     text = f"what is left looks like {free.form.name}, largest at {peak:.3g} {free.form.unit.format(unit=unit)}"
     where = free.form.unit.format(unit=unit)
-    return Unexplained(free.form.name, free.form.variable, where, knots, values, errors, peak, float(gain), text)
+    return Unexplained(
+        *(free.form.name, free.form.variable, where, knots, values, errors, peak, float(gain), text), is_clear=is_clear
+    )
 
 
 #: Free forms that are a family's own, and so no competitors of its effects.
@@ -154,3 +156,9 @@ def competes(first: Solved, joint: int, named: Sequence[Contender]) -> Unexplain
     if best is None or evidence(first, best) <= sum(one.evidence for one in named) + DECISIVE:
         return None
     return _shape(first, best)
+
+
+def nearest(first: Solved, joint: int) -> Unexplained | None:
+    """The free form that comes nearest to what the base model leaves of a joint."""
+    best = max(free_trials(first, joint), key=lambda one: evidence(first, one), default=None)
+    return None if best is None else _shape(first, best, is_clear=evidence(first, best) > DECISIVE)

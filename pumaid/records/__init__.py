@@ -29,6 +29,7 @@ from pumaid.records.diagnosis import (
     Line,
     NextRun,
     Size,
+    Transfer,
     Unexplained,
 )
 from pumaid.records.estimate import (
@@ -110,6 +111,7 @@ __all__ = [
     "Rung",
     "Samples",
     "Size",
+    "Transfer",
     "Unexplained",
     "Value",
 ]

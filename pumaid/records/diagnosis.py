@@ -31,6 +31,26 @@ class Size:
 
 
 @dataclass(frozen=True, slots=True)
+class Transfer:
+    """Share of the current that an effect adds in runs held out which these really show, with its standard error.
+
+    One where the effect is what was named; decidedly less where something else was taken for it.
+    """
+
+    share: float
+    std_error: float
+
+    @property
+    def is_denied(self) -> bool:
+        """Whether these runs show decidedly less of the effect than the fit says."""
+        return 1.0 - self.share > DENIED * self.std_error
+
+
+#: Standard errors below one at which what runs held out show is not what was named.
+DENIED = 3.0
+
+
+@dataclass(frozen=True, slots=True)
 class NextRun:
     """The run that would decide, in words and as motions that a plan can hold.
 
@@ -110,7 +130,8 @@ class Unexplained:
     """The shape of what no effect explains: free-form means over bins of one variable.
 
     `form` is such as ``f(q)`` or ``s f(v)``; `centres` (B,) of the bins, `means` and `errors` (B,) A; `peak` where
-    it is largest, `share` of the excess over the noise floor that it takes away, `text` the same for people.
+    it is largest, `share` of the excess over the noise floor that it takes away, `text` the same for people. `is_clear`
+    says whether the shape itself is more than chance; else it is the nearest of shapes that all fit badly.
     """
 
     form: str
@@ -122,6 +143,7 @@ class Unexplained:
     peak: float
     share: float
     text: str
+    is_clear: bool = True
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -209,8 +231,8 @@ class Curve:
 class Finding:
     """What the user should add: an effect at a joint (None: the whole arm), its rivals and what would decide.
 
-    `steps` are the effects that go with it where one is not enough; `rmse_heldout_before` and `_after` (A) of runs that
-    no fit saw. `curves` let it be seen, one for each joint whose current it changes most.
+    `rmse_heldout_before` and `_after` (A) are of runs that no fit saw, `transfer` says how much of the effect these
+    show, where they can. `curves` let it be seen, one for each joint whose current it changes most.
     """
 
     effect: str
@@ -226,6 +248,7 @@ class Finding:
     sizes: tuple[Size, ...] = ()
     next_run: NextRun | None = None
     curves: tuple[Curve, ...] = ()
+    transfer: Transfer | None = None
 
     @property
     def choice(self) -> EffectChoice:

@@ -14,6 +14,7 @@ from pumaid.records import (
     JointDiagnosis,
     Limit,
     Robot,
+    Transfer,
 )
 from pumaid.show.numbers import amperes, in_unit, percent, with_error
 from pumaid.show.story import joint_title
@@ -82,6 +83,8 @@ def finding_sentences(found: Finding, diagnosis: Diagnosis, robot: Robot, *, uni
         out.append(floor_sentence(own))
     if found.rmse_heldout_before is not None and found.rmse_heldout_after is not None:
         out.append(heldout_sentence(found.rmse_heldout_before, found.rmse_heldout_after))
+    if found.transfer is not None:
+        out.append(transfer_sentence(found.transfer))
     out.append(chance_sentence(found.p_value))
     reason = next((one.reason for one in _candidates(diagnosis, found) if one.reason), "")
     if found.verdict != ADD and reason:
@@ -105,6 +108,19 @@ def effect_sentences(effect: str) -> list[str]:
         return []
     known = catalogue()[effect]
     return [f"{known.title}." + (f" It adds the current {known.equation}." if known.equation else "")]
+
+
+def transfer_sentence(found: Transfer) -> str:
+    """How much of an effect the runs held out show."""
+    share = f"{number(100.0 * found.share, 2)} ± {number(100.0 * found.std_error, 1)} %"
+    return f"Of what it adds there, these runs show {share}: {_TRANSFERS[found.is_denied]}."
+
+
+#: Whether runs held out deny an effect -> what that means.
+_TRANSFERS = {
+    False: "no less than all of it within that error",
+    True: "so it is not this effect, or not in this form, although it fits the other runs",
+}
 
 
 def is_at_floor(found: JointDiagnosis) -> bool:

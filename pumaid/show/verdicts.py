@@ -68,6 +68,11 @@ def form_sentence(shape: Unexplained, units: str = "rad") -> str:
     letter = shape.form.split("f(")[0].strip()
     kind = _KINDS.get(letter, _KINDS[""])
     at = f"{number(times * shape.peak, 3)} {unit}".rstrip()
+    if not shape.is_clear:
+        return (
+            "It follows neither position nor speed, load, time or travel alone;"
+            f" the nearest is {kind} {variable_word(shape)} ({shape.form})."
+        )
     return (
         f"It looks most like {kind} {variable_word(shape)} ({shape.form}), strongest at {at};"
         f" that shape explains {percent(shape.share)} of what exceeds the noise."

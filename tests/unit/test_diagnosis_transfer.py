@@ -1,0 +1,73 @@
+"""What runs held out show of an effect: all of it where it is there, none where it is not, by dense least squares."""
+
+from __future__ import annotations
+
+from functools import cache
+
+import numpy as np
+import pytest
+from searches import LEVER, Din, Lab, design, lever
+
+from pumaid.diagnosis.system import Added, Solved, elsewhere
+from pumaid.diagnosis.transfer import transfer
+from pumaid.effects import catalogue
+from pumaid.records import Transfer
+from pumaid.virtual import Hidden
+
+SPRING = Added(catalogue()["spring"], 1, {})
+HELD = design(LEVER, postures=1, speeds=(0.4, 0.8), repeats=1, seed=9)
+
+
+@cache
+def sprung() -> Lab:
+    """The lever with a spring that the model does not know."""
+    return Lab.of(LEVER, design(LEVER), Hidden("spring", 1, {"a": 0.02}))
+
+
+@cache
+def later(is_sprung: bool) -> Lab:
+    """Other runs of it, with or without the spring."""
+    hidden = [Hidden("spring", 1, {"a": 0.02})] if is_sprung else []
+    return Lab.of(LEVER, HELD, *hidden)
+
+
+def judged(seed: int, *, is_sprung: bool) -> tuple[Transfer | None, Solved, tuple]:
+    """A spring fitted to runs that have it, held against others."""
+    solved = sprung().solved(sprung().noisy(seed), [SPRING])
+    held = sprung().fields(later(is_sprung).noisy(1000 + seed))
+    return transfer(solved, SPRING, held), solved, held
+
+
+def test_share_is_that_of_least_squares_over_all_runs():
+    """One parameter more, the effect in the held-out runs alone: its estimate and error, by dense algebra."""
+    found, solved, (field,) = judged(3, is_sprung=True)
+    row, fitted = elsewhere(solved, field), solved.row(1)
+    only = row.noise.whiten(row.field, SPRING.columns(solved.model, row.field.samples) @ solved.sizes[0])
+    columns = np.vstack(
+        [np.column_stack([fitted.jacobian, np.zeros(len(fitted.field))]), np.column_stack([row.jacobian, only])]
+    )
+    target = np.concatenate([0.0 * fitted.residual, row.residual])
+    size = np.linalg.norm(columns, axis=0) + 1e-300
+    inverse = np.linalg.pinv(columns / size, rcond=1e-9)
+    assert found is not None
+    assert found.share - 1.0 == pytest.approx((inverse @ target)[-1] / size[-1], abs=1e-6)
+    error = np.sqrt(solved.scale) * np.linalg.norm(inverse[-1]) / size[-1]
+    assert found.std_error == pytest.approx(error, rel=1e-4)
+
+
+def test_what_is_there_is_seldom_denied_and_what_is_not_always():
+    """60 experiments: shares scatter about one by their errors; of a spring that the later runs lack none is shown."""
+    there = [judged(seed, is_sprung=True)[0] for seed in range(60)]
+    gone = [judged(seed, is_sprung=False)[0] for seed in range(20)]
+    z = np.array([(one.share - 1.0) / one.std_error for one in there])
+    assert abs(z.mean()) < 0.5 and 0.7 < z.std() < 1.4
+    assert not any(one.is_denied for one in there)
+    assert all(one.is_denied and abs(one.share) < 0.35 for one in gone)
+
+
+def test_runs_that_cannot_show_it_say_nothing():
+    """A spring in noise far larger than itself."""
+    solved = sprung().solved(sprung().noisy(1), [SPRING])
+    loud = sprung().solved(lever().noisy(1, Din(spread=2.0, level=1.0)), [SPRING])
+    assert transfer(loud, SPRING, sprung().fields(later(True).noisy(5, Din(spread=2.0, level=1.0)))) is None
+    assert transfer(solved, SPRING, ()) is None
