@@ -83,6 +83,7 @@ def lines(scratch: Path) -> Iterable[str]:
     robot, evidence = read("ur3e", [wave()], scratch)
     for name, runs in SPLITS.items():
         yield from _climbed(f"UR3e, {name}", climb(held_out(evidence, runs), robot, JOINT), JOINT)
+    yield from _climbed("UR3e, all strokes fitted", climb(evidence, robot, JOINT), JOINT)
     frame = residuals(evidence, robot, identify(evidence, robot))
     for what, by in (("stroke", "run"), ("half stroke, by direction and gain of speed", ["direction", "speeds_up"])):
         best = [ripple(own, NEAR_TWO, step=0.05)[0] for _, own in frame.groupby(by)]
