@@ -25,8 +25,8 @@ NEAR = 0.2
 #: Standard errors by which held-out error must fall.
 STEADY = 1.0
 #: Share by which an effect must lower the RMSE of some joint to be worth a parameter: far below what a user would mind,
-#: since ripple well beyond chance may hide deep in the noise of single samples.
-WORTH = 0.002
+#: since fast waves well beyond chance may hide deep in slow noise.
+WORTH = 0.0005
 #: Difference of evidence beyond which one effect is decidedly better (odds of 150).
 DECISIVE = 10.0
 #: Share of a rival's statistic that may be left once the chosen effect is in: above, it explains something else.

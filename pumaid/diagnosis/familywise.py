@@ -24,6 +24,9 @@ BALANCED = 0.98
 #: Surprise beyond which no flip is asked. Of what shows in a few runs flips can say nothing (of three runs one flip in
 #: four changes nothing but the sign), whatever its size; and no misjudgement of the noise makes eleven deviations.
 GROSS = 30.0
+#: Where a few runs hold nearly all of a candidate's score (fewer than `FEW` that count alike), and repeated runs show
+#: the noise, as much is asked of it: six deviations, which noise misjudged by half its size does not make either.
+FEW, LONE = 6.0, 9.0
 #: Candidates whose flips are held at once.
 AT_ONCE = 128
 
@@ -36,23 +39,30 @@ class Family:
     ----------
     handicaps
         (effect, joint) -> surprise (-log10 of a single p-value) that its best shape reaches in `BALANCED` of the flips.
+    lone
+        Candidates of which a few runs tell nearly all, so that flips do not judge them.
     largest
         (B,) surprise beyond its handicap of the best candidate in each flip, sorted.
     """
 
     handicaps: dict[Key, float]
     largest: Floats
+    lone: frozenset[Key] = frozenset()
+
+    def gross(self, key: Key) -> float:
+        """Surprise beyond which no flip is asked."""
+        return LONE if key in self.lone else GROSS
 
     def p_value(self, key: Key, seen: float) -> float:
         """Chance of any candidate at least as far beyond its handicap as `key` is with the surprise `seen`."""
-        if seen >= GROSS:
+        if seen >= self.gross(key):
             return 1.0 / (1 + len(self.largest))
         beyond = seen - self.handicaps.get(key, 0.0)
         return float(1 + np.count_nonzero(self.largest >= beyond)) / (1 + len(self.largest))
 
     def threshold(self, key: Key, level: float) -> float:
         """Surprise that `key` needs for a p-value below `level`."""
-        return min(self.handicaps.get(key, 0.0) + float(np.quantile(self.largest, 1.0 - level)), GROSS)
+        return min(self.handicaps.get(key, 0.0) + float(np.quantile(self.largest, 1.0 - level)), self.gross(key))
 
 
 def family(scan: Scan, *, periodic: str | None = None, flips: int = FLIPS) -> Family:
@@ -98,7 +108,20 @@ def family(scan: Scan, *, periodic: str | None = None, flips: int = FLIPS) -> Fa
         return Family({}, np.zeros(flips))
     handicaps = {key: float(np.quantile(seen, BALANCED)) for key, seen in found.items()}
     largest = np.max([seen - handicaps[key] for key, seen in found.items()], axis=0)
-    return Family(handicaps, np.sort(largest))
+    return Family(handicaps, np.sort(largest), _lone(scan))
+
+
+def _lone(scan: Scan) -> frozenset[Key]:
+    """Candidates whose best shape shows in a few runs; none where the noise is not known from repeated runs."""
+    if not all(row.noise.from_replicates for row in scan.solved.rows):
+        return frozenset()
+    return frozenset(key for key, trial in scan.best().items() if alike(trial.scores) < FEW)
+
+
+def alike(scores: Floats) -> float:
+    """How many runs that tell as much as one another would make scores (R, m) like these: by their fourth moment."""
+    squares = np.sum(scores**2, axis=1)
+    return float(squares.sum() ** 2 / np.sum(squares**2)) if squares.any() else 0.0
 
 
 def _surprises(trials: list[Trial], signs: Floats, *, width: int, scale: float) -> Floats:

@@ -18,7 +18,7 @@ Key = tuple[str, int | None]
 POWER = 0.8
 #: Fourth moment of a normal score over its square's square.
 NORMAL = 3.0
-#: Share of an effect that is left beside the model, below which a size that could be seen would be no small effect.
+#: Why no size of an effect could be seen.
 FAINT = "the fitted model absorbs all of it in these runs"
 
 
@@ -44,21 +44,22 @@ def limits(scan: Scan, catalogue: Catalogue, family: Family, *, periodic: Effect
             shift = needed(threshold, PERIODIC, runs=len(spectrum.scores))
             size = shift * float(np.sqrt(scan.solved.scale / np.median(spectrum.information)))
             out[periodic.name, joint] = _limit(robot, periodic, (periodic.name, joint), size)
+    known = {variant.added.key: variant.added.effect for variant in catalogue.variants}
     for key in scan.absorbed:
-        out[key] = Limit(*key, "", None, "", FAINT)
+        out[key] = Limit(*key, "", None, "", _faint(known[key]))
     for key, why in catalogue.excluded.items():
         out[key] = Limit(*key, "", None, "", why)
     return out
 
 
-def needed(surprise: float, freedoms: int, *, runs: float) -> float:
+def needed(surprise: float, freedoms: int, *, runs: float, gross: float = GROSS) -> float:
     """Standard deviations of shift that are found with `POWER` when the threshold is `surprise` (-log10 p).
 
     Flipped scores hold the effect, too: a shift of d, spread over R runs, raises the flips' squares and with them the
-    threshold by the share d^2 / R; but beyond `GROSS` no flip is asked.
+    threshold by the share d^2 / R; but beyond `gross` no flip is asked.
     """
     more = float(stats.norm.ppf(POWER))
-    threshold, surely = (float(stats.chi2.isf(10.0**-alarm, freedoms)) for alarm in (min(surprise, GROSS), GROSS))
+    threshold, surely = (float(stats.chi2.isf(10.0**-alarm, freedoms)) for alarm in (min(surprise, gross), gross))
     rest = 1.0 - threshold / runs
     most = float(np.sqrt(surely)) + more
     if rest <= 0.0:
@@ -70,8 +71,9 @@ def _size(trial: Trial, family: Family, scan: Scan) -> float:
     if trial.information[0, 0] <= 0.0:
         return float("inf")
     variance = scan.solved.scale / float(trial.information[0, 0])  # the effect's other parameters zero
-    threshold = family.threshold(trial.added.key, LEVEL)
-    return needed(threshold, trial.width, runs=_runs(trial, scan)) * float(np.sqrt(variance))
+    key = trial.added.key
+    threshold, gross = family.threshold(key, LEVEL), family.gross(key)
+    return needed(threshold, trial.width, runs=_runs(trial, scan), gross=gross) * float(np.sqrt(variance))
 
 
 def _runs(trial: Trial, scan: Scan) -> float:
@@ -85,4 +87,13 @@ def _limit(robot: Robot, effect: Effect, key: Key, size: float) -> Limit:
     first = effect.parameters(robot, key[1] or 0)[0]
     joint = robot.joint(key[1]) if key[1] and effect.scope is not Scope.ARM else robot.joints[0]
     unit = first.unit.format(unit=joint.position_unit)
-    return Limit(*key, first.name, size, unit) if np.isfinite(size) else Limit(*key, first.name, None, unit, FAINT)
+    return (
+        Limit(*key, first.name, size, unit)
+        if np.isfinite(size)
+        else Limit(*key, first.name, None, unit, _faint(effect))
+    )
+
+
+def _faint(effect: Effect) -> str:
+    """Why no size of an effect could be seen, and in which runs it would be."""
+    return FAINT + (f"; it is seen best in {effect.seen_in}" if effect.seen_in else "")

@@ -102,6 +102,8 @@ class Effect(ABC):
         What the current depends on, in a word or two: ``speed``, ``load``, ``position``, ``start``, ``time`` ...
     trace
         The residuals that show it.
+    seen_in
+        The runs that show it best, to go after "it is seen best in".
     look_alikes
         Names of effects that data may not tell from it.
     base
@@ -143,6 +145,7 @@ class Effect(ABC):
     scope: ClassVar[Scope] = Scope.JOINT
     family: ClassVar[str] = ""
     trace: ClassVar[tuple[Trace, ...]] = ()
+    seen_in: ClassVar[str] = ""
     look_alikes: ClassVar[tuple[str, ...]] = ()
     base: ClassVar[bool] = False
     in_triangle: ClassVar[bool] = False

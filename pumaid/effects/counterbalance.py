@@ -26,6 +26,7 @@ class Counterbalance(Effect):
     )
     family = "torque(q)"
     trace = (Trace.POSITION,)
+    seen_in = "runs of its joint over the whole span, in postures that change the joint's load"
     look_alikes = ("spring", "tilt", "ripple", "flexibility")
 
     def parameters(self, robot: Robot, number: int) -> tuple[Parameter, ...]:

@@ -27,6 +27,7 @@ class Coupling(Effect):
     scope = Scope.CAUSE
     family = "gravity"
     trace = (Trace.POSITION, Trace.LOAD)
+    seen_in = "runs in which the load of the joint that causes it changes: other postures, or a payload"
     look_alikes = ("zero_offset", "tilt", "counterbalance")
     needs_loads = True
 

@@ -26,6 +26,7 @@ class Delay(Effect):
     )
     family = "motion"
     trace = (Trace.POSITION, Trace.SPEED, Trace.DIRECTION)
+    seen_in = "runs both ways at several speeds, over stretches on which the load changes steeply"
     look_alikes = ("position_friction",)
     needs_loads = True
 

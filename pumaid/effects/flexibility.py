@@ -27,6 +27,7 @@ class Flexibility(Effect):
     scope = Scope.CAUSE
     family = "gravity"
     trace = (Trace.POSITION, Trace.LOAD)
+    seen_in = "runs under much and little load: stretched and folded postures, a payload"
     look_alikes = ("counterbalance", "zero_offset", "spring")
     needs_loads = True
 

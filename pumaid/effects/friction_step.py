@@ -26,6 +26,7 @@ class FrictionStep(Effect):
     )
     family = "time"
     trace = (Trace.TIME, Trace.DIRECTION)
+    seen_in = "runs both ways that are repeated before and after"
     look_alikes = ("warmup", "torque_constant_drift", "thermal_friction")
     is_repeatable = True
 

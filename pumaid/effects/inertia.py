@@ -23,6 +23,7 @@ class Inertia(Effect):
     family = "motion"
     opposes_motion = True
     trace = (Trace.POSITION,)
+    seen_in = "strokes from rest to rest, or runs whose speed wavers"
     look_alikes = ("presliding", "saturation")
     in_triangle = True
     per_posture = True

@@ -28,6 +28,7 @@ class LoadFriction(Effect):
     family = "load"
     opposes_motion = True
     trace = (Trace.LOAD, Trace.DIRECTION)
+    seen_in = "runs both ways under much and little load: stretched and folded postures, a payload"
     look_alikes = ("position_friction", "side_load_friction", "torque_droop", "saturation")
     needs_loads = True
 

@@ -42,6 +42,7 @@ class Payload(Effect):
     scope = Scope.ARM
     family = "time, gravity"
     trace = (Trace.TIME, Trace.POSITION)
+    seen_in = "the same runs with and without it"
     look_alikes = ("torque_constant_drift", "tilt")
     needs_loads = True
 

@@ -28,6 +28,7 @@ class PositionFriction(Effect):
     )
     family = "position"
     trace = (Trace.POSITION, Trace.DIRECTION)
+    seen_in = "runs both ways over the joint's whole span"
     look_alikes = ("load_friction", "side_load_friction")
     is_repeatable = True
 

@@ -30,6 +30,7 @@ class Presliding(Effect):
     family = "start"
     opposes_motion = True
     trace = (Trace.POSITION, Trace.DIRECTION)
+    seen_in = "slow runs both ways, each from rest"
     look_alikes = ("inertia",)
 
     def parameters(self, robot: Robot, number: int) -> tuple[Parameter, ...]:

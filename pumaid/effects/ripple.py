@@ -37,6 +37,7 @@ class Ripple(Effect):
     )
     family = "position, fast"
     trace = (Trace.POSITION,)
+    seen_in = "slow runs over a wide span, sampled fast"
     look_alikes = ()
     is_repeatable = True
     periodic = "frequency"

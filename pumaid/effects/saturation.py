@@ -27,6 +27,7 @@ class Saturation(Effect):
     )
     family = "current"
     trace = (Trace.LOAD,)
+    seen_in = "runs in which the current comes near its limit: fast, under much load"
     look_alikes = ("torque_droop", "stribeck", "viscous_power", "inertia")
     needs_loads = True
 

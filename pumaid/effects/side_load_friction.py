@@ -27,6 +27,7 @@ class SideLoadFriction(Effect):
     family = "load"
     opposes_motion = True
     trace = (Trace.LOAD, Trace.DIRECTION)
+    seen_in = "runs both ways in postures in which gravity bends the joint's axis much and little"
     look_alikes = ("load_friction", "position_friction")
     needs_loads = True
 

@@ -23,6 +23,7 @@ class Spring(Effect):
     )
     family = "torque(q)"
     trace = (Trace.POSITION,)
+    seen_in = "runs over the joint's whole span, in postures of much and little load"
     look_alikes = ("counterbalance", "tilt", "ripple", "presliding", "flexibility")
 
     def parameters(self, robot: Robot, number: int) -> tuple[Parameter, ...]:

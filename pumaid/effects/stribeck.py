@@ -31,6 +31,7 @@ class Stribeck(Effect):
     family = "speed"
     opposes_motion = True
     trace = (Trace.SPEED, Trace.DIRECTION)
+    seen_in = "runs both ways at four speeds or more, down to the slowest that is smooth"
     look_alikes = ("viscous_power", "torque_droop", "saturation")
 
     def parameters(self, robot: Robot, number: int) -> tuple[Parameter, ...]:

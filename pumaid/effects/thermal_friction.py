@@ -29,6 +29,7 @@ class ThermalFriction(Effect):
     )
     family = "temperature"
     trace = (Trace.TIME, Trace.DIRECTION)
+    seen_in = "logs that hold the motors' temperatures, of a cold and of a warm arm"
     look_alikes = ("warmup", "torque_constant_drift", "friction_step")
 
     def parameters(self, robot: Robot, number: int) -> tuple[Parameter, ...]:

@@ -31,6 +31,7 @@ class Tilt(Effect):
     scope = Scope.ARM
     family = "gravity"
     trace = (Trace.POSITION,)
+    seen_in = "runs of a joint whose axis is upright, and of others in several postures"
     look_alikes = ("zero_offset", "counterbalance", "coupling", "spring")
     needs_loads = True
 

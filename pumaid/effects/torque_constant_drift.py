@@ -28,6 +28,7 @@ class TorqueConstantDrift(Effect):
     )
     family = "time"
     trace = (Trace.TIME, Trace.LOAD)
+    seen_in = "runs under much load, repeated over one long recording from a cold start"
     look_alikes = ("warmup", "thermal_friction", "friction_step", "payload")
     needs_loads = True
 

@@ -23,6 +23,7 @@ class TorqueDroop(Effect):
     )
     family = "current"
     trace = (Trace.LOAD,)
+    seen_in = "runs under much and little load, up to high currents"
     look_alikes = ("saturation", "load_friction", "viscous_power", "stribeck")
     needs_loads = True
 

@@ -26,6 +26,7 @@ class ViscousPower(Effect):
     family = "speed"
     opposes_motion = True
     trace = (Trace.SPEED, Trace.DIRECTION)
+    seen_in = "runs both ways at four speeds or more, up to the fastest allowed"
     look_alikes = ("stribeck", "torque_droop", "saturation")
 
     def parameters(self, robot: Robot, number: int) -> tuple[Parameter, ...]:

@@ -29,6 +29,7 @@ class Warmup(Effect):
     family = "time"
     opposes_motion = True
     trace = (Trace.TIME, Trace.DIRECTION)
+    seen_in = "runs both ways, repeated over one long recording from a cold start"
     look_alikes = ("torque_constant_drift", "thermal_friction", "friction_step")
 
     def parameters(self, robot: Robot, number: int) -> tuple[Parameter, ...]:

@@ -39,6 +39,7 @@ class ZeroOffset(Effect):
     scope = Scope.CAUSE
     family = "gravity"
     trace = (Trace.POSITION,)
+    seen_in = "runs of the joints before it while it is held at several positions, better with a payload"
     look_alikes = ("tilt", "coupling", "counterbalance", "flexibility")
     needs_loads = True
 

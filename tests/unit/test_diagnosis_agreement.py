@@ -44,7 +44,7 @@ def test_what_repeats_is_seen_below_the_noise():
 
 @pytest.mark.parametrize(("length", "size"), [(1, 0.0025), (8, 0.007)])
 def test_fast_and_slow_courses_are_seen_in_slow_noise(length, size):
-    """In noise of 0.014 A that wanders slowly, what is fast is seen at a sixth of it, what changes every 8 cells at half."""
+    """In 0.014 A of slow noise, what is fast is seen at a sixth of it, what changes every 8 cells at half of it."""
     lab, din = lever(), Din(spread=0.01, correlation=0.95, level=0.01)
     field, found = lab.fields()[0], []
     for seed in range(20):

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from scipy import stats
 from searches import LEVER, Din, Lab, design, lever, pendulum
+from worlds import PENDULUM
 
 from pumaid.diagnosis.limits import limits, needed
 from pumaid.diagnosis.stepwise import Step, Stepwise
@@ -108,3 +109,18 @@ def test_a_ripples_limit_is_the_amplitude_that_is_found():
         hits[share] = sum(one.chosen is not None and one.chosen.key == ("ripple", 1) for one in looks)
     print(at, limit, hits)
     assert hits[0.4] <= 2 and hits[1.0] >= 6
+
+
+@pytest.mark.parametrize(
+    ("name", "lacking"), [("stribeck", {"speeds": (0.5,)}), ("inertia", {}), ("thermal_friction", {})]
+)
+def test_what_is_absorbed_says_which_runs_show_it(name, lacking):
+    """One speed, steady speeds, no temperatures: the reason names the runs in which the effect is seen."""
+    step = look(Lab.of(PENDULUM, design(PENDULUM, **lacking)), 1)
+    reasons = [limit.reason for key, limit in told(step).items() if key[0] == name and limit.size is None]
+    assert len(reasons) == 2 and all(catalogue()[name].seen_in in reason for reason in reasons)
+
+
+def test_every_effect_says_which_runs_show_it():
+    """But those that are in every model."""
+    assert [name for name, effect in catalogue().items() if not (effect.base or effect.seen_in)] == []
