@@ -176,8 +176,7 @@ def _diagnosed(answer: Document) -> str:
 
 def _finding(found: Document) -> str:
     chance = found.get("p_value")
-    elsewhere = f"{found['effect']} at another joint"
-    rivals = [elsewhere if rival == found["effect"] else str(rival) for rival in found.get("rivals") or ()]
+    rivals = [str(rival).replace("@", " at joint ") for rival in found.get("rivals") or ()]
     told = place(found)
     if chance is not None:
         told += f" (by chance alone: {number(max(chance, 1e-4), 2)})"
@@ -252,9 +251,12 @@ def verdict(hidden: Sequence[Document], answer: Document) -> tuple[str, str]:
 
 def _is_rival(true: Document, found: Document) -> bool:
     """Whether a finding keeps the hidden effect among its rivals, at the same joint or where one is the whole arm's."""
-    names = {str(rival).split("@", maxsplit=1)[0] for rival in found.get("rivals") or ()}
-    same = true["joint"] is None or found.get("joint") is None or true["joint"] == found["joint"]
-    return true["effect"] in names and same
+    for rival in found.get("rivals") or ():
+        name, at, joint = str(rival).partition("@")
+        own = int(joint) if at else found.get("joint")
+        if name == true["effect"] and (true["joint"] is None or own is None or own == true["joint"]):
+            return True
+    return False
 
 
 def secret(folder: Path) -> list[dict[str, Any]]:

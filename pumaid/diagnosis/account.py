@@ -14,7 +14,7 @@ from pumaid.diagnosis.field import fields
 from pumaid.diagnosis.folds import falls, postures_of
 from pumaid.diagnosis.limits import limits
 from pumaid.diagnosis.stepwise import Accepted, Step, Stepwise
-from pumaid.diagnosis.telling import command, inside, reason, rmse_at, sizes, weakened
+from pumaid.diagnosis.telling import command, inside, reason, rival_name, rmse_at, sizes, weakened
 from pumaid.diagnosis.transfer import transfer
 from pumaid.diagnosis.verdict import Judged, competes, judged, nearest
 from pumaid.errors import Note
@@ -80,7 +80,7 @@ class Account:
         out = []
         for number, one in enumerate(self.search.accepted):
             found, added = one.contender, one.contender.trial.added
-            names = tuple(dict.fromkeys(rival.key[0] for rival in one.rivals if rival.key != added.key))
+            names = dict.fromkeys(rival_name(rival.key, added.joint) for rival in one.rivals if rival.key != added.key)
             before, after = self._errors(number, found)
             out.append(
                 Finding(
@@ -88,7 +88,7 @@ class Account:
                     joint=added.joint,
                     shape=dict(added.shape),
                     verdict=ADD,
-                    rivals=names,
+                    rivals=tuple(names),
                     p_value=found.p_value,
                     text=reason(found),
                     command=command(added),
@@ -175,10 +175,13 @@ class Account:
     def _candidates(self, joint: int) -> tuple[Candidate, ...]:
         """What was found, and what came near, at one joint."""
         seen: dict[Key, Candidate] = {}
+        added = {each.contender.key: each.contender for each in self.search.accepted}
+        steps = [(step, step.chosen) for step in self.search.steps]
+        adding = {one.key: step for step, one in steps if one is not None and one in added.values()}
         for step in self.search.steps:
             for one in step.contenders:
-                if joint in one.after and one.key not in seen:
-                    seen[one.key] = self._candidate(one, step)
+                if joint in one.after and one.key not in seen:  # what was added, as it was when it was
+                    seen[one.key] = self._candidate(added.get(one.key, one), adding.get(one.key, step))
         order = sorted(seen.values(), key=lambda one: (one.verdict != ADD, -one.evidence))
         return tuple(order[:TOLD])
 
@@ -186,9 +189,10 @@ class Account:
         added, kept = one.trial.added, {each.contender.key for each in self.search.accepted}
         is_rival = any(one.key == rival.key for rival in step.rivals)
         verdict = ADD if one.key in kept else DOUBTFUL if is_rival or one.p_value <= LEVEL else ABSENT
-        rivals = [other.key[0] for other in step.rivals] if step.chosen is one else []
+        like = step.rivals if step.chosen is one else ()
         if is_rival and step.chosen is not None:
-            rivals = [step.chosen.key[0], *(other.key[0] for other in step.rivals if other is not one)]
+            like = (step.chosen, *(other for other in step.rivals if other is not one))
+        rivals = [rival_name(other.key, added.joint) for other in like if other.key != one.key]
         return Candidate(
             effect=added.effect.name,
             joint=added.joint,

@@ -29,6 +29,8 @@ STEADY = 1.0
 WORTH = 0.0005
 #: Difference of evidence beyond which one effect is decidedly better (odds of 150).
 DECISIVE = 10.0
+#: Share of the whitened square that no effect takes away but by rounding.
+EXACT = 1e-9
 #: Share of a rival's statistic that may be left once the chosen effect is in: above, it explains something else.
 SAME = 0.5
 
@@ -124,7 +126,7 @@ def evidence(on: Solved, trial: Trial) -> float:
     G. Schwarz, Ann. Stat. 6 (1978) 461-464; the count of clusters for that of observations.
     """
     runs = [len(row.field.runs) for row in on.rows]
-    left = max(on.square - trial.statistic, np.finfo(float).tiny)
+    left = max(on.square - trial.statistic, EXACT * on.square, np.finfo(float).tiny)
     gain = max(on.cells - on.rank, 1) * float(np.log(on.square / left)) if trial.statistic > 0.0 else 0.0
     return gain - trial.freedoms * float(np.log(max(sum(runs) / len(runs), 2.0)))
 

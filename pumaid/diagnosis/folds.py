@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from pumaid.diagnosis.chain import pseudo_inverse
+from pumaid.diagnosis.chain import FLAT
 from pumaid.diagnosis.scan import Projector
 from pumaid.diagnosis.system import Added, Solved, information
 
@@ -115,6 +115,21 @@ class _Folds:
         self.whole = np.maximum(np.diagonal(self.gram) - np.sum(self.cross * turned, axis=0), 0.0)
         self.slope = sum(columns.T @ solved.row(joint).residual for joint, columns in self.white.items())
         self.information = information(solved.rows)
+        size = np.sqrt(np.maximum(np.diagonal(self.information), np.finfo(float).tiny))
+        values, vectors = np.linalg.eigh(self.information / np.outer(size, size))
+        known = values > FLAT * values[-1]
+        self.half = vectors[:, known] / np.sqrt(values[known]) / size[:, None]
+
+    def _kept(self, known: Floats) -> Floats:
+        """Inverse of what is known without a fold, in directions of which that keeps `KEPT` of the whole information.
+
+        What only the fold could tell stays at the fit of all: friction guessed at a speed never run is wrong by more
+        than any effect.
+        """
+        values, vectors = np.linalg.eigh(self.half.T @ known @ self.half)
+        kept = values > KEPT
+        turned = self.half @ vectors[:, kept] / np.sqrt(values[kept])
+        return turned @ turned.T
 
     def one(self, joint: int, runs: tuple[int, ...]) -> tuple[float, float, float, float]:
         """Fall, raw squares before and after weighted by samples, and samples, of one fold."""
@@ -126,7 +141,7 @@ class _Folds:
         known, cross = self.information.copy(), self.cross.copy()
         known[np.ix_(own, own)] -= J.T @ J
         cross[own] -= J.T @ C
-        inverse, _ = pseudo_inverse(known)
+        inverse = self._kept(known)
         move = -inverse[:, own] @ (J.T @ r)
         turned = inverse @ cross
         score = self.slope - C.T @ r - cross.T @ move

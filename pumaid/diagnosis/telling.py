@@ -49,6 +49,12 @@ def command(added: Added) -> str:
     return f"pumaid identify LOGS --add {added.effect.name}{where}" + (f":{shape}" if shape else "")
 
 
+def rival_name(key: tuple[str, int | None], joint: int | None) -> str:
+    """A rival of an effect at `joint`: its name, with its joint where that is another."""
+    name, own = key
+    return name if own == joint or own is None else f"{name}@{own}"
+
+
 def reason(found: Contender, better: str | None = None) -> str:
     """Why a candidate has the verdict that it has; `better` is what was chosen instead of it."""
     if found.fault == "chance":
@@ -56,7 +62,8 @@ def reason(found: Contender, better: str | None = None) -> str:
     if found.fault == "heldout":
         return "it does not predict runs that were left out any better"
     if found.fault == "worth":
-        return f"it would lower the error by {100.0 * found.gain:.1g} % only"
+        little = f"it would lower the error by {100.0 * found.gain:.1g} % only"
+        return little if found.gain > 0.0 else "it lowers no error"
     gain = 100.0 * found.gain
     if better is not None:
         return f"it would lower the error by {gain:.2g} %, but {better} explains the same and more"
@@ -67,7 +74,8 @@ def weakened(field: Field, runs: Sequence[Run]) -> tuple[str, ...]:
     """What makes a joint's diagnosis weaker than it could be."""
     out = []
     if len(field.pairs) < FEWEST_PAIRS:
-        what = "no run is" if not field.pairs else f"only {len(field.pairs)} runs are"
+        few = {0: "no run is", 1: "only one run is"}
+        what = few.get(len(field.pairs), f"only {len(field.pairs)} runs are")
         out.append(f"{what} repeated, so noise is told from missing physics by the residual alone")
     if len(field.postures) == 1:
         out.append("one posture only: what depends on the load cannot be told from what depends on the position")

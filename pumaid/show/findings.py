@@ -33,8 +33,11 @@ SUSPECT = "suspect:"
 
 
 def label(effect: str) -> str:
-    """An effect's name in a sentence; a suspected column as what it is."""
-    return f"what follows column {effect.removeprefix(SUSPECT)}" if effect.startswith(SUSPECT) else effect
+    """An effect's name in a sentence; a suspected column as what it is, a rival at another joint with that."""
+    if effect.startswith(SUSPECT):
+        return f"what follows column {effect.removeprefix(SUSPECT)}"
+    name, at, joint = effect.partition("@")
+    return f"{name} at joint {joint}" if at else name
 
 
 def place(found: Finding | Candidate | Limit, robot: Robot) -> str:
@@ -51,8 +54,8 @@ def finding_title(found: Finding, robot: Robot) -> str:
     verb = "is missing" if found.verdict == ADD else "may be missing"
     words = f"{where[0].upper()}{where[1:]}: {label(found.effect)} {verb}"
     if found.rivals:
-        names = [label(name) + (" of another kind" if name == found.effect else "") for name in found.rivals]
-        words += f", or {listed_or(names)}, which these data cannot tell from it"
+        names = listed_or([label(name) for name in found.rivals])
+        words += f", or {names}, which these data cannot tell from it"
     return words
 
 

@@ -42,8 +42,10 @@ def headline(diagnosis: Diagnosis, robot: Robot) -> str:
 
 
 def _named(found: Finding, robot: Robot) -> str:
-    names = listed_or([label(name) for name in dict.fromkeys((found.effect, *found.rivals))])
-    return f"{names} {'of' if found.joint is None else 'at'} {place(found, robot)}"
+    here = [name for name in dict.fromkeys((found.effect, *found.rivals)) if "@" not in name]
+    far = "".join(f", or {label(name)}" for name in found.rivals if "@" in name)
+    names = listed_or([label(name) for name in here])
+    return f"{names} {'of' if found.joint is None else 'at'} {place(found, robot)}{far}"
 
 
 def unexplained_title(found: JointDiagnosis, robot: Robot) -> str:
