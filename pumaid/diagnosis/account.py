@@ -10,12 +10,10 @@ from pumaid.diagnosis.contender import LEVEL, Contender, misfit_with
 from pumaid.diagnosis.curves import Trial as Drawn
 from pumaid.diagnosis.curves import curve
 from pumaid.diagnosis.deciding import deciding
-from pumaid.diagnosis.field import fields
 from pumaid.diagnosis.folds import falls, postures_of
 from pumaid.diagnosis.limits import limits
 from pumaid.diagnosis.stepwise import Accepted, Step, Stepwise
 from pumaid.diagnosis.telling import command, inside, reason, rival_name, rmse_at, sizes, weakened
-from pumaid.diagnosis.transfer import transfer
 from pumaid.diagnosis.verdict import Judged, competes, judged, nearest
 from pumaid.errors import Note
 from pumaid.records import (
@@ -59,16 +57,12 @@ class Account:
     def __init__(self, search: Stepwise, evidence: Evidence) -> None:
         self.search, self.evidence = search, evidence
         self.states = [step.scan.solved for step in search.steps]
-        held = [run for run in evidence.runs if run.heldout]
-        self.heldout = fields(search.model, held, campaign=search.campaign) if held else ()
         last = search.steps[-1]
         self.limits = limits(last.scan, last.catalogue, last.family, periodic=search.periodic)
         self.verdicts = {row.field.joint: self._judged(row.field.joint) for row in self.states[0].rows}
-        named = [one.contender for one in search.accepted]
-        self.transfers = [transfer(self.states[-1], one.trial.added, self.heldout) for one in named]
-        self.refuted = {
-            k for one, found in zip(named, self.transfers, strict=True) if found and found.is_denied for k in one.after
-        }
+        acting = {joint for one in search.accepted for joint in one.contender.after}
+        denied = [one for step in search.steps for one in step.contenders if one.fault == "denied"]
+        self.refuted = {joint for one in denied for joint in one.after} - acting
         self.shapeless = {joint: self._competes(joint) for joint in self.verdicts}
 
     def _judged(self, joint: int) -> Judged:
@@ -97,14 +91,14 @@ class Account:
                     sizes=sizes(found),
                     next_run=self._next(one),
                     curves=self._curves(one),
-                    transfer=self.transfers[number],
+                    transfer=self.search.transfers[number],
                 )
             )
         return tuple(out)
 
     def _errors(self, number: int, found: Contender) -> tuple[float | None, float | None]:
         """RMSE (A) of runs that no fit saw, before and after addition `number`, in the joints where it acts."""
-        held = [one for one in self.heldout if one.joint in found.after]
+        held = [one for one in self.search.heldout if one.joint in found.after]
         if held:
             known = [one for one in held if any(row.field.joint == one.joint for row in self.states[0].rows)]
             pair = [rmse_at(self.states[min(k, len(self.states) - 1)], known) for k in (number, number + 1)]
@@ -163,8 +157,10 @@ class Account:
         )
 
     def _competes(self, joint: int) -> Unexplained | None:
-        """A shape without a name that explains a joint decisively better than what was named there, or what was named
-        being refuted by runs held out, the nearest shape."""
+        """A shape without a name that explains a joint decisively better than what was named there.
+
+        Where runs held out deny all that could be named, the nearest shape.
+        """
         if joint in self.refuted:
             return nearest(self.states[0], joint)
         named = [one.contender for one in self.search.accepted if one.contender.key[1] == joint]

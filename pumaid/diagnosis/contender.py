@@ -12,7 +12,8 @@ from pumaid.diagnosis.familywise import Family
 from pumaid.diagnosis.folds import Falls, falls, groups_of
 from pumaid.diagnosis.refine import at
 from pumaid.diagnosis.scan import Projector, Trial, surprise
-from pumaid.diagnosis.system import Added, Solved
+from pumaid.diagnosis.system import Added, Solved, at_cells
+from pumaid.records import Transfer
 
 Floats = NDArray[np.float64]
 Key = tuple[str, int | None]
@@ -55,6 +56,8 @@ class Contender:
         What leaving runs out says; None where chance alone could have made it.
     before, after
         (A) RMSE of the fitted samples by joint that it touches.
+    transfer
+        How much of it runs held out showed when it had been added; None before.
     """
 
     trial: Trial
@@ -65,6 +68,7 @@ class Contender:
     falls: Falls | None
     before: dict[int, float]
     after: dict[int, float]
+    transfer: Transfer | None = None
 
     @property
     def key(self) -> Key:
@@ -83,6 +87,8 @@ class Contender:
             return "chance"
         if self.falls.total <= 0.0 or self.falls.steadiness <= STEADY:
             return "heldout"
+        if self.transfer is not None and self.transfer.is_denied:
+            return "denied"
         return "worth" if self.gain < WORTH else None
 
 
@@ -171,11 +177,14 @@ def rivals(chosen: Contender, others: Sequence[Contender], after: Solved) -> tup
     after
         The system with `chosen` in it.
     """
-    projector, found = Projector(after), []
+    found = []
     for other in others:
-        if other.key == chosen.key or other.p_value > LEVEL or other.falls is None:
+        if other.key == chosen.key or other.p_value > LEVEL or other.falls is None or other.fault == "denied":
             continue
-        left = at(projector, other.trial.added)
+        added, cells = other.trial.added, after
+        if added.effect.periodic is not None and added.joint is not None:  # coarse cells do not show it
+            cells = at_cells(after, other.on.row(added.joint).field)
+        left = at(Projector(cells), added)
         if left is not None and left.statistic > SAME * other.trial.statistic:
             continue
         if chosen.evidence - other.evidence <= DECISIVE:

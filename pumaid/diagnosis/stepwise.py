@@ -18,14 +18,18 @@ from pumaid.diagnosis.refine import at, refined
 from pumaid.diagnosis.scan import Projector, Scan, Trial, scan, surprise
 from pumaid.diagnosis.settling import settling
 from pumaid.diagnosis.system import Added, Solved, at_cells, loaded, solve
+from pumaid.diagnosis.transfer import transfer
 from pumaid.diagnosis.variants import Catalogue, build
 from pumaid.effects import Effect, catalogue
 from pumaid.model import Model
-from pumaid.records import Campaign, Run
+from pumaid.records import Campaign, Run, Transfer
 
 Floats = NDArray[np.float64]
 Pair = tuple[Trial, Trial]
+Key = tuple[str, int | None]
 
+#: Effects that runs held out may deny before what is left is called unexplained.
+MOST_DENIED = 4
 #: Effects added at most, and candidates looked at closely at a time.
 MOST_ADDED, LEADERS = 4, 10
 #: Cells a run at which a periodic effect is looked for.
@@ -76,8 +80,14 @@ class Stepwise:
         Additions at most.
     tell
         Called with a word on what is done.
+    heldout
+        Fields of runs that are not fitted, at coarse cells.
     added, steps, accepted
         What is in the model now (`given` first), each look, and why each addition was made.
+    transfers
+        How much of each addition runs held out show; None where they cannot.
+    denied
+        What was added and of which they showed too little, so that it was looked for no more.
     """
 
     model: Model
@@ -88,6 +98,9 @@ class Stepwise:
     effects: Sequence[Effect] = ()
     most: int = MOST_ADDED
     tell: Callable[[str], None] = silent
+    heldout: tuple[Field, ...] = ()
+    transfers: tuple[Transfer | None, ...] = ()
+    denied: dict[Key, Transfer] = field(default_factory=dict)
     added: list[Added] = field(default_factory=list)
     steps: list[Step] = field(default_factory=list)
     accepted: list[Accepted] = field(default_factory=list)
@@ -113,7 +126,22 @@ class Stepwise:
         return solve(self.model, chosen, self.start, added=[*settling(self._coarse), *added], noises=noises)
 
     def run(self) -> Solved:
-        """Add until nothing passes; the final system."""
+        """Add until nothing passes, again without what runs held out deny; the final system."""
+        while True:
+            last = self._climb()
+            self.transfers = tuple(transfer(last, one.contender.trial.added, self.heldout) for one in self.accepted)
+            refused = {
+                one.contender.key: found
+                for one, found in zip(self.accepted, self.transfers, strict=True)
+                if found is not None and found.is_denied
+            }
+            if not refused or len(self.denied) >= MOST_DENIED:
+                return last
+            self.denied |= refused
+            self.added, self.steps, self.accepted = list(self.given), [], []
+
+    def _climb(self) -> Solved:
+        """Add until nothing passes."""
         while True:
             self.tell(f"looking for what is missing ({len(self.added) - len(self.given)} added)")
             step = self.look(self.added)
@@ -197,7 +225,8 @@ class Stepwise:
         on, shapes = seen.solved, [one.added for one in tried.variants if one.added.key == added.key]
         if added.effect.periodic is not None and added.joint is not None:
             on, shapes = self._at_finest(on, added.joint), [pair[0].added]
-        return contender(on, *pair, shapes=shapes, family=chances)
+        found = contender(on, *pair, shapes=shapes, family=chances)
+        return replace(found, transfer=self.denied.get(found.key))
 
     def _swap(self) -> None:
         """Look at every earlier addition again, now that the later ones are in: drop it, or put a better one there."""
@@ -212,7 +241,8 @@ class Stepwise:
             if own is None or chances.p_value(own.added.key, _surprise(seen, own)) > LEVEL:
                 del self.added[place], self.accepted[place - first]
                 continue
-            top = max(seen.best().values(), key=lambda one: evidence(solved, one), default=own)
+            others = [one for one in seen.best().values() if one.added.key not in self.denied]
+            top = max(others, key=lambda one: evidence(solved, one), default=own)
             if evidence(solved, top) > evidence(solved, own) + DECISIVE:
                 pair = (top, refined(Projector(solved), top))
                 self.added[place] = pair[1].added

@@ -61,6 +61,11 @@ def reason(found: Contender, better: str | None = None) -> str:
         return "chance alone makes something as good in these data"
     if found.fault == "heldout":
         return "it does not predict runs that were left out any better"
+    if found.fault == "denied" and found.transfer is not None:
+        if not found.transfer.is_clear:
+            return "it predicts runs that were held out decidedly worse"
+        share, error = (100.0 * part for part in (found.transfer.share, found.transfer.std_error))
+        return f"of what it adds to runs held out these show only {share:.2g} ± {error:.1g} %"
     if found.fault == "worth":
         little = f"it would lower the error by {100.0 * found.gain:.1g} % only"
         return little if found.gain > 0.0 else "it lowers no error"

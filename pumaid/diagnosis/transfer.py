@@ -5,21 +5,23 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
+from numpy.typing import NDArray
 
 from pumaid.diagnosis.chain import pseudo_inverse
 from pumaid.diagnosis.field import Field
 from pumaid.diagnosis.system import Added, Solved, elsewhere, information
 from pumaid.records import Transfer
 
-#: Standard error of the share beyond which held-out runs say nothing of the effect.
-BLIND = 0.5
+#: Standard deviations of what the effect adds to runs held out below which these say nothing of it.
+LEAST = 2.0
 
 
 def transfer(last: Solved, added: Added, heldout: Sequence[Field]) -> Transfer | None:
     """The share of an effect's current that runs held out show; None where they could not show it.
 
     What the whole model leaves of these runs is projected on what the effect adds there, by generalised least squares
-    with the covariance of their noise and of the fitted parameters.
+    with the covariance of their noise and of all fitted parameters but the effect's own; the error of these is told as
+    an error of the share.
 
     Parameters
     ----------
@@ -35,19 +37,38 @@ def transfer(last: Solved, added: Added, heldout: Sequence[Field]) -> Transfer |
     A. C. Atkinson, Biometrika 56 (1969) 33-41: a variable of the model's own prediction as a test of it.
     """
     place = last.added.index(added)
-    known, sums = information(last.rows), np.zeros((2, len(last.inverse)))
-    square, shared = 0.0, 0.0
+    own = np.isin(np.arange(len(last.inverse)), _own(last, place))
+    held, sums = np.zeros_like(last.inverse), np.zeros((2, len(own)))
+    drawn2, shared = 0.0, 0.0
     for field in heldout:
         if field.joint not in last.noises:
             continue
         row = elsewhere(last, field)
         drawn = row.noise.whiten(row.field, added.columns(last.model, row.field.samples) @ last.sizes[place])
-        known[np.ix_(row.acting, row.acting)] += row.slim.T @ row.slim
+        held[np.ix_(row.acting, row.acting)] += row.slim.T @ row.slim
         sums[:, row.acting] += np.vstack([drawn, row.residual]) @ row.slim
-        square, shared = square + float(drawn @ drawn), shared + float(drawn @ row.residual)
-    turned = pseudo_inverse(known)[0] @ sums.T
-    square -= float(sums[0] @ turned[:, 0])
-    shared -= float(sums[0] @ turned[:, 1])
-    if square <= 0.0 or last.scale / square > BLIND**2:
+        drawn2, shared = drawn2 + float(drawn @ drawn), shared + float(drawn @ row.residual)
+    known = (information(last.rows) + held)[np.ix_(~own, ~own)]
+    turned = np.zeros_like(sums)
+    turned[:, ~own] = sums[:, ~own] @ pseudo_inverse(known)[0]
+    square = drawn2 - float(sums[0] @ turned[0])
+    if square <= LEAST**2 * last.scale:
         return None
-    return Transfer(1.0 + shared / square, float(np.sqrt(last.scale / square)))
+    weighed = (drawn2 - 2.0 * float(turned[0] @ sums[0]) + float(turned[0] @ held @ turned[0])) / square**2
+    along = (sums[0] - held @ turned[0]) / square
+    error = float(np.sqrt(last.scale * (weighed + along @ last.inverse @ along)))
+    return Transfer(1.0 + (shared - float(sums[0] @ turned[1])) / square, error, -(drawn2 + 2.0 * shared) / last.scale)
+
+
+def _own(last: Solved, place: int) -> NDArray[np.int64]:
+    """Numbers of an addition's parameters, and of its searched shapes, among those of the system."""
+    robot = last.model.robot
+    widths = [len(sizes) for sizes in last.sizes]
+    searched = [
+        sum(shape.is_searched and shape.name in one.shape for shape in one.effect.shapes(robot, one.joint or 0))
+        for one in last.added
+    ]
+    first = len(last.inverse) - sum(widths) - sum(searched)
+    linear = first + sum(widths[:place]) + np.arange(widths[place])
+    shapes = first + sum(widths) + sum(searched[:place]) + np.arange(searched[place])
+    return np.concatenate([linear, shapes])

@@ -30,24 +30,34 @@ class Size:
     unit: str
 
 
+#: Standard errors below one at which what runs held out show is not what was named, and the standard error beyond which
+#: they say nothing of it.
+DENIED, BLIND = 3.0, 0.5
+#: Twice the log likelihood of runs held out that an effect may lose them.
+MOST_LOST = 20.0
+
+
 @dataclass(frozen=True, slots=True)
 class Transfer:
     """Share of the current that an effect adds in runs held out which these really show, with its standard error.
 
-    One where the effect is what was named; decidedly less where something else was taken for it.
+    One where the effect is what was named; decidedly less where something else was taken for it. `lost` is what adding
+    it takes from twice their log likelihood: negative where they are predicted better.
     """
 
     share: float
     std_error: float
+    lost: float
+
+    @property
+    def is_clear(self) -> bool:
+        """Whether these runs tell the share."""
+        return self.std_error <= BLIND
 
     @property
     def is_denied(self) -> bool:
-        """Whether these runs show decidedly less of the effect than the fit says."""
-        return 1.0 - self.share > DENIED * self.std_error
-
-
-#: Standard errors below one at which what runs held out show is not what was named.
-DENIED = 3.0
+        """Whether these runs show decidedly less of the effect than the fit says, or are predicted decidedly worse."""
+        return 1.0 - self.share > DENIED * self.std_error or self.lost > MOST_LOST
 
 
 @dataclass(frozen=True, slots=True)

@@ -86,7 +86,7 @@ def finding_sentences(found: Finding, diagnosis: Diagnosis, robot: Robot, *, uni
         out.append(floor_sentence(own))
     if found.rmse_heldout_before is not None and found.rmse_heldout_after is not None:
         out.append(heldout_sentence(found.rmse_heldout_before, found.rmse_heldout_after))
-    if found.transfer is not None:
+    if found.transfer is not None and found.transfer.is_clear:
         out.append(transfer_sentence(found.transfer))
     out.append(chance_sentence(found.p_value))
     reason = next((one.reason for one in _candidates(diagnosis, found) if one.reason), "")

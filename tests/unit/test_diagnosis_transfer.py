@@ -39,20 +39,23 @@ def judged(seed: int, *, is_sprung: bool) -> tuple[Transfer | None, Solved, tupl
 
 
 def test_share_is_that_of_least_squares_over_all_runs():
-    """One parameter more, the effect in the held-out runs alone: its estimate and error, by dense algebra."""
+    """One parameter more, the effect in the held-out runs alone, its own size held: by dense algebra."""
     found, solved, (field,) = judged(3, is_sprung=True)
-    row, fitted = elsewhere(solved, field), solved.row(1)
+    row, fitted, own = elsewhere(solved, field), solved.row(1), len(solved.inverse) - 1
     only = row.noise.whiten(row.field, SPRING.columns(solved.model, row.field.samples) @ solved.sizes[0])
-    columns = np.vstack(
-        [np.column_stack([fitted.jacobian, np.zeros(len(fitted.field))]), np.column_stack([row.jacobian, only])]
-    )
+    rest = np.vstack([np.delete(one.jacobian, own, axis=1) for one in (fitted, row)])
+    columns = np.column_stack([rest, np.concatenate([0.0 * fitted.residual, only])])
     target = np.concatenate([0.0 * fitted.residual, row.residual])
     size = np.linalg.norm(columns, axis=0) + 1e-300
     inverse = np.linalg.pinv(columns / size, rcond=1e-9)
     assert found is not None
     assert found.share - 1.0 == pytest.approx((inverse @ target)[-1] / size[-1], abs=1e-6)
-    error = np.sqrt(solved.scale) * np.linalg.norm(inverse[-1]) / size[-1]
-    assert found.std_error == pytest.approx(error, rel=1e-4)
+    weights = inverse[-1][len(fitted.field) :] / size[-1]
+    spread = np.eye(len(row.field)) + row.jacobian @ solved.inverse @ row.jacobian.T
+    assert found.std_error == pytest.approx(np.sqrt(solved.scale * weights @ spread @ weights), rel=1e-4)
+    assert found.lost == pytest.approx(
+        (row.residual @ row.residual - np.sum((row.residual + only) ** 2)) / solved.scale
+    )
 
 
 def test_what_is_there_is_seldom_denied_and_what_is_not_always():
