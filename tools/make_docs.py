@@ -102,6 +102,8 @@ def _effect(told: dict[str, Any]) -> str:
     if told["look_alikes"]:
         lines.append(f"- May be mistaken for: {', '.join(told['look_alikes'])}.")
     lines.append(f"- Shown by: {', '.join(told['shown_by'])}.")
+    if told["seen_in"]:
+        lines.append(f"- Seen best in: {told['seen_in']}.")
     lines.append(f"- To add it: `{told['command']}`." if told["command"] else "- It is in every model.")
     return "\n".join([*lines, f"- Source: {told['source']}.", ""])
 

@@ -50,6 +50,7 @@ def facts(effect: Effect) -> dict[str, Any]:
         "owner": OWNERS[effect.scope],
         "family": effect.family,
         "shown_by": [trace.value for trace in effect.trace],
+        "seen_in": effect.seen_in,
         "look_alikes": list(effect.look_alikes),
         "physics": inspect.cleandoc(type(effect).__doc__ or ""),
         "parameters": list(_parameters(effect, acts)),

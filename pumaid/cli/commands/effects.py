@@ -81,6 +81,8 @@ def _explain(told: dict[str, Any], effect: Any) -> None:
     if told["look_alikes"]:
         say(f"may be mistaken for: {', '.join(told['look_alikes'])}")
     say(f"shown by: {', '.join(told['shown_by'])} (what the residual depends on where the effect is missing)")
+    if told["seen_in"]:
+        say(f"seen best in: {told['seen_in']}")
     say(f"to add it: {told['command'] or 'it is in every model'}")
     say(f"source: {told['source']}")
 
