@@ -125,6 +125,9 @@ def free_trials(solved: Solved, joint: int) -> list[Trial]:
     return out
 
 
+#: Combinations of hats of which the model absorbs more than all but this share are not drawn: their sizes are told with
+#: errors far above anything that is left.
+DRAWN = 0.1
 #: Eigenvalues of what is left of the hats below this share of the largest are combinations that the model absorbs.
 FLAT = 1e-3
 
@@ -149,8 +152,9 @@ def knot_values(solved: Solved, trial: Trial) -> tuple[Floats, Floats, Floats]:
     assert isinstance(free, Free) and trial.added.joint is not None
     row, projector = solved.row(trial.added.joint), Projector(solved)
     columns = trial.added.columns(solved.model, row.field.samples)
-    scores, _, left, _ = projector.scores({trial.added.joint: row.noise.whiten(row.field, columns)})
-    values, vectors = np.linalg.eigh(left)
-    good = values > FLAT * values[-1]
-    inverse = (vectors[:, good] / values[good]) @ vectors[:, good].T
+    scores, _, left, raw = projector.scores({trial.added.joint: row.noise.whiten(row.field, columns)})
+    unit = np.divide(1.0, np.sqrt(raw), out=np.zeros_like(raw), where=raw > 0.0)
+    values, vectors = np.linalg.eigh(left * np.outer(unit, unit))
+    good = values > DRAWN
+    inverse = unit[:, None] * ((vectors[:, good] / values[good]) @ vectors[:, good].T) * unit
     return free.knots, inverse @ scores.sum(axis=0), np.sqrt(np.diagonal(inverse) * solved.scale)

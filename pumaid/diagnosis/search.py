@@ -26,6 +26,8 @@ MOST_FOUND = 16
 #: A dependence worth a part takes at least this share of the error's square, a hundredth of the error: less is what a
 #: smooth curve leaves of another one. Ripples come in numbers, and nothing leaves them: each may be smaller.
 LEAST, LEAST_RIPPLE = 0.02, 0.004
+#: Ripples not worth telling after which no further one is looked for: the surest need not be the largest.
+MOST_SMALL = 6
 #: Fewest runs whose signs, flipped, can show anything at `FALSE_ALARM`.
 FEWEST_RUNS = 6
 
@@ -107,7 +109,7 @@ class Search:
         self.found: tuple[Found, ...] = ()
         self.chance: dict[Key, float] = {}
         self.left = np.zeros(len(at))
-        self._starts, self._whole = starts, 0.0
+        self._starts, self._whole, self._small = starts, 0.0, list[float]()
         base = fitted(self.thin)
         self._makers: list[Callable[[View], Floats]] = [fitted]
         self._blocks = [np.arange(base.shape[1])]
@@ -156,7 +158,7 @@ class Search:
                 seen[key] = _Seen(*chances(observed, drawn), observed, float(drawn.mean()), basis=basis)
         waves = spectrum(self.track, self.left) if RIPPLE in self._open else None
         if waves is not None:
-            frequency, height = waves.peak([one.frequency for one in self.found])
+            frequency, height = waves.peak([*self._small, *(one.frequency for one in self.found)])
             rare = chances(height, waves.height(signs).max(axis=1))
             seen[RIPPLE] = _Seen(*rare, *waves.squares(frequency), frequency=frequency)
         if SWELL in self._open:
@@ -183,7 +185,7 @@ class Search:
         waves = spectrum(self.track, self.left) if RIPPLE in self._open else None
         if waves is None:
             return False
-        frequency, height = waves.peak([one.frequency for one in self.found])
+        frequency, height = waves.peak([*self._small, *(one.frequency for one in self.found)])
         chance = waves.chance(height)
         if not self.found:
             self.chance[RIPPLE] = chance
@@ -211,7 +213,7 @@ class Search:
         return max(worth, key=lambda key: worth[key], default=None)
 
     def _take(self, key: Key, seen: _Seen) -> None:
-        """Take a dependence out, if it is worth it, and look at it no more; at ripples until none is worth it."""
+        """Take a dependence out, if it is worth it, and look at it no more; at ripples until several were not."""
         frequency = self.track.refined(self.left, seen.frequency) if key == RIPPLE else seen.frequency
         if seen.basis is not None:
             columns = self._columns(seen.basis)
@@ -227,9 +229,10 @@ class Search:
             self._taken = np.append(self._taken, self._open[key])
         else:
             self.left = before
-        if key != RIPPLE or not is_worth:
+            self._small += [frequency, seen.frequency] if key == RIPPLE else []
+        if key != RIPPLE or len(self._small) > 2 * MOST_SMALL:
             del self._open[key]
-        elif SWELL not in self.chance:
+        elif is_worth and SWELL not in self.chance:
             self._open[SWELL] = self._open[RIPPLE]
 
     def _columns(self, basis: Basis) -> Floats:

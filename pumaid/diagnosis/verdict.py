@@ -118,7 +118,10 @@ def _shape(solved: Solved, trial: Trial, *, is_clear: bool = True) -> Unexplaine
     unit = solved.model.robot.joint(trial.added.joint).position_unit
     peak = float(knots[int(np.argmax(np.abs(values)))])
     row = solved.row(trial.added.joint)
-    gain = trial.statistic / solved.scale / max(float(row.residual @ row.residual), 1e-300)
+    freedom = len(row.field) * (1.0 - solved.rank / max(solved.cells, 1))
+    explained = max(trial.statistic - trial.width, 0.0)
+    excess = max(float(row.residual @ row.residual) - freedom, explained)
+    gain = explained / excess if excess > 0.0 else 0.0
     text = f"what is left looks like {free.form.name}, largest at {peak:.3g} {free.form.unit.format(unit=unit)}"
     where = free.form.unit.format(unit=unit)
     return Unexplained(
