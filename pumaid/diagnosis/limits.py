@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from scipy import stats
 
-from pumaid.diagnosis.contender import LEVEL
+from pumaid.diagnosis.contender import LEVEL, WORTH, rmse
 from pumaid.diagnosis.familywise import GROSS, PERIODIC, Family
 from pumaid.diagnosis.scan import Scan, Trial
 from pumaid.diagnosis.variants import Catalogue
@@ -18,6 +18,8 @@ Key = tuple[str, int | None]
 POWER = 0.8
 #: Fourth moment of a normal score over its square's square.
 NORMAL = 3.0
+#: Mean square of a wave of size one.
+WAVE = 0.5
 #: Why no size of an effect could be seen.
 FAINT = "the fitted model absorbs all of it in these runs"
 
@@ -27,15 +29,17 @@ def limits(scan: Scan, catalogue: Catalogue, family: Family, *, periodic: Effect
 
     With information S of the parameter, all else refitted, a size a shifts the score by a sqrt(S) standard deviations;
     it is found in `POWER` of all cases when this exceeds the family-wise threshold, as it then is, by the normal
-    quantile of `POWER`. Of an effect with a shape it is the median over shapes that can be seen.
+    quantile of `POWER`. It must also lower some joint's error by the share `WORTH`. Of an effect with a shape the limit
+    is the median over shapes that can be seen.
     """
     robot, out = scan.solved.model.robot, dict[Key, Limit]()
+    worth = _Worth(scan, catalogue)
     sizes: dict[Key, list[float]] = {}
     kinds: dict[Key, Effect] = {}
     for trial in scan.trials:
         key = trial.added.key
         kinds[key] = trial.added.effect
-        sizes.setdefault(key, []).append(_size(trial, family, scan))
+        sizes.setdefault(key, []).append(max(_size(trial, family, scan), worth.size(trial)))
     for key, some in sizes.items():
         out[key] = _limit(robot, kinds[key], key, float(np.median(some)))
     for joint, spectrum in scan.spectra.items():
@@ -43,13 +47,34 @@ def limits(scan: Scan, catalogue: Catalogue, family: Family, *, periodic: Effect
             threshold = family.threshold((periodic.name, joint), LEVEL)
             shift = needed(threshold, PERIODIC, runs=len(spectrum.scores))
             size = shift * float(np.sqrt(scan.solved.scale / np.median(spectrum.information)))
-            out[periodic.name, joint] = _limit(robot, periodic, (periodic.name, joint), size)
+            least = worth.error[joint] * float(np.sqrt(2.0 * WORTH / WAVE))
+            out[periodic.name, joint] = _limit(robot, periodic, (periodic.name, joint), max(size, least))
     known = {variant.added.key: variant.added.effect for variant in catalogue.variants}
     for key in scan.absorbed:
         out[key] = Limit(*key, "", None, "", _faint(known[key]))
     for key, why in catalogue.excluded.items():
         out[key] = Limit(*key, "", None, "", why)
     return out
+
+
+class _Worth:
+    """Sizes with which effects lower the error of some joint by the share `WORTH`."""
+
+    def __init__(self, scan: Scan, catalogue: Catalogue) -> None:
+        rows, self.catalogue = scan.solved.rows, catalogue
+        self.error = {row.field.joint: rmse(row.field.count, row.field.inside, row.misfit) for row in rows}
+        self.shares = {row.field.joint: row.field.count / row.field.count.sum() for row in rows}
+        self.places = {id(one.added): one for one in catalogue.variants}
+
+    def size(self, trial: Trial) -> float:
+        """Of the first parameter; what the model absorbs of it takes no error away."""
+        place, best = self.places[id(trial.added)], 0.0
+        columns = self.catalogue.wide if place.is_wide else self.catalogue.local
+        for joint, share in self.shares.items():
+            if place.is_wide or joint == trial.added.joint:
+                square = float(share @ columns[joint][:, place.columns[0]] ** 2)
+                best = max(best, trial.visible * square / max(self.error[joint], np.finfo(float).tiny) ** 2)
+        return float(np.sqrt(2.0 * WORTH / best)) if best > 0.0 else np.inf
 
 
 def needed(surprise: float, freedoms: int, *, runs: float, gross: float = GROSS) -> float:

@@ -17,6 +17,9 @@ from pumaid.records import Run, Size
 
 Floats = NDArray[np.float64]
 
+#: Cosine of two parameters' information beyond which only their sum, or difference, is told.
+TOGETHER = 0.95
+
 
 def rmse_at(solved: Solved, held: list[Field]) -> float:
     """RMSE (A) of samples of runs that were not fitted."""
@@ -28,16 +31,26 @@ def rmse_at(solved: Solved, held: list[Field]) -> float:
 
 
 def sizes(found: Contender) -> tuple[Size, ...]:
-    """Parameters of a candidate with standard errors."""
+    """Parameters of a candidate with standard errors; of two that only their sum or difference is known of, that."""
     robot, added = found.on.model.robot, found.trial.added
     parameters = added.effect.parameters(robot, added.joint or 0)
-    inverse, _ = pseudo_inverse(found.trial.information)
-    errors = np.sqrt(np.maximum(np.diagonal(inverse) * found.on.scale, 0.0))
+    covariance = pseudo_inverse(found.trial.information)[0] * found.on.scale
+    errors = np.sqrt(np.maximum(np.diagonal(covariance), 0.0))
     unit = robot.joint(added.joint or 1).position_unit
-    return tuple(
+    alone = tuple(
         Size(one.name, float(value), float(error), one.unit.format(unit=unit))
         for one, value, error in zip(parameters, found.trial.sizes, errors, strict=True)
     )
+    if len(alone) != 2 or alone[0].unit != alone[1].unit:
+        return alone
+    known, (first, second) = found.trial.information, alone
+    alike = known[0, 1] / np.sqrt(max(known[0, 0] * known[1, 1], np.finfo(float).tiny))
+    if abs(alike) < TOGETHER:
+        return alone
+    sign = float(np.sign(alike))
+    error = float(np.sqrt(covariance.trace() + 2.0 * sign * covariance[0, 1]))
+    word = "+" if sign > 0.0 else "-"
+    return (Size(f"{first.name} {word} {second.name}", first.value + sign * second.value, error, first.unit),)
 
 
 def command(added: Added) -> str:
