@@ -121,7 +121,7 @@ def transfer_sentence(found: Transfer) -> str:
 
 #: Whether runs held out deny an effect -> what that means.
 _TRANSFERS = {
-    False: "no less than all of it within that error",
+    False: "all of it, within that error",
     True: "so it is not this effect, or not in this form, although it fits the other runs",
 }
 
