@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
@@ -27,6 +28,10 @@ Progress = Callable[[int, str], None]
 RATIO_KNOWN = 0.25
 RATIO_SIGNIFICANT = 3.3
 RATIO_SPREAD = 10.0
+
+#: Noise of a joint between runs, over that inside them, beyond which the recursion is taken to have gone astray; ratios
+#: from which the joint fit starts as well then; and the share of the sum of squares that they must get below.
+ASTRAY, OTHER_RATIOS, BETTER = 10.0, (USUAL_RATIO, -USUAL_RATIO), 0.98
 
 #: Rounds of variances and joint fit: the second changes weights by well under a percent.
 ROUNDS = 2
@@ -280,7 +285,11 @@ def _refine(
     held: Floats,
 ) -> tuple[Bilinear, JointSolution, Floats]:
     """Joint fit with weights from its own residuals, and the prior spread of its ratios; `levels` is updated."""
+    inside = {row.joint: from_inside(row) for row in rows}
     values, gains = start.values, start.gains
+    if any(levels[joint].sample > ASTRAY * own.sample for joint, own in inside.items()):
+        values, gains = _restarted(system(rows, inside, owners), values, gains, limit=limit, held=held)
+        levels.update(_levels_of(rows, values, gains, owners))
     white = system(rows, levels, owners)
     spread = _spread(white, values, gains)
     for _ in range(ROUNDS):
@@ -289,6 +298,23 @@ def _refine(
         levels.update(_levels_of(rows, values, gains, owners))
         white = system(rows, levels, owners)
     return white, fit(white, values, gains, limit=limit, spread=spread, held=held), spread
+
+
+def _restarted(white: Bilinear, values: Floats, gains: Gains, *, limit: Floats, held: Floats) -> tuple[Floats, Gains]:
+    """The best of joint fits from the recursion's solution and from one with a ratio of another sign or size.
+
+    Of few postures the recursion may take a ratio with the wrong sign, from which no downhill way leads to the truth.
+    """
+    spread = _spread(white, values, gains)
+    best = fit(white, values, gains, limit=limit, spread=spread, held=held)
+    for number, ratio in itertools.product(range(len(gains.edges)), (None, *OTHER_RATIOS)):
+        edge = gains.edges[number]
+        tried = best.gains.with_edge(edge, -best.gains.edge[edge] if ratio is None else ratio)
+        known = rank.solve(white.scaled(tried), white.target, limit=limit[: len(values)]).values
+        found = fit(white, known, tried, limit=limit, spread=spread, held=held)
+        if found.residual @ found.residual < BETTER * (best.residual @ best.residual):
+            best = found
+    return best.values, best.gains
 
 
 def _levels_of(rows: Sequence[Row], values: Floats, gains: Gains, owners: NDArray[np.int64]) -> dict[int, Levels]:

@@ -49,7 +49,7 @@ class Bilinear:
         scaled = self.scaled(gains)
         columns = [scaled]
         for edge in gains.edges:
-            other = _with_edge(gains, edge, 1.0).scales()
+            other = gains.with_edge(edge, 1.0).scales()
             # Only columns reached through the edge depend on it, and linearly.
             through = np.array([edge in gains.path(owner) for owner in range(gains.n_rows)])
             above = np.array([_is_above(gains, row, edge) for row in range(gains.n_rows)])
@@ -72,13 +72,6 @@ class JointSolution:
 def _widened(scales: Floats, value: float) -> Floats:
     """(n, n + 1): a last column of `value`, which is what owner -1 finds."""
     return np.hstack([scales, np.full((len(scales), 1), value)])
-
-
-def _with_edge(gains: Gains, row: int, value: float) -> Gains:
-    other = Gains(gains.n_rows)
-    other.parent, other.edge = list(gains.parent), list(gains.edge)
-    other.edge[row] = value
-    return other
 
 
 def _is_above(gains: Gains, row: int, edge: int) -> bool:

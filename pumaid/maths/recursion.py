@@ -62,6 +62,13 @@ class Gains:
         """Make the cluster of `root` part of the cluster of `row` with eta_row / eta_root = `ratio`."""
         self.parent[root], self.edge[root] = row, ratio
 
+    def with_edge(self, row: int, value: float) -> Gains:
+        """The same forest with another ratio on the edge above `row`."""
+        other = Gains(self.n_rows)
+        other.parent, other.edge = list(self.parent), list(self.edge)
+        other.edge[row] = value
+        return other
+
     @property
     def edges(self) -> list[int]:
         """Rows that have a parent: the lower ends of all edges."""
