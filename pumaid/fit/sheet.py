@@ -12,8 +12,9 @@ from pumaid.chosen import Column
 from pumaid.effects import Scope
 from pumaid.fit import reasons
 from pumaid.fit.gauge import Gauge
+from pumaid.fit.ratios import RATIO_KNOWN
 from pumaid.fit.reasons import Facts, Reason
-from pumaid.fit.system import RATIO_KNOWN, Fitted
+from pumaid.fit.system import Fitted
 from pumaid.maths.joint_fit import JointSolution
 from pumaid.maths.levels import freedoms
 from pumaid.maths.recursion import LARGEST_RATIO, Gains

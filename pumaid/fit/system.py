@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
@@ -11,6 +10,7 @@ from numpy.typing import NDArray
 
 from pumaid.effects import Scope
 from pumaid.equations import Block
+from pumaid.fit.ratios import RATIO_SPREAD, is_astray, restarted, spread_of
 from pumaid.fit.rows import Row, floored, from_inside, joined, limits, priors, rows_of, system
 from pumaid.maths import levels as variances
 from pumaid.maths import rank
@@ -22,16 +22,6 @@ from pumaid.records import Run
 
 Floats = NDArray[np.float64]
 Progress = Callable[[int, str], None]
-
-#: A ratio whose own row shows it neither to this standard error nor to `RATIO_SIGNIFICANT` standard errors is held
-#: about one by `RATIO_SPREAD` in the joint fit. Neighbouring gains differ by up to about ten on published arms.
-RATIO_KNOWN = 0.25
-RATIO_SIGNIFICANT = 3.3
-RATIO_SPREAD = 10.0
-
-#: Noise of a joint between runs, over that inside them, beyond which the recursion is taken to have gone astray; ratios
-#: from which the joint fit starts as well then; and the share of the sum of squares that they must get below.
-ASTRAY, OTHER_RATIOS, BETTER = 10.0, (USUAL_RATIO, -USUAL_RATIO), 0.98
 
 #: Rounds of variances and joint fit: the second changes weights by well under a percent.
 ROUNDS = 2
@@ -285,36 +275,19 @@ def _refine(
     held: Floats,
 ) -> tuple[Bilinear, JointSolution, Floats]:
     """Joint fit with weights from its own residuals, and the prior spread of its ratios; `levels` is updated."""
-    inside = {row.joint: from_inside(row) for row in rows}
+    inside = {row.joint: floored(from_inside(row), row) for row in rows}
     values, gains = start.values, start.gains
-    if any(levels[joint].sample > ASTRAY * own.sample for joint, own in inside.items()):
-        values, gains = _restarted(system(rows, inside, owners), values, gains, limit=limit, held=held)
+    if is_astray(levels, inside):
+        values, gains = restarted(system(rows, inside, owners), values, gains, limit=limit, held=held)
         levels.update(_levels_of(rows, values, gains, owners))
     white = system(rows, levels, owners)
-    spread = _spread(white, values, gains)
+    spread = spread_of(white, values, gains)
     for _ in range(ROUNDS):
         solution = fit(white, values, gains, limit=limit, spread=spread, held=held)
         values, gains = solution.values, solution.gains
         levels.update(_levels_of(rows, values, gains, owners))
         white = system(rows, levels, owners)
     return white, fit(white, values, gains, limit=limit, spread=spread, held=held), spread
-
-
-def _restarted(white: Bilinear, values: Floats, gains: Gains, *, limit: Floats, held: Floats) -> tuple[Floats, Gains]:
-    """The best of joint fits from the recursion's solution and from one with a ratio of another sign or size.
-
-    Of few postures the recursion may take a ratio with the wrong sign, from which no downhill way leads to the truth.
-    """
-    spread = _spread(white, values, gains)
-    best = fit(white, values, gains, limit=limit, spread=spread, held=held)
-    for number, ratio in itertools.product(range(len(gains.edges)), (None, *OTHER_RATIOS)):
-        edge = gains.edges[number]
-        tried = best.gains.with_edge(edge, -best.gains.edge[edge] if ratio is None else ratio)
-        known = rank.solve(white.scaled(tried), white.target, limit=limit[: len(values)]).values
-        found = fit(white, known, tried, limit=limit, spread=spread, held=held)
-        if found.residual @ found.residual < BETTER * (best.residual @ best.residual):
-            best = found
-    return best.values, best.gains
 
 
 def _levels_of(rows: Sequence[Row], values: Floats, gains: Gains, owners: NDArray[np.int64]) -> dict[int, Levels]:
@@ -338,21 +311,6 @@ def releveled(fitted: Fitted) -> Fitted:
     solution, owners = fitted.solution, owners_of(fitted.model, fitted.assigned)
     found = _levels_of(fitted.rows, solution.values, fitted.gains, owners)
     return replace(fitted, levels=fitted.levels | found)
-
-
-def _spread(white: Bilinear, values: Floats, gains: Gains) -> Floats:
-    """(edges,) prior spread of each ratio: none where its own row shows it."""
-    jacobian, out = white.jacobian(gains, values), []
-    for number, edge in enumerate(gains.edges):
-        row = gains.parent[edge]
-        here = white.row == row
-        own = np.flatnonzero(white.owners == row)
-        columns = np.column_stack([jacobian[here][:, own], jacobian[here][:, len(values) + number]])
-        alone = rank.solve(columns, white.target[here])
-        error = float(np.sqrt(alone.inverse[-1, -1])) if alone.determined[-1] else np.inf
-        shown = error < RATIO_KNOWN or abs(gains.edge[edge]) > RATIO_SIGNIFICANT * error
-        out.append(np.inf if shown else RATIO_SPREAD)
-    return np.array(out)
 
 
 def _reach(model: Model, limit: Floats, gains: Gains) -> Floats:
