@@ -61,8 +61,9 @@ class Account:
         self.limits = limits(last.scan, last.catalogue, last.family, periodic=search.periodic)
         self.verdicts = {row.field.joint: self._judged(row.field.joint) for row in self.states[0].rows}
         acting = {joint for one in search.accepted for joint in one.contender.after}
-        denied = [one for step in search.steps for one in step.contenders if one.fault == "denied"]
-        self.refuted = {joint for one in denied for joint in one.after} - acting
+        pairs = zip(search.accepted, search.transfers, strict=True)
+        partly = {joint for one, found in pairs if found and found.is_partial for joint in one.contender.after}
+        self.refuted = ({joint for one in search.denied for joint in one.after} - acting) | partly
         self.shapeless = {joint: self._competes(joint) for joint in self.verdicts}
 
     def _judged(self, joint: int) -> Judged:
@@ -98,7 +99,7 @@ class Account:
 
     def _errors(self, number: int, found: Contender) -> tuple[float | None, float | None]:
         """RMSE (A) of runs that no fit saw, before and after addition `number`, in the joints where it acts."""
-        held = [one for one in self.search.heldout if one.joint in found.after]
+        held = [one for one in self.search.heldout(self.search.added) if one.joint in found.after]
         if held:
             known = [one for one in held if any(row.field.joint == one.joint for row in self.states[0].rows)]
             pair = [rmse_at(self.states[min(k, len(self.states) - 1)], known) for k in (number, number + 1)]
@@ -159,10 +160,10 @@ class Account:
     def _competes(self, joint: int) -> Unexplained | None:
         """A shape without a name that explains a joint decisively better than what was named there.
 
-        Where runs held out deny all that could be named, the nearest shape.
+        Where runs held out deny what could be named, or show not all of it, the shape nearest to what is left.
         """
         if joint in self.refuted:
-            return nearest(self.states[0], joint)
+            return nearest(self.states[-1], joint)
         named = [one.contender for one in self.search.accepted if one.contender.key[1] == joint]
         if not named:
             return None
@@ -178,13 +179,16 @@ class Account:
             for one in step.contenders:
                 if joint in one.after and one.key not in seen:  # what was added, as it was when it was
                     seen[one.key] = self._candidate(added.get(one.key, one), adding.get(one.key, step))
-        order = sorted(seen.values(), key=lambda one: (one.verdict != ADD, -one.evidence))
+        denied = [self._candidate(one, self.search.steps[0]) for one in self.search.denied if joint in one.after]
+        rest = [one for one in seen.values() if all((one.effect, one.shape) != (d.effect, d.shape) for d in denied)]
+        order = sorted([*rest, *denied], key=lambda one: (one.verdict != ADD, -one.evidence))
         return tuple(order[:TOLD])
 
     def _candidate(self, one: Contender, step: Step) -> Candidate:
         added, kept = one.trial.added, {each.contender.key for each in self.search.accepted}
         is_rival = any(one.key == rival.key for rival in step.rivals)
-        verdict = ADD if one.key in kept else DOUBTFUL if is_rival or one.p_value <= LEVEL else ABSENT
+        is_denied = one.fault == "denied"
+        verdict = ADD if one.key in kept and not is_denied else DOUBTFUL if is_rival or one.p_value <= LEVEL else ABSENT
         like = step.rivals if step.chosen is one else ()
         if is_rival and step.chosen is not None:
             like = (step.chosen, *(other for other in step.rivals if other is not one))

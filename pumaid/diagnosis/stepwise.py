@@ -30,6 +30,8 @@ Key = tuple[str, int | None]
 
 #: Effects that runs held out may deny before what is left is called unexplained.
 MOST_DENIED = 4
+#: Shapes within this share are one where a joint may have an effect several times.
+ALIKE = 0.01
 #: Effects added at most, and candidates looked at closely at a time.
 MOST_ADDED, LEADERS = 4, 10
 #: Cells a run at which a periodic effect is looked for.
@@ -80,8 +82,8 @@ class Stepwise:
         Additions at most.
     tell
         Called with a word on what is done.
-    heldout
-        Fields of runs that are not fitted, at coarse cells.
+    unseen
+        Runs that are not fitted.
     added, steps, accepted
         What is in the model now (`given` first), each look, and why each addition was made.
     transfers
@@ -98,21 +100,31 @@ class Stepwise:
     effects: Sequence[Effect] = ()
     most: int = MOST_ADDED
     tell: Callable[[str], None] = silent
-    heldout: tuple[Field, ...] = ()
+    unseen: Sequence[Run] = ()
     transfers: tuple[Transfer | None, ...] = ()
-    denied: dict[Key, Transfer] = field(default_factory=dict)
+    denied: list[Contender] = field(default_factory=list)
     added: list[Added] = field(default_factory=list)
     steps: list[Step] = field(default_factory=list)
     accepted: list[Accepted] = field(default_factory=list)
     _coarse: tuple[Field, ...] = ()
     _finest: tuple[Field, ...] = ()
+    _unseen: tuple[tuple[Field, Field], ...] = ()
 
     def __post_init__(self) -> None:
         self.effects = [one for one in (self.effects or tuple(catalogue().values())) if not one.base]
         self.added = list(self.given)
-        self._coarse, self._finest = (
-            fields(self.model, self.runs, most=most, campaign=self.campaign) for most in (COARSE, FINE)
-        )
+        self._coarse, self._finest = self._fields(self.runs)
+        self._unseen = tuple(zip(*self._fields(self.unseen), strict=True)) if self.unseen else ()
+
+    def _fields(self, runs: Sequence[Run]) -> tuple[tuple[Field, ...], tuple[Field, ...]]:
+        """At coarse cells and at the finest."""
+        coarse, finest = (fields(self.model, runs, most=most, campaign=self.campaign) for most in (COARSE, FINE))
+        return coarse, finest
+
+    def heldout(self, added: Sequence[Added]) -> tuple[Field, ...]:
+        """Of runs that are not fitted, at the finest cells of joints that have a periodic effect, else coarse."""
+        fine = {one.joint for one in added if one.effect.periodic is not None}
+        return tuple(b if a.joint in fine else a for a, b in self._unseen)
 
     @property
     def periodic(self) -> Effect | None:
@@ -129,15 +141,16 @@ class Stepwise:
         """Add until nothing passes, again without what runs held out deny; the final system."""
         while True:
             last = self._climb()
-            self.transfers = tuple(transfer(last, one.contender.trial.added, self.heldout) for one in self.accepted)
-            refused = {
-                one.contender.key: found
+            held = self.heldout(self.added)
+            self.transfers = tuple(transfer(last, one.contender.trial.added, held) for one in self.accepted)
+            refused = [
+                replace(one.contender, transfer=found)
                 for one, found in zip(self.accepted, self.transfers, strict=True)
                 if found is not None and found.is_denied
-            }
+            ]
             if not refused or len(self.denied) >= MOST_DENIED:
                 return last
-            self.denied |= refused
+            self.denied += refused
             self.added, self.steps, self.accepted = list(self.given), [], []
 
     def _climb(self) -> Solved:
@@ -181,7 +194,7 @@ class Stepwise:
             on = at_cells(solved, fine)
             known = [
                 one.shape[one.effect.periodic]
-                for one in solved.added
+                for one in [*solved.added, *(each.trial.added for each in self.denied)]
                 if one.effect.periodic and one.joint == fine.joint
             ]
             found = spectrum(on.row(fine.joint), scale=on.scale / solved.scale, known=known)
@@ -226,7 +239,15 @@ class Stepwise:
         if added.effect.periodic is not None and added.joint is not None:
             on, shapes = self._at_finest(on, added.joint), [pair[0].added]
         found = contender(on, *pair, shapes=shapes, family=chances)
-        return replace(found, transfer=self.denied.get(found.key))
+        return replace(found, transfer=self._denial(found.trial.added))
+
+    def _denial(self, added: Added) -> Transfer | None:
+        """What runs held out said of an effect if they denied it; of this very shape where a joint may have several."""
+        for one in (one for one in self.denied if one.key == added.key):
+            shape = one.trial.added.shape
+            if not added.effect.is_repeatable or all(np.isclose(added.shape[k], shape[k], rtol=ALIKE) for k in shape):
+                return one.transfer
+        return None
 
     def _swap(self) -> None:
         """Look at every earlier addition again, now that the later ones are in: drop it, or put a better one there."""
@@ -241,7 +262,7 @@ class Stepwise:
             if own is None or chances.p_value(own.added.key, _surprise(seen, own)) > LEVEL:
                 del self.added[place], self.accepted[place - first]
                 continue
-            others = [one for one in seen.best().values() if one.added.key not in self.denied]
+            others = [one for one in seen.best().values() if self._denial(one.added) is None]
             top = max(others, key=lambda one: evidence(solved, one), default=own)
             if evidence(solved, top) > evidence(solved, own) + DECISIVE:
                 pair = (top, refined(Projector(solved), top))

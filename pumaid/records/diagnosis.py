@@ -30,9 +30,9 @@ class Size:
     unit: str
 
 
-#: Standard errors below one at which what runs held out show is not what was named, and the standard error beyond which
-#: they say nothing of it.
-DENIED, BLIND = 3.0, 0.5
+#: Share of an effect below which adding it does runs that were held out more harm than good, standard errors below it
+#: at which these deny the effect, and the standard error beyond which they say nothing of it.
+HALF, DENIED, BLIND = 0.5, 3.0, 0.5
 #: Twice the log likelihood of runs held out that an effect may lose them.
 MOST_LOST = 20.0
 
@@ -41,7 +41,7 @@ MOST_LOST = 20.0
 class Transfer:
     """Share of the current that an effect adds in runs held out which these really show, with its standard error.
 
-    One where the effect is what was named; decidedly less where something else was taken for it. `lost` is what adding
+    One where the effect is what was named; little where something else was taken for it. `lost` is what adding
     it takes from twice their log likelihood: negative where they are predicted better.
     """
 
@@ -55,9 +55,14 @@ class Transfer:
         return self.std_error <= BLIND
 
     @property
+    def is_partial(self) -> bool:
+        """Whether they show decidedly less than the effect: something else is there as well, or instead."""
+        return 1.0 - self.share > DENIED * self.std_error
+
+    @property
     def is_denied(self) -> bool:
-        """Whether these runs show decidedly less of the effect than the fit says, or are predicted decidedly worse."""
-        return 1.0 - self.share > DENIED * self.std_error or self.lost > MOST_LOST
+        """Whether these runs show decidedly less than half of the effect, or are predicted decidedly worse."""
+        return HALF - self.share > DENIED * self.std_error or self.lost > MOST_LOST
 
 
 @dataclass(frozen=True, slots=True)

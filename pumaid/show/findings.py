@@ -116,14 +116,13 @@ def effect_sentences(effect: str) -> list[str]:
 def transfer_sentence(found: Transfer) -> str:
     """How much of an effect the runs held out show."""
     share = f"{number(100.0 * found.share, 2)} ± {number(100.0 * found.std_error, 1)} %"
-    return f"Of what it adds there, these runs show {share}: {_TRANSFERS[found.is_denied]}."
-
-
-#: Whether runs held out deny an effect -> what that means.
-_TRANSFERS = {
-    False: "all of it, within that error",
-    True: "so it is not this effect, or not in this form, although it fits the other runs",
-}
+    if found.is_denied:
+        what = "so it is not this effect, or not in this form, although it fits the other runs"
+    elif found.is_partial:
+        what = "not all of it, so something else is there as well, or instead"
+    else:
+        what = "all of it, within that error"
+    return f"Of what it adds there, these runs show {share}: {what}."
 
 
 def is_at_floor(found: JointDiagnosis) -> bool:

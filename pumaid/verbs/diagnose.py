@@ -10,7 +10,6 @@ from pumaid import __version__
 from pumaid.choices import check_known
 from pumaid.diagnosis.account import Account
 from pumaid.diagnosis.chain import Start
-from pumaid.diagnosis.field import fields
 from pumaid.diagnosis.stepwise import Stepwise, silent
 from pumaid.diagnosis.suspect import Suspect
 from pumaid.diagnosis.system import Added
@@ -72,14 +71,13 @@ def diagnose(
     model = Model(robot, estimate.stroke_postures)
     known = dict(zip(estimate.names, estimate.solution, strict=True))
     start = Start(np.array([float(known.get(name, 0.0)) for name in model.names]), estimate.scales)
-    campaign, heldout = Campaign.of(evidence.runs), [run for run in evidence.runs if run.heldout]
     search = Stepwise(
         model,
         runs,
         start,
         given=tuple(Added(catalogue()[one.effect], one.joint, dict(one.shape)) for one in estimate.effects),
-        campaign=campaign,
-        heldout=fields(model, heldout, campaign=campaign) if heldout else (),
+        campaign=Campaign.of(evidence.runs),
+        unseen=tuple(run for run in evidence.runs if run.heldout),
         effects=[*catalogue().values(), *_suspects(evidence, suspects)],
         tell=progress or silent,
     )

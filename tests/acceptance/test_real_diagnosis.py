@@ -27,7 +27,6 @@ from pumaid.verbs.identify import identify
 pytestmark = [
     pytest.mark.realdata,
     # What a ripple takes out may pass what there is by the last digits where it is nearly all; it then ranks first.
-    pytest.mark.filterwarnings("ignore:overflow encountered in scalar divide:RuntimeWarning"),
     pytest.mark.skipif(not folder().is_dir(), reason="no public recordings here: set PUMAID_REAL_DATA to their folder"),
 ]
 
