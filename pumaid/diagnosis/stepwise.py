@@ -30,6 +30,8 @@ Key = tuple[str, int | None]
 
 #: Effects that runs held out may deny before what is left is called unexplained.
 MOST_DENIED = 4
+#: Looks for each addition allowed: what one look adds the next may drop, and so on without end.
+LOOKS = 2
 #: Shapes within this share are one where a joint may have an effect several times.
 ALIKE = 0.01
 #: Effects added at most, and candidates looked at closely at a time.
@@ -159,7 +161,8 @@ class Stepwise:
             self.tell(f"looking for what is missing ({len(self.added) - len(self.given)} added)")
             step = self.look(self.added)
             self.steps.append(step)
-            if step.chosen is None or len(self.added) - len(self.given) >= self.most:
+            is_full = len(self.added) - len(self.given) >= self.most
+            if step.chosen is None or is_full or len(self.steps) > LOOKS * self.most:
                 return step.scan.solved
             self.added.append(step.chosen.trial.added)
             self.accepted.append(Accepted(step.chosen, step.rivals))
