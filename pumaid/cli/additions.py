@@ -13,6 +13,8 @@ from pumaid.cli.progress import progress
 if TYPE_CHECKING:
     from pumaid.records import Diagnosis, EffectChoice, Estimate, Evidence, Finding, Robot
 
+#: Share by which an addition may raise the error of the fitted runs: by rounding, not more.
+MAY_RISE = 0.01
 #: Effects that one call adds at most: beyond that the catalogue is stretched over something that it does not have.
 MOST_ADDED = 4
 
@@ -125,6 +127,8 @@ def added(
 ) -> tuple[Diagnosis, Estimate]:
     """Add what was found, one effect at a time, and diagnose anew, until nothing is left that can be added.
 
+    An effect with which the refit misses the fitted runs by more than before is left out, and the adding ends.
+
     Parameters
     ----------
     diagnosis, estimate, evidence
@@ -145,28 +149,39 @@ def added(
     """
     from pumaid.files.archive import keep
     from pumaid.records import ADD
-    from pumaid.show.findings import step_sentence
+    from pumaid.show.findings import left_out_sentence, step_sentence
     from pumaid.verbs.identify import identify
 
     keep(model, estimate, robot)
     done: list[Finding] = []
     while new := [found for found in diagnosis.findings if found.verdict == ADD and _is_new(found, estimate)]:
         for found in new[: MOST_ADDED - len(done)]:
-            before = estimate
             with progress("identifying", total=robot.n_joints) as step:
-                estimate = identify(
+                fresh = identify(
                     evidence,
                     robot,
                     effects=(*reopened(estimate), choice_of(found)),
                     progress=lambda joint, text, step=step: step(robot.n_joints - joint, text),  # type: ignore[misc]
                 )
-            keep(model, estimate, robot)
+            if _error(fresh) > (1.0 + MAY_RISE) * _error(estimate):
+                tell(left_out_sentence(found, _error(estimate), _error(fresh), robot=robot))
+                current = diagnosis if found is new[0] else again(estimate)
+                return replace(current, applied=tuple(done)), estimate
+            keep(model, fresh, robot)
             done.append(found)
-            tell(step_sentence(found, before, estimate, robot=robot, number=len(done)))
+            tell(step_sentence(found, estimate, fresh, robot=robot, number=len(done)))
+            estimate = fresh
         diagnosis = again(estimate)
         if len(done) >= MOST_ADDED:
             break
     return replace(diagnosis, applied=tuple(done)), estimate
+
+
+def _error(estimate: Estimate) -> float:
+    """RMSE (A) of all fitted samples of the arm."""
+    parts = [(one.samples, one.rmse) for one in estimate.joints if one.rmse is not None]
+    total = sum(samples for samples, _ in parts)
+    return (sum(samples * rmse**2 for samples, rmse in parts) / total) ** 0.5 if total else 0.0
 
 
 def _is_new(found: Finding, estimate: Estimate) -> bool:

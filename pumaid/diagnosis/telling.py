@@ -14,6 +14,7 @@ from pumaid.diagnosis.noise import FEWEST_PAIRS
 from pumaid.diagnosis.suspect import Suspect
 from pumaid.diagnosis.system import Added, Solved, misfit_at
 from pumaid.records import Run, Size
+from pumaid.units import number
 
 Floats = NDArray[np.float64]
 
@@ -75,10 +76,10 @@ def reason(found: Contender, better: str | None = None) -> str:
     if found.fault == "heldout":
         return "it does not predict runs that were left out any better"
     if found.fault == "denied" and found.transfer is not None:
-        if not found.transfer.is_clear:
-            return "it predicts runs that were held out decidedly worse"
-        share, error = (100.0 * part for part in (found.transfer.share, found.transfer.std_error))
-        return f"of what it adds to runs held out these show only {share:.2g} ± {error:.1g} %"
+        if not found.transfer.is_little:
+            return "with it runs that were held out are predicted decidedly worse"
+        share, error = (number(100.0 * part, 2) for part in (found.transfer.share, found.transfer.std_error))
+        return f"of what it adds to runs that were held out these show only {share} ± {error} %"
     if found.fault == "worth":
         little = f"it would lower the error by {100.0 * found.gain:.1g} % only"
         return little if found.gain > 0.0 else "it lowers no error"

@@ -208,6 +208,15 @@ def step_sentence(found: Finding, before: Estimate, after: Estimate, *, robot: R
     return f"{words}{'; ' + '; '.join(rest) if rest else ''}."
 
 
+def left_out_sentence(found: Finding, before: float, after: float, *, robot: Robot) -> str:
+    """That an addition was not kept, since the error (A) of the fitted runs rose."""
+    where = "of" if found.joint is None else "at"
+    return (
+        f"{label(found.effect)} {where} {place(found, robot)} left out: with it the fitted runs are missed by"
+        f" {amperes(after)} instead of {amperes(before)}, for these runs cannot tell it from what the model has."
+    )
+
+
 def bare(unit: str) -> str:
     """A unit for people: none where a number has none."""
     return "" if unit == "1" else unit

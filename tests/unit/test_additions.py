@@ -1,0 +1,41 @@
+"""What ``--apply`` does when a refit with what was found misses the fitted runs by more than before."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import pytest
+from searches import lever
+
+import pumaid.verbs.identify as verb
+from pumaid.cli.additions import added
+from pumaid.records import ADD, Diagnosis, Evidence, Finding
+
+
+def stretched(estimate, factor):
+    """The same fit, every joint missed by `factor` times as much."""
+    return replace(estimate, joints=tuple(replace(one, rmse=factor * one.rmse) for one in estimate.joints))
+
+
+@pytest.mark.parametrize(("factor", "kept"), [(1.2, 0), (0.9, 1)])
+def test_what_makes_the_fit_worse_is_left_out(monkeypatch, tmp_path, factor, kept):
+    """The model on disk stays, the user is told both errors, and nothing more is added; a better fit is kept."""
+    lab, told = lever(), []
+    estimate = replace(lab.estimate, joints=tuple(replace(one, rmse=0.02) for one in lab.estimate.joints))
+    monkeypatch.setattr(verb, "identify", lambda *args, **more: stretched(estimate, factor))
+    found = Finding("spring", 1, {}, ADD, (), 0.001, "", "")
+    diagnosis = Diagnosis(lab.robot.name, (), (found,))
+    done, last = added(
+        diagnosis,
+        estimate,
+        Evidence(lab.runs),
+        robot=lab.robot,
+        model=tmp_path / "model.json",
+        again=lambda model: replace(diagnosis, findings=()),
+        tell=told.append,
+    )
+    assert len(done.applied) == kept
+    assert last.joints[0].rmse == pytest.approx(0.02 * (factor if kept else 1.0))
+    assert ("left out" in told[0]) is (kept == 0) and len(told) == 1
+    if not kept:
+        assert "0.0240 A instead of 0.0200 A" in told[0]
