@@ -253,7 +253,8 @@ def check_extra(headers: Mapping[str, Sequence[str]], extra: Sequence[str]) -> N
         return
     hints = [f"did you mean {near} for {column}?" for column in missing if (near := _nearest(column, have))]
     first = next(iter(headers))
-    what = f"{first if len(headers) == 1 else 'no log'} has a column {_listed(missing)}; there are {_listed(have)}"
+    nowhere = f"{first} has no" if len(headers) == 1 else "no log has a"
+    what = f"{nowhere} column {_listed(missing)}; there are {_listed(have)}"
     where = Where(file=first, row=1, column=missing[0])
     raise LogError("column-missing", what, where, "; ".join(hints) or "name a column as the logs' header does")
 
