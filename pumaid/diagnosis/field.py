@@ -17,7 +17,7 @@ from pumaid.motion.options import CONSTANT
 from pumaid.motion.reduce import coarser
 from pumaid.motion.replicates import replicates
 from pumaid.records import Campaign, Cells, Extent, Run, Samples
-from pumaid.sight import samples_of
+from pumaid.sight import joined, samples_of
 
 Floats = NDArray[np.float64]
 Counts = NDArray[np.int64]
@@ -224,17 +224,6 @@ def _settled(run: Run) -> Run:
 
 #: Cells below which a run is taken as it is.
 FEWEST_SETTLED = 20
-
-
-def joined(many: Sequence[Samples]) -> Samples:
-    """Samples of one joint one after another; `run` counts them from 0."""
-    values: dict[str, Any] = {
-        item.name: np.concatenate([getattr(one, item.name) for one in many])
-        for item in dataclasses.fields(Samples)
-        if item.name not in ("joint", "run", "loads") and getattr(many[0], item.name) is not None
-    }
-    run = np.repeat(np.arange(float(len(many))), [len(one) for one in many])
-    return Samples(many[0].joint, **values, run=run)
 
 
 def distinct(speeds: Sequence[float]) -> tuple[float, ...]:
