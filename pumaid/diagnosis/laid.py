@@ -10,10 +10,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pumaid.diagnosis.field import Field, distinct, joined, posture_groups
+from pumaid.diagnosis.field import Field, distinct, posture_groups
 from pumaid.motion.options import CONSTANT
 from pumaid.motion.replicates import replicates
 from pumaid.records import Run, Samples
+from pumaid.sight import joined
 
 Floats = NDArray[np.float64]
 Labels = NDArray[np.int64]
