@@ -61,9 +61,9 @@ model (base model and the true column, fitted with the true noise).
 """
 
 
-REASONS = """The limit is that of a test which knows noise and shape and looks from a run's first instant on; a search
-knows neither, and leaves the first 30 ms of a run out and the settling of each speed free, since every arm draws current
-there.
+REASONS = """The limit is that of a test which knows noise and shape and looks from a run's first instant on. A search
+knows neither, and leaves the first 30 ms of a run out and the settling of each speed free, since every arm draws
+current there.
 
 - `presliding` of a short travel lives in just these instants: most of what the oracle sees is gone.
 - `inertia` (a speed that wavers) is seen by the second derivative of positions; where waves are near the position's
