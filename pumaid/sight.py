@@ -193,7 +193,7 @@ def averaged(values: Floats, cells: int) -> Floats:
 def joined(many: Sequence[Samples]) -> Samples:
     """Samples of one joint one after another, without loads; `run` counts them from 0."""
     if len(many) == 1:
-        return many[0]
+        return replace(many[0], run=np.zeros(len(many[0])), loads=None)
     parts = {name: [getattr(samples, name) for samples in many] for name in COURSES}
     known: dict[str, Any] = {
         name: np.concatenate(part) for name, part in parts.items() if all(one is not None for one in part)
