@@ -39,7 +39,7 @@ def limits(scan: Scan, catalogue: Catalogue, family: Family, *, periodic: Effect
     for trial in scan.trials:
         key = trial.added.key
         kinds[key] = trial.added.effect
-        sizes.setdefault(key, []).append(max(_size(trial, family, scan), worth.size(trial)))
+        sizes.setdefault(key, []).append(max(_size(trial, family, scan), worth.size(trial) + _margin(trial, scan)))
     for key, some in sizes.items():
         out[key] = _limit(robot, kinds[key], key, float(np.median(some)))
     for joint, spectrum in scan.spectra.items():
@@ -99,6 +99,13 @@ def _size(trial: Trial, family: Family, scan: Scan) -> float:
     key = trial.added.key
     threshold, gross = family.threshold(key, LEVEL), family.gross(key)
     return needed(threshold, trial.width, runs=_runs(trial, scan), gross=gross) * float(np.sqrt(variance))
+
+
+def _margin(trial: Trial, scan: Scan) -> float:
+    """By how much a fitted size must be expected above a threshold to pass it with `POWER`."""
+    if trial.information[0, 0] <= 0.0:
+        return float("inf")
+    return float(stats.norm.ppf(POWER)) * float(np.sqrt(scan.solved.scale / trial.information[0, 0]))
 
 
 def _runs(trial: Trial, scan: Scan) -> float:
