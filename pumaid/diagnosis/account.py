@@ -82,7 +82,7 @@ class Account:
                     effect=added.effect.name,
                     joint=added.joint,
                     shape=dict(added.shape),
-                    verdict=ADD,
+                    verdict=DOUBTFUL if self._is_denied(number) else ADD,
                     rivals=tuple(names),
                     p_value=found.p_value,
                     text=reason(found),
@@ -96,6 +96,11 @@ class Account:
                 )
             )
         return tuple(out)
+
+    def _is_denied(self, number: int) -> bool:
+        """Whether runs held out deny addition `number`, which the search kept since it had been denied enough."""
+        found = self.search.transfers[number]
+        return found is not None and found.is_denied
 
     def _errors(self, number: int, found: Contender) -> tuple[float | None, float | None]:
         """RMSE (A) of runs that no fit saw, before and after addition `number`, in the joints where it acts."""

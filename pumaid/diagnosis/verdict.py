@@ -161,7 +161,7 @@ def competes(first: Solved, joint: int, named: Sequence[Contender]) -> Unexplain
     return _shape(first, best)
 
 
-def nearest(first: Solved, joint: int) -> Unexplained | None:
-    """The free form that comes nearest to what the base model leaves of a joint."""
-    best = max(free_trials(first, joint), key=lambda one: evidence(first, one), default=None)
-    return None if best is None else _shape(first, best, is_clear=evidence(first, best) > DECISIVE)
+def nearest(solved: Solved, joint: int) -> Unexplained | None:
+    """The free form that comes nearest to what a system with loads leaves of a joint."""
+    best = max(free_trials(solved, joint), key=lambda one: evidence(solved, one), default=None)
+    return None if best is None else _shape(solved, best, is_clear=evidence(solved, best) > DECISIVE)

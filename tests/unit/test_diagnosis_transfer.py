@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import cache
 
 import numpy as np
 import pytest
 from searches import LEVER, Din, Lab, design, lever
 
+from pumaid.diagnosis import stepwise
 from pumaid.diagnosis.system import Added, Solved, elsewhere
 from pumaid.diagnosis.transfer import transfer
 from pumaid.effects import catalogue
-from pumaid.records import Transfer
+from pumaid.records import DOUBTFUL, UNEXPLAINED_JOINT, Evidence, Transfer
+from pumaid.verbs.diagnose import diagnose
 from pumaid.virtual import Hidden
 
 SPRING = Added(catalogue()["spring"], 1, {})
@@ -74,3 +77,26 @@ def test_runs_that_cannot_show_it_say_nothing():
     loud = sprung().solved(lever().noisy(1, Din(spread=2.0, level=1.0)), [SPRING])
     assert transfer(loud, SPRING, sprung().fields(later(True).noisy(5, Din(spread=2.0, level=1.0)))) is None
     assert transfer(solved, SPRING, ()) is None
+
+
+def diagnosis():
+    """Of a lever that has a spring in the fitted runs only."""
+    held = [replace(run, heldout=True, clock=1) for run in later(False).noisy(7)]
+    return diagnose(sprung().estimate, Evidence((*sprung().noisy(4), *held)), sprung().robot)
+
+
+def test_a_denied_effect_is_not_to_be_added_and_the_joint_is_unexplained():
+    """It stands among the candidates as doubtful, with what the later runs show of it."""
+    found = diagnosis()
+    (joint,) = found.joints
+    assert all(one.effect != "spring" for one in found.findings)
+    (spring,) = (one for one in joint.candidates if one.effect == "spring")
+    assert spring.verdict == DOUBTFUL and "runs that were held out" in spring.reason
+    assert found.findings or joint.verdict == UNEXPLAINED_JOINT
+
+
+def test_where_too_much_was_denied_a_finding_is_doubtful(monkeypatch):
+    """The search ends some time; what it then holds against runs held out is not to be added either."""
+    monkeypatch.setattr(stepwise, "MOST_DENIED", 0)
+    (first, *_) = diagnosis().findings
+    assert first.transfer is not None and first.transfer.is_denied and first.verdict == DOUBTFUL
