@@ -14,6 +14,7 @@ from pumaid.errors import Faults, PumaidError, RecipeError, Where
 from pumaid.files.recipe_checks import faults_between_values
 from pumaid.files.recipe_faults import Fault, dotted, told, translated, without_echoes
 from pumaid.files.recipe_schema import JointForm, LogForm, RecipeForm
+from pumaid.files.safety import safety_of
 from pumaid.files.yaml_lines import Document, nearest, read_yaml
 from pumaid.records import EffectChoice, Joint, LogFormat, Robot
 from pumaid.units import factor
@@ -95,7 +96,7 @@ def _robot(form: RecipeForm, origin: str, digest: str) -> Robot:
     )
     x, y, z = form.gravity
     log = _log_format(form.log, joints)
-    return Robot(form.name, joints, (x, y, z), log, effects, origin, digest)
+    return Robot(form.name, joints, (x, y, z), log, effects, origin, digest, safety=safety_of(form.safety))
 
 
 def _joint(number: int, form: JointForm, to_rad: float) -> Joint:

@@ -12,6 +12,7 @@ from pydantic_core import PydanticCustomError
 
 from pumaid.files.recipe_faults import Fault
 from pumaid.files.recipe_schema import FASTEST_RAIL, LONGEST_RAIL, is_pi_expression, places
+from pumaid.files.safety import safety_faults
 from pumaid.files.yaml_lines import nearest
 from pumaid.units import UNITS, factor
 
@@ -44,6 +45,7 @@ def faults_between_values(data: dict[Any, Any]) -> Iterator[Fault]:
     yield from _log_units(log, joints)
     yield from _signs(log, len(joints))
     yield from _effects(data.get("effects"), joints)
+    yield from safety_faults(data.get("safety"), len(joints))
 
 
 def _mapping(data: dict[Any, Any], key: str) -> dict[Any, Any]:

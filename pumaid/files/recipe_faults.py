@@ -67,6 +67,7 @@ _TYPES = {
     "list": "a list",
     "dict": "a mapping of keys to values",
     "model": "a mapping of keys to values",
+    "int": "a whole number",
 }
 
 
@@ -110,6 +111,11 @@ _EXAMPLES = {
     "alpha": "the twist before the joint, modified DH",
     "a": "the length before the joint, m, modified DH",
     "effect": "a name that pumaid effects lists",
+    "min": "[x, y, z]   (the lowest corner, m in base axes)",
+    "max": "[x, y, z]   (the highest corner, m in base axes)",
+    "link": "the link that carries the sphere; 0 is the base",
+    "centre": "[x, y, z]   (m, in the link's frame)",
+    "radius": "the sphere's radius, m",
 }
 
 
@@ -148,6 +154,14 @@ _FORMS = {
     "signs": "{position: [1, -1, ...]}",
     "log": "its keys below it, indented",
     "shape": "{velocity: 0.1}",
+    "safety": "its keys below it, indented: boxes, spheres, tool, margin",
+    "boxes": "[{name: table, min: [-1, -1, -1], max: [1, 1, -0.02]}]",
+    "spheres": "[{link: 3, centre: [0.2, 0, 0], radius: 0.08}]",
+    "min": "[x, y, z], m",
+    "max": "[x, y, z], m",
+    "centre": "[x, y, z], m",
+    "tool": "[x, y, z], m",
+    "ignore": "[[4, 6]], pairs of links",
 }
 
 

@@ -90,6 +90,14 @@ def _gear_ratio(ratio: float) -> float:
     return ratio
 
 
+def _margin(value: float) -> float:
+    if not 0.0 <= value <= 1.0:
+        raise refusal(
+            "recipe-bad-value", f"a margin of {value:g} m is not between 0 and 1 m", "write metres, such as 0.02"
+        )
+    return value
+
+
 def _words(text: str) -> str:
     if not text.strip() or not text.isprintable():
         raise refusal(
@@ -190,8 +198,13 @@ Length = Annotated[Finite, AfterValidator(_link_length)]
 Positive = Annotated[Finite, Field(gt=0)]
 Words = Annotated[str, Field(strict=True, max_length=200), AfterValidator(_words)]
 Template = Annotated[Words, AfterValidator(_template)]
-_BLOCKS = ("units", "log", "signs", "effects", "shape", "source", "notes", "licence")
+_BLOCKS = (
+    *("units", "log", "signs", "effects", "shape", "source", "notes", "licence"),
+    *("safety", "boxes", "spheres", "ignore"),
+)
 
+Point = Annotated[list[Length], Field(min_length=3, max_length=3)]
+Link = Annotated[int, Field(strict=True)]
 Signs = list[Annotated[Finite, AfterValidator(_plus_or_minus)]]
 
 
@@ -266,6 +279,32 @@ class EffectForm(_Form):
     shape: dict[str, Finite] = {}
 
 
+class BoxForm(_Form):
+    """One entry of `safety.boxes`."""
+
+    name: Words | None = None
+    min: Point
+    max: Point
+
+
+class SphereForm(_Form):
+    """One entry of `safety.spheres`."""
+
+    link: Link
+    centre: Point
+    radius: Annotated[Positive, AfterValidator(_link_length)]
+
+
+class SafetyForm(_Form):
+    """The block `safety`."""
+
+    tool: Point | None = None
+    boxes: Annotated[list[BoxForm], Field(max_length=100)] = []
+    spheres: Annotated[list[SphereForm], Field(max_length=200)] = []
+    margin: Annotated[Finite, AfterValidator(_margin)] = 0.02
+    ignore: list[Annotated[list[Link], Field(min_length=2, max_length=2)]] = []
+
+
 class RecipeForm(_Form):
     """The whole file."""
 
@@ -275,6 +314,7 @@ class RecipeForm(_Form):
     units: FileUnits = FileUnits()
     log: LogForm = LogForm()
     effects: list[EffectForm] = []
+    safety: SafetyForm | None = None
     source: Annotated[Any, BeforeValidator(_text_or_texts)] = ""
     notes: Annotated[Any, BeforeValidator(_text_or_texts)] = ""
     licence: Annotated[Any, BeforeValidator(_text_or_texts)] = ""

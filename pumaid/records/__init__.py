@@ -54,6 +54,7 @@ from pumaid.records.run import (
     Reject,
     Run,
 )
+from pumaid.records.safety import Box, Safety, Sphere
 from pumaid.records.samples import Extent, Loads, Samples
 
 __all__ = [
@@ -72,6 +73,7 @@ __all__ = [
     "UNEXPLAINED_JOINT",
     "UNSEEN",
     "Binned",
+    "Box",
     "Budget",
     "BudgetPart",
     "Campaign",
@@ -109,8 +111,10 @@ __all__ = [
     "Run",
     "RunScore",
     "Rung",
+    "Safety",
     "Samples",
     "Size",
+    "Sphere",
     "Transfer",
     "Unexplained",
     "Value",

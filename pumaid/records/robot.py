@@ -8,6 +8,8 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
+from pumaid.records.safety import Safety
+
 Floats = NDArray[np.float64]
 
 
@@ -110,6 +112,7 @@ class Robot:
     origin: str = ""
     digest: str = ""
     effect_lines: tuple[int | None, ...] = ()
+    safety: Safety | None = None
 
     def joint(self, number: int) -> Joint:
         """Joint by its number, from 1."""
