@@ -11,6 +11,7 @@ from typing import NoReturn
 from pydantic import ValidationError
 
 from pumaid.errors import Faults, PumaidError, RecipeError, Where
+from pumaid.files.coupling import ratios_of
 from pumaid.files.recipe_checks import faults_between_values
 from pumaid.files.recipe_faults import Fault, dotted, told, translated, without_echoes
 from pumaid.files.recipe_schema import JointForm, LogForm, RecipeForm
@@ -96,7 +97,10 @@ def _robot(form: RecipeForm, origin: str, digest: str) -> Robot:
     )
     x, y, z = form.gravity
     log = _log_format(form.log, joints)
-    return Robot(form.name, joints, (x, y, z), log, effects, origin, digest, safety=safety_of(form.safety))
+    ratios = ratios_of(form.coupling)
+    return Robot(
+        form.name, joints, (x, y, z), log, effects, origin, digest, coupling=ratios, safety=safety_of(form.safety)
+    )
 
 
 def _joint(number: int, form: JointForm, to_rad: float) -> Joint:

@@ -10,6 +10,7 @@ from typing import Any
 
 from pydantic_core import PydanticCustomError
 
+from pumaid.files.coupling import coupling_faults
 from pumaid.files.recipe_faults import Fault
 from pumaid.files.recipe_schema import FASTEST_RAIL, LONGEST_RAIL, is_pi_expression, places
 from pumaid.files.safety import safety_faults
@@ -46,6 +47,7 @@ def faults_between_values(data: dict[Any, Any]) -> Iterator[Fault]:
     yield from _signs(log, len(joints))
     yield from _effects(data.get("effects"), joints)
     yield from safety_faults(data.get("safety"), len(joints))
+    yield from coupling_faults(_mapping(data, "coupling"), joints)
 
 
 def _mapping(data: dict[Any, Any], key: str) -> dict[Any, Any]:

@@ -199,7 +199,7 @@ Positive = Annotated[Finite, Field(gt=0)]
 Words = Annotated[str, Field(strict=True, max_length=200), AfterValidator(_words)]
 Template = Annotated[Words, AfterValidator(_template)]
 _BLOCKS = (
-    *("units", "log", "signs", "effects", "shape", "source", "notes", "licence"),
+    *("units", "log", "signs", "effects", "shape", "coupling", "source", "notes", "licence"),
     *("safety", "boxes", "spheres", "ignore"),
 )
 
@@ -315,6 +315,7 @@ class RecipeForm(_Form):
     log: LogForm = LogForm()
     effects: list[EffectForm] = []
     safety: SafetyForm | None = None
+    coupling: dict[str, Finite] = {}
     source: Annotated[Any, BeforeValidator(_text_or_texts)] = ""
     notes: Annotated[Any, BeforeValidator(_text_or_texts)] = ""
     licence: Annotated[Any, BeforeValidator(_text_or_texts)] = ""

@@ -34,7 +34,7 @@ class Joint:
     max_velocity
         rad/s or m/s, or none.
     gear_ratio
-        Motor turns per joint turn (no unit), or none.
+        Motor turns per joint turn (no unit; of a prismatic joint rad of the motor per m), or none.
     """
 
     number: int
@@ -101,7 +101,9 @@ class Robot:
     """The arm: joints base to tip, gravity in base axes (3,) m/s2, log format, effects switched on.
 
     `origin` is the recipe's file name and `digest` its SHA-256, both empty when the robot was made in memory;
-    `effect_lines` are the recipe's lines on which its effects stand.
+    `effect_lines` are the recipe's lines on which its effects stand. `coupling` holds, by (I, J) with J < I from 1, how
+    many turns the motor of joint I makes for a turn of joint J's motor while joint I stands; every joint in it has a
+    gear ratio.
     """
 
     name: str
@@ -113,6 +115,7 @@ class Robot:
     digest: str = ""
     effect_lines: tuple[int | None, ...] = ()
     safety: Safety | None = None
+    coupling: Mapping[tuple[int, int], float] = field(default_factory=dict)
 
     def joint(self, number: int) -> Joint:
         """Joint by its number, from 1."""
@@ -137,6 +140,28 @@ class Robot:
     def is_revolute(self) -> NDArray[np.bool_]:
         """(J,) whether each joint turns."""
         return np.array([joint.is_revolute for joint in self.joints])
+
+    @property
+    def shaft_speeds(self) -> Floats:
+        """(J, J) unit lower triangular: from joints' velocities to those that drive the friction of their motors.
+
+        With motor speeds qdS_i = qd_i/r_i + sum of r_ij qdS_j over j < i and r_i = 1/gear_ratio, joint i's is
+        r_i qdS_i. The identity where no gear couples joints.
+
+        Source
+        ------
+        S.-K. Lin, Identification of a Class of Nonlinear Deterministic Systems, eq. (38)-(40).
+        """
+        out = np.eye(self.n_joints)
+        for (driven, driving), ratio in sorted(self.coupling.items()):
+            own, other = self.joint(driven).gear_ratio, self.joint(driving).gear_ratio
+            assert own is not None and other is not None
+            out[driven - 1] += ratio * other / own * out[driving - 1]
+        return out
+
+    def shaft_velocity(self, velocity: Floats) -> Floats:
+        """(N, J) velocities that drive each motor's friction, in units of its joint, for (N, J) joint velocities."""
+        return velocity @ self.shaft_speeds.T if self.coupling else velocity
 
     def dh_angles(self, position: Floats) -> Floats:
         """(N, J) DH angles, rad, for (N, J) measured positions."""
