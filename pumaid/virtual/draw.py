@@ -26,6 +26,8 @@ _COUNTS, _GEAR = 4000, 100.0
 _COUNTS_PER_METRE = 1e5
 #: A: noise of a sample, and resolution of the current sensor.
 _NOISE, _CURRENT_STEP = 0.02, 0.001
+#: Break-away friction as a multiple of Coulomb friction.
+_BREAKAWAY = (1.05, 1.2)
 #: Significant digits of what is drawn: the last ones of a sum differ between machines, a robot must not.
 _DIGITS = 9
 
@@ -60,6 +62,7 @@ def draw(robot: Robot, seed: int) -> Truth:
         gain=gain,
         inertia=sign * rng.uniform(0.3, 0.8, robot.n_joints) / accelerations(robot),
         seed=seed,
+        breakaway=_shortened(np.random.default_rng([seed, 1, 1]).uniform(*_BREAKAWAY, robot.n_joints)),
     )
 
 

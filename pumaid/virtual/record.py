@@ -61,6 +61,7 @@ def as_json(truth: Truth, *, seed: int | None = None) -> dict[str, Any]:
             "viscous_minus": friction.viscous_minus.tolist(),
         },
         "inertia": truth.inertia.tolist(),
+        "breakaway": truth.breakaway.tolist(),
         "hidden": [{"effect": one.effect, "joint": one.joint, "values": dict(one.values)} for one in truth.hidden],
         "noise": {
             "std": noise.std.tolist(),
@@ -120,6 +121,8 @@ def from_json(document: Mapping[str, Any], robot: Robot) -> Truth:
         known=known,
         inertia=_array(document, "inertia", (n,)),
         hidden=tuple(_hidden(entry, n) for entry in document.get("hidden") or ()),
+        # Truths of earlier versions have none: the usual one.
+        breakaway=_array(document, "breakaway", (n,)) if "breakaway" in document else np.zeros(0),
     )
 
 

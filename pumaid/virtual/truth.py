@@ -17,6 +17,9 @@ from pumaid.virtual.weight import Weight
 
 Floats = NDArray[np.float64]
 
+#: Break-away friction as a multiple of Coulomb friction, where nothing states it.
+BREAKAWAY = 1.1
+
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Friction:
@@ -98,6 +101,8 @@ class Truth:
         From which it was drawn, or none.
     hidden
         Physics beyond the paper's model, with all values; see `hiding`.
+    breakaway
+        (J,) at least 1: a joint at rest moves only when its motor's surplus passes this times Coulomb friction.
     """
 
     robot: Robot
@@ -109,12 +114,15 @@ class Truth:
     inertia: Floats = field(default_factory=lambda: np.zeros(0))
     seed: int | None = None
     hidden: tuple[Hidden, ...] = ()
+    breakaway: Floats = field(default_factory=lambda: np.zeros(0))
 
     def __post_init__(self) -> None:
         if (self.links is None or self.gain is None) == (self.known is None):
             raise ValueError("a virtual robot needs either links and gain, or constants")
         if len(self.inertia) != self.robot.n_joints:
             object.__setattr__(self, "inertia", np.zeros(self.robot.n_joints))
+        if len(self.breakaway) != self.robot.n_joints:
+            object.__setattr__(self, "breakaway", np.full(self.robot.n_joints, BREAKAWAY))
 
     @property
     def weight(self) -> Weight:
