@@ -41,7 +41,7 @@ def samples_of(run: Run, campaign: Campaign, *, has_slope: bool = False) -> Samp
         Whether the acceleration of a run at constant speed is the smooth second derivative of its positions, not zero.
     """
     cells, own = run.cells, run.joint - 1
-    velocity = cells.velocity.copy()
+    velocity = run.velocity
     acceleration = cells.acceleration
     if run.kind == "constant":
         velocity[:, own] = run.speed

@@ -82,7 +82,7 @@ def _samples(run: Run, begun: float) -> Samples:
     return Samples(
         run.joint,
         cells.position,
-        cells.velocity,
+        run.velocity,
         acceleration=cells.acceleration,
         direction=np.full(len(cells), float(run.direction)),
         time=cells.time - begun,

@@ -242,6 +242,15 @@ def instants(extent: Extent) -> tuple[float, ...]:
     return tuple(float(t) for t in between[chosen])
 
 
+def friction_velocity(robot: Robot, samples: Samples) -> Floats:
+    """(M,) velocity that drives the friction of the moving joint's motor, in units of the joint.
+
+    Its own, and where gears couple it (`Robot.coupling`) a share of the velocities of the joints before it.
+    """
+    own = samples.joint - 1
+    return samples.velocity @ robot.shaft_speeds[own] if robot.coupling else samples.velocity[:, own]
+
+
 def loads_of(samples: Samples) -> Loads:
     """The loads at `samples`, which whoever calls an effect with `needs_loads` has filled."""
     assert samples.loads is not None

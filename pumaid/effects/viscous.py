@@ -6,7 +6,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from pumaid.effects.base import NO_SHAPE, Effect, Floats, Parameter, Trace
+from pumaid.effects.base import NO_SHAPE, Effect, Floats, Parameter, Trace, friction_velocity
 from pumaid.records import Robot, Samples
 
 
@@ -31,6 +31,6 @@ class Viscous(Effect):
     def columns(
         self, robot: Robot, samples: Samples, *, number: int | None = None, shape: Mapping[str, float] = NO_SHAPE
     ) -> Floats:
-        velocity = samples.velocity[:, samples.joint - 1]
+        velocity = friction_velocity(robot, samples)
         forward = samples.direction > 0
         return np.column_stack([np.where(forward, velocity, 0.0), np.where(forward, 0.0, velocity)])

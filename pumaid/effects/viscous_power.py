@@ -6,7 +6,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from pumaid.effects.base import NO_SHAPE, Effect, Floats, Parameter, Shape, Trace
+from pumaid.effects.base import NO_SHAPE, Effect, Floats, Parameter, Shape, Trace, friction_velocity
 from pumaid.records import Extent, Robot, Samples
 
 
@@ -42,7 +42,7 @@ class ViscousPower(Effect):
     def columns(
         self, robot: Robot, samples: Samples, *, number: int | None = None, shape: Mapping[str, float] = NO_SHAPE
     ) -> Floats:
-        v = np.abs(samples.velocity[:, samples.joint - 1])
+        v = np.abs(friction_velocity(robot, samples))
         return (samples.direction * v ** shape["exponent"])[:, None]
 
     def signs(self, shape: Mapping[str, float]) -> tuple[int, ...]:

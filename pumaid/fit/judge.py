@@ -52,8 +52,8 @@ OPEN = 0.05
 #: Share of the RMS current below which what the data leave open is rounding.
 CLOSED = 1e-6
 
-#: Outside runs a joint counts as moving above this share of its largest speed in the stretch: below it the direction of
-#: friction is not known.
+#: Outside runs a joint's motor counts as turning above this share of its largest speed in the stretch: below it the
+#: direction of friction is not known.
 MOVING = 0.05
 
 
@@ -213,7 +213,7 @@ class Judge:
         return f"this run needs {' and '.join(names)}, which the fitted data do not determine"
 
     def outside(self, evidence: Evidence) -> tuple[OutsideScore, ...]:
-        """Scores of what is no run, by joint and reason; cells in which a joint rests are not its own."""
+        """Scores of what is no run, by joint and reason; cells in which a joint's motor rests are not its own."""
         stretches = [
             (joint, reject.reason, reject.cells, reject.clock)
             for reject in evidence.rejects
@@ -221,7 +221,7 @@ class Judge:
             if reject.cells is not None
         ]
         stretches.sort(key=lambda stretch: stretch[:2])
-        seen = [_moving(cells, joint) for joint, _, cells, _ in stretches]
+        seen = [self._moving(cells, joint) for joint, _, cells, _ in stretches]
         many = [
             self._ramp(cells, joint, keep, clock)
             for (joint, _, cells, clock), keep in zip(stretches, seen, strict=True)
@@ -242,19 +242,24 @@ class Judge:
 
     def _ramp(self, cells: Cells, joint: int, keep: NDArray[np.bool_], clock: int) -> Samples:
         """The cells `keep` as what effects see of `joint`; without acceleration, since inertia is missing by design."""
-        velocity, time = cells.velocity[keep], cells.time[keep]
+        velocity, time, robot = cells.velocity[keep], cells.time[keep], self.model.robot
         return Samples(
             joint,
             cells.position[keep],
             velocity,
             acceleration=np.zeros(len(velocity)),
-            direction=np.sign(velocity[:, joint - 1]),
+            direction=np.sign(robot.shaft_velocity(velocity)[:, joint - 1]),
             time=self.campaign.since(joint, clock, time),
             elapsed=self.campaign.since(0, clock, time),
-            travel=np.abs(cells.position[keep, joint - 1] - cells.position[0, joint - 1]),
+            travel=np.abs(robot.shaft_velocity(cells.position[keep] - cells.position[0])[:, joint - 1]),
             temperature=np.full(len(velocity), np.nan),
             run=np.zeros(len(velocity)),
         )
+
+    def _moving(self, cells: Cells, joint: int) -> NDArray[np.bool_]:
+        """(M,) whether the motor of `joint` turns, and its current is measured."""
+        speed = np.abs(self.model.robot.shaft_velocity(cells.velocity)[:, joint - 1])
+        return np.isfinite(cells.current[:, joint - 1]) & (speed > MOVING * np.max(speed, initial=0.0))
 
 
 def rmse(tallies: Sequence[Tally]) -> float | None:
@@ -284,9 +289,3 @@ def together(parts: Mapping[str, Part], groups: Groups) -> dict[str, Part]:
         if own:
             out[TOGETHER.join(group)] = sum(own[1:], start=own[0])
     return out
-
-
-def _moving(cells: Cells, joint: int) -> NDArray[np.bool_]:
-    """(M,) whether `joint` moves, and its current is measured."""
-    speed = np.abs(cells.velocity[:, joint - 1])
-    return np.isfinite(cells.current[:, joint - 1]) & (speed > MOVING * np.max(speed, initial=0.0))

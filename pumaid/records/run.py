@@ -120,6 +120,13 @@ class Run:
         """+1 or -1."""
         return 1 if self.speed > 0 else -1
 
+    @property
+    def velocity(self) -> Floats:
+        """(M, J) of its cells: the moving joint's as measured, zero of those that are held."""
+        out = np.zeros_like(self.cells.velocity)
+        out[:, self.joint - 1] = self.cells.velocity[:, self.joint - 1]
+        return out
+
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Reject:

@@ -1,13 +1,17 @@
-"""Gears that couple joints: the recipe's key, and the speeds at which motors turn."""
+"""Gears that couple joints: the recipe's key, the speeds at which motors turn, and what friction makes of them."""
 
 from dataclasses import replace
 
 import numpy as np
 import pytest
+import worlds
 
+import pumaid
+from pumaid.effects import catalogue
 from pumaid.errors import Faults, RecipeError
 from pumaid.files.recipe import read_recipe
-from pumaid.records import Joint, Robot
+from pumaid.records import Cells, Evidence, Joint, Reject, Robot, Samples
+from pumaid.verbs.compare import compare
 
 GEARS = (-62.6, 107.8, -53.7, 76.0, 71.9, 76.7)
 RATIOS = {(5, 4): 0.0139, (6, 4): -0.013, (6, 5): 0.18}
@@ -94,3 +98,84 @@ def test_joints_that_take_part_need_their_gear_ratios(tmp_path):
         read_recipe(recipe(tmp_path, "{r65: 0.1}", GEARED * 4 + JOINT * 2))
     assert [fault.where.field for fault in caught.value.faults] == ["joints[5].gear_ratio", "joints[6].gear_ratio"]
     assert [fault.where.line for fault in caught.value.faults] == [9, 10]
+
+
+#: The pendulum with its second motor turned by the first: the motors' own speeds, by hand, are qd2 + 0.9 * 50/90 qd1.
+GEARED_PENDULUM = replace(
+    worlds.PENDULUM,
+    joints=(replace(worlds.PENDULUM.joint(1), gear_ratio=50.0), replace(worlds.PENDULUM.joint(2), gear_ratio=90.0)),
+    coupling={(2, 1): 0.9},
+)
+
+
+def friction(v):
+    """A of either joint of the pendulum at the speed of its motor, rad/s of the joint."""
+    return np.where(v > 0, 0.4 + 0.2 * v, -0.3 + 0.1 * v)
+
+
+def seen(joint, qd):
+    """Instants at these velocities (N, 2)."""
+    q = np.zeros_like(qd)
+    return Samples(joint, q, qd, direction=np.sign(GEARED_PENDULUM.shaft_velocity(qd)[:, joint - 1]))
+
+
+@pytest.mark.parametrize(
+    ("name", "shape", "law"),
+    [
+        ("stribeck", {"velocity": 0.2, "exponent": 1.0}, lambda v: np.sign(v) * np.exp(-np.abs(v) / 0.2)),
+        ("viscous_power", {"exponent": 0.5}, lambda v: np.sign(v) * np.sqrt(np.abs(v))),
+    ],
+)
+def test_effects_of_speed_follow_the_motor(name, shape, law):
+    """Friction that hangs on speed is that of the motor's shaft, which joint 1 turns as well."""
+    qd = np.random.default_rng(5).uniform(-1.0, 1.0, (30, 2))
+    for joint, driving in ((1, qd[:, 0]), (2, qd[:, 1] + qd[:, 0] * 0.9 * 50.0 / 90.0)):
+        columns = catalogue()[name].columns(GEARED_PENDULUM, seen(joint, qd), shape=shape)
+        np.testing.assert_allclose(columns[:, 0], law(driving), rtol=1e-12)
+
+
+@pytest.fixture(scope="module")
+def weightless():
+    """Runs of each joint alone, friction only, and the model that the coupled recipe makes of them."""
+    out = []
+    for joint in (1, 2):
+        for speed in (0.3, -0.3, 0.6, -0.6, 1.0, -1.0):
+            reach = 1.5 * np.sign(speed)
+            course = worlds.course("constant", -reach, reach, duration=3.0 / abs(speed))
+            current = friction(course[2])
+            out.append(worlds.run_of(GEARED_PENDULUM, joint, [0.3, 0.3], course=course, current=current))
+    return pumaid.identify(Evidence(tuple(out)), GEARED_PENDULUM)
+
+
+def test_compare_predicts_friction_at_the_motors_speed(weightless):
+    """Where joint 2 goes back more slowly than joint 1 turns its motor forward, its friction is that of forward."""
+    t = np.linspace(0.0, 2.0, 100)
+    qd = np.column_stack([np.full(100, 1.0), -0.45 + 0.3 * np.sin(3.0 * t)])
+    motor = qd[:, 1] + 0.9 * 50.0 / 90.0 * qd[:, 0]
+    assert np.mean(np.sign(motor) != np.sign(qd[:, 1])) > 0.4
+    q = np.cumsum(qd, axis=0) * (t[1] - t[0])
+    zero = np.zeros(100)
+    currents = np.column_stack([friction(qd[:, 0]), friction(motor)])
+    cells = Cells(np.full(100, 4), t, q, qd, zero, currents, zero, np.full(100, np.nan))
+    both = Reject("samples", 2, 401, 0.0, 2.0, (1, 2), "several-joints", "both move", 400, cells)
+    scores = compare(weightless, Evidence((), rejects=(both,)), GEARED_PENDULUM).outside
+    assert [score.joint for score in scores] == [1, 2]
+    assert all(score.rmse < 1e-9 for score in scores)
+
+
+def test_identification_is_of_each_joint_alone(weightless):
+    """While one joint moves alone its motor turns with it, so a coupled recipe finds the same friction."""
+    found = worlds.identified(weightless)
+    for joint in (1, 2):
+        assert found[f"coulomb.j{joint}.plus"] == pytest.approx(0.4, abs=1e-9)
+        assert found[f"viscous.j{joint}.minus"] == pytest.approx(0.1, abs=1e-9)
+
+
+def test_held_joints_that_tremble_drive_no_friction():
+    """What the encoder of a held joint shows during a run is no speed of its motor."""
+    course = worlds.course("constant", -1.0, 1.0, duration=2.0)
+    run = worlds.run_of(GEARED_PENDULUM, 2, [0.3, 0.3], course=course, current=friction(course[2]))
+    rough = run.cells.velocity + np.array([0.05, 0.0]) * np.sin(np.arange(len(run.cells)))[:, None]
+    rough_run = replace(run, cells=replace(run.cells, velocity=rough))
+    assert np.array_equal(rough_run.velocity[:, 0], np.zeros(len(run.cells)))
+    assert np.array_equal(rough_run.velocity[:, 1], run.cells.velocity[:, 1])
