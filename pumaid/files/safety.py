@@ -26,13 +26,13 @@ def safety_faults(block: Any, n_joints: int) -> Iterator[Fault]:
     known = f"links count from 0 (the base) to {n_joints}"
     for index, sphere in enumerate(_listed(block, "spheres")):
         link = sphere.get("link") if isinstance(sphere, dict) else None
-        if _is_whole(link) and not 0 <= link <= n_joints:
+        if _is_whole(link) and link not in range(n_joints + 1):
             yield Fault(("safety", "spheres", index, "link"), "recipe-bad-value", f"there is no link {link}", known)
     for index, pair in enumerate(_listed(block, "ignore")):
         links = [link for link in pair if _is_whole(link)] if isinstance(pair, list) else []
         path = ("safety", "ignore", index)
         for link in links:
-            if not 0 <= link <= n_joints:
+            if link not in range(n_joints + 1):
                 yield Fault(path, "recipe-bad-value", f"there is no link {link}", known)
         if len(links) == 2 and abs(links[0] - links[1]) <= 1:
             what = f"links {links[0]} and {links[1]} are neighbours or one, and never held against each other"
@@ -49,8 +49,7 @@ def _boxes(boxes: list[Any]) -> Iterator[Fault]:
         if first != index:
             what = f"boxes {first + 1} and {index + 1} are both named {name[:60]}"
             yield Fault(("safety", "boxes", index, "name"), "recipe-duplicate", what, "give each box its own name")
-        low, high = (box.get(key) if isinstance(box.get(key), list) else [] for key in ("min", "max"))
-        for axis, least, most in zip("xyz", low, high, strict=False):
+        for axis, least, most in zip("xyz", _listed(box, "min"), _listed(box, "max"), strict=False):
             if _is_number(least) and _is_number(most) and least >= most:
                 what = f"along {axis} the box reaches from {least:g} to {most:g} m, so it has no inside"
                 mend = "write the lower corner as min and the upper as max"

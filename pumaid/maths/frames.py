@@ -69,8 +69,8 @@ def axes(alphas: ArrayLike, thetas: ArrayLike) -> Floats:
     return out
 
 
-def origins(alphas: ArrayLike, lengths: ArrayLike, *, offsets: ArrayLike, thetas: ArrayLike) -> Floats:
-    """Origins of every link frame in base axes.
+def frames(alphas: ArrayLike, lengths: ArrayLike, *, offsets: ArrayLike, thetas: ArrayLike) -> tuple[Floats, Floats]:
+    """Rotations of every link frame to the base, and its origin in base axes.
 
     Parameters
     ----------
@@ -81,18 +81,18 @@ def origins(alphas: ArrayLike, lengths: ArrayLike, *, offsets: ArrayLike, thetas
 
     Returns
     -------
-    positions
-        (N, J, 3), m.
+    rotations, positions
+        (N, J, 3, 3), and (N, J, 3) in m.
     """
-    twists, along_x = np.asarray(alphas, dtype=float), np.asarray(lengths, dtype=float)
+    along_x = np.asarray(lengths, dtype=float)
     along_z = np.atleast_2d(np.asarray(offsets, dtype=float))
-    rotations = axes(twists, thetas)
-    out = np.empty((*along_z.shape, 3))
-    before_R = np.broadcast_to(np.eye(3), rotations[:, 0].shape)
-    before = np.zeros((len(along_z), 3))
-    for link in range(len(twists)):
-        step = before_R[..., 0] * along_x[link] + rotations[:, link, :, 2] * along_z[:, link, None]
-        before = before + step
-        out[:, link] = before
-        before_R = rotations[:, link]
-    return out
+    rotations = axes(alphas, thetas)
+    steps = rotations[..., 2] * along_z[..., None]
+    steps[:, 0, 0] += along_x[0]
+    steps[:, 1:] += rotations[:, :-1, :, 0] * along_x[1:, None]
+    return rotations, np.cumsum(steps, axis=1)
+
+
+def origins(alphas: ArrayLike, lengths: ArrayLike, *, offsets: ArrayLike, thetas: ArrayLike) -> Floats:
+    """(N, J, 3) origins of every link frame in base axes, m; arguments as for `frames`."""
+    return frames(alphas, lengths, offsets=offsets, thetas=thetas)[1]

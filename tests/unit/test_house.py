@@ -31,13 +31,14 @@ ROOMS = {
     "files": BASE | {"files"},
     "effects": BASE | {"effects"},
     "motion": BASE | {"motion"},
+    "clearance": BASE | {"clearance"},
     **dict.fromkeys(MODEL, LAWS | MODEL),
     "fit": LAWS | MODEL | {"fit"},
     "diagnosis": LAWS | MODEL | {"fit", "diagnosis"},
-    "virtual": LAWS | {"virtual"},
-    "verbs": LAWS | MODEL | {"fit", "diagnosis", "virtual"},
+    "virtual": LAWS | {"clearance", "virtual"},
+    "verbs": LAWS | MODEL | {"clearance", "fit", "diagnosis", "virtual"},
     "show": BASE | {"effects", "show"},
-    "cli": LAWS | MODEL | {"fit", "diagnosis", "virtual", "verbs", "show", "cli"},
+    "cli": LAWS | MODEL | {"clearance", "fit", "diagnosis", "virtual", "verbs", "show", "cli"},
     "__main__": {"cli"},
 }
 LONGEST_MODULE, LONGEST_FUNCTION, MOST_POSITIONAL, DEEPEST = 350, 50, 3, 3
