@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from pumaid.records import Motion, Robot
 from pumaid.virtual.noise import correlation
 from pumaid.virtual.recursion import Constants, Geometry, carried
-from pumaid.virtual.timing import RAMP_TIME, accelerations
+from pumaid.virtual.timing import cruise
 from pumaid.virtual.truth import Noise, Truth
 
 Floats = NDArray[np.float64]
@@ -142,15 +142,6 @@ class Forecast:
         errors = np.sqrt(vectors**2 @ weights) / size[seen]
         names = [name for name, told in zip(self.names, seen, strict=True) if told]
         return {name: float(error) for name, error, told in zip(names, errors, sure, strict=True) if told}
-
-
-def cruise(robot: Robot, motion: Motion) -> tuple[tuple[float, float], float]:
-    """Positions between which a motion keeps its speed, and for how long (s); ramps cut off both ends."""
-    ramp = max(float(accelerations(robot)[motion.joint - 1]), motion.velocity / RAMP_TIME)
-    way = 0.5 * motion.velocity**2 / ramp
-    sign = 1.0 if motion.end >= motion.start else -1.0
-    left = abs(motion.end - motion.start) - 2 * way
-    return (motion.start + sign * way, motion.end - sign * way), max(left, 0.0) / motion.velocity
 
 
 def forecast(truth: Truth, motions: Iterable[Motion], *, names: Sequence[str], rate: float = 100.0) -> Forecast:

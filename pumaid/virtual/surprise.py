@@ -10,11 +10,11 @@ from numpy.typing import NDArray
 
 from pumaid.errors import ModelError, Where
 from pumaid.records import Motion, Plan
-from pumaid.virtual.forecast import cruise, jacobian
+from pumaid.virtual.forecast import jacobian
 from pumaid.virtual.heat import curve
 from pumaid.virtual.hidden import LAWS, Hidden, Instants, delays, sized
 from pumaid.virtual.hidden.law import Reach
-from pumaid.virtual.timing import duration, first_starts, stretches
+from pumaid.virtual.timing import cruise, duration, first_starts, stretches
 from pumaid.virtual.truth import Truth
 
 Floats = NDArray[np.float64]

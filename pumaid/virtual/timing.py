@@ -121,6 +121,15 @@ def _move(now: Floats, begin: Floats, *, speeds: Floats, accelerations: Floats, 
     return Stretch(paths, 0.0, max(path.duration for path in paths), None, index)
 
 
+def cruise(robot: Robot, motion: Motion) -> tuple[tuple[float, float], float]:
+    """Positions between which a motion keeps its speed, and for how long (s); ramps cut off both ends."""
+    ramp = max(float(accelerations(robot)[motion.joint - 1]), motion.velocity / RAMP_TIME)
+    way = 0.5 * motion.velocity**2 / ramp
+    sign = 1.0 if motion.end >= motion.start else -1.0
+    left = abs(motion.end - motion.start) - 2 * way
+    return (motion.start + sign * way, motion.end - sign * way), max(left, 0.0) / motion.velocity
+
+
 def first_starts(robot: Robot, plan: Plan, *, rate: float) -> Floats:
     """(J,) s at which each joint's first run begins; that of the arm's first where a joint has none.
 
