@@ -144,8 +144,8 @@ class Clearance:
                 for joint in self.robot.joints
             ]
         ).T
-        postures = np.random.default_rng(0).uniform(low, high, (_DRAWN, len(low)))
-        distance = self.contacts.distances(postures)
+        drawn = np.random.default_rng(0)
+        distance = self.contacts.distances(drawn.uniform(low, high, (_DRAWN, len(low))))
         always = np.flatnonzero((distance < self.safety.margin).all(axis=0))
         faults = [self._fault(int(contact), float(distance[:, contact].max())) for contact in always]
         if faults:

@@ -103,7 +103,7 @@ class Robot:
     `origin` is the recipe's file name and `digest` its SHA-256, both empty when the robot was made in memory;
     `effect_lines` are the recipe's lines on which its effects stand. `coupling` holds, by (I, J) with J < I from 1, how
     many turns the motor of joint I makes for a turn of joint J's motor while joint I stands; every joint in it has a
-    gear ratio.
+    gear ratio. `safety` is what the arm must not touch.
     """
 
     name: str
