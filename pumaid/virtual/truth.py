@@ -13,6 +13,7 @@ from pumaid.virtual.hidden import Hidden, Instants, sized, total
 from pumaid.virtual.hidden.state import State
 from pumaid.virtual.links import Links
 from pumaid.virtual.recursion import Constants, constants
+from pumaid.virtual.shafts import shafts
 from pumaid.virtual.weight import Weight
 
 Floats = NDArray[np.float64]
@@ -150,9 +151,9 @@ class Truth:
     def current(self, at: Instants, resting: Floats) -> Floats:
         """(N, J) A of every motor: gravity, friction, inertia and what is hidden; `resting` (N, J) A while at rest."""
         load = self.gravity_current(at.position)
-        found = load.copy()
+        found, turning = load.copy(), at.velocity @ shafts(self.robot).T if self.robot.coupling else at.velocity
         for j in range(self.robot.n_joints):
-            v = at.velocity[:, j]
+            v = turning[:, j]
             found[:, j] += np.where(v == 0, resting[:, j], self.friction.current(j + 1, v))
         found += self.inertia * at.acceleration
         for j in range(self.robot.n_joints) if self.hidden else ():

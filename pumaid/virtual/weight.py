@@ -12,6 +12,7 @@ from pumaid.errors import ModelError
 from pumaid.records import Robot
 from pumaid.virtual.links import Links, gravity_load, side_load
 from pumaid.virtual.recursion import Constants, gravity_current
+from pumaid.virtual.shafts import borne
 
 Floats = NDArray[np.float64]
 
@@ -36,9 +37,13 @@ class Weight:
     known: Constants | None = None
 
     def current(self, position: Floats) -> Floats:
-        """(N, J) A that carry the weight at `position` (N, J), rad or m."""
+        """(N, J) A that carry the weight at `position` (N, J), rad or m.
+
+        Where gears couple joints, a motor carries what reaches it of the loads of joints beyond; constants in amperes
+        know nothing of that.
+        """
         if self.links is not None and self.gain is not None:
-            return gravity_load(self.robot, self.links, position) * self.gain
+            return borne(self.robot, gravity_load(self.robot, self.links, position)) * self.gain
         assert self.known is not None
         return gravity_current(self.robot, self.known, position)
 

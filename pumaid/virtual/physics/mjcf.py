@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from pumaid.errors import ModelError
+from pumaid.virtual.shafts import shafts
 from pumaid.virtual.truth import Truth
 
 Floats = NDArray[np.float64]
@@ -23,7 +24,8 @@ def mjcf(truth: Truth, *, step: float = 0.001) -> str:
     Body ``link<k>`` carries joint ``joint<k>`` about (along) its z axis, frames being those of the recipe (modified
     Denavit-Hartenberg). Masses and centres are the truth's, inertia tensors those of solid cylinders of the links'
     lengths, ``armature`` the motors' inertia. Dry friction is ``frictionloss``, half the sum of both directions'
-    Coulomb terms; what differs between directions, viscous friction, stiction and everything hidden are left to
+    Coulomb terms; where gears couple joints it is that of tendons ``shaft<k>``. What differs between directions,
+    viscous friction, stiction and everything hidden are left to
     whoever steps the model: see `pumaid.virtual.physics.rigid.Rigid`.
 
     Parameters
@@ -53,6 +55,8 @@ def mjcf(truth: Truth, *, step: float = 0.001) -> str:
         what = f"inertia and gain of joint {int(np.argmin(armature)) + 1} have opposite signs"
         raise ModelError("physics-wrong", what, mend="give both the sign with which the motor counts its current")
     tensors = _tensors(truth)
+    coupled = bool(truth.robot.coupling)
+    held = f'solimpfriction="{_HARD}" solreffriction="{_text([2 * step])} 1"'
     lines = []
     for k, joint in enumerate(truth.robot.joints):
         place = [joint.a, -joint.d * np.sin(joint.alpha), joint.d * np.cos(joint.alpha)]
@@ -65,15 +69,25 @@ def mjcf(truth: Truth, *, step: float = 0.001) -> str:
             f'<inertial pos="{_text(truth.links.centre[k])}" mass="{_text([truth.links.mass[k]])}"'
             f' fullinertia="{_text(inertia)}"/>',
             f'<joint name="joint{k + 1}" type="{kind}" axis="0 0 1" armature="{_text([armature[k]])}"'
-            f' frictionloss="{_text([dry[k]])}" solimpfriction="{_HARD}" solreffriction="{_text([2 * step])} 1"/>',
+            + ("/>" if coupled else f' frictionloss="{_text([dry[k]])}" {held}/>'),
         ]
     body = "\n".join([*lines, *["</body>"] * truth.robot.n_joints])
     gravity = _text(truth.robot.gravity)
     return (
         f'<mujoco model="arm">\n<compiler angle="radian" autolimits="false"/>\n'
         f'<option timestep="{_text([step])}" gravity="{gravity}" integrator="implicitfast" iterations="50"'
-        f' tolerance="1e-12"/>\n<worldbody>\n{body}\n</worldbody>\n</mujoco>\n'
+        f' tolerance="1e-12"/>\n<worldbody>\n{body}\n</worldbody>\n'
+        f"{_tendons(truth, dry, held) if coupled else ''}</mujoco>\n"
     )
+
+
+def _tendons(truth: Truth, dry: Floats, held: str) -> str:
+    """Shafts of coupled motors, with the friction that acts on them; the inertia of rotors is left at their joints."""
+    lines = []
+    for k, row in enumerate(shafts(truth.robot)):
+        turned = "".join(f'<joint joint="joint{j + 1}" coef="{_text([row[j]])}"/>' for j in np.flatnonzero(row))
+        lines.append(f'<fixed name="shaft{k + 1}" frictionloss="{_text([dry[k]])}" {held}>{turned}</fixed>')
+    return "<tendon>\n" + "\n".join(lines) + "\n</tendon>\n"
 
 
 def _tensors(truth: Truth) -> Floats:

@@ -10,14 +10,13 @@ from numpy.typing import NDArray
 
 from pumaid.errors import ModelError
 from pumaid.virtual.physics.mjcf import mjcf
+from pumaid.virtual.shafts import shafts
 from pumaid.virtual.truth import Truth
 
 Floats = NDArray[np.float64]
 
 #: rad/s or m/s: slower joints are held by stiction.
 STILL = 1e-4
-#: rad/s or m/s over which the friction of a shaft that another joint turns changes its direction.
-TURNING = 5e-3
 
 
 def engine() -> Any:
@@ -42,8 +41,8 @@ class Rigid:
     The engine solves the arm's dynamics and its dry friction (as a constraint: a joint at rest stays there until the
     motor's surplus passes the break-away level, `Truth.breakaway` times Coulomb friction). Coulomb friction that
     differs between directions is its mean and a constant push; viscous friction is by direction. Where the recipe's
-    gears couple joints, friction follows the speeds of the shafts (`Robot.shaft_velocity`): a shaft that another joint
-    turns slides, and its friction pushes its own joint.
+    gears couple joints, motors and their friction act on shafts (`pumaid.virtual.shafts`), which push all joints that
+    turn them.
 
     Parameters
     ----------
@@ -52,8 +51,11 @@ class Rigid:
     step
         s of the engine's steps.
     taken
-        Position, velocity (J,) -> (J,) A that other physics takes from the motors; nothing where not given. It is
-        asked at every step. To bring friction of one's own, give a truth whose friction is zero.
+        Position and velocity of the shafts (J,) -> (J,) A that other physics takes from the motors; nothing where not
+        given. It is asked at every step. To bring friction of one's own, give a truth whose friction is zero.
+    grip
+        Velocity of the shafts (J,) -> (J,) times Coulomb friction: the dry friction that the engine holds against them.
+        Where not given, `Truth.breakaway` at rest and 1 in motion.
 
     Attributes
     ----------
@@ -79,16 +81,22 @@ class Rigid:
     """
 
     def __init__(
-        self, truth: Truth, *, step: float = 0.001, taken: Callable[[Floats, Floats], Floats] | None = None
+        self,
+        truth: Truth,
+        *,
+        step: float = 0.001,
+        taken: Callable[[Floats, Floats], Floats] | None = None,
+        grip: Callable[[Floats], Floats] | None = None,
     ) -> None:
         mujoco = engine()
-        self.truth, self.step, self._taken = truth, step, taken
+        self.truth, self.step, self._taken, self._grip = truth, step, taken, grip or self._stuck
         self.model = mujoco.MjModel.from_xml_string(mjcf(truth, step=step))
         self.data = mujoco.MjData(self.model)
         self._advance, self._forward = mujoco.mj_step, mujoco.mj_forward
         assert truth.gain is not None
         self._gain, friction = truth.gain, truth.friction
-        self._even = 0.5 * (friction.coulomb_plus - friction.coulomb_minus)
+        self._dry = truth.coulomb / np.abs(self._gain)
+        self._shafts = shafts(truth.robot) if truth.robot.coupling else None
         self._uneven = 0.5 * (friction.coulomb_plus + friction.coulomb_minus)
 
     @property
@@ -100,6 +108,11 @@ class Rigid:
     def velocity(self) -> Floats:
         """(J,) rad/s or m/s, exact."""
         return np.array(self.data.qvel)
+
+    @property
+    def shaft_velocity(self) -> Floats:
+        """(J,) rad/s or m/s at which the motors turn, geared to their joints; the joints' own where none is coupled."""
+        return self.velocity if self._shafts is None else np.asarray(self._shafts @ self.velocity)
 
     def place(self, position: Floats, velocity: Floats | None = None) -> None:
         """Put the arm at `position` (J,), at rest or with `velocity` (J,)."""
@@ -122,15 +135,17 @@ class Rigid:
             engine().mj_mulM(self.model, data, full[j], unit)
         return full
 
+    def _stuck(self, velocity: Floats) -> Floats:
+        return np.where(np.abs(velocity) < STILL, self.truth.breakaway, 1.0)
+
     def _step(self, current: Floats) -> None:
-        v, friction = self.velocity, self.truth.friction
-        shaft = self.truth.robot.shaft_velocity(v[None])[0]
-        driven = np.abs(shaft - v) > STILL
-        viscous = np.where(shaft > 0, friction.viscous_plus, friction.viscous_minus) * shaft
-        lost = viscous + self._uneven + np.where(driven, self._even * np.tanh(shaft / TURNING), 0.0)
+        v, friction = self.shaft_velocity, self.truth.friction
+        lost = np.where(v > 0, friction.viscous_plus, friction.viscous_minus) * v + self._uneven
         if self._taken is not None:
             lost = lost + self._taken(self.position, v)
-        self.data.qfrc_applied[:] = (current - lost) / self._gain
-        held = np.where(np.abs(v) < STILL, self.truth.breakaway, 1.0)
-        self.model.dof_frictionloss[:] = np.where(driven, 0.0, np.abs(self._even / self._gain) * held)
+        torque, dry = (current - lost) / self._gain, self._dry * self._grip(v)
+        if self._shafts is None:
+            self.data.qfrc_applied[:], self.model.dof_frictionloss[:] = torque, dry
+        else:
+            self.data.qfrc_applied[:], self.model.tendon_frictionloss[:] = torque @ self._shafts, dry
         self._advance(self.model, self.data)
