@@ -73,5 +73,20 @@ def started_from(name: str) -> str:
 def blank(n_joints: int) -> str:
     """The text of a recipe for an arm of `n_joints` revolute joints with made-up twists, to be filled in."""
     lines = [_BLANK_JOINT.format(number=n, alpha=0 if n == 1 else -90 * (-1) ** n) for n in range(1, n_joints + 1)]
+    return remarked(_BLANK + "".join(lines), n_joints, origin=f"pumaid init blank --joints {n_joints}")
+
+
+def remarked(body: str, n_joints: int, *, origin: str) -> str:
+    """A recipe's text with the remarks above and below that tell what else it may hold.
+
+    Parameters
+    ----------
+    body
+        Name, gravity and joints, without a block for logs or effects.
+    n_joints
+        How many joints it has.
+    origin
+        What it was started from, one line.
+    """
     log = _LOG.format(ones=", ".join(["1"] * n_joints))
-    return _HEAD.format(origin=f"pumaid init blank --joints {n_joints}") + _BLANK + "".join(lines) + log + _EFFECTS
+    return _HEAD.format(origin=origin) + body + log + _EFFECTS

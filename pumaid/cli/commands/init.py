@@ -3,10 +3,14 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 import rich_click as click
 
 from pumaid.cli.options import json_option, output_option
+
+if TYPE_CHECKING:
+    from pumaid.files.urdf_recipe import UrdfRecipe
 
 
 @click.command()
@@ -15,13 +19,31 @@ from pumaid.cli.options import json_option, output_option
 @click.option(
     "--joints", type=click.IntRange(1, 50), metavar="N", help="Number of joints of a blank recipe.  [default: 6]"
 )
+@click.option(
+    "--urdf",
+    type=click.Path(path_type=Path, allow_dash=True),
+    metavar="FILE",
+    help="Derive the recipe from this URDF, and hold it against the URDF's axes.",
+)
+@click.option(
+    "--base", metavar="LINK", help="The URDF's link at which the arm starts.  [default: the link that nothing carries]"
+)
+@click.option("--tip", metavar="LINK", help="The URDF's link at which the arm ends.  [default: of the longest chain]")
 @click.option("--force", is_flag=True, help="Replace a recipe that is there already.")
 @output_option("Where the recipe goes: a file, a folder, or - to print it.  [default: recipe.yaml]")
 @json_option
 def command(
-    name: str | None, listed: bool, joints: int | None, force: bool, output: Path | None, as_json: bool
+    name: str | None,
+    listed: bool,
+    joints: int | None,
+    urdf: Path | None,
+    base: str | None,
+    tip: str | None,
+    force: bool,
+    output: Path | None,
+    as_json: bool,
 ) -> None:
-    """Write a recipe to start from: a robot that pumaid knows, or a blank one to fill in.
+    """Write a recipe to start from: a robot that pumaid knows, one described by a URDF, or a blank one to fill in.
 
     NAME is a robot's name from --list, or blank.
 
@@ -29,24 +51,25 @@ def command(
     Example:
       pumaid init --list
       pumaid init ur5e -o my_arm/recipe.yaml
+      pumaid init --urdf my_arm.urdf --tip tool0 -o my_arm/recipe.yaml
       pumaid init blank --joints 4
     """
-    from pumaid.cli.output import document, remark, say
-    from pumaid.files.recipe import read_recipe, shipped_recipes
+    from pumaid.cli.output import document, notes, remark, say, table
+    from pumaid.files.recipe import read_recipe
+    from pumaid.show.axes import axes_table
 
     if listed:
-        robots = {known: read_recipe(path) for known, path in shipped_recipes().items()}
-        rows = [{"name": known, "robot": robot.name, "joints": robot.n_joints} for known, robot in robots.items()]
-        if as_json:
-            document({"kind": "recipes", "format": 1, "recipes": rows})
-        else:
-            _show(rows)
+        _list(as_json)
         return
-    text = _text(name, joints)
+    made = _made(urdf, base, tip, (name, joints))
+    text = _text(name, joints) if made is None else made.text
+    extra: dict[str, Any] = {} if made is None else {"urdf": _facts(made)}
+    if made is not None and not as_json:
+        notes(made.notes)
     target = Path("recipe.yaml") if output is None else output
     if str(target) == "-":
         if as_json:
-            document({"kind": "recipe", "format": 1, "text": text})
+            document({"kind": "recipe", "format": 1, "text": text, **extra})
         else:
             say(text.rstrip())
         return
@@ -54,9 +77,54 @@ def command(
     robot = read_recipe(path)
     if as_json:
         facts = {"file": str(path), "robot": robot.name, "joints": robot.n_joints, "sha256": robot.digest}
-        document({"kind": "recipe", "format": 1, **facts})
-    else:
-        remark(f"wrote {path}: {robot.name}, {robot.n_joints} joints; check it, then: pumaid plan {path}")
+        document({"kind": "recipe", "format": 1, **facts, **extra})
+        return
+    if made is not None:
+        table(axes_table(robot))
+    remark(f"wrote {path}: {robot.name}, {robot.n_joints} joints; check it, then: pumaid plan {path}")
+
+
+def _made(
+    urdf: Path | None, base: str | None, tip: str | None, given: tuple[str | None, int | None]
+) -> UrdfRecipe | None:
+    """What a URDF gives, or nothing where none is named."""
+    name, joints = given
+    if urdf is None:
+        if base is not None or tip is not None:
+            raise click.UsageError("--base and --tip are links of a URDF: name it with --urdf FILE.")
+        return None
+    if name is not None or joints is not None:
+        raise click.UsageError(f"{name or '--joints'} and --urdf are two recipes: give one of them.")
+    from pumaid.files.urdf_recipe import recipe_from_urdf
+
+    return recipe_from_urdf(urdf, base=base, tip=tip)
+
+
+def _facts(made: UrdfRecipe) -> dict[str, object]:
+    """What was made of a URDF, for ``--json``; lengths in m, angles in rad."""
+    chain, robot = made.chain, made.robot
+    rows = [
+        {
+            "name": joint.name,
+            "urdf_type": stated.kind,
+            **{key: getattr(joint, key) for key in ("theta", "alpha", "a", "d", "limits", "max_velocity")},
+        }
+        for joint, stated in zip(robot.joints, chain.moving, strict=True)
+    ]
+    left_out = {"carried": (*chain.end, *chain.beside), "elsewhere": chain.elsewhere}
+    return {
+        "file": made.urdf.file,
+        "sha256": made.urdf.digest,
+        "base": chain.base,
+        "tip": chain.tip,
+        "joints": rows,
+        "folded": [joint.name for joint in chain.path if not joint.moves],
+        "left_out": {why: [joint.name for joint in joints] for why, joints in left_out.items()},
+        "gravity": robot.gravity,
+        "base_frame": made.base,
+        "off_by": {"direction_rad": made.agreement.direction, "place_m": made.agreement.place},
+        "notes": [note.as_json() for note in made.notes],
+    }
 
 
 def _text(name: str | None, joints: int | None) -> str:
@@ -66,7 +134,7 @@ def _text(name: str | None, joints: int | None) -> str:
 
     known = [*shipped_recipes(), "blank"]
     if name is None:
-        raise click.UsageError(f"Which robot? One of: {', '.join(known)}.")
+        raise click.UsageError(f"Which robot? One of: {', '.join(known)}; or --urdf FILE.")
     if name not in known:
         near = nearest(name, known)
         raise click.UsageError(f"No robot '{name}'. " + (f"Did you mean '{near}'?" if near else f"{', '.join(known)}."))
@@ -89,11 +157,17 @@ def _written(target: Path, text: str, force: bool) -> Path:
     return path
 
 
-def _show(rows: list[dict[str, object]]) -> None:
+def _list(as_json: bool) -> None:
     from rich.table import Table
 
-    from pumaid.cli.output import table
+    from pumaid.cli.output import document, table
+    from pumaid.files.recipe import read_recipe, shipped_recipes
 
+    robots = {known: read_recipe(path) for known, path in shipped_recipes().items()}
+    rows = [{"name": known, "robot": robot.name, "joints": robot.n_joints} for known, robot in robots.items()]
+    if as_json:
+        document({"kind": "recipes", "format": 1, "recipes": rows})
+        return
     listed = Table("name", "robot", "joints", box=None, pad_edge=False)
     for row in rows:
         listed.add_row(*(str(value) for value in row.values()))
