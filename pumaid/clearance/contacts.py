@@ -129,18 +129,20 @@ class Contacts:
     def _reach(self, lever: Floats, room: Floats) -> tuple[Floats, Floats]:
         """(N, J+1, M) each, m: how far a point can go as seen from link k, and how far off its tangent.
 
-        From the tip inward: joint j takes the point at most room_j times its farthest distance from the axis, which is
-        the one now plus what the joints beyond do. Its second derivatives are z_i x (z_j x r) for i <= j, no longer
-        than r's distance from axis j.
+        From the tip inward: what the joints beyond j do keeps its length when joint j turns it; and turning the point
+        where it is now takes it at most room_j times its distance from the axis. Its second derivatives are
+        z_i x (z_j x r) for i <= j, no longer than r is far from axis j, which the joints beyond may have made more.
         """
         size = np.linalg.norm(lever, axis=3)
         reach, bend = np.zeros((2, len(room), self.robot.n_joints + 1, len(self.links)))
+        swept = np.zeros(bend[:, 0].shape)  # sum over the joints beyond of room times the farthest distance
         for j in reversed(range(self.robot.n_joints)):
             turns, mine = self.robot.is_revolute[j], room[:, j, None]
             beyond = reach[:, j + 1]
-            step = mine * (size[:, j] + beyond) if turns else mine * size[:, j]
-            reach[:, j] = beyond + step
-            bend[:, j] = bend[:, j + 1] + (mine * (0.5 * step + beyond) if turns else 0.0)
+            reach[:, j] = beyond + mine * size[:, j]
+            own = mine * (size[:, j] + beyond) if turns else mine * size[:, j]
+            bend[:, j] = bend[:, j + 1] + (mine * (0.5 * own + swept) if turns else 0.0)
+            swept = swept + own
         return reach, bend
 
     def _distances(self, points: Floats) -> tuple[Floats, Floats]:
