@@ -1,0 +1,202 @@
+"""Recipes made from every URDF of example-robot-data, against pinocchio's own reading of the same files."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+from urdfs import Engine
+
+from pumaid.effects.gravity import Gravity
+from pumaid.errors import PumaidError
+from pumaid.files.recipe import read_recipe, shipped_recipes
+from pumaid.files.urdf_recipe import TOLERANCE, UrdfRecipe, recipe_from_urdf
+from pumaid.maths.frames import axes, origins
+from pumaid.records import Robot, Samples
+
+pytest.importorskip("pinocchio", reason="the independent reader is pinocchio (pip install pumaid[test])")
+pytest.importorskip("example_robot_data", reason="example-robot-data brings the URDFs (pip install pumaid[test])")
+
+#: Files that hold one arm, gripper apart -> its joints. All others of the package are refused.
+ARMS = {
+    "anymal_b_simple_description/robots/anymal-kinova.urdf": 6,
+    "asr_twodof_description/urdf/TwoDofs.urdf": 2,
+    "b1_description/urdf/b1-z1.urdf": 7,
+    "bluevolta_description/urdf/bluevolta_bravo7_gripper.urdf": 6,
+    "bluevolta_description/urdf/bluevolta_bravo7_no_ee.urdf": 6,
+    "borinot_description/urdf/borinot_flying_arm_2.urdf": 2,
+    "bravo7_description/urdf/bravo7_gripper.urdf": 6,
+    "bravo7_description/urdf/bravo7_no_ee.urdf": 6,
+    "double_pendulum_description/urdf/double_pendulum.urdf": 2,
+    "double_pendulum_description/urdf/double_pendulum_continuous.urdf": 2,
+    "double_pendulum_description/urdf/double_pendulum_simple.urdf": 2,
+    "falcon_description/urdf/falcon_bravo7_gripper.urdf": 6,
+    "falcon_description/urdf/falcon_bravo7_no_ee.urdf": 6,
+    "finger_edu_description/robots/finger_edu.urdf": 3,
+    "hextilt_description/urdf/hextilt_flying_arm_5.urdf": 5,
+    "kinova_description/robots/kinova.urdf": 6,
+    "panda_description/urdf/panda.urdf": 7,
+    "panda_description/urdf/panda_collision.urdf": 7,
+    "so_arm_description/urdf/so100.urdf": 6,
+    "so_arm_description/urdf/so101.urdf": 6,
+    "talos_data/robots/talos_left_arm.urdf": 7,
+    "tiago_description/robots/tiago.urdf": 8,
+    "tiago_description/robots/tiago_no_hand.urdf": 8,
+    "ur_description/urdf/ur10_joint_limited_robot.urdf": 6,
+    "ur_description/urdf/ur10_robot.urdf": 6,
+    "ur_description/urdf/ur3_gripper.urdf": 6,
+    "ur_description/urdf/ur3_joint_limited_robot.urdf": 6,
+    "ur_description/urdf/ur3_robot.urdf": 6,
+    "ur_description/urdf/ur5_gripper.urdf": 6,
+    "ur_description/urdf/ur5_joint_limited_robot.urdf": 6,
+    "ur_description/urdf/ur5_robot.urdf": 6,
+    "xarm_description/urdf/xarm7.urdf": 7,
+    "z1_description/urdf/z1.urdf": 7,
+}
+#: Refused files that hold no chain at all, or are broken: no joint that moves, a link that is not there, an empty file.
+NO_ARM = {
+    "bluevolta_description/urdf/bluevolta.urdf": "urdf-no-chain",
+    "falcon_description/urdf/falcon.urdf": "urdf-structure",
+    "hector_description/robots/quadrotor_base.urdf": "urdf-no-chain",
+    "iris_description/robots/iris_simple.urdf": "urdf-no-chain",
+    "ur_description/urdf/ur3.urdf": "urdf-structure",
+}
+#: Nearly parallel axes (1.5708 for a quarter turn) that are made parallel may be off by this much (rad, m).
+MADE_PARALLEL = 1e-5
+#: Torques against the largest one, or against a kilogram on a metre.
+EXACT = 1e-7
+
+CHAIN = re.compile(r"--base (\S+) --tip (\S+) \((\d+) joint")
+
+
+def folder() -> Path:
+    from example_robot_data.robots_loader import getModelPath
+
+    return Path(getModelPath("panda_description/urdf/panda.urdf"))
+
+
+def every_file() -> list[str]:
+    return sorted(str(path.relative_to(folder())) for path in folder().glob("*/*/*.urdf"))
+
+
+def worst(name: str, made: UrdfRecipe) -> float:
+    """Farthest that any axis of the recipe is from pinocchio's in ten random postures (rad or m)."""
+    engine = Engine(folder() / name, made)
+    positions = np.random.default_rng(3).uniform(-3.0, 3.0, (10, made.robot.n_joints))
+    return max(max(engine.off(position)) for position in positions)
+
+
+@pytest.mark.parametrize("name", ARMS)
+def test_axes_are_those_of_the_urdf(name: str) -> None:
+    """The arm is found, and each axis lies where pinocchio has it: direction, place, zero and sense."""
+    made = recipe_from_urdf(folder() / name)
+    assert made.robot.n_joints == ARMS[name]
+    assert worst(name, made) < TOLERANCE
+
+
+@pytest.mark.parametrize("name", [name for name in every_file() if name not in ARMS])
+def test_what_is_no_arm_is_refused_with_its_chains(name: str) -> None:
+    """One message; where it names chains (legs, arms, fingers), each of them makes a recipe that pinocchio confirms."""
+    with pytest.raises(PumaidError) as refused:
+        recipe_from_urdf(folder() / name)
+    assert refused.value.slug == NO_ARM.get(name, "urdf-which-chain")
+    chains = CHAIN.findall(refused.value.mend)
+    assert bool(chains) == (name not in NO_ARM)
+    for base, tip, count in chains:
+        made = recipe_from_urdf(folder() / name, base=base, tip=tip)
+        assert made.robot.n_joints == int(count)
+        told = any(note.slug == "urdf-made-parallel" for note in made.notes)
+        assert worst(name, made) < (MADE_PARALLEL if told else TOLERANCE)
+
+
+def test_nearly_parallel_axes_are_rare_and_told() -> None:
+    """Of icub's legs, with 1.5708 for a quarter turn, the note tells the error that pinocchio finds."""
+    name = "icub_description/robots/icub.urdf"
+    made = recipe_from_urdf(folder() / name, tip="l_ankle_2")
+    assert [note.slug for note in made.notes if "parallel" in note.slug] == ["urdf-made-parallel"]
+    assert worst(name, made) == pytest.approx(made.agreement.direction, rel=0.1)
+
+
+#: File, base and tip of chains whose gravity is compared: upright, on a torso, tilted, with a joint that slides.
+WEIGHED = [
+    ("ur_description/urdf/ur5_robot.urdf", None, None),
+    ("panda_description/urdf/panda.urdf", None, None),
+    ("kinova_description/robots/kinova.urdf", None, None),
+    ("tiago_description/robots/tiago_no_hand.urdf", None, None),
+    ("talos_data/robots/talos_full_v2.urdf", None, "arm_left_7_link"),
+    ("talos_data/robots/talos_full_v2.urdf", "arm_left_1_link", "arm_left_7_link"),
+    ("icub_description/robots/icub.urdf", "chest", "l_hand"),
+    ("baxter_description/urdf/baxter.urdf", None, "right_wrist"),
+    ("bluevolta_description/urdf/bluevolta_bravo7_no_ee.urdf", None, None),
+]
+
+
+@pytest.mark.parametrize(("name", "base", "tip"), WEIGHED)
+def test_gravity_of_the_urdf_is_spanned(name: str, base: str | None, tip: str | None) -> None:
+    """The recipe's gravity columns give the torques of the URDF's own masses, in postures that were not fitted."""
+    made = recipe_from_urdf(folder() / name, base=base, tip=tip)
+    position = np.random.default_rng(5).uniform(-1.5, 1.5, (120, made.robot.n_joints))
+    torque = Engine(folder() / name, made).holding(position).T
+    regressor = columns(made.robot, position)
+    width = regressor.shape[-1]
+    constants = np.linalg.lstsq(regressor[:, :60].reshape(-1, width), torque[:, :60].ravel(), rcond=1e-9)[0]
+    scale = max(np.abs(torque).max(), 9.8)
+    assert np.abs(regressor[:, 60:] @ constants - torque[:, 60:]).max() < EXACT * scale
+
+
+def columns(robot: Robot, position: np.ndarray) -> np.ndarray:
+    """(J, N, p) gravity's columns of all links in every joint's row."""
+    effect, numbers = Gravity(), range(1, robot.n_joints + 1)
+
+    def block(moving: int, link: int) -> np.ndarray:
+        if link < moving:
+            return np.zeros((len(position), len(effect.parameters(robot, link))))
+        return effect.columns(robot, Samples(moving, position, np.zeros_like(position)), number=link)
+
+    return np.array([np.hstack([block(moving, link) for link in numbers]) for moving in numbers])
+
+
+@pytest.mark.parametrize(
+    ("shipped", "name"),
+    [("panda", "panda_description/urdf/panda.urdf"), ("ur5e", "ur_description/urdf/ur5_gripper.urdf")],
+)
+def test_directions_are_those_of_the_shipped_recipe(shipped: str, name: str) -> None:
+    """What is derived turns as the recipe that was written by hand from the vendor's table, in every posture."""
+    ours, theirs = recipe_from_urdf(folder() / name).robot, read_recipe(shipped_recipes()[shipped])
+    position = np.random.default_rng(1).uniform(-3.0, 3.0, (30, ours.n_joints))
+    found, wanted = (axes(robot.alphas, robot.dh_angles(position))[..., 2] for robot in (ours, theirs))
+    half_turn = np.array([-1.0, -1.0, 1.0]) if shipped == "ur5e" else np.ones(3)  # the controller's base, see its file
+    assert np.abs(found * half_turn - wanted).max() < 1e-8
+
+
+def test_panda_is_the_vendors_table() -> None:
+    """Of the Panda not only the axes come out: every number is the vendor's own modified DH table."""
+    ours = recipe_from_urdf(folder() / "panda_description/urdf/panda.urdf").robot
+    theirs = read_recipe(shipped_recipes()["panda"])
+    for key in ("theta", "alpha", "a", "d", "limits", "max_velocity"):
+        assert [getattr(joint, key) for joint in ours.joints] == [getattr(joint, key) for joint in theirs.joints]
+
+
+def test_published_joint_origins_give_the_shipped_lines(tmp_path: Path) -> None:
+    """A URDF of the published joint origins of Gen3 and TX40 gives the axes of their recipes, as lines in space."""
+    from test_axes import GEN3, TX40, ZERO, distance_to_line
+    from urdfs import Stated, serial_text
+
+    for shipped, published in (("kinova_gen3", GEN3), ("staubli_tx40", TX40)):
+        path = tmp_path / f"{shipped}.urdf"
+        path.write_text(serial_text([Stated("revolute", xyz, rpy) for xyz, rpy in published]))
+        made, theirs = recipe_from_urdf(path), read_recipe(shipped_recipes()[shipped])
+        position = np.random.default_rng(1).uniform(-3.0, 3.0, (30, theirs.n_joints))
+        zero = np.pi / 180.0 * np.asarray(ZERO.get(shipped, 0.0))
+        ours, points = lines(made.robot, position + zero)
+        wanted, theirs_at = lines(theirs, position)
+        assert np.abs(ours - wanted).max() < TOLERANCE
+        assert distance_to_line(points + made.base[:3, 3], theirs_at, wanted).max() < TOLERANCE
+
+
+def lines(robot: Robot, position: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    angles = robot.dh_angles(position)
+    shifts = robot.dh_displacements(position)
+    return axes(robot.alphas, angles)[..., 2], origins(robot.alphas, robot.lengths, offsets=shifts, thetas=angles)
