@@ -29,7 +29,11 @@ _HOMES = {
     **dict.fromkeys(("Budget", "BudgetPart", "Candidate", "Curve", "Diagnosis", "Finding"), "pumaid.records"),
     **dict.fromkeys(("JointDiagnosis", "Limit", "NextRun", "Size", "Unexplained"), "pumaid.records"),
     **dict.fromkeys(("Errors", "History", "Ladder", "Rung"), "pumaid.records"),
-    **{verb: f"pumaid.verbs.{verb}" for verb in ("compare", "diagnose", "identify", "plan", "segment", "simulate")},
+    **{
+        verb: f"pumaid.verbs.{verb}"
+        for verb in ("compare", "diagnose", "export", "identify", "plan", "segment", "simulate")
+    },
+    "Exported": "pumaid.exports",
     "catalogue": "pumaid.effects",
     "read_recipe": "pumaid.files.recipe",
     "LogReader": "pumaid.files.table",

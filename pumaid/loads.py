@@ -69,7 +69,7 @@ def loads(model: Model, samples: Samples, *, solution: Floats, scales: Floats) -
         [_slope(i, m, z=z, parts=parts, weights=weights * known, g=g, turns=turns) for m in range(len(turns))]
     )
     turned = [np.cross(g, axis) for axis in np.eye(3)[:2]]
-    felt = np.einsum("mjk,j->mk", moments, _felt(heavy, scales, i))
+    felt = np.einsum("mjk,j->mk", moments, felt_ratios(heavy, scales, i))
     if turns[i]:
         tilts = np.column_stack([np.einsum("mk,mk->m", np.cross(z[:, i], way), felt) for way in turned])
         moment = np.cross(g, felt)
@@ -103,7 +103,7 @@ def _counted(scales: Floats, heavy: NDArray[np.bool_]) -> Floats:
     return np.where(heavy[None, :], np.triu(scales), 0.0)
 
 
-def _felt(heavy: NDArray[np.bool_], scales: Floats, i: int) -> Floats:
+def felt_ratios(heavy: NDArray[np.bool_], scales: Floats, i: int) -> Floats:
     """(J,) ratios by which joint i (from 0) counts the links' moments: its own where they are known, else those of the
     next joint outward whose are (a moment across an upright axis is never told in its own gain)."""
     links = np.arange(len(scales))

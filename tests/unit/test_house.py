@@ -36,9 +36,10 @@ ROOMS = {
     "fit": LAWS | MODEL | {"fit"},
     "diagnosis": LAWS | MODEL | {"fit", "diagnosis"},
     "virtual": LAWS | {"clearance", "virtual"},
-    "verbs": LAWS | MODEL | {"clearance", "fit", "diagnosis", "virtual"},
+    "exports": LAWS | MODEL | {"exports"},
+    "verbs": LAWS | MODEL | {"clearance", "exports", "fit", "diagnosis", "virtual"},
     "show": BASE | {"effects", "show"},
-    "cli": LAWS | MODEL | {"clearance", "fit", "diagnosis", "virtual", "verbs", "show", "cli"},
+    "cli": LAWS | MODEL | {"clearance", "exports", "fit", "diagnosis", "virtual", "verbs", "show", "cli"},
     "__main__": {"cli"},
 }
 LONGEST_MODULE, LONGEST_FUNCTION, MOST_POSITIONAL, DEEPEST = 350, 50, 3, 3
@@ -339,12 +340,12 @@ def test_help_imports_nothing_heavy():
 
 PUBLIC = [
     *("Budget", "BudgetPart", "Candidate", "Cells", "Combination", "Comparison", "Curve", "Diagnosis"),
-    *("EffectChoice", "Errors", "Estimate", "Evidence", "Faults", "FileFacts", "Finding", "History", "Joint"),
-    *("JointDiagnosis", "JointFit", "JointScore", "Ladder", "Limit", "Log", "LogError", "LogFormat", "LogReader"),
-    *("ModelError", "Motion", "NextRun", "Note", "OutsideScore", "Plan", "Posture", "PumaidError", "RecipeError"),
-    *("Reject", "ResultError", "Robot", "Run", "RunScore", "Rung", "Samples", "Size", "Unexplained", "Value"),
-    *("Where", "catalogue", "compare", "diagnose", "identify", "plan", "read_diagnosis", "read_history"),
-    *("read_model", "read_recipe", "segment", "simulate", "write_diagnosis", "write_model"),
+    *("EffectChoice", "Errors", "Estimate", "Evidence", "Exported", "Faults", "FileFacts", "Finding", "History"),
+    *("Joint", "JointDiagnosis", "JointFit", "JointScore", "Ladder", "Limit", "Log", "LogError", "LogFormat"),
+    *("LogReader", "ModelError", "Motion", "NextRun", "Note", "OutsideScore", "Plan", "Posture", "PumaidError"),
+    *("RecipeError", "Reject", "ResultError", "Robot", "Run", "RunScore", "Rung", "Samples", "Size", "Unexplained"),
+    *("Value", "Where", "catalogue", "compare", "diagnose", "export", "identify", "plan", "read_diagnosis"),
+    *("read_history", "read_model", "read_recipe", "segment", "simulate", "write_diagnosis", "write_model"),
 ]
 
 

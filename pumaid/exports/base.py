@@ -1,0 +1,122 @@
+"""The contract of a form of export: what one file under ``exports/forms`` states."""
+
+from __future__ import annotations
+
+import functools
+from abc import ABC, abstractmethod
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any, ClassVar
+
+import jinja2
+
+from pumaid.exports.bodies import Bodies
+from pumaid.exports.formulas import Formulas, Lack
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Subject:
+    """What is exported.
+
+    Attributes
+    ----------
+    formulas
+        The model.
+    name
+        For files and functions: lower-case letters, digits, underscores.
+    bodies
+        Masses with the model's weight; None for a form that has none.
+    version
+        Of pumaid, that made the model.
+    remarks
+        What the user should know of torque constants and masses, a sentence each.
+    """
+
+    formulas: Formulas
+    name: str
+    bodies: Bodies | None
+    version: str
+    remarks: tuple[str, ...] = ()
+
+    @property
+    def robot(self) -> str:
+        """The arm's name."""
+        return self.formulas.robot.name
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Exported:
+    """A model in another form.
+
+    Attributes
+    ----------
+    form, title
+        ``c`` ... and in a line what it is.
+    name
+        What functions and files are called.
+    files
+        Suffix (``.h``) -> text, in the order in which they are written.
+    left_out
+        What the form does not hold: effects, and what the format has no place for.
+    undetermined
+        Parameters that the data did not tell, with the reason.
+    remarks
+        What the user should know of the numbers, a sentence each.
+    """
+
+    form: str
+    title: str
+    name: str
+    files: Mapping[str, str]
+    left_out: tuple[Lack, ...]
+    undetermined: tuple[Lack, ...]
+    remarks: tuple[str, ...] = ()
+
+
+class Form(ABC):
+    """A way to write a model down for another program. Its file's name is its name on the command line.
+
+    Attributes
+    ----------
+    title
+        A line for people.
+    suffixes
+        Of the files that it writes.
+    has_bodies
+        Whether it writes masses, and so needs torque constants.
+    """
+
+    title: ClassVar[str]
+    suffixes: ClassVar[tuple[str, ...]]
+    has_bodies: ClassVar[bool] = False
+
+    @property
+    def name(self) -> str:
+        """The file's name."""
+        return type(self).__module__.rsplit(".", 1)[-1]
+
+    @abstractmethod
+    def texts(self, subject: Subject) -> dict[str, str]:
+        """Suffix -> text of each file."""
+
+    def left_out(self, subject: Subject) -> tuple[Lack, ...]:
+        """What is not in the files."""
+        return subject.formulas.left_out
+
+
+@functools.cache
+def templates() -> jinja2.Environment:
+    """The templates of source code, in ``exports/templates``; nothing is escaped, so names go in as comments only."""
+    return jinja2.Environment(
+        loader=jinja2.PackageLoader("pumaid.exports"),
+        autoescape=False,
+        trim_blocks=True,
+        lstrip_blocks=True,
+        keep_trailing_newline=True,
+        undefined=jinja2.StrictUndefined,
+    )
+
+
+def rendered(template: str, **values: Any) -> str:
+    """A template of this room with `values`."""
+    return templates().get_template(template).render(**values)

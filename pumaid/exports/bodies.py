@@ -1,0 +1,254 @@
+"""Masses and centres of mass whose weight asks of every joint what the model asks, for given torque constants."""
+
+from __future__ import annotations
+
+import itertools
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pumaid.errors import ModelError, Where
+from pumaid.exports.formulas import Formulas
+from pumaid.maths.frames import axes, link_rotation, origins
+from pumaid.records import Robot
+from pumaid.structure import minimal
+
+Floats = NDArray[np.float64]
+
+#: Least mass of a link, as a share of the mass whose weight at 0.3 m is the arm's largest load.
+LIGHTEST = 0.02
+#: m; the centre of mass of a link lies this far from its axis, or as far as the next joint, where its mass is free.
+REACH = 0.15
+#: Share of what a slide carries that the links beyond it may have at most.
+CARRIED = 0.8
+#: kg/m3 of the ball whose moment of inertia stands in for the link's.
+DENSITY = 2700.0
+#: Random postures in which the weight of the bodies is held against the model, with this seed.
+POSTURES, SEED = 200, 0
+#: Share of a joint's load below which a difference is rounding.
+ROUNDING = 1e-9
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Bodies:
+    """A chain of rigid bodies; everything in frames of the recipe.
+
+    Attributes
+    ----------
+    masses, centres
+        (J,) kg and (J, 3) m, each in its link's frame.
+    inertias
+        (J,) kg m2 about every axis through the centre of mass: fictitious, of a ball of aluminium of that mass.
+    torques
+        (J,) torque constants, N m/A or N/A.
+    friction, damping
+        (J,) N m and N m s/rad (N, N s/m): mean of both directions, never negative.
+    uneven
+        (J,) N m or N: by how much Coulomb friction forward and backward differ from that mean.
+    mount
+        (3, 3) turns axes of the base into those of a world in which gravity is along -z.
+    remarks
+        What the user should know of them, a sentence each.
+    """
+
+    masses: Floats
+    centres: Floats
+    inertias: Floats
+    torques: Floats
+    friction: Floats
+    damping: Floats
+    uneven: Floats
+    mount: Floats
+    remarks: tuple[str, ...]
+
+
+def bodies(told: Formulas, torques: Floats) -> Bodies:
+    """Bodies with the model's weight.
+
+    A link's first moment, lengths taken out again, fixes mass times centre of mass; the mass is chosen so that the
+    centre lies on the link, and such that what a slide carries is what its own load says. Where torque constants
+    contradict the identified ratios, each joint's own link keeps its load in its own joint and the rest is told.
+
+    Parameters
+    ----------
+    told
+        The model.
+    torques
+        (J,) torque constants, N m/A or N/A, none zero.
+
+    Raises
+    ------
+    ModelError [export-masses]
+        A slide carries less than nothing, or less than a slide beyond it.
+
+    Source
+    ------
+    S.-K. Lin, eq. (13)-(15), solved for m_i c_i.
+    """
+    robot = told.robot
+    wanted = told.moments * torques[:, None]
+    carried, hidden = _carried(told, torques)
+    masses, centres = _links(robot, wanted, carried=carried, free=_unfelt(robot))
+    plus, minus = told.coulomb[:, 0] * torques, told.coulomb[:, 1] * torques
+    rise = told.viscous.mean(axis=1) * torques
+    remarks = [*hidden, *_disagreements(told, torques), *_off(told, torques, masses, centres=centres)]
+    for joint in np.flatnonzero((plus < minus) | (rise < 0.0)) + 1:
+        remarks.append(f"friction of joint {joint} pushes along the motion with this torque constant: it is cut at 0")
+    return Bodies(
+        masses=masses,
+        centres=centres,
+        inertias=0.4 * masses * (3.0 * masses / (4.0 * np.pi * DENSITY)) ** (2.0 / 3.0),
+        torques=torques,
+        friction=np.maximum(0.5 * (plus - minus), 0.0),
+        damping=np.maximum(rise, 0.0),
+        uneven=0.5 * np.abs(plus + minus),
+        mount=_mount(np.array(robot.gravity, dtype=float)),
+        remarks=tuple(remarks),
+    )
+
+
+def weight_of(robot: Robot, position: Floats, *, masses: Floats, centres: Floats) -> Floats:
+    """(N, J) N m or N that hold a chain of bodies still at (N, J) positions."""
+    thetas = robot.dh_angles(position)
+    frames = axes(robot.alphas, thetas)
+    places = origins(robot.alphas, robot.lengths, offsets=robot.dh_displacements(position), thetas=thetas)
+    points = places + np.einsum("mjkp,jp->mjk", frames, centres)
+    g, z = np.array(robot.gravity, dtype=float), frames[..., 2]
+    out = np.empty_like(position)
+    for i, turns in enumerate(robot.is_revolute):
+        if turns:
+            levers = np.einsum("j,mjk->mk", masses[i:], points[:, i:] - places[:, i, None])
+            out[:, i] = np.einsum("mk,mk->m", np.cross(z[:, i], g), levers)
+        else:
+            out[:, i] = -(z[:, i] @ g) * masses[i:].sum()
+    return out
+
+
+def _unfelt(robot: Robot) -> NDArray[np.bool_]:
+    """(J,) links whose own first moment no motion of the arm can show."""
+    absent = minimal(robot).absent
+    return np.array([f"gravity.l{joint.number}.x" in absent for joint in robot.joints])
+
+
+def _carried(told: Formulas, torques: Floats) -> tuple[Floats, list[str]]:
+    """(J,) kg that each slide carries, NaN where that is free; and what is to be said."""
+    robot, said = told.robot, []
+    out = np.full(robot.n_joints, np.nan)
+    structure = minimal(robot)
+    z = axes(robot.alphas, robot.dh_angles(np.zeros((1, robot.n_joints))))[0, :, :, 2]
+    lacking = {lack.name for lack in told.undetermined}
+    last = 0.0
+    for joint in reversed([joint.number for joint in robot.joints if not joint.is_revolute]):
+        i, mass = joint - 1, told.moments[joint - 1, 0] * torques[joint - 1]
+        if joint in structure.embodied:
+            mass = -0.5 * told.coulomb[i].sum() * torques[i] / float(z[i] @ np.array(robot.gravity))
+            if mass <= last:
+                said.append(f"joint {joint}: its load is part of its Coulomb friction and cannot be told as a mass")
+                continue
+            said.append(
+                f"joint {joint}: its load is part of its Coulomb friction; the mean of both directions, a mass of"
+                f" {mass:.4g} kg, is written as its weight"
+            )
+        elif f"gravity.l{joint}.mass" in structure.absent or (f"gravity.l{joint}.mass" in lacking and mass <= last):
+            continue
+        elif mass <= last:
+            beyond = f", and a slide beyond it carries {last:.4g} kg" if last else ""
+            what = f"joint {joint} would carry {mass:.4g} kg{beyond}: no masses weigh that"
+            mend = "check the sign of its torque constant, or write a form without masses (c, python, json, matlab)"
+            raise ModelError("export-masses", what, Where(joint=joint), mend)
+        out[i] = last = mass
+    return out, said
+
+
+def _links(robot: Robot, wanted: Floats, *, carried: Floats, free: NDArray[np.bool_]) -> tuple[Floats, Floats]:
+    """(J,) masses and (J, 3) centres of mass, tip to base."""
+    n = robot.n_joints
+    turns = robot.is_revolute
+    largest = float(np.abs(wanted[turns]).max(initial=0.0)) / 0.3
+    least = LIGHTEST * (max(largest, float(np.nanmax(carried, initial=0.0))) or 1.0)
+    most = _most(carried)
+    masses, centres = np.zeros(n), np.zeros((n, 3))
+    k = np.zeros(3)  # the constant first moment about the joint beyond, in the frame beyond
+    for i in reversed(range(n)):
+        rest, step = (np.zeros(3), 0.0) if i == n - 1 else _moved(robot, i + 1, k, beyond=float(masses[i + 1 :].sum()))
+        need = wanted[i] - rest[:2]
+        if turns[i] and not free[i]:
+            masses[i] = min(max(least, float(np.hypot(*need)) / max(REACH, step)), most[i])
+            centres[i, :2] = need / masses[i]
+        elif turns[i] or np.isnan(carried[i]):
+            masses[i] = min(least, most[i])
+        else:
+            masses[i] = carried[i] - masses[i + 1 :].sum()
+        k = masses[i] * centres[i] + rest
+    return masses, centres
+
+
+def _most(carried: Floats) -> Floats:
+    """(J,) kg that each link may have at most, so that what is carried by the slide before it is not exceeded."""
+    n = len(carried)
+    out, starts = np.full(n, np.inf), [*np.flatnonzero(np.isfinite(carried)), n]
+    for start, end in itertools.pairwise(starts):
+        held = carried[start] - (carried[end] if end < n else 0.0)
+        if end - start > 1:
+            out[start + 1 : end] = CARRIED * held / (end - start - 1)
+    return out
+
+
+def _moved(robot: Robot, number: int, k: Floats, *, beyond: float) -> tuple[Floats, float]:
+    """What the links from joint `number` (from 0) on add to the first moment before it; and how far it is (m)."""
+    joint = robot.joints[number]
+    turned = link_rotation(joint.alpha, 0.0 if joint.is_revolute else joint.theta)
+    if joint.is_revolute:
+        step = np.array([joint.a, 0.0, 0.0]) + turned[:, 2] * joint.d
+        return beyond * step + turned[:, 2] * k[2], float(np.linalg.norm(step))
+    return np.array([beyond * joint.a, 0.0, 0.0]) + turned @ k, float(abs(joint.a))
+
+
+def _mount(g: Floats) -> Floats:
+    """The smallest turn that takes the direction of g to -z."""
+    size = float(np.linalg.norm(g))
+    if size == 0.0:
+        return np.eye(3)
+    down, goal = g / size, np.array([0.0, 0.0, -1.0])
+    axis, cosine = np.cross(down, goal), float(down @ goal)
+    if cosine < -1.0 + 1e-15:
+        return np.diag([1.0, -1.0, -1.0])
+    skew = np.cross(np.eye(3), axis)
+    return np.eye(3) + skew + skew @ skew / (1.0 + cosine)
+
+
+def _disagreements(told: Formulas, torques: Floats) -> list[str]:
+    """Neighbours whose torque constants contradict the identified ratio of their gains."""
+    out = []
+    for i in range(len(torques) - 1):
+        ratio, given = told.ratios[i, i + 1], torques[i + 1] / torques[i]
+        if ratio != 0.0 and abs(given - ratio) > ROUNDING * abs(ratio):
+            way = " (of the other sign)" if given * ratio < 0.0 else ""
+            out.append(
+                f"torque constants of joints {i + 1} and {i + 2} make eta{i + 1}/eta{i + 2} = {given:.4g}{way}, the"
+                f" logs say {ratio:.4g}"
+            )
+    return out
+
+
+def _off(told: Formulas, torques: Floats, masses: Floats, *, centres: Floats) -> list[str]:
+    """Joints in which the bodies weigh something else than the model says, with how much."""
+    robot = told.robot
+    span = np.where(robot.is_revolute, np.pi, 0.5)
+    rng = np.random.default_rng(SEED)
+    position = rng.uniform(-span, span, (POSTURES, robot.n_joints))
+    wanted = told.weight(position) * torques
+    off = weight_of(robot, position, masses=masses, centres=centres) - wanted
+    hides = {joint - 1 for joint in minimal(robot).embodied}
+    scale = float(np.abs(wanted).max())
+    out = []
+    for i in sorted(set(range(robot.n_joints)) - hides):
+        size, load = (float(np.sqrt(np.mean(values[:, i] ** 2))) for values in (off, wanted))
+        if size > ROUNDING * max(scale, 1e-300):
+            unit = "N m" if robot.joints[i].is_revolute else "N"
+            out.append(
+                f"joint {i + 1}: the masses ask {size:.3g} {unit} RMS more or less than the model, whose load is"
+                f" {load:.3g} {unit} RMS there"
+            )
+    return out

@@ -1,0 +1,1 @@
+"""One file a form; its name is what ``--format`` takes."""

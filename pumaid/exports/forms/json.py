@@ -1,0 +1,86 @@
+"""JSON: all that is needed to evaluate the model in a program of one's own, and postures to check it with."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from pumaid.exports.base import Form, Subject
+from pumaid.exports.formulas import Lack
+from pumaid.files.result import as_text
+from pumaid.records import Robot
+
+#: Postures with currents by the model itself.
+POSTURES = 8
+
+#: What each entry means, in the document itself.
+MEANING = {
+    "joints": "base to tip; frame n is reached from frame n-1 by Rot_x(alpha) Trans_x(a) Rot_z(theta) Trans_z(d), q"
+    " added to theta where the joint turns, to d where it slides",
+    "gravity": "free fall g in axes of the base, m/s2",
+    "moments": "of each link [k_x, k_y] in A s2/m, of a slide [mass, 0], in the gain of its own joint",
+    "ratios": "row i, column j: eta_i / eta_j, by which link j counts in joint i; 0 where it does not",
+    "felt": "the same for moments across an axis, which an upright joint counts in the gain of the next one",
+    "load": "with h_j = k_x x_j + k_y y_j (of a slide mass d_j z_j) and H_i = sum over j >= i of ratios[i][j] h_j, in"
+    " base axes: load_i = (z_i x g) . H_i where joint i turns, -(g . z_i) mass_i where it slides",
+    "friction": "base_i = coulomb + viscous v of the joint's direction (first forward, then backward), v = the row of"
+    " shaft times the joints' velocities",
+    "terms": "added to the current of a joint, friction terms only in motion; s is +1 or -1 with the sign of v, load"
+    " is load_i and load_M that of joint M, drawn is load_i + base_i, slope_M the derivative of load_i by q_M, tilt_x"
+    " and tilt_y are (z_i x (g x e)) . F_i with e the base's x or y and F_i = sum over j >= i of felt[i][j] h_j (of a"
+    " slide -(z_i . (g x e)) mass_i), across is |M - z_i (z_i . M)| with M = g x F_i (of a slide 0); ** is a power",
+    "current": "load_i + base_i + all terms of joint i; at rest only load_i and the terms that are not friction",
+    "reference": "postures and velocities with the current of every joint, by the program that identified the model",
+}
+
+
+class Json(Form):
+    """A dictionary with the constants, the formulas and what they mean."""
+
+    title = "JSON dictionary: constants and formulas, with postures and currents to check a program by"
+    suffixes = (".json",)
+
+    def texts(self, subject: Subject) -> dict[str, str]:
+        told, robot = subject.formulas, subject.formulas.robot
+        ways = np.random.default_rng(0)
+        position = ways.uniform(-1.0, 1.0, (POSTURES, robot.n_joints)) * np.where(robot.is_revolute, np.pi, 1.0)
+        velocity = ways.uniform(-1.0, 1.0, (POSTURES, robot.n_joints))
+        current = told.predicted(position, velocity)
+        document: dict[str, Any] = {
+            "kind": "currents",
+            "format": 1,
+            "pumaid": subject.version,
+            "robot": robot.name,
+            "recipe": {"file": robot.origin, "sha256": robot.digest},
+            "logs": told.estimate.logs,
+            "meaning": MEANING,
+            "joints": [_joint(robot, number) for number in range(1, robot.n_joints + 1)],
+            "gravity": robot.gravity,
+            "moments": told.moments,
+            "ratios": told.ratios,
+            "felt": told.felt,
+            "coulomb": told.coulomb,
+            "viscous": told.viscous,
+            "shaft": told.shaft,
+            "terms": [
+                {"joint": one.joint, "effect": one.effect, "friction": one.is_friction, "formula": one.formula}
+                for one in told.terms
+            ],
+            "left_out": _listed(self.left_out(subject)),
+            "undetermined": _listed(told.undetermined),
+            "reference": [
+                {"q": q, "qd": qd, "current": i} for q, qd, i in zip(position, velocity, current, strict=True)
+            ],
+        }
+        return {".json": as_text(document)}
+
+
+def _joint(robot: Robot, number: int) -> dict[str, Any]:
+    one = robot.joint(number)
+    facts = {"joint": number, "name": one.name, "type": one.kind, "theta": one.theta, "alpha": one.alpha}
+    return facts | {"a": one.a, "d": one.d, "limits": one.limits, "max_velocity": one.max_velocity}
+
+
+def _listed(lacks: tuple[Lack, ...]) -> list[dict[str, str]]:
+    return [{"name": one.name, "reason": one.reason} for one in lacks]

@@ -1,0 +1,206 @@
+"""A fitted model as numbers and formulas of posture and velocity: what every form of export is written from."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pumaid.chosen import Chosen, in_order
+from pumaid.exports.expression import filled
+from pumaid.exports.laws import laws_of, why_left_out
+from pumaid.loads import felt_ratios, loads
+from pumaid.model import Model
+from pumaid.records import Estimate, Robot, Samples
+from pumaid.records.estimate import NOT_IDENTIFIABLE
+from pumaid.structure import minimal
+
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True)
+class Term:
+    """What an effect beyond the paper's model adds to the current of `joint` (from 1).
+
+    `formula` is in the syntax of `exports.expression`, with the names of `exports.laws` and all constants as numbers;
+    `is_friction` says that it is there only in motion.
+    """
+
+    joint: int
+    effect: str
+    formula: str
+    is_friction: bool
+
+
+@dataclass(frozen=True, slots=True)
+class Lack:
+    """Something that an export does not hold, or holds without the data telling it: its name and why."""
+
+    name: str
+    reason: str
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Formulas:
+    """The model.
+
+    Attributes
+    ----------
+    robot, estimate
+        The arm and the fit.
+    moments
+        (J, 2) of each link, in the gain of its own joint: k_x and k_y (A s2/m), or mass and nothing for a slide.
+    ratios
+        (J, J) eta_i / eta_j by which link j counts in joint i; 0 where it does not or is not known.
+    felt
+        (J, J) the same for moments that joint i's axis does not turn about, in the gain of the next joint outward that
+        has one (see `records.Loads.tilts`).
+    coulomb, viscous
+        (J, 2) forward and backward, A and A s/rad or A s/m.
+    shaft
+        (J, J) from the joints' velocities to those that drive their friction; the identity for most arms.
+    terms
+        Effects beyond the paper's model.
+    left_out, undetermined
+        Effects without a formula; parameters that the data did not tell.
+    """
+
+    robot: Robot
+    estimate: Estimate
+    moments: Floats
+    ratios: Floats
+    felt: Floats
+    coulomb: Floats
+    viscous: Floats
+    shaft: Floats
+    terms: tuple[Term, ...]
+    left_out: tuple[Lack, ...]
+    undetermined: tuple[Lack, ...]
+
+    @classmethod
+    def of(cls, estimate: Estimate, robot: Robot) -> Formulas:
+        """The formulas of a model; effects that have none are listed."""
+        known = dict(zip(estimate.names, estimate.solution.tolist(), strict=True))
+        moments = np.array([_moment(known, joint.number, joint.is_revolute) for joint in robot.joints])
+        heavy = np.asarray(moments.any(axis=1))
+        beyond = np.triu(np.ones_like(estimate.scales, dtype=bool)) & heavy & robot.is_revolute[:, None]
+        told = np.asarray((np.isfinite(estimate.scales) | ~beyond).all(axis=1))
+        every = in_order(estimate.effects)
+        lacks = [Lack(spoken(one), why) for one in every if (why := why_left_out(one)) is not None]
+        if estimate.stroke_postures:
+            lacks.append(Lack("inertia", why_left_out_inertia()))
+        return cls(
+            robot=robot,
+            estimate=estimate,
+            moments=moments,
+            ratios=np.nan_to_num(estimate.scales),
+            felt=np.array([felt_ratios(heavy, estimate.scales, i) for i in range(robot.n_joints)]),
+            coulomb=_pairs(known, "coulomb", robot),
+            viscous=_pairs(known, "viscous", robot),
+            shaft=robot.shaft_speeds,
+            terms=tuple(term for one in every for term in _terms(robot, one, known, told=told)),
+            left_out=tuple(lacks),
+            undetermined=tuple(_undetermined(estimate, robot)),
+        )
+
+    def uses(self, quantity: str) -> bool:
+        """Whether a term is made from `quantity` (``across``, ``slope``, ``tilt``)."""
+        return any(re.search(rf"\b{quantity}(_\w+)?\b", term.formula) for term in self.terms)
+
+    def of_joint(self, joint: int, *, is_friction: bool) -> tuple[Term, ...]:
+        """The terms of joint `joint` (from 1)."""
+        return tuple(term for term in self.terms if term.joint == joint and term.is_friction == is_friction)
+
+    def predicted(self, position: Floats, velocity: Floats) -> Floats:
+        """(N, J) A by the model itself, not by these formulas, without what is left out.
+
+        Parameters
+        ----------
+        position, velocity
+            (N, J) of any postures; every joint moves (its friction is that of one direction).
+        """
+        model = Model.of_estimate(self.robot, self.estimate)
+        lost = {lack.name for lack in self.left_out}
+        places = {place for place, one in enumerate(model.effects) if spoken(one) in lost}
+        gone = np.array([column.place in places for column in model.columns], dtype=bool)
+        estimate = replace(self.estimate, solution=np.where(gone, 0.0, self.estimate.solution))
+        out = np.empty_like(position)
+        driving = velocity @ self.shaft.T
+        for number in range(1, self.robot.n_joints + 1):
+            samples = _instants(number, position, velocity, driving=driving[:, number - 1])
+            known = loads(model, samples, solution=estimate.solution, scales=estimate.scales)
+            out[:, number - 1] = model.predict(estimate, replace(samples, loads=known))
+        return out
+
+    def weight(self, position: Floats) -> Floats:
+        """(N, J) A of gravity by the paper's model, by the model itself."""
+        model = Model.of_estimate(self.robot, self.estimate)
+        out = np.empty_like(position)
+        for number in range(1, self.robot.n_joints + 1):
+            samples = _instants(number, position, np.zeros_like(position), driving=np.ones(len(position)))
+            known = loads(model, samples, solution=self.estimate.solution, scales=self.estimate.scales)
+            out[:, number - 1] = known.own
+        return out
+
+
+def _instants(joint: int, position: Floats, velocity: Floats, *, driving: Floats) -> Samples:
+    """Instants of a warm joint, long in motion."""
+    still = np.zeros(len(position))
+    return Samples(
+        joint,
+        position,
+        velocity,
+        acceleration=still,
+        direction=np.sign(driving),
+        time=still,
+        elapsed=still,
+        travel=still,
+        temperature=np.full(len(position), np.nan),
+        run=still,
+    )
+
+
+def spoken(one: Chosen) -> str:
+    """``stribeck@3``, with ``_2`` for the second time at a joint."""
+    return f"{one.effect.name}{one.mark}" + (f"@{one.number}" if one.number else "")
+
+
+def why_left_out_inertia() -> str:
+    """Why what strokes showed of inertia is left out."""
+    return "it needs the acceleration, and is known only where the other joints were held"
+
+
+def _moment(known: Mapping[str, float], link: int, turns: bool) -> tuple[float, float]:
+    parts = ("x", "y") if turns else ("mass", "")
+    first, second = (known.get(f"gravity.l{link}.{part}", 0.0) for part in parts)
+    return first, second
+
+
+def _pairs(known: Mapping[str, float], effect: str, robot: Robot) -> Floats:
+    ways = ("plus", "minus")
+    return np.array([[known.get(f"{effect}.j{joint.number}.{way}", 0.0) for way in ways] for joint in robot.joints])
+
+
+def _terms(robot: Robot, one: Chosen, known: Mapping[str, float], *, told: NDArray[np.bool_]) -> Iterator[Term]:
+    """An effect's terms; another joint's load that is not `told` counts as none, as in the model."""
+    parts = [part for part in one.parts(robot, 0) if part.shape is None]
+    names = [parameter.name for parameter in one.effect.parameters(robot, one.number)]
+    values = {name: known.get(part.name, 0.0) for name, part in zip(names, parts, strict=True)} | dict(one.choice.shape)
+    unknown = {f"load_{m}": 0.0 for m in range(1, robot.n_joints + 1) if not told[m - 1]}
+    for joint, law in laws_of(robot, one):
+        hidden = {name: value for name, value in unknown.items() if name != f"load_{joint}"}
+        for formula, is_friction in ((law.hold, False), (law.friction, True)):
+            if formula:
+                yield Term(joint, spoken(one), filled(formula, values | hidden), is_friction)
+
+
+def _undetermined(estimate: Estimate, robot: Robot) -> Iterator[Lack]:
+    """What a posture of this arm may need and the data did not tell; not what no posture can show."""
+    structure = minimal(robot)
+    idle = {*structure.absent, *(f"gain_ratio.{i}.{j}" for i, j in structure.redundant)}
+    for value in estimate.values:
+        if value.state == NOT_IDENTIFIABLE and value.name not in idle:
+            yield Lack(value.name, value.reason or "these data do not tell it")

@@ -1,0 +1,216 @@
+/* {{ title }} See {{ name }}.h. */
+#include "{{ name }}.h"
+
+#include <math.h>
+#include <stddef.h>
+
+#define N {{ NAME }}_JOINTS
+
+/* Geometry, modified Denavit-Hartenberg: which joints turn, cosine and sine of alpha, offsets of theta and d. */
+static const int TURNS[N] = {{ turns }};
+static const double TWIST[N][2] = {{ twist }};
+static const double THETA[N] = {{ theta }};
+static const double D[N] = {{ d }};
+/* Free fall in axes of the base, m/s2. */
+static const double GRAVITY[3] = {{ g }};
+/* First moments k_x, k_y of each link in A s2/m (of a slide: mass, and nothing), in the gain of its own joint. */
+static const double MOMENT[N][2] = {{ moments }};
+/* Gains: link j counts RATIO[i][j] times in joint i. */
+static const double RATIO[N][N] = {{ ratios }};
+{% if uses_felt %}
+/* The same for moments across an axis, which an upright joint counts in the gain of the next one. */
+static const double FELT[N][N] = {{ felt }};
+{% endif %}
+/* Friction forward and backward: A, and A s/rad (A s/m). */
+static const double COULOMB[N][2] = {{ coulomb }};
+static const double VISCOUS[N][2] = {{ viscous }};
+{% if geared %}
+/* From the joints' velocities to those that drive their friction. */
+static const double SHAFT[N][N] = {{ shaft }};
+{% endif %}
+
+/* Axes, first moment of each link in base axes, and gravity's current at a posture. */
+typedef struct {
+    double z[N][3], moment[N][3], load[N];
+} posture;
+
+static void cross(const double a[3], const double b[3], double out[3])
+{
+    out[0] = a[1] * b[2] - a[2] * b[1];
+    out[1] = a[2] * b[0] - a[0] * b[2];
+    out[2] = a[0] * b[1] - a[1] * b[0];
+}
+
+static double dot(const double a[3], const double b[3])
+{
+    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
+}
+
+/* Moment of the links from `from` to the tip, each counted by its gain. */
+static void gathered(const posture *at, const double gains[N], int from, double out[3])
+{
+    out[0] = out[1] = out[2] = 0.0;
+    for (int j = from; j < N; j++)
+        for (int k = 0; k < 3; k++)
+            out[k] += gains[j] * at->moment[j][k];
+}
+
+static void look(const double q[N], posture *at)
+{
+    double x[3] = {1.0, 0.0, 0.0}, y[3] = {0.0, 1.0, 0.0}, z[3] = {0.0, 0.0, 1.0};
+    for (int i = 0; i < N; i++) {
+        const double turn = THETA[i] + (TURNS[i] ? q[i] : 0.0), slide = D[i] + (TURNS[i] ? 0.0 : q[i]);
+        const double c = cos(turn), s = sin(turn);
+        for (int k = 0; k < 3; k++) {
+            const double first = x[k], second = TWIST[i][0] * y[k] + TWIST[i][1] * z[k];
+            z[k] = TWIST[i][0] * z[k] - TWIST[i][1] * y[k];
+            x[k] = c * first + s * second;
+            y[k] = c * second - s * first;
+            at->z[i][k] = z[k];
+            at->moment[i][k] = TURNS[i] ? MOMENT[i][0] * x[k] + MOMENT[i][1] * y[k] : MOMENT[i][0] * slide * z[k];
+        }
+    }
+    for (int i = 0; i < N; i++) {
+        double lever[3], sum[3];
+        cross(at->z[i], GRAVITY, lever);
+        gathered(at, RATIO[i], i, sum);
+        at->load[i] = TURNS[i] ? dot(lever, sum) : -dot(at->z[i], GRAVITY) * MOMENT[i][0];
+    }
+}
+{% if uses_slope %}
+
+/* Derivative of joint i's gravity current by joint m's position, A/rad or A/m. */
+static double slope(const posture *at, int i, int m)
+{
+    double lever[3], turned[3], sum[3];
+    cross(at->z[i], GRAVITY, lever);
+    if (!TURNS[m])
+        return TURNS[i] && m > i ? dot(lever, at->z[m]) * MOMENT[m][0] * RATIO[i][m] : 0.0;
+    if (!TURNS[i]) {
+        cross(at->z[m], at->z[i], turned);
+        return m < i ? -dot(turned, GRAVITY) * MOMENT[i][0] : 0.0;
+    }
+    if (m > i) {
+        gathered(at, RATIO[i], m, sum);
+        cross(at->z[m], sum, turned);
+        return dot(lever, turned);
+    }
+    gathered(at, RATIO[i], i, sum);
+    cross(at->z[m], GRAVITY, turned);
+    cross(at->z[i], turned, lever);
+    return -dot(lever, sum);
+}
+{% endif %}
+{% if uses_tilt %}
+
+/* Derivative of joint i's gravity current by a turn of the base about its axis `axis`, A/rad. */
+static double tilt(const posture *at, int i, int axis)
+{
+    double e[3] = {0.0, 0.0, 0.0}, way[3], lever[3], sum[3];
+    e[axis] = 1.0;
+    cross(GRAVITY, e, way);
+    if (!TURNS[i])
+        return -dot(at->z[i], way) * MOMENT[i][0];
+    gathered(at, FELT[i], i, sum);
+    cross(at->z[i], way, lever);
+    return dot(lever, sum);
+}
+{% endif %}
+{% if uses_across %}
+
+/* Gravity's moment across joint i's axis, as the current that it would draw if it lay along it. */
+static double across(const posture *at, int i)
+{
+    double sum[3], moment[3];
+    if (!TURNS[i])
+        return 0.0;
+    gathered(at, FELT[i], i, sum);
+    cross(GRAVITY, sum, moment);
+    const double along = dot(at->z[i], moment);
+    for (int k = 0; k < 3; k++)
+        moment[k] -= at->z[i][k] * along;
+    return sqrt(dot(moment, moment));
+}
+{% endif %}
+
+static void hold(const double q[N], const posture *at, double current[N])
+{
+    (void)q;
+    for (int i = 0; i < N; i++)
+        current[i] = at->load[i];
+{% for term in holds %}
+    current[{{ term.joint - 1 }}] += {{ term.text }}; /* {{ term.effect }} */
+{% endfor %}
+}
+
+/* Friction of joint i while it moves forward (s = 1, v >= 0) or backward (s = -1, v <= 0). */
+static double moving(int i, double s, double v, const double q[N], const posture *at)
+{
+    const int way = s > 0.0 ? 0 : 1;
+    const double base = COULOMB[i][way] + VISCOUS[i][way] * v;
+    double sum = base;
+    (void)q;
+    (void)at;
+{% if frictions %}
+    switch (i) {
+{% for joint, terms in frictions %}
+    case {{ joint - 1 }}:
+{% for term in terms %}
+        sum += {{ term.text }}; /* {{ term.effect }} */
+{% endfor %}
+        break;
+{% endfor %}
+    default:
+        break;
+    }
+{% endif %}
+    return sum;
+}
+
+static void resist(const double q[N], const double qd[N], const double toward[N], const posture *at, double current[N])
+{
+    for (int i = 0; i < N; i++) {
+{% if geared %}
+        double v = 0.0;
+        for (int k = 0; k < N; k++)
+            v += SHAFT[i][k] * qd[k];
+{% else %}
+        const double v = qd[i];
+{% endif %}
+        double way = toward ? toward[i] : (double)(v > 0.0) - (double)(v < 0.0);
+        if (way > 1.0)
+            way = 1.0;
+        if (way < -1.0)
+            way = -1.0;
+        current[i] = v - v + way - way; /* 0, or not a number where the input is not */
+        if (way > -1.0)
+            current[i] += 0.5 * (1.0 + way) * moving(i, 1.0, v > 0.0 ? v : 0.0, q, at);
+        if (way < 1.0)
+            current[i] += 0.5 * (1.0 - way) * moving(i, -1.0, v < 0.0 ? v : 0.0, q, at);
+    }
+}
+
+void {{ name }}_gravity(const double q[N], double current[N])
+{
+    posture at;
+    look(q, &at);
+    hold(q, &at, current);
+}
+
+void {{ name }}_friction(const double q[N], const double qd[N], const double toward[N], double current[N])
+{
+    posture at;
+    look(q, &at);
+    resist(q, qd, toward, &at, current);
+}
+
+void {{ name }}_current(const double q[N], const double qd[N], const double toward[N], double current[N])
+{
+    posture at;
+    double friction[N];
+    look(q, &at);
+    hold(q, &at, current);
+    resist(q, qd, toward, &at, friction);
+    for (int i = 0; i < N; i++)
+        current[i] += friction[i];
+}
