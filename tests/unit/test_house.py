@@ -37,9 +37,10 @@ ROOMS = {
     "diagnosis": LAWS | MODEL | {"fit", "diagnosis"},
     "virtual": LAWS | {"clearance", "virtual"},
     "exports": LAWS | MODEL | {"exports"},
+    "programs": BASE | {"files", "virtual", "programs"},
     "verbs": LAWS | MODEL | {"clearance", "exports", "fit", "diagnosis", "virtual"},
     "show": BASE | {"effects", "show"},
-    "cli": LAWS | MODEL | {"clearance", "exports", "fit", "diagnosis", "virtual", "verbs", "show", "cli"},
+    "cli": LAWS | MODEL | {"clearance", "exports", "fit", "diagnosis", "programs", "virtual", "verbs", "show", "cli"},
     "__main__": {"cli"},
 }
 LONGEST_MODULE, LONGEST_FUNCTION, MOST_POSITIONAL, DEEPEST = 350, 50, 3, 3
