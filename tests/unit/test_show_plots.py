@@ -155,9 +155,9 @@ def test_skeleton_is_where_the_arm_is():
     """Origins of the PUMA's frames with the arm stretched up, worked out by hand from its table of lengths."""
     arm = Robot("two", (Joint(1, "a", "revolute"), Joint(2, "b", "revolute", alpha=-np.pi / 2, d=0.25),
                         Joint(3, "c", "revolute", a=0.4)))  # fmt: skip
-    origins, axes = frames(arm, np.array([0.0, -np.pi / 2, 0.0]))
+    origins, turned = frames(arm, np.array([0.0, -np.pi / 2, 0.0]))
     assert origins == pytest.approx(np.array([[0, 0, 0], [0, 0, 0], [0, 0.25, 0], [0, 0.25, 0.4]]), abs=1e-12)
-    assert axes == pytest.approx(np.array([[0, 0, 1], [0, 1, 0], [0, 1, 0]]), abs=1e-12)
+    assert turned[1:, :, 2] == pytest.approx(np.array([[0, 0, 1], [0, 1, 0], [0, 1, 0]]), abs=1e-12)
 
 
 def test_a_slide_moves_the_skeleton():

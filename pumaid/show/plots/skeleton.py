@@ -9,7 +9,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from pumaid.maths.frames import axes as rotations
+from pumaid.maths.frames import frames as chain
 from pumaid.records import Robot
 from pumaid.show.plots.style import BACKWARD, FAINT, FORWARD, GREY, INK, Drawing
 from pumaid.show.story import Story
@@ -41,40 +41,29 @@ def _pose(story: Story) -> Floats:
 
 
 def frames(robot: Robot, position: Floats) -> tuple[Floats, Floats]:
-    """Origins (J+1, 3) in m, the base first, and axes' directions (J, 3), in base axes.
-
-    Source
-    ------
-    J. J. Craig, Introduction to Robotics, 3rd ed., eq. (3.6).
-    """
+    """Origins (J+1, 3) in m, the base first, and rotations (J+1, 3, 3) of all links at (J,) positions."""
     posture = np.asarray(position, dtype=float)[None]
-    turned = rotations(robot.alphas, robot.dh_angles(posture))[0]
-    shifts = robot.dh_displacements(posture)[0]
-    origins = [np.zeros(3)]
-    before = np.eye(3)
-    for joint, rotation, d in zip(robot.joints, turned, shifts, strict=True):
-        step = np.array([joint.a, -np.sin(joint.alpha) * d, np.cos(joint.alpha) * d])
-        origins.append(origins[-1] + before @ step)
-        before = rotation
-    return np.array(origins), turned[:, :, 2]
+    shifts = robot.dh_displacements(posture)
+    turned, placed = chain(robot.alphas, robot.lengths, offsets=shifts, thetas=robot.dh_angles(posture))
+    return np.vstack([np.zeros(3), placed[0]]), np.concatenate([np.eye(3)[None], turned[0]])
 
 
 def draw(robot: Robot, position: Floats) -> Figure:
     """The figure, seen with the third base axis up."""
-    origins, directions = frames(robot, position)
+    origins, rotations = frames(robot, position)
     reach = max(float(np.ptp(origins, axis=0).max()), 0.1)
-    flat = _seen(origins)
+    flat = seen(origins)
     wide, high = np.ptp(flat, axis=0) + 0.5 * reach
     figure = Figure(figsize=(3.4, float(np.clip(3.4 * high / wide, 2.0, 3.8))), layout="constrained")
     axes = figure.subplots()
     _base(axes, reach)
     axes.plot(flat[:, 0], flat[:, 1], color=INK, linewidth=4.5, alpha=0.85, solid_joinstyle="round", zorder=2)
     placed: list[tuple[Floats, list[int]]] = []
-    for joint, origin, z in zip(robot.joints, origins[1:], directions, strict=True):
-        tip = _seen(np.array([origin - 0.09 * reach * z, origin + 0.13 * reach * z]))
+    for joint, origin, z in zip(robot.joints, origins[1:], rotations[1:, :, 2], strict=True):
+        tip = seen(np.array([origin - 0.09 * reach * z, origin + 0.13 * reach * z]))
         colour = FORWARD if joint.is_revolute else BACKWARD
         axes.plot(tip[:, 0], tip[:, 1], color=colour, linewidth=1.8, zorder=3)
-        here = _seen(origin[None])[0]
+        here = seen(origin[None])[0]
         axes.plot(
             *here, "o" if joint.is_revolute else "s", color=colour, markersize=8, markeredgecolor="none", zorder=4
         )
@@ -91,7 +80,7 @@ def draw(robot: Robot, position: Floats) -> Figure:
     return figure
 
 
-def _seen(points: Floats) -> Floats:
+def seen(points: Floats) -> Floats:
     """(N, 2) of (N, 3) points, as seen from far away."""
     c, s = np.cos(AZIMUTH), np.sin(AZIMUTH)
     across = -s * points[:, 0] + c * points[:, 1]
@@ -102,8 +91,8 @@ def _seen(points: Floats) -> Floats:
 def _base(axes: Axes, reach: float) -> None:
     angle = np.linspace(0.0, 2.0 * np.pi, 60)
     ring = 0.14 * reach * np.column_stack([np.cos(angle), np.sin(angle), 0.0 * angle])
-    seen = _seen(ring)
-    axes.fill(seen[:, 0], seen[:, 1], color=FAINT, linewidth=0, zorder=0)
+    disc = seen(ring)
+    axes.fill(disc[:, 0], disc[:, 1], color=FAINT, linewidth=0, zorder=0)
 
 
 def _numbers(axes: Axes, placed: list[tuple[Floats, list[int]]]) -> None:
@@ -119,7 +108,7 @@ def _gravity(axes: Axes, robot: Robot, flat: Floats, reach: float) -> None:
     size = float(np.linalg.norm(pull))
     if size == 0.0:
         return
-    along = _seen(0.3 * reach * (pull / size)[None])[0]
+    along = seen(0.3 * reach * (pull / size)[None])[0]
     start = np.array([flat[:, 0].max() + 0.36 * reach, flat[:, 1].max()])
     axes.annotate(
         "",
