@@ -40,5 +40,5 @@ def identifier(text: str) -> str:
 def commented(text: str) -> str:
     """`text` on one line, without what ends or begins a comment in C, XML, MATLAB or Python, quotes and braces kept."""
     line = "".join(letter if letter.isprintable() else " " for letter in " ".join(text.split()))
-    line = line.replace("*/", "* /").replace("/*", "/ *").replace("??", "? ?").rstrip("\\")
+    line = line.replace("*/", "* /").replace("/*", "/ *").replace("??", "? ?").replace("\\", "/")
     return line.replace('"""', "'''").replace("--", "- -").replace("--", "- -")

@@ -51,8 +51,8 @@ def read_constants(text: str, joints: int) -> dict[int, float]:
     words = [word for word in re.split(r"[\s,;]+", re.sub(r"\s*[=:]\s*", "=", text)) if word]
     found: dict[int, float] = {}
     for place, word in enumerate(words, start=1):
-        joint, _, value = word.rpartition("=")
-        number = _number(joint) if joint else float(place)
+        joint, named, value = word.rpartition("=")
+        number = _number(joint) if named else float(place)
         constant = _number(value)
         if not (1 <= number <= joints and number == int(number)) or int(number) in found:
             what = f"{word!r} is of no joint from 1 to {joints}, or of one that was given before"

@@ -1,0 +1,257 @@
+"""URDF and MJCF hold masses with the model's weight: pinocchio and MuJoCo load them and feel what the model says."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+from xml.etree import ElementTree
+
+import numpy as np
+import pytest
+
+from pumaid.errors import ModelError
+from pumaid.exports.forms.urdf import roll_pitch_yaw
+from pumaid.exports.torque import read_constants
+from pumaid.verbs.export import export
+from pumaid.virtual.draw import draw
+from tests.exported import every_effect, fitted, motions, predicted, robot_called
+from tests.worlds import random_arm
+
+pin = pytest.importorskip("pinocchio", reason="an engine is pinocchio (pip install pumaid[test])")
+mujoco = pytest.importorskip("mujoco", reason="an engine is mujoco (pip install pumaid[test])")
+
+#: Relative to the largest load: engines turn angles into rotations and back.
+EXACT = 1e-9
+ARMS = ("puma560", "ur5e", "panda", "stanford", "crane", "one", "twelve", "staubli_tx40", "kinova_gen3")
+
+
+def gains(robot) -> np.ndarray:
+    """(J,) N m/A or N/A of the drawn robot: what its currents are worth."""
+    return 1.0 / draw(robot, 0).gain
+
+
+def given(robot) -> dict[int, float]:
+    """The same by joint, from 1."""
+    return {joint: float(value) for joint, value in enumerate(gains(robot), start=1)}
+
+
+def weight(robot, estimate, position: np.ndarray) -> np.ndarray:
+    """(N, J) A of gravity: the mean of both directions, what friction leaves at no speed taken out."""
+    still = replace(estimate, solution=np.where(_is_gravity(estimate), estimate.solution, 0.0))
+    return predicted(robot, still, position, velocity=np.ones_like(position))
+
+
+def _is_gravity(estimate) -> list[bool]:
+    return [name.startswith("gravity.") for name in estimate.names]
+
+
+def by_pinocchio(text: str, robot, position: np.ndarray) -> np.ndarray:
+    """(N, J) N m that hold the URDF's arm; the world's gravity is along -z and as large as the recipe's."""
+    model = pin.buildModelFromXML(text)
+    model.gravity.linear = np.array([0.0, 0.0, -np.linalg.norm(robot.gravity)])
+    data, out = model.createData(), []
+    for q in position:
+        turned = [
+            [np.cos(at), np.sin(at)] if joint.nq == 2 else [at] for at, joint in zip(q, model.joints[1:], strict=True)
+        ]
+        out.append(pin.computeGeneralizedGravity(model, data, np.concatenate(turned)).copy())
+    return np.array(out)
+
+
+def by_mujoco(text: str, position: np.ndarray) -> np.ndarray:
+    """(N, J) N m that hold the MJCF's arm."""
+    model = mujoco.MjModel.from_xml_string(text)
+    data, out = mujoco.MjData(model), []
+    for q in position:
+        data.qpos[:] = q
+        mujoco.mj_forward(model, data)
+        out.append(data.qfrc_bias.copy())
+    return np.array(out)
+
+
+def tilted(robot):
+    """The same arm on a wall, gravity of another size too."""
+    return replace(robot, gravity=(3.0, -8.0, 1.5), digest="")
+
+
+@pytest.mark.parametrize("turned", [False, True])
+@pytest.mark.parametrize("name", ARMS)
+def test_engines_feel_what_the_model_says(name, turned):
+    """With true torque constants, and on a tilted base: gravity of either file is the model's current times them."""
+    robot = tilted(robot_called(name)) if turned else robot_called(name)
+    estimate, (position, _) = fitted(robot), motions(robot)
+    wanted = weight(robot, estimate, position) * gains(robot)
+    urdf = export(estimate, robot, form="urdf", torque_constants=given(robot))
+    mjcf = export(estimate, robot, form="mjcf", torque_constants=given(robot))
+    scale = max(np.abs(wanted).max(), 1.0)
+    assert np.abs(by_pinocchio(urdf.files[".urdf"], robot, position) - wanted).max() < EXACT * scale
+    assert np.abs(by_mujoco(mjcf.files[".xml"], position) - wanted).max() < EXACT * scale
+    assert not [remark for remark in mjcf.remarks if "RMS" in remark or "eta" in remark]
+
+
+@pytest.mark.parametrize("seed", range(8))
+def test_random_arms_of_every_kind(seed):
+    """The same for random twists, lengths, offsets and orders of joints, with negative gains among them.
+
+    The first joint turns: the load of a slide at the base hides in its friction, which a test of its own is for.
+    """
+    rng = np.random.default_rng(seed)
+    robot = random_arm("R" + "".join(rng.choice(["R", "P"], 4, p=[0.6, 0.4])), rng)
+    estimate, (position, _) = fitted(robot, seed=seed), motions(robot)
+    torques = 1.0 / draw(robot, seed).gain
+    wanted = weight(robot, estimate, position) * torques
+    constants = {joint: float(value) for joint, value in enumerate(torques, start=1)}
+    text = export(estimate, robot, form="mjcf", torque_constants=constants).files[".xml"]
+    assert np.abs(by_mujoco(text, position) - wanted).max() < EXACT * max(np.abs(wanted).max(), 1.0)
+
+
+@pytest.mark.parametrize("name", ["puma560", "ur5e", "panda"])
+def test_without_constants_ratios_give_them_but_for_one_factor(name):
+    """Gravity over current is then one number a joint, its ratios those of the gains, the largest of a group 1."""
+    robot = robot_called(name)
+    estimate, (position, _) = fitted(robot), motions(robot)
+    text = export(estimate, robot, form="mjcf").files[".xml"]
+    found, current = by_mujoco(text, position), weight(robot, estimate, position)
+    gears = np.array([float(one.get("gear")) for one in ElementTree.fromstring(text).iter("motor")])
+    assert np.allclose(found, current * gears, atol=EXACT) and np.abs(gears).max() == 1.0
+    assert np.allclose(gears / gears[-1], gains(robot) / gains(robot)[-1])
+
+
+@pytest.mark.parametrize("name", ["ur5e", "stanford", "twelve"])
+def test_masses_are_possible(name):
+    """Every mass and moment of inertia is positive, and the mass matrix of the whole arm positive definite."""
+    robot = robot_called(name)
+    text = export(fitted(robot), robot, form="mjcf", torque_constants=given(robot)).files[".xml"]
+    model = mujoco.MjModel.from_xml_string(text)
+    data, full = mujoco.MjData(model), np.zeros((robot.n_joints, robot.n_joints))
+    mujoco.mj_forward(model, data)
+    mujoco.mj_fullM(model, data, full)
+    assert model.body_mass[2:].min() > 0.0 and model.body_inertia[2:].min() > 0.0
+    assert np.linalg.eigvalsh(full).min() > 0.0
+
+
+def test_a_slide_carries_what_its_load_says():
+    """The masses from the slide outward add up to its own load; of the drawn robot, to its true masses."""
+    robot = robot_called("stanford")
+    text = export(fitted(robot), robot, form="mjcf", torque_constants=given(robot)).files[".xml"]
+    masses = mujoco.MjModel.from_xml_string(text).body_mass[2:]
+    assert np.isclose(masses[2:].sum(), draw(robot, 0).links.mass[2:].sum(), rtol=1e-8)
+
+
+def test_limits_speeds_and_friction_are_written():
+    """Limits as in the recipe; friction the mean of both directions in N m; motors in ampere."""
+    robot = robot_called("panda")
+    estimate = fitted(robot)
+    known = dict(zip(estimate.names, estimate.solution, strict=True))
+    model = pin.buildModelFromXML(export(estimate, robot, form="urdf", torque_constants=given(robot)).files[".urdf"])
+    both = mujoco.MjModel.from_xml_string(
+        export(estimate, robot, form="mjcf", torque_constants=given(robot)).files[".xml"]
+    )
+    ways = [0.5 * (known[f"coulomb.j{n}.plus"] - known[f"coulomb.j{n}.minus"]) for n in range(1, 8)]
+    rises = [0.5 * (known[f"viscous.j{n}.plus"] + known[f"viscous.j{n}.minus"]) for n in range(1, 8)]
+    assert np.allclose(model.lowerPositionLimit, [joint.limits[0] for joint in robot.joints])
+    assert np.allclose(model.velocityLimit, [joint.max_velocity for joint in robot.joints])
+    assert np.allclose(model.friction, ways * gains(robot)) and np.allclose(both.dof_frictionloss, model.friction)
+    assert np.allclose(model.damping, rises * gains(robot)) and np.allclose(both.dof_damping, model.damping)
+    assert np.allclose(both.jnt_range, [joint.limits for joint in robot.joints])
+    assert np.allclose(both.actuator_gear[:, 0], gains(robot))
+
+
+def test_constants_that_contradict_the_ratios_are_told_with_their_size():
+    """Joint 3's constant 10 % too large: its own load grows so, inner joints are off, by as much as is said."""
+    robot = robot_called("ur5e")
+    estimate, (position, _) = fitted(robot), motions(robot, count=4000)
+    wrong = given(robot) | {3: 1.1 * given(robot)[3]}
+    found = export(estimate, robot, form="mjcf", torque_constants=wrong)
+    feels = by_mujoco(found.files[".xml"], position)
+    wanted = weight(robot, estimate, position) * np.array(list(wrong.values()))
+    size = np.sqrt(np.mean((feels - wanted) ** 2, axis=0))
+    told = {int(text.split(":")[0][6:]): float(text.split()[5]) for text in found.remarks if "RMS" in text}
+    assert sorted(told) == [2, 3] and size[3:].max() < EXACT
+    assert np.allclose([told[2], told[3]], size[1:3], rtol=0.15)  # two hundred postures against four thousand
+    assert [text for text in found.remarks if "joints 3 and 4" in text and "the logs say" in text]
+
+
+def test_a_sign_against_the_logs_is_told():
+    """All constants given as positive where the logs say that one motor counts backwards."""
+    robot = robot_called("puma560")
+    estimate = fitted(robot)
+    backwards = np.flatnonzero(gains(robot) < 0.0) + 1
+    found = export(estimate, robot, form="urdf", torque_constants={n: abs(k) for n, k in given(robot).items()})
+    assert backwards.size and [text for text in found.remarks if "of the other sign" in text]
+    assert [text for text in found.remarks if f"friction of joint {backwards[0]} pushes along" in text]
+
+
+def test_a_slide_with_a_negative_mass_is_refused():
+    """No masses hold a slide that pulls up."""
+    robot = robot_called("stanford")
+    wrong = given(robot) | {3: -given(robot)[3]}
+    with pytest.raises(ModelError, match="would carry -") as caught:
+        export(fitted(robot), robot, form="urdf", torque_constants=wrong)
+    assert caught.value.slug == "export-masses"
+
+
+def test_a_load_that_hides_in_friction_is_written_as_weight():
+    """A slide along gravity: the mean of its two Coulomb terms is the load that the engine then feels."""
+    robot = replace(random_arm("PR", np.random.default_rng(2)), gravity=(0.0, 0.0, -9.8))
+    upright = replace(robot.joints[0], alpha=0.0)
+    robot = replace(robot, joints=(upright, robot.joints[1]))
+    estimate = fitted(robot)
+    values = np.array(estimate.solution)
+    for way, sign in (("plus", 1.0), ("minus", -1.0)):
+        values[estimate.names.index(f"coulomb.j1.{way}")] = 2.0 + 0.3 * sign
+    found = export(replace(estimate, solution=values), robot, form="mjcf", torque_constants={1: 10.0, 2: 5.0})
+    assert np.allclose(by_mujoco(found.files[".xml"], np.zeros((1, 2)))[0, 0], 20.0)
+    assert np.isclose(mujoco.MjModel.from_xml_string(found.files[".xml"]).dof_frictionloss[0], 3.0)
+
+
+def test_effects_are_told_as_left_out():
+    """Masses and plain friction have no place for effects: each is named."""
+    robot = robot_called("panda")
+    estimate = fitted(robot, effects=every_effect(robot))
+    found = export(estimate, robot, form="urdf", torque_constants=given(robot))
+    assert {one.effect for one in estimate.effects} <= {lack.name.split("@")[0] for lack in found.left_out}
+
+
+def test_names_are_escaped():
+    """Quotes, brackets, ampersands, dashes and control characters in names: both engines still load the files."""
+    robot = robot_called("crane")
+    joints = tuple(replace(joint, name=f'<a "{joint.number}" & -- > \x07 é') for joint in robot.joints)
+    robot = replace(robot, name="<!-- -->", joints=joints)
+    estimate = fitted(robot)
+    model = pin.buildModelFromXML(export(estimate, robot, form="urdf").files[".urdf"])
+    other = mujoco.MjModel.from_xml_string(export(estimate, robot, form="mjcf").files[".xml"])
+    assert model.names[1] == other.joint(0).name == '<a "1" & -- > _ é'
+
+
+@pytest.mark.parametrize("pitch", [0.0, 0.7, np.pi / 2, -np.pi / 2, np.pi / 2 - 1e-9, 3.0])
+def test_roll_pitch_yaw(pitch):
+    """URDF's angles give the rotation back, also where pitch is a right angle."""
+    turn = pin.rpy.rpyToMatrix(0.4, pitch, -1.3)
+    assert np.allclose(pin.rpy.rpyToMatrix(*roll_pitch_yaw(turn)), turn, atol=1e-14)
+
+
+@pytest.mark.parametrize(
+    ("text", "wanted"),
+    [("1, -2,3e1", {1: 1.0, 2: -2.0, 3: 30.0}), ("2=-4.5", {2: -4.5}), ("1=2 3 : 4", {1: 2.0, 3: 4.0})],
+)
+def test_constants_as_typed(text, wanted):
+    """All of them in order, or some by joint."""
+    assert read_constants(text, 3) == wanted
+
+
+def test_constants_from_a_file(tmp_path):
+    """A file holds either, with comments."""
+    path: Path = tmp_path / "k.txt"
+    path.write_text("# N m/A\n1: 2.5\n3: -1  # the elbow\n")
+    assert read_constants(str(path), 3) == {1: 2.5, 3: -1.0}
+
+
+@pytest.mark.parametrize(
+    "text", ["1,2", "", "0,1,2", "4=1", "1=2,1=3", "nan,1,2", "no_such_file", "1=x", "1.5=2", "=3"]
+)
+def test_constants_that_are_none(text):
+    """Too few, none, zero, of no joint, twice, no number, no file: refused with what is wrong."""
+    with pytest.raises(ModelError) as caught:
+        read_constants(text, 3)
+    assert caught.value.slug == "torque-constants"

@@ -1,0 +1,226 @@
+"""Exported source code draws what the model predicts: C by gcc, Python alone with numpy, MATLAB, JSON by hand."""
+
+from __future__ import annotations
+
+import ast
+import ctypes
+import json
+import shutil
+import subprocess
+import sys
+from dataclasses import replace
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from pumaid.verbs.export import export
+from tests.exported import EXACT, every_effect, fitted, motions, off, predicted, robot_called
+from tests.json_model import current
+from tests.matlab_lines import as_python
+
+GCC = shutil.which("gcc")
+OCTAVE = shutil.which("octave-cli")
+FLAGS = ("-std=c99", "-Wall", "-Wextra", "-Wpedantic", "-Wconversion", "-Werror", "-O2")
+needs_gcc = pytest.mark.skipif(GCC is None, reason="there is no gcc here")
+ARMS = ("puma560", "ur5e", "panda", "stanford", "crane", "one", "twelve")
+CASES = [(name, rich) for name in ARMS for rich in (False, True)]
+
+
+@cache
+def case(name: str, rich: bool):
+    """An arm, a model of it (with every effect of the catalogue where `rich`) and motions with their currents."""
+    robot = robot_called(name)
+    estimate = fitted(robot, effects=every_effect(robot) if rich else ())
+    position, velocity = motions(robot)
+    return robot, estimate, position, velocity, predicted(robot, estimate, position, velocity=velocity)
+
+
+def compiled(folder: Path, robot, estimate, **options):
+    """The C form as a function of its parts' name, postures, velocities and wanted directions (or None)."""
+    for suffix, text in export(estimate, robot, form="c", name="arm", **options).files.items():
+        (folder / f"arm{suffix}").write_text(text, encoding="utf-8")
+    line = [GCC, *FLAGS, "-shared", "-fPIC", str(folder / "arm.c"), "-o", str(folder / "arm_c.so"), "-lm"]
+    done = subprocess.run(line, capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stderr) == (0, "")
+    library = ctypes.CDLL(str(folder / "arm_c.so"))
+    vector = ctypes.c_double * robot.n_joints
+
+    def call(part, *given):
+        out = vector()
+        getattr(library, f"arm_{part}")(*(None if one is None else vector(*one) for one in given), out)
+        return np.array(out)
+
+    return call
+
+
+@needs_gcc
+@pytest.mark.parametrize(("name", "rich"), CASES)
+def test_c_draws_what_the_model_predicts(name, rich, tmp_path):
+    """Compiled without a warning, the C form equals Model.predict, and is the sum of its two parts."""
+    robot, estimate, position, velocity, wanted = case(name, rich)
+    call = compiled(tmp_path, robot, estimate)
+    found = [call("current", q, qd, None) for q, qd in zip(position, velocity, strict=True)]
+    parts = [call("gravity", q) + call("friction", q, qd, None) for q, qd in zip(position, velocity, strict=True)]
+    assert off(np.array(found), wanted) < EXACT and off(np.array(parts), wanted) < EXACT
+
+
+@needs_gcc
+def test_c_needs_nothing_but_the_mathematical_functions(tmp_path):
+    """No allocation, no data that changes: the object file asks for functions of math.h and has no writable symbol."""
+    robot, estimate, *_ = case("stanford", True)
+    compiled(tmp_path, robot, estimate)
+    subprocess.run([GCC, *FLAGS, "-c", "arm.c"], cwd=tmp_path, check=True)
+    lines = subprocess.run(["nm", "arm.o"], cwd=tmp_path, capture_output=True, text=True, check=True).stdout.split("\n")
+    asked = {line.split()[-1] for line in lines if " U " in line}
+    assert asked <= {
+        "sin",
+        "cos",
+        "sincos",
+        "exp",
+        "pow",
+        "sqrt",
+        "fabs",
+        "fmax",
+        "_GLOBAL_OFFSET_TABLE_",
+        "__stack_chk_fail",
+    }
+    assert [line for line in lines if line[17:18] in ("d", "D", "b", "B", "C")] == []
+
+
+@needs_gcc
+def test_c_at_rest_and_toward(tmp_path):
+    """At rest: the middle of both directions; toward 1 or -1: friction of that direction at no speed; beyond: as 1."""
+    robot, estimate, position, *_ = case("panda", True)
+    call, q, n = compiled(tmp_path, robot, estimate), position[0], robot.n_joints
+    slow = np.full(n, 1e-300)
+    ahead, back = call("friction", q, slow, None), call("friction", q, -slow, None)
+    still = np.zeros(n)
+    assert np.allclose(call("friction", q, still, still + 7.0), ahead, rtol=1e-14)
+    assert np.allclose(call("friction", q, still, still - 1.0), back, rtol=1e-14)
+    assert np.allclose(call("friction", q, still, None), 0.5 * (ahead + back), rtol=1e-14, atol=1e-16)
+    mixed = call("friction", q, slow, still + 0.5)
+    assert np.allclose(mixed, 0.75 * ahead + 0.25 * call("friction", q, still, still - 1.0), rtol=1e-12)
+
+
+@needs_gcc
+def test_c_passes_on_what_is_not_a_number(tmp_path):
+    """A velocity that is not a number is not taken for rest."""
+    robot, estimate, position, velocity, _ = case("crane", False)
+    call = compiled(tmp_path, robot, estimate)
+    found = call("current", position[0], [np.nan, *velocity[0][1:]], None)
+    assert np.isnan(found[0]) and np.isfinite(found[1:]).all()
+
+
+@needs_gcc
+def test_c_with_ratios_that_are_not_known(tmp_path):
+    """Unknown ratios count as nothing, as in the model; effects of loads that are not known too."""
+    robot, estimate, position, velocity, _ = case("ur5e", True)
+    scales = estimate.scales.copy()
+    scales[:4, 4:] = np.nan
+    cut = replace(estimate, scales=scales)
+    wanted = predicted(robot, cut, position, velocity=velocity)
+    call = compiled(tmp_path, robot, cut)
+    found = [call("current", q, qd, None) for q, qd in zip(position, velocity, strict=True)]
+    assert off(np.array(found), wanted) < EXACT
+
+
+ALONE = """
+import json, sys
+class Only:
+    def find_spec(self, name, path=None, target=None):
+        if name.split(".")[0] not in {*sys.stdlib_module_names, "numpy", "arm"}:
+            raise ImportError(name)
+sys.meta_path.insert(0, Only())
+sys.path.insert(0, sys.argv[1])
+import arm
+q, qd = json.load(sys.stdin)
+print(json.dumps([arm.current(q, qd).tolist(), (arm.gravity(q[0]) + arm.friction(q[0], qd[0])).tolist()]))
+"""
+
+
+@pytest.mark.parametrize(("name", "rich"), CASES)
+def test_python_draws_what_the_model_predicts(name, rich, tmp_path):
+    """In a process that can import numpy and nothing else, many postures at once or one."""
+    robot, estimate, position, velocity, wanted = case(name, rich)
+    (tmp_path / "arm.py").write_text(export(estimate, robot, form="python").files[".py"], encoding="utf-8")
+    given = json.dumps([position.tolist(), velocity.tolist()])
+    done = subprocess.run(
+        [sys.executable, "-I", "-c", ALONE, str(tmp_path)], input=given, capture_output=True, text=True, check=False
+    )
+    assert done.stderr == ""
+    many, one = json.loads(done.stdout)
+    assert off(np.array(many), wanted) < EXACT and np.allclose(one, wanted[0], rtol=1e-10, atol=1e-13)
+
+
+@pytest.mark.parametrize(("name", "rich"), CASES)
+def test_json_says_enough_to_draw_it(name, rich):
+    """A small evaluator that follows the document's own words finds the currents, and the reference is right."""
+    robot, estimate, position, velocity, wanted = case(name, rich)
+    document = json.loads(export(estimate, robot, form="json").files[".json"])
+    found = np.array([current(document, q, qd) for q, qd in zip(position[:4], velocity[:4], strict=True)])
+    # Slopes are taken by differences there: 1e-9 is what a central difference of step 1e-5 leaves.
+    assert np.allclose(found, wanted[:4], atol=(1e-9 if rich else EXACT) * np.abs(wanted).max())
+    for row in document["reference"]:
+        q, qd = np.array([row["q"]]), np.array([row["qd"]])
+        assert np.allclose(row["current"], predicted(robot, estimate, q, velocity=qd)[0], rtol=1e-12, atol=1e-14)
+
+
+@pytest.mark.parametrize(("name", "rich"), CASES)
+def test_matlab_draws_what_the_model_predicts(name, rich):
+    """Translated line by line into Python (tests/matlab_lines.py), since no interpreter is at hand everywhere."""
+    robot, estimate, position, velocity, wanted = case(name, rich)
+    run = as_python(export(estimate, robot, form="matlab", name="arm").files[".m"], "arm")
+    found = np.array([run(q, qd)[0] for q, qd in zip(position[:8], velocity[:8], strict=True)])
+    assert off(found, wanted[:8]) < 1e2 * EXACT  # relative to eight postures' largest, not to forty's
+
+
+@pytest.mark.skipif(OCTAVE is None, reason="there is no octave-cli here")
+@pytest.mark.parametrize(("name", "rich"), [("stanford", True), ("twelve", True), ("one", False)])
+def test_octave_draws_what_the_model_predicts(name, rich, tmp_path):
+    """The same in Octave itself, where it is installed."""
+    robot, estimate, position, velocity, wanted = case(name, rich)
+    (tmp_path / "arm.m").write_text(export(estimate, robot, form="matlab", name="arm").files[".m"], encoding="utf-8")
+    (tmp_path / "in.json").write_text(json.dumps({"q": position.tolist(), "qd": velocity.tolist()}))
+    program = (
+        "d = jsondecode(fileread('in.json')); n = size(d.q, 1); out = zeros(size(d.q));"
+        "for k = 1:n, [t, h, f] = arm(d.q(k, :), d.qd(k, :)); out(k, :) = t; end; printf('%.17g\\n', out');"
+    )
+    done = subprocess.run([OCTAVE, "--eval", program], cwd=tmp_path, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    assert off(np.array([float(word) for word in done.stdout.split()]).reshape(wanted.shape), wanted) < EXACT
+
+
+def test_what_is_not_written_is_said():
+    """Every effect of the catalogue is in a file or told as left out; the file's head tells it too."""
+    robot, estimate, *_ = case("stanford", True)
+    found = export(estimate, robot, form="c")
+    told = {lack.name.split("@")[0].split("_2")[0] for lack in found.left_out}
+    written = {one.effect for one in estimate.effects} - told
+    assert told == {"warmup", "friction_step", "payload", "torque_constant_drift", "thermal_friction", "presliding"} | {
+        "inertia",
+        "saturation",
+        "delay",
+    }
+    assert all(f"/* {name}" in found.files[".c"] for name in written)
+    assert all(f"{lack.name}:" in found.files[".h"] for lack in found.left_out)
+
+
+def test_python_form_is_valid_for_any_names():
+    """Names that end comments or strings, or are no identifiers, do no harm."""
+    robot = robot_called("crane")
+    joints = tuple(replace(joint, name=f'*/ """ -- \\ {joint.number} ??/ é\n') for joint in robot.joints)
+    robot = replace(robot, name='3 */ double """ \'quo\nte\'', joints=joints)
+    found = export(fitted(robot), robot, form="python")
+    assert found.name == "arm_3_double_quo_te"
+    ast.parse(found.files[".py"])
+
+
+@needs_gcc
+def test_c_compiles_for_any_names(tmp_path):
+    """The same for C, comments in comments and trigraphs included."""
+    robot = robot_called("crane")
+    joints = tuple(replace(joint, name=f'*/ /* -- \\ {joint.number} ??/ é\n"') for joint in robot.joints)
+    robot = replace(robot, name="*/ int main(void){} /* \\", joints=joints)
+    compiled(tmp_path, robot, fitted(robot))
