@@ -49,7 +49,8 @@ class Plan:
 
     `expected` maps a parameter's name to its predicted standard error (SI), absent where the plan cannot show it;
     `unseen` maps a parameter's name to why no run of this plan shows it; `duration` is in s, moves between included.
-    `assumptions` are the sentences on which the forecast rests, `notes` what the user should know before running it.
+    `efficiency` is the predicted error of the best conceivable experiment of as much time as a share of this plan's
+    (0..1), none where nobody looked. `assumptions` are the sentences on which the forecast rests, `notes` what the user should know before running it.
     """
 
     robot: str
@@ -59,5 +60,6 @@ class Plan:
     unseen: dict[str, str] = field(default_factory=dict)
     duration: float = 0.0
     seed: int = 0
+    efficiency: float | None = None
     assumptions: tuple[str, ...] = ()
     notes: tuple[Note, ...] = ()

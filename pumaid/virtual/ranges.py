@@ -18,6 +18,8 @@ _DEG = factor("deg")
 USUAL_TURN, WIDEST_TURN = 250.0 * _DEG, 270.0 * _DEG
 #: Span of a sliding joint without limits, m, from zero.
 USUAL_SLIDE = 0.3
+#: Highest speeds that a plan asks of a joint, whatever it could: rad/s, m/s.
+QUICKEST_TURN, QUICKEST_SLIDE = 1.75, 0.25
 #: What is left free at each limit, as a share of the range, and at most: rad, m. Real controllers overshoot.
 _MARGIN, _MOST_TURN, _MOST_SLIDE = 0.02, 3.0 * _DEG, 0.01
 #: Held joints stand at multiples of this, so that people can read and set them: rad.

@@ -38,9 +38,12 @@ ROOMS = {
     "virtual": LAWS | {"clearance", "virtual"},
     "exports": LAWS | MODEL | {"exports"},
     "programs": BASE | {"files", "virtual", "programs"},
-    "verbs": LAWS | MODEL | {"clearance", "exports", "fit", "diagnosis", "virtual"},
+    "planning": LAWS | MODEL | {"clearance", "fit", "diagnosis", "virtual", "planning"},
+    "verbs": LAWS | MODEL | {"clearance", "exports", "fit", "diagnosis", "virtual", "planning"},
     "show": BASE | {"effects", "show"},
-    "cli": LAWS | MODEL | {"clearance", "exports", "fit", "diagnosis", "programs", "virtual", "verbs", "show", "cli"},
+    "cli": LAWS
+    | MODEL
+    | {"clearance", "exports", "fit", "diagnosis", "programs", "virtual", "planning", "verbs", "show", "cli"},
     "__main__": {"cli"},
 }
 LONGEST_MODULE, LONGEST_FUNCTION, MOST_POSITIONAL, DEEPEST = 350, 50, 3, 3

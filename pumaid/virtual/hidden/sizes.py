@@ -14,8 +14,7 @@ from pumaid.errors import ModelError, Where
 from pumaid.records import Robot
 from pumaid.virtual.hidden.catalogue import LAWS
 from pumaid.virtual.hidden.law import Hidden, Reach, Typical
-from pumaid.virtual.ranges import span
-from pumaid.virtual.timetable import QUICKEST_SLIDE, QUICKEST_TURN
+from pumaid.virtual.ranges import QUICKEST_SLIDE, QUICKEST_TURN, span
 from pumaid.virtual.timing import accelerations, highest_speeds
 from pumaid.virtual.weight import Weight
 

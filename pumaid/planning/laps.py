@@ -1,0 +1,166 @@
+"""What a plan can be made of: laps, there and back with one joint, on stretches and at speeds that are worth trying."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pumaid.clearance import Clearance
+from pumaid.records import Joint, Motion, Plan, Robot
+from pumaid.units import factor
+from pumaid.virtual.ranges import QUICKEST_SLIDE, QUICKEST_TURN, reference, span
+from pumaid.virtual.timing import MOVE_SHARE, RAMP_TIME, accelerations, cruise, duration, highest_speeds
+
+Floats = NDArray[np.float64]
+
+#: Shares of the speed that a joint may have: slow enough for Stribeck friction, fast enough to tell viscous from it.
+SHARES = (0.035, 0.07, 0.15, 0.3, 0.6, 1.0)
+#: s at constant speed that a run over a part of the span lasts.
+PARTS = (0.8, 2.0, 5.0)
+#: Way at constant speed of any run, rad and m: waves of a motor's turn should not pass for friction.
+LEAST_TURN, LEAST_SLIDE = 6.0 * factor("deg"), 0.01
+#: A part that takes more than this share of the room takes all of it.
+_WHOLE = 0.8
+#: s of a run at most; slower ones cover parts.
+_LONGEST = 15.0
+#: A run keeps its speed over at least this share of its span; the ramps take the rest.
+_LEAST_CRUISE = 0.6
+
+
+@dataclass(frozen=True, slots=True)
+class Course:
+    """Where along its span a joint runs, and how fast: `low` to `high` (rad or m) and back at `speed` (positive)."""
+
+    joint: int
+    low: float
+    high: float
+    speed: float
+
+    def motions(self, hold: tuple[float, ...], *, purpose: str = "fit", is_high: bool = False) -> tuple[Motion, Motion]:
+        """There and back in a posture; from the high end where `is_high`."""
+        ends = (self.high, self.low) if is_high else (self.low, self.high)
+        there = Motion(self.joint, hold, *ends, self.speed, purpose)
+        return there, Motion(self.joint, hold, *ends[::-1], self.speed, purpose)
+
+
+def top_speed(robot: Robot, joint: int) -> float:
+    """Speed (rad/s or m/s) that a plan may ask of joint `joint` (from 1).
+
+    Its highest, at most 1.75 rad/s or 0.25 m/s, and less where the span is so short that ramps would fill it.
+    """
+    arm = robot.joint(joint)
+    low, high = span(arm)
+    room = math.sqrt((1.0 - _LEAST_CRUISE) * (high - low) * float(accelerations(robot)[joint - 1]))
+    return min(float(highest_speeds(robot)[joint - 1]), room, QUICKEST_TURN if arm.is_revolute else QUICKEST_SLIDE)
+
+
+def speeds(robot: Robot, joint: int, shares: Sequence[float]) -> tuple[float, ...]:
+    """Speeds of a joint's runs, rising, rounded to tenths of degrees or millimetres a second, each once.
+
+    Parameters
+    ----------
+    robot, joint
+        Its limits and highest speed; joint from 1.
+    shares
+        0..1 of `top_speed`.
+    """
+    step = 0.1 * _step(robot.joint(joint))
+    most = top_speed(robot, joint)
+    return tuple(sorted({_rounded(share * most, step) for share in shares}))
+
+
+def _rounded(speed: float, step: float) -> float:
+    whole = step * 10.0 if speed >= 100.0 * step else step
+    return float(np.floor(speed / whole + 1e-9) * whole) if speed >= 4 * step else speed
+
+
+def _step(joint: Joint) -> float:
+    return factor("deg") if joint.is_revolute else factor("mm")
+
+
+def courses(robot: Robot, joint: int, fast: Sequence[float]) -> tuple[Course, ...]:
+    """Courses at every speed: the whole span, and parts up and down from where the joint is held while others run.
+
+    Parts begin and end where the joint stands anyway, so that they cost no way to an end of the span.
+
+    Parameters
+    ----------
+    robot, joint
+        Its span; joint from 1.
+    fast
+        Speeds, rad/s or m/s.
+    """
+    low, high = span(robot.joint(joint))
+    home = float(reference(robot)[joint - 1])
+    found: list[Course] = []
+    for speed in fast:
+        for lasting in (*PARTS, _LONGEST):
+            way = _way(robot, joint, speed=speed, lasting=lasting)
+            up, down = (room if way > _WHOLE * room else way for room in (high - home, home - low))
+            some = [Course(joint, home, home + up, speed), Course(joint, home - down, home, speed)]
+            found += [one for one in some if _cruises(robot, one, lasting)]
+        if (high - low) / speed <= _LONGEST:
+            found.append(Course(joint, low, high, speed))
+    return tuple(dict.fromkeys(found)) or (Course(joint, low, high, min(fast)),)
+
+
+def _way(robot: Robot, joint: int, *, speed: float, lasting: float) -> float:
+    """Way, ramps included, of a run that keeps its speed so long (s), and over no less than motors' turns want."""
+    arm = robot.joint(joint)
+    cruising = max(speed * lasting, LEAST_TURN if arm.is_revolute else LEAST_SLIDE)
+    step = _step(arm)
+    way = cruising + speed**2 / max(float(accelerations(robot)[joint - 1]), 1e-9)
+    return math.ceil(way / step - 1e-9) * step
+
+
+def _cruises(robot: Robot, course: Course, lasting: float) -> bool:
+    """Whether a course keeps its speed for at least a part's time, and takes no longer than a run may."""
+    motion = course.motions((0.0,) * robot.n_joints)[0]
+    kept = cruise(robot, motion)[1]
+    return 0.99 * min(PARTS[0], lasting) <= kept <= 1.01 * max(_LONGEST, lasting)
+
+
+def is_whole(robot: Robot, course: Course) -> bool:
+    """Whether a course is over the joint's whole span."""
+    return (course.low, course.high) == span(robot.joint(course.joint))
+
+
+def seconds(robot: Robot, course: Course) -> float:
+    """s that both runs of a course take, rests included, and the way from where the joint is held, and back."""
+    motions = course.motions((0.0,) * robot.n_joints)
+    running = 2.0 * duration(robot, Plan(robot=robot.name, motions=motions[:1]))
+    home = float(reference(robot)[course.joint - 1])
+    away = min(abs(course.low - home), abs(course.high - home))
+    way = away / (MOVE_SHARE * float(highest_speeds(robot)[course.joint - 1]))
+    return running + (2.0 * (way + RAMP_TIME) if away > 1e-9 else 0.0)
+
+
+def free(clearance: Clearance, holds: Floats, some: Sequence[Course]) -> NDArray[np.bool_]:
+    """(K, C) which of C courses of one joint can be driven in which of K postures without striking anything."""
+    out = np.ones((len(holds), len(some)), dtype=bool)
+    if clearance.is_free or not len(holds):
+        return out
+    # Parts are driven where the whole is free; only where it is not is each looked at.
+    joint = some[0].joint - 1
+    low, high = min(one.low for one in some), max(one.high for one in some)
+    whole = clearance.struck(*_ends(holds, joint, low, high))
+    ways = sorted({(one.low, one.high) for one in some})
+    for k in np.flatnonzero(whole):
+        hold = np.tile(holds[k], (len(ways), 1))
+        starts, ends = hold.copy(), hold.copy()
+        starts[:, joint], ends[:, joint] = np.array(ways).T
+        open_ways = [way for way, hit in zip(ways, clearance.struck(starts, ends).tolist(), strict=True) if not hit]
+        # Within the widest free way only: from one part to another the joint passes what lies between.
+        low, high = max(open_ways, key=lambda way: way[1] - way[0], default=(1.0, 0.0))
+        out[k] = [low <= one.low and one.high <= high for one in some]
+    return out
+
+
+def _ends(holds: Floats, joint: int, low: float, high: float) -> tuple[Floats, Floats]:
+    starts, ends = holds.copy(), holds.copy()
+    starts[:, joint], ends[:, joint] = low, high
+    return starts, ends

@@ -1,0 +1,157 @@
+"""The laps from which a plan is made, what each tells of every parameter, and how long it takes."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pumaid.planning.laps import Course, seconds
+from pumaid.records import Robot
+from pumaid.virtual.forecast import gravity_names, run_moments, run_slopes
+from pumaid.virtual.timing import cruise
+from pumaid.virtual.truth import Truth
+
+Floats = NDArray[np.float64]
+Counts = NDArray[np.int64]
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Ways:
+    """What one joint may do: K postures (K, J), C courses, and which of them can be driven where (K, C)."""
+
+    joint: int
+    holds: Floats
+    courses: tuple[Course, ...]
+    usable: NDArray[np.bool_]
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Menu:
+    """L laps.
+
+    Attributes
+    ----------
+    ways
+        Of every joint.
+    joint, hold, course
+        (L,) which joint (from 1), and which of its postures and courses.
+    seconds
+        (L,) s, rests included.
+    factors
+        (G, L, 6, p) square root of a lap's information for each of G robots, columns in the order of `names`.
+    names
+        p: gravity parameters and ratios, then friction.
+    """
+
+    ways: tuple[Ways, ...]
+    joint: Counts
+    hold: Counts
+    course: Counts
+    seconds: Floats
+    factors: Floats
+    names: tuple[str, ...]
+
+    def __len__(self) -> int:
+        return len(self.joint)
+
+    def information(self, weights: Floats) -> Floats:
+        """(G, p, p) of all laps, each counted `weights` (L,) times."""
+        used = np.flatnonzero(weights)
+        root = np.sqrt(weights[used])[:, None, None]
+        flat = (self.factors[:, used] * root).reshape(len(self.factors), -1, len(self.names))
+        return np.asarray(np.swapaxes(flat, -1, -2) @ flat)
+
+    def worth(self, pull: Floats) -> Floats:
+        """(L,) of each lap by the pull (G, p, p) of its information."""
+        robots, laps, rows, width = self.factors.shape
+        flat = self.factors.reshape(robots, laps * rows, width)
+        return np.asarray(np.sum((flat @ pull) * flat, axis=(0, 2)).reshape(laps, rows).sum(axis=1))
+
+    def each(self, laps: Counts) -> Floats:
+        """(N, G, p, p) information of N laps, one by one."""
+        some = np.swapaxes(self.factors[:, laps], 0, 1)
+        return np.asarray(np.swapaxes(some, -1, -2) @ some)
+
+    def of(self, joint: int) -> Ways:
+        """What joint `joint` (from 1) may do."""
+        return self.ways[joint - 1]
+
+    def find(self, joint: int, hold: int, course: int) -> int | None:
+        """The lap of a joint (from 1) in one of its postures on one of its courses; None where it cannot be driven."""
+        found = np.flatnonzero((self.joint == joint) & (self.hold == hold) & (self.course == course))
+        return int(found[0]) if len(found) else None
+
+    def course_of(self, lap: int) -> Course:
+        """The course of a lap."""
+        return self.of(int(self.joint[lap])).courses[self.course[lap]]
+
+    def block_of(self, lap: int) -> tuple[int, int]:
+        """Joint (from 1) and posture of a lap: what is run without moving the held joints."""
+        return int(self.joint[lap]), int(self.hold[lap])
+
+
+def parameters(robot: Robot, names: Sequence[str]) -> tuple[str, ...]:
+    """Names of a plan's forecast: gravity and ratios as given, then every joint's friction."""
+    known = gravity_names(robot)
+    terms = ("coulomb", "plus"), ("viscous", "plus"), ("coulomb", "minus"), ("viscous", "minus")
+    friction = [f"{effect}.j{joint.number}.{sign}" for joint in robot.joints for effect, sign in terms]
+    return (*(name for name in known if name in names), *friction)
+
+
+def menu(truths: Sequence[Truth], ways: Sequence[Ways], *, names: Sequence[str], rate: float) -> Menu:
+    """All laps that can be driven, and what they tell.
+
+    Parameters
+    ----------
+    truths
+        Assumed robots.
+    ways
+        Of every joint, in order.
+    names
+        Gravity parameters and ratios that the arm has.
+    rate
+        Samples a second.
+    """
+    robot = truths[0].robot
+    columns = parameters(robot, names)
+    index, times, factors = [], [], []
+    for way in ways:
+        where = np.argwhere(way.usable)
+        index.append(np.column_stack([np.full(len(where), way.joint), where]))
+        each = np.array([seconds(robot, course) for course in way.courses])
+        times.append(each[where[:, 1]])
+        factors.append(_factors(truths, way, columns=columns, rate=rate)[:, where[:, 0], where[:, 1]])
+    joint, hold, course = np.concatenate(index).T
+    whole = np.concatenate(factors, axis=1)
+    # One unit for all columns, so that no information is lost to rounding: what they are worth together is one.
+    return Menu(tuple(ways), joint, hold, course, np.concatenate(times), whole, columns)
+
+
+def _factors(truths: Sequence[Truth], way: Ways, *, columns: Sequence[str], rate: float) -> Floats:
+    """(G, K, C, 6, p) root of the information of every lap of a joint, there and back."""
+    robot, width = truths[0].robot, len(columns)
+    known = gravity_names(robot)
+    keep = [known.index(name) for name in columns if name in known]
+    first = len(keep) + 4 * (way.joint - 1)
+    out = np.zeros((len(truths), len(way.holds), len(way.courses), 2, 3, width))
+    slopes = [run_slopes(robot, truth.constants, joint=way.joint, holds=way.holds)[:, :, keep] for truth in truths]
+    for c, course in enumerate(way.courses):
+        for back, motion in enumerate(course.motions(tuple(way.holds[0].tolist()))):
+            ends, lasting = cruise(robot, motion)
+            sign = -1.0 if back else 1.0
+            for g, truth in enumerate(truths):
+                root = _root(run_moments(ends, lasting, truth.noise, joint=way.joint, rate=rate))
+                wide = np.zeros((len(way.holds), 3, width))
+                wide[:, :, : len(keep)] = slopes[g]
+                wide[:, 2, first + 2 * back : first + 2 * back + 2] = 1.0, sign * course.speed
+                out[g, :, c, back] = root @ wide
+    return out.reshape(*out.shape[:3], 6, width)
+
+
+def _root(moments: Floats) -> Floats:
+    """(3, 3) R with R' R the moments; they may be singular to rounding where a run is short."""
+    values, vectors = np.linalg.eigh(moments)
+    return np.asarray(np.sqrt(np.maximum(values, 0.0))[:, None] * vectors.T)

@@ -1,0 +1,313 @@
+"""From assumed robots and a time budget to motions: coverage, then what tells most, then order, then the clock."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pumaid.clearance import Clearance
+from pumaid.errors import ModelError
+from pumaid.planning.compose import Draft
+from pumaid.planning.coverage import Extent, cover
+from pumaid.planning.criterion import POWERS, Criterion
+from pumaid.planning.laps import SHARES, Course, courses, free, seconds, speeds
+from pumaid.planning.menu import Menu, Ways, menu
+from pumaid.planning.outlook import RATE
+from pumaid.planning.postures import shortlist
+from pumaid.planning.relaxed import Relaxed, relaxed
+from pumaid.planning.timetable import Block, timetable
+from pumaid.records import Motion, Plan, Robot
+from pumaid.units import number
+from pumaid.virtual.ranges import reference
+from pumaid.virtual.timing import MOVE_SHARE, RAMP_TIME, duration, highest_speeds
+from pumaid.virtual.truth import Truth
+
+Floats = NDArray[np.float64]
+
+#: What every joint gets at least (postures, of them with whole spans, of them in every pass, s of parts, courses for
+#: judging): the first that leaves enough of the time to what tells most.
+_EXTENTS = (
+    (4, 4, 4, 2.0, 2),
+    (4, 2, 4, 0.8, 2),
+    (4, 2, 2, 0.8, 1),
+    (4, 1, 1, 0.8, 1),
+    (3, 1, 1, 0.8, 1),
+    (2, 1, 1, 0.8, 1),
+)
+_SPARE = 0.75
+#: s a joint that a pass takes about: longer budgets are filled with more passes, up to so many.
+_PASS, _MOST_PASSES = 100.0, 20
+#: s a joint where no time is given.
+USUAL = 210.0
+#: s between blocks at first, as a share of the way from the arm's reference posture; measured after a timetable.
+_OPENING = 0.8
+#: Rounds of fitting a plan into its time, and the share of the time that is enough.
+_FITTINGS, _FULL = 4, 0.97
+#: Share of the best experiment's information on which postures of the coverage are compared.
+_GROUND = 0.5
+
+
+@dataclass(frozen=True, slots=True)
+class Wish:
+    """What a user asks for; None where the planner decides.
+
+    Attributes
+    ----------
+    seconds
+        Robot time, moves included.
+    shares
+        Speeds, as shares of each joint's highest.
+    postures, passes
+        Postures a joint, and how often everything is made.
+    criterion
+        A key of `pumaid.planning.criterion.POWERS`.
+    """
+
+    seconds: float | None = None
+    shares: tuple[float, ...] | None = None
+    postures: int | None = None
+    passes: int | None = None
+    criterion: str = "geometric"
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Made:
+    """A plan's motions, and what its reasons are made from.
+
+    Attributes
+    ----------
+    motions
+        In order.
+    draft
+        Laps of a pass.
+    best
+        The best conceivable experiment in the same time.
+    judged
+        (J, J) the posture in which each joint is judged.
+    extent
+        The coverage that was kept.
+    """
+
+    motions: tuple[Motion, ...]
+    draft: Draft
+    best: Relaxed
+    judged: Floats
+    extent: Extent
+
+    @property
+    def efficiency(self) -> float:
+        """Predicted error of the best conceivable experiment as a share of this one's (0..1)."""
+        return float(np.exp(self.best.bound - self.draft.value()))
+
+
+class Planner:
+    """Plans for one robot: what is worth a look is found once.
+
+    Parameters
+    ----------
+    truths
+        Assumed robots.
+    names
+        Gravity parameters and ratios that the arm has.
+    size
+        Name -> what is usual of it, SI.
+    wish
+        What is asked for.
+    seed
+        Same seed, same plan.
+    tell
+        Called with a word on what is done.
+    """
+
+    def __init__(
+        self,
+        truths: Sequence[Truth],
+        names: Sequence[str],
+        *,
+        size: dict[str, float],
+        wish: Wish,
+        seed: int,
+        tell: Callable[[str], None],
+    ) -> None:
+        self.truths, self.names, self.wish, self.seed, self.tell = truths, names, wish, seed, tell
+        self.robot: Robot = truths[0].robot
+        self.clearance = Clearance.of(self.robot)
+        tell("looking for postures that tell something")
+        rng = np.random.default_rng([seed, 3])
+        self.holds = shortlist(truths, names=names, clearance=self.clearance, rate=RATE, rng=rng)
+        shares = tuple(sorted(wish.shares or SHARES))
+        self.menu = self._menu(shares)
+        self.judging, self._away = self._judging(shares), self._far()
+        self.usual = np.array([size[name] for name in self.menu.names])
+        self.criterion = Criterion(
+            POWERS[wish.criterion], self.usual if POWERS[wish.criterion] else np.ones(len(self.usual))
+        )
+        self.hopeless: tuple[str, ...] = ()
+
+    def _far(self) -> Floats:
+        """(L,) s from the arm's reference posture to that of each lap."""
+        home, pace = reference(self.robot), MOVE_SHARE * highest_speeds(self.robot)
+        each = [np.max(np.abs(holds - home) / pace, axis=1) + RAMP_TIME for holds in self.holds]
+        return np.array([each[j - 1][k] for j, k in zip(self.menu.joint, self.menu.hold, strict=True)])
+
+    def _menu(self, shares: Sequence[float]) -> Menu:
+        ways = []
+        for joint, holds in zip(self.robot.joints, self.holds, strict=True):
+            some = courses(self.robot, joint.number, speeds(self.robot, joint.number, shares))
+            ways.append(Ways(joint.number, holds, some, free(self.clearance, holds, some)))
+        return menu(self.truths, ways, names=self.names, rate=RATE)
+
+    def _judging(self, shares: Sequence[float]) -> list[tuple[Course, ...]]:
+        """For each joint two courses over parts of the span, at a fast and a slow speed that no fitted run has."""
+        between = (math.sqrt(shares[-2] * shares[-1]), math.sqrt(shares[0] * shares[1]))
+        found: list[tuple[Course, ...]] = []
+        for joint in self.robot.joints:
+            each = [courses(self.robot, joint.number, speeds(self.robot, joint.number, (share,))) for share in between]
+            found.append((each[0][0], each[1][min(1, len(each[1]) - 1)]))
+        return found
+
+    def made(self) -> Made:
+        """The plan that is asked for.
+
+        Raises
+        ------
+        ModelError [plan-too-short]
+            The least experiment that shows everything takes longer.
+        """
+        self.tell("sharing out the time")
+        extents = self._extents()
+        budget = self.wish.seconds or max(USUAL * self.robot.n_joints, self._least(extents[0]) / _SPARE)
+        best = self._best(budget)
+        fitting = (one for one in extents if self._least(one) <= _SPARE * budget)
+        extent = next(fitting, extents[-1])
+        allowed, opening = budget, _OPENING
+        kept: Made | None = None
+        for _ in range(_FITTINGS):
+            draft = self._filled(extent, allowed, opening, best)
+            made = self._ordered(draft, extent, best)
+            taken = self._duration(made.motions)
+            if taken <= budget and (kept is None or draft.value() < kept.draft.value()):
+                kept = made
+            if _FULL * budget <= taken <= budget:
+                break
+            opening = self._opening(made)
+            allowed *= 0.99 * budget / taken
+        if kept is None:
+            raise self._too_short(budget, extents[-1])
+        return kept
+
+    def _best(self, budget: float) -> Relaxed:
+        """The best conceivable experiment; what even that leaves in the dark counts no longer."""
+        best = relaxed(self.menu, self.criterion, seconds=self.menu.seconds, total=budget)
+        share = np.median(self.criterion.errors(self.menu.information(best.weights)), axis=0) / self.usual
+        self.hopeless = tuple(name for name, dark in zip(self.menu.names, share > 1.0, strict=True) if dark)
+        if not self.hopeless:
+            return best
+        self.criterion = replace(self.criterion, counted=share <= 1.0)
+        return relaxed(self.menu, self.criterion, seconds=self.menu.seconds, total=budget)
+
+    def _extents(self) -> list[Extent]:
+        """What every joint may get at least, the most that is wanted first."""
+        wish = self.wish
+        many = 2
+        if wish.seconds is not None:
+            many = int(np.clip(round(wish.seconds / (_PASS * self.robot.n_joints)), 2, _MOST_PASSES))
+        found = []
+        for postures, whole, again, part, judged in _EXTENTS:
+            passes = wish.passes or (many if again == postures else 2)
+            found.append(Extent(wish.postures or postures, whole, again, part, passes=passes, judged=judged))
+        return [*found, *([] if wish.passes else [replace(found[-1], passes=1)])]
+
+    def _least(self, extent: Extent) -> float:
+        """s that the coverage alone takes, about."""
+        return self._draft(extent, _OPENING).seconds() + self._judging_seconds(extent)
+
+    def _draft(self, extent: Extent, opening: float, best: Relaxed | None = None) -> Draft:
+        """The coverage alone."""
+        usual = USUAL * self.robot.n_joints
+        even = np.full(len(self.menu), usual / float(np.sum(self.menu.seconds)))
+        draft = Draft(self.menu, self.criterion, extent.times, opening * self._away)
+        ground = _GROUND * self.menu.information(even if best is None else best.weights)
+        # A share of the time is half that share of the criterion, a logarithm.
+        haste = 0.5 * extent.passes / (self.wish.seconds or usual)
+        cover(draft, extent, ground, haste=haste, all_speeds=self.wish.shares is not None)
+        return draft
+
+    def _filled(self, extent: Extent, allowed: float, opening: float, best: Relaxed) -> Draft:
+        draft = self._draft(extent, opening, best)
+        running = allowed - self._judging_seconds(extent)
+        self.tell("choosing runs")
+        draft.fill(running)
+        draft.exchange(running, lambda value: self.tell(f"exchanging runs: error {number(math.exp(value), 3)}"))
+        return draft
+
+    def _judging_seconds(self, extent: Extent) -> float:
+        """s of the runs that are kept for judging."""
+        away = float(np.mean(self._away)) * _OPENING
+        return float(
+            sum(seconds(self.robot, course) + away for some in self.judging for course in some[: extent.judged])
+        )
+
+    def _ordered(self, draft: Draft, extent: Extent, best: Relaxed) -> Made:
+        """Motions of a draft, in order, with those for judging: a course of each joint in each of the first passes."""
+        rng = np.random.default_rng([self.seed, 4])
+        judged = self._judged(draft, rng)
+        passes: list[list[Block]] = []
+        for number_of_pass in range(extent.passes):
+            blocks = _blocks(draft, number_of_pass % len(draft.times))
+            for joint, some in enumerate(self.judging, start=1):
+                own = [course for k, course in enumerate(some[: extent.judged]) if k % extent.passes == number_of_pass]
+                hold = tuple(judged[joint - 1].tolist())
+                blocks += [Block(joint, hold, tuple(own), "heldout")] if own else []
+            passes.append(blocks)
+        motions = timetable(self.robot, passes, clearance=self.clearance, rng=rng)
+        return Made(motions, draft, best, judged, extent)
+
+    def _judged(self, draft: Draft, rng: np.random.Generator) -> Floats:
+        """(J, J) for each joint a posture that no fit sees where there is one, of those that can be reached."""
+        out = []
+        for way, some in zip(self.menu.ways, self.judging, strict=True):
+            used = {hold for joint, hold in map(draft.menu.block_of, draft.laps(0)) if joint == way.joint}
+            ways = free(self.clearance, way.holds, some).all(axis=1)
+            others = [k for k in np.flatnonzero(ways).tolist() if k not in used]
+            options = others or np.flatnonzero(way.usable.any(axis=1)).tolist()
+            out.append(way.holds[int(rng.choice(options))])
+        return np.array(out)
+
+    def _duration(self, motions: Sequence[Motion]) -> float:
+        return duration(self.robot, Plan(robot=self.robot.name, motions=tuple(motions)))
+
+    def _opening(self, made: Made) -> float:
+        """Time between blocks as it came out, as a share of that from the reference posture to each."""
+        running = sum(self._duration([motion]) for motion in made.motions)
+        nominal = 0.0
+        for kind, often in enumerate(made.draft.times):
+            opened = {self.menu.block_of(lap): float(self._away[lap]) for lap in made.draft.laps(kind)}
+            nominal += often * sum(opened.values())
+        nominal += float(np.mean(self._away)) * len(self.judging) * made.extent.judged
+        return max(self._duration(made.motions) - running, 0.0) / nominal
+
+    def _too_short(self, budget: float, least: Extent) -> ModelError:
+        draft = self._draft(least, _OPENING)
+        needed = self._duration(self._ordered(draft, least, Relaxed(np.zeros(0), 0.0, 0.0)).motions)
+        return ModelError(
+            "plan-too-short",
+            f"{number(budget / 60.0)} minutes are too short: the least experiment that shows everything takes"
+            f" {math.ceil(needed / 6.0) / 10.0:g} minutes",
+            mend=f"give --minutes {math.ceil(needed / 60.0)} or more, or fewer postures, replicates or faster speeds",
+        )
+
+
+def _blocks(draft: Draft, kind: int) -> list[Block]:
+    """The laps of a kind of pass, gathered by joint and posture."""
+    found: dict[tuple[int, int], list[Course]] = {}
+    for lap in draft.laps(kind):
+        found.setdefault(draft.menu.block_of(lap), []).append(draft.menu.course_of(lap))
+    return [
+        Block(joint, tuple(draft.menu.of(joint).holds[hold].tolist()), tuple(some))
+        for (joint, hold), some in sorted(found.items())
+    ]

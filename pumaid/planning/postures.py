@@ -1,0 +1,101 @@
+"""Which postures of the other joints are worth a look: those that the best conceivable experiment would use."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pumaid.clearance import Clearance
+from pumaid.planning.compose import settled
+from pumaid.planning.criterion import Criterion
+from pumaid.planning.laps import courses, free, speeds
+from pumaid.planning.menu import Ways, menu
+from pumaid.planning.relaxed import relaxed
+from pumaid.records import Robot
+from pumaid.virtual.forecast import run_slopes
+from pumaid.virtual.ranges import candidates
+from pumaid.virtual.truth import Truth
+
+Floats = NDArray[np.float64]
+
+#: Candidate postures drawn a joint, and of a joint whose runs no posture changes.
+_DRAWN, _DRAWN_IDLE = 120, 12
+#: Postures a joint that are left after the first look.
+SHORTLIST = 14
+#: Shares of the top speed of the first look, its steps, and its time a joint (s); ranks hardly depend on them.
+_LOOK, _STEPS, _SECONDS = (0.05, 0.95), 40, 120.0
+#: Slopes below this share of the greatest are rounding.
+_NOTHING = 1e-9
+
+
+def shortlist(
+    truths: Sequence[Truth], *, names: Sequence[str], clearance: Clearance, rate: float, rng: np.random.Generator
+) -> list[Floats]:
+    """(K, J) postures worth a look, for each joint in order, the most telling first.
+
+    Of many postures that can be reached those are kept on which the best conceivable experiment, with one fast and one
+    slow course, would spend its time.
+
+    Parameters
+    ----------
+    truths
+        Assumed robots.
+    names
+        Gravity parameters and ratios that the arm has.
+    clearance
+        What must not be struck.
+    rate
+        Samples a second.
+    rng
+        Source of the candidates.
+    """
+    robot = truths[0].robot
+    ways = [_ways(truths[0], joint.number, clearance, rng) for joint in robot.joints]
+    found = menu(truths, ways, names=names, rate=rate)
+    criterion = Criterion(0.0, np.ones(len(found.names)))
+    weights = relaxed(found, criterion, seconds=found.seconds, total=_SECONDS * robot.n_joints, steps=_STEPS).weights
+    out = []
+    for way in ways:
+        own = found.joint == way.joint
+        spent = np.bincount(found.hold[own], (weights * found.seconds)[own], minlength=len(way.holds))
+        usable = np.flatnonzero(way.usable.any(axis=1))
+        order = usable[np.argsort(-settled(np.asarray(spent[usable], dtype=float)), kind="stable")]
+        out.append(way.holds[order[:SHORTLIST]])
+    return out
+
+
+def _ways(truth: Truth, joint: int, clearance: Clearance, rng: np.random.Generator) -> Ways:
+    robot = truth.robot
+    matter = [number for number in that_matter(truth, joint, rng) if number != joint]
+    others = [number for number in range(1, robot.n_joints + 1) if number != joint]
+    holds = candidates(robot, joint, free=matter or others, count=_DRAWN if matter else _DRAWN_IDLE, rng=rng)
+    own = courses(robot, joint, speeds(robot, joint, _LOOK))
+    some = tuple(course for course in own if course.speed in (own[0].speed, own[-1].speed))
+    return Ways(joint, holds, some, free(clearance, holds, some))
+
+
+def that_matter(truth: Truth, joint: int, rng: np.random.Generator) -> list[int]:
+    """Joints (from 1) whose position changes what joint `joint` (from 1) tells when it runs.
+
+    Parameters
+    ----------
+    truth
+        An assumed robot.
+    joint
+        Moves.
+    rng
+        Source of the postures that are tried.
+    """
+    robot: Robot = truth.robot
+    postures = rng.uniform(-1.0, 1.0, (12, robot.n_joints)) * np.where(robot.is_revolute, np.pi, 0.5)
+    before = run_slopes(robot, truth.constants, joint=joint, holds=postures)
+    scale = np.max(np.abs(before)) or 1.0
+    found = []
+    for number in range(1, robot.n_joints + 1):
+        turned = postures.copy()
+        turned[:, number - 1] += 0.7
+        if np.max(np.abs(run_slopes(robot, truth.constants, joint=joint, holds=turned) - before)) > _NOTHING * scale:
+            found.append(number)
+    return found

@@ -1,0 +1,92 @@
+"""The arm as it will stand during an experiment: its base tilted, a payload in its hand."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from pumaid.records import Robot
+from pumaid.units import factor, number
+from pumaid.virtual.draw import draw
+from pumaid.virtual.links import Links
+from pumaid.virtual.truth import Truth
+
+
+@dataclass(frozen=True, slots=True)
+class Setup:
+    """What is done to an arm before it runs.
+
+    Attributes
+    ----------
+    tilt
+        rad by which the base is turned about its own x and y axes, or none.
+    payload
+        kg, and x, y, z (m) in the last link's frame where its centre is, or none.
+    """
+
+    tilt: tuple[float, float] | None = None
+    payload: tuple[float, float, float, float] | None = None
+
+    def robot(self, robot: Robot) -> Robot:
+        """The arm with gravity as its tilted base sees it.
+
+        Parameters
+        ----------
+        robot
+            As it usually stands.
+        """
+        if self.tilt is None:
+            return robot
+        x, y = self.tilt
+        about_x = np.array([[1, 0, 0], [0, np.cos(x), -np.sin(x)], [0, np.sin(x), np.cos(x)]])
+        about_y = np.array([[np.cos(y), 0, np.sin(y)], [0, 1, 0], [-np.sin(y), 0, np.cos(y)]])
+        turned = (about_y @ about_x).T @ np.asarray(robot.gravity)
+        a, b, c = (round(float(part), 9) + 0.0 for part in turned)
+        return replace(robot, gravity=(a, b, c))
+
+    def loaded(self, truth: Truth) -> Truth:
+        """An assumed robot with the payload.
+
+        Parameters
+        ----------
+        truth
+            Without it. Where only its constants in amperes are known, its last motor is one of the recipe's usual size.
+        """
+        if self.payload is None:
+            return truth
+        mass, *at = self.payload
+        if truth.links is not None:
+            links = truth.links
+            whole = links.mass.copy()
+            whole[-1] += mass
+            centre = links.centre.copy()
+            centre[-1] = (links.mass[-1] * links.centre[-1] + mass * np.array(at)) / whole[-1]
+            return replace(truth, links=Links(whole, centre))
+        assert truth.known is not None
+        usual = draw(truth.robot, 0)
+        assert usual.gain is not None
+        more = abs(float(usual.gain[-1])) * mass
+        x, y, heavy = truth.known.x.copy(), truth.known.y.copy(), truth.known.mass.copy()
+        x[-1] += more * at[0]
+        y[-1] += more * at[1]
+        heavy[-1] += more
+        return replace(truth, known=replace(truth.known, x=x, y=y, mass=heavy))
+
+    def told(self) -> tuple[str, ...]:
+        """Sentences on what must be done before the plan is run."""
+        out = []
+        if self.tilt is not None:
+            x, y = (number(part / factor("deg"), 3) for part in self.tilt)
+            out.append(
+                f"The base stands tilted by {x} deg about its x and {y} deg about its y axis; identify these runs with"
+                " a recipe whose gravity says so."
+            )
+        if self.payload is not None:
+            mass, *at = self.payload
+            x, y, z = (number(part, 3) for part in at)
+            out.append(
+                f"The last link carries {number(mass, 3)} kg at ({x}, {y}, {z}) m of its frame; its gravity parameters"
+                " are those of link and payload together, ratios those of the bare arm."
+            )
+        return tuple(out)
