@@ -24,6 +24,7 @@ LINES = {
     "diagnose": "diagnose model.json logs --json",
     "report": "report model.json logs --format= --json",
     "history": "history --json",
+    "export": "export model.json --format c -o arm --json",
     "effects": "effects --json",
     "doctor": "doctor --json",
     "demo": "demo tale --robot pendulum2 --clean --json",

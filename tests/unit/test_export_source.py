@@ -16,9 +16,11 @@ import numpy as np
 import pytest
 
 from pumaid.verbs.export import export
+from pumaid.verbs.identify import identify
 from tests.exported import EXACT, every_effect, fitted, motions, off, predicted, robot_called
 from tests.json_model import current
 from tests.matlab_lines import as_python
+from tests.worlds import PENDULUM, drawn, evidence, experiment, only
 
 GCC = shutil.which("gcc")
 OCTAVE = shutil.which("octave-cli")
@@ -215,6 +217,33 @@ def test_python_form_is_valid_for_any_names():
     found = export(fitted(robot), robot, form="python")
     assert found.name == "arm_3_double_quo_te"
     ast.parse(found.files[".py"])
+
+
+def test_a_model_of_partial_logs_is_written_and_its_gaps_are_told():
+    """Joint 2 of a pendulum alone was logged: joint 1 draws what the model says of it, and is told as unknown."""
+    truth = drawn(PENDULUM)
+    estimate = identify(evidence(truth, only(experiment(PENDULUM), lambda motion: motion.joint == 2)), PENDULUM)
+    found = export(estimate, PENDULUM, form="json")
+    q, qd = motions(PENDULUM, count=4)
+    wanted = predicted(PENDULUM, estimate, q, velocity=qd)
+    document = json.loads(found.files[".json"])
+    assert np.allclose([current(document, *one) for one in zip(q, qd, strict=True)], wanted, atol=1e-12)
+    told = {lack.name for lack in found.undetermined}
+    assert {"coulomb.j1.plus", "viscous.j1.minus", "gravity.l1.x"} <= told
+    assert not {"coulomb.j2.plus", "gravity.l2.x"} & told
+
+
+def test_gears_that_couple_joints_drive_friction():
+    """With `coupling` in the recipe friction follows the motor shafts' speeds, in the files as in the model."""
+    robot = robot_called("puma560")
+    geared = tuple(replace(joint, gear_ratio=50.0 + joint.number) for joint in robot.joints)
+    robot = replace(robot, joints=geared, coupling={(5, 4): -0.2, (6, 4): 0.3, (6, 5): -0.4}, digest="")
+    estimate, (q, qd) = fitted(robot), motions(robot)
+    space: dict = {}
+    exec(export(estimate, robot, form="python").files[".py"], space)
+    wanted = predicted(robot, estimate, q, velocity=qd)
+    assert off(space["current"](q, qd), wanted) < EXACT
+    assert off(space["current"](q, qd), predicted(replace(robot, coupling={}), estimate, q, velocity=qd)) > 0.01
 
 
 @needs_gcc
