@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from pumaid.records import Motion, Plan, Robot
 from pumaid.units import factor
-from pumaid.virtual.timing import MOVE_SHARE, RAMP_TIME, accelerations, highest_speeds
+from pumaid.virtual.timing import MOVE_SHARE, RAMP_TIME, REST, accelerations, highest_speeds, stretches
 
 Floats = NDArray[np.float64]
 
@@ -88,6 +88,23 @@ def _move(robot: Robot, now: Floats, begin: Floats, number: int) -> Step:
     speed = np.min(MOVE_SHARE * highest_speeds(robot)[moved] / share[moved])
     acceleration = np.min(accelerations(robot)[moved] / share[moved])
     return Step(now, begin, float(speed), float(acceleration), None, number)
+
+
+def run_times(robot: Robot, plan: Plan) -> Floats:
+    """(M, 2) s at which each run begins and ends, its ramps included, counted from the first rest.
+
+    Parameters
+    ----------
+    robot, plan
+        As for `steps`; timed as the virtual robot executes them.
+    """
+    clock, found = 0.0, []
+    for stretch in stretches(robot, plan):
+        if stretch.motion is not None:
+            begin = clock + stretch.lead
+            found.append((begin, clock + stretch.duration - REST))
+        clock += stretch.duration
+    return np.array(found).reshape(-1, 2)
 
 
 def told(motion: Motion, robot: Robot) -> str:

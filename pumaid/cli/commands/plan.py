@@ -7,7 +7,8 @@ from pathlib import Path
 import rich_click as click
 
 from pumaid.cli.options import json_option, output_option, seed_option
-from pumaid.cli.output import document, notes, remark, say, table
+from pumaid.cli.output import document, notes, picture_form, remark, say, table
+from pumaid.cli.plan_files import PLAN_FORMS, draw_plan, formed, plan_suffix
 from pumaid.cli.progress import progress
 
 
@@ -25,8 +26,10 @@ def _shares(_: click.Context, __: click.Parameter, text: str | None) -> tuple[fl
 @click.option("--postures", type=int, metavar="N", help="Postures of the other joints, for each joint. [default: 3]")
 @click.option("--replicates", type=int, metavar="N", help="How often each run is made. [default: 2]")
 @click.option(
-    "--format", "form", type=click.Choice(["yaml", "csv"]), default="yaml", show_default=True, help="Form of the plan."
+    "--format", "form", type=click.Choice(PLAN_FORMS), default="yaml", show_default=True, help="Form of the plan."
 )
+@click.option("--picture", type=click.Path(path_type=Path), metavar="FILE", help="Draw it: .png, .svg or .pdf.")
+@click.option("--timetable", "with_times", is_flag=True, help="List when each block of runs is made.")
 @click.option("--force", is_flag=True, help="Replace a plan that is there already.")
 @output_option("The plan to write; - for standard output. Default: plan.yaml beside the recipe.")
 @seed_option
@@ -39,6 +42,8 @@ def command(
     postures: int | None,
     replicates: int | None,
     form: str,
+    picture: Path | None,
+    with_times: bool,
     force: bool,
     output: Path | None,
     seed: int,
@@ -57,14 +62,21 @@ def command(
       pumaid plan recipe.yaml --minutes 30
       pumaid plan puma560 --seed 3 -o plan.yaml
       pumaid plan recipe.yaml --format csv -o plan.csv
+      pumaid plan ur5e --format urscript --picture postures.png --timetable
     """
     from pumaid.cli.reading import experiment_folder, read_robot
-    from pumaid.files.plan import PLAN_NAME, plan_document, plan_text, refuse_to_replace, write_plan
+    from pumaid.files.atomic import write_whole
+    from pumaid.files.plan import PLAN_NAME, plan_document, refuse_to_replace
+    from pumaid.programs.steps import run_times
+    from pumaid.records import Plan
     from pumaid.show.plans import plan_table
+    from pumaid.show.timetable import timetable_table
     from pumaid.verbs.plan import plan
 
     robot = read_robot(recipe)
-    path = output or (experiment_folder(recipe) / PLAN_NAME).with_suffix(f".{form}")
+    picture_form(picture)
+    formed(Plan(robot.name, ()), robot, form)  # an arm that the form cannot move is refused before the work
+    path = output or (experiment_folder(recipe) / PLAN_NAME).with_suffix(plan_suffix(form))
     if not force:
         refuse_to_replace(path)
     with progress("choosing postures"):
@@ -72,12 +84,17 @@ def command(
             robot, minutes=minutes, speeds=speeds, postures_per_joint=postures, replicates=replicates, seed=seed
         )
     notes(found.notes)
+    text = formed(found, robot, form)
     if as_json:
         document(plan_document(found, robot))
     elif str(path) == "-":
-        say(plan_text(found, robot, format=form).rstrip("\n"))
+        say(text.rstrip("\n"))
     else:
         table(plan_table(found, robot))
+        if with_times:
+            table(timetable_table(found, robot, times=run_times(robot, found)))
     if str(path) != "-":
-        write_plan(path, found, robot, format=form)
+        write_whole(path, text)
         remark(f"plan written to {path}")
+    if picture is not None:
+        draw_plan(picture, found, robot)

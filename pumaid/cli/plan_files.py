@@ -1,0 +1,64 @@
+"""What ``pumaid plan`` writes besides its table: the plan in a form that a robot runs, and pictures."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from pumaid.cli.output import remark
+
+if TYPE_CHECKING:
+    from pumaid.records import Plan, Robot
+
+#: Forms of a plan; the last two are programs, which are not read back.
+PLAN_FORMS = ("yaml", "csv", "urscript", "ros2")
+
+
+def plan_suffix(form: str) -> str:
+    """How the name of a plan's file ends: ``.yaml``, ``.csv``, ``.script`` or ``.ros2.yaml``."""
+    from pumaid.programs import FORMS
+
+    return FORMS[form][0] if form in FORMS else f".{form}"
+
+
+def formed(plan: Plan, robot: Robot, form: str) -> str:
+    """The text of a plan's file.
+
+    Parameters
+    ----------
+    plan, robot
+        The plan and its arm.
+    form
+        One of `PLAN_FORMS`.
+
+    Raises
+    ------
+    ModelError [program-other-robot]
+        The form is for another kind of arm.
+    """
+    from pumaid.files.plan import plan_text
+    from pumaid.programs import FORMS, program_text
+
+    return program_text(plan, robot, form) if form in FORMS else plan_text(plan, robot, format=form)
+
+
+def draw_plan(path: Path, plan: Plan, robot: Robot) -> None:
+    """Write two pictures: the arm in every posture to `path`, the timetable beside it (``NAME-timetable.png``).
+
+    Parameters
+    ----------
+    path
+        ``.png``, ``.svg`` or ``.pdf``.
+    plan, robot
+        The plan and its arm.
+    """
+    from pumaid.cli.output import picture_form
+    from pumaid.files.atomic import write_whole
+    from pumaid.programs.steps import run_times
+    from pumaid.show import postures, timetable
+
+    form = picture_form(path)
+    write_whole(path, postures.drawn(plan, robot, form))
+    beside = path.with_name(f"{path.stem}-timetable{path.suffix}")
+    write_whole(beside, timetable.drawn(plan, robot, form, times=run_times(robot, plan)))
+    remark(f"pictures written to {path} and {beside}")
