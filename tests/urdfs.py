@@ -99,7 +99,8 @@ class Engine:
         return float(np.linalg.norm(z - theirs, axis=-1).max()), float(across.max())
 
     def _axis(self, joint: int, place: int) -> np.ndarray:
-        column = self.pin.getJointJacobian(self.model, self.data, joint, self.pin.LOCAL_WORLD_ALIGNED)[:, place]
+        jacobian = self.pin.getJointJacobian(self.model, self.data, joint, self.pin.LOCAL_WORLD_ALIGNED)
+        column = jacobian.reshape(6, -1)[:, place]
         return column[3:] if np.linalg.norm(column[3:]) > 0.5 else column[:3]
 
     def holding(self, position: np.ndarray) -> np.ndarray:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections import defaultdict
 from dataclasses import dataclass
+from shlex import quote
 
 from pumaid.errors import RecipeError, Where
 from pumaid.files.urdf import FREE, Urdf, UrdfJoint
@@ -151,7 +152,8 @@ def _farthest(tree: _Tree, base: str) -> str:
         return tip
     limbs = _limbs(tree, base)
     told = "; ".join(
-        f"--base {start} --tip {end} ({count} joint{'s' * (count > 1)})" for start, end, count in limbs[:SHOWN]
+        f"--base {quote(start)} --tip {quote(end)} ({count} joint{'s' * (count > 1)})"
+        for start, end, count in limbs[:SHOWN]
     )
     more = f"; {len(limbs) - SHOWN} more" if len(limbs) > SHOWN else ""
     what = f"below {base} several chains of joints are as long as one another"
@@ -191,11 +193,11 @@ def _refuse_unusable(tree: _Tree, base: str, path: list[UrdfJoint]) -> None:
     urdf = tree.urdf
     for joint in path:
         if joint.kind in FREE:
-            mend = f"start behind it: --base {joint.child}"
+            mend = f"start behind it: --base {quote(joint.child)}"
             what = f"joint {joint.name} is {joint.kind}; a recipe's joints turn or slide"
             raise _refusal(urdf, "urdf-no-chain", what, mend)
         if joint.follows is not None:
-            mend = f"end before it: --tip {joint.parent}"
+            mend = f"end before it: --tip {quote(joint.parent)}"
             what = f"joint {joint.name} follows joint {joint.follows} (mimic); a recipe's joints move by themselves"
             raise _refusal(urdf, "urdf-no-chain", what, mend)
     count = sum(joint.moves for joint in path)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Sequence
+from shlex import quote
 
 from pydantic import ValidationError
 
@@ -57,7 +58,7 @@ def notes_on_chain(chain: ArmChain) -> list[Note]:
         found.append(("urdf-elsewhere", f"left out, and not carried by the arm: {_counted(chain.elsewhere)}"))
     last = chain.moving[-1]
     if len(chain.moving) > 1 and _GRIPPER.search(f"{last.name} {last.child}"):
-        text = f"the last joint, {last.name}, may be a gripper's: leave it out with --tip {last.parent}"
+        text = f"the last joint, {last.name}, may be a gripper's: leave it out with --tip {quote(last.parent)}"
         found.append(("urdf-gripper", text))
     moving = [joint for joint in chain.before if joint.moves]
     if moving:

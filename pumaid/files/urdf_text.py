@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import re
+import shlex
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
@@ -113,7 +114,9 @@ def dh_text(
         gravity=", ".join(rounding.gravity(value) for value in gravity),
         joints="\n".join(lines) + "\n",
     )
-    return remarked(body, len(joints), origin=f"pumaid init --urdf {file} --base {base} --tip {tip}")
+    given = "-" if origin.file == "standard input" else file
+    command = shlex.join(["pumaid", "init", "--urdf", given, "--base", base, "--tip", tip])
+    return remarked(body, len(joints), origin=command)
 
 
 def quoted(text: str) -> str:

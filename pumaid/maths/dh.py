@@ -16,7 +16,7 @@ Floats = NDArray[np.float64]
 PARALLEL, MEETING = 1e-10, 1e-10
 #: Nearly parallel is: within the first angle (rad), by which one written with four decimals may be off; or within the
 #: second where the common normal's feet lie far from the joints' own places (m along the axes), as of a calibrated arm.
-SLIGHTLY, CLEARLY, FAR = 1e-4, 0.02, 1.0
+SLIGHTLY, CLEARLY, FAR = 1e-4, 0.02, 5.0
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,0 +1,112 @@
+"""Modified DH parameters from axes' lines, against arms whose table is known and against pinocchio."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from pumaid.maths.chain import SerialChain, placement, turn
+from pumaid.maths.dh import modified_dh, straightened
+
+HALF = np.pi / 2
+
+
+def chain(*joints: tuple) -> SerialChain:
+    """Joints of (xyz, rpy), about or along their own z."""
+    frames = np.array([placement(xyz, rpy) for xyz, rpy in joints], dtype=float)
+    return SerialChain(frames, np.tile([0.0, 0.0, 1.0], (len(joints), 1)), np.zeros(len(joints), dtype=bool))
+
+
+def rows(arm: SerialChain) -> list[tuple[float, ...]]:
+    """theta, alpha, a, d of each joint, to nine decimals."""
+    found = modified_dh(arm)
+    columns = (found.theta, found.alpha, found.a, found.d)
+    return [tuple(round(float(v), 9) + 0.0 for v in row) for row in zip(*columns, strict=True)]
+
+
+QUARTER = round(HALF, 9)
+
+
+def test_placement_is_pinocchios() -> None:
+    """Roll, pitch and yaw are about fixed axes, as pinocchio has them."""
+    pin = pytest.importorskip("pinocchio")
+    found = placement([1.0, 2.0, 3.0], [0.3, -0.7, 1.9])
+    assert found[:3, :3] == pytest.approx(pin.rpy.rpyToMatrix(0.3, -0.7, 1.9), abs=1e-15)
+    assert found[:3, 3].tolist() == [1.0, 2.0, 3.0]
+
+
+def test_turn_is_scipys() -> None:
+    """Rodrigues' formula for many angles at once, against scipy's rotation vectors."""
+    from scipy.spatial.transform import Rotation
+
+    axis, angles = np.array([2.0, -3.0, 6.0]) / 7.0, np.array([[0.3, -2.0], [4.0, 0.0]])
+    assert turn(axis, angles)[1, 0] == pytest.approx(Rotation.from_rotvec(4.0 * axis).as_matrix(), abs=1e-15)
+    assert turn(axis, angles).shape == (2, 2, 3, 3)
+
+
+def test_meeting_axes() -> None:
+    """Axes that meet have a = 0, and d leads to where they meet, wherever the joints' own places are."""
+    arm = chain(((0, 0, 0.1), (0, 0, 0)), ((0.0, -0.2, 0.3), (HALF, 0, 0)))
+    assert rows(arm) == [(0.0, 0.0, 0.0, 0.4), (0.0, QUARTER, 0.0, 0.2)]
+
+
+def test_parallel_axes_keep_the_joints_own_height() -> None:
+    """A SCARA's table: lengths in a, each joint's own height in d, and no angle but zero."""
+    arm = chain(((0, 0, 0.4), (0, 0, 0)), ((0.3, 0, 0.05), (0, 0, 0)), ((0.25, 0, -0.1), (np.pi, 0, 0)))
+    assert rows(arm)[:2] == [(0.0, 0.0, 0.0, 0.4), (0.0, 0.0, 0.3, 0.05)]
+    assert rows(arm)[2] == (0.0, round(np.pi, 9), 0.25, 0.1)
+
+
+def test_lengths_backward_are_negative() -> None:
+    """An arm that lies along -x has negative a and no half turns, as the vendor's table of the UR5 has."""
+    arm = chain(((0, 0, 0.1), (0, 0, 0)), ((0, 0, 0), (HALF, 0, 0)), ((-0.425, 0, 0), (0, 0, 0)))
+    assert rows(arm) == [(0.0, 0.0, 0.0, 0.1), (0.0, QUARTER, 0.0, 0.0), (0.0, 0.0, -0.425, 0.0)]
+
+
+def test_coinciding_axes_turn_nothing() -> None:
+    """Two joints about one axis differ in d only."""
+    arm = chain(((0, 0, 0.1), (0, 0, 0.7)), ((0, 0, 0.2), (0, 0, -0.3)))
+    assert rows(arm) == [(0.0, 0.0, 0.0, 0.1), (0.0, 0.0, 0.0, 0.2)]
+
+
+def test_base_is_turned_and_raised_where_the_first_axis_is_level() -> None:
+    """Frame 0 moves along the base's z to the foot of the first normal, and x to that normal."""
+    found = modified_dh(chain(((0.3, 0.0, 0.5), (0.0, HALF, HALF))))
+    assert found.base[:3, 2].tolist() == [0.0, 0.0, 1.0]
+    assert found.base[:3, 3] == pytest.approx([0.0, 0.0, 0.5], abs=1e-15)
+    assert abs(found.base[0, 0]) == pytest.approx(1.0)
+    assert abs(found.a[0]) == pytest.approx(0.3)
+
+
+def test_a_slightly_tilted_base_follows_the_first_axis() -> None:
+    """A first axis a hair off the vertical is exact all the same: the base tilts, not the arm."""
+    arm = chain(((0, 0, 0.4), (3e-6, 0, 0)), ((0.3, 0, 0), (HALF, 0, 0)))
+    found = modified_dh(arm)
+    assert straightened(arm)[1] == {}
+    assert np.arccos(found.base[2, 2]) == pytest.approx(3e-6, rel=1e-3)
+    assert np.abs([*found.a, *found.d]).max() < 0.5
+
+
+def test_nearly_parallel_axes_are_made_parallel() -> None:
+    """An angle of 1e-5 is taken out and told; the joint stays in its place."""
+    arm = chain(((0, 0, 0.4), (0, 0, 0)), ((0.3, 0, 0), (1e-5, 0, 0)), ((0.2, 0, 0), (HALF, 0, 0)))
+    straight, angles = straightened(arm)
+    assert angles == {2: pytest.approx(1e-5)}
+    assert straight.placements[1] == pytest.approx(placement([0.3, 0, 0], [0, 0, 0]), abs=1e-15)
+    assert np.abs(modified_dh(straight).d).max() == pytest.approx(0.4)
+
+
+@pytest.mark.parametrize(
+    ("angle", "is_bent"), [(1e-12, False), (1e-4, True), (1e-3, True), (0.015, True), (0.03, False)]
+)
+def test_how_parallel_is_nearly(angle: float, is_bent: bool) -> None:
+    """Rounding is none, and beyond 0.02 rad an angle is meant; between, it depends on how far off the normal lies."""
+    meeting_far_off = chain(((0, 0, 0), (0, 0, 0)), ((0.3, 0, 0), (0.0, angle, 0)))
+    assert bool(straightened(meeting_far_off)[1]) == is_bent
+
+
+def test_a_small_angle_between_axes_that_meet_nearby_stays() -> None:
+    """Axes that meet in the joint's own place have a usable normal at any angle that is not rounding."""
+    arm = chain(((0, 0, 0), (0, 0, 0)), ((0.0, 0.0, 0.3), (0.0, 1e-3, 0)))
+    assert straightened(arm)[0] is arm
+    assert modified_dh(arm).alpha[1] == pytest.approx(1e-3, abs=1e-12)
