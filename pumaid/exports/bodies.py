@@ -241,11 +241,11 @@ def _off(told: Formulas, torques: Floats, masses: Floats, *, centres: Floats) ->
     wanted = told.weight(position) * torques
     off = weight_of(robot, position, masses=masses, centres=centres) - wanted
     hides = {joint - 1 for joint in minimal(robot).embodied}
-    scale = float(np.abs(wanted).max())
+    scale = max(float(np.abs(wanted).max()), REACH * float(masses.sum() * np.linalg.norm(robot.gravity)))
     out = []
     for i in sorted(set(range(robot.n_joints)) - hides):
         size, load = (float(np.sqrt(np.mean(values[:, i] ** 2))) for values in (off, wanted))
-        if size > ROUNDING * max(scale, 1e-300):
+        if size > ROUNDING * scale:
             unit = "N m" if robot.joints[i].is_revolute else "N"
             out.append(
                 f"joint {i + 1}: the masses ask {size:.3g} {unit} RMS more or less than the model, whose load is"

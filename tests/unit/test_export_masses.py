@@ -182,6 +182,16 @@ def test_a_sign_against_the_logs_is_told():
     assert [text for text in found.remarks if f"friction of joint {backwards[0]} pushes along" in text]
 
 
+def test_masses_of_a_model_without_any_weight():
+    """Nothing was identified: the masses are possible ones that weigh nothing on any joint, and nothing is told."""
+    robot = robot_called("ur5e")
+    estimate = fitted(robot)
+    found = export(replace(estimate, solution=np.zeros_like(estimate.solution)), robot, form="mjcf")
+    position, _ = motions(robot)
+    assert np.abs(by_mujoco(found.files[".xml"], position)).max() < EXACT
+    assert not [text for text in found.remarks if "RMS" in text]
+
+
 def test_a_slide_with_a_negative_mass_is_refused():
     """No masses hold a slide that pulls up."""
     robot = robot_called("stanford")

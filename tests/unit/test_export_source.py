@@ -238,7 +238,7 @@ def test_gears_that_couple_joints_drive_friction():
     robot = robot_called("puma560")
     geared = tuple(replace(joint, gear_ratio=50.0 + joint.number) for joint in robot.joints)
     robot = replace(robot, joints=geared, coupling={(5, 4): -0.2, (6, 4): 0.3, (6, 5): -0.4}, digest="")
-    estimate, (q, qd) = fitted(robot), motions(robot)
+    estimate, (q, qd) = fitted(robot, effects=every_effect(robot)), motions(robot)
     space: dict = {}
     exec(export(estimate, robot, form="python").files[".py"], space)
     wanted = predicted(robot, estimate, q, velocity=qd)
