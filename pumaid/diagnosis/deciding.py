@@ -89,7 +89,13 @@ def deciding(solved: Solved, chosen: Trial, rival: Trial, *, picked: int = PICKE
 
 
 def showing(
-    solved: Solved, effect: Effect, joint: int | None, *, size: float | None = None, picked: int = PICKED
+    solved: Solved,
+    effect: Effect,
+    joint: int | None,
+    *,
+    size: float | None = None,
+    shape: Mapping[str, float] | None = None,
+    picked: int = PICKED,
 ) -> NextRun | None:
     """The feasible runs that show an effect best which the data cannot show.
 
@@ -101,6 +107,8 @@ def showing(
         What may be missing, and where (from 1; None: the whole arm).
     size
         Of its first parameter, others in the proportion of the effect's examples; the example's where not given.
+    shape
+        Where it is known; else one from the middle of the effect's grid.
     picked
         Laps, there and back, of a set at most; each is made twice.
 
@@ -115,7 +123,7 @@ def showing(
         return None
     sizes = examples if size is None or examples[0] == 0.0 else examples * size / examples[0]
     grid = _grid(solved, effect, joint) or [{one.name: one.example for one in effect.shapes(robot, joint or 0)}]
-    added = Added(effect, joint, dict(grid[len(grid) // 2]))
+    added = Added(effect, joint, {**grid[len(grid) // 2], **(shape or {})})
     if "time" in added.shape:
         return None
     none = np.zeros((len(sizes), len(sizes)))

@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from pumaid.clearance import Clearance
 from pumaid.diagnosis.field import Field, distinct
 from pumaid.diagnosis.noise import Noise
 from pumaid.diagnosis.system import Added, Row, Solved, row_of, with_loads
@@ -109,7 +110,19 @@ def laps(solved: Solved, joint: int, *, drawn: int = DRAWN) -> tuple[Lap, ...]:
     postures += [(hold, True) for hold in _drawn(solved, joint, drawn)]
     stretches = [(*_stretch(solved, joint, speed, wide), speed) for speed in speeds(solved, joint) for wide in (1, 0)]
     here = [one for k, one in enumerate(stretches) if one not in stretches[:k]]
-    return tuple(Lap(joint, hold, low, high, speed, is_new) for hold, is_new in postures for low, high, speed in here)
+    found = [Lap(joint, hold, low, high, speed, is_new) for hold, is_new in postures for low, high, speed in here]
+    return tuple(_free(solved, found))
+
+
+def _free(solved: Solved, found: Sequence[Lap]) -> list[Lap]:
+    """Laps that strike nothing of what the recipe forbids."""
+    clearance = Clearance.of(solved.model.robot)
+    if clearance.is_free or not found:
+        return list(found)
+    starts, ends = (np.array([lap.hold for lap in found]) for _ in range(2))
+    own = found[0].joint - 1
+    starts[:, own], ends[:, own] = [lap.low for lap in found], [lap.high for lap in found]
+    return [lap for lap, hit in zip(found, clearance.struck(starts, ends).tolist(), strict=True) if not hit]
 
 
 def speeds(solved: Solved, joint: int) -> tuple[float, ...]:

@@ -200,6 +200,24 @@ class Planner:
             raise self._too_short(budget, extents[-1])
         return kept
 
+    def efficiency(self, promised: dict[str, float], budget: float) -> float | None:
+        """Error of the best conceivable experiment of `budget` s as a share of given errors; None where some are missing.
+
+        Parameters
+        ----------
+        promised
+            Name -> predicted standard error, SI.
+        budget
+            s that their runs take.
+        """
+        best = self._best(budget)
+        counted = [name for name in self.menu.names if name not in self.hopeless]
+        if any(name not in promised for name in counted):
+            return None
+        errors = np.array([promised[name] for name in counted])
+        share = self.criterion.size if self.criterion.counted is None else self.criterion.size[self.criterion.counted]
+        return float(np.exp(best.bound - np.mean(np.log(errors / share))))
+
     def _best(self, budget: float) -> Relaxed:
         """The best conceivable experiment; what even that leaves in the dark counts no longer."""
         best = relaxed(self.menu, self.criterion, seconds=self.menu.seconds, total=budget)

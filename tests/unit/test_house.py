@@ -34,7 +34,7 @@ ROOMS = {
     "clearance": BASE | {"clearance"},
     **dict.fromkeys(MODEL, LAWS | MODEL),
     "fit": LAWS | MODEL | {"fit"},
-    "diagnosis": LAWS | MODEL | {"fit", "diagnosis"},
+    "diagnosis": LAWS | MODEL | {"clearance", "fit", "diagnosis"},
     "virtual": LAWS | {"clearance", "virtual"},
     "exports": LAWS | MODEL | {"exports"},
     "programs": BASE | {"files", "virtual", "programs"},

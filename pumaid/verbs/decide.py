@@ -1,0 +1,203 @@
+"""Plan the runs that would show an effect, or tell it from a rival."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import replace
+
+from pumaid.choices import expanded, known_effect
+from pumaid.diagnosis.contender import DECISIVE, evidence
+from pumaid.diagnosis.deciding import deciding, showing
+from pumaid.diagnosis.refine import refined, trials_at
+from pumaid.diagnosis.scan import Projector, Trial
+from pumaid.diagnosis.system import Added, Solved
+from pumaid.effects import Scope
+from pumaid.errors import ModelError, Note, Where
+from pumaid.planning.assume import assume
+from pumaid.planning.rehearsal import rehearsed, solved, usual
+from pumaid.planning.setup import Setup
+from pumaid.records import EffectChoice, Estimate, Evidence, Motion, NextRun, Plan, Posture, Robot
+from pumaid.units import number
+from pumaid.virtual.timing import duration
+
+#: Sets of runs at most: what takes more is no plan.
+_MOST_SETS = 12
+#: Shapes with which an effect is tried before its best is refined.
+_SHAPES = 24
+
+
+def decide(
+    robot: Robot,
+    wanted: EffectChoice,
+    *,
+    against: EffectChoice | None = None,
+    size: float | None = None,
+    ground: Plan | None = None,
+    logs: Evidence | None = None,
+    estimate: Estimate | None = None,
+    seed: int = 0,
+    tell: Callable[[str], None] | None = None,
+) -> Plan:
+    """Plan the runs after which an effect is seen, if it is there, or told from a rival.
+
+    By the same code as the deciding run of a diagnosis: laps within the limits, in postures of the data and in new ones,
+    are chosen for what is left of the effect once the whole model, and the rival with any shape, have been refitted.
+    Without logs an experiment is rehearsed on a virtual robot first, and the runs come on top of it.
+
+    Parameters
+    ----------
+    robot
+        The arm.
+    wanted
+        Effect and joint; shapes where they are known.
+    against
+        What it must be told from; none: it must be seen at all.
+    size
+        Of the effect's first parameter, SI; else such that it shows at a usual robot.
+    ground
+        The experiment that is rehearsed; needed without `logs`.
+    logs
+        Runs that were made; their `estimate` is made where not given.
+    estimate
+        An earlier model: of the logs where there are some, else the robot on which is rehearsed.
+    seed
+        Of the virtual robot.
+    tell
+        Called with a word on what is done.
+
+    Returns
+    -------
+    plan
+        The runs: on top of `ground` without logs, alone with logs; `assumptions` say what they tell, and how sure.
+
+    Raises
+    ------
+    ModelError [plan-undecided]
+        No runs within the limits show it, or tell the two apart.
+    ModelError [unknown-effect], [effect-joint], [effect-not-here]
+        There is no such effect, or not at that joint.
+    """
+    say = tell or _silent
+    one = _at_one_joint(wanted, robot)
+    rival = None if against is None else _at_one_joint(_beside(against, one), robot)
+    truth = assume(robot, prior=estimate if logs is None else None, setup=Setup(), seed=seed).truths[0]
+    if logs is None and ground is None:
+        raise ValueError("without logs there must be an experiment to rehearse")
+    hidden = usual(truth, one)
+    if logs is None:
+        say("rehearsing the experiment on a virtual robot")
+        assert ground is not None
+        shown = truth if rival is None or hidden is None else truth.hiding([hidden])
+        system = solved(robot, rehearsed(shown, ground, seed=seed).runs)
+    else:
+        runs = [run for run in logs.runs if not run.heldout]
+        system = solved(robot, runs, None if estimate is None or estimate.effects else estimate)
+    say("choosing runs")
+    if rival is None:
+        values = {} if hidden is None else hidden.values
+        found, notes = _shown(system, one, values if size is None else {**values, _first(one, robot): size}), ()
+    else:
+        found, notes = _told_apart(system, one, rival)
+    return _plan(robot, found, ground if logs is None else None, title=_title(one, rival), notes=notes)
+
+
+def _silent(_: str) -> None:
+    """Nobody listens."""
+
+
+def _at_one_joint(choice: EffectChoice, robot: Robot) -> EffectChoice:
+    """The choice with its joint; effects of the whole arm have none."""
+    effect = known_effect(choice.effect, Where(field=f"--for {choice.effect}"))
+    if effect.scope is Scope.ARM:
+        return choice
+    if choice.joint is None:
+        what = f"{choice.effect} acts at one joint at a time, and none is named"
+        raise ModelError("effect-joint", what, Where(field=f"--for {choice.effect}"), f"write {choice.effect}@3")
+    return expanded([choice], robot)[0]
+
+
+def _beside(rival: EffectChoice, wanted: EffectChoice) -> EffectChoice:
+    """A rival at the joint of what it rivals where it names none."""
+    arm_wide = known_effect(rival.effect, Where(field=f"--against {rival.effect}")).scope is Scope.ARM
+    return rival if rival.joint is not None or arm_wide else replace(rival, joint=wanted.joint)
+
+
+def _first(wanted: EffectChoice, robot: Robot) -> str:
+    """The effect's first parameter."""
+    return known_effect(wanted.effect, Where()).parameters(robot, wanted.joint or 0)[0].name
+
+
+def _shown(system: Solved, wanted: EffectChoice, values: Mapping[str, float]) -> NextRun:
+    """The runs that show an effect of the sizes and shapes that a usual robot has."""
+    robot, effect = system.model.robot, known_effect(wanted.effect, Where())
+    shapes = {one.name for one in effect.shapes(robot, wanted.joint or 0)}
+    shape = {name: value for name, value in {**values, **wanted.shape}.items() if name in shapes}
+    size = values.get(_first(wanted, robot))
+    found = showing(system, effect, wanted.joint, size=size, shape=shape)
+    if found is None or not found.motions:
+        of = "" if size is None else f" of the size {number(size, 3)}"
+        raise _undecided(f"no run within the limits shows {_name(wanted)}{of}")
+    return found
+
+
+def _told_apart(system: Solved, wanted: EffectChoice, rival: EffectChoice) -> tuple[NextRun, tuple[Note, ...]]:
+    projector = Projector(system)
+    first, second = (_best(system, projector, one) for one in (wanted, rival))
+    lead = evidence(system, first) - evidence(system, second)
+    notes: tuple[Note, ...] = ()
+    if lead > DECISIVE:
+        text = (
+            f"the runs before these tell {_name(wanted)} of this size from {_name(rival)} already (evidence"
+            f" {number(lead, 3)}, decisive from {DECISIVE:g}); a smaller one needs more"
+        )
+        notes = (Note("plan-decided", text),)
+    found = deciding(system, first, second)
+    if not found.motions:
+        raise _undecided(f"no run within the limits tells {_name(wanted)} from {_name(rival)}")
+    return found, notes
+
+
+def _best(system: Solved, projector: Projector, choice: EffectChoice) -> Trial:
+    """The effect at its best shape on what there is."""
+    robot, effect = system.model.robot, known_effect(choice.effect, Where())
+    rows = [row for row in system.rows if row.field.joint == choice.joint] or list(system.rows[:1])
+    grid = [dict(choice.shape)] if choice.shape else list(effect.grid(robot, rows[0].field.extent(rows[0].drawn)))
+    every = max(1, len(grid) // _SHAPES)
+    some = [Added(effect, choice.joint, dict(shape)) for shape in (grid[::every] or [{}])]
+    found = [one for one in trials_at(projector, some) if one is not None]
+    if not found:
+        raise _undecided(f"{_name(choice)} leaves no trace in these runs that the model does not absorb")
+    return refined(projector, max(found, key=lambda one: one.statistic))
+
+
+def _undecided(what: str) -> ModelError:
+    return ModelError(
+        "plan-undecided", what, mend="widen limits or speeds in the recipe, look for a larger effect, or add a sensor"
+    )
+
+
+def _name(choice: EffectChoice) -> str:
+    return choice.effect if choice.joint is None else f"{choice.effect}@{choice.joint}"
+
+
+def _title(wanted: EffectChoice, rival: EffectChoice | None) -> str:
+    return f"shows {_name(wanted)}" if rival is None else f"tells {_name(wanted)} from {_name(rival)}"
+
+
+def _plan(robot: Robot, found: NextRun, ground: Plan | None, *, title: str, notes: tuple[Note, ...]) -> Plan:
+    """The runs as often as it takes, on top of the experiment that was rehearsed."""
+    sets = min(found.repeats or 1, _MOST_SETS)
+    more: tuple[Motion, ...] = tuple(found.motions) * sets
+    holds = dict.fromkeys((motion.joint, motion.hold) for motion in found.motions)
+    reasons = [Posture(joint, hold, (), f"{title}: {found.text}") for joint, hold in holds]
+    base = ground or Plan(robot=robot.name, motions=())
+    times = f"made {sets} times" if sets > 1 else "made once"
+    return replace(
+        base,
+        motions=(*base.motions, *more),
+        postures=(*base.postures, *reasons),
+        duration=duration(robot, replace(base, motions=(*base.motions, *more))),
+        efficiency=None,
+        assumptions=(*base.assumptions, f"A set of {len(found.motions)} runs, {times}, {title}: {found.text}."),
+        notes=(*base.notes, *notes),
+    )
