@@ -19,6 +19,8 @@ FREE = ("floating", "planar")
 TYPES = (*SERIAL, "fixed", *FREE)
 #: A joint farther than this (m) from the one before, or angles beyond this (rad), are in another unit.
 FARTHEST, WIDEST_ANGLE = 20.0, 4.0 * math.pi
+#: Faults that are told at once, at most.
+SHOWN = 20
 #: What marks a file that xacro has yet to turn into a URDF.
 _MACROS = ("${", "$(")
 
@@ -165,7 +167,7 @@ def read_urdf(path: Path) -> Urdf:
         faults += _circles(links, joints)
     if faults:
         faults.sort(key=lambda fault: fault.where.line or 0)
-        raise faults[0] if len(faults) == 1 else Faults(faults)
+        raise faults[0] if len(faults) == 1 else Faults(faults[:SHOWN])
     if not links:
         raise RecipeError("urdf-structure", "there is no link", Where(file=file), "give the arm's URDF")
     digest = hashlib.sha256(content).hexdigest()

@@ -115,7 +115,8 @@ def arm_chain(urdf: Urdf, *, base: str | None = None, tip: str | None = None) ->
     for word, link in (("--base", base), ("--tip", tip)):
         if link is not None and link not in urdf.links:
             near = nearest(link, urdf.links) if len(urdf.links) < 10_000 else None
-            mend = f"did you mean {near}?" if near else f"links are {', '.join(urdf.links[:SHOWN])} ..."
+            more = " ..." if len(urdf.links) > SHOWN else ""
+            mend = f"did you mean {near}?" if near else f"links are {', '.join(urdf.links[:SHOWN])}{more}"
             raise _refusal(urdf, "urdf-no-link", f"{word} {link}: there is no such link", mend)
     if base is None:
         base = _root(tree, tip)

@@ -138,8 +138,8 @@ def _refuse_far(urdf: Urdf, joints: Sequence[Joint], dh: DhChain) -> None:
     """Axes whose common normal lies so far off that no recipe may hold it."""
     for joint, a, d in zip(joints, dh.a, dh.d, strict=True):
         if max(abs(a), abs(d)) > LONGEST_LINK:
-            what = f"joint {joint.name} needs a of {a:.4g} m and d of {d:.4g} m: axes are nearly parallel"
-            mend = "write parallel axes as parallel in the URDF, or start or end elsewhere with --base and --tip"
+            what = f"joint {joint.name} needs a of {a:.4g} m and d of {d:.4g} m, beyond {LONGEST_LINK:g} m"
+            mend = "a URDF is in metres; where axes are nearly parallel, write them as parallel"
             raise RecipeError("urdf-not-derived", what, Where(file=urdf.file, joint=joint.number), mend)
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from rich import box
+from rich.markup import escape
 from rich.table import Table
 
 from pumaid.records import Joint, Robot
@@ -11,7 +12,7 @@ from pumaid.units import factor, number
 
 def axes_table(robot: Robot) -> Table:
     """Modified DH parameters, limits and speeds joint by joint, for the terminal; angles in deg."""
-    table = Table(title=robot.name, title_justify="left", box=box.SIMPLE_HEAD)
+    table = Table(title=escape(robot.name), title_justify="left", box=box.SIMPLE_HEAD)
     table.add_column("joint")
     table.add_column("type")
     for name in ("theta", "alpha", "a (m)", "d (m)", "limits", "speed"):
@@ -19,7 +20,7 @@ def axes_table(robot: Robot) -> Table:
     for joint in robot.joints:
         theta, alpha = (_angle(value) for value in (joint.theta, joint.alpha))
         length, shift = (f"{value:.5g}" for value in (joint.a, joint.d))
-        table.add_row(joint.name, joint.kind, theta, alpha, length, shift, _limits(joint), _speed(joint))
+        table.add_row(escape(joint.name), joint.kind, theta, alpha, length, shift, _limits(joint), _speed(joint))
     return table
 
 

@@ -50,7 +50,7 @@ def derived(path: Path, base: str | None = None) -> UrdfRecipe:
     try:
         return recipe_from_urdf(path, base=base)
     except RecipeError as error:
-        if error.slug == "urdf-not-derived" and "nearly parallel" in error.what:
+        if error.slug == "urdf-not-derived" and "nearly parallel" in error.mend:
             reject()
         raise
 

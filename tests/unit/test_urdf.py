@@ -292,3 +292,25 @@ def test_axes_that_no_recipe_can_hold(refusal) -> None:
     error = refusal(serial_text([PLAIN[0], PLAIN[1], Stated(xyz=(0.5, 0, 0), rpy=(0, 0.0242, 0))]))
     assert (error.slug, error.where.joint) == ("urdf-not-derived", 2)
     assert "d of" in error.what
+
+
+def test_faults_of_the_structure_are_told_together(refusal) -> None:
+    """All that is wrong with links and joints comes at once, in the order of the lines, twenty at most."""
+    text = serial_text(PLAIN)
+    error = refusal(text.replace('<parent link="l1"/>', "").replace('<child link="l3"/>', '<child link="l9"/>'))
+    assert [fault.slug for fault in error.faults] == ["urdf-structure"] * 2
+    assert [fault.what.split()[1] for fault in error.faults] == ["j2", "j3"]
+    many = serial_text([Stated()] * 40).replace('<child link="l', '<child link="m')
+    assert len(refusal(many).faults) == 20
+
+
+def test_markup_in_names_is_shown_as_it_is(made) -> None:
+    """A joint called [red] keeps its name in the table."""
+    from rich.console import Console
+
+    from pumaid.show.axes import axes_table
+
+    console = Console(width=200)
+    with console.capture() as shown:
+        console.print(axes_table(made(serial_text(PLAIN).replace('joint name="j2"', 'joint name="[red]"')).robot))
+    assert "[red]" in shown.get()
