@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pumaid.clearance.contacts import Contacts
-from pumaid.clearance.paths import Path, straight
+from pumaid.clearance.paths import Path, straight, trapezoids
 from pumaid.clearance.search import Nearest, nearest
 from pumaid.errors import Faults, RecipeError, Where
 from pumaid.records import Robot, Safety
@@ -72,6 +72,21 @@ class Clearance:
     def gap(self, starts: Floats, ends: Floats) -> Floats:
         """(K,) least distance along each path, m, negative inside; at most 1 mm above the true one, inf if free."""
         return self.gap_along(straight(starts, ends), len(np.atleast_2d(starts)))
+
+    def struck_moves(self, starts: Floats, ends: Floats, *, speeds: Floats, accelerations: Floats) -> NDArray[np.bool_]:
+        """(K,) as `struck`, for moves that may be driven straight or with each joint by its own trapezoid of speed.
+
+        Controllers differ in this, and the virtual robot drives the second; a move is free only where both are.
+
+        Parameters
+        ----------
+        starts, ends
+            (K, J) rad or m.
+        speeds, accelerations
+            (J,) of the trapezoids, rad/s and rad/s2, or m/s and m/s2.
+        """
+        bent = trapezoids(starts, ends, speeds=speeds, accelerations=accelerations)
+        return self.struck(starts, ends) | self.struck_along(bent, len(np.atleast_2d(starts)))
 
     def explain(self, start: Floats, end: Floats) -> str:
         """What comes nearest on the path from `start` (J,) to `end` (J,), how near, and where; one sentence."""

@@ -193,9 +193,13 @@ def _swept(robot: Robot, one: Held, reach: float) -> tuple[Floats, Floats]:
     origins, turned = frames(robot, _position(one, one.span[0]))
     axis = turned[j][:, 2]
     centre = origins[j] + axis * float((tips[0] - origins[j]) @ axis)
-    if robot.joint(j).is_revolute and np.linalg.norm(tips[0] - centre) < _LEAST_FAN * reach:
-        turn = (values - values[0])[:, None]
-        tips = centre + _LEAST_FAN * reach * (np.cos(turn) * turned[j][:, 0] + np.sin(turn) * turned[j][:, 1])
+    radius, least = float(np.linalg.norm(tips[0] - centre)), _LEAST_FAN * reach
+    if not robot.joint(j).is_revolute or radius >= least:
+        return tips, centre
+    if radius > 0.1 * least:
+        return centre + (tips - centre) * least / radius, centre
+    turn = (values - values[0])[:, None]
+    tips = centre + least * (np.cos(turn) * turned[j][:, 0] + np.sin(turn) * turned[j][:, 1])
     return tips, centre
 
 

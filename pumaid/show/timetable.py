@@ -8,6 +8,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.collections import PolyCollection
 from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 from numpy.typing import NDArray
 from rich import box
@@ -22,8 +23,10 @@ Floats = NDArray[np.float64]
 
 #: Tints of the strips below the speeds, in turn; letters tell the postures.
 _TINTS = ("#e3e6ea", "#f3f4f6")
-#: Share of the picture's width from which a strip has room for its letter.
-_LETTER = 0.007
+#: Share of the picture's width that a letter needs.
+_LETTER = 0.008
+#: Lower end of the strips, in highest speeds.
+_FOOT = 2.1
 #: inch of a strip a joint, and in all besides.
 _ROW, _REST = 0.95, 1.15
 
@@ -36,6 +39,8 @@ def drawn(plan: Plan, robot: Robot, form: str, *, times: Floats) -> bytes:
 
 def draw(plan: Plan, robot: Robot, *, times: Floats) -> Figure:
     """A strip a joint: speed against time, forward up and backward down, and the posture's letter below.
+
+    Heights are the roots of speeds, so that slow runs are seen beside fast ones.
 
     Parameters
     ----------
@@ -57,16 +62,31 @@ def draw(plan: Plan, robot: Robot, *, times: Floats) -> Figure:
         _speeds(axes, [plan.motions[k] for k in chosen], minutes[chosen], scale)
         _blocks(axes, [(k, letters[k]) for k in chosen], minutes, top=top)
         axes.axhline(0.0, color=INK, linewidth=0.6)
-        axes.set(ylim=(-1.5 * top, top), xlim=(0.0, 1.002 * last), ylabel=f"{joint.number} {joint.name[:11]}\n({unit})")
-        axes.yaxis.label.set_size(8.5)
+        axes.set_yscale("function", functions=(_root, _square))
+        axes.set(ylim=(-_FOOT * top, top), xlim=(0.0, 1.002 * last))
+        label = f"{joint.number} {joint.name[:16]}\n({unit})"
+        axes.set_ylabel(label, fontsize=8.5, rotation=0, ha="right", va="center")
         axes.set_yticks([-fastest, 0.0, fastest], [f"{-fastest:.3g}", "0", f"{fastest:.3g}"])
         axes.tick_params(axis="y", labelsize=8)
     strips[-1].set_xlabel("time (min)")
     figure.suptitle(_title(plan, robot, last), x=0.01, ha="left", fontsize=11, fontweight="bold")
-    handles = [Patch(color=FORWARD, label="to fit"), Patch(color=VERMILION, label="held out, to judge")]
+    handles: list[Patch | Line2D] = [
+        Patch(color=FORWARD, label="to fit"),
+        Patch(color=VERMILION, label="held out, to judge"),
+    ]
     handles.append(Patch(facecolor=_TINTS[0], edgecolor=GREY, linewidth=0.5, label="posture of the others (letter)"))
-    figure.legend(handles=handles, loc="outside lower left", ncols=3)
+    handles.append(Line2D([], [], linestyle="", label="height: square root of speed; up is forward"))
+    figure.legend(handles=handles, loc="outside lower left", ncols=4)
     return figure
+
+
+def _root(speed: Floats) -> Floats:
+    """Signed square root: runs at a thirtieth of the highest speed stay visible."""
+    return np.sign(speed) * np.sqrt(np.abs(speed))
+
+
+def _square(height: Floats) -> Floats:
+    return np.sign(height) * np.square(height)
 
 
 def _letters(plan: Plan) -> list[str]:
@@ -90,21 +110,25 @@ def _speeds(axes: Axes, motions: list[Motion], minutes: Floats, scale: float) ->
             if (motion.purpose == "heldout") == (purpose == "heldout"):
                 speed = motion.velocity / scale * (1.0 if motion.end >= motion.start else -1.0)
                 bars.append([(begin, 0.0), (begin, speed), (end, speed), (end, 0.0)])
-        axes.add_collection(PolyCollection(bars, facecolor=colour, edgecolor="white", linewidth=0.3))
+        axes.add_collection(PolyCollection(bars, facecolor=colour, edgecolor=colour, linewidth=0.5))
 
 
 def _blocks(axes: Axes, runs: list[tuple[int, str]], minutes: Floats, *, top: float) -> None:
     """Strips with letters below the speeds, one for runs in one posture that no other joint's run comes between."""
-    low, high = -1.5 * top, -1.14 * top
+    low, high = -_FOOT * top, -1.25 * top
     known = sorted({name for _, name in runs}, key=lambda name: (len(name), name))
+    room, before = _LETTER * float(minutes.max(initial=0.0)), -np.inf
     # Numbers of runs that follow one another differ from their places in the list by the same.
     for (name, _), group in groupby(enumerate(runs), key=lambda one: (one[1][1], one[1][0] - one[0])):
         numbers = [run for _, (run, _) in group]
-        begin, end = minutes[numbers[0], 0], minutes[numbers[-1], 1]
+        begin, end = float(minutes[numbers[0], 0]), float(minutes[numbers[-1], 1])
         tint = _TINTS[known.index(name) % 2]
         axes.fill_between([begin, end], low, high, facecolor=tint, edgecolor=FAINT, linewidth=0.5)
-        if end - begin > _LETTER * minutes.max():
-            axes.text(0.5 * (begin + end), 0.5 * (low + high), name, ha="center", va="center", fontsize=7.5)
+        middle = 0.5 * (begin + end)
+        if middle - before > room:
+            heart = float(_square(0.5 * (_root(np.array(low)) + _root(np.array(high)))))
+            axes.text(middle, heart, name, ha="center", va="center", fontsize=7)
+            before = middle
 
 
 def timetable_table(plan: Plan, robot: Robot, *, times: Floats) -> Table:

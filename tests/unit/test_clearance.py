@@ -149,6 +149,8 @@ def test_a_bent_path_is_judged_as_it_runs():
     ways = [straight(start, end), trapezoids(start, end, speeds=np.array([2.0, 0.2]), accelerations=np.full(2, 20.0))]
     clearance = Clearance.of(robot)
     assert [bool(clearance.struck_along(way, 1)[0]) for way in ways] == [False, True]
+    both = clearance.struck_moves(start, end, speeds=np.array([2.0, 0.2]), accelerations=np.full(2, 20.0))
+    assert both.tolist() == [True]
 
 
 def test_few_postures_are_looked_at(monkeypatch):
