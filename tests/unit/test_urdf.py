@@ -314,3 +314,11 @@ def test_markup_in_names_is_shown_as_it_is(made) -> None:
     with console.capture() as shown:
         console.print(axes_table(made(serial_text(PLAIN).replace('joint name="j2"', 'joint name="[red]"')).robot))
     assert "[red]" in shown.get()
+
+
+def test_branches_as_long_as_the_trunk_are_arms(chosen) -> None:
+    """A torso of two joints with two arms of two is no arm with a gripper: which one is meant is asked."""
+    torso = [("t1", "base", "x"), ("t2", "x", "torso")]
+    with pytest.raises(PumaidError) as refused:
+        chosen(*torso, ("l1", "torso", "a"), ("l2", "a", "b"), ("r1", "torso", "c"), ("r2", "c", "d"))
+    assert refused.value.slug == "urdf-which-chain"
