@@ -42,6 +42,59 @@ def formed(plan: Plan, robot: Robot, form: str) -> str:
     return program_text(plan, robot, form) if form in FORMS else plan_text(plan, robot, format=form)
 
 
+def shown(found: Plan, robot: Robot, *, as_json: bool, with_times: bool = False) -> None:
+    """Tell the user a plan: as one JSON document, or as tables.
+
+    Parameters
+    ----------
+    found, robot
+        The plan and its arm.
+    as_json
+        Whether as a document.
+    with_times
+        Whether with the timetable.
+    """
+    from pumaid.cli.output import document, notes, table
+    from pumaid.files.plan import plan_document
+    from pumaid.programs.steps import run_times
+    from pumaid.show.plans import plan_table
+    from pumaid.show.timetable import timetable_table
+
+    notes(found.notes)
+    if as_json:
+        document(plan_document(found, robot))
+        return
+    table(plan_table(found, robot))
+    if with_times:
+        table(timetable_table(found, robot, times=run_times(robot, found)))
+
+
+def written(path: Path, found: Plan, robot: Robot, *, form: str, tilted: str | None) -> None:
+    """Write a plan, and beside it the recipe of a tilted arm.
+
+    Parameters
+    ----------
+    path
+        Of the plan; ``-`` writes nothing.
+    found, robot
+        The plan and its arm.
+    form
+        One of `PLAN_FORMS`.
+    tilted
+        The recipe's text for the arm as it will stand, or none.
+    """
+    from pumaid.files.atomic import write_whole
+
+    if str(path) == "-":
+        return
+    if tilted is not None:
+        beside = path.with_name(f"{path.stem}-recipe.yaml")
+        write_whole(beside, tilted)
+        remark(f"recipe of the tilted arm written to {beside}: simulate and identify these runs with it")
+    write_whole(path, formed(found, robot, form))
+    remark(f"plan written to {path}")
+
+
 def draw_plan(path: Path, plan: Plan, robot: Robot) -> None:
     """Write two pictures: the arm in every posture to `path`, the timetable beside it (``NAME-timetable.png``).
 

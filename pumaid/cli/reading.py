@@ -27,7 +27,7 @@ def read_robot(recipe: Path | None, logs: Sequence[str] = ()) -> Robot:
     """
     from pumaid.files.recipe import read_recipe
 
-    return read_recipe(_recipe_path(recipe, logs))
+    return read_recipe(recipe_path(recipe, logs))
 
 
 def read_known_model(path: Path) -> Estimate:
@@ -107,7 +107,7 @@ def experiment_folder(recipe: Path | None, logs: Sequence[str] = ()) -> Path:
     """
     from pumaid.files.recipe import shipped_recipes
 
-    path = _recipe_path(recipe, logs)
+    path = recipe_path(recipe, logs)
     shipped = {one.resolve() for one in shipped_recipes().values()}
     return Path() if path.resolve() in shipped else path.parent
 
@@ -127,7 +127,8 @@ def results_folder(results: Path | None, recipe: Path | None, logs: Sequence[str
     return results or experiment_folder(recipe, logs) / "results"
 
 
-def _recipe_path(recipe: Path | None, logs: Sequence[str]) -> Path:
+def recipe_path(recipe: Path | None, logs: Sequence[str] = ()) -> Path:
+    """Where the recipe is: what ``--recipe`` says, else near the logs."""
     from pumaid.files.recipe import find_recipe
 
     return find_recipe(recipe, [Path(log) for log in logs])

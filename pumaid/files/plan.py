@@ -127,6 +127,7 @@ def plan_document(plan: Plan, robot: Robot) -> dict[str, Any]:
         "units": {"angle": "rad"},
         "seed": plan.seed,
         "duration": plan.duration,
+        "efficiency": plan.efficiency,
         "runs": [
             {
                 "joint": motion.joint,
@@ -181,6 +182,7 @@ def _yaml(plan: Plan, robot: Robot, angle: str) -> str:
         f"units: {{angle: {angle}}}",
         f"seed: {plan.seed}",
         f"duration: {plan.duration:.1f}  # s, moves between postures included",
+        *_efficiency(plan),
         "runs:",
     ]
     lines += [f"  - {_run(motion, scales)}" for motion in plan.motions]
@@ -191,6 +193,14 @@ def _yaml(plan: Plan, robot: Robot, angle: str) -> str:
     lines += _section("assumptions", [_text(sentence) for sentence in plan.assumptions])
     lines += _section("notes", [f"{{note: {_text(note.slug)}, text: {_text(note.text)}}}" for note in plan.notes])
     return "\n".join(lines) + "\n"
+
+
+def _efficiency(plan: Plan) -> list[str]:
+    if plan.efficiency is None:
+        return []
+    return [
+        f"efficiency: {plan.efficiency:.3f}  # error of the best conceivable runs in this time, as a share of these'"
+    ]
 
 
 def _run(motion: Motion, scales: Sequence[float]) -> str:
@@ -264,6 +274,7 @@ def _plan(found: CheckedPlan, robot: Robot) -> Plan:
         unseen=dict(found.unseen),
         duration=found.duration,
         seed=found.seed,
+        efficiency=found.efficiency,
         assumptions=tuple(found.assumptions),
         notes=notes,
     )

@@ -18,7 +18,7 @@ PURPOSES = ("fit", "heldout")
 _RUN_KEYS = ("joint", "hold", "from", "to", "velocity", "purpose")
 _POSTURE_KEYS = ("joint", "hold", "serves", "why")
 _TOP_KEYS = ("kind", "format", "robot", "units", "runs", "postures", "expected_std_errors", "unseen")
-_MORE_KEYS = ("duration", "seed", "assumptions", "notes", "pumaid", "recipe")
+_MORE_KEYS = ("duration", "seed", "efficiency", "assumptions", "notes", "pumaid", "recipe")
 #: Faults that are told; of more, the count.
 _MOST_FAULTS = 12
 #: A limit may be passed by this share of its range: what rounding to ten digits does to it.
@@ -39,6 +39,7 @@ class CheckedPlan:
     notes: list[dict[str, str]] = field(default_factory=list)
     duration: float = 0.0
     seed: int = 0
+    efficiency: float | None = None
 
 
 class _Checker:
@@ -221,6 +222,8 @@ def _head(check: _Checker, top: Mapping[str, Item], found: CheckedPlan) -> None:
             found.angle = item.value
     if "duration" in top:
         found.duration = check.finite(top["duration"], path="duration") or 0.0
+    if "efficiency" in top:
+        found.efficiency = check.finite(top["efficiency"], path="efficiency")
     if "seed" in top:
         found.seed = check.whole(top["seed"], low=0, high=None, path="seed") or 0
 

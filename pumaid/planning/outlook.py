@@ -21,6 +21,8 @@ RATE = 100.0
 WEAK = 0.5
 #: m off its axis at which a payload is suggested.
 _LEVER = 0.1
+#: kg m that a suggested payload has at least: what is easily screwed on.
+_LEAST = 0.02
 
 
 def existing(robot: Robot, structure: Structure) -> list[str]:
@@ -85,11 +87,11 @@ def weight_note(assumed: Assumed, promised: dict[str, float]) -> tuple[Note, ...
             f" {number(share, 2)} times its value. {_payload_hint(n)}"
         )
         return (Note("plan-needs-weight", text, Where(joint=n)),)
+    mass = number(max(least, _LEAST) / _LEVER, 2)
     text = (
         f"{name} is seen only if link {n} carries enough off its axis: about {number(least, 2)} kg m (mass times"
-        f" distance) for an error of half its value; a bare flange often has less. A payload mends it: --payload"
-        f" {number(max(least, 0.02) / _LEVER, 2)},{_LEVER:g},0,0 is {number(max(least, 0.02) / _LEVER, 2)} kg held"
-        f" {1000 * _LEVER:g} mm off the axis of joint {n}"
+        f" distance) for an error of half its value; a bare flange often has less, and a payload mends it: --payload"
+        f" {mass},{_LEVER:g},0,0 plans for {mass} kg held {1000 * _LEVER:g} mm off the axis of joint {n}"
     )
     return (Note("plan-needs-weight", text, Where(joint=n)),)
 

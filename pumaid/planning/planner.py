@@ -201,7 +201,7 @@ class Planner:
         return kept
 
     def efficiency(self, promised: dict[str, float], budget: float) -> float | None:
-        """Error of the best conceivable experiment of `budget` s as a share of given errors; None where some are missing.
+        """Error of the best conceivable experiment as a share of given errors; None where some are missing.
 
         Parameters
         ----------

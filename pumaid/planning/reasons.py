@@ -107,6 +107,12 @@ def _holds(made: Made, joint: int) -> list[int]:
     return list(dict.fromkeys(int(menu.hold[lap]) for lap in laps if menu.joint[lap] == joint))
 
 
+def _fellow(made: Made, pair: Pair, hold: int) -> int:
+    """The number, from 1, of the other posture of a pair in the plan's list of its joint."""
+    (other,) = set(pair.holds) - {hold}
+    return _holds(made, pair.joint).index(other) + 1
+
+
 def _posture(
     planner: Planner, made: Made, block: tuple[int, int], *, pairs: tuple[Pair, ...], is_first: bool
 ) -> Posture:
@@ -124,7 +130,8 @@ def _posture(
         )
     told = [_stance(robot, joint, place)]
     told += [
-        f"with its fellow it shows {pair.ratio}: the outer links' load differs by {number(pair.apart, 2)} A"
+        f"shows {pair.ratio} with posture {_fellow(made, pair, hold)} of this joint, where the outer links' load"
+        f" differs by {number(pair.apart, 2)} A"
         for pair in ratios.values()
     ]
     told += [_loss(rises)] if rises else []

@@ -50,7 +50,8 @@ class Plan:
     `expected` maps a parameter's name to its predicted standard error (SI), absent where the plan cannot show it;
     `unseen` maps a parameter's name to why no run of this plan shows it; `duration` is in s, moves between included.
     `efficiency` is the predicted error of the best conceivable experiment of as much time as a share of this plan's
-    (0..1), none where nobody looked. `assumptions` are the sentences on which the forecast rests, `notes` what the user should know before running it.
+    (0..1), none where nobody looked. `assumptions` are the sentences on which the forecast rests, `notes` what the user
+    should know before running it.
     """
 
     robot: str

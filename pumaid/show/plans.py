@@ -30,7 +30,13 @@ def plan_table(plan: Plan, robot: Robot) -> Group:
         parts.append(_postures(plan, robot))
     if plan.expected:
         parts.append(_promises(plan, robot))
-    lines = [f"not to be seen: {name}: {why}" for name, why in plan.unseen.items()]
+    lines = []
+    if plan.efficiency is not None:
+        lines.append(
+            f"errors are, in the mean, {number(1.0 / plan.efficiency, 3)} times those of the best conceivable runs in"
+            " this time (no moves between postures, no repeats, none for judging)"
+        )
+    lines += [f"not to be seen: {name}: {why}" for name, why in plan.unseen.items()]
     lines += [f"assumed: {sentence}" for sentence in plan.assumptions]
     if lines:
         parts.append(Text("\n".join(lines)))

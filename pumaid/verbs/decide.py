@@ -40,8 +40,8 @@ def decide(
 ) -> Plan:
     """Plan the runs after which an effect is seen, if it is there, or told from a rival.
 
-    By the same code as the deciding run of a diagnosis: laps within the limits, in postures of the data and in new ones,
-    are chosen for what is left of the effect once the whole model, and the rival with any shape, have been refitted.
+    By the same code as the deciding run of a diagnosis: laps within the limits, in postures of the data and in new
+    ones, are chosen for what is left of the effect once the whole model, and the rival with any shape, are refitted.
     Without logs an experiment is rehearsed on a virtual robot first, and the runs come on top of it.
 
     Parameters
@@ -93,12 +93,13 @@ def decide(
         runs = [run for run in logs.runs if not run.heldout]
         system = solved(robot, runs, None if estimate is None or estimate.effects else estimate)
     say("choosing runs")
+    told: tuple[Note, ...] = ()
     if rival is None:
         values = {} if hidden is None else hidden.values
-        found, notes = _shown(system, one, values if size is None else {**values, _first(one, robot): size}), ()
+        found = _shown(system, one, values if size is None else {**values, _first(one, robot): size})
     else:
-        found, notes = _told_apart(system, one, rival)
-    return _plan(robot, found, ground if logs is None else None, title=_title(one, rival), notes=notes)
+        found, told = _told_apart(system, one, rival)
+    return _plan(robot, found, ground if logs is None else None, title=_title(one, rival), notes=told)
 
 
 def _silent(_: str) -> None:

@@ -3,28 +3,51 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import rich_click as click
 
 from pumaid.cli.options import json_option, output_option, seed_option
-from pumaid.cli.output import document, notes, picture_form, remark, say, table
-from pumaid.cli.plan_files import PLAN_FORMS, draw_plan, formed, plan_suffix
+from pumaid.cli.output import attention, notes, picture_form, say
+from pumaid.cli.plan_files import PLAN_FORMS, draw_plan, formed, plan_suffix, shown, written
+from pumaid.cli.planning import Ask, check_together, checked, listed, needs_attention, planned, recipe_as_set_up
 from pumaid.cli.progress import progress
-
-
-def _shares(_: click.Context, __: click.Parameter, text: str | None) -> tuple[float, ...] | None:
-    try:
-        return None if text is None else tuple(float(part) for part in text.split(","))
-    except ValueError:
-        raise click.BadParameter(f"{text!r} is not a list of numbers such as 0.1,0.3,0.8") from None
 
 
 @click.command()
 @click.argument("recipe", type=click.Path(path_type=Path), required=False, metavar="[RECIPE]")
 @click.option("--minutes", type=float, metavar="M", help="Time that the robot may take, moves included.")
-@click.option("--speeds", callback=_shares, metavar="S,S,S", help="Shares of each joint's highest speed, 3 or more.")
-@click.option("--postures", type=int, metavar="N", help="Postures of the other joints, for each joint. [default: 3]")
-@click.option("--replicates", type=int, metavar="N", help="How often each run is made. [default: 2]")
+@click.option(
+    "--speeds",
+    callback=listed(),
+    metavar="S,S,S",
+    help="Shares of each joint's highest speed, 3 or more; all are used.",
+)
+@click.option(
+    "--postures", type=int, metavar="N", help="Postures of the others, for each joint, at least. [default: 4]"
+)
+@click.option("--replicates", type=int, metavar="N", help="Passes over the arm. [default: 2, more in long plans]")
+@click.option(
+    "--criterion",
+    type=click.Choice(["geometric", "worst"]),
+    default="geometric",
+    show_default=True,
+    help="What is made small: the geometric mean of the predicted standard errors, or nearly the worst of them.",
+)
+@click.option("--prior", type=click.Path(path_type=Path), metavar="MODEL", help="Plan for the arm of an earlier model.")
+@click.option("--payload", callback=listed(4), metavar="KG,X,Y,Z", help="The last link carries so much there (m).")
+@click.option("--tilt", callback=listed(2), metavar="X,Y", help="The base stands tilted about its x and y axes, deg.")
+@click.option("--for", "wanted", metavar="EFFECT[@JOINT]", help="Plan the runs that show an effect.")
+@click.option("--against", metavar="EFFECT[@JOINT]", help="With --for: the runs that tell it from this one.")
+@click.option("--size", type=float, metavar="A", help="With --for: of the effect's first parameter, SI.")
+@click.option("--logs", multiple=True, metavar="LOGS", help="With --for: what was run already; may be repeated.")
+@click.option(
+    "--check",
+    "given",
+    type=click.Path(path_type=Path),
+    metavar="PLAN",
+    help="Say what this plan promises and lacks; exit code 1 where something asks for attention.",
+)
 @click.option(
     "--format", "form", type=click.Choice(PLAN_FORMS), default="yaml", show_default=True, help="Form of the plan."
 )
@@ -37,23 +60,22 @@ def _shares(_: click.Context, __: click.Parameter, text: str | None) -> tuple[fl
 def command(
     *,
     recipe: Path | None,
-    minutes: float | None,
-    speeds: tuple[float, ...] | None,
-    postures: int | None,
-    replicates: int | None,
     form: str,
     picture: Path | None,
     with_times: bool,
     force: bool,
     output: Path | None,
-    seed: int,
+    given: Path | None,
     as_json: bool,
+    **options: Any,
 ) -> None:
-    """Plan the runs that show every parameter which an arm has.
+    """Plan the runs that tell most of an arm in the time that it has.
 
-    Chooses, for every joint, postures of the others, span and speeds within the recipe's limits, orders the runs so
-    that repeats lie far apart in time, keeps some for judging, and says what each posture is for, how well each
-    parameter will be known, and what no run can show on this arm.
+    Chooses, for every joint, postures of the others, spans, speeds and repeats within the recipe's limits, so that the
+    predicted standard errors are as small as they get; orders the runs so that repeats lie far apart in time, keeps
+    some for judging, and says what each posture is for, how well each parameter will be known, and what no run can show
+    on this arm. With --for it plans the runs that show an effect or tell it from a rival; with --check it looks at a
+    plan that is there.
 
     RECIPE is a file or the name of a shipped one; else recipe.yaml here.
 
@@ -61,40 +83,39 @@ def command(
     Example:
       pumaid plan recipe.yaml --minutes 30
       pumaid plan puma560 --seed 3 -o plan.yaml
-      pumaid plan recipe.yaml --format csv -o plan.csv
-      pumaid plan ur5e --format urscript --picture postures.png --timetable
+      pumaid plan recipe.yaml --prior results/model.json --criterion worst
+      pumaid plan --for stribeck@3 --against viscous_power --logs logs/
+      pumaid plan ur5e --payload 0.5,0.1,0,0 --picture postures.png --timetable
+      pumaid plan ur5e --format urscript
+      pumaid plan --check plan.yaml
     """
     from pumaid.cli.reading import experiment_folder, read_robot
-    from pumaid.files.atomic import write_whole
-    from pumaid.files.plan import PLAN_NAME, plan_document, refuse_to_replace
-    from pumaid.programs.steps import run_times
+    from pumaid.files.plan import PLAN_NAME, refuse_to_replace
     from pumaid.records import Plan
-    from pumaid.show.plans import plan_table
-    from pumaid.show.timetable import timetable_table
-    from pumaid.verbs.plan import plan
 
+    ask = Ask(**options)
+    check_together(ask, given)
     robot = read_robot(recipe)
     picture_form(picture)
+    if given is not None:
+        with progress("looking at the plan") as step:
+            found = checked(robot, given, ask, tell=lambda text: step(0.0, text))
+        shown(found, robot, as_json=as_json, with_times=with_times)
+        if picture is not None:
+            draw_plan(picture, found, robot)
+        return attention() if needs_attention(found) else None
     formed(Plan(robot.name, ()), robot, form)  # an arm that the form cannot move is refused before the work
     path = output or (experiment_folder(recipe) / PLAN_NAME).with_suffix(plan_suffix(form))
     if not force:
         refuse_to_replace(path)
-    with progress("choosing postures"):
-        found = plan(
-            robot, minutes=minutes, speeds=speeds, postures_per_joint=postures, replicates=replicates, seed=seed
-        )
-    notes(found.notes)
-    text = formed(found, robot, form)
-    if as_json:
-        document(plan_document(found, robot))
-    elif str(path) == "-":
-        say(text.rstrip("\n"))
+    with progress("planning") as step:
+        found = planned(robot, ask, lambda text: step(0.0, text))
+    if str(path) == "-" and not as_json:
+        notes(found.notes)
+        say(formed(found, robot, form).rstrip("\n"))
     else:
-        table(plan_table(found, robot))
-        if with_times:
-            table(timetable_table(found, robot, times=run_times(robot, found)))
-    if str(path) != "-":
-        write_whole(path, text)
-        remark(f"plan written to {path}")
+        shown(found, robot, as_json=as_json, with_times=with_times)
+    written(path, found, robot, form=form, tilted=recipe_as_set_up(robot, recipe, ask))
     if picture is not None:
         draw_plan(picture, found, robot)
+    return None
