@@ -23,7 +23,7 @@ from pumaid.units import factor
 Floats = NDArray[np.float64]
 
 #: Panels side by side, and at most in all.
-ACROSS, MOST_PANELS = 5, 75
+ACROSS, MOST_PANELS = 8, 75
 #: inch a panel is wide and high.
 _WIDE, _HIGH = 2.3, 2.6
 #: inch above all panels, below them, and of a panel for its title.

@@ -86,8 +86,8 @@ def command(
       pumaid plan recipe.yaml --prior results/model.json --criterion worst
       pumaid plan --for stribeck@3 --against viscous_power --logs logs/
       pumaid plan ur5e --payload 0.5,0.1,0,0 --picture postures.png --timetable
-      pumaid plan ur5e --format urscript
       pumaid plan --check plan.yaml
+      pumaid plan --check plan.yaml --format urscript -o plan.script
     """
     from pumaid.cli.reading import experiment_folder, read_robot
     from pumaid.files.plan import PLAN_NAME, refuse_to_replace
@@ -101,6 +101,10 @@ def command(
         with progress("looking at the plan") as step:
             found = checked(robot, given, ask, tell=lambda text: step(0.0, text))
         shown(found, robot, as_json=as_json, with_times=with_times)
+        if output is not None:
+            if not force:
+                refuse_to_replace(output)
+            written(output, found, robot, form=form, tilted=None)
         if picture is not None:
             draw_plan(picture, found, robot)
         return attention() if needs_attention(found) else None
