@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pumaid.clearance.contacts import Contacts
-from pumaid.clearance.paths import Path, straight, trapezoids
+from pumaid.clearance.paths import Route, straight, trapezoids
 from pumaid.clearance.search import Nearest, nearest
 from pumaid.errors import Faults, RecipeError, Where
 from pumaid.records import Robot, Safety
@@ -29,7 +29,7 @@ class Clearance:
     """What of an arm must not touch what, ready to be asked about paths.
 
     Paths are those of all joints moving together, from `starts` to `ends` (K, J), rad or m, each joint at its own
-    constant speed, unless a `Path` is given. Whole paths are judged: between the postures looked at, bounds on how far
+    constant speed, unless a `Route` is given. Whole paths are judged: between the postures looked at, bounds on how far
     each point can go show that nothing is missed.
     """
 
@@ -92,7 +92,7 @@ class Clearance:
         """What comes nearest on the path from `start` (J,) to `end` (J,), how near, and where; one sentence."""
         return self.explain_along(straight(np.asarray(start)[None], np.asarray(end)[None]))
 
-    def struck_along(self, path: Path, count: int) -> NDArray[np.bool_]:
+    def struck_along(self, path: Route, count: int) -> NDArray[np.bool_]:
         """As `struck`, for `count` paths of any course on which each joint goes one way only."""
         if self.is_free:
             return np.zeros(count, dtype=bool)
@@ -100,11 +100,11 @@ class Clearance:
         found = nearest(self.contacts, path, count=count, tolerance=TOLERANCE, threshold=margin)
         return np.asarray(found.distance < margin + TOLERANCE)
 
-    def gap_along(self, path: Path, count: int) -> Floats:
+    def gap_along(self, path: Route, count: int) -> Floats:
         """As `gap`, for `count` paths of any course on which each joint goes one way only."""
         return np.full(count, np.inf) if self.is_free else self._nearest(path, count).distance
 
-    def explain_along(self, path: Path, which: int = 0) -> str:
+    def explain_along(self, path: Route, which: int = 0) -> str:
         """As `explain`, for path number `which` (from 0) of some."""
         if self.is_free:
             return "the recipe forbids nothing"
@@ -115,7 +115,7 @@ class Clearance:
         contact = int(found.contact[0])
         return f"{self._told(contact, float(found.distance[0]))} {self._when(posture, moved, contact)}"
 
-    def _nearest(self, path: Path, count: int) -> Nearest:
+    def _nearest(self, path: Route, count: int) -> Nearest:
         return nearest(self.contacts, path, count=count, tolerance=TOLERANCE)
 
     def _told(self, contact: int, distance: float) -> str:

@@ -12,16 +12,16 @@ Ints = NDArray[np.intp]
 
 #: Postures (N, J) of paths numbered `which` (N,) from 0 at shares (N,) of their way, 0 at the start, 1 at the end. Each
 #: joint goes one way only along a path, however unevenly.
-Path = Callable[[Ints, Floats], Floats]
+Route = Callable[[Ints, Floats], Floats]
 
 
-def straight(starts: Floats, ends: Floats) -> Path:
+def straight(starts: Floats, ends: Floats) -> Route:
     """Paths (K, J) on which all joints begin and end together, each at its own constant speed; rad or m."""
     begin, way = np.atleast_2d(starts), np.atleast_2d(ends) - np.atleast_2d(starts)
     return lambda which, share: begin[which] + share[:, None] * way[which]
 
 
-def trapezoids(starts: Floats, ends: Floats, *, speeds: Floats, accelerations: Floats) -> Path:
+def trapezoids(starts: Floats, ends: Floats, *, speeds: Floats, accelerations: Floats) -> Route:
     """Paths on which all joints begin together and each follows its own trapezoid of speed until it is there.
 
     The joints bend the path, since short ways are done before long ones. Shares are of the time that the last needs.

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pumaid.clearance.contacts import Contacts
-from pumaid.clearance.paths import Path
+from pumaid.clearance.paths import Route
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.intp]
@@ -28,7 +28,9 @@ class Nearest:
     contact: Ints
 
 
-def nearest(contacts: Contacts, path: Path, *, count: int, tolerance: float, threshold: float | None = None) -> Nearest:
+def nearest(
+    contacts: Contacts, path: Route, *, count: int, tolerance: float, threshold: float | None = None
+) -> Nearest:
     """Least distance of all contacts along each of `count` paths.
 
     A piece of a path is given up once bounds show that nothing in it comes nearer than what was found on that path;
@@ -64,7 +66,7 @@ def nearest(contacts: Contacts, path: Path, *, count: int, tolerance: float, thr
 @dataclass(frozen=True, eq=False, slots=True)
 class _Hunt:
     contacts: Contacts
-    path: Path
+    path: Route
     best: Nearest
     tolerance: float
     threshold: float | None

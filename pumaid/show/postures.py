@@ -32,8 +32,8 @@ _TOP, _BOTTOM, _TITLES = 0.4, 0.4, 0.52
 _HAND, _LEAST_FAN, _RIM = 0.09, 0.17, 0.12
 #: Positions between the ends of a fan.
 _STEPS = 41
-#: Names of parameters shown below a panel's title.
-_SERVED = 3
+#: Letters of parameters' names that have room below a panel's title.
+_ROOM = 36
 
 
 def drawn(plan: Plan, robot: Robot, form: str) -> bytes:
@@ -165,15 +165,22 @@ def _title(axes: Axes, robot: Robot, one: Held) -> None:
     judged = len(one.motions) - one.fitted
     fitted = f"{one.fitted} to fit" if one.fitted else ""
     told = ", ".join(text for text in (fitted, f"{judged} to judge" if judged else "") if text)
-    served = ", ".join(one.serves[:_SERVED]) + (", ..." if len(one.serves) > _SERVED else "")
     lines = (
         (f"{one.name} {joint.name}", 9, "bold", INK),
         (f"{low} to {high} {unit}, {told}", 7.5, "normal", INK if one.fitted else VERMILION),
-        (f"shows {served}" if served else "", 6.5, "normal", GREY),
+        (_served(one.serves), 6.5, "normal", GREY),
     )
     for place, (text, size, weight, colour) in zip((21, 11, 2), lines, strict=True):
         look: dict[str, Any] = {"fontsize": size, "fontweight": weight, "color": colour}
         axes.annotate(text, (0, 1), (0, place), xycoords="axes fraction", textcoords="offset points", **look)
+
+
+def _served(names: tuple[str, ...]) -> str:
+    """As many names as have room."""
+    known = 0
+    while known < len(names) and len(", ".join(names[: known + 1])) <= _ROOM:
+        known += 1
+    return f"shows {', '.join(names[:known])}{', ...' if known < len(names) else ''}" if names else ""
 
 
 def _ground(axes: Axes, scene: _Scene, points: Floats) -> None:

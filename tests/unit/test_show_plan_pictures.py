@@ -76,7 +76,9 @@ def test_no_words_overlap(name):
     rng = np.random.default_rng(1)
     runs = [Motion(j + 1, tuple(rng.uniform(-1, 1, robot.n_joints)), -0.2, 0.9, 0.3, "fit")
             for j in range(robot.n_joints) for _ in range(7)]  # fmt: skip
-    shows = tuple(Posture(run.joint, run.hold, tuple(f"gravity.l{k}.x" for k in range(1, 6)), "") for run in runs)
+    shows = tuple(
+        Posture(run.joint, run.hold, tuple(f"gain_ratio.{k}.{k + 1}" for k in range(1, 6)), "") for run in runs
+    )
     plan = Plan(robot.name, tuple(runs), shows)
     for figure in (postures.draw(plan, robot), timetable.draw(plan, robot, times=run_times(robot, plan))):
         figure.draw_without_rendering()
