@@ -169,9 +169,12 @@ class Clearance:
     def _fault(self, contact: int, farthest: float) -> RecipeError:
         one, other = self._parties(contact)
         table = self.contacts
-        margin = 1e3 * self.safety.margin
-        apart = f"{1e3 * farthest:.0f} mm apart (negative inside; the margin is {margin:.0f} mm)"
-        what = f"{one} and {other} are never more than {apart}, so that no posture is allowed"
+        if farthest < 0.0:
+            always = f"{one} is at least {-1e3 * farthest:.0f} mm inside {other}"
+        else:
+            margin = 1e3 * self.safety.margin
+            always = f"{one} is never farther than {1e3 * farthest:.0f} mm from {other} (margin {margin:.0f} mm)"
+        what = f"{always} in {_DRAWN} postures drawn within the limits, so that none is allowed"
         if table.box[contact] >= 0:
             mend = "make the box smaller; a sphere that does not move belongs to link 0, which boxes do not mind"
             return RecipeError("safety-always-touching", what, Where(file=self.robot.origin or None), mend)
