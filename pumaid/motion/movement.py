@@ -14,6 +14,8 @@ Floats = NDArray[np.float64]
 
 #: Codes of an instant beside +joint and -joint.
 REST, SEVERAL = 0, 1_000_000
+#: s within which a held joint's slip ends, and its way as a share of what a held joint may drift during a run.
+SLIP, SLIP_SHARE = 0.25, 0.25
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -73,7 +75,24 @@ def course(ticks: Ticks, options: SegmentOptions) -> Course:
     signed = np.where(velocity[np.arange(len(speed)), fastest] > 0, 1, -1) * (fastest + 1)
     count = moving.sum(axis=1)
     code = np.where(count == 0, REST, np.where(count == 1, signed, SEVERAL)).astype(np.int64)
-    return Course(ticks, velocity, code, moving)
+    return Course(ticks, velocity, _without_slips(code, ticks, options), moving)
+
+
+def _without_slips(code: NDArray[np.int64], ticks: Ticks, options: SegmentOptions) -> NDArray[np.int64]:
+    """Codes in which a held joint that gives way for a moment, by little, does not end the motion of the moving one.
+
+    What the moving one carries changes the held joints' load, until it passes what their friction holds.
+    """
+    out = code.copy()
+    for one in stretches(code):
+        if one.code != SEVERAL or one.before != one.after or one.before in (None, REST):
+            continue
+        low, high = max(0, one.start - 1), min(len(ticks) - 1, one.stop)
+        way = np.ptp(ticks.position[low : high + 1], axis=0)
+        way[abs(int(one.before)) - 1] = 0.0
+        if ticks.time[high] - ticks.time[low] <= SLIP and way.max() <= SLIP_SHARE * options.held_drift:
+            out[one.start : one.stop] = one.before
+    return out
 
 
 def stretches(code: NDArray[np.int64]) -> list[Stretch]:

@@ -98,7 +98,7 @@ class Bench:
     def _prepare(self, stretch: Stretch, motion: Motion, *, clock: float, cells: int) -> _Prepared:
         j = motion.joint - 1
         path = stretch.paths[j]
-        first, last = stretch.lead + path.ramp, stretch.lead + path.duration - path.ramp
+        first, last = (stretch.lead + instant for instant in path.kept)
         local = np.arange(np.ceil(first * self.rate), np.floor(last * self.rate) + 1) / self.rate
         if len(local) < _FEWEST:
             raise ModelError(
@@ -107,7 +107,7 @@ class Bench:
                 Where(joint=motion.joint),
                 "widen its span, lower its velocity or raise the rate",
             )
-        own = stretch.at(local)[0][:, j]
+        own = path.kept_at(local - stretch.lead)
         speed = path.peak * float(np.sign(path.end - path.start))
         columns = [np.cos(own), np.sin(own)] if self.truth.robot.joints[j].is_revolute else [0.0 * own, 0.0 * own]
         basis, upper = np.linalg.qr(np.column_stack([*columns, np.ones(len(own))]))

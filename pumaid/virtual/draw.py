@@ -46,7 +46,7 @@ def draw(robot: Robot, seed: int) -> Truth:
     seed
         Same seed, same robot.
     """
-    rng = np.random.default_rng([seed, 1])
+    rng, sticking = np.random.default_rng([seed, 1]), np.random.default_rng([seed, 1, 1])
     links = _links(robot, rng)
     capacity = _capacity(robot, links, rng)
     sign = np.where(rng.random(robot.n_joints) < 0.25, -1.0, 1.0)
@@ -62,7 +62,7 @@ def draw(robot: Robot, seed: int) -> Truth:
         gain=gain,
         inertia=sign * rng.uniform(0.3, 0.8, robot.n_joints) / accelerations(robot),
         seed=seed,
-        breakaway=_shortened(np.random.default_rng([seed, 1, 1]).uniform(*_BREAKAWAY, robot.n_joints)),
+        breakaway=_shortened(sticking.uniform(*_BREAKAWAY, robot.n_joints)),
     )
 
 

@@ -1,27 +1,24 @@
-"""A session: a virtual robot executes a plan, and its log is written sample by sample."""
+"""A session: a virtual robot executes a plan in closed loop, and its log is written sample by sample."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from pumaid.records import Log, Plan
 from pumaid.virtual.heat import STEP, Heat
-from pumaid.virtual.hidden import Instants, delays
+from pumaid.virtual.hidden import Instants, State, bent, delays
 from pumaid.virtual.noise import coloured, correlation
+from pumaid.virtual.physics.march import Course, March
+from pumaid.virtual.seams import Rehearsal, groups, led
 from pumaid.virtual.timing import Stretch, first_starts, stretches
 from pumaid.virtual.truth import Truth
 
 Floats = NDArray[np.float64]
 
-#: A joint at rest is carried by stiction with anything up to this share of its Coulomb friction, either way.
-STICTION_SHARE = 0.8
-
-
-#: Most samples of a batch: what keeps memory flat however long a run is.
+#: Most samples of a batch.
 CHUNK = 16384
 
 
@@ -35,7 +32,7 @@ class Session:
     plan
         What it executes.
     rng
-        Source of noise and of where stiction leaves the held joints.
+        Source of noise and of where stiction leaves the joints before the first run.
     rate
         Samples a second.
     runs_per_file
@@ -65,9 +62,11 @@ class Session:
         self._heat = _heat(truth, plan) if has_temperature or truth.has_warmth else None
         self._phi = correlation(truth.noise, rate)
         self._noise = rng.standard_normal(n)
-        self._stiction = self._settle()
-        self._encoder_error = np.zeros(n)
+        self._settled = rng.uniform(-1.0, 1.0, n)
+        self._march = March(truth, self._first, rate=rate)
+        self._read = self._march.drive(truth.inertia).read
         self._sample = 0
+        self._late = np.zeros((0, n))
 
     def logs(self) -> Iterator[Log]:
         """Batches of at most `CHUNK` samples, none across two stretches; `origin` names the file.
@@ -75,81 +74,82 @@ class Session:
         A stretch is a run with its rests, or a move between postures.
         """
         row, file_number = 2, -1
-        for stretch in stretches(self.truth.robot, self.plan):
+        for stretch, course in self._courses():
             number = stretch.index // self.runs_per_file
             if number != file_number:
                 row, file_number = 2, number
-            for log in self._stretch(stretch, origin=f"session_{number + 1:02d}", row=row):
+            for log in self._logged(course, origin=f"session_{number + 1:02d}", row=row):
                 row += len(log)
                 yield log
 
-    def _stretch(self, stretch: Stretch, *, origin: str, row: int) -> Iterator[Log]:
-        count = max(1, int(np.ceil(stretch.duration * self.rate)))
-        moving = np.array([path.start != path.end for path in stretch.paths])
-        before, self._stiction = self._stiction, np.where(moving, self._settle(), self._stiction)
-        levels = self.truth.noise.level_std * self.rng.standard_normal(len(moving))
+    def _courses(self) -> Iterator[tuple[Stretch, Course]]:
+        every = list(stretches(self.truth.robot, self.plan))
+        counts = np.array([stretch.samples(self.rate) for stretch in every])
+        begin = (np.cumsum(counts) - counts) / self.rate
+        rehearsal = Rehearsal(self.truth, every, begin, self._march, rate=self.rate)
+        seams = rehearsal.seams(self._settled, self._heat if self.truth.has_warmth else None)
+        rising = rehearsal.rising(seams)
+        for part in groups(every, self.rate):
+            warmth = seams.warmth[part], rising[part]
+            courses, _ = self._march.run(every[part], begin[part], rest=seams.rest(part), warmth=warmth)
+            for k, course in enumerate(courses, start=part.start):
+                yield every[k], led(course, seams.position[k + 1], seams.current[k + 1], rate=self.rate)
+
+    def _logged(self, course: Course, *, origin: str, row: int) -> Iterator[Log]:
+        """What the log has of a stretch: through encoders and sensors, with noise."""
+        count = len(course.position)
+        time = np.round((self._sample + np.arange(count)) / self.rate, 9)
+        temperature = None if self._heat is None else self._heat.warmed(course.current, 1.0 / self.rate)
+        current = self._delayed(self._bent(course, time)) + self._noise_of(count)
+        step = self.truth.noise.current_step
         for first in range(0, count, CHUNK):
-            local = np.arange(first, min(first + CHUNK, count)) / self.rate
-            time = np.round((self._sample + np.arange(len(local))) / self.rate, 9)
-            resting = np.where((local > stretch.lead)[:, None], self._stiction, before)
-            at = self._warmed(self._instants(stretch, local, time), resting)
-            current = self.truth.current(at, resting)
-            for late in set(self._delays.tolist()) - {0.0}:
-                then = replace(self._instants(stretch, local - late, time), temperature=at.temperature)
-                earlier = np.where((local - late > stretch.lead)[:, None], self._stiction, before)
-                current[:, self._delays == late] = self.truth.current(then, earlier)[:, self._delays == late]
-            current += self._noise_of(len(local), levels)
-            measured, speed = self._encoder(at.position, at.velocity)
-            step = self.truth.noise.current_step
+            part = slice(first, min(first + CHUNK, count))
             yield Log(
                 origin=origin,
-                rows=np.arange(row + first, row + first + len(local), dtype=np.int64),
-                time=time,
-                position=measured,
-                velocity=speed if self.has_velocity else None,
-                current=np.round(current / step) * step if step > 0 else current,
-                temperature=None if self._heat is None else np.round(np.round(at.temperature / STEP) * STEP, 6),
-                starts_clock=self._sample == 0,
+                rows=np.arange(row + part.start, row + part.stop, dtype=np.int64),
+                time=time[part],
+                position=self._read(course.position[part]),
+                # Rounded so that the bytes of a log do not depend on how a machine orders its additions.
+                velocity=np.round(course.velocity[part], 9) if self.has_velocity else None,
+                current=np.round(current[part] / step) * step if step > 0 else current[part],
+                temperature=None if temperature is None else np.round(np.round(temperature[part] / STEP) * STEP, 6),
+                starts_clock=self._sample == 0 and first == 0,
             )
-            self._sample += len(local)
+        self._sample += count
 
-    def _instants(self, stretch: Stretch, local: Floats, time: Floats) -> Instants:
-        """The arm `local` (N,) s after the stretch began; its motors as warm as they are now."""
-        position, velocity, acceleration = stretch.at(local)
-        begin = np.array([path.start for path in stretch.paths])
-        unknown = np.full(position.shape, np.nan)
-        return Instants(time, self._first, position, velocity, acceleration, np.abs(position - begin), unknown)
+    def _bent(self, course: Course, time: Floats) -> Floats:
+        """(N, J) A after the laws of the whole current."""
+        if not self.truth.hidden:
+            return course.current
+        nothing = np.zeros_like(course.current)
+        arm = Instants(time, self._first, course.position, course.velocity, nothing, nothing, nothing)
+        out, truth = course.current.copy(), self.truth
+        for j in range(out.shape[1]):
+            state = State(j + 1, arm, nothing, truth.weight, truth.friction.current, np.ones(out.shape[1]))
+            out[:, j] = bent(truth.hidden, state, out[:, j])
+        return out
 
-    def _warmed(self, at: Instants, resting: Floats) -> Instants:
-        """With the temperatures that the currents lead to, those of hidden effects apart."""
-        if self._heat is None:
-            return at
-        plain = replace(self.truth, hidden=()).current(at, resting)
-        return replace(at, temperature=self._heat.warmed(plain, 1.0 / self.rate))
+    def _delayed(self, current: Floats) -> Floats:
+        """(N, J) A as they are stamped, late; the session's first sample stands for all before it."""
+        if not np.any(self._delays):
+            return current
+        longest = int(np.ceil(np.max(self._delays) * self.rate)) + 1
+        before = self._late if len(self._late) else np.tile(current[:1], (longest, 1))
+        whole, out = np.concatenate([before, current]), current.copy()
+        places = len(before) + np.arange(len(current))
+        for j in np.flatnonzero(self._delays):
+            out[:, j] = np.interp(places - self._delays[j] * self.rate, np.arange(len(whole)), whole[:, j])
+        self._late = whole[-longest:]
+        return out
 
-    def _noise_of(self, count: int, levels: Floats) -> Floats:
+    def _noise_of(self, count: int) -> Floats:
         noise = self.truth.noise
+        levels = noise.level_std * self.rng.standard_normal(len(noise.std))
         if not np.any(noise.std > 0):
             return np.zeros((count, len(levels)))
         found = coloured(self.rng, (count, len(levels)), phi=self._phi, start=self._noise)
         self._noise = found[-1]
         return noise.sample_std * found + levels
-
-    def _settle(self) -> Floats:
-        """(J,) A that stiction takes of each resting joint: undetermined by anything that a log shows."""
-        size = self.truth.coulomb
-        return STICTION_SHARE * size * self.rng.uniform(-1.0, 1.0, len(size))
-
-    def _encoder(self, position: Floats, velocity: Floats) -> tuple[Floats, Floats]:
-        counts = self.truth.noise.counts
-        if counts is None:
-            return position, velocity
-        measured = np.where(counts > 0, np.round(position * counts) / np.where(counts > 0, counts, 1.0), position)
-        error = measured - position
-        steps = np.diff(error, axis=0, prepend=self._encoder_error[None])
-        self._encoder_error = error[-1]
-        # Rounded so that the bytes of a log do not depend on how a machine orders its additions.
-        return measured, np.round(velocity + steps * self.rate, 9)
 
 
 def _heat(truth: Truth, plan: Plan) -> Heat:

@@ -1,4 +1,4 @@
-"""How a virtual robot moves: trapezoids of speed, rests between them, and moves from posture to posture."""
+"""How a virtual robot moves: from rest to rest under the speed limit of its controller, with moves between postures."""
 
 from __future__ import annotations
 
@@ -14,12 +14,21 @@ Floats = NDArray[np.float64]
 
 #: Speed of moves between postures where a joint states no highest speed: rad/s and m/s.
 TURNING_SPEED, SLIDING_SPEED = 1.5, 0.25
-#: s from rest to the highest speed.
+#: s in which the controller lets its speed limit rise from rest to the highest speed.
 RAMP_TIME = 0.4
-#: s of rest before and after each run and move.
-REST = 0.4
+#: Gains of the controller (34): 1/s2 and 1/s, K_D = 2 sqrt(K_P). Within a `NEAR`th of a second's way of its target a
+#: joint leaves its speed and creeps in.
+K_P, K_D = 400.0, 40.0
+NEAR = K_P / K_D
+#: s in which a joint that left its speed is at rest: critically damped, of its last way a five-hundredth is left then,
+#: and friction holds it.
+BRAKE_TIME = 0.42
+#: s of rest before each run, and after each run or move beyond `BRAKE_TIME`.
+REST = 0.3
 #: Share of a joint's highest speed at which moves between postures are made.
 MOVE_SHARE = 0.7
+#: Share of the speed within which it counts as kept.
+KEPT = 0.002
 
 
 def highest_speeds(robot: Robot) -> Floats:
@@ -30,13 +39,18 @@ def highest_speeds(robot: Robot) -> Floats:
 
 
 def accelerations(robot: Robot) -> Floats:
-    """(J,) acceleration of ramps, rad/s2 or m/s2: the highest speed in `RAMP_TIME`."""
+    """(J,) rad/s2 or m/s2 at which speed limits rise: the highest speed in `RAMP_TIME`."""
     return highest_speeds(robot) / RAMP_TIME
 
 
 @dataclass(frozen=True, slots=True)
-class Trapezoid:
-    """One coordinate from `start` to `end` with speed at most `speed` and acceleration (both positive)."""
+class Path:
+    """One coordinate from `start` to `end`: a step of the controller's target, its speed limited.
+
+    The limit rises from 0 to `speed` at `acceleration` (both positive). What is told here is what (34) and (36) make
+    of it where the current does what it should: the speed follows its limit 1/K_D s late, is kept, and falls
+    exponentially from a `NEAR`th of a second before the end.
+    """
 
     start: float
     end: float
@@ -44,53 +58,68 @@ class Trapezoid:
     acceleration: float
 
     @property
+    def way(self) -> float:
+        """rad or m, not negative."""
+        return abs(self.end - self.start)
+
+    @property
     def peak(self) -> float:
-        """Highest speed reached: less than `speed` where the way is too short for it."""
-        return float(min(self.speed, np.sqrt(self.acceleration * abs(self.end - self.start))))
+        """Highest speed: less than `speed` where the way is too short for it."""
+        a = self.acceleration
+        # The limit a t meets what (36) allows so near the end, NEAR (way - a t^2 / 2).
+        return float(min(self.speed, a * (np.sqrt(1.0 + 2.0 * self.way * NEAR**2 / a) - 1.0) / NEAR))
 
     @property
     def ramp(self) -> float:
-        """s of each ramp."""
+        """s in which the limit rises to the peak."""
         return self.peak / self.acceleration
+
+    @property
+    def settling(self) -> float:
+        """s from the ramp's end until the speed is kept, ever nearer."""
+        deficit = (1.0 - np.exp(-K_D * self.ramp)) / (K_D * max(self.ramp, 1e-9))
+        return float(max(np.log(max(deficit, 1e-9) / KEPT), 0.0) / K_D)
+
+    @property
+    def leaving(self) -> float:
+        """s from the start until the joint leaves its speed for the end."""
+        if self.peak <= 0.0:
+            return 0.0
+        return self.ramp / 2 + 1.0 / K_D + max(self.way / self.peak - 1.0 / NEAR, self.ramp / 2)
 
     @property
     def duration(self) -> float:
         """s from rest to rest."""
-        return self.ramp + (abs(self.end - self.start) / self.peak if self.peak > 0 else 0.0)
+        return self.leaving + BRAKE_TIME if self.way > 0 else 0.0
 
-    def at(self, time: Floats) -> tuple[Floats, Floats, Floats]:
-        """Position, velocity, acceleration (N,) each at `time` (N,) s since the start; at rest outside."""
+    @property
+    def kept(self) -> tuple[float, float]:
+        """s from the start between which the speed is kept; the same instant twice where it never is."""
+        first, last = self.ramp + self.settling, self.leaving
+        return (first, last) if last > first else (last, last)
+
+    def kept_at(self, time: Floats) -> Floats:
+        """(N,) position `time` (N,) s after the start, while the speed is kept."""
         sign = 1.0 if self.end >= self.start else -1.0
-        total, ramp, peak = self.duration, self.ramp, self.peak
-        rising, falling = np.clip(time, 0.0, ramp), np.clip(time - (total - ramp), 0.0, ramp)
-        cruising = np.clip(time - ramp, 0.0, max(total - 2 * ramp, 0.0))
-        a = self.acceleration
-        way = 0.5 * a * rising**2 + peak * cruising + peak * falling - 0.5 * a * falling**2
-        velocity = a * (rising - falling)
-        inside = (time >= 0.0) & (time < total)
-        pushing = np.where(time < ramp, a, np.where(time >= total - ramp, -a, 0.0)) * inside
-        # Past the end the ramps cancel only to rounding: a joint at rest must have no direction.
-        return self.start + sign * way, sign * np.where(inside, velocity, 0.0), sign * pushing
+        return np.asarray(self.start + sign * self.peak * (time - self.ramp / 2 - 1.0 / K_D))
 
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Stretch:
-    """A piece of the session: every joint's trapezoid, its length (s, rests included) and the motion it executes.
+    """A piece of the session: every joint's path, its length (s, rests included) and the motion it executes.
 
     `motion` is None for a move between postures. `lead` s of rest come before the joints start.
     """
 
-    paths: tuple[Trapezoid, ...]
+    paths: tuple[Path, ...]
     lead: float
     duration: float
     motion: Motion | None
     index: int
 
-    def at(self, time: Floats) -> tuple[Floats, Floats, Floats]:
-        """Position, velocity, acceleration (N, J) each at `time` (N,) s since the stretch began."""
-        parts = [path.at(time - self.lead) for path in self.paths]
-        position, velocity, acceleration = (np.column_stack([part[k] for part in parts]) for k in range(3))
-        return position, velocity, acceleration
+    def samples(self, rate: float) -> int:
+        """Samples at `rate` (Hz): every stretch is a whole number of them."""
+        return max(1, int(np.ceil(self.duration * rate)))
 
 
 def stretches(robot: Robot, plan: Plan) -> Iterator[Stretch]:
@@ -105,29 +134,39 @@ def stretches(robot: Robot, plan: Plan) -> Iterator[Stretch]:
         begin[motion.joint - 1] = motion.start
         if now is not None and np.max(np.abs(begin - now)) > 1e-9:
             yield _move(now, begin, speeds=MOVE_SHARE * highest, accelerations=ramps, index=index)
-        paths = [Trapezoid(value, value, 1.0, 1.0) for value in begin.tolist()]
+        paths = [Path(value, value, 1.0, 1.0) for value in begin.tolist()]
         j = motion.joint - 1
-        paths[j] = Trapezoid(
-            motion.start, motion.end, motion.velocity, max(float(ramps[j]), motion.velocity / RAMP_TIME)
-        )
+        paths[j] = _path(robot, motion)
         yield Stretch(tuple(paths), REST, paths[j].duration + 2 * REST, motion, index)
         now = begin.copy()
         now[j] = motion.end
 
 
+def _path(robot: Robot, motion: Motion) -> Path:
+    ramp = max(float(accelerations(robot)[motion.joint - 1]), motion.velocity / RAMP_TIME)
+    return Path(motion.start, motion.end, motion.velocity, ramp)
+
+
 def _move(now: Floats, begin: Floats, *, speeds: Floats, accelerations: Floats, index: int) -> Stretch:
     rows = zip(now.tolist(), begin.tolist(), speeds.tolist(), accelerations.tolist(), strict=True)
-    paths = tuple(Trapezoid(*row) for row in rows)
-    return Stretch(paths, 0.0, max(path.duration for path in paths), None, index)
+    paths = tuple(Path(*row) for row in rows)
+    return Stretch(paths, 0.0, max(path.duration for path in paths) + REST, None, index)
 
 
 def cruise(robot: Robot, motion: Motion) -> tuple[tuple[float, float], float]:
-    """Positions between which a motion keeps its speed, and for how long (s); ramps cut off both ends."""
-    ramp = max(float(accelerations(robot)[motion.joint - 1]), motion.velocity / RAMP_TIME)
-    way = 0.5 * motion.velocity**2 / ramp
-    sign = 1.0 if motion.end >= motion.start else -1.0
-    left = abs(motion.end - motion.start) - 2 * way
-    return (motion.start + sign * way, motion.end - sign * way), max(left, 0.0) / motion.velocity
+    """Positions between which a motion keeps its speed, and for how long (s); starting and braking cut off both ends.
+
+    Parameters
+    ----------
+    robot
+        Its accelerations.
+    motion
+        One joint's.
+    """
+    path = _path(robot, motion)
+    first, last = path.kept
+    begin, end = path.kept_at(np.array([first, last])).tolist()
+    return (begin, end), last - first
 
 
 def first_starts(robot: Robot, plan: Plan, *, rate: float) -> Floats:
@@ -144,7 +183,7 @@ def first_starts(robot: Robot, plan: Plan, *, rate: float) -> Floats:
     for stretch in stretches(robot, plan):
         if stretch.motion is not None and np.isnan(found[stretch.motion.joint - 1]):
             found[stretch.motion.joint - 1] = clock + stretch.lead
-        clock += max(1, int(np.ceil(stretch.duration * rate))) / rate
+        clock += stretch.samples(rate) / rate
     return np.where(np.isnan(found), np.nanmin(found) if plan.motions else 0.0, found)
 
 

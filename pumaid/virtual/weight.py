@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,8 +18,11 @@ from pumaid.virtual.shafts import borne
 
 Floats = NDArray[np.float64]
 
+#: Answers that a weight remembers: those of one instant, a sagging drive's rounds included.
+MOST_RECALLED = 256
 
-@dataclass(frozen=True, eq=False, slots=True)
+
+@dataclass(frozen=True, eq=False)
 class Weight:
     """Gravity's currents: from masses and gains where they are known, else from the paper's constants.
 
@@ -50,7 +55,8 @@ class Weight:
     def turned(self, x: float, y: float) -> Weight:
         """The same arm with its base turned by `x` and `y` (rad) about its own axes."""
         seen = Rotation.from_rotvec([x, y, 0.0]).inv().apply(np.asarray(self.robot.gravity, dtype=float)).tolist()
-        return replace(self, robot=replace(self.robot, gravity=(seen[0], seen[1], seen[2])))
+        robot = replace(self.robot, gravity=(seen[0], seen[1], seen[2]))
+        return Weight(robot, self.links, self.gain, self.known)
 
     def loaded(self, mass: float, place: tuple[float, float, float]) -> Weight:
         """The same arm with `mass` (kg) more on its last link, at `place` (m, in that link's frame)."""
@@ -59,7 +65,7 @@ class Weight:
         total[-1] += mass
         centre = links.centre.copy()
         centre[-1] = (links.mass[-1] * centre[-1] + mass * np.array(place)) / total[-1]
-        return replace(self, links=Links(total, centre))
+        return Weight(self.robot, Links(total, centre), self.gain, self.known)
 
     def across(self, position: Floats) -> Floats:
         """(N, J) A: what the moment across each turning joint's axis would draw if it lay along it; 0 for sliding."""
@@ -71,3 +77,50 @@ class Weight:
             what = f"{self.robot.name} is known by its constants in amperes alone, and this effect needs its masses"
             raise ModelError("hide-wrong", what, mend="leave out --truth table1, or give a truth with masses")
         return self.links, self.gain
+
+
+class Recalled(Weight):
+    """A weight that remembers what it was last asked: many joints' laws look at the same postures."""
+
+    @classmethod
+    def of(cls, weight: Weight) -> Recalled:
+        """The same arm."""
+        return cls(weight.robot, weight.links, weight.gain, weight.known)
+
+    @cached_property
+    def _known(self) -> dict[tuple[str, bytes], Floats]:
+        return {}
+
+    @cached_property
+    def _others(self) -> dict[tuple[object, ...], Weight]:
+        return {}
+
+    def current(self, position: Floats) -> Floats:
+        """As of `Weight`; not to be written to."""
+        return self._recalled("current", super().current, position)
+
+    def across(self, position: Floats) -> Floats:
+        """As of `Weight`; not to be written to."""
+        return self._recalled("across", super().across, position)
+
+    def turned(self, x: float, y: float) -> Weight:
+        """As of `Weight`, remembering too."""
+        key = ("turned", x, y)
+        if key not in self._others:
+            self._others[key] = Recalled.of(super().turned(x, y))
+        return self._others[key]
+
+    def loaded(self, mass: float, place: tuple[float, float, float]) -> Weight:
+        """As of `Weight`, remembering too."""
+        key = ("loaded", mass, place)
+        if key not in self._others:
+            self._others[key] = Recalled.of(super().loaded(mass, place))
+        return self._others[key]
+
+    def _recalled(self, what: str, asked: Callable[[Floats], Floats], position: Floats) -> Floats:
+        key = (what, position.tobytes())
+        if key not in self._known:
+            if len(self._known) >= MOST_RECALLED:
+                self._known.clear()
+            self._known[key] = asked(position)
+        return self._known[key]

@@ -13,7 +13,9 @@ from scipy.optimize import brentq
 from pumaid.errors import ModelError
 from pumaid.records import Joint, Motion, Plan, Robot
 from pumaid.virtual import Bench, Hidden, Session, draw, record, table1
-from pumaid.virtual.hidden import LAWS, parse
+from pumaid.virtual.heat import curve
+from pumaid.virtual.hidden import LAWS, Instants, parse
+from pumaid.virtual.timing import REST
 
 PUMA = table1.puma560().with_noise(0.0)
 #: Joint 2's motor counts along its motion, joint 3's against it.
@@ -51,10 +53,42 @@ def session(truth, plan=PLAN, **options) -> dict[str, np.ndarray]:
     }
 
 
+def ideal(plan: Plan, n_joints: int) -> Instants:
+    """The plan's motions one after the other at 100 Hz, each a rest of 0.4 s and a trapezoid of 3.75 rad/s2."""
+    time, position, velocity, acceleration, travel, first = [], [], [], [], [], np.full(n_joints, np.nan)
+    clock = 0.0
+    for motion in plan.motions:
+        j, way, sign = motion.joint - 1, abs(motion.end - motion.start), np.sign(motion.end - motion.start)
+        ramp = motion.velocity / 3.75
+        total = way / motion.velocity + ramp
+        local = np.arange(0.0, total + 0.4, 0.01) - 0.4
+        v = np.clip(np.minimum(3.75 * local, 3.75 * (total - local)), 0.0, motion.velocity)
+        q = np.concatenate([[0.0], np.cumsum(0.5 * (v[1:] + v[:-1]) * 0.01)])
+        first[j] = clock + 0.4 if np.isnan(first[j]) else first[j]
+        for kept, values in ((velocity, v * sign), (acceleration, np.gradient(v, 0.01) * sign), (travel, q)):
+            kept.append(np.outer(values, np.eye(n_joints)[j]))
+        place = np.tile(np.array(motion.hold, dtype=float), (len(local), 1))
+        place[:, j] = motion.start + sign * q
+        position.append(place)
+        time.append(clock + 0.4 + local)
+        clock += len(local) * 0.01
+    whole = np.concatenate(time)
+    first = np.where(np.isnan(first), np.nanmin(first), first)
+    parts = (np.concatenate(some) for some in (position, velocity, acceleration, travel))
+    return Instants(whole, first, *parts, np.tile(curve(whole)[:, None], n_joints))
+
+
+def static(truth, plan=PLAN) -> dict[str, np.ndarray]:
+    """Motion and current of a robot that follows its plan to the letter."""
+    at = ideal(plan, truth.robot.n_joints)
+    names = ("time", "position", "velocity", "acceleration", "travel", "temperature")
+    return {name: getattr(at, name) for name in names} | {"current": truth.current(at, np.zeros_like(at.position))}
+
+
 def difference(effect: str, joint: int | None = None, truth=PUMA, plan=PLAN, **values: float):
-    """The session with an effect, and (N, J) what the effect added to it."""
-    found = session(replace(truth, hidden=(Hidden(effect, joint, values),)), plan)
-    return found, found["current"] - session(truth, plan)["current"]
+    """The ideal course with an effect, and (N, J) what the effect added to the currents."""
+    found = static(replace(truth, hidden=(Hidden(effect, joint, values),)), plan)
+    return found, found["current"] - static(truth, plan)["current"]
 
 
 def since_rest(found: dict[str, np.ndarray], j: int) -> np.ndarray:
@@ -249,19 +283,17 @@ def test_presliding_begins_at_every_start(joint, side):
 
 
 def test_inertia_acts_in_ramps():
-    """More inertia draws its share of the acceleration in ramps and nothing at constant speed."""
+    """More inertia draws its share of the acceleration in ramps and nothing at constant speed, as the motor counts."""
     found, added = difference("inertia", 2, J=0.3)
-    rate = np.gradient(found["velocity"][:, 1], 0.01)
-    smooth = np.abs(np.gradient(rate, 0.01)) < 1e-6
-    assert added[smooth, 1] == pytest.approx(0.3 * rate[smooth], abs=1e-9)
-    assert np.max(np.abs(added[:, 1])) > 0.1
+    assert added[:, 1] == pytest.approx(0.3 * found["acceleration"][:, 1], abs=1e-9)
+    _, other = difference("inertia", 3, J=0.3)
+    assert other[:, 2] == pytest.approx(-0.3 * found["acceleration"][:, 2], abs=1e-9)
 
 
 def test_delay_stamps_the_current_late():
-    """The delayed joint's current is that of some samples before, row by row within a run; other joints' is not."""
+    """The delayed joint's current is that of some samples before, row by row; other joints' is not."""
     plain, late = session(PUMA), session(replace(PUMA, hidden=(Hidden("delay", 2, {"dt": 0.05}),)))
-    run = slice(5, 500)  # the first run with its rests takes 5.1 s
-    assert late["current"][run, 1] == pytest.approx(plain["current"][0:495, 1], abs=1e-9)
+    assert late["current"][5:, 1] == pytest.approx(plain["current"][:-5, 1], abs=1e-9)
     assert np.array_equal(late["current"][:, 0], plain["current"][:, 0])
     assert np.array_equal(late["position"], plain["position"])
 
@@ -269,10 +301,14 @@ def test_delay_stamps_the_current_late():
 def test_thermal_friction_follows_the_logged_temperature():
     """Friction falls with the temperature above 25 degC that the log has, which is there without being asked for."""
     plan = replace(PLAN, motions=PLAN.motions * 40)
-    found, added = difference("thermal_friction", 2, plan=plan, a=-0.02)
-    above = found["temperature"][:, 1] - 25.0
-    # The log's temperature is rounded to 0.1 degC.
-    assert added[:, 1] == pytest.approx(-0.02 * np.sign(found["velocity"][:, 1]) * above, abs=0.02 * 0.051)
+    found = session(replace(PUMA, hidden=(Hidden("thermal_friction", 2, {"a": -0.02}),)), plan)
+    above, v = found["temperature"][:, 1] - 25.0, found["velocity"][:, 1]
+    cruising = (np.abs(v) > 0.498) & (np.abs(v) < 0.502) & (np.abs(found["position"][:, 1]) < 0.6)
+    added = found["current"][:, 1] - PUMA.gravity_current(found["position"])[:, 1] - PUMA.friction.current(2, v)
+    # The temperatures that friction follows come from a rehearsal, within 0.4 degC of the logged ones; a changing
+    # speed draws two milliamperes.
+    wanted = -0.02 * np.sign(v) * above
+    assert added[cruising] == pytest.approx(wanted[cruising], abs=0.02 * 0.45 + 0.002)
     assert 3.0 < np.max(above) < 60.0
 
 
@@ -307,9 +343,9 @@ def test_logs_have_no_temperature_unless_it_is_wanted():
 )
 def test_whole_current_is_bent(effect, values, law):
     """Laws of the whole current act on gravity, friction and ramps together."""
-    found, _ = difference(effect, 2, **values)
+    found = session(replace(PUMA, hidden=(Hidden(effect, 2, values),)))
     plain = session(PUMA)["current"][:, 1]
-    t = np.maximum(found["time"] - 0.4, 0.0)
+    t = np.maximum(found["time"] - REST, 0.0)
     assert found["current"][:, 1] == pytest.approx(law(plain, t), abs=1e-9)
     assert np.max(np.abs(found["current"][:, 1] - plain)) > 0.01
 
@@ -327,7 +363,7 @@ def test_other_joints_are_left_alone():
     _, added = difference("stribeck", 2, **values)
     assert np.all(np.delete(added, 1, axis=1) == 0.0)
     _, everywhere = difference("stribeck", **values)
-    assert np.all(np.max(np.abs(everywhere[:, 1:4]), axis=0) > 0.01)
+    assert np.all(np.max(np.abs(everywhere[:, 1:3]), axis=0) > 0.01)
 
 
 @pytest.mark.parametrize("effect", sorted(set(LAWS) - {"inertia", "thermal_friction"}))
@@ -336,12 +372,19 @@ def test_bench_hides_the_same(effect):
     truth = HEAVY.hiding([Hidden(effect, None if effect in ("tilt", "payload") else 2, {})])
     log = session(truth, HEAVY_PLAN)
     for run in Bench(truth, HEAVY_PLAN, rate=100.0).runs(np.random.default_rng(0)):
-        k = (log["velocity"][:, run.joint - 1] == run.speed) & (np.abs(log["velocity"]).sum(axis=1) == abs(run.speed))
-        q, i = log["position"][k, run.joint - 1], log["current"][k, run.joint - 1]
+        j, v = run.joint - 1, log["velocity"]
+        k, slips = np.abs(v[:, j] / run.speed - 1.0) < 0.03, np.abs(np.delete(v, j, axis=1)).max(axis=1) > 1e-6
+        # What a changing speed draws is no part of a run; the log's velocity is that of the interval before.
+        rising = 100.0 * np.diff(v[:, j], append=0.0)
+        q, i = log["position"][k, j], (log["current"][:, j] - truth.inertia[j] * rising)[k]
         order = np.argsort(q)
-        wanted = np.interp(run.cells.position[:, run.joint - 1], q[order], i[order])
-        # A cell's mean of a bent curve differs from its middle by a few thousandths.
-        assert run.cells.current[2:-2, run.joint - 1] == pytest.approx(wanted[2:-2], abs=0.01)
+        wanted = np.interp(run.cells.position[:, j], q[order], i[order])
+        # The bench keeps its speed to the letter; in closed loop it wavers by a percent or two where the load is steep,
+        # which is 0.01 A of friction. Where another joint gives way, its friction is in this joint's motor, too.
+        slipped = np.append(log["position"][k & slips & (effect == "coupling"), j], np.inf)
+        alone = np.abs(run.cells.position[:, j, None] - slipped).min(axis=1) > 0.1
+        assert np.mean(alone) > 0.4
+        assert run.cells.current[alone, j][4:-4] == pytest.approx(wanted[alone][4:-4], abs=0.015)
 
 
 def test_truth_remembers():
@@ -352,14 +395,14 @@ def test_truth_remembers():
     assert np.array_equal(session(again)["current"], session(truth)["current"])
 
 
-@pytest.mark.parametrize("effect", sorted(set(LAWS) - {"inertia"}))
+@pytest.mark.parametrize("effect", sorted(set(LAWS) - {"inertia", "delay"}))
 def test_usual_size_shows(effect):
     """Without values an effect stands out of the noise of a sample and is at most a few A."""
     truth = draw(ARM, 3).hiding([Hidden(effect, None if LAWS[effect].reach.value == "arm" else 2)])
     (one,) = truth.hidden
     plan = replace(HEAVY_PLAN, motions=HEAVY_PLAN.motions * (110 if "time" in " ".join(one.values) else 12))
-    found = session(truth.with_noise(0.0), plan)["current"] - session(HEAVY, plan)["current"]
-    moving = np.abs(session(HEAVY, plan)["velocity"][:, :2]) > 0
+    found = static(truth.with_noise(0.0), plan)["current"] - static(HEAVY, plan)["current"]
+    moving = np.abs(static(HEAVY, plan)["velocity"][:, :2]) > 0
     largest = np.max(np.abs(found[:, :2]) * moving)
     assert 2.0 * truth.noise.std[1] < largest < 3.0
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -10,8 +11,9 @@ import pytest
 from pumaid.errors import ModelError
 from pumaid.records import Motion, Plan
 from pumaid.verbs.simulate import simulate
-from pumaid.virtual import Noise, Session, draw, table1
-from pumaid.virtual.timing import Trapezoid, accelerations
+from pumaid.virtual import Noise, Session, draw, record, table1
+from pumaid.virtual.physics.joints import Joints
+from pumaid.virtual.timing import Path, accelerations, cruise, stretches
 
 RATE = 200.0
 PUMA = table1.puma560()
@@ -25,6 +27,10 @@ SHORT = Plan(
 )
 
 
+#: Twenty stretches.
+LONGER = replace(SHORT, motions=SHORT.motions * 5)
+
+
 def session(truth=PUMA, plan=SHORT, seed=1, **options) -> dict[str, np.ndarray]:
     """A whole session's arrays."""
     logs = list(Session(truth, plan, np.random.default_rng(seed), rate=RATE, **options).logs())
@@ -32,65 +38,148 @@ def session(truth=PUMA, plan=SHORT, seed=1, **options) -> dict[str, np.ndarray]:
     return {name: np.concatenate([getattr(log, name) for log in logs]) for name in names}
 
 
-def acceleration(found: dict[str, np.ndarray]) -> np.ndarray:
-    """(N, J) by central differences of the noise-free velocity."""
-    return np.gradient(found["velocity"], 1.0 / RATE, axis=0)
+def quiet_rest(found: dict[str, np.ndarray], joint: int) -> tuple[np.ndarray, np.ndarray]:
+    """(N,) what is left of a noise-free joint's current beyond gravity, friction and inertia, and its acceleration.
+
+    The log's velocity is that of the interval before a sample, so the acceleration at the sample is the change to the
+    next interval; the current is the mean over both.
+    """
+    j = joint - 1
+    v = found["velocity"][:, j]
+    rising = np.diff(v, append=v[-1]) * RATE
+    middle = np.where((v[:-1] != 0) & (v[1:] != 0), 0.5 * (v[:-1] + v[1:]), 0.0)
+    loss = PUMA.friction.current(joint, np.append(middle, 0.0))
+    rest = found["current"][:, j] - PUMA.gravity_current(found["position"])[:, j] - loss
+    return rest - PUMA.inertia[j] * rising, rising
 
 
-def test_cruise_carries_gravity_and_friction_only():
-    """At constant speed a noise-free joint draws gravity plus Coulomb plus viscous current of its direction."""
+def test_cruise_carries_gravity_and_friction():
+    """While its speed is kept, a joint draws gravity plus friction plus inertia times what the speed still changes."""
     found = session(PUMA.with_noise(0.0))
-    # Not the sample at which braking begins: its speed is still whole.
-    cruising = (np.abs(found["velocity"][:, 1] - 0.5) < 1e-9) & (np.abs(acceleration(found)[:, 1]) < 1e-9)
-    wanted = PUMA.gravity_current(found["position"][cruising])[:, 1]
-    wanted = wanted + PUMA.friction.coulomb_plus[1] + 0.5 * PUMA.friction.viscous_plus[1]
-    assert np.count_nonzero(cruising) > 3 * RATE
-    assert np.max(np.abs(found["current"][cruising, 1] - wanted)) < 1e-12
+    v = found["velocity"][:, 1]
+    cruising = (np.abs(found["position"][:, 1]) < 0.7) & (np.abs(v - 0.5) < 0.01 * 0.5)
+    rest, rising = quiet_rest(found, 2)
+    assert np.count_nonzero(cruising) > 2.5 * RATE
+    # What the load's curve and the acceleration's change within a period leave; of 2 A.
+    assert np.max(np.abs(rest[cruising])) < 5e-4
+    assert np.max(np.abs(rising[cruising])) < 0.02
 
 
 def test_ramp_carries_inertia():
-    """What a ramp draws beyond gravity and friction is inertia times acceleration."""
+    """The current of a ramp balances gravity, friction and inertia; its acceleration is the limit's."""
     found = session(PUMA.with_noise(0.0))
-    q, v, i = (found[name][:, 1] for name in ("position", "velocity", "current"))
-    a = acceleration(found)[:, 1]
+    v, q = found["velocity"][:, 1], found["position"][:, 1]
+    rising = (v > 0.2) & (v < 0.4) & (q < 0.0)
+    rest, acceleration = quiet_rest(found, 2)
     ramp = float(accelerations(PUMA.robot)[1])
-    # Away from the corners of the speed the difference of velocities is the acceleration itself.
-    rising = (np.abs(a - ramp) < 1e-6) & (v > 0.05) & (v < 0.45) & (q < 0)
-    rest = i - PUMA.gravity_current(found["position"])[:, 1]
-    rest = rest - PUMA.friction.coulomb_plus[1] - v * PUMA.friction.viscous_plus[1]
     assert np.count_nonzero(rising) > 5
-    assert rest[rising] == pytest.approx(PUMA.inertia[1] * ramp, abs=1e-9)
+    # The speed follows its limit 25 ms late and swings in by a few percent, after the jerk of breaking away.
+    assert np.mean(acceleration[rising]) == pytest.approx(ramp, rel=0.15)
+    # A hundredth of what the ramp draws in all: 0.15 A s2/rad times 3.75 rad/s2.
+    assert np.mean(rest[rising]) == pytest.approx(0.0, abs=0.01 * PUMA.inertia[1] * ramp)
 
 
-def test_held_joint_is_carried_by_gravity_and_a_constant():
-    """A joint that rests draws its changing gravity load plus what stiction was left with."""
+def test_speed_is_the_planned_one():
+    """The controller keeps the run's speed within one percent over the part that `cruise` promises, up to its lag."""
     found = session(PUMA.with_noise(0.0))
-    first = found["time"] < 3.0
-    rest = (found["current"] - PUMA.gravity_current(found["position"]))[first, 2]
-    assert np.ptp(rest) < 1e-12
-    assert 0.0 < abs(rest[0]) < abs(PUMA.friction.coulomb_plus[2])
+    (begin, end), seconds = cruise(PUMA.robot, SHORT.motions[0])
+    q, v = found["position"][:, 1], found["velocity"][:, 1]
+    # Where the load changes, a joint runs ahead or behind by some 0.02 rad.
+    kept = (q > begin + 0.02) & (q < end - 0.02) & (found["time"] < 5.0)
+    assert v[kept] == pytest.approx(0.5, rel=0.01)
+    assert np.count_nonzero(kept) / RATE == pytest.approx(seconds, abs=0.1)
+
+
+def test_held_joint_is_carried_by_gravity_and_stiction():
+    """A joint that rests draws a constant; it gives way only where its load has passed what friction holds."""
+    found = session(PUMA.with_noise(0.0))
+    first = found["time"] < 4.0
+    q, i = found["position"][first, 2], found["current"][first, 2]
+    lack = i - PUMA.gravity_current(found["position"][first])[:, 2]
+    held = np.diff(q, prepend=q[0]) == 0.0
+    assert np.max(np.abs(lack[held])) < 1.02 * PUMA.breakaway[2] * PUMA.coulomb[2] * 1.15  # uneven by direction
+    assert np.max(np.abs(q - q[0])) < 2.5e-3
+    assert np.mean(held) > 0.8
+
+
+def test_robots_end_every_stretch_at_rest():
+    """The planned rests suffice: when a stretch ends, no joint moves, and each stands within a milliradian or two."""
+    truth = draw(table1.robot(), 3)
+    plan = replace(table1.experiment(), motions=table1.experiment().motions[::7])
+    logs = list(Session(truth, plan, np.random.default_rng(1), rate=250.0).logs())
+    targets = [[path.end for path in one.paths] for one in stretches(truth.robot, plan)]
+    assert len(logs) == len(targets)
+    for log, target in zip(logs, targets, strict=True):
+        assert np.all(log.velocity[-1] == 0.0)
+        assert np.max(np.abs(log.position[-1] - target)) < 2.5e-3
+
+
+def test_stretches_join():
+    """From stretch to stretch neither position nor current jumps, also where a held joint had given way."""
+    truth = draw(table1.robot(), 3)
+    truth = replace(truth, noise=replace(truth.noise, std=np.zeros(6)))
+    logs = list(Session(truth, table1.experiment(), np.random.default_rng(1), rate=250.0, has_velocity=True).logs())
+    for before, after in pairwise(logs):
+        step = np.abs(after.position[0] - before.position[-1])
+        # One count where the encoder stands at an edge; a drive at rest changes its current by less than 10 mA.
+        assert np.max(step * truth.noise.counts) < 1.01
+        assert np.max(np.abs(after.current[0] - before.current[-1])) < 0.01
+
+
+@pytest.mark.parametrize("size", [1, 7])
+def test_it_does_not_matter_what_marches_together(monkeypatch, size):
+    """Stretches marched one by one or in sevens leave the same bytes as all at once."""
+    whole = session(draw(table1.robot(), 3), plan=LONGER)
+    monkeypatch.setattr("pumaid.virtual.seams.MOST_STRETCHES", size)
+    parts = session(draw(table1.robot(), 3), plan=LONGER)
+    assert all(np.array_equal(parts[name], whole[name]) for name in whole)
+
+
+def test_a_joint_at_rest_needs_more_than_coulomb_friction():
+    """A motor's surplus between Coulomb friction and the break-away level moves no joint that rests; more does."""
+    plant = Joints(PUMA, step=0.004)
+    for share, moves in ((1.05, False), (1.15, True)):
+        plant.start(np.zeros((1, 6)))
+        for _ in range(50):
+            plant.advance(share * PUMA.friction.coulomb_plus[None], np.zeros((1, 6)), None)
+        assert np.all((plant.position != 0.0) == moves)
+
+
+def test_friction_stops_a_joint_for_good():
+    """A joint that slides without its motor comes to rest where its energy is spent, and stays."""
+    bare = replace(PUMA, friction=replace(PUMA.friction, viscous_plus=np.zeros(6), viscous_minus=np.zeros(6)))
+    plant = Joints(bare, step=0.004)
+    plant.start(np.zeros((1, 6)))
+    plant.velocity[:] = 1.0
+    for _ in range(500):
+        plant.advance(np.zeros((1, 6)), np.zeros((1, 6)), None)
+    way = 0.5 * PUMA.inertia / PUMA.friction.coulomb_plus
+    # Steps of 2 ms at 1 rad/s: 2 mrad.
+    assert plant.position[0] == pytest.approx(way, abs=2e-3)
+    assert np.all(plant.velocity == 0.0)
 
 
 def test_position_is_the_sum_of_velocity():
     """Positions follow from velocities without a jump, also from file to file and between postures."""
     found = session(PUMA.with_noise(0.0), runs_per_file=1)
-    step = 0.5 * (found["velocity"][1:] + found["velocity"][:-1]) / RATE
-    # A trapezoid's corner between two samples costs at most half an acceleration times the interval squared.
-    corner = 0.5 * np.max(accelerations(PUMA.robot)) / RATE**2
-    assert np.max(np.abs(np.diff(found["position"], axis=0) - step)) < corner
+    step = np.diff(found["position"], axis=0) - found["velocity"][1:] / RATE
+    # Velocities are rounded to 1e-9; at rest a joint is led over to where its next stretch begins.
+    assert np.max(np.abs(step)) < 2e-5
     assert np.diff(found["time"]) == pytest.approx(1.0 / RATE, abs=1e-9)
 
 
 def test_noise_has_the_promised_size():
     """Noise of one run is level plus correlated noise, each of the size that the truth states."""
-    quiet, truth = session(PUMA.with_noise(0.0)), replace(PUMA, noise=Noise(np.full(6, 0.1), level_share=0.5))
-    first = quiet["time"] < 4.0
-    levels, sizes = [], []
-    for seed in range(40):
-        noise = (session(truth, seed=seed)["current"] - session(PUMA.with_noise(0.0), seed=seed)["current"])[first, 5]
-        levels.append(noise.mean())
-        sizes.append(noise.var())
-    # 40 levels know their variance to 23 % (one sigma); three sigmas are allowed. The noise knows its own to 3 %.
+    truth, plan = (
+        replace(PUMA, noise=Noise(np.full(6, 0.1), level_share=0.5)),
+        replace(SHORT, motions=SHORT.motions * 10),
+    )
+    logs = [
+        list(Session(one, plan, np.random.default_rng(1), rate=RATE).logs()) for one in (truth, PUMA.with_noise(0.0))
+    ]
+    noise = [(noisy.current - quiet.current)[:, 5] for noisy, quiet in zip(*logs, strict=True)]
+    levels, sizes = [one.mean() for one in noise], [one.var() for one in noise]
+    # 39 levels know their variance to 23 % (one sigma); three sigmas are allowed. The noise knows its own to 3 %.
     assert np.var(levels) == pytest.approx(0.1**2 * 0.5, rel=0.7)
     assert np.mean(sizes) == pytest.approx(0.1**2 * 0.5, rel=0.1)
 
@@ -149,12 +238,23 @@ def test_velocity_can_be_absent():
 
 
 def test_short_way_never_reaches_the_speed():
-    """A way too short for the ramps is a triangle of speed that still ends where it should."""
-    path = Trapezoid(0.0, 0.1, 5.0, 2.0)
-    position, velocity, _ = path.at(np.array([0.0, path.duration / 2, path.duration, path.duration + 1.0]))
-    assert position == pytest.approx([0.0, 0.05, 0.1, 0.1], abs=1e-12)
-    assert velocity == pytest.approx([0.0, path.peak, 0.0, 0.0], abs=1e-12)
-    assert path.peak < 5.0
+    """On a way too short for the ramp the joint turns to braking before it has the speed, and is there in time."""
+    path = Path(0.0, 0.05, 5.0, 2.0)
+    assert path.peak < 0.4
+    assert path.kept[0] == path.kept[1]
+    plan = Plan("PUMA 560", (replace(SHORT.motions[0], end=-0.95, velocity=5.0),))
+    found = session(PUMA.with_noise(0.0), plan)
+    assert found["position"][-1, 1] == pytest.approx(-0.95, abs=2e-3)
+    assert np.max(found["velocity"][:, 1]) < 1.2 * Path(0.0, 0.05, 5.0, 12.5).peak
+
+
+def test_a_truth_of_an_earlier_version_breaks_away_as_usual():
+    """A document without break-away levels gets the usual ones; one with them keeps them."""
+    truth = draw(table1.robot(), 3)
+    document = record.as_json(truth)
+    assert np.array_equal(record.from_json(document, truth.robot).breakaway, truth.breakaway)
+    del document["breakaway"]
+    assert np.all(record.from_json(document, truth.robot).breakaway == 1.1)
 
 
 @pytest.mark.parametrize(

@@ -8,7 +8,7 @@ from pumaid.virtual.hidden.catalogue import LAWS
 from pumaid.virtual.hidden.law import Hidden
 from pumaid.virtual.hidden.sizes import sized
 from pumaid.virtual.hidden.spoken import parse
-from pumaid.virtual.hidden.state import Instants
-from pumaid.virtual.hidden.total import delays, total
+from pumaid.virtual.hidden.state import Instants, State
+from pumaid.virtual.hidden.total import bent, delays, felt, total
 
-__all__ = ["LAWS", "Hidden", "Instants", "delays", "parse", "sized", "total"]
+__all__ = ["LAWS", "Hidden", "Instants", "State", "bent", "delays", "felt", "parse", "sized", "total"]

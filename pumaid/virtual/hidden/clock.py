@@ -26,11 +26,19 @@ def _thermal_friction(at: State, one: Hidden) -> Floats:
 
 LAWS = {
     "warmup": Law(
-        ("a", "time_constant"), lambda joint: (0.4 * joint.coulomb, 600.0), _warmup, letters={"T": "time_constant"}
+        ("a", "time_constant"),
+        lambda joint: (0.4 * joint.coulomb, 600.0),
+        _warmup,
+        letters={"T": "time_constant"},
+        opposes=True,
     ),
     "friction_step": Law(
-        ("a", "time"), lambda joint: (0.3 * joint.coulomb, 600.0), _friction_step, letters={"t_0": "time"}
+        ("a", "time"),
+        lambda joint: (0.3 * joint.coulomb, 600.0),
+        _friction_step,
+        letters={"t_0": "time"},
+        opposes=True,
     ),
     # Grease thins: a twentieth of the friction is gone with every degree of some ten.
-    "thermal_friction": Law(("a",), lambda joint: (-0.05 * joint.coulomb,), _thermal_friction),
+    "thermal_friction": Law(("a",), lambda joint: (-0.05 * joint.coulomb,), _thermal_friction, opposes=True),
 }

@@ -62,8 +62,8 @@ def _usual_coupling(joint: Typical) -> tuple[float, ...]:
 
 
 LAWS = {
-    "tilt": Law(("x", "y"), lambda joint: (0.04, -0.03), _tilt, reach=Reach.ARM),
-    "zero_offset": Law(("delta",), lambda joint: (0.06,), _zero_offset, reach=Reach.CAUSE),
+    "tilt": Law(("x", "y"), lambda joint: (0.04, -0.03), _tilt, reach=Reach.ARM, is_slow=True),
+    "zero_offset": Law(("delta",), lambda joint: (0.06,), _zero_offset, reach=Reach.CAUSE, is_slow=True),
     "payload": Law(
         ("mass", "x", "y", "z", "time"),
         lambda joint: (joint.last_mass, 0.0, 0.03 * joint.reach, 0.05 * joint.reach, 600.0),
@@ -71,7 +71,8 @@ LAWS = {
         reach=Reach.ARM,
         letters={"t_0": "time"},
         needs_masses=True,
+        is_slow=True,
     ),
-    "flexibility": Law(("c",), lambda joint: (0.08 / joint.most,), _flexibility, reach=Reach.CAUSE),
+    "flexibility": Law(("c",), lambda joint: (0.08 / joint.most,), _flexibility, reach=Reach.CAUSE, is_slow=True),
     "coupling": Law(("c", "on"), _usual_coupling, _coupling, reach=Reach.CAUSE, letters={"m": "on"}),
 }

@@ -91,6 +91,10 @@ class Law:
         Other names of the keys: the letters of the catalogue's equations.
     needs_masses
         Whether constants in amperes do not do.
+    opposes
+        Whether what it adds is friction: against the motion, or against what would move a joint at rest.
+    is_slow
+        Whether it asks for the weight of the whole arm, which takes time and changes no faster than the arm moves.
     """
 
     keys: tuple[str, ...]
@@ -100,3 +104,5 @@ class Law:
     reach: Reach = Reach.JOINT
     letters: Mapping[str, str] = field(default_factory=dict)
     needs_masses: bool = False
+    opposes: bool = False
+    is_slow: bool = False

@@ -21,8 +21,13 @@ def _side_load_friction(at: State, one: Hidden) -> Floats:
 
 
 LAWS = {
-    "load_friction": Law(("drive", "back"), lambda joint: (0.15, 0.1), _load_friction),
+    "load_friction": Law(("drive", "back"), lambda joint: (0.15, 0.1), _load_friction, opposes=True),
     "side_load_friction": Law(
-        ("mu",), lambda joint: (0.4 * joint.coulomb / joint.across,), _side_load_friction, needs_masses=True
+        ("mu",),
+        lambda joint: (0.4 * joint.coulomb / joint.across,),
+        _side_load_friction,
+        needs_masses=True,
+        opposes=True,
+        is_slow=True,
     ),
 }

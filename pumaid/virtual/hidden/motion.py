@@ -16,7 +16,7 @@ def _presliding(at: State, one: Hidden) -> Floats:
 
 
 def _inertia(at: State, one: Hidden) -> Floats:
-    return np.asarray(one["J"] * at.arm.acceleration[:, at.joint - 1])
+    return np.asarray(at.side * one["J"] * at.arm.acceleration[:, at.joint - 1])
 
 
 def _delay(at: State, one: Hidden) -> Floats:
@@ -30,6 +30,7 @@ LAWS = {
         lambda joint: (0.6 * joint.coulomb, 0.08 * joint.half_span),
         _presliding,
         letters={"x_s": "travel"},
+        opposes=True,
     ),
     "inertia": Law(("J",), lambda joint: (0.5 * joint.coulomb / joint.acceleration,), _inertia),
     "delay": Law(("dt",), lambda joint: (0.04,), _delay),

@@ -41,6 +41,7 @@ LAWS = {
         lambda joint: (0.25 * joint.coulomb, 0.2 * joint.coulomb, 2.0),
         _position_friction,
         letters={"a": "cos", "b": "sin", "k": "harmonic"},
+        opposes=True,
     ),
     "ripple": Law(
         ("cos", "sin", "frequency"),

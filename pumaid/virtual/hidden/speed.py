@@ -30,6 +30,7 @@ LAWS = {
         lambda joint: (0.4 * joint.coulomb, 0.2 * joint.speed, 1.0),
         _stribeck,
         letters={"v_s": "velocity", "d": "exponent"},
+        opposes=True,
     ),
-    "viscous_power": Law(("b", "exponent"), _usual_power, _viscous_power, letters={"p": "exponent"}),
+    "viscous_power": Law(("b", "exponent"), _usual_power, _viscous_power, letters={"p": "exponent"}, opposes=True),
 }

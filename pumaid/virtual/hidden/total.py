@@ -26,17 +26,33 @@ def total(hidden: Sequence[Hidden], at: State, current: Floats) -> Floats:
     current
         (N,) A without anything hidden.
     """
-    here = [one for one in hidden if LAWS[one.effect].reach is not Reach.JOINT or one.joint in (None, at.joint)]
     found = current.copy()
-    for one in here:
+    for one in felt(hidden, at.joint):
         adds = LAWS[one.effect].adds
         if adds is not None:
             found += adds(at, one)
+    return bent(hidden, at, found)
+
+
+def bent(hidden: Sequence[Hidden], at: State, current: Floats) -> Floats:
+    """What laws of the whole current make of a joint's current (N,) A; what adds is in it already.
+
+    Parameters
+    ----------
+    hidden, at, current
+        As for `total`.
+    """
+    found = current
     for name, law in LAWS.items():
-        for one in here:
+        for one in felt(hidden, at.joint):
             if one.effect == name and law.bends is not None:
                 found = law.bends(at, one, found)
     return found
+
+
+def felt(hidden: Sequence[Hidden], joint: int) -> list[Hidden]:
+    """Those that joint `joint` (from 1) can feel."""
+    return [one for one in hidden if LAWS[one.effect].reach is not Reach.JOINT or one.joint in (None, joint)]
 
 
 def delays(hidden: Sequence[Hidden], n_joints: int) -> Floats:

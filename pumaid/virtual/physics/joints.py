@@ -1,0 +1,93 @@
+"""The built-in physics: every joint by itself, with its motor's inertia, friction by direction, stiction and load."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pumaid.virtual.timing import accelerations
+from pumaid.virtual.truth import Truth
+
+Floats = NDArray[np.float64]
+
+#: A joint whose truth has no inertia gets one that draws this share of its Coulomb friction in a ramp.
+LEAST_INERTIA = 0.3
+#: s: longest step of the plant.
+LONGEST_STEP = 0.002
+
+
+def inertia(truth: Truth) -> Floats:
+    """(J,) A s2/rad or A s2/m that the motors move, signed as they count; never none."""
+    own = truth.inertia
+    sides = np.where(truth.friction.coulomb_plus < 0, -1.0, 1.0)
+    least = sides * LEAST_INERTIA * np.maximum(truth.coulomb, 0.1) / accelerations(truth.robot)
+    found = np.where(own == 0, least, own)
+    for one in truth.hidden:
+        if one.effect == "inertia":
+            joints = slice(None) if one.joint is None else one.joint - 1
+            found[joints] += np.sign(found[joints]) * one["J"]
+    return found
+
+
+class Joints:
+    """S arms at work, joint by joint; J each.
+
+    Friction is dry plus viscous, by direction. A joint that comes to rest within a step rests; it starts when its
+    motor's surplus passes its dry friction times `Truth.breakaway`. Where gears couple joints, friction follows the
+    shafts' speeds.
+
+    Parameters
+    ----------
+    truth
+        The robot.
+    step
+        s of a period of the controller, which is cut into steps of at most `LONGEST_STEP`.
+    """
+
+    def __init__(self, truth: Truth, *, step: float) -> None:
+        friction = truth.friction
+        self.inertia = inertia(truth)
+        self._robot, self._breakaway = truth.robot, truth.breakaway
+        self._parts = max(1, int(np.ceil(step / LONGEST_STEP - 1e-9)))
+        self._step = step / self._parts
+        self._up, self._down = friction.coulomb_plus / self.inertia, -friction.coulomb_minus / self.inertia
+        self._faster, self._slower = friction.viscous_plus / self.inertia, friction.viscous_minus / self.inertia
+        self.position = self.velocity = self.push = np.zeros((0, truth.robot.n_joints))
+
+    def start(self, position: Floats) -> None:
+        """Arms at rest at `position` (S, J)."""
+        self.position = position.copy()
+        self.velocity, self.push = np.zeros_like(position), np.zeros_like(position)
+
+    def advance(self, current: Floats, load: Floats, opposing: Floats | None) -> None:
+        """The first m arms under `current` (m, J) A for one period of the controller.
+
+        Parameters
+        ----------
+        current
+            (m, J) A of the motors.
+        load
+            (m, J) A that weight, springs and the like take of it.
+        opposing
+            (m, J) A of friction beyond Coulomb and viscous, in the direction in which the joint moves or is pushed.
+        """
+        m, h = len(current), self._step
+        push = (current - load) / self.inertia
+        q, v = self.position[:m], self.velocity[:m]
+        for _ in range(self._parts):
+            shaft = self._robot.shaft_velocity(v)
+            resting = shaft == 0.0
+            ahead = np.where(resting, push, shaft) > 0.0
+            direction = np.where(ahead, 1.0, -1.0)
+            dry = np.where(ahead, self._up, self._down)
+            if opposing is not None:
+                dry = np.maximum(dry + direction * opposing / self.inertia, 0.0)
+            held = resting & (np.abs(push) <= self._breakaway * dry)
+            lost = direction * dry + np.where(ahead, self._faster, self._slower) * shaft
+            change = h * (push - lost)
+            # What would turn round within the step stops first.
+            change = np.where(~resting & ((shaft + change) * direction <= 0.0), -shaft, change)
+            change[held] = 0.0
+            v += change
+            q += h * v
+        self.push[:m] = push
