@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from pumaid.clearance import Clearance
 from pumaid.errors import ModelError, Where
 from pumaid.planning.laps import Course
+from pumaid.planning.moves import explained, struck
 from pumaid.records import Motion, Robot
 from pumaid.virtual.timing import MOVE_SHARE, highest_speeds
 
@@ -22,7 +23,7 @@ _STARTS = 12
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Block:
-    """One joint, one posture (J,), some courses, each there and back."""
+    """One joint, one posture (J,), some courses."""
 
     joint: int
     hold: tuple[float, ...]
@@ -79,18 +80,11 @@ def timetable(
 
 
 def _leg(block: Block, rng: np.random.Generator) -> _Leg:
-    """A block's runs: courses in random order, those that begin where the joint is held before those over the span."""
-    home = block.hold[block.joint - 1]
+    """A block's runs, courses in random order; each begins and ends where the joint is held."""
     shuffled = [block.courses[k] for k in rng.permutation(len(block.courses))]
-    shuffled.sort(key=lambda one: home not in (one.low, one.high))
-    runs: list[Motion] = []
-    place = home
-    for one in shuffled:
-        is_high = abs(one.high - place) < abs(one.low - place)
-        runs += one.motions(block.hold, purpose=block.purpose, is_high=is_high)
-        place = runs[-1].end
+    runs = [motion for one in shuffled for motion in one.motions(block.hold, purpose=block.purpose)]
     begin, end = np.array(block.hold), np.array(block.hold)
-    begin[block.joint - 1], end[block.joint - 1] = runs[0].start, place
+    begin[block.joint - 1], end[block.joint - 1] = runs[0].start, runs[-1].end
     return _Leg(tuple(runs), begin, end)
 
 
@@ -132,33 +126,43 @@ def _moves(legs: Sequence[_Leg], now: Floats | None) -> tuple[Floats, Floats]:
 def _safe(orders: Sequence[list[int]], legs: Sequence[_Leg], now: Floats | None, clearance: Clearance) -> list[int]:
     """The first order whose moves strike nothing; else one that is built from free moves only."""
     for order in orders:
-        starts, ends = _moves([legs[k] for k in order], now)
-        if not len(starts) or not np.any(clearance.struck(starts, ends)):
+        if _is_free([legs[k] for k in order], now, clearance):
             return order
     return _threaded(orders[0], legs, now, clearance)
 
 
+def _is_free(legs: Sequence[_Leg], now: Floats | None, clearance: Clearance) -> bool:
+    """Whether the moves to and between blocks strike nothing."""
+    starts, ends = _moves(legs, now)
+    return not len(starts) or not np.any(struck(clearance, starts, ends))
+
+
 def _threaded(order: list[int], legs: Sequence[_Leg], now: Floats | None, clearance: Clearance) -> list[int]:
-    """An order in which each block is entered by a free move: what cannot come next is put in where it can."""
+    """An order in which each block is entered by a free move: what cannot come next is put in elsewhere or later."""
     out: list[int] = []
-    for k in order:
-        # Late places first: an insertion near the end leaves most of the random order as it is.
-        for place in range(len(out), -1, -1):
-            trial = [*out[:place], k, *out[place:]]
-            starts, ends = _moves(
-                [legs[one] for one in trial[max(place - 1, 0) : place + 2]], now if place == 0 else None
-            )
-            if not len(starts) or not np.any(clearance.struck(starts, ends)):
-                out = trial
-                break
-        else:
-            motion = legs[k].runs[0]
-            other = legs[out[-1]].end
+    left = list(order)
+    while left:
+        waiting = [k for k in left if not _put_in(out, k, legs, now, clearance=clearance)]
+        if len(waiting) == len(left):
+            motion = legs[left[0]].runs[0]
+            other = legs[out[-1]].end if out or now is None else now
             raise ModelError(
                 "plan-unsafe",
                 f"no way leads to the posture of joint {motion.joint} without a collision: "
-                f"{clearance.explain(other, legs[k].begin)}",
+                f"{explained(clearance, other, legs[left[0]].begin)}",
                 Where(joint=motion.joint),
                 "narrow the limits, give fewer postures, or mend the recipe's boxes and spheres",
             )
+        left = waiting
     return out
+
+
+def _put_in(out: list[int], k: int, legs: Sequence[_Leg], now: Floats | None, *, clearance: Clearance) -> bool:
+    """Put a block where it is entered and left by free moves; late places first, to leave the random order as it is."""
+    for place in range(len(out), -1, -1):
+        trial = [*out[:place], k, *out[place:]]
+        near = [legs[one] for one in trial[max(place - 1, 0) : place + 2]]
+        if _is_free(near, now if place == 0 else None, clearance):
+            out.insert(place, k)
+            return True
+    return False

@@ -11,6 +11,7 @@ from pumaid.clearance import Clearance
 from pumaid.errors import Note, Where
 from pumaid.planning.assume import assume
 from pumaid.planning.coverage import POSTURES, SPEEDS
+from pumaid.planning.moves import explained, struck
 from pumaid.planning.outlook import absent, conditions, existing, expected, tilt_note, weight_note
 from pumaid.planning.planner import Planner, Wish
 from pumaid.planning.setup import Setup
@@ -102,8 +103,8 @@ def _strikes(robot: Robot, motions: Sequence[Motion]) -> list[Note]:
     for k in np.flatnonzero(clearance.struck(starts, ends)):
         what = clearance.explain(starts[k], ends[k])
         out.append(Note("plan-strikes", f"run {k + 1}: {what}", Where(joint=int(own[k]) + 1, field=f"runs[{k + 1}]")))
-    for k in np.flatnonzero(clearance.struck(ends[:-1], starts[1:])):
-        what = f"the move from run {k + 1} to run {k + 2}: {clearance.explain(ends[k], starts[k + 1])}"
+    for k in np.flatnonzero(struck(clearance, ends[:-1], starts[1:])):
+        what = f"the move from run {k + 1} to run {k + 2}: {explained(clearance, ends[k], starts[k + 1])}"
         out.append(Note("plan-strikes", what, Where(field=f"runs[{k + 2}]")))
     return out
 
