@@ -13,7 +13,7 @@ from pumaid.errors import ModelError
 from pumaid.files.recipe import read_recipe, shipped_recipes
 from pumaid.programs import program_text
 from pumaid.records import Joint, Motion, Plan, Robot
-from pumaid.virtual.timing import highest_speeds
+from pumaid.virtual.timing import REST, highest_speeds
 
 #: s between the instants at which an interpreter tells where the arm is.
 STEP = 0.002
@@ -133,8 +133,8 @@ def test_urscript_executes_every_run(name):
         stop = np.flatnonzero(~moving)[0]
         assert stop > 10
         check_run(motion, positions[mark : mark + stop], velocities[mark : mark + stop])
-        assert not moving[stop : stop + round(0.4 / STEP)].any()
-        assert (velocities[mark - round(0.4 / STEP) : mark] == 0).all()
+        assert not moving[stop : stop + round(REST / STEP)].any()
+        assert (velocities[mark - round(REST / STEP) : mark] == 0).all()
 
 
 def test_urscript_keeps_within_speeds():
