@@ -1,0 +1,51 @@
+"""A plan made with a forbidden box, driven by the virtual robot in closed loop, keeps clear of it in every sample."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pyarrow.csv
+import pyarrow.parquet
+from click.testing import CliRunner
+
+from pumaid.clearance.contacts import Contacts
+from pumaid.cli import group
+from pumaid.files.recipe import read_recipe, shipped_recipes
+
+#: A ceiling above the hinge, which the outstretched arm would strike.
+SAFETY = """
+safety:
+  tool: [0.3, 0, 0]
+  boxes: [{name: ceiling, min: [-1, -1, 0.4], max: [1, 1, 0.5]}]
+  spheres: [{link: 2, centre: [0.15, 0, 0], radius: 0.03}]
+"""
+
+
+def run(*words: str) -> None:
+    found = CliRunner().invoke(group, list(words), prog_name="pumaid")
+    assert found.exit_code == 0, found.output
+
+
+def positions(logs: Path, joints: int) -> np.ndarray:
+    """(N, J) rad of all samples, in the order of the files."""
+    read = {".csv": pyarrow.csv.read_csv, ".parquet": pyarrow.parquet.read_table}
+    tables = [read[path.suffix](path) for path in sorted(logs.iterdir()) if path.suffix in read]
+    return np.concatenate([np.column_stack([t[f"q{j + 1}"].to_numpy() for j in range(joints)]) for t in tables])
+
+
+def test_a_safe_plan_keeps_clear(tmp_path):
+    """No measured posture, in a run or on the way to one, is nearer than the margin; without the box some are."""
+    recipe = shipped_recipes()["pendulum2"].read_text(encoding="utf-8")
+    least = {}
+    for name, text in (("safe", recipe + SAFETY), ("free", recipe)):
+        folder = tmp_path / name
+        folder.mkdir()
+        (folder / "recipe.yaml").write_text(text, encoding="utf-8")
+        run("plan", str(folder / "recipe.yaml"), "--minutes", "6")
+        run("simulate", str(folder / "recipe.yaml"), "--plan", str(folder / "plan.yaml"), "-o", str(folder / "logs"))
+        contacts = Contacts.of(read_recipe(tmp_path / "safe" / "recipe.yaml"))
+        least[name] = float(contacts.distances(positions(folder / "logs", 2)).min())
+    # Encoders and the controller's way over its target are far below a millimetre.
+    assert least["safe"] > 0.02 - 1e-3
+    assert least["free"] < 0.0
