@@ -24,14 +24,19 @@ PAGE = (GALLERY / "set_point.md").read_text(encoding="utf-8")
 SAME, SHARE = 0.01, 0.25
 
 
-@pytest.fixture(scope="module")
-def program() -> ModuleType:
-    """The set-point program as a module."""
+def of_gallery(name: str) -> ModuleType:
+    """A program of the gallery as a module."""
     sys.path.insert(0, str(GALLERY))
     try:
-        return importlib.import_module("set_point")
+        return importlib.import_module(name)
     finally:
         sys.path.remove(str(GALLERY))
+
+
+@pytest.fixture(scope="module")
+def program() -> ModuleType:
+    """The set-point program."""
+    return of_gallery("set_point")
 
 
 @pytest.fixture(scope="module")
@@ -119,3 +124,17 @@ def test_the_table_of_all_steps_is_that_of_the_data(program):
 def test_the_data_hold_this_run(program, left):
     """The first trial of the data is the paper's step of the first robot."""
     np.testing.assert_allclose(program.read(GALLERY / "set_point.csv")[0], left, atol=SAME, rtol=SHARE)
+
+
+def test_the_static_test_takes_uneven_friction_for_gravity(ladder):
+    """Each reading is off by half the sum of both directions' friction; the identified model by a tenth of that."""
+    program = of_gallery("static_test")
+    found, _ = program.errors(ladder.robot, ladder.evidence)
+    for joint, rows in found.items():
+        assert rows[:, 0] == pytest.approx(program.unevenness(ladder.robot, joint), abs=0.01)
+        assert np.all(np.abs(rows[:, 1]) < 0.1 * np.abs(rows[:, 0]))
+    page = (GALLERY / "static_test.md").read_text(encoding="utf-8").split("robot 2")[0]
+    told, told_now = (
+        numbers(text.split("friction\n")[1]) for text in (page, "\n".join(program.table(ladder.robot, found)))
+    )
+    np.testing.assert_allclose(told_now, told, atol=0.005)
