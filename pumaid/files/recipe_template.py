@@ -34,6 +34,14 @@ _EFFECTS = """
 #   - {effect: NAME, joint: 3}    # a joint's number from 1, its name, or all
 """
 
+_SAFETY = """
+# What the arm must not touch when it runs a plan (docs/safety.md); without it only limits and speeds are kept.
+# safety:
+#   tool: [0, 0, 0.1]    # the tip in the last link's frame, m
+#   boxes: [{name: table, min: [-1, -1, -1], max: [1, 1, -0.1]}]    # in axes of the base, m
+#   spheres: [{link: 3, centre: [0, 0, 0], radius: 0.08}]    # in the frame of the link, m; link 0 is the base
+"""
+
 _BLANK = """\
 name: my arm
 gravity: [0.0, 0.0, -9.80665]    # m/s2 in axes of the base; this is an arm that stands upright
@@ -67,7 +75,7 @@ def started_from(name: str) -> str:
     text = shipped_recipes()[name].read_text(encoding="utf-8")
     ones = ", ".join(["1"] * text.count("{name:"))
     log = "" if "log:" in text else _LOG.format(ones=ones)
-    return _HEAD.format(origin=f"pumaid init {name}") + text.rstrip() + "\n" + log + _EFFECTS
+    return _HEAD.format(origin=f"pumaid init {name}") + text.rstrip() + "\n" + log + _EFFECTS + _SAFETY
 
 
 def blank(n_joints: int) -> str:
@@ -89,4 +97,4 @@ def remarked(body: str, n_joints: int, *, origin: str) -> str:
         What it was started from, one line.
     """
     log = _LOG.format(ones=", ".join(["1"] * n_joints))
-    return _HEAD.format(origin=origin) + body + log + _EFFECTS
+    return _HEAD.format(origin=origin) + body + log + _EFFECTS + _SAFETY

@@ -8,6 +8,7 @@ import pytest
 
 from pumaid.errors import Faults, PumaidError
 from pumaid.files.recipe import read_recipe, shipped_recipes
+from pumaid.files.recipe_template import started_from
 from pumaid.records import Box, Safety, Sphere
 
 ARM = shipped_recipes()["puma560"].read_text(encoding="utf-8") + "safety:\n"
@@ -74,3 +75,13 @@ def test_all_faults_at_once(tmp_path):
         read(tmp_path, "margin: 2\nboxes: [{min: [1, 0, 0], max: [0, 1, 1]}]\nspheres: [{link: 9, centre: 3}]")
     lines = [fault.where.line - len(ARM.splitlines()) for fault in caught.value.faults]
     assert lines == [1, 2, 3, 3, 3]
+
+
+def test_the_remarks_of_a_new_recipe_are_a_block(tmp_path):
+    """What `pumaid init` writes as remarks on safety is a block that is read, once its marks are taken away."""
+    text = started_from("panda")
+    block = text[text.index("# safety:") :].replace("# ", "", 1).replace("\n# ", "\n").replace("    # ", " # ")
+    path = tmp_path / "recipe.yaml"
+    path.write_text(text + block, encoding="utf-8")
+    safety = read_recipe(path).safety
+    assert (len(safety.boxes), len(safety.spheres), safety.tool) == (1, 1, (0, 0, 0.1))
