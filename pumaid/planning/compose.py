@@ -22,8 +22,10 @@ EQUAL = 1e-6
 _AGAIN = 1.03
 #: Improvement of the criterion (a logarithm) below which exchanging ends, and rounds at most.
 _ENOUGH, _ROUNDS = 1e-4, 60
-#: Turns a round that are tried for removal, worst first.
+#: Turns, and blocks, a round that are tried for removal, worst first.
 _TRIED = 6
+#: How often a lap is made in a pass at most.
+MOST = 2
 
 
 @dataclass(eq=False, slots=True)
@@ -42,7 +44,7 @@ class Draft:
     opening
         (L,) s that it costs to go to a lap's posture.
     chosen
-        Turns, each at most once.
+        Turns, each at most `MOST` times.
     kept
         Of these, those that are needed whatever they tell.
     """
@@ -96,7 +98,7 @@ class Draft:
             is_open = np.zeros((int(menu.joint.max()) + 1, int(menu.hold.max()) + 1), dtype=bool)
             is_open[menu.joint[laps], menu.hold[laps]] = True
             cost = menu.seconds + np.where(is_open[menu.joint, menu.hold], 0.0, self.opening)
-            cost[laps] = np.inf
+            cost[np.bincount(laps, minlength=count) >= MOST] = np.inf
             out.append(often * cost)
         return np.concatenate(out)
 
@@ -136,25 +138,40 @@ class Draft:
         """
         value = self.value()
         for _ in range(_ROUNDS):
-            if not any(self._refilled(turn, budget, value) for turn in self._removals()):
+            if not any(self._refilled(turns, budget, value) for turns in self._removals()):
                 return
             value = self.value()
             tell(value)
 
-    def _removals(self) -> list[int]:
-        """Turns that may go, least worth for their time first."""
-        free = np.array([turn for turn in self.chosen if turn not in self.kept], dtype=np.int64)
-        if not len(free):
-            return []
-        rate = self.menu.worth(self.criterion.pull(self.information())) / self.menu.seconds
-        order = np.argsort(settled(rate[free % len(self.menu)]), kind="stable")
-        return [int(turn) for turn in free[order[:_TRIED]]]
+    def _removals(self) -> list[tuple[int, ...]]:
+        """Turns, and whole blocks, that may go, least worth for their time first."""
+        count = len(self.menu)
+        worth = self.menu.worth(self.criterion.pull(self.information()))
+        groups: dict[tuple[int, ...], list[int]] = {}
+        for turn in self.chosen:
+            groups.setdefault((turn // count, *self.menu.block_of(turn % count)), []).append(turn)
+        free = [turns for turns in groups.values() if not self.kept.intersection(turns)]
+        rates = [
+            float(np.sum(worth[laps]) / (np.sum(self.menu.seconds[laps]) + self.opening[laps[0]]))
+            for laps in ([turn % count for turn in turns] for turns in free)
+        ]
+        blocks = [tuple(free[k]) for k in np.argsort(settled(np.array(rates)), kind="stable")[:_TRIED]] if free else []
+        single = np.array(sorted({turn for turn in self.chosen if self._may_go(turn)}), dtype=np.int64)
+        if not len(single):
+            return blocks
+        order = np.argsort(settled((worth / self.menu.seconds)[single % count]), kind="stable")
+        return [*((int(turn),) for turn in single[order[:_TRIED]]), *blocks]
 
-    def _refilled(self, turn: int, budget: float, value: float) -> bool:
-        """Whether the criterion falls where a turn is replaced by the best that then fit; if so it is."""
-        trial = [one for one in self.chosen if one != turn]
+    def _may_go(self, turn: int) -> bool:
+        return turn not in self.kept or self.chosen.count(turn) > 1
+
+    def _refilled(self, turns: tuple[int, ...], budget: float, value: float) -> bool:
+        """Whether the criterion falls where turns are replaced by the best that then fit; if so they are."""
+        trial = list(self.chosen)
+        for turn in turns:
+            trial.remove(turn)
         while (added := self.best_addition(trial, budget - self.seconds(trial))) is not None:
-            if added == turn:
+            if (added,) == turns:
                 return False
             trial.append(added)
         if self.value(trial) > value - _ENOUGH:

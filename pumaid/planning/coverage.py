@@ -79,7 +79,7 @@ def cover(draft: Draft, extent: Extent, ground: Floats, *, haste: float, all_spe
             some = [slower[(place * each + k) % len(slower)] for k in range(each)] if slower else []
             courses = [_part(way, speed, extent.part, place=place) for speed in dict.fromkeys(some)]
             if place < extent.whole or not courses:
-                courses.append(_fastest(way))
+                courses.append(_tour(way, place))
             hold = _best_hold(draft, way, courses, taken=taken, ground=ground, haste=haste)
             if hold is None:
                 break
@@ -109,9 +109,12 @@ def _best_hold(
     return whole[int(np.argmin(settled(values)))]
 
 
-def _fastest(way: Ways) -> int:
-    """The widest course at the highest speed."""
-    return max(range(len(way.courses)), key=lambda c: (way.courses[c].speed, _width(way.courses[c]), -c))
+def _tour(way: Ways, place: int) -> int:
+    """The widest course at the highest speed, up first and down first in turns."""
+    order = sorted(range(len(way.courses)), key=lambda c: (-way.courses[c].speed, -_width(way.courses[c]), c))
+    first = way.courses[order[0]]
+    alike = [c for c in order if way.courses[c].speed == first.speed and _width(way.courses[c]) == _width(first)]
+    return alike[place % len(alike)]
 
 
 def _slower(way: Ways, part: float) -> list[float]:

@@ -1,4 +1,4 @@
-"""What a plan can be made of: laps, there and back with one joint, on stretches and at speeds that are worth trying."""
+"""What a plan can be made of: laps with one joint, over its span or parts of it, at speeds that are worth trying."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from pumaid.clearance import Clearance
 from pumaid.records import Joint, Motion, Plan, Robot
 from pumaid.units import factor
 from pumaid.virtual.ranges import QUICKEST_SLIDE, QUICKEST_TURN, reference, span
-from pumaid.virtual.timing import MOVE_SHARE, RAMP_TIME, accelerations, cruise, duration, highest_speeds
+from pumaid.virtual.timing import accelerations, cruise, duration, highest_speeds
 
 Floats = NDArray[np.float64]
 
@@ -33,18 +33,26 @@ _LEAST_CRUISE = 0.6
 
 @dataclass(frozen=True, slots=True)
 class Course:
-    """Where along its span a joint runs, and how fast: `low` to `high` (rad or m) and back at `speed` (positive)."""
+    """Where one joint goes: from stop to stop (rad or m) at `speed` (positive), each way a run; back where it began."""
 
     joint: int
-    low: float
-    high: float
+    stops: tuple[float, ...]
     speed: float
 
-    def motions(self, hold: tuple[float, ...], *, purpose: str = "fit", is_high: bool = False) -> tuple[Motion, Motion]:
-        """There and back in a posture; from the high end where `is_high`."""
-        ends = (self.high, self.low) if is_high else (self.low, self.high)
-        there = Motion(self.joint, hold, *ends, self.speed, purpose)
-        return there, Motion(self.joint, hold, *ends[::-1], self.speed, purpose)
+    @property
+    def low(self) -> float:
+        """Lowest position."""
+        return min(self.stops)
+
+    @property
+    def high(self) -> float:
+        """Highest position."""
+        return max(self.stops)
+
+    def motions(self, hold: tuple[float, ...], *, purpose: str = "fit") -> tuple[Motion, ...]:
+        """Its runs in a posture of the other joints."""
+        ways = zip(self.stops[:-1], self.stops[1:], strict=True)
+        return tuple(Motion(self.joint, hold, start, end, self.speed, purpose) for start, end in ways)
 
 
 def top_speed(robot: Robot, joint: int) -> float:
@@ -83,9 +91,10 @@ def _step(joint: Joint) -> float:
 
 
 def courses(robot: Robot, joint: int, fast: Sequence[float]) -> tuple[Course, ...]:
-    """Courses at every speed: the whole span, and parts up and down from where the joint is held while others run.
+    """Courses at every speed: tours of the whole span, and parts up and down.
 
-    Parts begin and end where the joint stands anyway, so that they cost no way to an end of the span.
+    All begin and end where the joint is held while others run, so that no way is wasted: a tour goes to one end, over
+    the whole span to the other, and back; a part there and back.
 
     Parameters
     ----------
@@ -101,11 +110,18 @@ def courses(robot: Robot, joint: int, fast: Sequence[float]) -> tuple[Course, ..
         for lasting in (*PARTS, _LONGEST):
             way = _way(robot, joint, speed=speed, lasting=lasting)
             up, down = (room if way > _WHOLE * room else way for room in (high - home, home - low))
-            some = [Course(joint, home, home + up, speed), Course(joint, home - down, home, speed)]
+            some = [Course(joint, (home, end, home), speed) for end in (home + up, home - down)]
             found += [one for one in some if _cruises(robot, one, lasting)]
         if (high - low) / speed <= _LONGEST:
-            found.append(Course(joint, low, high, speed))
-    return tuple(dict.fromkeys(found)) or (Course(joint, low, high, min(fast)),)
+            tours = (home, high, low, home), (home, low, high, home)
+            found += [Course(joint, _distinct(stops), speed) for stops in tours]
+    return tuple(dict.fromkeys(found)) or (Course(joint, _distinct((home, high, low, home)), min(fast)),)
+
+
+def _distinct(stops: tuple[float, ...]) -> tuple[float, ...]:
+    """Without stops that are where the joint stands already."""
+    kept = [stop for k, stop in enumerate(stops) if k == 0 or abs(stop - stops[k - 1]) > 1e-9]
+    return tuple(kept)
 
 
 def _way(robot: Robot, joint: int, *, speed: float, lasting: float) -> float:
@@ -124,19 +140,9 @@ def _cruises(robot: Robot, course: Course, lasting: float) -> bool:
     return 0.99 * min(PARTS[0], lasting) <= kept <= 1.01 * max(_LONGEST, lasting)
 
 
-def is_whole(robot: Robot, course: Course) -> bool:
-    """Whether a course is over the joint's whole span."""
-    return (course.low, course.high) == span(robot.joint(course.joint))
-
-
 def seconds(robot: Robot, course: Course) -> float:
-    """s that both runs of a course take, rests included, and the way from where the joint is held, and back."""
-    motions = course.motions((0.0,) * robot.n_joints)
-    running = 2.0 * duration(robot, Plan(robot=robot.name, motions=motions[:1]))
-    home = float(reference(robot)[course.joint - 1])
-    away = min(abs(course.low - home), abs(course.high - home))
-    way = away / (MOVE_SHARE * float(highest_speeds(robot)[course.joint - 1]))
-    return running + (2.0 * (way + RAMP_TIME) if away > 1e-9 else 0.0)
+    """s that a course takes, rests included."""
+    return duration(robot, Plan(robot=robot.name, motions=course.motions((0.0,) * robot.n_joints)))
 
 
 def free(clearance: Clearance, holds: Floats, some: Sequence[Course]) -> NDArray[np.bool_]:

@@ -17,6 +17,9 @@ from pumaid.virtual.truth import Truth
 Floats = NDArray[np.float64]
 Counts = NDArray[np.int64]
 
+#: Runs of a lap at most.
+RUNS = 3
+
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Ways:
@@ -41,7 +44,7 @@ class Menu:
     seconds
         (L,) s, rests included.
     factors
-        (G, L, 6, p) square root of a lap's information for each of G robots, columns in the order of `names`.
+        (G, L, 3 R, p) square root of a lap's information for each of G robots, R runs at most, columns as `names`.
     names
         p: gravity parameters and ratios, then friction.
     """
@@ -125,30 +128,29 @@ def menu(truths: Sequence[Truth], ways: Sequence[Ways], *, names: Sequence[str],
         times.append(each[where[:, 1]])
         factors.append(_factors(truths, way, columns=columns, rate=rate)[:, where[:, 0], where[:, 1]])
     joint, hold, course = np.concatenate(index).T
-    whole = np.concatenate(factors, axis=1)
-    # One unit for all columns, so that no information is lost to rounding: what they are worth together is one.
-    return Menu(tuple(ways), joint, hold, course, np.concatenate(times), whole, columns)
+    return Menu(tuple(ways), joint, hold, course, np.concatenate(times), np.concatenate(factors, axis=1), columns)
 
 
 def _factors(truths: Sequence[Truth], way: Ways, *, columns: Sequence[str], rate: float) -> Floats:
-    """(G, K, C, 6, p) root of the information of every lap of a joint, there and back."""
+    """(G, K, C, 3 R, p) root of the information of every lap of a joint, R runs at most."""
     robot, width = truths[0].robot, len(columns)
     known = gravity_names(robot)
     keep = [known.index(name) for name in columns if name in known]
     first = len(keep) + 4 * (way.joint - 1)
-    out = np.zeros((len(truths), len(way.holds), len(way.courses), 2, 3, width))
+    out = np.zeros((len(truths), len(way.holds), len(way.courses), RUNS, 3, width))
     slopes = [run_slopes(robot, truth.constants, joint=way.joint, holds=way.holds)[:, :, keep] for truth in truths]
     for c, course in enumerate(way.courses):
-        for back, motion in enumerate(course.motions(tuple(way.holds[0].tolist()))):
+        for run, motion in enumerate(course.motions(tuple(way.holds[0].tolist()))):
             ends, lasting = cruise(robot, motion)
+            back = int(motion.end < motion.start)
             sign = -1.0 if back else 1.0
             for g, truth in enumerate(truths):
                 root = _root(run_moments(ends, lasting, truth.noise, joint=way.joint, rate=rate))
                 wide = np.zeros((len(way.holds), 3, width))
                 wide[:, :, : len(keep)] = slopes[g]
                 wide[:, 2, first + 2 * back : first + 2 * back + 2] = 1.0, sign * course.speed
-                out[g, :, c, back] = root @ wide
-    return out.reshape(*out.shape[:3], 6, width)
+                out[g, :, c, run] = root @ wide
+    return out.reshape(*out.shape[:3], 3 * RUNS, width)
 
 
 def _root(moments: Floats) -> Floats:

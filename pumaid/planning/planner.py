@@ -30,14 +30,7 @@ Floats = NDArray[np.float64]
 
 #: What every joint gets at least (postures, of them with whole spans, of them in every pass, s of parts, courses for
 #: judging): the first that leaves enough of the time to what tells most.
-_EXTENTS = (
-    (4, 4, 4, 2.0, 2),
-    (4, 2, 4, 0.8, 2),
-    (4, 2, 2, 0.8, 1),
-    (4, 1, 1, 0.8, 1),
-    (3, 1, 1, 0.8, 1),
-    (2, 1, 1, 0.8, 1),
-)
+_EXTENTS = ((4, 4, 4, 2.0, 2), (4, 2, 2, 0.8, 2), (4, 1, 1, 0.8, 1), (3, 1, 1, 0.8, 1), (2, 1, 1, 0.8, 1))
 _SPARE = 0.75
 #: s a joint that a pass takes about: longer budgets are filled with more passes, up to so many.
 _PASS, _MOST_PASSES = 100.0, 20
@@ -46,7 +39,7 @@ USUAL = 210.0
 #: s between blocks at first, as a share of the way from the arm's reference posture; measured after a timetable.
 _OPENING = 0.8
 #: Rounds of fitting a plan into its time, and the share of the time that is enough.
-_FITTINGS, _FULL = 4, 0.97
+_FITTINGS, _FULL = 5, 0.98
 #: Share of the best experiment's information on which postures of the coverage are compared.
 _GROUND = 0.5
 
@@ -180,7 +173,9 @@ class Planner:
         """
         self.tell("sharing out the time")
         extents = self._extents()
-        budget = self.wish.seconds or max(USUAL * self.robot.n_joints, self._least(extents[0]) / _SPARE)
+        is_asked = self.wish.postures is not None or self.wish.passes is not None or self.wish.shares is not None
+        needed = self._least(extents[0 if is_asked else 1]) / _SPARE
+        budget = self.wish.seconds or max(USUAL * self.robot.n_joints, needed)
         best = self._best(budget)
         fitting = (one for one in extents if self._least(one) <= _SPARE * budget)
         extent = next(fitting, extents[-1])
@@ -195,7 +190,7 @@ class Planner:
             if _FULL * budget <= taken <= budget:
                 break
             opening = self._opening(made)
-            allowed *= 0.99 * budget / taken
+            allowed += 0.99 * budget - taken
         if kept is None:
             raise self._too_short(budget, extents[-1])
         return kept
@@ -236,7 +231,7 @@ class Planner:
             many = int(np.clip(round(wish.seconds / (_PASS * self.robot.n_joints)), 2, _MOST_PASSES))
         found = []
         for postures, whole, again, part, judged in _EXTENTS:
-            passes = wish.passes or (many if again == postures else 2)
+            passes = wish.passes or (2 if again == 1 else many)
             found.append(Extent(wish.postures or postures, whole, again, part, passes=passes, judged=judged))
         return [*found, *([] if wish.passes else [replace(found[-1], passes=1)])]
 
@@ -266,21 +261,20 @@ class Planner:
     def _judging_seconds(self, extent: Extent) -> float:
         """s of the runs that are kept for judging."""
         away = float(np.mean(self._away)) * _OPENING
-        return float(
-            sum(seconds(self.robot, course) + away for some in self.judging for course in some[: extent.judged])
-        )
+        running = sum(seconds(self.robot, course) for some in self.judging for course in some[: extent.judged])
+        return float(running) + away * len(self.judging)
 
     def _ordered(self, draft: Draft, extent: Extent, best: Relaxed) -> Made:
-        """Motions of a draft, in order, with those for judging: a course of each joint in each of the first passes."""
+        """Motions of a draft, in order, with those for judging: of half the joints in the first pass, of the others in the second."""
         rng = np.random.default_rng([self.seed, 4])
         judged = self._judged(draft, rng)
         passes: list[list[Block]] = []
         for number_of_pass in range(extent.passes):
             blocks = _blocks(draft, number_of_pass % len(draft.times))
             for joint, some in enumerate(self.judging, start=1):
-                own = [course for k, course in enumerate(some[: extent.judged]) if k % extent.passes == number_of_pass]
-                hold = tuple(judged[joint - 1].tolist())
-                blocks += [Block(joint, hold, tuple(own), "heldout")] if own else []
+                if joint % min(2, extent.passes) == number_of_pass:
+                    hold = tuple(judged[joint - 1].tolist())
+                    blocks.append(Block(joint, hold, some[: extent.judged], "heldout"))
             passes.append(blocks)
         motions = timetable(self.robot, passes, clearance=self.clearance, rng=rng)
         return Made(motions, draft, best, judged, extent)
@@ -306,7 +300,7 @@ class Planner:
         for kind, often in enumerate(made.draft.times):
             opened = {self.menu.block_of(lap): float(self._away[lap]) for lap in made.draft.laps(kind)}
             nominal += often * sum(opened.values())
-        nominal += float(np.mean(self._away)) * len(self.judging) * made.extent.judged
+        nominal += float(np.mean(self._away)) * len(self.judging)
         return max(self._duration(made.motions) - running, 0.0) / nominal
 
     def _too_short(self, budget: float, least: Extent) -> ModelError:
