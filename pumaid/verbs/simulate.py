@@ -10,7 +10,7 @@ import numpy as np
 from pumaid.errors import ModelError, Where
 from pumaid.records import Log, Plan, Robot
 from pumaid.virtual.draw import draw
-from pumaid.virtual.session import Session
+from pumaid.virtual.session import BUILTIN, Session
 from pumaid.virtual.truth import Truth
 
 #: Hz; ten times the fastest current loops that are logged.
@@ -28,12 +28,14 @@ def simulate(
     runs_per_file: int = 40,
     has_velocity: bool = True,
     has_temperature: bool = False,
+    physics: str = BUILTIN,
 ) -> Iterator[Log]:
     """A virtual robot executes a plan, motion by motion, and logs what a real one would.
 
-    It goes to each motion's start with all joints at once, rests, runs with ramps at both ends, rests. Currents carry
-    gravity, friction by direction, inertia in ramps, noise that is correlated from sample to sample and has a level for
-    each run; resting joints are carried by gravity and by whatever stiction was left with.
+    It goes to each motion's start with all joints at once, rests, runs, rests, all in closed loop under the controller
+    of the paper's experiment. Motors carry gravity, friction by direction, inertia where the speed changes; joints at
+    rest are held by stiction, too. Logs have the steps of encoders and sensors, noise that is correlated from sample to
+    sample and a level for each run.
 
     Parameters
     ----------
@@ -56,6 +58,8 @@ def simulate(
         Whether the log has velocities.
     has_temperature
         Whether the log has the motors' temperatures; it has them anyway where something hidden depends on them.
+    physics
+        ``"builtin"``: every joint by itself; ``"mujoco"``: rigid bodies, which push each other.
 
     Returns
     -------
@@ -68,6 +72,8 @@ def simulate(
         The plan is for another number of joints, or has a speed that is none.
     ModelError [rate-impossible]
         The rate is not positive, or beyond that of any drive.
+    ModelError [physics-wrong]
+        Rigid-body physics cannot be had of this robot or on this machine.
 
     Examples
     --------
@@ -103,5 +109,6 @@ def simulate(
         runs_per_file=runs_per_file,
         has_velocity=has_velocity,
         has_temperature=has_temperature,
+        physics=physics,
     )
     return session.logs()

@@ -21,9 +21,9 @@ _TAPER = 0.72
 #: A: current at which a motor gives its rated load.
 _RATED = (3.0, 6.0)
 #: Motor encoder counts a turn, and the gear taken where the recipe states none.
-_COUNTS, _GEAR = 4000, 100.0
+_COUNTS, _GEAR = 65536, 100.0
 #: Counts a metre of a sliding joint.
-_COUNTS_PER_METRE = 1e5
+_COUNTS_PER_METRE = 1e6
 #: A: noise of a sample, and resolution of the current sensor.
 _NOISE, _CURRENT_STEP = 0.02, 0.001
 #: Break-away friction as a multiple of Coulomb friction.

@@ -11,6 +11,7 @@ from pumaid.records import Log, Plan
 from pumaid.virtual.heat import STEP, Heat
 from pumaid.virtual.hidden import Instants, State, bent, delays
 from pumaid.virtual.noise import coloured, correlation
+from pumaid.virtual.physics.bodies import Bodies
 from pumaid.virtual.physics.march import Course, March
 from pumaid.virtual.seams import Rehearsal, groups, led
 from pumaid.virtual.timing import Stretch, first_starts, stretches
@@ -18,6 +19,8 @@ from pumaid.virtual.truth import Truth
 
 Floats = NDArray[np.float64]
 
+#: What moves the robot.
+BUILTIN, MUJOCO = "builtin", "mujoco"
 #: Most samples of a batch.
 CHUNK = 16384
 
@@ -41,6 +44,8 @@ class Session:
         Whether the log has velocities.
     has_temperature
         Whether the log has the motors' temperatures.
+    physics
+        ``"builtin"``, or ``"mujoco"``: rigid-body dynamics.
     """
 
     def __init__(
@@ -53,6 +58,7 @@ class Session:
         runs_per_file: int = 40,
         has_velocity: bool = True,
         has_temperature: bool = False,
+        physics: str = BUILTIN,
     ) -> None:
         self.truth, self.plan, self.rng, self.rate = truth, plan, rng, rate
         self.runs_per_file, self.has_velocity = runs_per_file, has_velocity
@@ -64,6 +70,7 @@ class Session:
         self._noise = rng.standard_normal(n)
         self._settled = rng.uniform(-1.0, 1.0, n)
         self._march = March(truth, self._first, rate=rate)
+        self._bodies = self._rigid() if physics == MUJOCO else None
         self._read = self._march.drive(truth.inertia).read
         self._sample = 0
         self._late = np.zeros((0, n))
@@ -82,12 +89,20 @@ class Session:
                 row += len(log)
                 yield log
 
+    def _rigid(self) -> Bodies:
+        postures = np.unique([motion.hold for motion in self.plan.motions], axis=0)
+        return Bodies(self.truth, self._first, rate=self.rate, postures=postures)
+
     def _courses(self) -> Iterator[tuple[Stretch, Course]]:
         every = list(stretches(self.truth.robot, self.plan))
+        warm = self._heat if self.truth.has_warmth else None
+        if self._bodies is not None:
+            yield from zip(every, self._bodies.courses(every, self._settled, warm), strict=True)
+            return
         counts = np.array([stretch.samples(self.rate) for stretch in every])
         begin = (np.cumsum(counts) - counts) / self.rate
         rehearsal = Rehearsal(self.truth, every, begin, self._march, rate=self.rate)
-        seams = rehearsal.seams(self._settled, self._heat if self.truth.has_warmth else None)
+        seams = rehearsal.seams(self._settled, warm)
         rising = rehearsal.rising(seams)
         for part in groups(every, self.rate):
             warmth = seams.warmth[part], rising[part]

@@ -70,6 +70,14 @@ def _surprised(real: Truth, made: Plan, effect: str | None, *, seed: int) -> Tru
     metavar="any|EFFECT",
     help="Hide one effect that you do not know: joint and size follow from the seed, the kind too with 'any'.",
 )
+@click.option(
+    "--physics",
+    type=click.Choice(["builtin", "mujoco"]),
+    default="builtin",
+    show_default=True,
+    help="What moves the robot: every joint by itself, or rigid bodies that push each other"
+    " (slower; pip install 'pumaid[mujoco]').",
+)
 @click.option("--rate", type=float, default=250.0, show_default=True, metavar="HZ", help="Samples a second.")
 @click.option("--noise", type=click.FloatRange(min=0), metavar="A", help="Noise of every current; 0 for none at all.")
 @click.option(
@@ -101,6 +109,7 @@ def command(
     truth: Path | None,
     hide: tuple[str, ...],
     surprise: str | None,
+    physics: str,
     rate: float,
     noise: float | None,
     form: str,
@@ -111,7 +120,7 @@ def command(
     seed: int,
     as_json: bool,
 ) -> None:
-    """Let a virtual robot execute a plan and write logs as a real one would.
+    """Let a virtual robot execute a plan in closed loop and write logs as a real one would.
 
     Its masses, motors, friction and noise are drawn from the seed; what they are is written to truth.json in the
     logs' folder. Same seed, same logs.
@@ -124,6 +133,7 @@ def command(
       pumaid simulate --hide stribeck@3:a=0.2 --hide spring@2 -o hidden/
       pumaid simulate --surprise any --seed 7
       pumaid simulate --noise 0.05 --rate 100 --format csv -o noisy/
+      pumaid simulate --physics mujoco -o rigid/
       pumaid simulate -o - | pumaid identify -
     """
     from pumaid.cli.reading import experiment_folder, read_robot
@@ -148,6 +158,7 @@ def command(
         runs_per_file=runs_per_file,
         has_velocity=not no_velocity,
         has_temperature=temperature,
+        physics=physics,
     )
     folder = output or experiment_folder(recipe) / "logs"
     with progress("simulating", total=made.duration or None) as step:

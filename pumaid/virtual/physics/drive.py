@@ -9,13 +9,13 @@ from pumaid.virtual.timing import K_D, NEAR
 
 Floats = NDArray[np.float64]
 
-#: s over which the compensator of (35) averages the load that it measures, and its J as a share of the motor's inertia:
-#: what keeps the steps of the encoder out of the current. The paper tunes J for a calm current, too.
-CALM, SHARE = 0.02, 0.5
+#: J of (35) as a share of the motor's inertia; A that the encoder's steps may leave in the current (the paper, too,
+#: tunes J for a calm current); s over which the compensator averages the load for it at most, and periods at least.
+SHARE, CALM, LONGEST, FEWEST = 0.7, 0.01, 0.02, 2.0
 #: rad and m: a joint that rests so near its target is in position, and its drive asks for no more.
 TURN_WINDOW, SLIDE_WINDOW = 1e-3, 2.5e-4
-#: Hz: controllers work at the log's rate, but not slower or faster than this.
-SLOWEST, FASTEST = 200.0, 1000.0
+#: Hz: controllers work at the log's rate, but not slower or faster than this: slower ones let the speed waver.
+SLOWEST, FASTEST = 400.0, 1000.0
 
 
 def control_rate(rate: float) -> tuple[int, int]:
@@ -30,8 +30,8 @@ class Drive:
 
     Wanted acceleration (34) K_D (-v + V (K_P/K_D) (target - q)), V (36) such that the part in brackets stays within a
     speed limit. Current (35) J (wanted) + load. The paper's load is i(t-dt) - J (v(t) - v(t-dt)) / dt with
-    v(t) = (q(t) - q(t-dt)) / dt of encoder readings; here it is that, averaged over `CALM` by a filter of the second
-    order that follows a steady change without lag.
+    v(t) = (q(t) - q(t-dt)) / dt of encoder readings; here it is that, averaged by a filter of the second order that
+    follows a steady change without lag, over as short a time as leaves the current calm.
 
     Parameters
     ----------
@@ -54,11 +54,23 @@ class Drive:
 
     def __init__(self, inertia: Floats, counts: Floats | None, is_revolute: NDArray[np.bool_], *, step: float) -> None:
         self._inertia, self._step = SHARE * inertia, step
-        keeps = 1.0 - min(1.0, step / CALM)
-        self._level, self._trend = 1.0 - keeps**2, (1.0 - keeps) ** 2
         self._window = np.where(is_revolute, TURN_WINDOW, SLIDE_WINDOW)
         self._counts = None if counts is None or not np.any(counts > 0) else np.where(counts > 0, counts, np.nan)
+        share = np.minimum(1.0, step / self._averaged())
+        self._level, self._trend = 1.0 - (1.0 - share) ** 2, share**2
         self._before = self._load = self._rise = self.velocity = self.current = np.zeros((0, len(inertia)))
+
+    def _averaged(self) -> Floats:
+        """(J,) s over which the measured load is averaged.
+
+        Two readings, each wrong by a uniform part of a count, put J (K_D + 2/T) times their speed into the current.
+        """
+        shortest = FEWEST * self._step
+        if self._counts is None:
+            return np.full(len(self._inertia), shortest)
+        unrest = np.abs(self._inertia) * np.sqrt(1.0 / 6.0) / (np.nan_to_num(self._counts, nan=np.inf) * self._step)
+        left = np.maximum(CALM / np.maximum(unrest, 1e-12) - K_D, 1e-6)
+        return np.clip(2.0 / left, shortest, max(LONGEST, shortest))
 
     def start(self, position: Floats, current: Floats) -> None:
         """Arms at rest at `position` (S, J), their motors drawing `current` (S, J)."""

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from pumaid.virtual.shafts import shafts
 from pumaid.virtual.timing import accelerations
 from pumaid.virtual.truth import Truth
 
@@ -33,8 +34,8 @@ class Joints:
     """S arms at work, joint by joint; J each.
 
     Friction is dry plus viscous, by direction. A joint that comes to rest within a step rests; it starts when its
-    motor's surplus passes its dry friction times `Truth.breakaway`. Where gears couple joints, friction follows the
-    shafts' speeds.
+    motor's surplus passes its dry friction times `Truth.breakaway`. Where gears couple joints, all this is told of the
+    motors' shafts (`pumaid.virtual.shafts`), which the joints follow.
 
     Parameters
     ----------
@@ -47,17 +48,22 @@ class Joints:
     def __init__(self, truth: Truth, *, step: float) -> None:
         friction = truth.friction
         self.inertia = inertia(truth)
-        self._robot, self._breakaway = truth.robot, truth.breakaway
+        self._breakaway = truth.breakaway
+        self._shafts = shafts(truth.robot) if truth.robot.coupling else None
         self._parts = max(1, int(np.ceil(step / LONGEST_STEP - 1e-9)))
         self._step = step / self._parts
         self._up, self._down = friction.coulomb_plus / self.inertia, -friction.coulomb_minus / self.inertia
         self._faster, self._slower = friction.viscous_plus / self.inertia, friction.viscous_minus / self.inertia
-        self.position = self.velocity = self.push = np.zeros((0, truth.robot.n_joints))
+        self.position = self.velocity = self.push = self._turning = np.zeros((0, truth.robot.n_joints))
 
     def start(self, position: Floats) -> None:
         """Arms at rest at `position` (S, J)."""
-        self.position = position.copy()
+        self.position, self._turning = position.copy(), np.zeros_like(position)
         self.velocity, self.push = np.zeros_like(position), np.zeros_like(position)
+
+    def move(self, velocity: Floats) -> None:
+        """Let the motors' shafts turn at `velocity` (S, J), geared to their joints."""
+        self._turning = velocity.copy()
 
     def advance(self, current: Floats, load: Floats, opposing: Floats | None) -> None:
         """The first m arms under `current` (m, J) A for one period of the controller.
@@ -73,9 +79,8 @@ class Joints:
         """
         m, h = len(current), self._step
         push = (current - load) / self.inertia
-        q, v = self.position[:m], self.velocity[:m]
+        q, shaft = self.position[:m], self._turning[:m]
         for _ in range(self._parts):
-            shaft = self._robot.shaft_velocity(v)
             resting = shaft == 0.0
             ahead = np.where(resting, push, shaft) > 0.0
             direction = np.where(ahead, 1.0, -1.0)
@@ -88,6 +93,8 @@ class Joints:
             # What would turn round within the step stops first.
             change = np.where(~resting & ((shaft + change) * direction <= 0.0), -shaft, change)
             change[held] = 0.0
-            v += change
+            shaft += change
+            v = shaft if self._shafts is None else np.linalg.solve(self._shafts, shaft.T).T
             q += h * v
+        self.velocity[:m] = v
         self.push[:m] = push

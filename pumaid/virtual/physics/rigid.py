@@ -120,10 +120,20 @@ class Rigid:
         self.data.qvel[:] = 0.0 if velocity is None else velocity
         self._forward(self.model, self.data)
 
-    def advance(self, current: Floats, seconds: float) -> None:
-        """Let the motors' currents (J,), A, act for `seconds`, a whole number of steps."""
+    @property
+    def load(self) -> Floats:
+        """(J,) A that weight and Coriolis forces take of the motors now."""
+        torque = np.array(self.data.qfrc_bias)
+        return self._gain * (torque if self._shafts is None else torque @ np.linalg.inv(self._shafts))
+
+    def advance(self, current: Floats, seconds: float, *, dry: Floats | None = None) -> None:
+        """Let the motors' currents (J,), A, act for `seconds`, a whole number of steps.
+
+        `dry` (J,) A is dry friction beyond Coulomb's, of either sign; stiction grows with it.
+        """
+        more = np.zeros_like(current) if dry is None else dry / np.abs(self._gain)
         for _ in range(round(seconds / self.step)):
-            self._step(current)
+            self._step(current, more)
 
     def inertia(self, position: Floats) -> Floats:
         """(J, J) kg m2 (kg, kg m): mass matrix at `position` (J,), motors' inertia included."""
@@ -138,12 +148,12 @@ class Rigid:
     def _stuck(self, velocity: Floats) -> Floats:
         return np.where(np.abs(velocity) < STILL, self.truth.breakaway, 1.0)
 
-    def _step(self, current: Floats) -> None:
+    def _step(self, current: Floats, more: Floats) -> None:
         v, friction = self.shaft_velocity, self.truth.friction
         lost = np.where(v > 0, friction.viscous_plus, friction.viscous_minus) * v + self._uneven
         if self._taken is not None:
             lost = lost + self._taken(self.position, v)
-        torque, dry = (current - lost) / self._gain, self._dry * self._grip(v)
+        torque, dry = (current - lost) / self._gain, np.maximum(self._dry + more, 0.0) * self._grip(v)
         if self._shafts is None:
             self.data.qfrc_applied[:], self.model.dof_frictionloss[:] = torque, dry
         else:
