@@ -1,4 +1,4 @@
-"""The planner against the paper's postures on the paper's PUMA, in the same robot time: scatter of simulated experiments.
+"""The planner against the paper's postures on the paper's PUMA in the same robot time, by simulated experiments.
 
 Each experiment is simulated sample by sample, segmented and identified as a user's logs would be. What is compared is
 the standard deviation of each estimate over the experiments, in the geometric mean over the parameters that both plans

@@ -43,6 +43,8 @@ class Draft:
         How often each kind of pass is made.
     opening
         (L,) s that it costs to go to a lap's posture.
+    pool
+        Laps that are worth a look, rising; `few` is the menu of them.
     chosen
         Turns, each at most `MOST` times.
     kept
@@ -53,8 +55,13 @@ class Draft:
     criterion: Criterion
     times: tuple[int, ...]
     opening: Floats
+    pool: NDArray[np.int64]
     chosen: list[int] = field(default_factory=list)
     kept: set[int] = field(default_factory=set)
+    few: Menu = field(init=False)
+
+    def __post_init__(self) -> None:
+        self.few = self.menu.only(self.pool)
 
     def laps(self, kind: int) -> list[int]:
         """Laps of a kind of pass."""
@@ -90,7 +97,7 @@ class Draft:
         return float(self.criterion.value(self.information(chosen)))
 
     def costs(self, chosen: Sequence[int]) -> Floats:
-        """(T,) s that each turn would add; infinite where it is chosen."""
+        """(K P,) s that each turn of the pool would add, kind by kind; infinite where it is made often enough."""
         menu, count = self.menu, len(self.menu)
         out = []
         for kind, often in enumerate(self.times):
@@ -99,7 +106,7 @@ class Draft:
             is_open[menu.joint[laps], menu.hold[laps]] = True
             cost = menu.seconds + np.where(is_open[menu.joint, menu.hold], 0.0, self.opening)
             cost[np.bincount(laps, minlength=count) >= MOST] = np.inf
-            out.append(often * cost)
+            out.append(often * cost[self.pool])
         return np.concatenate(out)
 
     def best_addition(self, chosen: Sequence[int], spare: float) -> int | None:
@@ -108,18 +115,20 @@ class Draft:
         fits = costs <= spare
         if not np.any(fits):
             return None
-        count, times = len(self.menu), np.repeat(np.asarray(self.times, dtype=float), len(self.menu))
+        count, kinds = len(self.menu), len(self.times)
+        times = np.repeat(np.asarray(self.times, dtype=float), len(self.pool))
+        turns = np.concatenate([kind * count + self.pool for kind in range(kinds)])
         information = self.information(chosen)
-        worth = np.tile(self.menu.worth(self.criterion.pull(information)), len(self.times)) * times
+        worth = np.tile(self.few.worth(self.criterion.pull(information)), kinds) * times
         known = np.zeros(count, dtype=bool)
         known[[turn % count for turn in chosen]] = True
-        liked = np.where(np.tile(known, len(self.times)), _AGAIN, 1.0)
+        liked = np.where(np.tile(known[self.pool], kinds), _AGAIN, 1.0)
         rate = np.where(fits, worth * liked / costs, 0.0)
         some = np.argsort(-settled(rate), kind="stable")[:_LOOKED_AT]
         some = some[fits[some]]
-        added = information + times[some][:, None, None, None] * self.menu.each(some % count)
+        added = information + times[some][:, None, None, None] * self.menu.each((turns[some] % count).tolist())
         gain = (float(self.criterion.value(information)) - self.criterion.value(added)) * liked[some] / costs[some]
-        return int(some[np.argmax(settled(gain))])
+        return int(turns[some[np.argmax(settled(gain))]])
 
     def fill(self, budget: float) -> None:
         """Add turns as long as one fits into `budget` s."""
@@ -146,7 +155,9 @@ class Draft:
     def _removals(self) -> list[tuple[int, ...]]:
         """Turns, and whole blocks, that may go, least worth for their time first."""
         count = len(self.menu)
-        worth = self.menu.worth(self.criterion.pull(self.information()))
+        used = np.unique([turn % count for turn in self.chosen])
+        worth = np.zeros(count)
+        worth[used] = self.menu.only(used).worth(self.criterion.pull(self.information()))
         groups: dict[tuple[int, ...], list[int]] = {}
         for turn in self.chosen:
             groups.setdefault((turn // count, *self.menu.block_of(turn % count)), []).append(turn)

@@ -89,7 +89,7 @@ def cover(draft: Draft, extent: Extent, ground: Floats, *, haste: float, all_spe
             for kind in kinds:
                 draft.put(laps, kind)
             often = sum(draft.times[kind] for kind in kinds)
-            ground = ground + often * draft.menu.each(np.array(laps)).sum(axis=0)
+            ground = ground + often * draft.menu.each(laps).sum(axis=0)
 
 
 def _best_hold(
@@ -102,7 +102,7 @@ def _best_hold(
         return None
     whole = [k for k in options if all(way.usable[k, course] for course in courses)] or options
     laps = [[menu.find(way.joint, k, course) for course in courses] for k in whole]
-    driven = [np.array([lap for lap in one if lap is not None]) for one in laps]
+    driven = [[lap for lap in one if lap is not None] for one in laps]
     more = np.array([menu.each(some).sum(axis=0) for some in driven])
     values = draft.criterion.value(ground + sum(draft.times) * more)
     values += haste * np.array([draft.opening[some[0]] for some in driven])

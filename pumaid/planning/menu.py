@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -33,18 +34,20 @@ class Ways:
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Menu:
-    """L laps.
+    """L laps, joint by joint.
 
     Attributes
     ----------
     ways
         Of every joint.
     joint, hold, course
-        (L,) which joint (from 1), and which of its postures and courses.
+        (L,) which joint (from 1, rising), and which of its postures and courses.
     seconds
         (L,) s, rests included.
     factors
-        (G, L, 3 R, p) square root of a lap's information for each of G robots, R runs at most, columns as `names`.
+        Joint by joint (G, L_j, 3 R, p_j): square root of a lap's information for each of G robots, R runs at most.
+    columns
+        Joint by joint (p_j,): which of `names` its laps tell of.
     names
         p: gravity parameters and ratios, then friction.
     """
@@ -54,7 +57,8 @@ class Menu:
     hold: Counts
     course: Counts
     seconds: Floats
-    factors: Floats
+    factors: tuple[Floats, ...]
+    columns: tuple[Counts, ...]
     names: tuple[str, ...]
 
     def __len__(self) -> int:
@@ -62,21 +66,54 @@ class Menu:
 
     def information(self, weights: Floats) -> Floats:
         """(G, p, p) of all laps, each counted `weights` (L,) times."""
-        used = np.flatnonzero(weights)
-        root = np.sqrt(weights[used])[:, None, None]
-        flat = (self.factors[:, used] * root).reshape(len(self.factors), -1, len(self.names))
-        return np.asarray(np.swapaxes(flat, -1, -2) @ flat)
+        out = np.zeros((len(self.factors[0]), len(self.names), len(self.names)))
+        for own, factors, columns in zip(self._own(weights), self.factors, self.columns, strict=True):
+            used = np.flatnonzero(own)
+            some = factors[:, used] * np.sqrt(own[used])[:, None, None]
+            flat = some.reshape(len(some), -1, len(columns))
+            out[:, columns[:, None], columns] += np.swapaxes(flat, -1, -2) @ flat
+        return out
 
     def worth(self, pull: Floats) -> Floats:
         """(L,) of each lap by the pull (G, p, p) of its information."""
-        robots, laps, rows, width = self.factors.shape
-        flat = self.factors.reshape(robots, laps * rows, width)
-        return np.asarray(np.sum((flat @ pull) * flat, axis=(0, 2)).reshape(laps, rows).sum(axis=1))
+        out = []
+        for factors, columns in zip(self.factors, self.columns, strict=True):
+            robots, laps, rows, width = factors.shape
+            flat = factors.reshape(robots, laps * rows, width)
+            drawn = flat @ pull[:, columns[:, None], columns]
+            out.append(np.einsum("gap,gap->a", drawn, flat).reshape(laps, rows).sum(axis=1))
+        return np.concatenate(out)
 
-    def each(self, laps: Counts) -> Floats:
+    def each(self, laps: Sequence[int]) -> Floats:
         """(N, G, p, p) information of N laps, one by one."""
-        some = np.swapaxes(self.factors[:, laps], 0, 1)
-        return np.asarray(np.swapaxes(some, -1, -2) @ some)
+        starts = np.searchsorted(self.joint, np.arange(1, len(self.ways) + 1))
+        out = np.zeros((len(laps), len(self.factors[0]), len(self.names), len(self.names)))
+        for k, lap in enumerate(laps):
+            j = int(self.joint[lap]) - 1
+            one, columns = self.factors[j][:, lap - starts[j]], self.columns[j]
+            out[k][:, columns[:, None], columns] = np.swapaxes(one, -1, -2) @ one
+        return out
+
+    def only(self, laps: Counts) -> Menu:
+        """Some of the laps, rising."""
+        keep = np.zeros(len(self))
+        keep[laps] = 1.0
+        return replace(
+            self,
+            joint=self.joint[laps],
+            hold=self.hold[laps],
+            course=self.course[laps],
+            seconds=self.seconds[laps],
+            factors=tuple(
+                np.ascontiguousarray(factors[:, own > 0])
+                for own, factors in zip(self._own(keep), self.factors, strict=True)
+            ),
+        )
+
+    def _own(self, values: Floats) -> list[Floats]:
+        """Values (L,) joint by joint."""
+        starts = np.searchsorted(self.joint, np.arange(1, len(self.ways) + 2))
+        return [values[a:b] for a, b in itertools.pairwise(starts)]
 
     def of(self, joint: int) -> Ways:
         """What joint `joint` (from 1) may do."""
@@ -120,37 +157,41 @@ def menu(truths: Sequence[Truth], ways: Sequence[Ways], *, names: Sequence[str],
     """
     robot = truths[0].robot
     columns = parameters(robot, names)
-    index, times, factors = [], [], []
+    index, times, factors, kept = [], [], [], []
     for way in ways:
         where = np.argwhere(way.usable)
         index.append(np.column_stack([np.full(len(where), way.joint), where]))
         each = np.array([seconds(robot, course) for course in way.courses])
         times.append(each[where[:, 1]])
-        factors.append(_factors(truths, way, columns=columns, rate=rate)[:, where[:, 0], where[:, 1]])
+        found, own = _factors(truths, way, columns=columns, rate=rate)
+        factors.append(np.ascontiguousarray(found[:, where[:, 0], where[:, 1]]))
+        kept.append(own)
     joint, hold, course = np.concatenate(index).T
-    return Menu(tuple(ways), joint, hold, course, np.concatenate(times), np.concatenate(factors, axis=1), columns)
+    times_all = np.concatenate(times)
+    return Menu(tuple(ways), joint, hold, course, times_all, tuple(factors), tuple(kept), columns)
 
 
-def _factors(truths: Sequence[Truth], way: Ways, *, columns: Sequence[str], rate: float) -> Floats:
-    """(G, K, C, 3 R, p) root of the information of every lap of a joint, R runs at most."""
-    robot, width = truths[0].robot, len(columns)
+def _factors(truths: Sequence[Truth], way: Ways, *, columns: Sequence[str], rate: float) -> tuple[Floats, Counts]:
+    """(G, K, C, 3 R, p_j) root of the information of every lap of a joint, R runs at most; and (p_j,) its columns."""
+    robot = truths[0].robot
     known = gravity_names(robot)
     keep = [known.index(name) for name in columns if name in known]
-    first = len(keep) + 4 * (way.joint - 1)
-    out = np.zeros((len(truths), len(way.holds), len(way.courses), RUNS, 3, width))
+    gravity, first = len(keep), len(keep) + 4 * (way.joint - 1)
+    own = np.concatenate([np.arange(gravity), np.arange(first, first + 4)])
+    out = np.zeros((len(truths), len(way.holds), len(way.courses), RUNS, 3, len(own)))
     slopes = [run_slopes(robot, truth.constants, joint=way.joint, holds=way.holds)[:, :, keep] for truth in truths]
     for c, course in enumerate(way.courses):
         for run, motion in enumerate(course.motions(tuple(way.holds[0].tolist()))):
             ends, lasting = cruise(robot, motion)
             back = int(motion.end < motion.start)
-            sign = -1.0 if back else 1.0
+            speed = -course.speed if back else course.speed
             for g, truth in enumerate(truths):
                 root = _root(run_moments(ends, lasting, truth.noise, joint=way.joint, rate=rate))
-                wide = np.zeros((len(way.holds), 3, width))
-                wide[:, :, : len(keep)] = slopes[g]
-                wide[:, 2, first + 2 * back : first + 2 * back + 2] = 1.0, sign * course.speed
+                wide = np.zeros((len(way.holds), 3, len(own)))
+                wide[:, :, :gravity] = slopes[g]
+                wide[:, 2, gravity + 2 * back : gravity + 2 * back + 2] = 1.0, speed
                 out[g, :, c, run] = root @ wide
-    return out.reshape(*out.shape[:3], 3 * RUNS, width)
+    return out.reshape(*out.shape[:3], 3 * RUNS, len(own)), own
 
 
 def _root(moments: Floats) -> Floats:

@@ -38,6 +38,8 @@ _PASS, _MOST_PASSES = 100.0, 20
 USUAL = 210.0
 #: s between blocks at first, as a share of the way from the arm's reference posture; measured after a timetable.
 _OPENING = 0.8
+#: Share of the best lap's worth a second below which laps are not looked at.
+_WORTH = 0.6
 #: Rounds of fitting a plan into its time, and the share of the time that is enough.
 _FITTINGS, _FULL = 5, 0.98
 #: Share of the best experiment's information on which postures of the coverage are compared.
@@ -243,7 +245,8 @@ class Planner:
         """The coverage alone."""
         usual = USUAL * self.robot.n_joints
         even = np.full(len(self.menu), usual / float(np.sum(self.menu.seconds)))
-        draft = Draft(self.menu, self.criterion, extent.times, opening * self._away)
+        pool = np.arange(len(self.menu)) if best is None else np.flatnonzero(best.worth > _WORTH)
+        draft = Draft(self.menu, self.criterion, extent.times, opening * self._away, pool)
         ground = _GROUND * self.menu.information(even if best is None else best.weights)
         # A share of the time is half that share of the criterion, a logarithm.
         haste = 0.5 * extent.passes / (self.wish.seconds or usual)
@@ -265,7 +268,7 @@ class Planner:
         return float(running) + away * len(self.judging)
 
     def _ordered(self, draft: Draft, extent: Extent, best: Relaxed) -> Made:
-        """Motions of a draft, in order, with those for judging: of half the joints in the first pass, of the others in the second."""
+        """Motions of a draft, in order; joints take turns in which pass they are judged."""
         rng = np.random.default_rng([self.seed, 4])
         judged = self._judged(draft, rng)
         passes: list[list[Block]] = []
@@ -305,7 +308,7 @@ class Planner:
 
     def _too_short(self, budget: float, least: Extent) -> ModelError:
         draft = self._draft(least, _OPENING)
-        needed = self._duration(self._ordered(draft, least, Relaxed(np.zeros(0), 0.0, 0.0)).motions)
+        needed = self._duration(self._ordered(draft, least, Relaxed(np.zeros(0), 0.0, 0.0, np.zeros(0))).motions)
         return ModelError(
             "plan-too-short",
             f"{number(budget / 60.0)} minutes are too short: the least experiment that shows everything takes"

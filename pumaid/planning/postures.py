@@ -25,7 +25,7 @@ _DRAWN, _DRAWN_IDLE = 120, 12
 #: Postures a joint that are left after the first look.
 SHORTLIST = 14
 #: Shares of the top speed of the first look, its steps, and its time a joint (s); ranks hardly depend on them.
-_LOOK, _STEPS, _SECONDS = (0.05, 0.95), 40, 120.0
+_LOOK, _STEPS, _SECONDS = (0.05, 1.0), 40, 120.0
 #: Slopes below this share of the greatest are rounding.
 _NOTHING = 1e-9
 
@@ -72,7 +72,7 @@ def _ways(truth: Truth, joint: int, clearance: Clearance, rng: np.random.Generat
     others = [number for number in range(1, robot.n_joints + 1) if number != joint]
     holds = candidates(robot, joint, free=matter or others, count=_DRAWN if matter else _DRAWN_IDLE, rng=rng)
     own = courses(robot, joint, speeds(robot, joint, _LOOK))
-    some = tuple(course for course in own if course.speed in (own[0].speed, own[-1].speed))
+    some = tuple(dict.fromkeys((own[0], own[-1])))
     return Ways(joint, holds, some, free(clearance, holds, some))
 
 

@@ -156,8 +156,7 @@ def _rises(planner: Planner, made: Made, block: tuple[int, int]) -> dict[str, fl
 
 def _carries(planner: Planner, menu: Menu, joint: int) -> bool:
     """Whether a joint's runs tell anything but friction."""
-    known = [k for k, name in enumerate(menu.names) if name in set(gravity_names(planner.robot))]
-    return bool(np.any(np.abs(menu.factors[:, menu.joint == joint][..., known]) > 1e-9))
+    return bool(np.any(np.abs(menu.factors[joint - 1][..., :-4]) > 1e-9))
 
 
 def _loss(rises: dict[str, float]) -> str:

@@ -104,13 +104,13 @@ def _length(order: Sequence[int], costs: Floats, first: Floats) -> float:
 
 def _shortened(order: list[int], costs: Floats, first: Floats) -> list[int]:
     """A random order after each block has been put where it makes the way shortest, once."""
-    for block in list(order):
+    for block in list(order) if len(order) > 1 else ():
         rest = [k for k in order if k != block]
         before, after = np.array(rest), np.array(rest)
         added = np.empty(len(order))
-        added[0] = first[block] + (costs[block, after[0]] - first[after[0]] if rest else 0.0)
+        added[0] = first[block] + costs[block, after[0]] - first[after[0]]
         added[1:-1] = costs[before[:-1], block] + costs[block, after[1:]] - costs[before[:-1], after[1:]]
-        added[-1] = costs[before[-1], block] if rest else added[0]
+        added[-1] = costs[before[-1], block]
         place = int(np.argmin(np.round(added, 6)))
         order = [*rest[:place], block, *rest[place:]]
     return order
