@@ -29,11 +29,16 @@ from pumaid.virtual.truth import Truth
 Floats = NDArray[np.float64]
 
 #: What every joint gets at least (postures, of them with whole spans, of them in every pass, s of parts, courses for
-#: judging): the first that leaves enough of the time to what tells most.
-_EXTENTS = ((4, 4, 4, 2.0, 2), (4, 2, 2, 0.8, 2), (4, 1, 1, 0.8, 1), (3, 1, 1, 0.8, 1), (2, 1, 1, 0.8, 1))
-_SPARE = 0.75
+#: judging), and the share of the time that it may take: the first that takes no more, the rest goes to what tells most.
+_EXTENTS = (
+    ((4, 4, 4, 2.0, 2), 0.4),
+    ((4, 2, 2, 0.8, 2), 0.45),
+    ((4, 1, 1, 0.8, 1), 0.9),
+    ((3, 1, 1, 0.8, 1), 0.9),
+    ((2, 1, 1, 0.8, 1), 0.9),
+)
 #: s a joint that a pass takes about: longer budgets are filled with more passes, up to so many.
-_PASS, _MOST_PASSES = 100.0, 20
+_PASS, _MOST_PASSES = 200.0, 20
 #: s a joint where no time is given.
 USUAL = 210.0
 #: s between blocks at first, as a share of the way from the arm's reference posture; measured after a timetable.
@@ -176,11 +181,11 @@ class Planner:
         self.tell("sharing out the time")
         extents = self._extents()
         is_asked = self.wish.postures is not None or self.wish.passes is not None or self.wish.shares is not None
-        needed = self._least(extents[0 if is_asked else 1]) / _SPARE
-        budget = self.wish.seconds or max(USUAL * self.robot.n_joints, needed)
+        usual, share = extents[0 if is_asked else 2]
+        budget = self.wish.seconds or max(USUAL * self.robot.n_joints, self._least(usual) / share)
         best = self._best(budget)
-        fitting = (one for one in extents if self._least(one) <= _SPARE * budget)
-        extent = next(fitting, extents[-1])
+        fitting = (one for one, share in extents if self._least(one) <= share * budget)
+        extent = next(fitting, extents[-1][0])
         allowed, opening = budget, _OPENING
         kept: Made | None = None
         for _ in range(_FITTINGS):
@@ -194,7 +199,7 @@ class Planner:
             opening = self._opening(made)
             allowed += 0.99 * budget - taken
         if kept is None:
-            raise self._too_short(budget, extents[-1])
+            raise self._too_short(budget, extents[-1][0])
         return kept
 
     def efficiency(self, promised: dict[str, float], budget: float) -> float | None:
@@ -225,17 +230,19 @@ class Planner:
         self.criterion = replace(self.criterion, counted=share <= 1.0)
         return relaxed(self.menu, self.criterion, seconds=self.menu.seconds, total=budget)
 
-    def _extents(self) -> list[Extent]:
-        """What every joint may get at least, the most that is wanted first."""
+    def _extents(self) -> list[tuple[Extent, float]]:
+        """What every joint may get at least, the most that is wanted first, and what share of the time it may take."""
         wish = self.wish
         many = 2
         if wish.seconds is not None:
             many = int(np.clip(round(wish.seconds / (_PASS * self.robot.n_joints)), 2, _MOST_PASSES))
         found = []
-        for postures, whole, again, part, judged in _EXTENTS:
-            passes = wish.passes or (2 if again == 1 else many)
-            found.append(Extent(wish.postures or postures, whole, again, part, passes=passes, judged=judged))
-        return [*found, *([] if wish.passes else [replace(found[-1], passes=1)])]
+        for (postures, whole, again, part, judged), share in _EXTENTS:
+            passes = wish.passes or many
+            one = Extent(wish.postures or postures, whole, again, part, passes=passes, judged=judged)
+            found.append((one, share))
+        last, share = found[-1]
+        return [*found, *([] if wish.passes else [(replace(last, passes=1), share)])]
 
     def _least(self, extent: Extent) -> float:
         """s that the coverage alone takes, about."""

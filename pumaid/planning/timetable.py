@@ -18,7 +18,7 @@ from pumaid.virtual.timing import MOVE_SHARE, highest_speeds
 Floats = NDArray[np.float64]
 
 #: Random orders of a pass that are shortened, and of which the shortest is taken.
-_STARTS = 12
+_STARTS = 30
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -45,7 +45,7 @@ def timetable(
 ) -> tuple[Motion, ...]:
     """Motions in the order in which they are made.
 
-    Each pass holds its blocks in an order of its own (so the replicates of a run are a pass apart): twelve random
+    Each pass holds its blocks in an order of its own (so the replicates of a run are a pass apart): thirty random
     orders are shortened by putting each block where it makes the moves shortest, and the shortest of them whose moves
     strike nothing is taken.
 
@@ -103,8 +103,8 @@ def _length(order: Sequence[int], costs: Floats, first: Floats) -> float:
 
 
 def _shortened(order: list[int], costs: Floats, first: Floats) -> list[int]:
-    """A random order after each block has been put where it makes the way shortest, once."""
-    for block in list(order) if len(order) > 1 else ():
+    """A random order after each block has been put where it makes the way shortest, twice."""
+    for block in 2 * list(order) if len(order) > 1 else ():
         rest = [k for k in order if k != block]
         before, after = np.array(rest), np.array(rest)
         added = np.empty(len(order))
