@@ -30,8 +30,8 @@ def mark_heldout(evidence: Evidence, plan: Plan) -> Evidence:
     """Mark the runs that the plan keeps for judging.
 
     A run is a planned motion where joint, posture, direction and speed (within 10 %) agree and at least half of its way
-    lies in the planned span. Of several motions that would fit the nearest in speed counts; a run that fits none is
-    left as it is.
+    lies in the planned span. Of several motions that would fit the nearest in speed and way counts; a run that fits
+    none is left as it is.
 
     Parameters
     ----------
@@ -89,7 +89,9 @@ class _Kinds:
         fits &= (shared >= _INSIDE * abs(run.span[1] - run.span[0])) & (slower <= SAME_SPEED)
         if not np.any(fits):
             return None
-        return int(np.argmin(np.where(fits, slower, np.inf)))
+        # Tours and parts of them share a speed: of motions as fast, that with which it shares most of its way.
+        whole = np.maximum(high, max(run.span)) - np.minimum(low, min(run.span))
+        return int(np.argmin(np.where(fits, slower / SAME_SPEED + 1.0 - shared / whole, np.inf)))
 
     def purpose(self, kind: int) -> str:
         """``fit`` or ``heldout``."""

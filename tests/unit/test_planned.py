@@ -109,3 +109,11 @@ def test_another_arms_plan_changes_nothing():
     assert mark_heldout(evidence(), plan).runs == evidence().runs or not any(
         run.heldout for run in mark_heldout(evidence(), plan).runs
     )
+
+
+def test_a_tour_and_its_part_are_told_apart():
+    """Of two motions as fast, one over the span and one over a fifth of it, each run is the one whose way it goes."""
+    tour, part = Motion(2, HOLD, -1.0, 1.0, 0.5), Motion(2, HOLD, 0.0, 0.4, 0.5)
+    plan = Plan("PUMA 560", (part, tour, part, tour))
+    found = runs(table1.puma560(), plan, np.random.default_rng(2))
+    assert mark_heldout(Evidence(tuple(found)), plan).notes == ()
