@@ -65,11 +65,11 @@ def test_says_where_the_error_lives(arm):
 def test_a_hidden_ripple_is_told(arm):
     """Logs of the arm with a ripple at joint 2: text and JSON say where, of what kind, and which effect."""
     assert run("plan", "recipe.yaml", "--minutes", "6", "--seed", "3").exit_code == 0
-    hidden = ("--hide", "ripple@2:frequency=10", "-o", "rippled")
+    hidden = ("--hide", "ripple@2:frequency=25", "-o", "rippled")
     assert run("simulate", "recipe.yaml", "--seed", "3", "--rate", "100", *hidden).exit_code == 0
     told = run("compare", "results/model.json", "rippled")
     where = " ".join(told.stdout.split("Where the error lives")[1].split())
-    assert "is ripple with position: 10.0" in where and "Effects that look like it: ripple" in where
+    assert "is ripple with position: 25.0" in where and "Effects that look like it: ripple" in where
     document = json.loads(run("compare", "results/model.json", "rippled", "--json").stdout)
     (part,) = [one for one in document["joints"][1]["budget"]["parts"] if one["name"] == "fast"]
     assert part["more_than_noise"] and part["p_value"] <= 0.05 and part["points_to"] == ["ripple"]

@@ -15,7 +15,7 @@ SHARE, CALM, LONGEST, FEWEST = 0.7, 0.01, 0.02, 2.0
 #: rad and m: a joint that rests so near its target is in position, and its drive asks for no more.
 TURN_WINDOW, SLIDE_WINDOW = 1e-3, 2.5e-4
 #: Hz: controllers work at the log's rate, but not slower or faster than this: slower ones let the speed waver.
-SLOWEST, FASTEST = 400.0, 1000.0
+SLOWEST, FASTEST = 250.0, 1000.0
 
 
 def control_rate(rate: float) -> tuple[int, int]:
