@@ -35,6 +35,12 @@ class Ask:
     logs: tuple[str, ...]
     seed: int
 
+    @property
+    def shapes_a_plan(self) -> bool:
+        """Whether a whole plan is asked to be other than by default."""
+        given = (self.minutes, self.speeds, self.postures, self.replicates)
+        return self.criterion != "geometric" or any(one is not None for one in given)
+
 
 def listed(count: int | None = None) -> Callable[..., tuple[float, ...] | None]:
     """A click callback that reads numbers with commas between, `count` of them where that is given."""
@@ -68,6 +74,8 @@ def check_together(ask: Ask, given: Path | None) -> None:
         (ask.size is not None and ask.wanted is None, "--size goes with --for"),
         (bool(ask.logs) and ask.wanted is None, "--logs goes with --for"),
         (given is not None and ask.wanted is not None, "--check looks at a plan; --for makes one"),
+        (given is not None and ask.shapes_a_plan, "--check looks at a plan; it has its time, speeds and passes"),
+        (bool(ask.logs) and ask.shapes_a_plan, "--for with --logs adds runs; options of a whole plan have no use"),
         (ask.wanted is not None and (ask.payload or ask.tilt) is not None, "--for plans for the arm as it stands"),
     )
     for is_wrong, told in pairs:
@@ -77,15 +85,12 @@ def check_together(ask: Ask, given: Path | None) -> None:
 
 def setup_of(ask: Ask) -> Setup:
     """Tilt (deg in the option) and payload."""
-    from pumaid.errors import ModelError
     from pumaid.planning.setup import Setup
     from pumaid.units import factor
 
     payload = None
     if ask.payload is not None:
         mass, x, y, z = ask.payload
-        if not mass > 0.0:
-            raise ModelError("plan-impossible", f"a payload of {mass:g} kg shows nothing", mend="give its mass in kg")
         payload = (mass, x, y, z)
     tilt = None if ask.tilt is None else (ask.tilt[0] * factor("deg"), ask.tilt[1] * factor("deg"))
     return Setup(tilt, payload)

@@ -55,7 +55,8 @@ class Criterion:
         """
         inverse = self._inverse(information)
         logs = self._logs(inverse)
-        share = np.exp(self.power * (logs - self._counted(logs).max(axis=-1, keepdims=True)))
+        # What does not count may be dark without end: it is kept from overflowing before it is left out.
+        share = np.exp(self.power * np.minimum(logs - self._counted(logs).max(axis=-1, keepdims=True), 0.0))
         share *= 1.0 if self.counted is None else self.counted
         share /= share.sum(axis=-1, keepdims=True)
         weight = share / np.einsum("gpp->gp", inverse)

@@ -22,13 +22,15 @@ SHARES = (0.035, 0.07, 0.15, 0.3, 0.6, 1.0)
 #: s at constant speed that a run over a part of the span lasts.
 PARTS = (0.8, 2.0, 5.0)
 #: Way at constant speed of any run, rad and m: waves of a motor's turn should not pass for friction.
-LEAST_TURN, LEAST_SLIDE = 6.0 * factor("deg"), 0.01
+LEAST_TURN, LEAST_SLIDE = 6.0 * factor("deg"), 0.03
 #: A part that takes more than this share of the room takes all of it.
 _WHOLE = 0.8
 #: s of a run at most; slower ones cover parts.
 _LONGEST = 15.0
 #: A run keeps its speed over at least this share of its span; the ramps take the rest.
 _LEAST_CRUISE = 0.6
+#: Speeds that a joint must have courses at: fewer do not tell friction's two parts and a bend.
+_FEWEST = 3
 
 
 @dataclass(frozen=True, slots=True)
@@ -103,19 +105,31 @@ def courses(robot: Robot, joint: int, fast: Sequence[float]) -> tuple[Course, ..
     fast
         Speeds, rad/s or m/s.
     """
+    for least in (LEAST_TURN if robot.joint(joint).is_revolute else LEAST_SLIDE, 0.0):
+        found = _courses(robot, joint, fast, least=least)
+        # A joint so slow that a run over the least way lasts too long goes over less of it.
+        if len({course.speed for course in found}) >= min(_FEWEST, len(fast)):
+            return found
+    low, high = span(robot.joint(joint))
+    home = float(reference(robot)[joint - 1])
+    return found or (Course(joint, _distinct((home, high, low, home)), min(fast)),)
+
+
+def _courses(robot: Robot, joint: int, fast: Sequence[float], *, least: float) -> tuple[Course, ...]:
+    """Courses whose runs last neither too long nor too short and are `least` long (rad or m)."""
     low, high = span(robot.joint(joint))
     home = float(reference(robot)[joint - 1])
     found: list[Course] = []
     for speed in fast:
         for lasting in (*PARTS, _LONGEST):
-            way = _way(robot, joint, speed=speed, lasting=lasting)
+            way = _way(robot, joint, speed=speed, cruising=max(speed * lasting, least))
             up, down = (room if way > _WHOLE * room else way for room in (high - home, home - low))
             some = [Course(joint, (home, end, home), speed) for end in (home + up, home - down)]
             found += [one for one in some if _cruises(robot, one, lasting)]
         if (high - low) / speed <= _LONGEST:
             tours = (home, high, low, home), (home, low, high, home)
             found += [Course(joint, _distinct(stops), speed) for stops in tours]
-    return tuple(dict.fromkeys(found)) or (Course(joint, _distinct((home, high, low, home)), min(fast)),)
+    return tuple(dict.fromkeys(found))
 
 
 def _distinct(stops: tuple[float, ...]) -> tuple[float, ...]:
@@ -124,13 +138,11 @@ def _distinct(stops: tuple[float, ...]) -> tuple[float, ...]:
     return tuple(kept)
 
 
-def _way(robot: Robot, joint: int, *, speed: float, lasting: float) -> float:
-    """Way, ramps included, of a run that keeps its speed so long (s), and over no less than motors' turns want."""
-    arm = robot.joint(joint)
-    cruising = max(speed * lasting, LEAST_TURN if arm.is_revolute else LEAST_SLIDE)
-    step = _step(arm)
+def _way(robot: Robot, joint: int, *, speed: float, cruising: float) -> float:
+    """Way, ramps included, of a run that keeps its speed over `cruising` (rad or m); whole degrees or millimetres."""
+    step = _step(robot.joint(joint))
     way = cruising + speed**2 / max(float(accelerations(robot)[joint - 1]), 1e-9)
-    return math.ceil(way / step - 1e-9) * step
+    return math.ceil(way / step - 1e-9) * step if way >= 4 * step else way
 
 
 def _cruises(robot: Robot, course: Course, lasting: float) -> bool:

@@ -115,7 +115,7 @@ def tilt_note(robot: Robot, structure: Structure) -> tuple[Note, ...]:
     """
     first = next((joint for joint in robot.joints if joint.is_revolute), None)
     hidden = [name for name in absent(structure) if first is not None and f".l{first.number}." in name]
-    if first is None or not hidden:
+    if first is None or not hidden or not np.any(robot.gravity):
         return ()
     ratios = [name for name in absent(structure) if name.startswith("gain_ratio")]
     both = ", ".join([*hidden, *ratios])

@@ -17,7 +17,7 @@ from pumaid.planning.criterion import POWERS, Criterion
 from pumaid.planning.laps import SHARES, Course, courses, free, seconds, speeds
 from pumaid.planning.menu import Menu, Ways, menu
 from pumaid.planning.outlook import RATE
-from pumaid.planning.postures import shortlist
+from pumaid.planning.postures import SHORTLIST, shortlist
 from pumaid.planning.relaxed import Relaxed, relaxed
 from pumaid.planning.timetable import Block, timetable
 from pumaid.records import Motion, Plan, Robot
@@ -138,7 +138,8 @@ class Planner:
         self.clearance = Clearance.of(self.robot)
         tell("looking for postures that tell something")
         rng = np.random.default_rng([seed, 3])
-        self.holds = shortlist(truths, names=names, clearance=self.clearance, rate=RATE, rng=rng)
+        count = max(SHORTLIST, wish.postures or 0)
+        self.holds = shortlist(truths, names=names, clearance=self.clearance, rate=RATE, rng=rng, count=count)
         shares = tuple(sorted(wish.shares or SHARES))
         self.menu = self._menu(shares)
         self.judging, self._away = self._judging(shares), self._far()
@@ -222,10 +223,12 @@ class Planner:
 
     def _best(self, budget: float) -> Relaxed:
         """The best conceivable experiment; what even that leaves in the dark counts no longer."""
-        best = relaxed(self.menu, self.criterion, seconds=self.menu.seconds, total=budget)
-        share = np.median(self.criterion.errors(self.menu.information(best.weights)), axis=0) / self.usual
+        # By the geometric mean: the worst of what stays dark whatever is done would starve all others.
+        plain = Criterion(0.0, self.criterion.size)
+        best = relaxed(self.menu, plain, seconds=self.menu.seconds, total=budget)
+        share = np.median(plain.errors(self.menu.information(best.weights)), axis=0) / self.usual
         self.hopeless = tuple(name for name, dark in zip(self.menu.names, share > 1.0, strict=True) if dark)
-        if not self.hopeless:
+        if not self.hopeless and self.criterion.power == 0.0:
             return best
         self.criterion = replace(self.criterion, counted=share <= 1.0)
         return relaxed(self.menu, self.criterion, seconds=self.menu.seconds, total=budget)

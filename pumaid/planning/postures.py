@@ -31,7 +31,13 @@ _NOTHING = 1e-9
 
 
 def shortlist(
-    truths: Sequence[Truth], *, names: Sequence[str], clearance: Clearance, rate: float, rng: np.random.Generator
+    truths: Sequence[Truth],
+    *,
+    names: Sequence[str],
+    clearance: Clearance,
+    rate: float,
+    rng: np.random.Generator,
+    count: int = SHORTLIST,
 ) -> list[Floats]:
     """(K, J) postures worth a look, for each joint in order, the most telling first.
 
@@ -50,6 +56,8 @@ def shortlist(
         Samples a second.
     rng
         Source of the candidates.
+    count
+        Postures a joint at most.
     """
     robot = truths[0].robot
     ways = [_ways(truths[0], joint.number, clearance, rng) for joint in robot.joints]
@@ -62,7 +70,7 @@ def shortlist(
         spent = np.bincount(found.hold[own], (weights * found.seconds)[own], minlength=len(way.holds))
         usable = np.flatnonzero(way.usable.any(axis=1))
         order = usable[np.argsort(-settled(np.asarray(spent[usable], dtype=float)), kind="stable")]
-        out.append(way.holds[order[:SHORTLIST]])
+        out.append(way.holds[order[:count]])
     return out
 
 

@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from pumaid.errors import ModelError
 from pumaid.records import Robot
 from pumaid.units import factor, number
 from pumaid.virtual.draw import draw
@@ -20,13 +21,27 @@ class Setup:
     Attributes
     ----------
     tilt
-        rad by which the base is turned about its own x and y axes, or none.
+        rad by which the base is turned about its own x axis, then about the y axis that it had upright, or none.
     payload
         kg, and x, y, z (m) in the last link's frame where its centre is, or none.
+
+    Raises
+    ------
+    ModelError [plan-impossible]
+        A number is not finite, or a payload weighs nothing.
     """
 
     tilt: tuple[float, float] | None = None
     payload: tuple[float, float, float, float] | None = None
+
+    def __post_init__(self) -> None:
+        for what, numbers in (("tilt", self.tilt), ("payload", self.payload)):
+            if numbers is not None and not np.all(np.isfinite(numbers)):
+                given = ", ".join(f"{one:g}" for one in numbers)
+                raise ModelError("plan-impossible", f"a {what} of {given} is none", mend="give finite numbers")
+        if self.payload is not None and not self.payload[0] > 0.0:
+            what = f"a payload of {self.payload[0]:g} kg shows nothing"
+            raise ModelError("plan-impossible", what, mend="give its mass in kg")
 
     def robot(self, robot: Robot) -> Robot:
         """The arm with gravity as its tilted base sees it.

@@ -10,12 +10,17 @@ from pumaid.planning.assume import assume
 from pumaid.planning.coverage import POSTURES, Extent
 from pumaid.planning.criterion import POWERS
 from pumaid.planning.outlook import absent, conditions, existing, expected, tilt_note, weight_note
-from pumaid.planning.planner import Planner, Wish
+from pumaid.planning.planner import Made, Planner, Wish
 from pumaid.planning.reasons import postures
 from pumaid.planning.setup import Setup
 from pumaid.records import Estimate, Plan, Robot
 from pumaid.structure import minimal
 from pumaid.virtual.timing import duration
+
+#: Minutes of a plan at most: in a day an arm and its room are no longer the same.
+_LONGEST = 1440.0
+#: Postures a joint, and passes, at most.
+_MOST = 200
 
 
 def plan(
@@ -73,7 +78,8 @@ def plan(
     ModelError [plan-too-short]
         The least experiment that shows everything takes longer than `minutes`.
     ModelError [plan-impossible]
-        Fewer than three speeds, a speed out of range, less than one posture or replicate, an unknown criterion.
+        More than a day, fewer than three speeds, a speed out of range, less than one posture or replicate or very
+        many, an unknown criterion.
     ModelError [plan-unsafe]
         Nothing can be run, or reached, without striking what must not be struck.
 
@@ -114,7 +120,12 @@ def plan(
         seed=seed,
         efficiency=made.efficiency,
         assumptions=(*stand.told(), *assumed.told, *conditions(arm)),
-        notes=(*_tight(made.extent), *weight_note(assumed, promised), *tilt_note(arm, structure)),
+        notes=(
+            *_tight(made.extent),
+            *_few(arm, made, postures_per_joint),
+            *weight_note(assumed, promised),
+            *tilt_note(arm, structure),
+        ),
     )
 
 
@@ -131,7 +142,22 @@ def _tight(extent: Extent) -> tuple[Note, ...]:
         short.append(f"joints run in {extent.postures} postures only")
     if not short:
         return ()
-    return (Note("plan-tight", f"the time is short: {' and '.join(short)}; more --minutes mend it"),)
+    return (
+        Note(
+            "plan-tight",
+            f"the plan is thin: {' and '.join(short)}; more --minutes, --postures and --replicates mend it",
+        ),
+    )
+
+
+def _few(robot: Robot, made: Made, asked: int | None) -> tuple[Note, ...]:
+    """Joints with fewer postures than asked for: all that differ and can be reached."""
+    fitted = [motion for motion in made.motions if motion.purpose == "fit"]
+    counts = {n: len({m.hold for m in fitted if m.joint == n}) for n in range(1, robot.n_joints + 1)}
+    short = [f"joint {n} {count}" for n, count in counts.items() if count < (asked or 0)]
+    if not short:
+        return ()
+    return (Note("plan-few-postures", f"fewer postures than {asked} differ and can be reached: {', '.join(short)}"),)
 
 
 def _check(
@@ -147,7 +173,13 @@ def _check(
         if not 0.0 < share <= 1.0:
             mend = "give shares above 0 and at most 1, such as 0.1,0.3,0.8"
             faults.append(ModelError("plan-impossible", f"{share:g} is no share of a highest speed", mend=mend))
+    if minutes is not None and minutes > _LONGEST:
+        mend = "plan a day, and make it again with another --seed on the next"
+        faults.append(ModelError("plan-impossible", f"{minutes:g} minutes are more than a day", mend=mend))
     for what, count in zip(("postures", "replicates"), counts, strict=True):
+        if count is not None and count > _MOST:
+            mend = f"give {_MOST} or less"
+            faults.append(ModelError("plan-impossible", f"{count} {what} are more than a plan holds", mend=mend))
         if count is not None and count < 1:
             faults.append(ModelError("plan-impossible", f"{count} {what} show nothing", mend="give 1 or more"))
     if criterion not in POWERS:
