@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pumaid.planning.setup import Setup
-from pumaid.records import Estimate, Robot
+from pumaid.records import NOT_IDENTIFIABLE, Estimate, Robot
 from pumaid.units import number
 from pumaid.virtual.draw import draw
 from pumaid.virtual.recursion import Constants
@@ -91,9 +91,11 @@ def known(robot: Robot, estimate: Estimate) -> Assumed:
     """
     values = draw(robot, 0).parameters()
     told = {name: float(value) for name, value in zip(estimate.names, estimate.solution, strict=True) if name in values}
+    # Of a ratio that the runs did not show the model holds a number, but any would have done.
+    shown = {value.name for value in estimate.values if value.state != NOT_IDENTIFIABLE}
     for n in range(1, robot.n_joints):
-        if np.isfinite(scale := estimate.scales[n - 1, n]):
-            told[f"gain_ratio.{n}.{n + 1}"] = float(scale)
+        if (name := f"gain_ratio.{n}.{n + 1}") in shown and np.isfinite(scale := estimate.scales[n - 1, n]):
+            told[name] = float(scale)
     values |= told
     noise, shares = [], []
     for fit in estimate.joints:

@@ -204,7 +204,7 @@ class Planner:
         return kept
 
     def efficiency(self, promised: dict[str, float], budget: float) -> float | None:
-        """Error of the best conceivable experiment as a share of given errors; None where some are missing.
+        """Best conceivable error as a share of given errors; None where some are missing or nothing runs.
 
         Parameters
         ----------
@@ -213,6 +213,8 @@ class Planner:
         budget
             s that their runs take.
         """
+        if budget <= 0.0:
+            return None
         best = self._best(budget)
         counted = [name for name in self.menu.names if name not in self.hopeless]
         if any(name not in promised for name in counted):

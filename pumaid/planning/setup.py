@@ -5,13 +5,17 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from pumaid.errors import ModelError
 from pumaid.records import Robot
 from pumaid.units import factor, number
 from pumaid.virtual.draw import draw
 from pumaid.virtual.links import Links
+from pumaid.virtual.recursion import Constants, constants
 from pumaid.virtual.truth import Truth
+
+Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True)
@@ -79,14 +83,19 @@ class Setup:
             centre[-1] = (links.mass[-1] * links.centre[-1] + mass * np.array(at)) / whole[-1]
             return replace(truth, links=Links(whole, centre))
         assert truth.known is not None
+        n = truth.robot.n_joints
+        at_end = Links(np.append(np.zeros(n - 1), mass), np.vstack([np.zeros((n - 1, 3)), at]))
+        more = constants(truth.robot, at_end, self._gain(truth, truth.known))
+        x, y, heavy = truth.known.x + more.x, truth.known.y + more.y, truth.known.mass + more.mass
+        return replace(truth, known=replace(truth.known, x=x, y=y, mass=heavy))
+
+    @staticmethod
+    def _gain(truth: Truth, known: Constants) -> Floats:
+        """(J,) A/(N m) or A/N: the last motor's of a usual size and with the sign of its friction, others by ratios."""
         usual = draw(truth.robot, 0)
         assert usual.gain is not None
-        more = abs(float(usual.gain[-1])) * mass
-        x, y, heavy = truth.known.x.copy(), truth.known.y.copy(), truth.known.mass.copy()
-        x[-1] += more * at[0]
-        y[-1] += more * at[1]
-        heavy[-1] += more
-        return replace(truth, known=replace(truth.known, x=x, y=y, mass=heavy))
+        last = np.copysign(usual.gain[-1], truth.friction.coulomb_plus[-1])
+        return np.asarray(last * np.append(np.cumprod(known.ratio[::-1])[::-1], 1.0))
 
     def told(self) -> tuple[str, ...]:
         """Sentences on what must be done before the plan is run."""
@@ -101,7 +110,7 @@ class Setup:
             mass, *at = self.payload
             x, y, z = (number(part, 3) for part in at)
             out.append(
-                f"The last link carries {number(mass, 3)} kg at ({x}, {y}, {z}) m of its frame; its gravity parameters"
-                " are those of link and payload together, ratios those of the bare arm."
+                f"The last link carries {number(mass, 3)} kg at ({x}, {y}, {z}) m of its frame; gravity parameters"
+                " are those of the arm with it, ratios those of the bare arm."
             )
         return tuple(out)

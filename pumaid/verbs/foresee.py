@@ -11,6 +11,7 @@ from pumaid.clearance import Clearance
 from pumaid.errors import Note, Where
 from pumaid.planning.assume import assume
 from pumaid.planning.coverage import POSTURES, SPEEDS
+from pumaid.planning.menu import parameters
 from pumaid.planning.moves import explained, struck
 from pumaid.planning.outlook import absent, conditions, existing, expected, tilt_note, weight_note
 from pumaid.planning.planner import Planner, Wish
@@ -62,7 +63,7 @@ def foresee(
     names = existing(arm, structure)
     promised = expected(assumed, plan.motions, names)
     lasting = duration(arm, plan)
-    dark = {name: "no run of this plan shows it" for name in names if name not in promised}
+    dark = {name: "no run of this plan shows it" for name in parameters(arm, names) if name not in promised}
     found = replace(
         plan,
         expected=promised,
@@ -122,7 +123,9 @@ def _lacks(robot: Robot, motions: Sequence[Motion]) -> list[Note]:
             faults.append(f"{count} of {SPEEDS} speeds")
         if len({(_others(m), m.start, m.end, m.velocity) for m in fitted}) == len(fitted):
             faults.append("no run is made twice")
-        if len(own) == len(fitted):
+        if not own:
+            faults = ["it never runs"]
+        elif len(own) == len(fitted):
             faults.append("no run is kept for judging")
         if faults:
             text = f"joint {joint.number} ({joint.name}): {'; '.join(faults)}"

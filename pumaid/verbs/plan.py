@@ -9,6 +9,7 @@ from pumaid.errors import Faults, ModelError, Note, PumaidError
 from pumaid.planning.assume import assume
 from pumaid.planning.coverage import POSTURES, Extent
 from pumaid.planning.criterion import POWERS
+from pumaid.planning.menu import parameters
 from pumaid.planning.outlook import absent, conditions, existing, expected, tilt_note, weight_note
 from pumaid.planning.planner import Made, Planner, Wish
 from pumaid.planning.reasons import postures
@@ -109,7 +110,7 @@ def plan(
     planner = Planner(assumed.truths, names, size=assumed.sizes(), wish=wish, seed=seed, tell=tell or _silent)
     made = planner.made()
     promised = expected(assumed, made.motions, names)
-    dark = {name: "no run of this plan shows it" for name in names if name not in promised}
+    dark = {name: "no run of this plan shows it" for name in parameters(arm, names) if name not in promised}
     return Plan(
         robot=robot.name,
         motions=made.motions,
