@@ -20,6 +20,8 @@ Floats = NDArray[np.float64]
 DRAWN = 4
 #: A, noise of a sample, a fifth of its variance being a level that a run shares; a usual arm's.
 NOISE = 0.02
+#: Solutions below this are nothing, in any of the units.
+_ZERO = 1e-12
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -90,9 +92,14 @@ def known(robot: Robot, estimate: Estimate) -> Assumed:
         Of the same arm.
     """
     values = draw(robot, 0).parameters()
-    told = {name: float(value) for name, value in zip(estimate.names, estimate.solution, strict=True) if name in values}
-    # Of a ratio that the runs did not show the model holds a number, but any would have done.
     shown = {value.name for value in estimate.values if value.state != NOT_IDENTIFIABLE}
+    # Of what no run showed at all the model's solution holds a zero; of sums it holds a share for each term.
+    told = {
+        name: float(value)
+        for name, value in zip(estimate.names, estimate.solution, strict=True)
+        if name in values and (name in shown or abs(value) > _ZERO)
+    }
+    # Of a ratio that was not shown it holds a number, but any would have done.
     for n in range(1, robot.n_joints):
         if (name := f"gain_ratio.{n}.{n + 1}") in shown and np.isfinite(scale := estimate.scales[n - 1, n]):
             told[name] = float(scale)

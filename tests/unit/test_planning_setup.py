@@ -1,0 +1,139 @@
+"""Tilted bases and payloads: gravity against scipy's rotations, loads against masses, and what they bring to light."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from menus import arm
+from scipy.spatial.transform import Rotation
+
+from pumaid.errors import ModelError
+from pumaid.files.recipe import read_recipe, shipped_recipes
+from pumaid.files.recipe_gravity import with_gravity
+from pumaid.planning.assume import known
+from pumaid.planning.setup import Setup
+from pumaid.records import Evidence, Joint, Robot
+from pumaid.verbs.identify import identify
+from pumaid.verbs.plan import plan
+from pumaid.virtual import Bench, draw, table1
+
+#: Upright it hides all that its first link weighs.
+TURRET = Robot("turret", (Joint(1, "turn", "revolute"), Joint(2, "nod", "revolute", alpha=np.pi / 2, a=0.2)))
+
+
+@pytest.mark.parametrize("tilt", [(0.3, 0.0), (0.0, -0.4), (0.25, 0.6), (np.pi, 0.0)])
+def test_gravity_is_turned_as_the_base_is_not(tilt):
+    """In base axes gravity is what scipy's inverse rotation makes of it: first about x, then about the upright y."""
+    robot = replace(TURRET, gravity=(0.5, -1.0, -9.7))
+    wanted = Rotation.from_euler("xy", tilt).inv().apply(robot.gravity)
+    assert Setup(tilt=tilt).robot(robot).gravity == pytest.approx(wanted, abs=1e-8)
+
+
+def test_without_a_tilt_the_arm_is_itself():
+    """No setup, no change and nothing to tell."""
+    assert Setup().robot(TURRET) is TURRET
+    assert Setup().told() == ()
+    assert Setup().loaded(draw(TURRET, 1)).gravity_current(np.ones((1, 2))) == pytest.approx(
+        draw(TURRET, 1).gravity_current(np.ones((1, 2)))
+    )
+
+
+def test_a_tilt_shows_what_an_upright_base_hides():
+    """Upright a note says which tilt would show joint 1's weight; with it they are promised, and the note is gone."""
+    upright, tilted = plan(TURRET, seed=1), plan(TURRET, setup=Setup(tilt=(0.3, 0.0)), seed=1)
+    hidden = {"gravity.l1.x", "gravity.l1.y", "gain_ratio.1.2"}
+    assert hidden <= set(upright.unseen)
+    assert "plan-needs-tilt" in [note.slug for note in upright.notes]
+    assert hidden <= set(tilted.expected)
+    assert "plan-needs-tilt" not in [note.slug for note in tilted.notes]
+    assert "tilted by 17.2 deg" in tilted.assumptions[0]
+
+
+def test_what_the_tilt_shows_is_found():
+    """A tilted robot makes the plan's runs, and identification finds joint 1's weight within four predicted errors."""
+    setup = Setup(tilt=(0.3, 0.1))
+    found, robot = plan(TURRET, setup=setup, seed=1), setup.robot(TURRET)
+    truth = draw(robot, 50)
+    estimate = identify(Evidence(Bench(truth, found, rate=50.0).runs(np.random.default_rng(50))), robot)
+    values = {value.name: value.value for value in estimate.values if value.state == "identified"}
+    noisier = float(np.max(truth.noise.std)) / 0.02
+    for name in ("gravity.l1.x", "gravity.l1.y", "gain_ratio.1.2"):
+        assert abs(values[name] - truth.parameters()[name]) < 4.0 * max(noisier, 1.0) * found.expected[name]
+
+
+def test_the_tilted_recipe_keeps_all_but_gravity(tmp_path):
+    """The text with another gravity is read as the same arm with that gravity, comments and all."""
+    path = tmp_path / "recipe.yaml"
+    text = "# mine\n" + shipped_recipes()["puma560"].read_text(encoding="utf-8")
+    path.write_text(text, encoding="utf-8")
+    wanted = Setup(tilt=(0.2, -0.1)).robot(arm("puma560"))
+    path.write_text(with_gravity(path, wanted.gravity), encoding="utf-8")
+    assert path.read_text(encoding="utf-8").startswith("# mine\n")
+    assert read_recipe(path).gravity == pytest.approx(wanted.gravity, abs=1e-9)
+    assert read_recipe(path).joints == wanted.joints
+
+
+def test_payload_is_part_of_the_last_link():
+    """Mass and centre of the last link with its payload are those of two point masses; others stay."""
+    truth = draw(arm("puma560"), 3)
+    loaded = Setup(payload=(0.5, 0.1, 0.02, -0.03)).loaded(truth)
+    mass, centre = truth.links.mass, truth.links.centre
+    assert loaded.links.mass - mass == pytest.approx([0, 0, 0, 0, 0, 0.5])
+    moment = loaded.links.mass[-1] * loaded.links.centre[-1] - mass[-1] * centre[-1]
+    assert moment == pytest.approx([0.05, 0.01, -0.015])
+    assert loaded.links.centre[:-1] == pytest.approx(centre[:-1])
+
+
+@pytest.mark.parametrize("name", ["puma560", "stanford", "kinova_gen3", "pendulum2"])
+def test_payload_on_amperes_is_that_on_masses(name):
+    """Where only constants in amperes are known every joint feels the payload as it does where masses are known."""
+    truth = draw(arm(name), 0)
+    bare = replace(truth, links=None, gain=None, known=truth.constants)
+    q = np.random.default_rng(1).uniform(-2.0, 2.0, (20, truth.robot.n_joints))
+    setup = Setup(payload=(0.5, 0.1, 0.03, 0.2))
+    assert setup.loaded(bare).gravity_current(q) == pytest.approx(setup.loaded(truth).gravity_current(q), abs=1e-9)
+
+
+def test_payload_on_a_sliding_joint_is_its_mass():
+    """A slide at the end carries the payload along its axis: only its mass counts, wherever it is."""
+    robot = Robot("lift", (Joint(1, "nod", "revolute", alpha=1.5), Joint(2, "slide", "prismatic", alpha=1.0)))
+    truth = draw(robot, 0)
+    still = np.zeros((1, 2))
+    for truth_of in (truth, replace(truth, links=None, gain=None, known=truth.constants)):
+        here, there = (Setup(payload=(2.0, x, 0.0, 0.0)).loaded(truth_of).gravity_current(still)[0] for x in (0.0, 0.3))
+        assert here[1] == pytest.approx(there[1])
+        more = here[1] - truth_of.gravity_current(still)[0, 1]
+        assert more == pytest.approx(truth.gravity_current(still)[0, 1] * 2.0 / truth.links.mass[1], rel=1e-6)
+
+
+def test_payload_shows_the_papers_last_ratio():
+    """On the paper's PUMA eta_5/eta_6 is dark, a note says what shows it, and with that payload it is seen."""
+    truth = table1.puma560()
+    runs = Bench(truth, table1.experiment(), rate=25.0).runs(np.random.default_rng(2))
+    prior, name = identify(Evidence(runs), truth.robot), "gain_ratio.5.6"
+    value = abs(known(truth.robot, prior).truths[0].parameters()[name])
+    bare, loaded = (
+        plan(truth.robot, minutes=10, prior=prior, setup=Setup(payload=payload), seed=1)
+        for payload in (None, (0.5, 0.1, 0.0, 0.0))
+    )
+    assert bare.expected[name] > 0.5 * value
+    assert "--payload 0.5,0.1,0,0" in next(note.text for note in bare.notes if note.slug == "plan-needs-weight")
+    assert loaded.expected[name] < 0.05 * value
+    assert "plan-needs-weight" not in [note.slug for note in loaded.notes]
+
+
+@pytest.mark.parametrize(
+    "wrong",
+    [
+        {"payload": (-1.0, 0, 0, 0)},
+        {"payload": (0.0, 0.1, 0, 0)},
+        {"payload": (1.0, np.nan, 0, 0)},
+        {"tilt": (np.inf, 0.0)},
+    ],
+)
+def test_impossible_setups_are_refused(wrong):
+    """No mass, a negative one, what is no number."""
+    with pytest.raises(ModelError, match="plan-impossible"):
+        Setup(**wrong)
