@@ -226,6 +226,17 @@ def _settled(run: Run) -> Run:
 FEWEST_SETTLED = 20
 
 
+def typical(values: Floats, travel: Floats) -> float:
+    """The median of values (R,) of runs over the way `travel` (R,) that was gone.
+
+    Half of the way was gone in runs with less, half in runs with more: of a plan with many short runs and a few over
+    the whole span, the latter show what depends on the place.
+    """
+    order = np.argsort(values, kind="stable")
+    gone = np.cumsum(travel[order])
+    return float(values[order[int(np.searchsorted(gone, 0.5 * gone[-1]))]])
+
+
 def distinct(speeds: Sequence[float]) -> tuple[float, ...]:
     """Speeds that differ by more than `SAME_SPEED`, rising."""
     out: list[float] = []

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage, stats
 
+from pumaid.diagnosis.field import typical
 from pumaid.diagnosis.laid import Laid
 
 Floats = NDArray[np.float64]
@@ -117,7 +118,7 @@ class Track:
 
     def refined(self, residual: Floats, frequency: float) -> float:
         """The frequency near `frequency` of which a residual (N,) holds most."""
-        reach, best = np.pi / float(np.median(self.span)), frequency
+        reach, best = np.pi / typical(self.span, self.span), frequency
         held = self.rough(residual) * self.weight
         for _ in range(2):
             tried = best + reach * np.linspace(-1.0, 1.0, 2 * STEPS + 1)
@@ -199,12 +200,12 @@ def spectrum(track: Track, residual: Floats) -> Spectrum | None:
     moved = track.span > 0
     if not moved.any() or track.lengths.max() < 2 * SMOOTH:
         return None
-    step = 0.5 * float(np.median(track.width[moved]))
+    step = 0.5 * typical(track.width, track.span)
     points = min(int(2 ** np.ceil(np.log2(2.0 * track.span.max() / step + 2.0))), MOST_POINTS)
     frequency = np.asarray(2.0 * np.pi * np.fft.rfftfreq(points, step), dtype=np.float64)
     finest = np.pi / np.maximum(track.width, 1e-12)
-    lowest = 2.0 * np.pi * FEWEST_WAVES / float(np.median(track.span[moved]))
-    seen = (frequency >= lowest) & (frequency <= np.median(finest[moved]))
+    lowest = 2.0 * np.pi * FEWEST_WAVES / typical(track.span, track.span)
+    seen = (frequency >= lowest) & (frequency <= typical(finest, track.span))
     if np.count_nonzero(seen) < NEIGHBOURS:
         return None
     frequency = frequency[seen]
