@@ -78,8 +78,8 @@ def decide(
         There is no such effect, or not at that joint.
     """
     say = tell or _silent
-    one = _at_one_joint(wanted, robot)
-    rival = None if against is None else _at_one_joint(_beside(against, one), robot)
+    one = _at_one_joint(wanted, robot, "--for")
+    rival = None if against is None else _at_one_joint(_beside(against, one), robot, "--against")
     truth = assume(robot, prior=estimate if logs is None else None, setup=Setup(), seed=seed).truths[0]
     if logs is None and ground is None:
         raise ValueError("without logs there must be an experiment to rehearse")
@@ -106,14 +106,12 @@ def _silent(_: str) -> None:
     """Nobody listens."""
 
 
-def _at_one_joint(choice: EffectChoice, robot: Robot) -> EffectChoice:
-    """The choice with its joint; effects of the whole arm have none."""
-    effect = known_effect(choice.effect, Where(field=f"--for {choice.effect}"))
-    if effect.scope is Scope.ARM:
-        return choice
-    if choice.joint is None:
+def _at_one_joint(choice: EffectChoice, robot: Robot, option: str) -> EffectChoice:
+    """The choice, checked; an effect of joints with its joint, one of the whole arm without."""
+    where = Where(field=f"{option} {choice.effect}")
+    if known_effect(choice.effect, where).scope is not Scope.ARM and choice.joint is None:
         what = f"{choice.effect} acts at one joint at a time, and none is named"
-        raise ModelError("effect-joint", what, Where(field=f"--for {choice.effect}"), f"write {choice.effect}@3")
+        raise ModelError("effect-joint", what, where, f"write {choice.effect}@3")
     return expanded([choice], robot)[0]
 
 
