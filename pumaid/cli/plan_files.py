@@ -21,6 +21,11 @@ def plan_suffix(form: str) -> str:
     return FORMS[form][0] if form in FORMS else f".{form}"
 
 
+def tilted_path(path: Path) -> Path:
+    """Where the recipe of a tilted arm goes: beside its plan at `path`."""
+    return path.with_name(f"{path.stem}-recipe.yaml")
+
+
 def formed(plan: Plan, robot: Robot, form: str) -> str:
     """The text of a plan's file.
 
@@ -69,6 +74,29 @@ def shown(found: Plan, robot: Robot, *, as_json: bool, with_times: bool = False)
         table(timetable_table(found, robot, times=run_times(robot, found)))
 
 
+def told(path: Path | None, found: Plan, robot: Robot, *, form: str, as_json: bool, with_times: bool) -> None:
+    """Tell the user a plan: where it is written to standard output nothing but the plan, else as `shown` does.
+
+    Parameters
+    ----------
+    path
+        Where the plan goes, or none.
+    found, robot
+        The plan and its arm.
+    form
+        One of `PLAN_FORMS`.
+    as_json, with_times
+        As in `shown`.
+    """
+    from pumaid.cli.output import notes, say
+
+    if str(path) != "-" or as_json:
+        shown(found, robot, as_json=as_json, with_times=with_times)
+        return
+    notes(found.notes)
+    say(formed(found, robot, form).rstrip("\n"))
+
+
 def written(path: Path, found: Plan, robot: Robot, *, form: str, tilted: str | None) -> None:
     """Write a plan, and beside it the recipe of a tilted arm.
 
@@ -88,7 +116,7 @@ def written(path: Path, found: Plan, robot: Robot, *, form: str, tilted: str | N
     if str(path) == "-":
         return
     if tilted is not None:
-        beside = path.with_name(f"{path.stem}-recipe.yaml")
+        beside = tilted_path(path)
         write_whole(beside, tilted)
         remark(f"recipe of the tilted arm written to {beside}: simulate and identify these runs with it")
     write_whole(path, formed(found, robot, form))

@@ -8,8 +8,8 @@ from typing import Any
 import rich_click as click
 
 from pumaid.cli.options import json_option, output_option, seed_option
-from pumaid.cli.output import attention, notes, picture_form, say
-from pumaid.cli.plan_files import PLAN_FORMS, draw_plan, formed, plan_suffix, shown, written
+from pumaid.cli.output import attention, picture_form
+from pumaid.cli.plan_files import PLAN_FORMS, draw_plan, formed, plan_suffix, tilted_path, told, written
 from pumaid.cli.planning import Ask, check_together, checked, listed, needs_attention, planned, recipe_as_set_up
 from pumaid.cli.progress import progress
 
@@ -98,27 +98,24 @@ def command(
     robot = read_robot(recipe)
     picture_form(picture)
     if given is not None:
+        if output is not None and not force:
+            refuse_to_replace(output)
         with progress("looking at the plan") as step:
             found = checked(robot, given, ask, tell=lambda text: step(0.0, text))
-        shown(found, robot, as_json=as_json, with_times=with_times)
+        told(output, found, robot, form=form, as_json=as_json, with_times=with_times)
         if output is not None:
-            if not force:
-                refuse_to_replace(output)
             written(output, found, robot, form=form, tilted=None)
         if picture is not None:
             draw_plan(picture, found, robot)
         return attention() if needs_attention(found) else None
     formed(Plan(robot.name, ()), robot, form)  # an arm that the form cannot move is refused before the work
     path = output or (experiment_folder(recipe) / PLAN_NAME).with_suffix(plan_suffix(form))
-    if not force:
-        refuse_to_replace(path)
+    for one in (path, tilted_path(path)) if ask.tilt is not None else (path,):
+        if not force:
+            refuse_to_replace(one)
     with progress("planning") as step:
         found = planned(robot, ask, lambda text: step(0.0, text))
-    if str(path) == "-" and not as_json:
-        notes(found.notes)
-        say(formed(found, robot, form).rstrip("\n"))
-    else:
-        shown(found, robot, as_json=as_json, with_times=with_times)
+    told(path, found, robot, form=form, as_json=as_json, with_times=with_times)
     written(path, found, robot, form=form, tilted=recipe_as_set_up(robot, recipe, ask))
     if picture is not None:
         draw_plan(picture, found, robot)

@@ -1,0 +1,240 @@
+"""Every option of ``pumaid plan`` as a user gives it, alone and where it does not belong."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from click.testing import CliRunner, Result
+from ruamel.yaml import YAML
+
+from pumaid.cli import group
+from pumaid.files.recipe import read_recipe, shipped_recipes
+from pumaid.virtual import table1
+
+#: The least work: a short plan of two joints.
+SHORT = ("--minutes", "3")
+
+
+@pytest.fixture
+def folder(tmp_path, monkeypatch) -> Path:
+    """An experiment folder with a pendulum's recipe, as working folder."""
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "recipe.yaml").write_bytes(shipped_recipes()["pendulum2"].read_bytes())
+    return tmp_path
+
+
+def run(*words: str, code: int = 0) -> Result:
+    """A command line that ends with `code`."""
+    found = CliRunner().invoke(group, list(words), prog_name="pumaid")
+    assert found.exit_code == code, found.output
+    return found
+
+
+def document(*words: str, code: int = 0) -> dict:
+    """What ``--json`` prints, which is one document and nothing else."""
+    return json.loads(run("plan", "--json", *words, code=code).stdout)
+
+
+def test_help_has_an_example_of_each_kind():
+    """The help shows lines to paste for a plan, for an effect, for a payload and for a look at a plan."""
+    text = run("plan", "--help").stdout
+    for words in ("--minutes 30", "--prior results/model.json", "--for stribeck@3", "--payload 0.5,0.1,0,0", "--check"):
+        assert words in text
+
+
+def test_criterion_is_heard(folder):
+    """The worst relative error makes another plan than the geometric mean."""
+    plans = [document(*SHORT, "--criterion", one, "-o", f"{one}.yaml")["runs"] for one in ("geometric", "worst")]
+    assert plans[0] != plans[1]
+
+
+def test_prior_is_a_model_of_this_arm(folder):
+    """A model identified from simulated logs is planned for; of another arm it is refused with one message."""
+    run("plan", *SHORT)
+    run("simulate", "--rate", "20", "--seed", "3")
+    run("identify", "logs")
+    found = document("--prior", "results/model.json", *SHORT, "-o", "next.yaml")
+    assert any("as of the earlier model" in one for one in found["assumptions"])
+    refused = run("plan", "stanford", "--prior", "results/model.json", "-o", "other.yaml", code=3)
+    assert refused.stderr.count("error[") == 1
+    assert "error[" in run("plan", "--prior", "recipe.yaml", "-o", "other.yaml", code=3).stderr
+    assert not (folder / "other.yaml").exists()
+
+
+def test_payload_is_told(folder):
+    """What must be screwed on stands first among the assumptions."""
+    found = document("--payload", "0.5,0.1,0,0", *SHORT)
+    assert found["assumptions"][0].startswith("The last link carries 0.500 kg at (0.100, 0, 0) m")
+
+
+def test_tilt_writes_the_recipe_of_the_tilted_arm(folder):
+    """Beside the plan stands a recipe whose gravity is turned by ten degrees; neither is replaced unasked."""
+    run("plan", "--tilt", "10,0", *SHORT)
+    made = folder / "plan-recipe.yaml"
+    assert read_recipe(made).gravity == pytest.approx(
+        (0.0, -9.80665 * np.sin(np.radians(10.0)), -9.80665 * np.cos(np.radians(10.0)))
+    )
+    (folder / "plan.yaml").unlink()
+    made.write_text("mine")
+    assert "plan-recipe.yaml" in run("plan", "--tilt", "10,0", *SHORT, code=3).stderr
+    assert made.read_text() == "mine"
+    assert not (folder / "plan.yaml").exists()
+
+
+def test_a_tilted_arm_is_rehearsed_by_its_recipe(folder):
+    """Plan, recipe, simulation, identification: the tilted session runs from end to end."""
+    run("plan", "--tilt", "10,5", *SHORT)
+    run("simulate", "plan-recipe.yaml", "--plan", "plan.yaml", "--rate", "20")
+    (folder / "recipe.yaml").write_bytes((folder / "plan-recipe.yaml").read_bytes())
+    fits = json.loads(run("identify", "logs", "--json").stdout)["joints"]
+    found = {one["name"] for fit in fits for one in fit["parameters"] if one["state"] == "identified"}
+    assert {"gravity.l1.x", "gravity.l2.x", "coulomb.j1.plus"} <= found
+
+
+def test_runs_for_an_effect(folder):
+    """--for adds runs of that joint to a short experiment; --size, --against and a shape are heard."""
+    base, more = document(*SHORT, "-o", "a.yaml"), document("--for", "stribeck@knee", *SHORT, "-o", "b.yaml")
+    assert more["runs"][: len(base["runs"])] == base["runs"]
+    assert {run["joint"] for run in more["runs"][len(base["runs"]) :]} == {2}
+    small = document("--for", "stribeck@2", "--size", "0.03", *SHORT, "-o", "c.yaml")
+    assert len(small["runs"]) > len(more["runs"])
+    apart = document("--for", "stribeck@2", "--against", "viscous_power", *SHORT, "-o", "d.yaml")
+    assert "from viscous_power@2" in apart["assumptions"][-1]
+
+
+def test_runs_for_an_effect_after_logs(folder):
+    """With --logs the plan holds the new runs only."""
+    run("plan", *SHORT)
+    run("simulate", "--rate", "20")
+    found = document("--for", "stribeck@2", "--logs", "logs", "--size", "0.05", "-o", "more.yaml")
+    assert {run["joint"] for run in found["runs"]} == {2}
+
+
+def test_the_planners_plan_passes_its_own_look(folder):
+    """--check of a fresh plan leaves with 0, says nothing on standard output but the document, and writes nothing."""
+    document("--minutes", "6")
+    before = sorted(path.name for path in folder.iterdir())
+    assert document("--check", "plan.yaml")["expected_std_errors"]
+    assert sorted(path.name for path in folder.iterdir()) == before
+
+
+def test_the_papers_plan_asks_for_attention(folder):
+    """Written out and checked by the PUMA's recipe it leaves with 1 and says what it lacks."""
+    from pumaid.files.plan import plan_text
+
+    (folder / "paper.yaml").write_text(plan_text(table1.experiment(), table1.robot()), encoding="utf-8")
+    found = run("plan", "puma560", "--check", "paper.yaml", code=1)
+    told = " ".join(line for line in found.stderr.splitlines() if "plan-lacks" in line)
+    assert all(f"joint {number} (" in told for number in range(1, 7))
+    assert "Traceback" not in found.output
+
+
+def test_a_looked_at_plan_is_written_where_asked(folder):
+    """-o - prints the plan with what it promises, which can be read again; a file is not replaced unasked."""
+    run("plan", *SHORT)
+    text = run("plan", "--check", "plan.yaml", "-o", "-", code=0).stdout
+    (folder / "again.yaml").write_text(text, encoding="utf-8")
+    assert YAML().load(text)["expected_std_errors"]
+    assert "--force" in run("plan", "--check", "again.yaml", "-o", "plan.yaml", code=3).stderr
+    run("plan", "--check", "again.yaml", "-o", "plan.yaml", "--force")
+
+
+@pytest.mark.parametrize(
+    ("old", "new"), [("velocity: ", "velocity: -"), ("joint: 1", "joint: 7"), ("hold: [", "hold: [900, ")]
+)
+def test_an_edited_plan_with_wrong_numbers_gets_one_message(folder, old, new):
+    """A negative speed, a joint that is not there, one held position too many: one refusal with the line."""
+    run("plan", *SHORT)
+    path = folder / "plan.yaml"
+    head, _, runs = path.read_text(encoding="utf-8").partition("runs:")
+    path.write_text(f"{head}runs:{runs.replace(old, new, 1)}", encoding="utf-8")
+    refused = run("plan", "--check", "plan.yaml", code=3)
+    assert refused.stderr.count("error[") == 1
+    assert "error[plan-wrong]" in refused.stderr and "line" in refused.stderr
+    assert refused.stdout == ""
+
+
+@pytest.mark.parametrize("given", ["nothing.yaml", "recipe.yaml", "."])
+def test_what_is_no_plan_is_refused(folder, given):
+    """A missing file, a recipe and a folder: told by name, and nothing on standard output."""
+    refused = run("plan", "--check", given, code=3)
+    assert refused.stderr.startswith("error[")
+    assert given in refused.stderr
+    assert refused.stdout == ""
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        ("--against", "spring"),
+        ("--size", "0.1"),
+        ("--logs", "logs"),
+        ("--check", "p.yaml", "--for", "spring@1"),
+        ("--check", "p.yaml", "--minutes", "5"),
+        ("--check", "p.yaml", "--criterion", "worst"),
+        ("--for", "spring@1", "--tilt", "10,0"),
+        ("--for", "spring@1", "--payload", "1,0,0,0"),
+        ("--for", "spring@1", "--logs", "logs", "--minutes", "5"),
+        ("--payload", "0.5"),
+        ("--payload", "a,b,c,d"),
+        ("--tilt", "10"),
+        ("--tilt", "10,0,0"),
+        ("--criterion", "best"),
+        ("--format", "gcode"),
+        ("--seed", "-1"),
+        ("--postures", "many"),
+    ],
+)
+def test_what_does_not_go_together_is_wrong_usage(folder, words):
+    """Exit code 2, before anything is read or written."""
+    assert "Usage" in run("plan", *words, code=2).output
+    assert [path.name for path in folder.iterdir()] == ["recipe.yaml"]
+
+
+@pytest.mark.parametrize(
+    ("words", "told"),
+    [
+        (("--payload=-1,0,0,0",), "-1 kg"),
+        (("--payload=nan,0,0,0",), "nan"),
+        (("--payload=1,inf,0,0",), "inf"),
+        (("--tilt=nan,0",), "nan"),
+        (("--minutes", "nan"), "nan minutes"),
+        (("--minutes", "0"), "0 minutes"),
+        (("--minutes", "1e6"), "more than a day"),
+        (("--speeds", "1,1,1"), "1 different speeds"),
+        (("--speeds", "0.1,0.2,nan"), "nan is no share"),
+        (("--replicates", "0"), "0 replicates"),
+        (("--for", "stribek@1"), "did you mean stribeck?"),
+        (("--for", "stribeck@3"), "no joint 3"),
+        (("--for", "stribeck", *SHORT), "write stribeck@3"),
+        (("--for", "inertia@1", *SHORT), "no run within the limits"),
+        (("--prior", "nothing.json"), "nothing.json"),
+    ],
+)
+def test_what_cannot_be_planned_is_one_message(folder, words, told):
+    """Exit code 3, one error with what, and no plan."""
+    refused = run("plan", *words, code=3)
+    assert refused.stderr.count("error[") == 1
+    assert told in refused.stderr
+    assert not (folder / "plan.yaml").exists()
+
+
+@pytest.mark.parametrize("form", ["csv", "urscript", "ros2"])
+def test_other_forms_stand_beside_the_recipe(folder, form):
+    """Each form has its ending; a form for another kind of arm is refused before the work."""
+    if form == "urscript":
+        assert "error[program-other-robot]" in run("plan", "--format", form, *SHORT, code=3).stderr
+        return
+    run("plan", "--format", form, *SHORT)
+    assert (folder / {"csv": "plan.csv", "ros2": "plan.ros2.yaml"}[form]).stat().st_size > 500
+
+
+def test_pictures_and_timetable(folder):
+    """--picture draws the postures and the timetable; --timetable lists blocks after the errors."""
+    found = run("plan", *SHORT, "--picture", "postures.png", "--timetable")
+    assert {"postures.png", "postures-timetable.png"} <= {path.name for path in folder.iterdir()}
+    assert "min" in found.stdout
+    assert run("plan", "--picture", "postures.gif", "-o", "p.yaml", code=2).stdout == ""
