@@ -273,7 +273,7 @@ class _Work:
         self.chosen = {place: replace(one, fitted=()) for place, one in full.items()}
         self.refit()
         self.chosen = {place: replace(one, sizes=self._sizes(place)) for place, one in full.items()}
-        beyond = sum(row.rest / self.fitted.levels[row.joint].sample for row in self.fitted.rows)
+        beyond = sum(row.white_rest(self.fitted.levels[row.joint]) for row in self.fitted.rows)
         return float(self.fitted.solution.residual @ self.fitted.solution.residual + beyond)
 
     def finish(self, *, recursive: bool, progress: Progress | None) -> Sights:

@@ -10,10 +10,10 @@ from numpy.typing import NDArray
 
 from pumaid.chosen import Chosen
 from pumaid.equations import Block
-from pumaid.fit.rows import Row
+from pumaid.fit.rows import Row, plausible
 from pumaid.fit.system import Fitted
-from pumaid.maths import levels as variances
 from pumaid.maths.joint_fit import prior_rows
+from pumaid.maths.levels import Levels
 from pumaid.maths.recursion import LARGEST_RATIO
 from pumaid.records import Robot
 from pumaid.sight import Sight
@@ -66,6 +66,10 @@ class _Place:
                 frames[cells, : block.frame.shape[1]] = block.frame
         bare = cls(sight, row, here, bases, frames, first, sight.left)
         return replace(bare, left=bare.beyond(sight.left[:, None])[1][:, 0])
+
+    def noise(self, levels: Levels) -> Floats:
+        """(N,) standard deviation of a sample in each cell."""
+        return np.repeat(np.sqrt(levels.sample) * self.row.loudness(levels), self.sight.sizes)
 
     def beyond(self, rest: Floats) -> tuple[Floats, Floats]:
         """(N, p) in the cells as (R, e, p) along the further equations' directions and (N, p) what is left."""
@@ -140,7 +144,7 @@ class Ground:
         return self.fit(one, robot).gain
 
     def fit(self, one: Chosen, robot: Robot, *, limits: Floats | None = None) -> Refit:
-        """An effect added, all else refitted.
+        """An effect added, all else refitted, its parameters held by priors as in every fit.
 
         Parameters
         ----------
@@ -149,23 +153,25 @@ class Ground:
         robot
             The arm.
         limits
-            (p,) prior deviations of the linear parameters, if they have any.
+            (p,) prior deviations of the linear parameters; where not given, those that a fit with this shape has.
         """
-        bare, found = replace(one, fitted=()), []
+        bare, found, peaks = replace(one, fitted=()), [], []
         for joint, place in self.places.items():
             if not one.touches(joint):
                 continue
-            inside, rest = self._parts(place, bare.columns(robot, place.sight.samples))
-            left = place.left / np.sqrt(self.fitted.levels[joint].sample)
+            columns = bare.columns(robot, place.sight.samples)
+            peaks.append((place.row, np.abs(columns).max(axis=0)))
+            inside, rest = self._parts(place, columns)
+            left = place.left / place.noise(self.fitted.levels[joint])
             gram = inside.T @ inside + rest.T @ rest
             cross = inside.T @ self.residual[place.here] + rest.T @ left
             found.append((gram, cross, self.taken[place.here].T @ inside))
         gram, cross, seen = (np.sum(part, axis=0) for part in zip(*found, strict=True))
         left, raw = gram - seen.T @ seen, np.diag(gram)
         size = np.sqrt(np.where(raw > 0, raw, 1.0))
-        scaled = left / np.outer(size, size)
-        if limits is not None:
-            scaled = scaled + np.diag((1.0 / np.maximum(limits * size, NOTHING)) ** 2)
+        if limits is None:
+            limits = _limits(peaks, [column.span for column in bare.parts(robot, 0)])
+        scaled = left / np.outer(size, size) + np.diag((1.0 / np.maximum(limits * size, NOTHING)) ** 2)
         values, vectors = np.linalg.eigh(scaled)
         kept = values > NOTHING
         half = (vectors[:, kept] / np.sqrt(values[kept])) / size[:, None]
@@ -196,5 +202,10 @@ class Ground:
         for number in range(further.shape[1]):
             exists = place.first + number < row.counts
             inside[runs[exists], (place.first + number)[exists]] = further[exists, number]
-        white = variances.whiten(levels, row.ones, inside).reshape(row.target.size, -1)
-        return white, rest / np.sqrt(levels.sample)
+        return row.whitened(levels, inside), rest / place.noise(levels)[:, None]
+
+
+def _limits(peaks: Sequence[tuple[Row, Floats]], spans: Sequence[float]) -> Floats:
+    """(p,) sizes that parameters may have before any data, from (p,) what a unit of each draws at most in each row."""
+    every = [[(row, float(peak[k])) for row, peak in peaks] for k in range(len(spans))]
+    return np.array([plausible(each, span) for each, span in zip(every, spans, strict=True)])

@@ -53,7 +53,8 @@ class Profile:
     robot
         The arm.
     limits
-        (p,) prior deviations of its linear parameters.
+        (p,) prior deviations of its linear parameters, those at its best shape: what is plausible does not grow where a
+        shape hides what a parameter does.
     path
         Places looked at so far.
 

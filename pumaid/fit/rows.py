@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,13 +15,10 @@ from pumaid.maths import levels as variances
 from pumaid.maths.joint_fit import Bilinear
 from pumaid.maths.levels import Levels
 from pumaid.model import Model
+from pumaid.motion.options import STROKE
 from pumaid.records import Run
 
 Floats = NDArray[np.float64]
-
-#: Noise below this share of the RMS current is rounding: data without noise, whose weights would be infinite. Large
-#: enough that rounding, thus weighted, says nothing about a parameter's plausible size.
-EXACT = 1e-10
 
 #: Share of the range that is physical by which a parameter is uncertain before any data.
 QUARTER = 0.25
@@ -29,18 +26,13 @@ QUARTER = 0.25
 #: How much firmer than its prior a shape is held at a bound.
 TIGHT = 1e6
 
-#: Cells of a run from which the correlation of its residual is read, three of them spent on its own first harmonic.
-FEWEST_CELLS = 12
-#: Correlation of neighbouring cells beyond which a residual is a trend: its long-run variance has no estimate.
-MOST_CORRELATED = 0.98
-
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Row:
     """All runs of one joint: (R, k) constants, (R, k, p) regressors, (R, k) targets, zero where a run has fewer rows.
 
-    `counts` (R,) are the true rows of each run, `rest` the sum of squares (A2) beyond the model's reach; `inner` (p, p)
-    and `peak` (p,) as of a `Block`.
+    `counts` (R,) are the true rows of each run, `rests` (R,) the sums of squares (A2) beyond the model's reach; `inner`
+    (p, p) and `peak` (p,) as of a `Block`.
     """
 
     joint: int
@@ -49,7 +41,7 @@ class Row:
     regressors: Floats
     target: Floats
     counts: NDArray[np.int64]
-    rest: float
+    rests: Floats
     samples: int
     inner: Floats
     peak: Floats
@@ -65,16 +57,47 @@ class Row:
             rows = slice(0, counts[number])
             ones[number, rows], target[number, rows] = block.ones, block.target
             regressors[number, rows] = block.regressors
-        rest, samples = sum(block.rest for block in blocks), sum(block.samples for block in blocks)
+        rests, samples = np.array([block.rest for block in blocks]), sum(block.samples for block in blocks)
         inner = np.sum([block.inner for block in blocks], axis=0)
         peak = np.max([block.peak for block in blocks], axis=0)
         runs = tuple(block.run for block in blocks)
-        return cls(joint, runs, ones, regressors, target, counts, rest, samples, inner, peak)
+        return cls(joint, runs, ones, regressors, target, counts, rests, samples, inner, peak)
 
     def squares(self, values: Floats) -> float:
         """Sum of squares (A2), over all samples, that (p,) values in this joint's gain leave."""
         misfit = self.target - self.regressors @ values
         return float(np.sum(misfit**2)) + max(self.rest - float(values @ self.inner @ values), 0.0)
+
+    @property
+    def rest(self) -> float:
+        """Sum of squares (A2) of all runs beyond the model's reach."""
+        return float(self.rests.sum())
+
+    @property
+    def is_stroke(self) -> NDArray[np.bool_]:
+        """(R,) runs from rest to rest.
+
+        Their accelerations are smoothed differences of positions, and stand in for all that a change of speed does: in
+        them the model misses by far more than where nothing is accelerated.
+        """
+        return np.array([run.kind == STROKE for run in self.runs], dtype=bool)
+
+    def loudness(self, levels: Levels) -> Floats:
+        """(R,) how many times the noise of a run at constant speed each run has."""
+        return np.where(self.is_stroke, np.sqrt(levels.loud), 1.0)
+
+    def quiet_ones(self, levels: Levels) -> Floats:
+        """(R, k) constants of runs divided by how loud they are."""
+        return np.asarray(self.ones / self.loudness(levels)[:, None])
+
+    def whitened(self, levels: Levels, values: Floats) -> Floats:
+        """(R k, q) of (R, k, q) by the joint's noise."""
+        quiet = values / self.loudness(levels)[:, None, None]
+        return variances.whiten(levels, self.quiet_ones(levels), quiet).reshape(self.target.size, -1)
+
+    def white_rest(self, levels: Levels) -> float:
+        """`rest` by the joint's noise."""
+        return float(np.sum(self.rests / self.loudness(levels) ** 2)) / levels.sample
 
     @property
     def stacked(self) -> Floats:
@@ -100,7 +123,7 @@ def rows_of(blocks: Sequence[Block]) -> tuple[Row, ...]:
 
 def system(rows: Sequence[Row], levels: Mapping[int, Levels], owners: NDArray[np.int64]) -> Bilinear:
     """The rows whitened by each joint's own noise."""
-    white = [variances.whiten(levels[row.joint], row.ones, joined(row)).reshape(row.target.size, -1) for row in rows]
+    white = [row.whitened(levels[row.joint], joined(row)) for row in rows]
     stacked = np.vstack(white)
     number = np.concatenate([np.full(row.target.size, row.joint - 1) for row in rows])
     return Bilinear(number, stacked[:, :-1], stacked[:, -1], owners)
@@ -132,9 +155,21 @@ def _limit(model: Model, rows: Sequence[Row], index: int) -> float:
     if column.shape is not None and column.place is not None:
         one = model.effects[column.place]
         return scale_of(one.shapes(model.robot)[column.shape], one.choice.shape[column.shape])
-    drawn = [(float(np.sqrt(row.mean_square)), float(row.peak[index])) for row in rows]
-    each = [max(size, np.finfo(float).tiny) / peak for size, peak in drawn if peak > 0.0]
-    return min(each + [QUARTER * column.span] * math.isfinite(column.span), default=1.0)
+    return plausible([(row, float(row.peak[index])) for row in rows], column.span)
+
+
+def plausible(peaks: Sequence[tuple[Row, float]], span: float) -> float:
+    """The size that a parameter of an effect may have before any data.
+
+    Parameters
+    ----------
+    peaks
+        Joints, and the most (A) that a unit of it draws there.
+    span
+        From the lowest to the highest value that is physical.
+    """
+    each = [max(float(np.sqrt(row.mean_square)), np.finfo(float).tiny) / peak for row, peak in peaks if peak > 0.0]
+    return min(each + [QUARTER * span] * math.isfinite(span), default=1.0)
 
 
 def priors(model: Model, limit: Floats, *, is_tight: bool) -> Floats:
@@ -158,32 +193,3 @@ def priors(model: Model, limit: Floats, *, is_tight: bool) -> Floats:
         at_bound = column.place is not None and column.shape in model.effects[column.place].held
         row[index] = (TIGHT if is_tight and at_bound else 1.0) / limit[index]
     return out
-
-
-def floored(levels: Levels, row: Row) -> Levels:
-    """Never below what is rounding of the joint's current."""
-    return replace(levels, sample=max(levels.sample, EXACT**2 * row.mean_square, np.finfo(float).tiny ** 0.5))
-
-
-def from_inside(row: Row) -> Levels:
-    """Variance of low-frequency noise from the course of the residual inside runs, where runs are too few to compare.
-
-    The residual of a run's own fit is taken as first-order autoregressive over cells; its long-run variance a sample is
-    variance x samples a cell x (1 + r) / (1 - r). The level that a run shares stays unknown (zero).
-    """
-    total, weight = 0.0, 0
-    for run in row.runs:
-        cells, own = run.cells, run.joint - 1
-        q, current = cells.position[:, own], cells.current[:, own]
-        basis = np.column_stack([np.cos(q), np.sin(q), np.ones(len(q)), cells.acceleration])
-        if len(q) < FEWEST_CELLS:
-            continue
-        residual = current - basis @ np.linalg.lstsq(basis, current, rcond=1e-6)[0]
-        square = float(residual @ residual)
-        r = float(residual[1:] @ residual[:-1]) / square if square > 0 else 0.0
-        r = min(max(r, 0.0), MOST_CORRELATED)
-        total += square * float(np.mean(cells.count)) * (1.0 + r) / (1.0 - r)
-        weight += len(q) - 3
-    if weight == 0:
-        return Levels(max(row.rest / max(row.samples - 3, 1), 0.0), 0.0, 1)
-    return Levels(total / weight, 0.0, max(weight // 4, 1))

@@ -288,8 +288,8 @@ def _freedoms(fitted: Fitted, solution: JointSolution, errors: Clustered) -> Flo
             own: Floats | float = float(levels.freedoms)
             if row.joint not in fitted.weak:
                 J = solution.jacobian[start:stop].reshape(*row.target.shape, -1)
-                own = freedoms(levels, ones=row.ones, jacobian=J, inverse=solution.linear.inverse)[chosen]
-            out[chosen] = np.maximum(own, 1.0)
+                own = freedoms(levels, ones=row.quiet_ones(levels), jacobian=J, inverse=solution.linear.inverse)[chosen]
+            out[chosen] = np.clip(own, 1.0, float(levels.freedoms))
         start = stop
     return out
 

@@ -10,8 +10,9 @@ from numpy.typing import NDArray
 
 from pumaid.effects import Scope
 from pumaid.equations import Block
+from pumaid.fit.noise import floored, from_inside, levels_of
 from pumaid.fit.ratios import RATIO_SPREAD, is_astray, restarted, spread_of
-from pumaid.fit.rows import Row, floored, from_inside, joined, limits, priors, rows_of, system
+from pumaid.fit.rows import Row, joined, limits, priors, rows_of, system
 from pumaid.maths import levels as variances
 from pumaid.maths import rank
 from pumaid.maths.joint_fit import Bilinear, JointSolution, fit, prior_rows
@@ -162,12 +163,13 @@ def solve(
     for row in rows:
         tell(row.joint, "solving")
         design, _, _ = start.design(row.joint - 1, row.stacked)
-        estimated = variances.estimate(row.ones, design.reshape(*row.target.shape, -1), row.target, counts=row.counts)
+        design = design.reshape(*row.target.shape, -1)
+        estimated = variances.estimate(row.ones, design, row.target, counts=row.counts, is_loud=row.is_stroke)
         if estimated is None:
             weak.append(row.joint)
             estimated = from_inside(row)
         levels[row.joint] = floored(estimated, row)
-        white = variances.whiten(levels[row.joint], row.ones, joined(row)).reshape(row.target.size, -1)
+        white = row.whitened(levels[row.joint], joined(row))
         recursion.take(row.joint - 1, white[:, :-1], white[:, -1], limit=limit)
         start.take(row.joint - 1, white[:, :-1], white[:, -1], limit=limit, spread=RATIO_SPREAD)
         _unstretch(start, row.joint - 1, is_load=is_load)
@@ -279,37 +281,21 @@ def _refine(
     values, gains = start.values, start.gains
     if is_astray(levels, inside):
         values, gains = restarted(system(rows, inside, owners), values, gains, limit=limit, held=held)
-        levels.update(_levels_of(rows, values, gains, owners))
+        levels.update(levels_of(rows, levels, values, gains=gains, owners=owners, held=held))
     white = system(rows, levels, owners)
     spread = spread_of(white, values, gains)
     for _ in range(ROUNDS):
         solution = fit(white, values, gains, limit=limit, spread=spread, held=held)
         values, gains = solution.values, solution.gains
-        levels.update(_levels_of(rows, values, gains, owners))
+        levels.update(levels_of(rows, levels, values, gains=gains, owners=owners, held=held))
         white = system(rows, levels, owners)
     return white, fit(white, values, gains, limit=limit, spread=spread, held=held), spread
-
-
-def _levels_of(rows: Sequence[Row], values: Floats, gains: Gains, owners: NDArray[np.int64]) -> dict[int, Levels]:
-    """Each joint's noise from what the fit leaves; without joints whose runs are too few to tell."""
-    out = {}
-    for row in rows:
-        plain = Bilinear(np.full(row.target.size, row.joint - 1), row.stacked, row.target.ravel(), owners)
-        jacobian = plain.jacobian(gains, values)
-        edges = [len(values) + k for k, edge in enumerate(gains.edges) if gains.parent[edge] == row.joint - 1]
-        own = np.concatenate([np.flatnonzero(owners == row.joint - 1), edges]).astype(int)
-        residual = (plain.target - plain.scaled(gains) @ values).reshape(row.target.shape)
-        design = jacobian[:, own].reshape(*row.target.shape, -1)
-        estimated = variances.estimate(row.ones, design, residual, counts=row.counts)
-        if estimated is not None:
-            out[row.joint] = floored(estimated, row)
-    return out
 
 
 def releveled(fitted: Fitted) -> Fitted:
     """With each joint's noise as it is now that effects are in the model; the next fit is weighted by it."""
     solution, owners = fitted.solution, owners_of(fitted.model, fitted.assigned)
-    found = _levels_of(fitted.rows, solution.values, fitted.gains, owners)
+    found = levels_of(fitted.rows, fitted.levels, solution.values, gains=fitted.gains, owners=owners, held=fitted.held)
     return replace(fitted, levels=fitted.levels | found)
 
 

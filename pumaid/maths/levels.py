@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,17 +13,21 @@ Floats = NDArray[np.float64]
 #: Fewest degrees of freedom from which two variances are estimated.
 FEWEST_FREEDOMS = 4
 
+#: Logarithm of how many times the variance of others loud runs may have, and to what it is found.
+LOUDEST, LOUD_TO = 14.0, 0.02
+
 
 @dataclass(frozen=True, slots=True)
 class Levels:
     """Variances of one joint's current: of a sample (low-frequency noise, A2) and of the level that a run shares (A2).
 
-    `freedoms` are the degrees of freedom behind them.
+    `freedoms` are the degrees of freedom behind them; in loud runs a sample has `loud` times the variance.
     """
 
     sample: float
     level: float
     freedoms: int
+    loud: float = 1.0
 
     def whitener(self, ones: Floats) -> tuple[Floats, Floats]:
         """Shares by which the part along each run's constant is shrunk, and 1/sigma.
@@ -50,8 +54,15 @@ def whiten(levels: Levels, ones: Floats, rows: Floats) -> Floats:
     return (rows - ones[:, :, None] * along[:, None, :]) * weight[:, None, None]
 
 
-def estimate(ones: Floats, design: Floats, target: Floats, *, counts: NDArray[np.int64]) -> Levels | None:
-    """Restricted maximum likelihood of the two variances.
+def estimate(
+    ones: Floats,
+    design: Floats,
+    target: Floats,
+    *,
+    counts: NDArray[np.int64],
+    is_loud: NDArray[np.bool_] | None = None,
+) -> Levels | None:
+    """Restricted maximum likelihood of the two variances, and of a third where some runs may be noisier than others.
 
     Parameters
     ----------
@@ -61,6 +72,8 @@ def estimate(ones: Floats, design: Floats, target: Floats, *, counts: NDArray[np
         (R, k, q) and (R, k).
     counts
         (R,) true rows of each run, padding not counted.
+    is_loud
+        (R,) runs that may be noisier than the others, never calmer; without effect where they are all or none.
 
     Returns
     -------
@@ -79,32 +92,68 @@ def estimate(ones: Floats, design: Floats, target: Floats, *, counts: NDArray[np
     freedoms = int(counts.sum()) - int(kept.sum())
     if freedoms < FEWEST_FREEDOMS:
         return None
-    joined = np.concatenate([basis, target[:, :, None]], axis=2)
-    gram = np.einsum("rkp,rkq->pq", joined, joined)
-    along = np.einsum("rk,rkp->rp", ones, joined)
-    length2 = np.einsum("rk,rk->r", ones, ones)
+    likelihood = _Likelihood.of(ones, np.concatenate([basis, target[:, :, None]], axis=2), freedoms)
+    if is_loud is None or is_loud.all() or not is_loud.any():
+        return likelihood.best()[1]
+    loud, rows = is_loud.astype(bool), int(counts[is_loud].sum())
 
-    def profile(ratio: float) -> tuple[float, float]:
-        shrunk = gram - (along * (ratio / (1.0 + ratio * length2))[:, None]).T @ along
-        info, cross, square = shrunk[:-1, :-1], shrunk[:-1, -1], shrunk[-1, -1]
-        rest = max(float(square - cross @ np.linalg.solve(info, cross)), 1e-30 * float(gram[-1, -1]) + 1e-300)
-        sample = rest / freedoms
-        cost = freedoms * np.log(sample) + np.sum(np.log1p(ratio * length2)) + np.linalg.slogdet(info)[1]
-        return float(cost), sample
+    def cost(log: float) -> float:
+        return likelihood.quieted(loud, float(np.exp(log))).best()[0] + rows * log
 
-    centre = -np.log(np.median(length2[length2 > 0])) if (length2 > 0).any() else 0.0
-    grid = centre + np.linspace(-10.0, 14.0, 25)
-    costs = [profile(float(np.exp(point)))[0] for point in grid]
-    best = int(np.argmin(costs))
-    low, high = grid[max(best - 1, 0)], grid[min(best + 1, len(grid) - 1)]
-    found = optimize.minimize_scalar(
-        lambda point: profile(float(np.exp(point)))[0], bounds=(low, high), method="bounded"
-    )
-    ratio = float(np.exp(found.x))
-    if profile(0.0)[0] <= found.fun + 1e-9:
-        ratio = 0.0
-    sample = profile(ratio)[1]
-    return Levels(sample, ratio * sample, freedoms)
+    found = optimize.minimize_scalar(cost, bounds=(0.0, LOUDEST), method="bounded", options={"xatol": LOUD_TO})
+    times = 1.0 if cost(0.0) <= found.fun + 1e-9 else float(np.exp(found.x))
+    return replace(likelihood.quieted(loud, times).best()[1], loud=times)
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class _Likelihood:
+    """Products, run by run: of basis and target (R, p + 1, p + 1), of these with the constant, of the constant."""
+
+    grams: Floats
+    along: Floats
+    length2: Floats
+    freedoms: int
+
+    @classmethod
+    def of(cls, ones: Floats, joined: Floats, freedoms: int) -> _Likelihood:
+        grams = np.einsum("rkp,rkq->rpq", joined, joined)
+        return cls(grams, np.einsum("rk,rkp->rp", ones, joined), np.einsum("rk,rk->r", ones, ones), freedoms)
+
+    def quieted(self, loud: NDArray[np.bool_], times: float) -> _Likelihood:
+        """The same with loud runs divided by how much louder they are."""
+        share = np.where(loud, 1.0 / times, 1.0)
+        return replace(
+            self,
+            grams=self.grams * share[:, None, None],
+            along=self.along * share[:, None],
+            length2=self.length2 * share,
+        )
+
+    def best(self) -> tuple[float, Levels]:
+        """The least cost (minus twice the logarithm, but for constants), and the variances that have it."""
+        gram, along, length2, freedoms = self.grams.sum(axis=0), self.along, self.length2, self.freedoms
+
+        def profile(ratio: float) -> tuple[float, float]:
+            shrunk = gram - (along * (ratio / (1.0 + ratio * length2))[:, None]).T @ along
+            info, cross, square = shrunk[:-1, :-1], shrunk[:-1, -1], shrunk[-1, -1]
+            rest = max(float(square - cross @ np.linalg.solve(info, cross)), 1e-30 * float(gram[-1, -1]) + 1e-300)
+            sample = rest / freedoms
+            cost = freedoms * np.log(sample) + np.sum(np.log1p(ratio * length2)) + np.linalg.slogdet(info)[1]
+            return float(cost), sample
+
+        centre = -np.log(np.median(length2[length2 > 0])) if (length2 > 0).any() else 0.0
+        grid = centre + np.linspace(-10.0, 14.0, 25)
+        costs = [profile(float(np.exp(point)))[0] for point in grid]
+        best = int(np.argmin(costs))
+        low, high = grid[max(best - 1, 0)], grid[min(best + 1, len(grid) - 1)]
+        found = optimize.minimize_scalar(
+            lambda point: profile(float(np.exp(point)))[0], bounds=(low, high), method="bounded"
+        )
+        ratio = float(np.exp(found.x))
+        if profile(0.0)[0] <= found.fun + 1e-9:
+            ratio = 0.0
+        cost, sample = profile(ratio)
+        return cost, Levels(sample, ratio * sample, freedoms)
 
 
 def freedoms(levels: Levels, *, ones: Floats, jacobian: Floats, inverse: Floats) -> Floats:

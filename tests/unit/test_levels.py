@@ -31,9 +31,9 @@ def covariance(sample: float, level: float) -> np.ndarray:
     return whole
 
 
-def dense_likelihood(target: np.ndarray, sample: float, level: float) -> float:
-    """Minus twice the restricted log likelihood, straight from the book."""
-    X, V = DESIGN.reshape(-1, 4), covariance(sample, level)
+def dense_likelihood(target: np.ndarray, sample: float, level: float, *, more: np.ndarray | float = 0.0) -> float:
+    """Minus twice the restricted log likelihood, straight from the book; `more` is added to the covariance."""
+    X, V = DESIGN.reshape(-1, 4), covariance(sample, level) + more
     inverse = np.linalg.inv(V)
     info = X.T @ inverse @ X
     P = inverse - inverse @ X @ np.linalg.inv(info) @ X.T @ inverse
@@ -49,6 +49,36 @@ def test_variances_are_the_dense_optimum(seed):
         lambda logs: dense_likelihood(target, *np.exp(logs)), np.log([SAMPLE, LEVEL]), method="Nelder-Mead"
     )
     assert dense_likelihood(target, found.sample, found.level) <= best.fun + 1e-4
+
+
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_loud_runs_are_the_dense_optimum(seed):
+    """Where some runs are noisier, no other three variances are likelier by the dense restricted likelihood."""
+    is_loud = np.arange(RUNS) % 3 == 0
+    target = draw(np.random.default_rng(seed)) + np.where(is_loud, 1.0, 0.0)[:, None] * np.random.default_rng(
+        seed + 50
+    ).normal(size=(RUNS, ROWS))
+    found = estimate(ONES, DESIGN, target, counts=COUNTS, is_loud=is_loud)
+
+    def dense(sample: float, level: float, loud: float) -> float:
+        scale = np.where(is_loud, loud, 1.0)
+        more = np.kron(np.diag(scale - 1.0), np.eye(ROWS)) * sample
+        return dense_likelihood(target, sample, level, more=more)
+
+    best = optimize.minimize(
+        lambda logs: dense(*np.exp(logs)), np.log([SAMPLE, LEVEL, 20.0]), method="Nelder-Mead", options={"maxiter": 900}
+    )
+    assert found.loud > 4.0 and dense(found.sample, found.level, found.loud) <= best.fun + 1e-3
+
+
+def test_runs_alike_are_not_loud():
+    """Runs marked as loud that are as calm as the others get hardly more noise; all or none marked, exactly as much."""
+    is_loud = np.arange(RUNS) % 3 == 0
+    target = draw(np.random.default_rng(4))
+    plain = estimate(ONES, DESIGN, target, counts=COUNTS)
+    # A variance of 12 rows is known to 40 %: two standard errors.
+    assert 1.0 <= estimate(ONES, DESIGN, target, counts=COUNTS, is_loud=is_loud).loud < 2.5
+    assert estimate(ONES, DESIGN, target, counts=COUNTS, is_loud=np.full(RUNS, True)) == plain
 
 
 def test_variances_are_unbiased():
