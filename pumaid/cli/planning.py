@@ -72,6 +72,10 @@ def check_together(ask: Ask, given: Path | None) -> None:
     pairs = (
         (ask.against is not None and ask.wanted is None, "--against goes with --for"),
         (ask.size is not None and ask.wanted is None, "--size goes with --for"),
+        (
+            ask.size is not None and ask.against is not None and bool(ask.logs),
+            "--size goes without --logs where there is a rival: in logs an effect has the size that it has",
+        ),
         (bool(ask.logs) and ask.wanted is None, "--logs goes with --for"),
         (given is not None and ask.wanted is not None, "--check looks at a plan; --for makes one"),
         (given is not None and ask.shapes_a_plan, "--check looks at a plan; it has its time, speeds and passes"),

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pumaid.clearance import Clearance
+from pumaid.errors import ModelError, Where
 from pumaid.planning.compose import settled
 from pumaid.planning.criterion import Criterion
 from pumaid.planning.laps import courses, free, speeds
@@ -58,6 +59,11 @@ def shortlist(
         Source of the candidates.
     count
         Postures a joint at most.
+
+    Raises
+    ------
+    ModelError [plan-unsafe]
+        A joint cannot run in any candidate.
     """
     robot = truths[0].robot
     ways = [_ways(truths[0], joint.number, clearance, rng) for joint in robot.joints]
@@ -81,7 +87,18 @@ def _ways(truth: Truth, joint: int, clearance: Clearance, rng: np.random.Generat
     holds = candidates(robot, joint, free=matter or others, count=_DRAWN if matter else _DRAWN_IDLE, rng=rng)
     own = courses(robot, joint, speeds(robot, joint, _LOOK))
     some = tuple(dict.fromkeys((own[0], own[-1])))
-    return Ways(joint, holds, some, free(clearance, holds, some))
+    usable = free(clearance, holds, some)
+    if not usable.any():
+        start, end = holds[0].copy(), holds[0].copy()
+        start[joint - 1], end[joint - 1] = some[0].low, some[0].high
+        raise ModelError(
+            "plan-unsafe",
+            f"joint {joint} ({robot.joint(joint).name}) can run nowhere without striking something, in none of"
+            f" {len(holds)} postures of the others; where they stand by default: {clearance.explain(start, end)}",
+            Where(joint=joint),
+            "widen the limits, or mend the recipe's boxes and spheres",
+        )
+    return Ways(joint, holds, some, usable)
 
 
 def that_matter(truth: Truth, joint: int, rng: np.random.Generator) -> list[int]:

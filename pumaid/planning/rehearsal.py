@@ -10,11 +10,12 @@ import numpy as np
 from pumaid.diagnosis.chain import Start
 from pumaid.diagnosis.field import fields
 from pumaid.diagnosis.system import Solved, loaded, solve
+from pumaid.errors import ModelError
 from pumaid.fit.identification import identified
 from pumaid.model import Model
 from pumaid.records import EffectChoice, Estimate, Evidence, Plan, Robot, Run
 from pumaid.virtual import Bench
-from pumaid.virtual.hidden import Hidden, sized
+from pumaid.virtual.hidden import LAWS, Hidden, sized
 from pumaid.virtual.truth import Truth
 
 #: Samples a second and cells a run of the rehearsal.
@@ -57,7 +58,9 @@ def solved(robot: Robot, runs: Sequence[Run], estimate: Estimate | None = None) 
 
 
 def usual(truth: Truth, wanted: EffectChoice) -> Hidden | None:
-    """An effect with sizes that show at a robot and do not rule it; None where it has no weight to act on there.
+    """An effect with sizes that show at a robot and do not rule it.
+
+    None where the virtual robot has no such effect, or nothing of the kind at that joint: no weight, unknown masses.
 
     Parameters
     ----------
@@ -66,5 +69,10 @@ def usual(truth: Truth, wanted: EffectChoice) -> Hidden | None:
     wanted
         Effect, joint, and shapes that are given.
     """
-    found = sized([Hidden(wanted.effect, wanted.joint, dict(wanted.shape))], truth)
-    return found[0] if found else None
+    if wanted.effect not in LAWS:
+        return None
+    try:
+        found = sized([Hidden(wanted.effect, wanted.joint, dict(wanted.shape))], truth)
+    except ModelError:
+        return None
+    return found[0]

@@ -74,7 +74,8 @@ def relaxed(menu: Menu, criterion: Criterion, *, seconds: Floats, total: float, 
             kept = spent > _IDLE * spent.mean()
             alive, weights = alive[kept], weights[kept]
             few = menu.only(alive)
-        rate = few.worth(criterion.pull(few.information(weights))) / seconds[alive]
+        # Rounding may make worth a little less than nothing where the information is nearly singular.
+        rate = np.maximum(few.worth(criterion.pull(few.information(weights))), 0.0) / seconds[alive]
         mean = 1.0 / total
         if 0.5 * (float(rate.max()) / mean - 1.0) < 0.5 * NEAR and step > longer * _SORTED[-1]:
             break

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping
 from dataclasses import replace
 
@@ -11,13 +12,14 @@ from pumaid.diagnosis.deciding import deciding, showing
 from pumaid.diagnosis.refine import refined, trials_at
 from pumaid.diagnosis.scan import Projector, Trial
 from pumaid.diagnosis.system import Added, Solved
-from pumaid.effects import Scope
+from pumaid.effects import Effect, Scope
 from pumaid.errors import ModelError, Note, Where
 from pumaid.planning.assume import assume
 from pumaid.planning.rehearsal import rehearsed, solved, usual
 from pumaid.planning.setup import Setup
 from pumaid.records import EffectChoice, Estimate, Evidence, Motion, NextRun, Plan, Posture, Robot
 from pumaid.units import number
+from pumaid.virtual.hidden import Hidden
 from pumaid.virtual.timing import duration
 
 #: Sets of runs at most: what takes more is no plan.
@@ -53,7 +55,8 @@ def decide(
     against
         What it must be told from; none: it must be seen at all.
     size
-        Of the effect's first parameter, SI; else such that it shows at a usual robot.
+        Of the effect's first parameter, SI, others in proportion; else such that it shows at a usual robot. What must
+        be told from a rival in logs has the size that it has there.
     ground
         The experiment that is rehearsed; needed without `logs`.
     logs
@@ -74,6 +77,8 @@ def decide(
     ------
     ModelError [plan-undecided]
         No runs within the limits show it, or tell the two apart.
+    ModelError [plan-impossible]
+        A size of nothing.
     ModelError [unknown-effect], [effect-joint], [effect-not-here]
         There is no such effect, or not at that joint.
     """
@@ -83,7 +88,7 @@ def decide(
     truth = assume(robot, prior=estimate if logs is None else None, setup=Setup(), seed=seed).truths[0]
     if logs is None and ground is None:
         raise ValueError("without logs there must be an experiment to rehearse")
-    hidden = usual(truth, one)
+    hidden = _hidden(robot, one, usual(truth, one), size)
     if logs is None:
         say("rehearsing the experiment on a virtual robot")
         assert ground is not None
@@ -95,8 +100,7 @@ def decide(
     say("choosing runs")
     told: tuple[Note, ...] = ()
     if rival is None:
-        values = {} if hidden is None else hidden.values
-        found = _shown(system, one, values if size is None else {**values, _first(one, robot): size})
+        found = _shown(system, one, {} if hidden is None else hidden.values)
     else:
         found, told = _told_apart(system, one, rival)
     return _plan(robot, found, ground if logs is None else None, title=_title(one, rival), notes=told)
@@ -123,12 +127,31 @@ def _beside(rival: EffectChoice, wanted: EffectChoice) -> EffectChoice:
 
 def _first(wanted: EffectChoice, robot: Robot) -> str:
     """The effect's first parameter."""
-    return known_effect(wanted.effect, Where()).parameters(robot, wanted.joint or 0)[0].name
+    return _law(wanted).parameters(robot, wanted.joint or 0)[0].name
+
+
+def _hidden(robot: Robot, wanted: EffectChoice, found: Hidden | None, size: float | None) -> Hidden | None:
+    """The effect at a usual robot, of the size that is asked for."""
+    if size is None:
+        return found
+    if not (math.isfinite(size) and size != 0.0):
+        what = f"an effect of the size {size:g} shows nothing"
+        raise ModelError("plan-impossible", what, Where(field=f"--for {wanted.effect}"), "give a number other than 0")
+    values = {} if found is None else found.values
+    first, shapes = _first(wanted, robot), {one.name for one in _law(wanted).shapes(robot, wanted.joint or 0)}
+    share = size / values[first] if values.get(first) else 1.0
+    scaled = {name: value if name in shapes else share * value for name, value in values.items()}
+    return Hidden(wanted.effect, wanted.joint, {**scaled, first: size})
+
+
+def _law(wanted: EffectChoice) -> Effect:
+    """The effect by its name, which has been checked."""
+    return known_effect(wanted.effect, Where())
 
 
 def _shown(system: Solved, wanted: EffectChoice, values: Mapping[str, float]) -> NextRun:
     """The runs that show an effect of the sizes and shapes that a usual robot has."""
-    robot, effect = system.model.robot, known_effect(wanted.effect, Where())
+    robot, effect = system.model.robot, _law(wanted)
     shapes = {one.name for one in effect.shapes(robot, wanted.joint or 0)}
     shape = {name: value for name, value in {**values, **wanted.shape}.items() if name in shapes}
     size = values.get(_first(wanted, robot))
@@ -158,7 +181,7 @@ def _told_apart(system: Solved, wanted: EffectChoice, rival: EffectChoice) -> tu
 
 def _best(system: Solved, projector: Projector, choice: EffectChoice) -> Trial:
     """The effect at its best shape on what there is."""
-    robot, effect = system.model.robot, known_effect(choice.effect, Where())
+    robot, effect = system.model.robot, _law(choice)
     rows = [row for row in system.rows if row.field.joint == choice.joint] or list(system.rows[:1])
     grid = [dict(choice.shape)] if choice.shape else list(effect.grid(robot, rows[0].field.extent(rows[0].drawn)))
     every = max(1, len(grid) // _SHAPES)

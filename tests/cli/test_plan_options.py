@@ -178,6 +178,7 @@ def test_what_is_no_plan_is_refused(folder, given):
         ("--for", "spring@1", "--tilt", "10,0"),
         ("--for", "spring@1", "--payload", "1,0,0,0"),
         ("--for", "spring@1", "--logs", "logs", "--minutes", "5"),
+        ("--for", "spring@1", "--logs", "logs", "--against", "stribeck", "--size", "1"),
         ("--payload", "0.5"),
         ("--payload", "a,b,c,d"),
         ("--tilt", "10"),

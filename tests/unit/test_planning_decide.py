@@ -88,11 +88,11 @@ def promised(found: Plan) -> float:
 
 @pytest.mark.parametrize(("name", "effect", "joint", "size"), CASES)
 def test_added_runs_show_what_they_promise(name, effect, joint, size):
-    """Over six experiments with the effect its separation rises by half to twice of what the added runs promise."""
-    hidden = sized(name, effect, joint, size)
+    """Over some experiments with the effect its separation rises by half to twice of what the added runs promise."""
+    hidden, seeds = sized(name, effect, joint, size), SEEDS[: 12 // ARMS[name].n_joints]
     wanted = EffectChoice(effect, joint, {"waist": WAIST} if effect == "tilt" else {})
     found = decide(ARMS[name], wanted, ground=ground(name), seed=3, size=size)
-    each = np.array([[statistic(name, hidden, made, seed) for made in (ground(name), found)] for seed in SEEDS])
+    each = np.array([[statistic(name, hidden, made, seed) for made in (ground(name), found)] for seed in seeds])
     raised = np.sqrt(max(np.mean(each[:, 1] - each[:, 0]), 0.0))
     # Of a tilt the promise is for the least visible of its parameters; all together show more.
     assert 0.5 < raised / promised(found) < (np.inf if effect == "tilt" else 2.0)
@@ -174,3 +174,32 @@ def test_a_joint_along_gravity_has_no_friction_by_load():
         decide(TURRET, EffectChoice("load_friction", 1), ground=ground("turret"), seed=3)
     assert caught.value.slug == "effect-not-here"
     assert "direction of gravity" in caught.value.what
+
+
+def test_size_is_heard_where_there_is_a_rival():
+    """What is rehearsed has the size that is asked for: a large effect is told by the runs already, a small one not."""
+    robot, base = ARMS["pendulum"], ground("pendulum")
+    large, small = (
+        decide(
+            robot, EffectChoice("stribeck", 2), against=EffectChoice("viscous_power", 2), ground=base, seed=3, size=one
+        )
+        for one in (1.0, 0.01)
+    )
+    decided = [[note.slug for note in found.notes if note.slug == "plan-decided"] for found in (large, small)]
+    assert decided == [["plan-decided"], []]
+
+
+@pytest.mark.parametrize("size", [0.0, float("nan"), float("inf")])
+def test_a_size_of_nothing_is_refused(size):
+    """Nothing, and what is no number."""
+    with pytest.raises(ModelError, match="plan-impossible"):
+        decide(ARMS["pendulum"], EffectChoice("spring", 1), ground=ground("pendulum"), seed=3, size=size)
+
+
+def test_usual_sizes_are_none_where_there_is_nothing_of_the_kind():
+    """A robot without masses has no load across its axes; a virtual robot knows no effect of a user's own."""
+    truth = draw(TURRET, 1)
+    bare = replace(truth, links=None, gain=None, known=truth.constants)
+    assert usual(bare, EffectChoice("side_load_friction", 2)) is None
+    assert usual(truth, EffectChoice("own_effect", 2)) is None
+    assert usual(truth, EffectChoice("side_load_friction", 2)).joint == 2

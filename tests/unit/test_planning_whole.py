@@ -12,7 +12,7 @@ from menus import arm, assumed, names
 from pumaid.errors import ModelError
 from pumaid.planning.assume import drawn, known
 from pumaid.planning.planner import Made, Planner, Wish
-from pumaid.records import Estimate, Evidence, Joint, Motion, Plan, Robot
+from pumaid.records import Box, Estimate, Evidence, Joint, Motion, Plan, Robot, Safety, Sphere
 from pumaid.verbs.identify import identify
 from pumaid.verbs.plan import plan
 from pumaid.virtual import Bench, draw, table1
@@ -150,3 +150,14 @@ def test_postures_that_there_are_not_are_told():
     (note,) = [one for one in found.notes if one.slug == "plan-few-postures"]
     assert min(counts) > 14
     assert f"joint 1 {counts[0]}, joint 2 {counts[1]}" in note.text
+
+
+def test_a_joint_that_can_run_nowhere_is_told():
+    """A wall through the arm leaves joint 2 no way in any posture: refused, with what is struck."""
+    boxes = (Box("table", (-2, -2, -1), (2, 2, 0.1)), Box("wall", (0.4, -2, -1), (2, 2, 2)))
+    safety = Safety(boxes, (Sphere(3, (0.2, 0.0, 0.0), 0.08),), (0.0, 0.0, 0.1), 0.02)
+    with pytest.raises(ModelError) as caught:
+        plan(replace(arm("puma560"), safety=safety), seed=1)
+    assert caught.value.slug == "plan-unsafe"
+    assert caught.value.where.joint == 2
+    assert "joint 2 (shoulder) can run nowhere" in caught.value.what and "'wall'" in caught.value.what
