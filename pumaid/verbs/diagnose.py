@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Callable, Sequence
 
 import numpy as np
@@ -18,7 +19,11 @@ from pumaid.errors import LogError, Where
 from pumaid.files.diagnosis import model_digest
 from pumaid.files.result import check_same_recipe
 from pumaid.model import Model
-from pumaid.records import Campaign, Diagnosis, Estimate, Evidence, Robot
+from pumaid.motion.options import CONSTANT
+from pumaid.records import Campaign, Diagnosis, Estimate, Evidence, Robot, Run
+
+#: Runs at constant speed from which a joint's strokes are not needed.
+STEADY = 12
 
 
 def diagnose(
@@ -64,7 +69,7 @@ def diagnose(
     """
     check_same_recipe(estimate, robot)
     check_known(estimate.effects)
-    runs = tuple(run for run in evidence.runs if not run.heldout)
+    runs = _looked_at([run for run in evidence.runs if not run.heldout])
     if not runs:
         where = Where(file=evidence.files[0].name if evidence.files else None)
         raise LogError("no-runs", "there is no run to diagnose", where, "see why with: pumaid segment LOGS --rejects")
@@ -93,6 +98,16 @@ def diagnose(
         recipe_digest=robot.digest,
         version=__version__,
     )
+
+
+def _looked_at(runs: Sequence[Run]) -> tuple[Run, ...]:
+    """Runs without the strokes of joints that have runs at constant speed enough.
+
+    In a stroke the model misses more, by all that a change of speed does; a few of them, left by moves between
+    postures, would pass for missing physics.
+    """
+    steady = Counter(run.joint for run in runs if run.kind == CONSTANT)
+    return tuple(run for run in runs if run.kind == CONSTANT or steady[run.joint] < STEADY)
 
 
 def _suspects(evidence: Evidence, names: Sequence[str]) -> list[Effect]:
