@@ -54,8 +54,8 @@ class Extent:
 def cover(draft: Draft, extent: Extent, ground: Floats, *, haste: float, all_speeds: bool = False) -> None:
     """Put into a draft, for every joint, what it must have.
 
-    In each posture a lap over the whole span at the highest speed, and slower ones, so that over the postures of a
-    joint at least four speeds come, the slowest among them. Postures are those that tell most.
+    In the first `whole` postures of a joint a lap over the whole span at the highest speed, in each slower ones, so
+    that over its postures at least four speeds come, the slowest among them. Postures are those that tell most.
 
     Parameters
     ----------
@@ -72,7 +72,7 @@ def cover(draft: Draft, extent: Extent, ground: Floats, *, haste: float, all_spe
     """
     for way in draft.menu.ways:
         need = len({course.speed for course in way.courses}) if all_speeds else SPEEDS
-        slower = _slower(way, extent.part)
+        slower = _slower(way)
         each = max(1, math.ceil((need - 1) / extent.postures))
         taken: set[int] = set()
         for place in range(extent.postures):
@@ -117,7 +117,7 @@ def _tour(way: Ways, place: int) -> int:
     return alike[place % len(alike)]
 
 
-def _slower(way: Ways, part: float) -> list[float]:
+def _slower(way: Ways) -> list[float]:
     """Speeds below the highest, slowest first, then from the middle, so that a few of them lie far apart."""
     rising = sorted({course.speed for course in way.courses})[:-1]
     half = (len(rising) + 1) // 2

@@ -69,7 +69,8 @@ def top_speed(robot: Robot, joint: int) -> float:
 
 
 def speeds(robot: Robot, joint: int, shares: Sequence[float]) -> tuple[float, ...]:
-    """Speeds of a joint's runs, rising, rounded to tenths of degrees or millimetres a second, each once.
+    """Speeds of a joint's runs, rising, each once, rounded down: to tenths of degrees or millimetres a second, to whole
+    ones from ten on, very slow ones not at all.
 
     Parameters
     ----------
@@ -93,7 +94,7 @@ def _step(joint: Joint) -> float:
 
 
 def courses(robot: Robot, joint: int, fast: Sequence[float]) -> tuple[Course, ...]:
-    """Courses at every speed: tours of the whole span, and parts up and down.
+    """Courses at each speed that a run can keep for long enough: parts up and down, and tours of the whole span.
 
     All begin and end where the joint is held while others run, so that no way is wasted: a tour goes to one end, over
     the whole span to the other, and back; a part there and back.

@@ -40,7 +40,7 @@ def shortlist(
     rng: np.random.Generator,
     count: int = SHORTLIST,
 ) -> list[Floats]:
-    """(K, J) postures worth a look, for each joint in order, the most telling first.
+    """(K, J) postures worth a look, for each joint in order, those with most of the time first.
 
     Of many postures that can be reached those are kept on which the best conceivable experiment, with one fast and one
     slow course, would spend its time.

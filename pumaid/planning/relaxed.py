@@ -12,7 +12,8 @@ from pumaid.planning.menu import Menu
 
 Floats = NDArray[np.float64]
 
-#: Steps at most, and how near (in the logarithm of the error) is near enough.
+#: Steps at most, and by which share the best lap left may be worth more than the mean one when they end: the value is
+#: then within half of that of the optimum of the laps left, a logarithm.
 STEPS, NEAR = 120, 0.01
 #: Power of the multiplicative step: 1/2 never overshoots for the geometric mean; a little more is faster.
 _STRIDE = 0.7

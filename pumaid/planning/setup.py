@@ -70,7 +70,8 @@ class Setup:
         Parameters
         ----------
         truth
-            Without it. Where only its constants in amperes are known, its last motor is one of the recipe's usual size.
+            Without it. Where only its constants in amperes are known, its last motor is taken to be of a usual size,
+            the others by their ratios.
         """
         if self.payload is None:
             return truth

@@ -56,6 +56,16 @@ def test_no_lap_is_worth_much_more_than_the_mean(name, power):
         assert np.all(moved >= found.value - share * (found.value - found.bound) - 1e-9)
 
 
+def test_the_bound_is_the_best_slope():
+    """Far from the optimum, too: value less bound is the steepest fall on the way to all time on one lap."""
+    menu, wanted, share = small_menu("pendulum2"), criterion("pendulum2", 0.0), 1e-5
+    for steps in (0, 3, 30):
+        found = relaxed(menu, wanted, seconds=menu.seconds, total=TOTAL, steps=steps)
+        alone = menu.each(range(len(menu))) * (TOTAL / menu.seconds)[:, None, None, None]
+        moved = wanted.value((1 - share) * menu.information(found.weights) + share * alone)
+        assert found.value - found.bound == pytest.approx(np.max(found.value - moved) / share, rel=0.02)
+
+
 @pytest.mark.parametrize(("name", "power"), CASES)
 def test_worth_ranks_laps_by_what_a_second_more_gains(name, power):
     """The share of the best is that of finite differences of the criterion, lap by lap."""
