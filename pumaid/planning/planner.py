@@ -182,7 +182,7 @@ class Planner:
         self.tell("sharing out the time")
         extents = self._extents()
         is_asked = self.wish.postures is not None or self.wish.passes is not None or self.wish.shares is not None
-        usual, share = extents[0 if is_asked else 2]
+        usual, share = extents[0 if is_asked else 1]
         budget = self.wish.seconds or max(USUAL * self.robot.n_joints, self._least(usual) / share)
         best = self._best(budget)
         fitting = (one for one, share in extents if self._least(one) <= share * budget)

@@ -51,7 +51,7 @@ def plan(
     robot
         Geometry, limits, highest speeds, what must not be struck.
     minutes
-        Time that the robot may take, moves included, a day at most; three and a half a joint where not given, more
+        Time that the robot may take, moves included, a day at most; four or five a joint where not given, more
         where the least that every joint needs takes longer.
     speeds
         Shares of each joint's highest speed, above 0 and at most 1, three or more.
