@@ -31,8 +31,8 @@ from pumaid.records import EffectChoice
 from pumaid.virtual import hidden
 from pumaid.virtual.draw import draw
 
-#: A ripple of 0.08 A on a pendulum whose noise is a third of it: no design could overlook it. Slow enough for the drive:
-#: of one that is faster than the drive a part goes into the speed, and less of it is in the current the faster a run is.
+#: A ripple of 0.08 A on a pendulum whose noise is a third of it: no design could overlook it. Slow enough for the
+#: drive: of a faster one a part goes into the speed, and less of it is in the current the faster a run is.
 HIDDEN = "ripple@1:cos=0.08,sin=0,frequency=10"
 
 
