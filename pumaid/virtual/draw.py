@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 
 from pumaid.records import Robot
 from pumaid.virtual.links import Links, gravity_load
+from pumaid.virtual.ranges import anywhere
 from pumaid.virtual.timing import accelerations, highest_speeds
 from pumaid.virtual.truth import Friction, Noise, Truth
 
@@ -86,8 +87,7 @@ def _shortened(values: Floats) -> Floats:
 
 def _capacity(robot: Robot, links: Links, rng: np.random.Generator) -> Floats:
     """(J,) rated load: the greatest that gravity asks in any of many postures, with something to spare."""
-    postures = rng.uniform(-np.pi, np.pi, (400, robot.n_joints)) * np.where(robot.is_revolute, 1.0, 0.1)
-    load = np.max(np.abs(gravity_load(robot, links, postures)), axis=0)
+    load = np.max(np.abs(gravity_load(robot, links, anywhere(robot, 400, rng))), axis=0)
     # Rounding of right angles is no load, and a motor sized for it would turn it into amperes.
     load[load < 1e-9 * np.sum(links.mass) * np.linalg.norm(robot.gravity)] = 0.0
     # A joint that never lifts (parallel to gravity) still has a motor: one for a tenth of the kind's greatest load.

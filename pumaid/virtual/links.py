@@ -73,12 +73,32 @@ def side_load(robot: Robot, links: Links, position: Floats) -> Floats:
     return np.where(robot.is_revolute, across, 0.0)
 
 
-def _outward(robot: Robot, links: Links, position: Floats) -> tuple[Floats, Floats, Floats]:
-    """(N, J, 3) axes, (N, J, 3) first moment of links i..n about origin i, kg m, and (J,) their mass."""
+def swung(robot: Robot, links: Links, position: Floats) -> Floats:
+    """(N, J) kg m2 (turning) or kg (sliding): what each joint accelerates of the links' masses, these at their centres.
+
+    Parameters
+    ----------
+    robot, links, position
+        As for `gravity_load`.
+    """
+    rotations, origin, centres = _placed(robot, links, position)
+    away = centres[:, None] - origin[:, :, None]
+    lever = np.sum(np.cross(rotations[:, :, None, :, 2], away) ** 2, axis=3)
+    outer = np.triu(np.ones((len(links.mass), len(links.mass)))) * links.mass
+    return np.where(robot.is_revolute, np.einsum("njk,jk->nj", lever, outer), outer.sum(axis=1))
+
+
+def _placed(robot: Robot, links: Links, position: Floats) -> tuple[Floats, Floats, Floats]:
+    """(N, J, 3, 3) link frames, (N, J, 3) origins and centres of mass."""
     angles, displacements = robot.dh_angles(position), robot.dh_displacements(position)
     rotations = axes(robot.alphas, angles)
     origin = origins(robot.alphas, robot.lengths, offsets=displacements, thetas=angles)
-    centres = origin + np.einsum("njab,jb->nja", rotations, links.centre)
+    return rotations, origin, origin + np.einsum("njab,jb->nja", rotations, links.centre)
+
+
+def _outward(robot: Robot, links: Links, position: Floats) -> tuple[Floats, Floats, Floats]:
+    """(N, J, 3) axes, (N, J, 3) first moment of links i..n about origin i, kg m, and (J,) their mass."""
+    rotations, origin, centres = _placed(robot, links, position)
     # Mass and first moment (about the base) of links i..n, summed from the tip inward.
     outer_mass = np.cumsum(links.mass[::-1])[::-1]
     outer_moment = np.cumsum((links.mass[:, None] * centres)[:, ::-1], axis=1)[:, ::-1]

@@ -52,6 +52,14 @@ def reference(robot: Robot) -> Floats:
     return np.array(places)
 
 
+def anywhere(robot: Robot, count: int, rng: np.random.Generator) -> Floats:
+    """(count, J) positions: turning joints at any angle, sliding joints where a plan may move them."""
+    share = rng.uniform(-np.pi, np.pi, (count, robot.n_joints)) / np.pi
+    ends = np.array([(-np.pi, np.pi) if joint.is_revolute else span(joint) for joint in robot.joints])
+    middle, half = 0.5 * ends.sum(axis=1), 0.5 * np.diff(ends, axis=1)[:, 0]
+    return np.asarray(middle + half * share)
+
+
 def candidates(robot: Robot, joint: int, *, free: list[int], count: int, rng: np.random.Generator) -> Floats:
     """Postures that may be held while one joint moves.
 

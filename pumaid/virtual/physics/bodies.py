@@ -12,7 +12,7 @@ from pumaid.errors import ModelError, Where
 from pumaid.virtual.heat import AMBIENT, RISE, TIME_CONSTANT, Heat
 from pumaid.virtual.physics.drive import Drive, control_rate
 from pumaid.virtual.physics.forces import Forces
-from pumaid.virtual.physics.joints import inertia
+from pumaid.virtual.physics.joints import motor_inertia
 from pumaid.virtual.physics.march import Course, Orders
 from pumaid.virtual.physics.rigid import Rigid
 from pumaid.virtual.timing import MOVE_SHARE, Stretch, highest_speeds
@@ -59,7 +59,7 @@ class Bodies:
         self._tick = 1.0 / (rate * self._ticks)
         step = self._tick / max(1, int(np.ceil(self._tick / ENGINE_STEP - 1e-9)))
         # The motors' own inertia, what is hidden of it included.
-        self._arm = Rigid(replace(truth, inertia=inertia(truth)), step=step)
+        self._arm = Rigid(replace(truth, inertia=motor_inertia(truth)), step=step)
         assert truth.gain is not None
         self.inertia = truth.gain * np.mean([np.diag(self._arm.inertia(place)) for place in postures], axis=0)
         self._drive = Drive(self.inertia, truth.noise.counts, truth.robot.is_revolute, step=self._parts * self._tick)

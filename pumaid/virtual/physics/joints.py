@@ -5,6 +5,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from pumaid.virtual.links import swung
+from pumaid.virtual.ranges import anywhere
 from pumaid.virtual.shafts import shafts
 from pumaid.virtual.timing import accelerations
 from pumaid.virtual.truth import Truth
@@ -13,12 +15,14 @@ Floats = NDArray[np.float64]
 
 #: A joint whose truth has no inertia gets one that draws this share of its Coulomb friction in a ramp.
 LEAST_INERTIA = 0.3
+#: Postures, and the seed of their drawing, over which what a joint moves of the links is averaged.
+POSTURES, POSTURE_SEED = 200, 5
 #: s: longest step of the plant.
 LONGEST_STEP = 0.002
 
 
-def inertia(truth: Truth) -> Floats:
-    """(J,) A s2/rad or A s2/m that the motors move, signed as they count; never none."""
+def motor_inertia(truth: Truth) -> Floats:
+    """(J,) A s2/rad or A s2/m of the motors, signed as they count, what is hidden of it included; never none."""
     own = truth.inertia
     sides = np.where(truth.friction.coulomb_plus < 0, -1.0, 1.0)
     least = sides * LEAST_INERTIA * np.maximum(truth.coulomb, 0.1) / accelerations(truth.robot)
@@ -28,6 +32,21 @@ def inertia(truth: Truth) -> Floats:
             joints = slice(None) if one.joint is None else one.joint - 1
             found[joints] += np.sign(found[joints]) * one["J"]
     return found
+
+
+def inertia(truth: Truth) -> Floats:
+    """(J,) A s2/rad or A s2/m that the motors move: their own, and the links' where their masses are known.
+
+    A joint by itself has the mean of what it moves over many postures. Without it a heavy arm on a light motor swings
+    faster than anything that falls, and its controller cannot keep a speed.
+    """
+    found = motor_inertia(truth)
+    if truth.links is None or truth.gain is None:
+        return found
+    postures = anywhere(truth.robot, POSTURES, np.random.default_rng(POSTURE_SEED))
+    links = truth.gain * np.mean(swung(truth.robot, truth.links, postures), axis=0)
+    # The last digits of a sum differ between machines, a robot must not.
+    return np.array([float(f"{value:.9g}") for value in found + links])
 
 
 class Joints:
