@@ -16,7 +16,7 @@ FEWEST_PAIRS = 6
 #: Runs whose cells last equally long within this factor share correlation and spread.
 ALIKE = 1.2
 #: Cells below which a group of runs takes the whole joint's correlation and spread.
-FEWEST_CELLS = 200
+FEWEST_CELLS = 60
 #: Correlation beyond which a residual is a trend.
 MOST_CORRELATED = 0.98
 #: Share of the variance that a run's own mean may have taken away; more is known of hardly correlated cells only.

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pumaid.errors import Note, Where
+from pumaid.motion.options import STROKE
 from pumaid.records import Evidence, Motion, Plan, Run
 
 Floats = NDArray[np.float64]
@@ -18,6 +19,8 @@ Floats = NDArray[np.float64]
 SAME_POSTURE = 0.05
 #: Speeds within this share are the planned speed.
 SAME_SPEED = 0.10
+#: Least mean speed, as a share of the planned speed, of a run from rest to rest that hardly kept it.
+_STROKE = 0.4
 #: Share of a run's travel that must lie inside the planned span.
 _INSIDE = 0.5
 #: Share of runs that may be none of the plan's: moves from posture to posture leave some that are as good as any.
@@ -29,9 +32,9 @@ _MOST_NAMED = 4
 def mark_heldout(evidence: Evidence, plan: Plan) -> Evidence:
     """Mark the runs that the plan keeps for judging.
 
-    A run is a planned motion where joint, posture, direction and speed (within 10 %) agree and at least half of its way
-    lies in the planned span. Of several motions that would fit the nearest in speed and way counts; a run that fits
-    none is left as it is.
+    A run is a planned motion where joint, posture, direction and speed (within 10 %; of a run from rest to rest, whose
+    mean holds the ramps, no less than 40 %) agree and at least half of its way lies in the planned span. Of several
+    motions that would fit the nearest in speed and way counts; a run that fits none is left as it is.
 
     Parameters
     ----------
@@ -83,6 +86,10 @@ class _Kinds:
         away = np.abs(self.hold - run.posture)
         away[:, run.joint - 1] = 0.0
         slower = np.abs(run.speed / self.velocity - 1.0)
+        if run.kind == STROKE:
+            # Its speed is a mean that holds the ramps.
+            share = run.speed / self.velocity
+            slower = np.where((share >= _STROKE) & (share <= 1.0), 0.0, slower)
         low, high = np.min(self.ends, axis=1), np.max(self.ends, axis=1)
         shared = np.minimum(high, max(run.span)) - np.maximum(low, min(run.span))
         fits = (self.joint == run.joint) & (np.max(away, axis=1) <= SAME_POSTURE)

@@ -54,8 +54,9 @@ class Extent:
 def cover(draft: Draft, extent: Extent, ground: Floats, *, haste: float, all_speeds: bool = False) -> None:
     """Put into a draft, for every joint, what it must have.
 
-    In the first `whole` postures of a joint a lap over the whole span at the highest speed, in each slower ones, so
-    that over its postures at least four speeds come, the slowest among them. Postures are those that tell most.
+    In the first `whole` postures of a joint a lap over the whole span at the highest speed, in each slower ones (two in
+    the first, a very slow one and one in the middle), so that over its postures at least four speeds come, the slowest
+    among them. Postures are those that tell most.
 
     Parameters
     ----------
@@ -76,7 +77,9 @@ def cover(draft: Draft, extent: Extent, ground: Floats, *, haste: float, all_spe
         each = max(1, math.ceil((need - 1) / extent.postures))
         taken: set[int] = set()
         for place in range(extent.postures):
-            some = [slower[(place * each + k) % len(slower)] for k in range(each)] if slower else []
+            # The first, which comes in every pass, has one in the middle, too, where what bends between them shows.
+            turns = range(place * each + min(place, 1), (place + 1) * each + 1)
+            some = [slower[turn % len(slower)] for turn in turns] if slower else []
             courses = [_part(way, speed, extent.part, place=place) for speed in dict.fromkeys(some)]
             if place < extent.whole or not courses:
                 courses.append(_tour(way, place))

@@ -23,6 +23,8 @@ SHARES = (0.035, 0.07, 0.15, 0.3, 0.6, 1.0)
 PARTS = (0.8, 2.0, 5.0)
 #: Way at constant speed of any run, rad and m: waves of a motor's turn should not pass for friction.
 LEAST_TURN, LEAST_SLIDE = 6.0 * factor("deg"), 0.03
+#: Parts at one speed differ in length by this factor at least: shorter by less they could not be told apart in a log.
+_LONGER = 1.3
 #: A part that takes more than this share of the room takes all of it.
 _WHOLE = 0.8
 #: s of a run at most; slower ones cover parts.
@@ -122,8 +124,12 @@ def _courses(robot: Robot, joint: int, fast: Sequence[float], *, least: float) -
     home = float(reference(robot)[joint - 1])
     found: list[Course] = []
     for speed in fast:
+        before = 0.0
         for lasting in (*PARTS, _LONGEST):
             way = _way(robot, joint, speed=speed, cruising=max(speed * lasting, least))
+            if way < _LONGER * before:
+                continue
+            before = way
             up, down = (room if way > _WHOLE * room else way for room in (high - home, home - low))
             some = [Course(joint, (home, end, home), speed) for end in (home + up, home - down)]
             found += [one for one in some if _cruises(robot, one, lasting)]

@@ -102,7 +102,7 @@ def decide(
     if rival is None:
         found = _shown(system, one, {} if hidden is None else hidden.values)
     else:
-        found, told = _told_apart(system, one, rival)
+        found, told = _told_apart(system, one, rival, with_logs=logs is not None)
     return _plan(robot, found, ground if logs is None else None, title=_title(one, rival), notes=told)
 
 
@@ -162,7 +162,9 @@ def _shown(system: Solved, wanted: EffectChoice, values: Mapping[str, float]) ->
     return found
 
 
-def _told_apart(system: Solved, wanted: EffectChoice, rival: EffectChoice) -> tuple[NextRun, tuple[Note, ...]]:
+def _told_apart(
+    system: Solved, wanted: EffectChoice, rival: EffectChoice, *, with_logs: bool
+) -> tuple[NextRun, tuple[Note, ...]]:
     projector = Projector(system)
     first, second = (_best(system, projector, one) for one in (wanted, rival))
     lead = evidence(system, first) - evidence(system, second)
@@ -175,7 +177,9 @@ def _told_apart(system: Solved, wanted: EffectChoice, rival: EffectChoice) -> tu
         notes = (Note("plan-decided", text),)
     found = deciding(system, first, second)
     if not found.motions:
-        raise _undecided(f"no run within the limits tells {_name(wanted)} from {_name(rival)}")
+        of = " of the size that these logs have of them" if with_logs else ""
+        mend = "plan without --logs for the size that you look for" if with_logs else None
+        raise _undecided(f"no run within the limits tells {_name(wanted)} from {_name(rival)}{of}", mend)
     return found, notes
 
 
@@ -192,10 +196,9 @@ def _best(system: Solved, projector: Projector, choice: EffectChoice) -> Trial:
     return refined(projector, max(found, key=lambda one: one.statistic))
 
 
-def _undecided(what: str) -> ModelError:
-    return ModelError(
-        "plan-undecided", what, mend="widen limits or speeds in the recipe, look for a larger effect, or add a sensor"
-    )
+def _undecided(what: str, mend: str | None = None) -> ModelError:
+    usual_mend = "widen limits or speeds in the recipe, look for a larger effect, or add a sensor"
+    return ModelError("plan-undecided", what, mend=mend or usual_mend)
 
 
 def _name(choice: EffectChoice) -> str:

@@ -94,8 +94,9 @@ def test_added_runs_show_what_they_promise(name, effect, joint, size):
     found = decide(ARMS[name], wanted, ground=ground(name), seed=3, size=size)
     each = np.array([[statistic(name, hidden, made, seed) for made in (ground(name), found)] for seed in seeds])
     raised = np.sqrt(max(np.mean(each[:, 1] - each[:, 0]), 0.0))
-    # Of a tilt the promise is for the least visible of its parameters; all together show more.
-    assert 0.5 < raised / promised(found) < (np.inf if effect == "tilt" else 2.0)
+    # Of several parameters the promise is for the least visible; all together show more.
+    alone = len(catalogue()[effect].parameters(ARMS[name], joint or 0)) == 1
+    assert 0.5 < raised / promised(found) < (2.0 if alone else np.inf)
 
 
 def test_added_runs_come_on_top():
@@ -112,10 +113,9 @@ def test_added_runs_come_on_top():
 
 @cache
 def logs(seed: int) -> Evidence:
-    """What the short experiment leaves of a pendulum without anything hidden."""
-    return Evidence(
-        Bench(draw(ARMS["pendulum"], seed), ground("pendulum"), rate=50.0).runs(np.random.default_rng(seed))
-    )
+    """What the short experiment leaves of a pendulum that hides a little Stribeck friction in joint 2."""
+    truth = replace(draw(ARMS["pendulum"], seed), hidden=(sized("pendulum", "stribeck", 2, 0.05),))
+    return Evidence(Bench(truth, ground("pendulum"), rate=50.0).runs(np.random.default_rng(seed)))
 
 
 @pytest.mark.parametrize("rival", [None, EffectChoice("viscous_power", None)])

@@ -13,8 +13,10 @@ from pumaid.errors import ModelError
 from pumaid.files.recipe import read_recipe, shipped_recipes
 from pumaid.records import Joint, Motion, Plan, Robot
 from pumaid.virtual import Hidden, Session, draw, table1
-from pumaid.virtual.physics.joints import Joints
+from pumaid.virtual.links import swung
+from pumaid.virtual.physics.joints import Joints, inertia
 from pumaid.virtual.physics.rigid import Rigid
+from pumaid.virtual.ranges import anywhere
 from pumaid.virtual.timing import stretches
 
 pytest.importorskip("mujoco", reason="the engine is mujoco (pip install pumaid[test])")
@@ -64,19 +66,19 @@ def test_both_cruise_with_the_same_current(name):
     for (joint, own), (_, engine) in zip(runs(name, "builtin"), runs(name, "mujoco"), strict=True):
         means = []
         whole = truth.gain[joint - 1] * arm.inertia(own.position[0])[joint - 1, joint - 1]
-        for log, inertia in ((own, truth.inertia[joint - 1]), (engine, whole)):
+        for log, moved in ((own, inertia(truth)[joint - 1]), (engine, whole)):
             q = log.position[:, joint - 1]
             middle = np.abs(q - q.mean()) < 0.3 * np.ptp(q)
             moving = middle & (np.abs(log.velocity[:, joint - 1]) > 0.05)
             left, rising = loss(truth, joint, log)
-            means.append(np.mean((left - inertia * rising)[moving]))
+            means.append(np.mean((left - moved * rising)[moving]))
         # Held joints give a milliradian, which changes the weight by a milliampere or two, of 1 to 4 A.
         assert means == pytest.approx([0.0, 0.0], abs=2.5e-3)
 
 
 @pytest.mark.parametrize("name", HOLDS)
 def test_engine_feels_the_whole_inertia_in_ramps(name):
-    """In the engine a ramp draws the mass matrix's own term, in the built-in physics the motor's inertia alone."""
+    """A ramp draws the mass matrix's own term, in the engine of the posture, built in of many together."""
     truth = draw(there_and_back(name)[0], 3)
     arm = Rigid(truth)
     for physics in ("builtin", "mujoco"):
@@ -87,9 +89,25 @@ def test_engine_feels_the_whole_inertia_in_ramps(name):
             slope = left[fast] @ rising[fast] / (rising[fast] @ rising[fast])
             held = log.position[0]
             whole = truth.gain[j] * arm.inertia(held)[j, j]
-            wanted = truth.inertia[j] if physics == "builtin" else whole
+            wanted = inertia(truth)[j] if physics == "builtin" else whole
             # Held joints give a little where they are pushed hard, and take a part of the inertia with them.
             assert slope == pytest.approx(wanted, rel=0.02 if physics == "builtin" else 0.1)
+
+
+@pytest.mark.parametrize("name", HOLDS)
+def test_links_move_with_the_joint(name):
+    """Links' share of the inertia is that of the engine's mass matrix, less their turning about their own centres."""
+    robot = there_and_back(name)[0]
+    truth = draw(robot, 3)
+    arm = Rigid(replace(truth, inertia=np.zeros(robot.n_joints)))
+    places = anywhere(robot, 20, np.random.default_rng(8))
+    whole = np.array([np.diag(arm.inertia(place)) for place in places])
+    found = swung(robot, truth.links, places)
+    assert np.all(found <= whole * (1 + 1e-9))
+    # Turned without its bodies' own tensors, link by link, the engine agrees to the last digits.
+    arm.model.body_inertia[:] = 1e-12
+    whole = np.array([np.diag(arm.inertia(place)) for place in places])
+    np.testing.assert_allclose(found, whole, rtol=1e-6, atol=1e-9)
 
 
 def test_a_ramp_pushes_held_joints():
@@ -139,7 +157,7 @@ def test_coasting_ends_where_it_should():
     for _ in range(6000):
         arm.advance(np.zeros(1), 0.0005)
         plant.advance(np.zeros((1, 1)), np.zeros((1, 1)), None)
-    share = truth.inertia[0] / (truth.gain[0] * arm.inertia(np.zeros(1))[0, 0])
+    share = inertia(truth)[0] / (truth.gain[0] * arm.inertia(np.zeros(1))[0, 0])
     assert plant.position[0, 0] == pytest.approx(share * arm.position[0], rel=0.01)
     assert abs(arm.velocity[0]) < 1e-6
 
