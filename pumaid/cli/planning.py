@@ -134,11 +134,12 @@ def planned(robot: Robot, ask: Ask, tell: Callable[[str], None]) -> Plan:
 def _for(robot: Robot, ask: Ask, whole: Callable[[], Plan], *, tell: Callable[[str], None]) -> Plan:
     from pumaid.choices import spoken
     from pumaid.cli.reading import read_evidence
-    from pumaid.verbs.decide import decide
+    from pumaid.verbs.decide import at_one_joint, decide
 
     assert ask.wanted is not None
     wanted = spoken(ask.wanted, robot, option="--for")
     rival = None if ask.against is None else spoken(ask.against, robot, option="--against")
+    at_one_joint(wanted, robot, "--for")  # what is refused is refused before the work
     logs = read_evidence(ask.logs, None)[1] if ask.logs else None
     return decide(
         robot,

@@ -104,7 +104,7 @@ def _place(robot: Robot, lap: Lap) -> str:
     for joint, position in zip(robot.joints, lap.hold, strict=True):
         unit, scale = _unit(robot, joint.number)
         places.append("-" if joint.number == lap.joint else f"{round(position / scale, 1) + 0.0:g} {unit}")
-    new = "a new posture, see that its way is free" if lap.is_new else "a posture of these logs"
+    new = "a new posture, see that its way is free" if lap.is_new else "a posture of the runs so far"
     return f" with the joints at [{', '.join(places)}], {new}"
 
 

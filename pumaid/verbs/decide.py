@@ -83,8 +83,8 @@ def decide(
         There is no such effect, or not at that joint.
     """
     say = tell or _silent
-    one = _at_one_joint(wanted, robot, "--for")
-    rival = None if against is None else _at_one_joint(_beside(against, one), robot, "--against")
+    one = at_one_joint(wanted, robot, "--for")
+    rival = None if against is None else at_one_joint(_beside(against, one), robot, "--against")
     truth = assume(robot, prior=estimate if logs is None else None, setup=Setup(), seed=seed).truths[0]
     if logs is None and ground is None:
         raise ValueError("without logs there must be an experiment to rehearse")
@@ -110,8 +110,23 @@ def _silent(_: str) -> None:
     """Nobody listens."""
 
 
-def _at_one_joint(choice: EffectChoice, robot: Robot, option: str) -> EffectChoice:
-    """The choice, checked; an effect of joints with its joint, one of the whole arm without."""
+def at_one_joint(choice: EffectChoice, robot: Robot, option: str) -> EffectChoice:
+    """The choice, checked; an effect of joints with its joint, one of the whole arm without.
+
+    Parameters
+    ----------
+    choice
+        Effect, joint, shapes.
+    robot
+        The arm.
+    option
+        Where it was named, for the message.
+
+    Raises
+    ------
+    ModelError [unknown-effect], [effect-joint], [effect-not-here]
+        There is no such effect, none at that joint, or no joint is named.
+    """
     where = Where(field=f"{option} {choice.effect}")
     if known_effect(choice.effect, where).scope is not Scope.ARM and choice.joint is None:
         what = f"{choice.effect} acts at one joint at a time, and none is named"

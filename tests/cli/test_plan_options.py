@@ -3,34 +3,17 @@
 from __future__ import annotations
 
 import json
-from pathlib import Path
 
 import numpy as np
 import pytest
-from click.testing import CliRunner, Result
+from command import run
 from ruamel.yaml import YAML
 
-from pumaid.cli import group
-from pumaid.files.recipe import read_recipe, shipped_recipes
+from pumaid.files.recipe import read_recipe
 from pumaid.virtual import table1
 
 #: The least work: a short plan of two joints.
 SHORT = ("--minutes", "3")
-
-
-@pytest.fixture
-def folder(tmp_path, monkeypatch) -> Path:
-    """An experiment folder with a pendulum's recipe, as working folder."""
-    monkeypatch.chdir(tmp_path)
-    (tmp_path / "recipe.yaml").write_bytes(shipped_recipes()["pendulum2"].read_bytes())
-    return tmp_path
-
-
-def run(*words: str, code: int = 0) -> Result:
-    """A command line that ends with `code`."""
-    found = CliRunner().invoke(group, list(words), prog_name="pumaid")
-    assert found.exit_code == code, found.output
-    return found
 
 
 def document(*words: str, code: int = 0) -> dict:
