@@ -215,7 +215,8 @@ def test_add_fits_an_effect_with_all_the_rest(arm):
     compared = CliRunner().invoke(group, ["compare", "results/model.json", "logs", "--json"])
     assert compared.exit_code == 0, compared.stderr
     rmse = [joint["rmse"] for joint in json.loads(compared.stdout)["joints"]]
-    assert rmse == pytest.approx([joint["rmse"] for joint in document["joints"]], rel=1e-6)
+    # identify knows the shape's own change by its slope at the end of the search, compare at its value.
+    assert rmse == pytest.approx([joint["rmse"] for joint in document["joints"]], rel=1e-5)
 
 
 def test_the_table_shows_added_effects(arm):
