@@ -36,6 +36,9 @@ class Extent:
         How often the arm is gone through.
     judged
         Courses a joint that are kept for judging.
+    middle
+        Whether the first posture has a speed in the middle, too: what bends between slow and fast shows there, in every
+        pass.
     """
 
     postures: int
@@ -44,6 +47,7 @@ class Extent:
     part: float
     passes: int
     judged: int
+    middle: bool = True
 
     @property
     def times(self) -> tuple[int, ...]:
@@ -54,9 +58,8 @@ class Extent:
 def cover(draft: Draft, extent: Extent, ground: Floats, *, haste: float, all_speeds: bool = False) -> None:
     """Put into a draft, for every joint, what it must have.
 
-    In the first `whole` postures of a joint a lap over the whole span at the highest speed, in each slower ones (two in
-    the first, a very slow one and one in the middle), so that over its postures at least four speeds come, the slowest
-    among them. Postures are those that tell most.
+    In the first `whole` postures of a joint a lap over the whole span at the highest speed, in each slower ones: over
+    its postures at least four speeds come, the slowest among them. Postures are those that tell most.
 
     Parameters
     ----------
@@ -77,8 +80,8 @@ def cover(draft: Draft, extent: Extent, ground: Floats, *, haste: float, all_spe
         each = max(1, math.ceil((need - 1) / extent.postures))
         taken: set[int] = set()
         for place in range(extent.postures):
-            # The first, which comes in every pass, has one in the middle, too, where what bends between them shows.
-            turns = range(place * each + min(place, 1), (place + 1) * each + 1)
+            more = int(extent.middle)
+            turns = range(place * each + min(place, more), (place + 1) * each + more)
             some = [slower[turn % len(slower)] for turn in turns] if slower else []
             courses = [_part(way, speed, extent.part, place=place) for speed in dict.fromkeys(some)]
             if place < extent.whole or not courses:

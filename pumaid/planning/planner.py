@@ -29,13 +29,15 @@ from pumaid.virtual.truth import Truth
 Floats = NDArray[np.float64]
 
 #: What every joint gets at least (postures, of them with whole spans, of them in every pass, s of parts, courses for
-#: judging), and the share of the time that it may take: the first that takes no more, the rest goes to what tells most.
+#: judging, a middle speed in every pass), and the share of the time that it may take: the first that takes no more, the
+#: rest goes to what tells most.
 _EXTENTS = (
-    ((4, 4, 4, 2.0, 2), 0.4),
-    ((4, 2, 2, 0.8, 2), 0.45),
-    ((4, 1, 1, 0.8, 1), 0.9),
-    ((3, 1, 1, 0.8, 1), 0.9),
-    ((2, 1, 1, 0.8, 1), 0.9),
+    ((4, 4, 4, 2.0, 2, True), 0.4),
+    ((4, 2, 2, 0.8, 2, True), 0.45),
+    ((4, 1, 1, 0.8, 1, True), 0.6),
+    ((4, 1, 1, 0.8, 1, False), 0.9),
+    ((3, 1, 1, 0.8, 1, False), 0.9),
+    ((2, 1, 1, 0.8, 1, False), 0.9),
 )
 #: s a joint that a pass takes about: longer budgets are filled with more passes, up to so many.
 _PASS, _MOST_PASSES = 200.0, 20
@@ -242,9 +244,9 @@ class Planner:
         if wish.seconds is not None:
             many = int(np.clip(round(wish.seconds / (_PASS * self.robot.n_joints)), 2, _MOST_PASSES))
         found = []
-        for (postures, whole, again, part, judged), share in _EXTENTS:
+        for (postures, whole, again, part, judged, middle), share in _EXTENTS:
             passes = wish.passes or many
-            one = Extent(wish.postures or postures, whole, again, part, passes=passes, judged=judged)
+            one = Extent(wish.postures or postures, whole, again, part, passes=passes, judged=judged, middle=middle)
             found.append((one, share))
         last, share = found[-1]
         return [*found, *([] if wish.passes else [(replace(last, passes=1), share)])]
