@@ -234,3 +234,27 @@ def _refuse_twice(choice: EffectChoice, before: Sequence[EffectChoice], where: W
             place = f" at joint {choice.joint}" if choice.joint else ""
             mend = "give each its own shape" if is_one else "take one of them out"
             raise ModelError("effect-twice", f"{choice.effect}{place} is in the model already", where, mend)
+
+
+def at_one_joint(choice: EffectChoice, robot: Robot, option: str) -> EffectChoice:
+    """The choice, checked; an effect of joints with its joint, one of the whole arm without.
+
+    Parameters
+    ----------
+    choice
+        Effect, joint, shapes.
+    robot
+        The arm.
+    option
+        Where it was named, for the message.
+
+    Raises
+    ------
+    ModelError [unknown-effect], [effect-joint], [effect-not-here]
+        There is no such effect, none at that joint, or no joint is named.
+    """
+    where = Where(field=f"{option} {choice.effect}")
+    if known_effect(choice.effect, where).scope is not Scope.ARM and choice.joint is None:
+        what = f"{choice.effect} acts at one joint at a time, and none is named"
+        raise ModelError("effect-joint", what, where, f"write {choice.effect}@3")
+    return expanded([choice], robot)[0]

@@ -132,9 +132,9 @@ def planned(robot: Robot, ask: Ask, tell: Callable[[str], None]) -> Plan:
 
 
 def _for(robot: Robot, ask: Ask, whole: Callable[[], Plan], *, tell: Callable[[str], None]) -> Plan:
-    from pumaid.choices import spoken
+    from pumaid.choices import at_one_joint, spoken
     from pumaid.cli.reading import read_evidence
-    from pumaid.verbs.decide import at_one_joint, decide
+    from pumaid.verbs.decide import decide
 
     assert ask.wanted is not None
     wanted = spoken(ask.wanted, robot, option="--for")

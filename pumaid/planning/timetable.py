@@ -175,14 +175,16 @@ def _safe(
     ModelError [plan-unsafe]
         No order was found; it tells of a block that most orders could not place.
     """
-    way_out = _free_moves(legs, later, clearance).any(axis=1) if later else np.ones(len(legs), dtype=bool)
+    way_out: Bools = np.ones(len(legs), dtype=bool)
+    if later:
+        way_out = np.asarray(_free_moves(legs, later, clearance).any(axis=1))
     for order in orders:
         if way_out[order[-1]] and _is_free([legs[k] for k in order], now, clearance):
             return order
     between = _free_moves(legs, legs, clearance)
-    here = np.ones(len(legs), dtype=bool)
+    here: Bools = np.ones(len(legs), dtype=bool)
     if now is not None:
-        here = ~struck(clearance, np.tile(now, (len(legs), 1)), np.array([leg.begin for leg in legs]))
+        here = ~np.asarray(struck(clearance, np.tile(now, (len(legs), 1)), np.array([leg.begin for leg in legs])))
     stuck: list[int] = []
     for order in orders:
         found, left = _threaded(order, between, here, way_out)

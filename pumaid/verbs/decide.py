@@ -6,7 +6,7 @@ import math
 from collections.abc import Callable, Mapping
 from dataclasses import replace
 
-from pumaid.choices import expanded, known_effect
+from pumaid.choices import at_one_joint, known_effect
 from pumaid.diagnosis.contender import DECISIVE, evidence
 from pumaid.diagnosis.deciding import deciding, showing
 from pumaid.diagnosis.refine import refined, trials_at
@@ -108,30 +108,6 @@ def decide(
 
 def _silent(_: str) -> None:
     """Nobody listens."""
-
-
-def at_one_joint(choice: EffectChoice, robot: Robot, option: str) -> EffectChoice:
-    """The choice, checked; an effect of joints with its joint, one of the whole arm without.
-
-    Parameters
-    ----------
-    choice
-        Effect, joint, shapes.
-    robot
-        The arm.
-    option
-        Where it was named, for the message.
-
-    Raises
-    ------
-    ModelError [unknown-effect], [effect-joint], [effect-not-here]
-        There is no such effect, none at that joint, or no joint is named.
-    """
-    where = Where(field=f"{option} {choice.effect}")
-    if known_effect(choice.effect, where).scope is not Scope.ARM and choice.joint is None:
-        what = f"{choice.effect} acts at one joint at a time, and none is named"
-        raise ModelError("effect-joint", what, where, f"write {choice.effect}@3")
-    return expanded([choice], robot)[0]
 
 
 def _beside(rival: EffectChoice, wanted: EffectChoice) -> EffectChoice:
