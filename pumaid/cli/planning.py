@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from pumaid.records import Estimate, Plan, Robot
 
 #: Notes that ask for attention where a given plan is looked at.
-ATTENTION = ("plan-strikes", "plan-lacks", "plan-dark")
+ATTENTION = ("plan-strikes", "plan-lacks", "plan-dark", "plan-unusable")
 
 
 @dataclass(frozen=True, slots=True)

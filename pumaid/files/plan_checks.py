@@ -187,7 +187,7 @@ def checked_yaml(document: Item, file: str, robot: Robot, *, doubled: Sequence[P
     top = document.value
     _head(check, top, found)
     runs = check.entries(top.get("runs"), list, path="runs")
-    if "runs" in top and not runs:
+    if "runs" in top and isinstance(top["runs"].value, list) and not runs:
         check.fault("the plan has no runs", line=top["runs"].line, path="runs", mend="make one with: pumaid plan")
     for k, item in enumerate(runs, start=1):
         row = _run(check, item, f"runs[{k}]")

@@ -13,8 +13,13 @@ from ruamel.yaml import YAML
 from ruamel.yaml.error import YAMLError
 from ruamel.yaml.nodes import ScalarNode
 
-from pumaid.errors import PumaidError, RecipeError, Where
+from pumaid.errors import ModelError, PumaidError, RecipeError, Where
 
+#: What makes a file that is not empty, by the error that its reader raises.
+_EMPTY: dict[type[PumaidError], str] = {
+    RecipeError: "write one with: pumaid init puma560 -o recipe.yaml",
+    ModelError: "make one with: pumaid plan",
+}
 #: Bytes a hand-written file may have; the largest recipe shipped has 5 kB.
 MAX_BYTES = 200_000
 #: Levels of nesting; a recipe has four.
@@ -184,7 +189,7 @@ class _Reader:
             else:
                 self._put(open_items[-1], done)
         if document is None:
-            raise self._refusal("the file is empty", None, "write one with: pumaid init puma560 -o recipe.yaml")
+            raise self._refusal("the file is empty", None, _EMPTY.get(self.kind, "give a file with text in it"))
         return document
 
     def _leaf(self, event: Any, line: int) -> Item:

@@ -59,7 +59,7 @@ def mark_heldout(evidence: Evidence, plan: Plan) -> Evidence:
         run if kind is None else replace(run, heldout=kinds.purpose(kind) == "heldout")
         for run, kind in zip(evidence.runs, found, strict=True)
     )
-    missing = kinds.missing([kind for kind in found if kind is not None])
+    missing = kinds.missing(evidence.runs, found)
     notes = (*evidence.notes, *_on_missing(plan, missing), *_on_strays(runs, found))
     return replace(evidence, runs=runs, notes=notes)
 
@@ -83,6 +83,11 @@ class _Kinds:
 
     def nearest(self, run: Run) -> int | None:
         """The kind that the run is of, or none."""
+        fits, away = self._away(run)
+        return int(np.argmin(np.where(fits, away, np.inf))) if np.any(fits) else None
+
+    def _away(self, run: Run) -> tuple[NDArray[np.bool_], Floats]:
+        """(K,) the kinds that the run may be of, and how far it is from each in speed and way."""
         away = np.abs(self.hold - run.posture)
         away[:, run.joint - 1] = 0.0
         slower = np.abs(run.speed / self.velocity - 1.0)
@@ -94,23 +99,38 @@ class _Kinds:
         shared = np.minimum(high, max(run.span)) - np.maximum(low, min(run.span))
         fits = (self.joint == run.joint) & (np.max(away, axis=1) <= SAME_POSTURE)
         fits &= (shared >= _INSIDE * abs(run.span[1] - run.span[0])) & (slower <= SAME_SPEED)
-        if not np.any(fits):
-            return None
         # Tours and parts of them share a speed: of motions as fast, that with which it shares most of its way.
         whole = np.maximum(high, max(run.span)) - np.minimum(low, min(run.span))
-        return int(np.argmin(np.where(fits, slower / SAME_SPEED + 1.0 - shared / whole, np.inf)))
+        return fits, slower / SAME_SPEED + 1.0 - shared / whole
 
     def purpose(self, kind: int) -> str:
         """``fit`` or ``heldout``."""
         return self.motions[kind].purpose
 
-    def missing(self, found: Sequence[int]) -> list[int]:
-        """Numbers (from 1) of planned motions for which there are too few runs of their kind."""
-        out: list[int] = []
-        for kind, key in enumerate(self.keys):
-            numbers = self.members[key]
-            out += [number + 1 for number in numbers[found.count(kind) :]]
-        return sorted(out)
+    def missing(self, runs: Sequence[Run], found: Sequence[int | None]) -> list[int]:
+        """Numbers (from 1) of planned motions for which there are too few runs.
+
+        Of a motion that came late to its speed so little may be left that it looks like one over a part of its way; a
+        run that is one too many of its kind therefore counts for another kind, too few of which are there, if it fits.
+        """
+        left = [len(self.members[key]) for key in self.keys]
+        spare: list[tuple[Run, int]] = []
+        for run, kind in zip(runs, found, strict=True):
+            if kind is not None and left[kind] > 0:
+                left[kind] -= 1
+            elif kind is not None:
+                spare.append((run, kind))
+        for run, own in spare:
+            fits = self._away(run)[0]
+            others = (int(k) for k in np.flatnonzero(fits) if left[k] > 0)
+            other = next((k for k in others if self.purpose(k) == self.purpose(own)), None)
+            if other is not None:
+                left[other] -= 1
+        return sorted(
+            number + 1
+            for key, lacking in zip(self.keys, left, strict=True)
+            for number in self.members[key][len(self.members[key]) - lacking :]
+        )
 
 
 def _on_missing(plan: Plan, missing: Sequence[int]) -> tuple[Note, ...]:

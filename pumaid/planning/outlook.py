@@ -7,6 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from pumaid.errors import Note, Where
+from pumaid.motion.options import DEFAULTS
 from pumaid.planning.assume import Assumed
 from pumaid.records import Motion, Robot
 from pumaid.structure import Structure
@@ -124,6 +125,34 @@ def tilt_note(robot: Robot, structure: Structure) -> tuple[Note, ...]:
         " tilted they can: --tilt 10,0 plans for 10 deg about the base's x axis"
     )
     return (Note("plan-needs-tilt", text, Where(joint=first.number)),)
+
+
+def short_note(robot: Robot, motions: Sequence[Motion]) -> tuple[Note, ...]:
+    """Which runs are so short, or so slow, that no log of them is taken for a run; one note a joint.
+
+    Parameters
+    ----------
+    robot, motions
+        The arm and its runs.
+    """
+    out = []
+    for joint in robot.joints:
+        numbers = [k for k, m in enumerate(motions, start=1) if m.joint == joint.number and _is_lost(m)]
+        if not numbers:
+            continue
+        unit = "rad" if joint.is_revolute else "m"
+        count = f"{len(numbers)} run" + ("s" if len(numbers) > 1 else "")
+        text = (
+            f"{count} of joint {joint.number} ({joint.name}) will not be found in the logs: a run must go over"
+            f" {DEFAULTS.min_travel:g} {unit} or more, faster than {DEFAULTS.rest_speed:g} {unit}/s; the first is run"
+            f" {numbers[0]}. Give it more room (its limits in the recipe) or speed"
+        )
+        out.append(Note("plan-unusable", text, Where(joint=joint.number, field=f"runs[{numbers[0]}]")))
+    return tuple(out)
+
+
+def _is_lost(motion: Motion) -> bool:
+    return abs(motion.end - motion.start) < DEFAULTS.min_travel or motion.velocity <= DEFAULTS.rest_speed
 
 
 def conditions(robot: Robot) -> tuple[str, ...]:

@@ -13,7 +13,7 @@ from pumaid.planning.assume import assume
 from pumaid.planning.coverage import POSTURES, SPEEDS
 from pumaid.planning.menu import parameters
 from pumaid.planning.moves import explained, struck
-from pumaid.planning.outlook import absent, conditions, existing, expected, tilt_note, weight_note
+from pumaid.planning.outlook import absent, conditions, existing, expected, short_note, tilt_note, weight_note
 from pumaid.planning.planner import Planner, Wish
 from pumaid.planning.setup import Setup
 from pumaid.records import Estimate, Motion, Plan, Robot
@@ -71,7 +71,8 @@ def foresee(
         duration=lasting,
         assumptions=(*stand.told(), *assumed.told, *conditions(arm)),
     )
-    notes = [*_strikes(arm, plan.motions), *_lacks(arm, plan.motions), *_darkness(dark)]
+    notes = [*_strikes(arm, plan.motions), *short_note(arm, plan.motions)]
+    notes += [*_lacks(arm, plan.motions), *_darkness(dark)]
     notes += [*weight_note(assumed, promised), *tilt_note(arm, structure)]
     (tell or _silent)("comparing with the best conceivable experiment")
     wish = Wish(seconds=lasting)

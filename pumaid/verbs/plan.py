@@ -10,7 +10,7 @@ from pumaid.planning.assume import assume
 from pumaid.planning.coverage import POSTURES, Extent
 from pumaid.planning.criterion import POWERS
 from pumaid.planning.menu import parameters
-from pumaid.planning.outlook import absent, conditions, existing, expected, tilt_note, weight_note
+from pumaid.planning.outlook import absent, conditions, existing, expected, short_note, tilt_note, weight_note
 from pumaid.planning.planner import Made, Planner, Wish
 from pumaid.planning.reasons import postures
 from pumaid.planning.setup import Setup
@@ -124,6 +124,7 @@ def plan(
         assumptions=(*stand.told(), *assumed.told, *conditions(arm)),
         notes=(
             *_tight(made.extent),
+            *short_note(arm, made.motions),
             *_few(arm, made, postures_per_joint),
             *weight_note(assumed, promised),
             *tilt_note(arm, structure),

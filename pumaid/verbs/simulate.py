@@ -13,8 +13,12 @@ from pumaid.virtual.draw import draw
 from pumaid.virtual.session import BUILTIN, Session
 from pumaid.virtual.truth import Truth
 
+#: Hz; slower, and a run of a few seconds would leave a sample or none.
+SLOWEST = 1.0
 #: Hz; ten times the fastest current loops that are logged.
 FASTEST = 100_000.0
+#: rad or m; an arm that is said to be farther away was thrown there by a controller out of its depth.
+_FARTHEST = 1e3
 
 
 def simulate(
@@ -71,9 +75,11 @@ def simulate(
     ModelError [plan-misfit]
         The plan is for another number of joints, or has a speed that is none.
     ModelError [rate-impossible]
-        The rate is not positive, or beyond that of any drive.
+        The rate is below 1 Hz, or beyond that of any drive.
     ModelError [physics-wrong]
         Rigid-body physics cannot be had of this robot or on this machine.
+    ModelError [simulation-diverged]
+        While the logs are read: the controller does not hold this arm.
 
     Examples
     --------
@@ -83,8 +89,8 @@ def simulate(
     >>> first.origin, first.current.shape[1]
     ('session_01', 6)
     """
-    if not 0 < rate <= FASTEST:
-        mend = f"give a rate above 0 and at most {FASTEST:g} Hz"
+    if not SLOWEST <= rate <= FASTEST:
+        mend = f"give a rate of {SLOWEST:g} to {FASTEST:g} Hz"
         raise ModelError("rate-impossible", f"a log cannot have {rate:g} samples a second", mend=mend)
     for number, motion in enumerate(plan.motions, start=1):
         if len(motion.hold) != robot.n_joints or not 1 <= motion.joint <= robot.n_joints:
@@ -111,4 +117,16 @@ def simulate(
         has_temperature=has_temperature,
         physics=physics,
     )
-    return session.logs()
+    return _held(session.logs(), robot)
+
+
+def _held(logs: Iterator[Log], robot: Robot) -> Iterator[Log]:
+    """The logs, as long as the arm stays where an arm can be."""
+    for log in logs:
+        far = ~(np.abs(log.position) <= _FARTHEST) | ~np.isfinite(log.current)
+        if far.any():
+            row, j = np.argwhere(far)[0]
+            what = f"joint {j + 1} ({robot.joint(int(j) + 1).name}) ran away at {log.time[row]:.3g} s of {log.origin}"
+            mend = "make smaller what is out of proportion: hidden effects, coupling, or an edited truth"
+            raise ModelError("simulation-diverged", what, Where(joint=int(j) + 1), mend)
+        yield log

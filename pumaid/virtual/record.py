@@ -21,12 +21,15 @@ Floats = NDArray[np.float64]
 FORMAT = 1
 #: Significant digits of what is worked out from masses and gains: the last ones of a sum differ between machines.
 _DIGITS = 9
+#: Postures at which a load is compared with itself.
+_POSTURES = 16
 
 
 def as_json(truth: Truth, *, seed: int | None = None) -> dict[str, Any]:
     """Everything about a virtual robot, SI, JSON's own types.
 
-    `parameters` are those of the paper's model by their public names (in amperes, as `pumaid identify` gives them);
+    `parameters` are those of the paper's model by their public names (in amperes, as `pumaid identify` gives them: the
+    constant load of a slide is part of its Coulomb terms, while `friction` is friction alone);
     `gain` (A per N m or N), `mass` (kg) and `centre` (m, in each link's frame) are null for a robot that is known by
     its constants alone; those are `constants`, of revolute and prismatic links alike.
 
@@ -46,7 +49,7 @@ def as_json(truth: Truth, *, seed: int | None = None) -> dict[str, Any]:
         "robot": truth.robot.name,
         "recipe": {"file": truth.robot.origin, "sha256": truth.robot.digest},
         "seed": truth.seed if seed is None else seed,
-        "parameters": {name: _short(value, digits) for name, value in truth.parameters().items()},
+        "parameters": {name: _short(value, digits) for name, value in _seen(truth).items()},
         "gain": None if truth.gain is None else truth.gain.tolist(),
         "mass": None if links is None else links.mass.tolist(),
         "centre": None if links is None else links.centre.tolist(),
@@ -71,6 +74,19 @@ def as_json(truth: Truth, *, seed: int | None = None) -> dict[str, Any]:
             "counts": None if noise.counts is None else noise.counts.tolist(),
         },
     }
+
+
+def _seen(truth: Truth) -> dict[str, float]:
+    """The parameters as currents show them: what a slide carries in every posture is part of its Coulomb terms."""
+    values, n = truth.parameters(), truth.robot.n_joints
+    # Uneven multiples: no two joints stand alike in all of them.
+    load = truth.gravity_current(np.sin(np.outer(np.arange(_POSTURES), np.sqrt(2.0 + np.arange(n)))))
+    is_same = np.ptp(load, axis=0) <= 1e-9 * np.max(np.abs(load), axis=0)
+    for joint in truth.robot.joints:
+        if is_same[joint.number - 1] and not joint.is_revolute:
+            for side in ("plus", "minus"):
+                values[f"coulomb.j{joint.number}.{side}"] += float(load[0, joint.number - 1])
+    return values
 
 
 def _short(value: float, digits: int) -> float:

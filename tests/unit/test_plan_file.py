@@ -194,3 +194,11 @@ def test_plan_is_found_in_the_first_folder_that_has_one(tmp_path):
         (tmp_path / name / "plan.yaml").write_text(GOOD)
     assert find_plan([tmp_path / "a", tmp_path / "b", tmp_path / "c"]) == tmp_path / "b" / "plan.yaml"
     assert find_plan([tmp_path / "a"]) is None
+
+
+def test_an_empty_plan_says_how_plans_are_made(tmp_path):
+    """The mend of an empty file is the command that makes a plan, not a recipe."""
+    (tmp_path / "plan.yaml").write_text("")
+    with pytest.raises(ModelError) as caught:
+        read_plan(tmp_path / "plan.yaml", ROBOT)
+    assert caught.value.mend == "make one with: pumaid plan"

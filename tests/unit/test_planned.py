@@ -117,3 +117,13 @@ def test_a_tour_and_its_part_are_told_apart():
     plan = Plan("PUMA 560", (part, tour, part, tour))
     found = runs(table1.puma560(), plan, np.random.default_rng(2))
     assert mark_heldout(Evidence(tuple(found)), plan).notes == ()
+
+
+def test_a_run_of_which_little_is_left_is_not_missing():
+    """A run over the whole span, found only over its second half, counts for it where the half has its own run."""
+    whole, half = Motion(2, HOLD, -1.0, 1.0, 0.5), Motion(2, HOLD, 0.0, 1.0, 0.5)
+    first = replace(evidence().runs[0], span=(0.1, 0.9))
+    plan = replace(PLAN, motions=(whole, half))
+    assert mark_heldout(Evidence((first, first)), plan).notes == ()
+    (note,) = mark_heldout(Evidence((first,)), plan).notes
+    assert "1 of 2 planned runs" in note.text

@@ -122,3 +122,14 @@ def test_a_payload_is_looked_at_too():
     loaded = foresee(PENDULUM, own(), setup=Setup(payload=(2.0, 0.2, 0.0, 0.0)), seed=1)
     assert loaded.expected["gain_ratio.1.2"] < 0.9 * own().expected["gain_ratio.1.2"]
     assert "carries 2.00 kg" in loaded.assumptions[0]
+
+
+def test_runs_that_no_log_shows_are_told():
+    """A run over a hundredth of a radian and one slower than what counts as rest are named, and ask for attention."""
+    first = own().motions[0]
+    short = replace(first, end=first.start + 0.01)
+    slow = replace(first, velocity=0.002)
+    found = foresee(PENDULUM, replace(own(), motions=(short, *own().motions, slow)), seed=1)
+    (note,) = [note for note in found.notes if note.slug == "plan-unusable"]
+    assert note.text.startswith(f"2 runs of joint {first.joint} ") and note.where.field == "runs[1]"
+    assert needs_attention(found) and "plan-unusable" not in slugs(foresee(PENDULUM, own(), seed=1))

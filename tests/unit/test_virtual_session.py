@@ -9,9 +9,11 @@ import numpy as np
 import pytest
 
 from pumaid.errors import ModelError
+from pumaid.files.recipe import read_recipe, shipped_recipes
 from pumaid.records import Motion, Plan
 from pumaid.verbs.simulate import simulate
 from pumaid.virtual import Noise, Session, draw, record, table1
+from pumaid.virtual.hidden import parse
 from pumaid.virtual.physics.joints import Joints
 from pumaid.virtual.timing import Path, accelerations, cruise, stretches
 
@@ -264,6 +266,7 @@ def test_a_truth_of_an_earlier_version_breaks_away_as_usual():
         (replace(SHORT, motions=(Motion(7, (0.0,) * 6, 0.0, 1.0, 0.5),)), RATE, "plan-misfit"),
         (replace(SHORT, motions=(replace(SHORT.motions[0], velocity=0.0),)), RATE, "plan-misfit"),
         (SHORT, 0.0, "rate-impossible"),
+        (SHORT, 0.1, "rate-impossible"),
         (SHORT, 1e9, "rate-impossible"),
         (SHORT, float("nan"), "rate-impossible"),
     ],
@@ -273,3 +276,32 @@ def test_nonsense_is_refused(plan, rate, slug):
     with pytest.raises(ModelError) as caught:
         simulate(PUMA.robot, plan, rate=rate)
     assert caught.value.slug == slug
+
+
+def test_an_arm_out_of_control_is_no_log():
+    """Gears that turn one motor a million times as fast as another throw the arm away, which is an error and no log."""
+    wild = replace(PUMA.robot, coupling={(2, 1): 1e6})
+    with pytest.raises(ModelError) as caught:
+        list(simulate(wild, SHORT, rate=RATE))
+    assert caught.value.slug == "simulation-diverged"
+
+
+def test_the_truth_tells_what_currents_show_of_a_slide():
+    """What a lift carries is part of its Coulomb terms in `parameters`, as identify finds it, and not in `friction`."""
+    robot = read_recipe(shipped_recipes()["pendulum2"])
+    lift = replace(robot, joints=(replace(robot.joints[0], kind="prismatic", alpha=0.0), robot.joints[1]))
+    truth = draw(lift, 1)
+    document, load = record.as_json(truth), truth.gravity_current(np.zeros((1, 2)))[0, 0]
+    assert abs(load) > 0.1
+    for side in ("plus", "minus"):
+        own = document["friction"][f"coulomb_{side}"][0]
+        assert document["parameters"][f"coulomb.j1.{side}"] == pytest.approx(own + load, rel=1e-8)
+
+
+@pytest.mark.parametrize("text", ["stribeck@1:a=nan", "delay@1:dt=-1", "delay@1:dt=1e9"])
+def test_hidden_values_that_nothing_has_are_refused(text):
+    """No number, and a current that is logged before it flows or an age later, are told as what they are."""
+    with pytest.raises(ModelError) as caught:
+        hidden = parse(text, PUMA.robot)
+        list(simulate(PUMA.robot, SHORT, truth=draw(PUMA.robot, 1).hiding([hidden]), rate=RATE))
+    assert caught.value.slug == "hide-wrong" and "weight" not in str(caught.value)

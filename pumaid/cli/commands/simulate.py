@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -143,6 +144,10 @@ def command(
     from pumaid.verbs.simulate import simulate
     from pumaid.virtual.record import as_json as as_json_truth
 
+    if noise is not None and not math.isfinite(noise):
+        raise click.BadParameter(f"{noise} is no noise", param_hint="--noise")
+    if as_json and str(output) == "-":
+        raise click.UsageError("--json prints a document, and -o - a log: standard output holds one of them.")
     robot = read_robot(recipe)
     made = read_plan(plan_path or experiment_folder(recipe) / PLAN_NAME, robot)
     notes(note for note in made.notes if note.slug == "plan-other-robot")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import difflib
+import math
 
 from pumaid.errors import ModelError, Where
 from pumaid.records import Robot
@@ -49,6 +50,11 @@ def parse(text: str, robot: Robot) -> Hidden:
             values[key] = float(value)
         except ValueError:
             raise _refusal(text, f"{word} is {value!r}, which is no number", "", list(law.keys)) from None
+        if not math.isfinite(values[key]):
+            what = f"{word} is {value}, which is no finite number"
+            raise ModelError(
+                "hide-wrong", what, Where(field=f"--hide {text}"), f"give {word} a number, or leave it out"
+            )
     return Hidden(name, number, values)
 
 

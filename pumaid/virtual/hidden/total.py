@@ -7,11 +7,15 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from pumaid.errors import ModelError, Where
 from pumaid.virtual.hidden.catalogue import LAWS
 from pumaid.virtual.hidden.law import Hidden, Reach
 from pumaid.virtual.hidden.state import State
 
 Floats = NDArray[np.float64]
+
+#: s; a run lasts about as long.
+_LATEST = 1.0
 
 
 def total(hidden: Sequence[Hidden], at: State, current: Floats) -> Floats:
@@ -56,9 +60,18 @@ def felt(hidden: Sequence[Hidden], joint: int) -> list[Hidden]:
 
 
 def delays(hidden: Sequence[Hidden], n_joints: int) -> Floats:
-    """(J,) s by which each joint's current is stamped late."""
+    """(J,) s by which each joint's current is stamped late.
+
+    Raises
+    ------
+    ModelError [hide-wrong]
+        It is early, or later than any clock that is read.
+    """
     late = np.zeros(n_joints)
     for one in hidden:
         if one.effect == "delay":
+            if not 0.0 <= one["dt"] <= _LATEST:
+                what = f"a current cannot be logged {one['dt']:g} s late"
+                raise ModelError("hide-wrong", what, Where(field="--hide delay"), f"give dt from 0 to {_LATEST:g} s")
             late[slice(None) if one.joint is None else one.joint - 1] += one["dt"]
     return late
