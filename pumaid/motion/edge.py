@@ -153,19 +153,20 @@ def _misfits(t: Floats, w: Floats, known: Floats, *, tried: Floats) -> Floats:
     # Before the first instant every hinge is zero.
     first = int(np.searchsorted(t, tried.min()))
     known, whole = known[:, first:], float(known[2] @ known[2])
-    ramp = np.maximum(0.0, t[first:, None] - tried)
-    out = np.empty((len(POWERS), len(tried)))
-    hinge = w[first:, None] * ramp
-    for row in range(len(POWERS)):
-        plain = np.einsum("ij,ij->j", hinge, hinge)
-        along = known @ hinge
-        size = plain - along[0] ** 2 - along[1] ** 2
-        is_told = size > 1e-9 * plain
-        gain = along[2] ** 2 / np.where(is_told, size, 1.0)
-        out[row] = np.where(is_told, np.maximum(whole - gain, 0.0), whole)
-        if row + 1 < len(POWERS):
-            hinge *= ramp
-    return out
+    ramp = t[first:, None] - tried
+    np.maximum(ramp, 0.0, out=ramp)
+    hinges = np.empty((len(ramp), len(POWERS), len(tried)))
+    np.multiply(ramp, w[first:, None], out=hinges[:, 0])
+    for power in range(1, len(POWERS)):
+        np.multiply(hinges[:, power - 1], ramp, out=hinges[:, power])
+    columns = hinges.reshape(len(ramp), -1)
+    plain = np.einsum("ij,ij->j", columns, columns)
+    along = known @ columns
+    along *= along
+    size = plain - along[0] - along[1]
+    is_told = size > 1e-9 * plain
+    misfit = np.maximum(whole - along[2] / np.where(is_told, size, 1.0), 0.0)
+    return np.where(is_told, misfit, whole).reshape(len(POWERS), -1)
 
 
 def _thinned(time: Floats, position: Floats, sure: int) -> Points:
