@@ -7,7 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.signal import savgol_filter
+
+from pumaid.maths.slope import filtered
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -159,6 +160,5 @@ def derivatives(time: Floats, position: Floats, window: float) -> tuple[Floats, 
     even = time[0] + step * np.arange(len(time))
     on_grid = np.interp(even, time, position)
     width = min(max(5, 2 * round(window / step / 2) + 1), len(time) - 1 + len(time) % 2)
-    velocity = savgol_filter(on_grid, width, 3, deriv=1, delta=step)
-    acceleration = savgol_filter(on_grid, width, 3, deriv=2, delta=step)
+    velocity, acceleration = filtered(on_grid, width, 1) / step, filtered(on_grid, width, 2) / step**2
     return np.interp(time, even, velocity), np.interp(time, even, acceleration)

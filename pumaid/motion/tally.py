@@ -111,8 +111,13 @@ class Tally:
         """Sum the whole windows of some samples and keep a copy of the last one, which may go on."""
         edges = _edges(log.time)
         last = _part(log, slice(int(edges[-1]), None))
-        values = {name: getattr(last, name) for name in ("time", "position", "velocity", "current")}
-        self._carry = replace(last, **{name: None if v is None else v.copy() for name, v in values.items()})
+        self._carry = replace(
+            last,
+            time=last.time.copy(),
+            position=last.position.copy(),
+            velocity=None if last.velocity is None else last.velocity.copy(),
+            current=last.current.copy(),
+        )
         if len(edges) > 1:
             self._sum(log, edges)
 
@@ -226,10 +231,16 @@ def _joined(one: Log, other: Log) -> Log:
     def both(name: str) -> Floats:
         return np.concatenate([getattr(one, name), getattr(other, name)])
 
-    velocity = None if other.velocity is None else both("velocity")
-    rows = np.concatenate([one.rows, other.rows])
-    known = {name: both(name) for name in ("time", "position", "current")}
-    return replace(other, rows=rows, velocity=velocity, temperature=None, extra=None, **known)
+    return replace(
+        other,
+        rows=np.concatenate([one.rows, other.rows]),
+        time=both("time"),
+        position=both("position"),
+        velocity=None if other.velocity is None else both("velocity"),
+        current=both("current"),
+        temperature=None,
+        extra=None,
+    )
 
 
 def _part(log: Log, part: slice) -> Log:
