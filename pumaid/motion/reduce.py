@@ -70,7 +70,7 @@ def cells(block: Block, piece: Piece, rate: tuple[Floats, Floats], *, samples: C
     time = block.time[samples]
     number = min(most, len(time))
     borders = np.linspace(time[0], time[-1], number + 1)[:-1]
-    starts = np.arange(number) if number == len(time) else np.unique(np.searchsorted(time, borders))
+    starts = np.arange(number) if number == len(time) else _each_once(np.searchsorted(time, borders))
     count = np.diff(np.append(starts, len(time)))
     middle = time[0] + np.add.reduceat(time - time[0], starts) / count
     current = _known_means(block.current[samples], starts, count)
@@ -99,6 +99,11 @@ def cells(block: Block, piece: Piece, rate: tuple[Floats, Floats], *, samples: C
         temperature=warmth,
         extra=None if block.extra is None else _known_means(block.extra[samples], starts, count, largest=np.inf),
     )
+
+
+def _each_once(rising: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Rising numbers without repeats."""
+    return rising[np.append(True, rising[1:] != rising[:-1])]
 
 
 def _means(values: Floats, starts: NDArray[np.int64], count: NDArray[np.int64]) -> Floats:
@@ -138,7 +143,7 @@ def coarser(parts: list[Cells], most: int, *, joint: int) -> Cells:
     if len(count) <= most:
         return Cells(count, time, position, velocity, acceleration, current, variance, temperature, extra)
     borders = np.linspace(time[0], time[-1], most + 1)[:-1]
-    starts = np.unique(np.searchsorted(time, borders))
+    starts = _each_once(np.searchsorted(time, borders))
     total = np.add.reduceat(count, starts)
 
     def mean(values: Floats) -> Floats:
