@@ -12,7 +12,7 @@ from pumaid.errors import Note
 from pumaid.records import FileFacts, Log
 
 #: Batches that may wait; more would only cost memory.
-WAITING = 4
+WAITING = 2
 #: s; how often one who gives up looks whether the reader has ended.
 _PATIENCE = 0.05
 

@@ -14,6 +14,7 @@ from pumaid.motion.cutting import Piece, Whole
 from pumaid.motion.options import CONSTANT, SegmentOptions
 from pumaid.motion.reasons import Leftover
 from pumaid.motion.reduce import Chosen, cells, coarser, triangle, usable
+from pumaid.motion.room import Room
 from pumaid.motion.speed import slopes
 from pumaid.records import Cells, Reject, Robot, Run
 
@@ -33,7 +34,7 @@ class Harvest:
 
     def __init__(self, robot: Robot, options: SegmentOptions) -> None:
         self.robot, self.options = robot, options
-        self._runs: list[Run] = []
+        self._runs = Room()
         self._left: list[Leftover] = []
         self._open: list[Run] = []
         self._last: Leftover | None = None
@@ -65,7 +66,7 @@ class Harvest:
         """Runs and rejects in order of clock and time."""
         self._close()
         left = sorted(self._left, key=lambda item: (item.clock, item.start, item.first_row))
-        return tuple(self._runs), tuple(item.reject(self.robot, self.options) for item in left)
+        return tuple(self._runs.runs), tuple(item.reject(self.robot, self.options) for item in left)
 
     def _leave(self, leftover: Leftover) -> None:
         self._close()
@@ -78,7 +79,7 @@ class Harvest:
 
     def _close(self) -> None:
         if self._open:
-            self._runs.append(_joined(self._open, self.robot, self.options))
+            self._runs.add(_joined(self._open, self.robot, self.options))
         self._open = []
 
     def _leftover(self, block: Block, whole: Whole | None, piece: Piece) -> Leftover:
