@@ -7,7 +7,6 @@ from dataclasses import fields, replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.interpolate import CubicSpline
 
 from pumaid.records import Loads, Samples
 
@@ -123,6 +122,9 @@ def _between(basis: Floats, known: Floats, pick: Counts, weights: Floats) -> Flo
     size = np.maximum(np.abs(known).max(axis=0), ROUNDING)
     rough = np.flatnonzero(np.abs(left).max(axis=0) > ROUNDING * size)  # NaN is not
     if len(rough) and len(pick) > 3:
+        # Most loads are smooth, and what it brings takes as long to load as all the rest of an identification.
+        from scipy.interpolate import CubicSpline
+
         out[:, rough] += CubicSpline(pick, left[:, rough])(np.arange(len(basis)))
     out[:, np.isnan(known).any(axis=0)] = np.nan
     return out

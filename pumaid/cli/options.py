@@ -1,12 +1,14 @@
 """Arguments and options that several commands share, each written once.
 
 A decorator states the name under which its value arrives: ``logs``, ``recipe``, ``output``, ``results``, ``as_json``,
-``seed``, ``units``, ``check``, ``trust``, ``heldout``, ``suspect``.
+``seed``, ``units``, ``check``, ``trust``, ``heldout``, ``suspect``, ``how``.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass
+from functools import wraps
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -85,6 +87,28 @@ def trust_option(function: Decorated) -> Decorated:
     """``--trust`` as `trust`: bool."""
     told = "Go on where the logs look wrong (units, order of joints, dead currents): refusals become notes."
     return click.option("--trust", is_flag=True, help=told)(function)
+
+
+@dataclass(frozen=True, slots=True)
+class Pass:
+    """How logs are read: `cached`, whether what an earlier command kept may be used; `jobs`, cores (0: all)."""
+
+    cached: bool = True
+    jobs: int = 0
+
+
+def pass_options(function: Decorated) -> Decorated:
+    """``--no-cache`` and ``--jobs N`` as `how`: Pass."""
+
+    @wraps(function)
+    def run(*, no_cache: bool, jobs: int, **values: Any) -> Any:
+        return function(how=Pass(not no_cache, jobs), **values)
+
+    told = "Read the logs anew: use nothing that an earlier command kept of them, and keep nothing."
+    run = click.option("--no-cache", is_flag=True, help=told)(run)
+    cores = "Cores to use; 0: all there are. The result does not depend on it."
+    kind = click.IntRange(min=0)
+    return click.option("--jobs", type=kind, default=0, show_default=True, metavar="N", help=cores)(run)  # type: ignore[return-value]
 
 
 def heldout_option(function: Decorated) -> Decorated:

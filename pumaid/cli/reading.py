@@ -6,9 +6,11 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from pumaid.cli.options import Pass
 from pumaid.cli.progress import progress
 
 if TYPE_CHECKING:
+    from pumaid.motion.options import SegmentOptions
     from pumaid.records import Estimate, Evidence, Robot
 
 #: What ``--heldout`` is given for postures instead of files.
@@ -56,6 +58,8 @@ def read_evidence(
     trust: bool = False,
     heldout: Sequence[str] = (),
     extra: Sequence[str] = (),
+    options: SegmentOptions | None = None,
+    how: Pass | None = None,
 ) -> tuple[Robot, Evidence]:
     """All that later steps know of some logs, read in one pass.
 
@@ -73,24 +77,54 @@ def read_evidence(
         ``--heldout``: files, folders or globs of logs, or ``posture``.
     extra
         Columns of the logs that the user suspects; they arrive in the runs' cells.
+    options
+        Thresholds of the segmentation; else its own.
+    how
+        ``--no-cache`` and ``--jobs``; without it on all cores, and nothing is kept.
 
     Returns
     -------
     robot, evidence
         Runs that the plan beside the recipe or the user keeps for judging are marked as held out.
     """
+    from pumaid.files.evidence_cache import EvidenceCache
     from pumaid.files.paths import expand
+    from pumaid.motion.options import DEFAULTS
+
+    how, options = how or Pass(cached=False), options or DEFAULTS
+    paths = expand(logs)
+    robot = read_robot(recipe, logs)
+    kept = EvidenceCache(paths, robot, options=repr((options, trust, tuple(extra)))) if how.cached else None
+    evidence = kept.get() if kept is not None else None
+    if evidence is None:
+        evidence = _one_pass(paths, robot, trust=trust, extra=extra, options=options, jobs=how.jobs)
+        if kept is not None:
+            kept.put(evidence)
+    planned = _with_plan(evidence, robot, experiment_folder(recipe, logs))
+    return robot, _with_heldout(planned, heldout) if heldout else planned
+
+
+def _one_pass(
+    paths: Sequence[Path], robot: Robot, *, trust: bool, extra: Sequence[str], options: SegmentOptions, jobs: int
+) -> Evidence:
+    """Read, watch and segment logs; with more than one core plain files are read ahead."""
+    import os
+
+    from pumaid.files.ahead import Ahead
     from pumaid.files.table import LogReader
     from pumaid.motion.suspicion import Watch
     from pumaid.verbs.segment import segment
 
-    paths = expand(logs)
-    robot = read_robot(recipe, logs)
     watched = Watch(LogReader(paths, robot, extra=extra), robot, refuse=not trust)
+    # Who waits for a pipe cannot be told to stop.
+    ahead = (jobs or os.cpu_count() or 1) > 1 and all(path.is_file() for path in paths)
     with progress("reading logs") as step:
-        evidence = segment(watched, robot, progress=lambda rows: step(rows, f"{rows:,} rows"))
-    planned = _with_plan(evidence, robot, experiment_folder(recipe, logs))
-    return robot, _with_heldout(planned, heldout) if heldout else planned
+        return segment(
+            Ahead(watched) if ahead else watched,
+            robot,
+            options=options,
+            progress=lambda rows: step(rows, f"{rows:,} rows"),
+        )
 
 
 def experiment_folder(recipe: Path | None, logs: Sequence[str] = ()) -> Path:

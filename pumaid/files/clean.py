@@ -79,12 +79,14 @@ class Cleaner:
     def take(self, rows: Rows, table: Floats, *, is_last: bool = False) -> list[Log]:
         """Logs from the next chunk: rows (N,), values (C, N) as the file holds them; none while rows are held back.
 
+        The values are taken over: they are changed in place, and the logs are views of them.
+
         Raises
         ------
         LogError [time-not-rising]
             Time goes back and what follows is no new recording.
         """
-        table = table * self._factors[:, None]
+        self._scale(table)
         if len(rows):
             rows, table = self._without_bad(rows, table)
         if self._held is not None:
@@ -117,16 +119,21 @@ class Cleaner:
         self.intervals.finish()
         return logs, notes + self.intervals.notes(self.name)
 
-    @property
-    def _factors(self) -> Floats:
-        if self.time_factor is None:
-            return self.columns.factors
-        return np.concatenate([[self.time_factor], self.columns.factors[1:]])
+    def _scale(self, table: Floats) -> None:
+        factors = self.columns.factors.copy()
+        if self.time_factor is not None:
+            factors[0] = self.time_factor
+        for column in np.flatnonzero(factors != 1.0):
+            table[column] *= factors[column]
 
     def _without_bad(self, rows: Rows, table: Floats) -> tuple[Rows, Floats]:
         limits = np.full((len(table), 1), ABSURD)
         limits[0] = ABSURD_TIME
         places = self.columns.places
+        self.n_rows += len(rows)
+        # A number that is none makes the smallest and the largest none, too.
+        if (table.min(axis=1) >= -limits[:, 0]).all() and (table.max(axis=1) <= limits[:, 0]).all():
+            return rows, table
         warmth = places["temperature"][:, 1]
         fine = np.abs(table) <= limits
         # Temperature is a help, not a need: a bad one is unknown, its row stays. So is what the user asked for besides.
@@ -136,7 +143,6 @@ class Cleaner:
         idle = np.ones(len(table), dtype=np.bool_)
         idle[[0, *(k for q in ("position", "velocity", "current") for k in places[q][:, 1])]] = False
         fine[idle] = True
-        self.n_rows += len(rows)
         good = fine.all(axis=0)
         if good.all():
             return rows, table
@@ -225,9 +231,12 @@ class Cleaner:
             self._turns = np.zeros(self.robot.n_joints)
         seconds = np.diff(table[0], prepend=table[0, 0] if before is None else before[0])
         for joint, column in turning:
-            raw = table[column].copy()
-            jump = np.diff(raw, prepend=raw[0] if before is None else before[column])
-            if self._turns[joint] == 0 and np.abs(jump).max(initial=0.0) < math.pi:
+            raw, last = table[column], table[column, 0] if before is None else before[column]
+            if self._turns[joint] == 0 and max(raw.max(), last) - min(raw.min(), last) < math.pi:
+                continue
+            raw = raw.copy()
+            jump = np.diff(raw, prepend=last)
+            if self._turns[joint] == 0 and max(jump.max(), -jump.min()) < math.pi:
                 continue
             fastest = self.robot.joints[joint].max_velocity or _FASTEST
             turns = np.round(jump / math.tau)
@@ -245,7 +254,7 @@ class Cleaner:
         return Log(
             origin=self.name,
             rows=rows,
-            time=table[0].copy(),
+            time=table[0],
             position=self._by_joint("position", table),
             velocity=self._by_joint("velocity", table) if len(self.columns.places["velocity"]) else None,
             current=self._by_joint("current", table),
@@ -255,20 +264,21 @@ class Cleaner:
         )
 
     def _by_joint(self, quantity: str, table: Floats) -> Floats:
-        """(N, J); NaN where the file lacks a joint."""
+        """(N, J), joint after joint in memory; NaN where the file lacks a joint."""
         places = self.columns.places[quantity]
         if len(places) == self.robot.n_joints:
-            return np.ascontiguousarray(table[places[:, 1]].T)
-        values = np.full((table.shape[1], self.robot.n_joints), np.nan)
-        values[:, places[:, 0]] = table[places[:, 1]].T
-        return values
+            first = int(places[0, 1])
+            return table[first : first + len(places)].T
+        values = np.full((self.robot.n_joints, table.shape[1]), np.nan)
+        values[places[:, 0]] = table[places[:, 1]]
+        return values.T
 
     def _extra(self, table: Floats) -> Floats:
         """(N, E); NaN where the file lacks a column."""
-        values = np.full((table.shape[1], self.n_extra), np.nan)
+        values = np.full((self.n_extra, table.shape[1]), np.nan)
         places = self.columns.places["extra"]
-        values[:, places[:, 0]] = table[places[:, 1]].T
-        return values
+        values[places[:, 0]] = table[places[:, 1]]
+        return values.T
 
     def _bad_note(self) -> list[Note]:
         if not self._n_bad:

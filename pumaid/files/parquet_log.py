@@ -74,7 +74,7 @@ class ParquetSource:
         """
         self._check_types(names)
         first = 2
-        batches = self._file.iter_batches(BATCH_ROWS, columns=list(dict.fromkeys(names)), use_threads=True)
+        batches = self._file.iter_batches(BATCH_ROWS, columns=list(dict.fromkeys(names)), use_threads=False)
         while True:
             try:
                 batch = next(batches, None)
@@ -84,7 +84,10 @@ class ParquetSource:
                 return
             rows = first + np.arange(batch.num_rows)
             first += batch.num_rows
-            yield rows, np.stack([self._numbers(batch.column(name), name, rows) for name in names])
+            table = np.empty((len(names), batch.num_rows))
+            for row, name in zip(table, names, strict=True):
+                row[:] = self._numbers(batch.column(name), name, rows)
+            yield rows, table
 
     def _check_types(self, names: tuple[str, ...]) -> None:
         for name in names:

@@ -1,12 +1,11 @@
-"""Acceleration from positions that were recorded at nearly equal steps of time."""
+"""Velocity and acceleration from positions that were recorded at equal, or nearly equal, steps of time."""
 
 from __future__ import annotations
 
-from functools import cache
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.signal import savgol_coeffs
 
 Floats = NDArray[np.float64]
 
@@ -42,7 +41,7 @@ def acceleration(time: Floats, position: Floats) -> Floats:
     for window in WINDOWS:
         if len(time) < window:
             break
-        smooth, curved = (_filtered(bent, window, order) for order in (0, 2))
+        smooth, curved = (filtered(bent, window, order) for order in (0, 2))
         rough = bent - smooth
         noise = float(rough @ rough) / len(rough) * window / (window - ORDER - 1)
         carried = max(noise, floor**2) * _gain(window, len(time))
@@ -52,20 +51,42 @@ def acceleration(time: Floats, position: Floats) -> Floats:
     return best
 
 
-def _filtered(values: Floats, window: int, derivative: int) -> Floats:
-    """(M,) smoothed values or their derivative by the sample; near the ends by the outermost polynomials."""
-    rows, half = _rows(window, derivative), window // 2
-    inner = np.convolve(values, rows[half][::-1], mode="valid")
-    return np.concatenate([rows[:half] @ values[:window], inner, rows[half + 1 :] @ values[-window:]])
+def filtered(values: Floats, window: int, derivative: int) -> Floats:
+    """Local cubics through equally spaced values; near the ends the outermost ones.
+
+    Parameters
+    ----------
+    values
+        (M,) at least `window` of them.
+    window
+        Values through which each cubic goes; odd.
+    derivative
+        0: the smoothed values (M,); 1 or 2: their derivative by the step.
+
+    Source
+    ------
+    A. Savitzky and M. J. E. Golay, Anal. Chem. 36 (1964) 1627-1639.
+    """
+    read, fit = _cubics(window, derivative)
+    half = window // 2
+    inner = np.convolve(values, (read[half] @ fit)[::-1], mode="valid")
+    first, last = read[:half] @ (fit @ values[:window]), read[half + 1 :] @ (fit @ values[-window:])
+    return np.concatenate([first, inner, last])
 
 
-@cache
-def _rows(window: int, derivative: int) -> Floats:
-    """(window, window) what the polynomial through a window makes of its samples at each of them."""
-    return np.array([savgol_coeffs(window, ORDER, derivative, pos=place, use="dot") for place in range(window)])
+@lru_cache(64)
+def _cubics(window: int, derivative: int) -> tuple[Floats, Floats]:
+    """(window, 4) from a cubic's coefficients to a derivative by the step at each place, and (4, window) to them."""
+    half = window // 2
+    x = np.arange(-half, half + 1) / half
+    values = [np.polynomial.legendre.Legendre.basis(k) for k in range(ORDER + 1)]
+    fit = np.linalg.pinv(np.column_stack([one(x) for one in values]))
+    read = np.column_stack([(one.deriv(derivative) if derivative else one)(x) for one in values])
+    return read / half**derivative, fit
 
 
 def _gain(window: int, length: int) -> float:
     """Mean over `length` samples of the variance of their second derivative, the samples' noise having variance one."""
-    squares, half = np.sum(_rows(window, 2) ** 2, axis=1), window // 2
+    read, fit = _cubics(window, 2)
+    squares, half = np.sum((read @ fit) ** 2, axis=1), window // 2
     return float((squares.sum() - squares[half] + (length - window + 1) * squares[half]) / length)

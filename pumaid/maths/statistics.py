@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import stats
+from scipy import special
 
 Floats = NDArray[np.float64]
 
@@ -67,10 +67,10 @@ def clustered(jacobians: Sequence[Floats], residuals: Sequence[Floats], inverse:
 
 def interval(value: float, std_error: float, freedoms: float, *, level: float = 0.95) -> tuple[float, float]:
     """Student's interval; the normal one where `freedoms` is infinite."""
-    half = float(stats.t.ppf(0.5 + level / 2.0, freedoms)) * std_error
+    half = float(special.stdtrit(freedoms, 0.5 + level / 2.0)) * std_error
     return value - half, value + half
 
 
 def two_sided(statistic: float, freedoms: float) -> float:
     """Probability of a Student t at least as large as |statistic|."""
-    return float(2.0 * stats.t.sf(abs(statistic), freedoms))
+    return float(2.0 * special.stdtr(freedoms, -abs(statistic)))

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import groupby
 
 import numpy as np
 from numpy.typing import NDArray
@@ -73,26 +74,26 @@ class Buffer:
 
     def block(self, size: int, ends: bool) -> Block:
         """The first `size` samples as one block."""
-        self._parts = [_joined(group) for group in _by_origin(self._parts)]
         parts, missing = [], size
         for part in self._parts:
             if missing > 0:
-                parts.append(_cut(part, 0, missing))
+                parts.append(_cut(part, 0, missing) if missing < len(part) else part)
                 missing -= len(part)
-        file = np.repeat(np.arange(len(parts), dtype=np.int32), [len(part) for part in parts])
+        origins = tuple(origin for origin, _ in groupby(part.origin for part in parts))
+        number = np.cumsum([k > 0 and part.origin != parts[k - 1].origin for k, part in enumerate(parts)])
         return Block(
-            origins=tuple(part.origin for part in parts),
-            file=file,
+            origins=origins,
+            file=np.repeat(number.astype(np.int32), [len(part) for part in parts]),
             rows=np.concatenate([part.rows for part in parts]),
             time=np.concatenate([part.time for part in parts]),
-            position=np.concatenate([part.position for part in parts]),
-            current=np.concatenate([part.current for part in parts]),
-            temperature=_stacked([part.temperature for part in parts], parts),
+            position=_stacked([part.position for part in parts], size),
+            current=_stacked([part.current for part in parts], size),
+            temperature=_known([part.temperature for part in parts], parts),
             clock=self.clock,
             lead=self.lead,
             begins=not self._begun,
             ends=ends,
-            extra=_stacked([part.extra for part in parts], parts),
+            extra=_known([part.extra for part in parts], parts),
         )
 
     def drop(self, count: int, lead: int) -> None:
@@ -108,32 +109,6 @@ class Buffer:
         self._begun = True
 
 
-def _by_origin(parts: Iterable[Log]) -> Iterator[list[Log]]:
-    group: list[Log] = []
-    for part in parts:
-        if group and part.origin != group[0].origin:
-            yield group
-            group = []
-        group.append(part)
-    if group:
-        yield group
-
-
-def _joined(group: list[Log]) -> Log:
-    if len(group) == 1:
-        return group[0]
-    return Log(
-        origin=group[0].origin,
-        rows=np.concatenate([part.rows for part in group]),
-        time=np.concatenate([part.time for part in group]),
-        position=np.concatenate([part.position for part in group]),
-        velocity=None,
-        current=np.concatenate([part.current for part in group]),
-        temperature=_stacked([part.temperature for part in group], group),
-        extra=_stacked([part.extra for part in group], group),
-    )
-
-
 def _cut(log: Log, start: int, stop: int) -> Log:
     return Log(
         origin=log.origin,
@@ -147,7 +122,17 @@ def _cut(log: Log, start: int, stop: int) -> Log:
     )
 
 
-def _stacked(values: list[Floats | None], parts: list[Log]) -> Floats | None:
+def _stacked(values: Sequence[Floats], size: int) -> Floats:
+    """Values (N, J) of consecutive parts as one (size, J), joint after joint in memory."""
+    out = np.empty((values[0].shape[1], size))
+    at = 0
+    for part in values:
+        out[:, at : at + len(part)] = part.T
+        at += len(part)
+    return out.T
+
+
+def _known(values: list[Floats | None], parts: list[Log]) -> Floats | None:
     """One quantity of consecutive parts, NaN in those that lack it; None where all do."""
     width = next((known.shape[1] for known in values if known is not None), None)
     if width is None:
@@ -156,4 +141,4 @@ def _stacked(values: list[Floats | None], parts: list[Log]) -> Floats | None:
         np.full((len(part), width), np.nan) if known is None else known
         for known, part in zip(values, parts, strict=True)
     ]
-    return np.concatenate(filled)
+    return _stacked(filled, sum(map(len, parts)))

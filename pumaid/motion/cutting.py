@@ -61,6 +61,9 @@ class Whole:
 def is_measured(block: Block) -> NDArray[np.bool_]:
     """(N,) whether time and every position of a sample are numbers that an arm can have."""
     good = np.isfinite(block.time)
+    # A number that is none makes the smallest and the largest none, too.
+    if len(good) and block.position.max() < LARGEST and block.position.min() > -LARGEST:
+        return good
     return good & (np.abs(block.position) < LARGEST).all(axis=1)
 
 

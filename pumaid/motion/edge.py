@@ -16,6 +16,7 @@ POWERS = (1, 2, 3)
 LINE_POINTS, EDGE_POINTS = 40, 100
 #: Instants tried for an edge, first along the whole window, then around the best.
 COARSE, FINE = 32, 20
+_COARSE_STEPS, _FINE_STEPS = np.linspace(0.0, 1.0, COARSE), np.linspace(-2.0, 2.0, FINE)
 #: Rise of the misfit, in units of its mean share a point, of an instant that is compatible (two standard deviations).
 COMPATIBLE = 4.0
 #: Fall of the misfit, in the same units, that a departure must bring to be believed (five standard deviations).
@@ -93,55 +94,79 @@ def _onset(points: Points) -> tuple[float, float, bool]:
     """Earliest compatible and best time of departure, and whether the curve fits the departure as the line fits."""
     t, w = points.time - points.time[0], points.weight
     q = (points.position - points.position[0]) * w
-    basis, _ = np.linalg.qr(np.column_stack([w, w * (t - t.mean())]))
-    rest = q - basis @ (basis.T @ q)
-    low, high = t[0] + 0.1 * (t[-1] - t[0]), t[-2]
-    tried = np.linspace(low, high, COARSE)
-    misfit = _misfits(points, rest, basis, tried=tried)
-    _, best = np.unravel_index(np.argmin(misfit), misfit.shape)
+    basis = _line_basis(t, w)
+    rest = q - (basis @ q) @ basis
+    known = np.vstack([basis, rest])
+    whole = float(rest @ rest)
+    low, high = float(t[0] + 0.1 * (t[-1] - t[0])), float(t[-2])
+    tried = low + _COARSE_STEPS * (high - low)
+    misfit = _misfits(t, w, known, tried=tried)
+    best = int(misfit.argmin()) % COARSE
     step = tried[1] - tried[0]
-    around = np.clip(np.linspace(tried[best] - 2 * step, tried[best] + 2 * step, FINE), low, high)
+    around = np.clip(tried[best] + step * _FINE_STEPS, low, high)
     tried = np.concatenate([tried, around])
-    misfit = np.concatenate([misfit, _misfits(points, rest, basis, tried=around)], axis=1)
-    power, best = np.unravel_index(np.argmin(misfit), misfit.shape)
+    misfit = np.concatenate([misfit, _misfits(t, w, known, tried=around)], axis=1)
+    power, best = divmod(int(misfit.argmin()), len(tried))
     least = float(misfit[power, best])
     share = least / max(1, len(t) - 4) + TINY
     start = float(points.time[0])
-    if rest @ rest - least < BELIEVED * share:
+    if whole - least < BELIEVED * share:
         return float(points.time[-1]), float(points.time[-1]), True
     compatible = tried[(misfit <= least + COMPATIBLE * share).any(axis=0)]
-    is_described = _describes(t, q, w, onset=float(tried[best]), power=POWERS[power])
-    return start + float(compatible.min()), start + float(tried[best]), is_described
+    onset = float(tried[best])
+    hinge = w * np.maximum(0.0, t - onset) ** POWERS[power]
+    is_described = _describes(t, rest, _apart_from(basis, hinge), onset=onset)
+    return start + float(compatible.min()), start + onset, is_described
 
 
-def _describes(t: Floats, q: Floats, w: Floats, *, onset: float, power: int) -> bool:
-    """Whether line plus hinge leaves no more of the departure than of the line."""
-    columns = np.column_stack([w, w * (t - t.mean()), w * np.maximum(0.0, t - onset) ** power])
-    basis, _ = np.linalg.qr(columns)
-    residual = q - basis @ (basis.T @ q)
+def _line_basis(t: Floats, w: Floats) -> Floats:
+    """(2, M) orthonormal rows that span all straight lines, weighted; about the weighted mean they are orthogonal."""
+    weight = w * w
+    x = w * (t - (weight @ t) / weight.sum())
+    return np.stack([w / math.sqrt(w @ w), x / math.sqrt(x @ x)])
+
+
+def _apart_from(basis: Floats, column: Floats) -> Floats:
+    """What of a column is none of the orthonormal rows, of length one; twice, since once leaves rounding."""
+    for _ in range(2):
+        column = column - (basis @ column) @ basis
+    return np.asarray(column / max(math.sqrt(column @ column), 1e-300))
+
+
+def _describes(t: Floats, rest: Floats, hinge: Floats, *, onset: float) -> bool:
+    """Whether line plus hinge leaves no more of the departure than of the line; `rest` is what the line leaves."""
+    residual = rest - (hinge @ rest) * hinge
     # As long before the onset as behind it, a wrong curve shows too.
-    line = t < 2.0 * onset - t[-1]
-    if line.sum() < FEWEST or line.all():
+    first = int(np.searchsorted(t, 2.0 * onset - t[-1]))
+    near, far = residual[first:], residual[:first]
+    if len(far) < FEWEST or not len(near):
         return True
-    usual = 1.0 + DESCRIBED * math.sqrt(2.0 / int((~line).sum()) + 2.0 / int(line.sum()))
-    near, far = residual[~line], residual[line]
+    usual = 1.0 + DESCRIBED * math.sqrt(2.0 / len(near) + 2.0 / len(far))
     return bool(near @ near / len(near) <= usual * (far @ far) / len(far) + TINY)
 
 
-def _misfits(points: Points, rest: Floats, basis: Floats, *, tried: Floats) -> Floats:
-    """(3, G) sums of squares left by line plus hinge at each of (G,) instants."""
-    ramp = np.maximum(0.0, (points.time - points.time[0])[:, None] - tried[None, :])
-    whole = float(rest @ rest)
-    out = np.empty((len(POWERS), len(tried)))
-    hinge = points.weight[:, None] * ramp
-    for row in range(len(POWERS)):
-        plain = np.einsum("ij,ij->j", hinge, hinge)
-        size = plain - np.sum((basis.T @ hinge) ** 2, axis=0)
-        is_told = size > 1e-9 * plain
-        gain = (rest @ hinge) ** 2 / np.where(is_told, size, 1.0)
-        out[row] = np.where(is_told, np.maximum(whole - gain, 0.0), whole)
-        hinge = hinge * ramp
-    return out
+def _misfits(t: Floats, w: Floats, known: Floats, *, tried: Floats) -> Floats:
+    """(3, G) sums of squares left by line plus hinge at each of (G,) instants.
+
+    `known` (3, M) are the line's two orthonormal rows and what the line leaves of the position.
+    """
+    # Before the first instant every hinge is zero.
+    first = int(np.searchsorted(t, tried.min()))
+    known, whole = known[:, first:], float(known[2] @ known[2])
+    ramp = t[first:, None] - tried
+    np.maximum(ramp, 0.0, out=ramp)
+    hinges = np.empty((len(ramp), len(POWERS), len(tried)))
+    np.multiply(ramp, w[first:, None], out=hinges[:, 0])
+    for power in range(1, len(POWERS)):
+        np.multiply(hinges[:, power - 1], ramp, out=hinges[:, power])
+    columns = hinges.reshape(len(ramp), -1)
+    plain = np.einsum("ij,ij->j", columns, columns)
+    along = known @ columns
+    along *= along
+    size = plain - along[0] - along[1]
+    is_told = size > 1e-9 * plain
+    misfit = np.maximum(whole - along[2] / np.where(is_told, size, 1.0), 0.0)
+    return np.where(is_told, misfit, whole).reshape(len(POWERS), -1)
 
 
 def _thinned(time: Floats, position: Floats, sure: int) -> Points:

@@ -13,7 +13,8 @@ from pumaid.motion.block import Block
 from pumaid.motion.cutting import Piece, Whole
 from pumaid.motion.options import CONSTANT, SegmentOptions
 from pumaid.motion.reasons import Leftover
-from pumaid.motion.reduce import cells, coarser, triangle, usable
+from pumaid.motion.reduce import Chosen, cells, coarser, triangle, usable
+from pumaid.motion.room import Room
 from pumaid.motion.speed import slopes
 from pumaid.records import Cells, Reject, Robot, Run
 
@@ -33,7 +34,7 @@ class Harvest:
 
     def __init__(self, robot: Robot, options: SegmentOptions) -> None:
         self.robot, self.options = robot, options
-        self._runs: list[Run] = []
+        self._runs = Room()
         self._left: list[Leftover] = []
         self._open: list[Run] = []
         self._last: Leftover | None = None
@@ -44,11 +45,12 @@ class Harvest:
             self._leave(self._leftover(block, whole, piece))
             return
         samples = usable(block, piece)
-        missing = piece.stop - piece.start - len(samples)
+        kept = piece.stop - piece.start if isinstance(samples, slice) else len(samples)
+        missing = piece.stop - piece.start - kept
         if missing:
             lost = Piece(piece.start, piece.stop, piece.joints, reason="no-current")
             self._leave(replace(self._leftover(block, whole, lost), samples=missing))
-        if not len(samples):
+        if not kept:
             return
         run = self._run(block, whole, piece, samples)
         if self._open and not _continues(self._open[-1], run, self.options):
@@ -64,7 +66,7 @@ class Harvest:
         """Runs and rejects in order of clock and time."""
         self._close()
         left = sorted(self._left, key=lambda item: (item.clock, item.start, item.first_row))
-        return tuple(self._runs), tuple(item.reject(self.robot, self.options) for item in left)
+        return tuple(self._runs.runs), tuple(item.reject(self.robot, self.options) for item in left)
 
     def _leave(self, leftover: Leftover) -> None:
         self._close()
@@ -77,7 +79,7 @@ class Harvest:
 
     def _close(self) -> None:
         if self._open:
-            self._runs.append(_joined(self._open, self.robot, self.options))
+            self._runs.add(_joined(self._open, self.robot, self.options))
         self._open = []
 
     def _leftover(self, block: Block, whole: Whole | None, piece: Piece) -> Leftover:
@@ -85,7 +87,7 @@ class Harvest:
         parts: tuple[Cells, ...] = ()
         if piece.joints and whole is not None:
             rate = (whole.ticks.time, whole.motion.velocity)
-            samples = np.arange(piece.start, piece.stop)
+            samples = slice(piece.start, piece.stop)
             parts = (cells(block, piece, rate, samples=samples, most=self.options.reject_cells),)
         return Leftover(
             origin=block.origins[block.file[first]],
@@ -102,9 +104,10 @@ class Harvest:
             cells=parts,
         )
 
-    def _run(self, block: Block, whole: Whole, piece: Piece, samples: NDArray[np.int64]) -> Run:
+    def _run(self, block: Block, whole: Whole, piece: Piece, samples: Chosen) -> Run:
         joint = piece.joints[0]
-        first, last = int(samples[0]), int(samples[-1])
+        ends = (samples.start, samples.stop - 1) if isinstance(samples, slice) else samples[[0, -1]]
+        first, last = int(ends[0]), int(ends[1])
         rate = _rate(whole, piece)
         position = block.position[piece.start : piece.stop, joint - 1]
         most = _most(_ends(position), self.options, is_turning=self.robot.joint(joint).is_revolute)

@@ -6,8 +6,8 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
-from scipy.ndimage import maximum_filter1d, minimum_filter1d
 
 from pumaid.motion.edge import leaving
 from pumaid.motion.movement import Stretch
@@ -108,9 +108,8 @@ def _cores(speed: Floats, reach: int, tolerance: tuple[float, float]) -> list[tu
     if len(speed) <= reach:
         return []
     width = 2 * (reach // 2) + 1
-    top = maximum_filter1d(speed, width, mode="nearest")
-    bottom = minimum_filter1d(speed, width, mode="nearest")
-    steady = top - bottom <= 2.0 * (share * speed + absolute)
+    around = sliding_window_view(np.pad(speed, width // 2, mode="edge"), width)
+    steady = around.max(axis=1) - around.min(axis=1) <= 2.0 * (share * speed + absolute)
     found = []
     borders = np.flatnonzero(np.diff(np.concatenate([[0], steady.astype(np.int8), [0]])))
     waiting = [(int(a), int(b)) for a, b in borders.reshape(-1, 2)]

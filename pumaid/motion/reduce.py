@@ -13,31 +13,46 @@ from pumaid.records import CONSTANT_COLUMNS, STROKE_COLUMNS, Cells, Robot
 
 Floats = NDArray[np.float64]
 
+#: Which samples of a block: all from one to another, or their indices.
+Chosen = slice | NDArray[np.int64]
 
-def usable(block: Block, piece: Piece) -> NDArray[np.int64]:
-    """Indices of the samples whose own current is a number; none where it is 0 throughout (the motor is off)."""
+
+def usable(block: Block, piece: Piece) -> Chosen:
+    """The samples whose own current is a number; none where it is 0 throughout (the motor is off)."""
     current = block.current[piece.start : piece.stop, piece.joints[0] - 1]
     if not current.any():
         return np.zeros(0, dtype=np.int64)
+    if _all_below(current, LARGEST):
+        return slice(piece.start, piece.stop)
     return piece.start + np.flatnonzero(np.abs(current) < LARGEST)
 
 
-def triangle(block: Block, piece: Piece, robot: Robot, *, samples: NDArray[np.int64]) -> Triangle:
+def _all_below(values: Floats, largest: float) -> bool:
+    """Whether all are numbers between the largest and its negative; one that is none makes the extremes none, too."""
+    return bool(values.max() < largest and values.min() > -largest)
+
+
+def _within(samples: Chosen, piece: Piece) -> Chosen:
+    """The same samples as counted from the piece's first."""
+    return slice(None) if isinstance(samples, slice) else samples - piece.start
+
+
+def triangle(block: Block, piece: Piece, robot: Robot, *, samples: Chosen) -> Triangle:
     """The run's triangle over the columns that its kind has."""
     joint = piece.joints[0]
     position, current = block.position[samples, joint - 1], block.current[samples, joint - 1]
-    columns = np.zeros((len(samples), 3 if piece.kind == CONSTANT else 5))
+    columns = np.zeros((len(position), 3 if piece.kind == CONSTANT else 5))
     if robot.joint(joint).is_revolute:
         columns[:, 0], columns[:, 1] = np.cos(position), np.sin(position)
     columns[:, 2] = 1.0
     if piece.course is None:
         return Triangle.of(CONSTANT_COLUMNS, columns, current)
-    columns[:, 3] = piece.course.velocity[samples - piece.start]
-    columns[:, 4] = piece.course.acceleration[samples - piece.start]
+    columns[:, 3] = piece.course.velocity[_within(samples, piece)]
+    columns[:, 4] = piece.course.acceleration[_within(samples, piece)]
     return Triangle.of(STROKE_COLUMNS, columns, current)
 
 
-def cells(block: Block, piece: Piece, rate: tuple[Floats, Floats], *, samples: NDArray[np.int64], most: int) -> Cells:
+def cells(block: Block, piece: Piece, rate: tuple[Floats, Floats], *, samples: Chosen, most: int) -> Cells:
     """Means over at most `most` equal spans of time.
 
     Parameters
@@ -47,28 +62,32 @@ def cells(block: Block, piece: Piece, rate: tuple[Floats, Floats], *, samples: N
     rate
         (K,) times and (K, J) velocities of all joints to interpolate.
     samples
-        Indices of the samples to use, rising, at least one.
+        Those to use, in order, at least one.
     most
         Cells at most.
     """
     own = piece.joints[0] - 1
     time = block.time[samples]
-    number = min(most, len(samples))
+    number = min(most, len(time))
     borders = np.linspace(time[0], time[-1], number + 1)[:-1]
-    starts = np.arange(number) if number == len(samples) else np.unique(np.searchsorted(time, borders))
-    count = np.diff(np.append(starts, len(samples)))
+    starts = np.arange(number) if number == len(time) else _each_once(np.searchsorted(time, borders))
+    count = np.diff(np.append(starts, len(time)))
     middle = time[0] + np.add.reduceat(time - time[0], starts) / count
     current = _known_means(block.current[samples], starts, count)
-    spread = np.nan_to_num(block.current[samples, own] - np.repeat(current[:, own], count))
+    spread = block.current[samples, own] - np.repeat(current[:, own], count)
+    square = np.add.reduceat(spread * spread, starts) / count
+    if not np.isfinite(square).all():
+        spread = np.nan_to_num(spread)
+        square = np.add.reduceat(spread * spread, starts) / count
     velocity = _between(middle, rate)
     acceleration = np.zeros(len(starts))
     if piece.course is not None:
-        at = samples - piece.start
+        at = _within(samples, piece)
         velocity[:, own] = np.add.reduceat(piece.course.velocity[at], starts) / count
         acceleration = np.add.reduceat(piece.course.acceleration[at], starts) / count
     warmth = np.full(len(starts), np.nan)
     if block.temperature is not None:
-        warmth = _known_means(block.temperature[samples, own, None], starts, count)[:, 0]
+        warmth = _known_means(block.temperature[samples, own][:, None], starts, count)[:, 0]
     return Cells(
         count=count.astype(np.int64),
         time=middle,
@@ -76,10 +95,15 @@ def cells(block: Block, piece: Piece, rate: tuple[Floats, Floats], *, samples: N
         velocity=velocity,
         acceleration=acceleration,
         current=current,
-        variance=np.add.reduceat(spread * spread, starts) / count,
+        variance=square,
         temperature=warmth,
         extra=None if block.extra is None else _known_means(block.extra[samples], starts, count, largest=np.inf),
     )
+
+
+def _each_once(rising: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Rising numbers without repeats."""
+    return rising[np.append(True, rising[1:] != rising[:-1])]
 
 
 def _means(values: Floats, starts: NDArray[np.int64], count: NDArray[np.int64]) -> Floats:
@@ -91,9 +115,9 @@ def _known_means(
     values: Floats, starts: NDArray[np.int64], count: NDArray[np.int64], *, largest: float = LARGEST
 ) -> Floats:
     """The same of the numbers below `largest` only; NaN where there are none."""
-    good = np.abs(values) < largest
-    if good.all():
+    if _all_below(values, largest):
         return _means(values, starts, count)
+    good = np.abs(values) < largest
     known = np.add.reduceat(good.astype(float), starts, axis=0)
     total = np.add.reduceat(np.where(good, values, 0.0), starts, axis=0)
     return np.divide(total, known, out=np.full(total.shape, np.nan), where=known > 0)
@@ -119,7 +143,7 @@ def coarser(parts: list[Cells], most: int, *, joint: int) -> Cells:
     if len(count) <= most:
         return Cells(count, time, position, velocity, acceleration, current, variance, temperature, extra)
     borders = np.linspace(time[0], time[-1], most + 1)[:-1]
-    starts = np.unique(np.searchsorted(time, borders))
+    starts = _each_once(np.searchsorted(time, borders))
     total = np.add.reduceat(count, starts)
 
     def mean(values: Floats) -> Floats:

@@ -62,7 +62,7 @@ def noise_floor(runs: Sequence[Run]) -> tuple[float | None, str | None]:
     pairs = [(runs[group[0]], runs[other]) for group in replicates(runs) for other in group[1:]]
     if not pairs:
         return None, "no run is repeated (same posture, speed, direction), so noise cannot be told from missing physics"
-    squares = [_between(*pair) + _inside(*pair) for pair in pairs]
+    squares = [_between(*courses) + _inside(*courses) for courses in (_pair(*pair) for pair in pairs)]
     weights = np.array([first.samples + second.samples for first, second in pairs], dtype=float)
     return float(np.sqrt(np.average(squares, weights=weights))), None
 
@@ -107,9 +107,8 @@ def _pair(first: Run, second: Run) -> tuple[_Course, _Course, Floats]:
     return a, b, np.asarray(np.linalg.lstsq(a.basis, a.current, rcond=1e-6)[0], dtype=float)
 
 
-def _between(first: Run, second: Run) -> float:
+def _between(a: _Course, b: _Course, smooth: Floats) -> float:
     """Variance (A2) by which the cells of two runs differ at the same positions: of their noise and of runs' levels."""
-    a, b, smooth = _pair(first, second)
     shared = (b.q >= a.q[0]) & (b.q <= a.q[-1])
     if len(a.q) < 2 or np.count_nonzero(shared) < 2:
         return 0.5 * float(np.average(b.current, weights=b.count) - np.average(a.current, weights=a.count)) ** 2
@@ -124,12 +123,11 @@ def _between(first: Run, second: Run) -> float:
     return 0.5 * (level**2 + float(np.mean((difference - level) ** 2 / left)))
 
 
-def _inside(first: Run, second: Run) -> float:
+def _inside(a: _Course, b: _Course, smooth: Floats) -> float:
     """Mean variance (A2) inside the cells of two runs, less what the current's slope makes of a cell's width.
 
     What the slope adds to the first harmonic's is squared as a product of both runs', whose noise is independent.
     """
-    a, b, smooth = _pair(first, second)
     variance = float(np.average(np.concatenate([a.variance, b.variance]), weights=np.concatenate([a.count, b.count])))
     if len(a.q) < 2 or len(b.q) < 2:
         return variance

@@ -96,15 +96,28 @@ class Tally:
         self.origin = self.origin or log.origin
         self.lowest = np.fmin(self.lowest, np.fmin.reduce(log.position))
         self.highest = np.fmax(self.highest, np.fmax.reduce(log.position))
-        if (
-            self._carry is not None
-            and not log.starts_clock
-            and (self._carry.velocity is None) == (log.velocity is None)
-        ):
-            log = _joined(self._carry, log)
-        edges = np.flatnonzero(np.diff(np.floor(log.time / WINDOW))) + 1
-        edges = np.concatenate([[0], edges])
-        self._carry = _part(log, slice(int(edges[-1]), None))
+        carry, self._carry = self._carry, None
+        if carry is None or log.starts_clock or (carry.velocity is None) != (log.velocity is None):
+            self._windows(log)
+            return
+        # Only the window that was cut is joined; what comes behind it stays where it is.
+        edges = _edges(log.time)
+        first = int(edges[1]) if len(edges) > 1 else len(log)
+        self._windows(_joined(carry, _part(log, slice(0, first + 1))))
+        if first < len(log):
+            self._windows(_part(log, slice(first, None)))
+
+    def _windows(self, log: Log) -> None:
+        """Sum the whole windows of some samples and keep a copy of the last one, which may go on."""
+        edges = _edges(log.time)
+        last = _part(log, slice(int(edges[-1]), None))
+        self._carry = replace(
+            last,
+            time=last.time.copy(),
+            position=last.position.copy(),
+            velocity=None if last.velocity is None else last.velocity.copy(),
+            current=last.current.copy(),
+        )
         if len(edges) > 1:
             self._sum(log, edges)
 
@@ -131,44 +144,58 @@ class Tally:
         self.path += np.where(moves, np.abs(steps), 0.0).sum(axis=0)
         self.seconds += (moves * seconds[:, None]).sum(axis=0)
         self.speed_squares += np.where(moves, steps * speed, 0.0).sum(axis=0)
-        self._levels(np.repeat(usable, counts), np.repeat(moves, counts[usable], axis=0), log.current[:last])
+        self._levels(log.current[:last], edges, usable, moves)
         self._directions(speed, moves, mean, middle)
 
     def _hold_velocity(self, log: Log, edges: NDArray[np.int64], steps: Floats, usable: Bools) -> None:
         assert log.velocity is not None
         self.has_velocity = True
-        pieces = 0.5 * (log.velocity[1:] + log.velocity[:-1]) * np.diff(log.time)[:, None]
-        covered = np.add.reduceat(pieces[: int(edges[-1])], edges[:-1], axis=0)[usable]
-        moved = steps[usable]
+        last = int(edges[-1])
+        half = 0.5 * np.diff(log.time[: last + 1])
+        covered = np.empty((len(edges) - 1, self.robot.n_joints))
+        for j, velocity in enumerate(log.velocity[: last + 1].T):
+            pieces = velocity[1:] + velocity[:-1]
+            pieces *= half
+            covered[:, j] = np.add.reduceat(pieces, edges[:-1])
+        covered, moved = covered[usable], steps[usable]
         self.moved_by += moved.T @ covered
         self.displacement += (moved**2).sum(axis=0)
         self.integral += (covered**2).sum(axis=0)
 
-    def _levels(self, usable: Bools, moves: Bools, current: Floats) -> None:
-        """Extremes of the current while each joint moves."""
-        current = current[usable]
+    def _levels(self, current: Floats, edges: NDArray[np.int64], usable: Bools, moves: Bools) -> None:
+        """Extremes of the current while each joint moves; single samples are looked at where a window's are extreme."""
+        windows = np.flatnonzero(usable)
+        counts = np.diff(edges)
         for j in np.flatnonzero(moves.any(axis=0)):
-            values = current[moves[:, j], j]
-            self.moving[j] += len(values)
-            if np.isnan(values).any():
+            own, values = windows[moves[:, j]], current[:, j]
+            self.moving[j] += int(counts[own].sum())
+            low = np.minimum.reduceat(values, edges[:-1])[own]
+            high = np.maximum.reduceat(values, edges[:-1])[own]
+            if np.isnan(low).any():
                 continue
-            self.current_lowest[j] = min(self.current_lowest[j], values.min())
-            self.current_highest[j] = max(self.current_highest[j], values.max())
-            size = np.abs(values)
-            first = size.max()
-            second = size[size < first].max(initial=-1.0)
-            levels: dict[float, int] = {}
-            for level, count in [
-                *zip(self.top[j].tolist(), self.top_count[j].tolist(), strict=True),
-                (float(first), int(np.count_nonzero(size == first))),
-                (float(second), int(np.count_nonzero(size == second))),
-            ]:
-                levels[level] = levels.get(level, 0) + count
-            best = sorted(levels.items(), reverse=True)[:2]
-            self.top[j], self.top_count[j] = (
-                [b[0] for b in [*best, (-1.0, 0)][:2]],
-                [b[1] for b in [*best, (-1.0, 0)][:2]],
-            )
+            self.current_lowest[j] = min(self.current_lowest[j], low.min())
+            self.current_highest[j] = max(self.current_highest[j], high.max())
+            size = np.maximum(high, -low)
+            second = size[size < size.max()].max(initial=-1.0)
+            for window in own[size >= max(second, self.top[j, 1])].tolist():
+                self._count(int(j), np.abs(values[edges[window] : edges[window + 1]]))
+
+    def _count(self, j: int, size: Floats) -> None:
+        """Bring the two largest magnitudes of joint `j` and their counts up to date by those of (N,) samples."""
+        first = size.max()
+        second = size[size < first].max(initial=-1.0)
+        levels: dict[float, int] = {}
+        for level, count in [
+            *zip(self.top[j].tolist(), self.top_count[j].tolist(), strict=True),
+            (float(first), int(np.count_nonzero(size == first))),
+            (float(second), int(np.count_nonzero(size == second))),
+        ]:
+            levels[level] = levels.get(level, 0) + count
+        best = sorted(levels.items(), reverse=True)[:2]
+        self.top[j], self.top_count[j] = (
+            [b[0] for b in [*best, (-1.0, 0)][:2]],
+            [b[1] for b in [*best, (-1.0, 0)][:2]],
+        )
 
     def _directions(self, speed: Floats, moves: Bools, mean: Floats, middle: Floats) -> None:
         size = np.abs(speed)
@@ -193,19 +220,23 @@ class Tally:
             groups[posture] = rows.T @ rows
 
 
+def _edges(time: Floats) -> NDArray[np.int64]:
+    """Where windows begin: the first sample, and each in another window than the one before."""
+    return np.concatenate([[0], np.flatnonzero(np.diff(np.floor(time / WINDOW))) + 1])
+
+
 def _joined(one: Log, other: Log) -> Log:
     """Two batches of one clock as one."""
 
     def both(name: str) -> Floats:
         return np.concatenate([getattr(one, name), getattr(other, name)])
 
-    velocity = None if other.velocity is None else both("velocity")
     return replace(
         other,
         rows=np.concatenate([one.rows, other.rows]),
         time=both("time"),
         position=both("position"),
-        velocity=velocity,
+        velocity=None if other.velocity is None else both("velocity"),
         current=both("current"),
         temperature=None,
         extra=None,
@@ -213,13 +244,14 @@ def _joined(one: Log, other: Log) -> Log:
 
 
 def _part(log: Log, part: slice) -> Log:
+    """Some of the samples, without what no sum is made of."""
     return replace(
         log,
-        rows=log.rows[part].copy(),
-        time=log.time[part].copy(),
-        position=log.position[part].copy(),
-        velocity=None if log.velocity is None else log.velocity[part].copy(),
-        current=log.current[part].copy(),
+        rows=log.rows[part],
+        time=log.time[part],
+        position=log.position[part],
+        velocity=None if log.velocity is None else log.velocity[part],
+        current=log.current[part],
         temperature=None,
         extra=None,
         starts_clock=False,

@@ -261,3 +261,25 @@ def test_wrong_additions_are_refused(arm):
     done = identify("logs", "--add", "stribek@2")
     assert done.exit_code == 3
     assert "--add stribek@2" in done.stderr and "did you mean stribeck?" in done.stderr
+
+
+def test_a_second_command_does_not_read_the_logs(arm, monkeypatch):
+    """The same model is written from what the first command kept; --no-cache reads, which fails here."""
+    assert identify("logs", "-o", "first.json").exit_code == 0
+
+    def refuse(self):
+        raise OSError("read again")
+        yield
+
+    monkeypatch.setattr("pumaid.files.table.LogReader.__iter__", refuse)
+    assert identify("logs", "-o", "second.json", "--add", "stribeck@1").exit_code == 0
+    assert identify("logs", "-o", "third.json").exit_code == 0
+    assert Path("third.json").read_bytes() == Path("first.json").read_bytes()
+    assert identify("logs", "--no-cache").exit_code != 0
+
+
+def test_cores_change_nothing(arm):
+    """One core writes the same bytes as two."""
+    for jobs in ("1", "2"):
+        assert identify("logs", "--no-cache", "--jobs", jobs, "-o", f"{jobs}.json").exit_code == 0
+    assert Path("1.json").read_bytes() == Path("2.json").read_bytes()

@@ -8,12 +8,14 @@ from typing import TYPE_CHECKING
 import rich_click as click
 
 from pumaid.cli.options import (
+    Pass,
     check_option,
     effects_option,
     heldout_option,
     json_option,
     logs_argument,
     model_argument,
+    pass_options,
     recipe_option,
     trust_option,
     units_option,
@@ -41,6 +43,7 @@ if TYPE_CHECKING:
 @units_option
 @heldout_option
 @trust_option
+@pass_options
 @json_option
 @check_option
 def command(
@@ -53,6 +56,7 @@ def command(
     units: str,
     heldout: tuple[str, ...],
     trust: bool,
+    how: Pass,
     as_json: bool,
     check: bool,
 ) -> None:
@@ -74,7 +78,7 @@ def command(
 
     form = picture_form(picture)
     estimate = read_known_model(model)
-    robot, evidence = read_evidence(logs, recipe, trust=trust, heldout=heldout)
+    robot, evidence = read_evidence(logs, recipe, trust=trust, heldout=heldout, how=how)
     check_model(estimate, robot)
     comparison = compare(estimate, evidence, robot)
     notes((*estimate.notes, *comparison.notes))

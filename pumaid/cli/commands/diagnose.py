@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import rich_click as click
 
 from pumaid.cli.options import (
+    Pass,
     check_option,
     effects_option,
     heldout_option,
@@ -15,6 +16,7 @@ from pumaid.cli.options import (
     logs_argument,
     model_argument,
     output_option,
+    pass_options,
     recipe_option,
     results_option,
     suspect_option,
@@ -42,6 +44,7 @@ if TYPE_CHECKING:
 @heldout_option
 @units_option
 @trust_option
+@pass_options
 @json_option
 @check_option
 @click.pass_context
@@ -61,6 +64,7 @@ def command(
     heldout: tuple[str, ...],
     units: str,
     trust: bool,
+    how: Pass,
     as_json: bool,
     check: bool,
 ) -> None:
@@ -90,7 +94,7 @@ def command(
     if plan is not None and not force:
         refuse_to_replace(plan)
     estimate = read_known_model(model)
-    robot, evidence = read_evidence(logs, recipe, trust=trust, heldout=heldout, extra=suspect)
+    robot, evidence = read_evidence(logs, recipe, trust=trust, heldout=heldout, how=how, extra=suspect)
     check_model(estimate, robot)
     folder = results_folder(results, recipe, logs)
     typed = Typed(logs, recipe, heldout, context.meta.get("pumaid.effects", ()))

@@ -7,12 +7,14 @@ from pathlib import Path
 import rich_click as click
 
 from pumaid.cli.options import (
+    Pass,
     effect_options,
     effects_option,
     heldout_option,
     json_option,
     logs_argument,
     output_option,
+    pass_options,
     recipe_option,
     results_option,
     trust_option,
@@ -33,6 +35,7 @@ from pumaid.cli.progress import progress
 @units_option
 @heldout_option
 @trust_option
+@pass_options
 @json_option
 def command(
     *,
@@ -46,6 +49,7 @@ def command(
     units: str,
     heldout: tuple[str, ...],
     trust: bool,
+    how: Pass,
     as_json: bool,
 ) -> None:
     """Identify gravity, friction and gain ratios from logged currents.
@@ -69,7 +73,7 @@ def command(
     from pumaid.verbs.identify import identify
 
     effects = chosen_by(read_robot(recipe, logs), add=add, remove=remove)
-    robot, evidence = read_evidence(logs, recipe, trust=trust, heldout=heldout)
+    robot, evidence = read_evidence(logs, recipe, trust=trust, heldout=heldout, how=how)
     with progress("identifying", total=robot.n_joints) as step:
         estimate = identify(
             evidence,

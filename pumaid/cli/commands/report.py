@@ -11,10 +11,12 @@ from typing import TYPE_CHECKING
 import rich_click as click
 
 from pumaid.cli.options import (
+    Pass,
     effects_option,
     heldout_option,
     json_option,
     output_option,
+    pass_options,
     recipe_option,
     results_option,
     trust_option,
@@ -50,6 +52,7 @@ FIGURES = ("png", "svg", "pdf")
 @units_option
 @heldout_option
 @trust_option
+@pass_options
 @json_option
 def command(
     *,
@@ -64,6 +67,7 @@ def command(
     units: str,
     heldout: tuple[str, ...],
     trust: bool,
+    how: Pass,
     as_json: bool,
 ) -> None:
     """Write the report: one self-contained HTML page, the tables and the figures.
@@ -86,7 +90,7 @@ def command(
         _table(source, near, recipe=recipe, form=form, units=units, output=output)
         return
     chosen = _forms(forms)
-    read = partial(read_evidence, logs or (str(home / "logs"),), recipe, trust=trust, heldout=heldout)
+    read = partial(read_evidence, logs or (str(home / "logs"),), recipe, trust=trust, heldout=heldout, how=how)
     told = _story(source, read, units=units)
     folder = results or home / "results"
     files = _written(told, folder, figures=figures or folder / "figures", forms=chosen, page=output)

@@ -7,9 +7,16 @@ from typing import TYPE_CHECKING, Any
 
 import rich_click as click
 
-from pumaid.cli.options import json_option, logs_argument, recipe_option, trust_option, units_option
+from pumaid.cli.options import (
+    Pass,
+    json_option,
+    logs_argument,
+    pass_options,
+    recipe_option,
+    trust_option,
+    units_option,
+)
 from pumaid.cli.output import document, notes, picture_form, remark, say, table
-from pumaid.cli.progress import progress
 
 if TYPE_CHECKING:
     from pumaid.records import Evidence, Robot
@@ -39,6 +46,7 @@ _POSITIVE = click.FloatRange(0.0, min_open=True)
 @click.option("--csv", "as_csv", is_flag=True, help="Print the runs as CSV, in SI.")
 @units_option
 @trust_option
+@pass_options
 @json_option
 def command(
     *,
@@ -49,6 +57,7 @@ def command(
     as_csv: bool,
     units: str,
     trust: bool,
+    how: Pass,
     as_json: bool,
     **thresholds: Any,
 ) -> None:
@@ -68,7 +77,7 @@ def command(
     if as_json and as_csv:
         raise click.UsageError("--json and --csv both want standard output; give one of them")
     form = picture_form(picture)
-    robot, evidence = _read(logs, recipe, trust=trust, **thresholds)
+    robot, evidence = _read(logs, recipe, trust=trust, how=how, **thresholds)
     notes(evidence.notes)
     if picture is not None:
         _draw(picture, evidence, robot, form=form, units=units)
@@ -81,24 +90,15 @@ def command(
         _tell(evidence, robot, units=units, rejects=rejects)
 
 
-def _read(logs: tuple[str, ...], recipe: Path | None, *, trust: bool, **thresholds: Any) -> tuple[Robot, Evidence]:
+def _read(
+    logs: tuple[str, ...], recipe: Path | None, *, trust: bool, how: Pass, **thresholds: Any
+) -> tuple[Robot, Evidence]:
     """The one pass with the thresholds that were given, and the plan's held-out runs marked."""
-    from pumaid.cli.reading import experiment_folder, read_robot
-    from pumaid.files.paths import expand
-    from pumaid.files.plan import find_plan, read_plan
-    from pumaid.files.table import LogReader
+    from pumaid.cli.reading import read_evidence
     from pumaid.motion.options import SegmentOptions
-    from pumaid.motion.planned import mark_heldout
-    from pumaid.motion.suspicion import Watch
-    from pumaid.verbs.segment import segment
 
-    robot = read_robot(recipe, logs)
     options = SegmentOptions(**{name: value for name, value in thresholds.items() if value is not None})
-    watched = Watch(LogReader(expand(logs), robot), robot, refuse=not trust)
-    with progress("reading logs") as step:
-        evidence = segment(watched, robot, options=options, progress=lambda rows: step(rows, f"{rows:,} rows"))
-    plan = find_plan([experiment_folder(recipe, logs)])
-    return robot, evidence if plan is None else mark_heldout(evidence, read_plan(plan, robot))
+    return read_evidence(logs, recipe, trust=trust, options=options, how=how)
 
 
 def _tell(evidence: Evidence, robot: Robot, *, units: str, rejects: bool) -> None:

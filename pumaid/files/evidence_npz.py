@@ -1,0 +1,148 @@
+"""Evidence as one npz file of plain arrays, and back, to the bit; nothing in it is ever executed."""
+
+from __future__ import annotations
+
+import json
+import zipfile
+from collections.abc import Iterable, Sequence
+from dataclasses import asdict, fields
+from pathlib import Path
+from typing import Any, BinaryIO
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pumaid.errors import Note, Where
+from pumaid.maths.triangle import Triangle
+from pumaid.records import Cells, Evidence, FileFacts, Reject, Run
+
+Arrays = dict[str, NDArray[Any]]
+
+#: Member by which a file is known to be one of these, the first in it.
+FIRST = "pumaid_evidence"
+_MEANS = tuple(item.name for item in fields(Cells) if item.name != "extra")
+#: Fields that are stored as arrays; all others of a record stand in the JSON part.
+_ARRAYS = ("posture", "triangle", "cells")
+
+
+def write_evidence(sink: BinaryIO, evidence: Evidence) -> None:
+    """Write evidence to a binary stream."""
+    told = {
+        "runs": [_plain(run) | {"columns": run.triangle.columns, "count": run.triangle.count} for run in evidence.runs],
+        "rejects": [_plain(reject) for reject in evidence.rejects],
+        "files": [asdict(facts) for facts in evidence.files],
+        "notes": [asdict(note) for note in evidence.notes],
+        "extra": evidence.extra,
+    }
+    arrays: Arrays = {FIRST: np.frombuffer(json.dumps(told, default=_plain_number).encode(), dtype=np.uint8)}
+    arrays["posture"] = _joined([run.posture for run in evidence.runs])
+    arrays["factor"] = _joined([run.triangle.factor.ravel() for run in evidence.runs])
+    arrays |= _cells("run", [run.cells for run in evidence.runs])
+    arrays |= _cells("reject", [reject.cells for reject in evidence.rejects])
+    np.savez(sink, **arrays)  # type: ignore[arg-type]
+
+
+def read_evidence(path: Path) -> Evidence | None:
+    """The evidence that a file holds, or None where it is not a whole file of this kind."""
+    try:
+        if not _is_plain(path):
+            return None
+        with np.load(path, allow_pickle=False) as stored:
+            arrays = {name: stored[name] for name in stored.files}
+        return _evidence(json.loads(arrays[FIRST].tobytes()), arrays)
+    except (OSError, EOFError, ValueError, TypeError, LookupError, MemoryError, zipfile.BadZipFile):
+        return None
+
+
+def is_evidence(path: Path) -> bool:
+    """Whether a file begins as one that `write_evidence` wrote; only such are ever removed."""
+    head = f"{FIRST}.npy".encode()
+    try:
+        with path.open("rb") as stream:
+            return stream.read(30 + len(head))[30:] == head
+    except OSError:
+        return False
+
+
+def _is_plain(path: Path) -> bool:
+    """Whether all members are stored as they are: what unfolds to more than the file holds is none of ours."""
+    with zipfile.ZipFile(path) as archive:
+        members = archive.infolist()
+    return bool(members) and all(one.compress_type == zipfile.ZIP_STORED for one in members)
+
+
+def _plain(record: Run | Reject) -> dict[str, Any]:
+    return {item.name: getattr(record, item.name) for item in fields(record) if item.name not in _ARRAYS}
+
+
+def _plain_number(value: object) -> object:
+    """One of numpy's numbers as Python's."""
+    if isinstance(value, np.generic):
+        return value.item()
+    raise TypeError(f"{type(value).__name__} is nothing that evidence holds")
+
+
+def _joined(parts: Sequence[NDArray[Any]]) -> NDArray[Any]:
+    return np.concatenate([part.ravel() for part in parts]) if parts else np.zeros(0)
+
+
+def _cells(name: str, found: Sequence[Cells | None]) -> Arrays:
+    """Each quantity of all cells as one array, and how many each record has; -1 where it has none."""
+    there = [cells for cells in found if cells is not None]
+    out: Arrays = {f"{name}_cells": np.array([-1 if c is None else len(c) for c in found], dtype=np.int64)}
+    for quantity in _MEANS:
+        out[f"{name}_{quantity}"] = _joined([getattr(cells, quantity) for cells in there])
+    wide = [(0, np.zeros(0)) if cells.extra is None else (cells.extra.shape[1], cells.extra) for cells in there]
+    out[f"{name}_extras"] = np.array([width for width, _ in wide], dtype=np.int64)
+    out[f"{name}_extra"] = _joined([values for _, values in wide])
+    return out
+
+
+class _Taken:
+    """An array that is handed out from its front."""
+
+    def __init__(self, values: NDArray[Any]) -> None:
+        self.values, self.at = values, 0
+
+    def next(self, *shape: int) -> NDArray[Any]:
+        size = int(np.prod(shape))
+        part = self.values[self.at : self.at + size]
+        self.at += size
+        return part.reshape(shape)
+
+
+def _evidence(told: dict[str, Any], arrays: Arrays) -> Evidence:
+    posture, factor = _Taken(arrays["posture"]), _Taken(arrays["factor"])
+    n_joints = len(arrays["posture"]) // max(1, len(told["runs"]))
+    runs = []
+    for plain, cells in zip(told["runs"], _all_cells("run", arrays), strict=True):
+        columns, count = tuple(plain.pop("columns")), plain.pop("count")
+        size = len(columns) + 1
+        triangle = Triangle(columns, factor.next(size, size), count)
+        plain["span"] = tuple(plain["span"])
+        if cells is None:
+            raise ValueError("a run has no cells")
+        runs.append(Run(**plain, posture=posture.next(n_joints), triangle=triangle, cells=cells))
+    rejects = []
+    for plain, cells in zip(told["rejects"], _all_cells("reject", arrays), strict=True):
+        plain["joints"] = tuple(plain["joints"])
+        rejects.append(Reject(**plain, cells=cells))
+    files = tuple(FileFacts(**facts) for facts in told["files"])
+    notes = tuple(Note(one["slug"], one["text"], Where(**one["where"])) for one in told["notes"])
+    return Evidence(tuple(runs), tuple(rejects), files, notes, tuple(told["extra"]))
+
+
+def _all_cells(name: str, arrays: Arrays) -> Iterable[Cells | None]:
+    counts = arrays[f"{name}_cells"].tolist()
+    taken = {quantity: _Taken(arrays[f"{name}_{quantity}"]) for quantity in (*_MEANS, "extra")}
+    total = max(1, sum(count for count in counts if count > 0))
+    wide = {quantity: len(taken[quantity].values) // total for quantity in ("position", "velocity", "current")}
+    extras = iter(arrays[f"{name}_extras"].tolist())
+    for count in counts:
+        if count < 0:
+            yield None
+            continue
+        shapes = {quantity: (count, wide[quantity]) if quantity in wide else (count,) for quantity in _MEANS}
+        means = {quantity: taken[quantity].next(*shape) for quantity, shape in shapes.items()}
+        width = next(extras)
+        yield Cells(**means, extra=taken["extra"].next(count, width) if width else None)

@@ -1,0 +1,65 @@
+"""Cells of thousands of runs: bounded, evenly spread, and none lost where there are few."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from pumaid.maths.triangle import Triangle
+from pumaid.motion.room import FEWEST, ONE_IN, Room
+from pumaid.records import CONSTANT_COLUMNS, Cells, Run
+
+
+def run(number: int, cells: int = 512) -> Run:
+    """A run of joint 1 or 2, there and back in turns."""
+    rng, direction = np.random.default_rng(number), 1 if number % 2 else -1
+    time = np.arange(cells) / 100.0
+    means = [rng.normal(size=(cells, 2)) for _ in range(3)]
+    inside = Cells(np.full(cells, 5), time, *means[:2], np.zeros(cells), means[2], np.ones(cells), time, None)
+    triangle = Triangle(CONSTANT_COLUMNS, np.eye(4), 5 * cells)
+    joint = 1 + number // 2 % 2
+    return Run(joint, "constant", "a", 2, 9, 0.0, 1.0, np.zeros(2), (0.0, 1.0), direction, 0.0, 20.0, triangle, inside)
+
+
+def kept(count: int, most: int) -> list[Run]:
+    """What is kept of so many runs."""
+    room = Room(most)
+    for number in range(count):
+        room.add(run(number))
+    return room.runs
+
+
+def test_few_runs_keep_all():
+    """Below the bound nothing is touched."""
+    runs = [run(number) for number in range(10)]
+    room = Room(10 * 512)
+    for one in runs:
+        room.add(one)
+    assert all(a is b for a, b in zip(room.runs, runs, strict=True))
+
+
+@pytest.mark.parametrize("count", [50, 500, 3000])
+def test_cells_stay_bounded(count):
+    """However many runs come, cells stay below the bound and twice the fewest a run."""
+    assert sum(len(one.cells) for one in kept(count, 20_000)) <= 20_000 + 2 * FEWEST * count
+
+
+def test_fine_runs_are_spread_evenly():
+    """Both directions of both joints, early and late, keep some runs whole."""
+    runs = kept(600, 150_000)
+    fine = [number for number, one in enumerate(runs) if len(one.cells) == 512]
+    assert len(fine) == pytest.approx(len(runs) / ONE_IN, rel=0.1)
+    for joint in (1, 2):
+        for direction in (1, -1):
+            own = [n for n in fine if (runs[n].joint, runs[n].direction) == (joint, direction)]
+            assert min(own) < 60
+            assert max(own) > 540
+
+
+def test_coarser_runs_hold_the_same_samples():
+    """Counts, means and triangles of a run are those that it had."""
+    before, after = run(5), kept(600, 50_000)[5]
+    assert len(after.cells) < 512
+    assert after.samples == before.samples == after.cells.count.sum()
+    mean = [np.average(one.cells.current, axis=0, weights=one.cells.count) for one in (before, after)]
+    np.testing.assert_allclose(*mean, rtol=1e-12)
