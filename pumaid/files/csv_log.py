@@ -107,13 +107,13 @@ class CsvSource:
         indices = [self.header.index(name) for name in names]
         line = 1
         for block, is_last in self._blocks():
-            n_lines = block.count(b"\n") + (not block.endswith(b"\n"))
+            n_lines = _n_lines(block)
             if line <= self.dialect.header_line:
                 skipped = min(n_lines, self.dialect.header_line - line + 1)
                 block = block.split(b"\n", skipped)[-1] if block.count(b"\n") >= skipped else b""
                 line, n_lines = line + skipped, n_lines - skipped
-            if block.strip():
-                yield self._numbers(block, line, indices, is_last)
+            if block and not block.isspace():
+                yield self._numbers(block, range(line, line + n_lines), indices, is_last)
             line += n_lines
 
     def _blocks(self) -> Iterator[tuple[bytes, bool]]:
@@ -136,15 +136,14 @@ class CsvSource:
                 pending = pending[cut:]
             self._check_line(pending)
 
-    def _numbers(self, block: bytes, line: int, indices: list[int], is_last: bool) -> Chunk:
-        n_lines = block.count(b"\n") + (not block.endswith(b"\n"))
-        if self.dialect.delimiter == SPACES:
-            block = _squeezed(block)
-        table = self._fast(block, indices)
-        if table is not None and table.shape[1] == n_lines:
-            return line + np.arange(n_lines), table
+    def _numbers(self, block: bytes, lines: range, indices: list[int], is_last: bool) -> Chunk:
+        squeezed = _squeezed(block) if self.dialect.delimiter == SPACES else block
+        table = self._fast(squeezed, indices)
+        if table is not None and table.shape[1] == len(lines):
+            return np.arange(lines.start, lines.stop), table
+        block = squeezed
         # Some line is empty, a comment, cut, or holds what Arrow does not read.
-        block, rows = _without_blanks(block, line)
+        block, rows = _without_blanks(block, lines.start)
         table = self._fast(block, indices)
         return self._slow(block, rows, indices, is_last) if table is None else (rows, table)
 
@@ -167,7 +166,13 @@ class CsvSource:
             )
         except pa.ArrowInvalid:
             return None
-        return np.stack([table.column(k).to_numpy() for k in chosen])
+        out = np.empty((len(chosen), table.num_rows))
+        for row, name in zip(out, chosen, strict=True):
+            at = 0
+            for part in table.column(name).chunks:
+                row[at : at + len(part)] = part.to_numpy(zero_copy_only=False)
+                at += len(part)
+        return out
 
     def _slow(self, block: bytes, lines: NDArray[np.int64], indices: list[int], is_last: bool) -> Chunk:
         """Cell by cell: reads what Arrow refuses (a plus sign), and names what cannot be read."""
@@ -222,6 +227,12 @@ class CsvSource:
             mend = "write times as seconds, not as dates"
         where = Where(file=self.name, row=bad[0][0], column=bad[0][1])
         return LogError("not-a-number", f"text where a number belongs: {shown}{more}", where, mend)
+
+
+def _n_lines(block: bytes) -> int:
+    """Lines of a block, the last with or without its line feed."""
+    feeds = np.count_nonzero(np.frombuffer(block, dtype=np.uint8) == ord("\n"))
+    return int(feeds) + (not block.endswith(b"\n"))
 
 
 def _one_line_end(block: bytes) -> bytes:

@@ -34,7 +34,7 @@ def write_evidence(sink: BinaryIO, evidence: Evidence) -> None:
         "notes": [asdict(note) for note in evidence.notes],
         "extra": evidence.extra,
     }
-    arrays: Arrays = {FIRST: np.frombuffer(json.dumps(told).encode(), dtype=np.uint8)}
+    arrays: Arrays = {FIRST: np.frombuffer(json.dumps(told, default=_plain_number).encode(), dtype=np.uint8)}
     arrays["posture"] = _joined([run.posture for run in evidence.runs])
     arrays["factor"] = _joined([run.triangle.factor.ravel() for run in evidence.runs])
     arrays |= _cells("run", [run.cells for run in evidence.runs])
@@ -73,6 +73,13 @@ def _is_plain(path: Path) -> bool:
 
 def _plain(record: Run | Reject) -> dict[str, Any]:
     return {item.name: getattr(record, item.name) for item in fields(record) if item.name not in _ARRAYS}
+
+
+def _plain_number(value: object) -> object:
+    """One of numpy's numbers as Python's."""
+    if isinstance(value, np.generic):
+        return value.item()
+    raise TypeError(f"{type(value).__name__} is nothing that evidence holds")
 
 
 def _joined(parts: Sequence[NDArray[Any]]) -> NDArray[Any]:

@@ -173,10 +173,9 @@ class _Hashing(io.RawIOBase):
         return True
 
     def readinto(self, buffer: Any) -> int:
-        data = self._stream.read(len(buffer))
-        buffer[: len(data)] = data
-        self.hash.update(data)
-        return len(data)
+        count = cast(io.BufferedReader, self._stream).readinto(buffer)
+        self.hash.update(memoryview(buffer)[:count])
+        return count
 
 
 @contextmanager

@@ -7,11 +7,11 @@ from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import optimize
 
 from pumaid.chosen import Chosen, scale_of
 from pumaid.effects.base import Shape
 from pumaid.fit.ground import Ground, Refit
+from pumaid.maths.least import least
 from pumaid.records import Robot
 
 Floats = NDArray[np.float64]
@@ -160,5 +160,5 @@ class Profile:
             points[float(value)] = self._at(start.shape | {shape.name: float(value)})
             return -points[float(value)].gain
 
-        optimize.minimize_scalar(cost, bounds=bounds, method="bounded", options={"xatol": FINE * reach})
+        least(cost, bounds, within=FINE * reach)
         return max(points.values(), key=lambda point: point.gain)

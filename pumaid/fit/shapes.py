@@ -7,7 +7,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import optimize
 
 from pumaid.chosen import Chosen, scale_of
 from pumaid.effects import Scope
@@ -127,6 +126,9 @@ def _refined(
 
     def cost(step: Floats) -> float:
         return -ground.gain(one.at(at(step)), robot)
+
+    # What it brings takes as long to load as an identification; most have no shapes to look for together.
+    from scipy import optimize
 
     found = optimize.minimize(
         cost, np.zeros(len(names)), method="L-BFGS-B", bounds=bounds, options={"eps": NUDGE, "ftol": ENOUGH}

@@ -6,7 +6,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import optimize
+
+from pumaid.maths.least import least
 
 Floats = NDArray[np.float64]
 
@@ -100,8 +101,8 @@ def estimate(
     def cost(log: float) -> float:
         return likelihood.quieted(loud, float(np.exp(log))).best()[0] + rows * log
 
-    found = optimize.minimize_scalar(cost, bounds=(0.0, LOUDEST), method="bounded", options={"xatol": LOUD_TO})
-    times = 1.0 if cost(0.0) <= found.fun + 1e-9 else float(np.exp(found.x))
+    found, worth = least(cost, (0.0, LOUDEST), within=LOUD_TO)
+    times = 1.0 if cost(0.0) <= worth + 1e-9 else float(np.exp(found))
     return replace(likelihood.quieted(loud, times).best()[1], loud=times)
 
 
@@ -146,11 +147,9 @@ class _Likelihood:
         costs = [profile(float(np.exp(point)))[0] for point in grid]
         best = int(np.argmin(costs))
         low, high = grid[max(best - 1, 0)], grid[min(best + 1, len(grid) - 1)]
-        found = optimize.minimize_scalar(
-            lambda point: profile(float(np.exp(point)))[0], bounds=(low, high), method="bounded"
-        )
-        ratio = float(np.exp(found.x))
-        if profile(0.0)[0] <= found.fun + 1e-9:
+        found, worth = least(lambda point: profile(float(np.exp(point)))[0], (float(low), float(high)))
+        ratio = float(np.exp(found))
+        if profile(0.0)[0] <= worth + 1e-9:
             ratio = 0.0
         cost, sample = profile(ratio)
         return cost, Levels(sample, ratio * sample, freedoms)
