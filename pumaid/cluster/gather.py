@@ -7,13 +7,16 @@ from dataclasses import replace
 from functools import reduce
 from typing import Any
 
-from pumaid.cluster.part import Edge, Part, joined, read_part
+from pumaid.cluster.part import Part, goes_on, joined, read_part
 from pumaid.errors import Faults, LogError, Note, Where
 from pumaid.files.table import LogPath, merged_notes
 from pumaid.motion.options import DEFAULTS, SegmentOptions
 from pumaid.motion.room import Room
+from pumaid.motion.seam import Side
 from pumaid.motion.suspicion import suspicions
 from pumaid.records import Evidence, Robot
+
+Sides = tuple[Side | None, Side | None]
 
 #: Parts that one worker joins at a time.
 FAN_IN = 8
@@ -60,8 +63,7 @@ def gather(
     """
     groups = [(path,) for path in paths]
     futures = [_submitted(client, group, robot, options) for group in groups]
-    edges = _edges(client, futures, progress)
-    together = _together(edges)
+    together = _together(_ends(client, futures, progress))
     if len(together) < len(groups):
         again = [tuple(path for k in one for path in groups[k]) for one in together]
         futures = [
@@ -108,17 +110,17 @@ def _submitted(client: Any, group: Sequence[LogPath], robot: Robot, options: Seg
     return client.submit(read_part, tuple(group), robot, options, pure=False)
 
 
-def _edge(part: Part) -> Edge:
-    return part.edge
+def _sides(part: Part) -> Sides:
+    return part.first, part.last
 
 
 def _joined(*parts: Part) -> Part:
     return reduce(joined, parts)
 
 
-def _edges(client: Any, futures: Sequence[Any], progress: Callable[[int, int], None] | None) -> list[Edge]:
-    """What each part's neighbours must know, in order; raises what the first part that was refused raised."""
-    told = [client.submit(_edge, future, pure=False) for future in futures]
+def _ends(client: Any, futures: Sequence[Any], progress: Callable[[int, int], None] | None) -> list[Sides]:
+    """Both ends of each part, in order; raises what the first part that was refused raised."""
+    told = [client.submit(_sides, future, pure=False) for future in futures]
     found = []
     for done, one in enumerate(told, start=1):
         found.append(one.result())
@@ -127,11 +129,11 @@ def _edges(client: Any, futures: Sequence[Any], progress: Callable[[int, int], N
     return found
 
 
-def _together(edges: Sequence[Edge]) -> list[list[int]]:
+def _together(ends: Sequence[Sides]) -> list[list[int]]:
     """Numbers of the parts that must be read as one, in order."""
     out: list[list[int]] = [[0]]
-    for number in range(1, len(edges)):
-        if edges[number - 1].goes_on_in(edges[number]):
+    for number in range(1, len(ends)):
+        if goes_on(ends[number - 1][1], ends[number][0]):
             out[-1].append(number)
         else:
             out.append([number])

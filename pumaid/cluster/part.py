@@ -5,15 +5,16 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
+import numpy as np
+
 from pumaid.errors import Note
 from pumaid.files.table import LogPath, LogReader
+from pumaid.motion.block import Buffer
 from pumaid.motion.options import SegmentOptions
+from pumaid.motion.seam import RESTFUL, Side, are_apart, first_side, last_side
 from pumaid.motion.tally import Tally
-from pumaid.records import Evidence, FileFacts, Log, Reject, Robot, Run
-from pumaid.verbs.segment import RESTFUL, segment
-
-#: s between the last sample of a file and the first of the next from which no motion can go on from one to the other.
-FAR = 1.0
+from pumaid.records import Evidence, FileFacts, Log, Robot
+from pumaid.verbs.segment import segment
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -28,38 +29,15 @@ class Part:
         Sums by which it is judged what the columns mean.
     clocks
         How many recordings began in it.
+    first, last
+        Its ends; None without samples.
     """
 
     evidence: Evidence
     tally: Tally
     clocks: int
-
-    @property
-    def edge(self) -> Edge:
-        """What the neighbours must know."""
-        rows = [facts for facts in self.evidence.files if facts.rows]
-        everything = sorted([*self.evidence.runs, *self.evidence.rejects], key=lambda one: (one.clock, one.start))
-        if not rows or not everything:
-            return Edge(None, None, True, True)
-        first, last = everything[0], everything[-1]
-        return Edge(rows[0].first_time, rows[-1].last_time, _rests(first), _rests(last))
-
-
-@dataclass(frozen=True, slots=True)
-class Edge:
-    """First and last time of a part (s; None without samples), and whether the arm rests there for long enough."""
-
-    first_time: float | None
-    last_time: float | None
-    begins_at_rest: bool
-    ends_at_rest: bool
-
-    def goes_on_in(self, following: Edge) -> bool:
-        """Whether a motion may go on from this part in the following one, so that the two must be read together."""
-        if self.last_time is None or following.first_time is None:
-            return False
-        gap = following.first_time - self.last_time
-        return 0.0 < gap <= FAR and not (self.ends_at_rest and following.begins_at_rest)
+    first: Side | None
+    last: Side | None
 
 
 def read_part(paths: Sequence[LogPath], robot: Robot, options: SegmentOptions) -> Part:
@@ -79,16 +57,18 @@ def read_part(paths: Sequence[LogPath], robot: Robot, options: SegmentOptions) -
     LogError
         As the reader does where a file alone is bad.
     """
-    logs = _Tallied(LogReader(paths, robot, is_part=True), robot)
+    logs = _Tallied(LogReader(paths, robot, is_part=True), robot, options)
     evidence = segment(logs, robot, options=options)
-    return Part(replace(evidence, notes=logs.reader.raw_notes), logs.tally, logs.clocks)
+    return Part(replace(evidence, notes=logs.reader.raw_notes), logs.tally, logs.clocks, *logs.sides())
 
 
 class _Tallied:
-    """A stream of logs of which sums are kept, and its recordings counted."""
+    """A stream of logs of which sums are kept, recordings counted, and both ends looked at."""
 
-    def __init__(self, reader: LogReader, robot: Robot) -> None:
+    def __init__(self, reader: LogReader, robot: Robot, options: SegmentOptions) -> None:
         self.reader, self.tally, self.clocks = reader, Tally(robot), 1
+        self._options = options
+        self._head, self._tail = Buffer(0), Buffer(0)
 
     @property
     def files(self) -> tuple[FileFacts, ...]:
@@ -102,12 +82,36 @@ class _Tallied:
         for log in self.reader:
             self.clocks += log.starts_clock
             self.tally.take(log)
+            self._look(log)
             yield log
 
+    def _look(self, log: Log) -> None:
+        if not len(log):
+            return
+        if not len(self._head) or np.ptp(self._head.head(0, RESTFUL)[0]) < RESTFUL:
+            self._head.add(log)
+        if log.starts_clock:
+            self._tail = Buffer(0)
+        self._tail.add(log)
+        while len(self._tail) > len(log):
+            time, _ = self._tail.tail(len(self._tail), RESTFUL)
+            if time[-1] - time[0] < RESTFUL or len(time) >= len(self._tail):
+                break
+            self._tail.drop(len(self._tail) - len(time), 0)
 
-def _rests(one: Run | Reject) -> bool:
-    """Whether a stretch is a rest in which the segmentation may end a window."""
-    return isinstance(one, Reject) and one.reason == "rest" and one.duration >= RESTFUL
+    def sides(self) -> tuple[Side | None, Side | None]:
+        """Both ends; None without samples."""
+        if not len(self._tail):
+            return None, None
+        first = first_side(*self._head.head(0, RESTFUL), self._options)
+        return first, last_side(*self._tail.tail(len(self._tail), RESTFUL), self._options)
+
+
+def goes_on(before: Side | None, after: Side | None) -> bool:
+    """Whether a motion may go on from one part in the next, so that the two must be read together."""
+    if before is None or after is None:
+        return before is not after
+    return after.time > before.time and not are_apart(before, after)
 
 
 def joined(first: Part, second: Part) -> Part:
@@ -118,11 +122,12 @@ def joined(first: Part, second: Part) -> Part:
     first, second
         In the order of their files; no motion goes on from the one in the other.
     """
-    before, after = first.edge.last_time, second.edge.first_time
-    follows = before is not None and after is not None and after > before
-    shift = first.clocks - (1 if follows or before is None else 0)
+    before, after = first.last, second.first
+    follows = before is not None and after is not None and after.time > before.time
+    shift = first.clocks - (1 if follows or before is None or after is None else 0)
     runs = tuple(replace(run, clock=run.clock + shift) for run in second.evidence.runs)
     rejects = tuple(replace(reject, clock=reject.clock + shift) for reject in second.evidence.rejects)
     a, b = first.evidence, second.evidence
     evidence = Evidence((*a.runs, *runs), (*a.rejects, *rejects), (*a.files, *b.files), (*a.notes, *b.notes))
-    return Part(evidence, first.tally.with_more(second.tally), shift + second.clocks)
+    ends = first.first or second.first, second.last or first.last
+    return Part(evidence, first.tally.with_more(second.tally), shift + second.clocks, *ends)
