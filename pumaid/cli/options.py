@@ -91,10 +91,15 @@ def trust_option(function: Decorated) -> Decorated:
 
 @dataclass(frozen=True, slots=True)
 class Pass:
-    """How logs are read: `cached`, whether what an earlier command kept may be used; `jobs`, cores (0: all)."""
+    """How logs are read.
+
+    `cached`, whether what an earlier command kept may be used; `jobs`, cores (0: all); `dask`, a cluster's scheduler or
+    ``local``, none where empty.
+    """
 
     cached: bool = True
     jobs: int = 0
+    dask: str = ""
 
 
 def pass_options(function: Decorated) -> Decorated:

@@ -8,8 +8,10 @@ from typing import TYPE_CHECKING
 
 from pumaid.cli.options import Pass
 from pumaid.cli.progress import progress
+from pumaid.errors import LogError, Where
 
 if TYPE_CHECKING:
+    from pumaid.files.table import LogPath
     from pumaid.motion.options import SegmentOptions
     from pumaid.records import Estimate, Evidence, Robot
 
@@ -97,7 +99,10 @@ def read_evidence(
     kept = EvidenceCache(paths, robot, options=repr((options, trust, tuple(extra)))) if how.cached else None
     evidence = kept.get() if kept is not None else None
     if evidence is None:
-        evidence = _one_pass(paths, robot, trust=trust, extra=extra, options=options, jobs=how.jobs)
+        if how.dask:
+            evidence = _on_cluster(paths, robot, trust=trust, options=options, how=how)
+        else:
+            evidence = _one_pass(paths, robot, trust=trust, extra=extra, options=options, jobs=how.jobs)
         if kept is not None:
             kept.put(evidence)
     planned = _with_plan(evidence, robot, experiment_folder(recipe, logs))
@@ -105,7 +110,7 @@ def read_evidence(
 
 
 def _one_pass(
-    paths: Sequence[Path], robot: Robot, *, trust: bool, extra: Sequence[str], options: SegmentOptions, jobs: int
+    paths: Sequence[LogPath], robot: Robot, *, trust: bool, extra: Sequence[str], options: SegmentOptions, jobs: int
 ) -> Evidence:
     """Read, watch and segment logs; with more than one core plain files are read ahead."""
     import os
@@ -124,6 +129,26 @@ def _one_pass(
             robot,
             options=options,
             progress=lambda rows: step(rows, f"{rows:,} rows"),
+        )
+
+
+def _on_cluster(paths: Sequence[LogPath], robot: Robot, *, trust: bool, options: SegmentOptions, how: Pass) -> Evidence:
+    """The same on the workers of a cluster, a file each."""
+    from pumaid.cluster.connect import connected
+    from pumaid.cluster.gather import gather
+    from pumaid.files.paths import STDIN
+
+    if STDIN in paths:
+        what = "standard input cannot be read by the workers of a cluster"
+        raise LogError("no-cluster", what, Where(field=f"--dask {how.dask}"), "name files, or leave --dask away")
+    with connected(how.dask, workers=how.jobs or None) as client, progress("reading logs", total=len(paths)) as step:
+        return gather(
+            paths,
+            robot,
+            client,
+            options=options,
+            refuse=not trust,
+            progress=lambda done, count: step(done, f"{done} of {count} files"),
         )
 
 

@@ -11,6 +11,7 @@ from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 
 from pumaid.errors import LogError, Where
+from pumaid.files.remote import Remote, found_below, is_remote
 
 #: Stands for standard input.
 STDIN = Path("-")
@@ -29,12 +30,13 @@ def natural(text: str) -> tuple[tuple[int, int, str], ...]:
     return tuple((0, int(part), "") if part.isdecimal() else (1, 0, part) for part in parts if part)
 
 
-def expand(arguments: Iterable[str | Path]) -> list[Path]:
+def expand(arguments: Iterable[str | Path]) -> list[Path | Remote]:
     """The log files that the arguments of a command name.
 
     A folder stands for every ``*.csv``, ``*.csv.gz`` and ``*.parquet`` below it in natural order of their names,
     without hidden ones, ``plan.csv`` and folders named ``results``; a glob for what it matches (``**`` crosses
-    folders); ``-`` for standard input. A file that several arguments name is taken once, where it is named first.
+    folders); ``-`` for standard input; a path with a scheme (``s3://bucket/logs``) for what is in that store. A file
+    that several arguments name is taken once, where it is named first.
 
     Parameters
     ----------
@@ -51,12 +53,12 @@ def expand(arguments: Iterable[str | Path]) -> list[Path]:
     LogError [no-such-log, no-logs, unreadable-log]
         Every argument that leads nowhere is told, with the nearest name.
     """
-    found: dict[str, Path] = {}
+    found: dict[str, Path | Remote] = {}
     empty = True
     for argument in arguments:
         empty = False
         for path in _of_one(str(argument)):
-            found.setdefault("-" if path == STDIN else os.path.realpath(path), path)
+            found.setdefault(_key(path), path)
     if empty:
         raise LogError("no-logs", "no log was named", mend="name files, folders or globs, or - for standard input")
     return list(found.values())
@@ -99,7 +101,16 @@ def meant(pattern: str, names: Sequence[str]) -> list[str]:
     return found
 
 
-def _of_one(argument: str) -> Iterable[Path]:
+def _key(path: Path | Remote) -> str:
+    """The same for all names of one file."""
+    if isinstance(path, Remote):
+        return path.url
+    return "-" if path == STDIN else os.path.realpath(path)
+
+
+def _of_one(argument: str) -> Iterable[Path | Remote]:
+    if is_remote(argument):
+        return found_below(argument, LOG_ENDINGS)
     path = Path(argument)
     if path == STDIN:
         return [STDIN]
@@ -176,7 +187,7 @@ def _nearest(path: Path) -> str:
     return f"{parent} holds {', '.join(shown)}{' ...' if len(names) > 5 else ''}" if shown else f"{parent} is empty"
 
 
-def unreadable(path: Path, error: OSError) -> LogError:
+def unreadable(path: Path | Remote, error: OSError) -> LogError:
     """A refusal of the system to let a log be read, in the program's form."""
     reason = error.strerror or str(error)
     return LogError(

@@ -22,9 +22,13 @@ from pumaid.files.csv_log import CsvSource
 from pumaid.files.log_writer import write_log
 from pumaid.files.parquet_log import MAGIC, ParquetSource
 from pumaid.files.paths import STDIN, expand, unreadable
+from pumaid.files.remote import Remote
 from pumaid.records import FileFacts, Log, Robot
 
 __all__ = ["LogReader", "expand", "write_log"]
+
+#: A log on this machine, or in a store.
+LogPath = Path | Remote
 
 _GZIP = b"\x1f\x8b"
 #: Notes of one kind that are told in full; a campaign of a thousand files may have one in each.
@@ -48,6 +52,8 @@ class LogReader:
         Most samples of one batch; the samples do not depend on it.
     extra
         Columns to read besides what the recipe names, as the files call them; they arrive as `Log.extra`.
+    is_part
+        Whether these are some of the files of an experiment: what only all of them can show is then not refused.
 
     Raises
     ------
@@ -65,11 +71,18 @@ class LogReader:
     """
 
     def __init__(
-        self, paths: Iterable[Path], robot: Robot, *, batch_rows: int = 65536, extra: Sequence[str] = ()
+        self,
+        paths: Iterable[LogPath],
+        robot: Robot,
+        *,
+        batch_rows: int = 65536,
+        extra: Sequence[str] = (),
+        is_part: bool = False,
     ) -> None:
         if batch_rows < 1:
             raise ValueError(f"batch_rows is {batch_rows}; a batch has at least one row")
-        self._paths, self._robot, self._batch_rows = tuple(Path(path) for path in paths), robot, batch_rows
+        self._paths = tuple(path if isinstance(path, Remote) else Path(path) for path in paths)
+        self._robot, self._batch_rows, self._is_part = robot, batch_rows, is_part
         self.extra = tuple(dict.fromkeys(extra))
         self._files: list[FileFacts] = []
         self._notes: list[Note] = []
@@ -82,7 +95,12 @@ class LogReader:
     @property
     def notes(self) -> tuple[Note, ...]:
         """Notes of the files read so far; what many files share is told once."""
-        return tuple(_merged(self._notes))
+        return tuple(merged_notes(self._notes))
+
+    @property
+    def raw_notes(self) -> tuple[Note, ...]:
+        """Notes of the files read so far, one by one."""
+        return tuple(self._notes)
 
     def __iter__(self) -> Iterator[Log]:
         self._files, self._notes = [], []
@@ -90,7 +108,7 @@ class LogReader:
             check_extra(dict(self._headers()), self.extra)
         for path in self._paths:
             yield from self._one(path)
-        if self._paths and not any(facts.rows for facts in self._files):
+        if self._paths and not self._is_part and not any(facts.rows for facts in self._files):
             what = f"no log has a row of numbers ({', '.join(facts.name for facts in self._files[:3])})"
             raise LogError("empty-log", what, Where(file=self._files[0].name), "record again, or name other files")
 
@@ -100,7 +118,7 @@ class LogReader:
             with _opened(path, str(path)) as (source, _):
                 yield str(path), source.header
 
-    def _one(self, path: Path) -> Iterator[Log]:
+    def _one(self, path: LogPath) -> Iterator[Log]:
         name = "<stdin>" if path == STDIN else str(path)
         with _opened(path, name) as (source, digest):
             if path == STDIN:
@@ -161,7 +179,7 @@ class _Hashing(io.RawIOBase):
 
 
 @contextmanager
-def _opened(path: Path, name: str) -> Iterator[tuple[CsvSource | ParquetSource, Callable[[], str]]]:
+def _opened(path: LogPath, name: str) -> Iterator[tuple[CsvSource | ParquetSource, Callable[[], str]]]:
     """The source for a file by its first bytes, and a function that gives the digest once all is read."""
     try:
         with nullcontext(sys.stdin.buffer) if path == STDIN else path.open("rb") as stream:
@@ -181,7 +199,7 @@ def _opened(path: Path, name: str) -> Iterator[tuple[CsvSource | ParquetSource, 
 
 
 def _parquet(
-    path: Path, stream: BinaryIO, buffered: io.BufferedReader[_Hashing]
+    path: LogPath, stream: BinaryIO, buffered: io.BufferedReader[_Hashing]
 ) -> tuple[ParquetSource, Callable[[], str]]:
     """From a pipe the whole file must be held: Parquet's index is at its end."""
     if path != STDIN and path.is_file():
@@ -200,7 +218,7 @@ def _digest_to_end(buffered: io.BufferedReader[_Hashing], hashing: _Hashing) -> 
     return hashing.hash.hexdigest()
 
 
-def _merged(notes: Iterable[Note]) -> Iterator[Note]:
+def merged_notes(notes: Iterable[Note]) -> Iterator[Note]:
     """What several files share word for word once; of each kind the first `MOST_ALIKE`, and how many more there are."""
     groups: dict[tuple[str, str], list[Note]] = {}
     for note in notes:

@@ -72,6 +72,40 @@ class Buffer:
             self._parts.append(log)
             self._size += len(log)
 
+    @property
+    def origin(self) -> str:
+        """File of the last sample; empty without samples."""
+        return self._parts[-1].origin if self._parts else ""
+
+    def head(self, start: int, seconds: float) -> tuple[Floats, Floats]:
+        """(N,) times and (N, J) positions from sample `start` on for at least `seconds`, where there are so many."""
+        return _run([_cut(part, max(0, low), len(part)) for part, low in self._from(start)], seconds)
+
+    def tail(self, stop: int, seconds: float) -> tuple[Floats, Floats]:
+        """The same up to sample `stop`."""
+        found: list[Log] = []
+        for part, low in reversed(list(self._from(0))):
+            at = -low  # where this part begins in the buffer
+            if at >= stop:
+                continue
+            found.insert(0, _cut(part, 0, min(len(part), stop - at)))
+            if found[-1].time[-1] - found[0].time[0] >= seconds:
+                break
+        return np.concatenate([part.time for part in found]), np.concatenate([part.position for part in found])
+
+    def _from(self, start: int) -> list[tuple[Log, int]]:
+        """Parts with samples from `start` on, each with where `start` is in it (negative: before it)."""
+        out, at = [], 0
+        for part in self._parts:
+            if at + len(part) > start:
+                out.append((part, start - at))
+            at += len(part)
+        return out
+
+    def begin_anew(self) -> None:
+        """What follows is looked at as if the recording began with it."""
+        self.lead, self._begun = 0, False
+
     def block(self, size: int, ends: bool) -> Block:
         """The first `size` samples as one block."""
         parts, missing = [], size
@@ -107,6 +141,16 @@ class Buffer:
         self._size = sum(len(part) for part in kept)
         self.lead = lead
         self._begun = True
+
+
+def _run(parts: Sequence[Log], seconds: float) -> tuple[Floats, Floats]:
+    """Times and positions of the first parts that last so long."""
+    found: list[Log] = []
+    for part in parts:
+        found.append(part)
+        if part.time[-1] - found[0].time[0] >= seconds:
+            break
+    return np.concatenate([part.time for part in found]), np.concatenate([part.position for part in found])
 
 
 def _cut(log: Log, start: int, stop: int) -> Log:

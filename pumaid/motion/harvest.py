@@ -68,6 +68,11 @@ class Harvest:
         left = sorted(self._left, key=lambda item: (item.clock, item.start, item.first_row))
         return tuple(self._runs.runs), tuple(item.reject(self.robot, self.options) for item in left)
 
+    def part(self) -> None:
+        """What comes next is not joined with what came before."""
+        self._close()
+        self._last = None
+
     def _leave(self, leftover: Leftover) -> None:
         self._close()
         last = self._last

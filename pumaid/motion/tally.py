@@ -89,6 +89,35 @@ class Tally:
         self.top, self.top_count = np.full((n, 2), -1.0), np.zeros((n, 2), dtype=np.int64)
         self.groups = [{} for _ in range(n)]
 
+    def with_more(self, other: Tally) -> Tally:
+        """The sums of this stream and of another that comes after it.
+
+        A window that goes on from the one in the other is left out.
+
+        Parameters
+        ----------
+        other
+            Of the same robot.
+        """
+        out = Tally(self.robot, self.origin or other.origin)
+        out.lowest, out.highest = np.fmin(self.lowest, other.lowest), np.fmax(self.highest, other.highest)
+        out.current_lowest = np.fmin(self.current_lowest, other.current_lowest)
+        out.current_highest = np.fmax(self.current_highest, other.current_highest)
+        for name in ("path", "seconds", "speed_squares", "moved_by", "displacement", "integral", "moving", "ways"):
+            setattr(out, name, getattr(self, name) + getattr(other, name))
+        out.has_velocity = self.has_velocity or other.has_velocity
+        for one in (self, other):
+            for part in one.intervals:
+                out.intervals.append(part[: _RATE_PROBE - out._n_intervals])
+                out._n_intervals += len(out.intervals[-1])
+            for j in range(self.robot.n_joints):
+                levels = zip(one.top[j].tolist(), one.top_count[j].tolist(), strict=True)
+                out._levels_of(j, {level: count for level, count in levels if level >= 0.0})
+            for a, groups in enumerate(one.groups):
+                for posture, square in groups.items():
+                    out._add_square(a, posture, square)
+        return out
+
     def take(self, log: Log) -> None:
         """Add a batch; whole windows are summed, the rest waits for the next batch of the same clock."""
         if not len(log):
@@ -184,12 +213,14 @@ class Tally:
         """Bring the two largest magnitudes of joint `j` and their counts up to date by those of (N,) samples."""
         first = size.max()
         second = size[size < first].max(initial=-1.0)
+        counts = {float(level): int(np.count_nonzero(size == level)) for level in (second, first)}
+        self._levels_of(j, counts)
+
+    def _levels_of(self, j: int, more: dict[float, int]) -> None:
+        """The same by levels with their counts."""
         levels: dict[float, int] = {}
-        for level, count in [
-            *zip(self.top[j].tolist(), self.top_count[j].tolist(), strict=True),
-            (float(first), int(np.count_nonzero(size == first))),
-            (float(second), int(np.count_nonzero(size == second))),
-        ]:
+        before = zip(self.top[j].tolist(), self.top_count[j].tolist(), strict=True)
+        for level, count in [*before, *more.items()]:
             levels[level] = levels.get(level, 0) + count
         best = sorted(levels.items(), reverse=True)[:2]
         self.top[j], self.top_count[j] = (
@@ -213,11 +244,14 @@ class Tally:
             self.ways[a] += [int(np.count_nonzero(way > 0)), int(np.count_nonzero(way < 0))]
 
     def _add(self, a: int, posture: tuple[int, ...], rows: Floats) -> None:
+        self._add_square(a, posture, rows.T @ rows)
+
+    def _add_square(self, a: int, posture: tuple[int, ...], square: Floats) -> None:
         groups = self.groups[a]
         if posture in groups:
-            groups[posture] += rows.T @ rows
+            groups[posture] = groups[posture] + square
         elif len(groups) < _MOST_POSTURES:
-            groups[posture] = rows.T @ rows
+            groups[posture] = square
 
 
 def _edges(time: Floats) -> NDArray[np.int64]:

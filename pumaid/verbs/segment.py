@@ -11,14 +11,13 @@ from pumaid.motion.block import Block, Buffer
 from pumaid.motion.cutting import Piece, Whole, clipped, is_measured, pieces, wholes
 from pumaid.motion.harvest import Harvest
 from pumaid.motion.options import DEFAULTS, SegmentOptions
+from pumaid.motion.seam import RESTFUL, are_apart, first_side, last_side
 from pumaid.records import Evidence, Log, Robot
 
 __all__ = ["SegmentOptions", "segment"]
 
 #: s; what a window sees of its neighbours, longer than any line that a speed is judged by.
 CONTEXT = 2.0
-#: s; shortest rest in which a window may end without looking further.
-RESTFUL = 0.2
 
 
 def segment(
@@ -32,7 +31,8 @@ def segment(
 
     Speed is judged from position. A movement of one joint yields its stretches of constant speed; where they are too
     small a part of it and it goes from rest to rest, all of it is a stroke. The rest is left out, with its reason.
-    Samples are held in a window of bounded size only; how the logs are cut into batches changes nothing.
+    Samples are held in a window of bounded size only; how the logs are cut into batches changes nothing. Files that
+    begin and end at rest are looked at one by one.
 
     Parameters
     ----------
@@ -62,24 +62,53 @@ def segment(
     """
     harvest = Harvest(robot, options)
     buffer = Buffer(clock=0)
-    done = 0
+    done, seam = 0, None
     for log in logs:
         if log.position.shape[1] != robot.n_joints:
             raise ValueError(f"{log.origin} has {log.position.shape[1]} joints, {robot.name} has {robot.n_joints}")
         if log.starts_clock and len(buffer):
+            done += _at_seam(buffer, harvest, seam)
             done += _reduce(buffer, harvest, size=len(buffer), ends=True)
-            buffer = Buffer(clock=buffer.clock + 1)
+            buffer, seam = Buffer(clock=buffer.clock + 1), None
+        elif len(log) and len(buffer) and log.origin != buffer.origin:
+            done += _at_seam(buffer, harvest, seam)
+            seam = len(buffer)
         buffer.add(log)
+        if seam is not None:
+            time, _ = buffer.head(seam, RESTFUL)
+            if time[-1] - time[0] < RESTFUL:
+                continue
+            done += _at_seam(buffer, harvest, seam)
+            seam = None
         while len(buffer) >= options.window:
             done += _reduce(buffer, harvest, size=options.window, ends=False)
             if progress is not None:
                 progress(done)
+    done += _at_seam(buffer, harvest, seam)
     done += _reduce(buffer, harvest, size=len(buffer), ends=True)
     if progress is not None:
         progress(done)
     runs, rejects = harvest.finish()
     files, notes, extra = (tuple(getattr(logs, name, ())) for name in ("files", "notes", "extra"))
     return Evidence(runs, rejects, files, notes, extra)
+
+
+def _at_seam(buffer: Buffer, harvest: Harvest, seam: int | None) -> int:
+    """Where sample `seam` begins a file: what lies before it is reduced by itself if no motion can go on across.
+
+    So files can be looked at one by one, on several machines, and the runs stay the same to the bit.
+    """
+    if seam is None or seam <= buffer.lead:
+        return 0
+    options = harvest.options
+    before = last_side(*buffer.tail(seam, RESTFUL), options)
+    after = first_side(*buffer.head(seam, RESTFUL), options)
+    if not are_apart(before, after):
+        return 0
+    done = _reduce(buffer, harvest, size=seam, ends=True)
+    harvest.part()
+    buffer.begin_anew()
+    return done
 
 
 def _reduce(buffer: Buffer, harvest: Harvest, *, size: int, ends: bool) -> int:

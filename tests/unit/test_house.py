@@ -40,10 +40,23 @@ ROOMS = {
     "programs": BASE | {"files", "virtual", "programs"},
     "planning": LAWS | MODEL | {"clearance", "fit", "diagnosis", "virtual", "planning"},
     "verbs": LAWS | MODEL | {"clearance", "exports", "fit", "diagnosis", "virtual", "planning"},
+    "cluster": BASE | {"files", "motion", "verbs", "cluster"},
     "show": BASE | {"effects", "show"},
     "cli": LAWS
     | MODEL
-    | {"clearance", "exports", "fit", "diagnosis", "programs", "virtual", "planning", "verbs", "show", "cli"},
+    | {
+        "clearance",
+        "cluster",
+        "exports",
+        "fit",
+        "diagnosis",
+        "programs",
+        "virtual",
+        "planning",
+        "verbs",
+        "show",
+        "cli",
+    },
     "__main__": {"cli"},
 }
 LONGEST_MODULE, LONGEST_FUNCTION, MOST_POSITIONAL, DEEPEST = 350, 50, 3, 3

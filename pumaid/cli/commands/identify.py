@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import rich_click as click
@@ -35,6 +36,7 @@ from pumaid.cli.progress import progress
 @units_option
 @heldout_option
 @trust_option
+@click.option("--dask", default="", metavar="ADDRESS|local", help="Read the logs on a cluster of dask.distributed.")
 @pass_options
 @json_option
 def command(
@@ -50,6 +52,7 @@ def command(
     heldout: tuple[str, ...],
     trust: bool,
     how: Pass,
+    dask: str,
     as_json: bool,
 ) -> None:
     """Identify gravity, friction and gain ratios from logged currents.
@@ -63,6 +66,7 @@ def command(
       pumaid identify logs/
       pumaid identify logs/ --units deg -o results/first.json
       pumaid identify logs/ --add stribeck@3 --add ripple@elbow:frequency=58
+      pumaid identify s3://bucket/logs --recipe recipe.yaml --dask tcp://10.0.0.5:8786
       pumaid identify - --recipe recipe.yaml --json < log.csv | jq '.ratios'
     """
     from pumaid.choices import chosen_by
@@ -73,7 +77,7 @@ def command(
     from pumaid.verbs.identify import identify
 
     effects = chosen_by(read_robot(recipe, logs), add=add, remove=remove)
-    robot, evidence = read_evidence(logs, recipe, trust=trust, heldout=heldout, how=how)
+    robot, evidence = read_evidence(logs, recipe, trust=trust, heldout=heldout, how=replace(how, dask=dask))
     with progress("identifying", total=robot.n_joints) as step:
         estimate = identify(
             evidence,

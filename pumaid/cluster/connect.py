@@ -1,0 +1,52 @@
+"""The connection to a cluster of ``dask.distributed``, or to workers on this machine."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import Any
+
+from pumaid.errors import LogError, Where
+
+#: The word that asks for workers on this machine.
+LOCAL = "local"
+#: s to wait for a scheduler.
+PATIENCE = 10
+
+
+@contextmanager
+def connected(address: str, *, workers: int | None = None) -> Iterator[Any]:
+    """A ``dask.distributed.Client``.
+
+    Parameters
+    ----------
+    address
+        Of a scheduler, such as ``tcp://10.0.0.5:8786``; or ``local``.
+    workers
+        Processes where it is local; the number of cores where not given.
+
+    Raises
+    ------
+    LogError [no-cluster]
+        dask is not installed, or no scheduler answers there.
+    """
+    where = Where(field=f"--dask {address}")
+    try:
+        import distributed
+    except ImportError as error:
+        what = "a cluster needs dask.distributed, which is not installed"
+        raise LogError("no-cluster", what, where, "pip install 'pumaid[dask]'") from error
+    if address == LOCAL:
+        with (
+            distributed.LocalCluster(n_workers=workers, threads_per_worker=1, dashboard_address=None) as cluster,
+            distributed.Client(cluster) as client,
+        ):
+            yield client
+        return
+    try:
+        client = distributed.Client(address, timeout=PATIENCE)
+    except (OSError, ValueError, TimeoutError) as error:
+        what = f"no scheduler answers at {address}: {error}"
+        raise LogError("no-cluster", what, where, "start one with 'dask scheduler', or give --dask local") from error
+    with client:
+        yield client

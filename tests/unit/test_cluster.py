@@ -1,0 +1,183 @@
+"""Logs read in parts and joined, by a cluster's workers or one after the other: the same as in one pass."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import signal
+from functools import reduce
+from pathlib import Path
+
+import numpy as np
+import pyarrow.parquet as pq
+import pytest
+from command import run
+
+from pumaid.cluster.gather import gather
+from pumaid.cluster.part import joined, read_part
+from pumaid.errors import LogError
+from pumaid.files.recipe import read_recipe
+from pumaid.files.table import LogReader, expand
+from pumaid.motion.options import DEFAULTS
+from pumaid.motion.suspicion import Watch
+from pumaid.records import Evidence
+from pumaid.verbs.identify import identify
+from pumaid.verbs.segment import segment
+
+
+class Eager:
+    """A cluster's client that works at once, in this process."""
+
+    def __init__(self) -> None:
+        self.calls: list[str] = []
+
+    def submit(self, function, *values, pure):
+        """A finished future."""
+        self.calls.append(function.__name__)
+        return Done(function(*(value.value if isinstance(value, Done) else value for value in values)))
+
+
+class Done:
+    """A future with its result."""
+
+    def __init__(self, value) -> None:
+        self.value = value
+
+    def result(self):
+        """What the task gave."""
+        return self.value
+
+
+@pytest.fixture(scope="module")
+def logs(tmp_path_factory) -> Path:
+    """A pendulum's session in one Parquet file, and its recipe."""
+    from pumaid.files.recipe import shipped_recipes
+
+    folder = tmp_path_factory.mktemp("cluster")
+    (folder / "recipe.yaml").write_bytes(shipped_recipes()["pendulum2"].read_bytes())
+    run("plan", str(folder / "recipe.yaml"), "--minutes", "4")
+    run("simulate", str(folder / "recipe.yaml"), "--seed", "5", "--rate", "50", "-o", str(folder / "logs"))
+    return folder
+
+
+def cut(logs: Path, folder: Path, rows: int) -> list[Path]:
+    """The session's files cut into files of `rows` rows, wherever that falls, and one more of another session."""
+    folder.mkdir()
+    number = 0
+    for path in expand([logs / "logs"]):
+        table = pq.read_table(path)
+        for start in range(0, len(table), rows):
+            pq.write_table(table.slice(start, rows), folder / f"part_{number:03d}.parquet")
+            number += 1
+    shutil.copy(folder / "part_000.parquet", folder / "part_999.parquet")
+    return expand([folder])
+
+
+def one_pass(paths, robot) -> Evidence:
+    """What one process leaves."""
+    return segment(Watch(LogReader(paths, robot), robot), robot)
+
+
+def same(one: Evidence, other: Evidence) -> bool:
+    """Runs equal to the bit, with their files, rows and clocks; files; notes."""
+    for a, b in zip(one.runs, other.runs, strict=True):
+        if (a.origin, a.first_row, a.last_origin, a.last_row, a.clock) != (
+            b.origin,
+            b.first_row,
+            b.last_origin,
+            b.last_row,
+            b.clock,
+        ):
+            return False
+        if not np.array_equal(a.triangle.factor, b.triangle.factor) or not np.array_equal(
+            a.cells.current, b.cells.current
+        ):
+            return False
+    return one.files == other.files and one.notes == other.notes
+
+
+@pytest.mark.parametrize("rows", [700, 2500, 10**6])
+def test_parts_are_the_whole(logs, tmp_path, rows):
+    """However files cut the session, in motion or at rest, gathered parts have the runs of one pass, to the bit."""
+    robot = read_recipe(logs / "recipe.yaml")
+    paths, client = cut(logs, tmp_path / "parts", rows), Eager()
+    assert same(gather(paths, robot, client), one_pass(paths, robot))
+    # Where motions go on across files these are read again together, and only there.
+    assert client.calls.count("read_part") < 2 * len(paths)
+
+
+def test_joining_is_associative(logs, tmp_path):
+    """Parts joined from the left or from the right are the same."""
+    robot = read_recipe(logs / "recipe.yaml")
+    parts = [read_part([path], robot, DEFAULTS) for path in cut(logs, tmp_path / "parts", 3000)]
+    left = reduce(joined, parts)
+    right = reduce(lambda late, early: joined(early, late), parts[::-1])
+    assert same(left.evidence, right.evidence) and left.clocks == right.clocks
+    np.testing.assert_allclose(left.tally.path, right.tally.path, rtol=1e-12)
+
+
+def test_what_only_all_files_show_is_judged_for_all(logs, tmp_path):
+    """Degrees that are read as radians are refused as in one pass, with the same message."""
+    robot = read_recipe(logs / "recipe.yaml")
+    (tmp_path / "degrees").mkdir()
+    for path in expand([logs / "logs"]):
+        table = pq.read_table(path)
+        for name in ("q1", "q2"):
+            place = table.column_names.index(name)
+            table = table.set_column(place, name, [np.degrees(table[name].to_numpy())])
+        pq.write_table(table, tmp_path / "degrees" / path.name)
+    paths = expand([tmp_path / "degrees"])
+    with pytest.raises(LogError) as alone:
+        one_pass(paths, robot)
+    with pytest.raises(LogError) as together:
+        gather(paths, robot, Eager())
+    assert (str(together.value), together.value.slug) == (str(alone.value), "looks-like-degrees")
+
+
+@pytest.mark.slow
+def test_a_worker_that_is_killed_loses_nothing(logs, tmp_path):
+    """One of two worker processes is killed while files are read: the model is that of one process, to 1e-10."""
+    distributed = pytest.importorskip("distributed", reason="pip install pumaid[dask]")
+    robot = read_recipe(logs / "recipe.yaml")
+    paths = cut(logs, tmp_path / "parts", 1000)
+    with (
+        distributed.LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address=None) as cluster,
+        distributed.Client(cluster) as client,
+    ):
+        victim = next(iter(cluster.workers.values())).pid
+        killed = []
+
+        def progress(done: int, _: int) -> None:
+            if done >= 2 and not killed:
+                os.kill(victim, signal.SIGKILL)
+                killed.append(victim)
+
+        found = gather(paths, robot, client, progress=progress)
+    assert killed
+    alone = one_pass(paths, robot)
+    values = [[value.value for value in identify(one, robot).values] for one in (found, alone)]
+    np.testing.assert_allclose(*(np.array(one, dtype=float) for one in values), rtol=1e-10)
+
+
+@pytest.mark.slow
+def test_logs_in_a_store_are_read_by_a_cluster(logs, tmp_path):
+    """Logs in fsspec's memory and local stores, read by workers in threads: the runs of the files themselves."""
+    distributed = pytest.importorskip("distributed", reason="pip install pumaid[dask]")
+    fsspec = pytest.importorskip("fsspec")
+    robot = read_recipe(logs / "recipe.yaml")
+    store = fsspec.filesystem("memory")
+    plain = expand([logs / "logs"])
+    for path in plain:
+        store.pipe(f"/bucket/logs/{path.name}", path.read_bytes())
+    wanted = one_pass(plain, robot)
+    with (
+        distributed.LocalCluster(n_workers=1, threads_per_worker=2, processes=False, dashboard_address=None) as cluster,
+        distributed.Client(cluster) as client,
+    ):
+        for argument in ("memory://bucket/logs", f"file://{logs / 'logs'}"):
+            found = gather(expand([argument]), robot, client)
+            assert [facts.digest for facts in found.files] == [facts.digest for facts in wanted.files]
+            assert all(
+                np.array_equal(a.triangle.factor, b.triangle.factor)
+                for a, b in zip(found.runs, wanted.runs, strict=True)
+            )

@@ -1,0 +1,92 @@
+"""What reading logs on a cluster is worth, and what a robot-hour costs: the numbers of docs/scale.md.
+
+Simulates sessions of a six-joint arm, copies them to as many files as asked for (each another session), and reads them
+in one process, by one worker and by two workers of ``dask.distributed`` on this machine, which are started before.
+
+Run:  python tools/scale.py --files 24
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import sys
+import tempfile
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+
+import numpy as np
+import pyarrow.parquet as pq
+
+from pumaid import identify, plan, segment, simulate
+from pumaid.cluster.connect import connected
+from pumaid.cluster.gather import gather
+from pumaid.files.recipe import read_recipe, shipped_recipes
+from pumaid.files.table import LogReader, write_log
+from pumaid.records import Evidence, Robot
+from pumaid.virtual import draw
+
+#: Samples a second.
+RATE = 200.0
+
+
+def written(robot: Robot, folder: Path, files: int) -> tuple[list[Path], int]:
+    """Logs of as many sessions, and their rows together."""
+    made = plan(robot, minutes=8.0, seed=0)
+    first = folder / "session_000.parquet"
+    write_log(first, simulate(robot, made, truth=draw(robot, 3), seed=1, rate=RATE), robot)
+    paths = [first]
+    for number in range(1, files):
+        paths.append(folder / f"session_{number:03d}.parquet")
+        paths[-1].write_bytes(first.read_bytes())
+    return paths, files * pq.ParquetFile(first).metadata.num_rows
+
+
+def timed(work: Callable[[], Evidence]) -> tuple[float, Evidence]:
+    """Seconds, the better of two times, and what was left."""
+    best, found = float("inf"), None
+    for _ in range(2):
+        begin = time.monotonic()
+        found = work()
+        best = min(best, time.monotonic() - begin)
+    assert found is not None
+    return best, found
+
+
+def main() -> None:
+    """Print the table."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--files", type=int, default=24)
+    options = parser.parse_args()
+    robot = read_recipe(shipped_recipes()["ur5e"])
+    with tempfile.TemporaryDirectory() as scratch:
+        paths, rows = written(robot, Path(scratch), options.files)
+        hours = rows / RATE / 3600.0
+        print(f"{len(paths)} files, {rows:,} rows, {hours:.1f} robot-hours at {RATE:g} Hz, {os.cpu_count()} cores\n")
+        print("| how | s | rows a second | robot-hours a core-hour | against one worker |\n|---|---|---|---|---|")
+        alone, wanted = timed(lambda: segment(LogReader(paths, robot), robot))
+        _told("one process", alone, rows, hours, 1, None)
+        single = 0.0
+        for workers in (1, 2):
+            with connected("local", workers=workers) as client:
+                taken, found = timed(lambda client=client: gather(paths, robot, client))
+            single = single or taken
+            _told(f"{workers} worker{'s' * (workers > 1)}", taken, rows, hours, workers, single / taken)
+            values = [[value.value or 0.0 for value in identify(one, robot).values] for one in (wanted, found)]
+            assert np.allclose(*values, rtol=1e-10, atol=0.0), "the cluster's numbers are others"
+    print("\nthe models are equal to 1e-10")
+
+
+def _told(how: str, seconds: float, rows: int, hours: float, cores: int, gain: float | None) -> None:
+    worth = f"{gain:.2f}" if gain else "-"
+    print(
+        f"| {how} | {seconds:.1f} | {rows / seconds:,.0f} | {hours / (cores * seconds / 3600.0):,.0f} | {worth} |",
+        flush=True,
+    )
+
+
+if __name__ == "__main__":
+    sys.exit(main())
