@@ -41,6 +41,7 @@ from pumaid.records.estimate import (
     JointFit,
     Value,
 )
+from pumaid.records.fleet import Fleet, Member, Shared
 from pumaid.records.ladder import Errors, History, Ladder, Rung
 from pumaid.records.log import Log
 from pumaid.records.plan import Motion, Plan, Posture
@@ -90,6 +91,7 @@ __all__ = [
     "Extent",
     "FileFacts",
     "Finding",
+    "Fleet",
     "History",
     "Joint",
     "JointDiagnosis",
@@ -101,6 +103,7 @@ __all__ = [
     "Loads",
     "Log",
     "LogFormat",
+    "Member",
     "Motion",
     "NextRun",
     "OutsideScore",
@@ -113,6 +116,7 @@ __all__ = [
     "Rung",
     "Safety",
     "Samples",
+    "Shared",
     "Size",
     "Sphere",
     "Transfer",

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 import rich_click as click
 
@@ -24,6 +25,10 @@ from pumaid.cli.options import (
 from pumaid.cli.output import document, notes, remark, table
 from pumaid.cli.progress import progress
 
+if TYPE_CHECKING:
+    from pumaid.cli.fleet import Stable
+    from pumaid.records import Estimate, Robot
+
 
 @click.command()
 @logs_argument
@@ -38,6 +43,7 @@ from pumaid.cli.progress import progress
 @trust_option
 @click.option("--dask", default="", metavar="ADDRESS|local", help="Read the logs on a cluster of dask.distributed.")
 @pass_options
+@click.option("--fleet", is_flag=True, help="Each sub-folder holds the logs of a robot of its own.")
 @json_option
 def command(
     *,
@@ -53,6 +59,7 @@ def command(
     trust: bool,
     how: Pass,
     dask: str,
+    fleet: bool,
     as_json: bool,
 ) -> None:
     """Identify gravity, friction and gain ratios from logged currents.
@@ -61,41 +68,108 @@ def command(
     likelihood, prints the parameter table and writes the model. Effects that are added are fitted together with all the
     rest, their nonlinear parameters too.
 
+    A folder whose sub-folders each hold logs and a recipe.yaml is a fleet: a model each, and a table of the parameters
+    in which robots differ. With --fleet the sub-folders share the recipe beside them.
+
     \b
     Example:
       pumaid identify logs/
       pumaid identify logs/ --units deg -o results/first.json
       pumaid identify logs/ --add stribeck@3 --add ripple@elbow:frequency=58
       pumaid identify s3://bucket/logs --recipe recipe.yaml --dask tcp://10.0.0.5:8786
+      pumaid identify fleet/ --recipe recipe.yaml --fleet
       pumaid identify - --recipe recipe.yaml --json < log.csv | jq '.ratios'
     """
+    from pumaid.cli.fleet import stables
+
+    asked: dict[str, Any] = {"add": add, "remove": remove, "recursive": recursive, "heldout": heldout, "trust": trust}
+    asked["how"] = replace(how, dask=dask)
+    robots = stables(logs, recipe, results, asked=fleet)
+    if robots:
+        if output is not None:
+            raise click.UsageError("-o names one model; those of a fleet go to --results FOLDER")
+        _whole_fleet(robots, asked, units=units, as_json=as_json)
+        return
+    to_stdout = str(output) == "-"
+    robot, estimate = _identified(logs, recipe, asked)
+    if as_json or to_stdout:
+        document(_document(estimate))
+    if to_stdout:
+        return
+    path = _written(estimate, robot, (logs, recipe, results), output=output)
+    if not as_json:
+        _shown(estimate, robot, units)
+    remark(f"model written to {path}")
+
+
+def _identified(logs: tuple[str, ...], recipe: Path | None, asked: dict[str, Any]) -> tuple[Robot, Estimate]:
+    """One robot's arm and model; notes are told."""
     from pumaid.choices import chosen_by
-    from pumaid.cli.reading import read_evidence, read_robot, results_folder
-    from pumaid.files.archive import keep
-    from pumaid.files.result import model_document, write_model
-    from pumaid.show.tables import parameter_table, sums_table
+    from pumaid.cli.reading import read_evidence, read_robot
     from pumaid.verbs.identify import identify
 
-    effects = chosen_by(read_robot(recipe, logs), add=add, remove=remove)
-    robot, evidence = read_evidence(logs, recipe, trust=trust, heldout=heldout, how=replace(how, dask=dask))
+    effects = chosen_by(read_robot(recipe, logs), add=asked["add"], remove=asked["remove"])
+    how, trust, heldout = asked["how"], asked["trust"], asked["heldout"]
+    robot, evidence = read_evidence(logs, recipe, trust=trust, heldout=heldout, how=how)
     with progress("identifying", total=robot.n_joints) as step:
         estimate = identify(
             evidence,
             robot,
             effects=effects,
-            recursive=recursive,
+            recursive=asked["recursive"],
             progress=lambda joint, text: step(robot.n_joints - joint, text),
         )
     notes(dict.fromkeys((*evidence.notes, *estimate.notes)))
-    if as_json or str(output) == "-":
-        document(model_document(estimate))
-    if str(output) == "-":
-        return
+    return robot, estimate
+
+
+def _document(estimate: Estimate) -> dict[str, Any]:
+    from pumaid.files.result import model_document
+
+    return model_document(estimate)
+
+
+def _written(
+    estimate: Estimate,
+    robot: Robot,
+    place: tuple[tuple[str, ...], Path | None, Path | None],
+    *,
+    output: Path | None,
+) -> Path:
+    """The model's file: where -o says, else the current model of the results folder, kept among all."""
+    from pumaid.cli.reading import results_folder
+    from pumaid.files.archive import keep
+    from pumaid.files.result import write_model
+
+    logs, recipe, results = place
     path = output or results_folder(results, recipe, logs) / "model.json"
-    write_model(path, estimate) if output else keep(path, estimate, robot)
-    if not as_json:
-        table(parameter_table(estimate, robot, units))
-        if sums := sums_table(estimate, units):
-            table("")
-            table(sums)
-    remark(f"model written to {path}")
+    if output:
+        write_model(path, estimate)
+    else:
+        keep(path, estimate, robot)
+    return path
+
+
+def _shown(estimate: Estimate, robot: Robot, units: str) -> None:
+    from pumaid.show.tables import parameter_table, sums_table
+
+    table(parameter_table(estimate, robot, units))
+    if sums := sums_table(estimate, units):
+        table("")
+        table(sums)
+
+
+def _whole_fleet(robots: list[Stable], asked: dict[str, Any], *, units: str, as_json: bool) -> None:
+    from pumaid.cli.fleet import compared, identified, told_refusals
+
+    def one(robot: Stable) -> tuple[Robot, Estimate]:
+        remark(f"{robot.name}:")
+        logs = (str(robot.logs),)
+        arm, estimate = _identified(logs, robot.recipe, asked)
+        path = _written(estimate, arm, (logs, robot.recipe, robot.results), output=None)
+        remark(f"model written to {path}")
+        return arm, estimate
+
+    models, refused = identified(robots, one)
+    compared(models, refused, units=units, as_json=as_json)
+    told_refusals(refused)
