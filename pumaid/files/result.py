@@ -39,7 +39,7 @@ def plain(value: Any) -> Any:
     if value is None or isinstance(value, str | int):
         return value
     if isinstance(value, Note):
-        return value.as_json()
+        return plain(value.as_json())
     if isinstance(value, Mapping):
         return {str(key): plain(held) for key, held in value.items()}
     if is_dataclass(value) and not isinstance(value, type):

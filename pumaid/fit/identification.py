@@ -16,6 +16,7 @@ from pumaid.fit import notes
 from pumaid.fit.combinations import determined
 from pumaid.fit.enlarged import Enlarged, enlarged
 from pumaid.fit.judge import Judge, rmse
+from pumaid.fit.misfit import of_misfit
 from pumaid.fit.profiles import Profile
 from pumaid.fit.reasons import Facts
 from pumaid.fit.rows import Row
@@ -113,6 +114,7 @@ def identified(
         logs={facts.name: facts.digest for facts in evidence.files},
         notes=(
             *evidence.notes,
+            *of_misfit(fitted),
             *notes.of_fit(fitted, robot),
             *notes.odd_friction(values, robot.n_joints),
             *notes.of_effects(found, runs),

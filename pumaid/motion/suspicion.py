@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator
 
 from pumaid.errors import Faults, LogError, Note
-from pumaid.motion import doubts
+from pumaid.motion import doubts, signals
 from pumaid.motion.tally import Tally
 from pumaid.records import FileFacts, Log, Robot
 
@@ -13,7 +13,8 @@ from pumaid.records import FileFacts, Log, Robot
 class Watch:
     """Passes a stream of logs on and keeps sums of it; at its end it refuses or flags what cannot be meant.
 
-    A fault from which wrong numbers would certainly follow is raised when the stream ends, so before anything is made
+    All logs together are judged, and each file by itself: what is wrong in one may drown in the others. A fault from
+    which wrong numbers would certainly follow is raised when the stream ends, so before anything is made
     of it; a doubt is a note. Each comes with the figures behind it and with what to change. The samples themselves are
     passed on untouched, so one pass suffices.
 
@@ -30,7 +31,7 @@ class Watch:
     ------
     LogError
         At the end of the stream: [looks-like-degrees, units-disagree, time-unit, constant-current, joints-swapped,
-        velocity-of-another]. Several are told together (`Faults`).
+        velocity-of-another, current-copied]. Several are told together (`Faults`).
 
     Examples
     --------
@@ -57,15 +58,33 @@ class Watch:
         return (*getattr(self._logs, "notes", ()), *self._found)
 
     def __iter__(self) -> Iterator[Log]:
-        tally = Tally(self._robot)
+        whole, file = Tally(self._robot), Tally(self._robot)
+        faults: list[LogError] = []
         self._found = []
         for log in self._logs:
-            tally.take(log)
+            if file.origin and log.origin != file.origin:
+                faults += suspicions(file)[0]
+                whole.absorb(file)
+                file = Tally(self._robot)
+            file.take(log)
             yield log
-        faults, self._found = suspicions(tally)
-        if faults and self._refuse:
-            raise faults[0] if len(faults) == 1 else Faults(faults)
-        self._found = [Note(fault.slug, f"{fault.what}; {fault.mend}", fault.where) for fault in faults] + self._found
+        if whole.origin:
+            faults += suspicions(file)[0]
+        whole.absorb(file)
+        of_all, self._found = suspicions(whole)
+        # What all logs show needs no telling file by file; what one file shows may drown in the others.
+        found = of_all or _first_of_each(faults)
+        if found and self._refuse:
+            raise found[0] if len(found) == 1 else Faults(found)
+        self._found = [Note(fault.slug, f"{fault.what}; {fault.mend}", fault.where) for fault in found] + self._found
+
+
+def _first_of_each(faults: Iterable[LogError]) -> list[LogError]:
+    """Of faults of one kind the first file's; a thousand files may have the same."""
+    first: dict[str, LogError] = {}
+    for fault in faults:
+        first.setdefault(fault.slug, fault)
+    return list(first.values())
 
 
 def suspicions(tally: Tally) -> tuple[list[LogError], list[Note]]:
@@ -85,8 +104,8 @@ def suspicions(tally: Tally) -> tuple[list[LogError], list[Note]]:
     if not any(isinstance(item, LogError) for item in found):
         found += [
             *doubts.of_limits(tally),
-            *doubts.of_velocity(tally),
-            *doubts.of_current(tally),
+            *signals.of_velocity(tally),
+            *signals.of_current(tally),
             *doubts.of_order(tally),
         ]
         found += doubts.of_rest(tally)

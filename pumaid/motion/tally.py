@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -26,6 +27,8 @@ _SAME_POSTURE = 0.1
 _MOST_POSTURES = 300
 #: Intervals from which the sampling rate is taken.
 _RATE_PROBE = 20_000
+#: What simply adds up from log to log.
+_SUMS = ("path", "seconds", "speed_squares", "moved_by", "displacement", "integral", "moving", "ways")
 
 
 @dataclass(eq=False, slots=True)
@@ -49,7 +52,10 @@ class Tally:
     moving
         (J,) samples in which each joint moves.
     top, top_count
-        (J, 2): the two largest magnitudes of current while moving (A) and how often they occur.
+        (J, 2, 2): the two largest currents while moving (A), of the positive and, without sign, of the negative ones,
+        and how often they occur.
+    frozen
+        (J,) the most samples one after the other, while moving, in which the current stays the same to the digit.
     groups
         Per joint a and posture of the others: sums over the windows in which a moves alone, (4 + J, 4 + J) of
         (1, cos, sin, direction, all mean currents).
@@ -73,11 +79,13 @@ class Tally:
     moving: NDArray[np.int64] = field(init=False)
     top: Floats = field(init=False)
     top_count: NDArray[np.int64] = field(init=False)
+    frozen: NDArray[np.int64] = field(init=False)
     groups: list[dict[tuple[int, ...], Floats]] = field(init=False)
     ways: NDArray[np.int64] = field(init=False)
     has_velocity: bool = False
     _n_intervals: int = 0
     _carry: Log | None = None
+    _still: Floats = field(init=False)
 
     def __post_init__(self) -> None:
         n = self.robot.n_joints
@@ -86,7 +94,8 @@ class Tally:
         self.path, self.seconds, self.speed_squares = np.zeros(n), np.zeros(n), np.zeros(n)
         self.moved_by, self.displacement, self.integral = np.zeros((n, n)), np.zeros(n), np.zeros(n)
         self.moving, self.ways = np.zeros(n, dtype=np.int64), np.zeros((n, 2), dtype=np.int64)
-        self.top, self.top_count = np.full((n, 2), -1.0), np.zeros((n, 2), dtype=np.int64)
+        self.top, self.top_count = np.full((n, 2, 2), -1.0), np.zeros((n, 2, 2), dtype=np.int64)
+        self.frozen, self._still = np.zeros(n, dtype=np.int64), np.full((n, 2), np.nan)
         self.groups = [{} for _ in range(n)]
 
     def take(self, log: Log) -> None:
@@ -108,9 +117,40 @@ class Tally:
         if len(edges) > 1:
             self._sum(log, edges)
 
+    def absorb(self, other: Tally) -> None:
+        """Add the sums of other logs of the same robot.
+
+        Parameters
+        ----------
+        other
+            Sums of samples that this tally has not seen; it must not be fed any more.
+        """
+        self.origin = self.origin or other.origin
+        for name in ("lowest", "current_lowest"):
+            setattr(self, name, np.fmin(getattr(self, name), getattr(other, name)))
+        for name in ("highest", "current_highest", "frozen"):
+            setattr(self, name, np.fmax(getattr(self, name), getattr(other, name)))
+        for name in _SUMS:
+            setattr(self, name, getattr(self, name) + getattr(other, name))
+        if self._n_intervals < _RATE_PROBE:
+            self.intervals += other.intervals
+            self._n_intervals += other._n_intervals
+        self.has_velocity |= other.has_velocity
+        for j, theirs in enumerate(other.groups):
+            for side in (0, 1):
+                found = zip(other.top[j, side].tolist(), other.top_count[j, side].tolist(), strict=True)
+                self._tops(j, side, [(level, count) for level, count in found if count])
+            for posture, sums in theirs.items():
+                self._hold(j, posture, sums)
+
     def rate_interval(self) -> float:
         """Median interval between samples (s), NaN if there is none."""
         return float(np.median(np.concatenate(self.intervals))) if self.intervals else float("nan")
+
+    def agreement(self) -> Floats:
+        """(J, J) correlation of the displacement of joint a with velocity column b; 0 where nothing can be told."""
+        scale = np.sqrt(np.outer(self.displacement, self.integral))
+        return np.divide(self.moved_by, scale, out=np.zeros_like(scale), where=scale > 0)
 
     def _sum(self, log: Log, edges: NDArray[np.int64]) -> None:
         last = int(edges[-1])
@@ -154,21 +194,31 @@ class Tally:
                 continue
             self.current_lowest[j] = min(self.current_lowest[j], values.min())
             self.current_highest[j] = max(self.current_highest[j], values.max())
-            size = np.abs(values)
-            first = size.max()
-            second = size[size < first].max(initial=-1.0)
-            levels: dict[float, int] = {}
-            for level, count in [
-                *zip(self.top[j].tolist(), self.top_count[j].tolist(), strict=True),
-                (float(first), int(np.count_nonzero(size == first))),
-                (float(second), int(np.count_nonzero(size == second))),
-            ]:
-                levels[level] = levels.get(level, 0) + count
-            best = sorted(levels.items(), reverse=True)[:2]
-            self.top[j], self.top_count[j] = (
-                [b[0] for b in [*best, (-1.0, 0)][:2]],
-                [b[1] for b in [*best, (-1.0, 0)][:2]],
-            )
+            self._stand_still(int(j), values)
+            for side, size in enumerate((values, -values)):
+                first = size.max()
+                second = size[size < first].max(initial=-np.inf)
+                found = [(float(level), int(np.count_nonzero(size == level))) for level in (first, second)]
+                self._tops(int(j), side, [(level, count) for level, count in found if level > 0.0])
+
+    def _stand_still(self, j: int, values: Floats) -> None:
+        """The longest stretch of one value; the last one waits for the next batch."""
+        value, count = self._still[j]
+        edges = np.concatenate([[0], np.flatnonzero(np.diff(values)) + 1, [len(values)]])
+        lengths = np.diff(edges)
+        if value == values[0]:
+            lengths[0] += int(count)
+        self.frozen[j] = max(self.frozen[j], lengths.max())
+        self._still[j] = values[-1], lengths[-1]
+
+    def _tops(self, j: int, side: int, found: Sequence[tuple[float, int]]) -> None:
+        """Keep the two largest levels of one side."""
+        levels: dict[float, int] = {}
+        known = zip(self.top[j, side].tolist(), self.top_count[j, side].tolist(), strict=True)
+        for level, count in [*known, *found]:
+            levels[level] = levels.get(level, 0) + count
+        best = [*sorted(levels.items(), reverse=True)[:2], (-1.0, 0)][:2]
+        self.top[j, side], self.top_count[j, side] = [b[0] for b in best], [b[1] for b in best]
 
     def _directions(self, speed: Floats, moves: Bools, mean: Floats, middle: Floats) -> None:
         size = np.abs(speed)
@@ -182,15 +232,16 @@ class Tally:
             held = np.round(np.delete(middle[alone], a, axis=1) / _SAME_POSTURE).astype(np.int64)
             postures, which = np.unique(held, axis=0, return_inverse=True)
             for k, posture in enumerate(postures):
-                self._add(int(a), tuple(posture.tolist()), rows[which.reshape(-1) == k])
+                own = rows[which.reshape(-1) == k]
+                self._hold(int(a), tuple(posture.tolist()), own.T @ own)
             self.ways[a] += [int(np.count_nonzero(way > 0)), int(np.count_nonzero(way < 0))]
 
-    def _add(self, a: int, posture: tuple[int, ...], rows: Floats) -> None:
+    def _hold(self, a: int, posture: tuple[int, ...], sums: Floats) -> None:
         groups = self.groups[a]
         if posture in groups:
-            groups[posture] += rows.T @ rows
+            groups[posture] = groups[posture] + sums
         elif len(groups) < _MOST_POSTURES:
-            groups[posture] = rows.T @ rows
+            groups[posture] = sums
 
 
 def _joined(one: Log, other: Log) -> Log:
