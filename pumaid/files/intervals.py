@@ -75,7 +75,7 @@ class Intervals:
         found = []
         if self.jitter > max(JITTER_SECONDS, JITTER_SHARE * self.median):
             text = (
-                f"times between samples vary by {1e3 * self.jitter:.2g} ms (RMS) about {1e3 * self.median:.3g} ms: where"
+                f"times between samples vary by {1e3 * self.jitter:.2g} ms RMS about {1e3 * self.median:.3g} ms: where"
                 " the stamps and not the samples are uneven, speeds and friction come out wrong"
             )
             found.append(Note("clock-jitter", text, Where(file=name)))

@@ -21,8 +21,8 @@ UNRELATED = 0.5
 FLAT_SHARE, FLAT_COUNT, FLAT_RATIO = 0.01, 50, 5
 #: s; a current that stays the same to the digit for longer while its joint moves is frozen, or far too coarse.
 FROZEN = 2.0
-#: A; no motor of an arm draws as much, but 0.3 A written in mA look like it.
-LARGE = 200.0
+#: A; no motor of an arm draws so little or so much at most, but one whose unit is not what the recipe says does.
+SMALL, LARGE = 0.02, 200.0
 #: Mean squared difference of two currents, relative to their squares, from which on they are one.
 SAME = 1e-12
 
@@ -76,10 +76,11 @@ def of_current(tally: Tally) -> Found:
         if not flat and tally.frozen[k] >= FLAT_COUNT and seconds > FROZEN:
             text = f"current of joint {joint.number} stays the same to the digit for {seconds:.1f} s of motion"
             yield Note("current-frozen", f"{text}: the signal froze, or its steps are too coarse", where)
-        if (largest := max(-low, high)) > LARGE:
-            text = f"current of joint {joint.number} reaches {number(largest)} A, more than an arm's motor draws"
-            mend = "if it is in mA put units: {current: mA} into the recipe's log block"
-            yield Note("current-large", f"{text}: {mend}", where)
+        largest = max(-low, high)
+        if not SMALL <= largest <= LARGE:
+            unlike = "more than an arm's motor draws" if largest > LARGE else "less than it takes to move an arm"
+            text = f"current of joint {joint.number} is {number(largest)} A at most, {unlike}"
+            yield Note("current-size", f"{text}: see units: {{current: ...}} in the recipe's log block", where)
 
 
 def _of_top(tally: Tally, joint: Joint, where: Where) -> Found:
