@@ -53,7 +53,7 @@ def yaml_faults() -> Iterator[Fault]:
     yield Fault("YAML bombs", "a billion laughs", with_line(f"l0: &l0 lol\n{laughs}", top=True))
     yield Fault("YAML bombs", "an alias of itself", with_line("me: &me [*me]"))
     yield Fault("YAML bombs", "an alias of nothing", with_line("me: *nobody"))
-    yield Fault("YAML bombs", "100 000 anchors", with_line("\n".join(f"k{k}: &a{k} 1" for k in range(12_000))))
+    yield Fault("YAML bombs", "3000 anchors", with_line("\n".join(f"k{k}: &a{k} 1" for k in range(3000))))
     yield Fault("YAML bombs", "merge keys", edited(KNEE, "- {<<: {name: knee}, type: revolute, alpha: 0}"))
     yield Fault("YAML bombs", "three megabytes", with_line("# " + "x" * 3_000_000))
     yield Fault("YAML bombs", "a key of 100 kB", with_line("k" * 100_000 + ": 1"))

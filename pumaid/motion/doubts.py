@@ -1,4 +1,4 @@
-"""Checks of units, limits and order behind `suspicion`: from a stream's sums to faults (`LogError`) and doubts (`Note`)."""
+"""Checks behind `suspicion` of units, limits and order: a stream's sums to faults (`LogError`) and doubts (`Note`)."""
 
 from __future__ import annotations
 

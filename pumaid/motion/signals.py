@@ -1,4 +1,4 @@
-"""Checks of single columns behind `suspicion`: velocities of something else, currents that are dead, cut off or copied."""
+"""Checks behind `suspicion` of single columns: velocities of something else, currents dead, cut off or copied."""
 
 from __future__ import annotations
 
