@@ -172,7 +172,8 @@ def unclear(stderr: str) -> list[str]:
     text = "\n".join(lines)
     heads, mends = len(re.findall(r"^error\[", text, re.MULTILINE)), text.count("\n  fix: ")
     faults = [] if text.startswith("error[") else [f"it begins with {text[:80]!r}"]
-    faults += [] if heads == mends else [f"{heads} messages have {mends} mends"]
+    # Several faults of one file may share the mend that the last of them ends with.
+    faults += [] if 1 <= mends <= heads else [f"{heads} messages have {mends} mends"]
     return faults + [word for word in ("Traceback", 'File "', "bug: ") if word in text]
 
 

@@ -231,6 +231,8 @@ def _parsed(text: str, name: str) -> dict[str, Any]:
         ends = error.pos >= len(text.rstrip())
         what = f"{name} breaks off in the middle" if ends else f"{name} is no JSON: {error.msg}"
         raise _no_json(what, Where(file=name, line=error.lineno)) from None
+    except ValueError:
+        raise _no_json(f"{name} holds a number of thousands of digits", Where(file=name)) from None
     except RecursionError:
         raise _no_json(f"{name} is no JSON that a program should read: its lists nest too deep", Where(name)) from None
     if not isinstance(found, dict):
