@@ -75,7 +75,7 @@ def _path() -> tuple[np.ndarray, np.ndarray]:
 
 
 @cache
-def good(seed: int = 0, passes: int = 2) -> tuple[pd.DataFrame, ...]:
+def good(seed: int = 0, *, passes: int = 2) -> tuple[pd.DataFrame, ...]:
     """The logs of the good experiment, one pass each; their times follow one another."""
     rng, found = np.random.default_rng(seed), []
     q, motion = _path()

@@ -402,6 +402,7 @@ def current_faults() -> Iterator[Fault]:
     yield Fault(
         "constant current", "without sign", tables(lambda table: table.assign(i1=table.i1.abs(), i2=table.i2.abs()))
     )
+    yield Fault("constant current", "without sign at joint 1", tables(plus(i1=lambda table: table.i1.abs())))
     for level in (3.9, 3.0, 1.5, 0.3):
         yield Fault(
             "saturated current",
@@ -529,11 +530,6 @@ def dialects() -> Iterator[Fault]:
         ("spaces", " ", "."),
     ):
         yield Fault("semicolons and decimal commas", name, written({"sep": sep, "decimal": decimal}))
-        yield Fault(
-            "semicolons and decimal commas",
-            f"{name}, one log only",
-            written({"sep": sep, "decimal": decimal}, only_first=True),
-        )
     yield Fault(
         "semicolons and decimal commas", "Excel's first line", written({"sep": ";", "decimal": ","}, before="sep=;\n")
     )

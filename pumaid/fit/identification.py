@@ -95,9 +95,10 @@ def identified(
     values = (*values, *_held(found, choices, values))
     p = len(model.names)
     is_shape = np.array([column.shape is not None for column in model.columns], dtype=bool)
+    joints = tuple(_joint_fit(fitted, runs, joint) for joint in range(1, robot.n_joints + 1))
     estimate = Estimate(
         robot=robot.name,
-        joints=tuple(_joint_fit(fitted, runs, joint) for joint in range(1, robot.n_joints + 1)),
+        joints=joints,
         values=values,
         names=model.names,
         solution=np.where(is_shape, 0.0, fitted.solution.values),
@@ -114,7 +115,7 @@ def identified(
         logs={facts.name: facts.digest for facts in evidence.files},
         notes=(
             *evidence.notes,
-            *of_misfit(fitted),
+            *of_misfit(fitted, {fit.joint: fit.noise_floor for fit in joints}),
             *notes.of_fit(fitted, robot),
             *notes.odd_friction(values, robot.n_joints),
             *notes.of_effects(found, runs),

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,7 +14,7 @@ from pumaid.units import number
 
 Floats = NDArray[np.float64]
 
-#: Multiple of the noise inside runs, and share of the current's variance, beyond which a model misses a joint. Logs of
+#: Multiple of the noise, and share of the current's variance, beyond which a model misses a joint. Logs of
 #: the arm that the model is of are within 1.3 times.
 FAR, SHARE = 4.0, 0.01
 #: Runs of a joint that a file must have to be fitted by itself, and how much better it must be met then.
@@ -23,32 +23,36 @@ FEWEST, BETTER = 8, 2.0
 _RCOND = 1e-3
 
 
-def of_misfit(fitted: Fitted) -> list[Note]:
+def of_misfit(fitted: Fitted, floors: Mapping[int, float | None]) -> list[Note]:
     """A note for each joint whose current the model does not explain, with the file that is to blame if one is.
 
-    Noise is what is left of each run by its own harmonic: a run's position, speed and direction explain the rest.
+    Noise is what is left of each run by its own harmonic, or what repeated runs differ by if that is less.
 
     Parameters
     ----------
     fitted
         The fit of all joints.
+    floors
+        Joint -> what its repeated runs differ by (A), None where no run is repeated.
     """
     found = []
     for row in fitted.rows:
         values = fitted.system.factors(fitted.gains)[row.joint - 1] * fitted.solution.values
         misses = float(np.sqrt(row.squares(values) / row.samples))
-        if misses > FAR * _inside(row) and misses**2 > SHARE * _variance(row):
-            found.append(_note(row, values, misses))
+        floor, inside = floors.get(row.joint), _inside(row)
+        noise = inside if floor is None else min(inside, floor)
+        if misses > FAR * noise and misses**2 > SHARE * _variance(row):
+            found.append(_note(row, values, misses, noise))
     return found
 
 
-def _note(row: Row, values: Floats, misses: float) -> Note:
+def _note(row: Row, values: Floats, misses: float, noise: float) -> Note:
     text = f"the model misses the current of joint {row.joint} by {number(misses)} A (RMS)"
     odd = max(_odd_files(row, values), default=None)
     if odd is None:
         advice = "its intervals may not hold the truth; 'pumaid diagnose' tells what is missing, if no column is wrong"
-        noise = f"where the noise inside runs is {number(_inside(row))} A"
-        return Note("model-misses", f"{text}, {noise}: {advice}", Where(joint=row.joint))
+        told = f"where noise is {number(noise)} A"
+        return Note("model-misses", f"{text}, {told}: {advice}", Where(joint=row.joint))
     _, name, before, after = odd
     own = f"the runs of {name} alone would be met to {number(after)} A instead of {number(before)} A"
     advice = "is it another arm's, or was payload, zero, unit or a column's name another one?"

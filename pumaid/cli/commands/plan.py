@@ -36,7 +36,9 @@ from pumaid.cli.progress import progress
 )
 @click.option("--prior", type=click.Path(path_type=Path), metavar="MODEL", help="Plan for the arm of an earlier model.")
 @click.option("--payload", callback=listed(4), metavar="KG,X,Y,Z", help="The last link carries so much there (m).")
-@click.option("--tilt", callback=listed(2), metavar="X,Y", help="The base stands tilted about its x, then its y axis, deg.")
+@click.option(
+    "--tilt", callback=listed(2), metavar="X,Y", help="The base stands tilted about its x, then its y axis, deg."
+)
 @click.option("--for", "wanted", metavar="EFFECT[@JOINT]", help="Plan the runs that show an effect.")
 @click.option("--against", metavar="EFFECT[@JOINT]", help="With --for: the runs that tell it from this one.")
 @click.option("--size", type=float, metavar="A", help="With --for: of the effect's first parameter, SI.")
