@@ -53,6 +53,21 @@ def check_model(estimate: Estimate, robot: Robot) -> None:
     check_parameters(estimate, robot)
 
 
+def check_logs(estimate: Estimate, evidence: Evidence, *, trust: bool = False) -> None:
+    """Refuse logs that a model was not fitted to; `trust` lets them pass, for a user who knows better."""
+    from pumaid.errors import ModelError, Where
+
+    known = set(estimate.logs.values())
+    others = [facts for facts in evidence.files if facts.digest not in known]
+    if trust or not known or not others:
+        return
+    shown = ", ".join(facts.name for facts in others[:3]) + (" ..." if len(others) > 3 else "")
+    digests = f"(SHA-256 {others[0].digest[:12]}; it knows {', '.join(sorted(digest[:12] for digest in known)[:3])})"
+    what = f"the model was not fitted to {len(others)} of these logs: {shown} {digests}"
+    mend = "identify with these logs first, or give those of the model; --trust takes them all the same"
+    raise ModelError("model-other-logs", what, Where(file=others[0].name), mend)
+
+
 def read_evidence(
     logs: Sequence[str],
     recipe: Path | None,

@@ -8,12 +8,11 @@ from functools import reduce
 from typing import Any
 
 from pumaid.cluster.part import Part, goes_on, joined, read_part
-from pumaid.errors import Faults, LogError, Note, Where
+from pumaid.errors import LogError, Where
 from pumaid.files.table import LogPath, merged_notes
 from pumaid.motion.options import DEFAULTS, SegmentOptions
 from pumaid.motion.room import Room
 from pumaid.motion.seam import Side
-from pumaid.motion.suspicion import suspicions
 from pumaid.records import Evidence, Robot
 
 Sides = tuple[Side | None, Side | None]
@@ -96,10 +95,7 @@ def judged(whole: Part, *, refuse: bool) -> Evidence:
     if not any(facts.rows for facts in evidence.files):
         what = f"no log has a row of numbers ({', '.join(facts.name for facts in evidence.files[:3])})"
         raise LogError("empty-log", what, Where(file=evidence.files[0].name), "record again, or name other files")
-    faults, doubts = suspicions(whole.tally)
-    if faults and refuse:
-        raise faults[0] if len(faults) == 1 else Faults(faults)
-    told = [Note(fault.slug, f"{fault.what}; {fault.mend}", fault.where) for fault in faults] + doubts
+    told = whole.sums.judged(refuse=refuse)
     room = Room()
     for run in evidence.runs:
         room.add(run)

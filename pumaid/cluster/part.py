@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from copy import deepcopy
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -12,7 +13,7 @@ from pumaid.files.table import LogPath, LogReader
 from pumaid.motion.block import Buffer
 from pumaid.motion.options import SegmentOptions
 from pumaid.motion.seam import RESTFUL, Side, are_apart, first_side, last_side
-from pumaid.motion.tally import Tally
+from pumaid.motion.suspicion import Sums
 from pumaid.records import Evidence, FileFacts, Log, Robot
 from pumaid.verbs.segment import segment
 
@@ -25,8 +26,8 @@ class Part:
     ----------
     evidence
         Runs and rejects, their clocks counted from the part's first; notes as each file has them.
-    tally
-        Sums by which it is judged what the columns mean.
+    sums
+        By which it is judged what the columns mean.
     clocks
         How many recordings began in it.
     first, last
@@ -34,7 +35,7 @@ class Part:
     """
 
     evidence: Evidence
-    tally: Tally
+    sums: Sums
     clocks: int
     first: Side | None
     last: Side | None
@@ -59,14 +60,14 @@ def read_part(paths: Sequence[LogPath], robot: Robot, options: SegmentOptions) -
     """
     logs = _Tallied(LogReader(paths, robot, is_part=True), robot, options)
     evidence = segment(logs, robot, options=options)
-    return Part(replace(evidence, notes=logs.reader.raw_notes), logs.tally, logs.clocks, *logs.sides())
+    return Part(replace(evidence, notes=logs.reader.raw_notes), logs.sums, logs.clocks, *logs.sides())
 
 
 class _Tallied:
     """A stream of logs of which sums are kept, recordings counted, and both ends looked at."""
 
     def __init__(self, reader: LogReader, robot: Robot, options: SegmentOptions) -> None:
-        self.reader, self.tally, self.clocks = reader, Tally(robot), 1
+        self.reader, self.sums, self.clocks = reader, Sums(robot), 1
         self._options = options
         self._head, self._tail = Buffer(0), Buffer(0)
 
@@ -81,9 +82,10 @@ class _Tallied:
     def __iter__(self) -> Iterator[Log]:
         for log in self.reader:
             self.clocks += log.starts_clock
-            self.tally.take(log)
+            self.sums.take(log)
             self._look(log)
             yield log
+        self.sums.close()
 
     def _look(self, log: Log) -> None:
         if not len(log):
@@ -130,4 +132,6 @@ def joined(first: Part, second: Part) -> Part:
     a, b = first.evidence, second.evidence
     evidence = Evidence((*a.runs, *runs), (*a.rejects, *rejects), (*a.files, *b.files), (*a.notes, *b.notes))
     ends = first.first or second.first, second.last or first.last
-    return Part(evidence, first.tally.with_more(second.tally), shift + second.clocks, *ends)
+    sums = deepcopy(first.sums)  # a part may be joined again, where a worker is lost
+    sums.absorb(deepcopy(second.sums))
+    return Part(evidence, sums, shift + second.clocks, *ends)

@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from pumaid.errors import Note, PumaidError, ResultError, Where
+from pumaid.files.alone import alone
 from pumaid.files.atomic import write_whole
 from pumaid.files.result import as_text, model_document, plain, read_model
 from pumaid.records import EffectChoice, Estimate, Robot
@@ -76,7 +77,7 @@ def keep(path: Path, estimate: Estimate, robot: Robot) -> Kept:
     The copy goes to ``models/`` beside `path` as ``NUMBER-EFFECTS.json``. It remembers the model that it was made from:
     the one that stood at `path` where one of the two has all effects of the other, else (or where it is an earlier one
     fitted again) the one with most of its effects among those fitted to the same runs. A model that is there already is
-    not kept twice. Both files are written whole or not at all.
+    not kept twice. Both files are written whole or not at all, and by one run at a time.
 
     Parameters
     ----------
@@ -89,14 +90,16 @@ def keep(path: Path, estimate: Estimate, robot: Robot) -> Kept:
 
     Raises
     ------
-    ResultError [cannot-write]
-        The disk refuses.
+    ResultError [cannot-write], [results-busy]
+        The disk refuses, or another run does not end its writing.
     """
-    before = _adopted(Path(path))
     arm = digest_of(plain(replace(robot, effects=(), origin="", digest="")))
     document = model_document(estimate)
-    kept = _stored(Path(path).parent / FOLDER, (document, estimate), arm=arm, before=before)
-    write_whole(Path(path), as_text(document))
+    folder = Path(path).parent / FOLDER
+    with alone(folder):
+        before = _adopted(Path(path))
+        kept = _stored(folder, (document, estimate), arm=arm, before=before)
+        write_whole(Path(path), as_text(document))
     return kept
 
 
@@ -115,14 +118,17 @@ def restore(results: Path, number: int) -> Path:
     ResultError [no-history, cannot-write]
         There is no archive, or the disk refuses.
     """
-    _adopted(results / CURRENT)
-    kept, _ = read_entries(results)
-    chosen = next((entry for entry in kept if entry.number == number), None)
-    if chosen is None:
-        there = ", ".join(str(entry.number) for entry in kept)
-        what = f"there is no model {number}; there are {there}"
-        raise ResultError("no-such-model", what, Where(file=str(results / FOLDER)), "see: pumaid history")
-    write_whole(results / CURRENT, as_text(_bare(chosen.document)))
+    if not (results / FOLDER).is_dir():
+        read_entries(results)
+    with alone(results / FOLDER):
+        _adopted(results / CURRENT)
+        kept, _ = read_entries(results)
+        chosen = next((entry for entry in kept if entry.number == number), None)
+        if chosen is None:
+            there = ", ".join(str(entry.number) for entry in kept)
+            what = f"there is no model {number}; there are {there}"
+            raise ResultError("no-such-model", what, Where(file=str(results / FOLDER)), "see: pumaid history")
+        write_whole(results / CURRENT, as_text(_bare(chosen.document)))
     return results / CURRENT
 
 

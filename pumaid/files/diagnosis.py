@@ -13,7 +13,7 @@ from pumaid import __version__
 from pumaid.errors import Note, ResultError, Where
 from pumaid.files.atomic import write_whole
 from pumaid.files.rebuilt import Unfit, rebuilt
-from pumaid.files.result import FORMAT, as_text, model_document, plain
+from pumaid.files.result import FORMAT, MOST_BYTES, as_text, model_document, plain
 from pumaid.records import Diagnosis, Estimate, Finding, JointDiagnosis, NextRun
 
 #: Its name in a folder of results.
@@ -91,6 +91,8 @@ def read_diagnosis(path: Path) -> Diagnosis:
     """
     name = str(path)
     try:
+        if Path(path).stat().st_size > MOST_BYTES:
+            raise _damaged(f"{name} has more than {MOST_BYTES >> 20} MiB", Where(file=name))
         document = json.loads(Path(path).read_text(encoding="utf-8-sig"))
     except (OSError, ValueError, RecursionError) as error:
         reason = getattr(error, "strerror", None) or "it is no JSON"

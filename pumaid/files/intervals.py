@@ -17,13 +17,19 @@ PROBE = 100_000
 GAP_INTERVALS = 5.0
 #: ... and at least this long (s): shorter ones are within what a ramp of an arm takes, and harm no mean.
 GAP_SECONDS = 0.05
+#: s, and share of the median: times between samples that vary by more (RMS) blur where an arm speeds up and slows down.
+JITTER_SECONDS, JITTER_SHARE = 0.005, 0.1
 
 
 @dataclass(eq=False, slots=True)
 class Intervals:
-    """Statistics of the steps of time, fed chunk by chunk; the result does not depend on the cuts."""
+    """Statistics of the steps of time, fed chunk by chunk; the result does not depend on the cuts.
+
+    `jitter` (s) is the RMS by which the steps differ from their median, gaps apart.
+    """
 
     median: float = float("nan")
+    jitter: float = 0.0
     n_gaps: int = 0
     longest: float = 0.0
     first_gaps: list[tuple[int, float, float]] = field(default_factory=list)
@@ -49,7 +55,10 @@ class Intervals:
         if not self._kept:
             return
         if self._n_kept:
-            self.median = float(np.median(np.concatenate([steps for _, _, steps in self._kept])[:PROBE]))
+            probe = np.concatenate([steps for _, _, steps in self._kept])[:PROBE]
+            self.median = float(np.median(probe))
+            even = probe[probe <= max(GAP_INTERVALS * self.median, GAP_SECONDS)]
+            self.jitter = float(np.sqrt(np.mean((even - self.median) ** 2)))
         kept, self._kept = self._kept, []
         for rows, time, steps in kept:
             self._count(rows, time, steps)
@@ -62,12 +71,19 @@ class Intervals:
         self.longest = max(self.longest, float(steps[where].max(initial=0.0)))
 
     def notes(self, name: str) -> list[Note]:
-        """One note if there are gaps."""
+        """A note if times jitter, and one if there are gaps."""
+        found = []
+        if self.jitter > max(JITTER_SECONDS, JITTER_SHARE * self.median):
+            text = (
+                f"times between samples vary by {1e3 * self.jitter:.2g} ms RMS about {1e3 * self.median:.3g} ms: where"
+                " the stamps and not the samples are uneven, speeds and friction come out wrong"
+            )
+            found.append(Note("clock-jitter", text, Where(file=name)))
         if not self.n_gaps:
-            return []
+            return found
         shown = ", ".join(f"{seconds:.3g} s at {start:.6g} s" for _, start, seconds in self.first_gaps)
         more = f" ... ({self.n_gaps} in all, the longest {self.longest:.3g} s)" if self.n_gaps > 3 else ""
         text = (
             f"samples are missing: {shown}{more}; the median interval is {self.median:.4g} s and no run crosses a gap"
         )
-        return [Note("gaps", text, Where(file=name, row=self.first_gaps[0][0]))]
+        return [*found, Note("gaps", text, Where(file=name, row=self.first_gaps[0][0]))]

@@ -22,6 +22,8 @@ from pumaid.units import factor
 
 #: The recipe's name in an experiment's folder.
 RECIPE_NAME = "recipe.yaml"
+#: Most faults of one file that are told; the rest is counted.
+MOST_FAULTS = 20
 
 
 def read_recipe(path: Path) -> Robot:
@@ -81,6 +83,10 @@ def _refuse(file: str, document: Document, found: list[Fault]) -> NoReturn:
         where = Where(file=file, line=document.root.line_of(path), joint=joint, field=dotted(path))
         faults.append(RecipeError(fault.slug, fault.what, where, fault.mend))
     faults.sort(key=lambda fault: fault.where.line or 0)
+    if len(faults) > MOST_FAULTS:
+        last = faults[MOST_FAULTS - 1]
+        more = f"{last.what} (and {len(faults) - MOST_FAULTS} more faults)"
+        faults = [*faults[: MOST_FAULTS - 1], RecipeError(last.slug, more, last.where, last.mend)]
     raise faults[0] if len(faults) == 1 else Faults(faults)
 
 

@@ -19,7 +19,7 @@ def with_gravity(path: Path, gravity: tuple[float, float, float]) -> str:
     gravity
         m/s2, in base axes.
     """
-    yaml = YAML()
+    yaml = YAML(typ="rt")
     yaml.preserve_quotes = True
     yaml.width = 4096
     content = yaml.load(path.read_text(encoding="utf-8"))

@@ -7,6 +7,7 @@ import math
 import re
 import sys
 from collections.abc import Mapping
+from contextlib import nullcontext
 from dataclasses import fields, is_dataclass, replace
 from pathlib import Path
 from typing import Any, TypeVar
@@ -27,6 +28,8 @@ FORMAT = 1
 
 #: Most faults of one file that are told; the rest is counted.
 MOST_FAULTS = 5
+#: Bytes a model file may have; that of six joints with ten effects has half a megabyte.
+MOST_BYTES = 200 << 20
 
 # A list of nothing but numbers, over several lines; text holds no bare line end in JSON and so is never touched.
 _NUMBERS = re.compile(r"\[\n\s*((?:-?\d[^\[\]\"{}]*|null[^\[\]\"{}]*))\]")
@@ -39,7 +42,7 @@ def plain(value: Any) -> Any:
     if value is None or isinstance(value, str | int):
         return value
     if isinstance(value, Note):
-        return value.as_json()
+        return plain(value.as_json())
     if isinstance(value, Mapping):
         return {str(key): plain(held) for key, held in value.items()}
     if is_dataclass(value) and not isinstance(value, type):
@@ -194,7 +197,8 @@ def check_same_recipe(estimate: Estimate, robot: Robot) -> None:
 
 def _text(path: Path, name: str) -> str:
     try:
-        data = sys.stdin.buffer.read() if str(path) == "-" else path.read_bytes()
+        with nullcontext(sys.stdin.buffer) if str(path) == "-" else path.open("rb") as stream:
+            data = stream.read(MOST_BYTES + 1)
     except FileNotFoundError:
         mend = "make it with 'pumaid identify LOGS...', or give its path"
         raise ResultError("model-missing", f"there is no model file {name}", Where(file=name), mend) from None
@@ -202,6 +206,8 @@ def _text(path: Path, name: str) -> str:
         inside = (path / "model.json", path / "results" / "model.json")
         mend = f"give the file in it: {next((found for found in inside if found.is_file()), inside[0])}"
         raise ResultError("model-missing", f"{name} is a folder, not a model file", Where(file=name), mend) from None
+    if len(data) > MOST_BYTES:
+        raise _no_json(f"{name} has more than {MOST_BYTES >> 20} MiB, which no model has", Where(file=name))
     try:
         return data.decode("utf-8-sig")
     except UnicodeDecodeError as error:
@@ -225,6 +231,8 @@ def _parsed(text: str, name: str) -> dict[str, Any]:
         ends = error.pos >= len(text.rstrip())
         what = f"{name} breaks off in the middle" if ends else f"{name} is no JSON: {error.msg}"
         raise _no_json(what, Where(file=name, line=error.lineno)) from None
+    except ValueError:
+        raise _no_json(f"{name} holds a number of thousands of digits", Where(file=name)) from None
     except RecursionError:
         raise _no_json(f"{name} is no JSON that a program should read: its lists nest too deep", Where(name)) from None
     if not isinstance(found, dict):

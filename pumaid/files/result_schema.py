@@ -148,6 +148,8 @@ def _misfits(model: _Model) -> Iterator[tuple[str, str]]:
     for name, count in Counter(names).items():
         if count > 1:
             yield "joints", f"parameter {name} stands there {count} times"
+    if Counter(inner.order) != Counter(names):
+        yield "prediction.order", f"it does not name the {len(names)} parameters and ratios"
     shapes = {"covariance": (inner.covariance, p, p), "scales": (inner.scales, n_joints, n_joints)}
     if len(inner.solution) != p:
         yield "prediction.solution", f"it has {len(inner.solution)} values for {p} names"

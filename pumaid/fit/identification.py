@@ -16,6 +16,7 @@ from pumaid.fit import notes
 from pumaid.fit.combinations import determined
 from pumaid.fit.enlarged import Enlarged, enlarged
 from pumaid.fit.judge import Judge, rmse
+from pumaid.fit.misfit import of_misfit
 from pumaid.fit.profiles import Profile
 from pumaid.fit.reasons import Facts
 from pumaid.fit.rows import Row
@@ -94,9 +95,10 @@ def identified(
     values = (*values, *_held(found, choices, values))
     p = len(model.names)
     is_shape = np.array([column.shape is not None for column in model.columns], dtype=bool)
+    joints = tuple(_joint_fit(fitted, runs, joint) for joint in range(1, robot.n_joints + 1))
     estimate = Estimate(
         robot=robot.name,
-        joints=tuple(_joint_fit(fitted, runs, joint) for joint in range(1, robot.n_joints + 1)),
+        joints=joints,
         values=values,
         names=model.names,
         solution=np.where(is_shape, 0.0, fitted.solution.values),
@@ -113,6 +115,7 @@ def identified(
         logs={facts.name: facts.digest for facts in evidence.files},
         notes=(
             *evidence.notes,
+            *of_misfit(fitted, {fit.joint: fit.noise_floor for fit in joints}),
             *notes.of_fit(fitted, robot),
             *notes.odd_friction(values, robot.n_joints),
             *notes.of_effects(found, runs),

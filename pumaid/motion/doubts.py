@@ -1,4 +1,4 @@
-"""The checks behind `suspicion`: each reads the sums of a stream and yields faults (`LogError`) and doubts (`Note`)."""
+"""Checks behind `suspicion` of units, limits and order: a stream's sums to faults (`LogError`) and doubts (`Note`)."""
 
 from __future__ import annotations
 
@@ -32,8 +32,6 @@ COARSE = 0.05
 BEYOND = 1.5
 #: rad; two turns each way. One joint beyond may turn endlessly; two of an arm do not.
 FAR = 4.0 * math.pi
-#: Share of a joint's samples, least number, and multiple of the next level's count, that make a flat top.
-FLAT_SHARE, FLAT_COUNT, FLAT_RATIO = 0.01, 50, 5
 #: Windows each way from which a joint's friction can be told from its gravity.
 _FEWEST_WAYS = 30
 #: Share of a current's variance beside gravity that the direction of another joint must explain (squared correlation).
@@ -125,15 +123,9 @@ def _rms_speed(tally: Tally) -> Floats:
     return np.sqrt(tally.speed_squares / np.maximum(tally.seconds, 1e-12))
 
 
-def _correlation(tally: Tally) -> Floats:
-    """(J, J) of displacement a with velocity column b; zero where there is nothing to correlate."""
-    scale = np.sqrt(np.outer(tally.displacement, tally.integral))
-    return np.divide(tally.moved_by, scale, out=np.zeros_like(scale), where=scale > 0)
-
-
 def _ratio(tally: Tally) -> Floats:
     """(J,) displacement per integrated velocity, NaN where a joint did not move or they do not belong together."""
-    belongs = (np.abs(np.diag(_correlation(tally))) > AGREES) & (tally.path > 0)
+    belongs = (np.abs(np.diag(tally.agreement())) > AGREES) & (tally.path > 0)
     return np.where(belongs, np.diag(tally.moved_by) / np.where(tally.integral > 0, tally.integral, 1.0), np.nan)
 
 
@@ -221,50 +213,6 @@ def of_limits(tally: Tally) -> Found:
             where = Where(file=tally.origin, joint=joint.number, column=column)
             text = f"joint {joint.number} runs from {span}, beyond its limits {allowed}: check zero, sign and unit"
             yield Note("beyond-limits", text, where)
-
-
-def of_velocity(tally: Tally) -> Found:
-    """A velocity column that follows another joint's position."""
-    if not tally.has_velocity:
-        return
-    match = np.abs(_correlation(tally))
-    others = {
-        j.number: int(np.argmax(match[j.number - 1])) + 1
-        for j in tally.robot.joints
-        if tally.path[j.number - 1] > MOVED
-        and match[j.number - 1, j.number - 1] < 0.3
-        and match[j.number - 1].max() > AGREES
-    }
-    if others:
-        pairs = ", ".join(f"position {a} with velocity {b}" for a, b in others.items())
-        what = f"velocity columns follow other joints than their own: {pairs}"
-        joint = next(iter(others))
-        where = Where(file=tally.origin, joint=joint, column=tally.robot.log.column("velocity", joint))
-        mend = "put the columns into one order; if the positions are right, velocity: null in the recipe's log block"
-        yield LogError("velocity-of-another", what, where, mend)
-
-
-def of_current(tally: Tally) -> Found:
-    """A current that never changes while its joint moves, or that is cut off at the top."""
-    for joint in tally.robot.joints:
-        k = joint.number - 1
-        if tally.path[k] < MOVED or not np.isfinite(tally.current_lowest[k]):
-            continue
-        where = Where(file=tally.origin, joint=joint.number, column=tally.robot.log.column("current", joint.number))
-        count, total = int(tally.top_count[k, 0]), int(tally.moving[k])
-        if tally.current_lowest[k] == tally.current_highest[k] and total >= FLAT_COUNT:
-            value = number(float(tally.current_lowest[k]))
-            what = f"current of joint {joint.number} is {value} A in all {total} samples in which it moves"
-            mend = (
-                "name the column of the measured current; if there is none remove this one, the joint is then left out"
-            )
-            yield LogError("constant-current", what, where, mend)
-        elif count >= max(FLAT_COUNT, FLAT_SHARE * total) and count >= FLAT_RATIO * tally.top_count[k, 1]:
-            limit = number(float(tally.top[k, 0]))
-            text = f"current of joint {joint.number} is at its largest, {limit} A, in {count} of {total} moving samples"
-            yield Note(
-                "current-saturated", f"{text}: cut off by the drive or the sensor; slower runs stay below", where
-            )
 
 
 def of_order(tally: Tally) -> Found:

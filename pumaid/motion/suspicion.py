@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator
 
 from pumaid.errors import Faults, LogError, Note
-from pumaid.motion import doubts
+from pumaid.motion import doubts, signals
 from pumaid.motion.tally import Tally
 from pumaid.records import FileFacts, Log, Robot
 
@@ -13,7 +13,8 @@ from pumaid.records import FileFacts, Log, Robot
 class Watch:
     """Passes a stream of logs on and keeps sums of it; at its end it refuses or flags what cannot be meant.
 
-    A fault from which wrong numbers would certainly follow is raised when the stream ends, so before anything is made
+    All logs together are judged, and each file by itself: what is wrong in one may drown in the others. A fault from
+    which wrong numbers would certainly follow is raised when the stream ends, so before anything is made
     of it; a doubt is a note. Each comes with the figures behind it and with what to change. The samples themselves are
     passed on untouched, so one pass suffices.
 
@@ -30,7 +31,7 @@ class Watch:
     ------
     LogError
         At the end of the stream: [looks-like-degrees, units-disagree, time-unit, constant-current, joints-swapped,
-        velocity-of-another]. Several are told together (`Faults`).
+        velocity-of-another, current-copied]. Several are told together (`Faults`).
 
     Examples
     --------
@@ -57,15 +58,80 @@ class Watch:
         return (*getattr(self._logs, "notes", ()), *self._found)
 
     def __iter__(self) -> Iterator[Log]:
-        tally = Tally(self._robot)
+        sums = Sums(self._robot)
         self._found = []
         for log in self._logs:
-            tally.take(log)
+            sums.take(log)
             yield log
-        faults, self._found = suspicions(tally)
-        if faults and self._refuse:
-            raise faults[0] if len(faults) == 1 else Faults(faults)
-        self._found = [Note(fault.slug, f"{fault.what}; {fault.mend}", fault.where) for fault in faults] + self._found
+        self._found = sums.judged(refuse=self._refuse)
+
+
+class Sums:
+    """What is kept of a stream to judge it by: sums of all logs, and what each file by itself shows.
+
+    Parameters
+    ----------
+    robot
+        The arm that the recipe says these are logs of.
+    """
+
+    def __init__(self, robot: Robot) -> None:
+        self._robot = robot
+        self._whole, self._file = Tally(robot), Tally(robot)
+        self._faults: list[LogError] = []
+
+    def take(self, log: Log) -> None:
+        """Add a batch."""
+        if self._file.origin and log.origin != self._file.origin:
+            self.close()
+        self._file.take(log)
+
+    def close(self) -> None:
+        """Judge the last file; another may follow."""
+        if self._file.origin:
+            self._faults += suspicions(self._file)[0]
+        self._whole.absorb(self._file)
+        self._file = Tally(self._robot)
+
+    def absorb(self, other: Sums) -> None:
+        """Add what was kept of files that come after these; both closed.
+
+        Parameters
+        ----------
+        other
+            Of the same robot; it must not be used any more.
+        """
+        self._whole.absorb(other._whole)
+        self._faults += other._faults
+
+    def judged(self, *, refuse: bool) -> list[Note]:
+        """Doubts about all that was taken.
+
+        Parameters
+        ----------
+        refuse
+            False turns refusals into notes.
+
+        Raises
+        ------
+        LogError
+            As `Watch`.
+        """
+        self.close()
+        of_all, doubtful = suspicions(self._whole)
+        # What all logs show needs no telling file by file; what one file shows may drown in the others.
+        found = of_all or _first_of_each(self._faults)
+        if found and refuse:
+            raise found[0] if len(found) == 1 else Faults(found)
+        return [Note(fault.slug, f"{fault.what}; {fault.mend}", fault.where) for fault in found] + doubtful
+
+
+def _first_of_each(faults: Iterable[LogError]) -> list[LogError]:
+    """Of faults of one kind the first file's; a thousand files may have the same."""
+    first: dict[str, LogError] = {}
+    for fault in faults:
+        first.setdefault(fault.slug, fault)
+    return list(first.values())
 
 
 def suspicions(tally: Tally) -> tuple[list[LogError], list[Note]]:
@@ -85,8 +151,8 @@ def suspicions(tally: Tally) -> tuple[list[LogError], list[Note]]:
     if not any(isinstance(item, LogError) for item in found):
         found += [
             *doubts.of_limits(tally),
-            *doubts.of_velocity(tally),
-            *doubts.of_current(tally),
+            *signals.of_velocity(tally),
+            *signals.of_current(tally),
             *doubts.of_order(tally),
         ]
         found += doubts.of_rest(tally)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -27,6 +28,9 @@ _MOST_POSTURES = 300
 #: Intervals from which the sampling rate is taken.
 _RATE_PROBE = 20_000
 
+#: What simply adds up from log to log.
+_SUMS = ("path", "seconds", "speed_squares", "moved_by", "displacement", "integral", "moving", "ways")
+
 
 @dataclass(eq=False, slots=True)
 class Tally:
@@ -49,7 +53,10 @@ class Tally:
     moving
         (J,) samples in which each joint moves.
     top, top_count
-        (J, 2): the two largest magnitudes of current while moving (A) and how often they occur.
+        (J, 2, 2): the two largest currents while moving (A), of the positive and, without sign, of the negative ones,
+        and how often they occur.
+    frozen
+        (J,) the most samples one after the other, while moving, in which the current stays the same to the digit.
     groups
         Per joint a and posture of the others: sums over the windows in which a moves alone, (4 + J, 4 + J) of
         (1, cos, sin, direction, all mean currents).
@@ -73,11 +80,13 @@ class Tally:
     moving: NDArray[np.int64] = field(init=False)
     top: Floats = field(init=False)
     top_count: NDArray[np.int64] = field(init=False)
+    frozen: NDArray[np.int64] = field(init=False)
     groups: list[dict[tuple[int, ...], Floats]] = field(init=False)
     ways: NDArray[np.int64] = field(init=False)
     has_velocity: bool = False
     _n_intervals: int = 0
     _carry: Log | None = None
+    _still: Floats = field(init=False)
 
     def __post_init__(self) -> None:
         n = self.robot.n_joints
@@ -86,37 +95,9 @@ class Tally:
         self.path, self.seconds, self.speed_squares = np.zeros(n), np.zeros(n), np.zeros(n)
         self.moved_by, self.displacement, self.integral = np.zeros((n, n)), np.zeros(n), np.zeros(n)
         self.moving, self.ways = np.zeros(n, dtype=np.int64), np.zeros((n, 2), dtype=np.int64)
-        self.top, self.top_count = np.full((n, 2), -1.0), np.zeros((n, 2), dtype=np.int64)
+        self.top, self.top_count = np.full((n, 2, 2), -1.0), np.zeros((n, 2, 2), dtype=np.int64)
+        self.frozen, self._still = np.zeros(n, dtype=np.int64), np.full((n, 2), np.nan)
         self.groups = [{} for _ in range(n)]
-
-    def with_more(self, other: Tally) -> Tally:
-        """The sums of this stream and of another that comes after it.
-
-        A window that goes on from the one in the other is left out.
-
-        Parameters
-        ----------
-        other
-            Of the same robot.
-        """
-        out = Tally(self.robot, self.origin or other.origin)
-        out.lowest, out.highest = np.fmin(self.lowest, other.lowest), np.fmax(self.highest, other.highest)
-        out.current_lowest = np.fmin(self.current_lowest, other.current_lowest)
-        out.current_highest = np.fmax(self.current_highest, other.current_highest)
-        for name in ("path", "seconds", "speed_squares", "moved_by", "displacement", "integral", "moving", "ways"):
-            setattr(out, name, getattr(self, name) + getattr(other, name))
-        out.has_velocity = self.has_velocity or other.has_velocity
-        for one in (self, other):
-            for part in one.intervals:
-                out.intervals.append(part[: _RATE_PROBE - out._n_intervals])
-                out._n_intervals += len(out.intervals[-1])
-            for j in range(self.robot.n_joints):
-                levels = zip(one.top[j].tolist(), one.top_count[j].tolist(), strict=True)
-                out._levels_of(j, {level: count for level, count in levels if level >= 0.0})
-            for a, groups in enumerate(one.groups):
-                for posture, square in groups.items():
-                    out._add_square(a, posture, square)
-        return out
 
     def take(self, log: Log) -> None:
         """Add a batch; whole windows are summed, the rest waits for the next batch of the same clock."""
@@ -150,9 +131,40 @@ class Tally:
         if len(edges) > 1:
             self._sum(log, edges)
 
+    def absorb(self, other: Tally) -> None:
+        """Add the sums of other logs of the same robot.
+
+        Parameters
+        ----------
+        other
+            Sums of samples that this tally has not seen; it must not be fed any more.
+        """
+        self.origin = self.origin or other.origin
+        for name in ("lowest", "current_lowest"):
+            setattr(self, name, np.fmin(getattr(self, name), getattr(other, name)))
+        for name in ("highest", "current_highest", "frozen"):
+            setattr(self, name, np.fmax(getattr(self, name), getattr(other, name)))
+        for name in _SUMS:
+            setattr(self, name, getattr(self, name) + getattr(other, name))
+        if self._n_intervals < _RATE_PROBE:
+            self.intervals += other.intervals
+            self._n_intervals += other._n_intervals
+        self.has_velocity |= other.has_velocity
+        for j, theirs in enumerate(other.groups):
+            for side in (0, 1):
+                found = zip(other.top[j, side].tolist(), other.top_count[j, side].tolist(), strict=True)
+                self._tops(j, side, [(level, count) for level, count in found if count])
+            for posture, sums in theirs.items():
+                self._hold(j, posture, sums)
+
     def rate_interval(self) -> float:
         """Median interval between samples (s), NaN if there is none."""
         return float(np.median(np.concatenate(self.intervals))) if self.intervals else float("nan")
+
+    def agreement(self) -> Floats:
+        """(J, J) correlation of the displacement of joint a with velocity column b; 0 where nothing can be told."""
+        scale = np.sqrt(np.outer(self.displacement, self.integral))
+        return np.divide(self.moved_by, scale, out=np.zeros_like(scale), where=scale > 0)
 
     def _sum(self, log: Log, edges: NDArray[np.int64]) -> None:
         last = int(edges[-1])
@@ -195,7 +207,7 @@ class Tally:
         """Extremes of the current while each joint moves; single samples are looked at where a window's are extreme."""
         windows = np.flatnonzero(usable)
         counts = np.diff(edges)
-        for j in np.flatnonzero(moves.any(axis=0)):
+        for j in np.flatnonzero(moves.any(axis=0)).tolist():
             own, values = windows[moves[:, j]], current[:, j]
             self.moving[j] += int(counts[own].sum())
             low = np.minimum.reduceat(values, edges[:-1])[own]
@@ -204,29 +216,33 @@ class Tally:
                 continue
             self.current_lowest[j] = min(self.current_lowest[j], low.min())
             self.current_highest[j] = max(self.current_highest[j], high.max())
-            size = np.maximum(high, -low)
-            second = size[size < size.max()].max(initial=-1.0)
-            for window in own[size >= max(second, self.top[j, 1])].tolist():
-                self._count(int(j), np.abs(values[edges[window] : edges[window + 1]]))
+            self._stand_still(j, low, high, counts=counts[own])
+            for side, size in enumerate((high, -low)):
+                second = size[size < size.max()].max(initial=-1.0)
+                for window in own[size >= max(second, self.top[j, side, 1])].tolist():
+                    part = values[edges[window] : edges[window + 1]]
+                    self._tops(j, side, _two_largest(part if side == 0 else -part))
 
-    def _count(self, j: int, size: Floats) -> None:
-        """Bring the two largest magnitudes of joint `j` and their counts up to date by those of (N,) samples."""
-        first = size.max()
-        second = size[size < first].max(initial=-1.0)
-        counts = {float(level): int(np.count_nonzero(size == level)) for level in (second, first)}
-        self._levels_of(j, counts)
+    def _stand_still(self, j: int, low: Floats, high: Floats, *, counts: NDArray[np.int64]) -> None:
+        """The longest stretch of one value, in samples of whole windows; the last one waits for the next batch."""
+        level = np.where(low == high, low, np.nan)
+        edges = np.concatenate([[0], np.flatnonzero(~(level[1:] == level[:-1])) + 1, [len(level)]])
+        lengths = np.add.reduceat(counts, edges[:-1])
+        value, count = self._still[j]
+        if value == level[0]:
+            lengths[0] += int(count)
+        flat = ~np.isnan(level[edges[:-1]])
+        self.frozen[j] = max(self.frozen[j], lengths[flat].max(initial=0))
+        self._still[j] = level[-1], lengths[-1]
 
-    def _levels_of(self, j: int, more: dict[float, int]) -> None:
-        """The same by levels with their counts."""
+    def _tops(self, j: int, side: int, found: Sequence[tuple[float, int]]) -> None:
+        """Keep the two largest levels of one side."""
         levels: dict[float, int] = {}
-        before = zip(self.top[j].tolist(), self.top_count[j].tolist(), strict=True)
-        for level, count in [*before, *more.items()]:
+        known = zip(self.top[j, side].tolist(), self.top_count[j, side].tolist(), strict=True)
+        for level, count in [*known, *found]:
             levels[level] = levels.get(level, 0) + count
-        best = sorted(levels.items(), reverse=True)[:2]
-        self.top[j], self.top_count[j] = (
-            [b[0] for b in [*best, (-1.0, 0)][:2]],
-            [b[1] for b in [*best, (-1.0, 0)][:2]],
-        )
+        best = [*sorted(levels.items(), reverse=True)[:2], (-1.0, 0)][:2]
+        self.top[j, side], self.top_count[j, side] = [b[0] for b in best], [b[1] for b in best]
 
     def _directions(self, speed: Floats, moves: Bools, mean: Floats, middle: Floats) -> None:
         size = np.abs(speed)
@@ -240,18 +256,24 @@ class Tally:
             held = np.round(np.delete(middle[alone], a, axis=1) / _SAME_POSTURE).astype(np.int64)
             postures, which = np.unique(held, axis=0, return_inverse=True)
             for k, posture in enumerate(postures):
-                self._add(int(a), tuple(posture.tolist()), rows[which.reshape(-1) == k])
+                own = rows[which.reshape(-1) == k]
+                self._hold(int(a), tuple(posture.tolist()), own.T @ own)
             self.ways[a] += [int(np.count_nonzero(way > 0)), int(np.count_nonzero(way < 0))]
 
-    def _add(self, a: int, posture: tuple[int, ...], rows: Floats) -> None:
-        self._add_square(a, posture, rows.T @ rows)
-
-    def _add_square(self, a: int, posture: tuple[int, ...], square: Floats) -> None:
+    def _hold(self, a: int, posture: tuple[int, ...], sums: Floats) -> None:
         groups = self.groups[a]
         if posture in groups:
-            groups[posture] = groups[posture] + square
+            groups[posture] = groups[posture] + sums
         elif len(groups) < _MOST_POSTURES:
-            groups[posture] = square
+            groups[posture] = sums
+
+
+def _two_largest(size: Floats) -> list[tuple[float, int]]:
+    """The two largest levels above zero among (N,) values, with their counts."""
+    first = size.max()
+    second = size[size < first].max(initial=-np.inf)
+    found = [(float(level), int(np.count_nonzero(size == level))) for level in (first, second)]
+    return [(level, count) for level, count in found if level > 0.0]
 
 
 def _edges(time: Floats) -> NDArray[np.int64]:

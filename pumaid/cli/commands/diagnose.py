@@ -86,7 +86,7 @@ def command(
     from functools import partial
 
     from pumaid.cli.additions import Typed, added, diagnosed, with_earlier
-    from pumaid.cli.reading import check_model, read_evidence, read_known_model, results_folder
+    from pumaid.cli.reading import check_logs, check_model, read_evidence, read_known_model, results_folder
     from pumaid.files.diagnosis import DIAGNOSIS_NAME, diagnosis_document, write_diagnosis
     from pumaid.files.plan import refuse_to_replace
 
@@ -96,6 +96,7 @@ def command(
     estimate = read_known_model(model)
     robot, evidence = read_evidence(logs, recipe, trust=trust, heldout=heldout, how=how, extra=suspect)
     check_model(estimate, robot)
+    check_logs(estimate, evidence, trust=trust)
     folder = results_folder(results, recipe, logs)
     typed = Typed(logs, recipe, heldout, context.meta.get("pumaid.effects", ()))
     again = partial(diagnosed, evidence=evidence, robot=robot, suspects=suspect, typed=typed)

@@ -1,0 +1,118 @@
+"""Checks behind `suspicion` of single columns: velocities of something else, currents dead, cut off or copied."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+
+import numpy as np
+
+from pumaid.errors import LogError, Note, Where
+from pumaid.motion.doubts import AGREES, MOVED
+from pumaid.motion.tally import Tally
+from pumaid.records import Joint
+from pumaid.units import number
+
+Found = Iterator[LogError | Note]
+
+#: Correlation of a joint's motion with its velocity column below which they are not of one signal.
+UNRELATED = 0.5
+#: Share of a joint's samples, least number, and multiple of the next level's count, that make a flat top.
+FLAT_SHARE, FLAT_COUNT, FLAT_RATIO = 0.01, 50, 5
+#: s; a current that stays the same to the digit for longer while its joint moves is frozen, or far too coarse.
+FROZEN = 2.0
+#: A; no motor of an arm draws so little or so much at most, but one whose unit is not what the recipe says does.
+SMALL, LARGE = 0.02, 200.0
+#: Mean squared difference of two currents, relative to their squares, from which on they are one.
+SAME = 1e-12
+
+
+def of_velocity(tally: Tally) -> Found:
+    """A velocity column that follows another joint's position, or none."""
+    if not tally.has_velocity:
+        return
+    match = np.abs(tally.agreement())
+    moved = [j for j in tally.robot.joints if tally.path[j.number - 1] > MOVED and tally.integral[j.number - 1] > 0]
+    others = {
+        j.number: int(np.argmax(match[j.number - 1])) + 1
+        for j in moved
+        if match[j.number - 1, j.number - 1] < 0.3 and match[j.number - 1].max() > AGREES
+    }
+    if others:
+        pairs = ", ".join(f"position {a} with velocity {b}" for a, b in others.items())
+        what = f"velocity columns follow other joints than their own: {pairs}"
+        mend = "put the columns into one order; if the positions are right, velocity: null in the recipe's log block"
+        yield LogError("velocity-of-another", what, _where(tally, "velocity", next(iter(others))), mend)
+        return
+    for joint in moved:
+        own = float(match[joint.number - 1, joint.number - 1])
+        if own < UNRELATED:
+            text = (
+                f"the velocity column of joint {joint.number} does not follow its position (correlation {own:.2f}): one"
+                " of them is another signal; speeds are taken from position"
+            )
+            yield Note("velocity-unrelated", text, _where(tally, "velocity", joint.number))
+
+
+def of_current(tally: Tally) -> Found:
+    """A current that stands still while its joint moves, is cut off, in another unit, or a copy of another's."""
+    yield from _of_copies(tally)
+    for joint in tally.robot.joints:
+        k = joint.number - 1
+        if tally.path[k] < MOVED or not np.isfinite(tally.current_lowest[k]):
+            continue
+        where = _where(tally, "current", joint.number)
+        low, high, total = float(tally.current_lowest[k]), float(tally.current_highest[k]), int(tally.moving[k])
+        if low == high and total >= FLAT_COUNT:
+            what = f"current of joint {joint.number} is {number(low)} A in all {total} samples in which it moves"
+            mend = (
+                "name the column of the measured current; if there is none remove this one, the joint is then left out"
+            )
+            yield LogError("constant-current", what, where, mend)
+            continue
+        flat = list(_of_top(tally, joint, where))
+        yield from flat
+        seconds = int(tally.frozen[k]) * tally.rate_interval()
+        if not flat and tally.frozen[k] >= FLAT_COUNT and seconds > FROZEN:
+            text = f"current of joint {joint.number} stays the same to the digit for {seconds:.1f} s of motion"
+            yield Note("current-frozen", f"{text}: the signal froze, or its steps are too coarse", where)
+        largest = max(-low, high)
+        if not SMALL <= largest <= LARGE:
+            unlike = "more than an arm's motor draws" if largest > LARGE else "less than it takes to move an arm"
+            text = f"current of joint {joint.number} is {number(largest)} A at most, {unlike}"
+            yield Note("current-size", f"{text}: see units: {{current: ...}} in the recipe's log block", where)
+
+
+def _of_top(tally: Tally, joint: Joint, where: Where) -> Found:
+    """A flat top on either side; told once, of the side with the larger current."""
+    k, total = joint.number - 1, int(tally.moving[joint.number - 1])
+    for side in np.argsort(-tally.top[k, :, 0], kind="stable"):
+        count, below = (int(many) for many in tally.top_count[k, side])
+        if count >= max(FLAT_COUNT, FLAT_SHARE * total) and count >= FLAT_RATIO * below:
+            limit = number(float(math.copysign(tally.top[k, side, 0], 0.5 - side)))
+            text = f"current of joint {joint.number} is at its limit, {limit} A, in {count} of {total} moving samples"
+            yield Note(
+                "current-saturated", f"{text}: cut off by the drive or the sensor; slower runs stay below", where
+            )
+            return
+
+
+def _of_copies(tally: Tally) -> Found:
+    """Two joints whose currents are the same numbers."""
+    n = tally.robot.n_joints
+    sums = np.zeros((n, n))
+    for groups in tally.groups:
+        for held in groups.values():
+            sums += held[4:, 4:]
+    square = np.diag(sums)
+    for a in range(n):
+        for b in range(a + 1, n):
+            apart, size = square[a] + square[b] - 2.0 * sums[a, b], square[a] + square[b]
+            if min(square[a], square[b]) > 0 and abs(apart) <= SAME * size:
+                what = f"joints {a + 1} and {b + 1} have the same current in every sample"
+                mend = "give each joint its own column; leave out one that was not measured"
+                yield LogError("current-copied", what, _where(tally, "current", b + 1), mend)
+
+
+def _where(tally: Tally, quantity: str, joint: int) -> Where:
+    return Where(file=tally.origin, joint=joint, column=tally.robot.log.column(quantity, joint))

@@ -1,0 +1,145 @@
+"""Faults of folders, disks and names: links, rights, full disks, odd names, very many files."""
+
+from __future__ import annotations
+
+import errno
+import os
+import shutil
+from pathlib import Path
+
+import numpy as np
+import pytest
+from faulty import contents, csv, good, invoke, outcome, unclear
+
+
+def judged(arm: Path, before: dict[str, bytes], *words: str) -> str:
+    """What came of identifying the logs of an experiment."""
+    return outcome(invoke("identify", *(words or (str(arm / "logs"),)), "--json"), arm, before)
+
+
+def test_links_to_logs_and_folders_are_followed(arm):
+    """Logs that are links, a folder that is one, and one that leads back to itself: each file is read once."""
+    kept = arm / "kept"
+    (arm / "logs").rename(kept)
+    (arm / "logs").mkdir()
+    (arm / "logs" / "log_1.csv").symlink_to(kept / "log_1.csv")
+    (arm / "logs" / "again.csv").symlink_to(kept / "log_1.csv")
+    (arm / "logs" / "more").symlink_to(kept, target_is_directory=True)
+    (kept / "circle").symlink_to(arm / "logs", target_is_directory=True)
+    assert judged(arm, {}) == "agrees"
+
+
+@pytest.mark.parametrize("target", ["nowhere.csv", "log.csv"])
+def test_links_that_lead_nowhere_are_told(arm, target):
+    """A link to no file, and one to itself, are refused where they are named."""
+    link = arm / "logs" / "log.csv"
+    link.symlink_to(arm / "logs" / target)
+    assert judged(arm, contents(arm / "results"), str(link)) == "refused"
+
+
+def test_a_link_in_place_of_the_model_stays(arm):
+    """The file behind the link is replaced, whole."""
+    model = arm / "results" / "model.json"
+    model.rename(arm / "elsewhere.json")
+    model.symlink_to(arm / "elsewhere.json")
+    assert judged(arm, {}) == "agrees" and model.is_symlink()
+
+
+@pytest.mark.parametrize("name", ["logs/log_2.csv", "recipe.yaml"])
+def test_an_unreadable_file_is_told(arm, monkeypatch, name):
+    """A log or a recipe without the right to read it; patched, since root may read all."""
+    opened, before = Path.open, contents(arm / "results")
+
+    def refusing(path, *mode, **more):
+        if path == arm / name:
+            raise PermissionError(errno.EACCES, "Permission denied", str(path))
+        return opened(path, *mode, **more)
+
+    monkeypatch.setattr(Path, "open", refusing)
+    assert judged(arm, before) == "refused"
+
+
+@pytest.mark.parametrize("name", ["logs/log_2.csv", "logs", "recipe.yaml"])
+def test_a_folder_or_a_pipe_in_place_of_a_file(arm, name):
+    """A folder named as a log is one of logs; as a recipe it is none."""
+    before = contents(arm / "results")
+    path = arm / name
+    shutil.rmtree(path) if path.is_dir() else path.unlink()
+    path.mkdir()
+    assert judged(arm, before) in ("refused", "agrees")
+
+
+@pytest.mark.parametrize("number", [errno.ENOSPC, errno.EROFS, errno.EDQUOT, errno.EIO, errno.EACCES])
+@pytest.mark.parametrize("step", ["write_bytes", "replace"])
+def test_a_disk_that_refuses_leaves_the_old_model(arm, monkeypatch, number, step):
+    """Full, read-only, over quota, broken or forbidden, at the writing or at the renaming: old results stand whole."""
+    before = contents(arm / "results")
+
+    def refusing(path, *given):
+        raise OSError(number, os.strerror(number))
+
+    with monkeypatch.context() as patched:
+        patched.setattr(Path, step, refusing)
+        found = invoke("identify", str(arm / "logs" / "log_1.csv"), "--json")
+    assert found.exit_code == 3 and unclear(found.stderr) == []
+    assert contents(arm / "results") == before
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="the system has no /dev/full")
+def test_a_device_that_is_full_is_told(arm):
+    """What the system itself says of a full device."""
+    found = invoke("identify", str(arm / "logs"), "-o", "/dev/full")
+    assert found.exit_code == 3 and unclear(found.stderr) == [] and "No space left" in found.stderr
+
+
+def test_a_file_in_place_of_the_results_folder(arm):
+    """It is told, and left as it is."""
+    shutil.rmtree(arm / "results")
+    (arm / "results").write_text("mine")
+    found = invoke("identify", str(arm / "logs"))
+    assert found.exit_code == 3 and unclear(found.stderr) == [] and (arm / "results").read_text() == "mine"
+
+
+ODD = (
+    "a b (1).csv",
+    "Prüfstand Ω 🤖.csv",
+    "-o.csv",
+    "#1%20.csv",
+    "'quoted\".csv",
+    "new\nline.csv",
+    "[0-9]*.csv",
+    "x" * 200 + ".csv",
+)
+
+
+@pytest.mark.parametrize("name", ODD)
+def test_odd_names_of_logs_change_nothing(arm, name):
+    """Blanks, letters of any script, quotes, line ends and what a shell or a glob takes for a command."""
+    (arm / "logs" / "log_1.csv").rename(arm / "logs" / name)
+    assert judged(arm, {}) == "agrees"
+
+
+def test_odd_names_of_folders_change_nothing(arm, monkeypatch):
+    """A folder of such a name, and its log named by itself."""
+    odd = arm.rename(arm.with_name("mein Arm [1] — é\n*"))
+    monkeypatch.chdir(odd)
+    assert judged(odd, {}, "logs") == "agrees"
+    assert judged(odd, {}, str(odd / "logs" / "log_1.csv"), "logs/log_2.csv") == "agrees"
+
+
+def test_a_thousand_files_are_one_log(arm):
+    """A recording cut into a thousand files: runs go on from file to file, notes do not come a thousandfold."""
+    for number, table in enumerate(good(), start=1):
+        (arm / "logs" / f"log_{number}.csv").unlink()
+        for k, rows in enumerate(np.array_split(np.arange(len(table)), 500)):
+            (arm / "logs" / f"log_{number}_{k}.csv").write_text(csv(table.iloc[rows]), encoding="utf-8")
+    found = invoke("identify", str(arm / "logs"), "--json")
+    assert outcome(found, arm, {}) == "agrees" and len(found.stderr.splitlines()) < 20
+
+
+def test_results_are_no_logs(arm):
+    """What pumaid wrote, and what hides, is not read as a log."""
+    (arm / "logs" / "results").mkdir()
+    for name in ("results/table.csv", ".hidden.csv", "plan.csv", "notes.txt"):
+        (arm / "logs" / name).write_text("no log", encoding="utf-8")
+    assert judged(arm, {}) == "agrees"

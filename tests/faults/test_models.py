@@ -1,0 +1,39 @@
+"""Model files that are damaged, foreign or malicious: refused in one message, never run, never half believed."""
+
+from __future__ import annotations
+
+import pytest
+from faulty import contents, invoke, unclear
+from faulty_models import all_models
+
+
+@pytest.mark.parametrize("fault", [pytest.param(fault, id=f"{fault.kind}: {fault.name}") for fault in all_models()])
+def test_a_faulty_model_is_refused(arm, fault):
+    """Exit code 3, a message with a mend, nothing on standard output, nothing changed."""
+    fault.change(arm)
+    before = contents(arm)
+    found = invoke("compare", str(arm / "results" / "model.json"), str(arm / "logs"), "--json")
+    assert (found.exit_code, unclear(found.stderr), found.stdout) == (3, [], "")
+    assert contents(arm) == before
+
+
+def test_a_model_of_gigabytes_is_not_read(arm, monkeypatch):
+    """A file beyond the limit is refused once the limit is passed, not when all is in memory."""
+    monkeypatch.setattr("pumaid.files.result.MOST_BYTES", 1000)
+    found = invoke("compare", str(arm / "results" / "model.json"), str(arm / "logs"))
+    assert found.exit_code == 3 and unclear(found.stderr) == [] and "more than" in found.stderr
+
+
+def test_diagnose_refuses_a_model_of_other_logs(arm):
+    """What a model lacks is told on the logs that it was fitted to; the message names the log that it was not."""
+    assert invoke("identify", str(arm / "logs" / "log_1.csv")).exit_code == 0
+    found = invoke("diagnose", str(arm / "results" / "model.json"), str(arm / "logs"))
+    assert found.exit_code == 3 and unclear(found.stderr) == [] and "log_2.csv" in found.stderr
+    assert "model-other-logs" in found.stderr
+
+
+def test_compare_takes_logs_that_the_model_never_saw(arm):
+    """Comparing on other logs is what compare is for; it says that they are others by their digests."""
+    assert invoke("identify", str(arm / "logs" / "log_1.csv")).exit_code == 0
+    found = invoke("compare", str(arm / "results" / "model.json"), str(arm / "logs" / "log_2.csv"))
+    assert found.exit_code == 0 and "compared-with-fitted" not in found.stderr

@@ -1,0 +1,118 @@
+"""Bytes and cells changed at random: no traceback, no silent wrong number, whatever they hit."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from faulty import COLUMNS, RECIPE, contents, csv, good, invoke, outcome
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+FINE = ("refused", "flagged", "agrees")
+SEEDED = settings(deadline=None, derandomize=True, suppress_health_check=[HealthCheck.function_scoped_fixture])
+#: Pieces of text that mean something to one of the readers.
+WORDS = st.sampled_from(
+    [
+        "",
+        "\n",
+        "\r",
+        ";",
+        ",",
+        '"',
+        "'",
+        "#",
+        "\0",
+        "nan",
+        "inf",
+        "1e999",
+        "-",
+        ".",
+        "&a ",
+        "*a",
+        "!!",
+        "{",
+        "[",
+        ": ",
+        "\t",
+        "é",
+        "\ufeff",
+    ]
+)
+#: Where, how many bytes are taken out, what is put there.
+EDITS = st.lists(
+    st.tuples(st.floats(0.0, 1.0), st.integers(0, 40), WORDS | st.text(max_size=8)), min_size=1, max_size=4
+)
+
+
+def edited(data: bytes, edits: list) -> bytes:
+    """Bytes with some pieces replaced."""
+    for share, taken, word in edits:
+        at = int(share * len(data))
+        data = data[:at] + word.encode("utf-8", "replace") + data[at + taken :]
+    return data
+
+
+def judged(arm: Path, path: str, data: bytes) -> str:
+    """What comes of the good experiment with another content of one file; the file is put back."""
+    place, before = arm / path, contents(arm / "results")
+    kept = place.read_bytes()
+    place.write_bytes(data)
+    try:
+        return outcome(invoke("identify", str(arm / "logs"), "--json"), arm, before)
+    finally:
+        place.write_bytes(kept)
+
+
+@settings(SEEDED, max_examples=60)
+@given(EDITS)
+def test_edits_of_a_recipe(arm, edits):
+    """Pieces of a recipe taken out and put in; what is left may be a good recipe, of an arm with other frames."""
+    found = judged(arm, "recipe.yaml", edited(RECIPE.encode(), edits))
+    assert found in FINE or found.startswith("silently wrong")
+
+
+@settings(SEEDED, max_examples=30)
+@given(EDITS)
+def test_edits_of_a_csv_log(arm, edits):
+    """Pieces of a CSV log taken out and put in."""
+    assert judged(arm, "logs/log_1.csv", edited(csv(good()[0]).encode(), edits)) in FINE
+
+
+@settings(SEEDED, max_examples=40)
+@given(st.lists(st.tuples(st.floats(0.0, 0.9999), st.integers(1, 255)), min_size=1, max_size=4))
+def test_flipped_bits_of_a_parquet_log(arm, flips):
+    """Bits of a Parquet log flipped, anywhere; the file carries checksums of its pages."""
+    data = bytearray(sealed())
+    for share, mask in flips:
+        data[int(share * len(data))] ^= mask
+    (arm / "logs" / "log_1.csv").unlink(missing_ok=True)
+    (arm / "logs" / "log_1.parquet").touch()
+    assert judged(arm, "logs/log_1.parquet", bytes(data)) in FINE
+
+
+def sealed() -> bytes:
+    """The first log as Parquet with checksums, as pumaid writes it."""
+    import io
+
+    import pyarrow as pa
+    import pyarrow.parquet as pq
+
+    held = io.BytesIO()
+    pq.write_table(pa.Table.from_pandas(good()[0]), held, write_page_checksum=True)
+    return held.getvalue()
+
+
+@settings(SEEDED, max_examples=30)
+@given(st.integers(0, 3662), st.integers(1, 200), st.sampled_from(COLUMNS), st.floats(allow_nan=True, width=32))
+def test_cells_of_any_value(arm, row, count, column, value):
+    """Any number, also none and infinity, in up to 200 cells of a column."""
+    table = good()[0].copy()
+    table.loc[table.index[row : row + count], column] = value
+    assert judged(arm, "logs/log_1.csv", csv(table).encode()) in FINE
+
+
+@settings(SEEDED, max_examples=40)
+@given(st.binary(max_size=2000), st.sampled_from(["logs/log_1.csv", "recipe.yaml"]))
+def test_any_bytes_at_all(arm, data, path):
+    """Bytes that were never a log or a recipe."""
+    assert judged(arm, path, data) in FINE

@@ -1,0 +1,589 @@
+"""Mutations of good logs: what recorders, spreadsheets, cables and people do to them, by class."""
+
+from __future__ import annotations
+
+import gzip
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+from faulty import COLUMNS, RATE, Fault, csv, good, parquet
+
+Change = Callable[[pd.DataFrame], pd.DataFrame | None]
+UR = {"t": "timestamp"} | {
+    f"{word}{k}": f"actual_{name}_{k - 1}" for word, name in (("q", "q"), ("i", "current")) for k in (1, 2)
+}
+JOINTS = ("q1", "q2", "qd1", "qd2", "i1", "i2")
+
+
+def tables(change: Change, *, only_first: bool = False) -> Callable[[Path], None]:
+    """Both logs (or the first) with their tables changed, as CSV."""
+
+    def apply(folder: Path) -> None:
+        for number, table in enumerate(good()[: 1 if only_first else None], start=1):
+            copy = table.copy()
+            changed = change(copy)
+            path = folder / "logs" / f"log_{number}.csv"
+            path.write_text(csv(copy if changed is None else changed), encoding="utf-8")
+
+    return apply
+
+
+def raw(change: Callable[[bytes], bytes], *, only_first: bool = False) -> Callable[[Path], None]:
+    """Both logs (or the first) with their bytes changed."""
+
+    def apply(folder: Path) -> None:
+        for path in sorted((folder / "logs").iterdir())[: 1 if only_first else None]:
+            path.write_bytes(change(path.read_bytes()))
+
+    return apply
+
+
+def as_parquet(change: Callable[[bytes], bytes] = bytes, *, columns: Change = lambda table: None) -> Callable:
+    """The logs as Parquet, their tables changed before and the bytes of the first afterwards."""
+
+    def apply(folder: Path) -> None:
+        for number, table in enumerate(good(), start=1):
+            copy = table.copy()
+            changed = columns(copy)
+            data = parquet(copy if changed is None else changed)
+            (folder / "logs" / f"log_{number}.csv").unlink()
+            (folder / "logs" / f"log_{number}.parquet").write_bytes(change(data) if number == 1 else data)
+
+    return apply
+
+
+def only(data: bytes, name: str = "log.csv") -> Callable[[Path], None]:
+    """These bytes as the only log."""
+
+    def apply(folder: Path) -> None:
+        for path in (folder / "logs").iterdir():
+            path.unlink()
+        (folder / "logs" / name).write_bytes(data)
+
+    return apply
+
+
+def written(
+    form: dict[str, object],
+    *,
+    before: str = "",
+    encoding: str = "utf-8",
+    end: str = "\n",
+    only_first: bool = False,
+) -> Callable[[Path], None]:
+    """Both logs (or the first) written in another dialect."""
+
+    def apply(folder: Path) -> None:
+        for number, table in enumerate(good()[: 1 if only_first else None], start=1):
+            text = before + csv(table, **form).replace("\n", end)
+            (folder / "logs" / f"log_{number}.csv").write_bytes(text.encode(encoding))
+
+    return apply
+
+
+def cell(column: str, word: str, *, rows: slice = slice(100, 101)) -> Callable[[Path], None]:
+    """A word in some cells of the first log."""
+
+    def change(table: pd.DataFrame) -> pd.DataFrame:
+        table = table.astype({column: object})
+        table.loc[table.index[rows], column] = word
+        return table
+
+    return tables(change, only_first=True)
+
+
+def scaled(factor: float, *columns: str) -> Callable[[Path], None]:
+    """Columns times a factor, in both logs."""
+    return tables(lambda table: table.assign(**{name: table[name] * factor for name in columns}))
+
+
+def moved(order: dict[str, str]) -> Callable[[Path], None]:
+    """Columns under other names, in both logs."""
+    return tables(lambda table: table.rename(columns=order))
+
+
+def times(change: Callable[[np.ndarray], np.ndarray], *, only_first: bool = False) -> Callable[[Path], None]:
+    """Times changed in both logs (or the first)."""
+    return tables(lambda table: table.assign(t=np.round(change(table.t.to_numpy().copy()), 6)), only_first=only_first)
+
+
+def rows(change: Callable[[pd.DataFrame], pd.DataFrame], *, only_first: bool = False) -> Callable[[Path], None]:
+    """Rows left out, doubled or in another order."""
+    return tables(change, only_first=only_first)
+
+
+def held(column: str, value: float | None = None, *, part: slice = slice(None)) -> Callable[[Path], None]:
+    """A column that stands still over a part of both logs."""
+
+    def change(table: pd.DataFrame) -> None:
+        index = table.index[part]
+        table.loc[index, column] = table[column].iloc[part.start or 0] if value is None else value
+
+    return tables(change)
+
+
+def neighbours(table: pd.DataFrame) -> pd.DataFrame:
+    """Two rows change places."""
+    return table.iloc[[*range(200), 201, 200, *range(202, len(table))]]
+
+
+def mixed_up(table: pd.DataFrame) -> pd.DataFrame:
+    """All but the times in a random order."""
+    return table.assign(**shuffled(table)[list(JOINTS)].reset_index(drop=True))
+
+
+def closed_up(table: pd.DataFrame) -> pd.DataFrame:
+    """Every fortieth row lost, and the times of the others as if none were."""
+    kept = table.drop(table.index[::40])
+    return kept.assign(t=table.t[: len(kept)].to_numpy())
+
+
+def wider(table: pd.DataFrame) -> pd.DataFrame:
+    """Two hundred columns more."""
+    return pd.concat([table, pd.DataFrame(0, index=table.index, columns=[f"x{k}" for k in range(200)])], axis=1)
+
+
+def noisy_times(share: float) -> Callable[[np.ndarray], np.ndarray]:
+    """Times that jitter by a share of the interval."""
+    return lambda t: np.sort(t + share / RATE * np.random.default_rng(0).uniform(-1, 1, len(t)))
+
+
+def without(*names: str) -> Change:
+    """A table without some columns."""
+    return lambda table: table.drop(columns=list(names))
+
+
+def named(order: dict[str, str]) -> Change:
+    """A table with other names."""
+    return lambda table: table.rename(columns=order)
+
+
+def times_by(**factors: float) -> Change:
+    """A table with columns multiplied."""
+    return lambda table: table.assign(**{name: factor * table[name] for name, factor in factors.items()})
+
+
+def plus(**added: Callable[[pd.DataFrame], object]) -> Change:
+    """A table with columns made of the others."""
+    return lambda table: table.assign(**{name: make(table) for name, make in added.items()})
+
+
+def cut(share: float) -> Callable[[bytes], bytes]:
+    """The first part of some bytes."""
+    return lambda data: data[: int(share * len(data))]
+
+
+def replaced(old: bytes, new: bytes, count: int = -1) -> Callable[[bytes], bytes]:
+    """Bytes with something in place of something else."""
+    return lambda data: data.replace(old, new, count)
+
+
+def friction(joint: int, size: float) -> Callable[[pd.DataFrame], object]:
+    """A joint's current with more Coulomb friction."""
+    return lambda table: table[f"i{joint}"] + size * np.sign(table[f"qd{joint}"]) * (table[f"qd{joint}"].abs() > 0.05)
+
+
+def shuffled(table: pd.DataFrame) -> pd.DataFrame:
+    """Rows in a random order."""
+    return table.sample(frac=1.0, random_state=1)
+
+
+def empty_files() -> Iterator[Fault]:
+    """Files without content."""
+    for name, data in {
+        "no byte": b"", "a line feed": b"\n", "blanks": b"  \n \n", "a byte order mark alone": b"\xef\xbb\xbf",
+        "a comment": b"# nothing\n", "one null byte": b"\0",
+    }.items():  # fmt: skip
+        yield Fault("empty file", name, only(data))
+    yield Fault("empty file", "beside a good one", raw(lambda data: b"", only_first=True))
+    yield Fault("empty file", "gzip of nothing", only(gzip.compress(b""), "log.csv.gz"))
+    yield Fault("empty file", "no log in the folder", only(b"x", "notes.txt"))
+    header = ",".join(COLUMNS).encode()
+    for name, data in {
+        "with line end": header + b"\n", "without line end": header, "with CRLF": header + b"\r\n",
+        "and a blank line": header + b"\n\n", "and a cut row": header + b"\n0.1,0.2",
+        "and one row": header + b"\n0,0,0,0,0,0,0\n",
+    }.items():  # fmt: skip
+        yield Fault("header only", name, only(data))
+    yield Fault("header only", "Parquet without rows", only(parquet(good()[0].head(0)), "log.parquet"))
+    yield Fault("header only", "beside a good one", raw(lambda data: header + b"\n", only_first=True))
+
+
+def cut_files() -> Iterator[Fault]:
+    """Files that end too early, or are none."""
+    for share in (0.01, 0.3, 0.7, 0.99):
+        yield Fault("cut Parquet", f"at {share:.0%}", as_parquet(cut(share)))
+    for count in (1, 4, 8, 100):
+        yield Fault("cut Parquet", f"last {count} bytes", as_parquet(lambda data, count=count: data[:-count]))
+    yield Fault(
+        "cut Parquet", "its index flipped", as_parquet(lambda data: data[:-200] + data[-200:-8][::-1] + data[-8:])
+    )
+    yield Fault("cut Parquet", "index length huge", as_parquet(lambda data: data[:-8] + b"\xff\xff\xff\x7fPAR1"))
+    yield Fault("cut Parquet", "a page zeroed", as_parquet(lambda data: data[:3000] + bytes(500) + data[3500:]))
+    for share in (0.2, 0.55, 0.9):
+        yield Fault("cut CSV", f"at {share:.0%}", raw(cut(share), only_first=True))
+    yield Fault("cut CSV", "its start is missing", raw(lambda data: data[5000:], only_first=True))
+    yield Fault("cut CSV", "gzip cut", only(gzip.compress(csv(good()[0]).encode())[:-500], "log.csv.gz"))
+    yield Fault(
+        "cut CSV",
+        "a hole of zero bytes",
+        raw(lambda data: data[:90_000] + bytes(4096) + data[94_096:], only_first=True),
+    )
+    yield Fault("cut CSV", "a block twice", raw(lambda data: data[:80_000] + data[40_000:], only_first=True))
+    for name, magic in {
+        "zip": b"PK\x03\x04",
+        "HDF5": b"\x89HDF\r\n\x1a\n",
+        "MATLAB": b"MATLAB 5.0 MAT-file",
+        "NumPy": b"\x93NUMPY\x01\x00",
+        "JSON": b'{"t": [0, 1]}',
+        "XML": b"<?xml version='1.0'?>",
+        "ROS bag": b"#ROSBAG V2.0\n",
+        "SQLite": b"SQLite format 3\0",
+        "an image": b"\x89PNG\r\n\x1a\n\0\0\0\rIHDR",
+        "ELF": b"\x7fELF\x02\x01\x01\0",
+        "pickle": b"\x80\x04\x95\x10\0\0\0\0\0\0\0\x8c\x05posix",
+        "PDF": b"%PDF-1.7\n%\xe2\xe3\xcf\xd3\n1 0 obj\n",
+        "random": np.random.default_rng(0).bytes(4000),
+    }.items():
+        yield Fault("wrong magic", name, only(magic + b"\0\1\2\3" * 20))
+    yield Fault("wrong magic", "Parquet's alone", only(b"PAR1", "log.parquet"))
+    yield Fault("wrong magic", "Parquet's around nothing", only(b"PAR1" + bytes(20) + b"PAR1", "log.parquet"))
+    yield Fault("wrong magic", "gzip's alone", only(b"\x1f\x8b"))
+    yield Fault("wrong magic", "CSV named .parquet", only(csv(good()[0]).encode(), "log.parquet"))
+    yield Fault("wrong magic", "Parquet named .csv", only(parquet(good()[0]), "log.csv"))
+
+
+def bad_numbers() -> Iterator[Fault]:
+    """What is no number, or none that an arm has."""
+    for column, words in {
+        "t": ("nan", "1e300", "abc"),
+        "q1": ("nan", "", "inf", "1e300", "abc"),
+        "qd2": ("nan", "abc"),
+        "i1": ("nan", "", "-inf", "1e300", "abc"),
+    }.items():
+        for word in words:
+            yield Fault("NaN, inf, text", f"{word or 'nothing'} in one cell of {column}", cell(column, word))
+    for word in ("1,5", "12:30:01", "2024-01-01", "=A1", "0x1F", "1_000", "--1", "1e", "\u0661", "true"):
+        yield Fault("NaN, inf, text", f"{word} in one cell of i2", cell("i2", word))
+    for column in ("q2", "i2"):
+        for share, part in (("3 %", slice(500, 610)), ("half", slice(0, 1800)), ("all", slice(None))):
+            yield Fault("NaN, inf, text", f"nan in {share} of {column}", cell(column, "nan", rows=part))
+    for column in ("t", "q1", "q2", "i1", "i2", "qd1"):
+        yield Fault("huge numbers", f"1e5 in one cell of {column}", cell(column, "100000"))
+    for column in ("q1", "i1", "i2"):
+        yield Fault("huge numbers", f"1e308 in a tenth of {column}", cell(column, "1e308", rows=slice(300, 670)))
+        yield Fault("huge numbers", f"{column} times 1e9", scaled(1e9, column))
+    yield Fault("huge numbers", "denormals in i1", cell("i1", "1e-320", rows=slice(300, 310)))
+    yield Fault("huge numbers", "400 digits in a cell", cell("i1", "0." + "1" * 400))
+    yield Fault("huge numbers", "time from 1e15", times(lambda t: t + 1e15))
+    yield Fault("huge numbers", "time since 1970", times(lambda t: t + 1.7e9))
+
+
+def columns() -> Iterator[Fault]:
+    """Columns missing, doubled, renamed, swapped."""
+    for column in COLUMNS:
+        yield Fault("missing columns", column, tables(without(column)))
+        yield Fault("renamed columns", f"{column} in capitals with a blank", moved({column: f" {column.upper()}"}))
+        yield Fault(
+            "doubled columns", column, raw(replaced(b"t,q1", b"t,t" if column == "t" else f"{column},q1".encode(), 1))
+        )
+    yield Fault("missing columns", "all currents", tables(without("i1", "i2")))
+    yield Fault("missing columns", "i2 in one of two logs", tables(without("i2"), only_first=True))
+    yield Fault("missing columns", "the header's last name", raw(replaced(b",i2\n", b"\n", 1)))
+    yield Fault("missing columns", "the header", raw(lambda data: data.split(b"\n", 1)[1]))
+    yield Fault("renamed columns", "as another maker's", moved(UR))
+    yield Fault(
+        "renamed columns",
+        "counted from 0",
+        moved({f"{word}{k}": f"{word}{k - 1}" for word in ("q", "qd", "i") for k in (1, 2)}),
+    )
+    yield Fault("renamed columns", "quoted", raw(replaced(b"t,q1,q2", b'"t","q1","q2"', 1)))
+    yield Fault("renamed columns", "with units", moved({name: f"{name} [A]" for name in ("i1", "i2")}))
+    yield Fault(
+        "renamed columns", "columns in another order, names with them", tables(lambda table: table[list(COLUMNS[::-1])])
+    )
+    for one, other in (
+        ("q1", "q2"),
+        ("i1", "i2"),
+        ("qd1", "qd2"),
+        ("q1", "qd1"),
+        ("q1", "i1"),
+        ("t", "q1"),
+        ("qd1", "i1"),
+    ):
+        yield Fault("swapped columns", f"{one} and {other}", moved({one: other, other: one}))
+        yield Fault(
+            "swapped columns",
+            f"{one} and {other} in one of two logs",
+            tables(named({one: other, other: one}), only_first=True),
+        )
+    yield Fault(
+        "swapped columns",
+        "position of both without velocity",
+        tables(lambda table: named({"q1": "q2", "q2": "q1"})(without("qd1", "qd2")(table))),
+    )
+
+
+def time_faults() -> Iterator[Fault]:
+    """Clocks and the order of rows."""
+    yield Fault("shuffled rows", "all", rows(shuffled))
+    yield Fault("shuffled rows", "two neighbours", rows(neighbours, only_first=True))
+    yield Fault("shuffled rows", "blocks", rows(lambda table: pd.concat([table[2000:], table[:2000]]), only_first=True))
+    yield Fault("shuffled rows", "from the end", rows(lambda table: table[::-1]))
+    yield Fault("shuffled rows", "values against times", rows(mixed_up))
+    yield Fault(
+        "repeated time", "one row twice", rows(lambda table: pd.concat([table[:300], table[299:]]), only_first=True)
+    )
+    yield Fault("repeated time", "every row twice", rows(lambda table: table.iloc[np.repeat(np.arange(len(table)), 2)]))
+    yield Fault("repeated time", "all the same", times(lambda t: 0 * t))
+    yield Fault("repeated time", "rounded to 0.1 s", times(lambda t: np.floor(10 * t) / 10))
+    yield Fault("repeated time", "whole seconds", times(np.floor))
+    yield Fault("backward time", "one stamp", times(lambda t: t - 1.0 * (np.arange(len(t)) == 700), only_first=True))
+    yield Fault(
+        "backward time",
+        "starts anew in the middle",
+        times(lambda t: t - t[1800] * (np.arange(len(t)) >= 1800), only_first=True),
+    )
+    yield Fault(
+        "backward time",
+        "a second back in the middle",
+        times(lambda t: t - 1.0 * (np.arange(len(t)) >= 1800), only_first=True),
+    )
+    yield Fault("backward time", "falling", times(lambda t: -t))
+    yield Fault("backward time", "both logs from 0", times(lambda t: t - t[0]))
+    for name, part in (("one sample", 1), ("0.2 s", 8), ("2 s", 80), ("20 s", 800)):
+        yield Fault(
+            "gaps",
+            f"{name} lost",
+            rows(lambda table, part=part: table.drop(table.index[1500 : 1500 + part]), only_first=True),
+        )
+    yield Fault("gaps", "one row in fifty lost", rows(lambda table: table.drop(table.index[::50])))
+    yield Fault("gaps", "one row in three lost", rows(lambda table: table.drop(table.index[::3])))
+    yield Fault("gaps", "a day between the halves", times(lambda t: t + 86400.0 * (np.arange(len(t)) > 1800)))
+    yield Fault("gaps", "rows lost, times closed up", rows(closed_up))
+    for share in (0.1, 0.4, 0.9):
+        yield Fault("jitter", f"of {share:.0%} of the interval", times(noisy_times(share)))
+    yield Fault(
+        "jitter",
+        "stamps of packets of five",
+        times(lambda t: t[np.arange(len(t)) // 5 * 5] + 1e-4 * (np.arange(len(t)) % 5)),
+    )
+    yield Fault("jitter", "clock 1 % fast", times(lambda t: 1.01 * t))
+    yield Fault("mixed rates", "second log at half the rate", rows(lambda table: table[::2], only_first=True))
+    yield Fault(
+        "mixed rates",
+        "slower from the middle",
+        rows(lambda table: pd.concat([table[:1800], table[1800::2]]), only_first=True),
+    )
+    yield Fault("mixed rates", "one sample a second", rows(lambda table: table[::40]))
+    yield Fault("mixed rates", "ten samples a second", rows(lambda table: table[::4]))
+    for name, factor in (("ms", 1e3), ("us", 1e6), ("ns", 1e9), ("min", 1 / 60)):
+        yield Fault("mixed rates", f"time in {name}", times(lambda t, factor=factor: factor * t))
+    yield Fault("mixed rates", "time in ms in one of two logs", times(lambda t: 1e3 * t, only_first=True))
+
+
+def current_faults() -> Iterator[Fault]:
+    """Currents that are none."""
+    for column in ("i1", "i2"):
+        yield Fault("constant current", f"{column} zero", held(column, 0.0))
+        yield Fault("constant current", f"{column} at its first value", held(column))
+        yield Fault("constant current", f"{column} frozen over a half", held(column, part=slice(1800, None)))
+        yield Fault("constant current", f"{column} frozen over 5 s", held(column, part=slice(1800, 2000)))
+        yield Fault("constant current", f"{column} zero over 5 s", held(column, 0.0, part=slice(1800, 2000)))
+    yield Fault("constant current", "both zero", tables(lambda table: table.assign(i1=0.0, i2=0.0)))
+    yield Fault(
+        "constant current",
+        "zero in one of two logs",
+        tables(lambda table: table.assign(i1=0.0, i2=0.0), only_first=True),
+    )
+    yield Fault("constant current", "i1 copied to i2", tables(lambda table: table.assign(i2=table.i1)))
+    yield Fault(
+        "constant current", "without sign", tables(lambda table: table.assign(i1=table.i1.abs(), i2=table.i2.abs()))
+    )
+    yield Fault("constant current", "without sign at joint 1", tables(plus(i1=lambda table: table.i1.abs())))
+    for level in (3.9, 3.0, 1.5, 0.3):
+        yield Fault(
+            "saturated current",
+            f"i1 at {level} A",
+            tables(plus(i1=lambda table, level=level: table.i1.clip(-level, level))),
+        )
+    yield Fault("saturated current", "i2 at 1 A", tables(lambda table: table.assign(i2=table.i2.clip(-1.0, 1.0))))
+    yield Fault(
+        "saturated current", "i2 at 1 A one way", tables(lambda table: table.assign(i2=table.i2.clip(upper=1.0)))
+    )
+    yield Fault(
+        "saturated current", "i2 in steps of 0.1 A", tables(lambda table: table.assign(i2=(table.i2 * 10).round() / 10))
+    )
+    yield Fault("saturated current", "i2 in steps of 1 A", tables(lambda table: table.assign(i2=table.i2.round())))
+    yield Fault("saturated current", "q1 stands while the arm moves", held("q1", part=slice(500, 1500)))
+
+
+def unit_faults() -> Iterator[Fault]:
+    """Degrees for radians and other units."""
+    turn = 2 * np.pi
+    deg = 360 / turn
+    yield Fault("degrees for radians", "positions", scaled(deg, "q1", "q2"))
+    yield Fault("degrees for radians", "positions and velocities", scaled(deg, "q1", "q2", "qd1", "qd2"))
+    yield Fault("degrees for radians", "velocities", scaled(deg, "qd1", "qd2"))
+    yield Fault(
+        "degrees for radians",
+        "positions without velocities",
+        tables(lambda table: times_by(q1=deg, q2=deg)(without("qd1", "qd2")(table))),
+    )
+    yield Fault("degrees for radians", "one joint", scaled(deg, "q2"))
+    yield Fault(
+        "degrees for radians",
+        "one joint without velocities",
+        tables(lambda table: times_by(q2=deg)(without("qd1", "qd2")(table))),
+    )
+    yield Fault(
+        "degrees for radians", "one of two logs", tables(times_by(q1=deg, q2=deg, qd1=deg, qd2=deg), only_first=True)
+    )
+    yield Fault("degrees for radians", "turns", scaled(1 / (2 * np.pi), "q1", "q2"))
+    yield Fault("degrees for radians", "turns with velocities", scaled(1 / (2 * np.pi), "q1", "q2", "qd1", "qd2"))
+    yield Fault("degrees for radians", "encoder counts", scaled(4096 / (2 * np.pi), "q1", "q2"))
+    yield Fault("degrees for radians", "a joint backwards, position only", scaled(-1.0, "q1"))
+    yield Fault("degrees for radians", "a joint backwards with its velocity", scaled(-1.0, "q2", "qd2"))
+    yield Fault("degrees for radians", "currents in mA", scaled(1e3, "i1", "i2"))
+    yield Fault(
+        "degrees for radians", "currents in mA in one of two logs", tables(times_by(i1=1e3, i2=1e3), only_first=True)
+    )
+    yield Fault(
+        "degrees for radians",
+        "encoder zero 90 deg off in one of two logs",
+        tables(plus(q2=lambda table: table.q2 + np.pi / 2), only_first=True),
+    )
+    yield Fault(
+        "degrees for radians",
+        "positions wrapped",
+        tables(lambda table: table.assign(q1=table.q1 % turn, q2=table.q2 % turn)),
+    )
+
+
+def other_arms() -> Iterator[Fault]:
+    """Logs of another arm, or of a part of it."""
+    more = plus(q3=lambda table: table.q1, qd3=lambda table: table.qd1, i3=lambda table: table.i1)
+    yield Fault("wrong joint count", "three joints", tables(more))
+    yield Fault("wrong joint count", "three joints, Parquet", as_parquet(columns=more))
+    yield Fault("wrong joint count", "one joint", tables(without("q2", "qd2", "i2")))
+    yield Fault(
+        "wrong joint count", "one joint in one of two logs", tables(without("q2", "qd2", "i2"), only_first=True)
+    )
+    yield Fault(
+        "wrong joint count",
+        "lists of numbers in a cell",
+        as_parquet(columns=lambda table: table.assign(q1=[[1.0, 2.0]] * len(table))),
+    )
+    for joint in (1, 2):
+        yield Fault("one joint missing", f"position of {joint}", tables(without(f"q{joint}", f"qd{joint}")))
+        yield Fault("one joint missing", f"all of {joint}", tables(without(f"q{joint}", f"qd{joint}", f"i{joint}")))
+        yield Fault("one joint missing", f"current of {joint} empty", held(f"i{joint}", np.nan))
+        yield Fault("one joint missing", f"{joint} never moves", held(f"q{joint}", 0.3))
+    yield Fault(
+        "other robot's log",
+        "twice the load in one of two logs",
+        tables(plus(i1=lambda table: table.i1 + 3.5 * np.sin(table.q1)), only_first=True),
+    )
+    yield Fault(
+        "other robot's log", "other friction in one of two logs", tables(plus(i2=friction(2, 0.4)), only_first=True)
+    )
+    yield Fault(
+        "other robot's log",
+        "a wall-mounted arm's in one of two logs",
+        tables(plus(i1=lambda table: 3.5 * np.cos(table.q1) + table.i2), only_first=True),
+    )
+    yield Fault(
+        "other robot's log",
+        "six joints",
+        tables(
+            lambda table: table.assign(**{f"{word}{k}": table[f"{word}1"] for word in ("q", "i") for k in (3, 4, 5, 6)})
+        ),
+    )
+    yield Fault("other robot's log", "a UR's columns", moved({**UR, "qd1": "target_qd_0", "qd2": "target_qd_1"}))
+
+
+def dialects() -> Iterator[Fault]:
+    """How the same numbers are written."""
+    for name, encoding in (("UTF-8", "utf-8-sig"), ("UTF-16", "utf-16"), ("UTF-16 big-endian", "utf-16-be")):
+        before = "\ufeff" if encoding == "utf-16-be" else ""
+        yield Fault("byte order marks", name, written({}, encoding=encoding, before=before))
+        yield Fault(
+            "byte order marks",
+            f"{name}, CRLF, semicolons, decimal commas",
+            written({"sep": ";", "decimal": ","}, encoding=encoding, before=before, end="\r\n"),
+        )
+    yield Fault("byte order marks", "two of them", raw(lambda data: b"\xef\xbb\xbf\xef\xbb\xbf" + data))
+    yield Fault("byte order marks", "UTF-16 without a mark", written({}, encoding="utf-16-le"))
+    yield Fault("CRLF", "all lines", written({}, end="\r\n"))
+    yield Fault("CRLF", "old Macs' line ends", written({}, end="\r"))
+    yield Fault("CRLF", "mixed", raw(replaced(b"\n", b"\r\n", 500)))
+    yield Fault("CRLF", "CR CR LF", written({}, end="\r\r\n"))
+    yield Fault("CRLF", "no end of the last line", raw(lambda data: data.rstrip(b"\n")))
+    for name, sep, decimal in (
+        ("semicolons", ";", "."),
+        ("semicolons and decimal commas", ";", ","),
+        ("tabs", "\t", "."),
+        ("tabs and decimal commas", "\t", ","),
+        ("bars", "|", "."),
+        ("spaces", " ", "."),
+    ):
+        yield Fault("semicolons and decimal commas", name, written({"sep": sep, "decimal": decimal}))
+    yield Fault(
+        "semicolons and decimal commas", "Excel's first line", written({"sep": ";", "decimal": ","}, before="sep=;\n")
+    )
+    yield Fault("semicolons and decimal commas", "commas for both, quoted", written({"decimal": ",", "quoting": 1}))
+    yield Fault(
+        "semicolons and decimal commas",
+        "commas for both, not quoted",
+        raw(lambda data: data.replace(b",", b";").replace(b".", b",").replace(b";", b",")),
+    )
+    yield Fault("semicolons and decimal commas", "quotes around all", written({"quoting": 1}))
+    yield Fault("semicolons and decimal commas", "a blank after each", raw(replaced(b",", b", ")))
+    yield Fault("semicolons and decimal commas", "a delimiter after the last", raw(replaced(b"\n", b",\n")))
+    yield Fault("semicolons and decimal commas", "exponents", written({"float_format": "%.9e"}))
+    yield Fault(
+        "semicolons and decimal commas",
+        "thousands separators",
+        raw(lambda data: data.replace(b",", b";").replace(b";2.", b";2,000."), only_first=True),
+    )
+
+
+def sizes() -> Iterator[Fault]:
+    """Headers and lines as of files of gigabytes."""
+    header = ",".join(COLUMNS)
+    wide = header + "," + ",".join(f"x{k}" for k in range(200_000))
+    yield Fault("headers of gigabytes", "200 000 columns", only((wide + "\n" + "0," * 200_006 + "0\n").encode()))
+    yield Fault("headers of gigabytes", "one name of 40 MB", only(header.encode() + b"," + b"x" * (40 << 20)))
+    yield Fault(
+        "headers of gigabytes",
+        "one name of 1 MB",
+        raw(replaced(b"i2\n", b"i2," + b"y" * (1 << 20) + b"\n", 1), only_first=True),
+    )
+    yield Fault(
+        "headers of gigabytes", "a quote that is never closed", raw(replaced(b"\n", b'\n"', 1), only_first=True)
+    )
+    yield Fault(
+        "headers of gigabytes",
+        "gzip that expands to one line of 100 MB",
+        only(gzip.compress(b"t" * (100 << 20), 1), "log.csv.gz"),
+    )
+    yield Fault(
+        "headers of gigabytes",
+        "a row of 2 MB",
+        raw(replaced(b"\n", b"\n" + b"1" * (2 << 20) + b"\n", 1), only_first=True),
+    )
+    yield Fault("headers of gigabytes", "200 columns besides", tables(wider))
+    yield Fault(
+        "headers of gigabytes",
+        "a Parquet index that claims 2 GB",
+        as_parquet(lambda data: data[:-8] + b"\xf0\xff\xff\x7fPAR1"),
+    )
+
+
+def all_logs() -> list[Fault]:
+    """Every mutation of the logs."""
+    makers = (empty_files, cut_files, bad_numbers, columns, time_faults)
+    makers += (current_faults, unit_faults, other_arms, dialects, sizes)
+    return [fault for maker in makers for fault in maker()]

@@ -1,0 +1,168 @@
+"""What must not matter in log files: the size of a current, units, order of files, cuts, single precision, names."""
+
+from __future__ import annotations
+
+import json
+import shutil
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+import pytest
+from faulty import COLUMNS, RECIPE, csv, fitted, good, intervals, invoke, parquet, slugs_of
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+FEW = settings(
+    max_examples=8, deadline=None, derandomize=True, suppress_health_check=[HealthCheck.function_scoped_fixture]
+)
+#: Share of a standard error: the fit stops where a step changes less than about 1e-6 of the logarithm of a variance.
+ROUNDING = 0.02
+DEG = 180 / np.pi
+
+
+def model(folder: Path, tables, *, recipe: str = RECIPE, names=("a.csv", "b.csv"), order=None) -> dict:
+    """The model document of some logs in an empty folder."""
+    shutil.rmtree(folder, ignore_errors=True)
+    folder.mkdir(parents=True)
+    (folder / "recipe.yaml").write_text(recipe, encoding="utf-8")
+    for name, table in zip(names, tables, strict=True):
+        data = parquet(table) if name.endswith("parquet") else csv(table).encode()
+        (folder / name).write_bytes(data)
+    found = invoke("identify", *(str(folder / name) for name in order or names), "--json")
+    assert found.exit_code == 0, found.stderr
+    return json.loads(found.stdout)
+
+
+def assert_scaled(found: dict, *, factor: float = 1.0, share: float = ROUNDING) -> None:
+    """Parameters, but for ratios, are `factor` times those of the good logs, to a share of their errors."""
+    new, old = intervals(found), intervals(fitted())
+    assert new.keys() == old.keys()
+    for name, (value, low, high) in old.items():
+        times = 1.0 if name.startswith("gain_ratio") else factor
+        error = share * times * (high - low) / 4
+        assert new[name] == pytest.approx((times * value, times * low, times * high), abs=error), name
+
+
+@FEW
+@given(st.floats(-6.0, 5.0))
+def test_currents_of_any_size(tmp_path, power):
+    """Currents 1e-6 to 1e5 times as large scale what is measured in them, and leave ratios and states alone."""
+    size = 10.0**power
+    assert_scaled(model(tmp_path / "arm", [t.assign(i1=size * t.i1, i2=size * t.i2) for t in good()]), factor=size)
+
+
+def test_currents_beyond_any_recorder_are_refused(tmp_path):
+    """A million times as large they are beyond 1e6 A, and taken for garbage of the recorder."""
+    (tmp_path / "recipe.yaml").write_text(RECIPE, encoding="utf-8")
+    (tmp_path / "a.csv").write_text(csv(good()[0].assign(i1=1e6 * good()[0].i1)), encoding="utf-8")
+    found = invoke("identify", str(tmp_path / "a.csv"))
+    assert found.exit_code == 3 and "bad-samples" in found.stderr
+
+
+UNITS = {
+    "current: mA": {"i1": 1e3, "i2": 1e3},
+    "time: ms": {"t": 1e3},
+    "time: us": {"t": 1e6},
+    "position: deg, velocity: deg/s": {"q1": DEG, "q2": DEG, "qd1": DEG, "qd2": DEG},
+    "position: deg, velocity: rad/s": {"q1": DEG, "q2": DEG},
+}
+
+
+@pytest.mark.parametrize("units", UNITS)
+def test_units_change_nothing(tmp_path, units):
+    """The same logs in other units, said in the recipe, are the same logs."""
+    tables = [table.assign(**{name: f * table[name] for name, f in UNITS[units].items()}) for table in good()]
+    assert_scaled(model(tmp_path / "arm", tables, recipe=f"{RECIPE}log: {{units: {{{units}}}}}\n"))
+
+
+@pytest.mark.parametrize("signs", ["current: [-1, -1]", "position: [-1, -1]"])
+def test_signs_change_nothing(tmp_path, signs):
+    """Columns that count the other way, said in the recipe, are the same logs."""
+    turned = ("i1", "i2") if "current" in signs else ("q1", "q2", "qd1", "qd2")
+    tables = [table.assign(**{name: -table[name] for name in turned}) for table in good()]
+    assert_scaled(model(tmp_path / "arm", tables, recipe=f"{RECIPE}log: {{signs: {{{signs}}}}}\n"))
+
+
+def test_order_of_files_changes_nothing(tmp_path):
+    """Logs may be named in any order; where times do not follow, each has a clock of its own."""
+    assert_scaled(model(tmp_path / "arm", good(), order=("b.csv", "a.csv")))
+
+
+@FEW
+@given(st.lists(st.integers(1, 3600), min_size=1, max_size=5, unique=True))
+def test_where_files_are_cut_changes_nothing(tmp_path, cuts):
+    """A recording in pieces, even in the middle of runs, is one recording."""
+    first, second = good()
+    edges = [0, *sorted(cuts), len(first)]
+    parts = [first[a:b] for a, b in pairwise(edges)]
+    assert_scaled(model(tmp_path / "arm", [*parts, second], names=[f"{k}.csv" for k in range(len(parts) + 1)]))
+
+
+def test_order_of_columns_and_form_change_nothing(tmp_path):
+    """Columns in another order, Parquet beside CSV."""
+    rng = np.random.default_rng(3)
+    tables = [table[list(rng.permutation(COLUMNS))] for table in good()]
+    assert_scaled(model(tmp_path / "arm", tables, names=("a.parquet", "b.csv")))
+
+
+def test_single_precision_changes_nothing(tmp_path):
+    """Positions, velocities and currents of seven digits; the time keeps the digits that it needs."""
+    tables = [table.astype(dict.fromkeys(COLUMNS[1:], "float32")) for table in good()]
+    assert_scaled(model(tmp_path / "arm", tables, names=("a.parquet", "b.parquet")))
+
+
+def test_names_of_joints_change_nothing(tmp_path):
+    """Joints of other names, and columns named by them."""
+    recipe = RECIPE.replace("name: hip", "name: Schulter ä").replace("name: knee", "name: <b>k</b>")
+    recipe += 'log: {position: "p {name}", velocity: "v {name}", current: "c {name}"}\n'
+    names = {"1": "Schulter ä", "2": "<b>k</b>"}
+    words = {"q": "p", "qd": "v", "i": "c"}
+    tables = [table.rename(columns=lambda c: c if c == "t" else f"{words[c[:-1]]} {names[c[-1]]}") for table in good()]
+    assert_scaled(model(tmp_path / "arm", tables, recipe=recipe))
+
+
+def test_time_of_any_origin_changes_nothing(tmp_path):
+    """Seconds since 1970 are as good as seconds since the start.
+
+    Such times have digits to a quarter microsecond only: a sample between two ticks of 20 ms may fall to the other one.
+    """
+    assert_scaled(model(tmp_path / "arm", [table.assign(t=table.t + 1.7e9) for table in good()]), share=0.2)
+
+
+def ill(name: str) -> list:
+    """Experiments that cannot tell some parameters: a twentieth of the range, one way only, one speed, one posture."""
+    tables = []
+    for table in good():
+        moving = {k: table[f"qd{k}"].abs() > 0.3 for k in (1, 2)}
+        drop = {
+            "one way": table.qd2 < -0.05,
+            "one speed": (table.qd2.abs() - 0.9).abs().between(0.05, 0.85) | (table.qd2.abs() > 1.7),
+            "small range": (table.q2.abs() > 0.1) & moving[2],
+        }[name]
+        tables.append(table[~drop])
+    return tables
+
+
+#: What each of them leaves open, of joint 2.
+OPEN = {"one way": "coulomb.j2.minus", "one speed": "viscous.j2.plus", "small range": "gravity.l2.x"}
+
+
+@pytest.mark.parametrize("name", OPEN)
+def test_an_ill_conditioned_design_is_said_to_be_so(tmp_path, name):
+    """What the runs cannot tell is not identifiable, with the reason, or has an interval many times as wide."""
+    found = model(tmp_path / "arm", ill(name))
+    value = next(v for joint in found["joints"] for v in joint["parameters"] if v["name"] == OPEN[name])
+    if value["state"] == "identified":
+        _, low, high = intervals(fitted())[OPEN[name]]
+        assert value["ci95"][1] - value["ci95"][0] > 5 * (high - low)
+    else:
+        assert value["value"] is None and len(value["reason"]) > 20
+
+
+def test_nothing_is_said_of_the_good_logs(tmp_path):
+    """The logs that all of this starts from carry no note."""
+    model(tmp_path / "arm", good())
+    assert (
+        slugs_of(invoke("identify", str(tmp_path / "arm" / "a.csv"), str(tmp_path / "arm" / "b.csv")).stderr) == set()
+    )

@@ -1,0 +1,76 @@
+"""Notes on models that do not fit: which joint, which file, and silence where they do."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from faulty import csv, good, invoke, make, slugs_of
+
+
+def notes(folder: Path, tables) -> str:
+    """What identifying logs with these tables says on standard error."""
+    arm = make(folder / "arm")
+    for number, table in enumerate(tables, start=1):
+        (arm / "logs" / f"log_{number}.csv").write_text(csv(table), encoding="utf-8")
+    found = invoke("identify", str(arm / "logs"))
+    assert found.exit_code == 0, found.stderr
+    return found.stderr
+
+
+def test_the_log_that_disagrees_is_named(tmp_path):
+    """Another load in one of three logs: joint 1 is missed, and that log is the one to look at."""
+    first, second, third = good(passes=3)
+    found = notes(tmp_path, [first, second.assign(i1=second.i1 + 3.5 * np.sin(second.q1)), third])
+    (line,) = [line for line in found.splitlines() if line.startswith("note[logs-disagree]")]
+    assert "log_2.csv" in line and "joint 1" in line and "joint 2" not in line
+
+
+def test_a_joint_that_no_log_explains_is_told(tmp_path):
+    """A current without its sign fits no model, in no log."""
+    found = notes(tmp_path, [table.assign(i1=table.i1.abs()) for table in good()])
+    assert "model-misses" in slugs_of(found) or "logs-disagree" in slugs_of(found)
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_good_logs_pass_in_silence(tmp_path, seed):
+    """Noise of samples and of runs is no misfit."""
+    assert notes(tmp_path, good(seed)).count("note[") == 0
+
+
+SIGNALS = {
+    "current-copied": lambda table: table.assign(i2=table.i1),
+    "current-frozen": lambda table: table.assign(i1=table.i1.where(table.index < 1800, table.i1[1800])),
+    "current-saturated": lambda table: table.assign(i2=table.i2.clip(upper=1.0)),
+    "current-size": lambda table: table.assign(i1=1e3 * table.i1, i2=1e3 * table.i2),
+    "velocity-unrelated": lambda table: table.assign(qd1=table.i1),
+    "clock-jitter": lambda table: table.assign(t=table.t + 0.01 * (table.index % 2)),
+}
+
+
+@pytest.mark.parametrize("slug", SIGNALS)
+def test_each_doubt_on_a_signal_has_its_note(tmp_path, slug):
+    """What is wrong with a column is told by name, or refused."""
+    arm = make(tmp_path / "arm")
+    for number, table in enumerate(good(), start=1):
+        (arm / "logs" / f"log_{number}.csv").write_text(csv(SIGNALS[slug](table)), encoding="utf-8")
+    assert f"[{slug}]" in invoke("identify", str(arm / "logs")).stderr
+
+
+def test_what_one_of_two_logs_shows_is_refused(tmp_path):
+    """Zero currents in one log are refused with its name, though the other log has currents."""
+    arm = make(tmp_path / "arm")
+    (arm / "logs" / "log_1.csv").write_text(csv(good()[0].assign(i1=0.0)), encoding="utf-8")
+    found = invoke("identify", str(arm / "logs"))
+    assert found.exit_code == 3 and "constant-current" in found.stderr and "log_1.csv" in found.stderr
+
+
+def test_a_note_on_wrapped_positions_goes_into_json(tmp_path):
+    """A note with a joint and a row in it is part of the JSON document."""
+    arm = make(tmp_path / "arm")
+    for number, table in enumerate(good(), start=1):
+        turned = table.assign(q1=table.q1 % (2 * np.pi))
+        (arm / "logs" / f"log_{number}.csv").write_text(csv(turned), encoding="utf-8")
+    found = invoke("identify", str(arm / "logs"), "--json")
+    assert found.exit_code == 0 and '"note": "position-wraps"' in found.stdout
