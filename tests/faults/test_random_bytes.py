@@ -63,7 +63,7 @@ def judged(arm: Path, path: str, data: bytes) -> str:
         place.write_bytes(kept)
 
 
-@settings(SEEDED, max_examples=60)
+@settings(SEEDED, max_examples=50)
 @given(EDITS)
 def test_edits_of_a_recipe(arm, edits):
     """Pieces of a recipe taken out and put in; what is left may be a good recipe, of an arm with other frames."""
@@ -71,7 +71,7 @@ def test_edits_of_a_recipe(arm, edits):
     assert found in FINE or found.startswith("silently wrong")
 
 
-@settings(SEEDED, max_examples=30)
+@settings(SEEDED, max_examples=25)
 @given(EDITS)
 def test_edits_of_a_csv_log(arm, edits):
     """Pieces of a CSV log taken out and put in."""
@@ -102,7 +102,7 @@ def sealed() -> bytes:
     return held.getvalue()
 
 
-@settings(SEEDED, max_examples=30)
+@settings(SEEDED, max_examples=15)
 @given(st.integers(0, 3662), st.integers(1, 200), st.sampled_from(COLUMNS), st.floats(allow_nan=True, width=32))
 def test_cells_of_any_value(arm, row, count, column, value):
     """Any number, also none and infinity, in up to 200 cells of a column."""
