@@ -79,7 +79,8 @@ def wholes(block: Block, options: SegmentOptions) -> tuple[list[Whole], list[Pie
             fragments.append(Piece(low, high, reason="gap"))
             continue
         time, position = block.time[low:high], block.position[low:high]
-        found.append(Whole(low, time, position, course(Ticks.of(time, position), options)))
+        step = usual if high - low == len(block) else float(np.median(np.diff(time)))
+        found.append(Whole(low, time, position, course(Ticks.of(time, position, step=step), options)))
     return found, fragments
 
 

@@ -6,7 +6,6 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
 from pumaid.motion.edge import leaving
@@ -108,8 +107,7 @@ def _cores(speed: Floats, reach: int, tolerance: tuple[float, float]) -> list[tu
     if len(speed) <= reach:
         return []
     width = 2 * (reach // 2) + 1
-    around = sliding_window_view(np.pad(speed, width // 2, mode="edge"), width)
-    steady = around.max(axis=1) - around.min(axis=1) <= 2.0 * (share * speed + absolute)
+    steady = _spread(speed, width) <= 2.0 * (share * speed + absolute)
     found = []
     borders = np.flatnonzero(np.diff(np.concatenate([[0], steady.astype(np.int8), [0]])))
     waiting = [(int(a), int(b)) for a, b in borders.reshape(-1, 2)]
@@ -127,6 +125,18 @@ def _cores(speed: Floats, reach: int, tolerance: tuple[float, float]) -> list[tu
         if stop - start - last > reach:
             waiting.append((start + last, stop))
     return sorted(found)
+
+
+def _spread(values: Floats, width: int) -> Floats:
+    """(N,) largest less smallest of the `width` values (odd) around each; the outermost go on beyond the ends."""
+    top = bottom = np.pad(values, width // 2, mode="edge")
+    reach = 1
+    while reach < width:
+        # Two neighbouring stretches of `reach` values, which may overlap, make a longer one.
+        step = min(reach, width - reach)
+        top, bottom = np.maximum(top[:-step], top[step:]), np.minimum(bottom[:-step], bottom[step:])
+        reach += step
+    return np.asarray(top - bottom)
 
 
 def _refined(

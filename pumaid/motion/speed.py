@@ -54,9 +54,9 @@ class Ticks:
         return len(self.time)
 
     @classmethod
-    def of(cls, time: Floats, position: Floats) -> Ticks:
-        """Reduce (N,) times and (N, J) positions; N at least 2."""
-        size = max(1, round(TICK / float(np.median(np.diff(time)))))
+    def of(cls, time: Floats, position: Floats, *, step: float | None = None) -> Ticks:
+        """Reduce (N,) times and (N, J) positions, N at least 2; `step` (s) is the median one of time, where known."""
+        size = max(1, round(TICK / (float(np.median(np.diff(time))) if step is None else step)))
         starts = np.arange(0, max(1, len(time) - size // 2), size)
         counts = np.diff(np.append(starts, len(time)))
         centre = position[0]

@@ -344,11 +344,12 @@ def test_commands_are_light():
 
 
 def test_help_imports_nothing_heavy():
-    """``import pumaid`` and ``pumaid --help`` wait for none of the numerical libraries."""
+    """``import pumaid``, ``--version`` and the help of every command wait for none of the numerical libraries."""
     program = (
         "import sys, pumaid\n"
         "from pumaid.cli import group\n"
-        "group.main(['--help'], standalone_mode=False)\n"
+        "for words in ['--version'], ['--help'], *([name, '--help'] for name in group.list_commands(None)):\n"
+        "    group.main(words, standalone_mode=False)\n"
         f"sys.exit(','.join(name for name in {HEAVY!r} if name in sys.modules) or 0)"
     )
     done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=False)
