@@ -52,6 +52,10 @@ class PumaidError(Exception):
         super().__init__(what)
         self.slug, self.what, self.where, self.mend = slug, what, where or Where(), mend
 
+    def __reduce__(self) -> tuple[object, ...]:
+        """Copies, and errors that come from another process, are made by their four parts."""
+        return type(self), (self.slug, self.what, self.where, self.mend)
+
     def __str__(self) -> str:
         lines = [f"error[{self.slug}]: {self.what}"]
         if str(self.where):
@@ -89,6 +93,9 @@ class Faults(PumaidError):
     def __init__(self, faults: Iterable[PumaidError]) -> None:
         self.faults = tuple(faults)
         super().__init__(self.faults[0].slug, "; ".join(fault.what for fault in self.faults))
+
+    def __reduce__(self) -> tuple[object, ...]:
+        return Faults, (self.faults,)
 
     def __str__(self) -> str:
         return "\n".join(str(fault) for fault in self.faults)

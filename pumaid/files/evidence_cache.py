@@ -19,11 +19,13 @@ from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
 from pathlib import Path
+from typing import Any, cast
 
 import numpy as np
 
 from pumaid import __version__
 from pumaid.files.evidence_npz import is_evidence, read_evidence, write_evidence
+from pumaid.files.table import LogPath
 from pumaid.records import Evidence, Robot
 
 #: Raised when what is stored, or what it is made by, changes its meaning.
@@ -68,7 +70,7 @@ class EvidenceCache:
         Where files are kept; the default is `cache_folder`.
     """
 
-    def __init__(self, paths: Sequence[Path], robot: Robot, *, options: str, folder: Path | None = None) -> None:
+    def __init__(self, paths: Sequence[LogPath], robot: Robot, *, options: str, folder: Path | None = None) -> None:
         self._paths = tuple(paths)
         self._folder = folder or cache_folder() / "evidence"
         self._before = _states(self._paths)
@@ -119,7 +121,7 @@ class EvidenceCache:
         return f"{self._prefix()}-{whole[:32]}.npz"
 
 
-def _states(paths: Sequence[Path]) -> list[tuple[int, int, int, int]] | None:
+def _states(paths: Sequence[LogPath]) -> list[tuple[int, int, int, int]] | None:
     """Size, times of change (ns) and inode of each file; None unless all are plain files."""
     found = []
     try:
@@ -133,10 +135,10 @@ def _states(paths: Sequence[Path]) -> list[tuple[int, int, int, int]] | None:
     return found
 
 
-def _digest(path: Path) -> str | None:
+def _digest(path: LogPath) -> str | None:
     try:
         with path.open("rb") as stream:
-            return hashlib.file_digest(stream, "sha256").hexdigest()
+            return hashlib.file_digest(cast(Any, stream), "sha256").hexdigest()
     except OSError:
         return None
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import pickle
 import shutil
 import signal
 from functools import reduce
@@ -15,7 +16,7 @@ from command import run
 
 from pumaid.cluster.gather import gather
 from pumaid.cluster.part import joined, read_part
-from pumaid.errors import LogError
+from pumaid.errors import Faults, LogError, Where
 from pumaid.files.recipe import read_recipe
 from pumaid.files.table import LogReader, expand
 from pumaid.motion.options import DEFAULTS
@@ -132,6 +133,14 @@ def test_what_only_all_files_show_is_judged_for_all(logs, tmp_path):
     with pytest.raises(LogError) as together:
         gather(paths, robot, Eager())
     assert (str(together.value), together.value.slug) == (str(alone.value), "looks-like-degrees")
+
+
+def test_a_refusal_comes_whole_from_another_process():
+    """Pickled and back, an error says the same, several told together too."""
+    one = LogError("empty-log", "no row", Where(file="a.csv", row=3), "record again")
+    for error in (one, Faults([one, one])):
+        back = pickle.loads(pickle.dumps(error))
+        assert (type(back), str(back), back.slug) == (type(error), str(error), error.slug)
 
 
 @pytest.mark.slow
