@@ -26,7 +26,7 @@ LINES = {
     "history": "history --json",
     "export": "export model.json --format c -o arm --json",
     "effects": "effects --json",
-    "doctor": "doctor --json",
+    "doctor": "doctor --quick --json",
     "demo": "demo tale --robot pendulum2 --clean --json",
 }
 SPEAKERS = [
