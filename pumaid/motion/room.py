@@ -10,7 +10,7 @@ from pumaid.motion.reduce import coarser
 from pumaid.records import Run
 
 #: Cells of all runs together (200 bytes each for six joints); beyond it most runs keep few.
-MOST_CELLS = 1_000_000
+MOST_CELLS = 1_500_000
 #: Of how many runs of a joint one pair keeps all its cells, for each time that there were too many. Odd: programs
 #: repeat in twos and fours, and one direction or one speed must not be left out.
 ONE_IN = 3
