@@ -162,15 +162,17 @@ def test_gen3_shows_no_law_of_friction(tmp_path):
 
 
 def test_motions_of_all_joints_are_refused(tmp_path):
-    """Recordings without a run cannot be diagnosed: exit code 3, and the way to see why."""
+    """Logs that a model has not seen are refused, and trusted ones without a run, too: exit code 3, and why."""
     recipe, model = write_recipe("kinova_gen3", tmp_path), tmp_path / "results" / "model.json"
     logs = [str(path) for path in gen3.one_joint_files()]
     run = CliRunner().invoke(group, ["identify", *logs, "--recipe", str(recipe), "-o", str(model)])
     assert run.exit_code == 0
     logs = [str(path) for path in gen3.several_joint_files()]
-    found = CliRunner().invoke(group, ["diagnose", str(model), *logs, "--recipe", str(recipe)])
-    assert found.exit_code == 3
-    assert "no run to diagnose" in found.stderr
+    asked = ["diagnose", str(model), *logs, "--recipe", str(recipe)]
+    for words, told in ((asked, "error[model-other-logs]"), ([*asked, "--trust"], "no run to diagnose")):
+        found = CliRunner().invoke(group, words)
+        assert found.exit_code == 3
+        assert told in found.stderr
 
 
 def ladder_rows():

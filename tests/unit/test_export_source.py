@@ -257,5 +257,6 @@ def test_c_compiles_for_any_names(tmp_path):
     posture = np.linspace(0.3, -0.7, robot.n_joints)
     drawn = call("gravity", posture)
     assert np.all(np.isfinite(drawn))
-    plain = compiled(tmp_path, robot_called("crane"), estimate)
+    (tmp_path / "plain").mkdir()
+    plain = compiled(tmp_path / "plain", robot_called("crane"), fitted(robot_called("crane")))
     np.testing.assert_array_equal(drawn, plain("gravity", posture))
