@@ -169,10 +169,10 @@ def test_motions_of_all_joints_are_refused(tmp_path):
     assert run.exit_code == 0
     logs = [str(path) for path in gen3.several_joint_files()]
     asked = ["diagnose", str(model), *logs, "--recipe", str(recipe)]
-    for words, told in ((asked, "error[model-other-logs]"), ([*asked, "--trust"], "no run to diagnose")):
+    for words, message in ((asked, "error[model-other-logs]"), ([*asked, "--trust"], "no run to diagnose")):
         found = CliRunner().invoke(group, words)
         assert found.exit_code == 3
-        assert told in found.stderr
+        assert message in found.stderr
 
 
 def ladder_rows():

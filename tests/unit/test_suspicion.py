@@ -260,4 +260,6 @@ def test_real_logs_raise_no_doubt(name: str) -> None:
     paths = sorted((REAL / name).glob("*.parquet")) if (REAL / name).is_dir() else [REAL / name]
     watch = Watch(LogReader(paths, robot), robot)
     assert sum(len(log) for log in watch) == sum(facts.rows for facts in watch.files)
-    assert {note.slug for note in watch.notes} <= {"joint-at-rest"}
+    # In some of the double pendulum's recordings a motor is off while its joint swings: its torque is 0 throughout.
+    passive = {"current-frozen"} if name.startswith("dfki") else set()
+    assert {note.slug for note in watch.notes} <= {"joint-at-rest"} | passive
