@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+import io
 from collections.abc import Iterator, Sequence
 from copy import deepcopy
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
 from pumaid.errors import Note
+from pumaid.files.evidence_npz import read_evidence, write_evidence
 from pumaid.files.table import LogPath, LogReader
 from pumaid.motion.block import Buffer
 from pumaid.motion.options import SegmentOptions
@@ -39,6 +42,20 @@ class Part:
     clocks: int
     first: Side | None
     last: Side | None
+
+    def __reduce__(self) -> tuple[object, ...]:
+        """Between processes runs travel as a few long arrays; one by one they would be ten small ones each."""
+        stream = io.BytesIO()
+        write_evidence(stream, self.evidence)
+        return _arrived, (stream.getvalue(), self.sums, self.clocks, self.first, self.last)
+
+
+def _arrived(stored: bytes, *more: Any) -> Part:
+    """A part that came from another process."""
+    evidence = read_evidence(io.BytesIO(stored))
+    if evidence is None:
+        raise ValueError("a part of the logs arrived broken")
+    return Part(evidence, *more)
 
 
 def read_part(paths: Sequence[LogPath], robot: Robot, options: SegmentOptions) -> Part:

@@ -42,8 +42,8 @@ def write_evidence(sink: BinaryIO, evidence: Evidence) -> None:
     np.savez(sink, **arrays)  # type: ignore[arg-type]
 
 
-def read_evidence(path: Path) -> Evidence | None:
-    """The evidence that a file holds, or None where it is not a whole file of this kind."""
+def read_evidence(path: Path | BinaryIO) -> Evidence | None:
+    """The evidence that a file (or a stream) holds, or None where it is not a whole file of this kind."""
     try:
         if not _is_plain(path):
             return None
@@ -64,7 +64,7 @@ def is_evidence(path: Path) -> bool:
         return False
 
 
-def _is_plain(path: Path) -> bool:
+def _is_plain(path: Path | BinaryIO) -> bool:
     """Whether all members are stored as they are: what unfolds to more than the file holds is none of ours."""
     with zipfile.ZipFile(path) as archive:
         members = archive.infolist()

@@ -143,6 +143,14 @@ def test_a_refusal_comes_whole_from_another_process():
         assert (type(back), str(back), back.slug) == (type(error), str(error), error.slug)
 
 
+def test_a_part_comes_whole_from_another_process(logs):
+    """Pickled and back, a part has the same runs to the bit and the same doubts."""
+    part = read_part(expand([logs / "logs"]), read_recipe(logs / "recipe.yaml"), DEFAULTS)
+    back = pickle.loads(pickle.dumps(part))
+    assert same(back.evidence, part.evidence) and (back.clocks, back.first, back.last) == (1, part.first, part.last)
+    assert back.sums.judged(refuse=True) == part.sums.judged(refuse=True)
+
+
 @pytest.mark.slow
 def test_a_worker_that_is_killed_loses_nothing(logs, tmp_path):
     """One of two worker processes is killed while files are read: the model is that of one process, to 1e-10."""
