@@ -33,7 +33,7 @@ def test_puma_intervals_hold_where_white_noise_ones_fail():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("name", "seed"), [("stanford", 12), ("pendulum2", 13)])
+@pytest.mark.parametrize(("name", "seed"), [("ur3e", 11), ("stanford", 12), ("pendulum2", 13)])
 def test_other_arms_intervals_hold(name, seed):
     """So they do on drawn arms, one with a prismatic joint, whose experiment is the planner's."""
     robot = read_recipe(shipped_recipes()[name])

@@ -67,7 +67,7 @@ def test_an_effect_chosen_beforehand_raises_few_alarms(kind):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("kind", NOISES)
-@pytest.mark.parametrize("name", ["pendulum"])
+@pytest.mark.parametrize("name", ["lever", "pendulum"])
 def test_the_stated_rate_is_kept(name, kind):
     """300 experiments: the catalogue's rate at 0.05 is no higher, nor so low (1 in 200) that power is thrown away."""
     whole, alone = chances(name, kind, 300)
