@@ -103,7 +103,8 @@ class Candidate:
     rmse_after
         RMSE (A) of the joint's fitted runs with it, all else refitted.
     rmse_heldout_before, rmse_heldout_after
-        RMSE (A) of runs left out of the fit, without and with it; of runs that the plan holds out where there are some.
+        RMSE (A) of fitted runs as fits to the other runs predict them, without and with it. What runs that the plan
+        holds out show is told by a `Finding`.
     posture_gain
         Share of the error in postures left out that it removes; None with fewer than four postures.
     sizes

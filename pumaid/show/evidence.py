@@ -43,7 +43,7 @@ def evidence_grid(diagnosis: Diagnosis, robot: Robot) -> Grid | None:
         )
     if not rows:
         return None
-    header = ("joint", "effect", "verdict", "chance", "evidence", "left (A)", "unseen runs (A)", "with it (A)", "or")
+    header = ("joint", "effect", "verdict", "chance", "evidence", "left (A)", "left out (A)", "with it (A)", "or")
     return grid(
         "What was tried",
         header,
@@ -51,8 +51,8 @@ def evidence_grid(diagnosis: Diagnosis, robot: Robot) -> Grid | None:
         notes=tuple((mark, text) for text, mark in marks.items()),
         caption="Chance: that something as strong shows up anywhere although nothing is missing. Evidence: what it"
         " explains, less what its parameters cost; differences of 10 are decisive. Left: RMSE of fitted runs with it."
-        " Unseen runs: RMSE of runs kept out of the fit, without it and with it. Or: what these data cannot tell from"
-        " it.",
+        " Left out: RMSE of fitted runs as fits to the other runs predict them, without it and with it (runs that are"
+        " held out for judging are told above). Or: what these data cannot tell from it.",
         lefts=(0, 1, 2, 8),
     )
 
