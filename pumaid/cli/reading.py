@@ -127,8 +127,12 @@ def read_evidence(
 def _one_pass(
     paths: Sequence[LogPath], robot: Robot, *, trust: bool, extra: Sequence[str], options: SegmentOptions, jobs: int
 ) -> Evidence:
-    """Read, watch and segment logs; with more than one core plain files are read ahead."""
+    """Read, watch and segment logs; on more than one core where there is enough to read."""
     import os
+
+    jobs = jobs or len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else jobs or os.cpu_count() or 1
+    if others := _others(paths, jobs):
+        return _on_cores(paths, robot, others=others, trust=trust, extra=extra, options=options)
 
     from pumaid.files.ahead import Ahead
     from pumaid.files.table import LogReader
@@ -137,13 +141,42 @@ def _one_pass(
 
     watched = Watch(LogReader(paths, robot, extra=extra), robot, refuse=not trust)
     # Who waits for a pipe cannot be told to stop.
-    ahead = (jobs or os.cpu_count() or 1) > 1 and all(path.is_file() for path in paths)
+    ahead = jobs > 1 and all(path.is_file() for path in paths)
     with progress("reading logs") as step:
         return segment(
             Ahead(watched) if ahead else watched,
             robot,
             options=options,
             progress=lambda rows: step(rows, f"{rows:,} rows"),
+        )
+
+
+def _others(paths: Sequence[LogPath], jobs: int) -> int:
+    """How many more processes are worth while."""
+    if jobs < 2:
+        return 0
+    from pumaid.cluster.cores import others
+
+    return others(paths, jobs)
+
+
+def _on_cores(
+    paths: Sequence[LogPath], robot: Robot, *, others: int, trust: bool, extra: Sequence[str], options: SegmentOptions
+) -> Evidence:
+    """The same by several processes."""
+    from pumaid.cluster.cores import spread, started
+    from pumaid.cluster.pieces import Reading
+    from pumaid.files.table import LogReader
+
+    LogReader(paths, robot, extra=extra).check_extra()
+    reading = Reading(robot, options, tuple(dict.fromkeys(extra)))
+    with started(reading, others) as mates, progress("reading logs") as step:
+        return spread(
+            paths,
+            reading,
+            mates,
+            refuse=not trust,
+            progress=lambda done, count: step(done, f"{done} of {count} files or parts of files"),
         )
 
 

@@ -1,1 +1,1 @@
-"""The pass over logs on several machines: files become runs where they lie, and what is left of them is joined."""
+"""The pass over logs by several processes, here or elsewhere: pieces become runs where they lie and are joined."""

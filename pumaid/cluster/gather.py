@@ -2,23 +2,23 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import replace
-from functools import reduce
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
-from pumaid.cluster.part import Part, goes_on, joined, read_part
-from pumaid.errors import LogError, Where
-from pumaid.files.table import LogPath, merged_notes
+from pumaid.cluster.part import Part
+from pumaid.cluster.pieces import Reading, pieces_of
+from pumaid.cluster.whole import Whole
+from pumaid.files.table import LogPath
 from pumaid.motion.options import DEFAULTS, SegmentOptions
-from pumaid.motion.room import Room
-from pumaid.motion.seam import Side
 from pumaid.records import Evidence, Robot
-
-Sides = tuple[Side | None, Side | None]
 
 #: Parts that one worker joins at a time.
 FAN_IN = 8
+#: Joined parts from which joining goes on; this process takes so many one by one, while others are still read.
+_ENOUGH = 64
+#: Files looked into at a time; a store takes tens of milliseconds to answer.
+_LOOKING = 16
 
 
 def gather(
@@ -32,8 +32,8 @@ def gather(
 ) -> Evidence:
     """All that later steps know of some logs, read by the workers of a cluster.
 
-    Each file is a task. Where a motion goes on from one file in the next, the two are read again as one. What a worker
-    that dies had read is read again by another.
+    Each file is a task, of large Parquet files each few row groups. What a worker that dies had read is read again by
+    another.
 
     Parameters
     ----------
@@ -60,77 +60,32 @@ def gather(
     LogError
         As of one process; the first file that is refused.
     """
-    groups = [(path,) for path in paths]
-    futures = [_submitted(client, group, robot, options) for group in groups]
-    together = _together(_ends(client, futures, progress))
-    if len(together) < len(groups):
-        again = [tuple(path for k in one for path in groups[k]) for one in together]
-        futures = [
-            futures[one[0]] if len(one) == 1 else _submitted(client, group, robot, options)
-            for one, group in zip(together, again, strict=True)
-        ]
-    while len(futures) > 1:
-        futures = [client.submit(_joined, *futures[k : k + FAN_IN], pure=False) for k in range(0, len(futures), FAN_IN)]
-    return judged(futures[0].result(), refuse=refuse)
+    reading = Reading(robot, options)
+    with ThreadPoolExecutor(_LOOKING) as pool:
+        pieces = list(pool.map(pieces_of, paths))
+    read = [[client.submit(reading.piece, piece, pure=False) for piece in of_one] for of_one in pieces]
+    parts = [client.submit(reading.file, path, *of_one, pure=False) for path, of_one in zip(paths, read, strict=True)]
+    told = [client.submit(_is_read, future, pure=False) for future in parts]
+    each = 1
+    while each == 1 or len(parts) > _ENOUGH:
+        parts = [client.submit(reading.joined, *some, pure=False) for some in _in_groups(parts)]
+        each *= FAN_IN
+    del read  # what nobody asks for any more is let go by the cluster
+    whole = Whole(robot, options)
+    for number in range(len(parts)):
+        for done in range(number * each, min((number + 1) * each, len(told))):
+            told[done].result()  # raises what the first file that was refused raised
+            if progress is not None:
+                progress(done + 1, len(told))
+        whole.add(parts[number].result())
+        parts[number] = None
+    return whole.evidence(refuse=refuse)
 
 
-def judged(whole: Part, *, refuse: bool) -> Evidence:
-    """The evidence of all parts, cells bounded as of one pass, refused where the columns cannot mean what is said.
-
-    Parameters
-    ----------
-    whole
-        All parts joined.
-    refuse
-        False turns refusals into notes.
-
-    Raises
-    ------
-    LogError [empty-log]
-        No file has a row.
-    LogError
-        As `pumaid.motion.suspicion.Watch` does.
-    """
-    evidence = whole.evidence
-    if not any(facts.rows for facts in evidence.files):
-        what = f"no log has a row of numbers ({', '.join(facts.name for facts in evidence.files[:3])})"
-        raise LogError("empty-log", what, Where(file=evidence.files[0].name), "record again, or name other files")
-    told = whole.sums.judged(refuse=refuse)
-    room = Room()
-    for run in evidence.runs:
-        room.add(run)
-    return replace(evidence, runs=tuple(room.runs), notes=(*merged_notes(evidence.notes), *told))
+def _in_groups(parts: Sequence[Any]) -> Iterator[Sequence[Any]]:
+    for start in range(0, len(parts), FAN_IN):
+        yield parts[start : start + FAN_IN]
 
 
-def _submitted(client: Any, group: Sequence[LogPath], robot: Robot, options: SegmentOptions) -> Any:
-    return client.submit(read_part, tuple(group), robot, options, pure=False)
-
-
-def _sides(part: Part) -> Sides:
-    return part.first, part.last
-
-
-def _joined(*parts: Part) -> Part:
-    return reduce(joined, parts)
-
-
-def _ends(client: Any, futures: Sequence[Any], progress: Callable[[int, int], None] | None) -> list[Sides]:
-    """Both ends of each part, in order; raises what the first part that was refused raised."""
-    told = [client.submit(_sides, future, pure=False) for future in futures]
-    found = []
-    for done, one in enumerate(told, start=1):
-        found.append(one.result())
-        if progress is not None:
-            progress(done, len(told))
-    return found
-
-
-def _together(ends: Sequence[Sides]) -> list[list[int]]:
-    """Numbers of the parts that must be read as one, in order."""
-    out: list[list[int]] = [[0]]
-    for number in range(1, len(ends)):
-        if goes_on(ends[number - 1][1], ends[number][0]):
-            out[-1].append(number)
-        else:
-            out.append([number])
-    return out
+def _is_read(_: Part) -> bool:
+    return True

@@ -1,4 +1,4 @@
-"""What one pass leaves of some of the files of an experiment, such that parts can be joined."""
+"""What one pass leaves of a part of an experiment's logs, such that parts can be joined."""
 
 from __future__ import annotations
 
@@ -10,44 +10,45 @@ from typing import Any
 
 import numpy as np
 
-from pumaid.errors import Note
+from pumaid.files.ahead import Ahead
 from pumaid.files.evidence_npz import read_evidence, write_evidence
-from pumaid.files.table import LogPath, LogReader
-from pumaid.motion.block import Buffer
+from pumaid.files.table import LogReader
 from pumaid.motion.options import SegmentOptions
-from pumaid.motion.seam import RESTFUL, Side, are_apart, first_side, last_side
+from pumaid.motion.segmenter import Segmenter
 from pumaid.motion.suspicion import Sums
 from pumaid.records import Evidence, FileFacts, Log, Robot
-from pumaid.verbs.segment import segment
 
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Part:
-    """A part of the logs.
+    """A part of the logs: what lies between its first and its last rest is looked at, its ends are not.
 
     Attributes
     ----------
     evidence
-        Runs and rejects, their clocks counted from the part's first; notes as each file has them.
+        Runs and rejects, their clocks counted from the first one's; notes as each file has them.
     sums
         By which it is judged what the columns mean.
     clocks
-        How many recordings began in it.
-    first, last
-        Its ends; None without samples.
+        How many recordings begin behind the first sample that was looked at, and before the tail.
+    head, tail
+        Samples that the parts before and behind complete.
+    is_open
+        Whether the arm never rests, so that all of it is head.
     """
 
     evidence: Evidence
     sums: Sums
     clocks: int
-    first: Side | None
-    last: Side | None
+    head: tuple[Log, ...]
+    tail: tuple[Log, ...]
+    is_open: bool
 
     def __reduce__(self) -> tuple[object, ...]:
         """Between processes runs travel as a few long arrays; one by one they would be ten small ones each."""
         stream = io.BytesIO()
         write_evidence(stream, self.evidence)
-        return _arrived, (stream.getvalue(), self.sums, self.clocks, self.first, self.last)
+        return _arrived, (stream.getvalue(), self.sums, self.clocks, self.head, self.tail, self.is_open)
 
 
 def _arrived(stored: bytes, *more: Any) -> Part:
@@ -58,97 +59,130 @@ def _arrived(stored: bytes, *more: Any) -> Part:
     return Part(evidence, *more)
 
 
-def read_part(paths: Sequence[LogPath], robot: Robot, options: SegmentOptions) -> Part:
-    """Read and segment some consecutive files.
+def read_part(reader: LogReader, robot: Robot, options: SegmentOptions, *, ahead: bool = False) -> Part:
+    """Read and segment some logs.
 
     Parameters
     ----------
-    paths
-        At least one.
+    reader
+        Of consecutive files or a part of one; it knows that these are not all.
     robot
         The arm that the recipe says these are logs of.
     options
         Thresholds of the segmentation.
+    ahead
+        Whether a second thread reads.
 
     Raises
     ------
     LogError
         As the reader does where a file alone is bad.
     """
-    logs = _Tallied(LogReader(paths, robot, is_part=True), robot, options)
-    evidence = segment(logs, robot, options=options)
-    return Part(replace(evidence, notes=logs.reader.raw_notes), logs.sums, logs.clocks, *logs.sides())
+    logs = _Summed(reader, robot)
+    segmenter = Segmenter(robot, options, is_part=True)
+    segmenter.take(Ahead(logs) if ahead else logs)
+    runs, rejects = segmenter.close()
+    evidence = Evidence(runs, rejects, reader.files, reader.raw_notes, reader.extra)
+    return Part(evidence, logs.sums, segmenter.clock, segmenter.head, segmenter.tail, segmenter.is_open)
 
 
-class _Tallied:
-    """A stream of logs of which sums are kept, recordings counted, and both ends looked at."""
+class _Summed:
+    """A stream of logs of which sums are kept."""
 
-    def __init__(self, reader: LogReader, robot: Robot, options: SegmentOptions) -> None:
-        self.reader, self.sums, self.clocks = reader, Sums(robot), 1
-        self._options = options
-        self._head, self._tail = Buffer(0), Buffer(0)
-
-    @property
-    def files(self) -> tuple[FileFacts, ...]:
-        return self.reader.files
-
-    @property
-    def notes(self) -> tuple[Note, ...]:
-        return self.reader.raw_notes
+    def __init__(self, logs: LogReader, robot: Robot) -> None:
+        self._logs, self.sums = logs, Sums(robot)
 
     def __iter__(self) -> Iterator[Log]:
-        for log in self.reader:
-            self.clocks += log.starts_clock
+        for log in self._logs:
             self.sums.take(log)
-            self._look(log)
             yield log
-        self.sums.close()
-
-    def _look(self, log: Log) -> None:
-        if not len(log):
-            return
-        if not len(self._head) or np.ptp(self._head.head(0, RESTFUL)[0]) < RESTFUL:
-            self._head.add(log)
-        if log.starts_clock:
-            self._tail = Buffer(0)
-        self._tail.add(log)
-        while len(self._tail) > len(log):
-            time, _ = self._tail.tail(len(self._tail), RESTFUL)
-            if time[-1] - time[0] < RESTFUL or len(time) >= len(self._tail):
-                break
-            self._tail.drop(len(self._tail) - len(time), 0)
-
-    def sides(self) -> tuple[Side | None, Side | None]:
-        """Both ends; None without samples."""
-        if not len(self._tail):
-            return None, None
-        first = first_side(*self._head.head(0, RESTFUL), self._options)
-        return first, last_side(*self._tail.tail(len(self._tail), RESTFUL), self._options)
 
 
-def goes_on(before: Side | None, after: Side | None) -> bool:
-    """Whether a motion may go on from one part in the next, so that the two must be read together."""
-    if before is None or after is None:
-        return before is not after
-    return after.time > before.time and not are_apart(before, after)
-
-
-def joined(first: Part, second: Part) -> Part:
+def joined(first: Part, second: Part, *, robot: Robot, options: SegmentOptions) -> Part:
     """Two consecutive parts as one; joining is associative.
 
     Parameters
     ----------
     first, second
-        In the order of their files; no motion goes on from the one in the other.
+        In the order of their files.
+    robot, options
+        As they were read with.
     """
-    before, after = first.last, second.first
-    follows = before is not None and after is not None and after.time > before.time
-    shift = first.clocks - (1 if follows or before is None or after is None else 0)
-    runs = tuple(replace(run, clock=run.clock + shift) for run in second.evidence.runs)
-    rejects = tuple(replace(reject, clock=reject.clock + shift) for reject in second.evidence.rejects)
-    a, b = first.evidence, second.evidence
-    evidence = Evidence((*a.runs, *runs), (*a.rejects, *rejects), (*a.files, *b.files), (*a.notes, *b.notes))
-    ends = first.first or second.first, second.last or first.last
     sums = deepcopy(first.sums)  # a part may be joined again, where a worker is lost
     sums.absorb(deepcopy(second.sums))
-    return Part(evidence, sums, shift + second.clocks, *ends)
+    head = behind(first.evidence.files, second, robot)
+    if first.is_open:
+        evidence = _together(first.evidence, second.evidence)
+        return Part(evidence, sums, second.clocks, (*first.head, *head), second.tail, second.is_open)
+    if second.is_open:
+        evidence = _together(first.evidence, second.evidence)
+        return Part(evidence, sums, first.clocks, first.head, (*first.tail, *head), is_open=False)
+    middle, clock = between((*first.tail, *head), robot, options, clock=first.clocks)
+    evidence = _together(first.evidence, middle, later(second.evidence, clock))
+    return Part(evidence, sums, clock + second.clocks, first.head, second.tail, is_open=False)
+
+
+def behind(before: Sequence[FileFacts], part: Part, robot: Robot) -> tuple[Log, ...]:
+    """The head of a part that comes after some files; its first log tells where another recording begins with it.
+
+    Parameters
+    ----------
+    before
+        The files of the parts before.
+    part
+        The next one.
+    robot
+        As it was read with.
+    """
+    last = next((facts.last_time for facts in reversed(before) if facts.rows), None)
+    first = next((facts.first_time for facts in part.evidence.files if facts.rows), None)
+    if last is None or first is None or first > last:
+        return part.head
+    if part.head:
+        return (replace(part.head[0], starts_clock=True), *part.head[1:])
+    rows, values = np.zeros(0, dtype=np.int64), np.zeros((0, robot.n_joints))
+    return (Log("", rows, np.zeros(0), values, None, values, starts_clock=True),)
+
+
+def between(logs: Sequence[Log], robot: Robot, options: SegmentOptions, *, clock: int | None) -> tuple[Evidence, int]:
+    """What is left of the samples between two rests, and the number of the last one's recording.
+
+    Parameters
+    ----------
+    logs
+        The tail of one part and the head of the next.
+    robot, options
+        As they were read with.
+    clock
+        Number of the recording before them; None where there is none.
+    """
+    segmenter = Segmenter(robot, options, clock=clock)
+    for log in logs:
+        segmenter.add(log)
+    runs, rejects = segmenter.close()
+    return Evidence(runs, rejects), segmenter.clock
+
+
+def later(evidence: Evidence, clock: int) -> Evidence:
+    """The same where so many recordings began before.
+
+    Parameters
+    ----------
+    evidence
+        Clocks counted from its own first.
+    clock
+        How many.
+    """
+    runs = tuple(replace(run, clock=run.clock + clock) for run in evidence.runs)
+    rejects = tuple(replace(reject, clock=reject.clock + clock) for reject in evidence.rejects)
+    return replace(evidence, runs=runs, rejects=rejects)
+
+
+def _together(*parts: Evidence) -> Evidence:
+    return Evidence(
+        tuple(run for part in parts for run in part.runs),
+        tuple(reject for part in parts for reject in part.rejects),
+        tuple(facts for part in parts for facts in part.files),
+        tuple(note for part in parts for note in part.notes),
+        next((part.extra for part in parts if part.extra), ()),
+    )

@@ -96,6 +96,10 @@ class CsvSource:
         """Column names."""
         return self.dialect.header
 
+    def begins_part(self, row: int) -> bool:
+        """Whether a part that may be read by itself begins with this row: a text has none."""
+        return False
+
     def chunks(self, names: tuple[str, ...]) -> Iterator[Chunk]:
         """Rows (line numbers) and values (C, N) of the named columns, block by block.
 

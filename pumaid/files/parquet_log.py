@@ -13,9 +13,7 @@ import pyarrow.parquet as pq
 from numpy.typing import NDArray
 
 from pumaid.errors import LogError, Note, Where
-
-#: First bytes of every Parquet file.
-MAGIC = b"PAR1"
+from pumaid.files.parts import group_parts
 
 #: Rows decoded at a time.
 BATCH_ROWS = 65536
@@ -37,14 +35,18 @@ class ParquetSource:
         Binary and seekable; a file opened by Arrow itself is read without Python's lock.
     name
         For messages.
+    groups
+        Row groups to read; None for all.
     notes
         Nothing so far is worth a note; the twin of the text log has them.
     """
 
     stream: BinaryIO | pa.NativeFile
     name: str
+    groups: range | None = None
     notes: list[Note] = field(init=False, default_factory=list)
     _file: pq.ParquetFile = field(init=False)
+    _parts: dict[int, range] = field(init=False, default_factory=dict)  # by their first rows
 
     def __post_init__(self) -> None:
         try:
@@ -53,6 +55,9 @@ class ParquetSource:
             )
         except (pa.ArrowException, OSError) as error:
             raise self._damaged(error) from error
+        about = self._file.metadata
+        for groups in group_parts(about) if self.groups is None else [self.groups]:
+            self._parts[2 + sum(about.row_group(number).num_rows for number in range(groups.start))] = groups
 
     @property
     def header(self) -> tuple[str, ...]:
@@ -65,7 +70,7 @@ class ParquetSource:
         return _SECONDS[kind.unit] if pa.types.is_timestamp(kind) or pa.types.is_duration(kind) else None
 
     def chunks(self, names: tuple[str, ...]) -> Iterator[Chunk]:
-        """Rows and values (C, N) of the named columns, batch by batch.
+        """Rows and values (C, N) of the named columns, batch by batch; none reaches from a part into the next.
 
         Raises
         ------
@@ -73,8 +78,16 @@ class ParquetSource:
             A column holds no numbers, or the file's bytes are damaged.
         """
         self._check_types(names)
-        first = 2
-        batches = self._file.iter_batches(BATCH_ROWS, columns=list(dict.fromkeys(names)), use_threads=False)
+        for first, groups in self._parts.items():
+            yield from self._part(groups, names, first)
+
+    def begins_part(self, row: int) -> bool:
+        """Whether a part that may be read by itself begins with this row."""
+        return row in self._parts
+
+    def _part(self, groups: range, names: tuple[str, ...], first: int) -> Iterator[Chunk]:
+        columns = list(dict.fromkeys(names))
+        batches = self._file.iter_batches(BATCH_ROWS, row_groups=list(groups), columns=columns, use_threads=False)
         while True:
             try:
                 batch = next(batches, None)

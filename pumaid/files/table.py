@@ -20,15 +20,16 @@ from pumaid.files.clean import Cleaner
 from pumaid.files.columns import check_extra, resolve, without_empty
 from pumaid.files.csv_log import CsvSource
 from pumaid.files.log_writer import write_log
-from pumaid.files.parquet_log import MAGIC, ParquetSource
+from pumaid.files.parquet_log import ParquetSource
+from pumaid.files.parts import MAGIC, FilePart
 from pumaid.files.paths import STDIN, expand, unreadable
 from pumaid.files.remote import Remote
 from pumaid.records import FileFacts, Log, Robot
 
 __all__ = ["LogReader", "expand", "write_log"]
 
-#: A log on this machine, or in a store.
-LogPath = Path | Remote
+#: A log on this machine, or in a store; or a part of one.
+LogPath = Path | Remote | FilePart
 
 _GZIP = b"\x1f\x8b"
 #: Notes of one kind that are told in full; a campaign of a thousand files may have one in each.
@@ -54,6 +55,12 @@ class LogReader:
         Columns to read besides what the recipe names, as the files call them; they arrive as `Log.extra`.
     is_part
         Whether these are some of the files of an experiment: what only all of them can show is then not refused.
+
+    Attributes
+    ----------
+    is_plain
+        Whether nothing in the samples read so far was worth a note: then a part of a file is what it would be if the
+        whole file were read.
 
     Raises
     ------
@@ -81,11 +88,12 @@ class LogReader:
     ) -> None:
         if batch_rows < 1:
             raise ValueError(f"batch_rows is {batch_rows}; a batch has at least one row")
-        self._paths = tuple(path if isinstance(path, Remote) else Path(path) for path in paths)
+        self._paths = tuple(path if isinstance(path, Remote | FilePart) else Path(path) for path in paths)
         self._robot, self._batch_rows, self._is_part = robot, batch_rows, is_part
         self.extra = tuple(dict.fromkeys(extra))
         self._files: list[FileFacts] = []
         self._notes: list[Note] = []
+        self.is_plain = True
 
     @property
     def files(self) -> tuple[FileFacts, ...]:
@@ -104,13 +112,24 @@ class LogReader:
 
     def __iter__(self) -> Iterator[Log]:
         self._files, self._notes = [], []
-        if self.extra:
-            check_extra(dict(self._headers()), self.extra)
+        if not self._is_part:
+            self.check_extra()
         for path in self._paths:
             yield from self._one(path)
         if self._paths and not self._is_part and not any(facts.rows for facts in self._files):
             what = f"no log has a row of numbers ({', '.join(facts.name for facts in self._files[:3])})"
             raise LogError("empty-log", what, Where(file=self._files[0].name), "record again, or name other files")
+
+    def check_extra(self) -> None:
+        """Look for the columns to read besides in all files.
+
+        Raises
+        ------
+        LogError [no-such-column]
+            No file has one of them.
+        """
+        if self.extra:
+            check_extra(dict(self._headers()), self.extra)
 
     def _headers(self) -> Iterator[tuple[str, tuple[str, ...]]]:
         """Names and columns of the files; nothing where standard input is one, which cannot be looked at twice."""
@@ -130,14 +149,17 @@ class LogReader:
             if isinstance(source, ParquetSource):
                 cleaner.time_factor = source.time_unit(columns.names[0])
             for rows, table in source.chunks(columns.names):
+                begins_part = len(rows) > 0 and source.begins_part(int(rows[0]))
                 if cleaner.n_rows == 0:
                     cleaner.columns = without_empty(columns, table, name)
                 for log in cleaner.take(rows, table):
-                    yield from self._cut(log)
+                    yield from self._cut(replace(log, begins_part=True) if begins_part else log)
+                    begins_part = False
             logs, notes = cleaner.finish()
             for log in logs:
                 yield from self._cut(log)
-            sha256 = digest()
+            sha256 = digest() if not isinstance(path, FilePart) or path.first == 0 else ""
+        self.is_plain &= len(notes) == len(cleaner.columns.notes)
         self._notes += [*notes, *source.notes]
         if not cleaner.n_rows:
             self._notes.append(Note("empty-log", "the log has a header but no row", Where(file=name)))
@@ -159,6 +181,7 @@ class LogReader:
                 current=log.current[part],
                 temperature=None if log.temperature is None else log.temperature[part],
                 starts_clock=log.starts_clock and start == 0,
+                begins_part=log.begins_part and start == 0,
                 extra=None if log.extra is None else log.extra[part],
             )
 
@@ -195,21 +218,25 @@ def _opened(path: LogPath, name: str) -> Iterator[tuple[CsvSource | ParquetSourc
         what = f"{name} is not a whole gzip file: {error}"
         raise LogError("damaged-log", what, Where(file=name), "compress it again") from error
     except OSError as error:
-        raise unreadable(path, error) from error
+        raise unreadable(path.path if isinstance(path, FilePart) else path, error) from error
 
 
 def _parquet(
     path: LogPath, stream: BinaryIO, buffered: io.BufferedReader[_Hashing]
 ) -> tuple[ParquetSource, Callable[[], str]]:
     """From a pipe the whole file must be held: Parquet's index is at its end."""
-    if path != STDIN and path.is_file():
+    groups = range(path.first, path.stop) if isinstance(path, FilePart) else None
+    if groups is not None or (path != STDIN and path.is_file()):
         stream.seek(0)
-        whole = cast(io.BufferedReader, stream)
-        return ParquetSource(pa.OSFile(str(path)), str(path)), lambda: hashlib.file_digest(whole, "sha256").hexdigest()
+        opened = pa.OSFile(str(path)) if path.is_file() else path.open()
+        return ParquetSource(opened, str(path), groups), lambda: _digest(stream)
     data = buffered.read()
-    return ParquetSource(io.BytesIO(data), "<stdin>" if path == STDIN else str(path)), lambda: hashlib.sha256(
-        data
-    ).hexdigest()
+    source = ParquetSource(io.BytesIO(data), "<stdin>" if path == STDIN else str(path))
+    return source, lambda: hashlib.sha256(data).hexdigest()
+
+
+def _digest(stream: BinaryIO) -> str:
+    return hashlib.file_digest(cast(io.BufferedReader, stream), "sha256").hexdigest()
 
 
 def _digest_to_end(buffered: io.BufferedReader[_Hashing], hashing: _Hashing) -> str:

@@ -32,8 +32,6 @@ class Block:
         Number of the recording.
     lead
         Samples at the front that were accounted for already; they are here as context.
-    begins, ends
-        Whether the recording begins and ends with it.
     """
 
     origins: tuple[str, ...]
@@ -45,8 +43,6 @@ class Block:
     temperature: Floats | None
     clock: int
     lead: int
-    begins: bool
-    ends: bool
     extra: Floats | None = None
 
     def __len__(self) -> int:
@@ -59,7 +55,6 @@ class Buffer:
     def __init__(self, clock: int) -> None:
         self.clock = clock
         self.lead = 0
-        self._begun = False
         self._parts: list[Log] = []
         self._size = 0
 
@@ -73,40 +68,26 @@ class Buffer:
             self._size += len(log)
 
     @property
-    def origin(self) -> str:
-        """File of the last sample; empty without samples."""
-        return self._parts[-1].origin if self._parts else ""
+    def parts(self) -> tuple[Log, ...]:
+        """All samples as they came, without what the segmentation does not look at."""
+        return tuple(_cut(part, 0, len(part)) for part in self._parts)
 
-    def head(self, start: int, seconds: float) -> tuple[Floats, Floats]:
-        """(N,) times and (N, J) positions from sample `start` on for at least `seconds`, where there are so many."""
-        return _run([_cut(part, max(0, low), len(part)) for part, low in self._from(start)], seconds)
-
-    def tail(self, stop: int, seconds: float) -> tuple[Floats, Floats]:
-        """The same up to sample `stop`."""
-        found: list[Log] = []
-        for part, low in reversed(list(self._from(0))):
-            at = -low  # where this part begins in the buffer
-            if at >= stop:
-                continue
-            found.insert(0, _cut(part, 0, min(len(part), stop - at)))
-            if found[-1].time[-1] - found[0].time[0] >= seconds:
-                break
-        return np.concatenate([part.time for part in found]), np.concatenate([part.position for part in found])
-
-    def _from(self, start: int) -> list[tuple[Log, int]]:
-        """Parts with samples from `start` on, each with where `start` is in it (negative: before it)."""
-        out, at = [], 0
-        for part in self._parts:
-            if at + len(part) > start:
-                out.append((part, start - at))
+    def split(self, size: int) -> tuple[tuple[Log, ...], tuple[Log, ...]]:
+        """The first `size` samples, and the others."""
+        first, second, at = [], [], 0
+        for part in self.parts:
+            cut = min(max(size - at, 0), len(part))
             at += len(part)
-        return out
+            first += [_cut(part, 0, cut)] if cut else []
+            second += [_cut(part, cut, len(part))] if cut < len(part) else []
+        return tuple(first), tuple(second)
 
-    def begin_anew(self) -> None:
-        """What follows is looked at as if the recording began with it."""
-        self.lead, self._begun = 0, False
+    def unseen(self) -> tuple[Floats, Floats]:
+        """(N,) times and (N, J) positions of the samples that are not accounted for yet."""
+        time = np.concatenate([part.time for part in self._parts])
+        return time[self.lead :], _stacked([part.position for part in self._parts], len(time))[self.lead :]
 
-    def block(self, size: int, ends: bool) -> Block:
+    def block(self, size: int) -> Block:
         """The first `size` samples as one block."""
         parts, missing = [], size
         for part in self._parts:
@@ -125,8 +106,6 @@ class Buffer:
             temperature=_known([part.temperature for part in parts], parts),
             clock=self.clock,
             lead=self.lead,
-            begins=not self._begun,
-            ends=ends,
             extra=_known([part.extra for part in parts], parts),
         )
 
@@ -140,17 +119,6 @@ class Buffer:
         self._parts = kept
         self._size = sum(len(part) for part in kept)
         self.lead = lead
-        self._begun = True
-
-
-def _run(parts: Sequence[Log], seconds: float) -> tuple[Floats, Floats]:
-    """Times and positions of the first parts that last so long."""
-    found: list[Log] = []
-    for part in parts:
-        found.append(part)
-        if part.time[-1] - found[0].time[0] >= seconds:
-            break
-    return np.concatenate([part.time for part in found]), np.concatenate([part.position for part in found])
 
 
 def _cut(log: Log, start: int, stop: int) -> Log:
@@ -163,6 +131,7 @@ def _cut(log: Log, start: int, stop: int) -> Log:
         current=log.current[start:stop],
         temperature=None if log.temperature is None else log.temperature[start:stop],
         extra=None if log.extra is None else log.extra[start:stop],
+        starts_clock=log.starts_clock and start == 0,
     )
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 
 from pumaid.errors import Faults, LogError, Note
 from pumaid.motion import doubts, signals
@@ -76,36 +76,50 @@ class Sums:
     """
 
     def __init__(self, robot: Robot) -> None:
-        self._robot = robot
-        self._whole, self._file = Tally(robot), Tally(robot)
+        self._robot, self._between = robot, Tally(robot)
+        # The first and the last file may go on in the logs before and behind; those between are judged.
+        self._ends: list[Tally] = []
         self._faults: list[LogError] = []
 
     def take(self, log: Log) -> None:
         """Add a batch."""
-        if self._file.origin and log.origin != self._file.origin:
-            self.close()
-        self._file.take(log)
-
-    def close(self) -> None:
-        """Judge the last file; another may follow."""
-        if self._file.origin:
-            self._faults += suspicions(self._file)[0]
-        self._whole.absorb(self._file)
-        self._file = Tally(self._robot)
+        if not self._ends or log.origin != self._ends[-1].origin:
+            self._put([Tally(self._robot, log.origin)])
+        self._ends[-1].take(log)
 
     def absorb(self, other: Sums) -> None:
-        """Add what was kept of files that come after these; both closed.
+        """Add what was kept of logs that come after these.
 
         Parameters
         ----------
         other
             Of the same robot; it must not be used any more.
         """
-        self._whole.absorb(other._whole)
-        self._faults += other._faults
+        theirs = other._ends
+        if self._ends and theirs and self._ends[-1].origin == theirs[0].origin:
+            self._ends[-1].absorb(theirs[0])
+        else:
+            self._put(theirs[:1])
+        if len(theirs) > 1:
+            self._judge(1)
+            self._between.absorb(other._between)
+            self._faults += other._faults
+            self._ends.append(theirs[1])
+
+    def _put(self, files: Sequence[Tally]) -> None:
+        self._ends += files
+        if len(self._ends) > 2:
+            self._judge(1)
+
+    def _judge(self, number: int) -> None:
+        """Judge the file of this number among the ends, if there is one."""
+        for tally in self._ends[number : number + 1]:
+            self._faults += suspicions(tally)[0]
+            self._between.absorb(tally)
+        del self._ends[number : number + 1]
 
     def judged(self, *, refuse: bool) -> list[Note]:
-        """Doubts about all that was taken.
+        """Doubts about all that was taken; it must not be used any more.
 
         Parameters
         ----------
@@ -117,10 +131,18 @@ class Sums:
         LogError
             As `Watch`.
         """
-        self.close()
-        of_all, doubtful = suspicions(self._whole)
+        ends = [suspicions(tally)[0] for tally in self._ends]
+        faults = [
+            *(fault for end in ends[:1] for fault in end),
+            *self._faults,
+            *(fault for end in ends[1:] for fault in end),
+        ]
+        total = self._ends[0] if self._ends else Tally(self._robot)
+        for tally in (self._between, *self._ends[1:]):
+            total.absorb(tally)
+        of_all, doubtful = suspicions(total)
         # What all logs show needs no telling file by file; what one file shows may drown in the others.
-        found = of_all or _first_of_each(self._faults)
+        found = of_all or _first_of_each(faults)
         if found and refuse:
             raise found[0] if len(found) == 1 else Faults(found)
         return [Note(fault.slug, f"{fault.what}; {fault.mend}", fault.where) for fault in found] + doubtful

@@ -92,11 +92,17 @@ def test_order_of_files_changes_nothing(tmp_path):
 @FEW
 @given(st.lists(st.integers(1, 3600), min_size=1, max_size=5, unique=True))
 def test_where_files_are_cut_changes_nothing(tmp_path, cuts):
-    """A recording in pieces, even in the middle of runs, is one recording."""
+    """A recording in pieces, even in the middle of runs, is one recording.
+
+    Samples are cut at the rests nearest to the ends of files, so edges of runs are looked for in other windows: a tenth
+    of a standard error is allowed for it.
+    """
     first, second = good()
     edges = [0, *sorted(cuts), len(first)]
     parts = [first[a:b] for a, b in pairwise(edges)]
-    assert_scaled(model(tmp_path / "arm", [*parts, second], names=[f"{k}.csv" for k in range(len(parts) + 1)]))
+    assert_scaled(
+        model(tmp_path / "arm", [*parts, second], names=[f"{k}.csv" for k in range(len(parts) + 1)]), share=0.1
+    )
 
 
 def test_order_of_columns_and_form_change_nothing(tmp_path):
@@ -125,9 +131,10 @@ def test_names_of_joints_change_nothing(tmp_path):
 def test_time_of_any_origin_changes_nothing(tmp_path):
     """Seconds since 1970 are as good as seconds since the start.
 
-    Such times have digits to a quarter microsecond only: a sample between two ticks of 20 ms may fall to the other one.
+    Such times have digits to a quarter microsecond only: a sample between two ticks of 20 ms may fall to the other one,
+    and one at the end of a run in or out of it, which at 40 Hz is a share of its standard error.
     """
-    assert_scaled(model(tmp_path / "arm", [table.assign(t=table.t + 1.7e9) for table in good()]), share=0.2)
+    assert_scaled(model(tmp_path / "arm", [table.assign(t=table.t + 1.7e9) for table in good()]), share=0.5)
 
 
 def ill(name: str) -> list:

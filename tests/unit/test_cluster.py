@@ -12,10 +12,12 @@ from pathlib import Path
 import numpy as np
 import pyarrow.parquet as pq
 import pytest
-from command import run
+from sessions import make_session, same
 
 from pumaid.cluster.gather import gather
-from pumaid.cluster.part import joined, read_part
+from pumaid.cluster.part import joined
+from pumaid.cluster.pieces import Reading
+from pumaid.cluster.whole import Whole
 from pumaid.errors import Faults, LogError, Where
 from pumaid.files.recipe import read_recipe
 from pumaid.files.table import LogReader, expand
@@ -34,7 +36,7 @@ class Eager:
 
     def submit(self, function, *values, pure):
         """A finished future."""
-        self.calls.append(function.__name__)
+        self.calls.append(getattr(function, "__name__", "join"))
         return Done(function(*(value.value if isinstance(value, Done) else value for value in values)))
 
 
@@ -52,13 +54,7 @@ class Done:
 @pytest.fixture(scope="module")
 def logs(tmp_path_factory) -> Path:
     """A pendulum's session in one Parquet file, and its recipe."""
-    from pumaid.files.recipe import shipped_recipes
-
-    folder = tmp_path_factory.mktemp("cluster")
-    (folder / "recipe.yaml").write_bytes(shipped_recipes()["pendulum2"].read_bytes())
-    run("plan", str(folder / "recipe.yaml"), "--minutes", "4")
-    run("simulate", str(folder / "recipe.yaml"), "--seed", "5", "--rate", "50", "-o", str(folder / "logs"))
-    return folder
+    return make_session(tmp_path_factory.mktemp("cluster"))
 
 
 def cut(logs: Path, folder: Path, rows: int) -> list[Path]:
@@ -79,22 +75,12 @@ def one_pass(paths, robot) -> Evidence:
     return segment(Watch(LogReader(paths, robot), robot), robot)
 
 
-def same(one: Evidence, other: Evidence) -> bool:
-    """Runs equal to the bit, with their files, rows and clocks; files; notes."""
-    for a, b in zip(one.runs, other.runs, strict=True):
-        if (a.origin, a.first_row, a.last_origin, a.last_row, a.clock) != (
-            b.origin,
-            b.first_row,
-            b.last_origin,
-            b.last_row,
-            b.clock,
-        ):
-            return False
-        if not np.array_equal(a.triangle.factor, b.triangle.factor) or not np.array_equal(
-            a.cells.current, b.cells.current
-        ):
-            return False
-    return one.files == other.files and one.notes == other.notes
+def taken(parts, robot) -> Evidence:
+    """What parts leave together."""
+    whole = Whole(robot, DEFAULTS)
+    for part in parts:
+        whole.add(part)
+    return whole.evidence(refuse=True)
 
 
 @pytest.mark.parametrize("rows", [700, 2500, 10**6])
@@ -103,18 +89,16 @@ def test_parts_are_the_whole(logs, tmp_path, rows):
     robot = read_recipe(logs / "recipe.yaml")
     paths, client = cut(logs, tmp_path / "parts", rows), Eager()
     assert same(gather(paths, robot, client), one_pass(paths, robot))
-    # Where motions go on across files these are read again together, and only there.
-    assert client.calls.count("read_part") < 2 * len(paths)
+    assert client.calls.count("piece") == len(paths)
 
 
 def test_joining_is_associative(logs, tmp_path):
     """Parts joined from the left or from the right are the same."""
     robot = read_recipe(logs / "recipe.yaml")
-    parts = [read_part([path], robot, DEFAULTS) for path in cut(logs, tmp_path / "parts", 3000)]
-    left = reduce(joined, parts)
-    right = reduce(lambda late, early: joined(early, late), parts[::-1])
-    assert same(left.evidence, right.evidence) and left.clocks == right.clocks
-    assert left.sums.judged(refuse=True) == right.sums.judged(refuse=True)
+    parts = [Reading(robot, DEFAULTS).piece(path) for path in cut(logs, tmp_path / "parts", 3000)]
+    left = reduce(lambda early, late: joined(early, late, robot=robot, options=DEFAULTS), parts)
+    right = reduce(lambda late, early: joined(early, late, robot=robot, options=DEFAULTS), parts[::-1])
+    assert same(*(taken([part], robot) for part in (left, right))) and left.clocks == right.clocks
 
 
 def test_what_only_all_files_show_is_judged_for_all(logs, tmp_path):
@@ -145,9 +129,10 @@ def test_a_refusal_comes_whole_from_another_process():
 
 def test_a_part_comes_whole_from_another_process(logs):
     """Pickled and back, a part has the same runs to the bit and the same doubts."""
-    part = read_part(expand([logs / "logs"]), read_recipe(logs / "recipe.yaml"), DEFAULTS)
+    robot = read_recipe(logs / "recipe.yaml")
+    part = Reading(robot, DEFAULTS).piece(expand([logs / "logs"])[0])
     back = pickle.loads(pickle.dumps(part))
-    assert same(back.evidence, part.evidence) and (back.clocks, back.first, back.last) == (1, part.first, part.last)
+    assert same(back.evidence, part.evidence) and back.clocks == part.clocks
     assert back.sums.judged(refuse=True) == part.sums.judged(refuse=True)
 
 

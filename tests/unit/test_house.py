@@ -40,7 +40,7 @@ ROOMS = {
     "programs": BASE | {"files", "virtual", "programs"},
     "planning": LAWS | MODEL | {"clearance", "fit", "diagnosis", "virtual", "planning"},
     "verbs": LAWS | MODEL | {"clearance", "exports", "fit", "diagnosis", "virtual", "planning"},
-    "cluster": BASE | {"files", "motion", "verbs", "cluster"},
+    "cluster": BASE | {"files", "motion", "cluster"},
     "show": BASE | {"effects", "show"},
     "cli": LAWS
     | MODEL

@@ -1,0 +1,252 @@
+"""The pass over logs on several cores of this machine: pieces are read by this process and by others beside it."""
+
+from __future__ import annotations
+
+import signal
+import sys
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import ExitStack, contextmanager, suppress
+from dataclasses import dataclass, field
+from multiprocessing import Pipe
+from multiprocessing.connection import Connection
+from multiprocessing.context import ForkProcess, SpawnProcess
+from threading import Condition, Thread
+from warnings import catch_warnings, simplefilter
+
+from pumaid.cluster.part import Part
+from pumaid.cluster.pieces import Reading, pieces_of
+from pumaid.cluster.whole import Whole
+from pumaid.errors import PumaidError
+from pumaid.files.table import LogPath
+from pumaid.records import Evidence
+
+#: Bytes of logs for which one more process pays; starting it takes some 20 ms, and as much what it sends back.
+WORTH = 8 << 20
+#: Pieces a process that may be read and not yet joined: memory stays bounded where one of them takes long.
+_AHEAD = 2
+
+Found = Part | PumaidError | None
+
+
+def spread(
+    paths: Sequence[LogPath],
+    reading: Reading,
+    mates: Sequence[Mate],
+    *,
+    refuse: bool = True,
+    progress: Callable[[int, int], None] | None = None,
+) -> Evidence:
+    """All that later steps know of some logs, read by this process and others.
+
+    Files, and row groups of large Parquet files, are read each by itself and joined in their order.
+
+    Parameters
+    ----------
+    paths
+        Files as `expand` gives them, all of which can be opened by their names.
+    reading
+        How they are read.
+    mates
+        Other processes; they may be none.
+    refuse
+        False turns refusals of what cannot be meant into notes.
+    progress
+        Called with the number of pieces joined, and how many there are.
+
+    Returns
+    -------
+    evidence
+        As `segment` leaves it of the same files, to the bit.
+
+    Raises
+    ------
+    LogError
+        As of one process; the first file that is refused.
+    """
+    pieces = [(number, piece) for number, path in enumerate(paths) for piece in pieces_of(path)]
+    whole, waiting = Whole(reading.robot, reading.options), list[Part | None]()
+    found = _in_order([piece for _, piece in pieces], reading, mates)
+    for done, ((number, _), part) in enumerate(zip(pieces, found, strict=True), start=1):
+        waiting.append(part)
+        if done == len(pieces) or pieces[done][0] != number:
+            whole.add(reading.file(paths[number], *waiting))
+            waiting.clear()
+        if progress is not None:
+            progress(done, len(pieces))
+    return whole.evidence(refuse=refuse)
+
+
+@contextmanager
+def started(reading: Reading, count: int) -> Iterator[list[Mate]]:
+    """So many other processes; they are gone afterwards.
+
+    Parameters
+    ----------
+    reading
+        How they read.
+    count
+        None where it is 0.
+    """
+    with ExitStack() as stack:
+        yield [stack.enter_context(Mate(reading)) for _ in range(count)]
+
+
+def others(paths: Sequence[LogPath], jobs: int) -> int:
+    """How many more processes are worth while for some files.
+
+    Parameters
+    ----------
+    paths
+        Files as `expand` gives them.
+    jobs
+        Processes at most, this one included.
+    """
+    if jobs < 2 or not all(path.is_file() for path in paths):
+        return 0
+    return max(0, min(jobs, sum(path.stat().st_size for path in paths) // WORTH) - 1)
+
+
+class Mate:
+    """One more process that reads pieces, until it is left; it ends with the process that asked for it."""
+
+    def __init__(self, reading: Reading) -> None:
+        # What is loaded is there at once where a process can be forked; nothing else runs yet where it is.
+        self._here, there = Pipe()
+        process = ForkProcess if sys.platform == "linux" else SpawnProcess
+        self._process = process(target=_serve, args=(there, self._here, reading), daemon=True)
+        with catch_warnings():
+            # Python warns of threads that a forked process lacks; those of Arrow and OpenBLAS expect it.
+            simplefilter("ignore", DeprecationWarning)
+            self._process.start()
+        there.close()
+
+    def __enter__(self) -> Mate:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._process.terminate()
+        self._process.join()
+        self._here.close()
+
+    @property
+    def pid(self) -> int | None:
+        """Number of the process."""
+        return self._process.pid
+
+    @property
+    def is_alive(self) -> bool:
+        """Whether the process runs."""
+        return self._process.is_alive()
+
+    def read(self, piece: LogPath) -> Found:
+        """What it reads of a piece, or what it raises.
+
+        Raises
+        ------
+        OSError, EOFError
+            The process has ended.
+        """
+        self._here.send(piece)
+        found: Found = self._here.recv()
+        return found
+
+
+def _serve(there: Connection, here: Connection, reading: Reading) -> None:
+    """Read pieces until nobody asks any more; Ctrl-C is for the process that asks."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    here.close()
+    with suppress(OSError, EOFError):
+        while True:
+            there.send(_tried(reading, there.recv(), ahead=False))
+
+
+def _tried(reading: Reading, piece: LogPath, *, ahead: bool) -> Found:
+    try:
+        return reading.piece(piece, ahead=ahead)
+    except PumaidError as error:
+        return error  # raised where its piece would have come
+
+
+@dataclass(eq=False, slots=True)
+class _Desk:
+    """Pieces to read and what was read, shared by this process's threads."""
+
+    pieces: Sequence[LogPath]
+    n_readers: int
+    found: dict[int, Found] = field(default_factory=dict)
+    given: int = 0
+    taken: int = 0
+    is_closed: bool = False
+    changed: Condition = field(default_factory=Condition)
+    back: list[int] = field(default_factory=list)
+
+    def next(self, *, waits: bool) -> int | None:
+        """Number of a piece that nobody reads; None if there is none (or, unless one `waits`, none for now)."""
+        with self.changed:
+            while not self.is_closed:
+                if self.back:
+                    return self.back.pop()
+                if self.given >= len(self.pieces):
+                    return None
+                if self.given < self.taken + _AHEAD * self.n_readers:
+                    self.given += 1
+                    return self.given - 1
+                if not waits:
+                    return None
+                self.changed.wait()
+            return None
+
+    def put(self, number: int, found: Found) -> None:
+        with self.changed:
+            self.found[number] = found
+            self.changed.notify_all()
+
+    def give_back(self, number: int) -> None:
+        with self.changed:
+            self.back.append(number)
+            self.changed.notify_all()
+
+
+def _in_order(pieces: Sequence[LogPath], reading: Reading, mates: Sequence[Mate]) -> Iterator[Part | None]:
+    """What is read of the pieces, in their order; this process reads, too, while it waits."""
+    desk = _Desk(pieces, len(mates) + 1)
+    threads = [Thread(target=_ask, args=(mate, desk), daemon=True) for mate in mates]
+    for thread in threads:
+        thread.start()
+    try:
+        for number in range(len(pieces)):
+            found = _awaited(desk, number, reading)
+            if isinstance(found, PumaidError):
+                raise found
+            yield found
+    finally:
+        with desk.changed:
+            desk.is_closed = True
+            desk.changed.notify_all()
+
+
+def _awaited(desk: _Desk, number: int, reading: Reading) -> Found:
+    while True:
+        with desk.changed:
+            if number in desk.found:
+                desk.taken = number + 1
+                desk.changed.notify_all()
+                return desk.found.pop(number)
+        own = desk.next(waits=False)
+        if own is not None:
+            desk.put(own, _tried(reading, desk.pieces[own], ahead=True))
+            continue
+        with desk.changed:
+            while number not in desk.found and not desk.back:
+                desk.changed.wait()
+
+
+def _ask(mate: Mate, desk: _Desk) -> None:
+    """Have pieces read by another process; what it cannot bring to an end is given back."""
+    while (number := desk.next(waits=True)) is not None:
+        try:
+            found = mate.read(desk.pieces[number])
+        except (OSError, EOFError):
+            desk.give_back(number)
+            return
+        desk.put(number, found)

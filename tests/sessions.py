@@ -1,0 +1,38 @@
+"""One session of a pendulum's logs, and whether two passes over some logs left the same."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+from command import run
+
+from pumaid.files.recipe import shipped_recipes
+from pumaid.records import Evidence
+
+
+def make_session(folder: Path) -> Path:
+    """The folder, with a recipe, a plan and logs of some minutes at 50 Hz in one Parquet file."""
+    (folder / "recipe.yaml").write_bytes(shipped_recipes()["pendulum2"].read_bytes())
+    run("plan", str(folder / "recipe.yaml"), "--minutes", "4")
+    run("simulate", str(folder / "recipe.yaml"), "--seed", "5", "--rate", "50", "-o", str(folder / "logs"))
+    return folder
+
+
+def same(one: Evidence, other: Evidence) -> bool:
+    """Runs equal to the bit, with their files, rows and clocks; rejects; files; notes."""
+    for a, b in zip(one.runs, other.runs, strict=True):
+        if (a.origin, a.first_row, a.last_origin, a.last_row, a.clock) != (
+            b.origin,
+            b.first_row,
+            b.last_origin,
+            b.last_row,
+            b.clock,
+        ):
+            return False
+        if not np.array_equal(a.triangle.factor, b.triangle.factor) or not np.array_equal(
+            a.cells.current, b.cells.current
+        ):
+            return False
+    left = [[(r.origin, r.first_row, r.last_row, r.reason, r.text, r.clock) for r in e.rejects] for e in (one, other)]
+    return left[0] == left[1] and one.files == other.files and one.notes == other.notes

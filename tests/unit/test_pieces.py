@@ -1,0 +1,156 @@
+"""Files in pieces, on several cores: the same as in one pass, to the bit."""
+
+from __future__ import annotations
+
+import os
+import signal
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+import pytest
+from sessions import make_session, same
+
+from pumaid.cluster.cores import others, spread, started
+from pumaid.cluster.pieces import Reading, pieces_of
+from pumaid.errors import LogError
+from pumaid.files import intervals, parts
+from pumaid.files.recipe import read_recipe
+from pumaid.files.table import LogReader, expand
+from pumaid.motion.options import DEFAULTS
+from pumaid.motion.suspicion import Watch
+from pumaid.verbs.segment import segment
+
+#: Rows from which a row group is a piece here; in earnest they are a quarter of a million.
+ROWS = 600
+
+
+@pytest.fixture(scope="module")
+def logs(tmp_path_factory):
+    """A pendulum's session in one Parquet file, and its recipe."""
+    return make_session(tmp_path_factory.mktemp("pieces"))
+
+
+@pytest.fixture
+def small_parts(monkeypatch):
+    """Pieces of a few hundred rows; in earnest, too, the first one tells the file's sampling interval."""
+    monkeypatch.setattr(parts, "PART_ROWS", ROWS)
+    monkeypatch.setattr(intervals, "PROBE", 50)
+
+
+def table_of(logs) -> pa.Table:
+    return pq.read_table(expand([logs / "logs"])[0])
+
+
+def written(folder, table: pa.Table, *, rows: int = ROWS, number: int = 0):
+    """The table as a file of row groups."""
+    folder.mkdir(exist_ok=True)
+    pq.write_table(table, folder / f"session_{number}.parquet", row_group_size=rows)
+    return expand([folder])
+
+
+def changed(table: pa.Table, name: str, change) -> pa.Table:
+    values = table[name].to_numpy().copy()
+    change(values)
+    return table.set_column(table.column_names.index(name), name, [values])
+
+
+def one_pass(paths, robot):
+    return segment(Watch(LogReader(paths, robot), robot), robot)
+
+
+def in_pieces(paths, robot, *, mates: int = 0):
+    reading = Reading(robot, DEFAULTS)
+    with started(reading, mates) as processes:
+        return spread(paths, reading, processes)
+
+
+def test_row_groups_are_the_whole(logs, tmp_path, small_parts):
+    """Row groups that end in the middle of motions leave the runs of one pass, to the bit, and the file's facts."""
+    robot = read_recipe(logs / "recipe.yaml")
+    paths = written(tmp_path / "logs", table_of(logs))
+    assert len(pieces_of(paths[0])) > 5
+    assert same(in_pieces(paths, robot), one_pass(paths, robot))
+
+
+def test_parts_need_no_seam_at_rest(logs, tmp_path, small_parts, monkeypatch):
+    """A piece in which the arm never rests is completed by its neighbours."""
+    robot = read_recipe(logs / "recipe.yaml")
+    monkeypatch.setattr(parts, "PART_ROWS", 60)
+    paths = written(tmp_path / "logs", table_of(logs), rows=60)
+    reading = Reading(robot, DEFAULTS)
+    assert any(reading.piece(piece).is_open for piece in pieces_of(paths[0]))
+    assert same(in_pieces(paths, robot), one_pass(paths, robot))
+
+
+@pytest.mark.parametrize("fault", ["gap", "wrap", "nan", "step"])
+def test_what_is_worth_a_note_is_read_as_a_whole(logs, tmp_path, small_parts, fault):
+    """Lost samples, a turn of the encoder, rows without a number: notes and runs are those of the whole file."""
+    robot, table = read_recipe(logs / "recipe.yaml"), table_of(logs)
+    if fault == "gap":
+        table = pa.concat_tables([table.slice(0, 3 * ROWS), table.slice(3 * ROWS + 200)])
+    elif fault == "wrap":
+        table = changed(table, "q1", lambda values: np.add(values[2 * ROWS :], 2 * np.pi, out=values[2 * ROWS :]))
+    elif fault == "nan":
+        table = changed(table, "q2", lambda values: values[700:720].fill(np.nan))
+    else:
+        table = pa.concat_tables([table.slice(0, 2 * ROWS), table.slice(2 * ROWS - 1)])
+    paths = written(tmp_path / "logs", table)
+    found, wanted = in_pieces(paths, robot), one_pass(paths, robot)
+    assert same(found, wanted)
+    assert {note.slug for note in found.notes} & {"gaps", "position-wraps", "bad-samples", "time-repeated"}
+
+
+def test_other_processes_change_nothing(logs, tmp_path, small_parts):
+    """Three processes that read five files leave what one does, to the bit."""
+    robot, table = read_recipe(logs / "recipe.yaml"), table_of(logs)
+    for number in range(5):
+        paths = written(tmp_path / "logs", table.slice(number * 700), number=number)
+    assert same(in_pieces(paths, robot, mates=2), one_pass(paths, robot))
+
+
+def test_the_first_file_that_is_refused_is_told(logs, tmp_path):
+    """Of two bad files the first is named, whichever process reads it, and no process is left."""
+    robot, table = read_recipe(logs / "recipe.yaml"), table_of(logs)
+    for number in range(6):
+        paths = written(tmp_path / "logs", table, number=number)
+    for number in (2, 4):
+        paths[number].write_bytes(paths[number].read_bytes()[:-50])
+    reading = Reading(robot, DEFAULTS)
+    with pytest.raises(LogError) as error, started(reading, 2) as mates:
+        spread(paths, reading, mates)
+    assert "session_2" in str(error.value)
+    assert not any(mate.is_alive for mate in mates)
+
+
+def test_a_process_that_is_killed_loses_nothing(logs, tmp_path):
+    """Where another process is gone, this one reads its pieces."""
+    robot, table = read_recipe(logs / "recipe.yaml"), table_of(logs)
+    for number in range(4):
+        paths = written(tmp_path / "logs", table, number=number)
+    reading = Reading(robot, DEFAULTS)
+    with started(reading, 2) as mates:
+        os.kill(mates[0].pid, signal.SIGKILL)
+        found = spread(paths, reading, mates)
+    assert same(found, one_pass(paths, robot))
+
+
+def test_a_process_is_started_only_where_it_pays(tmp_path):
+    """Small logs and pipes are read by one process, 100 MB by as many as there may be."""
+    small, large = tmp_path / "small.csv", tmp_path / "large.csv"
+    small.write_bytes(b"t\n")
+    large.touch()
+    os.truncate(large, 100 << 20)
+    assert [others([small], 8), others([large], 1), others([large], 4), others([large, tmp_path / "none"], 4)] == [
+        0,
+        0,
+        3,
+        0,
+    ]
+
+
+def test_small_row_groups_go_together():
+    """Parts have a quarter of a million rows at least, the last what is left, and together all groups."""
+    found = parts.parts_of_rows([1000] * 700)
+    assert [len(part) for part in found] == [250, 450] and parts.parts_of_rows([400_000]) == [range(1)]
+    assert [len(part) for part in parts.parts_of_rows([1 << 20] * 3)] == [1, 1, 1]
