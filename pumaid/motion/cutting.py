@@ -88,7 +88,9 @@ def pieces(whole: Whole, options: SegmentOptions) -> list[Piece]:
     """All samples of a stretch without gaps as kept and left-out pieces, in order."""
     out: list[Piece] = []
     edges = whole.ticks.edges
-    for stretch in stretches(whole.motion.code):
+    found = stretches(whole.motion.code)
+    flat = _flat(whole, found, options)
+    for number, stretch in enumerate(found):
         start, stop = int(edges[stretch.start]), int(edges[stretch.stop])
         if stretch.code == REST:
             out.append(Piece(start, stop, reason="rest"))
@@ -97,18 +99,17 @@ def pieces(whole: Whole, options: SegmentOptions) -> list[Piece]:
             order = np.argsort(-moving, kind="stable")
             out.append(Piece(start, stop, tuple(int(j) + 1 for j in order if moving[j]), reason="several-joints"))
         else:
-            out.extend(_movement(whole, stretch, (start, stop), options))
+            out.extend(_movement(whole, stretch, flat.get(number, []), options))
     return [shifted(piece, whole.start) for piece in _disjoint(out)]
 
 
-def _movement(whole: Whole, stretch: Stretch, bounds: tuple[int, int], options: SegmentOptions) -> list[Piece]:
-    start, stop = bounds
+def _movement(whole: Whole, stretch: Stretch, flat: list[Plateau], options: SegmentOptions) -> list[Piece]:
+    start, stop = bounds = _bounds(whole, stretch)
     joint = stretch.joint
     position = whole.position[:, joint - 1]
-    way = abs(float(position[stop - 1] - position[start]))
+    way = _way(whole, stretch)
     if way < options.rest_speed * options.min_duration:
         return [Piece(start, stop, reason="rest")]
-    flat = [] if options.kinds == STROKE else _flat(whole, stretch, options)
     long_enough = [plateau for plateau in flat if _is_long(whole, plateau, joint, options)]
     share = sum(abs(position[p.stop - 1] - position[p.start]) for p in long_enough) / way
     is_whole = stretch.before is not None and stretch.after is not None
@@ -125,9 +126,25 @@ def _movement(whole: Whole, stretch: Stretch, bounds: tuple[int, int], options: 
     return [Piece(start, stop, (joint,), reason=reason, figure=way)]
 
 
-def _flat(whole: Whole, stretch: Stretch, options: SegmentOptions) -> list[Plateau]:
-    samples = (whole.time, whole.position[:, stretch.joint - 1])
-    return plateaus(whole.ticks, stretch, samples, options=options)
+def _bounds(whole: Whole, stretch: Stretch) -> tuple[int, int]:
+    return int(whole.ticks.edges[stretch.start]), int(whole.ticks.edges[stretch.stop])
+
+
+def _way(whole: Whole, stretch: Stretch) -> float:
+    """How far the joint comes, rad or m."""
+    start, stop = _bounds(whole, stretch)
+    position = whole.position[:, stretch.joint - 1]
+    return abs(float(position[stop - 1] - position[start]))
+
+
+def _flat(whole: Whole, found: list[Stretch], options: SegmentOptions) -> dict[int, list[Plateau]]:
+    """Plateaus of those stretches in which one joint moves, by the stretch's number."""
+    if options.kinds == STROKE:
+        return {}
+    least = options.rest_speed * options.min_duration
+    moving = [k for k, one in enumerate(found) if one.code not in (REST, SEVERAL) and _way(whole, one) >= least]
+    flat = plateaus(whole.ticks, [found[k] for k in moving], (whole.time, whole.position), options=options)
+    return dict(zip(moving, flat, strict=True))
 
 
 def _is_long(whole: Whole, plateau: Plateau, joint: int, options: SegmentOptions) -> bool:

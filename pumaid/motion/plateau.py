@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from pumaid.motion.edge import leaving
+from pumaid.motion.edge import Window, leaving
 from pumaid.motion.movement import Stretch
 from pumaid.motion.options import SegmentOptions
 from pumaid.motion.settle import settled
@@ -48,44 +49,103 @@ class Plateau:
     level: float
 
 
+@dataclass(frozen=True, eq=False, slots=True)
+class _Edge:
+    """One end of a candidate: what is looked at there, from sample `offset` on, and where the end is without a look."""
+
+    window: Window | None
+    offset: int
+    fallback: int
+
+    def found(self, left: float) -> int:
+        """Index behind the last sample that is surely on the line, which is left at that time (s)."""
+        if self.window is None:
+            return self.fallback
+        time = self.window.time
+        guard = max(GUARD, GUARD_SHARE * float(time[-1] - time[0]) / len(time))
+        return self.offset + (int(np.searchsorted(time, left - guard)) if left < time[-1] else len(time))
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class _Candidate:
+    """A stretch that seems to be of one speed, `level`; `back` is looked at backwards from sample `behind` on."""
+
+    level: float
+    back: _Edge
+    behind: int
+    ahead: _Edge
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class _Movement:
+    """A movement of one joint, with its speed at its ticks and what may be plateaus in it."""
+
+    stretch: Stretch
+    samples: tuple[Floats, Floats]
+    speed: Floats
+    absolute: float
+    peak: float
+    candidates: tuple[_Candidate, ...]
+
+
 def plateaus(
-    ticks: Ticks, stretch: Stretch, samples: tuple[Floats, Floats], *, options: SegmentOptions
-) -> list[Plateau]:
-    """Every stretch of constant speed of one movement, in order of time, edges to the sample.
+    ticks: Ticks, stretches: Sequence[Stretch], samples: tuple[Floats, Floats], *, options: SegmentOptions
+) -> list[list[Plateau]]:
+    """Every stretch of constant speed of some movements, in order of time, edges to the sample.
 
     Parameters
     ----------
     ticks
         Means of all joints.
-    stretch
-        The movement of one joint.
+    stretches
+        Movements of one joint each.
     samples
-        (N,) times and (N,) positions of that joint, to which the ticks' edges point.
+        (N,) times and (N, J) positions, to which the ticks' edges point.
     options
         Tolerances.
     """
-    joint = stretch.joint
+    movements = [_movement(ticks, stretch, samples, options) for stretch in stretches]
+    edges = [edge for movement in movements for one in movement.candidates for edge in (one.back, one.ahead)]
+    left = iter(leaving([edge.window for edge in edges if edge.window is not None]))
+    times = {id(edge): next(left) for edge in edges if edge.window is not None}
+    return [_found(ticks, movement, times, options) for movement in movements]
+
+
+def _movement(ticks: Ticks, stretch: Stretch, samples: tuple[Floats, Floats], options: SegmentOptions) -> _Movement:
     velocity, half = movement_speed(ticks, stretch, options)
     speed = np.abs(velocity)
-    error = ticks.fit_error(joint, half)
+    absolute = SPREAD * ticks.fit_error(stretch.joint, half)
     peak = float(np.abs(slopes(ticks.time[stretch.start : stretch.stop], velocity, 1)).max())
     reach = max(1, round(0.7 * options.min_duration / ticks.interval))
+    most = reach + half + round(ANCHOR / ticks.interval)
+    own = (samples[0], samples[1][:, stretch.joint - 1])
+    candidates = []
+    for start, stop in _cores(speed, reach, (options.speed_tolerance, absolute)):
+        level = float(np.median(velocity[start:stop]))
+        core = (stretch.start + start, stretch.start + stop)
+        seen = _seen(speed, (start, stop), most=most, absolute=absolute)
+        beyond = (max(0, stretch.start + seen[0] - half), min(len(ticks), stretch.start + seen[1] + half))
+        candidates.append(_candidate(ticks, own, core=core, seen=beyond, line=(level, half)))
+    return _Movement(stretch, own, speed, absolute, peak, tuple(candidates))
+
+
+def _found(ticks: Ticks, movement: _Movement, times: dict[int, float], options: SegmentOptions) -> list[Plateau]:
+    """The candidates that are plateaus, given at what times (s) their edges leave the line."""
+    time, position = movement.samples
     found: list[Plateau] = []
     # A swing of the speed may pass for a shorter one, and be joined to a run by mistake.
     shortest = 0.75 * options.min_duration
-    for start, stop in _cores(speed, reach, (options.speed_tolerance, SPREAD * error)):
-        level = float(np.median(velocity[start:stop]))
-        core = (stretch.start + start, stretch.start + stop)
-        seen = _seen(speed, (start, stop), most=reach + half + round(ANCHOR / ticks.interval), absolute=SPREAD * error)
-        beyond = (max(0, stretch.start + seen[0] - half), min(len(ticks), stretch.start + seen[1] + half))
-        first, last = _refined(ticks, samples, core=core, seen=beyond, half=half)
-        if last - first >= FEWEST and _is_level(samples, (first, last), peak=peak):
-            begins, ends = settled(samples[0][first:last], samples[1][first:last])
-            if ends - begins >= FEWEST and samples[0][first + ends - 1] - samples[0][first + begins] >= shortest:
-                found.append(Plateau(first + begins, first + ends, level))
-    places = ticks.edges[stretch.start : stretch.stop].astype(np.float64)
+    for one in movement.candidates:
+        first = one.behind - one.back.found(times.get(id(one.back), 0.0))
+        last = one.ahead.found(times.get(id(one.ahead), 0.0))
+        if last - first >= FEWEST and _is_level(movement.samples, (first, last), peak=movement.peak):
+            begins, ends = settled(time[first:last], position[first:last])
+            if ends - begins >= FEWEST and time[first + ends - 1] - time[first + begins] >= shortest:
+                found.append(Plateau(first + begins, first + ends, one.level))
+    places = ticks.edges[movement.stretch.start : movement.stretch.stop].astype(np.float64)
     typical = max((abs(plateau.level) for plateau in found), default=0.0)
-    return _apart(found, (places, speed), band=options.speed_tolerance * typical + SPREAD * error)
+    band = options.speed_tolerance * typical + movement.absolute
+    return _apart(found, (places, movement.speed), band=band)
 
 
 def movement_speed(ticks: Ticks, stretch: Stretch, options: SegmentOptions) -> tuple[Floats, int]:
@@ -139,23 +199,32 @@ def _spread(values: Floats, width: int) -> Floats:
     return np.asarray(top - bottom)
 
 
-def _refined(
-    ticks: Ticks, samples: tuple[Floats, Floats], *, core: tuple[int, int], seen: tuple[int, int], half: int
-) -> tuple[int, int]:
-    """Sample range of the plateau whose ticks are `core`, where its departures are `seen` up to two other ticks."""
+def _candidate(
+    ticks: Ticks,
+    samples: tuple[Floats, Floats],
+    *,
+    core: tuple[int, int],
+    seen: tuple[int, int],
+    line: tuple[float, int],
+) -> _Candidate:
+    """The plateau whose ticks are `core`, where its departures are `seen` up to two other ticks.
+
+    `line` is its speed and the ticks on either side of the straight lines by which that was told.
+    """
     time, position = samples
     edges = ticks.edges
     first, last = int(edges[core[0]]), int(edges[core[1]])
     middle = (first + last) // 2
-    line = max(math.ceil(ANCHOR / ticks.interval), 3 * half, 4) * int(edges[1])
+    level, half = line
+    reach = max(math.ceil(ANCHOR / ticks.interval), 3 * half, 4) * int(edges[1])
+    ahead, back, high = _Edge(None, 0, last), _Edge(None, 0, 0), first
     if seen[1] > core[1]:
-        low, high = max(middle, last - line), int(edges[seen[1]])
-        last = _edge(time[low:high], position[low:high], low, last)
+        low, stop = max(middle, last - reach), int(edges[seen[1]])
+        ahead = _edge(time[low:stop], position[low:stop], low, last)
     if seen[0] < core[0]:
-        low, high = int(edges[seen[0]]), min(middle, first + line)
+        low, high = int(edges[seen[0]]), min(middle, first + reach)
         back = _edge(-time[low:high][::-1], position[low:high][::-1], 0, high - first)
-        first = high - back
-    return first, last
+    return _Candidate(level, back, high, ahead)
 
 
 def _seen(speed: Floats, core: tuple[int, int], *, most: int, absolute: float) -> tuple[int, int]:
@@ -172,19 +241,20 @@ def _is_level(samples: tuple[Floats, Floats], bounds: tuple[int, int], *, peak: 
     """Whether the speed has no trend near the movement's `peak` acceleration (rad/s2 or m/s2)."""
     time, position = (values[bounds[0] : bounds[1]] for values in samples)
     thin = max(1, len(time) // MOST_POINTS)
-    x = time[::thin] - time.mean()
-    basis, upper = np.linalg.qr(np.column_stack([np.ones_like(x), x, x * x]))
-    curvature = float(basis[:, 2] @ (position[::thin] - position[0])) / float(upper[2, 2])
+    x, q = time[::thin] - time[0], position[::thin] - position[0]
+    x = x - x.mean()
+    square = x * x
+    # What of the square is no straight line.
+    bend = square - square.mean() - (square @ x / (x @ x)) * x
+    curvature = float(bend @ q) / float(bend @ bend)
     return abs(2.0 * curvature) <= RAMPING * peak
 
 
-def _edge(time: Floats, position: Floats, offset: int, fallback: int) -> int:
-    """Index (counted from `offset`) behind the last sample that is surely on the line."""
+def _edge(time: Floats, position: Floats, offset: int, fallback: int) -> _Edge:
     if len(time) < FEWEST:
-        return fallback
-    left = leaving(time, position, sure=max(0, min(fallback - offset, len(time) - FEWEST)))
-    guard = max(GUARD, GUARD_SHARE * float(time[-1] - time[0]) / len(time))
-    return offset + int(np.searchsorted(time, left - guard)) if left < time[-1] else offset + len(time)
+        return _Edge(None, offset, fallback)
+    sure = max(0, min(fallback - offset, len(time) - FEWEST))
+    return _Edge(Window(time, position, sure), offset, fallback)
 
 
 def _apart(found: list[Plateau], course: tuple[Floats, Floats], *, band: float) -> list[Plateau]:

@@ -29,7 +29,8 @@ class FirstRest:
     """Looks along a stream, batch by batch, for the first instant with rest on either side.
 
     Time is told in stretches of `RESTFUL` from the first sample on; the arm rests in one if no joint's mean over a
-    tick goes farther than one that creeps at the speed of rest would, noise apart. The instant is where two such stretches meet.
+    tick goes farther than one that creeps at the speed of rest would, noise apart. The instant is where two such
+    stretches meet.
 
     Parameters
     ----------

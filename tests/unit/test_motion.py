@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from pumaid.motion.edge import leaving
+from pumaid.motion.edge import Window, leaving
 from pumaid.motion.reduce import coarser
 from pumaid.motion.settle import settled
 from pumaid.motion.speed import Ticks, derivatives, slopes
@@ -62,7 +62,7 @@ def test_an_edge_is_found_and_not_passed(power, strength):
     errors = []
     for seed in range(40):
         noise = 1e-4 * np.random.default_rng(seed).standard_normal(len(time))
-        errors.append(leaving(time, course + noise, sure=200) - 0.3)
+        errors.append(leaving([Window(time, course + noise, 200)])[0] - 0.3)
     # Where the departure reaches two standard deviations of one sample it cannot hide any more.
     visible = (2e-4 / strength) ** (1 / power)
     assert max(errors) < visible
@@ -72,10 +72,8 @@ def test_an_edge_is_found_and_not_passed(power, strength):
 def test_a_line_that_goes_on_has_no_edge():
     """Noise alone is no departure."""
     time = np.arange(300) / 1000.0
-    ends = [
-        leaving(time, 0.4 * time + 1e-4 * np.random.default_rng(seed).standard_normal(300), sure=150)
-        for seed in range(40)
-    ]
+    noises = [np.random.default_rng(seed).standard_normal(300) for seed in range(40)]
+    ends = leaving([Window(time, 0.4 * time + 1e-4 * noise, 150) for noise in noises])
     assert sum(end < time[-1] for end in ends) <= 1
 
 
