@@ -128,9 +128,6 @@ def _one_pass(
     paths: Sequence[LogPath], robot: Robot, *, trust: bool, extra: Sequence[str], options: SegmentOptions, jobs: int
 ) -> Evidence:
     """Read, watch and segment logs; on more than one core where there is enough to read."""
-    import os
-
-    jobs = jobs or len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else jobs or os.cpu_count() or 1
     if others := _others(paths, jobs):
         return _on_cores(paths, robot, others=others, trust=trust, extra=extra, options=options)
 
@@ -141,7 +138,7 @@ def _one_pass(
 
     watched = Watch(LogReader(paths, robot, extra=extra), robot, refuse=not trust)
     # Who waits for a pipe cannot be told to stop.
-    ahead = jobs > 1 and all(path.is_file() for path in paths)
+    ahead = jobs != 1 and all(path.is_file() for path in paths)
     with progress("reading logs") as step:
         return segment(
             Ahead(watched) if ahead else watched,
@@ -153,7 +150,7 @@ def _one_pass(
 
 def _others(paths: Sequence[LogPath], jobs: int) -> int:
     """How many more processes are worth while."""
-    if jobs < 2:
+    if jobs == 1:
         return 0
     from pumaid.cluster.cores import others
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import signal
 import sys
 from collections.abc import Callable, Iterator, Sequence
@@ -22,6 +23,8 @@ from pumaid.records import Evidence
 
 #: Bytes of logs for which one more process pays; starting it takes some 20 ms, and as much what it sends back.
 WORTH = 8 << 20
+#: Processes at most where nobody says how many.
+MOST = 8
 #: Pieces a process that may be read and not yet joined: memory stays bounded where one of them takes long.
 _AHEAD = 2
 
@@ -99,11 +102,17 @@ def others(paths: Sequence[LogPath], jobs: int) -> int:
     paths
         Files as `expand` gives them.
     jobs
-        Processes at most, this one included.
+        Processes at most, this one included; 0 for the machine's cores, but no more than `MOST`.
     """
+    jobs = jobs or min(MOST, _cores())
     if jobs < 2 or not all(path.is_file() for path in paths):
         return 0
     return max(0, min(jobs, sum(path.stat().st_size for path in paths) // WORTH) - 1)
+
+
+def _cores() -> int:
+    """Cores that this process may use."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
 class Mate:

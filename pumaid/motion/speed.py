@@ -117,16 +117,15 @@ def slopes(time: Floats, values: Floats, half: int) -> Floats:
         return np.zeros(len(time))
     index = np.arange(len(time))
     low, high = np.maximum(index - half, 0), np.minimum(index + half + 1, len(time))
-    t, y = time - time.mean(), values - values.mean()
-
-    def window_sum(x: Floats) -> Floats:
-        total = np.concatenate([[0.0], np.cumsum(x)])
-        return total[high] - total[low]
-
+    # Sums up to each instant of t, y, t^2 and t y; a window's are differences of two.
+    total = np.zeros((4, len(time) + 1))
+    t, y = np.subtract(time, time.mean(), out=total[0, 1:]), np.subtract(values, values.mean(), out=total[1, 1:])
+    np.multiply(t, t, out=total[2, 1:])
+    np.multiply(t, y, out=total[3, 1:])
+    np.cumsum(total, axis=1, out=total)
+    sum_t, sum_y, sum_tt, sum_ty = (row[high] - row[low] for row in total)
     n = (high - low).astype(float)
-    sum_t, sum_y = window_sum(t), window_sum(y)
-    spread = window_sum(t * t) - sum_t * sum_t / n
-    return (window_sum(t * y) - sum_t * sum_y / n) / spread
+    return np.asarray((sum_ty - sum_t * sum_y / n) / (sum_tt - sum_t * sum_t / n))
 
 
 def derivatives(time: Floats, position: Floats, window: float) -> tuple[Floats, Floats]:

@@ -33,14 +33,17 @@ RECIPE = shipped_recipes()["puma560"]
 #: Twice the paper's experiment takes 2700 s of robot time; at this rate that is two million rows of 19 columns.
 RATE = 1500.0
 
-#: A command line; it tells its own peak (what getrusage tells begins at the size of the process that started it), and
-#: with what it was loaded, so that loading alone can be timed, too.
+#: A command line; it tells its own peak (what getrusage tells begins at the size of the process that started it), that
+#: of the largest process it started (pages that it shares with its parent included), and with what it was loaded, so
+#: that loading alone can be timed, too.
 COMMAND = """
-import pathlib, sys
+import pathlib, resource, sys
 from pumaid.cli import group
 group.main(sys.argv[2:], standalone_mode=False)
 peak = int(pathlib.Path("/proc/self/status").read_text().split("VmHWM:")[1].split()[0]) // 1024
-pathlib.Path(sys.argv[1]).write_text("\\n".join([str(peak), *(name for name in sys.modules if name != "__main__")]))
+other = resource.getrusage(resource.RUSAGE_CHILDREN).ru_maxrss // 1024
+names = [name for name in sys.modules if name != "__main__"]
+pathlib.Path(sys.argv[1]).write_text("\\n".join([f"{peak} {other}", *names]))
 """
 LOAD = """
 import importlib, pathlib, sys
@@ -135,6 +138,7 @@ def measured(case: str, logs: Path, rows: int, *, times: int, words: tuple[str, 
         "its ratio": f"{own.cpu / floor.cpu:.2f}",
         "peak MiB": told.read_text().split()[0],
         "load": f"{os.getloadavg()[0]:.1f}",
+        "peak of another MiB": told.read_text().split()[1],
     }
 
 

@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 import pyarrow.parquet as pq
 import pytest
-from sessions import make_session, same
+from sessions import Eager, make_session, same
 
 from pumaid.cluster.gather import gather
 from pumaid.cluster.part import joined
@@ -26,29 +26,6 @@ from pumaid.motion.suspicion import Watch
 from pumaid.records import Evidence
 from pumaid.verbs.identify import identify
 from pumaid.verbs.segment import segment
-
-
-class Eager:
-    """A cluster's client that works at once, in this process."""
-
-    def __init__(self) -> None:
-        self.calls: list[str] = []
-
-    def submit(self, function, *values, pure):
-        """A finished future."""
-        self.calls.append(getattr(function, "__name__", "join"))
-        return Done(function(*(value.value if isinstance(value, Done) else value for value in values)))
-
-
-class Done:
-    """A future with its result."""
-
-    def __init__(self, value) -> None:
-        self.value = value
-
-    def result(self):
-        """What the task gave."""
-        return self.value
 
 
 @pytest.fixture(scope="module")

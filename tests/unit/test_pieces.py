@@ -9,9 +9,10 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
-from sessions import make_session, same
+from sessions import Eager, make_session, same
 
 from pumaid.cluster.cores import others, spread, started
+from pumaid.cluster.gather import gather
 from pumaid.cluster.pieces import Reading, pieces_of
 from pumaid.errors import LogError
 from pumaid.files import intervals, parts
@@ -71,6 +72,15 @@ def test_row_groups_are_the_whole(logs, tmp_path, small_parts):
     paths = written(tmp_path / "logs", table_of(logs))
     assert len(pieces_of(paths[0])) > 5
     assert same(in_pieces(paths, robot), one_pass(paths, robot))
+
+
+def test_row_groups_are_tasks_of_a_cluster(logs, tmp_path, small_parts):
+    """On a cluster each row group is a task, and the runs are those of one pass, to the bit."""
+    robot, client = read_recipe(logs / "recipe.yaml"), Eager()
+    for number in (0, 1):
+        paths = written(tmp_path / "logs", table_of(logs), number=number)
+    assert same(gather(paths, robot, client), one_pass(paths, robot))
+    assert client.calls.count("piece") == sum(len(pieces_of(path)) for path in paths) > 10
 
 
 def test_parts_need_no_seam_at_rest(logs, tmp_path, small_parts, monkeypatch):
