@@ -82,7 +82,8 @@ def static(truth, plan=PLAN) -> dict[str, np.ndarray]:
     """Motion and current of a robot that follows its plan to the letter."""
     at = ideal(plan, truth.robot.n_joints)
     names = ("time", "position", "velocity", "acceleration", "travel", "temperature")
-    return {name: getattr(at, name) for name in names} | {"current": truth.current(at, np.zeros_like(at.position))}
+    current = np.column_stack([truth.current(joint.number, at) for joint in truth.robot.joints])
+    return {name: getattr(at, name) for name in names} | {"current": current}
 
 
 def difference(effect: str, joint: int | None = None, truth=PUMA, plan=PLAN, **values: float):
