@@ -18,13 +18,13 @@ def apart(first: ArrayLike, second: ArrayLike) -> Floats:
     return np.abs(np.remainder(gap + np.pi, 2.0 * np.pi) - np.pi)
 
 
-def link_rotation(alpha: float, theta: ArrayLike) -> Floats:
+def link_rotation(alpha: ArrayLike, theta: ArrayLike) -> Floats:
     """Rotation that turns frame i into frame i-1: Rot_x(alpha) Rot_z(theta).
 
     Parameters
     ----------
     alpha
-        Twist (rad).
+        Twist (rad); of several links so that it fits their angles.
     theta
         (...) joint angles (rad).
 

@@ -81,7 +81,7 @@ class Geometry:
     def of(cls, robot: Robot, position: Floats) -> Geometry:
         """At `position` (N, J), rad or m."""
         angles = robot.dh_angles(position)
-        turns = tuple(link_rotation(joint.alpha, angles[:, i]) for i, joint in enumerate(robot.joints))
+        turns = tuple(link_rotation(robot.alphas[:, None], angles.T))
         here = np.broadcast_to(np.asarray(robot.gravity, dtype=float), (len(angles), 3))
         gravity = []
         for turn in turns:
