@@ -393,7 +393,8 @@ def test_truth_remembers():
     truth = PUMA.hiding([Hidden(name) for name in LAWS if name not in ("payload", "side_load_friction", "coupling")])
     again = record.from_json(json.loads(json.dumps(record.as_json(truth))), PUMA.robot)
     assert again.hidden == truth.hidden
-    assert np.array_equal(session(again)["current"], session(truth)["current"])
+    short = replace(PLAN, motions=(replace(PLAN.motions[0], start=0.0, end=0.3),))
+    assert np.array_equal(session(again, short)["current"], session(truth, short)["current"])
 
 
 @pytest.mark.parametrize("effect", sorted(set(LAWS) - {"inertia", "delay"}))
