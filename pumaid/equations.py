@@ -62,15 +62,17 @@ def of_triangles(
     columns = design(probes)
     inverse = np.linalg.pinv(basis, rcond=FLAT)
     one, p = CONSTANT_COLUMNS.index("one"), columns.shape[1]
-    for run, rows, back in zip(runs, columns.reshape(len(runs), -1, p), inverse, strict=True):
-        regressors, current = run.triangle.rows()
-        left, singular, right = np.linalg.svd(regressors)
+    ways = inverse @ columns.reshape(len(runs), -1, p)
+    factors = np.array([run.triangle.factor for run in runs])
+    lefts, sizes, rights = np.linalg.svd(factors[:, :, :-1], full_matrices=False)
+    each = zip(runs, factors[:, :, -1], lefts, sizes, rights, ways, strict=True)
+    for run, current, left, singular, right, way in each:
         kept = singular > FLAT * max(float(singular[0]), 1e-300)
-        base = (singular[kept, None] * right[: len(singular)][kept]) if kept.any() else right[:0]
-        target = left[:, : len(singular)][:, kept].T @ current
+        base = singular[kept, None] * right[kept]
+        target = left[:, kept].T @ current
         yield Block(
             run=run,
-            regressors=base @ (back @ rows),
+            regressors=base @ way,
             target=target,
             ones=base[:, one],
             rest=max(float(current @ current - target @ target), 0.0),

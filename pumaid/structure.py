@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,7 +11,7 @@ from numpy.typing import NDArray
 from pumaid.effects import catalogue
 from pumaid.maths import rank
 from pumaid.maths.recursion import Recursion
-from pumaid.records import Robot, Samples
+from pumaid.records import Joint, Robot, Samples
 
 Floats = NDArray[np.float64]
 
@@ -53,7 +54,12 @@ def minimal(robot: Robot, *, seed: int = 0) -> Structure:
     ------
     S.-K. Lin, Theorem 3 and Corollary 4, found here by rank instead of by their case rules.
     """
-    rng = np.random.default_rng(seed)
+    return _of_geometry(tuple(robot.joints), tuple(robot.gravity), seed)
+
+
+@lru_cache(maxsize=16)  # one command makes many models of one arm
+def _of_geometry(joints: tuple[Joint, ...], pull: tuple[float, float, float], seed: int) -> Structure:
+    rng, robot = np.random.default_rng(seed), Robot("", joints, pull)
     gravity, n = catalogue()["gravity"], robot.n_joints
     widths = [len(gravity.parameters(robot, link)) for link in range(1, n + 1)]
     owners = np.repeat(np.arange(n), widths)

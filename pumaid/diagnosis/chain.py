@@ -113,6 +113,8 @@ class Chain:
 
 def pseudo_inverse(information: Floats) -> tuple[Floats, int]:
     """Pseudo-inverse (P, P) in scaled columns, and the rank."""
+    if len(information) == 1 and information[0, 0] > 0.0:
+        return 1.0 / information, 1
     size = np.sqrt(np.maximum(np.diagonal(information), 0.0))
     unit = np.divide(1.0, size, out=np.zeros_like(size), where=size > FAINT * size.max(initial=0.0))
     values, vectors = np.linalg.eigh(information * unit[:, None] * unit[None, :])

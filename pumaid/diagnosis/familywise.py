@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -92,10 +93,8 @@ def family(scan: Scan, *, periodic: str | None = None, flips: int = FLIPS) -> Fa
     for trial in scan.trials:
         by_width.setdefault(trial.width, []).append(trial)
     for width, trials in by_width.items():
-        for start in range(0, len(trials), AT_ONCE):
-            some = trials[start : start + AT_ONCE]
-            for trial, seen in zip(some, _surprises(some, signs, width=width, scale=scale).T, strict=True):
-                found[trial.added.key] = np.maximum(found.get(trial.added.key, 0.0), seen)
+        for key, best in _best(trials, signs, width=width).items():
+            found[key] = np.maximum(found.get(key, 0.0), surprise(best / scale, width))
     before = 0
     for row in scan.solved.rows:
         runs = slice(before, before + len(row.field.runs))
@@ -124,15 +123,23 @@ def alike(scores: Floats) -> float:
     return float(squares.sum() ** 2 / np.sum(squares**2)) if squares.any() else 0.0
 
 
-def _surprises(trials: list[Trial], signs: Floats, *, width: int, scale: float) -> Floats:
-    """(B, trials) surprise of trials of one width in each flip."""
+def _best(trials: Sequence[Trial], signs: Floats, *, width: int) -> dict[Key, Floats]:
+    """(B,) largest statistic in each flip of each candidate's trials, all of one width."""
+    out: dict[Key, Floats] = {}
+    for start in range(0, len(trials), AT_ONCE):
+        some = trials[start : start + AT_ONCE]
+        for trial, seen in zip(some, _statistics(some, signs, width=width).T, strict=True):
+            out[trial.added.key] = np.maximum(out.get(trial.added.key, 0.0), seen)
+    return out
+
+
+def _statistics(trials: Sequence[Trial], signs: Floats, *, width: int) -> Floats:
+    """(B, trials) statistic of trials of one width in each flip."""
     total = (signs @ np.concatenate([trial.scores for trial in trials], axis=1)).reshape(len(signs), len(trials), width)
-    inverse = np.array([_inverse(trial.information) for trial in trials])
-    statistic = np.einsum("btw,btw->bt", np.einsum("btw,twv->btv", total, inverse), total) / scale
-    if width == 1:  # of the sign that the physics does not allow nothing would be made
-        statistic[total[:, :, 0] * np.array([trial.signs[0] for trial in trials]) < 0.0] = 0.0
-    return surprise(statistic, width)
-
-
-def _inverse(information: Floats) -> Floats:
-    return np.array([[1.0 / information[0, 0]]]) if len(information) == 1 else pseudo_inverse(information)[0]
+    inverse = np.array([pseudo_inverse(trial.information)[0] for trial in trials])
+    if width > 1:
+        return np.asarray(np.einsum("btw,btw->bt", np.einsum("btw,twv->btv", total, inverse), total))
+    one = total[:, :, 0]
+    # Of the sign that the physics does not allow nothing would be made.
+    allowed = one * np.array([trial.signs[0] for trial in trials]) >= 0.0
+    return np.where(allowed, one**2 * inverse[:, 0, 0], 0.0)

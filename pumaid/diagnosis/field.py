@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from pumaid.maths.alike import grouped
 from pumaid.maths.slope import acceleration
 from pumaid.model import Model
 from pumaid.motion.options import CONSTANT
@@ -248,16 +249,12 @@ def distinct(speeds: Sequence[float]) -> tuple[float, ...]:
 
 def posture_groups(runs: Sequence[Run]) -> list[list[int]]:
     """Numbers of the runs (from 0) by held posture."""
-    groups: list[list[int]] = []
-    for number, run in enumerate(runs):
-        for group in groups:
-            gap = np.nan_to_num(runs[group[0]].posture - run.posture)
-            if np.all(np.abs(gap) < SAME_POSTURE):
-                group.append(number)
-                break
-        else:
-            groups.append([number])
-    return groups
+    posture = np.nan_to_num(np.array([run.posture for run in runs]))
+
+    def alike(first: int, others: Counts) -> NDArray[np.bool_]:
+        return np.asarray(np.all(np.abs(posture[first] - posture[others]) < SAME_POSTURE, axis=1))
+
+    return grouped(len(runs), alike)
 
 
 #: Held positions closer than this (rad or m) are one posture.

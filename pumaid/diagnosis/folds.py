@@ -109,7 +109,7 @@ class _Folds:
         self.width = next(iter(self.plain.values())).shape[1] // len(shapes)
         acting = {joint: values for joint, values in self.plain.items() if np.any(values)}
         self.white = {joint: solved.row(joint).noise.whiten(solved.row(joint).field, acting[joint]) for joint in acting}
-        _, self.cross, _, _ = Projector(solved).scores(self.white)
+        self.cross = Projector(solved).crossed(self.white)
         self.gram = sum(columns.T @ columns for columns in self.white.values())
         turned = solved.inverse @ self.cross
         self.whole = np.maximum(np.diagonal(self.gram) - np.sum(self.cross * turned, axis=0), 0.0)

@@ -116,7 +116,7 @@ def free_trials(solved: Solved, joint: int) -> list[Trial]:
     for free in forms(row.field):
         added = Added(free, joint, NO_SHAPE)
         columns = added.columns(solved.model, row.field.samples)
-        scores, _, left, raw = projector.scores({joint: row.noise.whiten(row.field, columns)})
+        scores, left, raw = projector.scores({joint: row.noise.whiten(row.field, columns)})
         share = np.divide(np.diagonal(left), raw, out=np.zeros(len(raw)), where=raw > 0)
         kept = np.flatnonzero(share > ABSORBED)
         trial = _ranked(added, scores, left, kept)
@@ -152,7 +152,7 @@ def knot_values(solved: Solved, trial: Trial) -> tuple[Floats, Floats, Floats]:
     assert isinstance(free, Free) and trial.added.joint is not None
     row, projector = solved.row(trial.added.joint), Projector(solved)
     columns = trial.added.columns(solved.model, row.field.samples)
-    scores, _, left, raw = projector.scores({trial.added.joint: row.noise.whiten(row.field, columns)})
+    scores, left, raw = projector.scores({trial.added.joint: row.noise.whiten(row.field, columns)})
     unit = np.divide(1.0, np.sqrt(raw), out=np.zeros_like(raw), where=raw > 0.0)
     values, vectors = np.linalg.eigh(left * np.outer(unit, unit))
     good = values > DRAWN

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
-from scipy import stats
+from scipy import special
 
 from pumaid.diagnosis.contender import LEVEL, WORTH, rmse
 from pumaid.diagnosis.familywise import GROSS, PERIODIC, Family
@@ -83,8 +83,8 @@ def needed(surprise: float, freedoms: int, *, runs: float, gross: float = GROSS)
     Flipped scores hold the effect, too: a shift of d, spread over R runs, raises the flips' squares and with them the
     threshold by the share d^2 / R; but beyond `gross` no flip is asked.
     """
-    more = float(stats.norm.ppf(POWER))
-    threshold, surely = (float(stats.chi2.isf(10.0**-alarm, freedoms)) for alarm in (min(surprise, gross), gross))
+    more = float(special.ndtri(POWER))
+    threshold, surely = (float(special.chdtri(freedoms, 10.0**-alarm)) for alarm in (min(surprise, gross), gross))
     rest = 1.0 - threshold / runs
     most = float(np.sqrt(surely)) + more
     if rest <= 0.0:
@@ -105,7 +105,7 @@ def _margin(trial: Trial, scan: Scan) -> float:
     """By how much a fitted size must be expected above a threshold to pass it with `POWER`."""
     if trial.information[0, 0] <= 0.0:
         return float("inf")
-    return float(stats.norm.ppf(POWER)) * float(np.sqrt(scan.solved.scale / trial.information[0, 0]))
+    return float(special.ndtri(POWER)) * float(np.sqrt(scan.solved.scale / trial.information[0, 0]))
 
 
 def _runs(trial: Trial, scan: Scan) -> float:

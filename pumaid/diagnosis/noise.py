@@ -98,10 +98,12 @@ class Noise:
         wide = (slice(None),) + (None,) * (values.ndim - 1)
         rho = self.correlation[run][wide]
         out = np.empty_like(values)
-        out[1:] = values[1:] - rho[1:] * values[:-1]
-        start = np.sqrt(1.0 - self.correlation**2)[(slice(None),) + (None,) * (values.ndim - 1)]
-        out[field.first] = start * values[field.first]
-        return np.asarray(out / (self.spread * np.sqrt(1.0 - self.correlation**2))[run][wide])
+        np.multiply(rho[1:], values[:-1], out=out[1:])
+        np.subtract(values[1:], out[1:], out=out[1:])
+        fresh = np.sqrt(1.0 - self.correlation**2)
+        out[field.first] = fresh[wide] * values[field.first]
+        out /= (self.spread * fresh)[run][wide]
+        return out
 
 
 def noise(field: Field, residual: Floats) -> Noise:

@@ -85,12 +85,11 @@ def trials_at(projector: Projector, shapes: Sequence[Added]) -> list[Trial | Non
             white[row.field.joint] = row.noise.whiten(row.field, np.column_stack(columns))
     if not white:
         return [None] * len(shapes)
-    scores, _, left, raw = projector.scores(white)
-    width = scores.shape[1] // len(shapes)
+    width = next(iter(white.values())).shape[1] // len(shapes)
+    scores, left, raw = projector.apart(white, [width] * len(shapes))
     found = []
-    for number, one in enumerate(shapes):
-        own = np.arange(number * width, (number + 1) * width)
-        information = left[np.ix_(own, own)]
+    for number, (one, information) in enumerate(zip(shapes, left, strict=True)):
+        own = slice(number * width, (number + 1) * width)
         share = np.divide(np.diagonal(information), raw[own], out=np.zeros(width), where=raw[own] > 0)
         signs = one.signs(solved)
         found.append(trial_of(one, scores[:, own], information, share=share, signs=signs))

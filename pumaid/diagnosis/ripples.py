@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import ndimage, stats
+from scipy import ndimage, special
 
 from pumaid.diagnosis.field import typical
 from pumaid.diagnosis.laid import Laid
@@ -191,7 +191,7 @@ class Spectrum:
     def chance(self, height: float) -> float:
         """Chance of that height at any frequency by noise alone, as its neighbours tell: where runs are few."""
         ways = len(np.unique(self.way))
-        one = float(stats.f.sf(height / ways, 2 * ways, 2 * NEIGHBOURS * len(self.way) / ways))
+        one = float(special.fdtrc(2 * ways, 2 * NEIGHBOURS * len(self.way) / ways, height / ways))
         return -float(np.expm1(0.5 * len(self.frequency) * np.log1p(-min(one, 1.0 - 1e-12))))
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -121,7 +122,7 @@ class Projector:
         for row in solved.rows:
             self.own_scores[self.runs[row.field.joint], row.acting] = row.field.sums(row.slim * row.residual[:, None])
 
-    def scores(self, white: dict[int, Floats]) -> tuple[Floats, Floats, Floats, Floats]:
+    def scores(self, white: dict[int, Floats]) -> tuple[Floats, Floats, Floats]:
         """Scores by run, information and what was there before the projection.
 
         Parameters
@@ -133,23 +134,58 @@ class Projector:
         -------
         scores
             (R, V) of all joints' runs.
-        cross, gram
-            (P, V) and (V, V): with the system's parameters and among themselves.
+        gram
+            (V, V) among themselves.
         raw
             (V,) squares of the columns.
         """
+        scores, cross, turned = self._beyond(white)
+        gram = np.sum([columns.T @ columns for columns in white.values()], axis=0)
+        return scores, gram - cross.T @ turned, np.diagonal(gram).copy()
+
+    def apart(self, white: dict[int, Floats], widths: Sequence[int]) -> tuple[Floats, list[Floats], Floats]:
+        """The same of columns that lie side by side in parts: information within each part, none between parts.
+
+        Parameters
+        ----------
+        white
+            Joint -> (N, V) whitened columns.
+        widths
+            Columns of each part, V in all.
+
+        Returns
+        -------
+        scores
+            (R, V).
+        grams
+            (m, m) of each part.
+        raw
+            (V,).
+        """
+        scores, cross, turned = self._beyond(white)
+        columns = list(white.values())
+        bands = [np.sum([_band(each, each, k) for each in columns], axis=0) for k in range(max(widths))]
+        left = [np.asarray(band - _band(cross, turned, k)) for k, band in enumerate(bands)]
+        starts = np.cumsum([0, *widths[:-1]])
+        return scores, [_square(left, int(start), m) for start, m in zip(starts, widths, strict=True)], bands[0]
+
+    def crossed(self, white: dict[int, Floats]) -> Floats:
+        """(P, V) products of the system's derivatives with whitened columns (N, V) by joint."""
         width = next(iter(white.values())).shape[1]
-        scores, cross = np.zeros((self.total, width)), np.zeros((self.own_scores.shape[1], width))
-        gram = np.zeros((width, width))
+        out = np.zeros((self.own_scores.shape[1], width))
         for row in self.solved.rows:
-            columns = white.get(row.field.joint)
-            if columns is None:
-                continue
-            scores[self.runs[row.field.joint]] += row.field.sums(columns * row.residual[:, None])
-            cross[row.acting] += row.slim.T @ columns
-            gram += columns.T @ columns
-        turned = self.solved.inverse @ cross
-        return scores - self.own_scores @ turned, cross, gram - cross.T @ turned, np.diagonal(gram).copy()
+            if row.field.joint in white:
+                out[row.acting] += row.slim.T @ white[row.field.joint]
+        return out
+
+    def _beyond(self, white: dict[int, Floats]) -> tuple[Floats, Floats, Floats]:
+        """(R, V) scores, (P, V) products with the system's derivatives, and (P, V) the parameters that these make."""
+        cross = self.crossed(white)
+        scores, turned = np.zeros((self.total, cross.shape[1])), self.solved.inverse @ cross
+        for row in self.solved.rows:
+            if row.field.joint in white:
+                scores[self.runs[row.field.joint]] += row.field.sums(white[row.field.joint] * row.residual[:, None])
+        return scores - self.own_scores @ turned, cross, turned
 
     def trials(
         self, variants: Sequence[Variant], white: dict[int, Floats]
@@ -159,10 +195,10 @@ class Projector:
         lost: dict[tuple[str, int | None], float] = {}
         if not variants:
             return out, lost
-        scores, _, left, raw = self.scores(white)
-        for variant in variants:
+        scores, left, raw = self.apart(white, [len(variant.columns) for variant in variants])
+        for variant, information in zip(variants, left, strict=True):
             own = np.array(variant.columns)
-            information, before = left[np.ix_(own, own)], raw[own]
+            before = raw[own]
             share = np.divide(np.diagonal(information), before, out=np.zeros(len(own)), where=before > 0)
             signs = variant.added.signs(self.solved)
             trial = trial_of(variant.added, scores[:, own], information, share=share, signs=signs)
@@ -173,6 +209,20 @@ class Projector:
                 out.append(trial)
         seen = {trial.added.key for trial in out}
         return out, {key: share for key, share in lost.items() if key not in seen}
+
+
+def _band(first: Floats, second: Floats, apart: int) -> Floats:
+    """(V - apart,) products of each column of (N, V) with the one that stands `apart` columns further in another."""
+    width = first.shape[1] - apart
+    return np.einsum("nv,nv->v", first[:, :width], second[:, apart:])
+
+
+def _square(bands: Sequence[Floats], start: int, width: int) -> Floats:
+    """(width, width) symmetric matrix whose diagonal, and lines beside it, stand in `bands` from `start` on."""
+    out = np.empty((width, width))
+    for i, j in itertools.combinations_with_replacement(range(width), 2):
+        out[i, j] = out[j, i] = bands[j - i][start + i]
+    return out
 
 
 def trial_of(added: Added, scores: Floats, information: Floats, *, share: Floats, signs: Floats) -> Trial | None:

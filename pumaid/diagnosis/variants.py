@@ -101,8 +101,7 @@ def build(solved: Solved, effects: Sequence[Effect] | None = None) -> Catalogue:
 def _columns(
     solved: Solved, effect: Effect, owner: int | None, *, row: Row, shapes: Sequence[Mapping[str, float]]
 ) -> list[Floats]:
-    found = effect.columns_each(solved.model.robot, row.field.samples, number=owner or 0, shapes=shapes)
-    return [np.nan_to_num(columns) for columns in found]
+    return effect.columns_each(solved.model.robot, row.field.samples, number=owner or 0, shapes=shapes)
 
 
 def _owners(solved: Solved, effect: Effect) -> Iterable[int | None]:
@@ -140,5 +139,10 @@ def _whole(solved: Solved, extents: dict[int, Extent]) -> Extent:
 
 
 def _stacked(parts: dict[int, list[Floats]], solved: Solved) -> dict[int, Floats]:
-    empty = {row.field.joint: np.zeros((len(row.field), 0)) for row in solved.rows}
-    return {joint: np.column_stack(some) if some else empty[joint] for joint, some in parts.items()}
+    return {row.field.joint: _together(parts[row.field.joint], len(row.field)) for row in solved.rows}
+
+
+def _together(columns: list[Floats], cells: int) -> Floats:
+    """(cells, V) all columns, nothing where one is not known."""
+    out = np.column_stack(columns) if columns else np.zeros((cells, 0))
+    return out if np.isfinite(out).all() else np.nan_to_num(out)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,10 +11,11 @@ from numpy.typing import NDArray
 from pumaid.fit.reasons import Facts
 from pumaid.fit.rows import Row
 from pumaid.fit.sheet import Sheet
+from pumaid.maths.alike import grouped
 from pumaid.maths.frames import apart
 from pumaid.maths.joint_fit import Bilinear
 from pumaid.model import SAME_POSTURE
-from pumaid.records import Combination, Samples
+from pumaid.records import Combination, Samples, Value
 
 Floats = NDArray[np.float64]
 
@@ -32,9 +33,8 @@ WORTH = 30.0
 SHARE = 1e-9
 
 
-def determined(sheet: Sheet) -> tuple[Combination, ...]:
-    """Sums of parameters that the data determine although a term of theirs is not, or is far less well."""
-    values = sheet.values()
+def determined(sheet: Sheet, values: Sequence[Value]) -> tuple[Combination, ...]:
+    """Sums of parameters that the data determine although a term of theirs, of `values`, is not or far less well."""
     errors = {value.name: math.inf if value.std_error is None else value.std_error for value in values}
     found: list[Combination] = []
     for row in sorted(sheet.fitted.rows, key=lambda row: row.joint):
@@ -110,13 +110,10 @@ def _loads(sheet: Sheet, row: Row) -> Iterable[tuple[Floats, str]]:
     if not model.robot.joint(row.joint).is_revolute:
         return
     gravity = np.array([column.effect == "gravity" for column in model.columns])
-    postures: list[Floats] = []
-    for run in row.runs:
-        held = np.nan_to_num(run.posture)
-        if all(np.any(apart(held, other) > SAME_POSTURE) for other in postures):
-            postures.append(held)
-    for number, held in enumerate(postures[:MOST_POSTURES], start=1):
-        position = np.tile(held, (2, 1))
+    every = np.nan_to_num(np.array([run.posture for run in row.runs]))
+    postures = grouped(len(every), lambda one, others: np.all(apart(every[one], every[others]) <= SAME_POSTURE, axis=1))
+    for number, group in enumerate(postures[:MOST_POSTURES], start=1):
+        position = np.tile(every[group[0]], (2, 1))
         position[:, row.joint - 1] = [0.0, math.pi / 2.0]
         samples = Samples(row.joint, position, np.zeros_like(position), np.zeros(2), np.ones(2))
         which = f" (posture {number})" if len(postures) > 1 else ""

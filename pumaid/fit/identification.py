@@ -91,8 +91,8 @@ def identified(
     of_recursion = Sheet.of_recursion(fitted, runs, first)
     sheet = of_recursion if recursive else Sheet.of(fitted, runs, final, gauge=found.gauge)
     sheet = replace(sheet, profiles=_profiles(found, sheet))
-    values, model = sheet.values(), fitted.model
-    values = (*values, *_held(found, choices, values))
+    shown, model = sheet.values(), fitted.model
+    values = (*shown, *_held(found, choices, shown))
     p = len(model.names)
     is_shape = np.array([column.shape is not None for column in model.columns], dtype=bool)
     joints = tuple(_joint_fit(fitted, runs, joint) for joint in range(1, robot.n_joints + 1))
@@ -106,7 +106,7 @@ def identified(
         scales=fitted.scales(),
         blind=sheet.blind(),
         effects=_with_shapes(found, choices),
-        combinations=determined(sheet),
+        combinations=determined(sheet, shown),
         stroke_postures=model.stroke_postures,
         recursive=of_recursion.values(),
         method="recursive" if recursive else "joint",

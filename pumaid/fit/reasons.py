@@ -9,6 +9,7 @@ import numpy as np
 
 from pumaid.chosen import Column
 from pumaid.effects import Scope
+from pumaid.maths.alike import grouped
 from pumaid.maths.frames import apart
 from pumaid.model import SAME_POSTURE, Model
 from pumaid.records import Run
@@ -46,13 +47,11 @@ class Facts:
     def of(cls, joint: int, runs: Sequence[Run]) -> Facts:
         """Of the runs in which `joint` (from 1) moves."""
         own = [run for run in runs if run.joint == joint]
-        held: list[np.ndarray] = []
-        for run in own:
-            if not any(np.all(apart(run.posture[joint:], other[joint:]) < SAME_POSTURE) for other in held):
-                held.append(run.posture)
+        held = np.array([run.posture[joint:] for run in own])
+        sets = grouped(len(own), lambda one, others: np.all(apart(held[one], held[others]) < SAME_POSTURE, axis=1))
         speeds = {sign: tuple(sorted(abs(run.speed) for run in own if run.direction == sign)) for sign in (1, -1)}
         strokes = sum(run.kind == "stroke" for run in own)
-        return cls(joint, len(own), speeds, len(held), strokes)
+        return cls(joint, len(own), speeds, len(sets), strokes)
 
     def has_one_speed(self, sign: int) -> bool:
         """Whether all runs in direction `sign` have practically one speed."""

@@ -18,13 +18,13 @@ def apart(first: ArrayLike, second: ArrayLike) -> Floats:
     return np.abs(np.remainder(gap + np.pi, 2.0 * np.pi) - np.pi)
 
 
-def link_rotation(alpha: float, theta: ArrayLike) -> Floats:
+def link_rotation(alpha: ArrayLike, theta: ArrayLike) -> Floats:
     """Rotation that turns frame i into frame i-1: Rot_x(alpha) Rot_z(theta).
 
     Parameters
     ----------
     alpha
-        Twist (rad).
+        Twist (rad); of several links so that it fits their angles.
     theta
         (...) joint angles (rad).
 
@@ -40,8 +40,11 @@ def link_rotation(alpha: float, theta: ArrayLike) -> Floats:
     angle = np.asarray(theta, dtype=float)
     c, s = np.cos(angle), np.sin(angle)
     ca, sa = np.cos(alpha), np.sin(alpha)
-    rows = [[c, -s, 0 * c], [s * ca, c * ca, 0 * c - sa], [s * sa, c * sa, 0 * c + ca]]
-    return np.stack([np.stack(row, axis=-1) for row in rows], axis=-2)
+    out = np.empty((*angle.shape, 3, 3))
+    for row, columns in enumerate(((c, -s, 0.0), (s * ca, c * ca, -sa), (s * sa, c * sa, ca))):
+        for column, values in enumerate(columns):
+            out[..., row, column] = values
+    return out
 
 
 def axes(alphas: ArrayLike, thetas: ArrayLike) -> Floats:
@@ -59,13 +62,15 @@ def axes(alphas: ArrayLike, thetas: ArrayLike) -> Floats:
     rotations
         (N, J, 3, 3); ``rotations[:, i, :, 2]`` is z of link i+1 in base axes.
     """
-    twists = np.asarray(alphas, dtype=float)
     angles = np.atleast_2d(np.asarray(thetas, dtype=float))
+    cosines, sines = np.cos(angles), np.sin(angles)
     out = np.empty((*angles.shape, 3, 3))
-    so_far = np.broadcast_to(np.eye(3), (len(angles), 3, 3))
-    for link, alpha in enumerate(twists):
-        so_far = so_far @ link_rotation(float(alpha), angles[:, link])
-        out[:, link] = so_far
+    x, y, z = np.broadcast_to(np.eye(3)[:, None], (3, len(angles), 3))
+    for link, alpha in enumerate(np.asarray(alphas, dtype=float)):
+        c, s = cosines[:, link, None], sines[:, link, None]
+        level, z = np.cos(alpha) * y + np.sin(alpha) * z, np.cos(alpha) * z - np.sin(alpha) * y
+        x, y = c * x + s * level, c * level - s * x
+        out[:, link, :, 0], out[:, link, :, 1], out[:, link, :, 2] = x, y, z
     return out
 
 

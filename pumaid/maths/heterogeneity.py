@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import stats
+from scipy import special
+
+from pumaid.maths.statistics import two_sided
 
 Floats = NDArray[np.float64]
 
@@ -47,7 +49,7 @@ def alike(values: Floats, errors: Floats, freedoms: Floats) -> float:
     doubt = float(np.sum((1.0 - weight / weight.sum()) ** 2 / np.maximum(freedoms, 1.0)))
     statistic = among / (1.0 + 2.0 * (count - 2) / (count**2 - 1) * doubt)
     below = (count**2 - 1) / (3.0 * doubt) if doubt > 0.0 else np.inf
-    return float(stats.f.sf(statistic, count - 1, min(below, 1e9)))
+    return float(special.fdtrc(count - 1, min(below, 1e9), statistic))
 
 
 def apart(values: Floats, errors: Floats, freedoms: Floats) -> tuple[Floats, Floats]:
@@ -78,7 +80,7 @@ def apart(values: Floats, errors: Floats, freedoms: Floats) -> tuple[Floats, Flo
         off[one] = values[one] - mean
         width = float(np.sqrt(errors[one] ** 2 + error**2 + spread**2))
         known = freedoms[one] if spread == 0.0 else min(freedoms[one], len(values) - 2)
-        chance[one] = 2.0 * stats.t.sf(abs(off[one]) / width, max(known, 1.0))
+        chance[one] = two_sided(off[one] / width, max(known, 1.0))
     return off, chance
 
 

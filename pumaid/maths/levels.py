@@ -132,27 +132,32 @@ class _Likelihood:
 
     def best(self) -> tuple[float, Levels]:
         """The least cost (minus twice the logarithm, but for constants), and the variances that have it."""
-        gram, along, length2, freedoms = self.grams.sum(axis=0), self.along, self.length2, self.freedoms
+        length2, gram = self.length2, self.grams.sum(axis=0)
 
-        def profile(ratio: float) -> tuple[float, float]:
-            shrunk = gram - (along * (ratio / (1.0 + ratio * length2))[:, None]).T @ along
-            info, cross, square = shrunk[:-1, :-1], shrunk[:-1, -1], shrunk[-1, -1]
-            rest = max(float(square - cross @ np.linalg.solve(info, cross)), 1e-30 * float(gram[-1, -1]) + 1e-300)
-            sample = rest / freedoms
-            cost = freedoms * np.log(sample) + np.sum(np.log1p(ratio * length2)) + np.linalg.slogdet(info)[1]
-            return float(cost), sample
+        def cost(log: float) -> float:
+            return float(self._profile(np.exp([log]), gram)[0][0])
 
         centre = -np.log(np.median(length2[length2 > 0])) if (length2 > 0).any() else 0.0
         grid = centre + np.linspace(-10.0, 14.0, 25)
-        costs = [profile(float(np.exp(point)))[0] for point in grid]
-        best = int(np.argmin(costs))
+        best = int(np.argmin(self._profile(np.exp(grid), gram)[0]))
         low, high = grid[max(best - 1, 0)], grid[min(best + 1, len(grid) - 1)]
-        found, worth = least(lambda point: profile(float(np.exp(point)))[0], (float(low), float(high)))
+        found, worth = least(cost, (float(low), float(high)))
         ratio = float(np.exp(found))
-        if profile(0.0)[0] <= worth + 1e-9:
+        if self._profile(np.zeros(1), gram)[0][0] <= worth + 1e-9:
             ratio = 0.0
-        cost, sample = profile(ratio)
-        return cost, Levels(sample, ratio * sample, freedoms)
+        (worth,), (sample,) = self._profile(np.array([ratio]), gram)
+        return float(worth), Levels(float(sample), ratio * float(sample), self.freedoms)
+
+    def _profile(self, ratios: Floats, gram: Floats) -> tuple[Floats, Floats]:
+        """(n,) cost, and variance (A2) of a sample, at each of (n,) ratios of level to sample; all runs' `gram`."""
+        stretch = ratios[:, None] * self.length2
+        pulled = (self.along * (ratios[:, None] / (1.0 + stretch))[:, :, None]).transpose(0, 2, 1)
+        shrunk = gram - pulled @ self.along
+        info, cross, square = shrunk[:, :-1, :-1], shrunk[:, :-1, -1], shrunk[:, -1, -1]
+        told = np.sum(cross * np.linalg.solve(info, cross[:, :, None])[:, :, 0], axis=1)
+        sample = np.maximum(square - told, 1e-30 * gram[-1, -1] + 1e-300) / self.freedoms
+        cost = self.freedoms * np.log(sample) + np.sum(np.log1p(stretch), axis=1) + np.linalg.slogdet(info)[1]
+        return cost, sample
 
 
 def freedoms(levels: Levels, *, ones: Floats, jacobian: Floats, inverse: Floats) -> Floats:

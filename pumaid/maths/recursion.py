@@ -12,6 +12,7 @@ the cluster of i. Source: S.-K. Lin, eq. (1)-(8), Theorem 1, Corollary 2.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 
 import numpy as np
@@ -79,24 +80,26 @@ class Gains:
         steps = self.path(other)
         if row not in steps:
             return np.nan
-        return float(np.prod([self.edge[step] for step in steps[: steps.index(row)]]))
+        return math.prod(self.edge[step] for step in steps[: steps.index(row)])
 
     def ratio(self, row: int, other: int) -> float:
         """eta_row / eta_other for any two rows of one cluster, NaN where they are in different ones."""
         if self.root(row) != self.root(other):
             return np.nan
         down, up = self.path(other), self.path(row)
-        product = [
-            float(np.prod([self.edge[k] for k in one if k not in rest])) for one, rest in ((down, up), (up, down))
-        ]
+        product = [math.prod(self.edge[k] for k in one if k not in rest) for one, rest in ((down, up), (up, down))]
         return product[0] / product[1] if product[1] else np.nan
 
     def scales(self) -> Floats:
         """(n, n) of `scale`, 0 left of the diagonal."""
-        out = np.zeros((self.n_rows, self.n_rows))
-        for row in range(self.n_rows):
-            for other in range(row, self.n_rows):
-                out[row, other] = self.scale(row, other)
+        out = np.triu(np.full((self.n_rows, self.n_rows), np.nan))
+        for other in range(self.n_rows):
+            row, product = other, 1.0
+            out[row, other] = product
+            while (up := self.parent[row]) is not None:
+                product *= self.edge[row]
+                row = up
+                out[row, other] = product
         return out
 
 

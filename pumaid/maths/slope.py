@@ -85,6 +85,7 @@ def _cubics(window: int, derivative: int) -> tuple[Floats, Floats]:
     return read / half**derivative, fit
 
 
+@lru_cache(1024)
 def _gain(window: int, length: int) -> float:
     """Mean over `length` samples of the variance of their second derivative, the samples' noise having variance one."""
     read, fit = _cubics(window, 2)

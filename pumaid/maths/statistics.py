@@ -42,27 +42,41 @@ def clustered(jacobians: Sequence[Floats], residuals: Sequence[Floats], inverse:
     """
     p = len(inverse)
     scores = np.zeros((len(jacobians), p))
-    pull = np.zeros((len(jacobians), p, p))  # a run's J' A J M: how it pulls each contrast
+    pull = np.zeros((p, len(jacobians), p))  # by contrast: how each run's J' A J M pulls it
     own = np.zeros((len(jacobians), p))
-    for number, (J, e) in enumerate(zip(jacobians, residuals, strict=True)):
-        leverage = J @ inverse @ J.T
-        eigenvalues, vectors = np.linalg.eigh(np.eye(len(J)) - leverage)
+    for alike in _by_length(jacobians):
+        J = np.array([jacobians[number] for number in alike])
+        e = np.array([residuals[number] for number in alike])
+        eigenvalues, vectors = np.linalg.eigh(np.eye(J.shape[1]) - _times(J, inverse) @ J.transpose(0, 2, 1))
         root = np.where(eigenvalues > FITTED_ALONE, 1.0 / np.sqrt(np.maximum(eigenvalues, FITTED_ALONE)), 1.0)
-        A = (vectors * root) @ vectors.T
-        scores[number] = inverse @ (J.T @ (A @ e))
-        a = A @ J @ inverse
-        own[number] = np.einsum("kp,kp->p", a, a)
-        pull[number] = J.T @ a
+        A = (vectors * root[:, None, :]) @ vectors.transpose(0, 2, 1)
+        scores[alike] = np.einsum("rkp,rk->rp", J, np.einsum("rkl,rl->rk", A, e)) @ inverse
+        a = _times(A @ J, inverse)
+        own[alike] = np.sum(a**2, axis=1)
+        pull[:, alike] = (J.transpose(0, 2, 1) @ a).transpose(2, 0, 1)
     covariance = scores.T @ scores
     freedoms = np.zeros(p)
-    for contrast in range(p):
-        u = pull[:, :, contrast]
-        crossed = np.einsum("rp,pq,rq->r", u, inverse, u)
+    for contrast, u in enumerate(pull):
+        turned = u @ inverse
+        crossed = np.sum(u * turned, axis=1)
         trace = float(np.sum(own[:, contrast] - crossed))
-        gram = u.T @ u @ inverse
+        gram = u.T @ turned
         squares = np.sum(own[:, contrast] ** 2) - 2.0 * np.sum(own[:, contrast] * crossed) + np.sum(gram * gram.T)
         freedoms[contrast] = trace**2 / squares if squares > 0 and trace > 0 else 0.0
     return Clustered(covariance, freedoms)
+
+
+def _by_length(blocks: Sequence[Floats]) -> list[list[int]]:
+    """Numbers of blocks that have equally many rows: these are worked on together."""
+    out: dict[int, list[int]] = {}
+    for number, block in enumerate(blocks):
+        out.setdefault(len(block), []).append(number)
+    return list(out.values())
+
+
+def _times(rows: Floats, square: Floats) -> Floats:
+    """(R, k, p) times (p, p) as one product."""
+    return (rows.reshape(-1, len(square)) @ square).reshape(rows.shape)
 
 
 def interval(value: float, std_error: float, freedoms: float, *, level: float = 0.95) -> tuple[float, float]:

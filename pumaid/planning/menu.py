@@ -5,6 +5,7 @@ from __future__ import annotations
 import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -32,7 +33,7 @@ class Ways:
     usable: NDArray[np.bool_]
 
 
-@dataclass(frozen=True, eq=False, slots=True)
+@dataclass(frozen=True, eq=False)
 class Menu:
     """L laps, joint by joint.
 
@@ -64,24 +65,27 @@ class Menu:
     def __len__(self) -> int:
         return len(self.joint)
 
+    @cached_property
+    def squares(self) -> tuple[Floats, ...]:
+        """Joint by joint (G, L_j, p_j p_j): the information of each lap, which is asked for again and again."""
+        found = (np.swapaxes(factors, -1, -2) @ factors for factors in self.factors)
+        return tuple(each.reshape(*each.shape[:2], each.shape[2] ** 2) for each in found)
+
     def information(self, weights: Floats) -> Floats:
         """(G, p, p) of all laps, each counted `weights` (L,) times."""
         out = np.zeros((len(self.factors[0]), len(self.names), len(self.names)))
-        for own, factors, columns in zip(self._own(weights), self.factors, self.columns, strict=True):
+        for own, squares, columns in zip(self._own(weights), self.squares, self.columns, strict=True):
             used = np.flatnonzero(own)
-            some = factors[:, used] * np.sqrt(own[used])[:, None, None]
-            flat = some.reshape(len(some), -1, len(columns))
-            out[:, columns[:, None], columns] += np.swapaxes(flat, -1, -2) @ flat
+            some = squares if len(used) == len(own) else squares[:, used]
+            out[:, columns[:, None], columns] += (own[used] @ some).reshape(-1, len(columns), len(columns))
         return out
 
     def worth(self, pull: Floats) -> Floats:
         """(L,) of each lap by the pull (G, p, p) of its information."""
         out = []
-        for factors, columns in zip(self.factors, self.columns, strict=True):
-            robots, laps, rows, width = factors.shape
-            flat = factors.reshape(robots, laps * rows, width)
-            drawn = flat @ pull[:, columns[:, None], columns]
-            out.append(np.einsum("gap,gap->a", drawn, flat).reshape(laps, rows).sum(axis=1))
+        for squares, columns in zip(self.squares, self.columns, strict=True):
+            drawn = pull[:, columns[:, None], columns].reshape(len(pull), -1, 1)
+            out.append((squares @ drawn).sum(axis=0)[:, 0])
         return np.concatenate(out)
 
     def each(self, laps: Sequence[int]) -> Floats:
@@ -90,8 +94,8 @@ class Menu:
         out = np.zeros((len(laps), len(self.factors[0]), len(self.names), len(self.names)))
         for k, lap in enumerate(laps):
             j = int(self.joint[lap]) - 1
-            one, columns = self.factors[j][:, lap - starts[j]], self.columns[j]
-            out[k][:, columns[:, None], columns] = np.swapaxes(one, -1, -2) @ one
+            one, columns = self.squares[j][:, lap - starts[j]], self.columns[j]
+            out[k][:, columns[:, None], columns] = one.reshape(-1, len(columns), len(columns))
         return out
 
     def only(self, laps: Counts) -> Menu:

@@ -14,6 +14,7 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Circle, Patch, Polygon
 from numpy.typing import NDArray
 
+from pumaid.maths.frames import frames as chain
 from pumaid.records import Box, Plan, Robot
 from pumaid.show.held import Held, held
 from pumaid.show.plots.skeleton import frames, seen
@@ -104,9 +105,21 @@ def _course(robot: Robot, position: Floats, *, hand: float) -> tuple[Floats, lis
     for k, joint in enumerate(robot.joints, start=1):
         points += [origins[k - 1] + joint.a * turned[k - 1][:, 0], origins[k]]
         places.append(len(points) - 1)
-    tool = robot.safety.tool if robot.safety else None
-    points.append(origins[-1] + turned[-1] @ np.array(tool if tool is not None else (0.0, 0.0, hand)))
+    points.append(origins[-1] + turned[-1] @ _tool(robot, hand))
     return np.array(points), places
+
+
+def _tool(robot: Robot, hand: float) -> Floats:
+    """(3,) m: where the tip is in the last link's frame; `hand` beyond it where the recipe has no tool."""
+    tool = robot.safety.tool if robot.safety else None
+    return np.array(tool if tool is not None else (0.0, 0.0, hand))
+
+
+def _tips(robot: Robot, position: Floats, *, hand: float) -> Floats:
+    """(N, 3) where the tip is at (N, J) positions."""
+    shifts, angles = robot.dh_displacements(position), robot.dh_angles(position)
+    turned, placed = chain(robot.alphas, robot.lengths, offsets=shifts, thetas=angles)
+    return np.asarray(placed[:, -1] + turned[:, -1] @ _tool(robot, hand))
 
 
 def _scene(robot: Robot, postures: list[Held]) -> _Scene:
@@ -196,7 +209,7 @@ def _swept(robot: Robot, one: Held, reach: float) -> tuple[Floats, Floats]:
     """(N, 3) course of the tip and (3,) the middle of its turn; a wider one about the axis where it hardly moves."""
     j = one.joint
     values = np.linspace(*one.span, _STEPS)
-    tips = np.array([_course(robot, _position(one, value), hand=_HAND * reach)[0][-1] for value in values])
+    tips = _tips(robot, np.array([_position(one, value) for value in values]), hand=_HAND * reach)
     origins, turned = frames(robot, _position(one, one.span[0]))
     axis = turned[j][:, 2]
     centre = origins[j] + axis * float((tips[0] - origins[j]) @ axis)

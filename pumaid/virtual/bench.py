@@ -134,7 +134,7 @@ class Bench:
         velocity[:, j], travel[:, j] = speed, np.abs(position[:, j] - motion.start)
         warm = np.tile(curve(time)[:, None], truth.robot.n_joints)
         at = Instants(time, self._first, position, velocity, np.zeros_like(position), travel, warm)
-        return np.asarray(truth.current(at, np.zeros_like(position))[:, j])
+        return truth.current(motion.joint, at)
 
     def _gravity(self, motion: Motion, own: Floats) -> Floats:
         """While one joint moves its gravity is ``C cos q + S sin q`` (turning) or constant (sliding)."""

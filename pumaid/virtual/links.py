@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from pumaid.maths.frames import axes, origins
+from pumaid.maths.frames import frames
 from pumaid.records import Robot
 
 Floats = NDArray[np.float64]
@@ -54,7 +54,8 @@ def gravity_load(robot: Robot, links: Links, position: Floats) -> Floats:
     """
     axis, arm, outer_mass = _outward(robot, links, position)
     g = np.asarray(robot.gravity, dtype=float)
-    turning = -np.einsum("nja,nja->nj", np.cross(axis, arm), np.broadcast_to(g, axis.shape))
+    # g . (z x r) = (g x z) . r, and g x z is a product with one matrix.
+    turning = -np.einsum("nja,nja->nj", axis @ np.cross(g, np.eye(3)), arm)
     sliding = -outer_mass * (axis @ g)
     return np.where(robot.is_revolute, turning, sliding)
 
@@ -91,8 +92,7 @@ def swung(robot: Robot, links: Links, position: Floats) -> Floats:
 def _placed(robot: Robot, links: Links, position: Floats) -> tuple[Floats, Floats, Floats]:
     """(N, J, 3, 3) link frames, (N, J, 3) origins and centres of mass."""
     angles, displacements = robot.dh_angles(position), robot.dh_displacements(position)
-    rotations = axes(robot.alphas, angles)
-    origin = origins(robot.alphas, robot.lengths, offsets=displacements, thetas=angles)
+    rotations, origin = frames(robot.alphas, robot.lengths, offsets=displacements, thetas=angles)
     return rotations, origin, origin + np.einsum("njab,jb->nja", rotations, links.centre)
 
 

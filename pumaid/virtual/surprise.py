@@ -110,18 +110,17 @@ class _Runs:
             clock += stretch.duration
         self._own = [_joined(own) if own else None for own in parts]
         self._basis = [None if at is None else self._base(at, j) for j, at in enumerate(self._own)]
+        self._plain = [None if at is None else truth.current(j + 1, at) for j, at in enumerate(self._own)]
 
     def left(self, hidden: Hidden) -> float:
         """RMS of what is left of the effect in the joint that shows it most, as a multiple of the joint's noise."""
         with_it = replace(self.truth, hidden=(hidden,))
         late = delays(with_it.hidden, self.truth.robot.n_joints)
         sizes = [0.0]
-        for j, (at, basis) in enumerate(zip(self._own, self._basis, strict=True)):
-            if at is None or basis is None:
+        for j, (at, basis, plain) in enumerate(zip(self._own, self._basis, self._plain, strict=True)):
+            if at is None or basis is None or plain is None:
                 continue
-            then = replace(at, position=at.position - late[j] * at.velocity)
-            rest_of = np.zeros_like(at.position)
-            change = with_it.current(then, rest_of)[:, j] - self.truth.current(at, rest_of)[:, j]
+            change = with_it.current(j + 1, replace(at, position=at.position - late[j] * at.velocity)) - plain
             rest = change - basis @ (basis.T @ change)
             sizes.append(float(np.sqrt(np.mean(rest**2)) / max(self.truth.noise.std[j], _LEAST_NOISE)))
         return max(sizes)

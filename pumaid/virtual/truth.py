@@ -148,22 +148,15 @@ class Truth:
         """The same robot with other hidden effects; values that they do not name are made to show at this robot."""
         return replace(self, hidden=sized(hidden, self))
 
-    def current(self, at: Instants, resting: Floats) -> Floats:
-        """(N, J) A of every motor: gravity, friction, inertia and what is hidden; `resting` (N, J) A while at rest."""
-        load = self.gravity_current(at.position)
-        found, turning = load.copy(), at.velocity @ shafts(self.robot).T if self.robot.coupling else at.velocity
-        for j in range(self.robot.n_joints):
-            v = turning[:, j]
-            found[:, j] += np.where(v == 0, resting[:, j], self.friction.current(j + 1, v))
-        found += self.inertia * at.acceleration
-        for j in range(self.robot.n_joints) if self.hidden else ():
-            found[:, j] = self._with_hidden(at, load, joint=j + 1, current=found[:, j])
-        return found
-
-    def _with_hidden(self, at: Instants, load: Floats, *, joint: int, current: Floats) -> Floats:
+    def current(self, joint: int, at: Instants) -> Floats:
+        """(N,) A of the motor of `joint` (from 1): gravity, friction, inertia and what is hidden; no stiction."""
+        j, load = joint - 1, self.gravity_current(at.position)
+        turning = at.velocity @ shafts(self.robot).T if self.robot.coupling else at.velocity
+        found = load[:, j] + self.friction.current(joint, turning[:, j]) + self.inertia[j] * at.acceleration[:, j]
+        if not self.hidden:
+            return np.asarray(found)
         sides = np.where(self.friction.coulomb_plus < 0, -1.0, 1.0)
-        state = State(joint, at, load, self.weight, self.friction.current, sides)
-        return total(self.hidden, state, current)
+        return total(self.hidden, State(joint, at, load, self.weight, self.friction.current, sides), found)
 
     @property
     def constants(self) -> Constants:

@@ -13,6 +13,7 @@ from searches import Din, Lab, lever, pendulum
 from pumaid.diagnosis.familywise import Family, family
 from pumaid.diagnosis.scan import Scan, scan, surprise
 from pumaid.diagnosis.settling import settling
+from pumaid.diagnosis.system import Added
 from pumaid.diagnosis.variants import build
 
 NOISES = {"normal": Din(), "heavy": Din(is_heavy=True), "levels": Din(correlation=0.8, level=0.02)}
@@ -26,21 +27,29 @@ def seen(found: Scan, chances: Family) -> float:
     return min(chances.p_value(k, float(surprise(v.statistic / found.solved.scale, v.width))) for k, v in best)
 
 
+@cache
+def settled(lab: Lab) -> tuple[Added, ...]:
+    """What every experiment of a lab has beside its base model, whatever its noise."""
+    return settling(lab.fields())
+
+
 def clean(lab: Lab, kind: str, seed: int) -> Scan:
     """Every effect tried where nothing is missing."""
-    solved = lab.solved(lab.noisy(seed, NOISES[kind]), settling(lab.fields()))
+    solved = lab.solved(lab.noisy(seed, NOISES[kind]), settled(lab))
     return scan(solved, build(solved))
 
 
 @cache
+def judged(name: str, kind: str, seed: int) -> tuple[float, list[float]]:
+    """Chance of the best of the catalogue in one clean experiment, and of each effect that is looked at alone."""
+    found = clean({"lever": lever, "pendulum": pendulum}[name](), kind, seed)
+    ones = [replace(found, trials=tuple(t for t in found.trials if t.added.key == key)) for key in ALONE]
+    return seen(found, family(found)), [seen(one, family(one, flips=299)) for one in ones]
+
+
 def chances(name: str, kind: str, draws: int) -> tuple[np.ndarray, np.ndarray]:
     """(B,) chances of the best of the catalogue, and (B, 4) of effects that are looked at alone, in clean data."""
-    lab, whole, alone = {"lever": lever, "pendulum": pendulum}[name](), [], []
-    for seed in range(draws):
-        found = clean(lab, kind, seed)
-        whole.append(seen(found, family(found)))
-        ones = [replace(found, trials=tuple(t for t in found.trials if t.added.key == key)) for key in ALONE]
-        alone.append([seen(one, family(one, flips=299)) for one in ones])
+    whole, alone = zip(*(judged(name, kind, seed) for seed in range(draws)), strict=True)
     return np.array(whole), np.array(alone)
 
 

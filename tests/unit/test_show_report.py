@@ -13,6 +13,7 @@ import pytest
 import stories
 
 from pumaid.show.export import export, parameters_as, parameters_frame
+from pumaid.show.plots import drawings
 from pumaid.show.report import all_sections, page
 
 
@@ -51,9 +52,15 @@ def told():
 
 
 @pytest.fixture(scope="module")
-def html():
+def drawn():
+    """The figures of that story, for pages whose words are looked at."""
+    return {drawing.name: drawing.inline() for drawing in drawings(told())}
+
+
+@pytest.fixture(scope="module")
+def html(drawn):
     """The small arm's page."""
-    return page(told())
+    return page(told(), drawn=drawn)
 
 
 def test_sections_stand_in_the_order_of_the_story():
@@ -129,13 +136,13 @@ def test_degrees_change_value_error_and_interval():
         assert degrees[column] == pytest.approx(radians[column] * 3.141592653589793 / 180, rel=1e-12)
 
 
-def test_one_way_is_not_explained_as_two():
+def test_one_way_is_not_explained_as_two(html, drawn):
     """Half sums and half differences are spoken of only where a joint was moved both ways."""
     told = stories.story()
     runs = tuple(score for score in told.comparison.runs if score.run.direction > 0)
-    ahead = replace(told, comparison=replace(told.comparison, runs=runs))
-    assert "half the difference is friction" in page(told) and "No joint was moved both ways" not in page(told)
-    assert "half the difference is friction" not in page(ahead) and "No joint was moved both ways" in page(ahead)
+    ahead = page(replace(told, comparison=replace(told.comparison, runs=runs)), drawn=drawn)
+    assert "half the difference is friction" in html and "No joint was moved both ways" not in html
+    assert "half the difference is friction" not in ahead and "No joint was moved both ways" in ahead
 
 
 def test_a_diagnosis_is_told_with_evidence_figure_and_command(html):
@@ -147,23 +154,23 @@ def test_a_diagnosis_is_told_with_evidence_figure_and_command(html):
     assert "What these data would have shown" in part and "What was tried" in part
 
 
-def test_without_a_diagnosis_there_is_no_such_section():
+def test_without_a_diagnosis_there_is_no_such_section(drawn):
     """A page of an experiment that was not diagnosed claims nothing about what is missing."""
-    assert 'id="missing"' not in page(stories.story())
+    assert 'id="missing"' not in page(stories.story(), drawn=drawn)
 
 
-def test_a_stale_diagnosis_says_so():
+def test_a_stale_diagnosis_says_so(drawn):
     """A diagnosis of another model or other logs is told with a warning before anything else."""
     old = replace(told(), stale=("The diagnosis is of another model.",))
-    part = page(old).partition('<section id="missing">')[2]
+    part = page(old, drawn=drawn).partition('<section id="missing">')[2]
     assert part.index("The diagnosis is of another model.") < part.index("stribeck")
 
 
-def test_nothing_missing_is_told_with_its_limits():
+def test_nothing_missing_is_told_with_its_limits(drawn):
     """On a clean arm the section says what these data can show, and what they would have shown."""
     quiet = (replace(diagnoses.quiet(1), limits=diagnoses.limits(1)), diagnoses.quiet(2))
     clean = replace(diagnoses.clean(), joints=quiet)
-    part = page(replace(told(), diagnosis=clean)).partition('<section id="missing">')[2]
+    part = page(replace(told(), diagnosis=clean), drawn=drawn).partition('<section id="missing">')[2]
     assert (
         "Nothing is missing that these data can show." in part and "larger than 0.030 A would have been found" in part
     )

@@ -128,10 +128,15 @@ def test_stretches_join():
         assert np.max(np.abs(after.current[0] - before.current[-1])) < 0.01
 
 
+@pytest.fixture(scope="module")
+def whole() -> dict[str, np.ndarray]:
+    """A longer session, all of its stretches marched at once."""
+    return session(draw(table1.robot(), 3), plan=LONGER)
+
+
 @pytest.mark.parametrize("size", [1, 7])
-def test_it_does_not_matter_what_marches_together(monkeypatch, size):
+def test_it_does_not_matter_what_marches_together(whole, monkeypatch, size):
     """Stretches marched one by one or in sevens leave the same bytes as all at once."""
-    whole = session(draw(table1.robot(), 3), plan=LONGER)
     monkeypatch.setattr("pumaid.virtual.seams.MOST_STRETCHES", size)
     parts = session(draw(table1.robot(), 3), plan=LONGER)
     assert all(np.array_equal(parts[name], whole[name]) for name in whole)

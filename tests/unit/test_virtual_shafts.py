@@ -51,7 +51,7 @@ def test_joint_4_turns_the_motors_behind_it():
     velocity[:, 3] = 0.8
     still = np.zeros((2, 6))
     at = Instants(np.zeros(2), np.zeros(6), still, velocity, still, still, still)
-    found = truth.current(at, np.zeros((2, 6))) - truth.gravity_current(still)
+    found = np.column_stack([truth.current(joint, at) for joint in range(1, 7)]) - truth.gravity_current(still)
     for joint, ratio in ((5, 0.0139 * 76.0 / 71.9), (6, (0.013 + 0.18 * 0.0139) * 76.0 / 76.7)):
         np.testing.assert_allclose(found[:, joint - 1], truth.friction.current(joint, np.full(2, 0.8 * ratio)))
     np.testing.assert_allclose(found[:, :3], 0.0, atol=1e-12)
