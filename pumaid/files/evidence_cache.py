@@ -1,8 +1,8 @@
 """What the pass over the logs left, kept from one command to the next; safe to delete at any time.
 
 A file is found by the content of the logs, the parts of the recipe and the options by which it was made, and the
-versions of pumaid and numpy. So what was kept is never trusted for other logs, and nothing has to be thrown away by
-hand. What cannot be read or written is passed over: a cache is a help, not a need.
+program's own text and numpy's version. So what was kept is never trusted for other logs, and nothing has to be thrown
+away by hand. What cannot be read or written is passed over: a cache is a help, not a need.
 """
 
 from __future__ import annotations
@@ -18,6 +18,7 @@ import time
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
+from functools import cache
 from pathlib import Path
 from typing import Any, cast
 
@@ -28,8 +29,8 @@ from pumaid.files.evidence_npz import is_evidence, read_evidence, write_evidence
 from pumaid.files.table import LogPath
 from pumaid.records import Evidence, Robot
 
-#: Raised when what is stored, or what it is made by, changes its meaning.
-LAYOUT = 1
+#: Rooms of the program on which the pass depends.
+_ROOMS = ("cluster", "files", "maths", "motion", "records", "verbs")
 #: Bytes that all kept files together may have; the ones not used for longest go first.
 MOST_BYTES = 2 << 30
 #: s after which a file that was never finished was left by a command that was killed.
@@ -55,6 +56,16 @@ def cache_size(folder: Path) -> int:
     return sum(size for _, size, _ in _kept(folder))
 
 
+@cache
+def _program(version: str) -> str:
+    """Digest of the program that makes the pass; its version, which stays while it is worked on, is not enough."""
+    whole = hashlib.sha256(version.encode())
+    for room in _ROOMS:
+        for path in sorted((Path(__file__).parents[1] / room).glob("*.py")):
+            whole.update(path.read_bytes())
+    return whole.hexdigest()
+
+
 class EvidenceCache:
     """The kept evidence of one set of logs, recipe and options.
 
@@ -74,7 +85,7 @@ class EvidenceCache:
         self._paths = tuple(paths)
         self._folder = folder or cache_folder() / "evidence"
         self._before = _states(self._paths)
-        made_by = [LAYOUT, __version__, np.__version__, robot.name, repr(robot.joints), repr(robot.log), options]
+        made_by = [_program(__version__), np.__version__, robot.name, repr(robot.joints), repr(robot.log), options]
         self._made_by = json.dumps([made_by, [str(path) for path in self._paths]])
 
     def get(self) -> Evidence | None:
