@@ -1,7 +1,8 @@
 """One experiment on one virtual arm, written as pumaid, figaroh, aurt and mujoco.sysid each read it.
 
-The arm has the PUMA 560's geometry and drawn masses, rigid-body physics, and friction that is the same in both
-directions, so that the model of each tool can describe it. Peers work in N m: they are told the motors' gains.
+The arm has the PUMA 560's geometry (or that of its first three joints), drawn masses, rigid-body physics, and friction
+that is the same in both directions, so that the model of each tool can describe it. Peers work in N m: they are told
+the motors' gains.
 """
 
 from __future__ import annotations
@@ -28,6 +29,8 @@ from pumaid.virtual.truth import Friction, Truth
 Floats = NDArray[np.float64]
 
 RECIPE = shipped_recipes()["puma560"]
+#: What the recipe's lines of the wrist's joints begin with.
+WRIST = "  - {name: wrist"
 #: Hz, as a UR controller of the CB series logs; s of robot time that a lap over all joints takes, about.
 RATE, LAP = 125.0, 150.0
 SEED = 3
@@ -75,9 +78,15 @@ class Rows:
         return Rows(self.time[:count], self.position[:count], self.velocity[:count], self.torque[:count])
 
 
-def arm() -> Truth:
-    """The virtual arm: drawn, then its friction made the same in both directions."""
-    drawn = draw(read_recipe(RECIPE), SEED)
+def recipe(joints: int) -> str:
+    """The shipped recipe of the PUMA 560, or what is left of it without its wrist: six joints or three."""
+    lines = RECIPE.read_text(encoding="utf-8").splitlines(keepends=True)
+    return "".join(text for text in lines if joints > 3 or not text.startswith(WRIST))
+
+
+def arm(recipe: Path) -> Truth:
+    """The virtual arm of a recipe: drawn, then its friction made the same in both directions."""
+    drawn = draw(read_recipe(recipe), SEED)
     told = drawn.friction
     dry = 0.5 * (told.coulomb_plus - told.coulomb_minus)
     viscous = 0.5 * (told.viscous_plus + told.viscous_minus)
@@ -227,7 +236,8 @@ def mujoco_model(truth: Truth) -> str:
     motors = "".join(f'<motor name="{name}" joint="{name}"/>' for name in names)
     sensors = "".join(f'<jointpos name="{name}_position" joint="{name}"/>' for name in names)
     parts = f"<actuator>{motors}</actuator>\n<sensor>{sensors}</sensor>\n</mujoco>"
-    return mjcf(guess, step=1.0 / RATE).replace("</mujoco>", parts)
+    own = ' iterations="50" tolerance="1e-12"'  # of pumaid's physics; the engine's defaults are quicker
+    return mjcf(guess, step=1.0 / RATE).replace(own, "").replace("</mujoco>", parts)
 
 
 def figaroh_configuration(robot: Robot) -> str:
@@ -237,8 +247,9 @@ def figaroh_configuration(robot: Robot) -> str:
     return FIGAROH.format(names=names, ones=", ".join(["1"] * n), zeros=", ".join(["0"] * n), rate=RATE)
 
 
-def figaroh_model(truth: Truth, model: Path) -> str:
+def figaroh_model(recipe: Path, model: Path) -> str:
     """URDF of the arm: what `pumaid export` makes of an identified model; figaroh takes the geometry from it."""
+    truth = arm(recipe)
     assert truth.gain is not None
     constants = {number: float(1.0 / gain) for number, gain in enumerate(truth.gain, start=1)}
     exported = export(read_model(model), truth.robot, form="urdf", torque_constants=constants)

@@ -12,6 +12,7 @@ from aurt.caching import PersistentPickleCache  # noqa: E402
 
 if __name__ == "__main__":  # aurt starts processes of its own
     watch.loaded()
+    watch.folder = watch.folder.resolve()
     os.chdir(watch.folder)
     cache = PersistentPickleCache("cache")
     api.compile_rbd("arm.csv", "rigid_body_dynamics", False, cache)

@@ -13,14 +13,13 @@ from aurt import api  # noqa: E402
 
 watch.loaded()
 folder = watch.folder.resolve()
-os.chdir(folder.parent / "aurt")  # its cache is looked for in the folder in which the model was made
+watch.folder = folder
+os.chdir(folder / "aurt")  # its cache is looked for in the folder in which the model was made
 down = [0.0, 0.0, -GRAVITY]
 log, values, model = (str(folder / name) for name in ("aurt.csv", "aurt_parameters.csv", "aurt_model"))
 api.calibrate("robot_dynamics", log, down, values, model, False)
-os.chdir(folder.parent.parent)
 watch.done("aurt", "sympy", "numpy")
 
-os.chdir(folder.parent / "aurt")
 with open(model, "rb") as stream:  # noqa: PTH123
     calibrated = pickle.load(stream)
 
@@ -36,5 +35,4 @@ def torque(position, velocity):
 
 asked = watch.questions()
 answers = torque(asked["position"], 0.0 * asked["velocity"]), torque(asked["position"], asked["velocity"])
-watch.folder = folder
 watch.answer(*answers)

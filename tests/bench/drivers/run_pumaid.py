@@ -19,16 +19,16 @@ from pumaid.cli import group  # noqa: E402
 
 watch.loaded()
 model = watch.folder / "model.json"
-words = [str(watch.folder / "pumaid"), "--recipe", "puma560", "--no-cache", "-o", str(model)]
+words = [str(watch.folder / "pumaid"), "--recipe", str(watch.folder / "recipe.yaml"), "--no-cache", "-o", str(model)]
 group.main(["identify", *words], standalone_mode=False)
 watch.done("pumaid", "numpy", "pyarrow")
 modules.write_text(json.dumps([name for name in sys.modules if name != "__main__"]), encoding="utf-8")
 
 from pumaid import read_model  # noqa: E402
 from pumaid.exports.formulas import Formulas  # noqa: E402
-from pumaid.files.recipe import read_recipe, shipped_recipes  # noqa: E402
+from pumaid.files.recipe import read_recipe  # noqa: E402
 
 asked = watch.questions()
-told = Formulas.of(read_model(model), read_recipe(shipped_recipes()["puma560"]))
+told = Formulas.of(read_model(model), read_recipe(watch.folder / "recipe.yaml"))
 gravity, whole = told.weight(asked["position"]), told.predicted(asked["position"], asked["velocity"])
 watch.answer(gravity / asked["gain"], whole / asked["gain"])
