@@ -4,7 +4,8 @@ python tests/bench/peers.py [--rows 20000 100000 500000] [--limit 1200] [--once-
 
 Each peer is installed from its package into an environment of its own (with --environments they are kept, and so are
 logs and aurt's compiled model). Processes run one after another. `seconds` leaves out the start of Python and the
-loading of modules, which `start-up` has. A tool that does not finish a log in time is not given the longer ones.
+loading of modules, which `start-up` has; `processor` counts all threads and processes. A tool that does not finish a
+log in time is not given the longer ones.
 """
 
 from __future__ import annotations
@@ -60,8 +61,8 @@ ALONE, TOGETHER = "one joint at a time", "all joints at once"
 #: in which all joints move shows that they are used as they are meant to be. No engine is at a loss there.
 PEERS = (
     Peer("figaroh", "figaroh", "run_figaroh.py", (ALONE, TOGETHER)),
-    Peer("aurt", "aurt", "run_aurt.py", (ALONE, TOGETHER), once="compile_aurt.py", joints=(6, 3)),
     Peer("mujoco.sysid", "mujoco[sysid]", "run_mujoco.py", (ALONE,)),
+    Peer("aurt", "aurt", "run_aurt.py", (ALONE, TOGETHER), once="compile_aurt.py", joints=(6, 3)),
 )
 
 
@@ -220,10 +221,12 @@ def line(tool: str, told: dict[str, Any], case: Case | None = None) -> dict[str,
         "rows": case.rows if case else "",
         "outcome": told["outcome"],
         "seconds": f"{told['work']:.2f}" if done else "",
+        "processor": f"{told['processor']:.2f}" if done else "",
         "start-up": f"{told['import']:.2f}" if done else "",
         "whole process": f"{told['whole']:.2f}" if done else "",
         "peak MiB": told.get("peak MiB", ""),
         "times pumaid": told.get("ratio", ""),
+        "its processor": told.get("its ratio", ""),
         **{name: f"{off[name]:.4f}" if name in off else "" for name in ("gravity off", "friction off")},
         "load": f"{os.getloadavg()[0]:.1f}",
     }
@@ -231,14 +234,14 @@ def line(tool: str, told: dict[str, Any], case: Case | None = None) -> dict[str,
 
 def lines(work: Path, sizes: list[int], bounds: Bounds) -> Iterator[dict[str, object]]:
     """Every tool on every log, one after another."""
-    everything, seconds = cases(work, sizes), {}
+    everything = cases(work, sizes)
+    own: dict[Case, dict[str, Any]] = {}
     for joints in (6, 3):
         some = [case for case in everything if case.joints == joints]
         prepare(some)
         for case, told in of_pumaid(some, bounds):
-            seconds[case] = told["work"]
+            own[case] = told
             yield line("pumaid", told, case)
-    able: dict[Peer, tuple[Path, int]] = {}
     for peer in PEERS:
         try:
             python = environment(work / peer.name, peer.package)
@@ -250,11 +253,9 @@ def lines(work: Path, sizes: list[int], bounds: Bounds) -> Iterator[dict[str, ob
             if told:
                 yield line(f"{peer.name}, once for an arm", told | {"joints": joints})
             if not told or told["outcome"] == "done":
-                able[peer] = python, joints
+                some = [case for case in everything if case.joints == joints and case.kind in peer.kinds]
+                yield from of_peer(peer, python, some, own=own, bounds=bounds)
                 break
-    for rows in sizes:
-        cases_now = [case for case in everything if case.rows == rows]
-        yield from of_peers(able, cases_now, seconds=seconds, bounds=bounds)
 
 
 def once(peer: Peer, python: Path, place: Path, bounds: Bounds) -> dict[str, Any]:
@@ -268,21 +269,28 @@ def once(peer: Peer, python: Path, place: Path, bounds: Bounds) -> dict[str, Any
     return told
 
 
-def of_peers(
-    able: dict[Peer, tuple[Path, int]], some: list[Case], *, seconds: dict[Case, float], bounds: Bounds
+def of_peer(
+    peer: Peer, python: Path, some: list[Case], *, own: dict[Case, dict[str, Any]], bounds: Bounds
 ) -> Iterator[dict[str, object]]:
-    """Every peer on the logs of one length; one that does not finish is given no longer ones."""
-    for peer, (python, joints) in list(able.items()):
-        for case in some:
-            if case.joints != joints or case.kind not in peer.kinds:
-                continue
-            told = run(python, peer.driver, case.place, bounds=bounds)
-            if told["outcome"] != "done":
-                able.pop(peer, None)
-            if case in seconds and not told["outcome"].startswith("failed"):
-                ratio = told.get("work", bounds.seconds) / seconds[case]
-                told["ratio"] = f"{ratio:.0f}" if "work" in told else f"over {ratio:.0f}"
-            yield line(peer.name, told, case)
+    """A peer on all logs of an arm; one that does not finish a log is given no longer ones."""
+    most = max(case.rows for case in some)
+    for case in some:
+        if case.rows > most:
+            yield line(peer.name, {"outcome": "not tried: a shorter log took too long"}, case)
+            continue
+        told = run(python, peer.driver, case.place, bounds=bounds)
+        if told["outcome"] != "done":
+            most = case.rows
+        if case in own and not told["outcome"].startswith("failed"):
+            told |= ratios(told, own[case], bounds)
+        yield line(peer.name, told, case)
+
+
+def ratios(told: dict[str, Any], own: dict[str, Any], bounds: Bounds) -> dict[str, str]:
+    """How often pumaid could have done it in the time that a peer took, or was given."""
+    if "work" not in told:
+        return {"ratio": f"over {bounds.seconds / own['work']:.0f}"}
+    return {"ratio": f"{told['work'] / own['work']:.0f}", "its ratio": f"{told['processor'] / own['processor']:.0f}"}
 
 
 def main() -> None:

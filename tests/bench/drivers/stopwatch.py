@@ -6,6 +6,7 @@ A driver runs in the environment of its tool: this module needs numpy alone. A f
 from __future__ import annotations
 
 import json
+import os
 import sys
 import time
 from collections.abc import Mapping
@@ -29,6 +30,7 @@ class Stopwatch:
     def loaded(self) -> None:
         """The tool is imported: its work begins."""
         self._marks["loaded"] = time.perf_counter()
+        self._marks["spent"] = processor()
 
     def done(self, *packages: str, **more: object) -> None:
         """The work is done: tell what it took, and the versions of `packages`, before answers are asked for."""
@@ -37,6 +39,7 @@ class Stopwatch:
         told: dict[str, Any] = {
             "import": marks["loaded"] - marks["begun"],
             "work": now - marks["loaded"],
+            "processor": processor() - marks["spent"],
             "peak MiB": int(status.split("VmHWM:")[1].split()[0]) // 1024,
             "versions": {name: version(name) for name in packages},
             **more,
@@ -50,3 +53,9 @@ class Stopwatch:
     def answer(self, gravity: np.ndarray, whole: np.ndarray) -> None:
         """Keep (N, J) N m at rest without friction, and (N, J) with that of the moving joint."""
         np.savez(self.folder / "answers.npz", gravity=gravity, whole=whole)
+
+
+def processor() -> float:
+    """Seconds of processor time of this process, of all its threads and of processes that it has waited for."""
+    times = os.times()
+    return times.user + times.system + times.children_user + times.children_system
