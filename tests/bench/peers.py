@@ -115,7 +115,7 @@ def run(python: Path, driver: str, folder: Path, *, bounds: Bounds) -> dict[str,
             [python, DRIVERS / driver, folder],
             stdout=said,
             stderr=subprocess.STDOUT,
-            env=surroundings | {"MPLBACKEND": "agg"},
+            env=surroundings | {"MPLBACKEND": "agg", "PYTHONDONTWRITEBYTECODE": ""},
             start_new_session=True,
             preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_AS, (limit, limit)),
         )
