@@ -2,7 +2,7 @@
 PYTHON ?= .venv/bin/python
 SOURCES := pumaid tests tools
 
-.PHONY: help check fix test fast bench docs samples ci
+.PHONY: help check fix test fast bench peers docs samples ci
 
 help: ## this list
 	@awk -F ':.*## ' '/^[a-z]+:.*## / {printf "  make %-8s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
@@ -26,6 +26,9 @@ fast: ## tests without slow and browser ones
 
 bench: ## time identifications beside merely reading their logs, to 50 million rows; appended to bench/log.csv
 	$(PYTHON) tests/bench/pass_speed.py
+
+peers: ## time identifications beside figaroh, aurt and mujoco.sysid, which it installs; appended to bench/peers.csv
+	$(PYTHON) tests/bench/peers.py
 
 docs: ## write docs/commands.md, docs/effects.md and the sessions in README.md
 	$(PYTHON) tools/make_docs.py

@@ -1,0 +1,96 @@
+"""The logs and models that the peers are given say of the arm what pumaid's own say."""
+
+from __future__ import annotations
+
+import csv
+from pathlib import Path
+
+import numpy as np
+import peer_logs
+import peers
+import pytest
+
+from pumaid.files.recipe import read_recipe
+from pumaid.virtual.truth import Truth
+
+
+@pytest.fixture(scope="module")
+def recipe(tmp_path_factory) -> Path:
+    """The recipe of the arm without its wrist."""
+    path = tmp_path_factory.mktemp("arm") / "recipe.yaml"
+    path.write_text(peer_logs.recipe(3), encoding="utf-8")
+    return path
+
+
+@pytest.fixture(scope="module")
+def truth(recipe) -> Truth:
+    """The virtual arm without its wrist."""
+    return peer_logs.arm(recipe)
+
+
+@pytest.fixture(scope="module")
+def rows(truth) -> peer_logs.Rows:
+    """A short log in which all joints move."""
+    return peer_logs.moving_all(truth, 200)
+
+
+def test_three_joints_are_the_first_of_six(recipe):
+    """Without its wrist the arm is the shipped one's first three joints."""
+    assert read_recipe(recipe).joints == read_recipe(peer_logs.RECIPE).joints[:3]
+
+
+def test_aurt_is_told_the_recipe_s_geometry(truth):
+    """aurt's table, its alpha and a shifted back by one joint, is the recipe's (right angles to 1e-12)."""
+    told = list(csv.DictReader(peer_logs.mdh_table(truth.robot).splitlines()))
+    angles = {"0": 0.0, "pi/2": np.pi / 2, "-pi/2": -np.pi / 2}
+    assert [float(row["d"]) for row in told] == [joint.d for joint in truth.robot.joints]
+    assert [float(row["a"]) for row in told[:-1]] == [joint.a for joint in truth.robot.joints[1:]]
+    turned = [angles[row["alpha"]] for row in told[:-1]]
+    assert turned == pytest.approx([joint.alpha for joint in truth.robot.joints[1:]], abs=1e-12)
+
+
+def test_torques_of_a_log_are_those_of_its_motion(truth, rows):
+    """At its slowest instants a log's torques are gravity and friction, but for noise and what turns faster."""
+    wanted = truth.gravity_current(rows.position) / truth.gain + peer_logs._friction(truth, rows.velocity)
+    share = np.sqrt(np.mean((rows.torque - wanted) ** 2) / np.mean(wanted**2))
+    assert share < 0.2  # inertia of a gentle motion is a tenth of an arm's weight
+
+
+def test_three_formats_hold_one_log(tmp_path, rows):
+    """What figaroh, aurt and mujoco.sysid read are the same positions and torques (nine digits in text)."""
+    peer_logs.write_figaroh(tmp_path, rows)
+    peer_logs.write_aurt(tmp_path, rows)
+    peer_logs.write_mujoco(tmp_path, rows)
+    figaroh = np.genfromtxt(tmp_path / "figaroh.csv", delimiter=",", names=True)
+    aurt = np.genfromtxt(tmp_path / "aurt.csv", delimiter=" ", names=True)
+    mujoco = np.load(tmp_path / "mujoco.npz")
+    for j in range(3):
+        assert figaroh[f"q{j}"] == pytest.approx(rows.position[:, j], rel=1e-8, abs=1e-12)
+        assert aurt[f"actual_current_{j}"] == pytest.approx(figaroh[f"tau{j + 1}"], rel=1e-8, abs=1e-12)
+        assert mujoco["control"][:, j] == pytest.approx(figaroh[f"tau{j + 1}"], rel=1e-8, abs=1e-12)
+
+
+def test_a_right_answer_is_not_off(tmp_path, truth):
+    """The score of the truth itself is zero, and that of no answer at all is one."""
+    asked = peer_logs.questions(truth)
+    np.savez(tmp_path / "questions.npz", **asked)
+    for factor in (1.0, 0.0):
+        np.savez(tmp_path / "answers.npz", gravity=factor * asked["gravity"], whole=factor * asked["whole"])
+        off = peers.errors(tmp_path)
+        assert off == {"gravity off": pytest.approx(1.0 - factor), "friction off": pytest.approx(1.0 - factor)}
+
+
+def test_figaroh_is_asked_for_every_joint(truth):
+    """The configuration names the recipe's joints as the URDF does."""
+    text = peer_logs.figaroh_configuration(truth.robot)
+    assert "active_joints: [waist, shoulder, elbow]" in text
+
+
+def test_mujoco_s_model_has_motors_and_sensors(truth):
+    """The model that mujoco.sysid begins with is driven and read joint by joint, in the order of the log."""
+    mujoco = pytest.importorskip("mujoco")
+    model = mujoco.MjModel.from_xml_string(peer_logs.mujoco_model(truth))
+    names = [f"joint{j}" for j in (1, 2, 3)]
+    assert [model.actuator(k).name for k in range(model.nu)] == names
+    assert model.opt.tolerance == mujoco.MjOption().tolerance
+    assert [model.sensor(k).name for k in range(model.nsensor)] == [f"{name}_position" for name in names]
