@@ -67,9 +67,8 @@ def main() -> None:
     with tempfile.TemporaryDirectory() as scratch:
         paths, rows = written(robot, Path(scratch), options.files, options.rate)
         hours = rows / options.rate / 3600.0
-        print(
-            f"{len(paths)} files, {rows:,} rows, {hours:.1f} robot-hours at {options.rate:g} Hz, {os.cpu_count()} cores\n"
-        )
+        amount = f"{rows:,} rows, {hours:.1f} robot-hours at {options.rate:g} Hz"
+        print(f"{len(paths)} files, {amount}, {os.cpu_count()} cores\n")
         print("| how | s | rows a second | robot-hours a core-hour | against one worker |\n|---|---|---|---|---|")
         alone, wanted = timed(lambda: segment(LogReader(paths, robot), robot))
         _told("one process", alone, rows, hours, 1, None)
