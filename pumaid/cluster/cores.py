@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import os
 import signal
 import sys
@@ -126,7 +127,10 @@ class Mate:
         with catch_warnings():
             # Python warns of threads that a forked process lacks; those of Arrow and OpenBLAS expect it.
             simplefilter("ignore", DeprecationWarning)
+            # What is loaded is no garbage; looking for it there would copy all its pages into the other process.
+            gc.freeze()
             self._process.start()
+            gc.unfreeze()
         there.close()
 
     def __enter__(self) -> Mate:
@@ -166,12 +170,12 @@ def _serve(there: Connection, here: Connection, reading: Reading) -> None:
     here.close()
     with suppress(OSError, EOFError):
         while True:
-            there.send(_tried(reading, there.recv(), ahead=False))
+            there.send(_tried(reading, there.recv()))
 
 
-def _tried(reading: Reading, piece: LogPath, *, ahead: bool) -> Found:
+def _tried(reading: Reading, piece: LogPath) -> Found:
     try:
-        return reading.piece(piece, ahead=ahead)
+        return reading.piece(piece)
     except PumaidError as error:
         return error  # raised where its piece would have come
 
@@ -243,7 +247,7 @@ def _awaited(desk: _Desk, number: int, reading: Reading) -> Found:
                 return desk.found.pop(number)
         own = desk.next(waits=False)
         if own is not None:
-            desk.put(own, _tried(reading, desk.pieces[own], ahead=True))
+            desk.put(own, _tried(reading, desk.pieces[own]))
             continue
         with desk.changed:
             while number not in desk.found and not desk.back:

@@ -10,7 +10,6 @@ from typing import Any
 
 import numpy as np
 
-from pumaid.files.ahead import Ahead
 from pumaid.files.evidence_npz import read_evidence, write_evidence
 from pumaid.files.table import LogReader
 from pumaid.motion.options import SegmentOptions
@@ -59,7 +58,7 @@ def _arrived(stored: bytes, *more: Any) -> Part:
     return Part(evidence, *more)
 
 
-def read_part(reader: LogReader, robot: Robot, options: SegmentOptions, *, ahead: bool = False) -> Part:
+def read_part(reader: LogReader, robot: Robot, options: SegmentOptions) -> Part:
     """Read and segment some logs.
 
     Parameters
@@ -70,8 +69,6 @@ def read_part(reader: LogReader, robot: Robot, options: SegmentOptions, *, ahead
         The arm that the recipe says these are logs of.
     options
         Thresholds of the segmentation.
-    ahead
-        Whether a second thread reads.
 
     Raises
     ------
@@ -80,7 +77,7 @@ def read_part(reader: LogReader, robot: Robot, options: SegmentOptions, *, ahead
     """
     logs = _Summed(reader, robot)
     segmenter = Segmenter(robot, options, is_part=True)
-    segmenter.take(Ahead(logs) if ahead else logs)
+    segmenter.take(logs)
     runs, rejects = segmenter.close()
     evidence = Evidence(runs, rejects, reader.files, reader.raw_notes, reader.extra)
     return Part(evidence, logs.sums, segmenter.clock, segmenter.head, segmenter.tail, segmenter.is_open)

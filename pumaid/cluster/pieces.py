@@ -39,15 +39,13 @@ class Reading:
     options: SegmentOptions
     extra: tuple[str, ...] = ()
 
-    def piece(self, path: LogPath, *, ahead: bool = False) -> Part | None:
+    def piece(self, path: LogPath) -> Part | None:
         """Read a file or a part of one; None for a part that means nothing without what comes before.
 
         Parameters
         ----------
         path
             A file, or some of its row groups.
-        ahead
-            Whether a second thread reads.
 
         Raises
         ------
@@ -56,9 +54,9 @@ class Reading:
         """
         reader = LogReader((path,), self.robot, extra=self.extra, is_part=True)
         if not isinstance(path, FilePart):
-            return read_part(reader, self.robot, self.options, ahead=ahead)
+            return read_part(reader, self.robot, self.options)
         try:
-            part = read_part(reader, self.robot, self.options, ahead=ahead)
+            part = read_part(reader, self.robot, self.options)
         except LogError:
             return None
         return part if reader.is_plain else None

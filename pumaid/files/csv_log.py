@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from pyarrow import csv as arrow_csv
 
 from pumaid.errors import LogError, Note, Where
+from pumaid.files.arrow import floats
 from pumaid.files.dialect import SPACES, Dialect, cells_of, detect, text_of
 
 #: Bytes read at a time. Small enough to be flat, large enough that a block's fixed cost (about 1 ms) does not count.
@@ -174,7 +175,7 @@ class CsvSource:
         for row, name in zip(out, chosen, strict=True):
             at = 0
             for part in table.column(name).chunks:
-                row[at : at + len(part)] = part.to_numpy(zero_copy_only=False)
+                row[at : at + len(part)] = floats(part)
                 at += len(part)
         return out
 

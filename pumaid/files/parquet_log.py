@@ -13,6 +13,7 @@ import pyarrow.parquet as pq
 from numpy.typing import NDArray
 
 from pumaid.errors import LogError, Note, Where
+from pumaid.files.arrow import floats
 from pumaid.files.parts import group_parts
 
 #: Rows decoded at a time.
@@ -119,7 +120,7 @@ class ParquetSource:
             return self._from_text(column, name, rows)
         try:
             # Rounding 64-bit integers to the nearest float64 is what SI numbers are made of anyway.
-            return column.cast(pa.float64(), safe=False).to_numpy(zero_copy_only=False)
+            return floats(column.cast(pa.float64(), safe=False))
         except (pa.ArrowInvalid, pa.ArrowNotImplementedError) as error:
             what = f"column {name} holds {column.type}, not numbers"
             raise LogError("not-a-number", what, Where(file=self.name, column=name), "write it as numbers") from error
@@ -128,7 +129,7 @@ class ParquetSource:
         trimmed = pc.utf8_trim_whitespace(column)
         blank = pc.is_in(pc.utf8_lower(trimmed), pa.array(["", "nan", "na", "null", "none"], type=trimmed.type))
         try:
-            return pc.if_else(blank, None, trimmed).cast(pa.float64()).to_numpy(zero_copy_only=False)
+            return floats(pc.if_else(blank, None, trimmed).cast(pa.float64()))
         except pa.ArrowInvalid as error:
             bad = [(row, text) for row, text in zip(rows.tolist(), trimmed.to_pylist(), strict=True) if _is_text(text)]
             shown = "; ".join(f"row {row}, column {name}: {text[:30]!r}" for row, text in bad[:3])
