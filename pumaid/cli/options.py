@@ -111,7 +111,7 @@ def pass_options(function: Decorated) -> Decorated:
 
     told = "Read the logs anew: use nothing that an earlier command kept of them, and keep nothing."
     run = click.option("--no-cache", is_flag=True, help=told)(run)
-    cores = "Cores to use; 0: all there are. The result does not depend on it."
+    cores = "Cores to use; 0: all there are, at most 8. The result does not depend on it."
     kind = click.IntRange(min=0)
     return click.option("--jobs", type=kind, default=0, show_default=True, metavar="N", help=cores)(run)  # type: ignore[return-value]
 

@@ -52,7 +52,7 @@ class Part:
 
 def _arrived(stored: bytes, *more: Any) -> Part:
     """A part that came from another process."""
-    evidence = read_evidence(io.BytesIO(stored))
+    evidence = read_evidence(io.BytesIO(stored), apart=True)
     if evidence is None:
         raise ValueError("a part of the logs arrived broken")
     return Part(evidence, *more)

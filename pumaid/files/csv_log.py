@@ -159,7 +159,8 @@ class CsvSource:
         try:
             table = arrow_csv.read_csv(
                 pa.py_buffer(block),
-                arrow_csv.ReadOptions(column_names=columns, block_size=1 << 20),
+                # Its threads may outlive the program's last line, and then they end it with an abort.
+                arrow_csv.ReadOptions(column_names=columns, block_size=1 << 20, use_threads=False),
                 arrow_csv.ParseOptions(delimiter=self.dialect.delimiter, ignore_empty_lines=True),
                 arrow_csv.ConvertOptions(
                     include_columns=list(dict.fromkeys(chosen)),

@@ -42,14 +42,22 @@ def write_evidence(sink: BinaryIO, evidence: Evidence) -> None:
     np.savez(sink, **arrays)  # type: ignore[arg-type]
 
 
-def read_evidence(path: Path | BinaryIO) -> Evidence | None:
-    """The evidence that a file (or a stream) holds, or None where it is not a whole file of this kind."""
+def read_evidence(path: Path | BinaryIO, *, apart: bool = False) -> Evidence | None:
+    """The evidence that a file (or a stream) holds, or None where it is not a whole file of this kind.
+
+    Parameters
+    ----------
+    path
+        As `write_evidence` wrote it.
+    apart
+        Whether each record has memory of its own, so that some can be let go; else all share that of the file's arrays.
+    """
     try:
         if not _is_plain(path):
             return None
         with np.load(path, allow_pickle=False) as stored:
             arrays = {name: stored[name] for name in stored.files}
-        return _evidence(json.loads(arrays[FIRST].tobytes()), arrays)
+        return _evidence(json.loads(arrays[FIRST].tobytes()), arrays, apart=apart)
     except (OSError, EOFError, ValueError, TypeError, LookupError, MemoryError, zipfile.BadZipFile):
         return None
 
@@ -101,21 +109,21 @@ def _cells(name: str, found: Sequence[Cells | None]) -> Arrays:
 class _Taken:
     """An array that is handed out from its front."""
 
-    def __init__(self, values: NDArray[Any]) -> None:
-        self.values, self.at = values, 0
+    def __init__(self, values: NDArray[Any], *, apart: bool) -> None:
+        self.values, self.apart, self.at = values, apart, 0
 
     def next(self, *shape: int) -> NDArray[Any]:
         size = int(np.prod(shape))
         part = self.values[self.at : self.at + size]
         self.at += size
-        return part.reshape(shape)
+        return (part.copy() if self.apart else part).reshape(shape)
 
 
-def _evidence(told: dict[str, Any], arrays: Arrays) -> Evidence:
-    posture, factor = _Taken(arrays["posture"]), _Taken(arrays["factor"])
+def _evidence(told: dict[str, Any], arrays: Arrays, *, apart: bool) -> Evidence:
+    posture, factor = (_Taken(arrays[name], apart=apart) for name in ("posture", "factor"))
     n_joints = len(arrays["posture"]) // max(1, len(told["runs"]))
     runs = []
-    for plain, cells in zip(told["runs"], _all_cells("run", arrays), strict=True):
+    for plain, cells in zip(told["runs"], _all_cells("run", arrays, apart=apart), strict=True):
         columns, count = tuple(plain.pop("columns")), plain.pop("count")
         size = len(columns) + 1
         triangle = Triangle(columns, factor.next(size, size), count)
@@ -124,7 +132,7 @@ def _evidence(told: dict[str, Any], arrays: Arrays) -> Evidence:
             raise ValueError("a run has no cells")
         runs.append(Run(**plain, posture=posture.next(n_joints), triangle=triangle, cells=cells))
     rejects = []
-    for plain, cells in zip(told["rejects"], _all_cells("reject", arrays), strict=True):
+    for plain, cells in zip(told["rejects"], _all_cells("reject", arrays, apart=apart), strict=True):
         plain["joints"] = tuple(plain["joints"])
         rejects.append(Reject(**plain, cells=cells))
     files = tuple(FileFacts(**facts) for facts in told["files"])
@@ -132,9 +140,9 @@ def _evidence(told: dict[str, Any], arrays: Arrays) -> Evidence:
     return Evidence(tuple(runs), tuple(rejects), files, notes, tuple(told["extra"]))
 
 
-def _all_cells(name: str, arrays: Arrays) -> Iterable[Cells | None]:
+def _all_cells(name: str, arrays: Arrays, *, apart: bool) -> Iterable[Cells | None]:
     counts = arrays[f"{name}_cells"].tolist()
-    taken = {quantity: _Taken(arrays[f"{name}_{quantity}"]) for quantity in (*_MEANS, "extra")}
+    taken = {quantity: _Taken(arrays[f"{name}_{quantity}"], apart=apart) for quantity in (*_MEANS, "extra")}
     total = max(1, sum(count for count in counts if count > 0))
     wide = {quantity: len(taken[quantity].values) // total for quantity in ("position", "velocity", "current")}
     extras = iter(arrays[f"{name}_extras"].tolist())

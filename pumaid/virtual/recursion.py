@@ -118,10 +118,10 @@ def carried(robot: Robot, known: Constants, geometry: Geometry) -> Floats:
         # varying holds l*_i = eta_{i+1} l_i here, so that (eta_i / eta_{i+1}) l*_i is in amperes of joint i.
         ratio = known.ratio[i] if i < n - 1 else 0.0
         if robot.joints[i].is_revolute:
-            seen = ratio * varying
-            seen[:, 0] += known.x[i]
-            seen[:, 1] += known.y[i]
-            current[:, i] = gravity[:, i, 0] * seen[:, 1] - gravity[:, i, 1] * seen[:, 0]
+            across = np.column_stack([-gravity[:, i, 1], gravity[:, i, 0]])
+            nu = np.sum(across * varying[:, :2], axis=1)
+            current[:, i] = across @ np.array([known.x[i], known.y[i]]) + ratio * nu
+            seen = ratio * varying + np.array([known.x[i], known.y[i], 0.0])
         else:
             current[:, i] = -gravity[:, i, 2] * known.mass[i]
             seen = ratio * varying

@@ -83,6 +83,19 @@ def test_row_groups_are_tasks_of_a_cluster(logs, tmp_path, small_parts):
     assert client.calls.count("piece") == sum(len(pieces_of(path)) for path in paths) > 10
 
 
+def test_row_groups_in_a_store_are_read_where_they_lie(logs, tmp_path, small_parts):
+    """Pieces of a file in fsspec's memory store leave the runs of the file on disk, and its digest."""
+    fsspec = pytest.importorskip("fsspec")
+    robot, paths = read_recipe(logs / "recipe.yaml"), written(tmp_path / "logs", table_of(logs))
+    fsspec.filesystem("memory").pipe("/pieces/session.parquet", paths[0].read_bytes())
+    stored = expand(["memory://pieces/session.parquet"])
+    assert len(pieces_of(stored[0])) > 5
+    found, wanted = in_pieces(stored, robot), one_pass(paths, robot)
+    assert found.files[0].digest == wanted.files[0].digest and found.files[0].rows == wanted.files[0].rows
+    for one, other in zip(found.runs, wanted.runs, strict=True):
+        assert np.array_equal(one.triangle.factor, other.triangle.factor)
+
+
 def test_parts_need_no_seam_at_rest(logs, tmp_path, small_parts, monkeypatch):
     """A piece in which the arm never rests is completed by its neighbours."""
     robot = read_recipe(logs / "recipe.yaml")
