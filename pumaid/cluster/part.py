@@ -6,8 +6,7 @@ import io
 from collections.abc import Iterator, Sequence
 from copy import deepcopy
 from dataclasses import dataclass, replace
-from pickle import PickleBuffer
-from typing import Any, SupportsIndex
+from typing import Any
 
 import numpy as np
 
@@ -44,18 +43,14 @@ class Part:
     tail: tuple[Log, ...]
     is_open: bool
 
-    def __reduce_ex__(self, protocol: SupportsIndex) -> tuple[object, ...]:
-        """Between processes runs travel as a few long arrays; one by one they would be ten small ones each.
-
-        They are out of band where the transport can do that, and then not copied.
-        """
+    def __reduce__(self) -> tuple[object, ...]:
+        """Between processes runs travel as a few long arrays; one by one they would be ten small ones each."""
         stream = io.BytesIO()
         write_evidence(stream, self.evidence)
-        stored = PickleBuffer(stream.getbuffer()) if int(protocol) >= 5 else stream.getvalue()
-        return _arrived, (stored, self.sums, self.clocks, self.head, self.tail, self.is_open)
+        return _arrived, (stream.getvalue(), self.sums, self.clocks, self.head, self.tail, self.is_open)
 
 
-def _arrived(stored: bytes | memoryview, *more: Any) -> Part:
+def _arrived(stored: bytes, *more: Any) -> Part:
     """A part that came from another process."""
     evidence = read_evidence(io.BytesIO(stored), apart=True)
     if evidence is None:
