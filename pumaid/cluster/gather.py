@@ -15,7 +15,7 @@ from pumaid.records import Evidence, Robot
 
 #: Parts that one worker joins at a time.
 FAN_IN = 8
-#: Joined parts from which joining goes on; this process takes so many one by one, while others are still read.
+#: Parts up to which this process takes them one by one, while others are still read; more are joined where they lie.
 _ENOUGH = 64
 #: Files looked into at a time; a store takes tens of milliseconds to answer.
 _LOOKING = 16
@@ -67,7 +67,7 @@ def gather(
     parts = [client.submit(reading.file, path, *of_one, pure=False) for path, of_one in zip(paths, read, strict=True)]
     told = [client.submit(_is_read, future, pure=False) for future in parts]
     each = 1
-    while each == 1 or len(parts) > _ENOUGH:
+    while len(parts) > _ENOUGH:
         parts = [client.submit(reading.joined, *some, pure=False) for some in _in_groups(parts)]
         each *= FAN_IN
     del read  # what nobody asks for any more is let go by the cluster

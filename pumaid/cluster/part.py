@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-import io
 from collections.abc import Iterator, Sequence
 from copy import deepcopy
 from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
-from pumaid.files.evidence_npz import read_evidence, write_evidence
+from pumaid.files.evidence_npz import packed, unpacked
 from pumaid.files.table import LogReader
 from pumaid.motion.options import SegmentOptions
 from pumaid.motion.segmenter import Segmenter
@@ -44,18 +44,13 @@ class Part:
     is_open: bool
 
     def __reduce__(self) -> tuple[object, ...]:
-        """Between processes runs travel as a few long arrays; one by one they would be ten small ones each."""
-        stream = io.BytesIO()
-        write_evidence(stream, self.evidence)
-        return _arrived, (stream.getvalue(), self.sums, self.clocks, self.head, self.tail, self.is_open)
+        """Between processes runs travel as a few long arrays, which a transport that can do so does not copy."""
+        return _arrived, (packed(self.evidence), self.sums, self.clocks, self.head, self.tail, self.is_open)
 
 
-def _arrived(stored: bytes, *more: Any) -> Part:
+def _arrived(arrays: dict[str, NDArray[Any]], *more: Any) -> Part:
     """A part that came from another process."""
-    evidence = read_evidence(io.BytesIO(stored), apart=True)
-    if evidence is None:
-        raise ValueError("a part of the logs arrived broken")
-    return Part(evidence, *more)
+    return Part(unpacked(arrays, apart=True), *more)
 
 
 def read_part(reader: LogReader, robot: Robot, options: SegmentOptions) -> Part:

@@ -27,6 +27,17 @@ _ARRAYS = ("posture", "triangle", "cells")
 
 def write_evidence(sink: BinaryIO, evidence: Evidence) -> None:
     """Write evidence to a binary stream."""
+    np.savez(sink, **packed(evidence))  # type: ignore[arg-type]
+
+
+def packed(evidence: Evidence) -> Arrays:
+    """Evidence as a few long arrays; one by one its records would be ten small ones each.
+
+    Parameters
+    ----------
+    evidence
+        As a pass leaves it.
+    """
     told = {
         "runs": [_plain(run) | {"columns": run.triangle.columns, "count": run.triangle.count} for run in evidence.runs],
         "rejects": [_plain(reject) for reject in evidence.rejects],
@@ -39,25 +50,17 @@ def write_evidence(sink: BinaryIO, evidence: Evidence) -> None:
     arrays["factor"] = _joined([run.triangle.factor.ravel() for run in evidence.runs])
     arrays |= _cells("run", [run.cells for run in evidence.runs])
     arrays |= _cells("reject", [reject.cells for reject in evidence.rejects])
-    np.savez(sink, **arrays)  # type: ignore[arg-type]
+    return arrays
 
 
-def read_evidence(path: Path | BinaryIO, *, apart: bool = False) -> Evidence | None:
-    """The evidence that a file (or a stream) holds, or None where it is not a whole file of this kind.
-
-    Parameters
-    ----------
-    path
-        As `write_evidence` wrote it.
-    apart
-        Whether each record has memory of its own, so that some can be let go; else all share that of the file's arrays.
-    """
+def read_evidence(path: Path) -> Evidence | None:
+    """The evidence that a file holds, or None where it is not a whole file of this kind."""
     try:
         if not _is_plain(path):
             return None
         with np.load(path, allow_pickle=False) as stored:
             arrays = {name: stored[name] for name in stored.files}
-        return _evidence(json.loads(arrays[FIRST].tobytes()), arrays, apart=apart)
+        return unpacked(arrays)
     except (OSError, EOFError, ValueError, TypeError, LookupError, MemoryError, zipfile.BadZipFile):
         return None
 
@@ -72,7 +75,7 @@ def is_evidence(path: Path) -> bool:
         return False
 
 
-def _is_plain(path: Path | BinaryIO) -> bool:
+def _is_plain(path: Path) -> bool:
     """Whether all members are stored as they are: what unfolds to more than the file holds is none of ours."""
     with zipfile.ZipFile(path) as archive:
         members = archive.infolist()
@@ -119,7 +122,22 @@ class _Taken:
         return (part.copy() if self.apart else part).reshape(shape)
 
 
-def _evidence(told: dict[str, Any], arrays: Arrays, *, apart: bool) -> Evidence:
+def unpacked(arrays: Arrays, *, apart: bool = False) -> Evidence:
+    """The evidence that was packed into some arrays.
+
+    Parameters
+    ----------
+    arrays
+        As `packed` leaves them.
+    apart
+        Whether each record has memory of its own, so that some can be let go; else all share that of the arrays.
+
+    Raises
+    ------
+    ValueError, TypeError, LookupError
+        They are other arrays.
+    """
+    told = json.loads(arrays[FIRST].tobytes())
     posture, factor = (_Taken(arrays[name], apart=apart) for name in ("posture", "factor"))
     n_joints = len(arrays["posture"]) // max(1, len(told["runs"]))
     runs = []
