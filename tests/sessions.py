@@ -44,7 +44,7 @@ class Eager:
     def __init__(self) -> None:
         self.calls: list[str] = []
 
-    def submit(self, function, *values, pure):
+    def submit(self, function, *values, pure, priority=0):
         """A finished future."""
         self.calls.append(getattr(function, "__name__", "join"))
         return Done(function(*(value.value if isinstance(value, Done) else value for value in values)))

@@ -49,7 +49,7 @@ def connected(address: str, *, workers: int | None = None) -> Iterator[Any]:
         with (
             dask.config.set(_CONFIG),
             distributed.LocalCluster(n_workers=workers, threads_per_worker=1, dashboard_address=None) as cluster,
-            distributed.Client(cluster) as client,
+            distributed.Client(cluster, direct_to_workers=True) as client,
         ):
             yield client
         return

@@ -1,7 +1,8 @@
-"""The parts of an experiment on a cluster: read where they lie, joined in a tree, judged as a whole."""
+"""The parts of an experiment on a cluster: read where they lie, many joined in a tree, judged as a whole."""
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from typing import Any
@@ -63,28 +64,47 @@ def gather(
     reading = Reading(robot, options)
     with ThreadPoolExecutor(_LOOKING) as pool:
         pieces = list(pool.map(pieces_of, paths))
-    read = [[client.submit(reading.piece, piece, pure=False) for piece in of_one] for of_one in pieces]
-    parts = [client.submit(reading.file, path, *of_one, pure=False) for path, of_one in zip(paths, read, strict=True)]
-    told = [client.submit(_is_read, future, pure=False) for future in parts]
-    each = 1
-    while len(parts) > _ENOUGH:
-        parts = [client.submit(reading.joined, *some, pure=False) for some in _in_groups(parts)]
-        each *= FAN_IN
-    del read  # what nobody asks for any more is let go by the cluster
+    files = deque(_of_file(client, reading, *one, order=-n) for n, one in enumerate(zip(paths, pieces, strict=True)))
+    parts = _one_by_one(files) if len(files) <= _ENOUGH else _by_tree(client, reading, files)
     whole = Whole(robot, options)
-    for number in range(len(parts)):
-        for done in range(number * each, min((number + 1) * each, len(told))):
-            told[done].result()  # raises what the first file that was refused raised
-            if progress is not None:
-                progress(done + 1, len(told))
-        whole.add(parts[number].result())
-        parts[number] = None
+    for done, part in enumerate(parts, start=1):
+        if part is not None:
+            whole.add(part)
+        if progress is not None:
+            progress(done, len(paths))
     return whole.evidence(refuse=refuse)
 
 
-def _in_groups(parts: Sequence[Any]) -> Iterator[Sequence[Any]]:
-    for start in range(0, len(parts), FAN_IN):
-        yield parts[start : start + FAN_IN]
+def _of_file(client: Any, reading: Reading, path: LogPath, pieces: Sequence[LogPath], *, order: int) -> Any:
+    """The part of a file, to come; a file of one piece is one task, so that it is on its way when the next is read."""
+    read = [client.submit(reading.piece, piece, pure=False, priority=order) for piece in pieces]
+    if pieces == [path]:
+        return read[0]
+    return client.submit(reading.file, path, *read, pure=False, priority=order + 1)
+
+
+def _one_by_one(files: deque[Any]) -> Iterator[Part]:
+    """Each file's part; what was taken is let go by the cluster."""
+    while files:
+        yield files.popleft().result()
+
+
+def _by_tree(client: Any, reading: Reading, files: deque[Any]) -> Iterator[Part | None]:
+    """Once a file: the part it is joined in, with the last of its files; None with the others."""
+    told = deque(client.submit(_is_read, part, pure=False) for part in files)
+    parts, each = files, 1
+    while len(parts) > _ENOUGH:
+        parts = deque(client.submit(reading.joined, *some, pure=False) for some in _in_groups(parts))
+        each *= FAN_IN
+    while told:
+        for still in reversed(range(min(each, len(told)))):
+            told.popleft().result()  # raises what the first file that was refused raised
+            yield None if still else parts.popleft().result()
+
+
+def _in_groups(parts: deque[Any]) -> Iterator[Sequence[Any]]:
+    while parts:
+        yield [parts.popleft() for _ in range(min(FAN_IN, len(parts)))]
 
 
 def _is_read(_: Part) -> bool:
