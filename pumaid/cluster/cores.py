@@ -9,6 +9,7 @@ import sys
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass, field
+from functools import partial
 from multiprocessing import Pipe
 from multiprocessing.connection import Connection
 from multiprocessing.context import ForkProcess, SpawnProcess
@@ -16,7 +17,7 @@ from threading import Condition, Thread
 from warnings import catch_warnings, simplefilter
 
 from pumaid.cluster.part import Part
-from pumaid.cluster.pieces import Reading, pieces_of
+from pumaid.cluster.pieces import Reading, file_taken, pieces_of
 from pumaid.cluster.whole import Whole
 from pumaid.errors import PumaidError
 from pumaid.files.table import LogPath
@@ -67,17 +68,23 @@ def spread(
     LogError
         As of one process; the first file that is refused.
     """
-    pieces = [(number, piece) for number, path in enumerate(paths) for piece in pieces_of(path)]
-    whole, waiting = Whole(reading.robot, reading.options), list[Part | None]()
-    found = _in_order([piece for _, piece in pieces], reading, mates)
-    for done, ((number, _), part) in enumerate(zip(pieces, found, strict=True), start=1):
-        waiting.append(part)
-        if done == len(pieces) or pieces[done][0] != number:
-            whole.add(reading.file(paths[number], *waiting))
-            waiting.clear()
-        if progress is not None:
-            progress(done, len(pieces))
+    pieces = [pieces_of(path) for path in paths]
+    one_by_one = [piece for of_one in pieces for piece in of_one]
+    found = _counted(_in_order(one_by_one, reading, mates), len(one_by_one), progress)
+    whole = Whole(reading.robot, reading.options)
+    for path, of_one in zip(paths, pieces, strict=True):
+        whole = file_taken(whole, found, len(of_one), again=partial(reading.file, path))
     return whole.evidence(refuse=refuse)
+
+
+def _counted(
+    found: Iterator[Part | None], count: int, progress: Callable[[int, int], None] | None
+) -> Iterator[Part | None]:
+    """The same, with word of how many there were."""
+    for done, part in enumerate(found, start=1):
+        if progress is not None:
+            progress(done, count)
+        yield part
 
 
 @contextmanager

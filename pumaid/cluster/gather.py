@@ -5,11 +5,15 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from functools import partial
+from itertools import chain
 from typing import Any
 
 from pumaid.cluster.part import Part
-from pumaid.cluster.pieces import Reading, pieces_of
+from pumaid.cluster.pieces import Reading, file_taken, pieces_of
 from pumaid.cluster.whole import Whole
+from pumaid.files.remote import Remote
 from pumaid.files.table import LogPath
 from pumaid.motion.options import DEFAULTS, SegmentOptions
 from pumaid.records import Evidence, Robot
@@ -18,8 +22,32 @@ from pumaid.records import Evidence, Robot
 FAN_IN = 8
 #: Parts up to which this process takes them one by one, while others are still read; more are joined where they lie.
 _ENOUGH = 64
+#: Bytes of logs up to which their parts are joined: what comes to this process at a time stays bounded.
+_MESSAGE = 16 << 20
 #: Files looked into at a time; a store takes tens of milliseconds to answer.
 _LOOKING = 16
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class _Node:
+    """Of the tree: parts to come of one file, or one part of several files.
+
+    Attributes
+    ----------
+    path
+        The first file.
+    parts
+        The futures of all pieces of a file, or one of a part.
+    size
+        Bytes of the logs.
+    told
+        Futures that raise what a file was refused for, one a file; none of a file by itself.
+    """
+
+    path: LogPath
+    parts: tuple[Any, ...]
+    size: int
+    told: tuple[Any, ...] = ()
 
 
 def gather(
@@ -63,49 +91,73 @@ def gather(
     """
     reading = Reading(robot, options)
     with ThreadPoolExecutor(_LOOKING) as pool:
-        pieces = list(pool.map(pieces_of, paths))
-    files = deque(_of_file(client, reading, *one, order=-n) for n, one in enumerate(zip(paths, pieces, strict=True)))
-    parts = _one_by_one(files) if len(files) <= _ENOUGH else _by_tree(client, reading, files)
-    whole = Whole(robot, options)
-    for done, part in enumerate(parts, start=1):
-        if part is not None:
-            whole.add(part)
-        if progress is not None:
-            progress(done, len(paths))
+        looked = pool.map(_looked_into, paths)
+    # The files in their order: this process takes the first while others are still read.
+    leaves = [
+        _Node(path, tuple(client.submit(reading.piece, piece, pure=False, priority=-number) for piece in pieces), size)
+        for number, (path, (pieces, size)) in enumerate(zip(paths, looked, strict=True))
+    ]
+    nodes, whole, done = deque(_tree(client, reading, leaves)), Whole(robot, options), 0
+    del leaves  # what was taken is let go by the cluster
+    while nodes:
+        node = nodes.popleft()
+        for told in node.told[:-1]:
+            told.result()
+            done = _tell(progress, done, len(paths))
+        again = partial(_read_again, client, reading, node.path)
+        whole = file_taken(whole, (part.result() for part in node.parts), len(node.parts), again=again)
+        done = _tell(progress, done, len(paths))
     return whole.evidence(refuse=refuse)
 
 
-def _of_file(client: Any, reading: Reading, path: LogPath, pieces: Sequence[LogPath], *, order: int) -> Any:
-    """The part of a file, to come; a file of one piece is one task, so that it is on its way when the next is read."""
-    read = [client.submit(reading.piece, piece, pure=False, priority=order) for piece in pieces]
-    if pieces == [path]:
-        return read[0]
-    return client.submit(reading.file, path, *read, pure=False, priority=order + 1)
+def _looked_into(path: LogPath) -> tuple[Sequence[LogPath], int]:
+    """The pieces of a file, and its size in bytes; 0 where that cannot be told, which who reads it will find."""
+    try:
+        return pieces_of(path), path.size if isinstance(path, Remote) else path.stat().st_size
+    except OSError:
+        return [path], 0
 
 
-def _one_by_one(files: deque[Any]) -> Iterator[Part]:
-    """Each file's part; what was taken is let go by the cluster."""
-    while files:
-        yield files.popleft().result()
+def _tree(client: Any, reading: Reading, nodes: list[_Node]) -> list[_Node]:
+    """The parts that this process takes: joined where there are many of small files, level by level."""
+    while len(nodes) > _ENOUGH:
+        bundles = list(_bundles(nodes))
+        if len(bundles) == len(nodes):
+            break
+        nodes = [_joined(client, reading, bundle) if len(bundle) > 1 else bundle[0] for bundle in bundles]
+    return nodes
 
 
-def _by_tree(client: Any, reading: Reading, files: deque[Any]) -> Iterator[Part | None]:
-    """Once a file: the part it is joined in, with the last of its files; None with the others."""
-    told = deque(client.submit(_is_read, part, pure=False) for part in files)
-    parts, each = files, 1
-    while len(parts) > _ENOUGH:
-        parts = deque(client.submit(reading.joined, *some, pure=False) for some in _in_groups(parts))
-        each *= FAN_IN
-    while told:
-        for still in reversed(range(min(each, len(told)))):
-            told.popleft().result()  # raises what the first file that was refused raised
-            yield None if still else parts.popleft().result()
+def _bundles(nodes: Sequence[_Node]) -> Iterator[list[_Node]]:
+    """Consecutive nodes that become one; files of several pieces stay by themselves."""
+    bundle: list[_Node] = []
+    for node in nodes:
+        is_full = len(bundle) == FAN_IN or sum(one.size for one in bundle) + node.size > _MESSAGE
+        if bundle and (is_full or max(len(node.parts), len(bundle[-1].parts)) > 1):
+            yield bundle
+            bundle = []
+        bundle.append(node)
+    if bundle:
+        yield bundle
 
 
-def _in_groups(parts: deque[Any]) -> Iterator[Sequence[Any]]:
-    while parts:
-        yield [parts.popleft() for _ in range(min(FAN_IN, len(parts)))]
+def _joined(client: Any, reading: Reading, bundle: Sequence[_Node]) -> _Node:
+    part = client.submit(reading.joined, *(node.parts[0] for node in bundle), pure=False)
+    told = [node.told or (client.submit(_is_read, node.parts[0], pure=False),) for node in bundle]
+    return _Node(bundle[0].path, (part,), sum(node.size for node in bundle), tuple(chain.from_iterable(told)))
+
+
+def _read_again(client: Any, reading: Reading, path: LogPath) -> Part:
+    found: Part = client.submit(reading.file, path, pure=False).result()
+    return found
 
 
 def _is_read(_: Part) -> bool:
     return True
+
+
+def _tell(progress: Callable[[int, int], None] | None, done: int, total: int) -> int:
+    """How many files are read with this one."""
+    if progress is not None:
+        progress(done + 1, total)
+    return done + 1

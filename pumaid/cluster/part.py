@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from copy import deepcopy
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -100,8 +99,8 @@ def joined(first: Part, second: Part, *, robot: Robot, options: SegmentOptions) 
     robot, options
         As they were read with.
     """
-    sums = deepcopy(first.sums)  # a part may be joined again, where a worker is lost
-    sums.absorb(deepcopy(second.sums))
+    sums = first.sums.copy()  # a part may be joined again, where a worker is lost
+    sums.absorb(second.sums.copy())
     head = behind(first.evidence.files, second, robot)
     if first.is_open:
         evidence = _together(first.evidence, second.evidence)

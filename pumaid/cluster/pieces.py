@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
 from functools import partial, reduce
-from itertools import pairwise
+from itertools import islice
 
 import numpy as np
 
 from pumaid.cluster.part import Part, joined, read_part
+from pumaid.cluster.whole import Whole
 from pumaid.errors import LogError
 from pumaid.files.parts import FilePart, file_parts
 from pumaid.files.table import LogPath, LogReader
@@ -52,40 +53,29 @@ class Reading:
         LogError
             As the reader does where a file is bad.
         """
-        reader = LogReader((path,), self.robot, extra=self.extra, is_part=True)
         if not isinstance(path, FilePart):
-            return read_part(reader, self.robot, self.options)
+            return self.file(path)
+        reader = LogReader((path,), self.robot, extra=self.extra, is_part=True)
         try:
             part = read_part(reader, self.robot, self.options)
         except LogError:
             return None
         return part if reader.is_plain else None
 
-    def file(self, path: LogPath, *pieces: Part | None) -> Part:
-        """A file of which all pieces were read; read again as a whole where they do not fit.
+    def file(self, path: LogPath) -> Part:
+        """Read a file at once.
 
         Parameters
         ----------
         path
             The file.
-        pieces
-            All of it, in order.
 
         Raises
         ------
         LogError
             As the reader does where the file is bad.
         """
-        known = [piece for piece in pieces if piece is not None]
-        if len(known) < len(pieces) or not all(_fits(*pair) for pair in pairwise(known)):
-            whole = LogReader((path,), self.robot, extra=self.extra, is_part=True)
-            return read_part(whole, self.robot, self.options)
-        if len(known) == 1:
-            return known[0]
-        part = self.joined(*known)
-        files = part.evidence.files
-        facts = replace(files[0], rows=sum(one.rows for one in files), last_time=files[-1].last_time)
-        return replace(part, evidence=replace(part.evidence, files=(facts,), notes=known[0].evidence.notes))
+        return read_part(LogReader((path,), self.robot, extra=self.extra, is_part=True), self.robot, self.options)
 
     def joined(self, *parts: Part) -> Part:
         """Consecutive parts as one."""
@@ -101,6 +91,37 @@ def pieces_of(path: LogPath) -> Sequence[LogPath]:
         As `expand` gives it.
     """
     return [path] if isinstance(path, FilePart) else file_parts(path)
+
+
+def file_taken(whole: Whole, found: Iterator[Part | None], count: int, *, again: Callable[[], Part]) -> Whole:
+    """A whole with one more file, of which the pieces come one after the other; its memory is that of a few.
+
+    Parameters
+    ----------
+    whole
+        Of the files before; it must not be used any more.
+    found
+        What `Reading.piece` made of the pieces, in order.
+    count
+        How many of them are of this file.
+    again
+        Reads the file at once, which is done where its pieces do not fit.
+
+    Raises
+    ------
+    LogError
+        As `found` and `again` do.
+    """
+    before = whole.copy() if count > 1 else whole
+    fits, last = True, None
+    for part in islice(found, count):
+        fits = fits and part is not None and (last is None or _fits(last, part))
+        if fits and part is not None:
+            whole.add(part, goes_on=last is not None)
+            last = part
+    if not fits:
+        before.add(again())
+    return whole if fits else before
 
 
 def _fits(first: Part, second: Part) -> bool:

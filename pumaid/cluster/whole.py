@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
-from pumaid.cluster.part import Part, behind, between, later
+from copy import copy
+from dataclasses import replace
+
+from pumaid.cluster.part import Part, behind, later
 from pumaid.errors import LogError, Note, Where
 from pumaid.files.table import merged_notes
 from pumaid.motion.options import SegmentOptions
-from pumaid.motion.room import Room
+from pumaid.motion.room import OF_REJECTS, OF_RUNS, Room
+from pumaid.motion.segmenter import Segmenter
 from pumaid.motion.suspicion import Sums
-from pumaid.records import Evidence, FileFacts, Log, Reject, Robot
+from pumaid.records import Evidence, FileFacts, Reject, Robot, Run
 
 
 class Whole:
@@ -22,24 +26,47 @@ class Whole:
 
     def __init__(self, robot: Robot, options: SegmentOptions) -> None:
         self._robot, self._options = robot, options
-        self._room, self._rejects = Room(), list[Reject]()
+        self._runs, self._rejects = Room[Run](OF_RUNS), Room[Reject](OF_REJECTS)
         self._files, self._notes = list[FileFacts](), list[Note]()
         self._extra: tuple[str, ...] = ()
         self._sums = Sums(robot)
-        self._waiting: tuple[Log, ...] = ()
         self._clock: int | None = None
+        # Of what lies between the last rest of one part and the first of another, perhaps many parts later.
+        self._between = Segmenter(robot, options)
 
-    def add(self, part: Part) -> None:
-        """Take the next part, which must not be used any more."""
-        head = behind(self._files, part, self._robot)
-        self._waiting = (*self._waiting, *head)
+    def copy(self) -> Whole:
+        """Another one that goes on from here."""
+        other = copy(self)
+        other._runs, other._rejects = self._runs.copy(), self._rejects.copy()
+        other._files, other._notes = self._files.copy(), self._notes.copy()
+        other._sums, other._between = self._sums.copy(), self._between.copy()
+        return other
+
+    def add(self, part: Part, *, goes_on: bool = False) -> None:
+        """Take the next part, which must not be added once more.
+
+        Parameters
+        ----------
+        part
+            What comes next in the order of the files.
+        goes_on
+            Whether it is of the same file as the last one, with nothing to note in between.
+        """
+        for log in behind(self._files, part, self._robot):
+            self._between.add(log)
         if not part.is_open:
             self._look()
             self._keep(later(part.evidence, self._clock or 0))
             self._clock = (self._clock or 0) + part.clocks
-            self._waiting = part.tail
-        self._files += part.evidence.files
-        self._notes += part.evidence.notes
+            self._between = Segmenter(self._robot, self._options, clock=self._clock)
+            for log in part.tail:
+                self._between.add(log)
+        if goes_on:
+            first, facts = self._files[-1], part.evidence.files[-1]
+            self._files[-1] = replace(first, rows=first.rows + facts.rows, last_time=facts.last_time)
+        else:
+            self._files += part.evidence.files
+            self._notes += part.evidence.notes
         self._extra = self._extra or part.evidence.extra
         self._sums.absorb(part.sums)
 
@@ -64,14 +91,15 @@ class Whole:
         told = self._sums.judged(refuse=refuse)
         self._look()
         notes = (*merged_notes(self._notes), *told)
-        return Evidence(tuple(self._room.runs), tuple(self._rejects), tuple(self._files), notes, self._extra)
+        return Evidence(tuple(self._runs.records), tuple(self._rejects.records), tuple(self._files), notes, self._extra)
 
     def _look(self) -> None:
-        found, self._clock = between(self._waiting, self._robot, self._options, clock=self._clock)
-        self._keep(found)
-        self._waiting = ()
+        runs, rejects = self._between.close()
+        self._clock = self._between.clock
+        self._keep(Evidence(runs, rejects))
 
     def _keep(self, evidence: Evidence) -> None:
         for run in evidence.runs:
-            self._room.add(run)
-        self._rejects += evidence.rejects
+            self._runs.add(run)
+        for reject in evidence.rejects:
+            self._rejects.add(reject)

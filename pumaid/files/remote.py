@@ -37,6 +37,18 @@ class Remote:
         opened: BinaryIO = store.open(path, mode)
         return opened
 
+    @property
+    def size(self) -> int:
+        """Bytes, as the store says.
+
+        Raises
+        ------
+        OSError
+            The store refuses.
+        """
+        store, path = _store(self.url)
+        return int(store.size(path) or 0)
+
     def is_file(self) -> bool:
         """Whether the system can open it by its name: never."""
         return False

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from copy import copy
 from dataclasses import dataclass
 from itertools import groupby
 
@@ -60,6 +61,12 @@ class Buffer:
 
     def __len__(self) -> int:
         return self._size
+
+    def copy(self) -> Buffer:
+        """Another one that goes on from here."""
+        other = copy(self)
+        other._parts = self._parts.copy()
+        return other
 
     def add(self, log: Log) -> None:
         """Append a batch."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from copy import copy
 from dataclasses import replace
 
 import numpy as np
@@ -14,7 +15,7 @@ from pumaid.motion.cutting import Piece, Whole
 from pumaid.motion.options import CONSTANT, SegmentOptions
 from pumaid.motion.reasons import Leftover
 from pumaid.motion.reduce import Chosen, cells, coarser, triangle, usable
-from pumaid.motion.room import Room
+from pumaid.motion.room import OF_REJECTS, OF_RUNS, Room
 from pumaid.motion.speed import slopes
 from pumaid.records import Cells, Reject, Robot, Run
 
@@ -34,10 +35,15 @@ class Harvest:
 
     def __init__(self, robot: Robot, options: SegmentOptions) -> None:
         self.robot, self.options = robot, options
-        self._runs = Room()
-        self._left: list[Leftover] = []
+        self._runs, self._rejects = Room[Run](OF_RUNS), Room[Reject](OF_REJECTS)
         self._open: list[Run] = []
         self._last: Leftover | None = None
+
+    def copy(self) -> Harvest:
+        """Another one that goes on from here."""
+        other = copy(self)
+        other._runs, other._rejects, other._open = self._runs.copy(), self._rejects.copy(), self._open.copy()
+        return other
 
     def add(self, block: Block, whole: Whole | None, piece: Piece, *, goes_on: bool) -> None:
         """Reduce a piece; one that `goes_on` is joined with the next block's first."""
@@ -58,29 +64,35 @@ class Harvest:
         if len(self._open) >= MOST_OPEN:
             self._open = [_joined(self._open, self.robot, self.options)]
         self._open.append(run)
-        self._last = None
+        self._settle()
         if not goes_on:
             self._close()
 
     def finish(self) -> tuple[tuple[Run, ...], tuple[Reject, ...]]:
         """Runs and rejects in order of clock and time."""
-        self._close()
-        left = sorted(self._left, key=lambda item: (item.clock, item.start, item.first_row))
-        return tuple(self._runs.runs), tuple(item.reject(self.robot, self.options) for item in left)
+        self.part()
+        rejects = sorted(self._rejects.records, key=lambda item: (item.clock, item.start, item.first_row))
+        return tuple(self._runs.records), tuple(rejects)
 
     def part(self) -> None:
         """What comes next is not joined with what came before."""
         self._close()
-        self._last = None
+        self._settle()
 
     def _leave(self, leftover: Leftover) -> None:
         self._close()
         last = self._last
         if last is not None and (last.reason, last.clock) == (leftover.reason, leftover.clock):
-            self._left[-1] = last.joined(leftover, self.options)
+            leftover = last.joined(leftover, self.options)
         else:
-            self._left.append(leftover)
-        self._last = self._left[-1]
+            self._settle()
+        self._last = leftover
+
+    def _settle(self) -> None:
+        """What was left out last has come to its end."""
+        if self._last is not None:
+            self._rejects.add(self._last.reject(self.robot, self.options))
+        self._last = None
 
     def _close(self) -> None:
         if self._open:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
+from copy import copy, deepcopy
 
 from pumaid.errors import Faults, LogError, Note
 from pumaid.motion import doubts, signals
@@ -80,6 +81,13 @@ class Sums:
         # The first and the last file may go on in the logs before and behind; those between are judged.
         self._ends: list[Tally] = []
         self._faults: list[LogError] = []
+
+    def copy(self) -> Sums:
+        """Another one that goes on from here."""
+        other = copy(self)
+        other._between, other._ends = deepcopy((self._between, self._ends), {id(self._robot): self._robot})
+        other._faults = self._faults.copy()
+        return other
 
     def take(self, log: Log) -> None:
         """Add a batch."""

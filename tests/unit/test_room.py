@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from pumaid.maths.triangle import Triangle
-from pumaid.motion.room import FEWEST, ONE_IN, Room
+from pumaid.motion.room import OF_RUNS, ONE_IN, Room
 from pumaid.records import CONSTANT_COLUMNS, Cells, Run
 
 
@@ -23,25 +25,25 @@ def run(number: int, cells: int = 512) -> Run:
 
 def kept(count: int, most: int) -> list[Run]:
     """What is kept of so many runs."""
-    room = Room(most)
+    room = Room(replace(OF_RUNS, most=most))
     for number in range(count):
         room.add(run(number))
-    return room.runs
+    return room.records
 
 
 def test_few_runs_keep_all():
     """Below the bound nothing is touched."""
     runs = [run(number) for number in range(10)]
-    room = Room(10 * 512)
+    room = Room(replace(OF_RUNS, most=10 * 512))
     for one in runs:
         room.add(one)
-    assert all(a is b for a, b in zip(room.runs, runs, strict=True))
+    assert all(a is b for a, b in zip(room.records, runs, strict=True))
 
 
 @pytest.mark.parametrize("count", [50, 500, 3000])
 def test_cells_stay_bounded(count):
     """However many runs come, cells stay below the bound and twice the fewest a run."""
-    assert sum(len(one.cells) for one in kept(count, 20_000)) <= 20_000 + 2 * FEWEST * count
+    assert sum(len(one.cells) for one in kept(count, 20_000)) <= 20_000 + 2 * OF_RUNS.fewest * count
 
 
 def test_fine_runs_are_spread_evenly():
