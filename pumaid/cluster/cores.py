@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import gc
+import io
 import os
 import signal
 import sys
+from collections import deque
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass, field
@@ -13,7 +15,10 @@ from functools import partial
 from multiprocessing import Pipe
 from multiprocessing.connection import Connection
 from multiprocessing.context import ForkProcess, SpawnProcess
+from multiprocessing.reduction import ForkingPickler
+from queue import Queue
 from threading import Condition, Thread
+from typing import Any
 from warnings import catch_warnings, simplefilter
 
 from pumaid.cluster.part import Part
@@ -28,7 +33,7 @@ WORTH = 8 << 20
 #: Processes at most where nobody says how many.
 MOST = 8
 #: Pieces a process that may be read and not yet joined: memory stays bounded where one of them takes long.
-_AHEAD = 2
+_AHEAD = 3
 
 Found = Part | PumaidError | None
 
@@ -89,7 +94,7 @@ def _counted(
 
 @contextmanager
 def started(reading: Reading, count: int) -> Iterator[list[Mate]]:
-    """So many other processes; they are gone afterwards.
+    """So many other processes, or fewer where the system has no more; they are gone afterwards.
 
     Parameters
     ----------
@@ -99,7 +104,10 @@ def started(reading: Reading, count: int) -> Iterator[list[Mate]]:
         None where it is 0.
     """
     with ExitStack() as stack:
-        yield [stack.enter_context(Mate(reading)) for _ in range(count)]
+        mates: list[Mate] = []
+        with suppress(OSError):
+            mates.extend(stack.enter_context(Mate(reading)) for _ in range(count))
+        yield mates
 
 
 def others(paths: Sequence[LogPath], jobs: int) -> int:
@@ -115,7 +123,10 @@ def others(paths: Sequence[LogPath], jobs: int) -> int:
     jobs = jobs or min(MOST, _cores())
     if jobs < 2 or not all(path.is_file() for path in paths):
         return 0
-    return max(0, min(jobs, sum(path.stat().st_size for path in paths) // WORTH) - 1)
+    jobs = min(jobs, sum(path.stat().st_size for path in paths) // WORTH)
+    if len(paths) < jobs:
+        jobs = min(jobs, sum(len(pieces_of(path)) for path in paths))
+    return max(0, jobs - 1)
 
 
 def _cores() -> int:
@@ -158,16 +169,25 @@ class Mate:
         """Whether the process runs."""
         return self._process.is_alive()
 
-    def read(self, piece: LogPath) -> Found:
-        """What it reads of a piece, or what it raises.
+    def ask(self, piece: LogPath) -> None:
+        """Have it read a piece after those that it was asked for before.
+
+        Raises
+        ------
+        OSError
+            The process has ended.
+        """
+        self._here.send(piece)
+
+    def take(self) -> Found:
+        """What it read of the first piece that was not taken yet, or what it raises.
 
         Raises
         ------
         OSError, EOFError
             The process has ended.
         """
-        self._here.send(piece)
-        found: Found = self._here.recv()
+        found: Found = _received(self._here)
         return found
 
 
@@ -175,9 +195,38 @@ def _serve(there: Connection, here: Connection, reading: Reading) -> None:
     """Read pieces until nobody asks any more; Ctrl-C is for the process that asks."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     here.close()
+    found = Queue[Found](maxsize=1)
+    # The next piece is read while the last one is on its way.
+    Thread(target=_send_all, args=(there, found), daemon=True).start()
     with suppress(OSError, EOFError):
         while True:
-            there.send(_tried(reading, there.recv()))
+            found.put(_tried(reading, there.recv()))
+
+
+def _send_all(there: Connection, found: Queue[Found]) -> None:
+    with suppress(OSError):
+        while True:
+            _send(there, found.get())
+
+
+def _send(there: Connection, thing: Found) -> None:
+    """Send it such that long arrays are copied neither here nor there."""
+    plain, buffers = io.BytesIO(), list[Any]()
+    ForkingPickler(plain, 5, True, buffers.append).dump(thing)
+    views = [buffer.raw() for buffer in buffers]
+    there.send([view.nbytes for view in views])
+    there.send_bytes(plain.getbuffer())
+    for view in views:
+        there.send_bytes(view)
+
+
+def _received(here: Connection) -> Any:
+    sizes = here.recv()
+    plain = here.recv_bytes()
+    buffers = [bytearray(size) for size in sizes]
+    for buffer in buffers:
+        here.recv_bytes_into(buffer)
+    return ForkingPickler.loads(plain, buffers=buffers)
 
 
 def _tried(reading: Reading, piece: LogPath) -> Found:
@@ -215,6 +264,13 @@ class _Desk:
                     return None
                 self.changed.wait()
             return None
+
+    def spare(self) -> int | None:
+        """Number of a piece for one who is still busy, where there are enough for all others."""
+        with self.changed:
+            if len(self.pieces) - self.given <= self.n_readers:
+                return None
+        return self.next(waits=False)
 
     def put(self, number: int, found: Found) -> None:
         with self.changed:
@@ -263,10 +319,15 @@ def _awaited(desk: _Desk, number: int, reading: Reading) -> Found:
 
 def _ask(mate: Mate, desk: _Desk) -> None:
     """Have pieces read by another process; what it cannot bring to an end is given back."""
-    while (number := desk.next(waits=True)) is not None:
-        try:
-            found = mate.read(desk.pieces[number])
-        except (OSError, EOFError):
+    asked = deque[int]()
+    try:
+        while (number := desk.spare() if asked else desk.next(waits=True)) is not None or asked:
+            if number is not None:
+                asked.append(number)
+                mate.ask(desk.pieces[number])
+            if number is None or len(asked) > 1:
+                desk.put(asked[0], mate.take())
+                asked.popleft()
+    except Exception:  # whatever it was, this process reads the pieces itself and tells of it
+        for number in asked:
             desk.give_back(number)
-            return
-        desk.put(number, found)

@@ -61,7 +61,7 @@ class SegmentOptions:
     low_speed_share: float = 0.05
     max_cells: int = 512
     reject_cells: int = 64
-    window: int = 262_144
+    window: int = 131_072
 
     def __post_init__(self) -> None:
         if self.kinds not in (CONSTANT, STROKE, BOTH):
