@@ -8,7 +8,7 @@ import os
 import signal
 import sys
 from collections import deque
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass, field
 from functools import partial
@@ -277,9 +277,9 @@ class _Desk:
             self.found[number] = found
             self.changed.notify_all()
 
-    def give_back(self, number: int) -> None:
+    def give_back(self, numbers: Iterable[int]) -> None:
         with self.changed:
-            self.back.append(number)
+            self.back.extend(numbers)
             self.changed.notify_all()
 
 
@@ -320,7 +320,8 @@ def _awaited(desk: _Desk, number: int, reading: Reading) -> Found:
 def _ask(mate: Mate, desk: _Desk) -> None:
     """Have pieces read by another process; what it cannot bring to an end is given back."""
     asked = deque[int]()
-    try:
+    with suppress(OSError, EOFError, MemoryError), ExitStack() as ended:
+        ended.callback(lambda: desk.give_back(asked))
         while (number := desk.spare() if asked else desk.next(waits=True)) is not None or asked:
             if number is not None:
                 asked.append(number)
@@ -328,6 +329,3 @@ def _ask(mate: Mate, desk: _Desk) -> None:
             if number is None or len(asked) > 1:
                 desk.put(asked[0], mate.take())
                 asked.popleft()
-    except Exception:  # whatever it was, this process reads the pieces itself and tells of it
-        for number in asked:
-            desk.give_back(number)

@@ -14,7 +14,7 @@ from pumaid.files.remote import Remote
 
 #: Rows from which a part is worth reading by itself: opening the file again is then nothing beside it, and the first
 #: one tells the file's sampling interval.
-PART_ROWS = 250_000
+PART_ROWS = 150_000
 #: First bytes of every Parquet file.
 MAGIC = b"PAR1"
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import signal
+from itertools import pairwise
 
 import numpy as np
 import pyarrow as pa
@@ -11,18 +12,21 @@ import pyarrow.parquet as pq
 import pytest
 from sessions import Eager, make_session, same
 
-from pumaid.cluster.cores import others, spread, started
+from pumaid.cluster import cores
+from pumaid.cluster import gather as gathering
+from pumaid.cluster.cores import Mate, others, spread, started
 from pumaid.cluster.gather import gather
 from pumaid.cluster.pieces import Reading, pieces_of
+from pumaid.cluster.whole import Whole
 from pumaid.errors import LogError
 from pumaid.files import intervals, parts
 from pumaid.files.recipe import read_recipe
 from pumaid.files.table import LogReader, expand
-from pumaid.motion.options import DEFAULTS
+from pumaid.motion.options import DEFAULTS, SegmentOptions
 from pumaid.motion.suspicion import Watch
 from pumaid.verbs.segment import segment
 
-#: Rows from which a row group is a piece here; in earnest they are a quarter of a million.
+#: Rows from which a row group is a piece here; in earnest they are 150 000.
 ROWS = 600
 
 
@@ -164,16 +168,116 @@ def test_a_process_is_started_only_where_it_pays(tmp_path):
     small.write_bytes(b"t\n")
     large.touch()
     os.truncate(large, 100 << 20)
-    assert [others([small], 8), others([large], 1), others([large], 4), others([large, tmp_path / "none"], 4)] == [
+    assert [
+        others([small], 8),
+        others([large] * 4, 1),
+        others([large] * 4, 4),
+        others([large, tmp_path / "none"], 4),
+    ] == [
         0,
         0,
         3,
         0,
     ]
+    assert others([large], 4) == 0  # a text log is one piece
+
+
+def test_a_process_that_cannot_be_started_is_done_without(logs, tmp_path, monkeypatch):
+    """Where the system has no more processes, this one reads everything."""
+    robot, table, begun = read_recipe(logs / "recipe.yaml"), table_of(logs), []
+
+    def mate(reading):
+        if begun:
+            raise OSError(11, "Resource temporarily unavailable")
+        begun.append(Mate(reading))
+        return begun[0]
+
+    monkeypatch.setattr(cores, "Mate", mate)
+    for number in range(3):
+        paths = written(tmp_path / "logs", table, number=number)
+    with started(Reading(robot, DEFAULTS), 3) as mates:
+        assert mates == begun
+        assert same(spread(paths, Reading(robot, DEFAULTS), mates), one_pass(paths, robot))
+
+
+@pytest.mark.parametrize("fault", [MemoryError(), OSError(), EOFError()])
+def test_what_another_process_cannot_hand_over_is_read_here(logs, tmp_path, small_parts, fault):
+    """Whatever goes wrong between two processes, no piece is lost and nobody waits for ever."""
+    robot, table = read_recipe(logs / "recipe.yaml"), table_of(logs)
+
+    class Broken:
+        def ask(self, piece):
+            pass
+
+        def take(self):
+            raise fault
+
+    for number in range(2):
+        paths = written(tmp_path / "logs", table, number=number)
+    assert same(spread(paths, Reading(robot, DEFAULTS), [Broken(), Broken()]), one_pass(paths, robot))
+
+
+@pytest.mark.parametrize("seed", range(12))
+def test_however_logs_are_cut_and_joined(logs, tmp_path, small_parts, monkeypatch, seed):
+    """Random files with gaps, restarts, rows without a number and no rest, in random pieces, windows and trees."""
+    robot, rng = read_recipe(logs / "recipe.yaml"), np.random.default_rng(seed)
+    table = table_of(logs).to_pandas()
+    monkeypatch.setattr(parts, "PART_ROWS", int(rng.choice([80, 400, 1500, 10**6])))
+    monkeypatch.setattr(gathering, "_ENOUGH", int(rng.integers(1, 4)))
+    monkeypatch.setattr(gathering, "_MESSAGE", int(rng.choice([1, 30_000, 10**7])))
+    options = SegmentOptions(window=int(rng.choice([2048, 3000, 262_144])))
+    cuts = np.unique([0, len(table), *rng.integers(0, len(table), int(rng.integers(1, 12)))])
+    for number, (start, stop) in enumerate(pairwise(cuts.tolist())):
+        part = table.iloc[start:stop].copy()
+        if rng.random() < 0.2 and len(part) > 60:
+            part = part.drop(part.index[30 : 30 + int(rng.integers(1, 29))])
+        if rng.random() < 0.2:
+            part["t"] -= part["t"].iloc[0]
+        if rng.random() < 0.1 and len(part) > 100:
+            part.iloc[40:44, 1] = np.nan
+        if rng.random() < 0.15:
+            part = part[part["qd1"].abs() + part["qd2"].abs() > 0.05]
+        rows = int(rng.choice([50, 300, 2000]))
+        paths = written(tmp_path / "logs", pa.Table.from_pandas(part, preserve_index=False), rows=rows, number=number)
+    wanted = segment(Watch(LogReader(paths, robot), robot, refuse=False), robot, options=options)
+    assert same(spread(paths, Reading(robot, options), [], refuse=False), wanted)
+    assert same(gather(paths, robot, Eager(), options=options, refuse=False), wanted)
+
+
+def test_only_small_files_are_joined_where_they_lie(logs, tmp_path, monkeypatch):
+    """Of hundreds of files some come joined, never more than a message's worth; the runs are those of one pass."""
+    robot, table, client = read_recipe(logs / "recipe.yaml"), table_of(logs), Eager()
+    for number in range(12):
+        paths = written(tmp_path / "logs", table.slice(number * 500, 500), number=number)
+    sizes = [path.stat().st_size for path in paths]
+    monkeypatch.setattr(gathering, "_ENOUGH", 2)
+    monkeypatch.setattr(gathering, "_MESSAGE", 4 * max(sizes))
+    assert same(gather(paths, robot, client), one_pass(paths, robot))
+    assert 12 / 8 < client.calls.count("joined") < 12 / 2
+
+
+def test_an_arm_that_never_rests_is_not_kept_waiting(logs, tmp_path):
+    """Of file after file without rest this process holds a window of samples, not all of them."""
+    robot, table = read_recipe(logs / "recipe.yaml"), table_of(logs).to_pandas()
+    moving = table[table["qd1"].abs() + table["qd2"].abs() > 0.05].head(400)
+    options, step = SegmentOptions(window=2048), moving["t"].iloc[-1] - moving["t"].iloc[0] + 0.01
+    reading, whole, held = Reading(robot, options), Whole(robot, options), []
+    for number in range(20):
+        part = moving.assign(t=moving["t"] + number * step)
+        paths = written(tmp_path / "logs", pa.Table.from_pandas(part, preserve_index=False), number=number)
+        read = reading.file(paths[-1])
+        assert read.is_open
+        whole.add(read)
+        held.append(len(whole._between._buffer))
+    assert max(held) < 2 * options.window < 20 * len(moving)
+    assert same(
+        whole.evidence(refuse=False),
+        segment(Watch(LogReader(paths, robot), robot, refuse=False), robot, options=options),
+    )
 
 
 def test_small_row_groups_go_together():
-    """Parts have a quarter of a million rows at least, the last what is left, and together all groups."""
-    found = parts.parts_of_rows([1000] * 700)
-    assert [len(part) for part in found] == [250, 450] and parts.parts_of_rows([400_000]) == [range(1)]
+    """Parts have 150 000 rows at least, the last what is left, and together all groups."""
+    found = parts.parts_of_rows([1000] * 400)
+    assert [len(part) for part in found] == [150, 250] and parts.parts_of_rows([400_000]) == [range(1)]
     assert [len(part) for part in parts.parts_of_rows([1 << 20] * 3)] == [1, 1, 1]

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from pumaid.maths.triangle import Triangle
-from pumaid.motion.room import OF_RUNS, ONE_IN, Room
-from pumaid.records import CONSTANT_COLUMNS, Cells, Run
+from pumaid.motion.room import OF_REJECTS, OF_RUNS, ONE_IN, Room
+from pumaid.records import CONSTANT_COLUMNS, Cells, Reject, Run
 
 
 def run(number: int, cells: int = 512) -> Run:
@@ -65,3 +65,15 @@ def test_coarser_runs_hold_the_same_samples():
     assert after.samples == before.samples == after.cells.count.sum()
     mean = [np.average(one.cells.current, axis=0, weights=one.cells.count) for one in (before, after)]
     np.testing.assert_allclose(*mean, rtol=1e-12)
+
+
+def test_what_is_no_run_is_bounded_too():
+    """Ramps keep cells within their share, some of them all, and what has no cells stays as it is."""
+    room = Room(replace(OF_REJECTS, most=3000))
+    for number in range(400):
+        one = run(number, cells=64)
+        cells = one.cells if number % 4 else None
+        room.add(Reject("a", 2, 9, 0.0, 1.0, (one.joint,), "ramp", "", one.samples, cells))
+    sizes = [0 if one.cells is None else len(one.cells) for one in room.records]
+    assert sum(sizes) <= 3000 + 2 * OF_REJECTS.fewest * 300 and sizes.count(0) == 100 and max(sizes) == 64
+    assert all(one.cells is None or one.cells.count.sum() == one.samples for one in room.records)
