@@ -20,7 +20,6 @@ from pathlib import Path
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 import numpy as np
-import pyarrow.parquet as pq
 
 from pumaid import identify, plan, segment, simulate
 from pumaid.cluster.connect import connected
@@ -34,16 +33,17 @@ from pumaid.records import Evidence, Robot
 from pumaid.virtual import draw
 
 
-def written(robot: Robot, folder: Path, files: int, rate: float) -> tuple[list[Path], int]:
+def written(robot: Robot, folder: Path, files: int, rate: float, ending: str = "parquet") -> tuple[list[Path], int]:
     """Logs of as many sessions at that many samples a second, and their rows together."""
     made = plan(robot, minutes=8.0, seed=0)
-    first = folder / "session_000.parquet"
-    write_log(first, simulate(robot, made, truth=draw(robot, 3), seed=1, rate=rate), robot)
+    first = folder / f"session_000.{ending}"
+    logs = list(simulate(robot, made, truth=draw(robot, 3), seed=1, rate=rate))
+    write_log(first, logs, robot)
     paths = [first]
     for number in range(1, files):
-        paths.append(folder / f"session_{number:03d}.parquet")
+        paths.append(folder / f"session_{number:03d}.{ending}")
         paths[-1].write_bytes(first.read_bytes())
-    return paths, files * pq.ParquetFile(first).metadata.num_rows
+    return paths, files * sum(map(len, logs))
 
 
 def timed(work: Callable[[], Evidence]) -> tuple[float, Evidence]:
@@ -62,12 +62,14 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--files", type=int, default=24)
     parser.add_argument("--rate", type=float, default=200.0, help="Hz")
+    parser.add_argument("--csv", action="store_true", help="text logs instead of Parquet")
     options = parser.parse_args()
     robot = read_recipe(shipped_recipes()["ur5e"])
     with tempfile.TemporaryDirectory() as scratch:
-        paths, rows = written(robot, Path(scratch), options.files, options.rate)
+        ending = "csv" if options.csv else "parquet"
+        paths, rows = written(robot, Path(scratch), options.files, options.rate, ending)
         hours = rows / options.rate / 3600.0
-        amount = f"{rows:,} rows, {hours:.1f} robot-hours at {options.rate:g} Hz"
+        amount = f"{rows:,} rows, {hours:.1f} robot-hours at {options.rate:g} Hz, {ending}"
         print(f"{len(paths)} files, {amount}, {os.cpu_count()} cores\n")
         print("| how | s | rows a second | robot-hours a core-hour | against one worker |\n|---|---|---|---|---|")
         alone, wanted = timed(lambda: segment(LogReader(paths, robot), robot))

@@ -2,25 +2,15 @@
 
 from __future__ import annotations
 
-import gc
-import io
 import os
-import signal
-import sys
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass, field
 from functools import partial
-from multiprocessing import Pipe
-from multiprocessing.connection import Connection
-from multiprocessing.context import ForkProcess, SpawnProcess
-from multiprocessing.reduction import ForkingPickler
-from queue import Queue
 from threading import Condition, Thread
-from typing import Any
-from warnings import catch_warnings, simplefilter
 
+from pumaid.cluster.mate import Found, Mate, tried
 from pumaid.cluster.part import Part
 from pumaid.cluster.pieces import Reading, file_taken, pieces_of
 from pumaid.cluster.whole import Whole
@@ -34,8 +24,6 @@ WORTH = 8 << 20
 MOST = 8
 #: Pieces a process that may be read and not yet joined: memory stays bounded where one of them takes long.
 _AHEAD = 3
-
-Found = Part | PumaidError | None
 
 
 def spread(
@@ -134,108 +122,6 @@ def _cores() -> int:
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
-class Mate:
-    """One more process that reads pieces, until it is left; it ends with the process that asked for it."""
-
-    def __init__(self, reading: Reading) -> None:
-        # What is loaded is there at once where a process can be forked; nothing else runs yet where it is.
-        self._here, there = Pipe()
-        process = ForkProcess if sys.platform == "linux" else SpawnProcess
-        self._process = process(target=_serve, args=(there, self._here, reading), daemon=True)
-        with catch_warnings():
-            # Python warns of threads that a forked process lacks; those of Arrow and OpenBLAS expect it.
-            simplefilter("ignore", DeprecationWarning)
-            # What is loaded is no garbage; looking for it there would copy all its pages into the other process.
-            gc.freeze()
-            self._process.start()
-            gc.unfreeze()
-        there.close()
-
-    def __enter__(self) -> Mate:
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self._process.terminate()
-        self._process.join()
-        self._here.close()
-
-    @property
-    def pid(self) -> int | None:
-        """Number of the process."""
-        return self._process.pid
-
-    @property
-    def is_alive(self) -> bool:
-        """Whether the process runs."""
-        return self._process.is_alive()
-
-    def ask(self, piece: LogPath) -> None:
-        """Have it read a piece after those that it was asked for before.
-
-        Raises
-        ------
-        OSError
-            The process has ended.
-        """
-        self._here.send(piece)
-
-    def take(self) -> Found:
-        """What it read of the first piece that was not taken yet, or what it raises.
-
-        Raises
-        ------
-        OSError, EOFError
-            The process has ended.
-        """
-        found: Found = _received(self._here)
-        return found
-
-
-def _serve(there: Connection, here: Connection, reading: Reading) -> None:
-    """Read pieces until nobody asks any more; Ctrl-C is for the process that asks."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
-    here.close()
-    found = Queue[Found](maxsize=1)
-    # The next piece is read while the last one is on its way.
-    Thread(target=_send_all, args=(there, found), daemon=True).start()
-    with suppress(OSError, EOFError):
-        while True:
-            found.put(_tried(reading, there.recv()))
-
-
-def _send_all(there: Connection, found: Queue[Found]) -> None:
-    with suppress(OSError):
-        while True:
-            _send(there, found.get())
-
-
-def _send(there: Connection, thing: Found) -> None:
-    """Send it such that long arrays are copied neither here nor there."""
-    plain, buffers = io.BytesIO(), list[Any]()
-    ForkingPickler(plain, 5, True, buffers.append).dump(thing)
-    views = [buffer.raw() for buffer in buffers]
-    there.send([view.nbytes for view in views])
-    there.send_bytes(plain.getbuffer())
-    for view in views:
-        there.send_bytes(view)
-
-
-def _received(here: Connection) -> Any:
-    sizes = here.recv()
-    plain = here.recv_bytes()
-    buffers = [bytearray(size) for size in sizes]
-    for buffer in buffers:
-        here.recv_bytes_into(buffer)
-    return ForkingPickler.loads(plain, buffers=buffers)
-
-
-def _tried(reading: Reading, piece: LogPath) -> Found:
-    try:
-        return reading.piece(piece)
-    except PumaidError as error:
-        return error  # raised where its piece would have come
-
-
 @dataclass(eq=False, slots=True)
 class _Desk:
     """Pieces to read and what was read, shared by this process's threads."""
@@ -310,7 +196,7 @@ def _awaited(desk: _Desk, number: int, reading: Reading) -> Found:
                 return desk.found.pop(number)
         own = desk.next(waits=False)
         if own is not None:
-            desk.put(own, _tried(reading, desk.pieces[own]))
+            desk.put(own, tried(reading, desk.pieces[own]))
             continue
         with desk.changed:
             while number not in desk.found and not desk.back:
