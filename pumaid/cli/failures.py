@@ -18,6 +18,9 @@ from pumaid.errors import EXIT_BAD_INPUT, EXIT_BUG, PumaidError, ResultError, Wh
 #: Exit codes of a program that a signal ended, as shells count them.
 EXIT_INTERRUPTED, EXIT_PIPE_CLOSED = 128 + 2, 128 + 13
 
+#: What the system's loader says where a library finds no memory.
+_NOT_LOADED = ("failed to map segment", "annot allocate memory")
+
 
 @contextmanager
 def told() -> Iterator[None]:
@@ -36,7 +39,11 @@ def told() -> Iterator[None]:
         _leave(EXIT_INTERRUPTED, "\nstopped; files that were being written are as they were before")
     except OSError as error:
         _leave(EXIT_BAD_INPUT, _coloured(str(_refused(error))))
+    except MemoryError as error:
+        _leave(EXIT_BAD_INPUT, _coloured(str(_no_memory(error))))
     except Exception as error:
+        if isinstance(error, ImportError) and any(words in str(error) for words in _NOT_LOADED):
+            _leave(EXIT_BAD_INPUT, _coloured(str(_no_memory(error))))
         _leave(EXIT_BUG, _report(error))
 
 
@@ -55,6 +62,12 @@ def _refused(error: OSError) -> ResultError:
     name = None if error.filename is None else str(error.filename)
     mend = "check that the file exists, that its folder may be written and that the disk is not full"
     return ResultError("file-refused", f"the system says: {error.strerror or error}", Where(file=name), mend)
+
+
+def _no_memory(error: Exception) -> ResultError:
+    what = f"the system has no more memory for pumaid: {str(error) or 'it did not say how much was asked for'}"
+    mend = "end other programs, raise the limit (ulimit -v), or give --jobs 1: one process holds less than two"
+    return ResultError("no-memory", what, mend=mend)
 
 
 def _report(error: Exception) -> str:

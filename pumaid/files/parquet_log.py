@@ -140,6 +140,12 @@ class ParquetSource:
 
     def _damaged(self, error: Exception) -> LogError:
         reason = str(error).splitlines()[0][:200] if str(error) else type(error).__name__
+        if isinstance(error, MemoryError):
+            what = f"the system has no memory for what {self.name} asks for: {reason}"
+            mend = (
+                "end other programs or raise the limit (ulimit -v); if that is far more than the file: export it again"
+            )
+            return LogError("no-memory", what, Where(file=self.name), mend)
         mend = "the file was cut off or altered: record, copy or export it again"
         return LogError(
             "damaged-log", f"{self.name} is not a whole Parquet file: {reason}", Where(file=self.name), mend

@@ -114,6 +114,18 @@ def test_bug_leaves_with_4(monkeypatch):
     assert f"pumaid {pumaid.__version__}, Python" in done.stderr and "report" in done.stderr.splitlines()[-1]
 
 
+@pytest.mark.parametrize(
+    "error",
+    [MemoryError("Unable to allocate 9.50 MiB"), ImportError("libarrow.so: failed to map segment from shared object")],
+)
+def test_no_memory_leaves_with_3(monkeypatch, error):
+    """Where the system has no more memory, that is no bug; what to do is told."""
+    monkeypatch.setattr("pumaid.effects.catalogue", raising(error))
+    done = run("effects")
+    assert done.exit_code == 3 and done.stderr.startswith("error[no-memory]: ")
+    assert str(error) in done.stderr and "--jobs 1" in done.stderr and "Traceback" not in done.stderr
+
+
 def test_interruption_leaves_with_130(monkeypatch):
     """Ctrl-C ends with one clean line."""
     monkeypatch.setattr("pumaid.effects.catalogue", raising(KeyboardInterrupt()))
