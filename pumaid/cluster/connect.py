@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import Any
@@ -48,7 +49,12 @@ def connected(address: str, *, workers: int | None = None) -> Iterator[Any]:
 
         with (
             dask.config.set(_CONFIG),
-            distributed.LocalCluster(n_workers=workers, threads_per_worker=1, dashboard_address=None) as cluster,
+            distributed.LocalCluster(
+                n_workers=workers,
+                threads_per_worker=1,
+                dashboard_address=None,
+                silence_logs=logging.ERROR,  # what a user must know comes as pumaid's own messages
+            ) as cluster,
             distributed.Client(cluster, direct_to_workers=True) as client,
         ):
             yield client

@@ -10,11 +10,10 @@ from dataclasses import dataclass, field
 from functools import partial
 from threading import Condition, Thread
 
-from pumaid.cluster.mate import Found, Mate, tried
+from pumaid.cluster.mate import Mate
 from pumaid.cluster.part import Part
-from pumaid.cluster.pieces import Reading, file_taken, pieces_of
+from pumaid.cluster.pieces import Found, Reading, file_taken, pieces_of, raised
 from pumaid.cluster.whole import Whole
-from pumaid.errors import PumaidError
 from pumaid.files.table import LogPath
 from pumaid.records import Evidence
 
@@ -177,10 +176,7 @@ def _in_order(pieces: Sequence[LogPath], reading: Reading, mates: Sequence[Mate]
         thread.start()
     try:
         for number in range(len(pieces)):
-            found = _awaited(desk, number, reading)
-            if isinstance(found, PumaidError):
-                raise found
-            yield found
+            yield raised(_awaited(desk, number, reading))
     finally:
         with desk.changed:
             desk.is_closed = True
@@ -196,7 +192,7 @@ def _awaited(desk: _Desk, number: int, reading: Reading) -> Found:
                 return desk.found.pop(number)
         own = desk.next(waits=False)
         if own is not None:
-            desk.put(own, tried(reading, desk.pieces[own]))
+            desk.put(own, reading.tried(desk.pieces[own]))
             continue
         with desk.changed:
             while number not in desk.found and not desk.back:

@@ -7,11 +7,10 @@ from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from functools import partial
-from itertools import chain
 from typing import Any
 
 from pumaid.cluster.part import Part
-from pumaid.cluster.pieces import Reading, file_taken, pieces_of
+from pumaid.cluster.pieces import Reading, file_taken, pieces_of, raised
 from pumaid.cluster.whole import Whole
 from pumaid.files.remote import Remote
 from pumaid.files.table import LogPath
@@ -40,14 +39,14 @@ class _Node:
         The futures of all pieces of a file, or one of a part.
     size
         Bytes of the logs.
-    told
-        Futures that raise what a file was refused for, one a file; none of a file by itself.
+    files
+        How many files.
     """
 
     path: LogPath
     parts: tuple[Any, ...]
     size: int
-    told: tuple[Any, ...] = ()
+    files: int = 1
 
 
 def gather(
@@ -94,19 +93,19 @@ def gather(
         looked = pool.map(_looked_into, paths)
     # The files in their order: this process takes the first while others are still read.
     leaves = [
-        _Node(path, tuple(client.submit(reading.piece, piece, pure=False, priority=-number) for piece in pieces), size)
+        _Node(path, tuple(client.submit(reading.tried, piece, pure=False, priority=-number) for piece in pieces), size)
         for number, (path, (pieces, size)) in enumerate(zip(paths, looked, strict=True))
     ]
     nodes, whole, done = deque(_tree(client, reading, leaves)), Whole(robot, options), 0
     del leaves  # what was taken is let go by the cluster
     while nodes:
         node = nodes.popleft()
-        for told in node.told[:-1]:
-            told.result()
-            done = _tell(progress, done, len(paths))
-        again = partial(_read_again, client, reading, node.path)
-        whole = file_taken(whole, (part.result() for part in node.parts), len(node.parts), again=again)
-        done = _tell(progress, done, len(paths))
+        found = (raised(part.result()) for part in node.parts)
+        again = partial(_read_at_once, client, reading, node.path)
+        whole = file_taken(whole, found, len(node.parts), again=again)
+        done += node.files
+        if progress is not None:
+            progress(done, len(paths))
     return whole.evidence(refuse=refuse)
 
 
@@ -143,21 +142,8 @@ def _bundles(nodes: Sequence[_Node]) -> Iterator[list[_Node]]:
 
 def _joined(client: Any, reading: Reading, bundle: Sequence[_Node]) -> _Node:
     part = client.submit(reading.joined, *(node.parts[0] for node in bundle), pure=False)
-    told = [node.told or (client.submit(_is_read, node.parts[0], pure=False),) for node in bundle]
-    return _Node(bundle[0].path, (part,), sum(node.size for node in bundle), tuple(chain.from_iterable(told)))
+    return _Node(bundle[0].path, (part,), sum(node.size for node in bundle), sum(node.files for node in bundle))
 
 
-def _read_again(client: Any, reading: Reading, path: LogPath) -> Part:
-    found: Part = client.submit(reading.file, path, pure=False).result()
-    return found
-
-
-def _is_read(_: Part) -> bool:
-    return True
-
-
-def _tell(progress: Callable[[int, int], None] | None, done: int, total: int) -> int:
-    """How many files are read with this one."""
-    if progress is not None:
-        progress(done + 1, total)
-    return done + 1
+def _read_at_once(client: Any, reading: Reading, path: LogPath) -> Part | None:
+    return raised(client.submit(reading.tried, path, pure=False).result())

@@ -17,12 +17,8 @@ from threading import Thread
 from typing import Any
 from warnings import catch_warnings, simplefilter
 
-from pumaid.cluster.part import Part
-from pumaid.cluster.pieces import Reading
-from pumaid.errors import PumaidError
+from pumaid.cluster.pieces import Found, Reading
 from pumaid.files.table import LogPath
-
-Found = Part | PumaidError | None
 
 
 class Mate:
@@ -91,7 +87,7 @@ def _serve(there: Connection, here: Connection, reading: Reading) -> None:
     Thread(target=_send_all, args=(there, found), daemon=True).start()
     with suppress(OSError, EOFError, MemoryError):
         while True:
-            found.put(tried(reading, there.recv()))
+            found.put(reading.tried(there.recv()))
 
 
 def _send_all(there: Connection, found: Queue[Found]) -> None:
@@ -120,19 +116,3 @@ def _received(here: Connection) -> Any:
     for buffer in buffers:
         here.recv_bytes_into(buffer)
     return ForkingPickler.loads(plain, buffers=buffers)
-
-
-def tried(reading: Reading, piece: LogPath) -> Found:
-    """What is read of a piece, or the refusal, to be raised where the piece would have come.
-
-    Parameters
-    ----------
-    reading
-        How.
-    piece
-        Which.
-    """
-    try:
-        return reading.piece(piece)
-    except PumaidError as error:
-        return error

@@ -12,7 +12,7 @@ import numpy as np
 
 from pumaid.cluster.part import Part, joined, read_part
 from pumaid.cluster.whole import Whole
-from pumaid.errors import LogError
+from pumaid.errors import LogError, PumaidError
 from pumaid.files.parts import FilePart, file_parts
 from pumaid.files.table import LogPath, LogReader
 from pumaid.motion.options import SegmentOptions
@@ -20,6 +20,9 @@ from pumaid.records import Log, Robot
 
 #: Sampling intervals, and seconds, up to which one piece goes on in the next.
 _NEAR_INTERVALS, _NEAR_SECONDS = 5.0, 0.05
+
+#: What is read of a piece; none of a part that means nothing without what comes before.
+Found = Part | PumaidError | None
 
 
 @dataclass(frozen=True, slots=True)
@@ -77,9 +80,50 @@ class Reading:
         """
         return read_part(LogReader((path,), self.robot, extra=self.extra, is_part=True), self.robot, self.options)
 
-    def joined(self, *parts: Part) -> Part:
-        """Consecutive parts as one."""
+    def tried(self, path: LogPath) -> Found:
+        """As `piece`; a refusal is returned, to be raised where the part would have come.
+
+        Parameters
+        ----------
+        path
+            A file, or some of its row groups.
+        """
+        try:
+            return self.piece(path)
+        except PumaidError as error:
+            return error
+
+    def joined(self, *found: Found) -> Found:
+        """Consecutive parts as one, or the first refusal.
+
+        Parameters
+        ----------
+        found
+            Whole files, or parts joined of some.
+        """
+        refused = next((one for one in found if isinstance(one, PumaidError)), None)
+        if refused is not None:
+            return refused
+        parts = (one for one in found if isinstance(one, Part))
         return reduce(partial(joined, robot=self.robot, options=self.options), parts)
+
+
+def raised(found: Found) -> Part | None:
+    """What was read; a refusal is raised.
+
+    Parameters
+    ----------
+    found
+        As `Reading.tried` returns it.
+
+    Raises
+    ------
+    PumaidError
+        It was refused.
+    """
+    if isinstance(found, PumaidError):
+        raise found
+    return found
 
 
 def pieces_of(path: LogPath) -> Sequence[LogPath]:
@@ -93,7 +137,7 @@ def pieces_of(path: LogPath) -> Sequence[LogPath]:
     return [path] if isinstance(path, FilePart) else file_parts(path)
 
 
-def file_taken(whole: Whole, found: Iterator[Part | None], count: int, *, again: Callable[[], Part]) -> Whole:
+def file_taken(whole: Whole, found: Iterator[Part | None], count: int, *, again: Callable[[], Part | None]) -> Whole:
     """A whole with one more file, of which the pieces come one after the other; its memory is that of a few.
 
     Parameters
@@ -119,9 +163,12 @@ def file_taken(whole: Whole, found: Iterator[Part | None], count: int, *, again:
         if fits and part is not None:
             whole.add(part, goes_on=last is not None)
             last = part
-    if not fits:
-        before.add(again())
-    return whole if fits else before
+    if fits:
+        return whole
+    at_once = again()
+    if at_once is not None:
+        before.add(at_once)
+    return before
 
 
 def _fits(first: Part, second: Part) -> bool:

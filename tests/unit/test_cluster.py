@@ -6,6 +6,8 @@ import os
 import pickle
 import shutil
 import signal
+import subprocess
+import sys
 from functools import reduce
 from pathlib import Path
 
@@ -66,7 +68,7 @@ def test_parts_are_the_whole(logs, tmp_path, rows):
     robot = read_recipe(logs / "recipe.yaml")
     paths, client = cut(logs, tmp_path / "parts", rows), Eager()
     assert same(gather(paths, robot, client), one_pass(paths, robot))
-    assert client.calls.count("piece") == len(paths)
+    assert client.calls.count("tried") == len(paths)
 
 
 def test_joining_is_associative(logs, tmp_path):
@@ -160,3 +162,28 @@ def test_logs_in_a_store_are_read_by_a_cluster(logs, tmp_path):
                 np.array_equal(a.triangle.factor, b.triangle.factor)
                 for a, b in zip(found.runs, wanted.runs, strict=True)
             )
+
+
+@pytest.mark.slow
+def test_a_cluster_from_the_command_line(logs, tmp_path):
+    """``--dask local`` writes the bytes of one process; a file that is refused is told in one message."""
+    pytest.importorskip("distributed", reason="pip install pumaid[dask]")
+    folder = tmp_path / "experiment"
+    cut(logs, tmp_path / "parts", 2000)
+    shutil.copytree(tmp_path / "parts", folder / "logs")
+    shutil.copy(logs / "recipe.yaml", folder)
+
+    def pumaid(*more: str) -> subprocess.CompletedProcess[str]:
+        line = [sys.executable, "-m", "pumaid", "identify", "logs", "--no-cache", *more]
+        return subprocess.run(line, cwd=folder, capture_output=True, text=True, check=False)
+
+    done = pumaid("-o", "far.json", "--dask", "local", "--jobs", "1")
+    assert done.returncode == 0 and "Traceback" not in done.stderr, done.stderr
+    assert pumaid("-o", "here.json").returncode == 0
+    assert (folder / "far.json").read_bytes() == (folder / "here.json").read_bytes()
+    (folder / "logs" / "part_001.parquet").write_bytes((folder / "logs" / "part_000.parquet").read_bytes()[:3000])
+    refused = pumaid("-o", "none.json", "--dask", "local", "--jobs", "1")
+    assert refused.returncode == 3 and refused.stderr == pumaid("-o", "none.json").stderr
+    assert (
+        refused.stderr.startswith("error[damaged-log]: logs/part_001.parquet") and not (folder / "none.json").exists()
+    )

@@ -84,7 +84,7 @@ def test_row_groups_are_tasks_of_a_cluster(logs, tmp_path, small_parts):
     for number in (0, 1):
         paths = written(tmp_path / "logs", table_of(logs), number=number)
     assert same(gather(paths, robot, client), one_pass(paths, robot))
-    assert client.calls.count("piece") == sum(len(pieces_of(path)) for path in paths) > 10
+    assert client.calls.count("tried") == sum(len(pieces_of(path)) for path in paths) > 10
 
 
 def test_row_groups_in_a_store_are_read_where_they_lie(logs, tmp_path, small_parts):
