@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from pumaid.cli.options import Pass
+from pumaid.cli.output import remark
 from pumaid.cli.progress import progress
 from pumaid.errors import LogError, Where
 
@@ -201,6 +202,8 @@ def _on_cluster(paths: Sequence[LogPath], robot: Robot, *, trust: bool, options:
         what = "standard input cannot be read by the workers of a cluster"
         raise LogError("no-cluster", what, Where(field=f"--dask {how.dask}"), "name files, or leave --dask away")
     with connected(how.dask, workers=how.jobs or None) as client, progress("reading logs", total=len(paths)) as step:
+        if not client.scheduler_info()["workers"]:
+            remark(f"no worker has come to {how.dask} yet; reading begins with the first (dask worker {how.dask})")
         return gather(
             paths,
             robot,

@@ -3,10 +3,14 @@
 from __future__ import annotations
 
 import logging
+import signal
 from collections.abc import Iterator
-from contextlib import contextmanager
+from concurrent.futures import CancelledError
+from contextlib import ExitStack, contextmanager
+from multiprocessing import resource_tracker
 from typing import Any
 
+from pumaid import __version__
 from pumaid.errors import LogError, Where
 
 #: The word that asks for workers on this machine.
@@ -37,32 +41,87 @@ def connected(address: str, *, workers: int | None = None) -> Iterator[Any]:
     ------
     LogError [no-cluster]
         dask is not installed, or no scheduler answers there.
+    LogError [cluster-differs]
+        The scheduler or a worker has no pumaid, or another one.
+    LogError [cluster-lost]
+        The scheduler, or worker after worker, ended before the work was done.
     """
     where = Where(field=f"--dask {address}")
     try:
         import distributed
+        from distributed.comm import CommClosedError
     except ImportError as error:
         what = "a cluster needs dask.distributed, which is not installed"
         raise LogError("no-cluster", what, where, "pip install 'pumaid[dask]'") from error
-    if address == LOCAL:
-        import dask
-
-        with (
-            dask.config.set(_CONFIG),
-            distributed.LocalCluster(
-                n_workers=workers,
-                threads_per_worker=1,
-                dashboard_address=None,
-                silence_logs=logging.ERROR,  # what a user must know comes as pumaid's own messages
-            ) as cluster,
-            distributed.Client(cluster, direct_to_workers=True) as client,
-        ):
+    _keep_quiet()
+    with _local(workers) if address == LOCAL else _remote(address, where) as client:
+        try:
             yield client
+        except (CancelledError, distributed.KilledWorker, CommClosedError) as error:
+            what = f"the cluster went away before all logs were read: {str(error).splitlines()[0][:200]}"
+            mend = "see what its scheduler and workers say, start it again, or leave --dask away"
+            raise LogError("cluster-lost", what, where, mend) from error
+
+
+def _keep_quiet() -> None:
+    """What a user can mend comes as a message of pumaid's own; a cluster that ends tells its life as tracebacks."""
+    for name in ("asyncio", "tornado", *logging.root.manager.loggerDict):
+        if name.partition(".")[0] in ("asyncio", "distributed", "tornado"):
+            logging.getLogger(name).setLevel(logging.CRITICAL)
+
+
+@contextmanager
+def _local(workers: int | None) -> Iterator[Any]:
+    """A client of worker processes on this machine, which end with it."""
+    import dask
+    import distributed
+
+    with ExitStack() as stack:
+        stack.enter_context(dask.config.set(_CONFIG))
+        with _interrupts_held():
+            cluster = distributed.LocalCluster(
+                n_workers=workers, threads_per_worker=1, dashboard_address=None, silence_logs=logging.CRITICAL
+            )
+        stack.enter_context(cluster)
+        yield stack.enter_context(distributed.Client(cluster, direct_to_workers=True))
+
+
+@contextmanager
+def _interrupts_held() -> Iterator[None]:
+    """Processes that are started meanwhile leave Ctrl-C to this one, which hears of it afterwards."""
+    if not hasattr(signal, "pthread_sigmask"):
+        yield
         return
+    resource_tracker.ensure_running()  # it would let interrupts in again
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, [signal.SIGINT])
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+
+
+@contextmanager
+def _remote(address: str, where: Where) -> Iterator[Any]:
+    """A client of a scheduler that somebody started."""
+    import distributed
+
     try:
         client = distributed.Client(address, timeout=PATIENCE)
     except (OSError, ValueError, TimeoutError) as error:
         what = f"no scheduler answers at {address}: {error}"
         raise LogError("no-cluster", what, where, "start one with 'dask scheduler', or give --dask local") from error
     with client:
+        _check_same_program(client, where)
         yield client
+
+
+def _check_same_program(client: Any, where: Where) -> None:
+    """Parts of logs pass between processes of one pumaid only."""
+    seen = client.get_versions(packages=["pumaid"])
+    for name, found in {"the scheduler": seen["scheduler"], **seen["workers"]}.items():
+        version = found["packages"].get("pumaid")
+        if version != __version__:
+            has = f"pumaid {version}" if version else "no pumaid"
+            what = f"{name} has {has}, this is pumaid {__version__}"
+            mend = f"pip install 'pumaid[dask]=={__version__}' where the scheduler and the workers run"
+            raise LogError("cluster-differs", what, where, mend)

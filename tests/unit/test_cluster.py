@@ -8,14 +8,21 @@ import shutil
 import signal
 import subprocess
 import sys
+import time
+from concurrent.futures import CancelledError
+from contextlib import nullcontext
 from functools import reduce
 from pathlib import Path
+from unittest.mock import MagicMock
 
 import numpy as np
 import pyarrow.parquet as pq
 import pytest
 from sessions import Eager, make_session, same
 
+from pumaid import __version__
+from pumaid.cluster import connect
+from pumaid.cluster.connect import connected
 from pumaid.cluster.gather import gather
 from pumaid.cluster.part import joined
 from pumaid.cluster.pieces import Reading
@@ -187,3 +194,58 @@ def test_a_cluster_from_the_command_line(logs, tmp_path):
     assert (
         refused.stderr.startswith("error[damaged-log]: logs/part_001.parquet") and not (folder / "none.json").exists()
     )
+
+
+@pytest.mark.parametrize(("place", "version"), [("scheduler", None), ("workers", "0.0.9")])
+def test_a_cluster_with_another_pumaid_is_refused(monkeypatch, place, version):
+    """Before any log is read: who has none, or another one, is named with what to install."""
+    distributed = pytest.importorskip("distributed", reason="pip install pumaid[dask]")
+    seen = {"scheduler": {"packages": {"pumaid": __version__}}, "workers": {}}
+    other = {"packages": {"pumaid": version}}
+    seen |= {"scheduler": other} if place == "scheduler" else {"workers": {"tcp://10.0.0.7:1": other}}
+    client = MagicMock()
+    client.get_versions.return_value = seen
+    client.__enter__.return_value = client
+    monkeypatch.setattr(distributed, "Client", lambda *_, **__: client)
+    with pytest.raises(LogError) as refused, connected("tcp://10.0.0.5:8786"):
+        pass
+    assert refused.value.slug == "cluster-differs"
+    assert ("no pumaid" if version is None else "10.0.0.7:1 has pumaid 0.0.9") in str(refused.value)
+    assert f"=={__version__}" in refused.value.mend
+
+
+@pytest.mark.parametrize("error", ["CancelledError", "KilledWorker", "CommClosedError"])
+def test_a_cluster_that_goes_away_is_told(monkeypatch, error):
+    """Its own errors become one refusal, none of pumaid's bugs."""
+    distributed = pytest.importorskip("distributed", reason="pip install pumaid[dask]")
+    from distributed.comm import CommClosedError
+
+    raised = {
+        "CancelledError": CancelledError("tried-1 cancelled for reason: scheduler-connection-lost"),
+        "KilledWorker": distributed.KilledWorker("tried-1", MagicMock(), 3),
+        "CommClosedError": CommClosedError("in <TCP>: ended"),
+    }[error]
+    monkeypatch.setattr(connect, "_local", lambda _: nullcontext(MagicMock()))
+    with pytest.raises(LogError) as told, connected("local"):
+        raise raised
+    assert told.value.slug == "cluster-lost" and "went away" in str(told.value)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("moment", [0.8, 1.3, 1.8])
+def test_ctrl_c_ends_a_local_cluster_quietly(logs, tmp_path, moment):
+    """While workers start or read, Ctrl-C (to all of them, as a terminal sends it) leaves one line and no process."""
+    pytest.importorskip("distributed", reason="pip install pumaid[dask]")
+    cut(logs, tmp_path / "logs", 200)
+    line = [sys.executable, "-m", "pumaid", "identify", "logs", "--no-cache", "--dask", "local", "--recipe"]
+    process = subprocess.Popen(
+        [*line, str(logs / "recipe.yaml")], cwd=tmp_path, stderr=subprocess.PIPE, text=True, start_new_session=True
+    )
+    time.sleep(moment)
+    os.killpg(process.pid, signal.SIGINT)
+    told = process.communicate(timeout=60)[1]
+    assert process.returncode in (130, 0) and "Traceback" not in told and "KeyboardInterrupt" not in told, told
+    with pytest.raises(ProcessLookupError):
+        for _ in range(100):
+            os.killpg(process.pid, 0)
+            time.sleep(0.1)
