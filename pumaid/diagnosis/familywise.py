@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
@@ -49,6 +49,7 @@ class Family:
     handicaps: dict[Key, float]
     largest: Floats
     lone: frozenset[Key] = frozenset()
+    _beyond: dict[float, float] = field(default_factory=dict, init=False, repr=False)
 
     def gross(self, key: Key) -> float:
         """Surprise beyond which no flip is asked."""
@@ -63,7 +64,9 @@ class Family:
 
     def threshold(self, key: Key, level: float) -> float:
         """Surprise that `key` needs for a p-value below `level`."""
-        return min(self.handicaps.get(key, 0.0) + float(np.quantile(self.largest, 1.0 - level)), self.gross(key))
+        if level not in self._beyond:
+            self._beyond[level] = float(np.quantile(self.largest, 1.0 - level))
+        return min(self.handicaps.get(key, 0.0) + self._beyond[level], self.gross(key))
 
 
 def family(scan: Scan, *, periodic: str | None = None, flips: int = FLIPS) -> Family:

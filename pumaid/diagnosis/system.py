@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -113,7 +114,7 @@ class Row:
         return np.asarray(self.field.current - self.misfit)
 
 
-@dataclass(frozen=True, eq=False, slots=True)
+@dataclass(frozen=True, eq=False)
 class Solved:
     """A system at its minimum.
 
@@ -141,7 +142,7 @@ class Solved:
     sizes: tuple[Floats, ...]
     rank: int
 
-    @property
+    @cached_property
     def square(self) -> float:
         """Sum of squares of the whitened residuals."""
         return sum(float(row.residual @ row.residual) for row in self.rows)

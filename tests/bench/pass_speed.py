@@ -30,6 +30,8 @@ from pumaid.virtual import table1
 ROOT = Path(__file__).parents[2]
 LOG = ROOT / "bench" / "log.csv"
 RECIPE = shipped_recipes()["puma560"]
+#: Stands for the folder of logs in a command.
+LOGS = "LOGS"
 #: Twice the paper's experiment takes 2700 s of robot time; at this rate that is two million rows of 19 columns.
 RATE = 1500.0
 
@@ -116,7 +118,7 @@ def repeated(folder: Path, times: int) -> Path:
 def measured(case: str, logs: Path, rows: int, *, times: int, words: tuple[str, ...]) -> dict[str, object]:
     """One line of the log: a command against reading the same files with pyarrow."""
     told = logs.parent / "told.txt"
-    command = (told, words[0], logs, "--recipe", RECIPE, *words[1:])
+    command = (told, *(logs if word == LOGS else word for word in words), "--recipe", RECIPE)
     load, read = (CSV, READ_CSV) if logs.name == "csv" else (PARQUET, READ_PARQUET)
     costs: dict[str, list[Cost]] = {"command": [], "loading": [], "floor": [], "floor loading": []}
     for _ in range(times):
@@ -147,18 +149,20 @@ def lines(folder: Path, millions: list[int], times: int) -> Iterator[dict[str, o
     os.environ["PUMAID_CACHE"] = str(folder / "cache")
     rows, fresh = make_logs(folder), ("--no-cache", "-o", str(folder / "model.json"))
     parquet = folder / "parquet"
-    yield measured("identify", parquet, rows, times=times, words=("identify", *fresh))
-    yield measured("identify, one core", parquet, rows, times=times, words=("identify", "--jobs", "1", *fresh))
-    yield measured("identify, CSV", folder / "csv", rows, times=times, words=("identify", *fresh))
+    yield measured("identify", parquet, rows, times=times, words=("identify", LOGS, *fresh))
+    yield measured("identify, one core", parquet, rows, times=times, words=("identify", LOGS, "--jobs", "1", *fresh))
+    yield measured("identify, CSV", folder / "csv", rows, times=times, words=("identify", LOGS, *fresh))
     run(COMMAND, folder / "told.txt", "segment", parquet, "--recipe", RECIPE)
-    yield measured("segment, kept", parquet, rows, times=times, words=("segment",))
-    added = ("identify", "--add", "stribeck@3", *fresh[1:])
+    yield measured("segment, kept", parquet, rows, times=times, words=("segment", LOGS))
+    added = ("identify", LOGS, "--add", "stribeck@3", *fresh[1:])
     yield measured("identify --add, kept", parquet, rows, times=times, words=added)
+    looked = ("diagnose", str(folder / "model.json"), LOGS, "-o", str(folder / "diagnosis.json"))
+    yield measured("diagnose, kept", parquet, rows, times=times, words=looked)
     for many in millions:
         again = round(many * 1e6 / rows)
         if again > 1:
             logs = repeated(folder, again)
-            yield measured("identify", logs, again * rows, times=1, words=("identify", *fresh))
+            yield measured("identify", logs, again * rows, times=1, words=("identify", LOGS, *fresh))
 
 
 def main() -> None:
