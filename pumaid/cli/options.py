@@ -94,12 +94,13 @@ class Pass:
     """How logs are read.
 
     `cached`, whether what an earlier command kept may be used; `jobs`, cores (0: all); `dask`, a cluster's scheduler or
-    ``local``, none where empty.
+    ``local``, none where empty; `client` gives its client where several experiments are read with one.
     """
 
     cached: bool = True
     jobs: int = 0
     dask: str = ""
+    client: Callable[[], Any] | None = None
 
 
 def pass_options(function: Decorated) -> Decorated:

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import ExitStack, contextmanager
+from dataclasses import replace
+from functools import cache
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from pumaid.cli.options import Pass
 from pumaid.cli.output import remark
@@ -192,22 +195,43 @@ def _on_cores(
         )
 
 
+@contextmanager
+def one_cluster(how: Pass) -> Iterator[Pass]:
+    """The same way to read, with one cluster for all experiments that are read meanwhile, from the first on.
+
+    Parameters
+    ----------
+    how
+        With ``--dask`` or without.
+    """
+    with ExitStack() as stack:
+
+        @cache
+        def client() -> Any:
+            from pumaid.cluster.connect import connected
+
+            found = stack.enter_context(connected(how.dask, workers=how.jobs or None))
+            if not found.scheduler_info()["workers"]:
+                remark(f"no worker has come to {how.dask} yet; reading begins with the first (dask worker {how.dask})")
+            return found
+
+        yield replace(how, client=how.client or client)
+
+
 def _on_cluster(paths: Sequence[LogPath], robot: Robot, *, trust: bool, options: SegmentOptions, how: Pass) -> Evidence:
     """The same on the workers of a cluster, a file each."""
-    from pumaid.cluster.connect import connected
     from pumaid.cluster.gather import gather
     from pumaid.files.paths import STDIN
 
     if STDIN in paths:
         what = "standard input cannot be read by the workers of a cluster"
         raise LogError("no-cluster", what, Where(field=f"--dask {how.dask}"), "name files, or leave --dask away")
-    with connected(how.dask, workers=how.jobs or None) as client, progress("reading logs", total=len(paths)) as step:
-        if not client.scheduler_info()["workers"]:
-            remark(f"no worker has come to {how.dask} yet; reading begins with the first (dask worker {how.dask})")
+    with one_cluster(how) as known, progress("reading logs", total=len(paths)) as step:
+        assert known.client is not None
         return gather(
             paths,
             robot,
-            client,
+            known.client(),
             options=options,
             refuse=not trust,
             progress=lambda done, count: step(done, f"{done} of {count} files"),

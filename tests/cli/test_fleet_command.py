@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import json
 import shutil
+from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
 from command import run
+from sessions import Eager
 
 
 @pytest.fixture(scope="module")
@@ -32,6 +34,29 @@ def fleet(logs, tmp_path) -> Path:
     shutil.copytree(logs / "b", tmp_path / "fleet" / "arm 2")
     shutil.copy(logs / "recipe.yaml", tmp_path / "recipe.yaml")
     return tmp_path / "fleet"
+
+
+def test_a_fleet_is_read_on_one_cluster(fleet, monkeypatch):
+    """--dask: the cluster is asked for once, and only where something must be read; the models are those without it."""
+    begun = []
+
+    @contextmanager
+    def connected(address, workers):
+        begun.append((address, workers))
+        client = Eager()
+        client.scheduler_info = lambda: {"workers": {"one": {}}}
+        yield client
+
+    monkeypatch.setattr("pumaid.cluster.connect.connected", connected)
+    asked = ["identify", str(fleet), "--recipe", str(fleet.parent / "recipe.yaml"), "--fleet"]
+    run(*asked, "--results", str(fleet.parent / "near"), "--no-cache")
+    assert begun == []
+    run(*asked, "--results", str(fleet.parent / "far"), "--dask", "tcp://10.0.0.5:8786")
+    run(*asked, "--results", str(fleet.parent / "far"), "--dask", "tcp://10.0.0.5:8786")
+    assert begun == [("tcp://10.0.0.5:8786", None)]
+    for name in ("arm 1", "arm 2"):
+        models = [(fleet.parent / where / name / "model.json").read_bytes() for where in ("near", "far")]
+        assert models[0] == models[1]
 
 
 def test_each_robot_gets_the_model_that_it_gets_alone(fleet):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -161,15 +162,17 @@ def _shown(estimate: Estimate, robot: Robot, units: str) -> None:
 
 def _whole_fleet(robots: list[Stable], asked: dict[str, Any], *, units: str, as_json: bool) -> None:
     from pumaid.cli.fleet import compared, identified, told_refusals
+    from pumaid.cli.reading import one_cluster
 
-    def one(robot: Stable) -> tuple[Robot, Estimate]:
+    def one(robot: Stable, how: Pass) -> tuple[Robot, Estimate]:
         remark(f"{robot.name}:")
         logs = (str(robot.logs),)
-        arm, estimate = _identified(logs, robot.recipe, asked)
+        arm, estimate = _identified(logs, robot.recipe, asked | {"how": how})
         path = _written(estimate, arm, (logs, robot.recipe, robot.results), output=None)
         remark(f"model written to {path}")
         return arm, estimate
 
-    models, refused = identified(robots, one)
+    with one_cluster(asked["how"]) as how:
+        models, refused = identified(robots, partial(one, how=how))
     compared(models, refused, units=units, as_json=as_json)
     told_refusals(refused)
