@@ -162,7 +162,7 @@ def _shown(estimate: Estimate, robot: Robot, units: str) -> None:
 
 def _whole_fleet(robots: list[Stable], asked: dict[str, Any], *, units: str, as_json: bool) -> None:
     from pumaid.cli.fleet import compared, identified, told_refusals
-    from pumaid.cli.reading import one_cluster
+    from pumaid.cli.one_pass import one_cluster
 
     def one(robot: Stable, how: Pass) -> tuple[Robot, Estimate]:
         remark(f"{robot.name}:")

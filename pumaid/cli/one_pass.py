@@ -1,0 +1,153 @@
+"""One pass over logs, as the command line asks for it: here, on several cores, or on a cluster."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from contextlib import ExitStack, contextmanager, suppress
+from dataclasses import replace
+from functools import cache
+from typing import TYPE_CHECKING, Any
+
+from pumaid.cli.options import Pass
+from pumaid.cli.output import remark
+from pumaid.cli.progress import progress
+from pumaid.errors import LogError, Where
+
+if TYPE_CHECKING:
+    from pumaid.files.table import LogPath
+    from pumaid.motion.options import SegmentOptions
+    from pumaid.records import Evidence, Robot
+
+#: malloc.h: M_MMAP_THRESHOLD (the largest that it knows) and M_TRIM_THRESHOLD, in bytes.
+_MALLOC = {-3: 32 << 20, -1: 256 << 20}
+
+
+def one_pass(
+    paths: Sequence[LogPath], robot: Robot, *, trust: bool, extra: Sequence[str], options: SegmentOptions, how: Pass
+) -> Evidence:
+    """Read, watch and segment logs: on a cluster, on several cores where there is enough to read, or here.
+
+    Parameters
+    ----------
+    paths
+        Files as `expand` gives them.
+    robot
+        The arm.
+    trust
+        Turn refusals of what cannot be meant into notes.
+    extra
+        Columns to read besides.
+    options
+        Thresholds of the segmentation.
+    how
+        ``--jobs`` and ``--dask``.
+    """
+    if how.dask:
+        return _on_cluster(paths, robot, trust=trust, options=options, how=how)
+    _keep_memory()
+    if others := _others(paths, how.jobs):
+        return _on_cores(paths, robot, others=others, trust=trust, extra=extra, options=options)
+    return _here(paths, robot, trust=trust, extra=extra, options=options, ahead=how.jobs != 1)
+
+
+def _here(
+    paths: Sequence[LogPath], robot: Robot, *, trust: bool, extra: Sequence[str], options: SegmentOptions, ahead: bool
+) -> Evidence:
+    """The same by this process, with a second thread that reads `ahead`."""
+    from pumaid.files.ahead import Ahead
+    from pumaid.files.table import LogReader
+    from pumaid.motion.suspicion import Watch
+    from pumaid.verbs.segment import segment
+
+    watched = Watch(LogReader(paths, robot, extra=extra), robot, refuse=not trust)
+    # Who waits for a pipe cannot be told to stop.
+    ahead = ahead and all(path.is_file() for path in paths)
+    with progress("reading logs") as step:
+        return segment(
+            Ahead(watched) if ahead else watched,
+            robot,
+            options=options,
+            progress=lambda rows: step(rows, f"{rows:,} rows"),
+        )
+
+
+def _keep_memory() -> None:
+    """Have the C library of Linux keep what is freed for the next batch; fresh pages cost a quarter of a short pass."""
+    import ctypes
+
+    with suppress(OSError, AttributeError, TypeError):
+        library = ctypes.CDLL(None)
+        for option, size in _MALLOC.items():
+            library.mallopt(option, size)
+
+
+def _others(paths: Sequence[LogPath], jobs: int) -> int:
+    """How many more processes are worth while."""
+    if jobs == 1:
+        return 0
+    from pumaid.cluster.cores import others
+
+    return others(paths, jobs)
+
+
+def _on_cores(
+    paths: Sequence[LogPath], robot: Robot, *, others: int, trust: bool, extra: Sequence[str], options: SegmentOptions
+) -> Evidence:
+    """The same by several processes."""
+    from pumaid.cluster.cores import spread, started
+    from pumaid.cluster.pieces import Reading
+    from pumaid.files.table import LogReader
+
+    LogReader(paths, robot, extra=extra).check_extra()
+    reading = Reading(robot, options, tuple(dict.fromkeys(extra)))
+    with started(reading, others) as mates, progress("reading logs") as step:
+        return spread(
+            paths,
+            reading,
+            mates,
+            refuse=not trust,
+            progress=lambda done, count: step(done, f"{done} of {count} files or parts of files"),
+        )
+
+
+@contextmanager
+def one_cluster(how: Pass) -> Iterator[Pass]:
+    """The same way to read, with one cluster for all experiments that are read meanwhile, from the first on.
+
+    Parameters
+    ----------
+    how
+        With ``--dask`` or without.
+    """
+    with ExitStack() as stack:
+
+        @cache
+        def client() -> Any:
+            from pumaid.cluster.connect import connected
+
+            found = stack.enter_context(connected(how.dask, workers=how.jobs or None))
+            if not found.scheduler_info()["workers"]:
+                remark(f"no worker has come to {how.dask} yet; reading begins with the first (dask worker {how.dask})")
+            return found
+
+        yield replace(how, client=how.client or client)
+
+
+def _on_cluster(paths: Sequence[LogPath], robot: Robot, *, trust: bool, options: SegmentOptions, how: Pass) -> Evidence:
+    """The same on the workers of a cluster, a file each."""
+    from pumaid.cluster.gather import gather
+    from pumaid.files.paths import STDIN
+
+    if STDIN in paths:
+        what = "standard input cannot be read by the workers of a cluster"
+        raise LogError("no-cluster", what, Where(field=f"--dask {how.dask}"), "name files, or leave --dask away")
+    with one_cluster(how) as known, progress("reading logs", total=len(paths)) as step:
+        assert known.client is not None
+        return gather(
+            paths,
+            robot,
+            known.client(),
+            options=options,
+            refuse=not trust,
+            progress=lambda done, count: step(done, f"{done} of {count} files"),
+        )
