@@ -6,7 +6,6 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
-from scipy import optimize
 
 from pumaid.diagnosis.scan import Projector, Trial, trial_of
 from pumaid.diagnosis.system import Added, Solved
@@ -53,6 +52,9 @@ def refined(projector: Projector, trial: Trial) -> Trial:
         if found.statistic > best.statistic:
             best = found
         return -found.statistic
+
+    # It takes as long to load as some diagnoses, of which those that find nothing with a shape do without it.
+    from scipy import optimize
 
     n = len(names)
     simplex = np.vstack([np.zeros(n), np.eye(n)])
