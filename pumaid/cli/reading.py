@@ -6,6 +6,8 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+import rich_click as click
+
 from pumaid.cli.options import Pass
 from pumaid.errors import Where
 
@@ -70,6 +72,7 @@ def read_evidence(
     logs: Sequence[str],
     recipe: Path | None,
     *,
+    robot: Robot | None = None,
     trust: bool = False,
     heldout: Sequence[str] = (),
     extra: Sequence[str] = (),
@@ -86,6 +89,8 @@ def read_evidence(
         As the user typed them: files, folders, globs, ``-``.
     recipe
         ``--recipe``, or none.
+    robot
+        The recipe's arm where it was read before: standard input can be read once.
     trust
         Turn these refusals into notes.
     heldout
@@ -104,12 +109,14 @@ def read_evidence(
     """
     from pumaid.cli.one_pass import one_pass
     from pumaid.files.evidence_cache import EvidenceCache
-    from pumaid.files.paths import expand
+    from pumaid.files.paths import STDIN, expand
     from pumaid.motion.options import DEFAULTS
 
     how, options = how or Pass(cached=False), options or DEFAULTS
     paths = expand(logs)
-    robot = read_robot(recipe, logs)
+    if STDIN in paths and str(recipe) == "-":
+        raise click.UsageError("standard input can be the logs or the recipe, not both")
+    robot = robot or read_robot(recipe, logs)
     kept = EvidenceCache(paths, robot, options=repr((options, trust, tuple(extra)))) if how.cached else None
     evidence = kept.get() if kept is not None else None
     if evidence is None:

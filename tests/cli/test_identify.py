@@ -88,6 +88,17 @@ def test_standard_input_and_output(arm):
     assert not (arm / "results").exists()
 
 
+def test_the_recipe_may_come_from_standard_input(arm):
+    """It is read once; the model has the recipe's digest and the same parameters."""
+    known = json.loads(identify("logs", "--json").stdout)
+    told = identify("logs", "--recipe", "-", "--json", input=(arm / "recipe.yaml").read_bytes())
+    assert told.exit_code == 0, told.stderr
+    found = json.loads(told.stdout)
+    assert found["recipe"]["sha256"] == known["recipe"]["sha256"] and found["joints"] == known["joints"]
+    twice = identify("-", "--recipe", "-", input=(arm / "recipe.yaml").read_bytes())
+    assert twice.exit_code == 2 and "not both" in twice.stderr
+
+
 @pytest.mark.parametrize(
     ("options", "path"),
     [(("-o", "first.json"), "first.json"), (("--results", "out"), "out/model.json"), ((), "results/model.json")],

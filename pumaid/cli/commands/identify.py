@@ -109,9 +109,10 @@ def _identified(logs: tuple[str, ...], recipe: Path | None, asked: dict[str, Any
     from pumaid.cli.reading import read_evidence, read_robot
     from pumaid.verbs.identify import identify
 
-    effects = chosen_by(read_robot(recipe, logs), add=asked["add"], remove=asked["remove"])
+    robot = read_robot(recipe, logs)
+    effects = chosen_by(robot, add=asked["add"], remove=asked["remove"])
     how, trust, heldout = asked["how"], asked["trust"], asked["heldout"]
-    robot, evidence = read_evidence(logs, recipe, trust=trust, heldout=heldout, how=how)
+    _, evidence = read_evidence(logs, recipe, robot=robot, trust=trust, heldout=heldout, how=how)
     with progress("identifying", total=robot.n_joints) as step:
         estimate = identify(
             evidence,
