@@ -66,8 +66,9 @@ def test_any_serial_chain_gives_its_own_axes(tmp_path: Path, joints: list[Stated
     rng = np.random.default_rng(seed)
     off = np.max([engine.off(rng.uniform(-3, 3, made.robot.n_joints)) for _ in range(5)], axis=0)
     bent = any(note.slug == "urdf-made-parallel" for note in made.notes)
-    allowed = np.array([made.agreement.direction, 3 * made.agreement.place]) if bent else np.zeros(2)
-    assert np.all(off < TOLERANCE + 1.1 * allowed)
+    told = np.array([made.agreement.direction, made.agreement.place]) if bent else np.zeros(2)
+    # What is told holds where joints slide by 1 m; here they slide by up to 3, and an axis off in direction goes along.
+    assert np.all(off < (TOLERANCE + 1.1 * told) * [1.0, 3.0])
 
 
 @settings(max_examples=60, deadline=None, derandomize=True, suppress_health_check=list(HealthCheck))
