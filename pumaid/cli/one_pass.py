@@ -20,6 +20,8 @@ if TYPE_CHECKING:
 
 #: malloc.h: M_MMAP_THRESHOLD (the largest that it knows) and M_TRIM_THRESHOLD, in bytes.
 _MALLOC = {-3: 32 << 20, -1: 256 << 20}
+#: Runs from which freed memory is given back at the end.
+_MANY_RUNS = 1000
 
 
 def one_pass(
@@ -42,12 +44,16 @@ def one_pass(
     how
         ``--jobs`` and ``--dask``.
     """
-    if how.dask:
-        return _on_cluster(paths, robot, trust=trust, options=options, how=how)
     _keep_memory()
-    if others := _others(paths, how.jobs):
-        return _on_cores(paths, robot, others=others, trust=trust, extra=extra, options=options)
-    return _here(paths, robot, trust=trust, extra=extra, options=options, ahead=how.jobs != 1)
+    if how.dask:
+        evidence = _on_cluster(paths, robot, trust=trust, options=options, how=how)
+    elif others := _others(paths, how.jobs):
+        evidence = _on_cores(paths, robot, others=others, trust=trust, extra=extra, options=options)
+    else:
+        evidence = _here(paths, robot, trust=trust, extra=extra, options=options, ahead=how.jobs != 1)
+    if len(evidence.runs) > _MANY_RUNS:
+        _give_back_memory()
+    return evidence
 
 
 def _here(
@@ -79,6 +85,14 @@ def _keep_memory() -> None:
         library = ctypes.CDLL(None)
         for option, size in _MALLOC.items():
             library.mallopt(option, size)
+
+
+def _give_back_memory() -> None:
+    """What the pass held between runs that stay, some 200 MiB after thousands of them, is there for what follows."""
+    import ctypes
+
+    with suppress(OSError, AttributeError, TypeError):
+        ctypes.CDLL(None).malloc_trim(0)
 
 
 def _others(paths: Sequence[LogPath], jobs: int) -> int:

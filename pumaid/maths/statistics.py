@@ -13,6 +13,8 @@ Floats = NDArray[np.float64]
 
 #: An eigenvalue of I - H below this belongs to a direction that a run fits alone; it is left as it is.
 FITTED_ALONE = 1e-8
+#: Runs that are worked on at once: what each pulls takes some 25 kB.
+AT_ONCE = 1000
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -42,8 +44,26 @@ def clustered(jacobians: Sequence[Floats], residuals: Sequence[Floats], inverse:
     """
     p = len(inverse)
     scores = np.zeros((len(jacobians), p))
-    pull = np.zeros((p, len(jacobians), p))  # by contrast: how each run's J' A J M pulls it
-    own = np.zeros((len(jacobians), p))
+    trace, squares, gram = np.zeros(p), np.zeros(p), np.zeros((p, p, p))
+    for start in range(0, len(jacobians), AT_ONCE):
+        some = slice(start, start + AT_ONCE)
+        scores[some], own, pull = _turned(jacobians[some], residuals[some], inverse)
+        for contrast, u in enumerate(pull):
+            turned = u @ inverse
+            crossed = np.sum(u * turned, axis=1)
+            trace[contrast] += np.sum(own[:, contrast] - crossed)
+            squares[contrast] += np.sum(own[:, contrast] ** 2) - 2.0 * np.sum(own[:, contrast] * crossed)
+            gram[contrast] += u.T @ turned
+    squares += np.sum(gram * gram.transpose(0, 2, 1), axis=(1, 2))
+    shown = (squares > 0) & (trace > 0)
+    return Clustered(scores.T @ scores, np.divide(trace**2, squares, out=np.zeros(p), where=shown))
+
+
+def _turned(jacobians: Sequence[Floats], residuals: Sequence[Floats], inverse: Floats) -> tuple[Floats, Floats, Floats]:
+    """Of R runs: scores (R, p), squares of what each tells of a contrast (R, p), and (p, R, p) its pull by contrast."""
+    p = len(inverse)
+    scores, own = np.zeros((len(jacobians), p)), np.zeros((len(jacobians), p))
+    pull = np.zeros((p, len(jacobians), p))  # how each run's J' A J M pulls a contrast
     for alike in _by_length(jacobians):
         J = np.array([jacobians[number] for number in alike])
         e = np.array([residuals[number] for number in alike])
@@ -54,16 +74,7 @@ def clustered(jacobians: Sequence[Floats], residuals: Sequence[Floats], inverse:
         a = _times(A @ J, inverse)
         own[alike] = np.sum(a**2, axis=1)
         pull[:, alike] = (J.transpose(0, 2, 1) @ a).transpose(2, 0, 1)
-    covariance = scores.T @ scores
-    freedoms = np.zeros(p)
-    for contrast, u in enumerate(pull):
-        turned = u @ inverse
-        crossed = np.sum(u * turned, axis=1)
-        trace = float(np.sum(own[:, contrast] - crossed))
-        gram = u.T @ turned
-        squares = np.sum(own[:, contrast] ** 2) - 2.0 * np.sum(own[:, contrast] * crossed) + np.sum(gram * gram.T)
-        freedoms[contrast] = trace**2 / squares if squares > 0 and trace > 0 else 0.0
-    return Clustered(covariance, freedoms)
+    return scores, own, pull
 
 
 def _by_length(blocks: Sequence[Floats]) -> list[list[int]]:

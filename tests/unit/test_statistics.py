@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from scipy import linalg, stats
 
+from pumaid.maths import statistics
 from pumaid.maths.statistics import clustered, interval, two_sided
 
 RNG = np.random.default_rng(9)
@@ -100,3 +101,17 @@ def test_two_sided_is_scipys():
     """Both tails, whatever the sign."""
     wanted = 2.0 * (1.0 - stats.t(7).cdf(2.1))
     assert two_sided(2.1, 7.0) == pytest.approx(wanted) == pytest.approx(two_sided(-2.1, 7.0))
+
+
+def test_thousands_of_runs_are_worked_on_a_few_at_a_time(monkeypatch):
+    """Covariance and degrees of freedom do not depend on how many runs are held at once."""
+    random = np.random.default_rng(5)
+    blocks = [random.normal(size=(int(random.integers(1, 5)), 3)) for _ in range(40)]
+    residual = [random.normal(size=len(block)) for block in blocks]
+    inverse = np.linalg.inv(sum(block.T @ block for block in blocks))
+    together = clustered(blocks, residual, inverse)
+    monkeypatch.setattr(statistics, "AT_ONCE", 7)
+    apart = clustered(blocks, residual, inverse)
+    np.testing.assert_allclose(apart.covariance, together.covariance, rtol=1e-12)
+    np.testing.assert_allclose(apart.freedoms, together.freedoms, rtol=1e-10)
+    assert np.all(together.freedoms > 1)
