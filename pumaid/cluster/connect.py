@@ -58,7 +58,8 @@ def connected(address: str, *, workers: int | None = None) -> Iterator[Any]:
         try:
             yield client
         except (CancelledError, distributed.KilledWorker, CommClosedError) as error:
-            what = f"the cluster went away before all logs were read: {str(error).splitlines()[0][:200]}"
+            said = str(error).strip().partition("\n")[0][:200] or type(error).__name__
+            what = f"the cluster went away before all logs were read: {said}"
             mend = "see what its scheduler and workers say, start it again, or leave --dask away"
             raise LogError("cluster-lost", what, where, mend) from error
 

@@ -214,7 +214,7 @@ def test_a_cluster_with_another_pumaid_is_refused(monkeypatch, place, version):
     assert f"=={__version__}" in refused.value.mend
 
 
-@pytest.mark.parametrize("error", ["CancelledError", "KilledWorker", "CommClosedError"])
+@pytest.mark.parametrize("error", ["CancelledError", "nothing said", "KilledWorker", "CommClosedError"])
 def test_a_cluster_that_goes_away_is_told(monkeypatch, error):
     """Its own errors become one refusal, none of pumaid's bugs."""
     distributed = pytest.importorskip("distributed", reason="pip install pumaid[dask]")
@@ -222,6 +222,7 @@ def test_a_cluster_that_goes_away_is_told(monkeypatch, error):
 
     raised = {
         "CancelledError": CancelledError("tried-1 cancelled for reason: scheduler-connection-lost"),
+        "nothing said": CancelledError(),
         "KilledWorker": distributed.KilledWorker("tried-1", MagicMock(), 3),
         "CommClosedError": CommClosedError("in <TCP>: ended"),
     }[error]

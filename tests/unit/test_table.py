@@ -479,6 +479,19 @@ def test_flipped_bytes_are_found(tmp_path: Path) -> None:
     assert refusal(tmp_path / "a.parquet", bytes(data)).slug == "damaged-log"
 
 
+def test_no_memory_is_no_damage(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Where Arrow gets no memory for a Parquet file, the file is not called damaged for that."""
+    write_log(tmp_path / "a.parquet", [motion(500)], arm())
+
+    def batches(*_: object, **__: object) -> Iterable[object]:
+        raise pa.ArrowMemoryError("malloc of size 524288 failed")
+        yield
+
+    monkeypatch.setattr(pq.ParquetFile, "iter_batches", batches)
+    refused = refusal(tmp_path / "a.parquet", (tmp_path / "a.parquet").read_bytes())
+    assert refused.slug == "no-memory" and "524288" in refused.what and "ulimit -v" in refused.mend
+
+
 def test_notes_that_files_share_are_told_once(tmp_path: Path) -> None:
     """Twenty files without a current are one note, not twenty."""
     for k in range(20):
