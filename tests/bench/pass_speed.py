@@ -40,20 +40,29 @@ RATE = 1500.0
 #: that loading alone can be timed, too.
 COMMAND = """
 import pathlib, resource, sys
-from pumaid.cli import group
-group.main(sys.argv[2:], standalone_mode=False)
+from pumaid.__main__ import run
+told = sys.argv.pop(1)
+try:
+    run()
+except SystemExit as end:
+    if end.code:
+        raise
 peak = int(pathlib.Path("/proc/self/status").read_text().split("VmHWM:")[1].split()[0]) // 1024
 other = resource.getrusage(resource.RUSAGE_CHILDREN).ru_maxrss // 1024
 names = [name for name in sys.modules if name != "__main__"]
-pathlib.Path(sys.argv[1]).write_text("\\n".join([f"{peak} {other}", *names]))
+pathlib.Path(told).write_text("\\n".join([f"{peak} {other}", *names]))
 """
+#: Start-up alone: the same modules, at best (no look for garbage), and nothing of what a process does at its end.
 LOAD = """
-import importlib, pathlib, sys
+import gc, importlib, os, pathlib, sys
 from contextlib import suppress
+gc.disable()
 for name in pathlib.Path(sys.argv[1]).read_text().splitlines()[1:]:
     with suppress(ImportError):
         importlib.import_module(name)
+os._exit(0)
 """
+END = "import os\nos._exit(0)\n"
 PARQUET = "import pathlib, sys\nimport pyarrow.parquet as pq\n"
 READ_PARQUET = "for path in sorted(pathlib.Path(sys.argv[1]).iterdir()): pq.read_table(path)\n"
 CSV = "import pathlib, sys\nimport pyarrow.csv as pc\n"
@@ -125,7 +134,7 @@ def measured(case: str, logs: Path, rows: int, *, times: int, words: tuple[str, 
         costs["command"].append(run(COMMAND, *command))
         costs["loading"].append(run(LOAD, told))
         costs["floor"].append(run(load + read, logs))
-        costs["floor loading"].append(run(load))
+        costs["floor loading"].append(run(load + END))
     best = {name: least(one) for name, one in costs.items()}
     own, floor = best["command"].beyond(best["loading"]), best["floor"].beyond(best["floor loading"])
     return {
