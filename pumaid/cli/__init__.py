@@ -24,6 +24,8 @@ click.rich_click.MAX_WIDTH = 100
 
 # Matrices here are small: threads of the linear algebra library would only wait for each other.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+# Arrow's own allocator fetches hundreds of megabytes of fresh pages for a short pass; the C library's are used again.
+os.environ.setdefault("ARROW_DEFAULT_MEMORY_POOL", "system")
 
 #: Order in which help lists the commands: the order of work. Commands not named here follow, by name.
 ORDER_OF_WORK = (

@@ -57,7 +57,10 @@ class Triangle:
     @classmethod
     def of(cls, columns: Sequence[str], regressors: Floats, target: Floats) -> Triangle:
         """Factor `regressors` (N, p) and `target` (N,)."""
-        return cls(tuple(columns), _factor(np.column_stack([regressors, target])), len(target))
+        # Column after column in memory, as LAPACK takes it.
+        rows = np.empty((regressors.shape[1] + 1, len(target)))
+        rows[:-1], rows[-1] = regressors.T, target
+        return cls(tuple(columns), _factor(rows.T), len(target))
 
     def __add__(self, other: Triangle) -> Triangle:
         return self.merge([self, other])

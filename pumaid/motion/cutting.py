@@ -11,7 +11,7 @@ from pumaid.motion.block import LARGEST, Block
 from pumaid.motion.movement import REST, SEVERAL, Course, Stretch, course, stretches
 from pumaid.motion.options import BOTH, CONSTANT, STROKE, SegmentOptions
 from pumaid.motion.plateau import Plateau, plateaus
-from pumaid.motion.speed import Ticks
+from pumaid.motion.speed import Ticks, usual_step
 from pumaid.motion.stroke import Smooth, sliding, smooth
 
 Floats = NDArray[np.float64]
@@ -67,10 +67,9 @@ def is_measured(block: Block) -> NDArray[np.bool_]:
     return good & (np.abs(block.position) < LARGEST).all(axis=1)
 
 
-def wholes(block: Block, options: SegmentOptions) -> tuple[list[Whole], list[Piece]]:
-    """Stretches without gaps, and what is too small to be one."""
+def wholes(block: Block, options: SegmentOptions, *, usual: float) -> tuple[list[Whole], list[Piece]]:
+    """Stretches without gaps, and what is too small to be one; `usual` (s) is the block's step of time."""
     steps = np.diff(block.time)
-    usual = float(np.median(steps)) if len(steps) else 0.0
     broken = (steps > max(GAP_STEPS * usual, GAP_TIME)) | (steps <= 0)
     borders = np.concatenate([[0], np.flatnonzero(broken) + 1, [len(block)]])
     found, fragments = [], []
@@ -79,7 +78,7 @@ def wholes(block: Block, options: SegmentOptions) -> tuple[list[Whole], list[Pie
             fragments.append(Piece(low, high, reason="gap"))
             continue
         time, position = block.time[low:high], block.position[low:high]
-        step = usual if high - low == len(block) else float(np.median(np.diff(time)))
+        step = usual if high - low == len(block) else usual_step(time)
         found.append(Whole(low, time, position, course(Ticks.of(time, position, step=step), options)))
     return found, fragments
 

@@ -41,15 +41,16 @@ def triangle(block: Block, piece: Piece, robot: Robot, *, samples: Chosen) -> Tr
     """The run's triangle over the columns that its kind has."""
     joint = piece.joints[0]
     position, current = block.position[samples, joint - 1], block.current[samples, joint - 1]
-    columns = np.zeros((len(position), 3 if piece.kind == CONSTANT else 5))
+    columns = np.zeros((3 if piece.kind == CONSTANT else 5, len(position)))
     if robot.joint(joint).is_revolute:
-        columns[:, 0], columns[:, 1] = np.cos(position), np.sin(position)
-    columns[:, 2] = 1.0
+        np.cos(position, out=columns[0])
+        np.sin(position, out=columns[1])
+    columns[2] = 1.0
     if piece.course is None:
-        return Triangle.of(CONSTANT_COLUMNS, columns, current)
-    columns[:, 3] = piece.course.velocity[_within(samples, piece)]
-    columns[:, 4] = piece.course.acceleration[_within(samples, piece)]
-    return Triangle.of(STROKE_COLUMNS, columns, current)
+        return Triangle.of(CONSTANT_COLUMNS, columns.T, current)
+    columns[3] = piece.course.velocity[_within(samples, piece)]
+    columns[4] = piece.course.acceleration[_within(samples, piece)]
+    return Triangle.of(STROKE_COLUMNS, columns.T, current)
 
 
 def cells(block: Block, piece: Piece, rate: tuple[Floats, Floats], *, samples: Chosen, most: int) -> Cells:

@@ -13,6 +13,7 @@ from pumaid.motion.cutting import Piece, Whole, clipped, is_measured, pieces, wh
 from pumaid.motion.harvest import Harvest
 from pumaid.motion.options import SegmentOptions
 from pumaid.motion.rest import RESTFUL, FirstRest, last_rest
+from pumaid.motion.speed import usual_step
 from pumaid.records import Log, Reject, Robot, Run
 
 #: s; what a window sees of its neighbours, longer than any line that a speed is judged by.
@@ -186,11 +187,12 @@ class Segmenter:
         block = self._buffer.block(size)
         good = is_measured(block)
         kept, index = (block, np.arange(size)) if good.all() else (_only(block, good), np.flatnonzero(good))
-        whole_stretches, fragments = wholes(kept, self._options) if len(index) else ([], [])
+        usual = usual_step(kept.time)
+        whole_stretches, fragments = wholes(kept, self._options, usual=usual) if len(index) else ([], [])
         found: list[tuple[Whole | None, Piece]] = [(None, piece) for piece in fragments]
         found += [(whole, piece) for whole in whole_stretches for piece in pieces(whole, self._options)]
         found.sort(key=lambda item: item[1].start)
-        cut, lead = (len(index), 0) if ends else _cut(kept, [piece for _, piece in found])
+        cut, lead = (len(index), 0) if ends else _cut(kept, [piece for _, piece in found], usual=usual)
         for whole, piece in found:
             part = clipped(piece, kept.lead, cut)
             if part.stop > part.start:
@@ -221,12 +223,12 @@ def _only(block: Block, good: np.ndarray) -> Block:
     )
 
 
-def _cut(block: Block, found: list[Piece]) -> tuple[int, int]:
+def _cut(block: Block, found: list[Piece], *, usual: float) -> tuple[int, int]:
     """Where a full window ends, and how many samples before that the next one sees again."""
     size = len(block)
     if size < 2:
         return size, 0
-    context = min(size // 8, int(np.ceil(CONTEXT / max(1e-9, float(np.median(np.diff(block.time)))))))
+    context = min(size // 8, int(np.ceil(CONTEXT / max(1e-9, usual))))
     for piece in reversed(found):
         low, high = max(piece.start, size // 2), min(piece.stop, size - 1)
         if piece.reason == "rest" and high > low and block.time[high] - block.time[low] >= RESTFUL:

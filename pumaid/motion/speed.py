@@ -23,6 +23,8 @@ SURE = 4.5
 CACHED = 16_384
 #: Median absolute third difference of white noise of unit standard deviation.
 THIRD_DIFFERENCE = math.sqrt(20.0) * 0.6745
+#: Share by which steps of time of an even clock differ; their mean is then found fifty times sooner than their median.
+_EVEN = 1e-3
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -54,9 +56,9 @@ class Ticks:
         return len(self.time)
 
     @classmethod
-    def of(cls, time: Floats, position: Floats, *, step: float | None = None) -> Ticks:
-        """Reduce (N,) times and (N, J) positions, N at least 2; `step` (s) is the median one of time, where known."""
-        size = max(1, round(TICK / (float(np.median(np.diff(time))) if step is None else step)))
+    def of(cls, time: Floats, position: Floats, *, step: float) -> Ticks:
+        """Reduce (N,) times and (N, J) positions, N at least 2; `step` (s) is the usual one of time."""
+        size = max(1, round(TICK / step))
         starts = np.arange(0, max(1, len(time) - size // 2), size)
         counts = np.diff(np.append(starts, len(time)))
         centre = position[0]
@@ -81,6 +83,17 @@ class Ticks:
         while half < most and self.fit_error(joint, half) > wanted:
             half += 1
         return half
+
+
+def usual_step(time: Floats) -> float:
+    """Median step of (N,) times (s), or of an even clock the mean one; 0 where there is none."""
+    steps = np.diff(time)
+    if not len(steps):
+        return 0.0
+    least, most = float(steps.min()), float(steps.max())
+    if 0.0 < most and most - least <= _EVEN * most:
+        return float(time[-1] - time[0]) / len(steps)
+    return float(np.median(steps))
 
 
 def _smallest_step(values: Floats) -> float:
@@ -115,16 +128,21 @@ def slopes(time: Floats, values: Floats, half: int) -> Floats:
     """
     if len(time) < 2:
         return np.zeros(len(time))
-    index = np.arange(len(time))
-    low, high = np.maximum(index - half, 0), np.minimum(index + half + 1, len(time))
-    # Sums up to each instant of t, y, t^2 and t y; a window's are differences of two.
-    total = np.zeros((4, len(time) + 1))
-    t, y = np.subtract(time, time.mean(), out=total[0, 1:]), np.subtract(values, values.mean(), out=total[1, 1:])
-    np.multiply(t, t, out=total[2, 1:])
-    np.multiply(t, y, out=total[3, 1:])
-    np.cumsum(total, axis=1, out=total)
-    sum_t, sum_y, sum_tt, sum_ty = (row[high] - row[low] for row in total)
-    n = (high - low).astype(float)
+    size = len(time)
+    # Sums of t, y, t^2 and t y up to each instant, the first and the last of them as often as windows reach beyond the
+    # ends; a window's are differences of two.
+    total = np.zeros((4, size + 1 + 2 * half))
+    inside = total[:, half + 1 : half + 1 + size]
+    t, y = np.subtract(time, time.mean(), out=inside[0]), np.subtract(values, values.mean(), out=inside[1])
+    np.multiply(t, t, out=inside[2])
+    np.multiply(t, y, out=inside[3])
+    np.cumsum(inside, axis=1, out=inside)
+    total[:, half + 1 + size :] = inside[:, -1:]
+    sum_t, sum_y, sum_tt, sum_ty = total[:, 2 * half + 1 :] - total[:, :size]
+    n = np.full(size, 2.0 * half + 1.0)
+    short = np.arange(half, 0, -1)[:size]
+    n[: len(short)] -= short
+    n[size - len(short) :] -= short[::-1]
     return np.asarray((sum_ty - sum_t * sum_y / n) / (sum_tt - sum_t * sum_t / n))
 
 

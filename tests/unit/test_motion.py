@@ -8,7 +8,7 @@ import pytest
 from pumaid.motion.edge import Window, leaving
 from pumaid.motion.reduce import coarser
 from pumaid.motion.settle import settled
-from pumaid.motion.speed import Ticks, derivatives, slopes
+from pumaid.motion.speed import Ticks, derivatives, slopes, usual_step
 from pumaid.records import Cells
 
 
@@ -40,7 +40,7 @@ def test_tick_noise_is_that_of_a_mean(rate):
     rng = np.random.default_rng(1)
     time = np.arange(round(20 * rate)) / rate
     position = np.sin(0.5 * time) + 1e-3 * rng.standard_normal(len(time))
-    ticks = Ticks.of(time, position[:, None])
+    ticks = Ticks.of(time, position[:, None], step=usual_step(time))
     size = ticks.edges[1] - ticks.edges[0]
     assert ticks.noise[0] == pytest.approx(1e-3 / np.sqrt(size), rel=0.15)
 
@@ -49,7 +49,9 @@ def test_a_coarse_encoder_asks_for_a_longer_line():
     """The fit lengthens until the encoder's step cannot pass for a speed."""
     time = np.arange(4000) / 1000.0
     position = np.round(0.02 * time / 1e-3) * 1e-3
-    coarse, fine = Ticks.of(time, position[:, None]), Ticks.of(time, 0.02 * time[:, None])
+    step = usual_step(time)
+    coarse = Ticks.of(time, position[:, None], step=step)
+    fine = Ticks.of(time, 0.02 * time[:, None], step=step)
     assert coarse.quantum[0] == pytest.approx(1e-3)
     assert coarse.half_width(1, 1e-3) > fine.half_width(1, 1e-3)
 
