@@ -91,7 +91,7 @@ def usual_step(time: Floats) -> float:
     if not len(steps):
         return 0.0
     least, most = float(steps.min()), float(steps.max())
-    if 0.0 < most and most - least <= _EVEN * most:
+    if most > 0.0 and most - least <= _EVEN * most:
         return float(time[-1] - time[0]) / len(steps)
     return float(np.median(steps))
 
