@@ -144,47 +144,74 @@ def fields(
     model: Model, runs: Sequence[Run], *, most: int = COARSE, campaign: Campaign | None = None
 ) -> tuple[Field, ...]:
     """A field for each joint that moves in `runs`, base first; `campaign` is that of all runs of the logs."""
-    campaign = campaign or Campaign.of(runs)
-    joints = sorted({run.joint for run in runs})
-    own = [[run for run in runs if run.joint == joint] for joint in joints]
-    return tuple(field(model, some, campaign=campaign, most=most) for some in own)
+    return fields_at(model, runs, (most,), campaign=campaign)[0]
 
 
-def field(model: Model, runs: Sequence[Run], *, campaign: Campaign, most: int = COARSE) -> Field:
-    """The runs of one joint in at most `most` cells each, of a joint that turns round and round each turn.
+def fields_at(
+    model: Model, runs: Sequence[Run], finenesses: Sequence[int], *, campaign: Campaign | None = None
+) -> list[tuple[Field, ...]]:
+    """The fields of all joints that move in `runs`, base first, for each number of cells a run.
 
     Parameters
     ----------
     model
         Of the arm.
     runs
-        All of one joint, in order of time.
+        In order of time.
+    finenesses
+        Most cells of a run, or a turn of a joint that turns round and round.
     campaign
-        When its joint first moved.
-    most
-        Cells a run, or a turn.
+        That of all runs of the logs; when each joint first moved.
     """
-    joint = runs[0].joint
-    runs = [_settled(run) for run in runs]
+    campaign = campaign or Campaign.of(runs)
+    joints = sorted({run.joint for run in runs})
+    settled = [_Settled.of([run for run in runs if run.joint == joint]) for joint in joints]
+    return [tuple(_field(model, one, campaign=campaign, most=most) for one in settled) for most in finenesses]
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class _Settled:
+    """The runs of one joint without their ends; `sloped` with the acceleration of their cells; groups as in `Field`."""
+
+    runs: tuple[Run, ...]
+    sloped: tuple[Run, ...]
+    groups: tuple[tuple[int, ...], ...]
+    postures: tuple[tuple[int, ...], ...]
+
+    @classmethod
+    def of(cls, runs: Sequence[Run]) -> _Settled:
+        """Of all runs of a joint, in order of time."""
+        kept = tuple(_settled(run) for run in runs)
+        repeated = [tuple(group) for group in replicates(kept)]
+        alone = [(k,) for k in range(len(kept)) if not any(k in group for group in repeated)]
+        return cls(
+            kept,
+            tuple(_sloped(run) for run in kept),
+            tuple(sorted([*repeated, *alone])),
+            tuple(tuple(group) for group in posture_groups(kept)),
+        )
+
+
+def _field(model: Model, settled: _Settled, *, campaign: Campaign, most: int) -> Field:
+    """One joint's runs in at most `most` cells each, of a joint that turns round and round each turn."""
+    runs, joint = settled.runs, settled.runs[0].joint
     turn = 2.0 * np.pi if model.robot.joint(joint).is_revolute else np.inf
-    thin = [_thinned(_sloped(run), int(most * max(abs(run.span[1] - run.span[0]) / turn, 1.0))) for run in runs]
+    thin = [_thinned(run, int(most * max(abs(run.span[1] - run.span[0]) / turn, 1.0))) for run in settled.sloped]
     many = [_held(samples_of(run, campaign), run) for run in thin]
     samples = joined(many)
     is_stroke = np.repeat([run.kind != CONSTANT for run in thin], [len(one) for one in many])
     lengths = np.array([len(one) for one in many])
-    repeated = [tuple(group) for group in replicates(runs)]
-    alone = [(k,) for k in range(len(runs)) if not any(k in group for group in repeated)]
     return Field(
         joint=joint,
-        runs=tuple(runs),
+        runs=runs,
         samples=samples,
         current=np.concatenate([run.cells.current[:, joint - 1] for run in thin]),
         count=np.concatenate([run.cells.count for run in thin]).astype(float),
         inside=np.concatenate([run.cells.variance for run in thin]),
         first=np.concatenate([[0], np.cumsum(lengths)[:-1]]).astype(np.int64),
         step=np.array([run.duration / max(len(run.cells), 1) for run in thin]),
-        groups=tuple(sorted([*repeated, *alone])),
-        postures=tuple(tuple(group) for group in posture_groups(runs)),
+        groups=settled.groups,
+        postures=settled.postures,
         base=model.along(replace(samples, acceleration=np.where(is_stroke, samples.acceleration, 0.0)), lengths),
     )
 

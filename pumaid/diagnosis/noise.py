@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -46,26 +47,23 @@ class Noise:
 
     def whiten(self, field: Field, values: Floats) -> Floats:
         """(N, ...) values times the inverse root of the noise's covariance, run by run."""
-        run = field.run
-        out = self._decorrelated(field, values)
+        out = self.decorrelated(field, values)
         if self.level == 0.0:
             return out
-        ones = self._decorrelated(field, np.ones(len(field)))
-        length2 = field.sums(ones * ones)
-        shrink = (1.0 - 1.0 / np.sqrt(1.0 + self.level**2 * length2)) / length2
+        ones, shrunk = _level(self, field)
         wide = (slice(None),) + (None,) * (values.ndim - 1)
-        along = field.sums(out * ones[wide])
-        return np.asarray(out - (ones * shrink[run])[wide] * along[run])
+        shared = field.sums(out * ones[wide])[field.run]
+        shared *= shrunk[wide]
+        out -= shared
+        return out
 
     def unwhiten(self, field: Field, white: Floats) -> Floats:
         """(N,) the transpose of `whiten` on whitened values: with it a column's score is its plain product."""
         run = field.run
         values = white
         if self.level > 0.0:
-            ones = self._decorrelated(field, np.ones(len(field)))
-            length2 = field.sums(ones * ones)
-            shrink = (1.0 - 1.0 / np.sqrt(1.0 + self.level**2 * length2)) / length2
-            values = white - ones * (shrink * field.sums(white * ones))[run]
+            ones, shrunk = _level(self, field)
+            values = white - shrunk * field.sums(white * ones)[run]
         scaled = values / (self.spread * np.sqrt(1.0 - self.correlation**2))[run]
         rho = self.correlation[run]
         out = scaled.copy()
@@ -93,7 +91,8 @@ class Noise:
         density = spread**2 * (1.0 + rho) / (1.0 - rho) / ratio
         return Noise(fresh, np.sqrt(density * (1.0 - fresh) / (1.0 + fresh)), self.level, self.from_replicates)
 
-    def _decorrelated(self, field: Field, values: Floats) -> Floats:
+    def decorrelated(self, field: Field, values: Floats) -> Floats:
+        """(N, ...) values times the inverse root of the covariance without the level that a run shares."""
         run = field.run
         wide = (slice(None),) + (None,) * (values.ndim - 1)
         rho = self.correlation[run][wide]
@@ -104,6 +103,15 @@ class Noise:
         out[field.first] = fresh[wide] * values[field.first]
         out /= (self.spread * fresh)[run][wide]
         return out
+
+
+@lru_cache(maxsize=16)  # the same for all columns that are tried
+def _level(noise: Noise, field: Field) -> tuple[Floats, Floats]:
+    """(N,) a level that a run shares, with the noise of its cells taken out, and what of it whitening takes away."""
+    ones = noise.decorrelated(field, np.ones(len(field)))
+    length2 = field.sums(ones * ones)
+    shrink = (1.0 - 1.0 / np.sqrt(1.0 + noise.level**2 * length2)) / length2
+    return ones, ones * shrink[field.run]
 
 
 def noise(field: Field, residual: Floats) -> Noise:

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import ndimage, special
+from scipy import special
 
 from pumaid.diagnosis.field import typical
 from pumaid.diagnosis.laid import Laid
@@ -169,7 +169,7 @@ class Spectrum:
         power = np.zeros(len(height))
         for way in WAYS:
             power += np.abs(self.tapered[self.way == way].sum(axis=0)) ** 2
-        around = ndimage.median_filter(power, 2 * NEIGHBOURS + 1, mode="nearest")
+        around = _around(power)
         height[power <= PROMINENCE * around] = 0.0
         near = KNOWN * (self.frequency[1] - self.frequency[0])
         for frequency in known:
@@ -240,7 +240,13 @@ def _loudness(sums: Complex, way: Floats) -> Floats:
     for row, sign in enumerate(WAYS):
         power = np.sum(np.abs(sums[way == sign]) ** 2, axis=0)
         runs = max(int(np.count_nonzero(way == sign)), 1)
-        typical = ndimage.median_filter(power, 2 * NEIGHBOURS + 1, mode="nearest")
+        typical = _around(power)
         # The median of a sum of `runs` exponentials against its mean (Wilson and Hilferty).
         out[row] = np.maximum(typical / (1.0 - 1.0 / (9.0 * runs)) ** 3, 1e-300)
     return out
+
+
+def _around(power: Floats) -> Floats:
+    """(F,) medians of the power at each frequency and its `NEIGHBOURS` on either side; the outermost go on beyond."""
+    padded = np.pad(power, NEIGHBOURS, mode="edge")
+    return np.asarray(np.median(np.lib.stride_tricks.sliding_window_view(padded, 2 * NEIGHBOURS + 1), axis=1))

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from pumaid.diagnosis.chain import Start
 from pumaid.diagnosis.contender import DECISIVE, LEVEL, Contender, contender, evidence, rivals
 from pumaid.diagnosis.familywise import Family, family
-from pumaid.diagnosis.field import COARSE, Field, fields
+from pumaid.diagnosis.field import COARSE, Field, fields_at
 from pumaid.diagnosis.noise import Noise
 from pumaid.diagnosis.periodogram import Spectrum, spectrum
 from pumaid.diagnosis.refine import at, refined
@@ -120,7 +120,7 @@ class Stepwise:
 
     def _fields(self, runs: Sequence[Run]) -> tuple[tuple[Field, ...], tuple[Field, ...]]:
         """At coarse cells and at the finest."""
-        coarse, finest = (fields(self.model, runs, most=most, campaign=self.campaign) for most in (COARSE, FINE))
+        coarse, finest = fields_at(self.model, runs, (COARSE, FINE), campaign=self.campaign)
         return coarse, finest
 
     def heldout(self, added: Sequence[Added]) -> tuple[Field, ...]:

@@ -7,13 +7,14 @@ from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from enum import Enum
+from functools import lru_cache
 from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from pumaid.maths.frames import axes
-from pumaid.records import Extent, Loads, Robot, Samples
+from pumaid.records import Extent, Joint, Loads, Robot, Samples
 
 Floats = NDArray[np.float64]
 NO_SHAPE: Mapping[str, float] = {}
@@ -269,7 +270,14 @@ def load_refusal(robot: Robot, joint: int, *, must_change: bool = False) -> str 
     must_change
         Whether a load that is the same in every posture does not count either.
     """
-    rng = np.random.default_rng(0)
+    return _load_refusal(tuple(robot.joints), tuple(robot.gravity), joint, must_change)
+
+
+@lru_cache(maxsize=64)  # asked again for every shape of every effect
+def _load_refusal(
+    joints: tuple[Joint, ...], gravity: tuple[float, float, float], joint: int, must_change: bool
+) -> str | None:
+    rng, robot = np.random.default_rng(0), Robot("", joints, gravity)
     position = rng.uniform(-np.pi, np.pi, (POSTURES, robot.n_joints))
     z = axes(robot.alphas, robot.dh_angles(position))[:, joint - 1, :, 2]
     g = np.asarray(robot.gravity, dtype=float)

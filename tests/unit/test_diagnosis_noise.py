@@ -10,7 +10,7 @@ from searches import LEVER, Din, Lab, covariance, design, lever
 from worlds import course, run_of
 
 from pumaid.diagnosis import noise as module
-from pumaid.diagnosis.field import Field, field
+from pumaid.diagnosis.field import Field, fields
 from pumaid.diagnosis.noise import Noise, noise
 from pumaid.model import Model
 from pumaid.records import Campaign
@@ -24,7 +24,7 @@ def uneven() -> Field:
     """Runs of 12, 1, 2 and 7 cells."""
     path = course("constant", -1.0, 1.0, duration=2.0, samples=48)
     runs = [run_of(LEVER, 1, [0.0], course=path, current=np.sin(path[1]), cells=cells) for cells in (12, 1, 2, 7)]
-    return field(Model(LEVER), runs, campaign=Campaign.of(runs))
+    return fields(Model(LEVER), runs, campaign=Campaign.of(runs))[0]
 
 
 STATED = Noise(np.array([0.6, 0.3, 0.9, 0.0]), np.array([0.02, 0.01, 0.03, 0.05]), 0.04, from_replicates=True)
