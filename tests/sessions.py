@@ -44,6 +44,10 @@ class Eager:
     def __init__(self) -> None:
         self.calls: list[str] = []
 
+    def nthreads(self):
+        """Threads of each worker."""
+        return {"here": 1}
+
     def submit(self, function, *values, pure, priority=0):
         """A finished future."""
         self.calls.append(getattr(function, "__name__", "join"))

@@ -60,7 +60,7 @@ def spread(
     LogError
         As of one process; the first file that is refused.
     """
-    pieces = [pieces_of(path) for path in paths]
+    pieces = [pieces_of(path, each=len(paths) / (1 + len(mates))) for path in paths]
     one_by_one = [piece for of_one in pieces for piece in of_one]
     found = _counted(_in_order(one_by_one, reading, mates), len(one_by_one), progress)
     whole = Whole(reading.robot, reading.options)

@@ -10,9 +10,8 @@ from functools import partial
 from typing import Any
 
 from pumaid.cluster.part import Part
-from pumaid.cluster.pieces import Reading, file_taken, pieces_of, raised
+from pumaid.cluster.pieces import SMALL, Reading, file_taken, pieces_of, raised, size_of
 from pumaid.cluster.whole import Whole
-from pumaid.files.remote import Remote
 from pumaid.files.table import LogPath
 from pumaid.motion.options import DEFAULTS, SegmentOptions
 from pumaid.records import Evidence, Robot
@@ -21,8 +20,6 @@ from pumaid.records import Evidence, Robot
 FAN_IN = 8
 #: Parts up to which this process takes them one by one, while others are still read; more are joined where they lie.
 _ENOUGH = 64
-#: Bytes of logs up to which their parts are joined: what comes to this process at a time stays bounded.
-_MESSAGE = 16 << 20
 #: Files looked into at a time; a store takes tens of milliseconds to answer.
 _LOOKING = 16
 
@@ -60,8 +57,8 @@ def gather(
 ) -> Evidence:
     """All that later steps know of some logs, read by the workers of a cluster.
 
-    Each file is a task, of large Parquet files each few row groups. What a worker that dies had read is read again by
-    another.
+    Each file is a task; of a Parquet file that is large, or one of few, each few row groups. What a worker that dies
+    had read is read again by another.
 
     Parameters
     ----------
@@ -89,8 +86,9 @@ def gather(
         As of one process; the first file that is refused.
     """
     reading = Reading(robot, options)
+    each = len(paths) / max(1, sum(client.nthreads().values()))
     with ThreadPoolExecutor(_LOOKING) as pool:
-        looked = pool.map(_looked_into, paths)
+        looked = pool.map(partial(_looked_into, each=each), paths)
     # The files in their order: this process takes the first while others are still read.
     leaves = [
         _Node(path, tuple(client.submit(reading.tried, piece, pure=False, priority=-number) for piece in pieces), size)
@@ -109,12 +107,9 @@ def gather(
     return whole.evidence(refuse=refuse)
 
 
-def _looked_into(path: LogPath) -> tuple[Sequence[LogPath], int]:
-    """The pieces of a file, and its size in bytes; 0 where that cannot be told, which who reads it will find."""
-    try:
-        return pieces_of(path), path.size if isinstance(path, Remote) else path.stat().st_size
-    except OSError:
-        return [path], 0
+def _looked_into(path: LogPath, *, each: float) -> tuple[Sequence[LogPath], int]:
+    """The pieces of a file, and its size in bytes."""
+    return pieces_of(path, each=each), size_of(path)
 
 
 def _tree(client: Any, reading: Reading, nodes: list[_Node]) -> list[_Node]:
@@ -128,10 +123,10 @@ def _tree(client: Any, reading: Reading, nodes: list[_Node]) -> list[_Node]:
 
 
 def _bundles(nodes: Sequence[_Node]) -> Iterator[list[_Node]]:
-    """Consecutive nodes that become one; files of several pieces stay by themselves."""
+    """Consecutive nodes that become one, of no more logs than a small file: what comes at a time stays bounded."""
     bundle: list[_Node] = []
     for node in nodes:
-        is_full = len(bundle) == FAN_IN or sum(one.size for one in bundle) + node.size > _MESSAGE
+        is_full = len(bundle) == FAN_IN or sum(one.size for one in bundle) + node.size > SMALL
         if bundle and (is_full or max(len(node.parts), len(bundle[-1].parts)) > 1):
             yield bundle
             bundle = []

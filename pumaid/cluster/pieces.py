@@ -14,12 +14,17 @@ from pumaid.cluster.part import Part, joined, read_part
 from pumaid.cluster.whole import Whole
 from pumaid.errors import LogError, PumaidError
 from pumaid.files.parts import FilePart, file_parts
+from pumaid.files.remote import Remote
 from pumaid.files.table import LogPath, LogReader
 from pumaid.motion.options import SegmentOptions
 from pumaid.records import Log, Robot
 
 #: Sampling intervals, and seconds, up to which one piece goes on in the next.
 _NEAR_INTERVALS, _NEAR_SECONDS = 5.0, 0.05
+
+#: Files for each reader from which small ones are not cut, and the bytes up to which a file is small: there is enough
+#: to share out then, and what lies around a cut is looked at by itself.
+_ENOUGH, SMALL = 4, 16 << 20
 
 #: What is read of a piece; none of a part that means nothing without what comes before.
 Found = Part | PumaidError | None
@@ -126,15 +131,27 @@ def raised(found: Found) -> Part | None:
     return found
 
 
-def pieces_of(path: LogPath) -> Sequence[LogPath]:
-    """What can be read by itself of a file.
+def pieces_of(path: LogPath, *, each: float = 0.0) -> Sequence[LogPath]:
+    """What is read by itself of a file.
 
     Parameters
     ----------
     path
         As `expand` gives it.
+    each
+        How many files there are for each reader.
     """
-    return [path] if isinstance(path, FilePart) else file_parts(path)
+    if isinstance(path, FilePart) or (each >= _ENOUGH and size_of(path) <= SMALL):
+        return [path]
+    return file_parts(path)
+
+
+def size_of(path: LogPath) -> int:
+    """Bytes of a log, 0 where that cannot be told, which who reads it will find."""
+    try:
+        return path.size if isinstance(path, Remote) else int(path.stat().st_size)
+    except OSError:
+        return 0
 
 
 def file_taken(whole: Whole, found: Iterator[Part | None], count: int, *, again: Callable[[], Part | None]) -> Whole:

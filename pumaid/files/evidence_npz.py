@@ -7,6 +7,7 @@ import math
 import zipfile
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import asdict, fields
+from itertools import accumulate
 from pathlib import Path
 from typing import Any, BinaryIO
 
@@ -22,6 +23,8 @@ Arrays = dict[str, NDArray[Any]]
 #: Member by which a file is known to be one of these, the first in it.
 FIRST = "pumaid_evidence"
 _MEANS = tuple(item.name for item in fields(Cells) if item.name != "extra")
+#: Those with a column for each joint.
+_WIDE = ("position", "velocity", "current")
 #: Fields that are stored as arrays; all others of a record stand in the JSON part.
 _ARRAYS = ("posture", "triangle", "cells")
 
@@ -108,15 +111,24 @@ def _joined(parts: Sequence[NDArray[Any]]) -> NDArray[Any]:
 
 
 def _cells(name: str, found: Sequence[Cells | None]) -> Arrays:
-    """Each quantity of all cells as one array, and how many each record has; -1 where it has none."""
+    """All quantities of one record behind another in one array, and how many cells each has; -1 where it has none."""
     there = [cells for cells in found if cells is not None]
-    out: Arrays = {f"{name}_cells": np.array([-1 if c is None else len(c) for c in found], dtype=np.int64)}
+    wide = [0 if cells.extra is None else cells.extra.shape[1] for cells in there]
+    return {
+        f"{name}_cells": np.array([-1 if c is None else len(c) for c in found], dtype=np.int64),
+        f"{name}_joints": np.array([cells.position.shape[1] for cells in there[:1]], dtype=np.int64),
+        f"{name}_extras": np.array(wide, dtype=np.int64),
+        f"{name}_means": _joined([values for cells in there for values in _means(cells)]),
+    }
+
+
+def _means(cells: Cells) -> Iterator[NDArray[np.float64]]:
+    """The arrays of cells, counts by their bits as if they were such numbers, too."""
     for quantity in _MEANS:
-        out[f"{name}_{quantity}"] = _joined([getattr(cells, quantity) for cells in there])
-    wide = [(0, np.zeros(0)) if cells.extra is None else (cells.extra.shape[1], cells.extra) for cells in there]
-    out[f"{name}_extras"] = np.array([width for width, _ in wide], dtype=np.int64)
-    out[f"{name}_extra"] = _joined([values for _, values in wide])
-    return out
+        values = getattr(cells, quantity)
+        yield np.ascontiguousarray(values, dtype=np.int64).view(np.float64) if quantity == "count" else values
+    if cells.extra is not None:
+        yield cells.extra
 
 
 class _Taken:
@@ -128,6 +140,8 @@ class _Taken:
     def next(self, *shape: int) -> NDArray[Any]:
         size = math.prod(shape)
         part = self.values[self.at : self.at + size]
+        if len(part) < size:
+            raise ValueError("an array ends before its records")
         self.at += size
         return (part.copy() if self.apart else part).reshape(shape)
 
@@ -169,16 +183,20 @@ def unpacked(arrays: Arrays, *, apart: bool = False) -> Evidence:
 
 
 def _all_cells(name: str, arrays: Arrays, *, apart: bool) -> Iterable[Cells | None]:
-    counts = arrays[f"{name}_cells"].tolist()
-    taken = {quantity: _Taken(arrays[f"{name}_{quantity}"], apart=apart) for quantity in (*_MEANS, "extra")}
-    total = max(1, sum(count for count in counts if count > 0))
-    wide = {quantity: len(taken[quantity].values) // total for quantity in ("position", "velocity", "current")}
-    extras = iter(arrays[f"{name}_extras"].tolist())
-    for count in counts:
+    # A record's numbers are copied together, not one quantity after the other.
+    taken, extras = _Taken(arrays[f"{name}_means"], apart=apart), iter(arrays[f"{name}_extras"].tolist())
+    joints = next(iter(arrays[f"{name}_joints"].tolist()), 0)
+    widths = [joints if quantity in _WIDE else 1 for quantity in _MEANS]
+    ends = list(accumulate(widths))
+    places = [(quantity in _WIDE, end - width, end) for quantity, width, end in zip(_MEANS, widths, ends, strict=True)]
+    for count in arrays[f"{name}_cells"].tolist():
         if count < 0:
             yield None
             continue
-        shapes = {quantity: (count, wide[quantity]) if quantity in wide else (count,) for quantity in _MEANS}
-        means = {quantity: taken[quantity].next(*shape) for quantity, shape in shapes.items()}
-        width = next(extras)
-        yield Cells(**means, extra=taken["extra"].next(count, width) if width else None)
+        extra = next(extras)
+        own = taken.next(count * (ends[-1] + extra))
+        parts = [(is_wide, own[count * start : count * stop]) for is_wide, start, stop in places]
+        counts, *means = [part.reshape(count, joints) if is_wide else part for is_wide, part in parts]
+        more = own[count * ends[-1] :].reshape(count, extra) if extra else None
+        values: list[Any] = [counts.view(np.int64), *means, more]
+        yield Cells(*values)

@@ -12,7 +12,7 @@ import pyarrow.parquet as pq
 import pytest
 from sessions import Eager, make_session, same
 
-from pumaid.cluster import cores
+from pumaid.cluster import cores, pieces
 from pumaid.cluster import gather as gathering
 from pumaid.cluster.cores import Mate, others, spread, started
 from pumaid.cluster.gather import gather
@@ -85,6 +85,17 @@ def test_row_groups_are_tasks_of_a_cluster(logs, tmp_path, small_parts):
         paths = written(tmp_path / "logs", table_of(logs), number=number)
     assert same(gather(paths, robot, client), one_pass(paths, robot))
     assert client.calls.count("tried") == sum(len(pieces_of(path)) for path in paths) > 10
+
+
+def test_of_many_files_small_ones_are_not_cut(logs, tmp_path, small_parts, monkeypatch):
+    """Where every reader has files enough, only large ones are read in pieces."""
+    robot, client = read_recipe(logs / "recipe.yaml"), Eager()
+    for number in range(4):
+        paths = written(tmp_path / "logs", table_of(logs), number=number)
+    assert same(gather(paths, robot, client), one_pass(paths, robot))
+    assert client.calls.count("tried") == len(paths)
+    monkeypatch.setattr(pieces, "SMALL", min(path.stat().st_size for path in paths) - 1)
+    assert len(pieces_of(paths[0], each=4.0)) == len(pieces_of(paths[0])) > 5
 
 
 def test_row_groups_in_a_store_are_read_where_they_lie(logs, tmp_path, small_parts):
@@ -224,7 +235,8 @@ def test_however_logs_are_cut_and_joined(logs, tmp_path, small_parts, monkeypatc
     table = table_of(logs).to_pandas()
     monkeypatch.setattr(parts, "PART_ROWS", int(rng.choice([80, 400, 1500, 10**6])))
     monkeypatch.setattr(gathering, "_ENOUGH", int(rng.integers(1, 4)))
-    monkeypatch.setattr(gathering, "_MESSAGE", int(rng.choice([1, 30_000, 10**7])))
+    monkeypatch.setattr(pieces, "_ENOUGH", int(rng.choice([1, 4, 100])))
+    monkeypatch.setattr(gathering, "SMALL", int(rng.choice([1, 30_000, 10**7])))
     options = SegmentOptions(window=int(rng.choice([2048, 3000, 262_144])))
     cuts = np.unique([0, len(table), *rng.integers(0, len(table), int(rng.integers(1, 12)))])
     for number, (start, stop) in enumerate(pairwise(cuts.tolist())):
@@ -251,7 +263,7 @@ def test_only_small_files_are_joined_where_they_lie(logs, tmp_path, monkeypatch)
         paths = written(tmp_path / "logs", table.slice(number * 500, 500), number=number)
     sizes = [path.stat().st_size for path in paths]
     monkeypatch.setattr(gathering, "_ENOUGH", 2)
-    monkeypatch.setattr(gathering, "_MESSAGE", 4 * max(sizes))
+    monkeypatch.setattr(gathering, "SMALL", 4 * max(sizes))
     assert same(gather(paths, robot, client), one_pass(paths, robot))
     assert 12 / 8 < client.calls.count("joined") < 12 / 2
 
