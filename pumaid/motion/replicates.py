@@ -59,11 +59,17 @@ def noise_floor(runs: Sequence[Run]) -> tuple[float | None, str | None]:
     ------
     G. E. P. Box, W. G. Hunter and J. S. Hunter, Statistics for Experimenters, ch. 3: pure error from replicates.
     """
-    pairs = [(runs[group[0]], runs[other]) for group in replicates(runs) for other in group[1:]]
-    if not pairs:
+    squares, weights = list[float](), list[int]()
+    for numbers in replicates(runs):
+        first, *others = (runs[number] for number in numbers)
+        a = _Course.of(first)
+        smooth = np.asarray(np.linalg.lstsq(a.basis, a.current, rcond=1e-6)[0], dtype=float)
+        for second in others:
+            b = _Course.of(second, _turns(first, second))
+            squares.append(_between(a, b, smooth) + _inside(a, b, smooth))
+            weights.append(first.samples + second.samples)
+    if not squares:
         return None, "no run is repeated (same posture, speed, direction), so noise cannot be told from missing physics"
-    squares = [_between(*courses) + _inside(*courses) for courses in (_pair(*pair) for pair in pairs)]
-    weights = np.array([first.samples + second.samples for first, second in pairs], dtype=float)
     return float(np.sqrt(np.average(squares, weights=weights))), None
 
 
@@ -101,14 +107,11 @@ class _Course:
         return np.divide(values[k + 1] - values[k], width, out=np.zeros(len(q)), where=width > 0)
 
 
-def _pair(first: Run, second: Run) -> tuple[_Course, _Course, Floats]:
-    """Both courses, and the first harmonic (A; by cos, sin, one and acceleration) of the first."""
-    a, b = _Course.of(first), _Course.of(second, _turns(first, second))
-    return a, b, np.asarray(np.linalg.lstsq(a.basis, a.current, rcond=1e-6)[0], dtype=float)
-
-
 def _between(a: _Course, b: _Course, smooth: Floats) -> float:
-    """Variance (A2) by which the cells of two runs differ at the same positions: of their noise and of runs' levels."""
+    """Variance (A2) by which the cells of two runs differ at the same positions: of their noise and of runs' levels.
+
+    `smooth` (4,) is the first's first harmonic, A by cos, sin, one and acceleration.
+    """
     shared = (b.q >= a.q[0]) & (b.q <= a.q[-1])
     if len(a.q) < 2 or np.count_nonzero(shared) < 2:
         return 0.5 * float(np.average(b.current, weights=b.count) - np.average(a.current, weights=a.count)) ** 2
