@@ -15,7 +15,7 @@ from typing import Any, NoReturn
 import rich_click as click
 
 from pumaid import __version__
-from pumaid.cli.failures import told
+from pumaid.cli.failures import check_space, told
 
 click.rich_click.TEXT_PARAGRAPH_LINEBREAKS = "\n\n"
 click.rich_click.STYLE_HELPTEXT = ""
@@ -77,6 +77,7 @@ class Commands(click.RichGroup):
 
     def invoke(self, ctx: click.Context) -> Any:
         with told():
+            check_space()
             return super().invoke(ctx)
 
 

@@ -18,6 +18,8 @@ from pumaid.errors import EXIT_BAD_INPUT, EXIT_BUG, PumaidError, ResultError, Wh
 #: Exit codes of a program that a signal ended, as shells count them.
 EXIT_INTERRUPTED, EXIT_PIPE_CLOSED = 128 + 2, 128 + 13
 
+#: Bytes of address space below which numerical libraries, while they are loaded, wait for ever or abort.
+_LEAST_SPACE = 512 << 20
 #: What the system's loader says where a library finds no memory.
 _NOT_LOADED = ("failed to map segment", "annot allocate memory")
 
@@ -45,6 +47,24 @@ def told() -> Iterator[None]:
         if isinstance(error, ImportError) and any(words in str(error) for words in _NOT_LOADED):
             _leave(EXIT_BAD_INPUT, _coloured(str(_no_memory(error))))
         _leave(EXIT_BUG, _report(error))
+
+
+def check_space() -> None:
+    """Look whether the libraries can be loaded under the system's limit of address space.
+
+    Raises
+    ------
+    ResultError [no-memory]
+        The limit is too low.
+    """
+    if sys.platform == "win32":
+        return
+    import resource
+
+    limit, _ = resource.getrlimit(resource.RLIMIT_AS)
+    if limit != resource.RLIM_INFINITY and limit < _LEAST_SPACE:
+        told = f"{limit >> 20} MiB of address space (ulimit -v) are too few to load numpy, scipy and pyarrow"
+        raise ResultError("no-memory", told, mend=f"raise the limit to {2 * _LEAST_SPACE >> 20} MiB or more")
 
 
 def _leave(code: int, message: str) -> None:

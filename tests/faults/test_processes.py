@@ -3,8 +3,12 @@
 from __future__ import annotations
 
 import json
+import random
+import shutil
 import subprocess
 import sys
+import time
+from contextlib import suppress
 from pathlib import Path
 
 import pytest
@@ -57,3 +61,60 @@ def test_an_interrupt_is_one_line(arm, monkeypatch):
     monkeypatch.setattr("pumaid.verbs.identify.identify", interrupted)
     found = invoke("identify", str(arm / "logs"))
     assert found.exit_code == 130 and len(found.stderr.strip().splitlines()) == 1 and found.stdout == ""
+
+
+#: A run that reads even these few logs by two processes.
+TWO = "from pumaid.cluster import cores; cores.WORTH = 1; from pumaid.__main__ import run; run()"
+
+
+@pytest.mark.skipif(not Path("/proc/self/task").exists(), reason="looks for processes as Linux shows them")
+def test_no_process_outlives_a_killed_run(arm):
+    """SIGKILL while another process reads for it: that one ends, too, and the model stays as it was."""
+    logs, model = arm / "logs", (arm / "results" / "model.json").read_bytes()
+    for number in range(20):
+        for path in sorted(logs.iterdir())[:2]:
+            shutil.copy(path, logs / f"{number:02}_{path.name}")
+    seen, delays = 0, random.Random(3)
+    for _ in range(6):
+        line = [sys.executable, "-c", TWO, "identify", str(logs), "--jobs", "2", "--no-cache"]
+        with subprocess.Popen(line, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL) as run:
+            children = Path(f"/proc/{run.pid}/task/{run.pid}/children")
+            found: list[str] = []
+            while run.poll() is None and not found:
+                with suppress(OSError):
+                    found = children.read_text().split()
+            time.sleep(delays.uniform(0.0, 0.2))
+            run.kill()
+        seen += len(found)
+        until = time.monotonic() + 20.0
+        while any(is_running(pid) for pid in found):
+            assert time.monotonic() < until, "a process is left"
+            time.sleep(0.05)
+        assert (arm / "results" / "model.json").read_bytes() == model
+    assert seen == 6
+
+
+def is_running(pid: str) -> bool:
+    """Whether there is such a process that has not ended."""
+    try:
+        return Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0] != "Z"
+    except OSError:
+        return False
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="address space is limited as on Linux")
+@pytest.mark.parametrize("megabytes", [300, 400, 500, 600, 800])
+def test_without_memory_enough_nothing_is_lost(arm, megabytes):
+    """Under a limit of memory a run succeeds, or ends with one message and leaves the old model."""
+    import resource
+
+    def limited() -> None:
+        resource.setrlimit(resource.RLIMIT_AS, (megabytes << 20, megabytes << 20))
+
+    before = (arm / "results" / "model.json").read_bytes()
+    line = [sys.executable, "-c", TWO, "identify", str(arm / "logs"), "--jobs", "2", "--no-cache"]
+    done = subprocess.run(line, capture_output=True, text=True, check=False, preexec_fn=limited, timeout=120)
+    assert "Traceback" not in done.stderr and done.returncode in (0, 3), done.stderr
+    if done.returncode:
+        assert done.stderr.count("error[") == 1 and "no-memory" in done.stderr, done.stderr
+        assert (arm / "results" / "model.json").read_bytes() == before
