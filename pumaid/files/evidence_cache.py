@@ -20,14 +20,16 @@ from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
 from functools import cache
 from pathlib import Path
-from typing import Any, cast
+from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 
 from pumaid import __version__
 from pumaid.files.evidence_npz import is_evidence, read_evidence, write_evidence
-from pumaid.files.table import LogPath
 from pumaid.records import Evidence, Robot
+
+if TYPE_CHECKING:  # readers of logs take a tenth of a second to load, and where something is kept none is needed
+    from pumaid.files.table import LogPath
 
 #: Rooms of the program on which the pass depends.
 _ROOMS = ("cluster", "files", "maths", "motion", "records", "verbs")

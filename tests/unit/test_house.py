@@ -356,6 +356,22 @@ def test_help_imports_nothing_heavy():
     assert (done.returncode, done.stderr) == (0, "")
 
 
+def test_a_kept_pass_needs_no_reader(tmp_path, monkeypatch):
+    """Where the pass over logs was kept, a second command loads neither Arrow nor scipy's optimisers."""
+    monkeypatch.setenv("PUMAID_CACHE", str(tmp_path / "cache"))
+    arm = PACKAGE.parent / "sample_logs" / "pendulum"
+    words = ["identify", str(arm / "logs"), "--recipe", str(arm / "recipe.yaml"), "-o", str(tmp_path / "model.json")]
+    program = (
+        f"import sys\nfrom pumaid.cli import group\ngroup.main({words!r}, standalone_mode=False)\n"
+        "print(','.join(name for name in ('pyarrow', 'scipy.optimize', 'scipy.ndimage') if name in sys.modules))"
+    )
+    first, second = (
+        subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True).stdout.splitlines()
+        for _ in range(2)
+    )
+    assert first[-1] == "pyarrow" and second[-1] == "" and first[:-1] == second[:-1]
+
+
 PUBLIC = [
     *("Budget", "BudgetPart", "Candidate", "Cells", "Combination", "Comparison", "Curve", "Diagnosis"),
     *("EffectChoice", "Errors", "Estimate", "Evidence", "Exported", "Faults", "FileFacts", "Finding", "History"),
