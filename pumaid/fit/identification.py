@@ -117,6 +117,7 @@ def identified(
             *evidence.notes,
             *of_misfit(fitted, {fit.joint: fit.noise_floor for fit in joints}),
             *notes.of_fit(fitted, robot),
+            *notes.of_gears(fitted, robot),
             *notes.odd_friction(values, robot.n_joints),
             *notes.of_effects(found, runs),
         ),

@@ -3,14 +3,23 @@
 from __future__ import annotations
 
 import itertools
+import math
 from collections.abc import Sequence
 
+import numpy as np
+
 from pumaid.effects import Trace
+from pumaid.effects.base import load_refusal
 from pumaid.errors import Note, Where
 from pumaid.fit.enlarged import Enlarged
 from pumaid.fit.system import Fitted
 from pumaid.records import Robot, Run, Value
 from pumaid.units import number
+
+#: Share of a joint's load on another's motor below which it is not spoken of.
+SMALLEST_PART = 1e-3
+#: Sine of the angle between axes up to which they are parallel.
+PARALLEL = 1e-6
 
 
 def odd_friction(values: Sequence[Value], n_joints: int) -> list[Note]:
@@ -60,6 +69,36 @@ def of_fit(fitted: Fitted, robot: Robot) -> list[Note]:
             )
         )
     return notes
+
+
+def of_gears(fitted: Fitted, robot: Robot) -> list[Note]:
+    """Loads that the recipe's gears (`coupling`) pass to motors of other joints, where the model leaves them out."""
+    if not robot.coupling:
+        return []
+    # Power is the same on either side: what motors carry of the joints' loads, by joint and motor.
+    share = np.linalg.inv(robot.shaft_speeds)
+    fitted_ones = {(one.choice.joint, one.choice.shape.get("on")) for one in fitted.model.effects}
+    told, parallel = [], []
+    for joint, motor in itertools.product(range(1, robot.n_joints + 1), sorted(row.joint for row in fitted.rows)):
+        part = float(share[joint - 1, motor - 1])
+        if joint <= motor or abs(part) < SMALLEST_PART or load_refusal(robot, joint) is not None:
+            continue
+        if (joint, float(motor)) in fitted_ones:
+            continue
+        told.append(
+            f"motor {motor} carries {number(part, 2)} of joint {joint}'s load (--add coupling@{joint}:on={motor})"
+        )
+        if joint == motor + 1 and abs(math.sin(robot.joint(joint).alpha)) < PARALLEL:
+            parallel.append(
+                f"axes {motor} and {joint} are parallel, so no log tells this from gain_ratio.{motor}.{joint}, of which"
+                f" what is found is {number(1.0 + part, 3)} times the ratio of the motors' gains"
+            )
+    if not told:
+        return []
+    text = (
+        f"by the recipe's gears (coupling) {'; '.join(told)}; this model leaves that out, gravity and ratios take it up"
+    )
+    return [Note("load-through-gears", "; ".join([text, *parallel]), Where())]
 
 
 def of_effects(found: Enlarged, runs: Sequence[Run]) -> list[Note]:

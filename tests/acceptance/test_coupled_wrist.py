@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 import pumaid
+from pumaid.files.recipe import shipped_recipes
 from pumaid.virtual import draw, table1
 
 GEARS = (-62.6, 107.8, -53.7, 76.0, 71.9, 76.7)
@@ -60,3 +61,35 @@ def test_the_effects_size_is_that_of_the_gears(truth, evidence):
         share = -ratio * GEARS[on - 1] / GEARS[beyond - 1] * truth.gain[on - 1] / truth.gain[beyond - 1]
         found = values[f"coupling.j{beyond}.c"]
         assert abs(found.value - share) < 3.0 * found.std_error
+
+
+def told(estimate) -> str:
+    """The note on loads that gears pass on."""
+    return "".join(note.text for note in estimate.notes if note.slug == "load-through-gears")
+
+
+def test_loads_that_gears_pass_on_are_told(truth, evidence):
+    """The note names each pair and what adds it; what the model has is not named, and nothing without gears."""
+    note = told(pumaid.identify(evidence, WRIST))
+    assert all(f"--add coupling@{pair}" in note for pair in ("5:on=4", "6:on=4", "6:on=5"))
+    assert f"motor 5 carries {-0.18 * GEARS[4] / GEARS[5]:.2g}" in note and "parallel" not in note
+    assert "@6:on=5" not in told(
+        pumaid.identify(evidence, WRIST, effects=[pumaid.EffectChoice("coupling", 6, {"on": 5.0})])
+    )
+    assert not told(pumaid.identify(evidence, replace(WRIST, coupling={})))
+
+
+def test_on_parallel_axes_the_ratio_is_off_as_the_note_says():
+    """Gears between two parallel axes: the ratio that is found is the motors' times one less the share."""
+    plain = pumaid.read_recipe(shipped_recipes()["ur5e"])
+    geared = tuple(
+        replace(one, gear_ratio=gear) for one, gear in zip(plain.joints, (80, 100, -90, 70, 70, 60), strict=True)
+    )
+    robot = replace(plain, joints=geared, coupling={(3, 2): 0.3})
+    truth = draw(robot, 11)
+    logs = pumaid.simulate(robot, pumaid.plan(robot, minutes=10.0, seed=0), truth=truth, seed=5, rate=100.0)
+    estimate = pumaid.identify(pumaid.segment(logs, robot), robot)
+    found = next(value for value in estimate.values if value.name == "gain_ratio.2.3")
+    factor = 1.0 - 0.3 * 100 / -90
+    assert abs(found.value / truth.parameters()["gain_ratio.2.3"] - factor) < 0.02 * factor
+    assert "motor 2 carries 0.33 of joint 3's load" in told(estimate) and f"{factor:.3g} times" in told(estimate)
