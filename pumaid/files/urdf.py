@@ -21,6 +21,8 @@ TYPES = (*SERIAL, "fixed", *FREE)
 FARTHEST, WIDEST_ANGLE = 20.0, 4.0 * math.pi
 #: Faults that are told at once, at most.
 SHOWN = 20
+#: How limits are written that are none.
+_ENDLESS = ("inf", "infinity")
 #: What marks a file that xacro has yet to turn into a URDF.
 _MACROS = ("${", "$(")
 
@@ -80,7 +82,7 @@ class UrdfJoint:
 
     @property
     def limits(self) -> tuple[float | None, float | None, float | None]:
-        """Lower and upper limit (rad or m) and highest speed (a second), none where not given.
+        """Lower and upper limit (rad or m) and highest speed (a second), none where not given or infinite.
 
         Raises
         ------
@@ -90,7 +92,9 @@ class UrdfJoint:
         limit = self.element.first("limit")
         given = {} if limit is None else limit.attributes
         low, high, speed = (
-            self._numbers("limit", word, given[word], count=1)[0] if word in given else None
+            self._numbers("limit", word, given[word], count=1)[0]
+            if word in given and given[word].strip().lstrip("+-").lower() not in _ENDLESS
+            else None
             for word in ("lower", "upper", "velocity")
         )
         return low, high, speed

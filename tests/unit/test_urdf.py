@@ -79,6 +79,7 @@ def test_continuous_joints_have_no_limits(made) -> None:
         '<limit lower="1" upper="-1"/>',
         '<limit lower="0" upper="0" velocity="0"/>',
         '<limit lower="-1e16" upper="1e16" velocity="1e16"/>',
+        '<limit lower="-inf" upper="inf" velocity="inf"/>',
         '<limit upper="1"/>',
         "",
     ],
