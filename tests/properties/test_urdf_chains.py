@@ -146,7 +146,7 @@ BROKEN: dict[str, str | bytes] = {
     "turned by nan": swapped('rpy="-1.5 0.0 0.0"', 'rpy="nan 0 0"'),
     "limit of words": swapped('upper="2"', 'upper="two"'),
     "limit of nan": swapped('lower="-2"', 'lower="nan"'),
-    "speed of infinity": swapped('velocity="1"', 'velocity="inf"'),
+    "speed of nan": swapped('velocity="1"', 'velocity="nan"'),
     "joint without a name": swapped('<joint name="j1"', "<joint"),
     "joint without a type": swapped('name="j1" type="revolute"', 'name="j1"'),
     "joint of an odd type": swapped('type="prismatic"', 'type="prismatc"'),
