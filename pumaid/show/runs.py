@@ -14,6 +14,7 @@ import numpy as np
 from pumaid.records import Evidence, Reject, Robot, Run
 from pumaid.show.grid import Cell, Grid, grid
 from pumaid.show.numbers import in_unit
+from pumaid.show.wording import plural
 from pumaid.units import number
 
 #: Columns of the CSV form; lengths of prismatic joints are in m where rad stands.
@@ -221,8 +222,8 @@ def _last_row(reject: Reject) -> str:
 def _counted(runs: Sequence[Run]) -> str:
     constant = sum(run.kind == "constant" for run in runs)
     strokes = len(runs) - constant
-    words = [f"{constant} runs at constant speed"] if constant or not strokes else []
-    return " and ".join([*words, *([f"{strokes} strokes from rest to rest"] if strokes else [])])
+    words = [f"{plural(constant, 'run')} at constant speed"] if constant or not strokes else []
+    return " and ".join([*words, *([f"{plural(strokes, 'stroke')} from rest to rest"] if strokes else [])])
 
 
 def _range(speeds: Sequence[float]) -> str:

@@ -17,6 +17,7 @@ from pumaid.records import Evidence, Reject, Robot, Run
 from pumaid.show.numbers import in_unit
 from pumaid.show.plots.style import FAINT, GREY, INK, saved, styled
 from pumaid.show.runs import by_reason, samples_read
+from pumaid.show.wording import plural
 
 Floats = NDArray[np.float64]
 
@@ -229,6 +230,7 @@ def _hatch(reason: str) -> str:
 def _title(evidence: Evidence, robot: Robot) -> str:
     kept, read = sum(run.samples for run in evidence.runs), max(1, samples_read(evidence))
     strokes = sum(run.kind == "stroke" for run in evidence.runs)
-    counts = [f"{len(evidence.runs) - strokes} runs at constant speed"] * (strokes < len(evidence.runs) or not strokes)
-    counts += [f"{strokes} strokes from rest to rest (dashed)"] * bool(strokes)
+    steady = len(evidence.runs) - strokes
+    counts = [f"{plural(steady, 'run')} at constant speed"] * bool(steady or not strokes)
+    counts += [f"{plural(strokes, 'stroke')} from rest to rest (dashed)"] * bool(strokes)
     return f"{robot.name}: {' and '.join(counts)}; {100 * kept / read:.0f} % of {read:,} samples kept"
