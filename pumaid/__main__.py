@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import gc
+import signal
 import sys
 
 #: Objects made and not let go between two looks for cycles that nobody holds: loading libraries makes a hundred
@@ -20,6 +21,8 @@ def run() -> None:
     except KeyboardInterrupt:
         sys.exit(130)
     finally:
+        # What is done is done: Ctrl-C while Python winds up would end it without a word.
+        signal.signal(signal.SIGINT, signal.SIG_IGN)
         # Everything goes with the process: looking through it once more for garbage took a tenth of a second.
         gc.freeze()
 

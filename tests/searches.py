@@ -13,10 +13,11 @@ from functools import cache
 import numpy as np
 from worlds import PENDULUM, TURN, arm
 
+from pumaid.diagnosis.added import Added
 from pumaid.diagnosis.chain import Start
 from pumaid.diagnosis.field import Field, fields
 from pumaid.diagnosis.noise import Noise
-from pumaid.diagnosis.system import Added, Solved, loaded, solve
+from pumaid.diagnosis.system import Solved, loaded, solve
 from pumaid.model import Model
 from pumaid.records import Estimate, Evidence, Motion, Plan, Robot, Run
 from pumaid.verbs.identify import identify

@@ -8,11 +8,12 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass, field
 from functools import partial
+from itertools import islice
 from threading import Condition, Thread
 
 from pumaid.cluster.mate import Mate
 from pumaid.cluster.part import Part
-from pumaid.cluster.pieces import Found, Reading, file_taken, pieces_of, raised
+from pumaid.cluster.pieces import Found, Reading, file_taken, pieces_of, raised, size_of
 from pumaid.cluster.whole import Whole
 from pumaid.files.table import LogPath
 from pumaid.records import Evidence
@@ -60,13 +61,24 @@ def spread(
     LogError
         As of one process; the first file that is refused.
     """
+    sizes = [size_of(path) for path in paths]
     pieces = [pieces_of(path, each=len(paths) / (1 + len(mates))) for path in paths]
     one_by_one = [piece for of_one in pieces for piece in of_one]
-    found = _counted(_in_order(one_by_one, reading, mates), len(one_by_one), progress)
-    whole = Whole(reading.robot, reading.options)
-    for path, of_one in zip(paths, pieces, strict=True):
-        whole = file_taken(whole, found, len(of_one), again=partial(reading.file, path))
+    desk = _Desk(one_by_one, len(mates) + 1)
+    found = _counted(_in_order(desk, reading, mates), len(one_by_one), progress)
+    whole, stop = Whole(reading.robot, reading.options), 0
+    for path, size, of_one in zip(paths, sizes, pieces, strict=True):
+        stop += len(of_one)
+        own, again = islice(found, len(of_one)), partial(_at_once, desk, stop, reading=reading, path=path)
+        whole = file_taken(whole, own, len(of_one), path=path, size=size, again=again)
+        deque(own, maxlen=0)
     return whole.evidence(refuse=refuse)
+
+
+def _at_once(desk: _Desk, stop: int, *, reading: Reading, path: LogPath) -> Part:
+    """A file that is read as a whole after all; what nobody has begun of its pieces, up to `stop`, stays unread."""
+    desk.drop(stop)
+    return reading.file(path)
 
 
 def _counted(
@@ -133,11 +145,14 @@ class _Desk:
     is_closed: bool = False
     changed: Condition = field(default_factory=Condition)
     back: list[int] = field(default_factory=list)
+    wanted: int = 0
 
     def next(self, *, waits: bool) -> int | None:
         """Number of a piece that nobody reads; None if there is none (or, unless one `waits`, none for now)."""
         with self.changed:
             while not self.is_closed:
+                self.given = max(self.given, self.wanted)
+                self.back = [number for number in self.back if number >= self.wanted]
                 if self.back:
                     return self.back.pop()
                 if self.given >= len(self.pieces):
@@ -157,9 +172,16 @@ class _Desk:
                 return None
         return self.next(waits=False)
 
+    def drop(self, stop: int) -> None:
+        """No piece before this number is wanted any more."""
+        with self.changed:
+            self.wanted, self.taken = stop, max(self.taken, stop)
+            self.changed.notify_all()
+
     def put(self, number: int, found: Found) -> None:
         with self.changed:
-            self.found[number] = found
+            if number >= self.wanted:
+                self.found[number] = found
             self.changed.notify_all()
 
     def give_back(self, numbers: Iterable[int]) -> None:
@@ -168,14 +190,13 @@ class _Desk:
             self.changed.notify_all()
 
 
-def _in_order(pieces: Sequence[LogPath], reading: Reading, mates: Sequence[Mate]) -> Iterator[Part | None]:
-    """What is read of the pieces, in their order; this process reads, too, while it waits."""
-    desk = _Desk(pieces, len(mates) + 1)
+def _in_order(desk: _Desk, reading: Reading, mates: Sequence[Mate]) -> Iterator[Part | None]:
+    """What is read of the pieces, in their order, none for unwanted ones; this process reads, too, while it waits."""
     threads = [Thread(target=_ask, args=(mate, desk), daemon=True) for mate in mates]
     for thread in threads:
         thread.start()
     try:
-        for number in range(len(pieces)):
+        for number in range(len(desk.pieces)):
             yield raised(_awaited(desk, number, reading))
     finally:
         with desk.changed:
@@ -186,6 +207,9 @@ def _in_order(pieces: Sequence[LogPath], reading: Reading, mates: Sequence[Mate]
 def _awaited(desk: _Desk, number: int, reading: Reading) -> Found:
     while True:
         with desk.changed:
+            if number < desk.wanted:
+                desk.found.pop(number, None)
+                return None
             if number in desk.found:
                 desk.taken = number + 1
                 desk.changed.notify_all()

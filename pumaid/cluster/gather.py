@@ -100,7 +100,7 @@ def gather(
         node = nodes.popleft()
         found = (raised(part.result()) for part in node.parts)
         again = partial(_read_at_once, client, reading, node.path)
-        whole = file_taken(whole, found, len(node.parts), again=again)
+        whole = file_taken(whole, found, len(node.parts), path=node.path, size=node.size, again=again)
         done += node.files
         if progress is not None:
             progress(done, len(paths))
@@ -109,7 +109,8 @@ def gather(
 
 def _looked_into(path: LogPath, *, each: float) -> tuple[Sequence[LogPath], int]:
     """The pieces of a file, and its size in bytes."""
-    return pieces_of(path, each=each), size_of(path)
+    size = size_of(path)
+    return pieces_of(path, each=each), size
 
 
 def _tree(client: Any, reading: Reading, nodes: list[_Node]) -> list[_Node]:
@@ -140,5 +141,7 @@ def _joined(client: Any, reading: Reading, bundle: Sequence[_Node]) -> _Node:
     return _Node(bundle[0].path, (part,), sum(node.size for node in bundle), sum(node.files for node in bundle))
 
 
-def _read_at_once(client: Any, reading: Reading, path: LogPath) -> Part | None:
-    return raised(client.submit(reading.tried, path, pure=False).result())
+def _read_at_once(client: Any, reading: Reading, path: LogPath) -> Part:
+    part = raised(client.submit(reading.tried, path, pure=False).result())
+    assert part is not None  # what is none is a part of a file
+    return part

@@ -6,27 +6,24 @@ import math
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import partial, reduce
-from itertools import islice
 
 import numpy as np
 
-from pumaid.cluster.part import Part, joined, read_part
+from pumaid.cluster.part import Part, joined, lower, read_part
 from pumaid.cluster.whole import Whole
 from pumaid.errors import LogError, PumaidError
+from pumaid.files.oddities import Oddities
 from pumaid.files.parts import FilePart, file_parts
 from pumaid.files.remote import Remote
 from pumaid.files.table import LogPath, LogReader
 from pumaid.motion.options import SegmentOptions
-from pumaid.records import Log, Robot
+from pumaid.records import Robot
 
-#: Sampling intervals, and seconds, up to which one piece goes on in the next.
-_NEAR_INTERVALS, _NEAR_SECONDS = 5.0, 0.05
-
-#: Files for each reader from which small ones are not cut, and the bytes up to which a file is small: there is enough
-#: to share out then, and what lies around a cut is looked at by itself.
+#: Files for each reader from which small ones are not cut, and the bytes of Parquet up to which a file is small: there
+#: is enough to share out then, and what lies around a cut is looked at by itself.
 _ENOUGH, SMALL = 4, 16 << 20
 
-#: What is read of a piece; none of a part that means nothing without what comes before.
+#: What is read of a piece; none of a part of a file that is refused by itself, of which the whole file has to tell.
 Found = Part | PumaidError | None
 
 
@@ -49,12 +46,12 @@ class Reading:
     extra: tuple[str, ...] = ()
 
     def piece(self, path: LogPath) -> Part | None:
-        """Read a file or a part of one; None for a part that means nothing without what comes before.
+        """Read a file or a part of one; None for a part that is refused by itself: the whole file has to tell.
 
         Parameters
         ----------
         path
-            A file, or some of its row groups.
+            A file, or a part of one.
 
         Raises
         ------
@@ -65,10 +62,9 @@ class Reading:
             return self.file(path)
         reader = LogReader((path,), self.robot, extra=self.extra, is_part=True)
         try:
-            part = read_part(reader, self.robot, self.options)
+            return read_part(reader, self.robot, self.options)
         except LogError:
             return None
-        return part if reader.is_plain else None
 
     def file(self, path: LogPath) -> Part:
         """Read a file at once.
@@ -91,7 +87,7 @@ class Reading:
         Parameters
         ----------
         path
-            A file, or some of its row groups.
+            A file, or a part of one.
         """
         try:
             return self.piece(path)
@@ -141,9 +137,9 @@ def pieces_of(path: LogPath, *, each: float = 0.0) -> Sequence[LogPath]:
     each
         How many files there are for each reader.
     """
-    if isinstance(path, FilePart) or (each >= _ENOUGH and size_of(path) <= SMALL):
+    if isinstance(path, FilePart):
         return [path]
-    return file_parts(path)
+    return file_parts(path, whole=SMALL if each >= _ENOUGH else 0)
 
 
 def size_of(path: LogPath) -> int:
@@ -154,7 +150,15 @@ def size_of(path: LogPath) -> int:
         return 0
 
 
-def file_taken(whole: Whole, found: Iterator[Part | None], count: int, *, again: Callable[[], Part | None]) -> Whole:
+def file_taken(
+    whole: Whole,
+    found: Iterator[Part | None],
+    count: int,
+    *,
+    path: LogPath,
+    size: int,
+    again: Callable[[], Part],
+) -> Whole:
     """A whole with one more file, of which the pieces come one after the other; its memory is that of a few.
 
     Parameters
@@ -162,9 +166,11 @@ def file_taken(whole: Whole, found: Iterator[Part | None], count: int, *, again:
     whole
         Of the files before; it must not be used any more.
     found
-        What `Reading.piece` made of the pieces, in order.
+        What `Reading.piece` made of the file's pieces, in order; not all are taken where they do not fit.
     count
-        How many of them are of this file.
+        How many there are.
+    path, size
+        The file, and its bytes when it was cut.
     again
         Reads the file at once, which is done where its pieces do not fit.
 
@@ -173,32 +179,39 @@ def file_taken(whole: Whole, found: Iterator[Part | None], count: int, *, again:
     LogError
         As `found` and `again` do.
     """
-    before = whole.copy() if count > 1 else whole
-    fits, last = True, None
-    for part in islice(found, count):
-        fits = fits and part is not None and (last is None or _fits(last, part))
-        if fits and part is not None:
-            whole.add(part, goes_on=last is not None)
-            last = part
-    if fits:
+    if count == 1:
+        whole.add(next(found) or again())
         return whole
-    at_once = again()
-    if at_once is not None:
-        before.add(at_once)
+    before, fits, last, odd = whole.copy(), True, None, None
+    for part in found:
+        if part is None or part.odd is None:
+            fits = False
+        elif last is None or odd is None:
+            fits, odd, last = part.odd.can_join, part.odd, part
+            whole.add(part)
+        elif not part.odd.n_rows:  # empty lines or comments
+            odd.n_lines += part.odd.n_lines
+        elif fits := odd.fit(part.odd) and _joins(last, part, odd):
+            whole.add(lower(part, odd.n_lines - part.odd.n_lines), goes_on=True)
+            last = part
+        if not fits:
+            break
+    # One who writes a text while it is read has changed what was cut.
+    if fits and odd is not None and odd.intervals.is_settled and size_of(path) == size:
+        whole.note(odd.notes())
+        return whole
+    before.add(again())
     return before
 
 
-def _fits(first: Part, second: Part) -> bool:
-    """Whether a file goes on from one piece in the next with nothing to note: no gap, no step back, no wrap."""
-    before, after = _last(first), next(iter(second.head), None)
-    if before is None or after is None or first.evidence.notes != second.evidence.notes:
+def _joins(first: Part, second: Part, odd: Oddities) -> bool:
+    """Take what is odd about the next piece to that of those before, unless time steps back or a joint wraps there."""
+    before = first.head if first.is_open else first.tail
+    if not before or not second.head or second.odd is None or first.evidence.notes != second.evidence.notes:
         return False
-    usual = first.evidence.files[0].interval
-    step = float(after.time[0] - before.time[-1])
-    way = np.abs(after.position[0] - before.position[-1])
-    return 0 < step <= max(_NEAR_INTERVALS * usual, _NEAR_SECONDS) and not bool(np.any(way >= math.pi))
-
-
-def _last(part: Part) -> Log | None:
-    logs = part.head if part.is_open else part.tail
-    return logs[-1] if logs else None
+    last, following = before[-1], second.head[0]
+    border = float(last.time[-1]), float(following.time[0])
+    if border[1] <= border[0] or bool(np.any(np.abs(following.position[0] - last.position[-1]) >= math.pi)):
+        return False
+    odd.join(second.odd, border=border)
+    return True

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from copy import copy
 from dataclasses import replace
 
@@ -50,7 +51,7 @@ class Whole:
         part
             What comes next in the order of the files.
         goes_on
-            Whether it is of the same file as the last one, with nothing to note in between.
+            Whether it is of the same file as the last one.
         """
         for log in behind(self._files, part, self._robot):
             self._between.add(log)
@@ -63,12 +64,23 @@ class Whole:
                 self._between.add(log)
         if goes_on:
             first, facts = self._files[-1], part.evidence.files[-1]
-            self._files[-1] = replace(first, rows=first.rows + facts.rows, last_time=facts.last_time)
+            if facts.rows:
+                self._files[-1] = replace(first, rows=first.rows + facts.rows, last_time=facts.last_time)
         else:
             self._files += part.evidence.files
             self._notes += part.evidence.notes
         self._extra = self._extra or part.evidence.extra
         self._sums.absorb(part.sums)
+
+    def note(self, notes: Iterable[Note]) -> None:
+        """Add what is worth a note of the last file.
+
+        Parameters
+        ----------
+        notes
+            Of its rows; those on its columns came with it.
+        """
+        self._notes += notes
 
     def evidence(self, *, refuse: bool) -> Evidence:
         """As `segment` leaves it of the same files; refused where the columns cannot mean what is said.

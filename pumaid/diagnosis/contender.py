@@ -8,11 +8,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from pumaid.diagnosis.added import Added
 from pumaid.diagnosis.familywise import Family
 from pumaid.diagnosis.folds import Falls, falls, groups_of
 from pumaid.diagnosis.refine import at
 from pumaid.diagnosis.scan import Projector, Trial, surprise
-from pumaid.diagnosis.system import Added, Solved, at_cells
+from pumaid.diagnosis.system import Solved, at_cells
 from pumaid.records import Transfer
 
 Floats = NDArray[np.float64]

@@ -8,12 +8,13 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import special
 
+from pumaid.diagnosis.added import Added
 from pumaid.diagnosis.contender import DECISIVE, evidence
 from pumaid.diagnosis.design import EQUAL, Goal, best
 from pumaid.diagnosis.prospect import Duel, Prospect
 from pumaid.diagnosis.scan import Trial
 from pumaid.diagnosis.suspect import Suspect
-from pumaid.diagnosis.system import Added, Solved
+from pumaid.diagnosis.system import Solved
 from pumaid.diagnosis.wording import because, decided, shown
 from pumaid.effects import Effect
 from pumaid.records import NextRun

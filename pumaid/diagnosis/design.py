@@ -10,9 +10,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from pumaid.diagnosis.added import Added
 from pumaid.diagnosis.feasible import CELLS, Lap, ahead, cells_for, laps
 from pumaid.diagnosis.prospect import Duel, Prospect
-from pumaid.diagnosis.system import Added, Solved
+from pumaid.diagnosis.system import Solved
 from pumaid.effects import Trace
 from pumaid.records import Motion
 

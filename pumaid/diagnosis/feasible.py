@@ -9,9 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pumaid.clearance import Clearance
+from pumaid.diagnosis.added import Added
 from pumaid.diagnosis.field import Field, distinct
 from pumaid.diagnosis.noise import Noise
-from pumaid.diagnosis.system import Added, Row, Solved, row_of, with_loads
+from pumaid.diagnosis.system import Row, Solved, row_of, with_loads
 from pumaid.records import Joint, Motion, Samples
 from pumaid.units import factor
 

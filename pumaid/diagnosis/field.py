@@ -183,7 +183,8 @@ class _Settled:
         """Of all runs of a joint, in order of time."""
         kept = tuple(_settled(run) for run in runs)
         repeated = [tuple(group) for group in replicates(kept)]
-        alone = [(k,) for k in range(len(kept)) if not any(k in group for group in repeated)]
+        grouped_ones = {k for group in repeated for k in group}
+        alone = [(k,) for k in range(len(kept)) if k not in grouped_ones]
         return cls(
             kept,
             tuple(_sloped(run) for run in kept),

@@ -8,9 +8,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from pumaid.diagnosis.added import Added, columns_each
 from pumaid.diagnosis.chain import FLAT
 from pumaid.diagnosis.scan import Projector
-from pumaid.diagnosis.system import Added, Solved, information
+from pumaid.diagnosis.system import Solved, information
 
 Floats = NDArray[np.float64]
 
@@ -102,10 +103,7 @@ def falls(solved: Solved, shapes: Sequence[Added], folds: Sequence[tuple[int, tu
 class _Folds:
     def __init__(self, solved: Solved, shapes: Sequence[Added]) -> None:
         self.solved, self.shapes = solved, shapes
-        self.plain = {
-            row.field.joint: np.column_stack([one.columns(solved.model, row.field.samples) for one in shapes])
-            for row in solved.rows
-        }
+        self.plain = {row.field.joint: columns_each(shapes, solved.model, row.field.samples) for row in solved.rows}
         self.width = next(iter(self.plain.values())).shape[1] // len(shapes)
         acting = {joint: values for joint, values in self.plain.items() if np.any(values)}
         self.white = {joint: solved.row(joint).noise.whiten(solved.row(joint).field, acting[joint]) for joint in acting}

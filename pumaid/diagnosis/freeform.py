@@ -9,9 +9,10 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
+from pumaid.diagnosis.added import Added
 from pumaid.diagnosis.field import Field
 from pumaid.diagnosis.scan import Projector, Trial, trial_of
-from pumaid.diagnosis.system import Added, Solved
+from pumaid.diagnosis.system import Solved
 from pumaid.effects.base import NO_SHAPE, Effect, Parameter
 from pumaid.records import Robot, Samples
 

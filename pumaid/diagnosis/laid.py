@@ -64,7 +64,8 @@ class Spread:
         for run in runs:
             begun[run.clock] = min(run.start, begun.get(run.clock, run.start))
         repeated = [tuple(group) for group in replicates(runs)]
-        alone = [(k,) for k in range(len(runs)) if not any(k in group for group in repeated)]
+        grouped_ones = {k for group in repeated for k in group}
+        alone = [(k,) for k in range(len(runs)) if k not in grouped_ones]
         return cls(
             joint=joint,
             runs=tuple(runs),

@@ -9,9 +9,10 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from pumaid.diagnosis.added import Added, columns_each
 from pumaid.diagnosis.refine import step_of
 from pumaid.diagnosis.scan import ABSORBED, Trial
-from pumaid.diagnosis.system import Added, Row, Solved
+from pumaid.diagnosis.system import Row, Solved
 
 Floats = NDArray[np.float64]
 Columns = list[Floats | None]
@@ -81,7 +82,7 @@ class Prospect:
             if laps and "time" in shapes[0].shape:  # what changed at an instant that has passed stays changed
                 long = np.full(len(samples), np.inf)
                 samples = replace(samples, time=long, elapsed=long)
-            found = np.column_stack([one.columns(self.solved.model, samples) for one in shapes])
+            found = columns_each(shapes, self.solved.model, samples)
             out.append(row.noise.whiten(row.field, found) if np.any(found) else None)
         return out if any(values is not None for values in out) else self._nothing(found.shape[1])
 
@@ -150,7 +151,7 @@ class Duel:
 
     def _signs(self, shapes: Sequence[Added]) -> Floats:
         """(S, p) that parameters must have."""
-        return np.array([one.signs(self.prospect.solved) for one in shapes])
+        return np.array([self.prospect.solved.signs(one) for one in shapes])
 
     def _parts(self, shapes: Sequence[Added]) -> tuple[Floats, Floats, Floats]:
         """Of columns: (1 + L, P, V) with the model, (1 + L, V) with the target, (1 + L, S, p, p) among themselves."""

@@ -7,8 +7,9 @@ from dataclasses import replace
 
 import numpy as np
 
+from pumaid.diagnosis.added import Added, columns_each
 from pumaid.diagnosis.scan import Projector, Trial, trial_of
-from pumaid.diagnosis.system import Added, Solved
+from pumaid.diagnosis.system import Solved
 
 #: Evaluations of one search.
 MOST_STEPS = 60
@@ -82,9 +83,9 @@ def trials_at(projector: Projector, shapes: Sequence[Added]) -> list[Trial | Non
     solved = projector.solved
     white = {}
     for row in solved.rows:
-        columns = [one.columns(solved.model, row.field.samples) for one in shapes]
-        if any(np.any(values) for values in columns):
-            white[row.field.joint] = row.noise.whiten(row.field, np.column_stack(columns))
+        columns = columns_each(shapes, solved.model, row.field.samples)
+        if np.any(columns):
+            white[row.field.joint] = row.noise.whiten(row.field, columns)
     if not white:
         return [None] * len(shapes)
     width = next(iter(white.values())).shape[1] // len(shapes)
@@ -93,6 +94,6 @@ def trials_at(projector: Projector, shapes: Sequence[Added]) -> list[Trial | Non
     for number, (one, information) in enumerate(zip(shapes, left, strict=True)):
         own = slice(number * width, (number + 1) * width)
         share = np.divide(np.diagonal(information), raw[own], out=np.zeros(width), where=raw[own] > 0)
-        signs = one.signs(solved)
+        signs = solved.signs(one)
         found.append(trial_of(one, scores[:, own], information, share=share, signs=signs))
     return found

@@ -10,9 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import special
 
+from pumaid.diagnosis.added import Added
 from pumaid.diagnosis.chain import pseudo_inverse
 from pumaid.diagnosis.periodogram import Spectrum
-from pumaid.diagnosis.system import Added, Row, Solved
+from pumaid.diagnosis.system import Row, Solved
 from pumaid.diagnosis.variants import Catalogue, Variant
 
 Floats = NDArray[np.float64]
@@ -200,7 +201,7 @@ class Projector:
             own = np.array(variant.columns)
             before = raw[own]
             share = np.divide(np.diagonal(information), before, out=np.zeros(len(own)), where=before > 0)
-            signs = variant.added.signs(self.solved)
+            signs = self.solved.signs(variant.added)
             trial = trial_of(variant.added, scores[:, own], information, share=share, signs=signs)
             if trial is None:
                 key = variant.added.key

@@ -7,8 +7,8 @@ from typing import ClassVar
 
 import numpy as np
 
+from pumaid.diagnosis.added import Added
 from pumaid.diagnosis.field import Field
-from pumaid.diagnosis.system import Added
 from pumaid.effects.base import NO_SHAPE, Effect, Floats, Parameter
 from pumaid.motion.options import CONSTANT
 from pumaid.records import Robot, Samples

@@ -8,6 +8,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from pumaid.diagnosis.added import Added
 from pumaid.diagnosis.chain import Start
 from pumaid.diagnosis.contender import DECISIVE, LEVEL, Contender, contender, evidence, rivals
 from pumaid.diagnosis.familywise import Family, family
@@ -17,7 +18,7 @@ from pumaid.diagnosis.periodogram import Spectrum, spectrum
 from pumaid.diagnosis.refine import at, refined
 from pumaid.diagnosis.scan import Projector, Scan, Trial, scan, surprise
 from pumaid.diagnosis.settling import settling
-from pumaid.diagnosis.system import Added, Solved, at_cells, loaded, solve
+from pumaid.diagnosis.system import Solved, at_cells, loaded, solve
 from pumaid.diagnosis.transfer import transfer
 from pumaid.diagnosis.variants import Catalogue, build
 from pumaid.effects import Effect, catalogue

@@ -9,60 +9,15 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from pumaid.diagnosis.added import Added
 from pumaid.diagnosis.chain import Chain, Start, pseudo_inverse
 from pumaid.diagnosis.field import Field
 from pumaid.diagnosis.noise import Noise, noise
-from pumaid.effects import Effect, Scope
 from pumaid.loads import along
 from pumaid.model import Model
-from pumaid.records import Samples
 
 Floats = NDArray[np.float64]
 Counts = NDArray[np.int64]
-
-#: Relative step of a shape's numerical derivative.
-NUDGE = 1e-3
-
-
-@dataclass(frozen=True, slots=True)
-class Added:
-    """An effect in the model: at a joint (from 1; None: the whole arm), with its shape."""
-
-    effect: Effect
-    joint: int | None
-    shape: Mapping[str, float]
-
-    @property
-    def key(self) -> tuple[str, int | None]:
-        """Effect's name and joint."""
-        return self.effect.name, self.joint
-
-    def columns(self, model: Model, samples: Samples) -> Floats:
-        """(M, p) of its parameters in the joint that `samples` are of; zero where it does not act."""
-        if self.effect.scope is Scope.JOINT and self.joint != samples.joint:
-            return np.zeros((len(samples), len(self.effect.parameters(model.robot, self.joint or 0))))
-        found = self.effect.columns(model.robot, samples, number=self.joint or 0, shape=self.shape)
-        return np.nan_to_num(found)
-
-    def signs(self, solved: Solved) -> Floats:
-        """(p,) sign that each parameter must have at this arm; 0 where either is possible."""
-        found = np.array(self.effect.signs(self.shape), dtype=float)
-        if len(found) == 0:
-            return np.zeros(len(self.effect.parameters(solved.model.robot, self.joint or 0)))
-        return found * (solved.side(self.joint or 0) if self.effect.opposes_motion else 1.0)
-
-    def tangent(self, model: Model, samples: Samples, values: Floats) -> Floats:
-        """(M, s) derivative of its current by each searched shape, its parameters being `values`."""
-        out = []
-        for shape in self.effect.shapes(model.robot, self.joint or 0):
-            if not shape.is_searched or shape.name not in self.shape:
-                continue
-            at = self.shape[shape.name]
-            step = NUDGE * (abs(at) or 1.0)
-            ends = [replace(self, shape={**self.shape, shape.name: at + sign * step}) for sign in (1.0, -1.0)]
-            rise = ends[0].columns(model, samples) - ends[1].columns(model, samples)
-            out.append(rise @ values / (2.0 * step))
-        return np.column_stack(out) if out else np.zeros((len(samples), 0))
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -156,6 +111,13 @@ class Solved:
     def scale(self) -> float:
         """Variance of a whitened residual: one where the noise model is right."""
         return self.square / max(self.cells - self.rank, 1)
+
+    def signs(self, added: Added) -> Floats:
+        """(p,) sign that each parameter of an effect must have at this arm; 0 where either is possible."""
+        found = np.array(added.effect.signs(added.shape), dtype=float)
+        if len(found) == 0:
+            return np.zeros(len(added.effect.parameters(self.model.robot, added.joint or 0)))
+        return found * (self.side(added.joint or 0) if added.effect.opposes_motion else 1.0)
 
     def side(self, joint: int) -> float:
         """+1 where friction of `joint` draws current along the motion, -1 where it counts backwards, else 0."""

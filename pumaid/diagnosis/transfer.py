@@ -7,9 +7,10 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from pumaid.diagnosis.added import Added
 from pumaid.diagnosis.chain import pseudo_inverse
 from pumaid.diagnosis.field import Field
-from pumaid.diagnosis.system import Added, Solved, elsewhere, information
+from pumaid.diagnosis.system import Solved, elsewhere, information
 from pumaid.records import Transfer
 
 #: Standard deviations of what the effect adds to runs held out below which these say nothing of it.

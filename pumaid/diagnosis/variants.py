@@ -8,8 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from pumaid.diagnosis.added import Added
 from pumaid.diagnosis.field import distinct
-from pumaid.diagnosis.system import Added, Row, Solved
+from pumaid.diagnosis.system import Row, Solved
 from pumaid.effects import Effect, Scope, catalogue
 from pumaid.records import Extent
 

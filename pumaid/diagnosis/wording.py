@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 
+from pumaid.diagnosis.added import Added
 from pumaid.diagnosis.design import ages
 from pumaid.diagnosis.feasible import Lap
 from pumaid.diagnosis.suspect import Suspect
-from pumaid.diagnosis.system import Added
 from pumaid.effects import Trace
 from pumaid.records import Robot
 from pumaid.units import factor, number

@@ -8,9 +8,9 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from pumaid.errors import LogError, Note, Where
+from pumaid.errors import LogError, Where
 from pumaid.files.columns import Columns
-from pumaid.files.intervals import Intervals
+from pumaid.files.oddities import Oddities
 from pumaid.records import Log, Robot
 
 Floats = NDArray[np.float64]
@@ -20,8 +20,6 @@ Rows = NDArray[np.int64]
 ABSURD = 1e6
 #: s; three thousand years, so that seconds since 1970 pass and nanoseconds taken for seconds do not.
 ABSURD_TIME = 1e11
-#: A log with a larger share of bad rows is not one with faults but a faulty one.
-MOST_BAD = 0.05
 #: Rows that must follow a step back of time before it counts as a new recording and not as a faulty stamp.
 SUSTAINED = 20
 #: A recording shorter than this says too little to tell a restart from a fault.
@@ -48,6 +46,8 @@ class Cleaner:
         Seconds in one unit of the file's time where the file itself tells, else None.
     n_extra
         Columns that the user asked for, whether this file has them or not.
+    odd
+        What was found so far that is worth a note.
     """
 
     robot: Robot
@@ -56,25 +56,18 @@ class Cleaner:
     follows: float | None = None
     time_factor: float | None = None
     n_extra: int = 0
-    n_rows: int = 0
     first_time: float = math.nan
     last_time: float = math.nan
-    intervals: Intervals = field(default_factory=Intervals)
-    _notes: list[Note] = field(default_factory=list)
-    _bad: dict[str, list[int]] = field(default_factory=dict)
-    _bad_counts: dict[str, int] = field(default_factory=dict)
-    _n_bad: int = 0
-    _same: list[int] = field(default_factory=list)
-    _n_same: int = 0
-    _n_ties: int = 0
+    odd: Oddities = field(init=False)
     _clock_start: float = math.nan
     _clock_rows: int = 0
     _last: Floats | None = None
     _held: tuple[Rows, Floats] | None = None
     _turns: Floats | None = None
-    _wraps: dict[int, int] = field(default_factory=dict)
-    _first_wrap: dict[int, int] = field(default_factory=dict)
     _starts_clock: bool = False
+
+    def __post_init__(self) -> None:
+        self.odd = Oddities(self.name, self.columns.names[0])
 
     def take(self, rows: Rows, table: Floats, *, is_last: bool = False) -> list[Log]:
         """Logs from the next chunk: rows (N,), values (C, N) as the file holds them; none while rows are held back.
@@ -105,19 +98,18 @@ class Cleaner:
             self._restart(int(rows[0]), float(table[0, 0]))
         return logs
 
-    def finish(self) -> tuple[list[Log], list[Note]]:
-        """What was held back, and the notes on the whole file.
+    def finish(self) -> list[Log]:
+        """What was held back; `odd` is complete afterwards.
 
         Raises
         ------
-        LogError [bad-samples, time-not-rising, clock-too-coarse]
-            Too many rows are bad, or time stands still.
+        LogError [time-not-rising]
+            Time goes back.
         """
         empty = np.zeros((len(self.columns.names), 0))
         logs = self.take(np.zeros(0, dtype=np.int64), empty, is_last=True)
-        notes = [*self.columns.notes, *self._notes, *self._bad_note(), *self._tie_notes(), *self._wrap_notes()]
-        self.intervals.finish()
-        return logs, notes + self.intervals.notes(self.name)
+        self.odd.intervals.finish()
+        return logs
 
     def _scale(self, table: Floats) -> None:
         factors = self.columns.factors.copy()
@@ -130,7 +122,7 @@ class Cleaner:
         limits = np.full((len(table), 1), ABSURD)
         limits[0] = ABSURD_TIME
         places = self.columns.places
-        self.n_rows += len(rows)
+        self.odd.n_rows += len(rows)
         # A number that is none makes the smallest and the largest none, too.
         if (table.min(axis=1) >= -limits[:, 0]).all() and (table.max(axis=1) <= limits[:, 0]).all():
             return rows, table
@@ -146,12 +138,9 @@ class Cleaner:
         good = fine.all(axis=0)
         if good.all():
             return rows, table
-        self._n_bad += int(np.count_nonzero(~good))
+        self.odd.left_out(int(np.count_nonzero(~good)))
         for index in np.flatnonzero(~fine.all(axis=1)):
-            name, where = self.columns.names[index], np.flatnonzero(~fine[index])
-            first = self._bad.setdefault(name, [])
-            first += rows[where[: 3 - len(first)]].tolist()
-            self._bad_counts[name] = self._bad_counts.get(name, 0) + len(where)
+            self.odd.bad(self.columns.names[index], rows[~fine[index]])
         return rows[good], table[:, good]
 
     def _next_step_back(self, rows: Rows, table: Floats, is_last: bool) -> tuple[int, bool]:
@@ -183,8 +172,7 @@ class Cleaner:
         raise LogError("time-not-rising", what, Where(file=self.name, row=row, column=self.columns.names[0]), mend)
 
     def _restart(self, row: int, time: float) -> None:
-        text = f"time starts anew at {time:.6g} s after {float(self._last[0]):.6g} s: taken for another recording"  # type: ignore[index]
-        self._notes.append(Note("clock-restarts", text, Where(file=self.name, row=row)))
+        self.odd.restart(row, time, float(self._last[0]))  # type: ignore[index]
         self._last, self._turns, self._starts_clock = None, None, True
         self._clock_start, self._clock_rows = math.nan, 0
 
@@ -198,7 +186,7 @@ class Cleaner:
         if math.isnan(self._clock_start):
             self._clock_start = float(table[0, 0])
         before = self._last
-        self.intervals.take(rows, table[0], None if before is None else float(before[0]))
+        self.odd.intervals.take(rows, table[0], None if before is None else float(before[0]))
         self._last = table[:, -1].copy()
         self._unwrap(rows, table, before)
         self.last_time = float(table[0, -1])
@@ -218,10 +206,7 @@ class Cleaner:
         before = np.concatenate([table[:, :1] if self._last is None else self._last[:, None], table[:, :-1]], axis=1)
         own = slice(len(table) - len(self.columns.places["extra"]))
         repeated = same_time & np.all((table[own] == before[own]) | np.isnan(table[own]), axis=0)
-        where = np.flatnonzero(same_time)
-        self._same += rows[where[: 3 - len(self._same)]].tolist()
-        self._n_same += int(np.count_nonzero(repeated))
-        self._n_ties += int(np.count_nonzero(same_time & ~repeated))
+        self.odd.tied(rows[same_time], repeated=int(np.count_nonzero(repeated)))
         return rows[~same_time], table[:, ~same_time]
 
     def _unwrap(self, rows: Rows, table: Floats, before: Floats | None) -> None:
@@ -244,8 +229,7 @@ class Cleaner:
             explained = np.maximum(_WRAP_SHARE * math.tau, np.minimum(1.2 * fastest * seconds, math.pi / 2))
             is_wrap = (turns != 0) & (rest <= explained) & (np.abs(jump) > 2.0 * fastest * seconds)
             if is_wrap.any():
-                self._wraps[joint] = self._wraps.get(joint, 0) + int(np.count_nonzero(is_wrap))
-                self._first_wrap.setdefault(joint, int(rows[np.flatnonzero(is_wrap)[0]]))
+                self.odd.wrapped(joint, rows[is_wrap])
             total = self._turns[joint] - np.cumsum(np.where(is_wrap, turns, 0.0))
             table[column] = raw + total * math.tau
             self._turns[joint] = total[-1]
@@ -279,46 +263,3 @@ class Cleaner:
         places = self.columns.places["extra"]
         values[places[:, 0]] = table[places[:, 1]]
         return values.T
-
-    def _bad_note(self) -> list[Note]:
-        if not self._n_bad:
-            return []
-        parts = [
-            f"{name} in {count} (row{'s' if count > 1 else ''} {', '.join(map(str, self._bad[name]))}"
-            f"{' ...' if count > 3 else ''})"
-            for name, count in list(self._bad_counts.items())[:6]
-        ]
-        more = f" and {len(self._bad_counts) - 6} more columns" if len(self._bad_counts) > 6 else ""
-        text = f"{self._n_bad} of {self.n_rows} rows have no number or an absurd one: {'; '.join(parts)}{more}"
-        row = min(min(first) for first in self._bad.values())
-        if self._n_bad > MOST_BAD * self.n_rows:
-            mend = "check units and columns in the recipe's log block; leave out what was not measured"
-            column = max(self._bad_counts, key=lambda name: self._bad_counts[name])
-            raise LogError("bad-samples", text, Where(file=self.name, row=row, column=column), mend)
-        return [Note("bad-samples", f"{text}; these rows are left out", Where(file=self.name, row=row))]
-
-    def _tie_notes(self) -> list[Note]:
-        ties = self._n_same + self._n_ties
-        if not ties:
-            return []
-        first = ", ".join(map(str, self._same))
-        where = Where(file=self.name, row=self._same[0], column=self.columns.names[0])
-        if self._n_ties > 0.5 * self.n_rows:
-            share = f"{ties} of {self.n_rows} rows have the time of the row before (rows {first} ...)"
-            mend = "write the time with more digits"
-            raise LogError("clock-too-coarse", f"{share}, so the samples cannot be told apart in time", where, mend)
-        text = (
-            f"{ties} rows have the time of the row before and are left out (rows {first}{' ...' if ties > 3 else ''})"
-        )
-        if self._n_ties:
-            text += f"; {self._n_ties} of them hold other values: the clock is coarser than the sampling"
-        return [Note("time-repeated", text, where)]
-
-    def _wrap_notes(self) -> list[Note]:
-        if not self._wraps:
-            return []
-        joints = sorted(self._wraps)
-        told = ", ".join(f"joint {joint + 1} ({self._wraps[joint]} times)" for joint in joints)
-        first = min(joints, key=lambda joint: self._first_wrap[joint])
-        where = Where(file=self.name, row=self._first_wrap[first], joint=first + 1)
-        return [Note("position-wraps", f"position jumps by a whole turn and is taken as continuous: {told}", where)]

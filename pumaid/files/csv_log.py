@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-import codecs
-import io
 import math
 import re
 from collections.abc import Iterator
 from dataclasses import dataclass, field
-from typing import BinaryIO, cast
+from typing import BinaryIO
 
 import numpy as np
 import pyarrow as pa
@@ -18,13 +16,7 @@ from pyarrow import csv as arrow_csv
 from pumaid.errors import LogError, Note, Where
 from pumaid.files.arrow import floats
 from pumaid.files.dialect import SPACES, Dialect, cells_of, detect, text_of
-
-#: Bytes read at a time. Small enough to be flat, large enough that a block's fixed cost (about 1 ms) does not count.
-BLOCK_BYTES = 4 << 20
-#: Bytes from which the dialect is read; longer header lines (10 000 columns) are read to their end.
-HEAD_BYTES = 1 << 16
-#: A longer line is no row of a log; it would fill the memory.
-MOST_LINE_BYTES = 32 << 20
+from pumaid.files.text_blocks import TextBlocks
 
 #: Cells that mean "no number"; what C, MATLAB, Excel and pandas print for it, with and without spaces around.
 NO_NUMBER = (
@@ -56,41 +48,30 @@ class CsvSource:
     Attributes
     ----------
     stream
-        Binary, read once from where it stands, never sought.
+        Binary, at the file's beginning; read once, and sought only for a part that lies behind.
     name
         For messages.
+    part
+        Bytes at which the lines begin that are read, borders of parts as `file_parts` gives them; None for all lines.
+        Rows are then counted from the part's first line.
     dialect
         Known after construction.
-    notes
+    notes, n_lines
         Known after iteration.
     """
 
     stream: BinaryIO
     name: str
+    part: range | None = None
     dialect: Dialect = field(init=False)
     notes: list[Note] = field(init=False, default_factory=list)
-    _rest: bytes = field(init=False, default=b"")
+    n_lines: int = field(init=False, default=0)
+    _blocks: TextBlocks = field(init=False)
+    _firsts: set[int] = field(init=False, default_factory=set)  # rows with which parts begin
 
     def __post_init__(self) -> None:
-        head = self.stream.read(HEAD_BYTES)
-        if head.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)):
-            self.stream = cast(BinaryIO, _FromUtf16(head, self.stream))
-            head = self.stream.read(HEAD_BYTES)
-        head = head.removeprefix(codecs.BOM_UTF8)
-        whole = len(head) < HEAD_BYTES
-        while not whole and head.count(b"\n") < 2:
-            more = self.stream.read(len(head))
-            whole, head = not more, head + more
-            self._check_line(head)
-        # A cut last line would mislead the detection.
-        lines = head if whole else head[: head.rfind(b"\n") + 1]
-        self.dialect = detect(_one_line_end(lines), self.name)
-        self._rest = head
-
-    def _check_line(self, line: bytes) -> None:
-        if len(line) > MOST_LINE_BYTES:
-            what = f"{self.name} has a line of more than {MOST_LINE_BYTES >> 20} MiB: it is no table in lines"
-            raise LogError("not-a-log", what, Where(file=self.name), "export it as CSV, a line a sample, or as Parquet")
+        self._blocks = TextBlocks(self.stream, self.name, self.part)
+        self.dialect = detect(self._blocks.head, self.name)
 
     @property
     def header(self) -> tuple[str, ...]:
@@ -98,11 +79,11 @@ class CsvSource:
         return self.dialect.header
 
     def begins_part(self, row: int) -> bool:
-        """Whether a part that may be read by itself begins with this row: a text has none."""
-        return False
+        """Whether a part that may be read by itself begins with this row."""
+        return row in self._firsts
 
     def chunks(self, names: tuple[str, ...]) -> Iterator[Chunk]:
-        """Rows (line numbers) and values (C, N) of the named columns, block by block.
+        """Rows (line numbers) and values (C, N) of the named columns; no block reaches from a part into the next.
 
         Raises
         ------
@@ -110,36 +91,22 @@ class CsvSource:
             A cell holds text, or a row inside the file has too few or too many cells: the first three and the count.
         """
         indices = [self.header.index(name) for name in names]
-        line = 1
-        for block, is_last in self._blocks():
-            n_lines = _n_lines(block)
-            if line <= self.dialect.header_line:
-                skipped = min(n_lines, self.dialect.header_line - line + 1)
+        line, is_new = 1, False
+        header = 0 if self.part is not None and self.part.start else self.dialect.header_line
+        for block, begins_part, is_last in self._blocks:
+            n_lines, is_new = _n_lines(block), is_new or begins_part
+            if line <= header:
+                skipped = min(n_lines, header - line + 1)
                 block = block.split(b"\n", skipped)[-1] if block.count(b"\n") >= skipped else b""
                 line, n_lines = line + skipped, n_lines - skipped
             if block and not block.isspace():
-                yield self._numbers(block, range(line, line + n_lines), indices, is_last)
+                rows, table = self._numbers(block, range(line, line + n_lines), indices, is_last)
+                if is_new and len(rows):
+                    self._firsts.add(int(rows[0]))
+                    is_new = False
+                yield rows, table
             line += n_lines
-
-    def _blocks(self) -> Iterator[tuple[bytes, bool]]:
-        """Whole lines that end in a line feed, and whether no more follow."""
-        pending = self._rest
-        self._rest = b""
-        held_back = b""
-        while True:
-            more = self.stream.read(BLOCK_BYTES)
-            pending = pending + held_back + more
-            # A carriage return at the end may be half of a line end.
-            held_back = b"\r" if more and pending.endswith(b"\r") else b""
-            pending = _one_line_end(pending[: len(pending) - len(held_back)])
-            if not more:
-                yield pending, True
-                return
-            cut = pending.rfind(b"\n") + 1
-            if cut:
-                yield pending[:cut], False
-                pending = pending[cut:]
-            self._check_line(pending)
+            self.n_lines = line - 1
 
     def _numbers(self, block: bytes, lines: range, indices: list[int], is_last: bool) -> Chunk:
         squeezed = _squeezed(block) if self.dialect.delimiter == SPACES else block
@@ -241,11 +208,6 @@ def _n_lines(block: bytes) -> int:
     return int(feeds) + (not block.endswith(b"\n"))
 
 
-def _one_line_end(block: bytes) -> bytes:
-    """Line ends of Windows and of old Macs become line feeds."""
-    return block.replace(b"\r\n", b"\n").replace(b"\r", b"\n") if b"\r" in block else block
-
-
 def _squeezed(block: bytes) -> bytes:
     """Runs of spaces and tabs become one space, those at the ends of lines none."""
     block = block.replace(b"\t", b" ")
@@ -259,17 +221,3 @@ def _without_blanks(block: bytes, line: int) -> tuple[bytes, NDArray[np.int64]]:
     lines = block.split(b"\n")
     kept = [k for k, text in enumerate(lines) if text.strip() and not text.startswith(b"#")]
     return b"\n".join(lines[k] for k in kept) + b"\n", line + np.array(kept, dtype=np.int64)
-
-
-class _FromUtf16(io.RawIOBase):
-    """UTF-16 (Excel's "Unicode text") as UTF-8."""
-
-    def __init__(self, head: bytes, stream: BinaryIO) -> None:
-        self._head, self._stream = head, stream
-        self._decoder = codecs.getincrementaldecoder("utf-16")("replace")
-
-    def read(self, size: int = -1) -> bytes:
-        head, self._head = self._head, b""
-        raw = head or self._stream.read(size)
-        text = self._decoder.decode(raw, final=not raw)
-        return text.encode("utf-8") or (self.read(size) if raw else b"")

@@ -134,8 +134,8 @@ def _means(cells: Cells) -> Iterator[NDArray[np.float64]]:
 class _Taken:
     """An array that is handed out from its front."""
 
-    def __init__(self, values: NDArray[Any], *, apart: bool) -> None:
-        self.values, self.apart, self.at = values, apart, 0
+    def __init__(self, values: NDArray[Any]) -> None:
+        self.values, self.at = values, 0
 
     def next(self, *shape: int) -> NDArray[Any]:
         size = math.prod(shape)
@@ -143,18 +143,16 @@ class _Taken:
         if len(part) < size:
             raise ValueError("an array ends before its records")
         self.at += size
-        return (part.copy() if self.apart else part).reshape(shape)
+        return part.reshape(shape)
 
 
-def unpacked(arrays: Arrays, *, apart: bool = False) -> Evidence:
-    """The evidence that was packed into some arrays.
+def unpacked(arrays: Arrays) -> Evidence:
+    """The evidence that was packed into some arrays, of which all its records' are views.
 
     Parameters
     ----------
     arrays
         As `packed` leaves them.
-    apart
-        Whether each record has memory of its own, so that some can be let go; else all share that of the arrays.
 
     Raises
     ------
@@ -162,10 +160,10 @@ def unpacked(arrays: Arrays, *, apart: bool = False) -> Evidence:
         They are other arrays.
     """
     told = json.loads(arrays[FIRST].tobytes())
-    posture, factor = (_Taken(arrays[name], apart=apart) for name in ("posture", "factor"))
+    posture, factor = (_Taken(arrays[name]) for name in ("posture", "factor"))
     n_joints = len(arrays["posture"]) // max(1, len(told["triangles"]))
     runs = []
-    each_run = zip(_plain(told["runs"]), told["triangles"], _all_cells("run", arrays, apart=apart), strict=True)
+    each_run = zip(_plain(told["runs"]), told["triangles"], _all_cells("run", arrays), strict=True)
     for plain, (columns, count), cells in each_run:
         size = len(columns) + 1
         triangle = Triangle(tuple(columns), factor.next(size, size), count)
@@ -174,7 +172,7 @@ def unpacked(arrays: Arrays, *, apart: bool = False) -> Evidence:
             raise ValueError("a run has no cells")
         runs.append(Run(**plain, posture=posture.next(n_joints), triangle=triangle, cells=cells))
     rejects = []
-    for plain, cells in zip(_plain(told["rejects"]), _all_cells("reject", arrays, apart=apart), strict=True):
+    for plain, cells in zip(_plain(told["rejects"]), _all_cells("reject", arrays), strict=True):
         plain["joints"] = tuple(plain["joints"])
         rejects.append(Reject(**plain, cells=cells))
     files = tuple(FileFacts(**facts) for facts in told["files"])
@@ -182,9 +180,8 @@ def unpacked(arrays: Arrays, *, apart: bool = False) -> Evidence:
     return Evidence(tuple(runs), tuple(rejects), files, notes, tuple(told["extra"]))
 
 
-def _all_cells(name: str, arrays: Arrays, *, apart: bool) -> Iterable[Cells | None]:
-    # A record's numbers are copied together, not one quantity after the other.
-    taken, extras = _Taken(arrays[f"{name}_means"], apart=apart), iter(arrays[f"{name}_extras"].tolist())
+def _all_cells(name: str, arrays: Arrays) -> Iterable[Cells | None]:
+    taken, extras = _Taken(arrays[f"{name}_means"]), iter(arrays[f"{name}_extras"].tolist())
     joints = next(iter(arrays[f"{name}_joints"].tolist()), 0)
     widths = [joints if quantity in _WIDE else 1 for quantity in _MEANS]
     ends = list(accumulate(widths))

@@ -17,6 +17,8 @@ PROBE = 100_000
 GAP_INTERVALS = 5.0
 #: ... and at least this long (s): shorter ones are within what a ramp of an arm takes, and harm no mean.
 GAP_SECONDS = 0.05
+#: Share by which a step may differ from that and be a gap by one median of the same file and none by another.
+CLOSE = 0.02
 #: s, and share of the median: times between samples that vary by more (RMS) blur where an arm speeds up and slows down.
 JITTER_SECONDS, JITTER_SHARE = 0.005, 0.1
 
@@ -25,19 +27,47 @@ JITTER_SECONDS, JITTER_SHARE = 0.005, 0.1
 class Intervals:
     """Statistics of the steps of time, fed chunk by chunk; the result does not depend on the cuts.
 
-    `jitter` (s) is the RMS by which the steps differ from their median, gaps apart.
+    `jitter` (s) is the RMS by which the steps differ from their median, gaps apart. `is_settled` tells whether there
+    were enough of them for the median, which then stays what it is.
     """
 
     median: float = float("nan")
     jitter: float = 0.0
+    first_row: int = 0
     n_gaps: int = 0
     longest: float = 0.0
     first_gaps: list[tuple[int, float, float]] = field(default_factory=list)
     _kept: list[tuple[NDArray[np.int64], Floats, Floats]] = field(default_factory=list)
     _n_kept: int = 0
+    _n_close: int = 0  # steps that are a gap just so, or just not
+
+    @property
+    def is_settled(self) -> bool:
+        """Whether more samples would not change the median."""
+        return self._n_kept >= PROBE
+
+    @property
+    def _limit(self) -> float:
+        return max(GAP_INTERVALS * self.median, GAP_SECONDS)
+
+    def fit(self, following: Intervals) -> bool:
+        """Whether the gaps among the next samples, found by their own median, are those by this one."""
+        limits = self._limit, following._limit
+        near = abs(limits[0] - limits[1]) <= CLOSE * limits[0] / 2
+        return self.is_settled and (near or following.median != following.median) and not following._n_close
+
+    def join(self, following: Intervals, above: int, *, border: tuple[float, float]) -> None:
+        """Take what was found in the next samples, whose rows count from so many above, and the step to their first."""
+        self._count(np.array([above + following.first_row]), np.array(border[1:]), np.diff(border))
+        self.n_gaps += following.n_gaps
+        self.longest = max(self.longest, following.longest)
+        gaps = following.first_gaps[: 3 - len(self.first_gaps)]
+        self.first_gaps += [(row + above, start, seconds) for row, start, seconds in gaps]
 
     def take(self, rows: NDArray[np.int64], time: Floats, before: float | None) -> None:
         """Rows (N,) and times (N,) of the next samples, and the time before them (s) if there is one."""
+        if before is None and len(rows) and not self._n_kept:
+            self.first_row = int(rows[0])
         start = time[:1] if before is None else np.array([before])
         steps = np.diff(time, prepend=start)
         skip = before is None
@@ -57,14 +87,19 @@ class Intervals:
         if self._n_kept:
             probe = np.concatenate([steps for _, _, steps in self._kept])[:PROBE]
             self.median = float(np.median(probe))
-            even = probe[probe <= max(GAP_INTERVALS * self.median, GAP_SECONDS)]
+            even = probe[probe <= self._limit]
             self.jitter = float(np.sqrt(np.mean((even - self.median) ** 2)))
         kept, self._kept = self._kept, []
         for rows, time, steps in kept:
             self._count(rows, time, steps)
 
     def _count(self, rows: NDArray[np.int64], time: Floats, steps: Floats) -> None:
-        where = np.flatnonzero(steps > max(GAP_INTERVALS * self.median, GAP_SECONDS))
+        limit = self._limit
+        longest = steps.max(initial=0.0)
+        if longest <= (1.0 - CLOSE) * limit:
+            return
+        where = np.flatnonzero(steps > limit)
+        self._n_close += int(np.count_nonzero(np.abs(steps - limit) <= CLOSE * limit))
         self.n_gaps += len(where)
         for k in where[: 3 - len(self.first_gaps)]:
             self.first_gaps.append((int(rows[k]), float(time[k] - steps[k]), float(steps[k])))

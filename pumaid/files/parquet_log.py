@@ -38,14 +38,15 @@ class ParquetSource:
         For messages.
     groups
         Row groups to read; None for all.
-    notes
-        Nothing so far is worth a note; the twin of the text log has them.
+    notes, n_lines
+        Nothing so far is worth a note, and rows are known wherever a part begins; the twin of the text log has them.
     """
 
     stream: BinaryIO | pa.NativeFile
     name: str
     groups: range | None = None
     notes: list[Note] = field(init=False, default_factory=list)
+    n_lines: int = field(init=False, default=0)
     _file: pq.ParquetFile = field(init=False)
     _parts: dict[int, range] = field(init=False, default_factory=dict)  # by their first rows
 

@@ -1,7 +1,9 @@
-"""Parts of large log files that can be read by themselves: row groups of Parquet."""
+"""Parts of large log files that can be read by themselves: row groups of Parquet, lines of text."""
 
 from __future__ import annotations
 
+import codecs
+import sys
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -15,13 +17,23 @@ from pumaid.files.remote import Remote
 #: Rows from which a part is worth reading by itself: opening the file again is then nothing beside it, and the first
 #: one tells the file's sampling interval.
 PART_ROWS = 150_000
-#: First bytes of every Parquet file.
-MAGIC = b"PAR1"
+#: The same of a text, reckoned from its first lines: others may be twice as long.
+TEXT_ROWS = 200_000
+#: Bytes that numbers take as text for each that they take in Parquet.
+TEXT_BYTES = 6
+#: Bytes of a text from which it is told how it is written.
+HEAD_BYTES = 1 << 16
+#: First bytes of every Parquet file, and of every gzipped one.
+MAGIC, GZIP = b"PAR1", b"\x1f\x8b"
 
 
 @dataclass(frozen=True, slots=True)
 class FilePart:
-    """Row groups [first, stop) of a Parquet file; its first one also tells the file's digest."""
+    """Row groups [first, stop) of a Parquet file, or the lines of a text that begin at bytes [first, stop).
+
+    A line that begins at the first byte behind a line feed counts from there; the first part also tells the file's
+    digest.
+    """
 
     path: Path | Remote
     first: int
@@ -77,19 +89,49 @@ def parts_of_rows(rows: Sequence[int]) -> list[range]:
     return [range(low, high) for low, high in zip(borders, [*borders[1:], len(rows)], strict=True)]
 
 
-def file_parts(path: Path | Remote) -> list[Path | Remote | FilePart]:
+def text_step(head: bytes) -> int:
+    """Bytes from one part of a text to the next, which begins behind the next line feed; 0 where it is read at once.
+
+    Parameters
+    ----------
+    head
+        The file's first `HEAD_BYTES` bytes, or all of it.
+    """
+    lines = head.count(b"\n")
+    if lines < 2 or head.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)):
+        return 0
+    return TEXT_ROWS * len(head) // lines
+
+
+def file_parts(path: Path | Remote, *, whole: int = 0) -> list[Path | Remote | FilePart]:
     """The parts of a log that may be read by themselves; the file itself where that is one, or where it is damaged.
 
     Parameters
     ----------
     path
         A log.
+    whole
+        Bytes of Parquet, and of as many rows as text, up to which a file is left whole.
     """
     try:
         with path.open("rb") as stream:
-            if stream.read(len(MAGIC)) != MAGIC:
+            head = stream.read(HEAD_BYTES)
+            size = path.size if isinstance(path, Remote) else path.stat().st_size
+            if size <= whole * (1 if head.startswith(MAGIC) else TEXT_BYTES):
                 return [path]
-            parts = group_parts(pq.ParquetFile(stream).metadata)
+            if head.startswith(MAGIC):
+                parts = group_parts(pq.ParquetFile(stream).metadata)
+            elif head.startswith(GZIP) or not path.is_file():
+                # The first part's reader reads all of a text for its digest: from a store it would come twice.
+                return [path]
+            else:
+                parts = _text_parts(size, text_step(head))
     except (OSError, pa.ArrowException):
         return [path]
     return [path] if len(parts) < 2 else [FilePart(path, part.start, part.stop) for part in parts]
+
+
+def _text_parts(size: int, step: int) -> list[range]:
+    """Bytes at whose multiples a text of some size is cut; a rest of less than half a part belongs to the last."""
+    borders = [0, *(range(step, size - step // 2, step) if step else ())]
+    return [range(low, high) for low, high in zip(borders, [*borders[1:], sys.maxsize], strict=True)]

@@ -20,8 +20,9 @@ from pumaid.files.clean import Cleaner
 from pumaid.files.columns import check_extra, resolve, without_empty
 from pumaid.files.csv_log import CsvSource
 from pumaid.files.log_writer import write_log
+from pumaid.files.oddities import Oddities
 from pumaid.files.parquet_log import ParquetSource
-from pumaid.files.parts import MAGIC, FilePart
+from pumaid.files.parts import GZIP, MAGIC, FilePart
 from pumaid.files.paths import STDIN, expand, unreadable
 from pumaid.files.remote import Remote
 from pumaid.records import FileFacts, Log, Robot
@@ -31,7 +32,6 @@ __all__ = ["LogReader", "expand", "write_log"]
 #: A log on this machine, or in a store; or a part of one.
 LogPath = Path | Remote | FilePart
 
-_GZIP = b"\x1f\x8b"
 #: Notes of one kind that are told in full; a campaign of a thousand files may have one in each.
 MOST_ALIKE = 3
 
@@ -58,9 +58,8 @@ class LogReader:
 
     Attributes
     ----------
-    is_plain
-        Whether nothing in the samples read so far was worth a note: then a part of a file is what it would be if the
-        whole file were read.
+    odd
+        What is odd about a part of a file, by itself; it is not among the notes.
 
     Raises
     ------
@@ -93,7 +92,7 @@ class LogReader:
         self.extra = tuple(dict.fromkeys(extra))
         self._files: list[FileFacts] = []
         self._notes: list[Note] = []
-        self.is_plain = True
+        self.odd: Oddities | None = None
 
     @property
     def files(self) -> tuple[FileFacts, ...]:
@@ -150,21 +149,25 @@ class LogReader:
                 cleaner.time_factor = source.time_unit(columns.names[0])
             for rows, table in source.chunks(columns.names):
                 begins_part = len(rows) > 0 and source.begins_part(int(rows[0]))
-                if cleaner.n_rows == 0:
+                if cleaner.odd.n_rows == 0:
                     cleaner.columns = without_empty(columns, table, name)
                 for log in cleaner.take(rows, table):
                     yield from self._cut(replace(log, begins_part=True) if begins_part else log)
                     begins_part = False
-            logs, notes = cleaner.finish()
-            for log in logs:
+            for log in cleaner.finish():
                 yield from self._cut(log)
             sha256 = digest() if not isinstance(path, FilePart) or path.first == 0 else ""
-        self.is_plain &= len(notes) == len(cleaner.columns.notes)
-        self._notes += [*notes, *source.notes]
-        if not cleaner.n_rows:
-            self._notes.append(Note("empty-log", "the log has a header but no row", Where(file=name)))
-        interval = cleaner.intervals.median
-        self._files.append(FileFacts(name, sha256, cleaner.n_rows, interval, cleaner.first_time, cleaner.last_time))
+        odd = cleaner.odd
+        odd.ends, odd.n_lines = source.notes, source.n_lines
+        self._notes += cleaner.columns.notes
+        if isinstance(path, FilePart):
+            self.odd = odd
+        else:
+            self._notes += odd.notes()
+            if not odd.n_rows:
+                self._notes.append(Note("empty-log", "the log has a header but no row", Where(file=name)))
+        times = (odd.intervals.median, cleaner.first_time, cleaner.last_time)
+        self._files.append(FileFacts(name, sha256, odd.n_rows, *times))
 
     def _cut(self, log: Log) -> Iterator[Log]:
         if len(log) <= self._batch_rows:
@@ -206,19 +209,28 @@ def _opened(path: LogPath, name: str) -> Iterator[tuple[CsvSource | ParquetSourc
     """The source for a file by its first bytes, and a function that gives the digest once all is read."""
     try:
         with nullcontext(sys.stdin.buffer) if path == STDIN else path.open("rb") as stream:
-            hashing = _Hashing(stream)
-            buffered = io.BufferedReader(hashing, buffer_size=1 << 18)
-            head = buffered.peek(len(MAGIC))
-            if head.startswith(MAGIC):
+            buffered = io.BufferedReader(_Hashing(stream), buffer_size=1 << 18)
+            if buffered.peek(len(MAGIC)).startswith(MAGIC):
                 yield _parquet(path, stream, buffered)
             else:
-                text: Any = gzip.GzipFile(fileobj=buffered) if head.startswith(_GZIP) else buffered
-                yield CsvSource(text, name), lambda: _digest_to_end(buffered, hashing)
+                yield _text(path, name, stream, buffered)
     except (EOFError, gzip.BadGzipFile, zlib.error) as error:
         what = f"{name} is not a whole gzip file: {error}"
         raise LogError("damaged-log", what, Where(file=name), "compress it again") from error
     except OSError as error:
         raise unreadable(path.path if isinstance(path, FilePart) else path, error) from error
+
+
+def _text(
+    path: LogPath, name: str, stream: BinaryIO, buffered: io.BufferedReader[_Hashing]
+) -> tuple[CsvSource, Callable[[], str]]:
+    """A part that lies behind the first one tells no digest."""
+    part = range(path.first, path.stop) if isinstance(path, FilePart) else None
+    if part is not None and part.start:
+        stream.seek(0)
+        return CsvSource(stream, name, part), str
+    text: Any = gzip.GzipFile(fileobj=buffered) if buffered.peek(len(GZIP)).startswith(GZIP) else buffered
+    return CsvSource(text, name, part), lambda: _digest_to_end(buffered)
 
 
 def _parquet(
@@ -239,10 +251,10 @@ def _digest(stream: BinaryIO) -> str:
     return hashlib.file_digest(cast(io.BufferedReader, stream), "sha256").hexdigest()
 
 
-def _digest_to_end(buffered: io.BufferedReader[_Hashing], hashing: _Hashing) -> str:
+def _digest_to_end(buffered: io.BufferedReader[_Hashing]) -> str:
     while buffered.read(1 << 20):
         pass
-    return hashing.hash.hexdigest()
+    return buffered.raw.hash.hexdigest()
 
 
 def merged_notes(notes: Iterable[Note]) -> Iterator[Note]:

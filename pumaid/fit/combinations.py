@@ -11,8 +11,7 @@ from numpy.typing import NDArray
 from pumaid.fit.reasons import Facts
 from pumaid.fit.rows import Row
 from pumaid.fit.sheet import Sheet
-from pumaid.maths.alike import grouped
-from pumaid.maths.frames import apart
+from pumaid.maths.alike import grouped, marked, near
 from pumaid.maths.joint_fit import Bilinear
 from pumaid.model import SAME_POSTURE
 from pumaid.records import Combination, Samples, Value
@@ -111,7 +110,7 @@ def _loads(sheet: Sheet, row: Row) -> Iterable[tuple[Floats, str]]:
         return
     gravity = np.array([column.effect == "gravity" for column in model.columns])
     every = np.nan_to_num(np.array([run.posture for run in row.runs]))
-    postures = grouped(len(every), lambda one, others: np.all(apart(every[one], every[others]) <= SAME_POSTURE, axis=1))
+    postures = grouped(len(every), lambda one, others: marked(others, near(every, one, others, within=SAME_POSTURE)))
     for number, group in enumerate(postures[:MOST_POSTURES], start=1):
         position = np.tile(every[group[0]], (2, 1))
         position[:, row.joint - 1] = [0.0, math.pi / 2.0]

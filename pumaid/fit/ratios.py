@@ -60,6 +60,7 @@ def restarted(white: Bilinear, values: Floats, gains: Gains, *, limit: Floats, h
     limit, held
         As for `joint_fit.fit`.
     """
+    white = white.condensed()
     spread = spread_of(white, values, gains)
     best = fit(white, values, gains, limit=limit, spread=spread, held=held)
     for number, ratio in itertools.product(range(len(gains.edges)), (None, *OTHER_RATIOS)):

@@ -9,8 +9,7 @@ import numpy as np
 
 from pumaid.chosen import Column
 from pumaid.effects import Scope
-from pumaid.maths.alike import grouped
-from pumaid.maths.frames import apart
+from pumaid.maths.alike import grouped, marked, near
 from pumaid.model import SAME_POSTURE, Model
 from pumaid.records import Run
 from pumaid.units import number
@@ -48,7 +47,7 @@ class Facts:
         """Of the runs in which `joint` (from 1) moves."""
         own = [run for run in runs if run.joint == joint]
         held = np.array([run.posture[joint:] for run in own])
-        sets = grouped(len(own), lambda one, others: np.all(apart(held[one], held[others]) < SAME_POSTURE, axis=1))
+        sets = grouped(len(own), lambda one, others: marked(others, near(held, one, others, within=SAME_POSTURE)))
         speeds = {sign: tuple(sorted(abs(run.speed) for run in own if run.direction == sign)) for sign in (1, -1)}
         strokes = sum(run.kind == "stroke" for run in own)
         return cls(joint, len(own), speeds, len(sets), strokes)

@@ -7,6 +7,9 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
+from pumaid.maths.frames import apart
+
+Floats = NDArray[np.float64]
 Numbers = NDArray[np.int64]
 
 
@@ -26,10 +29,37 @@ def grouped(count: int, alike: Callable[[int, Numbers], NDArray[np.bool_]]) -> l
     >>> grouped(5, lambda first, others: np.abs(values[others] - values[first]) < 0.15)
     [[0, 2], [1, 3], [4]]
     """
-    left, out = np.arange(count), []
+    left, out = np.arange(count, dtype=np.int64), []
     while len(left):
         own = alike(int(left[0]), left)
         own[0] = True
         out.append([int(number) for number in left[own]])
         left = left[~own]
+    return out
+
+
+def near(postures: Floats, first: int, others: Numbers, *, within: float) -> Numbers:
+    """Those of some postures that are one's neighbours, whole turns taken out.
+
+    Parameters
+    ----------
+    postures
+        (N, J) rad or m; where one is NaN it is near any.
+    first, others
+        The one's number, and (n,) numbers.
+    within
+        How far apart (rad or m) they may be at each joint.
+    """
+    # Joint after joint: of thousands of postures few are left for the second.
+    for column in postures.T:
+        if not len(others):
+            break
+        others = others[~(apart(column[first], column[others]) > within)]
+    return others
+
+
+def marked(others: Numbers, chosen: Numbers) -> NDArray[np.bool_]:
+    """(n,) which of some rising numbers are chosen."""
+    out = np.zeros(len(others), dtype=np.bool_)
+    out[np.searchsorted(others, chosen)] = True
     return out

@@ -44,6 +44,26 @@ class Bilinear:
         """(N, p) regressors times eta_row / eta_owner; unknown ratios count as zero."""
         return self.regressors * self.factors(gains)[self.row]
 
+    def condensed(self) -> Bilinear:
+        """The same sums of squares, at any parameters and gains, in few equations, however many there are.
+
+        A row of the system shares its ratios, so its equations may be turned among themselves: into a triangle of the
+        columns that count in it, and the target.
+        """
+        numbers, regressors, targets = list[NDArray[np.int64]](), list[Floats](), list[Floats]()
+        for row in np.unique(self.row):
+            here = self.row == row
+            rows, target = self.regressors[here], self.target[here]
+            own = np.flatnonzero(rows.any(axis=0))
+            if len(rows) > len(own) + 1:
+                upper: Floats = np.asarray(np.linalg.qr(np.column_stack([rows[:, own], target]), mode="r"))
+                rows, target = np.zeros((len(upper), rows.shape[1])), upper[:, -1]
+                rows[:, own] = upper[:, :-1]
+            numbers.append(np.full(len(rows), row))
+            regressors.append(rows)
+            targets.append(target)
+        return Bilinear(np.concatenate(numbers), np.vstack(regressors), np.concatenate(targets), self.owners)
+
     def jacobian(self, gains: Gains, values: Floats) -> Floats:
         """(N, p + edges): derivative of the prediction by the parameters and by each edge of `gains`."""
         scaled = self.scaled(gains)
@@ -126,25 +146,29 @@ def fit(
     p = len(values)
     pull = np.zeros(len(gains.edges)) if spread is None else 1.0 / spread
     prior = prior_rows(np.zeros((0, p)) if held is None else held, pull)
-    jacobian, residual = _augmented(system, values, gains, prior)
+    small = system.condensed()
+    jacobian, residual = _augmented(small, values, gains, prior)
     cost = float(residual @ residual)
     for _ in range(most_steps):
         step = rank.solve(jacobian, residual, limit=limit).values
         share, better = 1.0, False
         while share > 1e-6 and not better:
             new_values, new_gains = values + share * step[:p], _moved(gains, share * step[p:])
-            new_cost = _cost(system, new_values, new_gains, prior)
+            new_cost = _cost(small, new_values, new_gains, prior)
             better, share = new_cost < cost, share / 2.0
         if not better:
             break
         fall = cost - new_cost
         values, gains, cost = new_values, new_gains, new_cost
-        jacobian, residual = _augmented(system, values, gains, prior)
+        jacobian, residual = _augmented(small, values, gains, prior)
         if fall < CONVERGED * cost:
             break
     linear = rank.solve(jacobian, residual, limit=limit)
-    n = len(system.target)
-    return JointSolution(values, gains, linear, jacobian[:n], residual[:n])
+    return JointSolution(values, gains, linear, system.jacobian(gains, values), _residual(system, values, gains))
+
+
+def _residual(system: Bilinear, values: Floats, gains: Gains) -> Floats:
+    return system.target - system.scaled(gains) @ values
 
 
 def _edges(gains: Gains) -> Floats:
@@ -152,7 +176,7 @@ def _edges(gains: Gains) -> Floats:
 
 
 def _cost(system: Bilinear, values: Floats, gains: Gains, prior: Floats) -> float:
-    residual = system.target - system.scaled(gains) @ values
+    residual = _residual(system, values, gains)
     return float(residual @ residual + np.sum((prior @ _off(values, gains)) ** 2))
 
 
@@ -170,6 +194,6 @@ def prior_rows(held: Floats, pull: Floats) -> Floats:
 
 def _augmented(system: Bilinear, values: Floats, gains: Gains, prior: Floats) -> tuple[Floats, Floats]:
     """Jacobian and residual with a row for each prior."""
-    residual = system.target - system.scaled(gains) @ values
+    residual = _residual(system, values, gains)
     pulled = -(prior @ _off(values, gains))
     return np.vstack([system.jacobian(gains, values), prior]), np.concatenate([residual, pulled])

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -13,7 +12,7 @@ from pumaid.motion.edge import Window, leaving
 from pumaid.motion.movement import Stretch
 from pumaid.motion.options import SegmentOptions
 from pumaid.motion.settle import settled
-from pumaid.motion.speed import Ticks, slopes
+from pumaid.motion.speed import Ticks, at_least, slopes, whole
 
 Floats = NDArray[np.float64]
 
@@ -116,8 +115,8 @@ def _movement(ticks: Ticks, stretch: Stretch, samples: tuple[Floats, Floats], op
     speed = np.abs(velocity)
     absolute = SPREAD * ticks.fit_error(stretch.joint, half)
     peak = float(np.abs(slopes(ticks.time[stretch.start : stretch.stop], velocity, 1)).max())
-    reach = max(1, round(0.7 * options.min_duration / ticks.interval))
-    most = reach + half + round(ANCHOR / ticks.interval)
+    reach = max(1, whole(0.7 * options.min_duration / ticks.interval))
+    most = reach + half + whole(ANCHOR / ticks.interval)
     own = (samples[0], samples[1][:, stretch.joint - 1])
     candidates = []
     for start, stop in _cores(speed, reach, (options.speed_tolerance, absolute)):
@@ -216,7 +215,7 @@ def _candidate(
     first, last = int(edges[core[0]]), int(edges[core[1]])
     middle = (first + last) // 2
     level, half = line
-    reach = max(math.ceil(ANCHOR / ticks.interval), 3 * half, 4) * int(edges[1])
+    reach = max(at_least(ANCHOR / ticks.interval), 3 * half, 4) * int(edges[1])
     ahead, back, high = _Edge(None, 0, last), _Edge(None, 0, 0), first
     if seen[1] > core[1]:
         low, stop = max(middle, last - reach), int(edges[seen[1]])

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from pumaid.maths.frames import apart
+from pumaid.maths.alike import Numbers, grouped, marked, near
 from pumaid.records import Run
 
 Floats = NDArray[np.float64]
@@ -24,29 +24,33 @@ OVERLAP = 0.8
 
 def replicates(runs: Sequence[Run]) -> list[list[int]]:
     """Groups of indices into `runs` that repeat one another: same joint, kind, posture, speed, direction and span."""
-    groups: list[list[int]] = []
+    sorts: dict[tuple[int, str], list[int]] = {}
     for number, run in enumerate(runs):
-        for group in groups:
-            if _repeats(runs[group[0]], run):
-                group.append(number)
-                break
-        else:
-            groups.append([number])
-    return [group for group in groups if len(group) > 1]
+        sorts.setdefault((run.joint, run.kind), []).append(number)
+    groups = [
+        [numbers[k] for k in group]
+        for numbers in sorts.values()
+        for group in grouped(len(numbers), _repeating([runs[number] for number in numbers]))
+        if len(group) > 1
+    ]
+    return sorted(groups, key=lambda group: group[0])
 
 
-def _repeats(first: Run, second: Run) -> bool:
-    if (first.joint, first.kind) != (second.joint, second.kind):
-        return False
-    if abs(second.speed - first.speed) > SAME_SPEED * abs(first.speed):
-        return False
-    if np.any(np.delete(apart(first.posture, second.posture), first.joint - 1) > SAME_POSITION):
-        return False
-    turns = _turns(first, second)
-    low = max(min(first.span), min(second.span) + turns)
-    high = min(max(first.span), max(second.span) + turns)
-    shorter = min(abs(run.span[1] - run.span[0]) for run in (first, second))
-    return high - low >= OVERLAP * shorter
+def _repeating(runs: Sequence[Run]) -> Callable[[int, Numbers], NDArray[np.bool_]]:
+    """Of runs of one joint and kind, by number: which of some (n,) repeat one."""
+    speed, span = np.array([run.speed for run in runs]), np.array([run.span for run in runs])
+    posture = np.delete([run.posture for run in runs], runs[0].joint - 1, axis=1)
+    low, high, middle = span.min(axis=1), span.max(axis=1), span.sum(axis=1)
+
+    def alike(first: int, others: Numbers) -> NDArray[np.bool_]:
+        close = others[np.abs(speed[others] - speed[first]) <= SAME_SPEED * abs(speed[first])]
+        close = near(posture, first, close, within=SAME_POSITION)
+        turns = 2.0 * np.pi * np.round((middle[first] - middle[close]) / (4.0 * np.pi))
+        shared = np.minimum(high[first], high[close] + turns) - np.maximum(low[first], low[close] + turns)
+        shorter = np.minimum(high[first] - low[first], high[close] - low[close])
+        return marked(others, close[shared >= OVERLAP * shorter])
+
+    return alike
 
 
 def noise_floor(runs: Sequence[Run]) -> tuple[float | None, str | None]:

@@ -5,11 +5,11 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Iterator, Sequence
 from copy import copy
-from dataclasses import dataclass, replace
-from typing import Generic, TypeVar
+from dataclasses import dataclass, fields, replace
+from typing import Any, Generic, TypeVar
 
 from pumaid.motion.reduce import coarser
-from pumaid.records import Reject, Run
+from pumaid.records import Cells, Reject, Run
 
 Kept = TypeVar("Kept", Run, Reject)
 
@@ -95,10 +95,21 @@ class Room(Generic[Kept]):
     def _fitting(self, record: Kept, number: int) -> Kept:
         """The record with as many cells as there is room for; `number` counts its joint's from 0."""
         # Runs come in pairs, there and back, and so do the ramps of each.
-        if number // 2 % ONE_IN**self._times == 0 or record.cells is None or len(record.cells) <= self._few:
+        if record.cells is None or not self._times:
             return record
+        if number // 2 % ONE_IN**self._times == 0 or len(record.cells) <= self._few:
+            return replace(record, cells=_apart(record.cells))
         joint = record.joint if isinstance(record, Run) else record.joints[0]
         return replace(record, cells=coarser([record.cells], self._few, joint=joint))
+
+
+def _apart(cells: Cells) -> Cells:
+    """The same with memory of their own: what came from another process is a view of all that came with it."""
+    if cells.count.base is None:
+        return cells
+    own: list[Any] = [getattr(cells, item.name) for item in fields(cells)]
+    own = [None if values is None else values.copy("K") for values in own]
+    return Cells(*own)
 
 
 def _size(record: Run | Reject) -> int:

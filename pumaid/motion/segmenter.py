@@ -13,7 +13,7 @@ from pumaid.motion.cutting import Piece, Whole, clipped, is_measured, pieces, wh
 from pumaid.motion.harvest import Harvest
 from pumaid.motion.options import SegmentOptions
 from pumaid.motion.rest import RESTFUL, FirstRest, last_rest
-from pumaid.motion.speed import usual_step
+from pumaid.motion.speed import at_least, usual_step
 from pumaid.records import Log, Reject, Robot, Run
 
 #: s; what a window sees of its neighbours, longer than any line that a speed is judged by.
@@ -228,7 +228,7 @@ def _cut(block: Block, found: list[Piece], *, usual: float) -> tuple[int, int]:
     size = len(block)
     if size < 2:
         return size, 0
-    context = min(size // 8, int(np.ceil(CONTEXT / max(1e-9, usual))))
+    context = min(size // 8, at_least(CONTEXT / max(1e-9, usual)))
     for piece in reversed(found):
         low, high = max(piece.start, size // 2), min(piece.stop, size - 1)
         if piece.reason == "rest" and high > low and block.time[high] - block.time[low] >= RESTFUL:

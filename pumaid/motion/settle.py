@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from pumaid.motion.speed import slopes
+from pumaid.motion.speed import slopes, whole
 
 Floats = NDArray[np.float64]
 
@@ -33,14 +33,14 @@ def settled(time: Floats, position: Floats) -> tuple[int, int]:
     time, position
         (N,) s and rad or m of the stretch.
     """
-    size = max(1, round(STEP * (len(time) - 1) / max(1e-9, float(time[-1] - time[0]))))
+    size = max(1, whole(STEP * (len(time) - 1) / max(1e-9, float(time[-1] - time[0]))))
     starts = np.arange(0, len(time) - size + 1, size)
     if len(starts) < FEWEST:
         return 0, len(time)
     counts = np.diff(np.append(starts, len(time)))
     t = np.add.reduceat(time - time[0], starts) / counts
     q = np.add.reduceat(position - position[0], starts) / counts
-    reach = max(1, round(RETURN / max(1e-9, float(t[-1] - t[0]) / len(t))))
+    reach = max(1, whole(RETURN / max(1e-9, float(t[-1] - t[0]) / len(t))))
     front = back = 0
     for half in HALVES:
         far = _departures(t, slopes(t, q, half), half)

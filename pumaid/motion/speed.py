@@ -25,6 +25,10 @@ CACHED = 16_384
 THIRD_DIFFERENCE = math.sqrt(20.0) * 0.6745
 #: Share by which steps of time of an even clock differ; their mean is then found fifty times sooner than their median.
 _EVEN = 1e-3
+#: Share by which others than gaps differ from their median.
+_USUAL = 0.25
+#: Digits of a count of samples that are no rounding of times in microseconds.
+_DIGITS = 3
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -58,7 +62,7 @@ class Ticks:
     @classmethod
     def of(cls, time: Floats, position: Floats, *, step: float) -> Ticks:
         """Reduce (N,) times and (N, J) positions, N at least 2; `step` (s) is the usual one of time."""
-        size = max(1, round(TICK / step))
+        size = max(1, whole(TICK / step))
         starts = np.arange(0, max(1, len(time) - size // 2), size)
         counts = np.diff(np.append(starts, len(time)))
         centre = position[0]
@@ -78,22 +82,39 @@ class Ticks:
 
     def half_width(self, joint: int, wanted: float, longest: float = LONGEST_FIT) -> int:
         """Fewest ticks on either side for which the slope's error is at most `wanted` (rad/s or m/s)."""
-        most = max(1, round(longest / self.interval / 2))
+        most = max(1, whole(longest / self.interval / 2))
         half = 1
         while half < most and self.fit_error(joint, half) > wanted:
             half += 1
         return half
 
 
+def whole(count: float) -> int:
+    """Nearest whole number to a count of samples, the upper one of two.
+
+    Counts come from times, which are rounded: a tick at 125 Hz is 2.5 samples, and must not be two in one file and
+    three in the next.
+    """
+    return math.floor(round(count, _DIGITS) + 0.5)
+
+
+def at_least(count: float) -> int:
+    """The same upwards."""
+    return math.ceil(round(count, _DIGITS))
+
+
 def usual_step(time: Floats) -> float:
-    """Median step of (N,) times (s), or of an even clock the mean one; 0 where there is none."""
+    """Mean step of (N,) times (s), gaps and repeats left out; 0 where there is none."""
     steps = np.diff(time)
     if not len(steps):
         return 0.0
     least, most = float(steps.min()), float(steps.max())
     if most > 0.0 and most - least <= _EVEN * most:
         return float(time[-1] - time[0]) / len(steps)
-    return float(np.median(steps))
+    # Of stamps that are rounded (float32, microseconds) the median is one of few values, none of them the clock's.
+    median = float(np.median(steps))
+    usual = steps[np.abs(steps - median) <= _USUAL * abs(median)]
+    return float(usual.mean()) if len(usual) else median
 
 
 def _smallest_step(values: Floats) -> float:
@@ -176,6 +197,6 @@ def derivatives(time: Floats, position: Floats, window: float) -> tuple[Floats, 
     step = float(time[-1] - time[0]) / (len(time) - 1)
     even = time[0] + step * np.arange(len(time))
     on_grid = np.interp(even, time, position)
-    width = min(max(5, 2 * round(window / step / 2) + 1), len(time) - 1 + len(time) % 2)
+    width = min(max(5, 2 * whole(window / step / 2) + 1), len(time) - 1 + len(time) % 2)
     velocity, acceleration = filtered(on_grid, width, 1) / step, filtered(on_grid, width, 2) / step**2
     return np.interp(time, even, velocity), np.interp(time, even, acceleration)

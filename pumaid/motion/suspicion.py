@@ -114,6 +114,11 @@ class Sums:
             self._faults += other._faults
             self._ends.append(theirs[1])
 
+    def settle(self) -> None:
+        """Judge the files at the ends, too, now: where they do not go on, who adds these to others need not."""
+        for tally in self._ends:
+            tally.faults = _faults(tally)
+
     def _put(self, files: Sequence[Tally]) -> None:
         self._ends += files
         if len(self._ends) > 2:
@@ -122,7 +127,7 @@ class Sums:
     def _judge(self, number: int) -> None:
         """Judge the file of this number among the ends, if there is one."""
         for tally in self._ends[number : number + 1]:
-            self._faults += suspicions(tally)[0]
+            self._faults += _faults(tally)
             self._between.absorb(tally)
         del self._ends[number : number + 1]
 
@@ -139,7 +144,7 @@ class Sums:
         LogError
             As `Watch`.
         """
-        ends = [suspicions(tally)[0] for tally in self._ends]
+        ends = [_faults(tally) for tally in self._ends]
         faults = [
             *(fault for end in ends[:1] for fault in end),
             *self._faults,
@@ -154,6 +159,10 @@ class Sums:
         if found and refuse:
             raise found[0] if len(found) == 1 else Faults(found)
         return [Note(fault.slug, f"{fault.what}; {fault.mend}", fault.where) for fault in found] + doubtful
+
+
+def _faults(tally: Tally) -> list[LogError]:
+    return suspicions(tally)[0] if tally.faults is None else tally.faults
 
 
 def _first_of_each(faults: Iterable[LogError]) -> list[LogError]:

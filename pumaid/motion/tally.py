@@ -8,6 +8,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from pumaid.errors import LogError
 from pumaid.records import Log, Robot
 
 Floats = NDArray[np.float64]
@@ -62,6 +63,8 @@ class Tally:
         (1, cos, sin, direction, all mean currents).
     ways
         (J, 2) windows alone forwards and backwards.
+    faults
+        What the sums show, where somebody has judged them since the last sample was added.
     """
 
     robot: Robot
@@ -84,6 +87,7 @@ class Tally:
     groups: list[dict[tuple[int, ...], Floats]] = field(init=False)
     ways: NDArray[np.int64] = field(init=False)
     has_velocity: bool = False
+    faults: list[LogError] | None = None
     _n_intervals: int = 0
     _carry: Log | None = None
     _still: Floats = field(init=False)
@@ -103,6 +107,7 @@ class Tally:
         """Add a batch; whole windows are summed, the rest waits for the next batch of the same clock."""
         if not len(log):
             return
+        self.faults = None
         self.origin = self.origin or log.origin
         self.lowest = np.fmin(self.lowest, np.fmin.reduce(log.position))
         self.highest = np.fmax(self.highest, np.fmax.reduce(log.position))
@@ -139,7 +144,7 @@ class Tally:
         other
             Sums of samples that this tally has not seen; it must not be fed any more.
         """
-        self.origin = self.origin or other.origin
+        self.origin, self.faults = self.origin or other.origin, None
         for name in ("lowest", "current_lowest"):
             setattr(self, name, np.fmin(getattr(self, name), getattr(other, name)))
         for name in ("highest", "current_highest", "frozen"):

@@ -7,11 +7,12 @@ from collections.abc import Callable, Mapping
 from dataclasses import replace
 
 from pumaid.choices import at_one_joint, known_effect
+from pumaid.diagnosis.added import Added
 from pumaid.diagnosis.contender import DECISIVE, evidence
 from pumaid.diagnosis.deciding import deciding, showing
 from pumaid.diagnosis.refine import refined, trials_at
 from pumaid.diagnosis.scan import Projector, Trial
-from pumaid.diagnosis.system import Added, Solved
+from pumaid.diagnosis.system import Solved
 from pumaid.effects import Effect, Scope
 from pumaid.errors import ModelError, Note, Where
 from pumaid.planning.assume import assume

@@ -10,10 +10,10 @@ import numpy as np
 from pumaid import __version__
 from pumaid.choices import check_known
 from pumaid.diagnosis.account import Account
+from pumaid.diagnosis.added import Added
 from pumaid.diagnosis.chain import Start
 from pumaid.diagnosis.stepwise import Stepwise, silent
 from pumaid.diagnosis.suspect import Suspect
-from pumaid.diagnosis.system import Added
 from pumaid.effects import Effect, catalogue
 from pumaid.errors import LogError, Where
 from pumaid.files.diagnosis import model_digest

@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from pumaid.maths.alike import grouped
+from pumaid.maths.alike import grouped, marked, near
+from pumaid.maths.frames import apart
 
 
 @pytest.mark.parametrize("seed", range(5))
@@ -27,3 +28,17 @@ def test_what_is_like_nothing_stands_alone():
     values = np.array([np.nan, 1.0, np.nan, 1.0])
     alike = lambda first, others: np.abs(values[others] - values[first]) < 0.1  # noqa: E731
     assert grouped(4, alike) == [[0], [1, 3], [2]] and grouped(0, alike) == []
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_near_postures_are_those_of_a_comparison_with_all(seed):
+    """Joint after joint, with whole turns between and unknown positions, the same as all joints at once."""
+    rng = np.random.default_rng(seed)
+    postures = rng.choice([0.0, 0.3, 1.0], (200, 4)) + rng.normal(scale=0.01, size=(200, 4))
+    postures += 2.0 * np.pi * rng.integers(-2, 3, postures.shape)
+    postures[rng.random(postures.shape) < 0.05] = np.nan
+    others = np.flatnonzero(rng.random(200) < 0.7)
+    for first in range(0, 200, 7):
+        wanted = ~(apart(postures[first], postures[others]) > 0.02).any(axis=1)
+        found = near(postures, first, others, within=0.02)
+        assert np.array_equal(found, others[wanted]) and np.array_equal(marked(others, found), wanted)

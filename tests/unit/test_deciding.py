@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from pumaid.diagnosis import deciding as module
+from pumaid.diagnosis.added import Added
 from pumaid.diagnosis.contender import evidence
 from pumaid.diagnosis.deciding import deciding, showing
 from pumaid.diagnosis.feasible import ahead, laps
@@ -17,7 +18,7 @@ from pumaid.diagnosis.field import fields
 from pumaid.diagnosis.prospect import Duel, Prospect
 from pumaid.diagnosis.refine import refined, trials_at
 from pumaid.diagnosis.scan import Projector
-from pumaid.diagnosis.system import Added, Start, loaded, solve
+from pumaid.diagnosis.system import Start, loaded, solve
 from pumaid.effects import catalogue
 from pumaid.files.plan import plan_text, read_plan
 from pumaid.files.recipe import read_recipe

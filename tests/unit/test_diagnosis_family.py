@@ -10,10 +10,10 @@ import pytest
 from scipy import stats
 from searches import Din, Lab, lever, pendulum
 
+from pumaid.diagnosis.added import Added
 from pumaid.diagnosis.familywise import Family, family
 from pumaid.diagnosis.scan import Scan, scan, surprise
 from pumaid.diagnosis.settling import settling
-from pumaid.diagnosis.system import Added
 from pumaid.diagnosis.variants import build
 
 NOISES = {"normal": Din(), "heavy": Din(is_heavy=True), "levels": Din(correlation=0.8, level=0.02)}

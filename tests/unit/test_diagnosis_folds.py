@@ -7,8 +7,9 @@ import pytest
 from scipy.linalg import block_diag
 from searches import LEVER, Lab, design, lever, pendulum, roots
 
+from pumaid.diagnosis.added import Added
 from pumaid.diagnosis.folds import Falls, falls, groups_of, postures_of
-from pumaid.diagnosis.system import Added, Solved
+from pumaid.diagnosis.system import Solved
 from pumaid.effects import catalogue
 from pumaid.virtual import Hidden
 

@@ -10,9 +10,9 @@ from scipy import stats
 from searches import LEVER, Din, Lab, design, lever, pendulum
 from worlds import PENDULUM
 
+from pumaid.diagnosis.added import Added
 from pumaid.diagnosis.limits import limits, needed
 from pumaid.diagnosis.stepwise import Step, Stepwise
-from pumaid.diagnosis.system import Added
 from pumaid.effects import catalogue
 from pumaid.records import Limit
 

@@ -11,10 +11,11 @@ from scipy.optimize import least_squares, nnls
 from searches import LEVER, Lab, design, left, lever, pendulum, roots
 from worlds import PENDULUM
 
+from pumaid.diagnosis.added import Added
 from pumaid.diagnosis.contender import misfit_with
 from pumaid.diagnosis.refine import at, refined, trials_at
 from pumaid.diagnosis.scan import Projector, Trial, scan, surprise, trial_of
-from pumaid.diagnosis.system import Added, Solved
+from pumaid.diagnosis.system import Solved
 from pumaid.diagnosis.variants import build
 from pumaid.effects import Scope, catalogue
 from pumaid.virtual import Hidden
@@ -131,7 +132,7 @@ def test_a_mirrored_effect_is_not_added(lab):
     row = solved.rows[0]
     added = Added(catalogue()["stribeck"], 1, {"velocity": 0.3, "exponent": 1.0})
     column = row.noise.whiten(row.field, added.columns(solved.model, row.field.samples))[:, 0]
-    side = float(added.signs(solved)[0])
+    side = float(solved.signs(added)[0])
     found = []
     for sign in (side, -side):
         rows = (replace(row, residual=row.residual + 3.0 * sign * column), *solved.rows[1:])

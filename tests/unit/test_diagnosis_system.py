@@ -11,9 +11,10 @@ from scipy.optimize import least_squares
 from searches import LEVER, Lab, design, left, lever, pendulum, roots, whitened
 from worlds import STANFORD
 
+from pumaid.diagnosis.added import Added
 from pumaid.diagnosis.chain import SPREAD, pseudo_inverse
 from pumaid.diagnosis.settling import settling
-from pumaid.diagnosis.system import Added, Solved, at_cells, misfit_at
+from pumaid.diagnosis.system import Solved, at_cells, misfit_at
 from pumaid.effects import catalogue
 
 STRIBECK = Added(catalogue()["stribeck"], 1, {"velocity": 0.3, "exponent": 1.0})

@@ -10,7 +10,8 @@ import pytest
 from searches import LEVER, Din, Lab, design, lever
 
 from pumaid.diagnosis import stepwise
-from pumaid.diagnosis.system import Added, Solved, elsewhere
+from pumaid.diagnosis.added import Added
+from pumaid.diagnosis.system import Solved, elsewhere
 from pumaid.diagnosis.transfer import transfer
 from pumaid.effects import catalogue
 from pumaid.records import DOUBTFUL, UNEXPLAINED_JOINT, Evidence, Transfer

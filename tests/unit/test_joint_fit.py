@@ -95,3 +95,16 @@ def test_unknown_ratio_stays_unknown():
     gains.merge(1, 3, 0.5)
     found = fit(SYSTEM, VALUES, gains)
     assert found.gains.edges == [3] and np.isnan(found.gains.ratio(0, 1))
+
+
+def test_condensed_squares_are_those_of_all_equations():
+    """Noisy equations turned into a few: the same sum of squares wherever it is asked, and the same information."""
+    noisy = Bilinear(ROW, REGRESSORS, EXACT + RNG.normal(size=4 * N), OWNERS)
+    few = noisy.condensed()
+    assert len(few.target) <= 4 * 6 < 4 * N
+    for edges in ([0.5, -1.5, 2.0], [1.0, 0.3, -4.0], [0.0, 1.0, 1.0]):
+        gains, values = chain(*edges), RNG.normal(size=5)
+        squares = [np.sum((one.target - one.scaled(gains) @ values) ** 2) for one in (noisy, few)]
+        assert squares[1] == pytest.approx(squares[0], rel=1e-12)
+        slopes = [one.jacobian(gains, values) for one in (noisy, few)]
+        assert slopes[1].T @ slopes[1] == pytest.approx(slopes[0].T @ slopes[0], rel=1e-10, abs=1e-10)

@@ -8,7 +8,7 @@ import pytest
 from pumaid.motion.edge import Window, leaving
 from pumaid.motion.reduce import coarser
 from pumaid.motion.settle import settled
-from pumaid.motion.speed import Ticks, derivatives, slopes, usual_step
+from pumaid.motion.speed import Ticks, at_least, derivatives, slopes, usual_step, whole
 from pumaid.records import Cells
 
 
@@ -105,3 +105,27 @@ def test_coarser_cells_keep_sums_and_spread():
     blocks = np.array_split(current[:, 1], np.cumsum(joined.count)[:-1])
     np.testing.assert_allclose(joined.variance, [block.var() for block in blocks])
     np.testing.assert_allclose(joined.temperature, 30.0)
+
+
+@pytest.mark.parametrize("rate", [25.0, 125.0, 500.0])
+def test_a_step_is_the_clock_s_however_its_stamps_are_rounded(rate):
+    """Seconds since 1970, microseconds, float32 and a gap: the same step, and the same number of samples in a tick."""
+    time = np.arange(2000) / rate
+    found = [
+        usual_step(stamps)
+        for stamps in (
+            time,
+            time + 1.7e9,
+            np.round(time + 0.3333337, 6),
+            (time + 500.0).astype(np.float32).astype(float),
+            np.delete(time, slice(700, 900)),
+        )
+    ]
+    assert found == pytest.approx([1.0 / rate] * 5, rel=1e-4)
+    assert len({whole(0.02 / step) for step in found}) == 1
+
+
+def test_counts_are_whole_whatever_the_last_digits_say():
+    """Half a sample more or less in the last digits is the same count."""
+    assert {whole(2.5 + d) for d in (-1e-12, 0.0, 1e-12, 3e-5, -3e-5)} == {3} and whole(3.5) == 4 and whole(2.6) == 3
+    assert at_least(4.0 + 1e-12) == 4 and at_least(4.01) == 5

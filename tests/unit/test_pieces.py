@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import gzip
+import hashlib
 import os
 import signal
 from itertools import pairwise
+from unittest.mock import MagicMock
 
 import numpy as np
 import pyarrow as pa
@@ -19,7 +22,7 @@ from pumaid.cluster.gather import gather
 from pumaid.cluster.pieces import Reading, pieces_of
 from pumaid.cluster.whole import Whole
 from pumaid.errors import LogError
-from pumaid.files import intervals, parts
+from pumaid.files import intervals, parts, text_blocks
 from pumaid.files.recipe import read_recipe
 from pumaid.files.table import LogReader, expand
 from pumaid.motion.options import DEFAULTS, SegmentOptions
@@ -40,6 +43,7 @@ def logs(tmp_path_factory):
 def small_parts(monkeypatch):
     """Pieces of a few hundred rows; in earnest, too, the first one tells the file's sampling interval."""
     monkeypatch.setattr(parts, "PART_ROWS", ROWS)
+    monkeypatch.setattr(parts, "TEXT_ROWS", ROWS)
     monkeypatch.setattr(intervals, "PROBE", 50)
 
 
@@ -96,6 +100,11 @@ def test_of_many_files_small_ones_are_not_cut(logs, tmp_path, small_parts, monke
     assert client.calls.count("tried") == len(paths)
     monkeypatch.setattr(pieces, "SMALL", min(path.stat().st_size for path in paths) - 1)
     assert len(pieces_of(paths[0], each=4.0)) == len(pieces_of(paths[0])) > 5
+    # Text takes more bytes for the same rows.
+    text = as_text(tmp_path / "texts", table_of(logs))
+    assert len(pieces_of(text[0])) > 5 and pieces_of(text[0], each=4.0) == text
+    monkeypatch.setattr(pieces, "SMALL", text[0].stat().st_size // parts.TEXT_BYTES - 1)
+    assert len(pieces_of(text[0], each=4.0)) > 5
 
 
 def test_row_groups_in_a_store_are_read_where_they_lie(logs, tmp_path, small_parts):
@@ -121,22 +130,104 @@ def test_parts_need_no_seam_at_rest(logs, tmp_path, small_parts, monkeypatch):
     assert same(in_pieces(paths, robot), one_pass(paths, robot))
 
 
-@pytest.mark.parametrize("fault", ["gap", "wrap", "nan", "step"])
-def test_what_is_worth_a_note_is_read_as_a_whole(logs, tmp_path, small_parts, fault):
-    """Lost samples, a turn of the encoder, rows without a number: notes and runs are those of the whole file."""
+def taken(paths, robot):
+    """What is left of the pieces of one file, and whether it was read once more as a whole."""
+    reading, again = Reading(robot, DEFAULTS), []
+    cut = pieces_of(paths[0])
+    assert len(cut) > 5
+
+    def at_once():
+        again.append(True)
+        return reading.file(paths[0])
+
+    found = (reading.piece(piece) for piece in cut)
+    size = paths[0].stat().st_size
+    whole = pieces.file_taken(Whole(robot, DEFAULTS), found, len(cut), path=paths[0], size=size, again=at_once)
+    return whole.evidence(refuse=True), bool(again)
+
+
+FAULTS = {
+    "gap": ("gaps", False),
+    "gap at a border": ("gaps", False),
+    "gaps": ("gaps", False),
+    "nan": ("bad-samples", False),
+    "nan at a border": ("bad-samples", False),
+    "ties": ("time-repeated", False),
+    "tie at a border": ("time-repeated", True),
+    "wrap": ("position-wraps", True),
+    "restart": ("clock-restarts", True),
+}
+
+
+@pytest.mark.parametrize("form", ["parquet", "text"])
+@pytest.mark.parametrize("fault", FAULTS)
+def test_what_is_worth_a_note(logs, tmp_path, small_parts, fault, form):
+    """Of pieces with lost samples, rows without a number and times that repeat notes and runs are those of the whole;
+    only turns of the encoder, recordings that begin anew and the like have the file read once more."""
     robot, table = read_recipe(logs / "recipe.yaml"), table_of(logs)
     if fault == "gap":
-        table = pa.concat_tables([table.slice(0, 3 * ROWS), table.slice(3 * ROWS + 200)])
-    elif fault == "wrap":
-        table = changed(table, "q1", lambda values: np.add(values[2 * ROWS :], 2 * np.pi, out=values[2 * ROWS :]))
+        table = without(table, 3 * ROWS + 100, 300)
+    elif fault == "gap at a border":
+        table = without(table, 3 * ROWS, 200)
+    elif fault == "gaps":
+        for start in (700, 2100, 3000, 3100, 4000, 4900):
+            table = without(table, start, 40)
     elif fault == "nan":
         table = changed(table, "q2", lambda values: values[700:720].fill(np.nan))
+        table = changed(table, "i1", lambda values: values[3000:3020].fill(np.nan))
+    elif fault == "nan at a border":
+        table = changed(table, "q2", lambda values: values[ROWS - 3 : ROWS + 3].fill(np.nan))
+    elif fault == "ties":
+        for start in (650, 2222, 2300, 4700):
+            table = changed(table, "t", lambda values, at=start: values.__setitem__(at, values[at - 1]))
+    elif fault == "tie at a border":
+        for start in range(2 * ROWS - 40, 2 * ROWS + 40):  # a text's borders lie where they lie
+            table = changed(table, "t", lambda values, at=start: values.__setitem__(at, values[at - 1 + at % 2]))
+    elif fault == "wrap":
+        table = changed(table, "q1", lambda values: np.add(values[2 * ROWS :], 2 * np.pi, out=values[2 * ROWS :]))
     else:
-        table = pa.concat_tables([table.slice(0, 2 * ROWS), table.slice(2 * ROWS - 1)])
+        table = changed(table, "t", lambda values: np.subtract(values[3000:], values[3000], out=values[3000:]))
+    as_file = written if form == "parquet" else as_text
+    paths = as_file(tmp_path / "logs", table)
+    found, again = taken(paths, robot)
+    assert same(found, one_pass(paths, robot))
+    assert FAULTS[fault][0] in {note.slug for note in found.notes}
+    if (form, fault) != ("text", "tie at a border"):
+        assert again == FAULTS[fault][1]
+
+
+def without(table: pa.Table, start: int, count: int) -> pa.Table:
+    return pa.concat_tables([table.slice(0, start), table.slice(start + count)])
+
+
+@pytest.mark.parametrize("fault", ["bad", "ties"])
+def test_too_much_is_refused_of_the_whole(logs, tmp_path, small_parts, fault):
+    """A tenth of all rows has no number, though some pieces lack none; a clock stands still half of the time."""
+    robot, table = read_recipe(logs / "recipe.yaml"), table_of(logs)
+    if fault == "bad":
+        table = changed(table, "q2", lambda values: values[4000 : 4000 + len(values) // 10].fill(np.nan))
+    else:
+        table = changed(table, "t", lambda values: values.__setitem__(slice(None), np.floor(20 * values)))
     paths = written(tmp_path / "logs", table)
-    found, wanted = in_pieces(paths, robot), one_pass(paths, robot)
-    assert same(found, wanted)
-    assert {note.slug for note in found.notes} & {"gaps", "position-wraps", "bad-samples", "time-repeated"}
+    with pytest.raises(LogError) as one:
+        one_pass(paths, robot)
+    with pytest.raises(LogError) as other:
+        in_pieces(paths, robot)
+    assert str(one.value) == str(other.value)
+    assert one.value.slug == {"bad": "bad-samples", "ties": "clock-too-coarse"}[fault]
+
+
+def test_a_gap_hangs_on_the_whole_file(logs, tmp_path, small_parts):
+    """Slow logs of which one part was sampled faster: what is a gap there by itself is none in the whole file."""
+    robot, table = read_recipe(logs / "recipe.yaml"), table_of(logs)
+    times = table["t"].to_numpy()
+    slow = times[0] + 8.0 * (times - times[0])  # 0.16 s apart; a gap is 0.8 s
+    slow[2 * ROWS :] -= np.cumsum(np.full(len(slow) - 2 * ROWS, 0.08))  # then 0.08 s apart
+    slow[2 * ROWS + 900 :] += 0.5
+    paths = written(tmp_path / "logs", table.set_column(0, "t", [slow]))
+    found, again = taken(paths, robot)
+    assert again and same(found, one_pass(paths, robot))
+    assert "gaps" not in {note.slug for note in found.notes}
 
 
 def test_other_processes_change_nothing(logs, tmp_path, small_parts):
@@ -190,7 +281,7 @@ def test_a_process_is_started_only_where_it_pays(tmp_path):
         3,
         0,
     ]
-    assert others([large], 4) == 0  # a text log is one piece
+    assert others([large], 4) == 0  # no line to cut behind
 
 
 def test_a_process_that_cannot_be_started_is_done_without(logs, tmp_path, monkeypatch):
@@ -234,6 +325,7 @@ def test_however_logs_are_cut_and_joined(logs, tmp_path, small_parts, monkeypatc
     robot, rng = read_recipe(logs / "recipe.yaml"), np.random.default_rng(seed)
     table = table_of(logs).to_pandas()
     monkeypatch.setattr(parts, "PART_ROWS", int(rng.choice([80, 400, 1500, 10**6])))
+    monkeypatch.setattr(parts, "TEXT_ROWS", int(rng.choice([80, 400, 1500, 10**6])))
     monkeypatch.setattr(gathering, "_ENOUGH", int(rng.integers(1, 4)))
     monkeypatch.setattr(pieces, "_ENOUGH", int(rng.choice([1, 4, 100])))
     monkeypatch.setattr(gathering, "SMALL", int(rng.choice([1, 30_000, 10**7])))
@@ -249,8 +341,11 @@ def test_however_logs_are_cut_and_joined(logs, tmp_path, small_parts, monkeypatc
             part.iloc[40:44, 1] = np.nan
         if rng.random() < 0.15:
             part = part[part["qd1"].abs() + part["qd2"].abs() > 0.05]
-        rows = int(rng.choice([50, 300, 2000]))
-        paths = written(tmp_path / "logs", pa.Table.from_pandas(part, preserve_index=False), rows=rows, number=number)
+        rows, as_table = int(rng.choice([50, 300, 2000])), pa.Table.from_pandas(part, preserve_index=False)
+        if rng.random() < 0.4:
+            paths = as_text(tmp_path / "logs", as_table, number=number)
+        else:
+            paths = written(tmp_path / "logs", as_table, rows=rows, number=number)
     wanted = segment(Watch(LogReader(paths, robot), robot, refuse=False), robot, options=options)
     assert same(spread(paths, Reading(robot, options), [], refuse=False), wanted)
     assert same(gather(paths, robot, Eager(), options=options, refuse=False), wanted)
@@ -293,3 +388,146 @@ def test_small_row_groups_go_together():
     found = parts.parts_of_rows([1000] * 400)
     assert [len(part) for part in found] == [150, 250] and parts.parts_of_rows([400_000]) == [range(1)]
     assert [len(part) for part in parts.parts_of_rows([1 << 20] * 3)] == [1, 1, 1]
+
+
+def as_text(folder, table: pa.Table, *, number: int = 0, change=lambda text: text):
+    """The table as a text, as some program writes it."""
+    folder.mkdir(exist_ok=True)
+    text = change(table.to_pandas().to_csv(index=False))
+    (folder / f"session_{number}.csv").write_bytes(text if isinstance(text, bytes) else text.encode())
+    return expand([folder])
+
+
+def with_blanks(text: str) -> str:
+    """Empty lines and comments between the rows."""
+    lines = text.splitlines()
+    return "\n".join([*lines[:900], "", "# a pause", *lines[900:2500], *[""] * 300, *lines[2500:]]) + "\n"
+
+
+TEXTS = {
+    "lines": lambda text: text,
+    "windows": lambda text: text.replace("\n", "\r\n"),
+    "mark": lambda text: b"\xef\xbb\xbf" + text.encode(),
+    "comma": lambda text: text.replace(",", ";").replace(".", ","),
+    "spaces": lambda text: text.replace(",", "   "),
+    "preamble": lambda text: "# arm 3\n\n# after lunch\n" + text,
+    "blanks": with_blanks,
+    "blank end": lambda text: text + "\n" * 40_000,
+    "no last feed": lambda text: text.rstrip("\n"),
+    "cut": lambda text: text[:-30],
+}
+
+
+@pytest.mark.parametrize("form", TEXTS)
+def test_pieces_of_a_text_are_the_whole(logs, tmp_path, small_parts, form):
+    """A text cut at bytes, wherever they fall, leaves runs, rows, notes and digest of one pass, to the bit."""
+    robot = read_recipe(logs / "recipe.yaml")
+    paths = as_text(tmp_path / "logs", table_of(logs), change=TEXTS[form])
+    wanted, (found, again) = one_pass(paths, robot), taken(paths, robot)
+    assert not again and same(found, wanted)
+    assert same(in_pieces(paths, robot, mates=1), wanted)
+    assert [note.slug for note in wanted.notes] == (["last-row-cut"] if form == "cut" else [])
+
+
+@pytest.mark.parametrize("change", [lambda text: text.replace("\n", "\r"), lambda text: text.encode("utf-16")])
+def test_some_texts_are_one_piece(logs, tmp_path, small_parts, change):
+    """Line ends of old Macs and 16-bit letters have no bytes to cut at; they are read at once, as before."""
+    robot = read_recipe(logs / "recipe.yaml")
+    paths = as_text(tmp_path / "logs", table_of(logs), change=change)
+    assert pieces_of(paths[0]) == paths
+    plain = as_text(tmp_path / "plain", table_of(logs))
+    rows = [sum(facts.rows for facts in in_pieces(each, robot).files) for each in (paths, plain)]
+    assert rows[0] == rows[1]
+
+
+def test_a_gzipped_text_has_the_seams_of_the_plain_one(logs, tmp_path, small_parts):
+    """Compressed it is one piece, read at once, and its runs are those of the plain file, to the bit."""
+    robot = read_recipe(logs / "recipe.yaml")
+    plain = as_text(tmp_path / "plain", table_of(logs))
+    packed = tmp_path / "session_0.csv.gz"
+    packed.write_bytes(gzip.compress(plain[0].read_bytes()))
+    assert pieces_of(packed) == [packed]
+    for one, other in zip(in_pieces([packed], robot).runs, in_pieces(plain, robot).runs, strict=True):
+        assert np.array_equal(one.triangle.factor, other.triangle.factor)
+        assert (one.first_row, one.last_row) == (other.first_row, other.last_row)
+
+
+@pytest.mark.parametrize("seed", range(8))
+def test_a_text_is_cut_behind_lines_only(tmp_path, monkeypatch, seed):
+    """Random lines, long ones across several borders and empty ones, cut at random steps: each is in one piece."""
+    rng = np.random.default_rng(seed)
+    monkeypatch.setattr(parts, "TEXT_ROWS", int(rng.integers(1, 40)))
+    monkeypatch.setattr(text_blocks, "BLOCK_BYTES", int(rng.integers(1, 60)))
+    body = [b"x" * int(rng.choice([0, 1, 5, 30, 700], p=[0.1, 0.3, 0.3, 0.2, 0.1])) for _ in range(60)]
+    path = tmp_path / "a.csv"
+    path.write_bytes(b"\n".join([b"t,q", *body]) + (b"\n" if rng.random() < 0.5 else b""))
+    found = []
+    for piece in pieces_of(path):
+        part = None if piece is path else range(piece.first, piece.stop)
+        with path.open("rb") as stream:
+            found += [block for block, _, _ in text_blocks.TextBlocks(stream, "a.csv", part)]
+    assert b"".join(found).rstrip() == path.read_bytes().rstrip()
+    assert all(block.endswith(b"\n") for block in found[:-1] if block)
+    with path.open("rb") as stream:
+        begun = [block for block, begins, _ in text_blocks.TextBlocks(stream, "a.csv") if begins]
+    assert len(begun) >= len(pieces_of(path)) - 1 - sum(not block for block in found)
+
+
+def test_a_text_that_grows_while_it_is_read_is_read_again(logs, tmp_path, small_parts, monkeypatch):
+    """A recording that still goes on when its pieces are read: rows and digest are of one state of the file."""
+    robot = read_recipe(logs / "recipe.yaml")
+    table = table_of(logs)
+    paths = as_text(tmp_path / "logs", table.slice(0, 4000))
+    longer = table.to_pandas().to_csv(index=False).encode()
+
+    def grows(piece):
+        found = Reading.tried(Reading(robot, DEFAULTS), piece)
+        paths[0].write_bytes(longer)
+        return found
+
+    reading = MagicMock(wraps=Reading(robot, DEFAULTS), robot=robot, options=DEFAULTS, tried=grows)
+    found = spread(paths, reading, [])
+    assert found.files[0].rows == len(table) and found.files[0].digest == hashlib.sha256(longer).hexdigest()
+
+
+def test_a_piece_that_is_refused_is_told_of_the_whole(logs, tmp_path, small_parts):
+    """Text in a number far behind: the row that is named is the file's."""
+    robot = read_recipe(logs / "recipe.yaml")
+
+    def spoil(text):
+        lines = text.splitlines()
+        lines[4000] = lines[4000].replace(",", ",x", 1)
+        return "\n".join(lines)
+
+    paths = as_text(tmp_path / "logs", table_of(logs), change=spoil)
+    with pytest.raises(LogError) as told:
+        in_pieces(paths, robot, mates=1)
+    assert told.value.slug == "not-a-number" and told.value.where.row == 4001
+
+
+def test_texts_in_a_store_are_one_piece(logs, tmp_path, small_parts):
+    """The digest takes the whole file to one worker; cut, it would come twice over the network."""
+    fsspec = pytest.importorskip("fsspec")
+    plain = as_text(tmp_path / "plain", table_of(logs))
+    fsspec.filesystem("memory").pipe("/pieces/text.csv", plain[0].read_bytes())
+    stored = expand(["memory://pieces/text.csv"])
+    assert pieces_of(stored[0]) == stored
+
+
+def test_of_a_file_that_is_read_as_a_whole_no_more_pieces_are_read(logs, tmp_path, small_parts):
+    """A wrap in the first piece: the others stay unread, and the next file's are read as ever."""
+    robot, table = read_recipe(logs / "recipe.yaml"), table_of(logs)
+    wrapped = changed(table, "q1", lambda values: np.add(values[100:], 2 * np.pi, out=values[100:]))
+    for number, one in enumerate([wrapped, table.slice(300), wrapped]):
+        paths = written(tmp_path / "logs", one, number=number)
+    read = []
+
+    def tried(piece):
+        read.append(str(piece))
+        return Reading.tried(Reading(robot, DEFAULTS), piece)
+
+    reading = MagicMock(wraps=Reading(robot, DEFAULTS), robot=robot, options=DEFAULTS, tried=tried)
+    assert same(spread(paths, reading, []), one_pass(paths, robot))
+    counts = [read.count(str(path)) for path in paths]
+    assert counts[0] <= 3 and counts[2] <= 3 and counts[1] == len(pieces_of(paths[1])) > 5
+    assert same(in_pieces(paths, robot, mates=2), one_pass(paths, robot))

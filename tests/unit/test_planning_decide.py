@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 from menus import arm
 
+from pumaid.diagnosis.added import Added
 from pumaid.diagnosis.refine import at
 from pumaid.diagnosis.scan import Projector
-from pumaid.diagnosis.system import Added
 from pumaid.effects import catalogue
 from pumaid.errors import ModelError
 from pumaid.planning.assume import assume

@@ -17,7 +17,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from pumaid.errors import LogError, ResultError
-from pumaid.files import csv_log
+from pumaid.files import text_blocks
 from pumaid.files.table import LogReader, write_log
 from pumaid.records import Joint, Log, LogFormat, Robot
 
@@ -138,8 +138,8 @@ def test_the_cut_of_batches_changes_nothing(tmp_path: Path, batch: int, block: i
     path = dirty(tmp_path / "a.csv")
     whole, reader = read(path, arm())
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(csv_log, "BLOCK_BYTES", block)
-        patch.setattr(csv_log, "HEAD_BYTES", block)
+        patch.setattr(text_blocks, "BLOCK_BYTES", block)
+        patch.setattr(text_blocks, "HEAD_BYTES", block)
         parts, other = read(path, arm(), batch_rows=batch)
     assert same(whole, parts) and other.notes == reader.notes and other.files == reader.files
     assert {note.slug for note in reader.notes} == {
@@ -357,6 +357,17 @@ def test_a_cut_last_row_is_left_out(tmp_path: Path) -> None:
     (tmp_path / "a.csv").write_text(text(motion(20))[:-25])
     log, reader = read(tmp_path / "a.csv", arm())
     assert len(log) == 19 and [note.slug for note in reader.notes] == ["last-row-cut"]
+
+
+@pytest.mark.parametrize("block", [1 << 22, 700])
+@pytest.mark.parametrize("end", ["", "\n", "\n\n \n"])
+def test_a_cut_last_row_is_left_out_whatever_follows_and_however_it_is_read(tmp_path, monkeypatch, block, end):
+    """An editor, or a copy by lines, puts a line feed behind the last row; long files are read block by block."""
+    monkeypatch.setattr(text_blocks, "BLOCK_BYTES", block)
+    monkeypatch.setattr(text_blocks, "HEAD_BYTES", block)
+    (tmp_path / "a.csv").write_text(text(motion(40)).rstrip()[:-20] + end)
+    log, reader = read(tmp_path / "a.csv", arm())
+    assert len(log) == 39 and [note.slug for note in reader.notes] == ["last-row-cut"]
 
 
 def test_one_empty_file_among_others_is_noted(tmp_path: Path) -> None:
