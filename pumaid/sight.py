@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -171,11 +172,18 @@ class Sight:
         """
         if self.grain == 1:
             return np.zeros((len(self.runs), columns.shape[1], columns.shape[1]))
-        inner = np.repeat(along, self.grain * self.sizes, axis=0)
-        own = columns - np.einsum("nk,nkp->np", self.regressors, inner)
+        own = np.empty_like(columns)
+        instants = self._instants()
+        for number, here in enumerate(instants):
+            np.subtract(columns[here], self.regressors[here] @ along[number], out=own[here])
         off = own.reshape(len(self.weight), self.grain, -1) - averaged(own, len(self.weight))[:, None]
-        weighted = self.weight[:, None, None] * np.sqrt(WEIGHTS)[:, None] * off
-        return self.per_run(np.einsum("ngp,ngq->npq", weighted, weighted))
+        weighted = (self.weight[:, None, None] * np.sqrt(WEIGHTS)[:, None] * off).reshape(own.shape)
+        return np.array([weighted[here].T @ weighted[here] for here in instants])
+
+    def _instants(self) -> list[slice]:
+        """Where the instants of each run are."""
+        ends = (self.grain * np.append(self.starts, len(self.weight))).tolist()
+        return [slice(*pair) for pair in pairwise(ends)]
 
     def per_run(self, values: Floats) -> Floats:
         """(N, ...) summed over the cells of each run: (R, ...)."""

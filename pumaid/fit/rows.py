@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -133,10 +134,8 @@ def limits(rows: Sequence[Row], model: Model) -> Floats:
     """(p,) standard error at which each parameter, acting in full, is as uncertain as all that its joint drew."""
     drawn = {row.joint: float(np.sqrt(row.mean_square)) for row in rows}
     largest = max(drawn.values())
-    speed, pull = dict.fromkeys(drawn, 0.0), dict.fromkeys(drawn, 0.0)
-    for row in rows:
-        speed[row.joint] = max(abs(run.speed) for run in row.runs)
-        pull[row.joint] = max(float(np.max(np.abs(run.cells.acceleration), initial=0.0)) for run in row.runs)
+    most = {row.joint: _most(row.runs) for row in rows}
+    speed, pull = ({joint: each[k] for joint, each in most.items()} for k in range(2))
     g = float(np.linalg.norm(model.robot.gravity))
     full = {"gravity": dict.fromkeys(range(1, model.robot.n_joints + 1), g), "viscous": speed, "inertia": pull}
     out = []
@@ -147,6 +146,13 @@ def limits(rows: Sequence[Row], model: Model) -> Floats:
         in_full = full.get(column.effect, {}).get(column.owner, 1.0) or 1.0
         out.append(max(drawn.get(column.owner, largest), np.finfo(float).tiny) / in_full)
     return np.array(out)
+
+
+@lru_cache(maxsize=16)  # the same whatever effects are tried
+def _most(runs: tuple[Run, ...]) -> tuple[float, float]:
+    """Highest speed and largest acceleration of runs, rad/s and rad/s2 (m)."""
+    pull = np.concatenate([run.cells.acceleration for run in runs])
+    return max(abs(run.speed) for run in runs), float(np.max(np.abs(pull), initial=0.0))
 
 
 def _limit(model: Model, rows: Sequence[Row], index: int) -> float:
