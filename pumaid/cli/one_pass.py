@@ -6,6 +6,7 @@ from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import replace
 from functools import cache
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from pumaid.cli.options import Pass
@@ -155,6 +156,10 @@ def _on_cluster(paths: Sequence[LogPath], robot: Robot, *, trust: bool, options:
     if STDIN in paths:
         what = "standard input cannot be read by the workers of a cluster"
         raise LogError("no-cluster", what, Where(field=f"--dask {how.dask}"), "name files, or leave --dask away")
+    pipe = next((path for path in paths if isinstance(path, Path) and path.exists() and not path.is_file()), None)
+    if pipe is not None:
+        what = f"{pipe} is a pipe, which the workers of a cluster cannot read"
+        raise LogError("no-cluster", what, Where(file=str(pipe)), "name files, or leave --dask away")
     with one_cluster(how) as known, progress("reading logs", total=len(paths)) as step:
         assert known.client is not None
         return gather(

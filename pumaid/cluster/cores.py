@@ -13,7 +13,7 @@ from threading import Condition, Thread
 
 from pumaid.cluster.mate import Mate
 from pumaid.cluster.part import Part
-from pumaid.cluster.pieces import Found, Reading, file_taken, pieces_of, raised, size_of
+from pumaid.cluster.pieces import Found, Reading, file_taken, pieces_of, raised, state_of
 from pumaid.cluster.whole import Whole
 from pumaid.files.table import LogPath
 from pumaid.records import Evidence
@@ -61,16 +61,16 @@ def spread(
     LogError
         As of one process; the first file that is refused.
     """
-    sizes = [size_of(path) for path in paths]
+    states = [state_of(path) for path in paths]
     pieces = [pieces_of(path, each=len(paths) / (1 + len(mates))) for path in paths]
     one_by_one = [piece for of_one in pieces for piece in of_one]
     desk = _Desk(one_by_one, len(mates) + 1)
     found = _counted(_in_order(desk, reading, mates), len(one_by_one), progress)
     whole, stop = Whole(reading.robot, reading.options), 0
-    for path, size, of_one in zip(paths, sizes, pieces, strict=True):
+    for path, state, of_one in zip(paths, states, pieces, strict=True):
         stop += len(of_one)
         own, again = islice(found, len(of_one)), partial(_at_once, desk, stop, reading=reading, path=path)
-        whole = file_taken(whole, own, len(of_one), path=path, size=size, again=again)
+        whole = file_taken(whole, own, len(of_one), path=path, state=state, again=again)
         deque(own, maxlen=0)
     return whole.evidence(refuse=refuse)
 

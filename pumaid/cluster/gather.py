@@ -10,7 +10,7 @@ from functools import partial
 from typing import Any
 
 from pumaid.cluster.part import Part
-from pumaid.cluster.pieces import SMALL, Reading, file_taken, pieces_of, raised, size_of
+from pumaid.cluster.pieces import SMALL, Reading, State, file_taken, pieces_of, raised, state_of
 from pumaid.cluster.whole import Whole
 from pumaid.files.table import LogPath
 from pumaid.motion.options import DEFAULTS, SegmentOptions
@@ -38,12 +38,15 @@ class _Node:
         Bytes of the logs.
     files
         How many files.
+    state
+        What the file is known by, of a single one.
     """
 
     path: LogPath
     parts: tuple[Any, ...]
     size: int
     files: int = 1
+    state: State = ()
 
 
 def gather(
@@ -91,8 +94,13 @@ def gather(
         looked = pool.map(partial(_looked_into, each=each), paths)
     # The files in their order: this process takes the first while others are still read.
     leaves = [
-        _Node(path, tuple(client.submit(reading.tried, piece, pure=False, priority=-number) for piece in pieces), size)
-        for number, (path, (pieces, size)) in enumerate(zip(paths, looked, strict=True))
+        _Node(
+            path,
+            tuple(client.submit(reading.tried, piece, pure=False, priority=-number) for piece in pieces),
+            state[0],
+            state=state,
+        )
+        for number, (path, (pieces, state)) in enumerate(zip(paths, looked, strict=True))
     ]
     nodes, whole, done = deque(_tree(client, reading, leaves)), Whole(robot, options), 0
     del leaves  # what was taken is let go by the cluster
@@ -100,17 +108,17 @@ def gather(
         node = nodes.popleft()
         found = (raised(part.result()) for part in node.parts)
         again = partial(_read_at_once, client, reading, node.path)
-        whole = file_taken(whole, found, len(node.parts), path=node.path, size=node.size, again=again)
+        whole = file_taken(whole, found, len(node.parts), path=node.path, state=node.state, again=again)
         done += node.files
         if progress is not None:
             progress(done, len(paths))
     return whole.evidence(refuse=refuse)
 
 
-def _looked_into(path: LogPath, *, each: float) -> tuple[Sequence[LogPath], int]:
-    """The pieces of a file, and its size in bytes."""
-    size = size_of(path)
-    return pieces_of(path, each=each), size
+def _looked_into(path: LogPath, *, each: float) -> tuple[Sequence[LogPath], State]:
+    """The pieces of a file, and what it is known by."""
+    state = state_of(path)
+    return pieces_of(path, each=each), state
 
 
 def _tree(client: Any, reading: Reading, nodes: list[_Node]) -> list[_Node]:

@@ -85,7 +85,8 @@ def _serve(there: Connection, here: Connection, reading: Reading) -> None:
     found = Queue[Found](maxsize=1)
     # The next piece is read while the last one is on its way.
     Thread(target=_send_all, args=(there, found), daemon=True).start()
-    with suppress(OSError, EOFError, MemoryError):
+    # Whatever it is, the first process meets it, too, when it reads the piece itself, and tells it.
+    with suppress(Exception):
         while True:
             found.put(reading.tried(there.recv()))
 

@@ -142,12 +142,22 @@ def pieces_of(path: LogPath, *, each: float = 0.0) -> Sequence[LogPath]:
     return file_parts(path, whole=SMALL if each >= _ENOUGH else 0)
 
 
-def size_of(path: LogPath) -> int:
-    """Bytes of a log, 0 where that cannot be told, which who reads it will find."""
+#: Bytes of a log, and what else tells that another one has its name: times of change (ns) and inode.
+State = tuple[int, ...]
+
+
+def state_of(path: LogPath) -> State:
+    """What a log is known by before it is read; of a store its size alone.
+
+    Where nothing can be told it has no bytes, and who reads it will find out why.
+    """
     try:
-        return path.size if isinstance(path, Remote) else int(path.stat().st_size)
+        if isinstance(path, Remote):
+            return (path.size,)
+        state = path.stat()
+        return int(state.st_size), int(state.st_mtime_ns), int(state.st_ctime_ns), int(state.st_ino)
     except OSError:
-        return 0
+        return (0,)
 
 
 def file_taken(
@@ -156,7 +166,7 @@ def file_taken(
     count: int,
     *,
     path: LogPath,
-    size: int,
+    state: State,
     again: Callable[[], Part],
 ) -> Whole:
     """A whole with one more file, of which the pieces come one after the other; its memory is that of a few.
@@ -169,8 +179,8 @@ def file_taken(
         What `Reading.piece` made of the file's pieces, in order; not all are taken where they do not fit.
     count
         How many there are.
-    path, size
-        The file, and its bytes when it was cut.
+    path, state
+        The file, and what it was known by when it was cut.
     again
         Reads the file at once, which is done where its pieces do not fit.
 
@@ -196,8 +206,8 @@ def file_taken(
             last = part
         if not fits:
             break
-    # One who writes a text while it is read has changed what was cut.
-    if fits and odd is not None and odd.intervals.is_settled and size_of(path) == size:
+    # One who writes a file while it is read, or puts another in its place, has changed what was cut.
+    if fits and odd is not None and odd.intervals.is_settled and state_of(path) == state:
         whole.note(odd.notes())
         return whole
     before.add(again())

@@ -153,22 +153,27 @@ def without_empty(columns: Columns, table: Floats, name: str) -> Columns:
     LogError [no-current]
         All currents are empty.
     """
+    if not table.shape[1]:
+        return columns
+    n_rows = min(EMPTY_PROBE, table.shape[1])
     empty: NDArray[np.bool_] = np.logical_not(np.isfinite(table[:, :EMPTY_PROBE]).any(axis=1))
     places, notes = dict(columns.places), list(columns.notes)
     dead = empty[places["current"][:, 1]]
     lacking = [columns.names[k] for k in places["current"][dead][:, 1]]
     places["current"] = places["current"][~dead]
     if lacking and not len(places["current"]):
-        n_rows = min(EMPTY_PROBE, table.shape[1])
         what = f"the currents of {name} are empty over its first {n_rows} rows ({_listed(lacking)})"
         raise LogError("no-current", what, Where(file=name, column=lacking[0]), "record the motor currents")
     if lacking:
-        text = f"column {_listed(lacking)} is empty: the runs of these joints show no current and are not identified"
+        text = f"column {_listed(lacking)} is empty over its first {n_rows} rows"
+        text += ": the runs of these joints show no current and are not identified"
         notes.append(Note("current-absent", text, Where(file=name)))
     blank = [columns.names[k] for k in places["velocity"][:, 1] if empty[k]]
     if blank:
         places["velocity"] = places["velocity"][:0]
-        text = f"column {_listed(blank)} is empty: all velocities are derived from position"
+        text = (
+            f"column {_listed(blank)} is empty over its first {n_rows} rows: all velocities are derived from position"
+        )
         notes.append(Note("velocity-absent", text, Where(file=name)))
     return replace(columns, places=places, notes=tuple(notes))
 

@@ -117,7 +117,9 @@ class CsvSource:
         # Some line is empty, a comment, cut, or holds what Arrow does not read.
         block, rows = _without_blanks(block, lines.start)
         table = self._fast(block, indices)
-        return self._slow(block, rows, indices, is_last) if table is None else (rows, table)
+        # Where a quoted cell holds line feeds Arrow makes one row of several lines, which then have no numbers.
+        is_read = table is not None and table.shape[1] == len(rows)
+        return (rows, table) if table is not None and is_read else self._slow(block, rows, indices, is_last)
 
     def _fast(self, block: bytes, indices: list[int]) -> NDArray[np.float64] | None:
         """By Arrow; None if a cell or row is out of the ordinary."""
@@ -153,16 +155,18 @@ class CsvSource:
         values: list[list[float]] = []
         ragged: list[tuple[int, int]] = []
         bad: list[tuple[int, str, str]] = []
+        is_quoted = False
         for line, text in zip(lines.tolist(), text_of(block).split("\n"), strict=False):
             row = cells_of(text, self.dialect.delimiter)
             if len(row) < len(self.header) or any(row[len(self.header) :]):
                 ragged.append((line, len(row)))
+                is_quoted = is_quoted or text.count('"') % 2 == 1
                 continue
             read = [self._cell(row[index]) for index in indices]
             bad += [(line, self.header[i], row[i]) for i, value in zip(indices, read, strict=True) if value is None]
             rows.append(line)
             values.append([math.nan if value is None else value for value in read])
-        self._judge_ragged(ragged, int(lines[-1]) if len(lines) else 0, is_last)
+        self._judge_ragged(ragged, int(lines[-1]) if len(lines) else 0, is_last, is_quoted=is_quoted)
         if bad:
             raise self._not_numbers(bad)
         return np.array(rows, dtype=np.int64), np.array(values, dtype=np.float64).reshape(-1, len(indices)).T
@@ -177,7 +181,7 @@ class CsvSource:
         except ValueError:
             return None
 
-    def _judge_ragged(self, ragged: list[tuple[int, int]], last_line: int, is_last: bool) -> None:
+    def _judge_ragged(self, ragged: list[tuple[int, int]], last_line: int, is_last: bool, *, is_quoted: bool) -> None:
         """A cut last row is a recording that was stopped; any other is a damaged file."""
         if is_last and ragged and ragged[-1][0] == last_line and ragged[-1][1] <= len(self.header):
             line, count = ragged.pop()
@@ -188,6 +192,8 @@ class CsvSource:
             more = f" and {len(ragged) - 3} more nearby" if len(ragged) > 3 else ""
             what = f"{first}{more} cells where the header has {len(self.header)}"
             mend = "complete or remove these rows; a delimiter inside a cell needs quotes"
+            if is_quoted:
+                mend = "a quote opens there and closes in another line: write each sample in one line"
             raise LogError("ragged-row", what, Where(file=self.name, row=ragged[0][0]), mend)
 
     def _not_numbers(self, bad: list[tuple[int, str, str]]) -> LogError:
@@ -196,6 +202,8 @@ class CsvSource:
         mend = "leave cells empty where there is no number"
         if bad[0][0] == self.dialect.header_line + 1 and {row for row, _, _ in bad} == {bad[0][0]}:
             mend = f"row {bad[0][0]} looks like units: delete it and name the units in the recipe's log block"
+        elif sum(text.strip() in self.header for row, _, text in bad if row == bad[0][0]) > 1:
+            mend = f"row {bad[0][0]} is a header: another recording begins there; split the file before it"
         elif re.match(r"\d{4}-\d\d-\d\d|\d\d?:\d\d", bad[0][2].strip()):
             mend = "write times as seconds, not as dates"
         where = Where(file=self.name, row=bad[0][0], column=bad[0][1])

@@ -26,6 +26,12 @@ _FOREIGN = {
     b"#ROSBAG": ("a ROS bag", "export the joint states as CSV or Parquet"),
     b"\x89MCAP": ("an MCAP recording", "export the joint states as CSV or Parquet"),
     b"SQLite format": ("an SQLite database", "export it as CSV or Parquet"),
+    b"\x28\xb5\x2f\xfd": ("compressed by zstd", "unpack it; gzip is read as it is"),
+    b"\xfd7zXZ\x00": ("compressed by xz", "unpack it; gzip is read as it is"),
+    b"BZh": ("compressed by bzip2", "unpack it; gzip is read as it is"),
+    b"\x04\x22\x4d\x18": ("compressed by lz4", "unpack it; gzip is read as it is"),
+    b"\x1f\x8b": ("compressed twice", "unpack it once; gzip is read as it is"),
+    b"PAR1": ("Parquet inside gzip", "unpack it; Parquet is compressed inside"),
     b"ARROW1": ("an Arrow file", "write it as Parquet"),
     b"\x93NUMPY": ("a NumPy array", "write it as CSV with a header line, or as Parquet"),
     b"[{": ("JSON", "write it as CSV with a header line, or as Parquet"),
@@ -71,7 +77,7 @@ def detect(head: bytes, name: str) -> Dialect:
         raise LogError(
             "not-a-log", f"{name} holds binary data, not CSV or Parquet", Where(file=name), "export it as CSV"
         )
-    lines = text_of(head).splitlines()[: PROBE_LINES + 20]
+    lines = text_of(head).splitlines()
     given, start = _header_start(lines)
     body = [line for line in lines[start + 1 :] if line.strip() and not line.startswith("#")][:PROBE_LINES]
     if start >= len(lines):

@@ -80,12 +80,12 @@ def group_parts(metadata: pq.FileMetaData) -> list[range]:
 
 def parts_of_rows(rows: Sequence[int]) -> list[range]:
     """Row groups, given their rows, in parts of at least `PART_ROWS`; a smaller rest belongs to the last."""
-    borders, first, ahead = [0], 0, sum(rows)
+    borders, here, ahead = [0], 0, sum(rows)
     for number, count in enumerate(rows, start=1):
-        ahead -= count
-        if sum(rows[first:number]) >= PART_ROWS and ahead >= PART_ROWS:
+        here, ahead = here + count, ahead - count
+        if here >= PART_ROWS and ahead >= PART_ROWS:
             borders.append(number)
-            first = number
+            here = 0
     return [range(low, high) for low, high in zip(borders, [*borders[1:], len(rows)], strict=True)]
 
 

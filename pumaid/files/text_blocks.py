@@ -6,6 +6,7 @@ import codecs
 import io
 import sys
 from collections.abc import Iterator
+from itertools import islice
 from typing import BinaryIO, cast
 
 from pumaid.errors import LogError, Where
@@ -15,6 +16,8 @@ from pumaid.files.parts import HEAD_BYTES, text_step
 BLOCK_BYTES = 4 << 20
 #: A longer line is no row of a log; it would fill the memory.
 MOST_LINE_BYTES = 32 << 20
+#: Bytes of comments and empty lines behind which no header is looked for.
+MOST_HEAD_BYTES = 4 << 20
 
 
 class TextBlocks:
@@ -51,9 +54,11 @@ class TextBlocks:
             head = self._stream.read(HEAD_BYTES)
         read, head = len(head), head.removeprefix(codecs.BOM_UTF8)
         self._at = read - len(head)
-        while _n_ends(head) < 2 and (more := self._stream.read(len(head))):
+        while (is_line := _n_ends(head) < 2) or (len(head) < MOST_HEAD_BYTES and not _is_telling(head)):
+            if not (more := self._stream.read(len(head))):
+                break
             head += more
-            self._check_line(head)
+            self._check_line(head if is_line else b"")
         self._rest, lines = head, _one_line_end(head)
         # A cut last line would mislead who looks at it.
         self.head = lines[: lines.rfind(b"\n") + 1] if _n_ends(head) > 1 else lines
@@ -111,6 +116,13 @@ class TextBlocks:
 
 def _n_ends(head: bytes) -> int:
     return max(head.count(b"\n"), head.count(b"\r"))
+
+
+def _is_telling(head: bytes) -> bool:
+    """Whether there are a header and a row among whole lines, behind comments and empty ones."""
+    lines = _one_line_end(head).split(b"\n")[:-1]
+    telling = (line for line in lines if line.strip() and not line.startswith((b"#", b"%")))
+    return len(list(islice(telling, 2))) == 2
 
 
 def _one_line_end(block: bytes) -> bytes:

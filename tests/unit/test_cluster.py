@@ -196,6 +196,15 @@ def test_a_cluster_from_the_command_line(logs, tmp_path):
     )
 
 
+@pytest.mark.parametrize("log", ["-", "pipe"])
+def test_what_flows_is_not_for_a_cluster(logs, tmp_path, log):
+    """Standard input and named pipes are refused before any worker waits for them."""
+    os.mkfifo(tmp_path / "pipe")
+    line = [sys.executable, "-m", "pumaid", "identify", log, "--dask", "local", "--recipe", str(logs / "recipe.yaml")]
+    done = subprocess.run(line, cwd=tmp_path, capture_output=True, text=True, check=False, timeout=60)
+    assert done.returncode == 3 and done.stderr.startswith("error[no-cluster]") and not done.stdout
+
+
 @pytest.mark.parametrize(("place", "version"), [("scheduler", None), ("workers", "0.0.9")])
 def test_a_cluster_with_another_pumaid_is_refused(monkeypatch, place, version):
     """Before any log is read: who has none, or another one, is named with what to install."""

@@ -141,8 +141,8 @@ def taken(paths, robot):
         return reading.file(paths[0])
 
     found = (reading.piece(piece) for piece in cut)
-    size = paths[0].stat().st_size
-    whole = pieces.file_taken(Whole(robot, DEFAULTS), found, len(cut), path=paths[0], size=size, again=at_once)
+    state = pieces.state_of(paths[0])
+    whole = pieces.file_taken(Whole(robot, DEFAULTS), found, len(cut), path=paths[0], state=state, again=at_once)
     return whole.evidence(refuse=True), bool(again)
 
 
@@ -488,6 +488,47 @@ def test_a_text_that_grows_while_it_is_read_is_read_again(logs, tmp_path, small_
     reading = MagicMock(wraps=Reading(robot, DEFAULTS), robot=robot, options=DEFAULTS, tried=grows)
     found = spread(paths, reading, [])
     assert found.files[0].rows == len(table) and found.files[0].digest == hashlib.sha256(longer).hexdigest()
+
+
+@pytest.mark.parametrize("form", ["text", "parquet"])
+def test_another_file_in_its_place_is_read_by_itself(logs, tmp_path, small_parts, form):
+    """A file of the same size takes the log's name while its pieces are read: numbers and digest are of one file."""
+    robot, table = read_recipe(logs / "recipe.yaml"), table_of(logs)
+    as_file = as_text if form == "text" else written
+    paths, others = as_file(tmp_path / "logs", table), as_file(tmp_path / "others", table)
+    if form == "text":
+        rows = [line.rpartition(b",") for line in others[0].read_bytes().split(b"\n")]
+        others[0].write_bytes(b"\n".join(start + comma + end.replace(b"1", b"2") for start, comma, end in rows))
+    wanted, read = one_pass(others, robot), []
+
+    def replaced(piece):
+        if len(read) == 2:
+            others[0].replace(paths[0])
+        read.append(piece)
+        return Reading.tried(Reading(robot, DEFAULTS), piece)
+
+    reading = MagicMock(wraps=Reading(robot, DEFAULTS), robot=robot, options=DEFAULTS, tried=replaced)
+    found = spread(paths, reading, [])
+    assert len(pieces_of(paths[0])) > 5 and reading.file.call_count == 1
+    assert found.files[0].digest == wanted.files[0].digest
+    for one, other in zip(found.runs, wanted.runs, strict=True):
+        assert np.array_equal(one.triangle.factor, other.triangle.factor)
+
+
+def test_a_block_without_a_number_behind_a_cut_has_its_seam(logs, tmp_path, small_parts, monkeypatch):
+    """Where all rows of the first block of a piece are left out, one pass knows all the same that a piece begins."""
+    robot = read_recipe(logs / "recipe.yaml")
+    monkeypatch.setattr(text_blocks, "BLOCK_BYTES", 1000)
+    paths = as_text(tmp_path / "logs", table_of(logs))
+    for piece in pieces_of(paths[0])[2:4]:
+        text = paths[0].read_bytes()
+        start = text.index(b"\n", piece.first - 1) + 1
+        lines = [line.split(b",") for line in text[start : start + 3000].split(b"\n")[:-1]]
+        spoilt = b"\n".join(b",".join([cells[0], b"nan".ljust(len(cells[1])), *cells[2:]]) for cells in lines)
+        paths[0].write_bytes(text[:start] + spoilt + text[start + len(spoilt) :])
+    found, again = taken(paths, robot)
+    assert not again and same(found, one_pass(paths, robot))
+    assert "bad-samples" in {note.slug for note in found.notes}
 
 
 def test_a_piece_that_is_refused_is_told_of_the_whole(logs, tmp_path, small_parts):

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import bz2
 import gzip
 import hashlib
 import io
+import lzma
 import sys
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -509,3 +512,59 @@ def test_notes_that_files_share_are_told_once(tmp_path: Path) -> None:
         (tmp_path / f"{k}.csv").write_text("t,q1,q2,i2\n0,0,0,1\n1,0,0,1\n")
     _, reader = read(sorted(tmp_path.iterdir()), arm())
     assert len(reader.notes) == 1 and "the same in 19 more files" in reader.notes[0].text
+
+
+def test_a_quoted_cell_of_two_lines_is_refused(tmp_path: Path) -> None:
+    """A note with a line feed, or a lone quote that closes rows later: told with its row, or read line by line."""
+    lines = text(motion(40)).splitlines()
+    lines[0] += ",note"
+    quoted = [lines[0], *(line + "," for line in lines[1:])]
+    quoted[9] += '"gripper\nopened"'
+    (tmp_path / "a.csv").write_text("\n".join(quoted) + "\n")
+    with pytest.raises(LogError) as told:
+        read(tmp_path / "a.csv", arm())
+    assert told.value.slug == "ragged-row" and told.value.where.row == 11 and "quote" in str(told.value.mend)
+    lone = [lines[0], *(line + "," for line in lines[1:])]
+    lone[9] += '"5 inch tool'
+    lone[20] += '6 inch" tool'
+    (tmp_path / "a.csv").write_text("\n".join(lone) + "\n")
+    log, _ = read(tmp_path / "a.csv", arm())
+    assert same(log, motion(40))
+
+
+@pytest.mark.parametrize("comments", [0, 60, 3000])
+@pytest.mark.parametrize("place", [0, 1])
+def test_comments_before_and_behind_the_header_are_no_rows(tmp_path: Path, place: int, comments: int) -> None:
+    """A recorder's parameters, more of them than a file's first 64 KiB hold."""
+    lines = text(motion(40)).splitlines()
+    lines[place:place] = [f"# controller parameter {k:06} = 0.0" for k in range(comments)] + [""] * 90
+    (tmp_path / "a.csv").write_text("\n".join(lines) + "\n")
+    log, reader = read(tmp_path / "a.csv", arm())
+    assert same(replace(log, rows=motion(40).rows), motion(40)) and not reader.notes
+
+
+def test_a_current_that_comes_late_is_none_that_lacks(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Lines so long that a file's first bytes hold a few rows: a current that lacks in those alone is in the log."""
+    monkeypatch.setattr(text_blocks, "HEAD_BYTES", 300)
+    monkeypatch.setattr(text_blocks, "BLOCK_BYTES", 300)
+    rows = [f"{k},0,0,{'' if k < 20 else 1},1" for k in range(600)]
+    (tmp_path / "a.csv").write_text("\n".join(["t,q1,q2,i1,i2", *rows]) + "\n")
+    log, reader = read(tmp_path / "a.csv", arm())
+    assert len(log) == 580 and [note.slug for note in reader.notes] == ["bad-samples"]
+
+
+@pytest.mark.parametrize("second", ["t,q1,q2,i1,i2", "t,q2,q1,i2,i1"])
+def test_a_second_header_is_told_as_one(tmp_path: Path, second: str) -> None:
+    """Two recordings one after the other in a file."""
+    rows = [f"{k},0,0,1,1" for k in range(30)]
+    (tmp_path / "a.csv").write_text("\n".join(["t,q1,q2,i1,i2", *rows, second, *rows]) + "\n")
+    with pytest.raises(LogError, match="row 32 is a header"):
+        read(tmp_path / "a.csv", arm())
+
+
+@pytest.mark.parametrize(("packed", "name"), [(bz2.compress, "bzip2"), (lzma.compress, "xz")])
+def test_other_compressions_are_named(tmp_path: Path, packed: Callable[[bytes], bytes], name: str) -> None:
+    """What pumaid does not unpack is not called binary data."""
+    (tmp_path / "a.csv").write_bytes(packed(text(motion(20)).encode()))
+    with pytest.raises(LogError, match=f"compressed by {name}"):
+        read(tmp_path / "a.csv", arm())
