@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import errno
 import gc
+import io
+import os
 import signal
 import sys
 
@@ -11,9 +14,53 @@ import sys
 _BETWEEN_LOOKS = 50_000
 
 
+class _Deaf(io.FileIO):
+    """Standard error that may be full or have lost its reader: what worked has worked although nobody hears of it."""
+
+    def write(self, data: object) -> int:
+        try:
+            return super().write(data)  # type: ignore[arg-type]
+        except OSError:
+            return memoryview(data).nbytes  # type: ignore[arg-type]
+
+
+class _Closed(io.RawIOBase):
+    """Standard input that the caller closed: reading it is refused in words that say so."""
+
+    def readable(self) -> bool:
+        return True
+
+    def readinto(self, place: object) -> int:
+        raise OSError(errno.EBADF, "standard input is closed", "standard input")
+
+
+def open_streams() -> None:
+    """Have all three standard streams, also where the caller closed them.
+
+    A closed output is one that nobody reads; a closed input cannot be read, which whoever reads it then tells. Were
+    their descriptors left free, the next file that is opened would get them.
+    """
+    for number in range(3):
+        try:
+            os.fstat(number)
+        except OSError:
+            opened = os.open(os.devnull, os.O_WRONLY)
+            os.dup2(opened, number)
+            os.set_inheritable(number, True)
+            if opened != number:
+                os.close(opened)
+    sys.stdin = sys.stdin or io.TextIOWrapper(io.BufferedReader(_Closed()), "utf-8")
+    sys.stdout = sys.stdout or io.TextIOWrapper(io.BufferedWriter(io.FileIO(1, "w", closefd=False)), "utf-8")
+    if sys.stderr is None or not sys.stderr.isatty():
+        deaf = io.BufferedWriter(_Deaf(2, "w", closefd=False))
+        encoding = getattr(sys.stderr, "encoding", None) or "utf-8"
+        sys.stderr = io.TextIOWrapper(deaf, encoding, errors="backslashreplace", line_buffering=True)
+
+
 def run() -> None:
     """Run the command line; Ctrl-C while the program is still being loaded ends it as quietly as later."""
     gc.set_threshold(_BETWEEN_LOOKS)
+    open_streams()
     try:
         from pumaid.cli import main
 

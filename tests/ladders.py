@@ -19,7 +19,7 @@ def model(*effects: EffectChoice, rmse: float = 0.03, samples: int = 300, **chan
     joints = (JointFit(1, 9, samples, rmse, 0.01), JointFit(2, 3, samples // 3, 2 * rmse, 0.01))
     empty = np.zeros((0, 0))
     value = Value("coulomb.j1.plus", "c1", 1, "A", rmse, 0.1, (0.0, 1.0))
-    found = Estimate("arm", joints, (value,), (), np.zeros(0), empty, np.ones((2, 2)), empty, effects)
+    found = Estimate("arm", joints, (value,), (), np.zeros(0), empty, np.triu(np.ones((2, 2))), empty, effects)
     told = {"recipe_digest": ARM.digest, "origin": "recipe.yaml", "logs": {"a.csv": "cd" * 32}} | changes
     return replace(found, **told)
 

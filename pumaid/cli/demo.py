@@ -4,15 +4,15 @@ from __future__ import annotations
 
 import itertools
 import json
+import os
 import shlex
-import shutil
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from pumaid.cli.rehearsal import Step, run
-from pumaid.errors import ResultError, Where
+from pumaid.errors import ModelError, RecipeError, ResultError, Where
 from pumaid.units import number
 
 #: The file by which a folder is known to be a demo's.
@@ -33,29 +33,112 @@ class Told:
     sentence: str
 
 
+def check(robot: str, effect: str | None, *, seed: int) -> None:
+    """Refuse what no demo can be made of, before an earlier one makes room for it.
+
+    Parameters
+    ----------
+    robot
+        Name of a shipped recipe.
+    effect
+        What is hidden, or none where that is left open.
+    seed
+        Of the robot.
+
+    Raises
+    ------
+    RecipeError [recipe-not-found]
+        There is no such robot.
+    ModelError [hide-wrong]
+        There is no such effect, or this robot cannot have it.
+    """
+    from pumaid.files.recipe import read_recipe, shipped_recipes
+    from pumaid.virtual.draw import draw
+    from pumaid.virtual.hidden import LAWS, Hidden, sized
+
+    shipped = shipped_recipes()
+    if robot not in shipped:
+        raise RecipeError("recipe-not-found", f"there is no robot {robot!r}", Where(), f"known: {', '.join(shipped)}")
+    if effect is None:
+        return
+    if effect not in LAWS:
+        raise ModelError("hide-wrong", f"{effect!r} is no effect", Where(field=effect), f"known: {', '.join(LAWS)}")
+    truth = draw(read_recipe(shipped[robot]), seed)
+    joints = [None, *range(1, truth.robot.n_joints + 1)]
+    refusals = []
+    for joint in joints:
+        try:
+            sized([Hidden(effect, joint)], truth)
+        except ModelError as error:
+            refusals.append(error)
+    if len(refusals) == len(joints):
+        raise refusals[-1]
+
+
 def make_room(folder: Path) -> None:
     """An empty folder for a demo: an earlier demo's files are removed, anybody else's are not touched.
 
     Raises
     ------
     ResultError [demo-in-the-way]
-        The folder holds something that no demo made.
+        The folder holds something that no demo made; nothing is removed.
     """
-    there = sorted(folder.iterdir()) if folder.is_dir() else []
     if folder.exists() and not folder.is_dir():
-        there = [folder]
-    strange = [path for path in there if path.name not in MADE]
-    if there and (strange or not (folder / MARK).is_file()):
-        first = (strange or there)[0]
-        what = f"{folder} is no earlier demo: it holds {first.name}"
-        raise ResultError("demo-in-the-way", what, Where(file=str(first)), "name another folder: pumaid demo FOLDER")
-    for path in there:
-        if path.is_dir():
-            shutil.rmtree(path)
-        else:
-            path.unlink()
+        raise _in_the_way(folder, folder)
+    files, folders = _contents(folder)
+    strange = _strange(folder, files, folders)
+    if strange is not None:
+        raise _in_the_way(folder, strange)
+    # The mark goes last: what is left by an end on the way is known as a demo's.
+    for path in sorted(files, key=lambda path: path == folder / MARK):
+        path.unlink()
+    for path in sorted(folders, reverse=True):
+        path.rmdir()
     folder.mkdir(parents=True, exist_ok=True)
-    (folder / MARK).write_text(json.dumps({"kind": "demo", "format": 1}) + "\n", encoding="utf-8")
+    mark(folder)
+
+
+def mark(folder: Path) -> None:
+    """Write into a demo's folder which files the demo has made there; a later demo may remove these and no others."""
+    content = {"kind": "demo", "format": 1, "made": made(folder)}
+    (folder / MARK).write_text(json.dumps(content) + "\n", encoding="utf-8")
+
+
+def made(folder: Path) -> list[str]:
+    """The files in a demo's folder, which was empty when it began; paths below it, with ``/``."""
+    return [path.relative_to(folder).as_posix() for path in _contents(folder)[0] if not path.is_symlink()]
+
+
+def _contents(folder: Path) -> tuple[list[Path], list[Path]]:
+    """Files and folders below a folder, in order; links are files, wherever they lead."""
+    files: list[Path] = []
+    folders: list[Path] = []
+    for root, below, names in os.walk(folder):
+        paths = [Path(root) / name for name in below]
+        folders += [path for path in paths if not path.is_symlink()]
+        files += [path for path in paths if path.is_symlink()] + [Path(root) / name for name in names]
+    return sorted(files), sorted(folders)
+
+
+def _strange(folder: Path, files: Sequence[Path], folders: Sequence[Path]) -> Path | None:
+    """The first file or folder that no demo made; None where there is none."""
+    marked = folder / MARK
+    if marked.is_symlink() or not marked.is_file():
+        return next(iter(sorted([*files, *folders])), None)
+    try:
+        listed = json.loads(marked.read_text(encoding="utf-8")).get("made")
+    except (ValueError, AttributeError):
+        return marked
+    own = {marked, *(folder / str(name) for name in (listed if isinstance(listed, list) else ()))}
+    around = {folder / name for name in MADE} | {above for path in own for above in path.parents}
+    others = [path for path in files if path.is_symlink() or path not in own]
+    return next(iter([*others, *(path for path in folders if path not in around)]), None)
+
+
+def _in_the_way(folder: Path, strange: Path) -> ResultError:
+    name = strange.name if strange == folder else strange.relative_to(folder).as_posix()
+    what = f"{folder} is no earlier demo alone: it holds {name}, which no demo made"
+    return ResultError("demo-in-the-way", what, Where(file=str(strange)), "name another folder: pumaid demo FOLDER")
 
 
 def story(folder: Path, *, robot: str, seed: int, surprise: str | None) -> Iterator[Told]:

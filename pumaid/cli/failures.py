@@ -28,8 +28,8 @@ _NOT_LOADED = ("failed to map segment", "annot allocate memory")
 def told() -> Iterator[None]:
     """Turn what goes wrong inside into a message on standard error and the exit code that interfaces fix."""
     try:
-        yield
-        sys.stdout.flush()
+        with _flushed():
+            yield
     except (Exit, click.ClickException, click.Abort):
         raise
     except PumaidError as error:
@@ -47,6 +47,17 @@ def told() -> Iterator[None]:
         if isinstance(error, ImportError) and any(words in str(error) for words in _NOT_LOADED):
             _leave(EXIT_BAD_INPUT, _coloured(str(_no_memory(error))))
         _leave(EXIT_BUG, _report(error))
+
+
+@contextmanager
+def _flushed() -> Iterator[None]:
+    """What was said is out when the block ends, also where it ends early, as ``--help`` and ``--check`` do."""
+    try:
+        yield
+    except Exit:
+        sys.stdout.flush()
+        raise
+    sys.stdout.flush()
 
 
 def check_space() -> None:
@@ -74,6 +85,9 @@ def _leave(code: int, message: str) -> None:
 
 def _coloured(message: str) -> str:
     """The words ``error[slug]`` in red; click strips the colour where standard error is no terminal."""
+    from pumaid.show.visible import visible
+
+    message = visible(message)
     head, found, rest = message.partition("]: ")
     return click.style(head + "]", fg="red", bold=True) + ": " + rest if found else message
 

@@ -17,6 +17,19 @@ import rich_click as click
 Decorated = TypeVar("Decorated", bound=Callable[..., Any])
 
 
+#: Names of one thing: what the program writes goes where ``-`` goes.
+_STDOUT = {"-", "/dev/stdout", "/dev/fd/1", "/proc/self/fd/1"}
+
+
+class _Place(click.Path):
+    """Where something goes; an empty word, which would be the working folder, is no place."""
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
+        if str(value) == "":
+            self.fail("the name is empty; a folder or file has one, the working folder is '.'", param, ctx)
+        return super().convert("-" if self.allow_dash and str(value) in _STDOUT else value, param, ctx)
+
+
 def logs_argument(function: Decorated) -> Decorated:
     """``LOGS...`` as `logs`: tuple of str; files, folders, globs, ``-`` for standard input."""
     return click.argument("logs", nargs=-1, required=True, metavar="LOGS...")(function)
@@ -35,14 +48,14 @@ def recipe_option(function: Decorated) -> Decorated:
 
 def output_option(told: str) -> Callable[[Decorated], Decorated]:
     """``-o FILE`` as `output`: Path or None; ``-`` is standard output. `told` is its help."""
-    kind = click.Path(path_type=Path, allow_dash=True)
+    kind = _Place(path_type=Path, allow_dash=True)
     return click.option("-o", "--output", type=kind, metavar="FILE", help=told)
 
 
 def results_option(function: Decorated) -> Decorated:
     """``--results FOLDER`` as `results`: Path or None."""
     told = "Where results go; else results/ beside the recipe."
-    return click.option("--results", type=click.Path(path_type=Path), metavar="FOLDER", help=told)(function)
+    return click.option("--results", type=_Place(path_type=Path), metavar="FOLDER", help=told)(function)
 
 
 def json_option(function: Decorated) -> Decorated:
@@ -123,7 +136,15 @@ def heldout_option(function: Decorated) -> Decorated:
         "Keep the runs of these logs for judging, unfitted: a file, folder or quoted glob among LOGS; or 'posture':"
         " each joint's last one, of four or more. Repeatable."
     )
-    return click.option("--heldout", multiple=True, metavar="FILE|posture", help=told)(function)
+    metavar = "FILE|posture"
+    return click.option("--heldout", multiple=True, metavar=metavar, callback=_no_empty, help=told)(function)
+
+
+def _no_empty(context: click.Context, option: click.Parameter, words: tuple[str, ...]) -> tuple[str, ...]:
+    """Refuse an empty word: it would mean every log below the working folder."""
+    if "" in words:
+        raise click.BadParameter("the name is empty; give a file, a folder or a glob among LOGS, or 'posture'")
+    return words
 
 
 def suspect_option(function: Decorated) -> Decorated:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import sys
 from collections.abc import Iterable, Mapping
 from pathlib import Path
@@ -11,7 +12,8 @@ import rich_click as click
 from click.exceptions import Exit
 
 from pumaid import __version__
-from pumaid.errors import EXIT_ATTENTION, Note
+from pumaid.errors import EXIT_ATTENTION, Note, ResultError, Where
+from pumaid.show.visible import Visible, visible
 
 #: Widest table that is written to a file or pipe, where there is no terminal to ask (characters).
 WIDEST = 400
@@ -19,19 +21,24 @@ WIDEST = 400
 
 def say(text: str = "") -> None:
     """A result for people, on standard output."""
-    click.echo(text)
+    click.echo(visible(text))
+
+
+def content(text: str | bytes) -> None:
+    """What another command would find in a file, on standard output, to the letter."""
+    click.echo(text.encode("utf-8") if isinstance(text, str) else text, nl=False)
 
 
 def remark(text: str) -> None:
     """Progress, or where a file went, on standard error."""
-    click.echo(text, err=True)
+    click.echo(visible(text), err=True)
 
 
 def notes(found: Iterable[Note]) -> None:
     """Notes and warnings of a result, on standard error, each once; one line for what is true of several joints."""
     from pumaid.show.notes import merged
 
-    for line in dict.fromkeys(str(note) for note in merged(found)):
+    for line in dict.fromkeys(visible(str(note)) for note in merged(found)):
         head, _, rest = line.partition("]: ")
         click.echo(click.style(head + "]", fg="yellow") + ": " + rest, err=True)
 
@@ -48,7 +55,7 @@ def table(renderable: Any) -> None:
     if not console.is_terminal:
         options = console.options.update(max_width=WIDEST)
         console.width = max(console.width, Measurement.get(console, options, renderable).maximum)
-    console.print(renderable)
+    console.print(Visible(renderable))
 
 
 def document(content: Mapping[str, Any]) -> None:
@@ -68,6 +75,41 @@ def picture_form(path: Path | None) -> str:
     if path is not None and form not in ("png", "svg", "pdf"):
         raise click.BadParameter(f"{path} is no .png, .svg or .pdf", param_hint="--picture")
     return form
+
+
+def spare_inputs(places: Iterable[Path | None], read: Iterable[Path | None]) -> None:
+    """Refuse to write over what the command reads, under that name or another, before anything is computed.
+
+    Parameters
+    ----------
+    places
+        Where the command writes; ``-`` and none are no files.
+    read
+        Files that it works from: logs, recipe, plan, model ...; the user's own effects are taken for granted.
+
+    Raises
+    ------
+    ResultError [output-is-input]
+        A place is one of the files.
+    """
+    context = click.get_current_context(silent=True)
+    own = () if context is None else context.meta.get("pumaid.effects", ())
+    inputs = [path for path in (*read, *own) if path is not None and str(path) != "-"]
+    for place in places:
+        taken = [] if place is None or str(place) == "-" else [path for path in inputs if _is_same(place, path)]
+        if taken:
+            what = f"{place} is an input (log, recipe, plan, model ...), which a result must not replace"
+            also = "" if taken[0] == place else f": it is {taken[0]}"
+            mend = "write to another file"
+            raise ResultError("output-is-input", what + also, Where(file=str(place)), mend)
+
+
+def _is_same(one: Path, other: Path) -> bool:
+    """Whether two paths lead to one plain file, through links too."""
+    try:
+        return one.samefile(other) and one.is_file()
+    except OSError:
+        return os.path.realpath(one) == os.path.realpath(other)
 
 
 def attention() -> NoReturn:

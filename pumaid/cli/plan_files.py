@@ -88,13 +88,13 @@ def told(path: Path | None, found: Plan, robot: Robot, *, form: str, as_json: bo
     as_json, with_times
         As in `shown`.
     """
-    from pumaid.cli.output import notes, say
+    from pumaid.cli.output import content, notes
 
     if str(path) != "-" or as_json:
         shown(found, robot, as_json=as_json, with_times=with_times)
         return
     notes(found.notes)
-    say(formed(found, robot, form).rstrip("\n"))
+    content(formed(found, robot, form).rstrip("\n") + "\n")
 
 
 def written(path: Path, found: Plan, robot: Robot, *, form: str, tilted: str | None) -> None:

@@ -13,6 +13,8 @@ if TYPE_CHECKING:
     from pumaid.planning.setup import Setup
     from pumaid.records import Estimate, Plan, Robot
 
+#: Sizes of an effect, SI, between which there is something to plan for.
+_LEAST, _MOST = 1e-12, 1e9
 #: Notes that ask for attention where a given plan is looked at.
 ATTENTION = ("plan-strikes", "plan-lacks", "plan-dark", "plan-unusable")
 
@@ -34,6 +36,7 @@ class Ask:
     size: float | None
     logs: tuple[str, ...]
     seed: int
+    recipe: Path | None = None
 
     @property
     def shapes_a_plan(self) -> bool:
@@ -133,14 +136,15 @@ def planned(robot: Robot, ask: Ask, tell: Callable[[str], None]) -> Plan:
 
 def _for(robot: Robot, ask: Ask, whole: Callable[[], Plan], *, tell: Callable[[str], None]) -> Plan:
     from pumaid.choices import at_one_joint, spoken
-    from pumaid.cli.reading import read_evidence
+    from pumaid.cli.reading import read_evidence, recipe_path
     from pumaid.verbs.decide import decide
 
     assert ask.wanted is not None
+    _check_size(ask)
     wanted = spoken(ask.wanted, robot, option="--for")
     rival = None if ask.against is None else spoken(ask.against, robot, option="--against")
     at_one_joint(wanted, robot, "--for")  # what is refused is refused before the work
-    logs = read_evidence(ask.logs, None)[1] if ask.logs else None
+    logs = read_evidence(ask.logs, recipe_path(ask.recipe), robot=robot)[1] if ask.logs else None
     return decide(
         robot,
         wanted,
@@ -152,6 +156,17 @@ def _for(robot: Robot, ask: Ask, whole: Callable[[], Plan], *, tell: Callable[[s
         seed=ask.seed,
         tell=tell,
     )
+
+
+def _check_size(ask: Ask) -> None:
+    """Refuse a size with which no forecast can be made."""
+    from pumaid.errors import ModelError, Where
+
+    if ask.size is None or _LEAST <= abs(ask.size) <= _MOST:
+        return
+    what = f"no arm has an effect of the size {ask.size:g}"
+    mend = f"give a number other than 0, up to {_MOST:g} and no smaller than {_LEAST:g}"
+    raise ModelError("plan-impossible", what, Where(field=f"--for {ask.wanted}"), mend)
 
 
 def checked(robot: Robot, path: Path, ask: Ask, *, tell: Callable[[str], None]) -> Plan:

@@ -6,6 +6,8 @@ import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
+from pumaid.show.visible import visible
+
 Step = Callable[[float, str], None]
 
 
@@ -35,11 +37,12 @@ def progress(title: str, *, total: float | None = None) -> Iterator[Step]:
     from rich.console import Console
     from rich.progress import BarColumn, Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
 
-    columns = (SpinnerColumn(), TextColumn("{task.description}"), BarColumn(), TextColumn("{task.fields[text]}"))
+    words = TextColumn("{task.fields[text]}", markup=False)  # names in them may look like styles
+    columns = (SpinnerColumn(), TextColumn("{task.description}"), BarColumn(), words)
     with Progress(*columns, TimeElapsedColumn(), console=Console(stderr=True), transient=True) as shown:
         task = shown.add_task(title, total=total, text="")
 
         def step(done: float, text: str) -> None:
-            shown.update(task, completed=done, text=text)
+            shown.update(task, completed=done, text=visible(text))
 
         yield step

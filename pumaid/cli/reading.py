@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -125,6 +126,38 @@ def read_evidence(
             kept.put(evidence)
     planned = _with_plan(evidence, robot, experiment_folder(recipe, logs))
     return robot, _with_heldout(planned, heldout) if heldout else planned
+
+
+def read_files(logs: Sequence[str], recipe: Path | None, *others: Path | None) -> list[Path]:
+    """The files of this machine that a command works from, as far as they are there: what it must not write over.
+
+    Parameters
+    ----------
+    logs
+        As the user typed them; empty where the command reads none.
+    recipe
+        ``--recipe``, or none.
+    others
+        Such as the model.
+
+    Returns
+    -------
+    paths
+        Logs, recipe, the plan beside it, `others`.
+    """
+    from pumaid.errors import PumaidError
+    from pumaid.files.paths import expand
+    from pumaid.files.plan import find_plan
+    from pumaid.files.remote import is_remote
+
+    found = list(others)
+    # What is not there is told when it is read, with more to say about it.
+    with suppress(PumaidError):
+        found += [recipe_path(recipe, logs), find_plan([experiment_folder(recipe, logs)])]
+    for log in logs:
+        with suppress(PumaidError):
+            found += [path for path in expand([log]) if isinstance(path, Path)] if not is_remote(log) else []
+    return [path for path in found if path is not None]
 
 
 def experiment_folder(recipe: Path | None, logs: Sequence[str] = ()) -> Path:

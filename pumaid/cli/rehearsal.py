@@ -10,6 +10,8 @@ import time
 from dataclasses import dataclass
 from typing import Any
 
+import rich_click as click
+
 from pumaid.errors import ResultError, Where
 
 
@@ -35,16 +37,23 @@ def run(words: list[str]) -> Step:
     ------
     ResultError [step-failed]
         The command left with another exit code than 0, or printed no document.
+    KeyboardInterrupt
+        Ctrl-C ended the command: whoever runs it is to end, too.
     """
     from pumaid.cli import group
+    from pumaid.cli.failures import EXIT_INTERRUPTED
 
     line = shlex.join(["pumaid", *words])
     out, said, start = io.StringIO(), io.StringIO(), time.monotonic()
     with contextlib.redirect_stdout(out), contextlib.redirect_stderr(said):
         try:
             code = group.main([*words, "--json"], prog_name="pumaid", standalone_mode=False)
-        except click_refusals() as error:
+        except click.ClickException as error:
             raise _failed(line, f"was not understood: {error.format_message()}", "") from error
+        except click.Abort:
+            raise KeyboardInterrupt from None
+    if code == EXIT_INTERRUPTED:
+        raise KeyboardInterrupt
     if code:
         raise _failed(line, f"left with exit code {code}", said.getvalue())
     try:
@@ -52,13 +61,6 @@ def run(words: list[str]) -> Step:
     except ValueError as error:
         raise _failed(line, "printed no JSON document", said.getvalue()) from error
     return Step(line, answer, said.getvalue(), time.monotonic() - start)
-
-
-def click_refusals() -> type[Any]:
-    """What click raises where words make no command."""
-    import rich_click as click
-
-    return click.ClickException
 
 
 def _failed(line: str, what: str, said: str) -> ResultError:

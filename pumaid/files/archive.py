@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import json
 import re
+import stat
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -154,9 +155,13 @@ def read_document(path: Path) -> tuple[dict[str, Any], Estimate]:
     Raises
     ------
     ResultError, or Faults of it
-        As `read_model`; [file-refused] where the system does not let it be read.
+        As `read_model`; [file-refused] where it is no plain file, or the system does not let it be read.
     """
     try:
+        mode = path.stat().st_mode if path.exists() else stat.S_IFREG
+        if not (stat.S_ISREG(mode) or stat.S_ISDIR(mode)):  # a pipe would be waited for, a device never ends
+            what = f"{path} is a pipe or device, not a file"
+            raise ResultError("file-refused", what, Where(file=str(path)), "remove it from the results folder")
         estimate = read_model(path)
         return json.loads(path.read_text(encoding="utf-8-sig")), estimate
     except OSError as error:

@@ -38,14 +38,15 @@ def write_whole(path: Path, data: bytes | str) -> None:
     path
         The file to write.
     data
-        Bytes, or text to be encoded as UTF-8 with its line ends as they are.
+        Bytes, or text to be encoded as UTF-8 with its line ends as they are; what is no letter (bytes of a file's name
+        that are no UTF-8) becomes a backslash escape.
 
     Raises
     ------
     ResultError [cannot-write]
         The disk refuses; what stood there before stands unchanged.
     """
-    content = data.encode("utf-8") if isinstance(data, str) else data
+    content = data.encode("utf-8", "backslashreplace") if isinstance(data, str) else data
     if _is_stream(Path(path)):
         try:
             Path(path).write_bytes(content)

@@ -41,16 +41,48 @@ _OURS = re.compile(r"[0-9a-f]{16}-[0-9a-f]{32}\.npz")
 _UNFINISHED = re.compile(r"\.[0-9a-f]{16}-[0-9a-f]{32}\.npz\.[0-9a-f]{12}\.part")
 
 
-def cache_folder() -> Path:
-    """Where things are kept: ``PUMAID_CACHE``, else ``pumaid`` in the platform's folder for caches."""
+def cache_folder() -> Path | None:
+    """Where things are kept: ``PUMAID_CACHE``, else ``pumaid`` in the platform's folder for caches.
+
+    None for a user who has no home folder: then nothing is kept.
+    """
     named = os.environ.get("PUMAID_CACHE")
     if named:
         return Path(named)
-    if sys.platform == "win32":
-        return Path(os.environ.get("LOCALAPPDATA") or Path.home() / "AppData" / "Local") / "pumaid" / "Cache"
-    if sys.platform == "darwin":
-        return Path.home() / "Library" / "Caches" / "pumaid"
-    return Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "pumaid"
+    try:
+        if sys.platform == "win32":
+            return Path(os.environ.get("LOCALAPPDATA") or Path.home() / "AppData" / "Local") / "pumaid" / "Cache"
+        if sys.platform == "darwin":
+            return Path.home() / "Library" / "Caches" / "pumaid"
+        return Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "pumaid"
+    except RuntimeError:
+        return None
+
+
+def evidence_folder() -> Path | None:
+    """Where passes are kept."""
+    folder = cache_folder()
+    return None if folder is None else folder / "evidence"
+
+
+def cache_fault(folder: Path | None) -> str | None:
+    """Why nothing can be kept in a folder; None where it can, or could if it were made."""
+    if folder is None:
+        return "there is no home folder, so nothing is kept; set PUMAID_CACHE to a folder"
+    for path in (folder, *folder.parents):
+        try:
+            mode = path.stat().st_mode
+        except (FileNotFoundError, NotADirectoryError):
+            if path.is_symlink():
+                return f"{path} is a link that leads nowhere, so nothing is kept"
+            continue
+        except OSError as error:
+            return f"{path} cannot be looked at ({error.strerror}), so nothing is kept"
+        if not stat.S_ISDIR(mode):
+            return f"{path} is no folder, so nothing is kept"
+        can = os.access(path, os.R_OK | os.W_OK | os.X_OK if path == folder else os.W_OK | os.X_OK)
+        return None if can else f"{path} may not be read and written, so nothing is kept"
+    return None
 
 
 def cache_size(folder: Path) -> int:
@@ -85,37 +117,40 @@ class EvidenceCache:
 
     def __init__(self, paths: Sequence[LogPath], robot: Robot, *, options: str, folder: Path | None = None) -> None:
         self._paths = tuple(paths)
-        self._folder = folder or cache_folder() / "evidence"
-        self._before = _states(self._paths)
+        self._folder = folder or evidence_folder()
+        self._before, self._n_joints = _states(self._paths), robot.n_joints
         made_by = [_program(__version__), np.__version__, robot.name, repr(robot.joints), repr(robot.log), options]
         self._made_by = json.dumps([made_by, [str(path) for path in self._paths]])
 
     def get(self) -> Evidence | None:
         """What was kept of these very bytes, or None. The logs are hashed only where something may fit."""
-        if self._before is None or not any(self._folder.glob(f"{self._prefix()}-*.npz")):
+        if self._before is None or self._folder is None or not _has(self._folder, f"{self._prefix()}-*.npz"):
             return None
         with ThreadPoolExecutor() as pool:
             digests = list(pool.map(_digest, self._paths))
         if None in digests:
             return None
         path = self._folder / self._name([str(digest) for digest in digests])
-        evidence = read_evidence(path)
-        if evidence is not None:
-            with suppress(OSError):
-                os.utime(path)
+        evidence = read_evidence(path, self._n_joints)
+        if evidence is None or [facts.digest for facts in evidence.files] != digests:
+            return None
+        with suppress(OSError):
+            os.utime(path)
         return evidence
 
     def put(self, evidence: Evidence) -> None:
         """Keep what a pass left, unless a log changed meanwhile; then remove what is too old and too much."""
         digests = [facts.digest for facts in evidence.files]
-        if self._before is None or len(digests) != len(self._paths) or _states(self._paths) != self._before:
+        if self._folder is None or self._before is None or len(digests) != len(self._paths):
+            return
+        if _states(self._paths) != self._before:
             return
         name = self._name(digests)
         temporary = self._folder / f".{name}.{secrets.token_hex(6)}.part"
         try:
             self._folder.mkdir(parents=True, exist_ok=True, mode=0o700)
             with temporary.open("xb") as sink:
-                write_evidence(sink, evidence)
+                write_evidence(sink, evidence, name)
             temporary.replace(self._folder / name)
             _make_room(self._folder, MOST_BYTES)
         except OSError:
@@ -146,6 +181,14 @@ def _states(paths: Sequence[LogPath]) -> list[tuple[int, int, int, int]] | None:
     except OSError:
         return None
     return found
+
+
+def _has(folder: Path, pattern: str) -> bool:
+    """Whether a folder has such a file; one that cannot be looked into has none."""
+    try:
+        return any(folder.glob(pattern))
+    except OSError:
+        return False
 
 
 def _digest(path: LogPath) -> str | None:

@@ -1,13 +1,22 @@
-"""Evidence as one npz file of plain arrays, and back, to the bit; nothing in it is ever executed."""
+"""Evidence as one npz file of plain arrays, and back, to the bit; nothing in it is ever executed.
+
+The file holds a digest of its content and name, which shows damage and edits that do not redo it. It is no signature:
+who can write the file can redo it, too. So what passes it is looked at all the same.
+"""
 
 from __future__ import annotations
 
+import hashlib
 import json
 import math
+import stat
+import struct
 import zipfile
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import asdict, fields
-from itertools import accumulate
+from io import BytesIO
+from itertools import accumulate, chain
 from pathlib import Path
 from typing import Any, BinaryIO
 
@@ -16,22 +25,33 @@ from numpy.typing import NDArray
 
 from pumaid.errors import Note, Where
 from pumaid.maths.triangle import Triangle
-from pumaid.records import Cells, Evidence, FileFacts, Reject, Run
+from pumaid.records import CONSTANT_COLUMNS, STROKE_COLUMNS, Cells, Evidence, FileFacts, Reject, Run
 
 Arrays = dict[str, NDArray[Any]]
+Counts = NDArray[np.int64]
 
-#: Member by which a file is known to be one of these, the first in it.
-FIRST = "pumaid_evidence"
+#: Member by which a file is known to be one of these, the first in it, and that with the digest of all others.
+FIRST, _DIGEST = "pumaid_evidence", "digest"
 _MEANS = tuple(item.name for item in fields(Cells) if item.name != "extra")
-#: Those with a column for each joint.
-_WIDE = ("position", "velocity", "current")
+#: Those with a column for each joint, and those that may be no number.
+_WIDE, _OPEN = ("position", "velocity", "current"), ("current", "temperature", "extra")
 #: Fields that are stored as arrays; all others of a record stand in the JSON part.
 _ARRAYS = ("posture", "triangle", "cells")
+#: What stands in JSON for a field of each type; a list for all others.
+_JSON: dict[str, set[type]] = {"int": {int}, "float": {float, int}, "str": {str}, "bool": {bool}}
+#: Fields of runs and rejects that are finite numbers, and the regressors of each kind of run.
+_FINITE = ("start", "duration", "speed", "ripple")
+_KINDS = {("constant", CONSTANT_COLUMNS), ("stroke", STROKE_COLUMNS)}
+#: Bytes of an array's header, of the head of a member before its name, and of what is hashed at a time.
+_HEADER, _LOCAL, _PIECE = 128, 30, 4 << 20
+#: What reading any file at all can end in.
+_UNFIT = (ArithmeticError, EOFError, LookupError, MemoryError, OSError, RuntimeError, TypeError, ValueError)
 
 
-def write_evidence(sink: BinaryIO, evidence: Evidence) -> None:
-    """Write evidence to a binary stream."""
-    np.savez(sink, **packed(evidence))  # type: ignore[arg-type]
+def write_evidence(sink: BinaryIO, evidence: Evidence, name: str) -> None:
+    """Write evidence to a binary stream, for a file that shall be called `name`."""
+    arrays = packed(evidence)
+    np.savez(sink, **arrays, **{_DIGEST: _digest(arrays, name)})  # type: ignore[arg-type]
 
 
 def packed(evidence: Evidence) -> Arrays:
@@ -58,15 +78,16 @@ def packed(evidence: Evidence) -> Arrays:
     return arrays
 
 
-def read_evidence(path: Path) -> Evidence | None:
-    """The evidence that a file holds, or None where it is not a whole file of this kind."""
+def read_evidence(path: Path, n_joints: int) -> Evidence | None:
+    """The evidence of an arm of `n_joints` that a file holds, or None where it is not as `write_evidence` left it."""
     try:
-        if not _is_plain(path):
+        arrays = _stored(path)
+        if arrays.pop(_DIGEST).tobytes() != _digest(arrays, path.name).tobytes():
             return None
-        with np.load(path, allow_pickle=False) as stored:
-            arrays = {name: stored[name] for name in stored.files}
-        return unpacked(arrays)
-    except (OSError, EOFError, ValueError, TypeError, LookupError, MemoryError, zipfile.BadZipFile):
+        told = json.loads(arrays[FIRST].tobytes())
+        _check(told, arrays, n_joints)
+        return _evidence(told, arrays)
+    except (*_UNFIT, zipfile.BadZipFile, struct.error):
         return None
 
 
@@ -80,16 +101,140 @@ def is_evidence(path: Path) -> bool:
         return False
 
 
-def _is_plain(path: Path) -> bool:
-    """Whether all members are stored as they are: what unfolds to more than the file holds is none of ours."""
-    with zipfile.ZipFile(path) as archive:
-        members = archive.infolist()
-    return bool(members) and all(one.compress_type == zipfile.ZIP_STORED for one in members)
+def _types() -> dict[str, type]:
+    """Name -> type of all members."""
+    cells = {"cells": np.int64, "joints": np.int64, "extras": np.int64, "means": np.float64}
+    each = {f"{name}_{part}": kind for name in ("run", "reject") for part, kind in cells.items()}
+    return {FIRST: np.uint8, "posture": np.float64, "factor": np.float64, **each, _DIGEST: np.uint8}
+
+
+def _stored(path: Path) -> Arrays:
+    """All members of a file; ValueError where one is not what numpy writes for an array of its type, to the byte.
+
+    Only plain files are opened: a pipe would be waited for. No text of the file is taken for a type or a length, so
+    nothing unfolds to more than it holds.
+    """
+    if not stat.S_ISREG(path.stat().st_mode):
+        raise ValueError("no plain file")
+    types = {f"{name}.npy": kind for name, kind in _types().items()}
+    with path.open("rb") as stream:
+        with zipfile.ZipFile(stream) as archive:
+            members = archive.infolist()
+        if [one.filename for one in members] != list(types):
+            raise ValueError("other members")
+        return {one.filename[:-4]: _array(stream, one, types[one.filename]) for one in members}
+
+
+def _array(stream: BinaryIO, member: zipfile.ZipInfo, kind: type) -> NDArray[Any]:
+    stream.seek(member.header_offset)
+    stream.seek(sum(struct.unpack("<2H", stream.read(_LOCAL)[-4:])), 1)
+    count = (member.file_size - _HEADER) // np.dtype(kind).itemsize
+    header = BytesIO()
+    facts = {"descr": np.lib.format.dtype_to_descr(np.dtype(kind)), "fortran_order": False, "shape": (count,)}
+    np.lib.format.write_array_header_1_0(header, facts)
+    if member.compress_type != zipfile.ZIP_STORED or member.flag_bits & 1 or stream.read(_HEADER) != header.getvalue():
+        raise ValueError("another kind of array")
+    out: NDArray[Any] = np.empty(count, dtype=kind)
+    if stream.readinto(out.view(np.uint8)) != out.nbytes:  # type: ignore[attr-defined]
+        raise ValueError("the file ends before its arrays")
+    return out
+
+
+def _digest(arrays: Mapping[str, NDArray[Any]], name: str) -> NDArray[np.uint8]:
+    """SHA-256 of a file's name and of its arrays, each by the digests of its pieces."""
+    whole = hashlib.sha256(name.encode())
+    with ThreadPoolExecutor(2) as pool:
+        for key, values in arrays.items():
+            data = memoryview(values.view(np.uint8))  # type: ignore[arg-type]
+            pieces = [data[start : start + _PIECE] for start in range(0, len(data), _PIECE)]
+            hashed = pool.map if len(pieces) > 1 else map
+            whole.update(f" {key} {values.dtype.str} {len(data)} ".encode())
+            whole.update(b"".join(hashed(lambda piece: hashlib.sha256(piece).digest(), pieces)))
+    return np.frombuffer(whole.digest(), dtype=np.uint8)
+
+
+def _check(told: dict[str, Any], arrays: Arrays, n_joints: int) -> None:
+    """ValueError, or what Python raises, where entries are none that a pass leaves."""
+    columns = [tuple(columns) for columns, _ in told["triangles"]]
+    counts = np.array(_typed([count for _, count in told["triangles"]], {int}), dtype=np.int64)
+    runs, rejects = told["runs"], told["rejects"]
+    for kind, held in ((Run, runs), (Reject, rejects)):
+        _check_columns(held, _fields(kind))
+    numbers = np.array(runs.get("joint", []), dtype=np.int64)
+    spans = np.array(_typed(list(chain(*runs.get("span", []))), _JSON["float"]), dtype=float)
+    posture, moved = arrays["posture"].reshape(len(numbers), n_joints), _typed(list(chain(*rejects.get("joints", []))))
+    extras = len(_typed(told["extra"], {str}))
+    _need(set(zip(runs.get("kind", []), columns, strict=True)) <= _KINDS)
+    _need(set(map(len, runs.get("span", []))) <= {2} and bool(np.isfinite(spans).all()))
+    _need(all(1 <= joint <= n_joints for joint in {*numbers.tolist(), *moved}))
+    outer = np.arange(1, n_joints + 1) != numbers[:, None]
+    _need(bool(np.isfinite(posture[outer]).all() and np.isfinite(arrays["factor"]).all()))
+    _need(len(arrays["factor"]) == sum((len(names) + 1) ** 2 for names in columns))
+    for name, samples in (("run", counts), ("reject", np.array(rejects.get("samples", []), dtype=np.int64))):
+        _check_cells(name, arrays, samples, widths=[n_joints if one in _WIDE else 1 for one in _MEANS] + [extras])
+    _typed([text for note in told["notes"] for text in (note["slug"], note["text"])], {str})
+    for record, entries in ((FileFacts, told["files"]), (Where, [note["where"] for note in told["notes"]])):
+        _check_columns({name: [one[name] for one in entries] for name in _fields(record)}, _fields(record))
+
+
+def _need(is_so: bool) -> None:
+    if not is_so:
+        raise ValueError("entries that no pass leaves")
+
+
+def _fields(kind: type) -> dict[str, str]:
+    """The plain fields of a record and their types."""
+    return {item.name: str(item.type) for item in fields(kind) if item.name not in _ARRAYS}
+
+
+def _typed(values: list[Any], allowed: Iterable[type] = (int,)) -> list[Any]:
+    _need(isinstance(values, list) and set(map(type, values)) <= set(allowed))
+    return values
+
+
+def _check_columns(columns: dict[str, list[Any]], kinds: Mapping[str, str]) -> None:
+    """Fields of records by the types that these state."""
+    _need(not columns or columns.keys() == kinds.keys())
+    for name, values in columns.items():
+        kind, _, other = kinds[name].partition(" | ")
+        _typed(values, _JSON.get(kind, {list}) | ({type(None)} if other else set()))
+        if kind == "int" and not other:
+            np.array(values, dtype=np.int64)  # raises where one is too large
+        if name in _FINITE:
+            _need(bool(np.isfinite(np.array(values, dtype=float)).all()))
+
+
+def _check_cells(name: str, arrays: Arrays, samples: Counts, *, widths: list[int]) -> None:
+    """Of as many cells as there is room for, counts add up to `samples`, and only what may be is no number."""
+    sizes, means = arrays[f"{name}_cells"], arrays[f"{name}_means"]
+    there = sizes[sizes > 0]
+    _need(bool(((sizes > 0) | (sizes == -1)).all() and (there <= len(means)).all() and (samples >= 0).all()))
+    _need(int(there.sum()) * sum(widths) == len(means) and len(there if name == "run" else sizes) == len(samples))
+    _need(arrays[f"{name}_joints"].tolist() == [widths[_MEANS.index("position")]][: len(there)])
+    _need(arrays[f"{name}_extras"].tolist() == [widths[-1]] * len(there))
+    counts = means[_places(there, widths, 0)].view(np.int64)
+    _need(bool((counts > 0).all() and (counts <= samples.max(initial=0)).all()))
+    ends = np.cumsum(there)
+    _need(np.diff(np.cumsum(counts)[ends - 1], prepend=0).tolist() == samples[sizes > 0].tolist())
+    free = [_places(there, widths, n) for n, quantity in enumerate((*_MEANS, "extra")) if quantity in _OPEN]
+    _need(_odd(means) == sum(_odd(means[places]) for places in free))
+
+
+def _odd(values: NDArray[np.float64]) -> int:
+    """How many are no finite numbers."""
+    return len(values) - int(np.count_nonzero(np.isfinite(values)))
+
+
+def _places(there: Counts, widths: Sequence[int], number: int) -> Counts:
+    """Where in an array of means those of quantity `number` stand, of records with so many cells `there`."""
+    lengths, ends = there * widths[number], np.cumsum(there * sum(widths))
+    starts = ends - there * sum(widths[number:])
+    return np.repeat(starts - (np.cumsum(lengths) - lengths), lengths) + np.arange(int(lengths.sum()))
 
 
 def _columns(records: Sequence[Run | Reject]) -> dict[str, list[Any]]:
     """Each plain field of all records; by records it would take eight times as long to read."""
-    names = [item.name for item in fields(records[0]) if item.name not in _ARRAYS] if records else []
+    names = _fields(type(records[0])) if records else []
     return {name: [getattr(record, name) for record in records] for name in names}
 
 
@@ -159,7 +304,10 @@ def unpacked(arrays: Arrays) -> Evidence:
     ValueError, TypeError, LookupError
         They are other arrays.
     """
-    told = json.loads(arrays[FIRST].tobytes())
+    return _evidence(json.loads(arrays[FIRST].tobytes()), arrays)
+
+
+def _evidence(told: dict[str, Any], arrays: Arrays) -> Evidence:
     posture, factor = (_Taken(arrays[name]) for name in ("posture", "factor"))
     n_joints = len(arrays["posture"]) // max(1, len(told["triangles"]))
     runs = []

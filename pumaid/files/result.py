@@ -6,9 +6,11 @@ import json
 import math
 import re
 import sys
+from collections import Counter
 from collections.abc import Mapping
 from contextlib import nullcontext
 from dataclasses import fields, is_dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -31,6 +33,10 @@ MOST_FAULTS = 5
 #: Bytes a model file may have; that of six joints with ten effects has half a megabyte.
 MOST_BYTES = 200 << 20
 
+_DAMAGED = "the file was changed or damaged: make it again with 'pumaid identify LOGS...'"
+#: How JSON may say half of a letter.
+_HALF = re.compile(r"\\u[dD][89a-fA-F]")
+
 # A list of nothing but numbers, over several lines; text holds no bare line end in JSON and so is never touched.
 _NUMBERS = re.compile(r"\[\n\s*((?:-?\d[^\[\]\"{}]*|null[^\[\]\"{}]*))\]")
 
@@ -39,17 +45,24 @@ def plain(value: Any) -> Any:
     """`value` as JSON knows it: arrays and tuples become lists, records objects, numbers that JSON lacks null."""
     if isinstance(value, float):
         return float(value) if math.isfinite(value) else None
-    if value is None or isinstance(value, str | int):
+    if isinstance(value, str):
+        return _text_of(value)
+    if value is None or isinstance(value, int):
         return value
     if isinstance(value, Note):
         return plain(value.as_json())
     if isinstance(value, Mapping):
-        return {str(key): plain(held) for key, held in value.items()}
+        return {_text_of(str(key)): plain(held) for key, held in value.items()}
     if is_dataclass(value) and not isinstance(value, type):
         return {item.name: plain(getattr(value, item.name)) for item in fields(value)}
     if hasattr(value, "tolist"):
         return plain(value.tolist())
     return [plain(held) for held in value]
+
+
+def _text_of(value: str) -> str:
+    """Text that any program can read: bytes of a file's name that are no letters become backslash escapes."""
+    return value if value.isascii() else value.encode("utf-8", "backslashreplace").decode("utf-8")
 
 
 def as_text(document: Mapping[str, Any], *, ascii_only: bool = False) -> str:
@@ -226,7 +239,7 @@ def _parsed(text: str, name: str) -> dict[str, Any]:
     if not text.strip():
         raise _no_json(f"{name} is empty", Where(file=name))
     try:
-        found = json.loads(text)
+        found = json.loads(text, object_pairs_hook=partial(_once, name=name))
     except json.JSONDecodeError as error:
         ends = error.pos >= len(text.rstrip())
         what = f"{name} breaks off in the middle" if ends else f"{name} is no JSON: {error.msg}"
@@ -235,9 +248,36 @@ def _parsed(text: str, name: str) -> dict[str, Any]:
         raise _no_json(f"{name} holds a number of thousands of digits", Where(file=name)) from None
     except RecursionError:
         raise _no_json(f"{name} is no JSON that a program should read: its lists nest too deep", Where(name)) from None
+    if _HALF.search(text) and (at := _half_letter(found)) is not None:
+        what = f"{name} holds half of a letter, which is no text (an escape such as \\ud800)"
+        raise ResultError("model-damaged", what, Where(file=name, field=at or None), _DAMAGED)
     if not isinstance(found, dict):
         raise _no_json(f"{name} holds a {type(found).__name__}, not a document", Where(file=name))
     return found
+
+
+def _once(pairs: list[tuple[str, Any]], *, name: str) -> dict[str, Any]:
+    """An object of JSON, in which each entry stands once; else it is left to chance which one a program reads."""
+    found = dict(pairs)
+    if len(found) < len(pairs):
+        key = next(key for key, count in Counter(key for key, _ in pairs).items() if count > 1)
+        where = Where(file=name, field=_text_of(key))
+        raise ResultError("model-damaged", f"the entry {_text_of(key)!r} stands there twice", where, _DAMAGED)
+    return found
+
+
+def _half_letter(found: Any, path: str = "") -> str | None:
+    """Where a text stands that no encoding knows, or None."""
+    if isinstance(found, str):
+        return path if _text_of(found) != found else None
+    inside = found.items() if isinstance(found, dict) else enumerate(found) if isinstance(found, list) else ()
+    for key, held in inside:
+        at = f"{path}[{key}]" if isinstance(key, int) else f"{path}.{_text_of(key)}".lstrip(".")
+        if isinstance(key, str) and _text_of(key) != key:
+            return at
+        if (deeper := _half_letter(held, at)) is not None:
+            return deeper
+    return None
 
 
 def _check_head(document: Mapping[str, Any], name: str) -> None:
@@ -253,10 +293,9 @@ def _check_head(document: Mapping[str, Any], name: str) -> None:
 
 
 def _told_together(faults: list[ResultError], name: str) -> PumaidError:
-    mend = "the file was changed or damaged: make it again with 'pumaid identify LOGS...'"
     shown = faults[:MOST_FAULTS]
     more = f" (and {len(faults) - MOST_FAULTS} more faults)" if len(faults) > MOST_FAULTS else ""
-    last = ResultError(shown[-1].slug, shown[-1].what + more, shown[-1].where, mend)
+    last = ResultError(shown[-1].slug, shown[-1].what + more, shown[-1].where, _DAMAGED)
     return Faults([*shown[:-1], last])
 
 

@@ -147,7 +147,9 @@ def _joint_covariance(fitted: Fitted) -> Clustered:
     """Clustered by run; jacobian rows of one run together."""
     order = [np.flatnonzero(fitted.run_of == number) for number in range(int(fitted.run_of.max()) + 1)]
     solution, inverse = fitted.solution, fitted.solution.linear.inverse
-    found = clustered([solution.jacobian[rows] for rows in order], [solution.residual[rows] for rows in order], inverse)
+    kin = np.repeat([row.joint for row in fitted.rows], [len(row.runs) for row in fitted.rows])
+    jacobians, residuals = ([values[rows] for rows in order] for values in (solution.jacobian, solution.residual))
+    found = clustered(jacobians, residuals, inverse, kin=kin)
     # What rests on the prior of a ratio or shape is as uncertain as the prior says: no run's residual shows that.
     p = len(solution.values)
     ratios, shapes = inverse[:, p:], inverse[:, :p] @ fitted.held.T

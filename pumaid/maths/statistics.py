@@ -11,8 +11,9 @@ from scipy import special
 
 Floats = NDArray[np.float64]
 
-#: An eigenvalue of I - H below this belongs to a direction that a run fits alone; it is left as it is.
-FITTED_ALONE = 1e-8
+#: An eigenvalue of I - H below this belongs to a direction that a run fits alone, but for what a prior says: its
+#: residual tells nothing, and its variance is taken from the working model.
+FITTED_ALONE = 1e-3
 #: Runs that are worked on at once: what each pulls takes some 25 kB.
 AT_ONCE = 1000
 
@@ -25,8 +26,13 @@ class Clustered:
     freedoms: Floats
 
 
-def clustered(jacobians: Sequence[Floats], residuals: Sequence[Floats], inverse: Floats) -> Clustered:
+def clustered(
+    jacobians: Sequence[Floats], residuals: Sequence[Floats], inverse: Floats, *, kin: NDArray[np.int64] | None = None
+) -> Clustered:
     """Cluster-robust covariance with the bias-reduced correction CR2 and Satterthwaite degrees of freedom.
+
+    What a single run determines leaves no residual that could tell its error: there the working model's noise counts,
+    as well known as the runs that it was estimated from are many.
 
     Parameters
     ----------
@@ -36,6 +42,8 @@ def clustered(jacobians: Sequence[Floats], residuals: Sequence[Floats], inverse:
         One (k,) a run, whitened likewise.
     inverse
         (p, p) inverse information of all runs together.
+    kin
+        For each run the number of those whose noise is estimated together; all where not given.
 
     Source
     ------
@@ -43,11 +51,14 @@ def clustered(jacobians: Sequence[Floats], residuals: Sequence[Floats], inverse:
     Stat. 36 (2018) 672-683.
     """
     p = len(inverse)
-    scores = np.zeros((len(jacobians), p))
+    scores, alone = np.zeros((len(jacobians), p)), np.zeros((len(jacobians), p))
+    lent = np.zeros((p, p))
     trace, squares, gram = np.zeros(p), np.zeros(p), np.zeros((p, p, p))
     for start in range(0, len(jacobians), AT_ONCE):
         some = slice(start, start + AT_ONCE)
-        scores[some], own, pull = _turned(jacobians[some], residuals[some], inverse)
+        scores[some], own, pull, out = _turned(jacobians[some], residuals[some], inverse)
+        alone[some] = np.sum(out**2, axis=1)
+        lent += np.einsum("rkp,rkq->pq", out, out)
         for contrast, u in enumerate(pull):
             turned = u @ inverse
             crossed = np.sum(u * turned, axis=1)
@@ -55,26 +66,45 @@ def clustered(jacobians: Sequence[Floats], residuals: Sequence[Floats], inverse:
             squares[contrast] += np.sum(own[:, contrast] ** 2) - 2.0 * np.sum(own[:, contrast] * crossed)
             gram[contrast] += u.T @ turned
     squares += np.sum(gram * gram.transpose(0, 2, 1), axis=(1, 2))
-    shown = (squares > 0) & (trace > 0)
-    return Clustered(scores.T @ scores, np.divide(trace**2, squares, out=np.zeros(p), where=shown))
+    found = trace.copy()
+    for group in _groups(kin, len(jacobians)):
+        borrowed = alone[group].sum(axis=0)
+        trace += borrowed
+        squares += borrowed**2 / max(1, len(group) - 1)
+    # Where next to nothing of a variance comes from residuals, they tell nothing of how well it is known.
+    shown = (squares > 0) & (found > FITTED_ALONE * trace)
+    return Clustered(scores.T @ scores + lent, np.divide(trace**2, squares, out=np.zeros(p), where=shown))
 
 
-def _turned(jacobians: Sequence[Floats], residuals: Sequence[Floats], inverse: Floats) -> tuple[Floats, Floats, Floats]:
-    """Of R runs: scores (R, p), squares of what each tells of a contrast (R, p), and (p, R, p) its pull by contrast."""
+def _groups(kin: NDArray[np.int64] | None, count: int) -> list[NDArray[np.int64]]:
+    numbers = np.zeros(count, dtype=np.int64) if kin is None else kin
+    return [np.flatnonzero(numbers == number) for number in np.unique(numbers)]
+
+
+def _turned(
+    jacobians: Sequence[Floats], residuals: Sequence[Floats], inverse: Floats
+) -> tuple[Floats, Floats, Floats, Floats]:
+    """Of R runs: scores (R, p), squares of what each tells of a contrast (R, p), and (p, R, p) its pull by contrast.
+
+    And (R, k, p) what a unit of noise does in directions that a run fits alone, nothing in the others.
+    """
     p = len(inverse)
+    out = np.zeros((len(jacobians), max(map(len, jacobians)), p))
     scores, own = np.zeros((len(jacobians), p)), np.zeros((len(jacobians), p))
     pull = np.zeros((p, len(jacobians), p))  # how each run's J' A J M pulls a contrast
     for alike in _by_length(jacobians):
         J = np.array([jacobians[number] for number in alike])
         e = np.array([residuals[number] for number in alike])
         eigenvalues, vectors = np.linalg.eigh(np.eye(J.shape[1]) - _times(J, inverse) @ J.transpose(0, 2, 1))
-        root = np.where(eigenvalues > FITTED_ALONE, 1.0 / np.sqrt(np.maximum(eigenvalues, FITTED_ALONE)), 1.0)
+        is_alone = eigenvalues <= FITTED_ALONE
+        root = np.where(is_alone, 0.0, 1.0 / np.sqrt(np.maximum(eigenvalues, FITTED_ALONE)))
         A = (vectors * root[:, None, :]) @ vectors.transpose(0, 2, 1)
         scores[alike] = np.einsum("rkp,rk->rp", J, np.einsum("rkl,rl->rk", A, e)) @ inverse
+        out[alike, : J.shape[1]] = _times(vectors.transpose(0, 2, 1) @ J, inverse) * is_alone[:, :, None]
         a = _times(A @ J, inverse)
         own[alike] = np.sum(a**2, axis=1)
         pull[:, alike] = (J.transpose(0, 2, 1) @ a).transpose(2, 0, 1)
-    return scores, own, pull
+    return scores, own, pull, out
 
 
 def _by_length(blocks: Sequence[Floats]) -> list[list[int]]:

@@ -231,10 +231,13 @@ class Planner:
         plain = Criterion(0.0, self.criterion.size)
         best = relaxed(self.menu, plain, seconds=self.menu.seconds, total=budget)
         share = np.median(plain.errors(self.menu.information(best.weights)), axis=0) / self.usual
-        self.hopeless = tuple(name for name, dark in zip(self.menu.names, share > 1.0, strict=True) if dark)
+        counted = share <= 1.0
+        if not np.any(counted):
+            counted[:] = True  # in so little time all stays dark, and no parameter is worth less than the others
+        self.hopeless = tuple(name for name, light in zip(self.menu.names, counted, strict=True) if not light)
         if not self.hopeless and self.criterion.power == 0.0:
             return best
-        self.criterion = replace(self.criterion, counted=share <= 1.0)
+        self.criterion = replace(self.criterion, counted=counted)
         return relaxed(self.menu, self.criterion, seconds=self.menu.seconds, total=budget)
 
     def _extents(self) -> list[tuple[Extent, float]]:

@@ -17,6 +17,9 @@ from pumaid.virtual.truth import Truth
 
 Floats = NDArray[np.float64]
 
+#: kg and m of a payload at most: beyond what any arm carries, and far from where numbers overflow.
+_HEAVIEST, _FARTHEST = 1e5, 100.0
+
 
 @dataclass(frozen=True, slots=True)
 class Setup:
@@ -32,7 +35,7 @@ class Setup:
     Raises
     ------
     ModelError [plan-impossible]
-        A number is not finite, or a payload weighs nothing.
+        A number is not finite, or a payload weighs nothing, or more or farther out than any arm carries.
     """
 
     tilt: tuple[float, float] | None = None
@@ -46,6 +49,13 @@ class Setup:
         if self.payload is not None and not self.payload[0] > 0.0:
             what = f"a payload of {self.payload[0]:g} kg shows nothing"
             raise ModelError("plan-impossible", what, mend="give its mass in kg")
+        if self.payload is not None and not (
+            self.payload[0] <= _HEAVIEST and max(map(abs, self.payload[1:])) <= _FARTHEST
+        ):
+            mass, *at = (f"{one:g}" for one in self.payload)
+            what = f"no arm carries {mass} kg at ({', '.join(at)}) m of its last link's frame"
+            mend = f"give at most {_HEAVIEST:g} kg, and {_FARTHEST:g} m along each axis"
+            raise ModelError("plan-impossible", what, mend=mend)
 
     def robot(self, robot: Robot) -> Robot:
         """The arm with gravity as its tilted base sees it.

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from rich import box
-from rich.markup import escape
 from rich.table import Table
+from rich.text import Text
 
 from pumaid.records import Joint, Robot
 from pumaid.units import factor, number
@@ -12,7 +12,7 @@ from pumaid.units import factor, number
 
 def axes_table(robot: Robot) -> Table:
     """Modified DH parameters, limits and speeds joint by joint, for the terminal; angles in deg."""
-    table = Table(title=escape(robot.name), title_justify="left", box=box.SIMPLE_HEAD)
+    table = Table(title=Text(robot.name, style="table.title"), title_justify="left", box=box.SIMPLE_HEAD)
     table.add_column("joint")
     table.add_column("type")
     for name in ("theta", "alpha", "a (m)", "d (m)", "limits", "speed"):
@@ -20,7 +20,7 @@ def axes_table(robot: Robot) -> Table:
     for joint in robot.joints:
         theta, alpha = (_angle(value) for value in (joint.theta, joint.alpha))
         length, shift = (f"{value:.5g}" for value in (joint.a, joint.d))
-        table.add_row(escape(joint.name), joint.kind, theta, alpha, length, shift, _limits(joint), _speed(joint))
+        table.add_row(Text(joint.name), joint.kind, theta, alpha, length, shift, _limits(joint), _speed(joint))
     return table
 
 

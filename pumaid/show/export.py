@@ -20,6 +20,7 @@ from pumaid.show.report import page
 from pumaid.show.scores import comparison_grid
 from pumaid.show.story import Story
 from pumaid.show.tables import parameter_grid
+from pumaid.show.visible import Visible
 
 #: Forms of a table, with their suffix.
 TABLE_FORMS = {"text": "txt", "csv": "csv", "parquet": "parquet", "latex": "tex", "markdown": "md", "json": "json"}
@@ -120,7 +121,7 @@ def runs_frame(story: Story) -> pd.DataFrame:
         run = score.run
         row: dict[str, Any] = {
             "joint": run.joint,
-            "file": run.origin,
+            "file": run.origin.encode("utf-8", "backslashreplace").decode("utf-8"),  # a name may be none of UTF-8
             "start_s": run.start,
             "duration_s": run.duration,
             "kind": run.kind,
@@ -151,6 +152,6 @@ def _frame_as(frame: pd.DataFrame, form: str) -> bytes:
 def _grid_as(grid: Grid, form: str) -> bytes:
     if form == "text":
         out = io.StringIO()
-        Console(file=out, width=100, color_system=None).print(Shown(grid))
+        Console(file=out, width=100, color_system=None).print(Visible(Shown(grid)))
         return "".join(f"{line.rstrip()}\n" for line in out.getvalue().splitlines()).encode("utf-8")
     return (latex(grid) if form == "latex" else markdown(grid)).encode("utf-8")

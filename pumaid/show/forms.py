@@ -11,6 +11,7 @@ from rich.table import Table
 from rich.text import Text
 
 from pumaid.show.grid import Cell, Grid
+from pumaid.show.visible import visible
 
 #: Notes are set no wider than this (characters): longer lines are hard to read.
 READABLE = 100
@@ -73,7 +74,7 @@ def _table(grid: Grid, *, stacked: bool) -> Table:
 
 
 def _styled(cell: Cell, *, stacked: bool) -> Text:
-    text = Text(cell.stacked if stacked else cell.line, style=_STYLES[cell.tone])
+    text = Text(visible(cell.stacked if stacked else cell.line), style=_STYLES[cell.tone])
     if cell.error:
         text.stylize("dim", text.plain.index("±"))
     return text

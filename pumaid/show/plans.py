@@ -60,7 +60,7 @@ def _shown(value: float, is_turning: bool) -> str:
 def _motions(plan: Plan, robot: Robot) -> Table:
     heldout = sum(motion.purpose == "heldout" for motion in plan.motions)
     title = f"{plan.robot}: {len(plan.motions)} runs ({heldout} for judging only), {duration_text(plan.duration)}"
-    table = Table(title=title, title_justify="left", box=box.SIMPLE_HEAD)
+    table = Table(title=Text(title, style="table.title"), title_justify="left", box=box.SIMPLE_HEAD)
     for name, justify in (("joint", "left"), ("postures", "right"), ("span", "left"), ("speeds", "left")):
         table.add_column(name, justify=justify)  # type: ignore[arg-type]
     table.add_column("fitted", justify="right")
@@ -68,14 +68,14 @@ def _motions(plan: Plan, robot: Robot) -> Table:
     for joint in robot.joints:
         own = [motion for motion in plan.motions if motion.joint == joint.number]
         if not own:
-            table.add_row(f"{joint.number} {joint.name}", "0", "-", "-", "0", "0")
+            table.add_row(Text(f"{joint.number} {joint.name}"), "0", "-", "-", "0", "0")
             continue
         fitted = [motion for motion in own if motion.purpose == "fit"]
         turning, unit = joint.is_revolute, "deg" if joint.is_revolute else "m"
         ends = [end for motion in own for end in (motion.start, motion.end)]
         speeds = sorted({_shown(motion.velocity, turning) for motion in fitted}, key=float)
         table.add_row(
-            f"{joint.number} {joint.name}",
+            Text(f"{joint.number} {joint.name}"),
             str(len({_others(motion.hold, joint.number) for motion in fitted})),
             f"{_shown(min(ends), turning)}..{_shown(max(ends), turning)} {unit}",
             f"{', '.join(speeds)} {unit}/s",
@@ -95,7 +95,7 @@ def _postures(plan: Plan, robot: Robot) -> Table:
     table.add_column("others held at (deg, m)", no_wrap=True)
     table.add_column("why")
     for posture in plan.postures:
-        table.add_row(str(posture.joint), _held(posture, robot), posture.why)
+        table.add_row(str(posture.joint), _held(posture, robot), Text(posture.why))
     return table
 
 
@@ -144,5 +144,5 @@ def session_table(files: Sequence[tuple[str, int, float, float]]) -> Table:
     for name in ("samples", "from (s)", "to (s)"):
         table.add_column(name, justify="right")
     for name, samples, first, last in files:
-        table.add_row(name, f"{samples:,}", f"{first:.1f}", f"{last:.1f}")
+        table.add_row(Text(name), f"{samples:,}", f"{first:.1f}", f"{last:.1f}")
     return table

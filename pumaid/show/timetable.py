@@ -13,6 +13,7 @@ from matplotlib.patches import Patch
 from numpy.typing import NDArray
 from rich import box
 from rich.table import Table
+from rich.text import Text
 
 from pumaid.records import Motion, Plan, Robot
 from pumaid.show.held import held, key
@@ -155,7 +156,7 @@ def timetable_table(plan: Plan, robot: Robot, *, times: Floats) -> Table:
             _clock(part[0][2][0]),
             _clock(part[-1][2][1]),
             f"{joint.number}{part[0][1]}",
-            joint.name,
+            Text(joint.name),
             str(len(part)),
             f"{', '.join(speeds)} {unit}",
             purpose,

@@ -19,6 +19,8 @@ SLOWEST = 1.0
 FASTEST = 100_000.0
 #: rad or m; an arm that is said to be farther away was thrown there by a controller out of its depth.
 _FARTHEST = 1e3
+#: A; no motor draws a thousandth of it.
+_MOST = 1e6
 
 
 def simulate(
@@ -122,8 +124,12 @@ def simulate(
 
 def _held(logs: Iterator[Log], robot: Robot) -> Iterator[Log]:
     """The logs, as long as the arm stays where an arm can be."""
-    for log in logs:
-        far = ~(np.abs(log.position) <= _FARTHEST) | ~np.isfinite(log.current)
+    while True:
+        with np.errstate(all="ignore"):  # what overflows is told here, once
+            log = next(logs, None)
+        if log is None:
+            return
+        far = ~(np.abs(log.position) <= _FARTHEST) | ~(np.abs(log.current) <= _MOST)
         if far.any():
             row, j = np.argwhere(far)[0]
             what = f"joint {j + 1} ({robot.joint(int(j) + 1).name}) ran away at {log.time[row]:.3g} s of {log.origin}"

@@ -23,6 +23,8 @@ FORMAT = 1
 _DIGITS = 9
 #: Postures at which a load is compared with itself.
 _POSTURES = 16
+#: SI; no entry of a truth is larger on any arm, and much farther on currents overflow.
+_GREATEST = 1e12
 
 
 def as_json(truth: Truth, *, seed: int | None = None) -> dict[str, Any]:
@@ -164,7 +166,7 @@ def _array(document: Mapping[str, Any], name: str, shape: tuple[int, ...]) -> Fl
         found = np.array(document.get(name), dtype=float)
     except (TypeError, ValueError):
         found = np.array(np.nan)
-    if found.shape != shape or not np.all(np.isfinite(found)):
-        what = f"{name} is not {' x '.join(str(size) for size in shape) or 'one'} finite numbers"
+    if found.shape != shape or not np.all(np.abs(found) <= _GREATEST):
+        what = f"{name} is not {' x '.join(str(size) for size in shape) or 'one'} finite numbers up to {_GREATEST:g}"
         raise ModelError("truth-wrong", what, Where(field=name), "is it the truth of another robot?")
     return found

@@ -81,6 +81,70 @@ def test_earlier_demo_is_replaced_and_nothing_else(small):
     assert (small / "tale" / "notes.txt").read_text() == "mine"
 
 
+@pytest.fixture
+def earlier(small):
+    """An earlier demo with a few of its files."""
+    demo.make_room(Path("tale"))
+    for name in ("recipe.yaml", "logs/session_01.parquet", "logs/truth.json", "results/model.json"):
+        (small / "tale" / name).parent.mkdir(exist_ok=True)
+        (small / "tale" / name).write_text("the demo's")
+    demo.mark(Path("tale"))
+    return small / "tale"
+
+
+def names(folder: Path) -> list[str]:
+    """Everything below a folder."""
+    return sorted(path.relative_to(folder).as_posix() for path in folder.rglob("*"))
+
+
+@pytest.mark.parametrize("more", [["--robot", "nope"], ["--effect", "nope"], ["--effect", "coupling@9"]])
+def test_what_cannot_be_told_destroys_nothing(earlier, more):
+    """Wrong options are refused before an earlier demo is touched."""
+    before = names(earlier)
+    assert "error[" in invoke("demo", "tale", *more, code=3).stderr
+    assert names(earlier) == before
+
+
+@pytest.mark.parametrize("name", ["logs/session_02.csv", "results/mine.txt", "results/own/mine.txt"])
+def test_users_files_in_a_demos_folders_stay(earlier, name):
+    """A file that no demo made is named, and nothing at all is removed."""
+    (earlier / name).parent.mkdir(exist_ok=True)
+    (earlier / name).write_text("mine")
+    before = names(earlier)
+    told = invoke("demo", "tale", "--robot", "pendulum2", code=3).stderr
+    assert "error[demo-in-the-way]" in told and name in told
+    assert names(earlier) == before
+
+
+@pytest.mark.parametrize("name", ["logs", "results/model.json", "demo.json"])
+def test_links_in_a_demos_folder_are_refused(earlier, name):
+    """A link in place of what the demo made leads to somebody's own: nothing is removed there or here."""
+    (earlier / name).rename(earlier.parent / "elsewhere")
+    (earlier / name).symlink_to(earlier.parent / "elsewhere")
+    before = names(earlier.parent)
+    assert "error[demo-in-the-way]" in invoke("demo", "tale", "--robot", "pendulum2", code=3).stderr
+    assert names(earlier.parent) == before
+
+
+def test_a_whole_demo_makes_room(earlier):
+    """All that a demo made goes."""
+    demo.make_room(Path("tale"))
+    assert names(earlier) == ["demo.json"]
+
+
+def test_ctrl_c_ends_a_demo_as_any_command(small, monkeypatch):
+    """Code 130 and the usual line; what was made till then is known as the demo's."""
+
+    def interrupted(*_, **__):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("pumaid.verbs.simulate.simulate", interrupted)
+    told = invoke("demo", "tale", "--robot", "pendulum2", code=130).stderr
+    assert told.strip().splitlines() == ["stopped; files that were being written are as they were before"]
+    demo.make_room(Path("tale"))
+    assert names(small / "tale") == ["demo.json"]
+
+
 @pytest.mark.parametrize("name", ["recipe.yaml", "logs"])
 def test_experiment_is_no_demo(small, name):
     """A folder that looks like an experiment and has no demo's mark is a user's own."""

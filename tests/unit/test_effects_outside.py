@@ -152,6 +152,96 @@ def test_shipped_effects_keep_the_contract():
     assert {name: fault for name, effect in ours.items() if (fault := breach(effect, known=catalogue()))} == {}
 
 
+@pytest.mark.parametrize(
+    ("text", "word"),
+    [
+        ("class Own(Exception):\n    pass\nraise Own('no licence')", "Own: no licence"),
+        ("class Dumb(Exception):\n    def __str__(self):\n        raise ValueError\nraise Dumb", "Dumb"),
+        ("raise EOFError", "EOFError"),
+        ("raise StopIteration", "StopIteration"),
+        ("raise ExceptionGroup('several', [ValueError('one')])", "ExceptionGroup: several"),
+        ("raise SystemExit(0)", "SystemExit: 0"),
+        ("open('not_there.txt')", "FileNotFoundError"),
+        ("raise BaseException('any')", "BaseException: any"),
+        ("raise GeneratorExit", "GeneratorExit"),
+    ],
+)
+def test_whatever_a_file_raises_is_told(written, text, word):
+    """No exception of a file's own passes for ours, and none ends the program."""
+    path = written(text)
+    with pytest.raises(ModelError) as told:
+        include(path)
+    assert told.value.slug == "effect-file" and word in told.value.what and told.value.where.file == str(path)
+    assert "pumaid_effect_files.square" not in outside.sys.modules
+
+
+def test_ctrl_c_stays_ctrl_c(written):
+    """Who stops the program while a file is loaded or at work has stopped the program."""
+    with pytest.raises(KeyboardInterrupt):
+        include(written("raise KeyboardInterrupt"))
+    effect = include(written(elsewhere("raise KeyboardInterrupt")))
+    with pytest.raises(KeyboardInterrupt):
+        effect.columns(OTHER, example(1, with_loads=False))
+
+
+#: An arm on which effects were not tried.
+OTHER = pumaid.records.Robot("another arm", ARM.joints)
+
+
+def elsewhere(line: str) -> str:
+    """`SHORT` with a line that is run on another arm than that on which effects are tried."""
+    return SHORT.replace("return samples", f"if robot.name == 'another arm': {line}\n        return samples")
+
+
+@pytest.mark.parametrize(
+    ("line", "word"),
+    [
+        ("raise ValueError('no table')", "raises ValueError: no table"),
+        ("raise SystemExit(0)", "raises SystemExit: 0"),
+        ("raise StopIteration", "raises StopIteration"),
+        ("return None", "gives None"),
+        ("return samples.position[:, 0]", "(24,)"),
+        ("return samples.position", "(24, 4)"),
+        ("return 1j * samples.position[:, :1]", "complex128"),
+        ("return np.nan * samples.position[:, :1]", "not finite"),
+        ("return samples.position[:, :1] / 0.0", "not finite"),
+        ("return 1e308 * np.sign(samples.position[:, :1])", "no currents"),
+    ],
+)
+@pytest.mark.filterwarnings("error")
+def test_an_effect_that_fails_on_the_users_robot_is_told(written, line, word):
+    """File, effect and what it did, where the small arm had shown nothing; directly and for each of many shapes."""
+    path = written(elsewhere(line))
+    effect, samples = include(path), example(2, with_loads=False)
+    for use in (
+        lambda: effect.columns(OTHER, samples, number=2),
+        lambda: effect.columns_each(OTHER, samples, number=2, shapes=[{}]),
+    ):
+        with pytest.raises(ModelError) as told:
+            use()
+        assert told.value.slug == "effect-contract" and "effect square" in told.value.what and word in told.value.what
+        assert told.value.where.file == str(path) and told.value.where.joint == 2
+    assert effect.columns(ARM, samples, number=2).shape == (24, 1)
+
+
+@pytest.mark.parametrize(
+    ("method", "use"),
+    [
+        ("parameters(self, robot, number)", lambda effect: effect.parameters(OTHER, 1)),
+        ("shapes(self, robot, number)", lambda effect: effect.shapes(OTHER, 1)),
+        ("applies(self, robot, joint)", lambda effect: effect.applies(OTHER, 1)),
+    ],
+)
+@pytest.mark.parametrize("line", ["raise OSError('gone')", "return 7"])
+def test_other_methods_are_watched_too(written, method, use, line):
+    """Whatever an effect is asked, it cannot make its fault ours."""
+    rest = {"applies": "None", "shapes": "()"}.get(method.partition("(")[0])
+    text = SHORT if rest is None else SHORT + f"    def {method}:\n        return {rest}\n"
+    effect = include(written(text.replace(f"{method}:", f"{method}:\n        if robot.name == 'another arm': {line}")))
+    with pytest.raises(ModelError, match=r"fails on this robot: its"):
+        use(effect)
+
+
 @pytest.fixture
 def installed(written, tmp_path, monkeypatch):
     """A function that makes a module an entry point of an installed package."""

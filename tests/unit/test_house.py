@@ -285,8 +285,11 @@ def broad(path: Path) -> list[int]:
 
 
 def test_only_the_command_line_catches_everything():
-    """Nobody swallows our own bugs; the command line turns them into exit code 4, in one place."""
-    assert list(offenders(broad)) == ["pumaid/cli/failures.py"]
+    """Nobody swallows our own bugs; the command line turns them into exit code 4, in one place.
+
+    In another, what the code of users' own effects raises becomes a refusal.
+    """
+    assert list(offenders(broad)) == ["pumaid/cli/failures.py", "pumaid/effects/outside/failing.py"]
 
 
 def hidden_sources(path: Path) -> list[str]:

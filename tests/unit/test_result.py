@@ -45,7 +45,7 @@ def estimate() -> Estimate:
         ),
         names=("gravity.l2.x", "coulomb.j1.plus"),
         solution=np.array([AWKWARD, -0.0]),
-        covariance=np.array([[1.0, np.nan], [np.nan, 2.0]]),
+        covariance=np.array([[1.0, AWKWARD], [AWKWARD, 2.0]]),
         scales=np.array([[1.0, np.nan], [0.0, 1.0]]),
         blind=np.zeros((2, 0)),
         effects=(EffectChoice("stribeck", 2, {"velocity": 0.12}), EffectChoice("cogging")),

@@ -83,10 +83,31 @@ def test_many_alike_runs_have_many_freedoms():
 
 
 def test_a_parameter_of_one_run_has_no_freedoms():
-    """What a single run determines alone has no clustered variance, and says so."""
+    """What a single run determines alone has the working model's variance, and says that no other run bears it out."""
     blocks = [np.column_stack([np.ones(4), np.zeros(4)]), np.column_stack([np.zeros(4), np.arange(1.0, 5.0)])]
     told = clustered(blocks, [np.zeros(4)] * 2, np.diag([1 / 4, 1 / 30]))
-    assert told.freedoms.tolist() == [0.0, 0.0] and not told.covariance.any()
+    assert told.freedoms.tolist() == [0.0, 0.0]
+    assert told.covariance == pytest.approx(np.diag([1 / 4, 1 / 30]))
+
+
+def test_what_one_run_adds_to_many_is_as_uncertain_as_its_noise():
+    """Twenty runs show a, one a + b: the error of b is that of both, on the mean over draws of white noise."""
+    random = np.random.default_rng(8)
+    blocks = [np.column_stack([np.ones(4), np.zeros(4)])] * 20 + [np.ones((4, 2))]
+    rows = np.vstack(blocks)
+    inverse, total, inside = np.linalg.inv(rows.T @ rows), np.zeros((2, 2)), 0
+    for _ in range(400):
+        noise = random.normal(size=len(rows))
+        off = inverse @ rows.T @ noise
+        told = clustered(blocks, np.split(noise - rows @ off, 21), inverse)
+        total += told.covariance / 400
+        low, high = interval(off[1], np.sqrt(told.covariance[1, 1]), told.freedoms[1])
+        inside += low <= 0.0 <= high
+    assert total == pytest.approx(inverse, rel=0.1)
+    assert 0.92 < inside / 400 < 0.98 and 15 < told.freedoms[1] < 25
+    # Noise that is known from two runs only supports no more than they do.
+    few = clustered(blocks, np.split(noise - rows @ off, 21), inverse, kin=np.array([0] * 19 + [1, 1]))
+    assert few.freedoms[1] == pytest.approx(1.0, rel=0.2)
 
 
 @pytest.mark.parametrize("freedoms", [1.0, 2.7, 40.0, np.inf])

@@ -20,7 +20,7 @@ from pumaid.cli.options import (
     trust_option,
     units_option,
 )
-from pumaid.cli.output import attention, document, notes, picture_form, remark, table
+from pumaid.cli.output import attention, document, notes, picture_form, remark, spare_inputs, table
 
 if TYPE_CHECKING:
     from pumaid.show.story import Story
@@ -68,7 +68,7 @@ def command(
       pumaid compare results/model.json new_logs/ --worst 10 --picture misfit.svg
       pumaid compare results/model.json logs/ --json | jq '.joints[] | {joint, rmse, noise_floor}'
     """
-    from pumaid.cli.reading import check_model, read_evidence, read_known_model
+    from pumaid.cli.reading import check_model, read_evidence, read_files, read_known_model
     from pumaid.files.result import heading
     from pumaid.show.budget import budget_shown
     from pumaid.show.comparison import comparison_document
@@ -77,6 +77,7 @@ def command(
     from pumaid.verbs.compare import compare
 
     form = picture_form(picture)
+    spare_inputs([picture], read_files(logs, recipe, model) if picture else [])
     estimate = read_known_model(model)
     robot, evidence = read_evidence(logs, recipe, trust=trust, heldout=heldout, how=how)
     check_model(estimate, robot)

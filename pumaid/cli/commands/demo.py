@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
 
@@ -42,9 +43,12 @@ def command(*, folder: Path, robot: str, effect: str | None, clean: bool, seed: 
 
     if clean and effect is not None:
         raise click.UsageError("--clean hides nothing, --effect something: give one of them.")
+    demo.check(robot, effect, seed=seed)
     demo.make_room(folder)
     steps: list[demo.Told] = []
-    with progress("demo") as step:
+    with ExitStack() as ending:
+        ending.callback(demo.mark, folder)  # what was made before a demo was ended is the demo's, too
+        step = ending.enter_context(progress("demo"))
         for told in demo.story(folder, robot=robot, seed=seed, surprise=None if clean else effect or "any"):
             steps.append(told)
             step(len(steps), told.step.line)
@@ -65,6 +69,7 @@ def command(*, folder: Path, robot: str, effect: str | None, clean: bool, seed: 
         "findings": diagnosed["findings"],
         "outcome": word,
         "told": sentence,
+        "made": demo.made(folder),
     }
     write_whole(folder / demo.MARK, as_text(content, ascii_only=True))
     if as_json:

@@ -23,7 +23,7 @@ from pumaid.cli.options import (
     trust_option,
     units_option,
 )
-from pumaid.cli.output import attention, document, notes, picture_form, remark, table
+from pumaid.cli.output import attention, document, notes, picture_form, remark, spare_inputs, table
 
 if TYPE_CHECKING:
     from pumaid.records import Diagnosis, Robot
@@ -86,13 +86,16 @@ def command(
     from functools import partial
 
     from pumaid.cli.additions import Typed, added, diagnosed, with_earlier
-    from pumaid.cli.reading import check_logs, check_model, read_evidence, read_known_model, results_folder
-    from pumaid.files.diagnosis import DIAGNOSIS_NAME, diagnosis_document, write_diagnosis
+    from pumaid.cli.reading import check_logs, check_model, read_evidence, read_files, read_known_model, results_folder
+    from pumaid.files.diagnosis import DIAGNOSIS_NAME, diagnosis_document
     from pumaid.files.plan import refuse_to_replace
 
     form, quiet = picture_form(picture), as_json or str(output) == "-"
     if plan is not None and not force:
         refuse_to_replace(plan)
+    if output or plan or picture:
+        current = results_folder(results, recipe, logs) / "model.json" if is_applied else None
+        spare_inputs([output, plan, picture], read_files(logs, recipe, model, current))
     estimate = read_known_model(model)
     robot, evidence = read_evidence(logs, recipe, trust=trust, heldout=heldout, how=how, extra=suspect)
     check_model(estimate, robot)
@@ -106,15 +109,16 @@ def command(
         found, estimate = added(found, estimate, evidence, robot=robot, model=current, again=again, tell=tell)
     found = with_earlier(found, estimate, folder / DIAGNOSIS_NAME)
     notes(dict.fromkeys((*evidence.notes, *found.notes)))
+    path = output or folder / DIAGNOSIS_NAME
+    done = [] if str(output) == "-" else [_kept(path, found)]
+    done += [] if picture is None else [_draw(picture, found, robot, form=form, units=units)]
+    done += [] if plan is None else [_plan(plan, found, robot)]
     if quiet:
         document(diagnosis_document(found))
     else:
         _tell(found, robot, units=units, ladder=folder / "model.json" if is_applied else None)
-    if str(output) != "-":
-        write_diagnosis(output or folder / DIAGNOSIS_NAME, found)
-        remark(f"diagnosis written to {output or folder / DIAGNOSIS_NAME}")
-    _draw(picture, found, robot, form=form, units=units) if picture is not None else None
-    _plan(plan, found, robot) if plan is not None else None
+    for sentence in done:
+        remark(sentence)
     if check and (found.findings or any(joint.verdict != "adequate" for joint in found.joints)):
         attention()
 
@@ -142,26 +146,33 @@ def _tell(found: Diagnosis, robot: Robot, *, units: str, ladder: Path | None) ->
         table(part)
 
 
-def _draw(picture: Path, found: Diagnosis, robot: Robot, *, form: str, units: str) -> None:
+def _kept(path: Path, found: Diagnosis) -> str:
+    """Write the diagnosis, and say so."""
+    from pumaid.files.diagnosis import write_diagnosis
+
+    write_diagnosis(path, found)
+    return f"diagnosis written to {path}"
+
+
+def _draw(picture: Path, found: Diagnosis, robot: Robot, *, form: str, units: str) -> str:
+    """Draw what was found, and say so."""
     from pumaid.files.atomic import write_whole
     from pumaid.show.plots.findings import can_be_drawn, drawn
 
     if not can_be_drawn(found):
-        remark(f"nothing was found that could be drawn: {picture} is not written")
-        return
+        return f"nothing was found that could be drawn: {picture} is not written"
     write_whole(picture, drawn(found, robot, form, units=units))
-    remark(f"picture written to {picture}")
+    return f"picture written to {picture}"
 
 
-def _plan(path: Path, found: Diagnosis, robot: Robot) -> None:
-    """Write the runs that would decide, as often as it takes."""
+def _plan(path: Path, found: Diagnosis, robot: Robot) -> str:
+    """Write the runs that would decide, as often as it takes, and say so."""
     from pumaid.cli.deciding import deciding
     from pumaid.files.plan import write_plan
     from pumaid.show.wording import plural
 
     made = deciding(found.findings, robot)
     if not made.motions:
-        remark(f"there is nothing that more runs would decide: {path} is not written")
-        return
+        return f"there is nothing that more runs would decide: {path} is not written"
     write_plan(path, made, robot, format="csv" if path.suffix.lower() == ".csv" else "yaml")
-    remark(f"plan of {plural(len(made.motions), 'run')} written to {path}")
+    return f"plan of {plural(len(made.motions), 'run')} written to {path}"

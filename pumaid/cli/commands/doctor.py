@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import os
+import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -17,6 +19,11 @@ if TYPE_CHECKING:
 EXTRAS = ("mujoco", "distributed", "fsspec")
 #: What pumaid's numbers depend on.
 LIBRARIES = ("numpy", "scipy", "pandas", "pyarrow", "matplotlib", "pydantic", "click", "rich-click", "rich")
+#: Variables of the environment that change what pumaid does or how fast it is; besides all that begin with ``PUMAID_``.
+VARIABLES = (
+    *("ARROW_DEFAULT_MEMORY_POOL", "OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"),
+    *("PYTHONIOENCODING", "PYTHONUTF8", "XDG_CACHE_HOME"),
+)
 
 
 @click.command()
@@ -24,7 +31,7 @@ LIBRARIES = ("numpy", "scipy", "pandas", "pyarrow", "matplotlib", "pydantic", "c
 @click.option("--quick", is_flag=True, help="Versions and places only; leave the self-check out.")
 @json_option
 def command(recipe: Path | None, *, quick: bool, as_json: bool) -> None:
-    """Versions, platform, what is kept, and a self-check of some ten seconds: paste it into a bug report.
+    """Versions, platform, settings, what is kept, and a self-check of some ten seconds: paste it into a bug report.
 
     The self-check simulates a robot whose parameters are known, identifies it from its logs and finds what it hides.
     Exit code 1 where it fails.
@@ -68,10 +75,8 @@ def _facts(recipe: Path | None) -> dict[str, object]:
 
     from pumaid import __version__
     from pumaid.effects import catalogue
-    from pumaid.files.evidence_cache import MOST_BYTES, cache_folder, cache_size
     from pumaid.files.recipe import shipped_recipes
 
-    folder = cache_folder() / "evidence"
     facts: dict[str, object] = {
         "pumaid": __version__,
         "python": platform.python_version(),
@@ -80,11 +85,10 @@ def _facts(recipe: Path | None) -> dict[str, object]:
         "extras": {name: _version_or_none(name) for name in EXTRAS},
         "effects": list(catalogue()),
         "recipes": list(shipped_recipes()),
-        "cache": {
-            "folder": str(folder),
-            "MiB": round(cache_size(folder) / 2**20, 1),
-            "at most MiB": MOST_BYTES // 2**20,
-        },
+        "processors": _processors(),
+        "encoding": _encodings(),
+        "variables": _variables(),
+        "cache": _cache(),
     }
     if recipe is not None:
         from pumaid.cli.reading import read_robot
@@ -92,6 +96,35 @@ def _facts(recipe: Path | None) -> dict[str, object]:
         robot = read_robot(recipe)
         facts["recipe"] = {"file": robot.origin, "sha256": robot.digest, "joints": robot.n_joints}
     return facts
+
+
+def _cache() -> dict[str, object]:
+    """Where passes are kept and how much there is, or why nothing can be kept."""
+    from pumaid.files.evidence_cache import MOST_BYTES, cache_fault, cache_size, evidence_folder
+
+    folder, most = evidence_folder(), MOST_BYTES // 2**20
+    fault = cache_fault(folder)
+    size = None if folder is None or fault else round(cache_size(folder) / 2**20, 1)
+    facts: dict[str, object] = {"folder": None if folder is None else str(folder), "MiB": size, "at most MiB": most}
+    return facts | ({"fault": fault} if fault else {})
+
+
+def _processors() -> dict[str, int | None]:
+    """Of the machine, and those of it that this process may use."""
+    count = os.cpu_count()
+    usable = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else count
+    return {"there": count, "usable": usable}
+
+
+def _encodings() -> dict[str, str]:
+    """How names of files, and text on standard output, are written."""
+    return {"files": sys.getfilesystemencoding(), "output": str(getattr(sys.stdout, "encoding", None))}
+
+
+def _variables() -> dict[str, str]:
+    """Those that are set."""
+    ours = sorted(name for name in os.environ if name.startswith("PUMAID_"))
+    return {name: os.environ[name] for name in (*ours, *VARIABLES) if name in os.environ}
 
 
 def _version_or_none(name: str) -> str:
@@ -105,5 +138,5 @@ def _version_or_none(name: str) -> str:
 
 def _line(found: object) -> str:
     if isinstance(found, dict):
-        return ", ".join(f"{key} {value}" for key, value in found.items())
+        return ", ".join(f"{key} {'-' if value is None else value}" for key, value in found.items()) or "-"
     return ", ".join(found) if isinstance(found, list) else str(found)

@@ -59,8 +59,8 @@ def command(
       pumaid export results/model.json --format python -o arm.py
       pumaid export results/model.json --format urdf --torque-constants 2=31.5 -o arm.urdf
     """
-    from pumaid.cli.output import document, say
-    from pumaid.cli.reading import check_model, read_known_model, read_robot
+    from pumaid.cli.output import content, document, spare_inputs
+    from pumaid.cli.reading import check_model, read_files, read_known_model, read_robot
     from pumaid.exports import every_form
     from pumaid.exports.torque import read_constants
     from pumaid.files.result import heading
@@ -83,10 +83,11 @@ def command(
         torque_constants=None if constants is None else read_constants(constants, robot.n_joints),
     )
     if to_pipe:
-        say("".join(found.files.values()).rstrip("\n"))
+        content("".join(found.files.values()).rstrip("\n") + "\n")
         _tell(found)
         return
     files = _places(found, output, home=Path() if str(model) == "-" else model.parent)
+    spare_inputs(files, read_files([str(model)], recipe, model, Path(constants) if constants else None))
     _write(files, force=force)
     if as_json:
         named = {"form": form, "name": found.name, "files": [str(path) for path in files]}

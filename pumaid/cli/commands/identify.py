@@ -23,7 +23,7 @@ from pumaid.cli.options import (
     trust_option,
     units_option,
 )
-from pumaid.cli.output import document, notes, remark, table
+from pumaid.cli.output import document, notes, remark, spare_inputs, table
 from pumaid.cli.progress import progress
 
 if TYPE_CHECKING:
@@ -82,6 +82,7 @@ def command(
       pumaid identify - --recipe recipe.yaml --json < log.csv | jq '.ratios'
     """
     from pumaid.cli.fleet import stables
+    from pumaid.cli.reading import read_files
 
     asked: dict[str, Any] = {"add": add, "remove": remove, "recursive": recursive, "heldout": heldout, "trust": trust}
     asked["how"] = replace(how, dask=dask)
@@ -91,14 +92,15 @@ def command(
             raise click.UsageError("-o names one model; those of a fleet go to --results FOLDER")
         _whole_fleet(robots, asked, units=units, as_json=as_json)
         return
-    to_stdout = str(output) == "-"
+    spare_inputs([output], read_files(logs, recipe) if output else [])
     robot, estimate = _identified(logs, recipe, asked)
-    if as_json or to_stdout:
+    if str(output) == "-":
         document(_document(estimate))
-    if to_stdout:
         return
     path = _written(estimate, robot, (logs, recipe, results), output=output)
-    if not as_json:
+    if as_json:
+        document(_document(estimate))
+    else:
         _shown(estimate, robot, units)
     remark(f"model written to {path}")
 

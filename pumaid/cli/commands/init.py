@@ -54,24 +54,25 @@ def command(
       pumaid init --urdf my_arm.urdf --tip tool0 -o my_arm/recipe.yaml
       pumaid init blank --joints 4
     """
-    from pumaid.cli.output import document, notes, remark, say, table
+    from pumaid.cli.output import content, document, notes, remark, spare_inputs, table
     from pumaid.files.recipe import read_recipe
     from pumaid.show.axes import axes_table
 
     if listed:
         _list(as_json)
         return
+    target = Path("recipe.yaml") if output is None else output
+    spare_inputs([target, target / "recipe.yaml"], [urdf])
     made = _made(urdf, base, tip, (name, joints))
     text = _text(name, joints) if made is None else made.text
     extra: dict[str, Any] = {} if made is None else {"urdf": _facts(made)}
     if made is not None and not as_json:
         notes(made.notes)
-    target = Path("recipe.yaml") if output is None else output
     if str(target) == "-":
         if as_json:
             document({"kind": "recipe", "format": 1, "text": text, **extra})
         else:
-            say(text.rstrip())
+            content(text.rstrip() + "\n")
         return
     path = _written(target, text, force)
     robot = read_recipe(path)
@@ -159,6 +160,7 @@ def _written(target: Path, text: str, force: bool) -> Path:
 
 def _list(as_json: bool) -> None:
     from rich.table import Table
+    from rich.text import Text
 
     from pumaid.cli.output import document, table
     from pumaid.files.recipe import read_recipe, shipped_recipes
@@ -170,6 +172,6 @@ def _list(as_json: bool) -> None:
         return
     listed = Table("name", "robot", "joints", box=None, pad_edge=False)
     for row in rows:
-        listed.add_row(*(str(value) for value in row.values()))
+        listed.add_row(*(Text(str(value)) for value in row.values()))
     listed.add_row("blank", "to fill in, any number of joints", "--joints N")
     table(listed)

@@ -8,7 +8,7 @@ from typing import Any
 import rich_click as click
 
 from pumaid.cli.options import json_option, output_option, seed_option
-from pumaid.cli.output import attention, picture_form
+from pumaid.cli.output import attention, picture_form, spare_inputs
 from pumaid.cli.plan_files import PLAN_FORMS, draw_plan, formed, plan_suffix, tilted_path, told, written
 from pumaid.cli.planning import Ask, check_together, checked, listed, needs_attention, planned, recipe_as_set_up
 from pumaid.cli.progress import progress
@@ -89,34 +89,38 @@ def command(
       pumaid plan --check plan.yaml
       pumaid plan --check plan.yaml --format urscript -o plan.script
     """
-    from pumaid.cli.reading import experiment_folder, read_robot
+    from pumaid.cli.reading import experiment_folder, read_files, read_robot
     from pumaid.files.plan import PLAN_NAME, refuse_to_replace
     from pumaid.records import Plan
 
-    ask = Ask(**options)
+    ask = Ask(recipe=recipe, **options)
     check_together(ask, given)
     robot = read_robot(recipe)
     picture_form(picture)
+    read = read_files(ask.logs, recipe, ask.prior, given)
+    inputs = [path for path in read if path.name != PLAN_NAME or path == given]
     if given is not None:
+        spare_inputs([output, picture], inputs)
         if output is not None and not force:
             refuse_to_replace(output)
         with progress("looking at the plan") as step:
             found = checked(robot, given, ask, tell=lambda text: step(0.0, text))
-        told(output, found, robot, form=form, as_json=as_json, with_times=with_times)
         if output is not None:
             written(output, found, robot, form=form, tilted=None)
         if picture is not None:
             draw_plan(picture, found, robot)
+        told(output, found, robot, form=form, as_json=as_json, with_times=with_times)
         return attention() if needs_attention(found) else None
     formed(Plan(robot.name, ()), robot, form)  # an arm that the form cannot move is refused before the work
     path = output or (experiment_folder(recipe) / PLAN_NAME).with_suffix(plan_suffix(form))
+    spare_inputs([path, tilted_path(path) if ask.tilt else None, picture], inputs)
     for one in (path, tilted_path(path)) if ask.tilt is not None else (path,):
         if not force:
             refuse_to_replace(one)
     with progress("planning") as step:
         found = planned(robot, ask, lambda text: step(0.0, text))
-    told(path, found, robot, form=form, as_json=as_json, with_times=with_times)
     written(path, found, robot, form=form, tilted=recipe_as_set_up(robot, recipe, ask))
     if picture is not None:
         draw_plan(picture, found, robot)
+    told(path, found, robot, form=form, as_json=as_json, with_times=with_times)
     return None

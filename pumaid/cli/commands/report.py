@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-import sys
+import os
 from collections.abc import Callable, Sequence
+from contextlib import ExitStack
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -22,7 +23,7 @@ from pumaid.cli.options import (
     trust_option,
     units_option,
 )
-from pumaid.cli.output import document, notes, remark
+from pumaid.cli.output import content, document, notes, remark, spare_inputs
 from pumaid.cli.progress import progress
 
 if TYPE_CHECKING:
@@ -81,23 +82,39 @@ def command(
       pumaid report --table latex > table.tex
       pumaid report --figures paper/ --format pdf
     """
-    from pumaid.cli.reading import experiment_folder, read_evidence
+    from pumaid.cli.reading import experiment_folder, read_evidence, read_files
 
     near = logs or ((str(model.parent.parent / "logs"),) if model and str(model) != "-" else ("logs",))
     home = experiment_folder(recipe, near)
     source = model or home / "results" / "model.json"
+    _check_stdout(form, output, as_json=as_json)
+    chosen, where = _forms(forms), logs or (str(home / "logs"),)
+    inputs = read_files(near if form else where, recipe, source, source.parent / "diagnosis.json")
+    spare_inputs([output], inputs)
     if form is not None:
         _table(source, near, recipe=recipe, form=form, units=units, output=output)
         return
-    chosen = _forms(forms)
-    read = partial(read_evidence, logs or (str(home / "logs"),), recipe, trust=trust, heldout=heldout, how=how)
+    read = partial(read_evidence, where, recipe, trust=trust, heldout=heldout, how=how)
     told = _story(source, read, units=units)
     folder = results or home / "results"
-    files = _written(told, folder, figures=figures or folder / "figures", forms=chosen, page=output)
+    made = _made(told, folder, figures=figures or folder / "figures", forms=chosen, page=output)
+    spare_inputs([path for path, _ in made], inputs)
+    _write(made)
+    remark(f"report written to {made[-1][0]}")
+    remark(f"{len(made) - 1} tables and figures written to {folder}")
     if as_json:
         from pumaid.files.result import heading
 
-        document(heading("report", robot=told.robot, logs=told.comparison.logs) | {"files": files})
+        files = {"files": [str(path) for path, _ in made]}
+        document(heading("report", robot=told.robot, logs=told.comparison.logs) | files)
+
+
+def _check_stdout(form: str | None, output: Path | None, *, as_json: bool) -> None:
+    """Refuse two things that both want standard output."""
+    if as_json and form is not None:
+        raise click.UsageError("--json tells what a report wrote, --table prints a table: for JSON give --table json.")
+    if as_json and str(output) == "-":
+        raise click.UsageError("--json and -o - both want standard output; give one of them.")
 
 
 def _forms(text: str) -> list[str]:
@@ -119,11 +136,11 @@ def _table(
 
     estimate, robot = read_known_model(source), read_robot(recipe, near)
     check_model(estimate, robot)
-    content = parameters_as(estimate, robot, form, units=units)
+    made = parameters_as(estimate, robot, form, units=units)
     if output is None or str(output) == "-":
-        sys.stdout.buffer.write(content)
+        content(made)
     else:
-        write_whole(output, content)
+        write_whole(output, made)
         remark(f"table written to {output}")
 
 
@@ -165,9 +182,10 @@ def _diagnosed(told: Story, results: Path) -> Story:
     return replace(told, diagnosis=found, stale=stale(found, told.estimate, told.comparison.logs))
 
 
-def _written(told: Story, folder: Path, *, figures: Path, forms: Sequence[str], page: Path | None) -> list[str]:
-    """Make everything, then write everything, so that a failure leaves the old report as it was."""
-    from pumaid.files.atomic import write_whole
+def _made(
+    told: Story, folder: Path, *, figures: Path, forms: Sequence[str], page: Path | None
+) -> list[tuple[Path, bytes]]:
+    """Every file with its content, the page last; nothing is written."""
     from pumaid.show.export import export
 
     if "pdf" in forms:
@@ -176,16 +194,23 @@ def _written(told: Story, folder: Path, *, figures: Path, forms: Sequence[str], 
         cut_typeface()
     made: list[tuple[Path, bytes]] = []
     with progress("drawing") as step:
-        for number, (name, content) in enumerate(export(told, figures=forms)):
+        for number, (name, data) in enumerate(export(told, figures=forms)):
             step(number, name)
             part, _, rest = name.partition("/")
             place = figures / rest if part == "figures" else folder / name
-            made.append((page or place if name == "report.html" else place, content))
-    for path, content in made:
-        if str(path) == "-":
-            sys.stdout.buffer.write(content)
-        else:
-            write_whole(path, content)
-    remark(f"report written to {made[-1][0]}")
-    remark(f"{len(made) - 1} tables and figures written to {folder}")
-    return [str(path) for path, _ in made]
+            made.append((page or place if name == "report.html" else place, data))
+    return made
+
+
+def _write(made: Sequence[tuple[Path, bytes]]) -> None:
+    """Write everything under hidden names before the first file is replaced: a failure leaves the old report."""
+    from pumaid.files.atomic import whole_file, write_whole
+
+    *others, (page, told) = made
+    with ExitStack() as renamed:
+        for path, data in others:
+            with renamed.enter_context(whole_file(path)).open("wb") as file:
+                file.write(data)
+                file.flush()
+                os.fsync(file.fileno())
+        content(told) if str(page) == "-" else write_whole(page, told)

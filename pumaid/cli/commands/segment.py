@@ -16,7 +16,7 @@ from pumaid.cli.options import (
     trust_option,
     units_option,
 )
-from pumaid.cli.output import document, notes, picture_form, remark, say, table
+from pumaid.cli.output import document, notes, picture_form, remark, say, spare_inputs, table
 
 if TYPE_CHECKING:
     from pumaid.records import Evidence, Robot
@@ -71,12 +71,14 @@ def command(
       pumaid segment logs/ --units deg --picture runs.png
       pumaid segment logs/ --json | jq '.runs[] | {joint, speed, samples}'
     """
+    from pumaid.cli.reading import read_files
     from pumaid.files.result import heading
     from pumaid.show import runs
 
     if as_json and as_csv:
         raise click.UsageError("--json and --csv both want standard output; give one of them")
     form = picture_form(picture)
+    spare_inputs([picture], read_files(logs, recipe) if picture else [])
     robot, evidence = _read(logs, recipe, trust=trust, how=how, **thresholds)
     notes(evidence.notes)
     if picture is not None:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import rich_click as click
 
 from pumaid.cli.options import effects_option, json_option, output_option, seed_option
-from pumaid.cli.output import document, notes, remark, table
+from pumaid.cli.output import document, notes, remark, spare_inputs, table
 from pumaid.cli.progress import progress
 
 if TYPE_CHECKING:
@@ -148,6 +148,8 @@ def command(
         raise click.BadParameter(f"{noise} is no noise", param_hint="--noise")
     if as_json and str(output) == "-":
         raise click.UsageError("--json prints a document, and -o - a log: standard output holds one of them.")
+    folder = output or experiment_folder(recipe) / "logs"
+    spare_inputs([folder / "truth.json"] if str(folder) != "-" else [], [truth])
     robot = read_robot(recipe)
     made = read_plan(plan_path or experiment_folder(recipe) / PLAN_NAME, robot)
     notes(note for note in made.notes if note.slug == "plan-other-robot")
@@ -165,7 +167,6 @@ def command(
         has_temperature=temperature,
         physics=physics,
     )
-    folder = output or experiment_folder(recipe) / "logs"
     with progress("simulating", total=made.duration or None) as step:
         files = write_session(
             folder,

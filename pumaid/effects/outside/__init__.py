@@ -7,12 +7,15 @@ import inspect
 import re
 import sys
 from collections.abc import Mapping
+from contextlib import ExitStack
 from importlib.metadata import EntryPoint, entry_points
 from pathlib import Path
 from types import ModuleType
 
 from pumaid.effects.base import Effect
-from pumaid.effects.outside.contract import FAILURES, breach
+from pumaid.effects.outside.contract import breach
+from pumaid.effects.outside.failing import refused
+from pumaid.effects.outside.guard import guarded
 from pumaid.errors import ModelError, Where
 
 #: The group of entry points that is searched.
@@ -62,17 +65,15 @@ def from_file(path: Path, *, taken: Mapping[str, Effect]) -> Effect:
     spec = importlib.util.spec_from_file_location(f"{PACKAGE}.{name}", path)
     assert spec is not None and spec.loader is not None
     module = importlib.util.module_from_spec(spec)
-    sys.modules[spec.name] = module
-    try:
-        spec.loader.exec_module(module)
-        effect = effect_in(module)
-        _check(effect, where, taken)
-    except FAILURES as failure:
-        del sys.modules[spec.name]
-        raise ModelError("effect-file", f"it fails when it is run: {_told(failure)}", where, _MEND) from failure
-    except ModelError:
-        del sys.modules[spec.name]
-        raise
+    with ExitStack() as undone:
+        sys.modules[spec.name] = module
+        undone.callback(sys.modules.pop, spec.name, None)
+        with refused(lambda words: ModelError("effect-file", f"it fails when it is run: {words}", where, _MEND)):
+            spec.loader.exec_module(module)
+            effect = effect_in(module)
+            _check(effect, where, taken)
+            guarded(effect, where)
+        undone.pop_all()
     return effect
 
 
@@ -86,26 +87,27 @@ def from_entry_points(taken: Mapping[str, Effect]) -> dict[str, Effect]:
     """
     found: dict[str, Effect] = {}
     for point in sorted(entry_points(group=GROUP), key=lambda point: point.name):
-        effect = _loaded(point)
-        where = _place(point)
-        _refuse_taken(effect.name, where, {**taken, **found})
-        _check(effect, where, {**taken, **found})
+        effect = _loaded(point, {**taken, **found})
         found[effect.name] = effect
     return found
 
 
-def _loaded(point: EntryPoint) -> Effect:
-    try:
+def _loaded(point: EntryPoint, taken: Mapping[str, Effect]) -> Effect:
+    """An entry point's effect, checked; `taken` are the effects that there are already."""
+    where, mend = _place(point), "mend the package that brings it, or remove it"
+
+    def refusal(words: str) -> ModelError:
+        return ModelError("effect-file", f"the effect {point.name} cannot be loaded: {words}", where, mend)
+
+    with refused(refusal):
         module = point.load()
-    except FAILURES as failure:
-        what = f"the effect {point.name} cannot be loaded: {_told(failure)}"
-        raise ModelError(
-            "effect-file", what, _place(point), "mend the package that brings it, or remove it"
-        ) from failure
-    if not isinstance(module, ModuleType):
-        what = f"the entry point {point.name} names no module but {point.value}"
-        raise ModelError("effect-file", what, _place(point), "name the module that holds the effect")
-    return effect_in(module)
+        if not isinstance(module, ModuleType):
+            what = f"the entry point {point.name} names no module but {point.value}"
+            raise ModelError("effect-file", what, where, "name the module that holds the effect")
+        effect = effect_in(module)
+        _refuse_taken(effect.name, where, taken)
+        _check(effect, where, taken)
+        return guarded(effect, where)
 
 
 def _place(point: EntryPoint) -> Where:
@@ -123,8 +125,3 @@ def _check(effect: Effect, where: Where, taken: Mapping[str, Effect]) -> None:
     found = breach(effect, known={*taken, effect.name})
     if found is not None:
         raise ModelError("effect-contract", f"{effect.name}: {found}", where, _MEND)
-
-
-def _told(failure: BaseException) -> str:
-    place = f", line {failure.lineno}" if isinstance(failure, SyntaxError) and failure.lineno else ""
-    return f"{type(failure).__name__}: {failure}{place}"

@@ -10,22 +10,9 @@ from dataclasses import replace
 import numpy as np
 
 from pumaid.effects.base import Effect, Parameter, Scope, Shape, Trace
+from pumaid.effects.outside.failing import refused
+from pumaid.errors import ModelError
 from pumaid.records import Extent, Joint, Loads, Robot, Samples
-
-#: What code of others may raise; what is not among these is our own bug, or the user's wish to stop.
-FAILURES = (
-    ArithmeticError,
-    AssertionError,
-    AttributeError,
-    ImportError,
-    LookupError,
-    NameError,
-    NotImplementedError,
-    RuntimeError,
-    SyntaxError,
-    TypeError,
-    ValueError,
-)
 
 #: Turning joints and a slide, with gears and limits, none of them special to gravity.
 ARM = Robot(
@@ -101,18 +88,19 @@ def breach(effect: Effect, *, known: Collection[str]) -> str | None:
     known
         Names of all effects, its own among them.
     """
-    told = _untold(effect, known)
-    if told is not None:
-        return told
+    untold = _untold(effect, known)
+    if untold is not None:
+        return untold
     numbers = [0] if effect.scope is Scope.ARM else range(1, ARM.n_joints + 1)
     try:
-        acting = [number for number in numbers if effect.applies(ARM, number) is None]
-        return next((fault for number in acting for fault in _of_owner(effect, number)), None)
-    except FAILURES as failure:
-        return f"it fails on made-up motions: {type(failure).__name__}: {failure}{_hint(effect, failure)}"
+        with refused(lambda words: ModelError("effect-contract", words)):
+            acting = [number for number in numbers if effect.applies(ARM, number) is None]
+            return next((fault for number in acting for fault in _of_owner(effect, number)), None)
+    except ModelError as failure:
+        return f"it fails on made-up motions: {failure.what}{_hint(effect, failure.__cause__)}"
 
 
-def _hint(effect: Effect, failure: BaseException) -> str:
+def _hint(effect: Effect, failure: BaseException | None) -> str:
     """For an effect that looks at loads without having asked for them."""
     forgot = not effect.needs_loads and isinstance(failure, AssertionError | AttributeError)
     return "; if it looks at samples.loads, write needs_loads = True" if forgot else ""

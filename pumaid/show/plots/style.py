@@ -92,6 +92,7 @@ _RC = {
     "lines.solid_capstyle": "round",
     "axes.unicode_minus": True,
     "axes.formatter.useoffset": False,
+    "text.parse_math": False,  # names of robots, joints and files may hold $
     "path.simplify": True,
     "path.simplify_threshold": 0.1,
     "svg.hashsalt": "pumaid",

@@ -10,6 +10,9 @@ from pumaid.records import Robot
 from pumaid.virtual.hidden.catalogue import LAWS
 from pumaid.virtual.hidden.law import Hidden, Reach
 
+#: SI; no value of a law is larger on any arm, and farther on currents overflow.
+GREATEST = 1e9
+
 
 def parse(text: str, robot: Robot) -> Hidden:
     """A hidden effect as the command line writes it: ``EFFECT[@JOINT][:key=value,...]``.
@@ -50,8 +53,8 @@ def parse(text: str, robot: Robot) -> Hidden:
             values[key] = float(value)
         except ValueError:
             raise _refusal(text, f"{word} is {value!r}, which is no number", "", list(law.keys)) from None
-        if not math.isfinite(values[key]):
-            what = f"{word} is {value}, which is no finite number"
+        if not (math.isfinite(values[key]) and abs(values[key]) <= GREATEST):
+            what = f"{word} is {value}, which is no finite number, or beyond {GREATEST:g}"
             raise ModelError(
                 "hide-wrong", what, Where(field=f"--hide {text}"), f"give {word} a number, or leave it out"
             )
