@@ -30,6 +30,8 @@ SLOWEST, FASTEST = 1.0, 3e-5
 COARSE = 0.05
 #: Multiple of the limits' width that a range must exceed before the unit is in doubt.
 BEYOND = 1.5
+#: The same of a slide, which no count of turns can shift.
+FAR_SLIDE = 10.0
 #: rad; two turns each way. One joint beyond may turn endlessly; two of an arm do not.
 FAR = 4.0 * math.pi
 #: Windows each way from which a joint's friction can be told from its gravity.
@@ -43,8 +45,7 @@ _STRONGER = 4.0
 def of_units(tally: Tally) -> Found:
     """Time, positions and velocities against each other, against the limits, and against what arms do."""
     yield from _of_interval(tally)
-    degrees = list(_of_degrees(tally))
-    yield from degrees or _of_ratio(tally)
+    yield from [*_of_degrees(tally), *_of_millimetres(tally)] or _of_ratio(tally)
 
 
 def _of_interval(tally: Tally) -> Found:
@@ -97,6 +98,30 @@ def _of_degrees(tally: Tally) -> Found:
         yield LogError("looks-like-degrees", what, where, mend)
     elif not _agreeing(tally)[index]:
         yield Note("looks-like-degrees", f"{what}; {mend}", where)
+
+
+def _of_millimetres(tally: Tally) -> Found:
+    """Positions of a slide that are a thousand times too large as metres."""
+    robot, mm = tally.robot, factor("mm")
+    if robot.log.units.get("prismatic_position", "m") != "m":
+        return
+    for joint in robot.joints:
+        index, limits = joint.number - 1, joint.limits
+        if joint.is_revolute or limits is None:
+            continue
+        low, high = float(tally.lowest[index]), float(tally.highest[index])
+        width = limits[1] - limits[0]
+        slack = 0.1 * width
+        is_far = max(limits[0] - low, high - limits[1]) > FAR_SLIDE * width
+        if is_far and mm * low >= limits[0] - slack and mm * high <= limits[1] + slack:
+            yield LogError(
+                "looks-like-millimetres",
+                f"positions of joint {joint.number} run from {number(low)} to {number(high)}; its limits are"
+                f" {number(limits[0])} to {number(limits[1])} m, and as millimetres they would fit",
+                Where(file=tally.origin, joint=joint.number, column=robot.log.column("position", joint.number)),
+                "if they are millimetres put units: {prismatic_position: mm} into the recipe's log block",
+            )
+            return
 
 
 def _far_beyond(tally: Tally, joint: int) -> bool:

@@ -111,6 +111,17 @@ def test_degrees_against_the_limits(velocity: bool) -> None:
     )
 
 
+@pytest.mark.parametrize(("size", "slug"), [(1e3, "looks-like-millimetres"), (1.0, None)])
+def test_millimetres_against_the_limits(size: float, slug: str | None) -> None:
+    """A slide's positions as millimetres leave the limits a thousandfold and fit them; as metres they pass."""
+    log, robot = good_log(), arm()
+    slides = tuple(replace(joint, kind="prismatic", limits=(-4.0, 4.0)) for joint in robot.joints)
+    robot = replace(robot, joints=slides, log=replace(robot.log, units={"prismatic_position": "m"}))
+    velocity = None if log.velocity is None else size * log.velocity
+    found = watched(replace(log, position=size * log.position, velocity=velocity), robot)
+    assert [fault.slug for fault in found if isinstance(fault, LogError)] == ([slug] if slug else [])
+
+
 def test_degrees_without_any_limit() -> None:
     """Two joints many turns away are not an arm's angles in radians."""
     log = good_log()
