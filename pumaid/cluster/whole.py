@@ -9,6 +9,7 @@ from dataclasses import replace
 from pumaid.cluster.part import Part, behind, later
 from pumaid.errors import LogError, Note, Where
 from pumaid.files.table import merged_notes
+from pumaid.motion import clock
 from pumaid.motion.options import SegmentOptions
 from pumaid.motion.room import OF_REJECTS, OF_RUNS, Room
 from pumaid.motion.segmenter import Segmenter
@@ -102,8 +103,9 @@ class Whole:
             raise LogError("empty-log", what, Where(file=self._files[0].name), "record again, or name other files")
         told = self._sums.judged(refuse=refuse)
         self._look()
-        notes = (*merged_notes(self._notes), *told)
-        return Evidence(tuple(self._runs.records), tuple(self._rejects.records), tuple(self._files), notes, self._extra)
+        runs = tuple(self._runs.records)
+        notes = (*merged_notes(self._notes), *told, *clock.notes(runs))
+        return Evidence(runs, tuple(self._rejects.records), tuple(self._files), notes, self._extra)
 
     def _look(self) -> None:
         runs, rejects = self._between.close()

@@ -40,7 +40,7 @@ _ARRAYS = ("posture", "triangle", "cells")
 #: What stands in JSON for a field of each type; a list for all others.
 _JSON: dict[str, set[type]] = {"int": {int}, "float": {float, int}, "str": {str}, "bool": {bool}}
 #: Fields of runs and rejects that are finite numbers, and the regressors of each kind of run.
-_FINITE = ("start", "duration", "speed", "ripple")
+_FINITE = ("start", "duration", "speed", "ripple", "stamp_error")
 _KINDS = {("constant", CONSTANT_COLUMNS), ("stroke", STROKE_COLUMNS)}
 #: Bytes of an array's header, of the head of a member before its name, and of what is hashed at a time.
 _HEADER, _LOCAL, _PIECE = 128, 30, 4 << 20

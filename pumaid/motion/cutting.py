@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pumaid.motion.block import LARGEST, Block
+from pumaid.motion.clock import sampled
 from pumaid.motion.movement import REST, SEVERAL, Course, Stretch, course, stretches
 from pumaid.motion.options import BOTH, CONSTANT, STROKE, SegmentOptions
 from pumaid.motion.plateau import Plateau, plateaus
@@ -42,12 +43,16 @@ class Piece:
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Whole:
-    """A stretch without gaps: samples [start, start + N) of a block, with what its joints do at the ticks."""
+    """A stretch without gaps: samples [start, start + N) of a block, with what its joints do at the ticks.
+
+    `time` is when samples were taken, `stamp_error` (s) by how much (RMS) that is not what the stamps say.
+    """
 
     start: int
     time: Floats
     position: Floats
     motion: Course
+    stamp_error: float = 0.0
 
     def __len__(self) -> int:
         return len(self.time)
@@ -78,8 +83,9 @@ def wholes(block: Block, options: SegmentOptions, *, usual: float) -> tuple[list
             fragments.append(Piece(low, high, reason="gap"))
             continue
         time, position = block.time[low:high], block.position[low:high]
-        step = usual if high - low == len(block) else usual_step(time)
-        found.append(Whole(low, time, position, course(Ticks.of(time, position, step=step), options)))
+        time, error = sampled(time, position)
+        step = usual if high - low == len(block) and not error else usual_step(time)
+        found.append(Whole(low, time, position, course(Ticks.of(time, position, step=step), options), error))
     return found, fragments
 
 

@@ -150,6 +150,7 @@ class Harvest:
             triangle=triangle(block, piece, self.robot, samples=samples),
             cells=inside,
             clock=block.clock,
+            stamp_error=whole.stamp_error,
         )
 
 
@@ -233,4 +234,5 @@ def _joined(parts: list[Run], robot: Robot, options: SegmentOptions) -> Run:
         temperature=_warmth(inside),
         triangle=Triangle.merge(part.triangle for part in parts),
         cells=inside,
+        stamp_error=max(part.stamp_error for part in parts),
     )

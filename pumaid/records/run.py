@@ -90,6 +90,8 @@ class Run:
         Whether the plan keeps this run for judging only.
     last_origin
         File of `last_row` where a run goes on into another file, else empty.
+    stamp_error
+        RMS (s) by which time stamps are not when samples were taken; zero where they are, or where no motion tells.
     """
 
     joint: int
@@ -109,6 +111,7 @@ class Run:
     clock: int = 0
     heldout: bool = False
     last_origin: str = ""
+    stamp_error: float = 0.0
 
     @property
     def samples(self) -> int:

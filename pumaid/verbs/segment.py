@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable
 
+from pumaid.motion import clock
 from pumaid.motion.options import DEFAULTS, SegmentOptions
 from pumaid.motion.segmenter import Segmenter
 from pumaid.records import Evidence, Log, Robot
@@ -57,4 +58,4 @@ def segment(
     if progress is not None:
         progress(segmenter.done)
     files, notes, extra = (tuple(getattr(logs, name, ())) for name in ("files", "notes", "extra"))
-    return Evidence(runs, rejects, files, notes, extra)
+    return Evidence(runs, rejects, files, (*notes, *clock.notes(runs)), extra)

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import os
+import re
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -31,16 +33,37 @@ def test_samples_kept_are_the_right_ones(name):
 def test_strokes_carry_friction_and_inertia_without_bias(rate):
     """Over strokes of many seeds, friction and inertia come back to a few percent from the triangles alone."""
     world = World(strokes=True, rate=rate, motions=24, plateau=(1.5, 4.0))
-    found = []
-    for seed in range(20_001, 20_005):
-        evidence = segment(make(world, seed).logs, robot(world))
-        for joint in (1, 2, 3):
-            rows = [_stroke_rows(run) for run in evidence.of_joint(joint)]
-            columns, target = np.vstack([a for a, _ in rows]), np.concatenate([b for _, b in rows])
-            found.append(np.linalg.lstsq(columns, target, rcond=None)[0][4:])
+    found = [size for seed in range(20_001, 20_005) for size in _of_strokes(world, make(world, seed).logs)[0]]
     viscous, inertia = np.mean(found, axis=0)
     assert viscous == pytest.approx(VISCOUS, rel=0.05)
     assert inertia == pytest.approx(INERTIA, rel=0.05)
+
+
+@pytest.mark.parametrize("rate", [137.0, 490.0])
+def test_strokes_carry_inertia_where_stamps_are_whole_milliseconds(rate):
+    """As with the true instants; by the stamps alone it comes out up to a half too small. A note tells of it."""
+    world = World(strokes=True, rate=rate, motions=24, position_noise=1e-5, quantum=1e-5)
+    found, true = [], []
+    for seed in range(20_001, 20_004):
+        logs = make(world, seed).logs
+        true += _of_strokes(world, logs)[0]
+        sizes, notes = _of_strokes(world, [replace(log, time=np.floor(log.time * 1e3) / 1e3) for log in logs])
+        found += sizes
+        assert [note.slug for note in notes] == ["clock-evened"]
+        # A millisecond over the root of twelve.
+        assert re.search(r"are 0\.2\d* ms RMS off", notes[0].text)
+    assert np.mean(found, axis=0)[1] == pytest.approx(np.mean(true, axis=0)[1], rel=0.01)
+    assert np.mean(found, axis=0)[1] == pytest.approx(INERTIA, rel=0.02)
+
+
+def _of_strokes(world, logs):
+    """Viscous friction and inertia of each joint by its strokes, and the notes."""
+    evidence, found = segment(logs, robot(world)), []
+    for joint in (1, 2, 3):
+        rows = [_stroke_rows(run) for run in evidence.of_joint(joint)]
+        columns, target = np.vstack([a for a, _ in rows]), np.concatenate([b for _, b in rows])
+        found.append(np.linalg.lstsq(columns, target, rcond=None)[0][4:])
+    return found, evidence.notes
 
 
 def _stroke_rows(run):
