@@ -10,7 +10,7 @@ import numpy as np
 from pumaid.errors import LogError, Note, Where
 from pumaid.maths.frames import apart
 from pumaid.motion.planned import SAME_POSTURE
-from pumaid.records import Evidence, Run
+from pumaid.records import Estimate, Evidence, Run
 
 #: Postures that a joint needs to spare one: gravity's two constants and friction's share take three to stay known.
 FEWEST_POSTURES = 4
@@ -58,6 +58,33 @@ def hold_out(evidence: Evidence, *, files: Collection[str] = (), postures: bool 
     kept = sum(not run.heldout for run in runs)
     text = f"runs held out: {', '.join(told)}; {kept} of {len(runs)} are left to fit"
     return replace(evidence, runs=runs, notes=(*evidence.notes, Note("held-out", text)))
+
+
+def otherwise(estimate: Estimate, evidence: Evidence) -> list[Note]:
+    """A note where a model's own logs are shared out between fit and judgement in another way than for its fit.
+
+    Parameters
+    ----------
+    estimate
+        It keeps how many runs of each joint were fitted and held out, not which.
+    evidence
+        Runs as they are held out now. Where its files are not just the model's, nothing can be said.
+    """
+    if {facts.digest for facts in evidence.files} != set(estimate.logs.values()):
+        return []
+    told = []
+    for fit in estimate.joints:
+        own = [run for run in evidence.runs if run.joint == fit.joint]
+        now = sum(run.heldout for run in own)
+        if now != fit.heldout_runs and len(own) == fit.runs + fit.heldout_runs:
+            told.append(f"{now} of joint {fit.joint}'s {len(own)} runs, {fit.heldout_runs} when it was fitted")
+    if not told:
+        return []
+    text = (
+        f"other runs are held out than when the model was fitted: {'; '.join(told)}. What is said here of runs that it"
+        " saw, and of those that it did not, is not so; was the plan changed, or --heldout used only once?"
+    )
+    return [Note("held-out-otherwise", text)]
 
 
 def _last_postures(runs: Sequence[Run]) -> set[int]:

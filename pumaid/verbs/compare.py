@@ -13,6 +13,7 @@ from pumaid.diagnosis.laid import Spread
 from pumaid.errors import Note
 from pumaid.files.result import check_same_recipe
 from pumaid.fit.judge import NOTHING, Groups, Judge, Tally, rmse, together
+from pumaid.motion.heldout import otherwise
 from pumaid.motion.replicates import noise_floor
 from pumaid.records import TOGETHER, UNEXPLAINED, Budget, Comparison, Estimate, Evidence, JointScore, Robot, RunScore
 
@@ -139,7 +140,7 @@ def _budget(score: JointScore, scores: Sequence[RunScore], robot: Robot, *, know
 
 
 def _notes(estimate: Estimate, evidence: Evidence, joints: Sequence[JointScore]) -> list[Note]:
-    notes = list(evidence.notes)
+    notes = [*evidence.notes, *otherwise(estimate, evidence)]
     digests = {facts.digest for facts in evidence.files}
     seen = digests & set(estimate.logs.values())
     if digests and seen == digests and not any(joint.heldout_runs for joint in joints):

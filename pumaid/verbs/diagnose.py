@@ -19,6 +19,7 @@ from pumaid.errors import LogError, Where
 from pumaid.files.diagnosis import model_digest
 from pumaid.files.result import check_same_recipe
 from pumaid.model import Model
+from pumaid.motion.heldout import otherwise
 from pumaid.motion.options import CONSTANT
 from pumaid.records import Campaign, Diagnosis, Estimate, Evidence, Robot, Run
 
@@ -94,7 +95,7 @@ def diagnose(
         findings=account.findings(),
         model=model_digest(estimate),
         logs={facts.name: facts.digest for facts in evidence.files},
-        notes=account.notes(),
+        notes=(*otherwise(estimate, evidence), *account.notes()),
         recipe_digest=robot.digest,
         version=__version__,
     )

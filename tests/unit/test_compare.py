@@ -263,3 +263,17 @@ def test_how_runs_are_batched_changes_nothing(fitted, monkeypatch):
     monkeypatch.setattr("pumaid.fit.judge.AT_ONCE", 1)
     for one, other in zip(made(*fitted).runs, together.runs, strict=True):
         assert np.array_equal(one.predicted, other.predicted)
+
+
+def test_says_that_other_runs_are_held_out(fitted):
+    """Runs that the fit saw and that are held out now, and the other way round, are told; the same choice is not."""
+    facts = (FileFacts("samples", "d1", 1, 0.01, 0.0, 1.0),)
+    all_of_them = Evidence(runs((0.0, 1.0), (0.4, 0.8)), files=facts)
+    some = replace(all_of_them, runs=tuple(replace(run, heldout=n % 2 > 0) for n, run in enumerate(all_of_them.runs)))
+    for fitted_to, now in ((all_of_them, some), (some, all_of_them)):
+        estimate = pumaid.identify(fitted_to, worlds.PENDULUM)
+        told = [note for note in made(now, estimate).notes if note.slug == "held-out-otherwise"]
+        assert len(told) == 1 and "joint 1" in told[0].text
+        assert "held-out-otherwise" not in [note.slug for note in made(fitted_to, estimate).notes]
+        other = replace(now, files=(replace(facts[0], digest="d2"),))
+        assert "held-out-otherwise" not in [note.slug for note in made(other, estimate).notes]
