@@ -8,10 +8,13 @@ import io
 import os
 import signal
 import sys
+from _thread import interrupt_main
 
 #: Objects made and not let go between two looks for cycles that nobody holds: loading libraries makes a hundred
 #: thousand of them, all of which stay, and looking at them again and again took a tenth of its time.
 _BETWEEN_LOOKS = 50_000
+#: s after which a Ctrl-C that was not heard is sent again.
+_LATER = 0.01
 
 
 class _Deaf(io.FileIO):
@@ -57,10 +60,34 @@ def open_streams() -> None:
         sys.stderr = io.TextIOWrapper(deaf, encoding, errors="backslashreplace", line_buffering=True)
 
 
+def keep_interrupts() -> None:
+    """Have Ctrl-C heard at any instant: one that arrives while Python lets an object go would be printed and lost."""
+    before = sys.unraisablehook
+
+    def hook(told: sys.UnraisableHookArgs) -> None:
+        if not issubclass(told.exc_type, KeyboardInterrupt):
+            before(told)
+            return
+        import threading
+
+        def again() -> None:
+            if hasattr(signal, "pthread_kill"):  # it wakes a wait, too
+                signal.pthread_kill(main.ident or 0, signal.SIGINT)
+            else:
+                interrupt_main()
+
+        main, later = threading.main_thread(), threading.Timer(_LATER, again)
+        later.daemon = True
+        later.start()
+
+    sys.unraisablehook = hook
+
+
 def run() -> None:
     """Run the command line; Ctrl-C while the program is still being loaded ends it as quietly as later."""
     gc.set_threshold(_BETWEEN_LOOKS)
     open_streams()
+    keep_interrupts()
     try:
         from pumaid.cli import main
 

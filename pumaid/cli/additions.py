@@ -105,13 +105,23 @@ def reopened(estimate: Estimate) -> tuple[EffectChoice, ...]:
 
 
 def diagnosed(
-    estimate: Estimate, evidence: Evidence, robot: Robot, *, suspects: Sequence[str], typed: Typed
+    estimate: Estimate, evidence: Evidence, robot: Robot, *, suspects: Sequence[str], typed: Typed, is_kept: bool
 ) -> Diagnosis:
-    """A diagnosis, with progress and commands."""
-    from pumaid.verbs.diagnose import diagnose
+    """A diagnosis, with progress and commands; with `is_kept` the one that an earlier command made of the same."""
+    from pumaid.effects import is_extended
+    from pumaid.files.diagnosis_cache import DiagnosisCache
 
-    with progress("diagnosing") as step:
-        found = diagnose(estimate, evidence, robot, suspects=suspects, progress=lambda text: step(0.0, text))
+    # The code of a user's own effects is not this program's: it may have changed since.
+    is_kept = is_kept and not is_extended()
+    kept = DiagnosisCache(estimate, evidence, robot, suspects=suspects) if is_kept else None
+    found = kept.get() if kept is not None else None
+    if found is None:
+        from pumaid.verbs.diagnose import diagnose
+
+        with progress("diagnosing") as step:
+            found = diagnose(estimate, evidence, robot, suspects=suspects, progress=lambda text: step(0.0, text))
+        if kept is not None:
+            kept.put(found)
     return named(found, estimate, robot, typed=typed)
 
 

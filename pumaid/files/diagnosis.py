@@ -97,6 +97,24 @@ def read_diagnosis(path: Path) -> Diagnosis:
     except (OSError, ValueError, RecursionError) as error:
         reason = getattr(error, "strerror", None) or "it is no JSON"
         raise _damaged(f"{name} cannot be read: {reason}", Where(file=name)) from error
+    return diagnosis_of(document, name)
+
+
+def diagnosis_of(document: object, name: str) -> Diagnosis:
+    """A diagnosis from its document.
+
+    Parameters
+    ----------
+    document
+        As `diagnosis_document` makes it.
+    name
+        Of the file that it came from.
+
+    Raises
+    ------
+    ResultError [diagnosis-damaged]
+        It is no diagnosis that this version can read; the entry that is wrong is told.
+    """
     if not isinstance(document, dict) or document.get("kind") != "diagnosis":
         raise _damaged(f"{name} is not a diagnosis", Where(file=name, field="kind"))
     if document.get("format") != FORMAT:

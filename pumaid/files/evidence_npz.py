@@ -51,7 +51,7 @@ _UNFIT = (ArithmeticError, EOFError, LookupError, MemoryError, OSError, RuntimeE
 def write_evidence(sink: BinaryIO, evidence: Evidence, name: str) -> None:
     """Write evidence to a binary stream, for a file that shall be called `name`."""
     arrays = packed(evidence)
-    np.savez(sink, **arrays, **{_DIGEST: _digest(arrays, name)})  # type: ignore[arg-type]
+    np.savez(sink, **arrays, **{_DIGEST: digest_of(arrays, name)})  # type: ignore[arg-type]
 
 
 def packed(evidence: Evidence) -> Arrays:
@@ -82,7 +82,7 @@ def read_evidence(path: Path, n_joints: int) -> Evidence | None:
     """The evidence of an arm of `n_joints` that a file holds, or None where it is not as `write_evidence` left it."""
     try:
         arrays = _stored(path)
-        if arrays.pop(_DIGEST).tobytes() != _digest(arrays, path.name).tobytes():
+        if arrays.pop(_DIGEST).tobytes() != digest_of(arrays, path.name).tobytes():
             return None
         told = json.loads(arrays[FIRST].tobytes())
         _check(told, arrays, n_joints)
@@ -140,7 +140,7 @@ def _array(stream: BinaryIO, member: zipfile.ZipInfo, kind: type) -> NDArray[Any
     return out
 
 
-def _digest(arrays: Mapping[str, NDArray[Any]], name: str) -> NDArray[np.uint8]:
+def digest_of(arrays: Mapping[str, NDArray[Any]], name: str) -> NDArray[np.uint8]:
     """SHA-256 of a file's name and of its arrays, each by the digests of its pieces."""
     whole = hashlib.sha256(name.encode())
     with ThreadPoolExecutor(2) as pool:

@@ -94,6 +94,25 @@ def test_json_is_the_file(arm):
     assert document["findings"][0]["rmse_heldout_after"] < 0.6 * document["findings"][0]["rmse_heldout_before"]
 
 
+def test_the_same_question_is_not_worked_out_twice(arm, monkeypatch):
+    """What an earlier command found is said again in every form, for other words typed, too; --no-cache works it out."""
+
+    def refused(*_, **__):
+        raise AssertionError("worked out again")
+
+    ask = ("diagnose", "results/model.json", "logs")
+    first, as_json = run(*ask), run(*ask, "--json")
+    monkeypatch.setattr("pumaid.verbs.diagnose.diagnose", refused)
+    again = run(*ask)
+    assert (again.exit_code, again.stdout, again.stderr) == (0, first.stdout, first.stderr)
+    assert run(*ask, "--json").stdout == as_json.stdout
+    assert run(*ask, "--picture", "missing.png").exit_code == 0 and Path("missing.png").stat().st_size > 10_000
+    named = json.loads(run(*ask, "--recipe", "recipe.yaml", "--json").stdout)
+    assert "--recipe recipe.yaml" in named["findings"][0]["command"]
+    assert run(*ask, "--no-cache").exit_code != 0
+    assert run(*ask, "--heldout", "posture").exit_code != 0
+
+
 def test_document_goes_where_it_is_told(arm):
     """``-o -`` prints the document alone and writes nothing; ``-o FILE`` writes it there."""
     done = run("diagnose", "results/model.json", "logs", "-o", "-")

@@ -146,6 +146,9 @@ def test_diagnose_finds_it_and_says_what_to_type(tmp_path):
     found = json.loads(typed(folder, "diagnose", "results/model.json", "logs", "--json", *KNOWN).stdout)["findings"]
     assert [(one["effect"], one["joint"]) for one in found] == [("brake", 2)]
     assert found[0]["command"] == "pumaid identify logs --effects brake.py --add brake@2"
+    # What was found with the file is not kept for a command that does not name it.
+    without = json.loads(typed(folder, "diagnose", "results/model.json", "logs", "-o", "-").stdout)["findings"]
+    assert "brake" not in [one["effect"] for one in without]
     page = typed(folder, "report", "--format=")  # the model has no brake, only the diagnosis beside it
     assert page.returncode == 0, page.stderr
     assert typed(folder, *found[0]["command"].split()[1:]).returncode == 0

@@ -118,3 +118,28 @@ def test_without_memory_enough_nothing_is_lost(arm, megabytes):
     if done.returncode:
         assert done.stderr.count("error[") == 1 and "no-memory" in done.stderr, done.stderr
         assert (arm / "results" / "model.json").read_bytes() == before
+
+
+LET_GO = """
+import os, signal, time
+from pumaid.__main__ import keep_interrupts
+
+class Held:
+    def __del__(self):
+        os.kill(os.getpid(), signal.SIGINT)
+        time.sleep(0.1)
+
+keep_interrupts()
+try:
+    Held()
+    time.sleep(30)
+except KeyboardInterrupt:
+    print("heard")
+"""
+
+
+def test_ctrl_c_is_heard_while_an_object_is_let_go():
+    """Python prints and forgets an interrupt that arrives just then; the program ends all the same, without a word."""
+    begun = time.monotonic()
+    done = subprocess.run([sys.executable, "-c", LET_GO], capture_output=True, text=True, timeout=60)
+    assert (done.stdout.strip(), done.stderr) == ("heard", "") and time.monotonic() - begun < 25

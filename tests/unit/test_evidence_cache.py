@@ -13,7 +13,7 @@ from motion_worlds import World, make, robot
 
 from pumaid.errors import Note, Where
 from pumaid.files import evidence_cache
-from pumaid.files.evidence_cache import EvidenceCache, cache_size
+from pumaid.files.evidence_cache import EvidenceCache, evidence_shelf
 from pumaid.files.evidence_npz import is_evidence
 from pumaid.files.table import LogReader, write_log
 from pumaid.records import EffectChoice
@@ -159,7 +159,7 @@ def test_only_own_files_are_removed_oldest_first(logs, folder, monkeypatch):
     assert strange.exists()
     assert (folder / "notes.txt").exists()
     assert len(list(folder.iterdir())) == 3
-    assert cache_size(folder) == sum(path.stat().st_size for path in folder.iterdir() if is_evidence(path))
+    assert evidence_shelf(folder).size() == sum(path.stat().st_size for path in folder.iterdir() if is_evidence(path))
 
 
 def test_a_folder_that_refuses_is_no_error(logs, tmp_path):

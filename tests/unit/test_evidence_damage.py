@@ -12,8 +12,9 @@ import pytest
 from motion_worlds import World, make, robot
 
 from pumaid.files import evidence_npz
-from pumaid.files.evidence_cache import EvidenceCache, cache_fault, cache_folder
+from pumaid.files.evidence_cache import EvidenceCache
 from pumaid.files.evidence_npz import FIRST
+from pumaid.files.kept import cache_fault, cache_folder
 from pumaid.files.table import LogReader, write_log
 from pumaid.verbs.segment import segment
 
@@ -70,7 +71,7 @@ def edit(path: Path, *steps: object, to: object, redone: bool = True) -> None:
             place = place[step]
         place[steps[-1]] = to
         arrays[FIRST] = np.frombuffer(json.dumps(told).encode(), dtype=np.uint8)
-    np.savez(path, **arrays, digest=evidence_npz._digest(arrays, path.name) if redone else digest)
+    np.savez(path, **arrays, digest=evidence_npz.digest_of(arrays, path.name) if redone else digest)
 
 
 def test_an_edit_that_leaves_the_digest_is_seen(cache, path):
@@ -132,7 +133,7 @@ ARRAYS = {
 def test_arrays_that_no_pass_leaves(cache, path, monkeypatch, name):
     """Other types, shapes and lengths."""
     with monkeypatch.context() as patched:
-        patched.setattr(evidence_npz, "_digest", lambda *_: np.zeros(32, dtype=np.uint8))
+        patched.setattr(evidence_npz, "digest_of", lambda *_: np.zeros(32, dtype=np.uint8))
         edit(path, "factor", to=ARRAYS[name])
         assert cache.get() is None
 
@@ -169,7 +170,7 @@ def test_lists_without_end(cache, path):
     """JSON that nests deeper than Python goes."""
     arrays = members(path) | {FIRST: np.frombuffer(b"[" * 200_000, dtype=np.uint8)}
     del arrays["digest"]
-    np.savez(path, **arrays, digest=evidence_npz._digest(arrays, path.name))
+    np.savez(path, **arrays, digest=evidence_npz.digest_of(arrays, path.name))
     assert cache.get() is None
 
 

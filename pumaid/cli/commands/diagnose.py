@@ -102,7 +102,7 @@ def command(
     check_logs(estimate, evidence, trust=trust)
     folder = results_folder(results, recipe, logs)
     typed = Typed(logs, recipe, heldout, context.meta.get("pumaid.effects", ()))
-    again = partial(diagnosed, evidence=evidence, robot=robot, suspects=suspect, typed=typed)
+    again = partial(diagnosed, evidence=evidence, robot=robot, suspects=suspect, typed=typed, is_kept=how.cached)
     found = again(estimate)
     if is_applied:
         tell, current = remark if quiet else _say, folder / "model.json"
