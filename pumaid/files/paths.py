@@ -8,10 +8,12 @@ import glob
 import os
 import re
 from collections.abc import Iterable, Iterator, Sequence
-from pathlib import Path
+from contextlib import suppress
+from pathlib import Path, PurePath
 
 from pumaid.errors import LogError, Where
 from pumaid.files.remote import Remote, found_below, is_remote
+from pumaid.files.staging import OUT, unfinished
 
 #: Stands for standard input.
 STDIN = Path("-")
@@ -50,6 +52,8 @@ def expand(arguments: Iterable[str | Path]) -> list[Path | Remote]:
 
     Raises
     ------
+    LogError [logs-half-replaced]
+        A killed simulation left a folder with parts of two sessions.
     LogError [no-such-log, no-logs, unreadable-log]
         Every argument that leads nowhere is told, with the nearest name.
     """
@@ -59,6 +63,9 @@ def expand(arguments: Iterable[str | Path]) -> list[Path | Remote]:
         empty = False
         for path in _of_one(str(argument)):
             found.setdefault(_key(path), path)
+    for folder in {path.parent for path in found.values() if isinstance(path, Path) and path != STDIN}:
+        with suppress(OSError):
+            _check_whole(folder, (path.name for path in folder.iterdir()))
     if empty:
         raise LogError("no-logs", "no log was named", mend="name files, folders or globs, or - for standard input")
     return list(found.values())
@@ -110,7 +117,7 @@ def _key(path: Path | Remote) -> str:
 
 def _of_one(argument: str) -> Iterable[Path | Remote]:
     if is_remote(argument):
-        return found_below(argument, LOG_ENDINGS)
+        return found_below(argument, is_log=_is_log, order=_order)
     path = Path(argument)
     if path == STDIN:
         return [STDIN]
@@ -131,13 +138,25 @@ def _of_one(argument: str) -> Iterable[Path | Remote]:
 
 def _of_folder(folder: Path) -> list[Path]:
     """Sorted by their parts, so that the files of a sub-folder stay together."""
-    found = [path for path in _walk(folder) if path.name.lower().endswith(LOG_ENDINGS) and path.name not in _OWN_FILES]
+    found = [path for path in _walk(folder) if _is_log(path.relative_to(folder))]
     if not found:
         others = sorted(path.name for path in _walk(folder))
         shown = f"; it holds {', '.join(others[:3])}{' ...' if len(others) > 3 else ''}" if others else "; it is empty"
         what = f"no log below {folder}{shown}"
         raise LogError("no-logs", what, Where(file=str(folder)), f"logs end in {', '.join(LOG_ENDINGS)}")
-    return sorted(found, key=lambda path: [natural(part) for part in path.relative_to(folder).parts])
+    return sorted(found, key=lambda path: _order(path.relative_to(folder)))
+
+
+def _is_log(path: PurePath) -> bool:
+    """Whether a file is taken for a log because of where it lies in a folder that was named."""
+    is_hidden = any(part.startswith(".") for part in path.parts)
+    is_own = path.name in _OWN_FILES or not _OWN_FOLDERS.isdisjoint(path.parts[:-1])
+    return path.name.lower().endswith(LOG_ENDINGS) and not is_hidden and not is_own
+
+
+def _order(path: PurePath) -> list[tuple[tuple[int, int, str], ...]]:
+    """Files of a folder stay together, and run_2 comes before run_10."""
+    return [natural(part) for part in path.parts]
 
 
 def _walk(folder: Path) -> Iterator[Path]:
@@ -153,8 +172,18 @@ def _walk(folder: Path) -> Iterator[Path]:
             folders.clear()
             continue
         seen.add(real)
+        _check_whole(Path(root), folders)
         folders[:] = [name for name in folders if not name.startswith(".") and name not in _OWN_FOLDERS]
         yield from (Path(root) / name for name in names if not name.startswith(".") and (Path(root) / name).is_file())
+
+
+def _check_whole(folder: Path, names: Iterable[str]) -> None:
+    """Refuse a folder, with these names in it, in which a killed run left half of what it was about to do."""
+    left = unfinished(folder, names)
+    if left is not None:
+        what = f"a simulation into {folder} was killed while its logs took the place of earlier ones"
+        mend = f"simulate into it again, which finishes that first; the earlier files are in {left / OUT}"
+        raise LogError("logs-half-replaced", what, Where(file=str(folder)), mend)
 
 
 def _of_glob(pattern: str) -> list[Path]:

@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
-import fnmatch
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
+from pathlib import PurePosixPath
 from typing import Any, BinaryIO
 
 from pumaid.errors import LogError, Where
 
-SCHEME = "://"
+SCHEME, CHAIN = "://", "::"
+#: Schemes of this machine's own files.
+_LOCAL = ("file", "local")
 
 
 @dataclass(frozen=True, slots=True)
@@ -34,7 +38,8 @@ class Remote:
             The store refuses.
         """
         store, path = _store(self.url)
-        opened: BinaryIO = store.open(path, mode)
+        with _told():
+            opened: BinaryIO = store.open(path, mode)
         return opened
 
     @property
@@ -47,7 +52,8 @@ class Remote:
             The store refuses.
         """
         store, path = _store(self.url)
-        return int(store.size(path) or 0)
+        with _told():
+            return int(store.size(path) or 0)
 
     def is_file(self) -> bool:
         """Whether the system can open it by its name: never."""
@@ -69,37 +75,71 @@ def is_remote(argument: str) -> bool:
     return SCHEME in argument
 
 
-def found_below(argument: str, endings: tuple[str, ...]) -> list[Remote]:
-    """The logs that an argument with a scheme means, in order of their names: one file, a folder, or a glob.
+def found_below(
+    argument: str, *, is_log: Callable[[PurePosixPath], bool], order: Callable[[PurePosixPath], Any]
+) -> list[Remote]:
+    """The logs that an argument with a scheme means: one file, a folder, or a glob.
 
     Parameters
     ----------
     argument
         ``s3://bucket/logs``, ``s3://bucket/logs/*.parquet`` ...
-    endings
-        Of logs in a folder.
+    is_log, order
+        Which files of a folder are logs, and what they are sorted by; both of paths in that folder.
 
     Raises
     ------
     LogError [no-such-log, no-store]
         Nothing is there; or the store cannot be reached.
     """
+    if CHAIN in argument:
+        mend = "copy the files to a folder first"
+        raise LogError(
+            "no-store", f"{argument}: addresses of several stores in one are not read", Where(argument), mend
+        )
     store, path = _store(argument)
-    scheme = argument.partition(SCHEME)[0]
     try:
-        if any(letter in path for letter in "*?["):
-            names = [name for name in store.glob(path) if store.isfile(name)]
-        elif store.isfile(path):
-            names = [path]
-        else:
-            names = [name for name in store.find(path) if name.lower().endswith(endings)]
-            names = [name for name in names if not fnmatch.fnmatch(name, "*/results/*")]
+        with _told():
+            names = _named(store, path, is_log=is_log, order=order)
     except OSError as error:
         what = f"{argument} cannot be listed: {error}"
         raise LogError("no-store", what, Where(file=argument), "check the address and the access rights") from error
     if not names:
-        raise LogError("no-such-log", f"nothing is at {argument}", Where(file=argument), "check the path")
-    return [Remote(f"{scheme}{SCHEME}{name.lstrip('/') if scheme != 'file' else name}") for name in sorted(names)]
+        raise LogError("no-such-log", f"no log is at {argument}", Where(file=argument), "check the path")
+    scheme = argument.partition(SCHEME)[0]
+    # Only in a machine's own file system does a path begin at its root.
+    return [Remote(scheme + SCHEME + (name if scheme in _LOCAL else name.lstrip("/"))) for name in names]
+
+
+def _named(
+    store: Any, path: str, *, is_log: Callable[[PurePosixPath], bool], order: Callable[[PurePosixPath], Any]
+) -> list[str]:
+    """Names of files in a store; a path that is there is taken as it stands, with whatever letters."""
+    if store.isfile(path):
+        return [path]
+    folders = [path]
+    if not store.isdir(path) and any(letter in path for letter in "*?["):
+        matches = sorted(store.glob(path), key=lambda name: order(PurePosixPath(name)))
+        files = [name for name in matches if store.isfile(name) and not PurePosixPath(name).name.startswith(".")]
+        if files:
+            return files
+        folders = matches
+    out = []
+    for folder in folders:
+        inside = {PurePosixPath(name).relative_to(PurePosixPath(folder)): name for name in store.find(folder)}
+        out += [inside[one] for one in sorted(filter(is_log, inside), key=order)]
+    return out
+
+
+@contextmanager
+def _told() -> Iterator[None]:
+    """Whatever a store's own library raises, as a refusal of the system."""
+    try:
+        yield
+    except (OSError, MemoryError):
+        raise
+    except Exception as error:
+        raise OSError(f"{error} ({type(error).__name__})" if str(error) else type(error).__name__) from error
 
 
 def _store(url: str) -> tuple[Any, str]:
@@ -110,7 +150,9 @@ def _store(url: str) -> tuple[Any, str]:
         what = f"{url} is in a store, and fsspec is not installed"
         raise LogError("no-store", what, Where(file=url), "pip install 'pumaid[dask]'") from error
     try:
-        store, path = fsspec.core.url_to_fs(url)
-    except (ImportError, ValueError) as error:
-        raise LogError("no-store", f"{url}: {error}", Where(file=url), "install the package that it names") from error
+        with _told():
+            store, path = fsspec.core.url_to_fs(url)
+    except OSError as error:
+        mend = f"is {url.partition(SCHEME)[0]} the right scheme? Some need a package of their own"
+        raise LogError("no-store", f"{url}: {error}", Where(file=url), mend) from error
     return store, str(path)

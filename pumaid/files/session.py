@@ -5,13 +5,7 @@ from __future__ import annotations
 import json
 import os
 import re
-import secrets
-import shutil
-import signal
-import threading
-import time
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from contextlib import contextmanager, suppress
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from itertools import groupby
 from pathlib import Path
 from typing import Any
@@ -20,14 +14,13 @@ from pumaid.errors import ModelError, ResultError, Where
 from pumaid.files.alone import alone
 from pumaid.files.atomic import write_whole
 from pumaid.files.paths import LOG_ENDINGS, STDIN
+from pumaid.files.staging import finish, stage_in, swap
 from pumaid.files.table import write_log
 from pumaid.records import Log, Robot
 
 TRUTH_NAME = "truth.json"
 #: What simulated logs are called; a truth beside them proves that they are.
 _OURS = re.compile(r"session_\d+\.(csv|parquet)")
-#: Hidden folder in which a session is written before it takes its place, and s after which one was left by a dead run.
-_STAGE, _STALE = ".simulation-", 86_400.0
 
 
 def write_session(
@@ -79,17 +72,20 @@ def write_session(
     if folder == STDIN:
         write_log(folder, _watched(logs, [], progress), robot)
         return []
+    if folder.is_dir():
+        with alone(folder):
+            finish(folder)
     _replaced(folder, force)  # what is refused is refused before the work
     files = []
-    with _stage(folder) as stage:
+    with stage_in(folder) as stage:
         for origin, batches in groupby(logs, key=lambda log: log.origin):
             seen: list[tuple[int, float, float]] = []
             write_log(stage / f"{origin}.{form}", _watched(batches, seen, progress), robot)
             files.append((f"{origin}.{form}", sum(part[0] for part in seen), seen[0][1], seen[-1][2]))
         write_whole(stage / TRUTH_NAME, json.dumps(truth, indent=2) + "\n")
-        with alone(folder), _undisturbed():
+        with alone(folder):
             # Looked at again: another run may have written there meanwhile.
-            _swap(stage, folder, _replaced(folder, force))
+            swap(stage, folder, _replaced(folder, force), first=TRUTH_NAME)
     return files
 
 
@@ -157,69 +153,3 @@ def _is_truth(path: Path) -> bool:
         return read_truth(path).get("kind") == "truth"
     except ModelError:
         return False
-
-
-@contextmanager
-def _stage(folder: Path) -> Iterator[Path]:
-    """A hidden folder in `folder` that is gone when the block ends, and `folder` with it if nothing else is in it."""
-    was_there = folder.exists()
-    stage = folder / f"{_STAGE}{secrets.token_hex(6)}"
-    try:
-        yield stage
-    except ResultError as error:
-        # The hidden folder says nothing to people, and is gone when they look.
-        inside, file = str(stage) + os.sep, error.where.file or ""
-        if not file.startswith(inside):
-            raise
-        place = Where(file=str(folder / file.removeprefix(inside)))
-        raise ResultError(error.slug, error.what, place, error.mend) from error
-    finally:
-        for path in (stage, *_left(folder)):
-            shutil.rmtree(path, ignore_errors=True)
-        if not was_there:
-            with suppress(OSError):
-                folder.rmdir()
-
-
-def _left(folder: Path) -> list[Path]:
-    """Hidden folders of runs that were killed, long ago: younger ones may be of runs that are still at work."""
-    found = []
-    with suppress(OSError):
-        for path in folder.glob(f"{_STAGE}*"):
-            if time.time() - path.stat().st_mtime > _STALE:
-                found.append(path)
-    return found
-
-
-@contextmanager
-def _undisturbed() -> Iterator[None]:
-    """Let Ctrl-C and a request to end wait until the block is over; it must be short."""
-    if threading.current_thread() is not threading.main_thread():
-        yield
-        return
-    came: list[int] = []
-    before = {one: signal.signal(one, lambda number, _: came.append(number)) for one in (signal.SIGINT, signal.SIGTERM)}
-    try:
-        yield
-    finally:
-        for one, handler in before.items():
-            signal.signal(one, signal.SIG_DFL if handler is None else handler)
-        for number in came:
-            signal.raise_signal(number)
-
-
-def _swap(stage: Path, folder: Path, old: Sequence[Path]) -> None:
-    """Old files out, new ones in, their truth first so that they are known as simulated; a refusal undoes all of it."""
-    new = sorted(stage.iterdir(), key=lambda path: (path.name != TRUTH_NAME, path.name))
-    away = stage / "old"
-    done: list[tuple[Path, Path]] = []
-    try:
-        away.mkdir()
-        for source, target in [(one, away / one.name) for one in old] + [(one, folder / one.name) for one in new]:
-            source.rename(target)
-            done.append((source, target))
-    except OSError as error:
-        for source, target in reversed(done):
-            target.rename(source)
-        what = f"cannot write to {folder}: {error.strerror or error}"
-        raise ResultError("cannot-write", what, Where(file=str(folder)), "write elsewhere with -o") from error

@@ -13,6 +13,7 @@ import csv
 import datetime
 import os
 import platform
+import shutil
 import subprocess
 import sys
 import tempfile
@@ -124,13 +125,17 @@ def repeated(folder: Path, times: int) -> Path:
     return out
 
 
-def measured(case: str, logs: Path, rows: int, *, times: int, words: tuple[str, ...]) -> dict[str, object]:
-    """One line of the log: a command against reading the same files with pyarrow."""
+def measured(
+    case: str, logs: Path, rows: int, *, times: int, words: tuple[str, ...], forget: Path | None = None
+) -> dict[str, object]:
+    """One line of the log: a command, `forget` removed before each run, against reading the same files with pyarrow."""
     told = logs.parent / "told.txt"
     command = (told, *(logs if word == LOGS else word for word in words), "--recipe", RECIPE)
     load, read = (CSV, READ_CSV) if logs.name == "csv" else (PARQUET, READ_PARQUET)
     costs: dict[str, list[Cost]] = {"command": [], "loading": [], "floor": [], "floor loading": []}
     for _ in range(times):
+        if forget is not None:
+            shutil.rmtree(forget, ignore_errors=True)
         costs["command"].append(run(COMMAND, *command))
         costs["loading"].append(run(LOAD, told))
         costs["floor"].append(run(load + read, logs))
@@ -166,7 +171,9 @@ def lines(folder: Path, millions: list[int], times: int) -> Iterator[dict[str, o
     added = ("identify", LOGS, "--add", "stribeck@3", *fresh[1:])
     yield measured("identify --add, kept", parquet, rows, times=times, words=added)
     looked = ("diagnose", str(folder / "model.json"), LOGS, "-o", str(folder / "diagnosis.json"))
-    yield measured("diagnose, kept", parquet, rows, times=times, words=looked)
+    found = folder / "cache" / "diagnoses"
+    yield measured("diagnose, pass kept", parquet, rows, times=times, words=looked, forget=found)
+    yield measured("diagnose again", parquet, rows, times=times, words=looked)
     for many in millions:
         again = round(many * 1e6 / rows)
         if again > 1:

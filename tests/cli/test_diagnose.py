@@ -95,7 +95,7 @@ def test_json_is_the_file(arm):
 
 
 def test_the_same_question_is_not_worked_out_twice(arm, monkeypatch):
-    """What an earlier command found is said again in every form, for other words typed, too; --no-cache works it out."""
+    """What an earlier command found is said again in every form, for other words typed, too; not with --no-cache."""
 
     def refused(*_, **__):
         raise AssertionError("worked out again")

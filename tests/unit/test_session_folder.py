@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import os
 import signal
 from pathlib import Path
 
 import pytest
 
-from pumaid.errors import ResultError
+from pumaid.errors import LogError, ResultError
+from pumaid.files.paths import expand
 from pumaid.files.recipe import read_recipe, shipped_recipes
 from pumaid.files.session import read_truth, write_session
 from pumaid.records import Motion, Plan
@@ -154,3 +156,68 @@ def test_a_file_in_place_of_the_folder_is_told(tmp_path):
     with pytest.raises(ResultError) as told:
         write(tmp_path / "logs", 2)
     assert told.value.slug == "cannot-write" and ".simulation" not in str(told.value)
+
+
+class Killed(BaseException):
+    """The process is gone: nothing that it would have done afterwards is done."""
+
+
+@pytest.fixture
+def killed(old, monkeypatch):
+    """Leaves a folder as a kill before the given renaming of the swap does."""
+
+    def kill(number: int) -> None:
+        rename, count = Path.rename, iter(range(99))
+
+        def dying(path, target):
+            if next(count) == number:
+                raise Killed
+            return rename(path, target)
+
+        with monkeypatch.context() as patched, pytest.raises(Killed):
+            patched.setattr(Path, "rename", dying)
+            patched.setattr("shutil.rmtree", lambda *_, **__: None)
+            write(old, 2, force=True)
+
+    return kill
+
+
+@pytest.mark.parametrize("number", range(6))
+def test_a_kill_within_the_swap_loses_nothing(old, killed, number):
+    """Readers refuse the folder, whatever way it is named; the next simulation finishes the swap before it begins."""
+    killed(number)
+    left = sorted(old.glob("*.csv"))
+    for argument in (old, *([old / "*.csv", left[0]] if left else [])):
+        with pytest.raises(LogError) as refused:
+            expand([argument])
+        assert refused.value.slug == "logs-half-replaced"
+    with pytest.raises(ResultError) as told:
+        write(old, 3)
+    assert told.value.slug == "logs-in-the-way"
+    assert set(contents(old)) == {"session_01.csv", "session_02.csv", "truth.json"}
+    assert read_truth(old / "truth.json")["seed"] == 2 and len(expand([old])) == 2
+    whole = contents(old)
+    write(old, 2, force=True)
+    assert contents(old) == whole
+
+
+def test_a_file_that_came_meanwhile_is_not_replaced(old, killed):
+    """What a user put in the place of a file that is still to come stays, and so does that file."""
+    killed(4)
+    (old / "session_02.csv").write_text("mine")
+    before = contents(old)
+    with pytest.raises(ResultError, match="is in the way"):
+        write(old, 3, force=True)
+    assert contents(old).items() >= {"session_02.csv": b"mine"}.items() and len(contents(old)) == len(before)
+
+
+def test_only_own_leftovers_are_removed(tmp_path):
+    """A hidden folder that looks like ours, but holds what no simulation writes, stays however old it is."""
+    kept = [".simulation-notes/a.txt", f".simulation-{'0' * 12}/a.txt", f".simulation-{'1' * 12}/old/sub/truth.json"]
+    gone = [f".simulation-{'2' * 12}/session_01.csv", f".simulation-{'3' * 12}/.session_01.csv.{'a' * 12}.part"]
+    for name in kept + gone:
+        (tmp_path / name).parent.mkdir(parents=True)
+        (tmp_path / name).write_text("precious")
+        os.utime(tmp_path / Path(name).parts[0], (1.0, 1.0))
+    write(tmp_path, 1)
+    assert {name for name in contents(tmp_path) if name.startswith(".")} == set(kept)
