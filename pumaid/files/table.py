@@ -5,6 +5,7 @@ from __future__ import annotations
 import gzip
 import hashlib
 import io
+import os
 import sys
 import zlib
 from collections.abc import Callable, Iterable, Iterator, Sequence
@@ -254,7 +255,7 @@ def _parquet(
     groups = range(path.first, path.stop) if isinstance(path, FilePart) else None
     if groups is not None or (path != STDIN and path.is_file()):
         stream.seek(0)
-        opened = pa.OSFile(str(path)) if path.is_file() else path.open()
+        opened = pa.OSFile(os.fsencode(str(path))) if path.is_file() else path.open()
         return ParquetSource(opened, str(path), groups), lambda: _digest(stream)
     data = buffered.read()
     source = ParquetSource(io.BytesIO(data), "<stdin>" if path == STDIN else str(path))

@@ -104,3 +104,67 @@ def test_what_is_no_fleet_is_refused(fleet, what):
     target = fleet if what == "one robot" else next((fleet / "arm 1").glob("*.parquet"))
     failed = run("identify", str(target), "--recipe", str(fleet.parent / "recipe.yaml"), "--fleet", code=3)
     assert "error[no-fleet]" in failed.stderr
+
+
+def pendulums(fleet: Path) -> Path:
+    """The fleet's folder, each robot with a recipe of its own."""
+    for one in fleet.iterdir():
+        shutil.copy(fleet.parent / "recipe.yaml", one / "recipe.yaml")
+    return fleet
+
+
+def test_logs_of_no_robot_are_told(fleet):
+    """A log beside the sub-folders is in no model, and the command says so."""
+    log = next((fleet / "arm 1").glob("session_*"))
+    shutil.copy(log, pendulums(fleet) / f"loose{log.suffix}")
+    done = run("identify", str(fleet))
+    assert "note[fleet-loose-logs]" in done.stderr and f"loose{log.suffix}" in done.stderr
+
+
+def test_a_fleet_with_a_recipe_missing_is_refused(fleet, monkeypatch):
+    """With a recipe in the working folder, too: it would make one robot of two."""
+    monkeypatch.chdir(fleet.parent)
+    (pendulums(fleet) / "arm 2" / "recipe.yaml").unlink()
+    done = run("identify", "fleet", code=3)
+    assert "error[fleet-unclear]" in done.stderr and "arm 2 has none" in done.stderr
+    assert not list(fleet.parent.rglob("model.json"))
+    run("identify", "fleet", "--recipe", "recipe.yaml", "--fleet")
+
+
+def test_a_log_of_two_robots_is_told(fleet):
+    """A copying error: what agrees there says nothing."""
+    log = next((fleet / "arm 1").glob("session_*"))
+    shutil.copy(log, fleet / "arm 2" / f"copy{log.suffix}")
+    done = run("identify", str(pendulums(fleet)), "--trust")
+    assert "note[fleet-same-logs]: arm 2 has a log of arm 1" in done.stderr
+
+
+@pytest.mark.parametrize(
+    ("change", "is_same"),
+    [
+        (("a: 0.3", "a: 0.301"), True),
+        (("a: 0.3", "a: 0.9"), False),
+        (("theta: 0, ", "theta: 90, "), False),
+    ],
+)
+def test_only_robots_of_one_arm_are_compared(fleet, change, is_same):
+    """Equal names of parameters are not enough; a calibrated length is no other arm."""
+    recipe = pendulums(fleet) / "arm 2" / "recipe.yaml"
+    text = recipe.read_text(encoding="utf-8")
+    assert change[0] in text
+    recipe.write_text(text.replace(*change, 1), encoding="utf-8")
+    done = run("identify", str(fleet), "--json")
+    assert len(json.loads(done.stdout)["groups"]) == (1 if is_same else 0)
+    assert ("note[fleet-mixed]" in done.stderr) is not is_same
+
+
+def test_effects_with_other_given_shapes_are_not_compared(fleet):
+    """Two waves of different frequencies have nothing in common."""
+    for one, frequency in zip(sorted(pendulums(fleet).iterdir()), (21, 22), strict=True):
+        recipe = one / "recipe.yaml"
+        text = recipe.read_text(encoding="utf-8")
+        assert "effects:" not in text
+        effect = f"effects: [{{effect: ripple, joint: 2, shape: {{frequency: {frequency}}}}}]\n"
+        recipe.write_text(f"{text}\n{effect}", encoding="utf-8")
+    done = run("identify", str(fleet), "--json")
+    assert json.loads(done.stdout)["groups"] == [] and "note[fleet-mixed]" in done.stderr
