@@ -40,3 +40,18 @@ def test_a_log_whose_name_is_no_text(arm):
     assert invoke("identify", str(arm / "logs")).exit_code == 0
     assert r"\\udcff\\udcfe bad.csv" in path.read_text()
     assert invoke("compare", str(path), str(arm / "logs"), "--json").exit_code == 0
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="other systems have no such names")
+def test_a_folder_whose_name_is_no_text(arm):
+    """Parquet logs are opened by the bytes of their path."""
+    import pandas as pd
+
+    folder = arm / os.fsdecode(b"logs \xff")
+    folder.mkdir()
+    for path in (arm / "logs").glob("*.csv"):
+        pd.read_csv(path).to_parquet(path.with_suffix(".parquet"))
+        path.with_suffix(".parquet").rename(folder / f"{path.stem}.parquet")
+    assert invoke("identify", str(folder), "--recipe", str(arm / "recipe.yaml")).exit_code == 0
+    found = invoke("identify", str(folder), "--recipe", str(arm / "recipe.yaml"), "--jobs", "2", "--no-cache")
+    assert found.exit_code == 0

@@ -142,7 +142,9 @@ def _bar(axes: Axes, place: float, score: JointScore, *, looks: dict[str, dict[s
 def _frame(axes: Axes, story: Story, scores: list[JointScore], places: np.ndarray) -> None:
     lowest = min(0.0, *(sum(share for share in score.shares.values() if share < 0.0) for score in scores))
     axes.set_xlim(1.05 * lowest if lowest < -0.01 else 0.0, 1.29 - lowest)
-    axes.set_yticks(places, [f"{score.joint}  {story.robot.joint(score.joint).name}" for score in scores])
+    axes.set_yticks(
+        places, [f"{score.joint}  {shortened(story.robot.joint(score.joint).name, 20)}" for score in scores]
+    )
     axes.set_ylim(-0.6, len(scores) - 0.4)
     axes.xaxis.set_major_formatter(lambda share, _: f"{100 * share:.0f} %")
     axes.set_xticks([0.0, 0.5, 1.0])
