@@ -23,6 +23,8 @@ if TYPE_CHECKING:
 _MALLOC = {-3: 32 << 20, -1: 256 << 20}
 #: Runs from which freed memory is given back at the end.
 _MANY_RUNS = 1000
+#: Copies of files that are told one by one.
+MOST_COPIES = 5
 
 
 def one_pass(
@@ -52,9 +54,25 @@ def one_pass(
         evidence = _on_cores(paths, robot, others=others, trust=trust, extra=extra, options=options)
     else:
         evidence = _here(paths, robot, trust=trust, extra=extra, options=options, ahead=how.jobs != 1)
+    evidence = _single(evidence, trust=trust)
     if len(evidence.runs) > _MANY_RUNS:
         _give_back_memory()
     return evidence
+
+
+def _single(evidence: Evidence, *, trust: bool) -> Evidence:
+    """The evidence with notes on what stands twice in the logs; a copy of a file is refused."""
+    from pumaid.errors import Faults, LogError, Note
+    from pumaid.motion.doubled import doubled
+
+    found = list(doubled(evidence))
+    faults = [one for one in found if isinstance(one, LogError)]
+    if faults and not trust:
+        raise faults[0] if len(faults) == 1 else Faults(faults[:MOST_COPIES])
+    notes = [
+        Note(one.slug, f"{one.what}; {one.mend}", one.where) if isinstance(one, LogError) else one for one in found
+    ]
+    return replace(evidence, notes=(*evidence.notes, *notes)) if notes else evidence
 
 
 def _here(
