@@ -23,8 +23,6 @@ if TYPE_CHECKING:
 _MALLOC = {-3: 32 << 20, -1: 256 << 20}
 #: Runs from which freed memory is given back at the end.
 _MANY_RUNS = 1000
-#: Copies of files that are told one by one.
-MOST_COPIES = 5
 
 
 def one_pass(
@@ -68,7 +66,7 @@ def _single(evidence: Evidence, *, trust: bool) -> Evidence:
     found = list(doubled(evidence))
     faults = [one for one in found if isinstance(one, LogError)]
     if faults and not trust:
-        raise faults[0] if len(faults) == 1 else Faults(faults[:MOST_COPIES])
+        raise faults[0] if len(faults) == 1 else Faults(faults)
     notes = [
         Note(one.slug, f"{one.what}; {one.mend}", one.where) if isinstance(one, LogError) else one for one in found
     ]

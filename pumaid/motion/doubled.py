@@ -11,6 +11,8 @@ from numpy.typing import NDArray
 from pumaid.errors import LogError, Note, Where
 from pumaid.records import Evidence, FileFacts, Run
 
+#: Copies of files that are told one by one.
+TOLD = 5
 #: Cells that a run needs for its noise to be its own, and those that are looked at of a longer one.
 FEWEST, MOST = 8, 32
 #: Share of the noise, and of a variance, by which what was written in another form may differ.
@@ -36,8 +38,9 @@ def doubled(evidence: Evidence) -> Iterator[LogError | Note]:
         part of one was added to another.
     """
     same = _same_files(evidence.files)
-    for copy, first in same.items():
-        what = f"{copy} is {first} over again, byte for byte: counted twice, errors would come out too small"
+    for copy, first in list(same.items())[:TOLD]:
+        more = f" (and {len(same) - TOLD} more such files)" if len(same) > TOLD else ""
+        what = f"{copy} is {first} over again, byte for byte{more}: counted twice, errors would come out too small"
         yield LogError("log-doubled", what, Where(file=copy), "leave one of the two out")
     pairs = Counter((first.origin, again.origin) for first, again in _same_runs(evidence.runs))
     for (first, again), count in sorted(pairs.items()):

@@ -76,7 +76,7 @@ def test_no_process_outlives_a_killed_run(arm):
             shutil.copy(path, logs / f"{number:02}_{path.name}")
     seen, delays = 0, random.Random(3)
     for _ in range(6):
-        line = [sys.executable, "-c", TWO, "identify", str(logs), "--jobs", "2", "--no-cache"]
+        line = [sys.executable, "-c", TWO, "identify", str(logs), "--jobs", "2", "--no-cache", "--trust"]
         with subprocess.Popen(line, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL) as run:
             children = Path(f"/proc/{run.pid}/task/{run.pid}/children")
             found: list[str] = []

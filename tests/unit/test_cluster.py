@@ -181,7 +181,7 @@ def test_a_cluster_from_the_command_line(logs, tmp_path):
     shutil.copy(logs / "recipe.yaml", folder)
 
     def pumaid(*more: str) -> subprocess.CompletedProcess[str]:
-        line = [sys.executable, "-m", "pumaid", "identify", "logs", "--no-cache", *more]
+        line = [sys.executable, "-m", "pumaid", "identify", "logs", "--no-cache", "--trust", *more]
         return subprocess.run(line, cwd=folder, capture_output=True, text=True, check=False)
 
     done = pumaid("-o", "far.json", "--dask", "local", "--jobs", "1")
@@ -247,7 +247,7 @@ def test_ctrl_c_ends_a_local_cluster_quietly(logs, tmp_path, moment):
     """While workers start or read, Ctrl-C (to all of them, as a terminal sends it) leaves one line and no process."""
     pytest.importorskip("distributed", reason="pip install pumaid[dask]")
     cut(logs, tmp_path / "logs", 200)
-    line = [sys.executable, "-m", "pumaid", "identify", "logs", "--no-cache", "--dask", "local", "--recipe"]
+    line = [sys.executable, "-m", "pumaid", "identify", "logs", "--no-cache", "--trust", "--dask", "local", "--recipe"]
     process = subprocess.Popen(
         [*line, str(logs / "recipe.yaml")], cwd=tmp_path, stderr=subprocess.PIPE, text=True, start_new_session=True
     )
