@@ -5,12 +5,15 @@ from __future__ import annotations
 import errno
 import os
 import secrets
+import signal
 import stat
-from collections.abc import Iterator
-from contextlib import contextmanager, suppress
+import threading
+from collections.abc import Iterator, Sequence
+from contextlib import ExitStack, contextmanager, nullcontext, suppress
 from pathlib import Path
 
 from pumaid.errors import ResultError, Where
+from pumaid.files.alone import alone
 
 #: What to do about the ways in which a disk refuses; anything else is told in the system's own words.
 _MENDS = {
@@ -93,6 +96,56 @@ def whole_file(path: Path) -> Iterator[Path]:
         if temporary is not None:
             with suppress(OSError):
                 temporary.unlink(missing_ok=True)
+
+
+def write_together(files: Sequence[tuple[Path, bytes]]) -> None:
+    """Write files that belong together: all of them, or none.
+
+    Everything is on the disk under hidden names before the first file takes its place; then they do so one right after
+    the other in the order given, while Ctrl-C waits and no other run writes to the folder of the last. Only a process
+    that is killed in that moment leaves a part.
+
+    Parameters
+    ----------
+    files
+        Paths and contents, the one by which people come to the others last.
+
+    Raises
+    ------
+    ResultError [cannot-write]
+        The disk refuses.
+    ResultError [results-busy]
+        Another run does not let go of the folder.
+    """
+    plain = [(path, data) for path, data in files if not _is_stream(path)]
+    with ExitStack() as stack:
+        for path, data in reversed(plain):
+            temporary = stack.enter_context(whole_file(path))
+            temporary.write_bytes(data)
+            _force_to_disk(temporary)
+        places = stack.pop_all()
+        with places, alone(plain[-1][0].resolve().parent) if plain else nullcontext(), undisturbed():
+            places.close()
+    for path, data in files:
+        if _is_stream(path):
+            write_whole(path, data)
+
+
+@contextmanager
+def undisturbed() -> Iterator[None]:
+    """Let Ctrl-C and a request to end wait until the block is over; it must be short."""
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    came: list[int] = []
+    before = {one: signal.signal(one, lambda number, _: came.append(number)) for one in (signal.SIGINT, signal.SIGTERM)}
+    try:
+        yield
+    finally:
+        for one, handler in before.items():
+            signal.signal(one, signal.SIG_DFL if handler is None else handler)
+        for number in came:
+            signal.raise_signal(number)
 
 
 def _is_stream(path: Path) -> bool:

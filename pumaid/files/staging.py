@@ -12,15 +12,13 @@ import os
 import re
 import secrets
 import shutil
-import signal
-import threading
 import time
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from pumaid.errors import ResultError, Where
-from pumaid.files.atomic import write_whole
+from pumaid.files.atomic import undisturbed, write_whole
 
 #: Hidden folder in which files are written before they take their places, and s after which one was left by a dead run.
 _STAGE, _STALE = re.compile(r"\.simulation-[0-9a-f]{12}"), 86_400.0
@@ -81,7 +79,7 @@ def swap(stage: Path, folder: Path, old: Sequence[Path], *, first: str) -> None:
     """
     new = sorted((path.name for path in stage.iterdir()), key=lambda name: (name != first, name))
     done: list[tuple[Path, Path]] = []
-    with _undisturbed():
+    with undisturbed():
         try:
             write_whole(stage / _LIST, json.dumps({"out": [path.name for path in old], "in": new}))
             for source, target in _steps(stage, folder, [path.name for path in old], new):
@@ -151,20 +149,3 @@ def _left(folder: Path) -> list[Path]:
             if all(name == OUT or _OURS.fullmatch(name) for name in names):
                 found.append(path)
     return found
-
-
-@contextmanager
-def _undisturbed() -> Iterator[None]:
-    """Let Ctrl-C and a request to end wait until the block is over; it must be short."""
-    if threading.current_thread() is not threading.main_thread():
-        yield
-        return
-    came: list[int] = []
-    before = {one: signal.signal(one, lambda number, _: came.append(number)) for one in (signal.SIGINT, signal.SIGTERM)}
-    try:
-        yield
-    finally:
-        for one, handler in before.items():
-            signal.signal(one, signal.SIG_DFL if handler is None else handler)
-        for number in came:
-            signal.raise_signal(number)

@@ -4,12 +4,15 @@ from __future__ import annotations
 
 import errno
 import os
+import signal
+import threading
 from pathlib import Path
 
 import pytest
 
 from pumaid.errors import ResultError
-from pumaid.files.atomic import whole_file, write_whole
+from pumaid.files.alone import alone
+from pumaid.files.atomic import whole_file, write_together, write_whole
 
 
 def names(folder: Path) -> list[str]:
@@ -82,3 +85,49 @@ def test_what_cannot_be_written_is_told(tmp_path: Path, name: str) -> None:
         write_whole(tmp_path / name, "new")
     assert caught.value.slug == "cannot-write" and caught.value.mend and len(caught.value.what) < 200
     assert names(tmp_path) == ["file", "folder", "loop"]
+
+
+def test_files_that_belong_together_are_replaced_together(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Ctrl-C at the first renaming comes when all of them are done; they come in the order given."""
+    files = [(tmp_path / "sub" / f"{n}.txt", b"new") for n in range(5)]
+    for path, _ in files:
+        write_whole(path, "old")
+    replace, order = Path.replace, []
+
+    def interrupted(path: Path, target: Path) -> Path:
+        order.append(target.name)
+        signal.raise_signal(signal.SIGINT)
+        return replace(path, target)
+
+    monkeypatch.setattr(Path, "replace", interrupted)
+    with pytest.raises(KeyboardInterrupt):
+        write_together(files)
+    assert order == [path.name for path, _ in files]
+    assert [path.read_bytes() for path, _ in files] == [b"new"] * 5 and len(names(tmp_path / "sub")) == 5
+
+
+@pytest.mark.parametrize("failing", range(5))
+def test_one_that_cannot_be_written_leaves_all_the_old(tmp_path: Path, failing: int) -> None:
+    """Whichever it is, nothing is replaced, and no hidden file stays."""
+    files = [(tmp_path / f"{n}.txt", b"new") for n in range(5)]
+    for number, (path, _) in enumerate(files):
+        path.mkdir() if number == failing else write_whole(path, "old")
+    with pytest.raises(ResultError):
+        write_together(files)
+    assert {path.read_bytes() for path, _ in files if path.is_file()} == {b"old"} and len(names(tmp_path)) == 5
+
+
+def test_another_run_is_waited_for(tmp_path: Path) -> None:
+    """While one run replaces its files another waits, so that no folder holds parts of both."""
+    done = threading.Event()
+
+    def other() -> None:
+        write_together([(tmp_path / "a.txt", b"second")])
+        done.set()
+
+    with alone(tmp_path):
+        thread = threading.Thread(target=other)
+        thread.start()
+        assert not done.wait(0.3) and not (tmp_path / "a.txt").exists()
+    thread.join()
+    assert (tmp_path / "a.txt").read_bytes() == b"second"

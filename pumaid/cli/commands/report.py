@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Callable, Sequence
-from contextlib import ExitStack
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -203,14 +201,10 @@ def _made(
 
 
 def _write(made: Sequence[tuple[Path, bytes]]) -> None:
-    """Write everything under hidden names before the first file is replaced: a failure leaves the old report."""
-    from pumaid.files.atomic import whole_file, write_whole
+    """Write everything or nothing; the page, if it goes to standard output, once the rest is written."""
+    from pumaid.files.atomic import write_together
 
-    *others, (page, told) = made
-    with ExitStack() as renamed:
-        for path, data in others:
-            with renamed.enter_context(whole_file(path)).open("wb") as file:
-                file.write(data)
-                file.flush()
-                os.fsync(file.fileno())
-        content(told) if str(page) == "-" else write_whole(page, told)
+    write_together([(path, data) for path, data in made if str(path) != "-"])
+    page, told = made[-1]
+    if str(page) == "-":
+        content(told)
