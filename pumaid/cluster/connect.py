@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import logging
 import signal
+import threading
 from collections.abc import Iterator
 from concurrent.futures import CancelledError
 from contextlib import ExitStack, contextmanager
@@ -105,21 +106,48 @@ def _interrupts_held() -> Iterator[None]:
 @contextmanager
 def _remote(address: str, where: Where) -> Iterator[Any]:
     """A client of a scheduler that somebody started."""
-    import distributed
-
-    try:
-        client = distributed.Client(address, timeout=PATIENCE)
-    except (OSError, ValueError, TimeoutError) as error:
-        what = f"no scheduler answers at {address}: {error}"
-        raise LogError("no-cluster", what, where, "start one with 'dask scheduler', or give --dask local") from error
+    client, seen = _answer(address, where)
     with client:
-        _check_same_program(client, where)
+        _check_same_program(seen, where)
         yield client
 
 
-def _check_same_program(client: Any, where: Where) -> None:
+def _answer(address: str, where: Where) -> tuple[Any, Any]:
+    """A client and the versions that run there.
+
+    What answers may be no scheduler at all: then dask takes its bytes for lengths, or waits for ever. So it is asked in
+    a thread, which is left behind if it does not end.
+
+    Raises
+    ------
+    LogError [no-cluster]
+        No scheduler answers.
+    """
+    import distributed
+
+    found: list[tuple[Any, Any]] = []
+    failed: list[Exception] = []
+
+    def ask() -> None:
+        try:
+            client = distributed.Client(address, timeout=PATIENCE)
+            found.append((client, client.get_versions(packages=["pumaid"])))
+        except Exception as error:
+            failed.append(error)
+
+    thread = threading.Thread(target=ask, daemon=True)
+    thread.start()
+    thread.join(2 * PATIENCE)
+    if found:
+        return found[0]
+    said = str(failed[0]) or type(failed[0]).__name__ if failed else f"not within {2 * PATIENCE} s"
+    what = f"no scheduler answers at {address}: {said.partition(chr(10))[0][:200]}"
+    mend = "start one with 'dask scheduler', or give --dask local"
+    raise LogError("no-cluster", what, where, mend) from (failed[0] if failed else None)
+
+
+def _check_same_program(seen: Any, where: Where) -> None:
     """Parts of logs pass between processes of one pumaid only."""
-    seen = client.get_versions(packages=["pumaid"])
     for name, found in {"the scheduler": seen["scheduler"], **seen["workers"]}.items():
         version = found["packages"].get("pumaid")
         if version != __version__:

@@ -6,11 +6,13 @@ import os
 import pickle
 import shutil
 import signal
+import socket
 import subprocess
 import sys
+import threading
 import time
 from concurrent.futures import CancelledError
-from contextlib import nullcontext
+from contextlib import nullcontext, suppress
 from functools import reduce
 from pathlib import Path
 from unittest.mock import MagicMock
@@ -259,3 +261,28 @@ def test_ctrl_c_ends_a_local_cluster_quietly(logs, tmp_path, moment):
         for _ in range(100):
             os.killpg(process.pid, 0)
             time.sleep(0.1)
+
+
+@pytest.mark.parametrize("answer", [b"", b"HTTP/1.0 400 Bad Request\r\n\r\n" * 9, b"\x01" + bytes(200)])
+def test_a_stranger_in_place_of_a_scheduler(monkeypatch, answer):
+    """Who says nothing, speaks HTTP or sends anything is no scheduler: one message, and no waiting without end."""
+    pytest.importorskip("distributed", reason="pip install pumaid[dask]")
+
+    monkeypatch.setattr(connect, "PATIENCE", 1)
+    heard: list[socket.socket] = []
+
+    def serve() -> None:
+        with suppress(OSError):
+            while True:
+                heard.append(server.accept()[0])
+                heard[-1].sendall(answer)
+
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        threading.Thread(target=serve, daemon=True).start()
+        address = f"tcp://127.0.0.1:{server.getsockname()[1]}"
+        begun = time.monotonic()
+        with pytest.raises(LogError) as refused, connected(address):
+            pass
+        assert refused.value.slug == "no-cluster" and address in refused.value.what and time.monotonic() - begun < 20
+    for one in heard:
+        one.close()

@@ -287,9 +287,10 @@ def broad(path: Path) -> list[int]:
 def test_only_the_command_line_catches_everything():
     """Nobody swallows our own bugs; the command line turns them into exit code 4, in one place.
 
-    In others, what the code of users' own effects and the libraries of object stores raise becomes a refusal.
+    In others, what the code of users' own effects, the libraries of object stores and a stranger that answers in place
+    of a cluster raise becomes a refusal.
     """
-    others = ["pumaid/effects/outside/failing.py", "pumaid/files/remote.py"]
+    others = ["pumaid/cluster/connect.py", "pumaid/effects/outside/failing.py", "pumaid/files/remote.py"]
     assert list(offenders(broad)) == ["pumaid/cli/failures.py", *others]
 
 
