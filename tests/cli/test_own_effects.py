@@ -200,3 +200,11 @@ def test_a_file_beside_a_package_of_the_same_name_is_refused(braked, packages):
     """Which of two effects of one name is meant is not guessed."""
     done = typed(braked, "compare", "results/model.json", "logs", *KNOWN, packages=packages)
     assert done.returncode == 3 and "error[effect-taken]" in done.stderr and "Traceback" not in done.stderr
+
+
+def test_marks_in_its_title_are_text(tmp_path):
+    """What the terminal would take for an end of bold is shown as it is written."""
+    (tmp_path / "brake.py").write_text(OWN.replace("Rubbing brake", "Rubbing [/bold] [red]brake"), encoding="utf-8")
+    for line in (["effects"], ["effects", "brake"]):
+        done = typed(tmp_path, *line, *KNOWN)
+        assert done.returncode == 0 and "[/bold]" in done.stdout, done.stderr

@@ -60,7 +60,7 @@ def _list(chosen: list[dict[str, Any]]) -> None:
     rows = Table("effect", "what it is", "current", "family", "may be mistaken for", box=None, pad_edge=False)
     for one in sorted(chosen, key=lambda one: not one["base"]):
         name = f"{one['effect']} (in every model)" if one["base"] else one["effect"]
-        rows.add_row(name, one["title"], escape(one["equation"]), one["family"], ", ".join(one["look_alikes"]))
+        rows.add_row(name, *map(escape, (one["title"], one["equation"], one["family"], ", ".join(one["look_alikes"]))))
     table(rows)
     say("\ns sign of the motion, v speed, q position, tau gravity's load, i predicted current (A), t time")
 
