@@ -8,12 +8,13 @@ import secrets
 import signal
 import stat
 import threading
+import time
 from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, contextmanager, nullcontext, suppress
 from pathlib import Path
 
 from pumaid.errors import ResultError, Where
-from pumaid.files.alone import alone
+from pumaid.files.alone import PATIENCE, alone
 
 #: What to do about the ways in which a disk refuses; anything else is told in the system's own words.
 _MENDS = {
@@ -52,7 +53,8 @@ def write_whole(path: Path, data: bytes | str) -> None:
     content = data.encode("utf-8", "backslashreplace") if isinstance(data, str) else data
     if _is_stream(Path(path)):
         try:
-            Path(path).write_bytes(content)
+            with os.fdopen(_opened(Path(path)), "wb") as stream:
+                stream.write(content)
         except OSError as error:
             raise _refusal(Path(path), error) from error
         return
@@ -157,6 +159,31 @@ def _is_stream(path: Path) -> bool:
     except (OSError, RuntimeError):
         return False
     return not (stat.S_ISREG(mode) or stat.S_ISDIR(mode))
+
+
+def _opened(path: Path) -> int:
+    """A device or a pipe to write to; a pipe that nobody reads would be waited for without end.
+
+    Raises
+    ------
+    OSError
+        Nobody reads it, or the system refuses.
+    """
+    waits = os.O_NONBLOCK if stat.S_ISFIFO(path.stat().st_mode) else 0
+    how = os.O_WRONLY | (waits or os.O_TRUNC)
+    end = time.monotonic() + PATIENCE
+    while True:
+        try:
+            handle = os.open(path, how)
+        except OSError as error:
+            if not waits or error.errno != errno.ENXIO:
+                raise
+            if time.monotonic() > end:
+                raise OSError(errno.ENXIO, f"it is a pipe that nobody reads (for {PATIENCE:g} s)") from error
+            time.sleep(0.02)
+        else:
+            os.set_blocking(handle, True)
+            return handle
 
 
 def _force_to_disk(path: Path) -> None:

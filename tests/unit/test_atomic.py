@@ -11,6 +11,7 @@ from pathlib import Path
 import pytest
 
 from pumaid.errors import ResultError
+from pumaid.files import atomic
 from pumaid.files.alone import alone
 from pumaid.files.atomic import whole_file, write_together, write_whole
 
@@ -131,3 +132,18 @@ def test_another_run_is_waited_for(tmp_path: Path) -> None:
         assert not done.wait(0.3) and not (tmp_path / "a.txt").exists()
     thread.join()
     assert (tmp_path / "a.txt").read_bytes() == b"second"
+
+
+@pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="pipes with names are of POSIX")
+def test_a_pipe_that_nobody_reads_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """It is not waited for without end; one that is read gets everything."""
+    monkeypatch.setattr(atomic, "PATIENCE", 0.2)
+    os.mkfifo(tmp_path / "pipe")
+    with pytest.raises(ResultError, match="nobody reads"):
+        write_whole(tmp_path / "pipe", "text")
+    heard: list[str] = []
+    reader = threading.Thread(target=lambda: heard.append((tmp_path / "pipe").read_text()))
+    reader.start()
+    write_whole(tmp_path / "pipe", "text")
+    reader.join(10)
+    assert heard == ["text"]
