@@ -23,10 +23,13 @@ OVERLAP = 0.8
 
 
 def replicates(runs: Sequence[Run]) -> list[list[int]]:
-    """Groups of indices into `runs` that repeat one another: same joint, kind, posture, speed, direction and span."""
+    """Groups of indices into `runs` that repeat one another: same joint, kind, posture, speed, direction and span.
+
+    Each begins with its earliest run, by the log's clock and not by the order of files, to which the others are held.
+    """
     sorts: dict[tuple[int, str], list[int]] = {}
-    for number, run in enumerate(runs):
-        sorts.setdefault((run.joint, run.kind), []).append(number)
+    for number in sorted(range(len(runs)), key=lambda n: (runs[n].start, runs[n].duration, runs[n].speed)):
+        sorts.setdefault((runs[number].joint, runs[number].kind), []).append(number)
     groups = [
         [numbers[k] for k in group]
         for numbers in sorts.values()

@@ -19,6 +19,8 @@ FEW = settings(
 #: Share of a standard error: the fit stops where a step changes less than about 1e-6 of the logarithm of a variance.
 ROUNDING = 0.02
 DEG = 180 / np.pi
+#: Entries of a joint that say how well it is known.
+FLOORS = ("rmse", "noise_floor", "run_level")
 
 
 def model(folder: Path, tables, *, recipe: str = RECIPE, names=("a.csv", "b.csv"), order=None) -> dict:
@@ -86,7 +88,10 @@ def test_signs_change_nothing(tmp_path, signs):
 
 def test_order_of_files_changes_nothing(tmp_path):
     """Logs may be named in any order; where times do not follow, each has a clock of its own."""
-    assert_scaled(model(tmp_path / "arm", good(), order=("b.csv", "a.csv")))
+    found = model(tmp_path / "arm", good(), order=("b.csv", "a.csv"))
+    assert_scaled(found)
+    for new, old in zip(found["joints"], fitted()["joints"], strict=True):
+        assert [new[key] for key in FLOORS] == pytest.approx([old[key] for key in FLOORS], rel=1e-6)
 
 
 @FEW
