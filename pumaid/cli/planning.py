@@ -125,7 +125,7 @@ def planned(robot: Robot, ask: Ask, tell: Callable[[str], None]) -> Plan:
             postures_per_joint=ask.postures,
             replicates=ask.replicates,
             criterion=ask.criterion,
-            prior=prior_of(robot, ask.prior),
+            prior=prior_of(robot, ask),
             setup=setup_of(ask),
             seed=ask.seed,
             tell=tell,
@@ -152,7 +152,7 @@ def _for(robot: Robot, ask: Ask, whole: Callable[[], Plan], *, tell: Callable[[s
         size=ask.size,
         ground=None if logs is not None else whole(),
         logs=logs,
-        estimate=prior_of(robot, ask.prior),
+        estimate=prior_of(robot, ask),
         seed=ask.seed,
         tell=tell,
     )
@@ -187,17 +187,17 @@ def checked(robot: Robot, path: Path, ask: Ask, *, tell: Callable[[str], None]) 
     from pumaid.verbs.foresee import foresee
 
     given = read_plan(path, robot)
-    return foresee(robot, given, prior=prior_of(robot, ask.prior), setup=setup_of(ask), seed=ask.seed, tell=tell)
+    return foresee(robot, given, prior=prior_of(robot, ask), setup=setup_of(ask), seed=ask.seed, tell=tell)
 
 
-def prior_of(robot: Robot, path: Path | None) -> Estimate | None:
+def prior_of(robot: Robot, ask: Ask) -> Estimate | None:
     """The earlier model of ``--prior``, refused where it is of another arm."""
-    if path is None:
+    if ask.prior is None:
         return None
     from pumaid.cli.reading import check_model, read_known_model
 
-    estimate = read_known_model(path)
-    check_model(estimate, robot)
+    estimate = read_known_model(ask.prior)
+    check_model(estimate, robot, (ask.recipe, ()))
     return estimate
 
 

@@ -45,12 +45,24 @@ def read_known_model(path: Path) -> Estimate:
     return estimate
 
 
-def check_model(estimate: Estimate, robot: Robot) -> None:
-    """Refuse a model of another recipe, or whose effects are no longer what they were."""
+def check_model(estimate: Estimate, robot: Robot, near: tuple[Path | None, Sequence[str]]) -> None:
+    """Refuse a model of another recipe, or whose effects are no longer what they were.
+
+    Parameters
+    ----------
+    estimate, robot
+        The model, and the arm that it shall be of.
+    near
+        ``--recipe`` or none, and the logs: what led to the recipe that is told.
+    """
     from pumaid.chosen import check_parameters
+    from pumaid.errors import ModelError
     from pumaid.files.result import check_same_recipe
 
-    check_same_recipe(estimate, robot)
+    try:
+        check_same_recipe(estimate, robot)
+    except ModelError as error:
+        raise ModelError(error.slug, error.what, Where(file=str(recipe_path(*near))), error.mend) from error
     check_parameters(estimate, robot)
 
 

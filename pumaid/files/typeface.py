@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import atexit
 import functools
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -37,6 +38,7 @@ def cut_typeface() -> TemporaryDirectory[str]:
         Holds the font files; goes away with the process.
     """
     folder = TemporaryDirectory(prefix="pumaid-", ignore_cleanup_errors=True)
+    atexit.register(folder.cleanup)  # else Python warns of it where warnings are asked for
     for weight, style in _FACES:
         source = findfont(FontProperties(family=WHOLE, weight=weight, style=style))
         place = Path(folder.name) / f"{weight}-{style}.ttf"

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import shutil
+
 import pytest
 from faulty import contents, invoke, unclear
 from faulty_models import all_models
@@ -37,3 +39,21 @@ def test_compare_takes_logs_that_the_model_never_saw(arm):
     assert invoke("identify", str(arm / "logs" / "log_1.csv")).exit_code == 0
     found = invoke("compare", str(arm / "results" / "model.json"), str(arm / "logs" / "log_2.csv"))
     assert found.exit_code == 0 and "compared-with-fitted" not in found.stderr
+
+
+def test_the_recipe_that_does_not_fit_is_named(arm, tmp_path):
+    """A model of another arm: the file that was found beside the logs, not the one that the model remembers."""
+    other = tmp_path / "other"
+    shutil.copytree(arm, other)
+    text = (other / "recipe.yaml").read_text(encoding="utf-8")
+    (other / "recipe.yaml").write_text(f"{text}# of another arm\n", encoding="utf-8")
+    for command in ("compare", "diagnose"):
+        found = invoke(command, str(arm / "results" / "model.json"), str(other / "logs"))
+        assert found.exit_code == 3 and f"at: {other / 'recipe.yaml'}" in found.stderr
+
+
+def test_logs_that_are_not_there_are_what_is_told(tmp_path, monkeypatch):
+    """Not the recipe that would lie beside them."""
+    monkeypatch.chdir(tmp_path)
+    found = invoke("identify", "nothing")
+    assert found.exit_code == 3 and found.stderr.startswith("error[no-such-log]")

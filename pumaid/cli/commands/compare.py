@@ -80,7 +80,7 @@ def command(
     spare_inputs([picture], read_files(logs, recipe, model) if picture else [])
     estimate = read_known_model(model)
     robot, evidence = read_evidence(logs, recipe, trust=trust, heldout=heldout, how=how)
-    check_model(estimate, robot)
+    check_model(estimate, robot, (recipe, logs))
     comparison = compare(estimate, evidence, robot)
     notes((*estimate.notes, *comparison.notes))
     if picture is not None and comparison.runs:

@@ -98,7 +98,7 @@ def command(
         spare_inputs([output, plan, picture], read_files(logs, recipe, model, current))
     estimate = read_known_model(model)
     robot, evidence = read_evidence(logs, recipe, trust=trust, heldout=heldout, how=how, extra=suspect)
-    check_model(estimate, robot)
+    check_model(estimate, robot, (recipe, logs))
     check_logs(estimate, evidence, trust=trust)
     folder = results_folder(results, recipe, logs)
     typed = Typed(logs, recipe, heldout, context.meta.get("pumaid.effects", ()))

@@ -73,7 +73,7 @@ def command(
         raise click.UsageError("Two files cannot go to standard output." if form == "c" else "--json prints itself.")
     estimate = read_known_model(model)
     robot = read_robot(recipe, [str(model)])
-    check_model(estimate, robot)
+    check_model(estimate, robot, (recipe, [str(model)]))
     stem = "" if output is None or to_pipe or output.is_dir() else output.stem
     found = export(
         estimate,

@@ -109,8 +109,10 @@ def _identified(logs: tuple[str, ...], recipe: Path | None, asked: dict[str, Any
     """One robot's arm and model; notes are told."""
     from pumaid.choices import chosen_by
     from pumaid.cli.reading import read_evidence, read_robot
+    from pumaid.files.paths import expand
     from pumaid.verbs.identify import identify
 
+    expand(logs)  # where they are not there, it is not the recipe beside them that is missing
     robot = read_robot(recipe, logs)
     effects = chosen_by(robot, add=asked["add"], remove=asked["remove"])
     how, trust, heldout = asked["how"], asked["trust"], asked["heldout"]

@@ -89,10 +89,12 @@ def command(
       pumaid plan --check plan.yaml
       pumaid plan --check plan.yaml --format urscript -o plan.script
     """
-    from pumaid.cli.reading import experiment_folder, read_files, read_robot
+    from pumaid.cli.reading import experiment_folder, read_files, read_robot, recipe_path
     from pumaid.files.plan import PLAN_NAME, refuse_to_replace
     from pumaid.records import Plan
 
+    if given is not None and recipe is None:
+        recipe = recipe_path(None, [str(given)])  # a plan lies beside its recipe
     ask = Ask(recipe=recipe, **options)
     check_together(ask, given)
     robot = read_robot(recipe)

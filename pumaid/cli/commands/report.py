@@ -93,7 +93,7 @@ def command(
         _table(source, near, recipe=recipe, form=form, units=units, output=output)
         return
     read = partial(read_evidence, where, recipe, trust=trust, heldout=heldout, how=how)
-    told = _story(source, read, units=units)
+    told = _story(source, read, place=(recipe, where), units=units)
     folder = results or home / "results"
     made = _made(told, folder, figures=figures or folder / "figures", forms=chosen, page=output)
     spare_inputs([path for path, _ in made], inputs)
@@ -133,7 +133,7 @@ def _table(
     from pumaid.show.export import parameters_as
 
     estimate, robot = read_known_model(source), read_robot(recipe, near)
-    check_model(estimate, robot)
+    check_model(estimate, robot, (recipe, near))
     made = parameters_as(estimate, robot, form, units=units)
     if output is None or str(output) == "-":
         content(made)
@@ -142,7 +142,13 @@ def _table(
         remark(f"table written to {output}")
 
 
-def _story(source: Path, read: Callable[[], tuple[Robot, Evidence]], *, units: str) -> Story:
+def _story(
+    source: Path,
+    read: Callable[[], tuple[Robot, Evidence]],
+    *,
+    place: tuple[Path | None, Sequence[str]],
+    units: str,
+) -> Story:
     """What the report tells of: the model on the logs, and the models before it."""
     from pumaid.cli.reading import check_model, read_known_model
     from pumaid.files.ladders import ladder_of
@@ -151,7 +157,7 @@ def _story(source: Path, read: Callable[[], tuple[Robot, Evidence]], *, units: s
 
     estimate = read_known_model(source)
     robot, evidence = read()
-    check_model(estimate, robot)
+    check_model(estimate, robot, place)
     comparison = compare(estimate, evidence, robot)
     notes((*evidence.notes, *estimate.notes, *comparison.notes))
     told = Story(robot, estimate, evidence, comparison, units, ladder=ladder_of(source))
