@@ -384,6 +384,23 @@ def time_faults() -> Iterator[Fault]:
     yield Fault("mixed rates", "time in ms in one of two logs", times(lambda t: 1e3 * t, only_first=True))
 
 
+def lost(column: str, share: float, seed: int) -> Callable[[Path], None]:
+    """Some values of a column are 0, as a recorder writes what it has not."""
+
+    def change(table: pd.DataFrame) -> pd.DataFrame:
+        gone = np.random.default_rng(seed).random(len(table)) < share
+        return table.assign(**{column: table[column].where(~gone, 0.0)})
+
+    return tables(change)
+
+
+def dropouts() -> Iterator[Fault]:
+    """Values that were lost and written as 0."""
+    for seed, column in enumerate(("i1", "i2", "q1", "q2", "qd1")):
+        for share in (0.001, 0.01, 0.1, 0.5):
+            yield Fault("values lost as 0", f"{100 * share:g} % of {column}", lost(column, share, seed))
+
+
 def current_faults() -> Iterator[Fault]:
     """Currents that are none."""
     for column in ("i1", "i2"):
@@ -585,5 +602,5 @@ def sizes() -> Iterator[Fault]:
 def all_logs() -> list[Fault]:
     """Every mutation of the logs."""
     makers = (empty_files, cut_files, bad_numbers, columns, time_faults)
-    makers += (current_faults, unit_faults, other_arms, dialects, sizes)
+    makers += (dropouts, current_faults, unit_faults, other_arms, dialects, sizes)
     return [fault for maker in makers for fault in maker()]

@@ -19,6 +19,8 @@ Found = Iterator[LogError | Note]
 UNRELATED = 0.5
 #: Share of a joint's samples, least number, and multiple of the next level's count, that make a flat top.
 FLAT_SHARE, FLAT_COUNT, FLAT_RATIO = 0.01, 50, 5
+#: Samples, and share of them, that make lost values.
+DROPPED_COUNT, DROPPED_SHARE = 5, 2e-4
 #: s; a current that stays the same to the digit for longer while its joint moves is frozen, or far too coarse.
 FROZEN = 2.0
 #: A; no motor of an arm draws so little or so much at most, but one whose unit is not what the recipe says does.
@@ -76,6 +78,13 @@ def of_current(tally: Tally) -> Found:
         if not flat and tally.frozen[k] >= FLAT_COUNT and seconds > FROZEN:
             text = f"current of joint {joint.number} stays the same to the digit for {seconds:.1f} s of motion"
             yield Note("current-frozen", f"{text}: the signal froze, or its steps are too coarse", where)
+        lost = int(tally.dropped[k])
+        if lost >= max(DROPPED_COUNT, DROPPED_SHARE * total):
+            text = (
+                f"current of joint {joint.number} is exactly zero in {lost} of {total} moving samples, amid others that"
+                " are far from it: values that were lost and written as 0"
+            )
+            yield Note("current-dropouts", f"{text}; leave those cells empty, such rows are then left out", where)
         largest = max(-low, high)
         if not SMALL <= largest <= LARGE:
             unlike = "more than an arm's motor draws" if largest > LARGE else "less than it takes to move an arm"

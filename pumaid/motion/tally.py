@@ -26,11 +26,13 @@ _ALONE = 0.05
 _SAME_POSTURE = 0.1
 #: Postures a joint that are kept apart; later ones add nothing that these do not show.
 _MOST_POSTURES = 300
+#: Multiple of the spread of a window's currents by which all of them must be away from zero, where one of them is zero.
+FAR_FROM_ZERO = 2.0
 #: Intervals from which the sampling rate is taken.
 _RATE_PROBE = 20_000
 
 #: What simply adds up from log to log.
-_SUMS = ("path", "seconds", "speed_squares", "moved_by", "displacement", "integral", "moving", "ways")
+_SUMS = ("path", "seconds", "speed_squares", "moved_by", "displacement", "integral", "moving", "ways", "dropped")
 
 
 @dataclass(eq=False, slots=True)
@@ -58,6 +60,8 @@ class Tally:
         and how often they occur.
     frozen
         (J,) the most samples one after the other, while moving, in which the current stays the same to the digit.
+    dropped
+        (J,) samples, while moving, in which the current is exactly zero amid others that are all far from it.
     groups
         Per joint a and posture of the others: sums over the windows in which a moves alone, (4 + J, 4 + J) of
         (1, cos, sin, direction, all mean currents).
@@ -84,6 +88,7 @@ class Tally:
     top: Floats = field(init=False)
     top_count: NDArray[np.int64] = field(init=False)
     frozen: NDArray[np.int64] = field(init=False)
+    dropped: NDArray[np.int64] = field(init=False)
     groups: list[dict[tuple[int, ...], Floats]] = field(init=False)
     ways: NDArray[np.int64] = field(init=False)
     has_velocity: bool = False
@@ -100,6 +105,7 @@ class Tally:
         self.moved_by, self.displacement, self.integral = np.zeros((n, n)), np.zeros(n), np.zeros(n)
         self.moving, self.ways = np.zeros(n, dtype=np.int64), np.zeros((n, 2), dtype=np.int64)
         self.top, self.top_count = np.full((n, 2, 2), -1.0), np.zeros((n, 2, 2), dtype=np.int64)
+        self.dropped = np.zeros(n, dtype=np.int64)
         self.frozen, self._still = np.zeros(n, dtype=np.int64), np.full((n, 2), np.nan)
         self.groups = [{} for _ in range(n)]
 
@@ -222,6 +228,8 @@ class Tally:
             self.current_lowest[j] = min(self.current_lowest[j], low.min())
             self.current_highest[j] = max(self.current_highest[j], high.max())
             self._stand_still(j, low, high, counts=counts[own])
+            for window in own[(low == 0.0) != (high == 0.0)].tolist():
+                self.dropped[j] += _dropouts(values[edges[window] : edges[window + 1]])
             for side, size in enumerate((high, -low)):
                 second = size[size < size.max()].max(initial=-1.0)
                 for window in own[size >= max(second, self.top[j, side, 1])].tolist():
@@ -279,6 +287,18 @@ def _two_largest(size: Floats) -> list[tuple[float, int]]:
     second = size[size < first].max(initial=-np.inf)
     found = [(float(level), int(np.count_nonzero(size == level))) for level in (first, second)]
     return [(level, count) for level, count in found if level > 0.0]
+
+
+def _dropouts(values: Floats) -> int:
+    """How many of some currents (N,), of which none is on the other side of zero, are zeros amid others far from it.
+
+    Where the first or the last is zero it may be that of an arm at rest.
+    """
+    size = np.abs(values)
+    others = size[size > 0.0]
+    if not (size[0] and size[-1]):
+        return 0
+    return len(size) - len(others) if 0.0 < FAR_FROM_ZERO * float(np.ptp(others)) < others.min() else 0
 
 
 def _edges(time: Floats) -> NDArray[np.int64]:

@@ -209,6 +209,18 @@ def test_a_cut_off_current_is_flagged() -> None:
     assert slugs(replace(log, current=np.round(log.current, 1)), arm()) == []
 
 
+@pytest.mark.parametrize("share", [0.01, 0.1, 0.3])
+def test_values_that_were_lost_are_flagged(share: float) -> None:
+    """Single zeros amid larger currents; currents in coarse steps, which are zero at rest, are none."""
+    log = good_log()
+    current = log.current.copy()
+    current[np.random.default_rng(7).random(len(log)) < share, 1] = 0.0
+    (note,) = watched(replace(log, current=current), arm())
+    assert note.slug == "current-dropouts" and "joint 2" in str(note)
+    for step in (0.02, 0.1, 0.25, 0.5):
+        assert "current-dropouts" not in slugs(replace(log, current=step * np.round(log.current / step)), arm())
+
+
 def test_joints_at_rest_and_beyond_limits_are_flagged() -> None:
     """What may be meant is a note with the joints and the figures."""
     log = good_log()
