@@ -16,7 +16,7 @@ from pumaid.fit import notes
 from pumaid.fit.combinations import determined
 from pumaid.fit.enlarged import Enlarged, enlarged
 from pumaid.fit.judge import Judge, rmse
-from pumaid.fit.misfit import of_misfit
+from pumaid.fit.misfit import of_misfit, of_runs
 from pumaid.fit.profiles import Profile
 from pumaid.fit.reasons import Facts
 from pumaid.fit.rows import Row
@@ -116,6 +116,7 @@ def identified(
         notes=(
             *evidence.notes,
             *of_misfit(fitted, {fit.joint: fit.noise_floor for fit in joints}),
+            *of_runs(fitted),
             *notes.of_fit(fitted, robot),
             *notes.of_gears(fitted, robot),
             *notes.odd_friction(values, robot.n_joints),

@@ -1,8 +1,8 @@
-"""Joints that their model misses by far more than noise, and logs that do not fit the others."""
+"""Joints that their model misses by more than noise, and logs and runs that are not like the others."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,15 +10,20 @@ from numpy.typing import NDArray
 from pumaid.errors import Note, Where
 from pumaid.fit.rows import Row
 from pumaid.fit.system import Fitted
+from pumaid.motion.options import CONSTANT
+from pumaid.records import Run
 from pumaid.units import number
 
 Floats = NDArray[np.float64]
 
-#: Multiple of the noise, and share of the current's variance, beyond which a model misses a joint. Logs of
-#: the arm that the model is of are within 1.3 times.
-FAR, SHARE = 4.0, 0.01
+#: Multiple of the noise beyond which a model misses a joint. Logs of the arm that the model is of are within 1.3 times.
+FAR = 2.0
 #: Runs of a joint that a file must have to be fitted by itself, and how much better it must be met then.
 FEWEST, BETTER = 8, 2.0
+#: Multiple of the usual run's noise that makes a run odd, and share of the runs that may be: more are another matter.
+ODD, MOST_ODD = 5.0, 0.2
+#: Multiple of the usual variance inside a cell beyond which their mean is one of outliers.
+SPIKY = 10.0
 #: Singular values below this share of the largest are left out where one file is fitted by itself.
 _RCOND = 1e-3
 
@@ -39,11 +44,48 @@ def of_misfit(fitted: Fitted, floors: Mapping[int, float | None]) -> list[Note]:
     for row in fitted.rows:
         values = fitted.system.factors(fitted.gains)[row.joint - 1] * fitted.solution.values
         misses = float(np.sqrt(row.squares(values) / row.samples))
-        floor, inside = floors.get(row.joint), _inside(row)
+        floor, inside = floors.get(row.joint), _rms_inside(row.runs)
         noise = inside if floor is None else min(inside, floor)
-        if misses > FAR * noise and misses**2 > SHARE * _variance(row):
+        if misses > FAR * noise:
             found.append(_note(row, values, misses, noise))
     return found
+
+
+def of_runs(fitted: Fitted) -> list[Note]:
+    """Notes on single runs that are far noisier than the others of their joint, and on noise that is mostly outliers.
+
+    Both pass for noise everywhere else: they make intervals wide, and what they move is told by nothing.
+    """
+    found = []
+    for row in fitted.rows:
+        # What accelerates leaves more, by all that a change of speed does.
+        runs = [run for run in row.runs if run.kind == CONSTANT]
+        if len(runs) < FEWEST:
+            continue
+        left = np.array([_rms_inside([run]) for run in runs])
+        usual = float(np.median(left))
+        odd = [run for run, size in zip(runs, left, strict=True) if size > ODD * usual]
+        if usual > 0.0 and 0 < len(odd) <= MOST_ODD * len(runs):
+            found.append(_odd_runs(odd, usual, of=len(runs)))
+        variance = np.concatenate([run.cells.variance for run in runs])
+        middle, mean = float(np.sqrt(np.median(variance))), float(np.sqrt(np.mean(variance)))
+        if middle > 0.0 and mean**2 > SPIKY * middle**2 and not odd:
+            sizes = f"{number(mean)} A (RMS), where half of the time it is {number(middle)} A"
+            text = f"the noise of joint {row.joint}'s current is mostly outliers: {sizes}"
+            advice = "those that are not there both ways move friction and gravity; look at the samples"
+            found.append(Note("current-spikes", f"{text}; {advice}", Where(joint=row.joint)))
+    return found
+
+
+def _odd_runs(odd: Sequence[Run], usual: float, *, of: int) -> Note:
+    first, joint = odd[0], odd[0].joint
+    which = f"1 of {of} runs of joint {joint} is" if len(odd) == 1 else f"{len(odd)} of {of} runs of joint {joint} are"
+    sizes = f"{number(_rms_inside(odd))} A (RMS), in half of the runs by {number(usual)} A"
+    text = (
+        f"{which} not like the others: inside, the current leaves its course by {sizes}; the first begins at"
+        f" {number(first.start)} s. Did the arm touch something? It moves the numbers, and no interval knows of it"
+    )
+    return Note("run-stands-out", text, Where(file=first.origin, row=first.first_row, joint=joint))
 
 
 def _note(row: Row, values: Floats, misses: float, noise: float) -> Note:
@@ -59,20 +101,11 @@ def _note(row: Row, values: Floats, misses: float, noise: float) -> Note:
     return Note("logs-disagree", f"{text}, since the logs disagree: {own}; {advice}", Where(file=name, joint=row.joint))
 
 
-def _inside(row: Row) -> float:
+def _rms_inside(runs: Sequence[Run]) -> float:
     """RMS current (A) that the runs' own harmonics leave."""
-    left = sum(float(run.triangle.factor[-1, -1]) ** 2 for run in row.runs)
-    freedom = sum(run.samples - len(run.triangle.columns) for run in row.runs)
+    left = sum(float(run.triangle.factor[-1, -1]) ** 2 for run in runs)
+    freedom = sum(run.samples - len(run.triangle.columns) for run in runs)
     return float(np.sqrt(left / max(freedom, 1)))
-
-
-def _variance(row: Row) -> float:
-    """Variance (A2) of the joint's current over all its runs."""
-    count = np.concatenate([run.cells.count for run in row.runs])
-    current = np.concatenate([run.cells.current[:, run.joint - 1] for run in row.runs])
-    inside = np.concatenate([run.cells.variance for run in row.runs])
-    mean = np.average(current, weights=count)
-    return float(np.average((current - mean) ** 2 + inside, weights=count))
 
 
 def _odd_files(row: Row, values: Floats) -> Iterator[tuple[float, str, float, float]]:
