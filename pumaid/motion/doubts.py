@@ -293,7 +293,7 @@ def _answers(tally: Tally) -> tuple[Floats, Floats]:
         answer[a] = left[0, 1:] / left[0, 0]
         # What the direction explains of the variance that gravity leaves.
         share[a] = left[0, 1:] ** 2 / (left[0, 0] * np.maximum(np.diag(left)[1:], 1e-300))
-        answer[a, ~np.isfinite(tally.current_lowest) & (tally.path > MOVED)] = np.nan
+        answer[a, ~np.isfinite(tally.levels.lowest) & (tally.path > MOVED)] = np.nan
     return answer, share
 
 

@@ -19,6 +19,10 @@ Found = Iterator[LogError | Note]
 UNRELATED = 0.5
 #: Share of a joint's samples, least number, and multiple of the next level's count, that make a flat top.
 FLAT_SHARE, FLAT_COUNT, FLAT_RATIO = 0.01, 50, 5
+#: Windows, and share of them, that make a signal that freezes again and again.
+FLAT_WINDOWS, FLAT_TIME = 20, 0.05
+#: Share of pairs of samples with the same current, and s between two changes, from which on a current is held.
+HELD_SHARE, HELD = 0.6, 0.02
 #: Samples, and share of them, that make lost values.
 DROPPED_COUNT, DROPPED_SHARE = 5, 2e-4
 #: s; a current that stays the same to the digit for longer while its joint moves is frozen, or far too coarse.
@@ -61,10 +65,10 @@ def of_current(tally: Tally) -> Found:
     yield from _of_copies(tally)
     for joint in tally.robot.joints:
         k = joint.number - 1
-        if tally.path[k] < MOVED or not np.isfinite(tally.current_lowest[k]):
+        if tally.path[k] < MOVED or not np.isfinite(tally.levels.lowest[k]):
             continue
         where = _where(tally, "current", joint.number)
-        low, high, total = float(tally.current_lowest[k]), float(tally.current_highest[k]), int(tally.moving[k])
+        low, high, total = float(tally.levels.lowest[k]), float(tally.levels.highest[k]), int(tally.levels.moving[k])
         if low == high and total >= FLAT_COUNT:
             what = f"current of joint {joint.number} is {number(low)} A in all {total} samples in which it moves"
             mend = (
@@ -74,11 +78,9 @@ def of_current(tally: Tally) -> Found:
             continue
         flat = list(_of_top(tally, joint, where))
         yield from flat
-        seconds = int(tally.frozen[k]) * tally.rate_interval()
-        if not flat and tally.frozen[k] >= FLAT_COUNT and seconds > FROZEN:
-            text = f"current of joint {joint.number} stays the same to the digit for {seconds:.1f} s of motion"
-            yield Note("current-frozen", f"{text}: the signal froze, or its steps are too coarse", where)
-        lost = int(tally.dropped[k])
+        if not flat:
+            yield from _of_stale(tally, joint, where)
+        lost = int(tally.levels.dropped[k])
         if lost >= max(DROPPED_COUNT, DROPPED_SHARE * total):
             text = (
                 f"current of joint {joint.number} is exactly zero in {lost} of {total} moving samples, amid others that"
@@ -92,13 +94,35 @@ def of_current(tally: Tally) -> Found:
             yield Note("current-size", f"{text}: see units: {{current: ...}} in the recipe's log block", where)
 
 
+def _of_stale(tally: Tally, joint: Joint, where: Where) -> Found:
+    """A current that is not measured anew at each sample; told once, in the plainest way."""
+    k, interval = joint.number - 1, tally.rate_interval()
+    pairs, same = (int(many) for many in tally.levels.same[k])
+    windows, flat = (int(many) for many in tally.levels.flat[k])
+    period = interval / max(1.0 - same / max(pairs, 1), 1e-9)
+    name = f"current of joint {joint.number}"
+    longest = tally.levels.frozen[k] * interval
+    if tally.levels.frozen[k] >= FLAT_COUNT and longest > FROZEN:
+        text = f"{name} stays the same to the digit for {longest:.1f} s of motion"
+    elif same > HELD_SHARE * pairs and max(HELD, longest / 3.0) < period:
+        text = f"{name} changes only every {1e3 * period:.0f} ms, and there is a sample every {1e3 * interval:.3g} ms"
+        late = "it is held meanwhile, and so late by half of that on average, or its steps are too coarse"
+        yield Note("current-held", f"{text}: {late}", where)
+        return
+    elif flat >= FLAT_WINDOWS and flat > FLAT_TIME * windows:
+        text = f"{name} stays the same to the digit in {100 * flat / windows:.0f} % of the time in which it moves"
+    else:
+        return
+    yield Note("current-frozen", f"{text}: the signal froze, or its steps are too coarse", where)
+
+
 def _of_top(tally: Tally, joint: Joint, where: Where) -> Found:
     """A flat top on either side; told once, of the side with the larger current."""
-    k, total = joint.number - 1, int(tally.moving[joint.number - 1])
-    for side in np.argsort(-tally.top[k, :, 0], kind="stable"):
-        count, below = (int(many) for many in tally.top_count[k, side])
+    k, total = joint.number - 1, int(tally.levels.moving[joint.number - 1])
+    for side in np.argsort(-tally.levels.top[k, :, 0], kind="stable"):
+        count, below = (int(many) for many in tally.levels.top_count[k, side])
         if count >= max(FLAT_COUNT, FLAT_SHARE * total) and count >= FLAT_RATIO * below:
-            limit = number(float(math.copysign(tally.top[k, side, 0], 0.5 - side)))
+            limit = number(float(math.copysign(tally.levels.top[k, side, 0], 0.5 - side)))
             text = f"current of joint {joint.number} is at its limit, {limit} A, in {count} of {total} moving samples"
             yield Note(
                 "current-saturated", f"{text}: cut off by the drive or the sensor; slower runs stay below", where

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from pumaid.errors import LogError
+from pumaid.motion.levels import Levels
 from pumaid.records import Log, Robot
 
 Floats = NDArray[np.float64]
@@ -26,13 +26,11 @@ _ALONE = 0.05
 _SAME_POSTURE = 0.1
 #: Postures a joint that are kept apart; later ones add nothing that these do not show.
 _MOST_POSTURES = 300
-#: Multiple of the spread of a window's currents by which all of them must be away from zero, where one of them is zero.
-FAR_FROM_ZERO = 2.0
 #: Intervals from which the sampling rate is taken.
 _RATE_PROBE = 20_000
 
 #: What simply adds up from log to log.
-_SUMS = ("path", "seconds", "speed_squares", "moved_by", "displacement", "integral", "moving", "ways", "dropped")
+_SUMS = ("path", "seconds", "speed_squares", "moved_by", "displacement", "integral", "ways")
 
 
 @dataclass(eq=False, slots=True)
@@ -51,17 +49,8 @@ class Tally:
         (J,) sums of their squares.
     intervals
         First intervals (s).
-    current_lowest, current_highest
-        (J,) A, over the samples in which each joint moves.
-    moving
-        (J,) samples in which each joint moves.
-    top, top_count
-        (J, 2, 2): the two largest currents while moving (A), of the positive and, without sign, of the negative ones,
-        and how often they occur.
-    frozen
-        (J,) the most samples one after the other, while moving, in which the current stays the same to the digit.
-    dropped
-        (J,) samples, while moving, in which the current is exactly zero amid others that are all far from it.
+    levels
+        What each joint's current is while the joint moves.
     groups
         Per joint a and posture of the others: sums over the windows in which a moves alone, (4 + J, 4 + J) of
         (1, cos, sin, direction, all mean currents).
@@ -82,31 +71,21 @@ class Tally:
     displacement: Floats = field(init=False)
     integral: Floats = field(init=False)
     intervals: list[Floats] = field(default_factory=list)
-    current_lowest: Floats = field(init=False)
-    current_highest: Floats = field(init=False)
-    moving: NDArray[np.int64] = field(init=False)
-    top: Floats = field(init=False)
-    top_count: NDArray[np.int64] = field(init=False)
-    frozen: NDArray[np.int64] = field(init=False)
-    dropped: NDArray[np.int64] = field(init=False)
+    levels: Levels = field(init=False)
     groups: list[dict[tuple[int, ...], Floats]] = field(init=False)
     ways: NDArray[np.int64] = field(init=False)
     has_velocity: bool = False
     faults: list[LogError] | None = None
     _n_intervals: int = 0
     _carry: Log | None = None
-    _still: Floats = field(init=False)
 
     def __post_init__(self) -> None:
         n = self.robot.n_joints
         self.lowest, self.highest = np.full(n, np.inf), np.full(n, -np.inf)
-        self.current_lowest, self.current_highest = np.full(n, np.inf), np.full(n, -np.inf)
+        self.levels = Levels(n)
         self.path, self.seconds, self.speed_squares = np.zeros(n), np.zeros(n), np.zeros(n)
         self.moved_by, self.displacement, self.integral = np.zeros((n, n)), np.zeros(n), np.zeros(n)
-        self.moving, self.ways = np.zeros(n, dtype=np.int64), np.zeros((n, 2), dtype=np.int64)
-        self.top, self.top_count = np.full((n, 2, 2), -1.0), np.zeros((n, 2, 2), dtype=np.int64)
-        self.dropped = np.zeros(n, dtype=np.int64)
-        self.frozen, self._still = np.zeros(n, dtype=np.int64), np.full((n, 2), np.nan)
+        self.ways = np.zeros((n, 2), dtype=np.int64)
         self.groups = [{} for _ in range(n)]
 
     def take(self, log: Log) -> None:
@@ -151,10 +130,8 @@ class Tally:
             Sums of samples that this tally has not seen; it must not be fed any more.
         """
         self.origin, self.faults = self.origin or other.origin, None
-        for name in ("lowest", "current_lowest"):
-            setattr(self, name, np.fmin(getattr(self, name), getattr(other, name)))
-        for name in ("highest", "current_highest", "frozen"):
-            setattr(self, name, np.fmax(getattr(self, name), getattr(other, name)))
+        self.lowest, self.highest = np.fmin(self.lowest, other.lowest), np.fmax(self.highest, other.highest)
+        self.levels.absorb(other.levels)
         for name in _SUMS:
             setattr(self, name, getattr(self, name) + getattr(other, name))
         if self._n_intervals < _RATE_PROBE:
@@ -162,9 +139,6 @@ class Tally:
             self._n_intervals += other._n_intervals
         self.has_velocity |= other.has_velocity
         for j, theirs in enumerate(other.groups):
-            for side in (0, 1):
-                found = zip(other.top[j, side].tolist(), other.top_count[j, side].tolist(), strict=True)
-                self._tops(j, side, [(level, count) for level, count in found if count])
             for posture, sums in theirs.items():
                 self._hold(j, posture, sums)
 
@@ -196,7 +170,7 @@ class Tally:
         self.path += np.where(moves, np.abs(steps), 0.0).sum(axis=0)
         self.seconds += (moves * seconds[:, None]).sum(axis=0)
         self.speed_squares += np.where(moves, steps * speed, 0.0).sum(axis=0)
-        self._levels(log.current[:last], edges, usable, moves)
+        self.levels.take(log.current[:last], edges, usable=usable, moves=moves)
         self._directions(speed, moves, mean, middle)
 
     def _hold_velocity(self, log: Log, edges: NDArray[np.int64], steps: Floats, usable: Bools) -> None:
@@ -213,49 +187,6 @@ class Tally:
         self.moved_by += moved.T @ covered
         self.displacement += (moved**2).sum(axis=0)
         self.integral += (covered**2).sum(axis=0)
-
-    def _levels(self, current: Floats, edges: NDArray[np.int64], usable: Bools, moves: Bools) -> None:
-        """Extremes of the current while each joint moves; single samples are looked at where a window's are extreme."""
-        windows = np.flatnonzero(usable)
-        counts = np.diff(edges)
-        for j in np.flatnonzero(moves.any(axis=0)).tolist():
-            own, values = windows[moves[:, j]], current[:, j]
-            self.moving[j] += int(counts[own].sum())
-            low = np.minimum.reduceat(values, edges[:-1])[own]
-            high = np.maximum.reduceat(values, edges[:-1])[own]
-            if np.isnan(low).any():
-                continue
-            self.current_lowest[j] = min(self.current_lowest[j], low.min())
-            self.current_highest[j] = max(self.current_highest[j], high.max())
-            self._stand_still(j, low, high, counts=counts[own])
-            for window in own[(low == 0.0) != (high == 0.0)].tolist():
-                self.dropped[j] += _dropouts(values[edges[window] : edges[window + 1]])
-            for side, size in enumerate((high, -low)):
-                second = size[size < size.max()].max(initial=-1.0)
-                for window in own[size >= max(second, self.top[j, side, 1])].tolist():
-                    part = values[edges[window] : edges[window + 1]]
-                    self._tops(j, side, _two_largest(part if side == 0 else -part))
-
-    def _stand_still(self, j: int, low: Floats, high: Floats, *, counts: NDArray[np.int64]) -> None:
-        """The longest stretch of one value, in samples of whole windows; the last one waits for the next batch."""
-        level = np.where(low == high, low, np.nan)
-        edges = np.concatenate([[0], np.flatnonzero(~(level[1:] == level[:-1])) + 1, [len(level)]])
-        lengths = np.add.reduceat(counts, edges[:-1])
-        value, count = self._still[j]
-        if value == level[0]:
-            lengths[0] += int(count)
-        flat = ~np.isnan(level[edges[:-1]])
-        self.frozen[j] = max(self.frozen[j], lengths[flat].max(initial=0))
-        self._still[j] = level[-1], lengths[-1]
-
-    def _tops(self, j: int, side: int, found: Sequence[tuple[float, int]]) -> None:
-        """Keep the two largest levels of one side."""
-        levels: dict[float, int] = {}
-        known = zip(self.top[j, side].tolist(), self.top_count[j, side].tolist(), strict=True)
-        for level, count in [*known, *found]:
-            levels[level] = levels.get(level, 0) + count
-        best = [*sorted(levels.items(), reverse=True)[:2], (-1.0, 0)][:2]
-        self.top[j, side], self.top_count[j, side] = [b[0] for b in best], [b[1] for b in best]
 
     def _directions(self, speed: Floats, moves: Bools, mean: Floats, middle: Floats) -> None:
         size = np.abs(speed)
@@ -279,26 +210,6 @@ class Tally:
             groups[posture] = groups[posture] + sums
         elif len(groups) < _MOST_POSTURES:
             groups[posture] = sums
-
-
-def _two_largest(size: Floats) -> list[tuple[float, int]]:
-    """The two largest levels above zero among (N,) values, with their counts."""
-    first = size.max()
-    second = size[size < first].max(initial=-np.inf)
-    found = [(float(level), int(np.count_nonzero(size == level))) for level in (first, second)]
-    return [(level, count) for level, count in found if level > 0.0]
-
-
-def _dropouts(values: Floats) -> int:
-    """How many of some currents (N,), of which none is on the other side of zero, are zeros amid others far from it.
-
-    Where the first or the last is zero it may be that of an arm at rest.
-    """
-    size = np.abs(values)
-    others = size[size > 0.0]
-    if not (size[0] and size[-1]):
-        return 0
-    return len(size) - len(others) if 0.0 < FAR_FROM_ZERO * float(np.ptp(others)) < others.min() else 0
 
 
 def _edges(time: Floats) -> NDArray[np.int64]:

@@ -13,6 +13,7 @@ import pytest
 from pumaid.errors import Faults, LogError, Note
 from pumaid.files.table import LogReader
 from pumaid.motion.suspicion import Watch
+from pumaid.motion.tally import Tally
 from pumaid.records import Joint, Log, LogFormat, Robot
 
 REAL = Path(os.environ.get("PUMAID_REAL_DATA", Path(__file__).parents[3] / "shared" / "data"))
@@ -286,3 +287,40 @@ def test_real_logs_raise_no_doubt(name: str) -> None:
     # In some of the double pendulum's recordings a motor is off while its joint swings: its torque is 0 throughout.
     passive = {"current-frozen"} if name.startswith("dfki") else set()
     assert {note.slug for note in watch.notes} <= {"joint-at-rest"} | passive
+
+
+@pytest.mark.parametrize(("period", "is_told"), [(0.1, True), (0.05, True), (0.01, False)])
+def test_a_current_that_is_held_is_flagged(period: float, is_told: bool) -> None:
+    """A value that comes over a slow bus is repeated until the next; twice the sampling interval does no harm."""
+    log = good_log()
+    last = np.floor(log.time / period + 1e-9).astype(np.int64)
+    first = np.searchsorted(last, last)
+    found = slugs(replace(log, current=log.current[first]), arm())
+    assert ("current-held" in found) is is_told and set(found) <= {"current-held"}
+
+
+@pytest.mark.parametrize(("hold", "every"), [(0.8, 6.0), (1.5, 6.0)])
+def test_a_current_that_freezes_again_and_again_is_flagged(hold: float, every: float) -> None:
+    """Shorter than two seconds each time, but for a good part of the time."""
+    log = good_log()
+    current = log.current.copy()
+    for begin in np.arange(3.0, log.time[-1] - hold, every):
+        held = (log.time >= begin) & (log.time < begin + hold)
+        current[held, 1] = current[np.argmax(held), 1]
+    (note,) = watched(replace(log, current=current), arm())
+    assert note.slug == "current-frozen" and "%" in note.text and "joint 2" in str(note)
+
+
+@pytest.mark.parametrize("batch", [37, 1000, 4096, 10**6])
+def test_what_currents_are_like_does_not_depend_on_batches(batch: int) -> None:
+    """Sums over windows are those of one batch, however a stream is cut."""
+    log = good_log()
+    log = replace(log, current=np.round(log.current, 1))
+    whole, parts = Tally(arm()), Tally(arm())
+    whole.take(log)
+    for start in range(0, len(log), batch):
+        some = slice(start, start + batch)
+        names = ("rows", "time", "position", "velocity", "current")
+        parts.take(replace(log, **{name: getattr(log, name)[some] for name in names}))
+    for name in ("moving", "same", "flat", "dropped", "top_count", "frozen"):
+        assert np.array_equal(getattr(whole.levels, name), getattr(parts.levels, name)), name
