@@ -21,9 +21,9 @@ MOVED = 0.2
 #: Displacements and a velocity column that belong together agree this well (real logs: 0.99 and more).
 AGREES = 0.95
 #: Relative error within which a ratio is taken for the ratio of two units; scale errors of sensors are smaller.
-UNIT_MATCH = 0.05
+UNIT_MATCH = 0.03
 #: A ratio within this of one is right: real logs are within 0.015.
-RATIO_FINE = 0.15
+RATIO_FINE = 0.05
 #: Intervals (s) at which no arm is logged: a second and more, or above 33 kHz.
 SLOWEST, FASTEST = 1.0, 3e-5
 #: s; ramps of an arm take 0.1 to 0.3 s: fewer samples do not show them.
@@ -183,7 +183,7 @@ def _of_ratio(tally: Tally) -> Found:
         else:
             yield Note(
                 "velocity-scale",
-                f"{what}; speeds are taken from position{_gear(tally.robot, joint.number, value)}",
+                f"{what}; speeds are taken from position and time{_gear(tally.robot, joint.number, value)}",
                 where,
             )
         if fitting:
