@@ -394,6 +394,52 @@ def lost(column: str, share: float, seed: int) -> Callable[[Path], None]:
     return tables(change)
 
 
+def spikes(column: str, size: float, share: float) -> Callable[[Path], None]:
+    """Some samples of a column are larger."""
+
+    def change(table: pd.DataFrame) -> pd.DataFrame:
+        hit = np.random.default_rng(0).random(len(table)) < share
+        return table.assign(**{column: table[column] + size * hit})
+
+    return tables(change)
+
+
+def contact(column: str, size: float, seconds: float) -> Callable[[Path], None]:
+    """Something leans on the arm for a while, once."""
+
+    def change(table: pd.DataFrame) -> pd.DataFrame:
+        moving = np.abs(np.gradient(table[f"q{column[1:]}"], table.t)) > 0.05
+        begin = float(table.t[np.flatnonzero(moving)[moving.sum() // 2]])
+        touched = (table.t >= begin) & (table.t < begin + seconds)
+        return table.assign(**{column: table[column] + size * touched})
+
+    return tables(change, only_first=True)
+
+
+def repeated(times: int, *names: str) -> Callable[[Path], None]:
+    """Columns that are measured only every so many samples."""
+
+    def change(table: pd.DataFrame) -> pd.DataFrame:
+        first = np.arange(len(table)) // times * times
+        return table.assign(**{name: table[name].to_numpy()[first] for name in names})
+
+    return tables(change)
+
+
+def doubtful_samples() -> Iterator[Fault]:
+    """Spikes, contacts, and signals that come over a slower bus."""
+    for size in (0.5, 5.0):
+        for share in (0.002, 0.01, 0.05):
+            yield Fault("spikes", f"{size:g} A in {100 * share:g} % of i1", spikes("i1", size, share))
+    for size in (0.2, 1.0, -1.0):
+        for seconds in (0.5, 1.5):
+            yield Fault("contacts", f"{size:g} A for {seconds:g} s at joint 1", contact("i1", size, seconds))
+            yield Fault("contacts", f"{size:g} A for {seconds:g} s at joint 2", contact("i2", size, seconds))
+    for times in (2, 4, 10):
+        yield Fault("held signals", f"currents every {times} samples", repeated(times, "i1", "i2"))
+        yield Fault("held signals", f"positions every {times} samples", repeated(times, "q1", "q2", "qd1", "qd2"))
+
+
 def dropouts() -> Iterator[Fault]:
     """Values that were lost and written as 0."""
     for seed, column in enumerate(("i1", "i2", "q1", "q2", "qd1")):
@@ -602,5 +648,5 @@ def sizes() -> Iterator[Fault]:
 def all_logs() -> list[Fault]:
     """Every mutation of the logs."""
     makers = (empty_files, cut_files, bad_numbers, columns, time_faults)
-    makers += (dropouts, current_faults, unit_faults, other_arms, dialects, sizes)
+    makers += (dropouts, doubtful_samples, current_faults, unit_faults, other_arms, dialects, sizes)
     return [fault for maker in makers for fault in maker()]

@@ -24,6 +24,8 @@ FEWEST, BETTER = 8, 2.0
 ODD, MOST_ODD = 5.0, 0.2
 #: Multiple of the usual variance inside a cell beyond which their mean is one of outliers.
 SPIKY = 10.0
+#: Median of the square of a normal deviate.
+ONE_FREEDOM = 0.455
 #: Singular values below this share of the largest are left out where one file is fitted by itself.
 _RCOND = 1e-3
 
@@ -67,14 +69,25 @@ def of_runs(fitted: Fitted) -> list[Note]:
         odd = [run for run, size in zip(runs, left, strict=True) if size > ODD * usual]
         if usual > 0.0 and 0 < len(odd) <= MOST_ODD * len(runs):
             found.append(_odd_runs(odd, usual, of=len(runs)))
-        variance = np.concatenate([run.cells.variance for run in runs])
-        middle, mean = float(np.sqrt(np.median(variance))), float(np.sqrt(np.mean(variance)))
-        if middle > 0.0 and mean**2 > SPIKY * middle**2 and not odd:
-            sizes = f"{number(mean)} A (RMS), where half of the time it is {number(middle)} A"
-            text = f"the noise of joint {row.joint}'s current is mostly outliers: {sizes}"
+        sizes = [] if odd else _outliers(runs)
+        if sizes:
+            shown = f"{number(sizes[1])} A (RMS), where half of the time it is {number(sizes[0])} A"
+            text = f"the noise of joint {row.joint}'s current is mostly outliers: {shown}"
             advice = "those that are not there both ways move friction and gravity; look at the samples"
             found.append(Note("current-spikes", f"{text}; {advice}", Where(joint=row.joint)))
     return found
+
+
+def _outliers(runs: Sequence[Run]) -> list[float]:
+    """Usual and RMS noise (A) of runs where it is mostly outliers, inside cells or from cell to cell; else none."""
+    inside = np.concatenate([run.cells.variance for run in runs])
+    # Third differences leave nothing of a load's course, and of independent noise 20 times its variance.
+    between = np.concatenate([np.diff(run.cells.current[:, run.joint - 1], n=3) ** 2 / 20.0 for run in runs])
+    for squares, usual in ((inside, 1.0), (between, ONE_FREEDOM)):
+        middle, mean = (float(np.median(squares)) / usual, float(np.mean(squares))) if len(squares) else (0.0, 0.0)
+        if middle > 0.0 and mean > SPIKY * middle:
+            return [float(np.sqrt(middle)), float(np.sqrt(mean))]
+    return []
 
 
 def _odd_runs(odd: Sequence[Run], usual: float, *, of: int) -> Note:

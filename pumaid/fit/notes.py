@@ -20,6 +20,8 @@ from pumaid.units import number
 SMALLEST_PART = 1e-3
 #: Sine of the angle between axes up to which they are parallel.
 PARALLEL = 1e-6
+#: Standard errors beyond which a ratio has a sign.
+SURELY = 5.0
 
 
 def odd_friction(values: Sequence[Value], n_joints: int) -> list[Note]:
@@ -43,6 +45,28 @@ def odd_friction(values: Sequence[Value], n_joints: int) -> list[Note]:
                 " which viscous friction does not: something else changed with the speed, or Stribeck friction reigns"
             )
             notes.append(Note("friction-falls-with-speed", text, Where(joint=joint)))
+    return notes
+
+
+def odd_gains(values: Sequence[Value], n_joints: int) -> list[Note]:
+    """Gain ratios whose sign is surely not that by which the two motors count their friction."""
+    known = {value.name: value for value in values if value.ci95 is not None and value.value is not None}
+    ways: dict[int, float] = {}
+    for joint in range(1, n_joints + 1):
+        forth, back = known.get(f"coulomb.j{joint}.plus"), known.get(f"coulomb.j{joint}.minus")
+        if forth and back and (forth.ci95[0] > back.ci95[1] or back.ci95[0] > forth.ci95[1]):  # type: ignore[index]
+            ways[joint] = math.copysign(1.0, forth.value - back.value)  # type: ignore[operator]
+    notes = []
+    for joint in range(1, n_joints):
+        ratio, pair = known.get(f"gain_ratio.{joint}.{joint + 1}"), (ways.get(joint, 0.0), ways.get(joint + 1, 0.0))
+        if ratio is None or ratio.std_error is None or not pair[0] * pair[1]:
+            continue
+        if ratio.value * pair[0] * pair[1] < -SURELY * ratio.std_error:  # type: ignore[operator]
+            same = "the same way" if pair[0] == pair[1] else "opposite ways"
+            load = f"by the load that joints {joint} and {joint + 1} share, their gains have the ratio"
+            text = f"{load} {number(ratio.value or 0.0)}, but by friction the two motors count their currents {same}"
+            mend = "a sign in the DH table (alpha, or theta's or d's), of a position or of gravity is not the arm's"
+            notes.append(Note("gain-sign", f"{text}: {mend}", Where(joint=joint)))
     return notes
 
 

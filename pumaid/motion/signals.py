@@ -23,6 +23,9 @@ FLAT_SHARE, FLAT_COUNT, FLAT_RATIO = 0.01, 50, 5
 FLAT_WINDOWS, FLAT_TIME = 20, 0.05
 #: Share of pairs of samples with the same current, and s between two changes, from which on a current is held.
 HELD_SHARE, HELD = 0.6, 0.02
+#: Share of the time a joint moves in which its position often stays, from which on it is looked at; how near to whole
+#: counts of the smallest step an encoder's steps are, and the share of them that are if it is one.
+STILL_TIME, COUNT_MATCH, MOST_COUNTS = 0.5, 0.1, 0.7
 #: Samples, and share of them, that make lost values.
 DROPPED_COUNT, DROPPED_SHARE = 5, 2e-4
 #: s; a current that stays the same to the digit for longer while its joint moves is frozen, or far too coarse.
@@ -58,6 +61,21 @@ def of_velocity(tally: Tally) -> Found:
                 " of them is another signal; speeds are taken from position"
             )
             yield Note("velocity-unrelated", text, _where(tally, "velocity", joint.number))
+
+
+def of_position(tally: Tally) -> Found:
+    """A position that is measured less often than it is logged; one of an encoder with few counts is none."""
+    for joint in tally.robot.joints:
+        windows, still = (int(many) for many in tally.still[joint.number - 1])
+        if still < FLAT_WINDOWS or still < STILL_TIME * windows:
+            continue
+        steps = tally.jumps[joint.number - 1]
+        counts = steps / np.quantile(steps, 0.02)
+        if np.mean(np.abs(counts - np.round(counts)) < COUNT_MATCH) < MOST_COUNTS:
+            what = f"position of joint {joint.number} often is that of the sample before while it moves, and then jumps"
+            why = "it is measured less often than it is logged, or its log repeats samples"
+            text = f"{what}: {why}; inertia and the ends of runs suffer"
+            yield Note("position-held", text, _where(tally, "position", joint.number))
 
 
 def of_current(tally: Tally) -> Found:

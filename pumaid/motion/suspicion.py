@@ -191,6 +191,7 @@ def suspicions(tally: Tally) -> tuple[list[LogError], list[Note]]:
         found += [
             *doubts.of_limits(tally),
             *signals.of_velocity(tally),
+            *signals.of_position(tally),
             *signals.of_current(tally),
             *doubts.of_order(tally),
         ]

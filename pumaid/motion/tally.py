@@ -26,11 +26,13 @@ _ALONE = 0.05
 _SAME_POSTURE = 0.1
 #: Postures a joint that are kept apart; later ones add nothing that these do not show.
 _MOST_POSTURES = 300
+#: Share of a window's samples that often means, and steps from which it is told what they are.
+_OFTEN, _MOST_JUMPS = 0.3, 2000
 #: Intervals from which the sampling rate is taken.
 _RATE_PROBE = 20_000
 
 #: What simply adds up from log to log.
-_SUMS = ("path", "seconds", "speed_squares", "moved_by", "displacement", "integral", "ways")
+_SUMS = ("path", "seconds", "speed_squares", "moved_by", "displacement", "integral", "ways", "still")
 
 
 @dataclass(eq=False, slots=True)
@@ -51,6 +53,10 @@ class Tally:
         First intervals (s).
     levels
         What each joint's current is while the joint moves.
+    still
+        (J, 2) windows in which each joint moves, and those in which its position often is that of the sample before.
+    jumps
+        Per joint, sizes of the steps between in the latter (rad or m), `_MOST_JUMPS` or so.
     groups
         Per joint a and posture of the others: sums over the windows in which a moves alone, (4 + J, 4 + J) of
         (1, cos, sin, direction, all mean currents).
@@ -72,6 +78,8 @@ class Tally:
     integral: Floats = field(init=False)
     intervals: list[Floats] = field(default_factory=list)
     levels: Levels = field(init=False)
+    still: NDArray[np.int64] = field(init=False)
+    jumps: list[Floats] = field(init=False)
     groups: list[dict[tuple[int, ...], Floats]] = field(init=False)
     ways: NDArray[np.int64] = field(init=False)
     has_velocity: bool = False
@@ -82,7 +90,8 @@ class Tally:
     def __post_init__(self) -> None:
         n = self.robot.n_joints
         self.lowest, self.highest = np.full(n, np.inf), np.full(n, -np.inf)
-        self.levels = Levels(n)
+        self.levels, self.still = Levels(n), np.zeros((n, 2), dtype=np.int64)
+        self.jumps = [np.zeros(0)] * n
         self.path, self.seconds, self.speed_squares = np.zeros(n), np.zeros(n), np.zeros(n)
         self.moved_by, self.displacement, self.integral = np.zeros((n, n)), np.zeros(n), np.zeros(n)
         self.ways = np.zeros((n, 2), dtype=np.int64)
@@ -139,6 +148,8 @@ class Tally:
             self._n_intervals += other._n_intervals
         self.has_velocity |= other.has_velocity
         for j, theirs in enumerate(other.groups):
+            if len(self.jumps[j]) < _MOST_JUMPS:
+                self.jumps[j] = np.concatenate([self.jumps[j], other.jumps[j]])
             for posture, sums in theirs.items():
                 self._hold(j, posture, sums)
 
@@ -170,6 +181,7 @@ class Tally:
         self.path += np.where(moves, np.abs(steps), 0.0).sum(axis=0)
         self.seconds += (moves * seconds[:, None]).sum(axis=0)
         self.speed_squares += np.where(moves, steps * speed, 0.0).sum(axis=0)
+        self._stand(log.position[:last], edges, np.flatnonzero(usable), moves)
         self.levels.take(log.current[:last], edges, usable=usable, moves=moves)
         self._directions(speed, moves, mean, middle)
 
@@ -187,6 +199,19 @@ class Tally:
         self.moved_by += moved.T @ covered
         self.displacement += (moved**2).sum(axis=0)
         self.integral += (covered**2).sum(axis=0)
+
+    def _stand(self, position: Floats, edges: NDArray[np.int64], usable: NDArray[np.intp], moves: Bools) -> None:
+        """Windows in which a joint moves although its position often stays, and its steps there."""
+        counts = np.diff(edges)
+        for j in np.flatnonzero(moves.any(axis=0)).tolist():
+            own, values = usable[moves[:, j]], position[:, j]
+            same = np.append(values[1:] == values[:-1], False)
+            same[edges[1:] - 1] = False
+            often = own[np.add.reduceat(same, edges[:-1], dtype=np.int64)[own] >= _OFTEN * counts[own]]
+            self.still[j] += len(own), len(often)
+            if len(often) and len(self.jumps[j]) < _MOST_JUMPS:
+                steps = np.concatenate([np.diff(values[edges[w] : edges[w + 1]]) for w in often[:_MOST_JUMPS].tolist()])
+                self.jumps[j] = np.concatenate([self.jumps[j], np.abs(steps[steps != 0.0])])
 
     def _directions(self, speed: Floats, moves: Bools, mean: Floats, middle: Floats) -> None:
         size = np.abs(speed)

@@ -8,6 +8,9 @@ import numpy as np
 import pytest
 from faulty import csv, good, invoke, make, slugs_of
 
+from pumaid.fit.notes import odd_gains
+from pumaid.records.estimate import Value
+
 
 def notes(folder: Path, tables) -> str:
     """What identifying logs with these tables says on standard error."""
@@ -74,3 +77,44 @@ def test_a_note_on_wrapped_positions_goes_into_json(tmp_path):
         (arm / "logs" / f"log_{number}.csv").write_text(csv(turned), encoding="utf-8")
     found = invoke("identify", str(arm / "logs"), "--json")
     assert found.exit_code == 0 and '"note": "position-wraps"' in found.stdout
+
+
+def test_a_run_that_is_not_like_the_others_is_named(tmp_path):
+    """Something leaned on the arm within one run: the run is told with its joint, file and row."""
+    first, *others = good(passes=3)
+    speed = np.gradient(first.q1, first.t)
+    begin = float(first.t[np.flatnonzero(speed > 0.3)[0]])
+    touched = (first.t >= begin + 0.8) & (first.t < begin + 2.0)
+    found = notes(tmp_path, [first.assign(i1=first.i1 + 1.0 * touched), *others])
+    (line,) = [line for line in found.splitlines() if line.startswith("note[run-stands-out]")]
+    assert "1 of " in line and "log_1.csv, row" in line and "joint 1" in line
+
+
+@pytest.mark.parametrize("size", [3.0, -3.0])
+def test_noise_that_is_mostly_spikes_is_told(tmp_path, size):
+    """One sample in a hundred is far off: noise floor and misfit grow alike, and still it is said."""
+    rng = np.random.default_rng(5)
+    found = notes(tmp_path, [table.assign(i2=table.i2 + size * (rng.random(len(table)) < 0.01)) for table in good()])
+    assert "current-spikes" in slugs_of(found) or "run-stands-out" in slugs_of(found)
+
+
+def value(name: str, size: float, error: float) -> Value:
+    """An identified parameter."""
+    return Value(name, name, 1, "A", size, error, (size - 2.0 * error, size + 2.0 * error), 20.0)
+
+
+@pytest.mark.parametrize(
+    ("second", "ratio", "is_odd"), [(1, 0.5, False), (1, -0.5, True), (-1, 0.5, True), (-1, -0.5, False)]
+)
+def test_gains_by_load_and_by_friction_have_one_sign(second, ratio, is_odd):
+    """Friction opposes motion, so it tells how a motor counts; a ratio that is near zero has no sign."""
+    friction = [
+        value(f"coulomb.j{j}.{side}", way * sign, 0.02) for j, way in ((1, 1), (2, second)) for side, sign in SIDES
+    ]
+    found = odd_gains([*friction, value("gain_ratio.1.2", ratio, 0.01)], 2)
+    assert [note.slug for note in found] == (["gain-sign"] if is_odd else [])
+    assert odd_gains([*friction, value("gain_ratio.1.2", ratio, 0.2)], 2) == []
+    assert odd_gains([value("gain_ratio.1.2", ratio, 0.01)], 2) == []
+
+
+SIDES = (("plus", 1.0), ("minus", -0.8))

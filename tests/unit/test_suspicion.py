@@ -324,3 +324,27 @@ def test_what_currents_are_like_does_not_depend_on_batches(batch: int) -> None:
         parts.take(replace(log, **{name: getattr(log, name)[some] for name in names}))
     for name in ("moving", "same", "flat", "dropped", "top_count", "frozen"):
         assert np.array_equal(getattr(whole.levels, name), getattr(parts.levels, name)), name
+
+
+@pytest.mark.parametrize("times", [2, 3, 10])
+@pytest.mark.parametrize("step", [1e-6, 2e-4])
+def test_positions_that_are_held_are_flagged(times: int, step: float) -> None:
+    """Each position logged several times over, as it is or in an encoder's fine steps."""
+    log = good_log()
+    first = np.arange(len(log)) // times * times
+    position = step * np.round(log.position / step)
+    found = watched(replace(log, position=position[first], velocity=None), arm())
+    assert {note.slug for note in found} == {"position-held"} and len(found) == 3
+
+
+@pytest.mark.parametrize("counts", [256, 1024, 4096, 16384, 1 << 20])
+@pytest.mark.parametrize("rate", [100.0, 1000.0])
+def test_encoders_of_few_counts_are_not_flagged(counts: int, rate: float) -> None:
+    """Between two counts an encoder says the same, however coarse it is; in a text with six places, too."""
+    log = good_log(rate=rate)
+    quiet = log.position  # noise of the sensor comes before its steps
+    count = 2.0 * math.pi / counts
+    for places in (6, 12):
+        position = np.round(count * np.floor(quiet / count), places)
+        found = watched(replace(log, position=position, velocity=None), arm())
+        assert "position-held" not in [note.slug for note in found]
