@@ -18,6 +18,9 @@ Floats = NDArray[np.float64]
 
 #: Multiple of the noise beyond which a model misses a joint. Logs of the arm that the model is of are within 1.3 times.
 FAR = 2.0
+#: Share of a joint's current (RMS) that a misfit must be besides, and beyond which it is one whatever the noise: what
+#: runs leave by themselves is much too where something is wrong with their samples.
+SEEN, MOST = 1e-3, 0.5
 #: Runs of a joint that a file must have to be fitted by itself, and how much better it must be met then.
 FEWEST, BETTER = 8, 2.0
 #: Multiple of the usual run's noise that makes a run odd, and share of the runs that may be: more are another matter.
@@ -48,7 +51,8 @@ def of_misfit(fitted: Fitted, floors: Mapping[int, float | None]) -> list[Note]:
         misses = float(np.sqrt(row.squares(values) / row.samples))
         floor, inside = floors.get(row.joint), _rms_inside(row.runs)
         noise = inside if floor is None else min(inside, floor)
-        if misses > FAR * noise:
+        size = _current(row)
+        if misses > max(FAR * noise, SEEN * size) or misses > MOST * size:
             found.append(_note(row, values, misses, noise))
     return found
 
@@ -70,7 +74,7 @@ def of_runs(fitted: Fitted) -> list[Note]:
         if usual > 0.0 and 0 < len(odd) <= MOST_ODD * len(runs):
             found.append(_odd_runs(odd, usual, of=len(runs)))
         sizes = [] if odd else _outliers(runs)
-        if sizes:
+        if sizes and sizes[1] > SEEN * _current(row):
             shown = f"{number(sizes[1])} A (RMS), where half of the time it is {number(sizes[0])} A"
             text = f"the noise of joint {row.joint}'s current is mostly outliers: {shown}"
             advice = "those that are not there both ways move friction and gravity; look at the samples"
@@ -119,6 +123,13 @@ def _rms_inside(runs: Sequence[Run]) -> float:
     left = sum(float(run.triangle.factor[-1, -1]) ** 2 for run in runs)
     freedom = sum(run.samples - len(run.triangle.columns) for run in runs)
     return float(np.sqrt(left / max(freedom, 1)))
+
+
+def _current(row: Row) -> float:
+    """RMS current (A) of the joint, by the cells of all its runs."""
+    count = np.concatenate([run.cells.count for run in row.runs])
+    current = np.concatenate([run.cells.current[:, run.joint - 1] for run in row.runs])
+    return float(np.sqrt(np.average(current**2, weights=count)))
 
 
 def _odd_files(row: Row, values: Floats) -> Iterator[tuple[float, str, float, float]]:

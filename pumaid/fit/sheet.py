@@ -18,7 +18,7 @@ from pumaid.fit.system import Fitted
 from pumaid.maths.joint_fit import JointSolution
 from pumaid.maths.levels import freedoms
 from pumaid.maths.recursion import LARGEST_RATIO, Gains
-from pumaid.maths.statistics import Clustered, interval, two_sided
+from pumaid.maths.statistics import Clustered, completed, interval, two_sided
 from pumaid.model import Model
 from pumaid.records import IDENTIFIED, NOT_IDENTIFIABLE, Run, Value
 
@@ -84,9 +84,9 @@ class Sheet:
     def _with(
         cls, fitted: Fitted, runs: Sequence[Run], solution: JointSolution, *, errors: Clustered, absorbed: Absorbed
     ) -> Sheet:
-        """Clustered by run, with the working model's rows and columns where clusters are too few."""
+        """Clustered by run, by the working model where clusters are too few."""
         poor = errors.freedoms < FEWEST_FREEDOMS
-        covariance = np.where(poor[:, None] | poor[None, :], solution.linear.inverse, errors.covariance)
+        covariance = completed(solution.linear.inverse, errors.covariance, poor)
         return cls(fitted, runs, solution, covariance, _freedoms(fitted, solution, errors), absorbed)
 
     def blind(self) -> Floats:

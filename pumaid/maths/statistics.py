@@ -76,6 +76,39 @@ def clustered(
     return Clustered(scores.T @ scores + lent, np.divide(trace**2, squares, out=np.zeros(p), where=shown))
 
 
+def completed(working: Floats, errors: Floats, poor: NDArray[np.bool_]) -> Floats:
+    """A covariance of which some parameters are known by another one only; no combination of it is below zero.
+
+    Taking the poor ones' rows and columns from the other would not do: the two together may give a sum of parameters a
+    variance below zero. The poor ones depend on the rest as by `working`, and are never surer than there.
+
+    Parameters
+    ----------
+    working
+        (p, p) by which all are known.
+    errors
+        (p, p) that holds for the others.
+    poor
+        (p,) those that `errors` does not tell.
+    """
+    good = ~poor
+    if not poor.any():
+        return errors
+    size = np.sqrt(np.maximum(np.diag(working), 0.0))
+    size = np.where(size > 0.0, size, 1.0)
+    scaled, known = working / np.outer(size, size), errors[np.ix_(good, good)]
+    slope = scaled[np.ix_(poor, good)] @ np.linalg.pinv(scaled[np.ix_(good, good)], rcond=1e-10, hermitian=True)
+    rest = scaled[np.ix_(poor, poor)] - slope @ scaled[np.ix_(good, poor)]
+    slope *= size[poor][:, None] / size[good]
+    whole = slope @ known @ slope.T + rest * np.outer(size[poor], size[poor])
+    whole[np.diag_indices_from(whole)] += np.maximum(np.diag(working)[poor] - np.diag(whole), 0.0)
+    out = np.empty_like(errors)
+    out[np.ix_(good, good)], out[np.ix_(poor, poor)] = known, 0.5 * (whole + whole.T)
+    out[np.ix_(poor, good)] = slope @ known
+    out[np.ix_(good, poor)] = out[np.ix_(poor, good)].T
+    return out
+
+
 def _groups(kin: NDArray[np.int64] | None, count: int) -> list[NDArray[np.int64]]:
     numbers = np.zeros(count, dtype=np.int64) if kin is None else kin
     return [np.flatnonzero(numbers == number) for number in np.unique(numbers)]

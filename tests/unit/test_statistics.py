@@ -7,7 +7,7 @@ import pytest
 from scipy import linalg, stats
 
 from pumaid.maths import statistics
-from pumaid.maths.statistics import clustered, interval, two_sided
+from pumaid.maths.statistics import clustered, completed, interval, two_sided
 
 RNG = np.random.default_rng(9)
 SIZES = (3, 5, 2, 4, 6, 3)
@@ -136,3 +136,34 @@ def test_thousands_of_runs_are_worked_on_a_few_at_a_time(monkeypatch):
     np.testing.assert_allclose(apart.covariance, together.covariance, rtol=1e-12)
     np.testing.assert_allclose(apart.freedoms, together.freedoms, rtol=1e-10)
     assert np.all(together.freedoms > 1)
+
+
+def random_covariance(rng: np.random.Generator, size: int, *, rank: int) -> np.ndarray:
+    """A positive semidefinite matrix with units of very different size."""
+    root = rng.normal(size=(size, rank)) * 10.0 ** rng.uniform(-3, 3, size)[:, None]
+    return root @ root.T
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_a_completed_covariance_is_one(seed):
+    """No sum of parameters has a variance below zero; the known block stays, the poor ones are no surer than before."""
+    rng = np.random.default_rng(seed)
+    size = int(rng.integers(3, 12))
+    working, errors = (random_covariance(rng, size, rank=int(rng.integers(2, size + 3))) for _ in range(2))
+    poor = rng.random(size) < 0.4
+    found = completed(working, errors, poor)
+    scale = 1.0 / np.sqrt(np.diag(found))
+    assert np.linalg.eigvalsh(found * np.outer(scale, scale)).min() > -1e-9
+    assert np.array_equal(found[np.ix_(~poor, ~poor)], errors[np.ix_(~poor, ~poor)])
+    assert np.all(np.diag(found)[poor] >= np.diag(working)[poor] * (1.0 - 1e-9))
+    assert np.allclose(
+        completed(working, working, poor), working, rtol=1e-6, atol=1e-9 * np.outer(1 / scale, 1 / scale).max()
+    )
+
+
+def test_taking_rows_from_another_covariance_would_not_do():
+    """The case that made a sum of parameters ± 0: equal parameters, one of them known far better by itself."""
+    working, errors = np.array([[1.0, 0.99], [0.99, 1.0]]), np.diag([0.01, 1.0])
+    poor = np.array([False, True])
+    mixed = np.where(poor[:, None] | poor[None, :], working, errors)
+    assert np.linalg.eigvalsh(mixed).min() < 0.0 < np.linalg.eigvalsh(completed(working, errors, poor)).min()
