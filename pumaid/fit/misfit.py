@@ -27,6 +27,8 @@ FEWEST, BETTER = 8, 2.0
 ODD, MOST_ODD = 5.0, 0.2
 #: Multiple of the usual variance inside a cell beyond which their mean is one of outliers.
 SPIKY = 10.0
+#: Cells from which a run's own outliers are told.
+ENOUGH = 24
 #: Median of the square of a normal deviate.
 ONE_FREEDOM = 0.455
 #: Singular values below this share of the largest are left out where one file is fitted by itself.
@@ -52,7 +54,7 @@ def of_misfit(fitted: Fitted, floors: Mapping[int, float | None]) -> list[Note]:
         floor, inside = floors.get(row.joint), _rms_inside(row.runs)
         noise = inside if floor is None else min(inside, floor)
         size = _current(row)
-        if misses > max(FAR * noise, SEEN * size) or misses > MOST * size:
+        if misses > max(FAR * noise, SEEN * size) or (misses > MOST * size and len(row.runs) >= FEWEST):
             found.append(_note(row, values, misses, noise))
     return found
 
@@ -83,15 +85,32 @@ def of_runs(fitted: Fitted) -> list[Note]:
 
 
 def _outliers(runs: Sequence[Run]) -> list[float]:
-    """Usual and RMS noise (A) of runs where it is mostly outliers, inside cells or from cell to cell; else none."""
-    inside = np.concatenate([run.cells.variance for run in runs])
+    """Usual and RMS noise (A) of runs where it is mostly outliers, inside cells or from cell to cell; else none.
+
+    Each run is judged by itself, since its speed says how quickly what the model lacks comes and goes.
+    """
+    inside = [_spread(run.cells.variance, 1.0) for run in runs if len(run.cells) >= ENOUGH]
     # Third differences leave nothing of a load's course, and of independent noise 20 times its variance.
-    between = np.concatenate([np.diff(run.cells.current[:, run.joint - 1], n=3) ** 2 / 20.0 for run in runs])
-    for squares, usual in ((inside, 1.0), (between, ONE_FREEDOM)):
-        middle, mean = (float(np.median(squares)) / usual, float(np.mean(squares))) if len(squares) else (0.0, 0.0)
-        if middle > 0.0 and mean > SPIKY * middle:
-            return [float(np.sqrt(middle)), float(np.sqrt(mean))]
+    rests = [_beside_harmonic(run) for run in runs if len(run.cells) >= ENOUGH]
+    between = [_spread(np.diff(rest, n=3) ** 2 / 20.0, ONE_FREEDOM) for rest in rests]
+    for found in (inside, between):
+        usual, mean = np.array(found).reshape(-1, 2).T
+        known = usual > 0.0
+        if np.count_nonzero(known) >= FEWEST and np.median(mean[known] / usual[known]) > SPIKY:
+            return [float(np.sqrt(np.median(usual[known]))), float(np.sqrt(mean[known].mean()))]
     return []
+
+
+def _spread(squares: Floats, usual: float) -> tuple[float, float]:
+    """Median (by what it is of the mean for plain noise) and mean of some squares."""
+    return float(np.median(squares)) / usual, float(np.mean(squares))
+
+
+def _beside_harmonic(run: Run) -> Floats:
+    """(M,) A, what a run's first harmonic leaves of its cells' means."""
+    q = run.cells.position[:, run.joint - 1]
+    basis, current = np.column_stack([np.cos(q), np.sin(q), np.ones(len(q))]), run.cells.current[:, run.joint - 1]
+    return np.asarray(current - basis @ np.linalg.lstsq(basis, current, rcond=1e-6)[0])
 
 
 def _odd_runs(odd: Sequence[Run], usual: float, *, of: int) -> Note:
