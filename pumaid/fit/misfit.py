@@ -23,12 +23,14 @@ FAR = 2.0
 SEEN, MOST = 1e-3, 0.5
 #: Runs of a joint that a file must have to be fitted by itself, and how much better it must be met then.
 FEWEST, BETTER = 8, 2.0
+#: How much worse than all others the runs of a file must be met by what meets those, to be the one that is wrong.
+DISOWNED = 4.0
 #: Multiple of the usual run's noise that makes a run odd, and share of the runs that may be: more are another matter.
 ODD, MOST_ODD = 5.0, 0.2
 #: Multiple of the usual variance inside a cell beyond which their mean is one of outliers.
 SPIKY = 10.0
-#: Cells from which a run's own outliers are told.
-ENOUGH = 24
+#: Cells from which a run's own outliers are told, and samples of a cell from which its variance has a shape of its own.
+ENOUGH, FULL = 24, 8
 #: Median of the square of a normal deviate.
 ONE_FREEDOM = 0.455
 #: Singular values below this share of the largest are left out where one file is fitted by itself.
@@ -89,10 +91,10 @@ def _outliers(runs: Sequence[Run]) -> list[float]:
 
     Each run is judged by itself, since its speed says how quickly what the model lacks comes and goes.
     """
-    inside = [_spread(run.cells.variance, 1.0) for run in runs if len(run.cells) >= ENOUGH]
+    long = [run for run in runs if len(run.cells) >= ENOUGH]
+    inside = [_spread(run.cells.variance, 1.0) for run in long if np.median(run.cells.count) >= FULL]
     # Third differences leave nothing of a load's course, and of independent noise 20 times its variance.
-    rests = [_beside_harmonic(run) for run in runs if len(run.cells) >= ENOUGH]
-    between = [_spread(np.diff(rest, n=3) ** 2 / 20.0, ONE_FREEDOM) for rest in rests]
+    between = [_spread(np.diff(_beside_harmonic(run), n=3) ** 2 / 20.0, ONE_FREEDOM) for run in long]
     for found in (inside, between):
         usual, mean = np.array(found).reshape(-1, 2).T
         known = usual > 0.0
@@ -126,15 +128,22 @@ def _odd_runs(odd: Sequence[Run], usual: float, *, of: int) -> Note:
 
 def _note(row: Row, values: Floats, misses: float, noise: float) -> Note:
     text = f"the model misses the current of joint {row.joint} by {number(misses)} A (RMS)"
-    odd = max(_odd_files(row, values), default=None)
+    misfit, advice = row.target - row.regressors @ values, "payload, zero, unit or a column's name another one?"
+    stranger = max(_strangers(row, misfit), default=None)
+    if stranger is not None:
+        _, name, own, others = stranger
+        told = f"what meets all other runs to {number(others)} A misses those of {name} by {number(own)} A"
+        why = f"{text}, since the logs disagree: {told}; is it another arm's, or was {advice}"
+        return Note("logs-disagree", why, Where(file=name, joint=row.joint))
+    odd = max(_odd_files(row, misfit), default=None)
     if odd is None:
         advice = "its intervals may not hold the truth; 'pumaid diagnose' tells what is missing, if no column is wrong"
         told = f"where noise is {number(noise)} A"
         return Note("model-misses", f"{text}, {told}: {advice}", Where(joint=row.joint))
     _, name, before, after = odd
-    own = f"the runs of {name} alone would be met to {number(after)} A instead of {number(before)} A"
-    advice = "is it another arm's, or was payload, zero, unit or a column's name another one?"
-    return Note("logs-disagree", f"{text}, since the logs disagree: {own}; {advice}", Where(file=name, joint=row.joint))
+    told = f"the runs of {name} alone would be met to {number(after)} A instead of {number(before)} A"
+    why = f"{text}, since the logs disagree: {told}; are they, or the others, another arm's, or was {advice}"
+    return Note("logs-disagree", why, Where(file=name, joint=row.joint))
 
 
 def _rms_inside(runs: Sequence[Run]) -> float:
@@ -151,25 +160,40 @@ def _current(row: Row) -> float:
     return float(np.sqrt(np.average(current**2, weights=count)))
 
 
-def _odd_files(row: Row, values: Floats) -> Iterator[tuple[float, str, float, float]]:
-    """Files that corrections of their own would meet far better: by how much, name, RMS (A) before and after.
+def _strangers(row: Row, misfit: Floats) -> Iterator[tuple[float, str, float, float]]:
+    """Files that all others disown: by how much, name, RMS (A) of their runs and of all others by what meets those."""
+    origins, rest = np.array([run.origin for run in row.runs]), row.rest / row.samples
+    samples = np.array([run.samples for run in row.runs])
+    for name in dict.fromkeys(origins.tolist()):
+        own, others = np.flatnonzero(origins == name), np.flatnonzero(origins != name)
+        if len(others) >= FEWEST:
+            theirs = float(np.sqrt(_left_in_halves(row, misfit, others) / samples[others].sum() + rest))
+            ours = float(np.sqrt(_left(row, misfit, others, own) / samples[own].sum() + rest))
+            if ours > DISOWNED * theirs:
+                yield ours / theirs, name, ours, theirs
 
-    Corrections are found from one half of the file's runs and judged on the other, so that noise gains nothing.
-    """
-    misfit = row.target - row.regressors @ values
-    origins = np.array([run.origin for run in row.runs])
-    rest = row.rest / row.samples
+
+def _odd_files(row: Row, misfit: Floats) -> Iterator[tuple[float, str, float, float]]:
+    """Files that corrections of their own would meet far better: by how much, name, RMS (A) before and after."""
+    origins, rest = np.array([run.origin for run in row.runs]), row.rest / row.samples
     for name in dict.fromkeys(origins.tolist()):
         own = np.flatnonzero(origins == name)
         if FEWEST <= len(own) < len(origins):
             samples = sum(row.runs[n].samples for n in own)
-            # Neighbouring runs go to and fro: pairs of them keep both directions in each half.
-            first = np.isin(np.arange(len(own)) % 4, (0, 3))
-            left = sum(_left(row, misfit, own[part], own[~part]) for part in (first, ~first))
             before = float(np.sqrt(np.sum(misfit[own] ** 2) / samples + rest))
-            after = float(np.sqrt(left / samples + rest))
+            after = float(np.sqrt(_left_in_halves(row, misfit, own) / samples + rest))
             if before > BETTER * after:
                 yield before / after, name, before, after
+
+
+def _left_in_halves(row: Row, misfit: Floats, own: NDArray[np.int64]) -> float:
+    """Sum of squares (A2) of some runs by corrections of their own.
+
+    These are found from one half of the runs and judged on the other, so that noise gains nothing.
+    """
+    # Neighbouring runs go to and fro: pairs of them keep both directions in each half.
+    first = np.isin(np.arange(len(own)) % 4, (0, 3))
+    return sum(_left(row, misfit, own[part], own[~part]) for part in (first, ~first))
 
 
 def _left(row: Row, misfit: Floats, seen: NDArray[np.int64], judged: NDArray[np.int64]) -> float:

@@ -19,6 +19,8 @@ FEWEST, MOST = 8, 32
 SAME = 0.02
 #: Share of a current below which its noise is that of arithmetic: repeats of such runs may well be the same.
 NOISELESS = 1e-6
+#: Share of a run's means that must be numbers of their own.
+OWN = 0.5
 
 
 def doubled(evidence: Evidence) -> Iterator[LogError | Note]:
@@ -91,6 +93,9 @@ class _Prints:
         # Third differences leave nothing of gravity's course, and of independent noise 20 times its variance.
         self._noise = np.sqrt(np.mean(np.diff(self._mean, n=3, axis=1) ** 2, axis=1) / 20.0)
         self._noise[self._noise < NOISELESS * np.abs(self._mean).max(axis=1)] = 0.0
+        # Of currents in coarse steps the means of two runs may well be the same.
+        levels = np.array([len(np.unique(mean)) for mean in self._mean])
+        self._noise[levels < max(FEWEST, OWN * self._mean.shape[1])] = 0.0
 
     def pairs(self) -> list[tuple[int, int]]:
         """Pairs of runs, the earlier first, each run in one pair at most as the later."""

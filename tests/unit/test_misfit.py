@@ -30,6 +30,16 @@ def test_the_log_that_disagrees_is_named(tmp_path):
     assert "log_2.csv" in line and "joint 1" in line and "joint 2" not in line
 
 
+@pytest.mark.parametrize("place", [0, 1, 2])
+def test_a_short_log_that_disagrees_is_named(tmp_path, place):
+    """Few of its runs are of the joint: it is named all the same, and not one that is sound."""
+    tables = list(good(passes=3))
+    short = tables[place].iloc[: len(tables[place]) // 3]
+    tables[place] = short.assign(i1=-short.i1)
+    lines = [line for line in notes(tmp_path, tables).splitlines() if line.startswith("note[logs-disagree]")]
+    assert lines and all(f"log_{place + 1}.csv" in line.partition("misses those of")[2][:200] for line in lines)
+
+
 def test_a_joint_that_no_log_explains_is_told(tmp_path):
     """A current without its sign fits no model, in no log."""
     found = notes(tmp_path, [table.assign(i1=table.i1.abs()) for table in good()])
