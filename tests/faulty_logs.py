@@ -613,6 +613,34 @@ def dialects() -> Iterator[Fault]:
     )
 
 
+def grouped(size: float, mark: str, delimiter: str, decimal: str) -> Callable[[Path], None]:
+    """Currents in whole units of which `size` are an ampere, thousands separated, as spreadsheets show them."""
+
+    def change(arm: Path) -> None:
+        for path in sorted((arm / "logs").iterdir()):
+            table = pd.read_csv(path)
+            for name in ("i1", "i2"):
+                table[name] = [f"{value:,.0f}".replace(",", mark) for value in size * table[name]]
+            table.to_csv(path, sep=delimiter, decimal=decimal, index=False)
+        recipe = arm / "recipe.yaml"
+        unit = {1e3: "mA"}[size]
+        recipe.write_text(f"{recipe.read_text()}log: {{units: {{current: {unit}}}}}\n")
+
+    return change
+
+
+def separators() -> Iterator[Fault]:
+    """Marks between thousands."""
+    for mark, delimiter, decimal in (
+        (",", ";", "."),
+        (",", ",", "."),
+        (".", ";", ","),
+        (".", "\t", ","),
+        ("'", ";", "."),
+    ):
+        yield Fault("thousands", f"mA with {mark!r} in cells by {delimiter!r}", grouped(1e3, mark, delimiter, decimal))
+
+
 def sizes() -> Iterator[Fault]:
     """Headers and lines as of files of gigabytes."""
     header = ",".join(COLUMNS)
@@ -648,5 +676,5 @@ def sizes() -> Iterator[Fault]:
 def all_logs() -> list[Fault]:
     """Every mutation of the logs."""
     makers = (empty_files, cut_files, bad_numbers, columns, time_faults)
-    makers += (dropouts, doubtful_samples, current_faults, unit_faults, other_arms, dialects, sizes)
+    makers += (dropouts, doubtful_samples, current_faults, unit_faults, other_arms, dialects, separators, sizes)
     return [fault for maker in makers for fault in maker()]

@@ -15,7 +15,7 @@ from pyarrow import csv as arrow_csv
 
 from pumaid.errors import LogError, Note, Where
 from pumaid.files.arrow import floats
-from pumaid.files.dialect import SPACES, Dialect, cells_of, detect, text_of
+from pumaid.files.dialect import SPACES, Dialect, cells_of, detect, refuse_thousands, text_of
 from pumaid.files.text_blocks import TextBlocks
 
 #: Cells that mean "no number"; what C, MATLAB, Excel and pandas print for it, with and without spaces around.
@@ -87,10 +87,14 @@ class CsvSource:
 
         Raises
         ------
+        LogError [thousands]
+            Numbers have separators of thousands.
         LogError [not-a-number, ragged-row]
             A cell holds text, or a row inside the file has too few or too many cells: the first three and the count.
         """
         indices = [self.header.index(name) for name in names]
+        if self.part is None or not self.part.start:
+            refuse_thousands(self._blocks.head, self.name, self.dialect, names)
         line, is_new = 1, False
         header = 0 if self.part is not None and self.part.start else self.dialect.header_line
         for block, begins_part, is_last in self._blocks:
@@ -206,6 +210,8 @@ class CsvSource:
             mend = f"row {bad[0][0]} is a header: another recording begins there; split the file before it"
         elif re.match(r"\d{4}-\d\d-\d\d|\d\d?:\d\d", bad[0][2].strip()):
             mend = "write times as seconds, not as dates"
+        elif re.search(r"\d", bad[0][2]):
+            mend = "write numbers as 1234.5 or 1.2e-3, without units, separators of thousands, or other signs"
         where = Where(file=self.name, row=bad[0][0], column=bad[0][1])
         return LogError("not-a-number", f"text where a number belongs: {shown}{more}", where, mend)
 

@@ -4,10 +4,15 @@ from __future__ import annotations
 
 import csv
 import re
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 from pumaid.errors import LogError, Where
 
+#: Numbers in groups of thousands (or with three decimals), those with two such marks, and numbers that need no mark.
+_GROUPED = re.compile(r"[+-]?[1-9]\d{0,2}([.,])\d{3}(\1\d{3})*")
+_GROUPED_TWICE = re.compile(r"[+-]?[1-9]\d{0,2}([.,])\d{3}(\1\d{3})+")
+_SMALL = re.compile(r"[+-]?\d{1,3}")
 #: Lines from which the dialect is read; a header and enough rows to see a decimal comma.
 PROBE_LINES = 50
 
@@ -93,6 +98,40 @@ def detect(head: bytes, name: str) -> Dialect:
     if body and all(len(cells_of(line, delimiter)) == len(header) + 1 for line in body):
         header = (*header, "")
     return Dialect(delimiter, decimal, header, start + 1)
+
+
+def refuse_thousands(head: bytes, name: str, dialect: Dialect, columns: Iterable[str]) -> None:
+    """Refuse numbers such as 1,068 beside 850: read with a decimal mark they would be a thousand times too small.
+
+    Parameters
+    ----------
+    head
+        The file's first bytes.
+    name
+        Of the file.
+    dialect
+        How it is written.
+    columns
+        Those whose numbers matter.
+
+    Raises
+    ------
+    LogError [thousands]
+        The first lines hold such numbers.
+    """
+    lines = [line for line in text_of(head).splitlines()[dialect.header_line :] if line.strip()][:PROBE_LINES]
+    rows = [cells_of(line, dialect.delimiter) for line in lines]
+    for column in columns:
+        place = dialect.header.index(column)
+        cells = [row[place] for row in rows if place < len(row) and row[place]]
+        grouped = [cell for cell in cells if _GROUPED.fullmatch(cell)]
+        is_sure = any(_GROUPED_TWICE.fullmatch(cell) for cell in grouped)
+        others = {cell for cell in cells if not _GROUPED.fullmatch(cell)}
+        if is_sure or (grouped and others and all(_SMALL.fullmatch(cell) for cell in others)):
+            shown = grouped[0] + (f" beside {sorted(others)[0]}" if others else "")
+            what = f"column {column} of {name} holds {shown}: separators of thousands, or decimals?"
+            where = Where(file=name, column=column)
+            raise LogError("thousands", what, where, "write numbers without separators of thousands: 1068 or 1068.0")
 
 
 def text_of(raw: bytes) -> str:

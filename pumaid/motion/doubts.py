@@ -58,12 +58,15 @@ def _of_interval(tally: Tally) -> Found:
             if interval >= SLOWEST
             else f"{number(1 / interval)} samples a second"
         )
+        ticks = interval / factor(unit)
         fitting = [
-            word
+            f"units: {{time: {word}}} ({number(1.0 / (ticks * size))} samples a second)"
             for word, (dimension, size) in UNITS.items()
-            if dimension == "time" and 2e-4 <= interval / factor(unit) * size <= 0.1
+            if dimension == "time" and 2e-4 <= ticks * size <= 0.1
         ]
-        hint = f"put units: {{time: {fitting[0]}}} into the recipe's log block" if fitting else "check the time column"
+        hint = f"put {' or '.join(fitting)} into the recipe's log block" if fitting else "check the time column"
+        if ticks == 1.0:
+            hint += "; a count of rows is no time: then write the instants"
         yield LogError("time-unit", f"with time read in {unit} there is {rate}; no arm is logged so", where, hint)
     elif interval > COARSE:
         text = f"{number(1 / interval)} samples a second are too few to see where an arm speeds up and slows down"
