@@ -94,7 +94,7 @@ class CsvSource:
         """
         indices = [self.header.index(name) for name in names]
         if self.part is None or not self.part.start:
-            refuse_thousands(self._blocks.head, self.name, self.dialect, names)
+            refuse_thousands(self._blocks.head, self.dialect, names, name=self.name)
         line, is_new = 1, False
         header = 0 if self.part is not None and self.part.start else self.dialect.header_line
         for block, begins_part, is_last in self._blocks:

@@ -100,19 +100,19 @@ def detect(head: bytes, name: str) -> Dialect:
     return Dialect(delimiter, decimal, header, start + 1)
 
 
-def refuse_thousands(head: bytes, name: str, dialect: Dialect, columns: Iterable[str]) -> None:
+def refuse_thousands(head: bytes, dialect: Dialect, columns: Iterable[str], *, name: str) -> None:
     """Refuse numbers such as 1,068 beside 850: read with a decimal mark they would be a thousand times too small.
 
     Parameters
     ----------
     head
         The file's first bytes.
-    name
-        Of the file.
     dialect
         How it is written.
     columns
         Those whose numbers matter.
+    name
+        Of the file.
 
     Raises
     ------
