@@ -155,10 +155,10 @@ def slugs_of(stderr: str) -> set[str]:
 
 #: Notes that say of numbers that they may be wrong; others only tell what was left out or is not there.
 WARNINGS = {
-    "beyond-limits", "clock-jitter", "current-dropouts", "current-frozen", "current-held", "current-saturated",
-    "current-size", "current-spikes", "few-runs", "friction-falls-with-speed", "gain-sign", "logs-disagree",
-    "model-misses", "position-held", "position-wraps", "rate-low", "run-stands-out", "units-disagree",
-    "velocity-scale", "velocity-sign", "velocity-unrelated",
+    "beyond-limits", "beyond-speed", "clock-jitter", "current-dropouts", "current-frozen", "current-held",
+    "current-saturated", "current-size", "current-spikes", "few-runs", "friction-falls-with-speed", "gain-sign",
+    "logs-disagree", "model-misses", "position-held", "position-wraps", "rate-low", "run-stands-out",
+    "units-disagree", "velocity-scale", "velocity-sign", "velocity-unrelated",
 }  # fmt: skip
 
 

@@ -228,8 +228,15 @@ def _gear(robot: Robot, joint: int, ratio: float) -> str:
 
 
 def of_limits(tally: Tally) -> Found:
-    """Positions outside the recipe's limits, where the unit is not what is wrong."""
+    """Positions and speeds outside the recipe's limits, where the velocity column does not say what is wrong."""
+    speed = _rms_speed(tally)
     for joint in tally.robot.joints:
+        most, own = joint.max_velocity, float(speed[joint.number - 1])
+        if most and own > BEYOND * most and tally.path[joint.number - 1] > MOVED:
+            speeds = f"{number(own)} {joint.position_unit}/s (RMS), its maximum is {number(most)}"
+            text = f"joint {joint.number} moves at {speeds}"
+            where = Where(file=tally.origin, joint=joint.number, column=tally.robot.log.time)
+            yield Note("beyond-speed", f"{text}: check the units of time and of position", where)
         if joint.limits is None:
             continue
         low, high = float(tally.lowest[joint.number - 1]), float(tally.highest[joint.number - 1])

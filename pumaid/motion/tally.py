@@ -103,6 +103,9 @@ class Tally:
             return
         self.faults = None
         self.origin = self.origin or log.origin
+        if self._n_intervals < _RATE_PROBE:  # here, since a time in days fills no window
+            self.intervals.append(np.diff(log.time[: _RATE_PROBE - self._n_intervals + 1]))
+            self._n_intervals += len(self.intervals[-1])
         self.lowest = np.fmin(self.lowest, np.fmin.reduce(log.position))
         self.highest = np.fmax(self.highest, np.fmax.reduce(log.position))
         carry, self._carry = self._carry, None
@@ -164,9 +167,6 @@ class Tally:
 
     def _sum(self, log: Log, edges: NDArray[np.int64]) -> None:
         last = int(edges[-1])
-        if self._n_intervals < _RATE_PROBE:
-            self.intervals.append(np.diff(log.time[: last + 1])[: _RATE_PROBE - self._n_intervals])
-            self._n_intervals += len(self.intervals[-1])
         seconds = np.diff(log.time[edges])
         steps = np.diff(log.position[edges], axis=0)
         usable = (seconds <= LONGEST_WINDOW) & np.isfinite(steps).all(axis=1)

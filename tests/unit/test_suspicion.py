@@ -348,3 +348,13 @@ def test_encoders_of_few_counts_are_not_flagged(counts: int, rate: float) -> Non
         position = np.round(count * np.floor(quiet / count), places)
         found = watched(replace(log, position=position, velocity=None), arm())
         assert "position-held" not in [note.slug for note in found]
+
+
+@pytest.mark.parametrize(
+    ("unit", "slug"), [(86_400.0, "time-unit"), (3600.0, "time-unit"), (60.0, "beyond-speed"), (1e-3, "time-unit")]
+)
+def test_times_in_other_units_are_told_without_velocities(unit: float, slug: str) -> None:
+    """Days fill no window of time, and minutes give a rate that some arms have; neither passes for seconds."""
+    log = good_log()
+    told = watched(replace(log, time=log.time / unit, velocity=None), arm(max_velocity=1.2))
+    assert slug in [item.slug for item in told]
