@@ -157,8 +157,8 @@ def slugs_of(stderr: str) -> set[str]:
 WARNINGS = {
     "beyond-limits", "beyond-speed", "clock-jitter", "current-dropouts", "current-frozen", "current-held",
     "current-saturated", "current-size", "current-spikes", "few-runs", "friction-falls-with-speed", "gain-sign",
-    "logs-disagree", "model-misses", "position-held", "position-wraps", "rate-low", "run-stands-out",
-    "units-disagree", "velocity-scale", "velocity-sign", "velocity-unrelated",
+    "inertia-negative", "logs-disagree", "model-misses", "position-held", "position-wraps", "rate-low",
+    "run-stands-out", "units-disagree", "velocity-scale", "velocity-sign", "velocity-unrelated",
 }  # fmt: skip
 
 

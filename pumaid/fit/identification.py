@@ -121,6 +121,7 @@ def identified(
             *notes.of_gears(fitted, robot),
             *notes.odd_friction(values, robot.n_joints),
             *notes.odd_gains(values, robot.n_joints),
+            *notes.odd_inertia(values, robot.n_joints),
             *notes.of_effects(found, runs),
         ),
         version=__version__,

@@ -22,6 +22,8 @@ SMALLEST_PART = 1e-3
 PARALLEL = 1e-6
 #: Standard errors beyond which a ratio has a sign.
 SURELY = 5.0
+#: The same for an inertia below zero.
+NEGATIVE = 3.0
 
 
 def odd_friction(values: Sequence[Value], n_joints: int) -> list[Note]:
@@ -48,14 +50,37 @@ def odd_friction(values: Sequence[Value], n_joints: int) -> list[Note]:
     return notes
 
 
-def odd_gains(values: Sequence[Value], n_joints: int) -> list[Note]:
-    """Gain ratios whose sign is surely not that by which the two motors count their friction."""
+def odd_inertia(values: Sequence[Value], n_joints: int) -> list[Note]:
+    """Inertias that are surely below zero, by the way in which their joint's motor counts its friction."""
+    ways, notes = _ways(values, n_joints), []
+    for value in values:
+        if not value.name.startswith("inertia.j") or value.value is None or not value.std_error:
+            continue
+        joint = value.joint or 0
+        if value.value * ways.get(joint, 0.0) < -NEGATIVE * value.std_error:
+            text = (
+                f"inertia of joint {joint} comes out below zero ({number(value.value)} ± {number(value.std_error, 2)}"
+                f" {value.unit}, and friction says which way is up): its current or position is late or smoothed"
+            )
+            notes.append(Note("inertia-negative", text, Where(joint=joint)))
+    return notes
+
+
+def _ways(values: Sequence[Value], n_joints: int) -> dict[int, float]:
+    """Joint -> 1.0 or -1.0, the sign in which its motor surely counts what opposes motion."""
     known = {value.name: value for value in values if value.ci95 is not None and value.value is not None}
     ways: dict[int, float] = {}
     for joint in range(1, n_joints + 1):
         forth, back = known.get(f"coulomb.j{joint}.plus"), known.get(f"coulomb.j{joint}.minus")
         if forth and back and (forth.ci95[0] > back.ci95[1] or back.ci95[0] > forth.ci95[1]):  # type: ignore[index]
             ways[joint] = math.copysign(1.0, forth.value - back.value)  # type: ignore[operator]
+    return ways
+
+
+def odd_gains(values: Sequence[Value], n_joints: int) -> list[Note]:
+    """Gain ratios whose sign is surely not that by which the two motors count their friction."""
+    known = {value.name: value for value in values if value.ci95 is not None and value.value is not None}
+    ways = _ways(values, n_joints)
     notes = []
     for joint in range(1, n_joints):
         ratio, pair = known.get(f"gain_ratio.{joint}.{joint + 1}"), (ways.get(joint, 0.0), ways.get(joint + 1, 0.0))

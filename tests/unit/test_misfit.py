@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from faulty import csv, good, invoke, make, slugs_of
 
-from pumaid.fit.notes import odd_gains
+from pumaid.fit.notes import odd_gains, odd_inertia
 from pumaid.records.estimate import Value
 
 
@@ -125,6 +125,17 @@ def test_gains_by_load_and_by_friction_have_one_sign(second, ratio, is_odd):
     assert [note.slug for note in found] == (["gain-sign"] if is_odd else [])
     assert odd_gains([*friction, value("gain_ratio.1.2", ratio, 0.2)], 2) == []
     assert odd_gains([value("gain_ratio.1.2", ratio, 0.01)], 2) == []
+
+
+@pytest.mark.parametrize(
+    ("way", "size", "is_odd"), [(1, 0.3, 0), (1, -0.3, 1), (-1, -0.3, 0), (-1, 0.3, 1), (1, -0.01, 0)]
+)
+def test_an_inertia_below_zero_is_told(way, size, is_odd):
+    """Which sign is below zero depends on how the motor counts; one that may be zero is none."""
+    friction = [value(f"coulomb.j1.{side}", way * sign, 0.02) for side, sign in SIDES]
+    found = odd_inertia([*friction, value("inertia.j1.J", size, 0.02)], 1)
+    assert [note.slug for note in found] == ["inertia-negative"] * is_odd
+    assert odd_inertia([value("inertia.j1.J", size, 0.02)], 1) == []
 
 
 SIDES = (("plus", 1.0), ("minus", -0.8))
