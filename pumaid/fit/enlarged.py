@@ -12,6 +12,7 @@ from pumaid.chosen import Chosen, in_order, scale_of
 from pumaid.equations import Block
 from pumaid.fit.gauge import Gauge, gauge_of
 from pumaid.fit.ground import Ground
+from pumaid.fit.misfit import check_better, missed
 from pumaid.fit.shapes import look
 from pumaid.fit.system import Fitted, Progress, again, eased, releveled, solve
 from pumaid.fit.views import Sights, loaded, sights
@@ -113,6 +114,11 @@ def enlarged(
     recursive, progress
         As for `solve`.
 
+    Raises
+    ------
+    ModelError [effects-astray]
+        The fit with the effects is far worse than without.
+
     Source
     ------
     G. H. Golub and V. Pereyra, SIAM J. Numer. Anal. 10 (1973) 413-432: what is linear is refitted at every shape.
@@ -122,6 +128,7 @@ def enlarged(
     tell = progress or (lambda joint, text: None)
     wanted = in_order(choices)
     work = _Work.begun(model, runs, wanted, campaign=campaign)
+    before = missed(work.fitted)
     for place, one in enumerate(wanted):
         free = _free(one, model)
         if free and not any(one.touches(joint) for joint in work.seen):
@@ -134,6 +141,7 @@ def enlarged(
     tell(0, "refining all effects together")
     is_settled = work.settle()
     seen = work.finish(recursive=recursive, progress=progress)
+    check_better(before, work.fitted, [one.effect.name for one in wanted])
     return Enlarged(eased(work.fitted), seen, work.ranges, is_settled, work.gauge, work.without)
 
 

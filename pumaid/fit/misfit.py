@@ -7,7 +7,7 @@ from collections.abc import Iterator, Mapping, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from pumaid.errors import Note, Where
+from pumaid.errors import ModelError, Note, Where
 from pumaid.fit.rows import Row
 from pumaid.fit.system import Fitted
 from pumaid.motion.options import CONSTANT
@@ -25,6 +25,8 @@ SEEN, MOST = 1e-3, 0.5
 FEWEST, BETTER = 8, 2.0
 #: How much worse than all others the runs of a file must be met by what meets those, to be the one that is wrong.
 DISOWNED = 4.0
+#: How much worse a joint may be met with more effects: each is weighted by its noise, so a little is no fault.
+WORSE = 1.5
 #: Multiple of the usual run's noise that makes a run odd, and share of the runs that may be: more are another matter.
 ODD, MOST_ODD = 5.0, 0.2
 #: Multiple of the usual variance inside a cell beyond which their mean is one of outliers.
@@ -35,6 +37,42 @@ ENOUGH, FULL = 24, 8
 ONE_FREEDOM = 0.455
 #: Singular values below this share of the largest are left out where one file is fitted by itself.
 _RCOND = 1e-3
+
+
+def missed(fitted: Fitted) -> dict[int, float]:
+    """Joint -> RMSE (A) of its fitted runs."""
+    out = {}
+    for row in fitted.rows:
+        values = fitted.system.factors(fitted.gains)[row.joint - 1] * fitted.solution.values
+        out[row.joint] = float(np.sqrt(row.squares(values) / row.samples))
+    return out
+
+
+def check_better(before: Mapping[int, float], fitted: Fitted, names: Sequence[str]) -> None:
+    """Refuse a fit with more effects that meets a joint's runs far worse: it went astray.
+
+    Parameters
+    ----------
+    before
+        What `missed` told of the fit without them.
+    fitted
+        With them.
+    names
+        Of the effects.
+
+    Raises
+    ------
+    ModelError [effects-astray]
+        A joint is missed by `WORSE` times as much.
+    """
+    for joint, size in missed(fitted).items():
+        was = before.get(joint, np.inf)
+        if size > WORSE * was and size > SEEN * _current(next(row for row in fitted.rows if row.joint == joint)):
+            what = (
+                f"the fit with {', '.join(names)} misses joint {joint} by {number(size)} A, without by {number(was)} A"
+            )
+            mend = "give its shape, as in --add payload:time=400, or add fewer effects; nothing was written"
+            raise ModelError("effects-astray", f"{what}: it went astray", Where(joint=joint), mend)
 
 
 def of_misfit(fitted: Fitted, floors: Mapping[int, float | None]) -> list[Note]:
@@ -50,9 +88,10 @@ def of_misfit(fitted: Fitted, floors: Mapping[int, float | None]) -> list[Note]:
         Joint -> what its repeated runs differ by (A), None where no run is repeated.
     """
     found = []
+    every = missed(fitted)
     for row in fitted.rows:
         values = fitted.system.factors(fitted.gains)[row.joint - 1] * fitted.solution.values
-        misses = float(np.sqrt(row.squares(values) / row.samples))
+        misses = every[row.joint]
         floor, inside = floors.get(row.joint), _rms_inside(row.runs)
         noise = inside if floor is None else min(inside, floor)
         size = _current(row)

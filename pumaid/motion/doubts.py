@@ -30,6 +30,8 @@ SLOWEST, FASTEST = 1.0, 3e-5
 COARSE = 0.05
 #: Multiple of the limits' width that a range must exceed before the unit is in doubt.
 BEYOND = 1.5
+#: rad; an experiment in which no joint covers more than seven degrees shows next to nothing.
+FEW_DEGREES = 0.12
 #: The same of a slide, which no count of turns can shift.
 FAR_SLIDE = 10.0
 #: rad; two turns each way. One joint beyond may turn endlessly; two of an arm do not.
@@ -45,7 +47,7 @@ _STRONGER = 4.0
 def of_units(tally: Tally) -> Found:
     """Time, positions and velocities against each other, against the limits, and against what arms do."""
     yield from _of_interval(tally)
-    yield from [*_of_degrees(tally), *_of_millimetres(tally)] or _of_ratio(tally)
+    yield from [*_of_degrees(tally), *_of_radians(tally), *_of_millimetres(tally)] or _of_ratio(tally)
 
 
 def _of_interval(tally: Tally) -> Found:
@@ -101,6 +103,28 @@ def _of_degrees(tally: Tally) -> Found:
         yield LogError("looks-like-degrees", what, where, mend)
     elif not _agreeing(tally)[index]:
         yield Note("looks-like-degrees", f"{what}; {mend}", where)
+
+
+def _of_radians(tally: Tally) -> Found:
+    """Positions that are far too small as degrees: no joint leaves a few of them, and as radians all would fit."""
+    robot, deg = tally.robot, factor("deg")
+    spans = tally.highest - tally.lowest
+    turning = [j for j in robot.joints if j.is_revolute and j.limits and np.isfinite(spans[j.number - 1])]
+    if robot.log.units.get("position", "rad") != "deg" or not turning:
+        return
+    low, high = tally.lowest / deg, tally.highest / deg
+    slack = 0.05 * (turning[0].limits[1] - turning[0].limits[0])  # type: ignore[index]
+    fits = all(
+        j.limits[0] - slack <= low[j.number - 1] and high[j.number - 1] <= j.limits[1] + slack  # type: ignore[index]
+        for j in turning
+    )
+    joint = max(turning, key=lambda j: float(spans[j.number - 1]))
+    widest = float(spans[joint.number - 1]) / deg
+    if fits and widest > MOVED and widest * deg < FEW_DEGREES:
+        column = robot.log.column("position", joint.number)
+        what = f"no position covers more than {number(widest)} degrees (joint {joint.number}); as radians all would fit"
+        mend = "if they are radians take position: deg out of the units in the recipe's log block"
+        yield LogError("looks-like-radians", what, Where(file=tally.origin, joint=joint.number, column=column), mend)
 
 
 def _of_millimetres(tally: Tally) -> Found:

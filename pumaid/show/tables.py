@@ -99,8 +99,27 @@ def parameter_grid(estimate: Estimate, robot: Robot, units: str = "rad") -> Grid
         (Cell("link"), *(Cell(str(joint.number)) for joint in robot.joints)),
         tuple(body),
         notes.told(),
-        f"All as current of the joint's own motor; {'; '.join(sources)}.",
+        f"All as current of the joint's own motor; {'; '.join(sources)}.{_of_arm(estimate, units)}",
     )
+
+
+def _of_arm(estimate: Estimate, units: str) -> str:
+    """Parameters of effects that are the whole arm's, which have no column."""
+    told = []
+    for value in estimate.values:
+        if value.joint is None and not value.name.startswith("gain_ratio"):
+            factor, unit = in_unit(value.unit, units)
+            size = (
+                None
+                if value.value is None
+                else " ± ".join(
+                    text
+                    for text in with_error(value.value * factor, value.std_error and value.std_error * factor)
+                    if text
+                )
+            )
+            told.append(f"{value.name} n/i ({value.reason})" if size is None else f"{value.name} {size} {unit}")
+    return f" Of the whole arm: {'; '.join(told)}." if told else ""
 
 
 class Notes:

@@ -358,3 +358,13 @@ def test_times_in_other_units_are_told_without_velocities(unit: float, slug: str
     log = good_log()
     told = watched(replace(log, time=log.time / unit, velocity=None), arm(max_velocity=1.2))
     assert slug in [item.slug for item in told]
+
+
+def test_radians_that_are_taken_for_degrees_are_refused() -> None:
+    """All positions cover a few degrees and would fit as radians; those in degrees pass, however they are logged."""
+    log = good_log()
+    tiny = replace(log, position=np.radians(log.position), velocity=None)
+    assert [item.slug for item in watched(tiny, arm(units={"position": "deg"})) if isinstance(item, LogError)] == [
+        "looks-like-radians"
+    ]
+    assert watched(replace(log, velocity=None), arm(units={"position": "deg"})) == []
