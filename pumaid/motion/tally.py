@@ -158,7 +158,7 @@ class Tally:
 
     def rate_interval(self) -> float:
         """Median interval between samples (s), NaN if there is none."""
-        return float(np.median(np.concatenate(self.intervals))) if self.intervals else float("nan")
+        return float(np.median(np.concatenate(self.intervals))) if self._n_intervals else float("nan")
 
     def agreement(self) -> Floats:
         """(J, J) correlation of the displacement of joint a with velocity column b; 0 where nothing can be told."""

@@ -119,12 +119,13 @@ def test_sliding_joint():
 def test_replicates_are_those_of_a_loop_over_pairs():
     """Many runs of some speeds and spans, a little apart: each joins the first earlier one that it repeats."""
     rng, runs = np.random.default_rng(3), []
-    for _ in range(120):
+    for number in range(120):
         way, kind = rng.choice([-1.0, 1.0]) * rng.choice([1.0, 1.5]), str(rng.choice(["constant", "stroke"]))
         ends = np.array([-way, way]) + rng.normal(scale=0.3)
         moves = course(kind, *ends, duration=float(rng.choice([2.0, 2.03, 3.0])), samples=40)
         held = (0.0, float(rng.choice([0.3, 0.305, 0.32, 0.3 + 2.0 * np.pi])))
-        runs.append(run_of(PENDULUM, 1, held, course=moves, current=np.cos(moves[1])))
+        run = run_of(PENDULUM, 1, held, course=moves, current=np.cos(moves[1]))
+        runs.append(replace(run, start=float(number)))
     wanted: list[list[int]] = []
     for number, run in enumerate(runs):
         own = next((group for group in wanted if _repeats(runs[group[0]], run)), None)
