@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from pumaid.lateness import doubts
 from pumaid.records import CONSTANT_COLUMNS, Robot, Run, Samples
 from pumaid.sight import FLAT, Sight
 
@@ -41,7 +42,7 @@ class Block:
 
 
 def of_triangles(
-    robot: Robot, joint: int, runs: Sequence[Run], *, design: Callable[[Samples], Floats]
+    robot: Robot, joint: int, runs: Sequence[Run], *, design: Callable[[Samples], Floats], weighed: bool = False
 ) -> Iterator[Block]:
     """Equations of runs of one joint and kind by columns that are combinations of their triangle's regressors.
 
@@ -57,6 +58,8 @@ def of_triangles(
         All of one kind.
     design
         The columns (M, p) at M instants.
+    weighed
+        Whether strokes are weighed by what an unknown delay does to them: for fits, not for what a model leaves.
     """
     probes, basis = _probes(robot, joint, runs)
     columns = design(probes)
@@ -65,17 +68,22 @@ def of_triangles(
     ways = inverse @ columns.reshape(len(runs), -1, p)
     factors = np.array([run.triangle.factor for run in runs])
     lefts, sizes, rights = np.linalg.svd(factors[:, :, :-1], full_matrices=False)
-    each = zip(runs, factors[:, :, -1], lefts, sizes, rights, ways, strict=True)
-    for run, current, left, singular, right, way in each:
+    late = doubts(robot, runs) if weighed else [None] * len(runs)
+    each = zip(runs, factors[:, :, -1], lefts, sizes, rights, ways, late, strict=True)
+    for run, current, left, singular, right, way, doubt in each:
         kept = singular > FLAT * max(float(singular[0]), 1e-300)
         base = singular[kept, None] * right[kept]
         target = left[:, kept].T @ current
+        rest = float(current @ current - target @ target)
+        if doubt is not None:
+            own = np.sqrt(run.cells.count) * run.cells.current[:, joint - 1]
+            base, target, rest = doubt.calmed(base, target, current=own, rest=rest)
         yield Block(
             run=run,
             regressors=base @ way,
             target=target,
             ones=base[:, one],
-            rest=max(float(current @ current - target @ target), 0.0),
+            rest=max(rest, 0.0),
             samples=run.samples,
             basis=base,
             frame=np.zeros((len(run.cells), 0)),

@@ -205,7 +205,9 @@ class Model:
         """Whether an effect may change within a cell of `joint`; what follows the load does not."""
         return any(one.touches(joint) and not one.effect.needs_loads for one in self.effects)
 
-    def blocks(self, runs: Sequence[Run], sights: Mapping[int, Sight] | None = None) -> list[Block]:
+    def blocks(
+        self, runs: Sequence[Run], sights: Mapping[int, Sight] | None = None, *, weighed: bool = False
+    ) -> list[Block]:
         """Each run's equations, from its triangle; from its cells as well where a chosen effect acts.
 
         Within a run every column of the paper's model is a combination of the triangle's regressors; the combination is
@@ -219,11 +221,14 @@ class Model:
         sights
             By joint (from 1), of all of `runs` in which it moves, in their order; with loads where an effect needs
             them. Made here where it is not given.
+        weighed
+            Whether strokes are weighed by what an unknown delay does to them (`equations.of_triangles`); the sights
+            must be, too.
         """
         out: dict[int, Block] = {}
         for joint, kind in sorted({(run.joint, run.kind) for run in runs}):
             numbers = [n for n, run in enumerate(runs) if (run.joint, run.kind) == (joint, kind)]
-            alike = of_triangles(self.robot, joint, [runs[n] for n in numbers], design=self._of_base)
+            alike = of_triangles(self.robot, joint, [runs[n] for n in numbers], design=self._of_base, weighed=weighed)
             out.update(zip(numbers, alike, strict=True))
         return self.widened([out[n] for n in range(len(runs))], sights)
 
@@ -253,11 +258,14 @@ class Model:
                 out[n] = block
         return out
 
-    def sight(self, joint: int, runs: Sequence[Run], campaign: Campaign | None = None) -> Sight:
+    def sight(
+        self, joint: int, runs: Sequence[Run], campaign: Campaign | None = None, *, weighed: bool = False
+    ) -> Sight:
         """The runs of `joint` as the chosen effects see them, without loads."""
         campaign = campaign or Campaign.of(runs)
         fine, slope = self.is_fine(joint), self.has_slope(joint)
-        return Sight.of(self.robot, joint, runs, campaign=campaign, has_slope=slope, is_fine=fine)
+        look = {"has_slope": slope, "is_fine": fine, "weighed": weighed}
+        return Sight.of(self.robot, joint, runs, campaign=campaign, **look)
 
     def predict(self, estimate: Estimate, samples: Samples) -> Floats:
         """(M,) current (A) of joint `samples.joint` by the fitted model; unknown ratios count as zero."""

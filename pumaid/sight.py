@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pumaid.knots import COURSES, at, spread
+from pumaid.lateness import axes
 from pumaid.maths.slope import acceleration as acceleration_of
 from pumaid.records import Campaign, Loads, Robot, Run, Samples
 
@@ -88,6 +89,8 @@ class Sight:
         (N,) weighted current (A) beyond the basis.
     has_slope
         Whether the acceleration of runs at constant speed is read from their positions.
+    axis
+        (N,) along which all that is weighted is shrunk where an unknown delay is more noise; zero where none is.
     """
 
     joint: int
@@ -99,6 +102,7 @@ class Sight:
     basis: Floats
     lift: Floats
     left: Floats
+    axis: Floats
     has_slope: bool = False
 
     @classmethod
@@ -111,8 +115,12 @@ class Sight:
         campaign: Campaign,
         has_slope: bool = False,
         is_fine: bool = True,
+        weighed: bool = False,
     ) -> Sight:
-        """The runs among `runs` in which `joint` moves; `is_fine` looks at three instants of each cell, not one."""
+        """The runs among `runs` in which `joint` moves; `is_fine` looks at three instants of each cell, not one.
+
+        `weighed` as of `equations.of_triangles`.
+        """
         own = tuple(run for run in runs if run.joint == joint)
         middles = [samples_of(run, campaign, has_slope=has_slope) for run in own]
         samples = joined([_inside(*one) for one in zip(own, middles, strict=True)] if is_fine else middles)
@@ -122,17 +130,21 @@ class Sight:
         is_stroke = np.repeat([run.kind == "stroke" for run in own], len(samples) // len(weight) * sizes)
         instants = _regressors(robot, samples, is_stroke)
         regressors = averaged(instants, len(weight))
-        current = weight * np.concatenate([run.cells.current[:, joint - 1] for run in own])
+        axis = axes(robot, own) if weighed and is_stroke.any() else np.zeros(len(weight))
+        joint_current = np.concatenate([run.cells.current[:, joint - 1] for run in own])
+        joint_columns = np.column_stack([regressors, joint_current])
+        weighted = _shrunk(weight[:, None] * joint_columns, axis, starts)
         basis, lift = np.zeros_like(regressors), np.zeros((len(own), regressors.shape[1], regressors.shape[1]))
         for number, (start, size) in enumerate(zip(starts, sizes, strict=True)):
             here = slice(start, start + size)
-            left, singular, right = np.linalg.svd(weight[here, None] * regressors[here], full_matrices=False)
+            left, singular, right = np.linalg.svd(weighted[here, :-1], full_matrices=False)
             kept = np.flatnonzero(singular > FLAT * max(float(singular[0]), 1e-300))
             basis[here, kept] = left[:, kept]
             lift[number][:, kept] = right[kept].T / singular[kept]
+        current = weighted[:, -1]
         along = np.add.reduceat(basis * current[:, None], starts, axis=0)
         left_over = current - np.einsum("nk,nk->n", basis, np.repeat(along, sizes, axis=0))
-        return cls(joint, own, samples, weight, starts, instants, basis, lift, left_over, has_slope)
+        return cls(joint, own, samples, weight, starts, instants, basis, lift, left_over, axis, has_slope)
 
     @property
     def sizes(self) -> Counts:
@@ -157,7 +169,7 @@ class Sight:
 
     def split(self, columns: Floats) -> tuple[Floats, Floats]:
         """Columns at the instants as (R, k, p) parts along the triangle's regressors and (N, p) weighted rest."""
-        cells = self.weight[:, None] * averaged(columns, len(self.weight))
+        cells = _shrunk(self.weight[:, None] * averaged(columns, len(self.weight)), self.axis, self.starts)
         size = np.sqrt(self.per_run(cells * cells))
         along = self.per_run(self.basis[:, :, None] * cells[:, None, :])
         rest = cells - np.einsum("nk,nkp->np", self.basis, np.repeat(along, self.sizes, axis=0))
@@ -188,6 +200,14 @@ class Sight:
     def per_run(self, values: Floats) -> Floats:
         """(N, ...) summed over the cells of each run: (R, ...)."""
         return np.asarray(np.add.reduceat(values, self.starts, axis=0))
+
+
+def _shrunk(values: Floats, axis: Floats, starts: Counts) -> Floats:
+    """(N, p) weighted cells without the part along `axis` (N,) of each run."""
+    if not axis.any():
+        return values
+    along = np.add.reduceat(axis[:, None] * values, starts, axis=0)
+    return np.asarray(values - axis[:, None] * np.repeat(along, np.diff(np.append(starts, len(axis))), axis=0))
 
 
 def averaged(values: Floats, cells: int) -> Floats:

@@ -171,11 +171,12 @@ class _Work:
         every = model.with_effects(wanted)
         slow = any(_free(one, model) and one.effect.family in SLOW for one in wanted)
         thin = [replace(r, cells=coarser([r.cells], COARSE, joint=r.joint)) for r in runs] if slow else []
-        work = cls(model, runs, seen=sights(every, runs, campaign), thin=sights(every, thin, campaign))
+        seen, coarse = (sights(every, some, campaign, weighed=True) for some in (runs, thin))
+        work = cls(model, runs, seen=seen, thin=coarse)
         ready = {n: one for n, one in enumerate(wanted) if not _free(one, model) and not one.effect.needs_loads}
         work.chosen = ready
         now = work.now()
-        work.bare = model.blocks(runs)
+        work.bare = model.blocks(runs, weighed=True)
         work.blocks = now.widened(work.bare, work.seen)
         work.fitted = solve(now, runs, blocks=work.blocks)
         if work.chosen:

@@ -151,7 +151,7 @@ def solve(
     S.-K. Lin, Theorem 1, for the recursion; the refinement is maximum likelihood for the same system.
     """
     tell = progress or (lambda joint, text: None)
-    rows = rows_of(model.blocks(runs) if blocks is None else blocks)
+    rows = rows_of(model.blocks(runs, weighed=True) if blocks is None else blocks)
     assigned = assign(model, [row.joint for row in rows])
     owners = owners_of(model, assigned)
     # The paper's recursion, and beside it one whose weakly shown ratios cannot run off: that one starts the joint fit.

@@ -16,14 +16,16 @@ Floats = NDArray[np.float64]
 Sights = Mapping[int, Sight]
 
 
-def sights(model: Model, runs: Sequence[Run], campaign: Campaign, *, known: Sights | None = None) -> dict[int, Sight]:
+def sights(
+    model: Model, runs: Sequence[Run], campaign: Campaign, *, known: Sights | None = None, weighed: bool = False
+) -> dict[int, Sight]:
     """A sight of each joint (from 1) that an effect of `model` may act on; those that are `known` already are kept."""
     moving = sorted({run.joint for run in runs})
     out = dict(known or {})
     for joint in (joint for joint in moving if model.touched(joint)):
         has = (out[joint].has_slope, out[joint].grain > 1) if joint in out else None
         if has != (model.has_slope(joint), model.is_fine(joint)):
-            out[joint] = model.sight(joint, runs, campaign)
+            out[joint] = model.sight(joint, runs, campaign, weighed=weighed)
     return out
 
 

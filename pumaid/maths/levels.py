@@ -14,8 +14,8 @@ Floats = NDArray[np.float64]
 #: Fewest degrees of freedom from which two variances are estimated.
 FEWEST_FREEDOMS = 4
 
-#: Logarithm of how many times the variance of others loud runs may have, and to what it is found.
-LOUDEST, LOUD_TO = 14.0, 0.02
+#: Logarithms of how many times the variance of others loud runs may have, and to what it is found.
+CALMEST, LOUDEST, LOUD_TO = -3.0, 14.0, 0.02
 
 
 @dataclass(frozen=True, slots=True)
@@ -74,7 +74,7 @@ def estimate(
     counts
         (R,) true rows of each run, padding not counted.
     is_loud
-        (R,) runs that may be noisier than the others, never calmer; without effect where they are all or none.
+        (R,) runs that may be noisier than the others, or calmer; without effect where they are all or none.
 
     Returns
     -------
@@ -101,7 +101,7 @@ def estimate(
     def cost(log: float) -> float:
         return likelihood.quieted(loud, float(np.exp(log))).best()[0] + rows * log
 
-    found, worth = least(cost, (0.0, LOUDEST), within=LOUD_TO)
+    found, worth = least(cost, (CALMEST, LOUDEST), within=LOUD_TO)
     times = 1.0 if cost(0.0) <= worth + 1e-9 else float(np.exp(found))
     return replace(likelihood.quieted(loud, times).best()[1], loud=times)
 

@@ -75,6 +75,13 @@ def filtered(values: Floats, window: int, derivative: int) -> Floats:
 
 
 @lru_cache(64)
+def curvature_kernel(window: int) -> Floats:
+    """(window - 2,) weights, of sum 1, with which local cubics' second derivative averages second differences."""
+    read, fit = _cubics(window, 2)
+    return np.cumsum(np.cumsum(read[window // 2] @ fit))[:-2]
+
+
+@lru_cache(64)
 def _cubics(window: int, derivative: int) -> tuple[Floats, Floats]:
     """(window, 4) from a cubic's coefficients to a derivative by the step at each place, and (4, window) to them."""
     half = window // 2

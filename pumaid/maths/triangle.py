@@ -10,6 +10,9 @@ from numpy.typing import NDArray
 
 Floats = NDArray[np.float64]
 
+#: Share of a regressor's square beyond the others' that may be taken for its noise.
+MOST_NOISE = 0.2
+
 
 def _factor(rows: Floats) -> Floats:
     """Upper triangular R (p, p) with non-negative diagonal such that R'R = rows'rows."""
@@ -74,6 +77,29 @@ class Triangle:
             raise ValueError(f"triangles over different columns cannot merge: {sorted(names)}")
         stacked = np.vstack([part.factor for part in all_parts])
         return cls(all_parts[0].columns, _factor(stacked), sum(part.count for part in all_parts))
+
+    def without_noise(self, squares: float) -> Triangle:
+        """The triangle that its last regressor would leave without noise of its own, of summed `squares`.
+
+        Noise in a regressor makes its parameter too small. More than `MOST_NOISE` of what the regressor has beyond the
+        others is not taken from it.
+
+        Source
+        ------
+        W. A. Fuller, Measurement Error Models (1987), section 2.2.
+        """
+        factor, last = self.factor.copy(), len(self.columns) - 1
+        own = float(factor[last, last])
+        if own > 0.0:
+            factor[last, last] = np.sqrt(own**2 - min(squares, MOST_NOISE * own**2))
+            factor[last, -1] *= own / factor[last, last]
+        return Triangle(self.columns, factor, self.count)
+
+    def leaving(self, rest: float, count: int) -> Triangle:
+        """The same solution, of `count` samples that it leaves `rest`, the root of their summed squares."""
+        factor = self.factor.copy()
+        factor[-1, -1] = rest
+        return Triangle(self.columns, factor, count)
 
     def rows(self) -> tuple[Floats, Floats]:
         """Rows (p+1, p) and target (p+1,) with the same normal equations as all the samples."""

@@ -8,8 +8,8 @@ from numpy.typing import NDArray
 from pumaid.maths.triangle import Triangle
 from pumaid.motion.block import LARGEST, Block
 from pumaid.motion.cutting import Piece
-from pumaid.motion.options import CONSTANT
-from pumaid.records import CONSTANT_COLUMNS, STROKE_COLUMNS, Cells, Robot
+from pumaid.motion.parallel import of_stroke
+from pumaid.records import CONSTANT_COLUMNS, Cells, Robot
 
 Floats = NDArray[np.float64]
 
@@ -40,17 +40,20 @@ def _within(samples: Chosen, piece: Piece) -> Chosen:
 def triangle(block: Block, piece: Piece, robot: Robot, *, samples: Chosen) -> Triangle:
     """The run's triangle over the columns that its kind has."""
     joint = piece.joints[0]
+    turns = robot.joint(joint).is_revolute
+    if piece.course is not None:
+        whole = slice(piece.start, piece.stop)
+        known = np.full(piece.stop - piece.start, np.nan)
+        known[_within(samples, piece)] = block.current[samples, joint - 1]
+        motion = block.time[whole], block.position[whole, joint - 1]
+        return of_stroke(*motion, known, course=piece.course, turns=turns)
     position, current = block.position[samples, joint - 1], block.current[samples, joint - 1]
-    columns = np.zeros((3 if piece.kind == CONSTANT else 5, len(position)))
-    if robot.joint(joint).is_revolute:
+    columns = np.zeros((3, len(position)))
+    if turns:
         np.cos(position, out=columns[0])
         np.sin(position, out=columns[1])
     columns[2] = 1.0
-    if piece.course is None:
-        return Triangle.of(CONSTANT_COLUMNS, columns.T, current)
-    columns[3] = piece.course.velocity[_within(samples, piece)]
-    columns[4] = piece.course.acceleration[_within(samples, piece)]
-    return Triangle.of(STROKE_COLUMNS, columns.T, current)
+    return Triangle.of(CONSTANT_COLUMNS, columns.T, current)
 
 
 def cells(block: Block, piece: Piece, rate: tuple[Floats, Floats], *, samples: Chosen, most: int) -> Cells:

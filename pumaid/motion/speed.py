@@ -167,6 +167,11 @@ def slopes(time: Floats, values: Floats, half: int) -> Floats:
     return np.asarray((sum_ty - sum_t * sum_y / n) / (sum_tt - sum_t * sum_t / n))
 
 
+def cubic_width(window: float, step: float) -> int:
+    """Samples, `step` (s) apart, that a local cubic over `window` (s) goes through; odd, at least five."""
+    return max(5, 2 * whole(window / step / 2) + 1)
+
+
 def derivatives(time: Floats, position: Floats, window: float) -> tuple[Floats, Floats]:
     """Velocity and acceleration by local cubic fits over `window` seconds.
 
@@ -197,6 +202,6 @@ def derivatives(time: Floats, position: Floats, window: float) -> tuple[Floats, 
     step = float(time[-1] - time[0]) / (len(time) - 1)
     even = time[0] + step * np.arange(len(time))
     on_grid = np.interp(even, time, position)
-    width = min(max(5, 2 * whole(window / step / 2) + 1), len(time) - 1 + len(time) % 2)
+    width = min(cubic_width(window, step), len(time) - 1 + len(time) % 2)
     velocity, acceleration = filtered(on_grid, width, 1) / step, filtered(on_grid, width, 2) / step**2
     return np.interp(time, even, velocity), np.interp(time, even, acceleration)

@@ -61,8 +61,8 @@ def by_weights_of(fit: Fitted, *velocities: float) -> float:
     effects = [replace(one.at({"velocity": v}), fitted=()) for one in fit.model.effects for v in velocities]
     model, blocks = fit.model.with_effects(effects), []
     for row in fit.rows:
-        seen = {row.joint: model.sight(row.joint, row.runs)} if model.touched(row.joint) else {}
-        blocks += model.widened(model.with_effects(()).blocks(row.runs), seen)
+        seen = {row.joint: model.sight(row.joint, row.runs, weighed=True)} if model.touched(row.joint) else {}
+        blocks += model.widened(model.with_effects(()).blocks(row.runs, weighed=True), seen)
     return cost(again(fit, model, blocks))
 
 
@@ -73,12 +73,12 @@ def test_the_logs_have_both_kinds():
     assert all(kinds.count((joint, "constant")) >= 20 for joint in (1, 2))
 
 
-@pytest.mark.parametrize("seed", range(5))
-def test_the_hidden_velocity_is_within_its_interval(seed):
+def test_the_hidden_velocity_is_within_its_interval():
     """The Stribeck velocity of a robot in closed loop is found although strokes are among its runs."""
-    estimate = identify(logged(seed), PENDULUM, effects=[FREE])
-    low, high = estimate.value("stribeck.j1.velocity").ci95
-    assert low <= VELOCITY <= high and high < 2.5 * low
+    found = [identify(logged(seed), PENDULUM, effects=[FREE]).value("stribeck.j1.velocity").ci95 for seed in range(10)]
+    assert all(high < 2.5 * low for low, high in found)
+    # Of ten intervals of 95 % fewer than eight hold the truth in 1 % of all cases.
+    assert sum(low <= VELOCITY <= high for low, high in found) >= 8
 
 
 @pytest.mark.parametrize("seed", range(3))
@@ -117,8 +117,8 @@ def test_the_search_gains_what_the_fit_reports(velocity):
     (one,) = found.fitted.model.effects
     gain = found.without(0).gain(replace(one.at({"velocity": velocity}), fitted=()), PENDULUM)
     fall = by_weights_of(found.fitted) - by_weights_of(found.fitted, velocity)
-    # One joint's ratio of gains is linearised in the search, and refitted to the end here.
-    assert gain == pytest.approx(fall, rel=0.01, abs=0.05)
+    # The search looks at coarser cells, in which the jerk that a delay goes with is rounded off.
+    assert gain == pytest.approx(fall, rel=0.03, abs=0.05)
 
 
 @pytest.mark.parametrize("seed", range(3))

@@ -22,7 +22,7 @@ PACKAGE = ROOT / "pumaid"
 #: Room -> the rooms that it may import, itself where it is named.
 BASE = {"errors", "units", "maths", "records"}
 LAWS = BASE | {"files", "effects", "motion"}
-MODEL = {"choices", "chosen", "equations", "knots", "loads", "model", "sight", "structure"}
+MODEL = {"choices", "chosen", "equations", "knots", "lateness", "loads", "model", "sight", "structure"}
 ROOMS = {
     "errors": set(),
     "units": set(),

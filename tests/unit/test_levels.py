@@ -72,12 +72,12 @@ def test_loud_runs_are_the_dense_optimum(seed):
 
 
 def test_runs_alike_are_not_loud():
-    """Runs marked as loud that are as calm as the others get hardly more noise; all or none marked, exactly as much."""
+    """Runs marked as loud that are as calm as the others get hardly other noise; all or none marked, the same."""
     is_loud = np.arange(RUNS) % 3 == 0
     target = draw(np.random.default_rng(4))
     plain = estimate(ONES, DESIGN, target, counts=COUNTS)
     # A variance of 12 rows is known to 40 %: two standard errors.
-    assert 1.0 <= estimate(ONES, DESIGN, target, counts=COUNTS, is_loud=is_loud).loud < 2.5
+    assert 0.4 < estimate(ONES, DESIGN, target, counts=COUNTS, is_loud=is_loud).loud < 2.5
     assert estimate(ONES, DESIGN, target, counts=COUNTS, is_loud=np.full(RUNS, True)) == plain
 
 

@@ -30,6 +30,8 @@ from pumaid.virtual import Bench, Truth, table1
 #: Relative to the value or, where that is smaller, to 0.001 in SI, to 1 for a ratio of gains (the paper's eta_5/eta_6
 #: of 2e-6 acts on a load that is itself a thousandth of an ampere).
 EXACT = 1e-9
+#: The same where strokes are among the runs, whose delay is told from means over cells.
+EXACT_IN_CELLS = 1e-6
 #: A: the root of what double precision loses of currents squared, times ten.
 ROUNDING = 1e-7
 PAPER, QUIET = table1.experiment(), puma(noisy=False)
@@ -90,7 +92,7 @@ def test_stanford_from_samples():
     assert len(inertias) >= 6 and len(values) - len(inertias) == 37
     for name, value in values.items():
         wanted = truth.inertia[int(name.split(".")[1][1:]) - 1] if name in inertias else known[name]
-        assert value == pytest.approx(wanted, rel=EXACT, abs=EXACT * 1e-3)
+        assert value == pytest.approx(wanted, rel=EXACT_IN_CELLS, abs=EXACT_IN_CELLS * 1e-3)
 
 
 def part(name: str, chosen) -> tuple[Truth, Estimate]:

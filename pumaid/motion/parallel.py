@@ -1,0 +1,115 @@
+"""Parallel filtering: what smooths a stroke's motion smooths its current, so that corners are blunt in both alike."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pumaid.maths.slope import curvature_kernel
+from pumaid.maths.triangle import Triangle
+from pumaid.motion.speed import cubic_width
+from pumaid.motion.stroke import Smooth
+from pumaid.records import STROKE_COLUMNS
+
+Floats = NDArray[np.float64]
+
+#: By the step, a velocity and what makes plain samples as blunt as it and as a second difference are: all three have
+#: the same second moment, a sixth of a squared step.
+_RATE = np.array([1.0, -14.0, 0.0, 14.0, -1.0]) / 24.0
+_LEVEL = np.array([1.0, 10.0, 1.0]) / 12.0
+_CURVE = np.array([1.0, -2.0, 1.0])
+#: Samples below which a stroke, or what a cut left of it, is not averaged.
+FEWEST = 16
+#: Share of the variance of white noise, left by averages along a combination of columns, below which there is none.
+LEAST_SHARE = 0.05
+#: Singular values of a triangle below this share of its largest are rounding.
+_FLAT = 1e-10
+#: Samples between which noise is looked for.
+_LAGS = (1, 2, 3, 5)
+
+
+def of_stroke(time: Floats, position: Floats, current: Floats, *, course: Smooth, turns: bool) -> Triangle:
+    """A stroke's triangle, in which current and regressors are averaged over the same spans.
+
+    An acceleration from positions that are smoothed is blunt at its corners where the current is not: regressed on
+    it, sharp currents make inertia, weight and viscous friction too large. With the average that the acceleration is
+    by nature, of all columns and of the current, least squares returns the truth whatever the motion. What the
+    triangle leaves is of the currents as they were logged.
+
+    Parameters
+    ----------
+    time, position, current
+        (N,) s, rad or m, A of samples while the joint slides one way; steps may be uneven, currents be no number.
+    course
+        The smoothed motion at these samples; taken as it is where they are too few to be averaged.
+    turns
+        Whether the joint is revolute.
+
+    Source
+    ------
+    M. Gautier, Dynamic identification of robots with power model, ICRA 1997: parallel filtering, here by the kernel
+    of A. Savitzky and M. J. E. Golay's second derivative.
+    """
+    is_good = np.isfinite(current)
+    waves = [turns * np.cos(position), turns * np.sin(position), np.ones(len(time))]
+    plain = np.column_stack([*waves, course.velocity, course.acceleration])[is_good]
+    if len(time) < FEWEST or not is_good.any():
+        return Triangle.of(STROKE_COLUMNS, plain, current[is_good])
+    even = np.linspace(time[0], time[-1], len(time))
+    step = float(even[1] - even[0])
+    q, known = np.interp(even, time, position), np.interp(even, time[is_good], current[is_good])
+    kernel = curvature_kernel(min(cubic_width(course.window, step), len(time) // 4 * 2 + 1))
+    ends = (len(kernel) + 3) // 2
+    courses = [_sums(np.cos(q), _LEVEL), _sums(np.sin(q), _LEVEL)] if turns else 2 * [np.zeros(len(q) - 4)]
+    courses += [_sums(q, _RATE) / step, _sums(q, _CURVE) / step**2, _sums(known, _LEVEL)]
+    blunt = _averaged(np.column_stack(courses), kernel)
+    columns = np.column_stack([blunt[:, :2], np.ones(len(blunt)), blunt[:, 2:4]])
+    # Where a sample has no current, what neighbours suggest is no row.
+    rows = np.interp(even[ends : len(time) - ends], time, is_good.astype(float)) > 0.5
+    noise = _variance(q) * float(np.sum(np.convolve(kernel, _CURVE) ** 2)) / step**4
+    triangle = _white(Triangle.of(STROKE_COLUMNS, columns[rows], blunt[rows, 4]), columns[rows], kernel)
+    triangle = triangle.without_noise(noise * np.count_nonzero(rows))
+    upper, target = triangle.rows()
+    left = current[is_good] - plain @ np.linalg.lstsq(upper, target, rcond=None)[0]
+    return triangle.leaving(float(np.linalg.norm(left)), len(left))
+
+
+def _sums(values: Floats, stencil: Floats) -> Floats:
+    """(N - 4,) of (N,) values by a stencil of three or five."""
+    cut = (5 - len(stencil)) // 2
+    return np.convolve(values[cut : len(values) - cut], stencil[::-1], mode="valid")
+
+
+def _averaged(values: Floats, kernel: Floats) -> Floats:
+    """(N - w + 1, c) means of (N, c) values by a symmetric kernel (w,)."""
+    size = 1 << (len(values) + len(kernel) - 2).bit_length()
+    spectrum = np.fft.rfft(values, size, axis=0) * np.fft.rfft(kernel, size)[:, None]
+    return np.asarray(np.fft.irfft(spectrum, size, axis=0)[len(kernel) - 1 : len(values)])
+
+
+def _white(triangle: Triangle, columns: Floats, kernel: Floats) -> Triangle:
+    """The triangle of averaged currents, whose noise is no longer white, with rows of the noise of a sample.
+
+    (N, c) `columns` are what it is of.
+    """
+    upper, target = triangle.rows()
+    spread = _averaged(
+        np.pad(columns @ np.linalg.pinv(upper[:-1], rcond=_FLAT), ((len(kernel), len(kernel)), (0, 0))), kernel
+    )
+    share, ways = np.linalg.eigh(spread.T @ spread)
+    louder = (ways / np.sqrt(np.where(share > LEAST_SHARE, share, 1.0))) @ ways.T
+    return Triangle.of(triangle.columns, louder @ upper[:-1], louder @ target[:-1])
+
+
+def _variance(position: Floats) -> float:
+    """Variance of the noise of (N,) positions, from third differences, in which their course is next to nothing.
+
+    Rounding at a steady speed is a tone, which differences at one lag may enlarge; the least of several lags is taken.
+    """
+    found = [
+        float(np.mean((position[3 * lag :] - position[: -3 * lag] - 3.0 * (b - a)) ** 2)) / 20.0
+        for lag in _LAGS
+        if len(position) > 3 * lag + 1
+        for a, b in [(position[lag : -2 * lag], position[2 * lag : -lag])]
+    ]
+    return min(found, default=0.0)

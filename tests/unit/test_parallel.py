@@ -1,0 +1,160 @@
+"""Strokes reduced to triangles: corners that smoothing blunts, noise in positions and unknown delays bias nothing."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from worlds import CRANE, course, run_of
+
+from pumaid.maths.triangle import Triangle
+from pumaid.motion.options import SegmentOptions
+from pumaid.motion.parallel import of_stroke
+from pumaid.motion.stroke import sliding, smooth
+from pumaid.records import STROKE_COLUMNS, Evidence
+from pumaid.verbs.identify import identify
+
+#: A by cosine, sine, one, rad/s and rad/s2; A of noise.
+TRUTH, SIGMA = np.array([3.0, 0.5, 1.0, 0.4, 0.6]), 0.02
+#: rad/s, rad/s2 and rad of a movement whose speed is a trapezoid: its acceleration jumps four times.
+SPEED, PULL, WAY = 1.5, 4.0, 1.8
+
+
+def trapezoid(time: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Position, velocity and acceleration, in closed form, of a movement that begins at 0 s."""
+    ramp = SPEED / PULL
+    end = WAY / SPEED + ramp
+    pull = np.where((time > 0) & (time < ramp), PULL, np.where((time > end - ramp) & (time < end), -PULL, 0.0))
+    speed = np.clip(np.minimum(PULL * time, PULL * (end - time)), 0.0, SPEED)
+    early, late = np.clip(time, 0.0, ramp), np.clip(end - time, 0.0, ramp)
+    middle = SPEED * np.clip(time - ramp, 0.0, end - 2 * ramp)
+    return -1.0 + 0.5 * PULL * (early**2 + ramp**2 - late**2) + middle, speed, pull
+
+
+def stroke(rate: float, seed: int, *, count: float = 1e-5, jitter: float = 0.0, lost: float = 0.0):
+    """Its samples while the joint slides: times, positions through an encoder, currents, and what smoothed them."""
+    rng = np.random.default_rng(seed)
+    time = np.arange(-0.5, WAY / SPEED + SPEED / PULL + 0.5, 1.0 / rate) + rng.uniform(-0.5, 0.5) / rate
+    time += jitter / rate * rng.uniform(-1.0, 1.0, len(time))
+    q, speed, pull = trapezoid(time)
+    current = np.column_stack([np.cos(q), np.sin(q), speed > 0, speed, pull]) @ TRUTH
+    current += SIGMA * rng.normal(size=len(time))
+    current[rng.random(len(time)) < lost] = np.nan
+    q = np.round(q / count) * count
+    moving = np.flatnonzero(speed > 0)
+    found = smooth(time, q, bounds=(int(moving[0]), int(moving[-1]) + 1), noise=count / 12**0.5)
+    start, stop = sliding(found, 1, SegmentOptions())
+    return time[start:stop], q[start:stop], current[start:stop], found.within(start, stop)
+
+
+def solved(triangle: Triangle) -> np.ndarray:
+    """(5,) the least squares solution."""
+    rows, target = triangle.rows()
+    return np.linalg.lstsq(rows, target, rcond=1e-9)[0]
+
+
+def of_raw(time, q, current, found) -> Triangle:
+    """What there is without parallel filtering: logged currents on smoothed motion."""
+    columns = [np.cos(q), np.sin(q), np.ones(len(q)), found.velocity, found.acceleration]
+    return Triangle.of(STROKE_COLUMNS, np.column_stack(columns), current)
+
+
+def bias(rate: float, **conditions: float) -> np.ndarray:
+    """(2, 5) mean error of both over 40 strokes, in units of the truth: parallel filtered, and raw."""
+    errors = []
+    for seed in range(40):
+        time, q, current, found = stroke(rate, seed, **conditions)
+        good = np.isfinite(current)
+        raw = of_raw(time[good], q[good], current[good], found_of(found, good))
+        errors.append([solved(of_stroke(time, q, current, course=found, turns=True)), solved(raw)])
+    return (np.mean(errors, axis=0) - TRUTH) / TRUTH
+
+
+def found_of(found, good):
+    """The smoothed motion at some of its samples."""
+    return replace(found, velocity=found.velocity[good], acceleration=found.acceleration[good])
+
+
+@pytest.mark.parametrize("rate", [125.0, 250.0, 1000.0])
+@pytest.mark.parametrize("conditions", [{}, {"jitter": 0.2}, {"lost": 0.1}], ids=str)
+def test_sharp_corners_make_no_inertia(rate, conditions):
+    """The inertia of a trapezoid of speed is right to 0.3 %, where logged currents on smoothed motion give 1.5 %."""
+    filtered, raw = bias(rate, **conditions)
+    assert abs(filtered[4]) < 0.003 and abs(filtered[1]) < 0.02
+    assert raw[4] > 0.012 and raw[1] > 0.05
+
+
+def test_few_samples():
+    """At 62 Hz it is right to 1 %, where it was 5 %."""
+    filtered, raw = bias(62.0)
+    assert abs(filtered[4]) < 0.01 and raw[4] > 0.04
+
+
+@pytest.mark.parametrize("rate", [125.0, 250.0, 500.0, 1000.0])
+def test_steps_of_the_encoder_do_not_hide_inertia(rate):
+    """Noise in an acceleration makes its parameter too small; with steps of 1 mrad the inertia is right to 0.6 %."""
+    assert abs(bias(rate, count=1e-3)[0][4]) < 0.006
+
+
+def test_noise_passes_as_white():
+    """Along any combination of columns, what is left of noise that is averaged has the variance of a sample."""
+    parts = []
+    for seed in range(60):
+        time, q, _, found = stroke(125.0, seed)
+        noise = np.random.default_rng(seed).normal(size=len(time))
+        _, target = of_stroke(time, q, noise, course=found, turns=True).rows()
+        parts.append(target[:5])
+    # 300 squares know their mean to 8 %.
+    assert np.mean(np.square(parts)) == pytest.approx(1.0, abs=0.25)
+
+
+def test_what_is_left_is_of_the_logged_current():
+    """All samples are counted, and what they leave is their noise, not that of averages."""
+    left = []
+    for seed in range(10):
+        time, q, _, found = stroke(500.0, seed)
+        noise = SIGMA * np.random.default_rng(seed).normal(size=len(time))
+        triangle = of_stroke(time, q, noise, course=found, turns=True)
+        assert triangle.count == len(time)
+        left.append(triangle.factor[-1, -1] / np.sqrt(len(time)))
+    assert np.mean(left) == pytest.approx(SIGMA, rel=0.02)
+
+
+def late_runs(seed: int, delay: float):
+    """Runs of a crane's slide: some at constant speed, many strokes as short as half a second; currents come late."""
+    rng, runs = np.random.default_rng(seed), []
+    for kind, duration in 12 * [("constant", 2.0)] + 16 * [("stroke", 0.6)]:
+        way = 0.06 * rng.choice([-1.0, 1.0]) * rng.choice([0.5, 1.0, 2.0])
+        moves = course(kind, -way, way, duration=duration, samples=80)
+        time, _, speed, pull = moves
+        rise = np.gradient(0.3 * np.sign(way) + 0.7 * speed + 0.8 * pull, time)
+        current = 2.0 + np.sign(way) + 0.7 * speed + 0.8 * pull - delay * rise + SIGMA * rng.normal(size=80)
+        runs.append(run_of(CRANE, 2, (0.1, 0.0, 0.3), course=moves, current=current))
+    return runs
+
+
+@pytest.mark.parametrize("delay", [0.0, 0.001, 0.003])
+def test_an_unknown_delay_is_no_viscous_friction(delay):
+    """Whether currents come 0, 1 or 3 ms late, intervals of viscous friction hold the truth, where strokes help most.
+
+    Taken for viscous friction, 3 ms would be 0.3 A s/m here, 20 standard errors.
+    """
+    z = []
+    for seed in range(20):
+        runs = late_runs(seed, delay)
+        found = identify(Evidence(tuple(runs)), CRANE)
+        values = [found.value(f"viscous.j2.{way}") for way in ("plus", "minus")]
+        z += [(value.value - 0.7) / value.std_error for value in values]
+    assert np.sqrt(np.mean(np.square(z))) < 1.5
+
+
+@pytest.mark.parametrize("size", [1, 2, 5, 6, 7, 15, 16, 17, 24])
+def test_what_a_cut_leaves_of_a_stroke(size):
+    """However few samples there are, and where hardly any has a current, all that have one are counted."""
+    time, q, current, found = stroke(125.0, 1)
+    few = slice(20, 20 + size)
+    part, current = found.within(found.start + 20, found.start + 20 + size), current[few].copy()
+    current[::3] = np.nan
+    triangle = of_stroke(time[few], q[few], current, course=part, turns=True)
+    assert triangle.count == np.count_nonzero(np.isfinite(current)) and np.all(np.isfinite(triangle.factor))
