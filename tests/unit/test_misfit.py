@@ -6,9 +6,14 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import worlds
 from faulty import csv, good, invoke, make, slugs_of
 
+from pumaid.errors import ModelError
+from pumaid.fit.misfit import check_better, missed
 from pumaid.fit.notes import odd_gains, odd_inertia
+from pumaid.fit.system import solve
+from pumaid.model import Model
 from pumaid.records.estimate import Value
 
 
@@ -139,3 +144,15 @@ def test_an_inertia_below_zero_is_told(way, size, is_odd):
 
 
 SIDES = (("plus", 1.0), ("minus", -0.8))
+
+
+def test_a_fit_with_more_effects_that_is_worse_is_refused():
+    """As good as without them, or a third worse, passes; twice as bad went astray, and the message says where."""
+    runs = worlds.evidence(worlds.drawn(worlds.PENDULUM), worlds.experiment(worlds.PENDULUM)).runs
+    fitted = solve(Model.of_runs(worlds.PENDULUM, runs), runs)
+    sizes = missed(fitted)
+    check_better(sizes, fitted, ["payload"])
+    check_better({joint: size / 1.3 for joint, size in sizes.items()}, fitted, ["payload"])
+    with pytest.raises(ModelError, match="the fit with payload misses joint 2") as refused:
+        check_better(sizes | {2: sizes[2] / 2.0}, fitted, ["payload"])
+    assert refused.value.slug == "effects-astray" and refused.value.where.joint == 2

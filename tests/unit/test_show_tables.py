@@ -49,6 +49,16 @@ def test_unknown_and_absent_differ(puma):
     assert row(grid, "k_x")[1].text == "-" and "-" in dict(grid.notes)
 
 
+def test_what_is_the_whole_arms_stands_below(puma):
+    """Parameters without a joint of their own are told with their error and unit, or with why they are not."""
+    known = replace(puma.estimate.values[0], name="tilt.x", joint=None, value=0.0123, std_error=0.0011, unit="rad")
+    unknown = replace(known, name="tilt.y", value=None, std_error=None, reason="the base stands level")
+    estimate = replace(puma.estimate, values=(*puma.estimate.values, known, unknown))
+    caption = tables.parameter_grid(estimate, puma.robot).caption
+    assert "Of the whole arm: tilt.x 0.0123 ± 0.0011 rad; tilt.y n/i (the base stands level)." in caption
+    assert "whole arm" not in tables.parameter_grid(puma.estimate, puma.robot).caption
+
+
 def test_one_letter_a_reason(puma):
     """Parameters with the same reason share a note."""
     values = tuple(
