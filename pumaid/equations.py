@@ -42,7 +42,7 @@ class Block:
 
 
 def of_triangles(
-    robot: Robot, joint: int, runs: Sequence[Run], *, design: Callable[[Samples], Floats], weighed: bool = False
+    robot: Robot, joint: int, runs: Sequence[Run], *, design: Callable[[Samples], Floats], noise: float | None = None
 ) -> Iterator[Block]:
     """Equations of runs of one joint and kind by columns that are combinations of their triangle's regressors.
 
@@ -58,8 +58,9 @@ def of_triangles(
         All of one kind.
     design
         The columns (M, p) at M instants.
-    weighed
-        Whether strokes are weighed by what an unknown delay does to them: for fits, not for what a model leaves.
+    noise
+        A, of a sample: strokes are weighed by what an unknown delay does to them beside it. For fits, not for what a
+        model leaves.
     """
     probes, basis = _probes(robot, joint, runs)
     columns = design(probes)
@@ -68,16 +69,16 @@ def of_triangles(
     ways = inverse @ columns.reshape(len(runs), -1, p)
     factors = np.array([run.triangle.factor for run in runs])
     lefts, sizes, rights = np.linalg.svd(factors[:, :, :-1], full_matrices=False)
-    late = doubts(robot, runs) if weighed else [None] * len(runs)
+    late = doubts(robot, runs) if noise is not None else [None] * len(runs)
     each = zip(runs, factors[:, :, -1], lefts, sizes, rights, ways, late, strict=True)
     for run, current, left, singular, right, way, doubt in each:
         kept = singular > FLAT * max(float(singular[0]), 1e-300)
         base = singular[kept, None] * right[kept]
         target = left[:, kept].T @ current
         rest = float(current @ current - target @ target)
-        if doubt is not None:
+        if doubt is not None and noise is not None:
             own = np.sqrt(run.cells.count) * run.cells.current[:, joint - 1]
-            base, target, rest = doubt.calmed(base, target, current=own, rest=rest)
+            base, target, rest = doubt.over(noise).calmed(base, target, current=own, rest=rest)
         yield Block(
             run=run,
             regressors=base @ way,

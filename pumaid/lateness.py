@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,15 +14,13 @@ Floats = NDArray[np.float64]
 
 #: s, beside half a step of the log: what filters of drives and a fieldbus put between a current and its position.
 LAG = 0.001
-#: Noise below this share of the root mean square current is rounding.
-EXACT = 1e-6
 #: rad; half steps below it are none.
 TINY = 1e-9
 
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Doubt:
-    """What a delay of one standard deviation adds to a run's current, over the noise of a sample.
+    """What a delay of one standard deviation adds to a run's current (A).
 
     `along` (k,) in units of the triangle's regressors, `cells` (M,) in the run's weighted cells, of which `beyond` (M,)
     is what the triangle does not know of; `basis` (M, k) are its regressors there.
@@ -32,6 +30,10 @@ class Doubt:
     cells: Floats
     beyond: Floats
     basis: Floats
+
+    def over(self, noise: float) -> Doubt:
+        """The same over the noise of a sample (A)."""
+        return replace(self, along=self.along / noise, cells=self.cells / noise, beyond=self.beyond / noise)
 
     @property
     def axis(self) -> Floats:
@@ -71,7 +73,7 @@ class Doubt:
 
 
 def doubts(robot: Robot, runs: Sequence[Run]) -> list[Doubt | None]:
-    """Of the runs of one joint: of each stroke its doubt, of the others none.
+    """Of the runs of one joint: of each stroke its doubt, of others none.
 
     A current that comes late by `t` is off by `-t di/dt`. In a stroke `di/dt` is mostly inertia times jerk, which runs
     against the speed: a millisecond passes for a tenth of a light joint's viscous friction. A joint's delay is one for
@@ -81,10 +83,11 @@ def doubts(robot: Robot, runs: Sequence[Run]) -> list[Doubt | None]:
     return [_doubt(robot, run, strokes) if run.kind == "stroke" else None for run in runs]
 
 
-def axes(robot: Robot, runs: Sequence[Run]) -> Floats:
+def axes(robot: Robot, runs: Sequence[Run], noise: float) -> Floats:
     """(N,) the axes of doubts of the runs of one joint, cell by cell; zero where a run has none."""
     every = zip(runs, doubts(robot, runs), strict=True)
-    return np.concatenate([np.zeros(len(run.cells)) if doubt is None else doubt.axis for run, doubt in every])
+    axes = [np.zeros(len(run.cells)) if doubt is None else doubt.over(noise).axis for run, doubt in every]
+    return np.concatenate(axes)
 
 
 def _doubt(robot: Robot, run: Run, strokes: int) -> Doubt | None:
@@ -100,8 +103,9 @@ def _doubt(robot: Robot, run: Run, strokes: int) -> Doubt | None:
         return None
     current = basis @ np.linalg.lstsq(factor[:, :-1], factor[:, -1], rcond=1e-9)[0]
     count = max(run.samples, 1)
-    noise = max(abs(float(factor[-1, -1])), EXACT * float(np.linalg.norm(factor[:, -1]))) / np.sqrt(count)
     delay = np.sqrt(strokes) * (0.5 * run.duration / count + LAG)
-    added = delay * weight * np.gradient(current, cells.time) / max(noise, np.finfo(float).tiny)
+    added = delay * weight * np.gradient(current, cells.time)
+    if not np.all(np.isfinite(added)):
+        return None
     along = np.linalg.lstsq(weight[:, None] * basis, added, rcond=1e-9)[0]
     return Doubt(along, added, added - weight * (basis @ along), weight[:, None] * basis)

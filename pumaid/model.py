@@ -206,7 +206,11 @@ class Model:
         return any(one.touches(joint) and not one.effect.needs_loads for one in self.effects)
 
     def blocks(
-        self, runs: Sequence[Run], sights: Mapping[int, Sight] | None = None, *, weighed: bool = False
+        self,
+        runs: Sequence[Run],
+        sights: Mapping[int, Sight] | None = None,
+        *,
+        noise: Mapping[int, float] | None = None,
     ) -> list[Block]:
         """Each run's equations, from its triangle; from its cells as well where a chosen effect acts.
 
@@ -221,14 +225,16 @@ class Model:
         sights
             By joint (from 1), of all of `runs` in which it moves, in their order; with loads where an effect needs
             them. Made here where it is not given.
-        weighed
-            Whether strokes are weighed by what an unknown delay does to them (`equations.of_triangles`); the sights
-            must be, too.
+        noise
+            By joint (A): strokes are weighed by what an unknown delay does to them (`equations.of_triangles`). The
+            sights must be, too.
         """
         out: dict[int, Block] = {}
         for joint, kind in sorted({(run.joint, run.kind) for run in runs}):
             numbers = [n for n, run in enumerate(runs) if (run.joint, run.kind) == (joint, kind)]
-            alike = of_triangles(self.robot, joint, [runs[n] for n in numbers], design=self._of_base, weighed=weighed)
+            alike = of_triangles(
+                self.robot, joint, [runs[n] for n in numbers], design=self._of_base, noise=(noise or {}).get(joint)
+            )
             out.update(zip(numbers, alike, strict=True))
         return self.widened([out[n] for n in range(len(runs))], sights)
 
@@ -259,13 +265,12 @@ class Model:
         return out
 
     def sight(
-        self, joint: int, runs: Sequence[Run], campaign: Campaign | None = None, *, weighed: bool = False
+        self, joint: int, runs: Sequence[Run], campaign: Campaign | None = None, *, noise: float | None = None
     ) -> Sight:
         """The runs of `joint` as the chosen effects see them, without loads."""
         campaign = campaign or Campaign.of(runs)
         fine, slope = self.is_fine(joint), self.has_slope(joint)
-        look = {"has_slope": slope, "is_fine": fine, "weighed": weighed}
-        return Sight.of(self.robot, joint, runs, campaign=campaign, **look)
+        return Sight.of(self.robot, joint, runs, campaign=campaign, has_slope=slope, is_fine=fine, noise=noise)
 
     def predict(self, estimate: Estimate, samples: Samples) -> Floats:
         """(M,) current (A) of joint `samples.joint` by the fitted model; unknown ratios count as zero."""

@@ -115,11 +115,11 @@ class Sight:
         campaign: Campaign,
         has_slope: bool = False,
         is_fine: bool = True,
-        weighed: bool = False,
+        noise: float | None = None,
     ) -> Sight:
         """The runs among `runs` in which `joint` moves; `is_fine` looks at three instants of each cell, not one.
 
-        `weighed` as of `equations.of_triangles`.
+        `noise` as of `equations.of_triangles`.
         """
         own = tuple(run for run in runs if run.joint == joint)
         middles = [samples_of(run, campaign, has_slope=has_slope) for run in own]
@@ -130,7 +130,7 @@ class Sight:
         is_stroke = np.repeat([run.kind == "stroke" for run in own], len(samples) // len(weight) * sizes)
         instants = _regressors(robot, samples, is_stroke)
         regressors = averaged(instants, len(weight))
-        axis = axes(robot, own) if weighed and is_stroke.any() else np.zeros(len(weight))
+        axis = axes(robot, own, noise) if noise is not None and is_stroke.any() else np.zeros(len(weight))
         joint_current = np.concatenate([run.cells.current[:, joint - 1] for run in own])
         joint_columns = np.column_stack([regressors, joint_current])
         weighted = _shrunk(weight[:, None] * joint_columns, axis, starts)

@@ -14,7 +14,7 @@ from pumaid.fit.gauge import Gauge, gauge_of
 from pumaid.fit.ground import Ground
 from pumaid.fit.misfit import check_better, missed
 from pumaid.fit.shapes import look
-from pumaid.fit.system import Fitted, Progress, again, eased, releveled, solve
+from pumaid.fit.system import Fitted, Progress, again, eased, releveled, solve, stroke_noise
 from pumaid.fit.views import Sights, loaded, sights
 from pumaid.model import Model
 from pumaid.motion.reduce import coarser
@@ -171,12 +171,13 @@ class _Work:
         every = model.with_effects(wanted)
         slow = any(_free(one, model) and one.effect.family in SLOW for one in wanted)
         thin = [replace(r, cells=coarser([r.cells], COARSE, joint=r.joint)) for r in runs] if slow else []
-        seen, coarse = (sights(every, some, campaign, weighed=True) for some in (runs, thin))
+        noise = stroke_noise(model, runs)
+        seen, coarse = (sights(every, some, campaign, noise=noise) for some in (runs, thin))
         work = cls(model, runs, seen=seen, thin=coarse)
         ready = {n: one for n, one in enumerate(wanted) if not _free(one, model) and not one.effect.needs_loads}
         work.chosen = ready
         now = work.now()
-        work.bare = model.blocks(runs, weighed=True)
+        work.bare = model.blocks(runs, noise=noise)
         work.blocks = now.widened(work.bare, work.seen)
         work.fitted = solve(now, runs, blocks=work.blocks)
         if work.chosen:

@@ -25,6 +25,7 @@ from pumaid.fit.system import Fitted, Progress
 from pumaid.maths.propagation import recursion_covariance
 from pumaid.maths.statistics import Clustered, clustered, interval
 from pumaid.model import Model
+from pumaid.motion.options import STROKE
 from pumaid.motion.replicates import noise_floor
 from pumaid.records import (
     GIVEN,
@@ -113,20 +114,21 @@ def identified(
         recipe_digest=robot.digest,
         origin=robot.origin,
         logs={facts.name: facts.digest for facts in evidence.files},
-        notes=(
-            *evidence.notes,
-            *of_misfit(fitted, {fit.joint: fit.noise_floor for fit in joints}),
-            *of_runs(fitted),
-            *notes.of_fit(fitted, robot),
-            *notes.of_gears(fitted, robot),
-            *notes.odd_friction(values, robot.n_joints),
-            *notes.odd_gains(values, robot.n_joints),
-            *notes.odd_inertia(values, robot.n_joints),
-            *notes.of_effects(found, runs),
-        ),
         version=__version__,
     )
-    return _with_heldout(estimate, robot, evidence)
+    estimate = _with_errors(estimate, robot, evidence)
+    told = (
+        *evidence.notes,
+        *of_misfit(fitted, estimate.joints),
+        *of_runs(fitted),
+        *notes.of_fit(fitted, robot),
+        *notes.of_gears(fitted, robot),
+        *notes.odd_friction(values, robot.n_joints),
+        *notes.odd_gains(values, robot.n_joints),
+        *notes.odd_inertia(values, robot.n_joints),
+        *notes.of_effects(found, runs),
+    )
+    return replace(estimate, notes=told)
 
 
 def _is_there(choice: EffectChoice, model: Model) -> bool:
@@ -250,15 +252,22 @@ def _joint_fit(fitted: Fitted, runs: Sequence[Run], joint: int) -> JointFit:
     )
 
 
-def _with_heldout(estimate: Estimate, robot: Robot, evidence: Evidence) -> Estimate:
-    """With the error on runs that the plan keeps for judging."""
-    runs = [run for run in evidence.runs if run.heldout]
+def _with_errors(estimate: Estimate, robot: Robot, evidence: Evidence) -> Estimate:
+    """With the error on runs that the plan keeps for judging, and on all runs of joints that have strokes.
+
+    A fit's equations do not tell the latter: in them strokes are weighed by what a delay does to them.
+    """
+    weighed = {run.joint for run in evidence.runs if run.kind == STROKE and not run.heldout}
+    runs = [run for run in evidence.runs if run.heldout or run.joint in weighed]
     if not runs:
         return estimate
     judge = Judge.of(robot, estimate, evidence)
     tallies = [judge.tally(block) for block in judge.blocks(runs)]
+    kept = [tally for tally in tallies if tally.run.heldout]
     joints = []
     for fit in estimate.joints:
-        own = [tally for tally in tallies if tally.run.joint == fit.joint]
-        joints.append(replace(fit, heldout_runs=len(own), heldout=rmse(own)))
-    return replace(estimate, joints=tuple(joints), heldout=rmse(tallies))
+        own = [tally for tally in kept if tally.run.joint == fit.joint]
+        fits = [tally for tally in tallies if tally.run.joint == fit.joint and not tally.run.heldout]
+        of_fit = rmse(fits) if fit.joint in weighed else fit.rmse
+        joints.append(replace(fit, rmse=of_fit, heldout_runs=len(own), heldout=rmse(own)))
+    return replace(estimate, joints=tuple(joints), heldout=rmse(kept))

@@ -11,7 +11,7 @@ from pumaid.errors import ModelError, Note, Where
 from pumaid.fit.rows import Row
 from pumaid.fit.system import Fitted
 from pumaid.motion.options import CONSTANT
-from pumaid.records import Run
+from pumaid.records import JointFit, Run
 from pumaid.units import number
 
 Floats = NDArray[np.float64]
@@ -75,7 +75,7 @@ def check_better(before: Mapping[int, float], fitted: Fitted, names: Sequence[st
             raise ModelError("effects-astray", f"{what}: it went astray", Where(joint=joint), mend)
 
 
-def of_misfit(fitted: Fitted, floors: Mapping[int, float | None]) -> list[Note]:
+def of_misfit(fitted: Fitted, joints: Sequence[JointFit]) -> list[Note]:
     """A note for each joint whose current the model does not explain, with the file that is to blame if one is.
 
     Noise is what is left of each run by its own harmonic, or what repeated runs differ by if that is less.
@@ -84,15 +84,15 @@ def of_misfit(fitted: Fitted, floors: Mapping[int, float | None]) -> list[Note]:
     ----------
     fitted
         The fit of all joints.
-    floors
-        Joint -> what its repeated runs differ by (A), None where no run is repeated.
+    joints
+        How well it does, and what repeated runs differ by.
     """
     found = []
-    every = missed(fitted)
+    known = {fit.joint: fit for fit in joints}
     for row in fitted.rows:
         values = fitted.system.factors(fitted.gains)[row.joint - 1] * fitted.solution.values
-        misses = every[row.joint]
-        floor, inside = floors.get(row.joint), _rms_inside(row.runs)
+        misses = known[row.joint].rmse or 0.0
+        floor, inside = known[row.joint].noise_floor, _rms_inside(row.runs)
         noise = inside if floor is None else min(inside, floor)
         size = _current(row)
         if misses > max(FAR * noise, SEEN * size) or (misses > MOST * size and len(row.runs) >= FEWEST):

@@ -104,6 +104,12 @@ def from_inside(row: Row) -> Levels:
     return Levels(sample, 0.0, max(weight // 4, 1), times)
 
 
+def of_strokes(row: Row) -> float:
+    """Variance (A2) of a sample of slow noise inside a joint's strokes, beyond each one's own harmonic and inertia."""
+    total, weight = _inside(row, True)
+    return total / weight if weight else 0.0
+
+
 def _inside(row: Row, is_stroke: bool) -> tuple[float, int]:
     """Long-run variance a sample, times its weight, and the weight, of runs from rest to rest or of the others."""
     total, weight = 0.0, 0

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from pumaid.effects import Scope
 from pumaid.equations import Block
-from pumaid.fit.noise import floored, from_inside, levels_of
+from pumaid.fit.noise import floored, from_inside, levels_of, of_strokes
 from pumaid.fit.ratios import RATIO_SPREAD, is_astray, restarted, spread_of
 from pumaid.fit.rows import Row, joined, limits, priors, rows_of, system
 from pumaid.maths import levels as variances
@@ -19,6 +19,7 @@ from pumaid.maths.joint_fit import Bilinear, JointSolution, fit, prior_rows
 from pumaid.maths.levels import Levels
 from pumaid.maths.recursion import LARGEST_RATIO, USUAL_RATIO, Gains, Recursion
 from pumaid.model import Model
+from pumaid.motion.options import STROKE
 from pumaid.records import Run
 
 Floats = NDArray[np.float64]
@@ -151,7 +152,7 @@ def solve(
     S.-K. Lin, Theorem 1, for the recursion; the refinement is maximum likelihood for the same system.
     """
     tell = progress or (lambda joint, text: None)
-    rows = rows_of(model.blocks(runs, weighed=True) if blocks is None else blocks)
+    rows = rows_of(model.blocks(runs, noise=stroke_noise(model, runs)) if blocks is None else blocks)
     assigned = assign(model, [row.joint for row in rows])
     owners = owners_of(model, assigned)
     # The paper's recursion, and beside it one whose weakly shown ratios cannot run off: that one starts the joint fit.
@@ -187,6 +188,23 @@ def solve(
     absorbed = _absorbed(recursion, is_load)
     told = (model, rows, assigned, levels, first_levels, tuple(weak))
     return Fitted(*told, first, taken, absorbed, final, solution, 1.0 / spread**2, held, _run_of(rows), limit)
+
+
+def stroke_noise(model: Model, runs: Sequence[Run]) -> dict[int, float]:
+    """Joint (from 1) with strokes -> standard deviation of a sample of them (A), what the model lacks in them included.
+
+    By a fit that weighs no delay, against which a delay is then weighed: how strokes differ from each other and from
+    runs at constant speed, and the course of what is left inside them, which tells what comes again in each.
+    """
+    joints = sorted({run.joint for run in runs if run.kind == STROKE})
+    if not joints:
+        return {}
+    fitted = solve(model, runs, blocks=model.blocks(runs), recursive=True)
+    out = {}
+    for row in (row for row in fitted.rows if row.joint in joints):
+        levels, inside = fitted.levels[row.joint], of_strokes(row)
+        out[row.joint] = float(np.sqrt(max(levels.sample * levels.loud, inside)))
+    return out
 
 
 def held_by(model: Model, limit: Floats, gauge: Floats | None) -> Floats:

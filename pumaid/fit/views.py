@@ -17,7 +17,12 @@ Sights = Mapping[int, Sight]
 
 
 def sights(
-    model: Model, runs: Sequence[Run], campaign: Campaign, *, known: Sights | None = None, weighed: bool = False
+    model: Model,
+    runs: Sequence[Run],
+    campaign: Campaign,
+    *,
+    known: Sights | None = None,
+    noise: Mapping[int, float] | None = None,
 ) -> dict[int, Sight]:
     """A sight of each joint (from 1) that an effect of `model` may act on; those that are `known` already are kept."""
     moving = sorted({run.joint for run in runs})
@@ -25,7 +30,7 @@ def sights(
     for joint in (joint for joint in moving if model.touched(joint)):
         has = (out[joint].has_slope, out[joint].grain > 1) if joint in out else None
         if has != (model.has_slope(joint), model.is_fine(joint)):
-            out[joint] = model.sight(joint, runs, campaign, weighed=weighed)
+            out[joint] = model.sight(joint, runs, campaign, noise=(noise or {}).get(joint))
     return out
 
 

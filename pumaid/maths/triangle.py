@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 Floats = NDArray[np.float64]
 
 #: Share of a regressor's square beyond the others' that may be taken for its noise.
-MOST_NOISE = 0.2
+MOST_NOISE = 0.9
 
 
 def _factor(rows: Floats) -> Floats:
@@ -81,18 +81,18 @@ class Triangle:
     def without_noise(self, squares: float) -> Triangle:
         """The triangle that its last regressor would leave without noise of its own, of summed `squares`.
 
-        Noise in a regressor makes its parameter too small. More than `MOST_NOISE` of what the regressor has beyond the
-        others is not taken from it.
+        Noise in a regressor makes its parameter too small, by the noise's share of what it has beyond the others; of
+        that share more than `MOST_NOISE` is not given back. What the row then tells of the parameter has the variance
+        that it has.
 
         Source
         ------
-        W. A. Fuller, Measurement Error Models (1987), section 2.2.
+        W. A. Fuller, Measurement Error Models (1987), section 1.2: the reliability ratio.
         """
         factor, last = self.factor.copy(), len(self.columns) - 1
         own = float(factor[last, last])
         if own > 0.0:
-            factor[last, last] = np.sqrt(own**2 - min(squares, MOST_NOISE * own**2))
-            factor[last, -1] *= own / factor[last, last]
+            factor[last, last] = own * (1.0 - min(squares / own**2, MOST_NOISE))
         return Triangle(self.columns, factor, self.count)
 
     def leaving(self, rest: float, count: int) -> Triangle:

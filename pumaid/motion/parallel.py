@@ -28,7 +28,7 @@ _FLAT = 1e-10
 _LAGS = (1, 2, 3, 5)
 
 
-def of_stroke(time: Floats, position: Floats, current: Floats, *, course: Smooth, turns: bool) -> Triangle:
+def of_stroke(course: Smooth, position: Floats, current: Floats, *, turns: bool) -> Triangle:
     """A stroke's triangle, in which current and regressors are averaged over the same spans.
 
     An acceleration from positions that are smoothed is blunt at its corners where the current is not: regressed on
@@ -38,10 +38,11 @@ def of_stroke(time: Floats, position: Floats, current: Floats, *, course: Smooth
 
     Parameters
     ----------
-    time, position, current
-        (N,) s, rad or m, A of samples while the joint slides one way; steps may be uneven, currents be no number.
     course
-        The smoothed motion at these samples; taken as it is where they are too few to be averaged.
+        The smoothed motion at N samples while the joint slides one way, taken as it is where they are too few to be
+        averaged; steps of time may be uneven.
+    position, current
+        (N,) rad or m, and A, which may be no number.
     turns
         Whether the joint is revolute.
 
@@ -50,7 +51,7 @@ def of_stroke(time: Floats, position: Floats, current: Floats, *, course: Smooth
     M. Gautier, Dynamic identification of robots with power model, ICRA 1997: parallel filtering, here by the kernel
     of A. Savitzky and M. J. E. Golay's second derivative.
     """
-    is_good = np.isfinite(current)
+    time, is_good = course.time, np.isfinite(current)
     waves = [turns * np.cos(position), turns * np.sin(position), np.ones(len(time))]
     plain = np.column_stack([*waves, course.velocity, course.acceleration])[is_good]
     if len(time) < FEWEST or not is_good.any():
@@ -67,8 +68,8 @@ def of_stroke(time: Floats, position: Floats, current: Floats, *, course: Smooth
     # Where a sample has no current, what neighbours suggest is no row.
     rows = np.interp(even[ends : len(time) - ends], time, is_good.astype(float)) > 0.5
     noise = _variance(q) * float(np.sum(np.convolve(kernel, _CURVE) ** 2)) / step**4
-    triangle = _white(Triangle.of(STROKE_COLUMNS, columns[rows], blunt[rows, 4]), columns[rows], kernel)
-    triangle = triangle.without_noise(noise * np.count_nonzero(rows))
+    seen = Triangle.of(STROKE_COLUMNS, columns[rows], blunt[rows, 4])
+    triangle = _whitened(seen.without_noise(noise * np.count_nonzero(rows)), _louder(seen, columns[rows], kernel))
     upper, target = triangle.rows()
     left = current[is_good] - plain @ np.linalg.lstsq(upper, target, rcond=None)[0]
     return triangle.leaving(float(np.linalg.norm(left)), len(left))
@@ -87,17 +88,20 @@ def _averaged(values: Floats, kernel: Floats) -> Floats:
     return np.asarray(np.fft.irfft(spectrum, size, axis=0)[len(kernel) - 1 : len(values)])
 
 
-def _white(triangle: Triangle, columns: Floats, kernel: Floats) -> Triangle:
-    """The triangle of averaged currents, whose noise is no longer white, with rows of the noise of a sample.
+def _louder(triangle: Triangle, columns: Floats, kernel: Floats) -> Floats:
+    """(c, c) what gives the rows of averaged currents, whose noise is no longer white, the noise of a sample again.
 
-    (N, c) `columns` are what it is of.
+    (N, c) `columns` are those of the triangle.
     """
-    upper, target = triangle.rows()
-    spread = _averaged(
-        np.pad(columns @ np.linalg.pinv(upper[:-1], rcond=_FLAT), ((len(kernel), len(kernel)), (0, 0))), kernel
-    )
+    upper, _ = triangle.rows()
+    wide = np.pad(columns @ np.linalg.pinv(upper[:-1], rcond=_FLAT), ((len(kernel), len(kernel)), (0, 0)))
+    spread = _averaged(wide, kernel)
     share, ways = np.linalg.eigh(spread.T @ spread)
-    louder = (ways / np.sqrt(np.where(share > LEAST_SHARE, share, 1.0))) @ ways.T
+    return np.asarray((ways / np.sqrt(np.where(share > LEAST_SHARE, share, 1.0))) @ ways.T)
+
+
+def _whitened(triangle: Triangle, louder: Floats) -> Triangle:
+    upper, target = triangle.rows()
     return Triangle.of(triangle.columns, louder @ upper[:-1], louder @ target[:-1])
 
 

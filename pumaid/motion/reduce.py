@@ -45,8 +45,7 @@ def triangle(block: Block, piece: Piece, robot: Robot, *, samples: Chosen) -> Tr
         whole = slice(piece.start, piece.stop)
         known = np.full(piece.stop - piece.start, np.nan)
         known[_within(samples, piece)] = block.current[samples, joint - 1]
-        motion = block.time[whole], block.position[whole, joint - 1]
-        return of_stroke(*motion, known, course=piece.course, turns=turns)
+        return of_stroke(piece.course, block.position[whole, joint - 1], known, turns=turns)
     position, current = block.position[samples, joint - 1], block.current[samples, joint - 1]
     columns = np.zeros((3, len(position)))
     if turns:

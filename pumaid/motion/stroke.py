@@ -23,13 +23,14 @@ LARGEST_SHARE = 0.15
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Smooth:
-    """Samples [start, stop) of a movement with `velocity` and `acceleration` (stop - start,) per s and s2.
+    """Samples [start, stop) of a movement: `time` (s), `velocity` and `acceleration`, (stop - start,) each.
 
-    `window` (s) is what each local cubic spanned.
+    Times are those at which the samples were taken, which stamps need not be; `window` (s) is what each cubic spanned.
     """
 
     start: int
     stop: int
+    time: Floats
     velocity: Floats
     acceleration: Floats
     window: float
@@ -37,7 +38,7 @@ class Smooth:
     def within(self, start: int, stop: int) -> Smooth:
         """The same for fewer samples."""
         part = slice(start - self.start, stop - self.start)
-        return Smooth(start, stop, self.velocity[part], self.acceleration[part], self.window)
+        return Smooth(start, stop, self.time[part], self.velocity[part], self.acceleration[part], self.window)
 
 
 def smooth(time: Floats, position: Floats, *, bounds: tuple[int, int], noise: float) -> Smooth:
@@ -61,7 +62,7 @@ def smooth(time: Floats, position: Floats, *, bounds: tuple[int, int], noise: fl
     margin = math.ceil(window / max(duration, 1e-9) * (stop - start)) + 3
     low, high = max(0, start - margin), min(len(time), stop + margin)
     velocity, acceleration = derivatives(time[low:high], position[low:high], window)
-    return Smooth(low, high, velocity, acceleration, window).within(start, stop)
+    return Smooth(low, high, time[low:high], velocity, acceleration, window).within(start, stop)
 
 
 def sliding(course: Smooth, direction: int, options: SegmentOptions) -> tuple[int, int]:

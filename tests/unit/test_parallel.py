@@ -67,7 +67,7 @@ def bias(rate: float, **conditions: float) -> np.ndarray:
         time, q, current, found = stroke(rate, seed, **conditions)
         good = np.isfinite(current)
         raw = of_raw(time[good], q[good], current[good], found_of(found, good))
-        errors.append([solved(of_stroke(time, q, current, course=found, turns=True)), solved(raw)])
+        errors.append([solved(of_stroke(found, q, current, turns=True)), solved(raw)])
     return (np.mean(errors, axis=0) - TRUTH) / TRUTH
 
 
@@ -103,7 +103,7 @@ def test_noise_passes_as_white():
     for seed in range(60):
         time, q, _, found = stroke(125.0, seed)
         noise = np.random.default_rng(seed).normal(size=len(time))
-        _, target = of_stroke(time, q, noise, course=found, turns=True).rows()
+        _, target = of_stroke(found, q, noise, turns=True).rows()
         parts.append(target[:5])
     # 300 squares know their mean to 8 %.
     assert np.mean(np.square(parts)) == pytest.approx(1.0, abs=0.25)
@@ -115,7 +115,7 @@ def test_what_is_left_is_of_the_logged_current():
     for seed in range(10):
         time, q, _, found = stroke(500.0, seed)
         noise = SIGMA * np.random.default_rng(seed).normal(size=len(time))
-        triangle = of_stroke(time, q, noise, course=found, turns=True)
+        triangle = of_stroke(found, q, noise, turns=True)
         assert triangle.count == len(time)
         left.append(triangle.factor[-1, -1] / np.sqrt(len(time)))
     assert np.mean(left) == pytest.approx(SIGMA, rel=0.02)
@@ -152,9 +152,22 @@ def test_an_unknown_delay_is_no_viscous_friction(delay):
 @pytest.mark.parametrize("size", [1, 2, 5, 6, 7, 15, 16, 17, 24])
 def test_what_a_cut_leaves_of_a_stroke(size):
     """However few samples there are, and where hardly any has a current, all that have one are counted."""
-    time, q, current, found = stroke(125.0, 1)
+    _, q, current, found = stroke(125.0, 1)
     few = slice(20, 20 + size)
     part, current = found.within(found.start + 20, found.start + 20 + size), current[few].copy()
     current[::3] = np.nan
-    triangle = of_stroke(time[few], q[few], current, course=part, turns=True)
+    triangle = of_stroke(part, q[few], current, turns=True)
     assert triangle.count == np.count_nonzero(np.isfinite(current)) and np.all(np.isfinite(triangle.factor))
+
+
+@pytest.mark.parametrize("delay", [0.0, 0.003])
+def test_strokes_alone_are_told_from_a_delay(delay):
+    """Where a joint has nothing but strokes, their jerk tells the delay, and intervals hold."""
+    z = []
+    for seed in range(20):
+        runs = tuple(run for run in late_runs(seed, delay) if run.kind == "stroke")
+        found = identify(Evidence(runs), CRANE)
+        values = [found.value(f"viscous.j2.{way}") for way in ("plus", "minus")]
+        z += [(value.value - 0.7) / value.std_error for value in values if value.value is not None]
+    # Three or four strokes of one kind each way know their errors by few degrees of freedom.
+    assert len(z) > 30 and np.sqrt(np.mean(np.square(z))) < 2.0
