@@ -11,9 +11,10 @@ from numpy.typing import NDArray
 from pumaid import __version__
 from pumaid.choices import expanded
 from pumaid.chosen import Chosen, Column
-from pumaid.errors import LogError, Where
+from pumaid.errors import LogError, Note, Where
 from pumaid.fit import notes
 from pumaid.fit.combinations import determined
+from pumaid.fit.delays import of_delays
 from pumaid.fit.enlarged import Enlarged, enlarged
 from pumaid.fit.judge import Judge, rmse
 from pumaid.fit.misfit import of_misfit, of_runs
@@ -117,18 +118,24 @@ def identified(
         version=__version__,
     )
     estimate = _with_errors(estimate, robot, evidence)
-    told = (
-        *evidence.notes,
+    told = _notes(found, runs, estimate, robot)
+    return replace(estimate, notes=(*evidence.notes, *told))
+
+
+def _notes(found: Enlarged, runs: Sequence[Run], estimate: Estimate, robot: Robot) -> list[Note]:
+    """What there is to be said of a fit."""
+    fitted, values = found.fitted, estimate.values
+    return [
         *of_misfit(fitted, estimate.joints),
         *of_runs(fitted),
+        *([] if estimate.effects else of_delays(fitted.model, runs, values)),
         *notes.of_fit(fitted, robot),
         *notes.of_gears(fitted, robot),
         *notes.odd_friction(values, robot.n_joints),
         *notes.odd_gains(values, robot.n_joints),
         *notes.odd_inertia(values, robot.n_joints),
         *notes.of_effects(found, runs),
-    )
-    return replace(estimate, notes=told)
+    ]
 
 
 def _is_there(choice: EffectChoice, model: Model) -> bool:

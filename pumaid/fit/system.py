@@ -190,13 +190,24 @@ def solve(
     return Fitted(*told, first, taken, absorbed, final, solution, 1.0 / spread**2, held, _run_of(rows), limit)
 
 
-def stroke_noise(model: Model, runs: Sequence[Run]) -> dict[int, float]:
-    """Joint (from 1) with strokes -> standard deviation of a sample of them (A), what the model lacks in them included.
+def stroke_noise(model: Model, runs: Sequence[Run], *, alone: bool = False) -> dict[int, float]:
+    """Joint (from 1) -> standard deviation of a sample of its strokes (A), what the model lacks in them included.
 
     By a fit that weighs no delay, against which a delay is then weighed: how strokes differ from each other and from
     runs at constant speed, and the course of what is left inside them, which tells what comes again in each.
+
+    Parameters
+    ----------
+    model, runs
+        As for `solve`.
+    alone
+        Whether joints that have nothing but strokes are among them. Left out, they are fitted such that they are missed
+        by as little as can be: what else the model lacks in strokes would pass for a delay.
     """
-    joints = sorted({run.joint for run in runs if run.kind == STROKE})
+    kinds: dict[int, set[str]] = {}
+    for run in runs:
+        kinds.setdefault(run.joint, set()).add(run.kind)
+    joints = [joint for joint, own in kinds.items() if STROKE in own and (alone or len(own) > 1)]
     if not joints:
         return {}
     fitted = solve(model, runs, blocks=model.blocks(runs), recursive=True)

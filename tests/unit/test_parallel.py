@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -160,14 +161,12 @@ def test_what_a_cut_leaves_of_a_stroke(size):
     assert triangle.count == np.count_nonzero(np.isfinite(current)) and np.all(np.isfinite(triangle.factor))
 
 
-@pytest.mark.parametrize("delay", [0.0, 0.003])
-def test_strokes_alone_are_told_from_a_delay(delay):
-    """Where a joint has nothing but strokes, their jerk tells the delay, and intervals hold."""
-    z = []
-    for seed in range(20):
+@pytest.mark.parametrize("delay", [0.0, 0.002])
+def test_strokes_alone_tell_of_a_delay(delay):
+    """Where a joint has nothing but strokes, a delay that moves its friction is told, with what it would be then."""
+    told = []
+    for seed in range(10):
         runs = tuple(run for run in late_runs(seed, delay) if run.kind == "stroke")
-        found = identify(Evidence(runs), CRANE)
-        values = [found.value(f"viscous.j2.{way}") for way in ("plus", "minus")]
-        z += [(value.value - 0.7) / value.std_error for value in values if value.value is not None]
-    # Three or four strokes of one kind each way know their errors by few degrees of freedom.
-    assert len(z) > 30 and np.sqrt(np.mean(np.square(z))) < 2.0
+        found = [note for note in identify(Evidence(runs), CRANE).notes if note.slug == "strokes-late"]
+        told += [float(re.search(r"viscous\.j2\.\w+ is ([\d.]+)", note.text)[1]) for note in found]
+    assert len(told) == 10 and told == pytest.approx([0.7] * 10, rel=0.05) if delay else len(told) <= 1
