@@ -158,7 +158,8 @@ WARNINGS = {
     "beyond-limits", "beyond-speed", "clock-jitter", "current-dropouts", "current-frozen", "current-held",
     "current-saturated", "current-size", "current-spikes", "few-runs", "friction-falls-with-speed", "gain-sign",
     "inertia-negative", "logs-disagree", "model-misses", "position-held", "position-wraps", "rate-low",
-    "run-stands-out", "units-disagree", "velocity-scale", "velocity-sign", "velocity-unrelated",
+    "repeats-differ", "run-stands-out", "strokes-late", "units-disagree", "velocity-scale", "velocity-sign",
+    "velocity-unrelated",
 }  # fmt: skip
 
 

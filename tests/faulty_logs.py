@@ -483,6 +483,24 @@ def current_faults() -> Iterator[Fault]:
     yield Fault("saturated current", "q1 stands while the arm moves", held("q1", part=slice(500, 1500)))
 
 
+def changes() -> Iterator[Fault]:
+    """What is another thing in one log than in the other, by little."""
+    kind = "changed between logs"
+    for size in (0.02, 0.05, -0.1, 0.2):
+        for column in ("i1", "i2"):
+            name = f"zero of {column} by {size:g} A"
+            change = plus(**{column: lambda table, size=size, column=column: table[column] + size})
+            yield Fault(kind, name, tables(change, only_first=True))
+    for size in (0.02, -0.05, 0.1):
+        change = plus(q1=lambda table, size=size: table.q1 + size)
+        yield Fault(kind, f"encoder 1 by {size:g} rad", tables(change, only_first=True))
+    for size in (0.05, -0.1):
+        change = plus(i1=friction(1, size))
+        yield Fault(kind, f"friction of joint 1 by {size:g} A", tables(change, only_first=True))
+    for share in (1.02, 1.05, 0.9):
+        yield Fault(kind, f"gain of joint 1 by {share:g}", tables(times_by(i1=share), only_first=True))
+
+
 def unit_faults() -> Iterator[Fault]:
     """Degrees for radians and other units."""
     turn = 2 * np.pi
@@ -676,5 +694,15 @@ def sizes() -> Iterator[Fault]:
 def all_logs() -> list[Fault]:
     """Every mutation of the logs."""
     makers = (empty_files, cut_files, bad_numbers, columns, time_faults)
-    makers += (dropouts, doubtful_samples, current_faults, unit_faults, other_arms, dialects, separators, sizes)
+    makers += (
+        dropouts,
+        doubtful_samples,
+        current_faults,
+        changes,
+        unit_faults,
+        other_arms,
+        dialects,
+        separators,
+        sizes,
+    )
     return [fault for maker in makers for fault in maker()]

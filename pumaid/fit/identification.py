@@ -15,6 +15,7 @@ from pumaid.errors import LogError, Note, Where
 from pumaid.fit import notes
 from pumaid.fit.combinations import determined
 from pumaid.fit.delays import of_delays
+from pumaid.fit.drift import of_drift
 from pumaid.fit.enlarged import Enlarged, enlarged
 from pumaid.fit.judge import Judge, rmse
 from pumaid.fit.misfit import of_misfit, of_runs
@@ -128,6 +129,7 @@ def _notes(found: Enlarged, runs: Sequence[Run], estimate: Estimate, robot: Robo
     return [
         *of_misfit(fitted, estimate.joints),
         *of_runs(fitted),
+        *of_drift(runs, estimate.joints),
         *([] if estimate.effects else of_delays(fitted.model, runs, values)),
         *notes.of_fit(fitted, robot),
         *notes.of_gears(fitted, robot),

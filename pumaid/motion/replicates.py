@@ -70,7 +70,7 @@ def noise_floor(runs: Sequence[Run]) -> tuple[float | None, str | None]:
     for numbers in replicates(runs):
         first, *others = (runs[number] for number in numbers)
         a = _Course.of(first)
-        smooth = np.asarray(np.linalg.lstsq(a.basis, a.current, rcond=1e-6)[0], dtype=float)
+        smooth = a.harmonic()
         for second in others:
             b = _Course.of(second, _turns(first, second))
             squares.append(_between(a, b, smooth) + _inside(a, b, smooth))
@@ -78,6 +78,19 @@ def noise_floor(runs: Sequence[Run]) -> tuple[float | None, str | None]:
     if not squares:
         return None, "no run is repeated (same posture, speed, direction), so noise cannot be told from missing physics"
     return float(np.sqrt(np.average(squares, weights=weights))), None
+
+
+def repeats(runs: Sequence[Run]) -> list[tuple[Run, Run, float]]:
+    """Of each group of replicates the first and the last by time, and by how much more (A) the last one drew.
+
+    At the same positions, so that nothing is in it that a model of position and speed could explain.
+    """
+    out = []
+    for numbers in replicates(runs):
+        first, last = runs[numbers[0]], runs[numbers[-1]]
+        a = _Course.of(first)
+        out.append((first, last, _difference(a, _Course.of(last, _turns(first, last)), a.harmonic())[0]))
+    return out
 
 
 def _turns(first: Run, second: Run) -> float:
@@ -103,6 +116,10 @@ class _Course:
         basis = np.column_stack([np.cos(q), np.sin(q), np.ones(len(q)), cells.acceleration[order]])
         return cls(q, cells.current[order, own], cells.variance[order], cells.count[order], basis)
 
+    def harmonic(self) -> Floats:
+        """(4,) A by cos, sin, one and acceleration."""
+        return np.asarray(np.linalg.lstsq(self.basis, self.current, rcond=1e-6)[0], dtype=float)
+
     def before(self, q: Floats) -> NDArray[np.int64]:
         """The cell before each position, so that it and the next enclose the position."""
         return np.asarray(np.searchsorted(self.q, q).clip(1, len(self.q) - 1) - 1)
@@ -119,9 +136,15 @@ def _between(a: _Course, b: _Course, smooth: Floats) -> float:
 
     `smooth` (4,) is the first's first harmonic, A by cos, sin, one and acceleration.
     """
+    level, rest = _difference(a, b, smooth)
+    return 0.5 * (level**2 + rest)
+
+
+def _difference(a: _Course, b: _Course, smooth: Floats) -> tuple[float, float]:
+    """Mean (A) by which the second's current is larger at the same positions, and mean square (A2) about it."""
     shared = (b.q >= a.q[0]) & (b.q <= a.q[-1])
     if len(a.q) < 2 or np.count_nonzero(shared) < 2:
-        return 0.5 * float(np.average(b.current, weights=b.count) - np.average(a.current, weights=a.count)) ** 2
+        return float(np.average(b.current, weights=b.count) - np.average(a.current, weights=a.count)), 0.0
     rest_a, rest_b = a.current - a.basis @ smooth, (b.current - b.basis @ smooth)[shared]
     k, q = a.before(b.q[shared]), b.q[shared]
     width = a.q[k + 1] - a.q[k]
@@ -130,7 +153,7 @@ def _between(a: _Course, b: _Course, smooth: Floats) -> float:
     # Interpolation averages the cells' noise, not what a whole run shares.
     left = 0.5 * (1.0 + (1.0 - share) ** 2 + share**2)
     level = float(np.mean(difference))
-    return 0.5 * (level**2 + float(np.mean((difference - level) ** 2 / left)))
+    return level, float(np.mean((difference - level) ** 2 / left))
 
 
 def _inside(a: _Course, b: _Course, smooth: Floats) -> float:
