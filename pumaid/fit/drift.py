@@ -67,7 +67,8 @@ def _found(fit: JointFit, design: Floats, change: Floats) -> Iterator[Note]:
         if two_sided(size / error, freedoms) >= CHANCE or moved <= LARGE * (fit.noise_floor or 0.0):
             continue
         factor = 100.0 if unit == "%" else 1.0
-        told = f"{number(factor * float(size))} ± {number(factor * float(error))} {unit} more {goes}"
+        shown = f"{number(factor * abs(float(size)))} ± {number(factor * float(error))} {unit}"
+        told = f"{shown} {'more' if size > 0 else 'less'} {goes}"
         text = f"joint {fit.joint} draws {told} in the last of {len(change)} repeated runs than in the first of them"
         advice = f"{cause}: the numbers are a mean of before and after"
         yield Note("repeats-differ", f"{text}; {advice}", Where(joint=fit.joint))
