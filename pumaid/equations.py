@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pumaid.lateness import doubts
-from pumaid.records import CONSTANT_COLUMNS, Robot, Run, Samples
+from pumaid.records import CONSTANT_COLUMNS, Robot, Run, Samples, run_columns
 from pumaid.sight import FLAT, Sight
 
 Floats = NDArray[np.float64]
@@ -173,8 +173,6 @@ def _probes(robot: Robot, joint: int, runs: Sequence[Run]) -> tuple[Samples, Flo
     acceleration = np.tile(pull, len(runs))
     direction = np.repeat(np.sign(speed), k)
     samples = Samples(joint, position, velocity, acceleration=acceleration, direction=direction)
-    turns = 1.0 if robot.joint(joint).is_revolute else 0.0
-    regressors = [turns * np.cos(position[:, own]), turns * np.sin(position[:, own]), np.ones(len(position))]
-    if kind == "stroke":
-        regressors += [velocity[:, own], acceleration]
-    return samples, np.stack(regressors, axis=-1).reshape(len(runs), k, -1)
+    motion = (velocity[:, own], acceleration) if kind == "stroke" else None
+    basis = run_columns(position[:, own], turns=robot.joint(joint).is_revolute, motion=motion)
+    return samples, basis.reshape(len(runs), k, -1)

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from pumaid.records import Robot, Run
+from pumaid.records import Robot, Run, run_columns
 
 Floats = NDArray[np.float64]
 
@@ -92,13 +92,13 @@ def axes(robot: Robot, runs: Sequence[Run], noise: float) -> Floats:
 
 def _doubt(robot: Robot, run: Run, strokes: int) -> Doubt | None:
     own, cells, factor = run.joint - 1, run.cells, run.triangle.factor
-    q, turns = cells.position[:, own], float(robot.joint(run.joint).is_revolute)
+    q, turns = cells.position[:, own], robot.joint(run.joint).is_revolute
     # Of cosines over a cell's equal steps the mean is that at its middle times this.
     step = 0.5 * np.abs(cells.velocity[:, own]) * run.duration / max(run.samples - 1, 1)
     span = np.divide(np.sin(cells.count * step), cells.count * np.sin(step), out=np.ones(len(q)), where=step > TINY)
-    columns = [turns * span * np.cos(q), turns * span * np.sin(q), np.ones(len(q))]
-    columns += [cells.velocity[:, own], cells.acceleration]
-    basis, weight = np.column_stack(columns), np.sqrt(cells.count)
+    basis = run_columns(q, turns=turns, motion=(cells.velocity[:, own], cells.acceleration))
+    basis[:, :2] *= span[:, None]
+    weight = np.sqrt(cells.count)
     if len(cells) <= basis.shape[1]:
         return None
     current = basis @ np.linalg.lstsq(factor[:, :-1], factor[:, -1], rcond=1e-9)[0]

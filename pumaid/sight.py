@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from pumaid.knots import COURSES, at, spread
 from pumaid.lateness import axes
 from pumaid.maths.slope import acceleration as acceleration_of
-from pumaid.records import Campaign, Loads, Robot, Run, Samples
+from pumaid.records import Campaign, Loads, Robot, Run, Samples, run_columns
 
 Floats = NDArray[np.float64]
 Counts = NDArray[np.int64]
@@ -254,9 +254,6 @@ def _inside(run: Run, middle: Samples) -> Samples:
 def _regressors(robot: Robot, samples: Samples, is_stroke: NDArray[np.bool_]) -> Floats:
     """(3 N, k) of the triangle: three columns, five where there are strokes."""
     own = samples.joint - 1
-    turns = float(robot.joint(samples.joint).is_revolute)
-    q = samples.position[:, own]
-    columns = [turns * np.cos(q), turns * np.sin(q), np.ones(len(q))]
-    if is_stroke.any():
-        columns += [np.where(is_stroke, samples.velocity[:, own], 0.0), np.where(is_stroke, samples.acceleration, 0.0)]
-    return np.column_stack(columns)
+    courses = np.where(is_stroke, [samples.velocity[:, own], samples.acceleration], 0.0)
+    motion = (courses[0], courses[1]) if is_stroke.any() else None
+    return run_columns(samples.position[:, own], turns=robot.joint(samples.joint).is_revolute, motion=motion)

@@ -13,7 +13,7 @@ from pumaid.diagnosis.repeats import Repeats, alike, halves
 from pumaid.diagnosis.ripples import Track
 from pumaid.diagnosis.search import FALSE_ALARM, FEWEST_RUNS, REPEAT, RIPPLE, Search
 from pumaid.motion.options import STROKE
-from pumaid.motion.replicates import noise_floor
+from pumaid.motion.replicates import noise_floor, pairs
 from pumaid.records import Budget, BudgetPart, Joint
 
 Floats = NDArray[np.float64]
@@ -93,7 +93,7 @@ def budget(
     if load is None and laid.samples.loads is not None:
         load = laid.samples.loads.own
     at = view(laid, load, is_revolute=joint.is_revolute)
-    floor = noise_floor(laid.runs)[0] if floor is None else floor
+    floor = noise_floor(pairs(laid.runs))[0] if floor is None else floor
     repeats = _repeats(laid, at)
     track = Track.of(laid, is_revolute=joint.is_revolute)
     search = Search(at, coarse_starts(laid.first, len(laid.count)), track, repeats=repeats, is_fitted=is_fitted)

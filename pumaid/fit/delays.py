@@ -19,7 +19,7 @@ TOLD = ("coulomb", "viscous", "inertia")
 
 
 def of_delays(model: Model, runs: Sequence[Run], values: Sequence[Value]) -> list[Note]:
-    """A note for each joint with nothing but strokes whose friction or inertia is another one if its current is late.
+    """A note for each joint with nothing but strokes whose numbers are others if its current comes late, or early.
 
     A fit in which a delay is free tells by how much: half a millisecond matters where strokes are short.
 
@@ -44,7 +44,7 @@ def of_delays(model: Model, runs: Sequence[Run], values: Sequence[Value]) -> lis
         if worst is None or off[worst.name] <= MOVED:
             continue
         other = f"{worst.name} is {number(others[worst.name][0])}, not {number(worst.value or 0.0)} {worst.unit}"
-        text = f"joint {joint} has strokes only, which look as if its current came late: if it does, {other}"
+        text = f"joint {joint} has strokes only, which look as if its current came late, or early: if so, {other}"
         found.append(Note("strokes-late", f"{text}; runs at constant speed tell", Where(joint=joint)))
     return found
 

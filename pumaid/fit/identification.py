@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -28,7 +28,7 @@ from pumaid.maths.propagation import recursion_covariance
 from pumaid.maths.statistics import Clustered, clustered, interval
 from pumaid.model import Model
 from pumaid.motion.options import STROKE
-from pumaid.motion.replicates import noise_floor
+from pumaid.motion.replicates import Pair, noise_floor, pairs
 from pumaid.records import (
     GIVEN,
     IDENTIFIED,
@@ -98,7 +98,8 @@ def identified(
     values = (*shown, *_held(found, choices, shown))
     p = len(model.names)
     is_shape = np.array([column.shape is not None for column in model.columns], dtype=bool)
-    joints = tuple(_joint_fit(fitted, runs, joint) for joint in range(1, robot.n_joints + 1))
+    repeated = {joint: pairs([run for run in runs if run.joint == joint]) for joint in range(1, robot.n_joints + 1)}
+    joints = tuple(_joint_fit(fitted, runs, joint, repeated=own) for joint, own in repeated.items())
     estimate = Estimate(
         robot=robot.name,
         joints=joints,
@@ -119,17 +120,19 @@ def identified(
         version=__version__,
     )
     estimate = _with_errors(estimate, robot, evidence)
-    told = _notes(found, runs, estimate, robot)
+    told = _notes(found, runs, estimate, robot, repeated=repeated)
     return replace(estimate, notes=(*evidence.notes, *told))
 
 
-def _notes(found: Enlarged, runs: Sequence[Run], estimate: Estimate, robot: Robot) -> list[Note]:
+def _notes(
+    found: Enlarged, runs: Sequence[Run], estimate: Estimate, robot: Robot, *, repeated: Mapping[int, Sequence[Pair]]
+) -> list[Note]:
     """What there is to be said of a fit."""
     fitted, values = found.fitted, estimate.values
     return [
         *of_misfit(fitted, estimate.joints),
         *of_runs(fitted),
-        *of_drift(runs, estimate.joints),
+        *of_drift(estimate.joints, repeated),
         *([] if estimate.effects else of_delays(fitted.model, runs, values)),
         *notes.of_fit(fitted, robot),
         *notes.of_gears(fitted, robot),
@@ -240,13 +243,13 @@ def _row_of(fitted: Fitted, joint: int) -> Row | None:
     return next((row for row in fitted.rows if row.joint == joint), None)
 
 
-def _joint_fit(fitted: Fitted, runs: Sequence[Run], joint: int) -> JointFit:
+def _joint_fit(fitted: Fitted, runs: Sequence[Run], joint: int, *, repeated: Sequence[Pair]) -> JointFit:
     row = _row_of(fitted, joint)
     if row is None:
         return JointFit(joint, 0, 0, None, None, f"joint {joint} never moves alone in these logs")
     values = fitted.system.factors(fitted.gains)[joint - 1] * fitted.solution.values
     own = [run for run in runs if run.joint == joint]
-    floor, why = noise_floor(own)
+    floor, why = noise_floor(repeated)
     kinds = {kind: sum(run.kind == kind for run in own) for kind in sorted({run.kind for run in own})}
     return JointFit(
         joint=joint,

@@ -9,7 +9,7 @@ from pumaid.maths.slope import curvature_kernel
 from pumaid.maths.triangle import Triangle
 from pumaid.motion.speed import cubic_width
 from pumaid.motion.stroke import Smooth
-from pumaid.records import STROKE_COLUMNS
+from pumaid.records import STROKE_COLUMNS, run_columns
 
 Floats = NDArray[np.float64]
 
@@ -52,8 +52,7 @@ def of_stroke(course: Smooth, position: Floats, current: Floats, *, turns: bool)
     of A. Savitzky and M. J. E. Golay's second derivative.
     """
     time, is_good = course.time, np.isfinite(current)
-    waves = [turns * np.cos(position), turns * np.sin(position), np.ones(len(time))]
-    plain = np.column_stack([*waves, course.velocity, course.acceleration])[is_good]
+    plain = run_columns(position, turns=turns, motion=(course.velocity, course.acceleration))[is_good]
     if len(time) < FEWEST or not is_good.any():
         return Triangle.of(STROKE_COLUMNS, plain, current[is_good])
     even = np.linspace(time[0], time[-1], len(time))

@@ -9,7 +9,7 @@ from pumaid.maths.triangle import Triangle
 from pumaid.motion.block import LARGEST, Block
 from pumaid.motion.cutting import Piece
 from pumaid.motion.parallel import of_stroke
-from pumaid.records import CONSTANT_COLUMNS, Cells, Robot
+from pumaid.records import CONSTANT_COLUMNS, Cells, Robot, run_columns
 
 Floats = NDArray[np.float64]
 
@@ -47,12 +47,7 @@ def triangle(block: Block, piece: Piece, robot: Robot, *, samples: Chosen) -> Tr
         known[_within(samples, piece)] = block.current[samples, joint - 1]
         return of_stroke(piece.course, block.position[whole, joint - 1], known, turns=turns)
     position, current = block.position[samples, joint - 1], block.current[samples, joint - 1]
-    columns = np.zeros((3, len(position)))
-    if turns:
-        np.cos(position, out=columns[0])
-        np.sin(position, out=columns[1])
-    columns[2] = 1.0
-    return Triangle.of(CONSTANT_COLUMNS, columns.T, current)
+    return Triangle.of(CONSTANT_COLUMNS, run_columns(position, turns=turns), current)
 
 
 def cells(block: Block, piece: Piece, rate: tuple[Floats, Floats], *, samples: Chosen, most: int) -> Cells:

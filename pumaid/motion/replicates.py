@@ -56,7 +56,37 @@ def _repeating(runs: Sequence[Run]) -> Callable[[int, Numbers], NDArray[np.bool_
     return alike
 
 
-def noise_floor(runs: Sequence[Run]) -> tuple[float | None, str | None]:
+@dataclass(frozen=True, eq=False, slots=True)
+class Pair:
+    """The first of a group of replicates and a later one.
+
+    `more` (A) is what the later one draws beyond the first at the same positions, so that nothing is in it that a model
+    of position and speed could explain; `variance` (A2) is that of a sample as both show it.
+    """
+
+    first: Run
+    later: Run
+    more: float
+    variance: float
+    is_last: bool
+
+
+def pairs(runs: Sequence[Run]) -> list[Pair]:
+    """Of each group of replicates among `runs` the first beside every other one."""
+    out = []
+    for numbers in replicates(runs):
+        first, *others = (runs[number] for number in numbers)
+        a = _Course.of(first)
+        smooth = a.harmonic()
+        for later in others:
+            b = _Course.of(later, _turns(first, later))
+            more, rest = _difference(a, b, smooth)
+            variance = 0.5 * (more**2 + rest) + _inside(a, b, smooth)
+            out.append(Pair(first, later, more, variance, later is others[-1]))
+    return out
+
+
+def noise_floor(repeated: Sequence[Pair]) -> tuple[float | None, str | None]:
     """The RMSE (A, of samples) that no model of position, posture, speed and direction can go below, or why unknown.
 
     Half the mean squared difference of replicates at the same positions, plus the variance inside cells that the
@@ -66,31 +96,10 @@ def noise_floor(runs: Sequence[Run]) -> tuple[float | None, str | None]:
     ------
     G. E. P. Box, W. G. Hunter and J. S. Hunter, Statistics for Experimenters, ch. 3: pure error from replicates.
     """
-    squares, weights = list[float](), list[int]()
-    for numbers in replicates(runs):
-        first, *others = (runs[number] for number in numbers)
-        a = _Course.of(first)
-        smooth = a.harmonic()
-        for second in others:
-            b = _Course.of(second, _turns(first, second))
-            squares.append(_between(a, b, smooth) + _inside(a, b, smooth))
-            weights.append(first.samples + second.samples)
-    if not squares:
+    if not repeated:
         return None, "no run is repeated (same posture, speed, direction), so noise cannot be told from missing physics"
-    return float(np.sqrt(np.average(squares, weights=weights))), None
-
-
-def repeats(runs: Sequence[Run]) -> list[tuple[Run, Run, float]]:
-    """Of each group of replicates the first and the last by time, and by how much more (A) the last one drew.
-
-    At the same positions, so that nothing is in it that a model of position and speed could explain.
-    """
-    out = []
-    for numbers in replicates(runs):
-        first, last = runs[numbers[0]], runs[numbers[-1]]
-        a = _Course.of(first)
-        out.append((first, last, _difference(a, _Course.of(last, _turns(first, last)), a.harmonic())[0]))
-    return out
+    weights = [pair.first.samples + pair.later.samples for pair in repeated]
+    return float(np.sqrt(np.average([pair.variance for pair in repeated], weights=weights))), None
 
 
 def _turns(first: Run, second: Run) -> float:
@@ -131,17 +140,11 @@ class _Course:
         return np.divide(values[k + 1] - values[k], width, out=np.zeros(len(q)), where=width > 0)
 
 
-def _between(a: _Course, b: _Course, smooth: Floats) -> float:
-    """Variance (A2) by which the cells of two runs differ at the same positions: of their noise and of runs' levels.
+def _difference(a: _Course, b: _Course, smooth: Floats) -> tuple[float, float]:
+    """Mean (A) by which the second's current is larger at the same positions, and mean square (A2) about it.
 
     `smooth` (4,) is the first's first harmonic, A by cos, sin, one and acceleration.
     """
-    level, rest = _difference(a, b, smooth)
-    return 0.5 * (level**2 + rest)
-
-
-def _difference(a: _Course, b: _Course, smooth: Floats) -> tuple[float, float]:
-    """Mean (A) by which the second's current is larger at the same positions, and mean square (A2) about it."""
     shared = (b.q >= a.q[0]) & (b.q <= a.q[-1])
     if len(a.q) < 2 or np.count_nonzero(shared) < 2:
         return float(np.average(b.current, weights=b.count) - np.average(a.current, weights=a.count)), 0.0

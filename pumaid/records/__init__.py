@@ -54,6 +54,7 @@ from pumaid.records.run import (
     FileFacts,
     Reject,
     Run,
+    run_columns,
 )
 from pumaid.records.safety import Box, Safety, Sphere
 from pumaid.records.samples import Extent, Loads, Samples
@@ -122,4 +123,5 @@ __all__ = [
     "Transfer",
     "Unexplained",
     "Value",
+    "run_columns",
 ]

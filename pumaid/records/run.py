@@ -17,6 +17,33 @@ CONSTANT_COLUMNS = ("cos", "sin", "one")
 STROKE_COLUMNS = ("cos", "sin", "one", "velocity", "acceleration")
 
 
+def run_columns(position: Floats, *, turns: bool, motion: tuple[Floats, Floats] | None = None) -> Floats:
+    """What the columns of a run's triangle are at some instants.
+
+    Parameters
+    ----------
+    position
+        (N,) of the moving joint, rad or m.
+    turns
+        Whether it is revolute: of a prismatic joint's position weight knows nothing.
+    motion
+        (N,) velocity and (N,) acceleration, where there are strokes.
+
+    Returns
+    -------
+    columns
+        (N, 3) over `CONSTANT_COLUMNS`, or (N, 5) over `STROKE_COLUMNS`.
+    """
+    columns = np.zeros((3 if motion is None else 5, len(position)))
+    if turns:
+        np.cos(position, out=columns[0])
+        np.sin(position, out=columns[1])
+    columns[2] = 1.0
+    if motion is not None:
+        columns[3:] = motion
+    return columns.T
+
+
 @dataclass(frozen=True, eq=False, slots=True)
 class Cells:
     """Means over equal spans of time, the form in which effects see a run.

@@ -14,7 +14,7 @@ from pumaid.errors import Note
 from pumaid.files.result import check_same_recipe
 from pumaid.fit.judge import NOTHING, Groups, Judge, Tally, rmse, together
 from pumaid.motion.heldout import otherwise
-from pumaid.motion.replicates import noise_floor
+from pumaid.motion.replicates import noise_floor, pairs
 from pumaid.records import TOGETHER, UNEXPLAINED, Budget, Comparison, Estimate, Evidence, JointScore, Robot, RunScore
 
 
@@ -99,7 +99,7 @@ def _of_joint(
     samples, squares = sum(t.samples for t in own), sum(t.squares for t in own)
     current, mean = sum(t.current_squares for t in own), _mean(own)
     about = current - samples * mean**2
-    floor, why = noise_floor([tally.run for tally in own])
+    floor, why = noise_floor(pairs([tally.run for tally in own]))
     draws = current > NOTHING**2 * samples
     shares = {name: sum(t.products[name] for t in own) / current for name in own[0].products} if draws else {}
     shares = {name: share for name, share in together(shares, groups[joint]).items() if share != 0.0}

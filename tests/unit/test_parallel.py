@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from worlds import CRANE, course, run_of
 
+from pumaid import equations
 from pumaid.maths.triangle import Triangle
 from pumaid.motion.options import SegmentOptions
 from pumaid.motion.parallel import of_stroke
@@ -135,19 +136,27 @@ def late_runs(seed: int, delay: float):
     return runs
 
 
-@pytest.mark.parametrize("delay", [0.0, 0.001, 0.003])
-def test_an_unknown_delay_is_no_viscous_friction(delay):
-    """Whether currents come 0, 1 or 3 ms late, intervals of viscous friction hold the truth, where strokes help most.
-
-    Taken for viscous friction, 3 ms would be 0.3 A s/m here, 20 standard errors.
-    """
+def off_by(delay: float) -> np.ndarray:
+    """Standard errors by which viscous friction is off, of 20 sessions and both ways."""
     z = []
     for seed in range(20):
-        runs = late_runs(seed, delay)
-        found = identify(Evidence(tuple(runs)), CRANE)
+        found = identify(Evidence(tuple(late_runs(seed, delay))), CRANE)
         values = [found.value(f"viscous.j2.{way}") for way in ("plus", "minus")]
         z += [(value.value - 0.7) / value.std_error for value in values]
-    assert np.sqrt(np.mean(np.square(z))) < 1.5
+    return np.array(z)
+
+
+@pytest.mark.parametrize("delay", [0.0, 0.001, 0.003])
+def test_an_unknown_delay_is_no_viscous_friction(delay):
+    """Whether currents come 0, 1 or 3 ms late, intervals of viscous friction hold the truth, though strokes help."""
+    assert np.sqrt(np.mean(off_by(delay) ** 2)) < 1.5
+
+
+@pytest.mark.parametrize(("delay", "errors"), [(0.001, 10.0), (0.003, 40.0)])
+def test_what_an_unknown_delay_would_be(monkeypatch, delay, errors):
+    """Without that weight a delay is viscous friction, by so many standard errors."""
+    monkeypatch.setattr(equations, "doubts", lambda robot, runs: [None] * len(runs))
+    assert abs(off_by(delay).mean()) > errors
 
 
 @pytest.mark.parametrize("size", [1, 2, 5, 6, 7, 15, 16, 17, 24])

@@ -9,7 +9,7 @@ import pytest
 from scipy.signal import lfilter
 from worlds import CRANE, PENDULUM, course, run_of
 
-from pumaid.motion.replicates import noise_floor, replicates
+from pumaid.motion.replicates import noise_floor, pairs, replicates
 
 SIGMA = 0.1
 #: Experiments whose floors are averaged: 48 differences of 400 samples each know a floor to well under 1 %.
@@ -32,7 +32,7 @@ def world(seed: int, *, phi: float = 0.0, level: float = 0.0, ripple: float = 0.
 
 def floor(**conditions: float) -> float:
     """Root mean square of the floors of several experiments."""
-    return float(np.sqrt(np.mean([noise_floor(world(seed, **conditions))[0] ** 2 for seed in EXPERIMENTS])))
+    return float(np.sqrt(np.mean([noise_floor(pairs(world(seed, **conditions)))[0] ** 2 for seed in EXPERIMENTS])))
 
 
 @pytest.mark.parametrize("phi", [0.0, 0.9, 0.98])
@@ -63,12 +63,12 @@ def test_exact_runs_have_no_floor():
     """Without noise the floor is far below any current sensor's step."""
     moves = course("constant", -2.0, 2.0, samples=4000)
     run = run_of(PENDULUM, 1, (0.0, 0.3), course=moves, current=3.0 * np.cos(moves[1]), cells=400)
-    assert noise_floor([run, run])[0] < 1e-3
+    assert noise_floor(pairs([run, run]))[0] < 1e-3
 
 
 def test_without_repeats_the_floor_is_unknown():
     """No repeated run, no floor, and the reason says which runs to make."""
-    found, why = noise_floor(world(0)[:2])
+    found, why = noise_floor(pairs(world(0)[:2]))
     assert found is None and "no run is repeated" in why
 
 
@@ -113,7 +113,7 @@ def test_sliding_joint():
         moves = course("constant", -0.2, 0.2, samples=400)
         current = 2.0 + SIGMA * rng.normal(size=400)
         runs.append(run_of(CRANE, 2, (0.1, 0.0, 0.3), course=moves, current=current))
-    assert noise_floor(runs)[0] == pytest.approx(SIGMA, rel=0.06)
+    assert noise_floor(pairs(runs))[0] == pytest.approx(SIGMA, rel=0.06)
 
 
 def test_replicates_are_those_of_a_loop_over_pairs():

@@ -1,0 +1,107 @@
+"""Strokes of simulated arms in closed loop, with friction, drives and encoders that know nothing of the regressors."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import cache
+from itertools import product
+
+import numpy as np
+import pytest
+
+from pumaid.files.recipe import read_recipe, shipped_recipes
+from pumaid.records import Motion, Plan, Robot
+from pumaid.verbs.identify import identify
+from pumaid.verbs.plan import plan
+from pumaid.verbs.segment import segment
+from pumaid.virtual import Session, draw
+from pumaid.virtual.physics.joints import inertia
+from pumaid.virtual.record import as_json
+
+#: Arms and sessions on which nothing was chosen.
+SEEDS = (301, 302, 303)
+
+
+def pendulums() -> Robot:
+    return read_recipe(shipped_recipes()["pendulum2"])
+
+
+def strokes_and_runs() -> Plan:
+    """Twice the same motions of both joints: six at constant speed, and sixteen so short that they are strokes."""
+    motions = []
+    for joint in (1, 2):
+        ends = [(speed, 1.0) for speed in (0.3, 0.6, 1.0)] + [(1.6, 0.15 + 0.04 * k) for k in range(8)]
+        motions += [
+            Motion(joint, (0.4, 0.4), -way * end, way * end, speed) for speed, end in ends for way in (1.0, -1.0)
+        ]
+    return Plan("pendulum2", tuple(2 * motions))
+
+
+@cache
+def inertias(rate: float, step: float | None) -> tuple[np.ndarray, np.ndarray]:
+    """Errors of the inertias of both joints and all seeds, as shares of the truth and in standard errors."""
+    shares, z = [], []
+    for seed in SEEDS:
+        truth = draw(pendulums(), seed)
+        if step is not None:
+            truth = replace(truth, noise=replace(truth.noise, counts=np.full(2, 1.0 / step)))
+        logs = Session(truth, strokes_and_runs(), np.random.default_rng(seed), rate=rate).logs()
+        found, known = identify(segment(logs, pendulums()), pendulums()), inertia(truth)
+        for value in found.values:
+            if value.name.startswith("inertia.") and value.value is not None:
+                off = value.value - known[value.joint - 1]
+                shares.append(off / known[value.joint - 1])
+                z.append(off / value.std_error)
+    return np.array(shares), np.array(z)
+
+
+@pytest.mark.parametrize("rate", [62.5, 125.0, 500.0])
+def test_inertia_in_closed_loop(rate):
+    """Right to half a percent on average, which was up to 4.9 % too large; it is still told as too certain."""
+    shares, z = inertias(rate, None)
+    assert len(shares) == 2 * len(SEEDS)
+    assert abs(shares.mean()) < 0.005 and np.abs(shares).max() < 0.012
+    assert np.sqrt(np.mean(z**2)) < 4.0
+
+
+def test_inertia_through_a_coarse_encoder():
+    """With steps of 1 mrad right to 1 % at 125 Hz, which was 6 % too large."""
+    shares, _ = inertias(125.0, 1e-3)
+    assert abs(shares.mean()) < 0.01
+
+
+#: Two vertical axes, a slide and a wrist; a slide's strokes are short, and its drive reports currents late.
+SCARA = """
+name: SCARA
+gravity: [0.0, 0.0, -9.80665]
+units: {angle: deg}
+joints:
+  - {name: shoulder, type: revolute,  theta: 0, alpha: 0, a: 0.0,  d: 0.3, limits: [-130, 130], max_velocity: 180}
+  - {name: elbow,    type: revolute,  theta: 0, alpha: 0, a: 0.3,  d: 0.0, limits: [-145, 145], max_velocity: 270}
+  - {name: quill,    type: prismatic, theta: 0, alpha: 0, a: 0.25, d: 0.0, limits: [-0.2, 0.0], max_velocity: 0.4}
+  - {name: wrist,    type: revolute,  theta: 0, alpha: 0, a: 0.0,  d: 0.0, limits: [-180, 180], max_velocity: 360}
+"""
+
+
+@pytest.fixture(scope="module")
+def slides(tmp_path_factory) -> list[float]:
+    """Of three SCARAs, a planned experiment each: the slide's friction in standard errors off the truth."""
+    path = tmp_path_factory.mktemp("scara") / "recipe.yaml"
+    path.write_text(SCARA, encoding="utf-8")
+    robot, z = read_recipe(path), []
+    runs = plan(robot, minutes=8.0)
+    for seed in SEEDS:
+        truth = draw(robot, seed)
+        evidence = segment(Session(truth, runs, np.random.default_rng(seed), rate=200.0).logs(), robot)
+        assert {run.kind for run in evidence.runs if run.joint == 3} == {"constant", "stroke"}
+        found, known = identify(evidence, robot), as_json(truth)["parameters"]
+        for name, way in product(("coulomb", "viscous"), ("plus", "minus")):
+            value = found.value(f"{name}.j3.{way}")
+            z.append((value.value - known[value.name]) / value.std_error)
+    return z
+
+
+def test_a_slide_with_strokes(slides):
+    """Its friction is within its errors, where strokes used to move viscous friction by up to 3.5 of them."""
+    assert len(slides) == 4 * len(SEEDS) and np.sqrt(np.mean(np.square(slides))) < 1.5
+    assert np.abs(slides).max() < 3.0
