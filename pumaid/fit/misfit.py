@@ -130,28 +130,40 @@ def _outliers(runs: Sequence[Run]) -> list[float]:
 
     Each run is judged by itself, since its speed says how quickly what the model lacks comes and goes.
     """
-    long = [run for run in runs if len(run.cells) >= ENOUGH]
-    inside = [_spread(run.cells.variance, 1.0) for run in long if np.median(run.cells.count) >= FULL]
+    sorts: dict[int, list[Run]] = {}
+    for run in runs:
+        sorts.setdefault(len(run.cells), []).append(run)
+    every = [same for size, same in sorts.items() if size >= ENOUGH]
+    inside = [_inside(same) for same in every]
     # Third differences leave nothing of a load's course, and of independent noise 20 times its variance.
-    between = [_spread(np.diff(_beside_harmonic(run), n=3) ** 2 / 20.0, ONE_FREEDOM) for run in long]
+    between = [_spread(np.diff(_beside_harmonic(same), n=3, axis=1) ** 2 / 20.0, ONE_FREEDOM) for same in every]
     for found in (inside, between):
-        usual, mean = np.array(found).reshape(-1, 2).T
+        usual, mean = np.concatenate([np.zeros((2, 0)), *found], axis=1)
         known = usual > 0.0
         if np.count_nonzero(known) >= FEWEST and np.median(mean[known] / usual[known]) > SPIKY:
             return [float(np.sqrt(np.median(usual[known]))), float(np.sqrt(mean[known].mean()))]
     return []
 
 
-def _spread(squares: Floats, usual: float) -> tuple[float, float]:
-    """Median (by what it is of the mean for plain noise) and mean of some squares."""
-    return float(np.median(squares)) / usual, float(np.mean(squares))
+def _inside(runs: Sequence[Run]) -> Floats:
+    """(2, n) usual and mean variances inside cells of runs of as many cells each, where these hold enough samples."""
+    is_full = np.median([run.cells.count for run in runs], axis=1) >= FULL
+    return _spread(np.array([run.cells.variance for run in runs])[is_full], 1.0)
 
 
-def _beside_harmonic(run: Run) -> Floats:
-    """(M,) A, what a run's first harmonic leaves of its cells' means."""
-    q = run.cells.position[:, run.joint - 1]
-    basis, current = np.column_stack([np.cos(q), np.sin(q), np.ones(len(q))]), run.cells.current[:, run.joint - 1]
-    return np.asarray(current - basis @ np.linalg.lstsq(basis, current, rcond=1e-6)[0])
+def _spread(squares: Floats, usual: float) -> Floats:
+    """(2, R) medians (by what they are of the mean for plain noise) and means of (R, M) squares."""
+    return np.array([np.median(squares, axis=1) / usual, np.mean(squares, axis=1)])
+
+
+def _beside_harmonic(runs: Sequence[Run]) -> Floats:
+    """(R, M) A, what each run's first harmonic leaves of its cells' means."""
+    own = runs[0].joint - 1
+    q = np.array([run.cells.position[:, own] for run in runs])
+    current = np.array([run.cells.current[:, own] for run in runs])
+    basis = np.stack([np.cos(q), np.sin(q), np.ones(q.shape)], axis=2)
+    found = np.linalg.pinv(basis, rcond=1e-6) @ current[:, :, None]
+    return np.asarray(current - (basis @ found)[:, :, 0])
 
 
 def _odd_runs(odd: Sequence[Run], usual: float, *, of: int) -> Note:
