@@ -24,6 +24,8 @@ UNITS: dict[str, tuple[str, float]] = {
     "mA": ("current", 1e-3),
     "degC": ("temperature", 1.0),
 }
+#: Standard deviations from which they are not counted.
+CERTAIN = 100
 
 
 def factor(unit: str) -> float:
@@ -47,3 +49,8 @@ def number(value: float, digits: int = 4) -> str:
         places = max(0, digits - 1 - math.floor(math.log10(abs(value))))
         return f"{value:.{places}f}"
     return f"{value:.{digits - 1}e}"
+
+
+def deviations(apart: float) -> str:
+    """Standard deviations for people: how many is no matter where chance is out of the question."""
+    return number(apart, 2) if apart < CERTAIN else f"more than {CERTAIN}"

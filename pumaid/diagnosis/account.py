@@ -13,7 +13,7 @@ from pumaid.diagnosis.deciding import deciding
 from pumaid.diagnosis.folds import falls, postures_of
 from pumaid.diagnosis.limits import limits
 from pumaid.diagnosis.stepwise import Accepted, Step, Stepwise
-from pumaid.diagnosis.telling import command, inside, reason, rival_name, rmse_at, sizes, weakened
+from pumaid.diagnosis.telling import command, reason, rival_name, rmse_at, sizes, weakened
 from pumaid.diagnosis.verdict import Judged, competes, judged, nearest
 from pumaid.errors import Note
 from pumaid.records import (
@@ -141,7 +141,6 @@ class Account:
             return JointDiagnosis(joint, ADEQUATE, f"joint {joint} never moves alone in these logs", None, None)
         row, competitor = self.states[0].row(joint), self.shapeless[joint]
         verdict = UNEXPLAINED_JOINT if competitor is not None or joint in self.refuted else told.verdict
-        floor = None if told.after is None else float(np.hypot(told.after.floor, inside(row.field)))
         split = budget(
             row.field,
             row.misfit,
@@ -153,7 +152,7 @@ class Account:
             verdict=verdict,
             text="",
             rmse=told.rmse,
-            noise_floor=floor,
+            noise_floor=None if split.floor is None else float(np.sqrt(split.floor)),
             repeats=None if told.before is None else (told.before.share, told.before.p_value),
             budget=split.by_name(),
             candidates=self._candidates(joint),

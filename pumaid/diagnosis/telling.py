@@ -111,8 +111,3 @@ def weakened(field: Field, runs: Sequence[Run]) -> tuple[str, ...]:
     if len({run.joint for run in runs}) == 1:
         out.append("one joint only: gravity's loads cannot be checked against other joints")
     return tuple(out)
-
-
-def inside(field: Field) -> float:
-    """RMS (A) of samples about their cells' means."""
-    return float(np.sqrt(field.count @ field.inside / field.count.sum()))

@@ -10,7 +10,7 @@ from pumaid.diagnosis.feasible import Lap
 from pumaid.diagnosis.suspect import Suspect
 from pumaid.effects import Trace
 from pumaid.records import Robot
-from pumaid.units import factor, number
+from pumaid.units import deviations, factor, number
 
 #: What could still tell effects apart that no run within the limits does, by the residual that shows them both.
 WAYS_OUT = {
@@ -36,9 +36,9 @@ def decided(
     """The runs that decide between two effects, and by how many standard deviations if the one or the other is true."""
     text = f"{_runs(robot, made, age, effects)}: {_pair(effects)} would then differ by"
     if max(apart) < ALIKE * min(apart):
-        return f"{text} {number(min(apart), 2)} standard deviations"
+        return f"{text} {deviations(min(apart))} standard deviations"
     first, second = (
-        f"{number(gap, 2)} {{}}if it is {_name(one, effects)}" for gap, one in zip(apart, effects, strict=True)
+        f"{deviations(gap)} {{}}if it is {_name(one, effects)}" for gap, one in zip(apart, effects, strict=True)
     )
     return f"{text} {first.format('standard deviations ')}, by {second.format('')}"
 
@@ -46,7 +46,7 @@ def decided(
 def shown(robot: Robot, made: Mapping[Lap, int], added: Added, *, apart: float, age: tuple[float, float]) -> str:
     """The runs that show one effect, and by how many standard deviations."""
     return (
-        f"{_runs(robot, made, age, [added])}: {_name(added, ())} would show by {number(apart, 2)} standard deviations"
+        f"{_runs(robot, made, age, [added])}: {_name(added, ())} would show by {deviations(apart)} standard deviations"
     )
 
 

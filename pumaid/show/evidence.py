@@ -13,13 +13,13 @@ from pumaid.show.grid import Cell, Grid, grid
 from pumaid.show.numbers import in_unit
 from pumaid.show.scores import amount
 from pumaid.show.verdicts import variable_word
-from pumaid.units import number
+from pumaid.units import deviations, number
 
 #: Verdicts of candidates as people read them.
 VERDICTS = {ADD: "add", "doubtful": "doubtful", ABSENT: "absent", UNSEEN: "cannot be seen"}
 
-#: Rows and characters of a shape drawn as text.
-ROWS, BAR = 20, 24
+#: Rows of a shape drawn as text, and characters: of its longest bar, of one where words leave little, of a line.
+ROWS, BAR, LEAST_BAR, LINE = 20, 24, 6, 74
 
 
 def evidence_grid(diagnosis: Diagnosis, robot: Robot) -> Grid | None:
@@ -168,7 +168,7 @@ def runs_grid(found: Finding, robot: Robot, units: str = "rad") -> Grid | None:
         )
     caption = ""
     if run.separation is not None:
-        caption = f"Run once, they set the rivals {number(run.separation, 2)} standard deviations apart"
+        caption = f"Run once, they set the rivals {deviations(run.separation)} standard deviations apart"
         caption += f"; run {number_of_times(run.repeats)}, they decide nine times in ten." if run.repeats else "."
     header = ("run", "joint", "from", "to", "speed", "others held at")
     title = f"Runs that would tell {listed_or([label(name) for name in (found.effect, *found.rivals)])}"
@@ -184,16 +184,19 @@ def shape_lines(shape: Unexplained, units: str = "rad") -> list[str]:
     head = f"{word} ({unit})" if unit else word
     what = f"viscous (A s/{shape.unit})" if shape.form.startswith("v ") else "left (A)"
     has_negative, has_positive = bool((means < 0.0).any()), bool((means > 0.0).any())
-    lines = []
-    for centre, mean, error in zip(centres, means, errors, strict=True):
-        count = round(BAR * abs(float(mean)) / top)
-        left = ("#" * count if mean < 0 else "").rjust(BAR) if has_negative else ""
-        right = "#" * count if mean > 0 and has_positive else ""
-        spread = "" if not np.isfinite(error) else f" ± {abs(error):.4f}"
-        lines.append((f"{number(times * float(centre) + 0.0, 3)}", f"{mean:+.4f}{spread}", f"{left}|{right}"))
-    wide, broad = max(len(head), *(len(line[0]) for line in lines)), max(len(what), *(len(line[1]) for line in lines))
-    told = [f"{head:>{wide}}  {what:>{broad}}"]
-    return told + [f"{place:>{wide}}  {mean:>{broad}}  {bar}" for place, mean, bar in lines]
+    places = [number(times * float(centre) + 0.0, 3) for centre in centres]
+    told = [
+        f"{mean:+.4f}" + (f" ± {abs(error):.4f}" if np.isfinite(error) else "")
+        for mean, error in zip(means, errors, strict=True)
+    ]
+    wide, broad = max(map(len, [head, *places])), max(map(len, [what, *told]))
+    bar = min(BAR, max((LINE - wide - broad - 5) // (has_negative + has_positive or 1), LEAST_BAR))
+    lines = [f"{head:>{wide}}  {what:>{broad}}"]
+    for place, text, mean in zip(places, told, means, strict=True):
+        drawn = "#" * round(bar * abs(float(mean)) / top)
+        left = (drawn if mean < 0 else "").rjust(bar) if has_negative else ""
+        lines.append(f"{place:>{wide}}  {text:>{broad}}  {left}|{drawn if mean > 0 else ''}")
+    return lines
 
 
 def _thinned(shape: Unexplained) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

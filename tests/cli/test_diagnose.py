@@ -94,6 +94,15 @@ def test_json_is_the_file(arm):
     assert document["findings"][0]["rmse_heldout_after"] < 0.6 * document["findings"][0]["rmse_heldout_before"]
 
 
+def test_the_noise_floor_is_one_number(arm):
+    """What repeated runs differ by is what identify and compare say, not what is left of them in coarser cells."""
+    document = json.loads(run("diagnose", "results/model.json", "logs", "--json").stdout)
+    for command in (("identify", "logs"), ("compare", "results/model.json", "logs")):
+        fitted = json.loads(run(*command, "--json").stdout)
+        floors = [[joint["noise_floor"] for joint in one["joints"]] for one in (document, fitted)]
+        assert floors[0] == pytest.approx(floors[1], rel=0.01)
+
+
 def test_the_same_question_is_not_worked_out_twice(arm, monkeypatch):
     """What an earlier command found is said again in every form, for other words typed, too; not with --no-cache."""
 
