@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import atexit
 import errno
 import gc
 import io
@@ -88,17 +89,34 @@ def run() -> None:
     gc.set_threshold(_BETWEEN_LOOKS)
     open_streams()
     keep_interrupts()
+    left = [1]
+    # Registered first, it is called last: after threads, other processes and temporary files were seen to.
+    atexit.register(_leave, left)
     try:
         from pumaid.cli import main
 
         main()
     except KeyboardInterrupt:
+        left[0] = 130
         sys.exit(130)
+    except SystemExit as end:
+        left[0] = end.code if isinstance(end.code, int) else int(end.code is not None)
+        raise
     finally:
         # What is done is done: Ctrl-C while Python winds up would end it without a word.
         signal.signal(signal.SIGINT, signal.SIG_IGN)
         # Everything goes with the process: looking through it once more for garbage took a tenth of a second.
         gc.freeze()
+
+
+def _leave(code: list[int]) -> None:
+    """End at once: taking a hundred thousand objects apart that all go with the process takes 0.04 s."""
+    try:
+        sys.stdout.flush()
+        sys.stderr.flush()
+    except (OSError, ValueError):
+        return  # Python says what there is to say
+    os._exit(code[0])
 
 
 if __name__ == "__main__":
