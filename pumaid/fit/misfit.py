@@ -130,40 +130,43 @@ def _outliers(runs: Sequence[Run]) -> list[float]:
 
     Each run is judged by itself, since its speed says how quickly what the model lacks comes and goes.
     """
-    sorts: dict[int, list[Run]] = {}
-    for run in runs:
-        sorts.setdefault(len(run.cells), []).append(run)
-    every = [same for size, same in sorts.items() if size >= ENOUGH]
-    inside = [_inside(same) for same in every]
+    long = [run for run in runs if len(run.cells) >= ENOUGH]
+    counts, _ = _spreads([run.cells.count for run in long])
+    full = [run.cells.variance for run, count in zip(long, counts, strict=True) if count >= FULL]
     # Third differences leave nothing of a load's course, and of independent noise 20 times its variance.
-    between = [_spread(np.diff(_beside_harmonic(same), n=3, axis=1) ** 2 / 20.0, ONE_FREEDOM) for same in every]
-    for found in (inside, between):
-        usual, mean = np.concatenate([np.zeros((2, 0)), *found], axis=1)
+    between = [np.diff(left, n=3) ** 2 / 20.0 for left in _beside_harmonics(long)]
+    for squares, of_mean in ((full, 1.0), (between, ONE_FREEDOM)):
+        usual, mean = _spreads(squares)
         known = usual > 0.0
-        if np.count_nonzero(known) >= FEWEST and np.median(mean[known] / usual[known]) > SPIKY:
-            return [float(np.sqrt(np.median(usual[known]))), float(np.sqrt(mean[known].mean()))]
+        usual, mean = usual[known] / of_mean, mean[known]
+        if len(usual) >= FEWEST and np.median(mean / usual) > SPIKY:
+            return [float(np.sqrt(np.median(usual))), float(np.sqrt(mean.mean()))]
     return []
 
 
-def _inside(runs: Sequence[Run]) -> Floats:
-    """(2, n) usual and mean variances inside cells of runs of as many cells each, where these hold enough samples."""
-    is_full = np.median([run.cells.count for run in runs], axis=1) >= FULL
-    return _spread(np.array([run.cells.variance for run in runs])[is_full], 1.0)
+def _spreads(parts: Sequence[NDArray[np.number]]) -> tuple[Floats, Floats]:
+    """(n,) medians and means of n arrays of whatever lengths, none empty."""
+    if not parts:
+        return np.zeros(0), np.zeros(0)
+    sizes = np.array([len(part) for part in parts])
+    values, first = np.concatenate(parts), np.cumsum(sizes) - sizes
+    ordered = values[np.lexsort((values, np.repeat(np.arange(len(parts)), sizes)))]
+    medians = 0.5 * (ordered[first + (sizes - 1) // 2] + ordered[first + sizes // 2])
+    return medians, np.add.reduceat(values, first) / sizes
 
 
-def _spread(squares: Floats, usual: float) -> Floats:
-    """(2, R) medians (by what they are of the mean for plain noise) and means of (R, M) squares."""
-    return np.array([np.median(squares, axis=1) / usual, np.mean(squares, axis=1)])
-
-
-def _beside_harmonic(runs: Sequence[Run]) -> Floats:
-    """(R, M) A, what each run's first harmonic leaves of its cells' means."""
-    own = runs[0].joint - 1
-    q = np.array([run.cells.position[:, own] for run in runs])
-    current = np.array([run.cells.current[:, own] for run in runs])
-    basis = np.stack([np.cos(q), np.sin(q), np.ones(q.shape)], axis=2)
-    found = np.linalg.pinv(basis, rcond=1e-6) @ current[:, :, None]
-    return np.asarray(current - (basis @ found)[:, :, 0])
+def _beside_harmonics(runs: Sequence[Run]) -> list[Floats]:
+    """A, what the first harmonics of runs at constant speed leave of their cells' means, run by run."""
+    if not runs:
+        return []
+    own, sizes = runs[0].joint - 1, np.array([len(run.cells) for run in runs])
+    factors = np.array([run.triangle.factor for run in runs])
+    harmonics = np.linalg.pinv(factors[:, :, :-1], rcond=1e-6) @ factors[:, :, -1:]
+    q = np.concatenate([run.cells.position[:, own] for run in runs])
+    current = np.concatenate([run.cells.current[:, own] for run in runs])
+    columns = np.column_stack([np.cos(q), np.sin(q), np.ones(len(q))])
+    left = current - np.sum(columns * np.repeat(harmonics[:, :, 0], sizes, axis=0), axis=1)
+    return np.split(left, np.cumsum(sizes)[:-1])
 
 
 def _odd_runs(odd: Sequence[Run], usual: float, *, of: int) -> Note:

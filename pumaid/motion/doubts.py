@@ -321,7 +321,7 @@ def _answers(tally: Tally) -> tuple[Floats, Floats]:
     for a in range(n):
         if tally.ways[a].min() < _FEWEST_WAYS or tally.path[a] < MOVED:
             continue
-        left = sum((_beside_gravity(sums) for sums in tally.groups[a].values()), np.zeros((1 + n, 1 + n)))
+        left = _beside_gravity(np.array([*tally.groups[a].values()]).reshape(-1, 4 + n, 4 + n)).sum(axis=0)
         if left[0, 0] < _FEWEST_WAYS:
             continue
         answer[a] = left[0, 1:] / left[0, 0]
@@ -332,9 +332,10 @@ def _answers(tally: Tally) -> tuple[Floats, Floats]:
 
 
 def _beside_gravity(sums: Floats) -> Floats:
-    """(1 + J, 1 + J) sums of direction and currents once 1, cos and sin are taken out of them."""
-    gravity, cross = sums[:3, :3], sums[:3, 3:]
-    return sums[3:, 3:] - cross.T @ np.linalg.pinv(gravity, rcond=1e-9, hermitian=True) @ cross
+    """(G, 1 + J, 1 + J) sums of direction and currents once 1, cos and sin are taken out of them, of G postures."""
+    gravity, cross = sums[:, :3, :3], sums[:, :3, 3:]
+    inverse = np.linalg.pinv(gravity, rcond=1e-9, hermitian=True)
+    return np.asarray(sums[:, 3:, 3:] - cross.transpose(0, 2, 1) @ inverse @ cross)
 
 
 def of_rest(tally: Tally) -> Found:
