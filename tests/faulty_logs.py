@@ -483,6 +483,21 @@ def current_faults() -> Iterator[Fault]:
     yield Fault("saturated current", "q1 stands while the arm moves", held("q1", part=slice(500, 1500)))
 
 
+def dead_bands() -> Iterator[Fault]:
+    """Small currents that a drive or a sensor cuts off, or by which it draws all towards zero."""
+    for limit in (0.03, 0.05, 0.1, 0.3):
+        for column in ("i1", "i2"):
+
+            def drawn(table: pd.DataFrame, limit: float = limit, column: str = column) -> pd.Series:
+                return np.sign(table[column]) * (table[column].abs() - limit).clip(lower=0.0)
+
+            def cut(table: pd.DataFrame, limit: float = limit, column: str = column) -> pd.Series:
+                return table[column].where(table[column].abs() > limit, 0.0)
+
+            yield Fault("dead band", f"{column} drawn to zero by {limit:g} A", tables(plus(**{column: drawn})))
+            yield Fault("dead band", f"{column} zero below {limit:g} A", tables(plus(**{column: cut})))
+
+
 def changes() -> Iterator[Fault]:
     """What is another thing in one log than in the other, by little."""
     kind = "changed between logs"
@@ -698,6 +713,7 @@ def all_logs() -> list[Fault]:
         dropouts,
         doubtful_samples,
         current_faults,
+        dead_bands,
         changes,
         unit_faults,
         other_arms,

@@ -17,7 +17,7 @@ FAR_FROM_ZERO = 2.0
 #: Samples of a window from which it can be flat.
 FEWEST = 3
 #: What simply adds up from log to log.
-_SUMS = ("moving", "same", "flat", "dropped")
+_SUMS = ("moving", "same", "flat", "dropped", "zeros")
 
 
 @dataclass(eq=False, slots=True)
@@ -42,6 +42,10 @@ class Levels:
         (J, 2) windows in which each joint moves, and those in which all currents are the same.
     dropped
         (J,) samples, while moving, in which the current is exactly zero amid others that are all far from it.
+    zeros
+        (J,) samples, while moving, in which the current is exactly zero, in windows that have others, too.
+    least, least_count
+        (J,) the smallest current (A, without sign) that is not zero, and how often it occurs, in windows with zero.
     """
 
     n_joints: int
@@ -54,6 +58,9 @@ class Levels:
     same: Counts = field(init=False)
     flat: Counts = field(init=False)
     dropped: Counts = field(init=False)
+    zeros: Counts = field(init=False)
+    least: Floats = field(init=False)
+    least_count: Counts = field(init=False)
     _still: Floats = field(init=False)
 
     def __post_init__(self) -> None:
@@ -61,6 +68,7 @@ class Levels:
         self.lowest, self.highest = np.full(n, np.inf), np.full(n, -np.inf)
         self.top, self.top_count = np.full((n, 2, 2), -1.0), np.zeros((n, 2, 2), dtype=np.int64)
         self.moving, self.frozen, self.dropped = (np.zeros(n, dtype=np.int64) for _ in range(3))
+        self.least, self.zeros, self.least_count = np.full(n, np.inf), *(np.zeros(n, dtype=np.int64) for _ in range(2))
         self.same, self.flat = np.zeros((n, 2), dtype=np.int64), np.zeros((n, 2), dtype=np.int64)
         self._still = np.full((n, 2), np.nan)
 
@@ -93,6 +101,9 @@ class Levels:
             self.flat[j] += len(own), int(np.count_nonzero((low == high) & (counts[own] >= FEWEST)))
             for window in own[(low == 0.0) != (high == 0.0)].tolist():
                 self.dropped[j] += _dropouts(values[edges[window] : edges[window + 1]])
+            crossing = own[(low <= 0.0) & (high >= 0.0) & (low < high)].tolist()
+            if crossing:
+                self._near_zero(j, [values[edges[window] : edges[window + 1]] for window in crossing])
             for side, size in enumerate((high, -low)):
                 second = size[size < size.max()].max(initial=-1.0)
                 for window in own[size >= max(second, self.top[j, side, 1])].tolist():
@@ -111,6 +122,8 @@ class Levels:
         self.frozen = np.maximum(self.frozen, other.frozen)
         for name in _SUMS:
             setattr(self, name, getattr(self, name) + getattr(other, name))
+        for j in range(self.n_joints):
+            self._least(j, float(other.least[j]), int(other.least_count[j]))
         for j, side in np.ndindex(self.n_joints, 2):
             found = zip(other.top[j, side].tolist(), other.top_count[j, side].tolist(), strict=True)
             self._tops(j, side, [(level, count) for level, count in found if count])
@@ -133,6 +146,20 @@ class Levels:
         same[edges[1:] - 1] = False
         pairs = int((np.diff(edges)[own] - 1).sum())
         self.same[j] += pairs, int(np.add.reduceat(same, edges[:-1], dtype=np.int64)[own].sum())
+
+    def _near_zero(self, j: int, parts: Sequence[Floats]) -> None:
+        size = np.abs(np.concatenate(parts))
+        others = size[size > 0.0]
+        self.zeros[j] += len(size) - len(others)
+        if len(others):
+            least = float(others.min())
+            self._least(j, least, int(np.count_nonzero(others == least)))
+
+    def _least(self, j: int, least: float, count: int) -> None:
+        """Keep the smallest level, with how often it occurs."""
+        if least < self.least[j]:
+            self.least[j], self.least_count[j] = least, 0
+        self.least_count[j] += count if least == self.least[j] else 0
 
     def _tops(self, j: int, side: int, found: Sequence[tuple[float, int]]) -> None:
         """Keep the two largest levels of one side."""

@@ -28,6 +28,9 @@ HELD_SHARE, HELD = 0.6, 0.02
 STILL_TIME, COUNT_MATCH, MOST_COUNTS = 0.5, 0.1, 0.7
 #: Samples, and share of them, that make lost values.
 DROPPED_COUNT, DROPPED_SHARE = 5, 2e-4
+#: Samples, share of them, and multiple of the next level's count, that make a dead band of currents that are zero. In
+#: steps zero is half as often as one step away on either side: eight with one of those have a chance of 2e-6.
+ZEROS, ZERO_SHARE, ZERO_RATIO = 8, 1e-3, 8
 #: s; a current that stays the same to the digit for longer while its joint moves is frozen, or far too coarse.
 FROZEN = 2.0
 #: A; no motor of an arm draws so little or so much at most, but one whose unit is not what the recipe says does.
@@ -94,10 +97,8 @@ def of_current(tally: Tally) -> Found:
             )
             yield LogError("constant-current", what, where, mend)
             continue
-        flat = list(_of_top(tally, joint, where))
-        yield from flat
-        if not flat:
-            yield from _of_stale(tally, joint, where)
+        told = list(_of_top(tally, joint, where)) or list(_of_stale(tally, joint, where))
+        yield from told
         lost = int(tally.levels.dropped[k])
         if lost >= max(DROPPED_COUNT, DROPPED_SHARE * total):
             text = (
@@ -105,11 +106,23 @@ def of_current(tally: Tally) -> Found:
                 " are far from it: values that were lost and written as 0"
             )
             yield Note("current-dropouts", f"{text}; leave those cells empty, such rows are then left out", where)
+        elif not told:
+            yield from _of_dead_band(tally, joint, where)
         largest = max(-low, high)
         if not SMALL <= largest <= LARGE:
             unlike = "more than an arm's motor draws" if largest > LARGE else "less than it takes to move an arm"
             text = f"current of joint {joint.number} is {number(largest)} A at most, {unlike}"
             yield Note("current-size", f"{text}: see units: {{current: ...}} in the recipe's log block", where)
+
+
+def _of_dead_band(tally: Tally, joint: Joint, where: Where) -> Found:
+    """A current that is zero far more often than next to zero; one in steps is as often one step away."""
+    k, total = joint.number - 1, int(tally.levels.moving[joint.number - 1])
+    zeros, beside = int(tally.levels.zeros[k]), int(tally.levels.least_count[k])
+    if zeros >= max(ZEROS, ZERO_SHARE * total) and zeros >= ZERO_RATIO * beside:
+        text = f"current of joint {joint.number} is exactly zero in {zeros} of {total} moving samples, and hardly ever"
+        why = "the drive or the sensor cuts small currents off, or values that were lost were written as 0"
+        yield Note("current-dead-band", f"{text} next to zero: {why}; friction and gravity come out wrong", where)
 
 
 def _of_stale(tally: Tally, joint: Joint, where: Where) -> Found:

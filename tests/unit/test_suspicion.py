@@ -222,6 +222,22 @@ def test_values_that_were_lost_are_flagged(share: float) -> None:
         assert "current-dropouts" not in slugs(replace(log, current=step * np.round(log.current / step)), arm())
 
 
+@pytest.mark.parametrize("limit", [0.05, 0.2, 0.5])
+@pytest.mark.parametrize("step", [0.0, 0.005])
+def test_small_currents_that_are_cut_off_are_flagged(limit: float, step: float) -> None:
+    """Drawn towards zero by a limit, or zero below it, in steps or not; steps alone are as they should be."""
+    log = good_log()
+    current = log.current if not step else step * np.round(log.current / step)
+    assert slugs(replace(log, current=current), arm()) == []
+    drawn = np.sign(current) * np.maximum(np.abs(current) - limit, 0.0)
+    assert "current-dead-band" in slugs(replace(log, current=drawn), arm())
+    # Far below the limit single zeros are like values that were lost.
+    cut = np.where(np.abs(current) < limit, 0.0, current)
+    assert {"current-dead-band", "current-dropouts"} & set(slugs(replace(log, current=cut), arm()))
+    for coarse in (0.02, 0.1, 0.25, 0.5):
+        assert "current-dead-band" not in slugs(replace(log, current=coarse * np.round(log.current / coarse)), arm())
+
+
 def test_joints_at_rest_and_beyond_limits_are_flagged() -> None:
     """What may be meant is a note with the joints and the figures."""
     log = good_log()
@@ -322,7 +338,7 @@ def test_what_currents_are_like_does_not_depend_on_batches(batch: int) -> None:
         some = slice(start, start + batch)
         names = ("rows", "time", "position", "velocity", "current")
         parts.take(replace(log, **{name: getattr(log, name)[some] for name in names}))
-    for name in ("moving", "same", "flat", "dropped", "top_count", "frozen"):
+    for name in ("moving", "same", "flat", "dropped", "zeros", "least", "least_count", "top_count", "frozen"):
         assert np.array_equal(getattr(whole.levels, name), getattr(parts.levels, name)), name
 
 
