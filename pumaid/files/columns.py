@@ -23,6 +23,9 @@ QUANTITIES = ("position", "velocity", "current", "temperature")
 #: Rows at a file's start by which a column that is there but empty is told from one with faults.
 EMPTY_PROBE = 1000
 
+#: How like a name must be to be meant (difflib's ratio): actual_q_0 and actual_dq_0 are to actual_current_0 by 0.69.
+ALIKE = 0.7
+
 _SI = {
     ("position", True): "rad",
     ("position", False): "m",
@@ -212,8 +215,12 @@ def _mend(header: Sequence[str], robot: Robot, missing: Sequence[str]) -> str:
     if have and robot.log.time in header and have == drawn and max(have) == len(have) < robot.n_joints:
         hints.append(f"it holds {len(have)} joints, {robot.name} has {robot.n_joints}: is it this robot's log?")
         missing = ()
+    # What the recipe names already is no other quantity.
+    quantities = ("position", "velocity", "current", "temperature")
+    named = {robot.log.column(quantity, joint.number) for quantity in quantities for joint in robot.joints}
+    free = [column for column in header if column not in named | {robot.log.time}]
     for column in missing[:3]:
-        real = _nearest(column, header)
+        real = _nearest(column, free)
         if real is not None:
             hints.append(f"the nearest to {column} is {real}")
     hints.append("name this file's columns in the recipe's log block (pumaid init shows one)")
@@ -265,9 +272,11 @@ def check_extra(headers: Mapping[str, Sequence[str]], extra: Sequence[str]) -> N
 
 
 def _nearest(column: str, header: Sequence[str]) -> str | None:
-    """The name in a header that is most like `column`, capitals apart."""
-    near = difflib.get_close_matches(column.lower(), [item.lower() for item in header], n=1)
-    return next((item for item in header if near and item.lower() == near[0]), None)
+    """The name in a header that is most like `column`, or goes on where that ends, capitals apart."""
+    names, meant = {item.lower(): item for item in reversed(header)}, column.lower()
+    longer = [name for name in names if len(meant) > 2 and name.startswith(meant)]
+    near = difflib.get_close_matches(meant, names, n=1, cutoff=ALIKE) or longer
+    return names[near[0]] if near else None
 
 
 def _no_extra(column: str, name: str) -> Note:

@@ -452,6 +452,20 @@ def test_a_misspelt_column_gets_its_neighbour(tmp_path: Path) -> None:
     assert error.slug == "column-missing" and "the nearest to q2 is Q2" in error.mend
 
 
+@pytest.mark.parametrize(
+    ("header", "mend"),
+    [
+        ("time,q1,q2,torque_1,torque_2", "name this file's columns in the recipe's log block (pumaid init shows one)"),
+        ("time,Q1,b,current_1,current_2", "the nearest to q1 is Q1; name this file's columns"),
+        ("timestamps,a,b,current_1,current_2", "the nearest to time is timestamps; name this file's columns"),
+    ],
+)
+def test_only_what_may_be_meant_is_named(tmp_path: Path, header: str, mend: str) -> None:
+    """A column that the recipe names is no other quantity, and one that is unlike is none that is meant."""
+    robot = arm(2, time="time", position="q{joint}", current="current_{joint}", velocity=None)
+    assert refusal(tmp_path / "a.csv", f"{header}\n0,1,2,3,4\n", robot).mend.startswith(mend)
+
+
 def test_fewer_joints_than_the_recipe_are_counted(tmp_path: Path) -> None:
     """A log of a shorter arm is refused with both numbers."""
     error = refusal(tmp_path / "a.csv", text(motion(20, 2)), arm(3))
