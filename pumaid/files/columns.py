@@ -216,8 +216,7 @@ def _mend(header: Sequence[str], robot: Robot, missing: Sequence[str]) -> str:
         hints.append(f"it holds {len(have)} joints, {robot.name} has {robot.n_joints}: is it this robot's log?")
         missing = ()
     # What the recipe names already is no other quantity.
-    quantities = ("position", "velocity", "current", "temperature")
-    named = {robot.log.column(quantity, joint.number) for quantity in quantities for joint in robot.joints}
+    named = {robot.log.column(quantity, joint.number) for quantity in QUANTITIES for joint in robot.joints}
     free = [column for column in header if column not in named | {robot.log.time}]
     for column in missing[:3]:
         real = _nearest(column, free)

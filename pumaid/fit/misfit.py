@@ -11,7 +11,7 @@ from pumaid.errors import ModelError, Note, Where
 from pumaid.fit.rows import Row
 from pumaid.fit.system import Fitted
 from pumaid.motion.options import CONSTANT
-from pumaid.records import JointFit, Run
+from pumaid.records import JointFit, Run, run_columns
 from pumaid.units import number
 
 Floats = NDArray[np.float64]
@@ -164,7 +164,8 @@ def _beside_harmonics(runs: Sequence[Run]) -> list[Floats]:
     harmonics = np.linalg.pinv(factors[:, :, :-1], rcond=1e-6) @ factors[:, :, -1:]
     q = np.concatenate([run.cells.position[:, own] for run in runs])
     current = np.concatenate([run.cells.current[:, own] for run in runs])
-    columns = np.column_stack([np.cos(q), np.sin(q), np.ones(len(q))])
+    # Of a sliding joint's cos and sin the harmonics have none.
+    columns = run_columns(q, turns=True)
     left = current - np.sum(columns * np.repeat(harmonics[:, :, 0], sizes, axis=0), axis=1)
     return np.split(left, np.cumsum(sizes)[:-1])
 

@@ -68,7 +68,8 @@ class Levels:
         self.lowest, self.highest = np.full(n, np.inf), np.full(n, -np.inf)
         self.top, self.top_count = np.full((n, 2, 2), -1.0), np.zeros((n, 2, 2), dtype=np.int64)
         self.moving, self.frozen, self.dropped = (np.zeros(n, dtype=np.int64) for _ in range(3))
-        self.least, self.zeros, self.least_count = np.full(n, np.inf), *(np.zeros(n, dtype=np.int64) for _ in range(2))
+        self.zeros, self.least_count = (np.zeros(n, dtype=np.int64) for _ in range(2))
+        self.least = np.full(n, np.inf)
         self.same, self.flat = np.zeros((n, 2), dtype=np.int64), np.zeros((n, 2), dtype=np.int64)
         self._still = np.full((n, 2), np.nan)
 
