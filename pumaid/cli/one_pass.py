@@ -49,7 +49,7 @@ def one_pass(
     if how.dask:
         evidence = _on_cluster(paths, robot, trust=trust, options=options, how=how)
     elif others := _others(paths, how.jobs):
-        evidence = _on_cores(paths, robot, others=others, trust=trust, extra=extra, options=options)
+        evidence = _on_cores(paths, robot, others=others, trust=trust, extra=extra, options=options, how=how)
     else:
         evidence = _here(paths, robot, trust=trust, extra=extra, options=options, ahead=how.jobs != 1)
     evidence = _single(evidence, trust=trust)
@@ -122,7 +122,14 @@ def _others(paths: Sequence[LogPath], jobs: int) -> int:
 
 
 def _on_cores(
-    paths: Sequence[LogPath], robot: Robot, *, others: int, trust: bool, extra: Sequence[str], options: SegmentOptions
+    paths: Sequence[LogPath],
+    robot: Robot,
+    *,
+    others: int,
+    trust: bool,
+    extra: Sequence[str],
+    options: SegmentOptions,
+    how: Pass,
 ) -> Evidence:
     """The same by several processes."""
     from pumaid.cluster.cores import spread, started
@@ -137,6 +144,7 @@ def _on_cores(
             reading,
             mates,
             refuse=not trust,
+            meanwhile=how.load,
             progress=lambda done, count: step(done, f"{done} of {count} files or parts of files"),
         )
 

@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import wraps
+from importlib import import_module
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -107,13 +108,20 @@ class Pass:
     """How logs are read.
 
     `cached`, whether what an earlier command kept may be used; `jobs`, cores (0: all); `dask`, a cluster's scheduler or
-    ``local``, none where empty; `client` gives its client where several experiments are read with one.
+    ``local``, none where empty; `client` gives its client where several experiments are read with one; `behind` names
+    the modules that the command needs afterwards only.
     """
 
     cached: bool = True
     jobs: int = 0
     dask: str = ""
     client: Callable[[], Any] | None = None
+    behind: tuple[str, ...] = ()
+
+    def load(self) -> None:
+        """Load what is behind: while others read or hash the logs already, that costs nothing."""
+        for name in self.behind:
+            import_module(name)
 
 
 def pass_options(function: Decorated) -> Decorated:

@@ -131,7 +131,7 @@ def read_evidence(
         raise click.UsageError("standard input can be the logs or the recipe, not both")
     robot = robot or read_robot(recipe, logs)
     kept = EvidenceCache(paths, robot, options=repr((options, trust, tuple(extra)))) if how.cached else None
-    evidence = kept.get() if kept is not None else None
+    evidence = kept.get(meanwhile=how.load) if kept is not None else None
     if evidence is None:
         evidence = one_pass(paths, robot, trust=trust, extra=extra, options=options, how=how)
         if kept is not None:

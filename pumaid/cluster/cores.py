@@ -32,6 +32,7 @@ def spread(
     mates: Sequence[Mate],
     *,
     refuse: bool = True,
+    meanwhile: Callable[[], object] | None = None,
     progress: Callable[[int, int], None] | None = None,
 ) -> Evidence:
     """All that later steps know of some logs, read by this process and others.
@@ -48,6 +49,8 @@ def spread(
         Other processes; they may be none.
     refuse
         False turns refusals of what cannot be meant into notes.
+    meanwhile
+        Called when the others have begun, before this process reads, too.
     progress
         Called with the number of pieces joined, and how many there are.
 
@@ -65,7 +68,7 @@ def spread(
     pieces = [pieces_of(path, each=len(paths) / (1 + len(mates))) for path in paths]
     one_by_one = [piece for of_one in pieces for piece in of_one]
     desk = _Desk(one_by_one, len(mates) + 1)
-    found = _counted(_in_order(desk, reading, mates), len(one_by_one), progress)
+    found = _counted(_in_order(desk, reading, mates, meanwhile), len(one_by_one), progress)
     whole, stop = Whole(reading.robot, reading.options), 0
     for path, state, of_one in zip(paths, states, pieces, strict=True):
         stop += len(of_one)
@@ -190,12 +193,16 @@ class _Desk:
             self.changed.notify_all()
 
 
-def _in_order(desk: _Desk, reading: Reading, mates: Sequence[Mate]) -> Iterator[Part | None]:
+def _in_order(
+    desk: _Desk, reading: Reading, mates: Sequence[Mate], meanwhile: Callable[[], object] | None
+) -> Iterator[Part | None]:
     """What is read of the pieces, in their order, none for unwanted ones; this process reads, too, while it waits."""
     threads = [Thread(target=_ask, args=(mate, desk), daemon=True) for mate in mates]
     for thread in threads:
         thread.start()
     try:
+        if meanwhile is not None:
+            meanwhile()
         for number in range(len(desk.pieces)):
             yield raised(_awaited(desk, number, reading))
     finally:

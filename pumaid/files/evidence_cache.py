@@ -10,7 +10,7 @@ from __future__ import annotations
 import hashlib
 import json
 import stat
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, cast
@@ -71,12 +71,18 @@ class EvidenceCache:
         ]
         self._made_by = json.dumps([made_by, [str(path) for path in self._paths]])
 
-    def get(self) -> Evidence | None:
-        """What was kept of these very bytes, or None. The logs are hashed only where something may fit."""
+    def get(self, *, meanwhile: Callable[[], object] | None = None) -> Evidence | None:
+        """What was kept of these very bytes, or None.
+
+        The logs are hashed only where something may fit; `meanwhile` is then called.
+        """
         if self._before is None or self._shelf.folder is None or not self._shelf.has(f"{self._prefix()}-*.npz"):
             return None
         with ThreadPoolExecutor() as pool:
-            digests = list(pool.map(_digest, self._paths))
+            found = pool.map(_digest, self._paths)
+            if meanwhile is not None:
+                meanwhile()
+            digests = list(found)
         if None in digests:
             return None
         name = self._name([str(digest) for digest in digests])

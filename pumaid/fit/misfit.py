@@ -150,9 +150,10 @@ def _spreads(parts: Sequence[NDArray[np.number]]) -> tuple[Floats, Floats]:
         return np.zeros(0), np.zeros(0)
     sizes = np.array([len(part) for part in parts])
     values, first = np.concatenate(parts), np.cumsum(sizes) - sizes
-    ordered = values[np.lexsort((values, np.repeat(np.arange(len(parts)), sizes)))]
-    medians = 0.5 * (ordered[first + (sizes - 1) // 2] + ordered[first + sizes // 2])
-    return medians, np.add.reduceat(values, first) / sizes
+    means = np.add.reduceat(values, first) / sizes
+    for part in np.split(values, first[1:]):
+        part.sort()  # in place
+    return 0.5 * (values[first + (sizes - 1) // 2] + values[first + sizes // 2]), means
 
 
 def _beside_harmonics(runs: Sequence[Run]) -> list[Floats]:

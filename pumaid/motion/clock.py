@@ -65,8 +65,12 @@ def sampled(time: Floats, position: Floats) -> tuple[Floats, float]:
     if len(time) < GROUP * FEWEST:
         return time, 0.0
     steps = np.diff(time)
+    least, most = float(steps.min()), float(steps.max())
+    # Where even the longest step is no longer, none is lost and the interval is at least the shortest.
+    if most - least <= EVEN * least:
+        return time, 0.0
     lost, interval = _lost(time, steps)
-    if steps.max() - steps.min() <= EVEN * interval:
+    if most - least <= EVEN * interval:
         return time, 0.0
     ahead = time - time[0] - np.concatenate([[0.0], np.cumsum(1.0 + lost)]) * interval
     parts = _parted(ahead)

@@ -21,8 +21,8 @@ _APART = 1.0 / math.pi
 SPREAD = 5.0
 #: Samples from which a noise is told.
 FEWEST = 6
-#: Samples looked at together from the end of some backwards; arms rest every few seconds.
-_BACKWARDS = 8192
+#: Samples looked at together; arms rest every few seconds.
+_TOGETHER = 8192
 
 
 class FirstRest:
@@ -39,14 +39,12 @@ class FirstRest:
 
     Attributes
     ----------
-    taken
-        Samples looked at.
     decided
         Samples that come before the instant in any case.
     """
 
     def __init__(self, options: SegmentOptions) -> None:
-        self.taken = self.decided = 0
+        self.decided = 0
         self._way = options.rest_speed * RESTFUL
         self._begin: float | None = None
         self._time: list[Floats] = []
@@ -55,12 +53,16 @@ class FirstRest:
 
     def take(self, time: Floats, position: Floats) -> int | None:
         """Look at (N,) times (s) and (N, J) positions; how many samples of all lie before the instant, once found."""
-        if not len(time):
-            return None
+        for low in range(0, len(time), _TOGETHER):
+            some = slice(low, low + _TOGETHER)
+            if (found := self._look(time[some], position[some])) is not None:
+                return found
+        return None
+
+    def _look(self, time: Floats, position: Floats) -> int | None:
         self._begin = float(time[0]) if self._begin is None else self._begin
         self._time.append(time)
         self._position.append(position)
-        self.taken += len(time)
         time, position = np.concatenate(self._time), np.concatenate(self._position)
         number = np.floor((time - self._begin) / RESTFUL + _APART)
         edges = np.concatenate([[0], np.flatnonzero(np.diff(number)) + 1])
@@ -82,10 +84,12 @@ class FirstRest:
         counts = np.diff(np.append(ticks, len(time)))
         # Garbage may be no number, or too large for a difference; there it is no rest.
         with np.errstate(invalid="ignore", over="ignore"):
-            means = np.add.reduceat(position - position[0], ticks, axis=0) / counts[:, None]
-            return bool(
-                np.all(np.ptp(means, axis=0) <= self._way + SPREAD * _noise(position) / math.sqrt(counts.min()))
-            )
+            way = np.ptp(np.add.reduceat(position - position[0], ticks, axis=0) / counts[:, None], axis=0)
+            far = ~(way <= self._way)
+            if not far.any():
+                return True
+            noise = _noise(position[:, far])
+            return bool(np.all(way[far] <= self._way + SPREAD * noise / math.sqrt(counts.min())))
 
 
 def _noise(position: Floats) -> Floats:
@@ -107,7 +111,7 @@ def last_rest(time: Floats, position: Floats, options: SegmentOptions) -> int | 
     """
     search, stop = FirstRest(options), len(time)
     while stop:
-        start = max(0, stop - _BACKWARDS)
+        start = max(0, stop - _TOGETHER)
         found = search.take(-time[start:stop][::-1], position[start:stop][::-1])
         if found is not None:
             return len(time) - found

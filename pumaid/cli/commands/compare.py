@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -69,6 +70,12 @@ def command(
       pumaid compare results/model.json logs/ --json | jq '.joints[] | {joint, rmse, noise_floor}'
     """
     from pumaid.cli.reading import check_model, read_evidence, read_files, read_known_model
+
+    form = picture_form(picture)
+    spare_inputs([picture], read_files(logs, recipe, model) if picture else [])
+    estimate = read_known_model(model)
+    how = replace(how, behind=("pumaid.verbs.compare", "pumaid.show.scores", "pumaid.show.budget"))
+    robot, evidence = read_evidence(logs, recipe, trust=trust, heldout=heldout, how=how)
     from pumaid.files.result import heading
     from pumaid.show.budget import budget_shown
     from pumaid.show.comparison import comparison_document
@@ -76,10 +83,6 @@ def command(
     from pumaid.show.scores import comparison_grid, is_above_floor, outside_grid, worst_grid
     from pumaid.verbs.compare import compare
 
-    form = picture_form(picture)
-    spare_inputs([picture], read_files(logs, recipe, model) if picture else [])
-    estimate = read_known_model(model)
-    robot, evidence = read_evidence(logs, recipe, trust=trust, heldout=heldout, how=how)
     check_model(estimate, robot, (recipe, logs))
     comparison = compare(estimate, evidence, robot)
     notes((*estimate.notes, *comparison.notes))

@@ -30,6 +30,9 @@ if TYPE_CHECKING:
     from pumaid.cli.fleet import Stable
     from pumaid.records import Estimate, Robot
 
+#: What the fit and its table are made with; nothing of it is needed to read logs.
+_BEHIND = ("pumaid.verbs.identify", "pumaid.show.tables", "pumaid.files.archive")
+
 
 @click.command()
 @logs_argument
@@ -110,13 +113,14 @@ def _identified(logs: tuple[str, ...], recipe: Path | None, asked: dict[str, Any
     from pumaid.choices import chosen_by
     from pumaid.cli.reading import read_evidence, read_robot
     from pumaid.files.paths import expand
-    from pumaid.verbs.identify import identify
 
     expand(logs)  # where they are not there, it is not the recipe beside them that is missing
     robot = read_robot(recipe, logs)
     effects = chosen_by(robot, add=asked["add"], remove=asked["remove"])
-    how, trust, heldout = asked["how"], asked["trust"], asked["heldout"]
+    how, trust, heldout = replace(asked["how"], behind=_BEHIND), asked["trust"], asked["heldout"]
     _, evidence = read_evidence(logs, recipe, robot=robot, trust=trust, heldout=heldout, how=how)
+    from pumaid.verbs.identify import identify
+
     with progress("identifying", total=robot.n_joints) as step:
         estimate = identify(
             evidence,
