@@ -71,6 +71,16 @@ def test_what_was_kept_comes_back_to_the_bit(logs, folder):
     assert told(cache(logs, folder).get()) == told(evidence)
 
 
+def test_there_is_a_meanwhile_only_where_something_may_fit(logs, folder):
+    """What is done while logs are hashed is left to the pass where nothing is kept of them."""
+    called = []
+    assert cache(logs, folder).get(meanwhile=lambda: called.append(True)) is None
+    assert not called
+    evidence = kept(logs, folder)
+    assert told(cache(logs, folder).get(meanwhile=lambda: called.append(True))) == told(evidence)
+    assert called == [True]
+
+
 def test_other_content_is_not_found(logs, folder):
     """A log of the same name, size and times with one digit changed is another log."""
     kept(logs, folder)

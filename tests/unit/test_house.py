@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import ast
 import graphlib
-import importlib
+import importlib.util
 import inspect
 import re
 import subprocess
@@ -375,6 +375,38 @@ def test_a_kept_pass_needs_no_reader(tmp_path, monkeypatch):
         for _ in range(2)
     )
     assert first[-1] == "pyarrow" and second[-1] == "" and first[:-1] == second[:-1]
+
+
+def test_a_refused_log_waits_for_no_fit(tmp_path):
+    """What the fit and its table need is loaded behind the pass, which a bad log never leaves."""
+    arm, logs = PACKAGE.parent / "sample_logs" / "pendulum", tmp_path / "logs"
+    logs.mkdir()
+    (logs / "cut.parquet").write_bytes(b"PAR1, and no more")
+    words = ["identify", str(logs), "--recipe", str(arm / "recipe.yaml"), "-o", str(tmp_path / "model.json")]
+    program = (
+        "import sys\nfrom pumaid.cli import group\n"
+        f"try:\n    group.main({words!r})\n"
+        "except SystemExit as error:\n    print(error.code)\n"
+        "print(','.join(name for name in ('pumaid.fit.system', 'scipy', 'rich.table') if name in sys.modules))"
+    )
+    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
+    assert (done.stdout, "error[damaged-log]" in done.stderr) == ("3\n\n", True)
+
+
+def test_what_is_loaded_behind_the_pass_is_there():
+    """The modules that commands name as needed behind the pass exist."""
+    commands = PACKAGE / "cli" / "commands"
+    named = {
+        name
+        for path in commands.glob("*.py")
+        for node in ast.walk(tree(path))
+        if isinstance(node, ast.Tuple)
+        for item in node.elts
+        if isinstance(item, ast.Constant) and isinstance(item.value, str)
+        if (name := item.value).startswith("pumaid.")
+    }
+    assert len(named) >= 5
+    assert [name for name in sorted(named) if importlib.util.find_spec(name) is None] == []
 
 
 PUBLIC = [

@@ -6,6 +6,7 @@ import gzip
 import hashlib
 import os
 import signal
+import time
 from itertools import pairwise
 from unittest.mock import MagicMock
 
@@ -262,6 +263,30 @@ def test_a_process_that_is_killed_loses_nothing(logs, tmp_path):
         os.kill(mates[0].pid, signal.SIGKILL)
         found = spread(paths, reading, mates)
     assert same(found, one_pass(paths, robot))
+
+
+def test_the_others_have_begun_meanwhile(logs, tmp_path):
+    """What this process does first does not hold up the others, and what goes wrong in it leaves no process behind."""
+    robot, table = read_recipe(logs / "recipe.yaml"), table_of(logs)
+    for number in range(4):
+        paths = written(tmp_path / "logs", table, number=number)
+    reading = Reading(robot, DEFAULTS)
+
+    def until_some_are_read():
+        deadline = time.monotonic() + 60.0
+        while not any(asked) and time.monotonic() < deadline:
+            time.sleep(0.01)
+
+    with started(reading, 1) as mates:
+        asked = []
+        take = mates[0].take
+        mates[0].take = lambda: (take(), asked.append(True))[0]
+        found = spread(paths, reading, mates, meanwhile=until_some_are_read)
+        assert asked
+    assert same(found, one_pass(paths, robot))
+    with pytest.raises(ZeroDivisionError), started(reading, 1) as mates:
+        spread(paths, reading, mates, meanwhile=lambda: 1 // 0)
+    assert not mates[0].is_alive
 
 
 def test_a_process_is_started_only_where_it_pays(tmp_path):
