@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from pumaid.knots import COURSES, at, spread
 from pumaid.lateness import axes
+from pumaid.maths.short import lengths
 from pumaid.maths.slope import acceleration as acceleration_of
 from pumaid.records import Campaign, Loads, Robot, Run, Samples, run_columns
 
@@ -149,7 +150,7 @@ class Sight:
     @property
     def sizes(self) -> Counts:
         """(R,) cells of each run."""
-        return np.diff(np.append(self.starts, len(self.weight)))
+        return lengths(self.starts, len(self.weight))
 
     @property
     def grain(self) -> int:
@@ -207,7 +208,7 @@ def _shrunk(values: Floats, axis: Floats, starts: Counts) -> Floats:
     if not axis.any():
         return values
     along = np.add.reduceat(axis[:, None] * values, starts, axis=0)
-    return np.asarray(values - axis[:, None] * np.repeat(along, np.diff(np.append(starts, len(axis))), axis=0))
+    return np.asarray(values - axis[:, None] * np.repeat(along, lengths(starts, len(axis)), axis=0))
 
 
 def averaged(values: Floats, cells: int) -> Floats:

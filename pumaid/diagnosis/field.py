@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pumaid.maths.alike import grouped
+from pumaid.maths.short import lengths
 from pumaid.maths.slope import acceleration
 from pumaid.model import Model
 from pumaid.motion.options import CONSTANT
@@ -88,7 +89,7 @@ class Field:
     @property
     def lengths(self) -> Counts:
         """(R,) cells of each run."""
-        return np.diff(np.append(self.first, len(self)))
+        return lengths(self.first, len(self))
 
     def sums(self, values: Floats) -> Floats:
         """(R, ...) sums over the cells of each run."""

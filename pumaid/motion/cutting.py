@@ -223,10 +223,14 @@ def _disjoint(found: list[Piece]) -> list[Piece]:
 def clipped(piece: Piece, start: int, stop: int) -> Piece:
     """The part of a piece between two samples; a run that is cut goes on in the neighbouring block."""
     start, stop = max(start, piece.start), min(stop, piece.stop)
+    if (start, stop) == (piece.start, piece.stop):
+        return piece
     return replace(piece, start=start, stop=stop, course=piece.course.within(start, stop) if piece.course else None)
 
 
 def shifted(piece: Piece, by: int) -> Piece:
     """The piece with sample numbers that count from `by` samples earlier."""
+    if not by:
+        return piece
     motion = piece.course and replace(piece.course, start=piece.course.start + by, stop=piece.course.stop + by)
     return replace(piece, start=piece.start + by, stop=piece.stop + by, course=motion)

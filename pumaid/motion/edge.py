@@ -9,6 +9,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from pumaid.maths.short import lengths
+
 Floats = NDArray[np.float64]
 
 #: How position may leave the line: as a corner, as at constant acceleration, as at constant jerk.
@@ -160,7 +162,7 @@ def _thinned(window: Window) -> tuple[Floats, Floats, Floats]:
     time, position, sure = window.time, window.position, window.sure
     line, edge = -(-max(1, sure) // LINE_POINTS), -(-max(1, len(time) - sure) // EDGE_POINTS)
     starts = np.concatenate([np.arange(0, sure, line), np.arange(sure, len(time), edge)])
-    counts = np.diff(np.append(starts, len(time)))
+    counts = lengths(starts, len(time))
     return (
         time[0] + np.add.reduceat(time - time[0], starts) / counts,
         position[0] + np.add.reduceat(position - position[0], starts) / counts,

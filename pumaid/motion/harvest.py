@@ -129,7 +129,7 @@ class Harvest:
         position = block.position[piece.start : piece.stop, joint - 1]
         most = _most(_ends(position), self.options, is_turning=self.robot.joint(joint).is_revolute)
         inside = cells(block, piece, rate, samples=samples, most=most)
-        posture = np.average(inside.position, axis=0, weights=inside.count)
+        posture = (inside.position * inside.count[:, None]).sum(axis=0) / inside.count.sum()
         posture[joint - 1] = np.nan
         line = _line(block.time[piece.start : piece.stop], position)
         own = rate[1][:, joint - 1] if piece.course is None else piece.course.velocity

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from pumaid.maths.short import median
 from pumaid.motion.edge import Window, leaving
 from pumaid.motion.movement import Stretch
 from pumaid.motion.options import SegmentOptions
@@ -120,7 +121,7 @@ def _movement(ticks: Ticks, stretch: Stretch, samples: tuple[Floats, Floats], op
     own = (samples[0], samples[1][:, stretch.joint - 1])
     candidates = []
     for start, stop in _cores(speed, reach, (options.speed_tolerance, absolute)):
-        level = float(np.median(velocity[start:stop]))
+        level = median(velocity[start:stop])
         core = (stretch.start + start, stretch.start + stop)
         seen = _seen(speed, (start, stop), most=most, absolute=absolute)
         beyond = (max(0, stretch.start + seen[0] - half), min(len(ticks), stretch.start + seen[1] + half))
@@ -172,7 +173,7 @@ def _cores(speed: Floats, reach: int, tolerance: tuple[float, float]) -> list[tu
     waiting = [(int(a), int(b)) for a, b in borders.reshape(-1, 2)]
     while waiting:
         start, stop = waiting.pop()
-        level = float(np.median(speed[start:stop]))
+        level = median(speed[start:stop])
         inside = np.abs(speed[start:stop] - level) <= share * level + absolute
         edges = np.flatnonzero(np.diff(np.concatenate([[0], inside.astype(np.int8), [0]]))).reshape(-1, 2)
         if not len(edges):
@@ -228,7 +229,7 @@ def _candidate(
 
 def _seen(speed: Floats, core: tuple[int, int], *, most: int, absolute: float) -> tuple[int, int]:
     """Ticks up to which a departure from the speed of ticks `core` is looked at: until it is large, `most` at most."""
-    level = float(np.median(speed[core[0] : core[1]]))
+    level = median(speed[core[0] : core[1]])
     far = np.abs(speed - level) > DEPARTED * level + absolute
     after, before = np.flatnonzero(far[core[1] :]), np.flatnonzero(far[: core[0]][::-1])
     ahead = int(after[0]) + 1 if len(after) else most

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from pumaid.maths.short import lengths
 from pumaid.maths.triangle import Triangle
 from pumaid.motion.block import LARGEST, Block
 from pumaid.motion.cutting import Piece
@@ -67,9 +68,11 @@ def cells(block: Block, piece: Piece, rate: tuple[Floats, Floats], *, samples: C
     own = piece.joints[0] - 1
     time = block.time[samples]
     number = min(most, len(time))
-    borders = np.linspace(time[0], time[-1], number + 1)[:-1]
-    starts = np.arange(number) if number == len(time) else _each_once(np.searchsorted(time, borders))
-    count = np.diff(np.append(starts, len(time)))
+    starts = np.arange(number)
+    if number < len(time):
+        borders = time[0] + starts * ((time[-1] - time[0]) / number)
+        starts = _each_once(np.searchsorted(time, borders))
+    count = lengths(starts, len(time))
     middle = time[0] + np.add.reduceat(time - time[0], starts) / count
     current = _known_means(block.current[samples], starts, count)
     spread = block.current[samples, own] - np.repeat(current[:, own], count)
@@ -87,7 +90,7 @@ def cells(block: Block, piece: Piece, rate: tuple[Floats, Floats], *, samples: C
     if block.temperature is not None:
         warmth = _known_means(block.temperature[samples, own][:, None], starts, count)[:, 0]
     return Cells(
-        count=count.astype(np.int64),
+        count=count,
         time=middle,
         position=_means(block.position[samples], starts, count),
         velocity=velocity,
@@ -126,13 +129,17 @@ def _between(time: Floats, rate: tuple[Floats, Floats]) -> Floats:
     known, values = rate
     if len(known) < 2:
         return np.repeat(values, len(time), axis=0)
-    right = np.clip(np.searchsorted(known, time), 1, len(known) - 1)
-    share = np.clip((time - known[right - 1]) / (known[right] - known[right - 1]), 0.0, 1.0)[:, None]
-    return np.asarray(values[right - 1] * (1.0 - share) + values[right] * share)
+    left = np.searchsorted(known[1:-1], time)
+    right = left + 1
+    share = (time - known[left]) / (known[right] - known[left])
+    share = np.minimum(np.maximum(share, 0.0), 1.0)[:, None]
+    return np.asarray(values[left] * (1.0 - share) + values[right] * share)
 
 
 def coarser(parts: list[Cells], most: int, *, joint: int) -> Cells:
     """The cells of consecutive pieces, in which `joint` (from 1) moves, as one set of at most `most`."""
+    if len(parts) == 1 and len(parts[0]) <= most:
+        return parts[0]
     names = [name for name in Cells.__dataclass_fields__ if name != "extra"]
     joined = [np.concatenate([getattr(part, name) for part in parts]) for name in names]
     count, time, position, velocity, acceleration, current, variance, temperature = joined
@@ -150,7 +157,7 @@ def coarser(parts: list[Cells], most: int, *, joint: int) -> Cells:
         return np.asarray(sums / (total if values.ndim == 1 else total[:, None]))
 
     own, middle = current[:, joint - 1], mean(current)
-    between = own - np.repeat(middle[:, joint - 1], np.diff(np.append(starts, len(count))))
+    between = own - np.repeat(middle[:, joint - 1], lengths(starts, len(count)))
     return Cells(
         count=total,
         time=mean(time),

@@ -8,6 +8,7 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
+from pumaid.maths.short import lengths
 from pumaid.motion.options import SegmentOptions
 from pumaid.motion.speed import THIRD_DIFFERENCE, TICK
 
@@ -81,7 +82,7 @@ class FirstRest:
         ticks = np.flatnonzero(np.diff(np.floor(time / TICK + _APART), prepend=-np.inf))
         if len(ticks) < 2:
             return False
-        counts = np.diff(np.append(ticks, len(time)))
+        counts = lengths(ticks, len(time))
         # Garbage may be no number, or too large for a difference; there it is no rest.
         with np.errstate(invalid="ignore", over="ignore"):
             way = np.ptp(np.add.reduceat(position - position[0], ticks, axis=0) / counts[:, None], axis=0)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from pumaid.maths.short import lengths
 from pumaid.motion.speed import slopes, whole
 
 Floats = NDArray[np.float64]
@@ -37,7 +38,7 @@ def settled(time: Floats, position: Floats) -> tuple[int, int]:
     starts = np.arange(0, len(time) - size + 1, size)
     if len(starts) < FEWEST:
         return 0, len(time)
-    counts = np.diff(np.append(starts, len(time)))
+    counts = lengths(starts, len(time))
     t = np.add.reduceat(time - time[0], starts) / counts
     q = np.add.reduceat(position - position[0], starts) / counts
     reach = max(1, whole(RETURN / max(1e-9, float(t[-1] - t[0]) / len(t))))

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from pumaid.maths.short import lengths
 from pumaid.maths.slope import filtered
 
 Floats = NDArray[np.float64]
@@ -64,7 +65,7 @@ class Ticks:
         """Reduce (N,) times and (N, J) positions, N at least 2; `step` (s) is the usual one of time."""
         size = max(1, whole(TICK / step))
         starts = np.arange(0, max(1, len(time) - size // 2), size)
-        counts = np.diff(np.append(starts, len(time)))
+        counts = lengths(starts, len(time))
         centre = position[0]
         means = np.add.reduceat(position - centre, starts, axis=0) / counts[:, None] + centre
         tick_time = time[0] + np.add.reduceat(time - time[0], starts) / counts

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -223,10 +224,8 @@ class Tally:
             way, angle, response = np.sign(speed[alone, a]), middle[alone, a], np.nan_to_num(mean[alone])
             rows = np.column_stack([np.ones(len(way)), np.cos(angle), np.sin(angle), way, response])
             held = np.round(np.delete(middle[alone], a, axis=1) / _SAME_POSTURE).astype(np.int64)
-            postures, which = np.unique(held, axis=0, return_inverse=True)
-            for k, posture in enumerate(postures):
-                own = rows[which.reshape(-1) == k]
-                self._hold(int(a), tuple(posture.tolist()), own.T @ own)
+            for posture, own in _by_posture(held, rows):
+                self._hold(int(a), posture, own.T @ own)
             self.ways[a] += [int(np.count_nonzero(way > 0)), int(np.count_nonzero(way < 0))]
 
     def _hold(self, a: int, posture: tuple[int, ...], sums: Floats) -> None:
@@ -235,6 +234,16 @@ class Tally:
             groups[posture] = groups[posture] + sums
         elif len(groups) < _MOST_POSTURES:
             groups[posture] = sums
+
+
+def _by_posture(held: NDArray[np.int64], rows: Floats) -> Iterator[tuple[tuple[int, ...], Floats]]:
+    """Each of (W, J-1) postures with those of (W, q) rows that are in it."""
+    if (held == held[0]).all():  # as a rule; sorting takes longer than all the rest
+        yield tuple(held[0].tolist()), rows
+        return
+    postures, which = np.unique(held, axis=0, return_inverse=True)
+    for k, posture in enumerate(postures):
+        yield tuple(posture.tolist()), rows[which.reshape(-1) == k]
 
 
 def _edges(time: Floats) -> NDArray[np.int64]:

@@ -1,0 +1,24 @@
+"""Steps on short arrays, of which a run takes hundreds: numpy's own take longer to call than to compute."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+Floats = NDArray[np.float64]
+
+
+def lengths(starts: NDArray[np.integer], size: int) -> NDArray[np.int64]:
+    """(G,) lengths of consecutive groups of `size` things, of which one begins at each of (G,) starts."""
+    out = np.empty(len(starts), dtype=np.int64)
+    np.subtract(starts[1:], starts[:-1], out=out[:-1])
+    if len(out):
+        out[-1] = size - starts[-1]
+    return out
+
+
+def median(values: Floats) -> float:
+    """Median of (N,) numbers, N at least 1, all of which are numbers."""
+    low, high = (len(values) - 1) // 2, len(values) // 2
+    ordered = np.partition(values, high if low == high else (low, high))
+    return float(0.5 * (ordered[low] + ordered[high]))
