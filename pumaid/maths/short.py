@@ -17,6 +17,11 @@ def lengths(starts: NDArray[np.integer], size: int) -> NDArray[np.int64]:
     return out
 
 
+def mean(values: Floats) -> float:
+    """Mean of (N,) numbers, N at least 1."""
+    return float(np.add.reduce(values)) / len(values)
+
+
 def median(values: Floats) -> float:
     """Median of (N,) numbers, N at least 1, all of which are numbers."""
     low, high = (len(values) - 1) // 2, len(values) // 2

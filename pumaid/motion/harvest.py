@@ -9,6 +9,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from pumaid.maths.short import mean
 from pumaid.maths.triangle import Triangle
 from pumaid.motion.block import Block
 from pumaid.motion.cutting import Piece, Whole
@@ -174,9 +175,9 @@ def _rate(whole: Whole, piece: Piece) -> tuple[Floats, Floats]:
 
 def _line(time: Floats, position: Floats) -> float:
     """Slope of the straight line through all samples, per s."""
-    t = time - time.mean()
+    t = time - mean(time)
     spread = float(t @ t)
-    return float(t @ (position - position.mean())) / spread if spread > 0 else 0.0
+    return float(t @ (position - mean(position))) / spread if spread > 0 else 0.0
 
 
 def _secant(time: Floats, position: Floats) -> float:

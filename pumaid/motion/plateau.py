@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from pumaid.maths.short import median
+from pumaid.maths.short import mean, median
 from pumaid.motion.edge import Window, leaving
 from pumaid.motion.movement import Stretch
 from pumaid.motion.options import SegmentOptions
@@ -189,7 +189,8 @@ def _cores(speed: Floats, reach: int, tolerance: tuple[float, float]) -> list[tu
 
 def _spread(values: Floats, width: int) -> Floats:
     """(N,) largest less smallest of the `width` values (odd) around each; the outermost go on beyond the ends."""
-    top = bottom = np.pad(values, width // 2, mode="edge")
+    first, last = np.full(width // 2, values[0]), np.full(width // 2, values[-1])
+    top = bottom = np.concatenate([first, values, last])
     reach = 1
     while reach < width:
         # Two neighbouring stretches of `reach` values, which may overlap, make a longer one.
@@ -242,10 +243,10 @@ def _is_level(samples: tuple[Floats, Floats], bounds: tuple[int, int], *, peak: 
     time, position = (values[bounds[0] : bounds[1]] for values in samples)
     thin = max(1, len(time) // MOST_POINTS)
     x, q = time[::thin] - time[0], position[::thin] - position[0]
-    x = x - x.mean()
+    x = x - mean(x)
     square = x * x
     # What of the square is no straight line.
-    bend = square - square.mean() - (square @ x / (x @ x)) * x
+    bend = square - mean(square) - (square @ x / (x @ x)) * x
     curvature = float(bend @ q) / float(bend @ bend)
     return abs(2.0 * curvature) <= RAMPING * peak
 

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 from numpy.typing import NDArray
 
-from pumaid.maths.short import lengths
-from pumaid.motion.speed import slopes, whole
+from pumaid.maths.short import lengths, mean
+from pumaid.motion.speed import slopes_by, whole
 
 Floats = NDArray[np.float64]
 
@@ -43,8 +45,8 @@ def settled(time: Floats, position: Floats) -> tuple[int, int]:
     q = np.add.reduceat(position - position[0], starts) / counts
     reach = max(1, whole(RETURN / max(1e-9, float(t[-1] - t[0]) / len(t))))
     front = back = 0
-    for half in HALVES:
-        far = _departures(t, slopes(t, q, half), half)
+    for half, speed in zip(HALVES, slopes_by(t, q, HALVES), strict=True):
+        far = _departures(t, speed, half)
         front = max(front, _ringing(far[: len(t) // 2], reach))
         back = max(back, _ringing(far[::-1][: len(t) // 2], reach))
     return front * size, len(time) - back * size
@@ -54,10 +56,10 @@ def _departures(t: Floats, speed: Floats, half: int) -> NDArray[np.bool_]:
     """(M,) where the speed is off the middle's straight line by more than the middle's own spread allows."""
     quarter = len(t) // 4
     middle = slice(quarter, len(t) - quarter)
-    x, level = t - t[middle].mean(), float(speed[middle].mean())
+    x, level = t - mean(t[middle]), mean(speed[middle])
     trend = float(x[middle] @ (speed[middle] - level)) / float(x[middle] @ x[middle])
     departure = np.abs(speed - level - trend * x)
-    spread = float(np.sqrt(np.mean(departure[middle] ** 2)))
+    spread = math.sqrt(mean(departure[middle] ** 2))
     far = departure > max(UNSETTLED * spread, NEGLIGIBLE * abs(level))
     # Straight lines at the ends have fewer neighbours and so more noise.
     far[:half] = far[-half:] = False

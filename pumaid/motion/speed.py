@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from pumaid.maths.short import lengths
+from pumaid.maths.short import lengths, mean
 from pumaid.maths.slope import filtered
 
 Floats = NDArray[np.float64]
@@ -148,24 +149,32 @@ def slopes(time: Floats, values: Floats, half: int) -> Floats:
     slope
         (K,) per s; exact where the values are linear in time.
     """
+    return next(slopes_by(time, values, (half,)))
+
+
+def slopes_by(time: Floats, values: Floats, halves: Sequence[int]) -> Iterator[Floats]:
+    """The same with one number of neighbours after the other."""
     if len(time) < 2:
-        return np.zeros(len(time))
-    size = len(time)
+        yield from (np.zeros(len(time)) for _ in halves)
+        return
+    size, most = len(time), max(halves)
     # Sums of t, y, t^2 and t y up to each instant, the first and the last of them as often as windows reach beyond the
     # ends; a window's are differences of two.
-    total = np.zeros((4, size + 1 + 2 * half))
-    inside = total[:, half + 1 : half + 1 + size]
-    t, y = np.subtract(time, time.mean(), out=inside[0]), np.subtract(values, values.mean(), out=inside[1])
+    total = np.zeros((4, size + 1 + 2 * most))
+    inside = total[:, most + 1 : most + 1 + size]
+    t, y = np.subtract(time, mean(time), out=inside[0]), np.subtract(values, mean(values), out=inside[1])
     np.multiply(t, t, out=inside[2])
     np.multiply(t, y, out=inside[3])
     np.cumsum(inside, axis=1, out=inside)
-    total[:, half + 1 + size :] = inside[:, -1:]
-    sum_t, sum_y, sum_tt, sum_ty = total[:, 2 * half + 1 :] - total[:, :size]
-    n = np.full(size, 2.0 * half + 1.0)
-    short = np.arange(half, 0, -1)[:size]
-    n[: len(short)] -= short
-    n[size - len(short) :] -= short[::-1]
-    return np.asarray((sum_ty - sum_t * sum_y / n) / (sum_tt - sum_t * sum_t / n))
+    total[:, most + 1 + size :] = inside[:, -1:]
+    for half in halves:
+        ahead, behind = most + half + 1, most - half
+        sum_t, sum_y, sum_tt, sum_ty = total[:, ahead : ahead + size] - total[:, behind : behind + size]
+        n = np.full(size, 2.0 * half + 1.0)
+        short = np.arange(half, 0, -1)[:size]
+        n[: len(short)] -= short
+        n[size - len(short) :] -= short[::-1]
+        yield np.asarray((sum_ty - sum_t * sum_y / n) / (sum_tt - sum_t * sum_t / n))
 
 
 def cubic_width(window: float, step: float) -> int:
