@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -68,10 +70,7 @@ def cells(block: Block, piece: Piece, rate: tuple[Floats, Floats], *, samples: C
     own = piece.joints[0] - 1
     time = block.time[samples]
     number = min(most, len(time))
-    starts = np.arange(number)
-    if number < len(time):
-        borders = time[0] + starts * ((time[-1] - time[0]) / number)
-        starts = _each_once(np.searchsorted(time, borders))
+    starts = np.arange(number) if number == len(time) else _spans(time, number)
     count = lengths(starts, len(time))
     middle = time[0] + np.add.reduceat(time - time[0], starts) / count
     current = _known_means(block.current[samples], starts, count)
@@ -138,17 +137,10 @@ def _between(time: Floats, rate: tuple[Floats, Floats]) -> Floats:
 
 def coarser(parts: list[Cells], most: int, *, joint: int) -> Cells:
     """The cells of consecutive pieces, in which `joint` (from 1) moves, as one set of at most `most`."""
-    if len(parts) == 1 and len(parts[0]) <= most:
-        return parts[0]
-    names = [name for name in Cells.__dataclass_fields__ if name != "extra"]
-    joined = [np.concatenate([getattr(part, name) for part in parts]) for name in names]
-    count, time, position, velocity, acceleration, current, variance, temperature = joined
-    known = [part.extra for part in parts if part.extra is not None]
-    extra = np.concatenate(known) if len(known) == len(parts) else None
-    if len(count) <= most:
-        return Cells(count, time, position, velocity, acceleration, current, variance, temperature, extra)
-    borders = np.linspace(time[0], time[-1], most + 1)[:-1]
-    starts = _each_once(np.searchsorted(time, borders))
+    whole = parts[0] if len(parts) == 1 else _together(parts)
+    if len(whole) <= most:
+        return whole
+    count, starts = whole.count, _spans(whole.time, most)
     total = np.add.reduceat(count, starts)
 
     def mean(values: Floats) -> Floats:
@@ -156,19 +148,34 @@ def coarser(parts: list[Cells], most: int, *, joint: int) -> Cells:
         sums = np.add.reduceat(values * weight, starts, axis=0)
         return np.asarray(sums / (total if values.ndim == 1 else total[:, None]))
 
-    own, middle = current[:, joint - 1], mean(current)
+    own, middle = whole.current[:, joint - 1], mean(whole.current)
     between = own - np.repeat(middle[:, joint - 1], lengths(starts, len(count)))
     return Cells(
         count=total,
-        time=mean(time),
-        position=mean(position),
-        velocity=mean(velocity),
-        acceleration=mean(acceleration),
+        time=mean(whole.time),
+        position=mean(whole.position),
+        velocity=mean(whole.velocity),
+        acceleration=mean(whole.acceleration),
         current=middle,
-        variance=mean(variance + between * between),
-        temperature=mean(temperature),
-        extra=None if extra is None else _known_mean(extra, starts, count),
+        variance=mean(whole.variance + between * between),
+        temperature=mean(whole.temperature),
+        extra=None if whole.extra is None else _known_mean(whole.extra, starts, count),
     )
+
+
+def _together(parts: list[Cells]) -> Cells:
+    """Consecutive cells as one set."""
+    names = [name for name in Cells.__dataclass_fields__ if name != "extra"]
+    joined: list[Any] = [np.concatenate([getattr(part, name) for part in parts]) for name in names]
+    known = [part.extra for part in parts if part.extra is not None]
+    joined.append(np.concatenate(known) if len(known) == len(parts) else None)
+    return Cells(*joined)
+
+
+def _spans(time: Floats, most: int) -> NDArray[np.int64]:
+    """Where at most `most` equal spans of (M,) rising times begin, those without an instant left out."""
+    borders = time[0] + np.arange(most) * ((time[-1] - time[0]) / most)
+    return _each_once(np.searchsorted(time, borders))
 
 
 def _known_mean(values: Floats, starts: NDArray[np.int64], count: NDArray[np.int64]) -> Floats:
