@@ -190,6 +190,10 @@ def shuffled(table: pd.DataFrame) -> pd.DataFrame:
     return table.sample(frac=1.0, random_state=1)
 
 
+#: As instruments write them above the columns.
+PROPERTIES = "LabVIEW Measurement\nWriter_Version\t2\nSeparator\tTab\n***End_of_Header***\n\nOperator, Ann\n\n"
+
+
 def empty_files() -> Iterator[Fault]:
     """Files without content."""
     for name, data in {
@@ -629,6 +633,10 @@ def dialects() -> Iterator[Fault]:
     yield Fault(
         "semicolons and decimal commas", "Excel's first line", written({"sep": ";", "decimal": ","}, before="sep=;\n")
     )
+    yield Fault("text above the names", "one line", written({}, before="Robot log v2\n"))
+    yield Fault("text above the names", "an export's properties", written({}, before=PROPERTIES))
+    yield Fault("text above the names", "tab-separated properties", written({"sep": "\t"}, before=PROPERTIES))
+    yield Fault("text above the names", "as comments", written({}, before="# Robot log v2\n# by Ann, 4 May\n"))
     yield Fault("semicolons and decimal commas", "commas for both, quoted", written({"decimal": ",", "quoting": 1}))
     yield Fault(
         "semicolons and decimal commas",

@@ -73,7 +73,7 @@ def detect(head: bytes, name: str) -> Dialect:
     Raises
     ------
     LogError [not-a-log, empty-log, no-header]
-        It is no text, has no line, or its first line holds numbers instead of names.
+        It is no text, has no line, or its first line holds numbers instead of names, or some text above the names.
     """
     for magic, (what, mend) in _FOREIGN.items():
         if head.startswith(magic):
@@ -94,6 +94,11 @@ def detect(head: bytes, name: str) -> Dialect:
     if all(_NUMBER.fullmatch(cell) for cell in header if cell) and any(header):
         what = f"line {start + 1} of {name} holds numbers ({', '.join(header[:3])} ...), not the names of columns"
         raise LogError("no-header", what, Where(file=name, line=start + 1), "put a header line on top: t,q1,...,i1,...")
+    below = _header_below(lines, start)
+    if below is not None:
+        what = f"line {start + 1} of {name} ({lines[start].strip()[:40]}) names no columns; line {below + 1} does"
+        mend = f"delete what is above line {below + 1}, or begin each line there with #"
+        raise LogError("no-header", what, Where(file=name, line=start + 1), mend)
     # A delimiter at the end of each row, but not of the header, makes one nameless column more.
     if body and all(len(cells_of(line, delimiter)) == len(header) + 1 for line in body):
         header = (*header, "")
@@ -154,6 +159,19 @@ def _header_start(lines: list[str]) -> tuple[str | None, int]:
         index += 1
     commented = index > first and (index >= len(lines) or _numeric_share(lines[index]) > 0.5)
     return given, index - 1 if commented else index
+
+
+def _header_below(lines: list[str], start: int) -> int | None:
+    """Index of a line of names below the first one that is none: rows of as many numbers follow; None without."""
+    below = [k for k in range(start + 1, len(lines)) if lines[k].strip() and not lines[k].startswith("#")]
+    for place, k in enumerate(below[:PROBE_LINES]):
+        rows = [lines[n] for n in below[place + 1 : place + 1 + PROBE_LINES]]
+        if _numeric_share(lines[k]) > 0.0 or not rows or any(_numeric_share(row) <= 0.5 for row in rows[:2]):
+            continue
+        delimiter = _delimiter([lines[k], *rows])
+        first, names, cells = (len(cells_of(line, delimiter)) for line in (lines[start], lines[k], rows[0]))
+        return k if names > 1 and abs(names - cells) <= 1 < abs(names - first) else None
+    return None
 
 
 def _numeric_share(line: str) -> float:

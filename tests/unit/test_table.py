@@ -404,6 +404,11 @@ REFUSED = {
     "ragged row": ("t,q1,i1\n0,0,1\n1,0\n2,0,1\n", "ragged-row", "row 3 has 2"),
     "doubled column": ("t,q1,i1,q1\n0,0,1,0\n", "column-doubled", "q1"),
     "no header": ("0,0,1\n1,0,1\n", "no-header", "0, 0, 1"),
+    "text above the header": (
+        "Robot log v2\nOperator: Ann, with care\n\nt,q1,i1\n0,0,1\n1,0,1\n",
+        "no-header",
+        "line 1 of {path} (Robot log v2) names no columns; line 4 does",
+    ),
     "nothing": ("", "empty-log", "no line"),
     "time back": ("t,q1,i1\n0,0,1\n2,0,1\n1,0,1\n3,0,1\n", "time-not-rising", "from 2 s to 1 s"),
     "time stands": ("t,q1,i1\n" + "".join(f"{k // 10},{k},1\n" for k in range(100)), "clock-too-coarse", "90 of 100"),
@@ -426,7 +431,7 @@ def test_what_cannot_be_trusted_is_refused(tmp_path: Path, case: str) -> None:
     """Every fault has its slug, its value, its place and a mend."""
     content, slug, said = REFUSED[case]
     error = refusal(tmp_path / "a.csv", content, arm(1))
-    assert error.slug == slug and said in error.what and error.mend
+    assert error.slug == slug and said.replace("{path}", str(tmp_path / "a.csv")) in error.what and error.mend
     assert error.where.file == str(tmp_path / "a.csv")
 
 
