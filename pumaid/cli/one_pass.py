@@ -48,7 +48,7 @@ def one_pass(
     _keep_memory()
     if how.dask:
         evidence = _on_cluster(paths, robot, trust=trust, options=options, how=how)
-    elif others := _others(paths, how.jobs):
+    elif others := _others(paths, how):
         evidence = _on_cores(paths, robot, others=others, trust=trust, extra=extra, options=options, how=how)
     else:
         evidence = _here(paths, robot, trust=trust, extra=extra, options=options, ahead=how.jobs != 1)
@@ -112,13 +112,13 @@ def _give_back_memory() -> None:
         ctypes.CDLL(None).malloc_trim(0)
 
 
-def _others(paths: Sequence[LogPath], jobs: int) -> int:
+def _others(paths: Sequence[LogPath], how: Pass) -> int:
     """How many more processes are worth while."""
-    if jobs == 1:
+    if how.jobs == 1:
         return 0
     from pumaid.cluster.cores import others
 
-    return others(paths, jobs)
+    return others(paths, how.jobs, is_busy=not how.is_loaded)
 
 
 def _on_cores(

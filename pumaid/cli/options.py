@@ -6,6 +6,7 @@ A decorator states the name under which its value arrives: ``logs``, ``recipe``,
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import wraps
@@ -117,6 +118,11 @@ class Pass:
     dask: str = ""
     client: Callable[[], Any] | None = None
     behind: tuple[str, ...] = ()
+
+    @property
+    def is_loaded(self) -> bool:
+        """Whether what is behind is loaded."""
+        return all(name in sys.modules for name in self.behind)
 
     def load(self) -> None:
         """Load what is behind: while others read or hash the logs already, that costs nothing."""

@@ -11,7 +11,7 @@ from functools import partial
 from itertools import islice
 from threading import Condition, Thread
 
-from pumaid.cluster.mate import Mate
+from pumaid.cluster.mate import CAN_FORK, Mate
 from pumaid.cluster.part import Part
 from pumaid.cluster.pieces import Found, Reading, file_taken, pieces_of, raised, state_of
 from pumaid.cluster.whole import Whole
@@ -20,6 +20,8 @@ from pumaid.records import Evidence
 
 #: Bytes of logs for which one more process pays; starting it takes some 20 ms, and as much what it sends back.
 WORTH = 8 << 20
+#: The same where this one has other work to do meanwhile and what is loaded here is there at once.
+WORTH_MEANWHILE = 1 << 18
 #: Processes at most where nobody says how many.
 MOST = 8
 #: Pieces a process that may be read and not yet joined: memory stays bounded where one of them takes long.
@@ -112,7 +114,7 @@ def started(reading: Reading, count: int) -> Iterator[list[Mate]]:
         yield mates
 
 
-def others(paths: Sequence[LogPath], jobs: int) -> int:
+def others(paths: Sequence[LogPath], jobs: int, *, is_busy: bool = False) -> int:
     """How many more processes are worth while for some files.
 
     Parameters
@@ -121,14 +123,17 @@ def others(paths: Sequence[LogPath], jobs: int) -> int:
         Files as `expand` gives them.
     jobs
         Processes at most, this one included; 0 for the machine's cores, but no more than `MOST`.
+    is_busy
+        Whether this one has something else to do first.
     """
     jobs = jobs or min(MOST, _cores())
     if jobs < 2 or not all(path.is_file() for path in paths):
         return 0
-    jobs = min(jobs, sum(path.stat().st_size for path in paths) // WORTH)
-    if len(paths) < jobs:
-        jobs = min(jobs, sum(len(pieces_of(path)) for path in paths))
-    return max(0, jobs - 1)
+    size = sum(path.stat().st_size for path in paths)
+    found = min(jobs, size // WORTH)
+    if len(paths) < found:
+        found = min(found, sum(len(pieces_of(path)) for path in paths))
+    return max(found - 1, int(is_busy and CAN_FORK and size >= WORTH_MEANWHILE), 0)
 
 
 def _cores() -> int:

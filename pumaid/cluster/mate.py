@@ -20,6 +20,9 @@ from warnings import catch_warnings, simplefilter
 from pumaid.cluster.pieces import Found, Reading
 from pumaid.files.table import LogPath
 
+#: Whether a process begins with all that this one has loaded.
+CAN_FORK = sys.platform == "linux"
+
 
 class Mate:
     """One more process that reads pieces, until it is left; it ends with the process that asked for it."""
@@ -27,7 +30,7 @@ class Mate:
     def __init__(self, reading: Reading) -> None:
         # What is loaded is there at once where a process can be forked; nothing else runs yet where it is.
         self._here, there = Pipe()
-        process = ForkProcess if sys.platform == "linux" else SpawnProcess
+        process = ForkProcess if CAN_FORK else SpawnProcess
         self._process = process(target=_serve, args=(there, self._here, reading), daemon=True)
         with catch_warnings():
             # Python warns of threads that a forked process lacks; those of Arrow and OpenBLAS expect it.

@@ -309,6 +309,19 @@ def test_a_process_is_started_only_where_it_pays(tmp_path):
     assert others([large], 4) == 0  # no line to cut behind
 
 
+def test_a_busy_process_has_even_small_logs_read_by_another(tmp_path, monkeypatch):
+    """Where one can be forked at once, cores and --jobs allow it, and there is more than a moment's reading."""
+    tiny, small, large = tmp_path / "tiny.csv", tmp_path / "small.csv", tmp_path / "large.csv"
+    for path, size in ((tiny, 1 << 10), (small, 1 << 20), (large, 100 << 20)):
+        path.touch()
+        os.truncate(path, size)
+    monkeypatch.setattr(cores, "CAN_FORK", True)
+    asked = [([tiny], 8), ([small], 8), ([small], 1), ([large] * 4, 4), ([large], 4), ([tmp_path / "none"], 4)]
+    assert [others(paths, jobs, is_busy=True) for paths, jobs in asked] == [0, 1, 0, 3, 1, 0]
+    monkeypatch.setattr(cores, "CAN_FORK", False)
+    assert [others(paths, jobs, is_busy=True) for paths, jobs in asked] == [0, 0, 0, 3, 0, 0]
+
+
 def test_a_process_that_cannot_be_started_is_done_without(logs, tmp_path, monkeypatch):
     """Where the system has no more processes, this one reads everything."""
     robot, table, begun = read_recipe(logs / "recipe.yaml"), table_of(logs), []
