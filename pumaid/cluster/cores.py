@@ -247,3 +247,5 @@ def _ask(mate: Mate, desk: _Desk) -> None:
             if number is None or len(asked) > 1:
                 desk.put(asked[0], mate.take())
                 asked.popleft()
+        # It takes itself apart while the last pieces are joined.
+        mate.leave()

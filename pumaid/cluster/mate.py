@@ -47,7 +47,7 @@ class Mate:
     def __exit__(self, *_: object) -> None:
         self._process.terminate()
         self._process.join()
-        self._here.close()
+        # The connection is closed with the last who holds it; another thread may just find that nobody answers.
 
     @property
     def pid(self) -> int | None:
@@ -69,6 +69,16 @@ class Mate:
         """
         self._here.send(piece)
 
+    def leave(self) -> None:
+        """Have it end when it has read what it was asked for.
+
+        Raises
+        ------
+        OSError
+            The process has ended.
+        """
+        self._here.send(None)
+
     def take(self) -> Found:
         """What it read of the first piece that was not taken yet, or what it raises.
 
@@ -82,7 +92,7 @@ class Mate:
 
 
 def _serve(there: Connection, here: Connection, reading: Reading) -> None:
-    """Read pieces until nobody asks any more; Ctrl-C is for the process that asks."""
+    """Read pieces until it is left; Ctrl-C is for the process that asks."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     here.close()
     found = Queue[Found](maxsize=1)
@@ -90,8 +100,9 @@ def _serve(there: Connection, here: Connection, reading: Reading) -> None:
     Thread(target=_send_all, args=(there, found), daemon=True).start()
     # Whatever it is, the first process meets it, too, when it reads the piece itself, and tells it.
     with suppress(Exception):
-        while True:
-            found.put(reading.tried(there.recv()))
+        for piece in iter(there.recv, None):
+            found.put(reading.tried(piece))
+    os._exit(0)  # what it holds goes with it; nothing has to be taken apart
 
 
 def _send_all(there: Connection, found: Queue[Found]) -> None:

@@ -66,16 +66,13 @@ class Bilinear:
 
     def jacobian(self, gains: Gains, values: Floats) -> Floats:
         """(N, p + edges): derivative of the prediction by the parameters and by each edge of `gains`."""
-        scaled = self.scaled(gains)
-        columns = [scaled]
-        for edge in gains.edges:
-            other = gains.with_edge(edge, 1.0).scales()
-            # Only columns reached through the edge depend on it, and linearly.
-            through = np.array([edge in gains.path(owner) for owner in range(gains.n_rows)])
-            above = np.array([_is_above(gains, row, edge) for row in range(gains.n_rows)])
-            factor = np.where(np.outer(above, through), np.nan_to_num(other), 0.0)
-            columns.append(((self.regressors * _widened(factor, 0.0)[self.row][:, self.owners]) @ values)[:, None])
-        return np.hstack(columns)
+        scaled, edges = self.scaled(gains), gains.edges
+        # The way from an owner to a row leads by an edge: from the owner up to its lower end, and from its upper end on.
+        # What lies on no such way has no ratio, and counts as zero in one of the two.
+        known = np.nan_to_num(gains.scales())
+        parts = (self.regressors * values) @ (self.owners[:, None] == np.arange(gains.n_rows))
+        uppers = [gains.parent[edge] for edge in edges]
+        return np.hstack([scaled, known[:, uppers][self.row] * (parts @ known[edges].T)])
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -92,11 +89,6 @@ class JointSolution:
 def _widened(scales: Floats, value: float) -> Floats:
     """(n, n + 1): a last column of `value`, which is what owner -1 finds."""
     return np.hstack([scales, np.full((len(scales), 1), value)])
-
-
-def _is_above(gains: Gains, row: int, edge: int) -> bool:
-    """Whether `row` lies on the way from the edge's upper end to the root."""
-    return row in gains.path(edge)[1:]
 
 
 def _moved(gains: Gains, steps: Floats) -> Gains:

@@ -17,7 +17,7 @@ def lengths(starts: NDArray[np.integer], size: int) -> NDArray[np.int64]:
     return out
 
 
-def mean(values: Floats) -> float:
+def mean(values: NDArray[np.number]) -> float:
     """Mean of (N,) numbers, N at least 1."""
     return float(np.add.reduce(values)) / len(values)
 
@@ -27,3 +27,12 @@ def median(values: Floats) -> float:
     low, high = (len(values) - 1) // 2, len(values) // 2
     ordered = np.partition(values, high if low == high else (low, high))
     return float(0.5 * (ordered[low] + ordered[high]))
+
+
+def gradient(values: Floats) -> Floats:
+    """(N,) change from one to the next of (N,) numbers, N at least 2: half of that over both neighbours where it has two."""
+    out = np.empty(len(values))
+    np.subtract(values[2:], values[:-2], out=out[1:-1])
+    out[1:-1] *= 0.5
+    out[0], out[-1] = values[1] - values[0], values[-1] - values[-2]
+    return out

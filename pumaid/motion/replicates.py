@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pumaid.maths.alike import Numbers, grouped, marked, near
+from pumaid.maths.short import gradient, mean
 from pumaid.records import Run
 
 Floats = NDArray[np.float64]
@@ -122,7 +123,8 @@ class _Course:
         own, cells = run.joint - 1, run.cells
         order = np.argsort(cells.position[:, own], kind="stable")
         q = cells.position[order, own] + turns
-        basis = np.column_stack([np.cos(q), np.sin(q), np.ones(len(q)), cells.acceleration[order]])
+        basis = np.empty((len(q), 4))
+        basis[:, 0], basis[:, 1], basis[:, 2], basis[:, 3] = np.cos(q), np.sin(q), 1.0, cells.acceleration[order]
         return cls(q, cells.current[order, own], cells.variance[order], cells.count[order], basis)
 
     def harmonic(self) -> Floats:
@@ -133,11 +135,10 @@ class _Course:
         """The cell before each position, so that it and the next enclose the position."""
         return np.asarray(np.searchsorted(self.q, q).clip(1, len(self.q) - 1) - 1)
 
-    def rise(self, values: Floats, q: Floats) -> Floats:
-        """Slope (A/rad or A/m) at each position of `values` (M,), from one cell to the next."""
-        k = self.before(q)
-        width = self.q[k + 1] - self.q[k]
-        return np.divide(values[k + 1] - values[k], width, out=np.zeros(len(q)), where=width > 0)
+    def rises(self, values: Floats) -> Floats:
+        """(M - 1,) slopes (A/rad or A/m) of `values` (M,) from one cell to the next."""
+        width = self.q[1:] - self.q[:-1]
+        return np.divide(values[1:] - values[:-1], width, out=np.zeros(len(width)), where=width > 0)
 
 
 def _difference(a: _Course, b: _Course, smooth: Floats) -> tuple[float, float]:
@@ -155,8 +156,8 @@ def _difference(a: _Course, b: _Course, smooth: Floats) -> tuple[float, float]:
     difference = rest_b - (1.0 - share) * rest_a[k] - share * rest_a[k + 1]
     # Interpolation averages the cells' noise, not what a whole run shares.
     left = 0.5 * (1.0 + (1.0 - share) ** 2 + share**2)
-    level = float(np.mean(difference))
-    return level, float(np.mean((difference - level) ** 2 / left))
+    level = mean(difference)
+    return level, mean((difference - level) ** 2 / left)
 
 
 def _inside(a: _Course, b: _Course, smooth: Floats) -> float:
@@ -164,16 +165,17 @@ def _inside(a: _Course, b: _Course, smooth: Floats) -> float:
 
     What the slope adds to the first harmonic's is squared as a product of both runs', whose noise is independent.
     """
-    variance = float(np.average(np.concatenate([a.variance, b.variance]), weights=np.concatenate([a.count, b.count])))
+    counts = int(a.count.sum()) + int(b.count.sum())
+    variance = float(a.variance @ a.count + b.variance @ b.count) / counts
     if len(a.q) < 2 or len(b.q) < 2:
         return variance
-    width = np.gradient(b.q)
-    bend = np.divide(np.gradient(b.basis[:, 3]), width, out=np.zeros(len(width)), where=width > 0)
-    harmonic = np.column_stack([-b.basis[:, 1], b.basis[:, 0], bend]) @ smooth[[0, 1, 3]]
+    width = gradient(b.q)
+    bend = np.divide(gradient(b.basis[:, 3]), width, out=np.zeros(len(width)), where=width > 0)
+    harmonic = b.basis[:, 0] * smooth[1] - b.basis[:, 1] * smooth[0] + bend * smooth[3]
     middle = 0.5 * (b.q[1:] + b.q[:-1])
-    ours = a.rise(a.current - a.basis @ smooth, middle)
-    theirs = b.rise(b.current - b.basis @ smooth, middle)
+    ours = a.rises(a.current - a.basis @ smooth)[a.before(middle)]
+    theirs = b.rises(b.current - b.basis @ smooth)
     along = 0.5 * (harmonic[1:] + harmonic[:-1])
-    inner = np.diff(b.q) ** 2 * (along * (ours + theirs) + ours * theirs)
-    spread = float(np.mean((harmonic * width) ** 2) + np.mean(inner)) / 12.0
-    return max(variance - spread * (1.0 - 1.0 / float(np.mean(b.count)) ** 2), 0.0)
+    inner = (b.q[1:] - b.q[:-1]) ** 2 * (along * (ours + theirs) + ours * theirs)
+    spread = (mean((harmonic * width) ** 2) + mean(inner)) / 12.0
+    return max(variance - spread * (1.0 - 1.0 / mean(b.count) ** 2), 0.0)
