@@ -77,7 +77,7 @@ def of_triangles(
         target = left[:, kept].T @ current
         rest = float(current @ current - target @ target)
         if doubt is not None and noise is not None:
-            own = np.sqrt(run.cells.count) * run.cells.current[:, joint - 1]
+            own = np.sqrt(run.cells.count) * run.cells.current
             base, target, rest = doubt.over(noise).calmed(base, target, current=own, rest=rest)
         yield Block(
             run=run,

@@ -94,9 +94,9 @@ def _doubt(robot: Robot, run: Run, strokes: int) -> Doubt | None:
     own, cells, factor = run.joint - 1, run.cells, run.triangle.factor
     q, turns = cells.position[:, own], robot.joint(run.joint).is_revolute
     # Of cosines over a cell's equal steps the mean is that at its middle times this.
-    step = 0.5 * np.abs(cells.velocity[:, own]) * run.duration / max(run.samples - 1, 1)
+    step = 0.5 * np.abs(cells.velocity) * run.duration / max(run.samples - 1, 1)
     span = np.divide(np.sin(cells.count * step), cells.count * np.sin(step), out=np.ones(len(q)), where=step > TINY)
-    basis = run_columns(q, turns=turns, motion=(cells.velocity[:, own], cells.acceleration))
+    basis = run_columns(q, turns=turns, motion=(cells.velocity, cells.acceleration))
     basis[:, :2] *= span[:, None]
     weight = np.sqrt(cells.count)
     if len(cells) <= basis.shape[1]:

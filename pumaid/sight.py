@@ -132,7 +132,7 @@ class Sight:
         instants = _regressors(robot, samples, is_stroke)
         regressors = averaged(instants, len(weight))
         axis = axes(robot, own, noise) if noise is not None and is_stroke.any() else np.zeros(len(weight))
-        joint_current = np.concatenate([run.cells.current[:, joint - 1] for run in own])
+        joint_current = np.concatenate([run.cells.current for run in own])
         joint_columns = np.column_stack([regressors, joint_current])
         weighted = _shrunk(weight[:, None] * joint_columns, axis, starts)
         basis, lift = np.zeros_like(regressors), np.zeros((len(own), regressors.shape[1], regressors.shape[1]))

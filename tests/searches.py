@@ -119,9 +119,7 @@ class Lab:
 
 def with_current(run: Run, more: np.ndarray) -> Run:
     """The run with `more` (M,) A in the cells of its moving joint."""
-    current = run.cells.current.copy()
-    current[:, run.joint - 1] += more
-    return replace(run, cells=replace(run.cells, current=current))
+    return replace(run, cells=replace(run.cells, current=run.cells.current + more))
 
 
 @cache

@@ -19,6 +19,7 @@ from pumaid.records import (
     Estimate,
     Evidence,
     Joint,
+    Means,
     Motion,
     Plan,
     Robot,
@@ -151,9 +152,8 @@ def run_of(
     def mean(values: np.ndarray) -> np.ndarray:
         return np.add.reduceat(values, edges) / count
 
-    position, velocity = np.tile(np.array(hold, dtype=float), (len(count), 1)), np.zeros((len(count), robot.n_joints))
-    currents = np.zeros_like(position)
-    position[:, own], velocity[:, own], currents[:, own] = mean(q), mean(qd), mean(current)
+    position = np.tile(np.array(hold, dtype=float), (len(count), 1))
+    position[:, own] = mean(q)
     posture = np.array(hold, dtype=float)
     posture[own] = np.nan
     return Run(
@@ -174,10 +174,17 @@ def run_of(
             count=count,
             time=mean(t),
             position=position,
-            velocity=velocity,
+            velocity=mean(qd),
             acceleration=mean(qdd),
-            current=currents,
+            current=mean(current),
             variance=np.maximum(mean(current**2) - mean(current) ** 2, 0.0),
             temperature=np.full(len(count), np.nan),
         ),
     )
+
+
+def means_of(run: Run) -> Means:
+    """What a stretch that is no run keeps of the same samples; motors of held joints draw nothing."""
+    cells, current = run.cells, np.zeros_like(run.cells.position)
+    current[:, run.joint - 1] = cells.current
+    return Means(cells.count, cells.time, cells.position, run.velocity, current)

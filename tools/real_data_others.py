@@ -53,7 +53,7 @@ def _one(title: str, recipe: str, *, files: Sequence[Path], scratch: Path) -> It
         speeds = sorted(run.speed for run in own)
         amount = sum(run.samples for run in own)
         yield f"    {len(own)} runs, {kind}, {amount} samples, speeds {speeds[0]:.3g} to {speeds[-1]:.3g} rad/s"
-        drawn = max(float(np.abs(run.cells.current[:, run.joint - 1]).max()) for run in own)
+        drawn = max(float(np.abs(run.cells.current).max()) for run in own)
         yield f"    largest current in them: {drawn:.3f}"
     for reason in sorted({reject.reason for reject in evidence.rejects}):
         amount = sum(reject.samples for reject in evidence.rejects if reject.reason == reason)

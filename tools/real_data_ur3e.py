@@ -153,7 +153,7 @@ def half_sums(evidence: Evidence) -> tuple[Floats, Floats]:
     fits = []
     grid = np.linspace(-3.0, -0.15, 400)
     for first, second in zip(evidence.runs[:-1:2], evidence.runs[1::2], strict=False):
-        half = 0.5 * sum(_at(run.cells.position[:, 1], run.cells.current[:, 1], grid) for run in (first, second))
+        half = 0.5 * sum(_at(run.cells.position[:, 1], run.cells.current, grid) for run in (first, second))
         pull = 0.5 * sum(_at(run.cells.position[:, 1], run.cells.acceleration, grid) for run in (first, second))
         basis = np.column_stack([np.cos(grid), np.sin(grid), np.ones(len(grid)), pull])
         fits.append(np.linalg.lstsq(basis, half, rcond=None)[0][:3])

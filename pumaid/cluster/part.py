@@ -10,8 +10,8 @@ from typing import Any, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from pumaid.files.evidence_npz import packed, unpacked
 from pumaid.files.oddities import Oddities
+from pumaid.files.packing import packed, unpacked
 from pumaid.files.table import LogReader
 from pumaid.motion.options import SegmentOptions
 from pumaid.motion.segmenter import Segmenter

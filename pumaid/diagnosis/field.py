@@ -207,7 +207,7 @@ def _field(model: Model, settled: _Settled, *, campaign: Campaign, most: int) ->
         joint=joint,
         runs=runs,
         samples=samples,
-        current=np.concatenate([run.cells.current[:, joint - 1] for run in thin]),
+        current=np.concatenate([run.cells.current for run in thin]),
         count=np.concatenate([run.cells.count for run in thin]).astype(float),
         inside=np.concatenate([run.cells.variance for run in thin]),
         first=np.concatenate([[0], np.cumsum(lengths)[:-1]]).astype(np.int64),
@@ -227,7 +227,7 @@ def _sloped(run: Run) -> Run:
 
 
 def _thinned(run: Run, most: int) -> Run:
-    return run if len(run.cells) <= most else replace(run, cells=coarser([run.cells], most, joint=run.joint))
+    return run if len(run.cells) <= most else replace(run, cells=coarser([run.cells], most))
 
 
 def _held(samples: Samples, run: Run) -> Samples:

@@ -70,7 +70,7 @@ class Spread:
             joint=joint,
             runs=tuple(runs),
             samples=joined([_samples(run, begun[run.clock]) for run in runs]),
-            current=np.concatenate([run.cells.current[:, joint - 1] for run in runs]),
+            current=np.concatenate([run.cells.current for run in runs]),
             count=np.concatenate([run.cells.count for run in runs]).astype(float),
             inside=np.concatenate([run.cells.variance for run in runs]),
             first=np.concatenate([[0], np.cumsum(lengths)[:-1]]).astype(np.int64),

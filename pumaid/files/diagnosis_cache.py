@@ -17,8 +17,9 @@ import numpy as np
 
 from pumaid.errors import ResultError
 from pumaid.files.diagnosis import diagnosis_document, diagnosis_of, model_digest
-from pumaid.files.evidence_npz import digest_of, packed
+from pumaid.files.evidence_npz import digest_of
 from pumaid.files.kept import Shelf, cache_folder, program
+from pumaid.files.packing import packed
 from pumaid.files.result import as_text
 from pumaid.records import Diagnosis, Estimate, Evidence, Robot
 

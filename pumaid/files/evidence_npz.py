@@ -8,35 +8,27 @@ from __future__ import annotations
 
 import hashlib
 import json
-import math
 import stat
 import struct
 import zipfile
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import asdict, fields
 from io import BytesIO
-from itertools import accumulate, chain
+from itertools import chain
 from pathlib import Path
 from typing import Any, BinaryIO
 
 import numpy as np
 from numpy.typing import NDArray
 
-from pumaid.errors import Note, Where
-from pumaid.maths.triangle import Triangle
-from pumaid.records import CONSTANT_COLUMNS, STROKE_COLUMNS, Cells, Evidence, FileFacts, Reject, Run
+from pumaid.errors import Where
+from pumaid.files.packing import FIRST, MEANS, OPEN, Arrays, fields_of, packed, unpacked, widths_of
+from pumaid.records import CONSTANT_COLUMNS, STROKE_COLUMNS, Evidence, FileFacts, Reject, Run
 
-Arrays = dict[str, NDArray[Any]]
 Counts = NDArray[np.int64]
 
-#: Member by which a file is known to be one of these, the first in it, and that with the digest of all others.
-FIRST, _DIGEST = "pumaid_evidence", "digest"
-_MEANS = tuple(item.name for item in fields(Cells) if item.name != "extra")
-#: Those with a column for each joint, and those that may be no number.
-_WIDE, _OPEN = ("position", "velocity", "current"), ("current", "temperature", "extra")
-#: Fields that are stored as arrays; all others of a record stand in the JSON part.
-_ARRAYS = ("posture", "triangle", "cells")
+#: The member with the digest of all others; the first is `FIRST`, by which a file is known to be one of these.
+_DIGEST = "digest"
 #: What stands in JSON for a field of each type; a list for all others.
 _JSON: dict[str, set[type]] = {"int": {int}, "float": {float, int}, "str": {str}, "bool": {bool}}
 #: Fields of runs and rejects that are finite numbers, and the regressors of each kind of run.
@@ -54,30 +46,6 @@ def write_evidence(sink: BinaryIO, evidence: Evidence, name: str) -> None:
     np.savez(sink, **arrays, **{_DIGEST: digest_of(arrays, name)})  # type: ignore[arg-type]
 
 
-def packed(evidence: Evidence) -> Arrays:
-    """Evidence as a few long arrays; one by one its records would be ten small ones each.
-
-    Parameters
-    ----------
-    evidence
-        As a pass leaves it.
-    """
-    told = {
-        "runs": _columns(evidence.runs),
-        "triangles": [(run.triangle.columns, run.triangle.count) for run in evidence.runs],
-        "rejects": _columns(evidence.rejects),
-        "files": [asdict(facts) for facts in evidence.files],
-        "notes": [asdict(note) for note in evidence.notes],
-        "extra": evidence.extra,
-    }
-    arrays: Arrays = {FIRST: np.frombuffer(json.dumps(told, default=_plain_number).encode(), dtype=np.uint8)}
-    arrays["posture"] = _joined([run.posture for run in evidence.runs])
-    arrays["factor"] = _joined([run.triangle.factor.ravel() for run in evidence.runs])
-    arrays |= _cells("run", [run.cells for run in evidence.runs])
-    arrays |= _cells("reject", [reject.cells for reject in evidence.rejects])
-    return arrays
-
-
 def read_evidence(path: Path, n_joints: int) -> Evidence | None:
     """The evidence of an arm of `n_joints` that a file holds, or None where it is not as `write_evidence` left it."""
     try:
@@ -86,7 +54,7 @@ def read_evidence(path: Path, n_joints: int) -> Evidence | None:
             return None
         told = json.loads(arrays[FIRST].tobytes())
         _check(told, arrays, n_joints)
-        return _evidence(told, arrays)
+        return unpacked(arrays, told)
     except (*_UNFIT, zipfile.BadZipFile, struct.error):
         return None
 
@@ -159,7 +127,7 @@ def _check(told: dict[str, Any], arrays: Arrays, n_joints: int) -> None:
     counts = np.array(_typed([count for _, count in told["triangles"]], {int}), dtype=np.int64)
     runs, rejects = told["runs"], told["rejects"]
     for kind, held in ((Run, runs), (Reject, rejects)):
-        _check_columns(held, _fields(kind))
+        _check_columns(held, fields_of(kind))
     numbers = np.array(runs.get("joint", []), dtype=np.int64)
     spans = np.array(_typed(list(chain(*runs.get("span", []))), _JSON["float"]), dtype=float)
     posture, moved = arrays["posture"].reshape(len(numbers), n_joints), _typed(list(chain(*rejects.get("joints", []))))
@@ -171,20 +139,15 @@ def _check(told: dict[str, Any], arrays: Arrays, n_joints: int) -> None:
     _need(bool(np.isfinite(posture[outer]).all() and np.isfinite(arrays["factor"]).all()))
     _need(len(arrays["factor"]) == sum((len(names) + 1) ** 2 for names in columns))
     for name, samples in (("run", counts), ("reject", np.array(rejects.get("samples", []), dtype=np.int64))):
-        _check_cells(name, arrays, samples, widths=[n_joints if one in _WIDE else 1 for one in _MEANS] + [extras])
+        _check_cells(name, arrays, samples, widths=[*widths_of(name, n_joints), extras if name == "run" else 0])
     _typed([text for note in told["notes"] for text in (note["slug"], note["text"])], {str})
     for record, entries in ((FileFacts, told["files"]), (Where, [note["where"] for note in told["notes"]])):
-        _check_columns({name: [one[name] for one in entries] for name in _fields(record)}, _fields(record))
+        _check_columns({name: [one[name] for one in entries] for name in fields_of(record)}, fields_of(record))
 
 
 def _need(is_so: bool) -> None:
     if not is_so:
         raise ValueError("entries that no pass leaves")
-
-
-def _fields(kind: type) -> dict[str, str]:
-    """The plain fields of a record and their types."""
-    return {item.name: str(item.type) for item in fields(kind) if item.name not in _ARRAYS}
 
 
 def _typed(values: list[Any], allowed: Iterable[type] = (int,)) -> list[Any]:
@@ -210,13 +173,14 @@ def _check_cells(name: str, arrays: Arrays, samples: Counts, *, widths: list[int
     there = sizes[sizes > 0]
     _need(bool(((sizes > 0) | (sizes == -1)).all() and (there <= len(means)).all() and (samples >= 0).all()))
     _need(int(there.sum()) * sum(widths) == len(means) and len(there if name == "run" else sizes) == len(samples))
-    _need(arrays[f"{name}_joints"].tolist() == [widths[_MEANS.index("position")]][: len(there)])
+    _need(arrays[f"{name}_joints"].tolist() == [widths[MEANS[name].index("position")]][: len(there)])
     _need(arrays[f"{name}_extras"].tolist() == [widths[-1]] * len(there))
     counts = means[_places(there, widths, 0)].view(np.int64)
     _need(bool((counts > 0).all() and (counts <= samples.max(initial=0)).all()))
     ends = np.cumsum(there)
     _need(np.diff(np.cumsum(counts)[ends - 1], prepend=0).tolist() == samples[sizes > 0].tolist())
-    free = [_places(there, widths, n) for n, quantity in enumerate((*_MEANS, "extra")) if quantity in _OPEN]
+    quantities = enumerate((*MEANS[name], "extra"))
+    free = [_places(there, widths, n) for n, quantity in quantities if quantity in OPEN[name]]
     _need(_odd(means) == sum(_odd(means[places]) for places in free))
 
 
@@ -230,118 +194,3 @@ def _places(there: Counts, widths: Sequence[int], number: int) -> Counts:
     lengths, ends = there * widths[number], np.cumsum(there * sum(widths))
     starts = ends - there * sum(widths[number:])
     return np.repeat(starts - (np.cumsum(lengths) - lengths), lengths) + np.arange(int(lengths.sum()))
-
-
-def _columns(records: Sequence[Run | Reject]) -> dict[str, list[Any]]:
-    """Each plain field of all records; by records it would take eight times as long to read."""
-    names = _fields(type(records[0])) if records else []
-    return {name: [getattr(record, name) for record in records] for name in names}
-
-
-def _plain(columns: dict[str, list[Any]]) -> Iterator[dict[str, Any]]:
-    """The plain fields of each record."""
-    for values in zip(*columns.values(), strict=True):
-        yield dict(zip(columns, values, strict=True))
-
-
-def _plain_number(value: object) -> object:
-    """One of numpy's numbers as Python's."""
-    if isinstance(value, np.generic):
-        return value.item()
-    raise TypeError(f"{type(value).__name__} is nothing that evidence holds")
-
-
-def _joined(parts: Sequence[NDArray[Any]]) -> NDArray[Any]:
-    return np.concatenate([part.ravel() for part in parts]) if parts else np.zeros(0)
-
-
-def _cells(name: str, found: Sequence[Cells | None]) -> Arrays:
-    """All quantities of one record behind another in one array, and how many cells each has; -1 where it has none."""
-    there = [cells for cells in found if cells is not None]
-    wide = [0 if cells.extra is None else cells.extra.shape[1] for cells in there]
-    return {
-        f"{name}_cells": np.array([-1 if c is None else len(c) for c in found], dtype=np.int64),
-        f"{name}_joints": np.array([cells.position.shape[1] for cells in there[:1]], dtype=np.int64),
-        f"{name}_extras": np.array(wide, dtype=np.int64),
-        f"{name}_means": _joined([values for cells in there for values in _means(cells)]),
-    }
-
-
-def _means(cells: Cells) -> Iterator[NDArray[np.float64]]:
-    """The arrays of cells, counts by their bits as if they were such numbers, too."""
-    for quantity in _MEANS:
-        values = getattr(cells, quantity)
-        yield np.ascontiguousarray(values, dtype=np.int64).view(np.float64) if quantity == "count" else values
-    if cells.extra is not None:
-        yield cells.extra
-
-
-class _Taken:
-    """An array that is handed out from its front."""
-
-    def __init__(self, values: NDArray[Any]) -> None:
-        self.values, self.at = values, 0
-
-    def next(self, *shape: int) -> NDArray[Any]:
-        size = math.prod(shape)
-        part = self.values[self.at : self.at + size]
-        if len(part) < size:
-            raise ValueError("an array ends before its records")
-        self.at += size
-        return part.reshape(shape)
-
-
-def unpacked(arrays: Arrays) -> Evidence:
-    """The evidence that was packed into some arrays, of which all its records' are views.
-
-    Parameters
-    ----------
-    arrays
-        As `packed` leaves them.
-
-    Raises
-    ------
-    ValueError, TypeError, LookupError
-        They are other arrays.
-    """
-    return _evidence(json.loads(arrays[FIRST].tobytes()), arrays)
-
-
-def _evidence(told: dict[str, Any], arrays: Arrays) -> Evidence:
-    posture, factor = (_Taken(arrays[name]) for name in ("posture", "factor"))
-    n_joints = len(arrays["posture"]) // max(1, len(told["triangles"]))
-    runs = []
-    each_run = zip(_plain(told["runs"]), told["triangles"], _all_cells("run", arrays), strict=True)
-    for plain, (columns, count), cells in each_run:
-        size = len(columns) + 1
-        triangle = Triangle(tuple(columns), factor.next(size, size), count)
-        plain["span"] = tuple(plain["span"])
-        if cells is None:
-            raise ValueError("a run has no cells")
-        runs.append(Run(**plain, posture=posture.next(n_joints), triangle=triangle, cells=cells))
-    rejects = []
-    for plain, cells in zip(_plain(told["rejects"]), _all_cells("reject", arrays), strict=True):
-        plain["joints"] = tuple(plain["joints"])
-        rejects.append(Reject(**plain, cells=cells))
-    files = tuple(FileFacts(**facts) for facts in told["files"])
-    notes = tuple(Note(one["slug"], one["text"], Where(**one["where"])) for one in told["notes"])
-    return Evidence(tuple(runs), tuple(rejects), files, notes, tuple(told["extra"]))
-
-
-def _all_cells(name: str, arrays: Arrays) -> Iterable[Cells | None]:
-    taken, extras = _Taken(arrays[f"{name}_means"]), iter(arrays[f"{name}_extras"].tolist())
-    joints = next(iter(arrays[f"{name}_joints"].tolist()), 0)
-    widths = [joints if quantity in _WIDE else 1 for quantity in _MEANS]
-    ends = list(accumulate(widths))
-    places = [(quantity in _WIDE, end - width, end) for quantity, width, end in zip(_MEANS, widths, ends, strict=True)]
-    for count in arrays[f"{name}_cells"].tolist():
-        if count < 0:
-            yield None
-            continue
-        extra = next(extras)
-        own = taken.next(count * (ends[-1] + extra))
-        parts = [(is_wide, own[count * start : count * stop]) for is_wide, start, stop in places]
-        counts, *means = [part.reshape(count, joints) if is_wide else part for is_wide, part in parts]
-        more = own[count * ends[-1] :].reshape(count, extra) if extra else None
-        values: list[Any] = [counts.view(np.int64), *means, more]
-        yield Cells(*values)

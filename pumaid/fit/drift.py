@@ -76,4 +76,4 @@ def _found(joint: int, design: Floats, change: Floats, *, matters: float) -> Ite
 
 def _mean(run: Run) -> float:
     """Mean current (A) of a run."""
-    return float(np.average(run.cells.current[:, run.joint - 1], weights=run.cells.count))
+    return float(np.average(run.cells.current, weights=run.cells.count))

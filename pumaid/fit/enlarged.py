@@ -170,7 +170,7 @@ class _Work:
         """With the effects that wait for nothing."""
         every = model.with_effects(wanted)
         slow = any(_free(one, model) and one.effect.family in SLOW for one in wanted)
-        thin = [replace(r, cells=coarser([r.cells], COARSE, joint=r.joint)) for r in runs] if slow else []
+        thin = [replace(r, cells=coarser([r.cells], COARSE)) for r in runs] if slow else []
         noise = stroke_noise(model, runs)
         seen, coarse = (sights(every, some, campaign, noise=noise) for some in (runs, thin))
         work = cls(model, runs, seen=seen, thin=coarse)

@@ -48,7 +48,7 @@ def _drawn(sight: Sight) -> float:
     loads = sight.samples.loads
     if loads is not None:
         return float(np.abs(loads.drawn).max())
-    return max(float(np.abs(run.cells.current[:, sight.joint - 1]).max()) for run in sight.runs)
+    return max(float(np.abs(run.cells.current).max()) for run in sight.runs)
 
 
 def _postures(runs: list[Run]) -> int:

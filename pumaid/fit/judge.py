@@ -17,9 +17,9 @@ from pumaid.model import Model
 from pumaid.records import (
     TOGETHER,
     Campaign,
-    Cells,
     Estimate,
     Evidence,
+    Means,
     OutsideScore,
     Robot,
     Run,
@@ -175,7 +175,7 @@ class Judge:
         predicted = rows @ weights
         about = tally.current_squares - 2.0 * mean * tally.current_total + tally.samples * mean**2
         reason = self._undetermined(run, rows, is_fitted=is_fitted)
-        residual = run.cells.current[:, run.joint - 1] - predicted
+        residual = run.cells.current - predicted
         return RunScore(
             run=run,
             rmse=float(np.sqrt(tally.squares / tally.samples)),
@@ -240,7 +240,7 @@ class Judge:
                 out.append(OutsideScore(joint, reason, int(counts.sum()), rmse, bias))
         return tuple(out)
 
-    def _ramp(self, cells: Cells, joint: int, keep: NDArray[np.bool_], clock: int) -> Samples:
+    def _ramp(self, cells: Means, joint: int, keep: NDArray[np.bool_], clock: int) -> Samples:
         """The cells `keep` as what effects see of `joint`; without acceleration, since inertia is missing by design."""
         velocity, time, robot = cells.velocity[keep], cells.time[keep], self.model.robot
         return Samples(
@@ -256,7 +256,7 @@ class Judge:
             run=np.zeros(len(velocity)),
         )
 
-    def _moving(self, cells: Cells, joint: int) -> NDArray[np.bool_]:
+    def _moving(self, cells: Means, joint: int) -> NDArray[np.bool_]:
         """(M,) whether the motor of `joint` turns, and its current is measured."""
         speed = np.abs(self.model.robot.shaft_velocity(cells.velocity)[:, joint - 1])
         return np.isfinite(cells.current[:, joint - 1]) & (speed > MOVING * np.max(speed, initial=0.0))

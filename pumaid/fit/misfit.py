@@ -164,7 +164,7 @@ def _beside_harmonics(runs: Sequence[Run]) -> list[Floats]:
     factors = np.array([run.triangle.factor for run in runs])
     harmonics = np.linalg.pinv(factors[:, :, :-1], rcond=1e-6) @ factors[:, :, -1:]
     q = np.concatenate([run.cells.position[:, own] for run in runs])
-    current = np.concatenate([run.cells.current[:, own] for run in runs])
+    current = np.concatenate([run.cells.current for run in runs])
     # Of a sliding joint's cos and sin the harmonics have none.
     columns = run_columns(q, turns=True)
     left = current - np.sum(columns * np.repeat(harmonics[:, :, 0], sizes, axis=0), axis=1)
@@ -212,7 +212,7 @@ def _rms_inside(runs: Sequence[Run]) -> float:
 def _current(row: Row) -> float:
     """RMS current (A) of the joint, by the cells of all its runs."""
     count = np.concatenate([run.cells.count for run in row.runs])
-    current = np.concatenate([run.cells.current[:, run.joint - 1] for run in row.runs])
+    current = np.concatenate([run.cells.current for run in row.runs])
     return float(np.sqrt(np.average(current**2, weights=count)))
 
 

@@ -115,7 +115,7 @@ def _inside(row: Row, is_stroke: bool) -> tuple[float, int]:
     total, weight = 0.0, 0
     for run in (run for run, is_one in zip(row.runs, row.is_stroke, strict=True) if is_one == is_stroke):
         cells, own = run.cells, run.joint - 1
-        q, current = cells.position[:, own], cells.current[:, own]
+        q, current = cells.position[:, own], cells.current
         basis = np.column_stack([np.cos(q), np.sin(q), np.ones(len(q)), cells.acceleration])
         if len(q) < FEWEST_CELLS:
             continue

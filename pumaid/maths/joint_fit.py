@@ -67,11 +67,11 @@ class Bilinear:
     def jacobian(self, gains: Gains, values: Floats) -> Floats:
         """(N, p + edges): derivative of the prediction by the parameters and by each edge of `gains`."""
         scaled, edges = self.scaled(gains), gains.edges
-        # The way from an owner to a row leads by an edge: from the owner up to its lower end, and from its upper end on.
-        # What lies on no such way has no ratio, and counts as zero in one of the two.
+        # The way from an owner to a row by an edge: from the owner up to its lower end, and from its upper end on;
+        # where it does not lead there one of the two is unknown, and counts as zero.
         known = np.nan_to_num(gains.scales())
         parts = (self.regressors * values) @ (self.owners[:, None] == np.arange(gains.n_rows))
-        uppers = [gains.parent[edge] for edge in edges]
+        uppers = [up for up in gains.parent if up is not None]
         return np.hstack([scaled, known[:, uppers][self.row] * (parts @ known[edges].T)])
 
 

@@ -30,7 +30,7 @@ def median(values: Floats) -> float:
 
 
 def gradient(values: Floats) -> Floats:
-    """(N,) change from one to the next of (N,) numbers, N at least 2: half of that over both neighbours where it has two."""
+    """(N,) change from one to the next of (N,) numbers, N at least 2; but at the ends half of that over two steps."""
     out = np.empty(len(values))
     np.subtract(values[2:], values[:-2], out=out[1:-1])
     out[1:-1] *= 0.5

@@ -86,8 +86,7 @@ class _Prints:
     """
 
     def __init__(self, runs: Sequence[Run]) -> None:
-        joint = runs[0].joint - 1
-        self._mean = np.array([run.cells.current[:MOST, joint] for run in runs])
+        self._mean = np.array([run.cells.current[:MOST] for run in runs])
         self._variance = np.array([run.cells.variance[:MOST] for run in runs])
         self._count = np.array([run.cells.count[:MOST] for run in runs])
         # Third differences leave nothing of gravity's course, and of independent noise 20 times its variance.

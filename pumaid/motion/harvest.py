@@ -15,10 +15,10 @@ from pumaid.motion.block import Block
 from pumaid.motion.cutting import Piece, Whole
 from pumaid.motion.options import CONSTANT, SegmentOptions
 from pumaid.motion.reasons import Leftover
-from pumaid.motion.reduce import Chosen, cells, coarser, triangle, usable
+from pumaid.motion.reduce import Chosen, cells, coarser, means, triangle, usable
 from pumaid.motion.room import OF_REJECTS, OF_RUNS, Room
 from pumaid.motion.speed import slopes
-from pumaid.records import Cells, Reject, Robot, Run
+from pumaid.records import Cells, Means, Reject, Robot, Run
 
 Floats = NDArray[np.float64]
 
@@ -102,11 +102,10 @@ class Harvest:
 
     def _leftover(self, block: Block, whole: Whole | None, piece: Piece) -> Leftover:
         first, last = piece.start, piece.stop - 1
-        parts: tuple[Cells, ...] = ()
+        parts: tuple[Means, ...] = ()
         if piece.joints and whole is not None:
             rate = (whole.ticks.time, whole.motion.velocity)
-            samples = slice(piece.start, piece.stop)
-            parts = (cells(block, piece, rate, samples=samples, most=self.options.reject_cells),)
+            parts = (means(block, piece, rate, most=self.options.reject_cells),)
         return Leftover(
             origin=block.origins[block.file[first]],
             last_origin=block.origins[block.file[last]],
@@ -126,14 +125,13 @@ class Harvest:
         joint = piece.joints[0]
         ends = (samples.start, samples.stop - 1) if isinstance(samples, slice) else samples[[0, -1]]
         first, last = int(ends[0]), int(ends[1])
-        rate = _rate(whole, piece)
+        rate = _rate(block, whole, piece)
         position = block.position[piece.start : piece.stop, joint - 1]
         most = _most(_ends(position), self.options, is_turning=self.robot.joint(joint).is_revolute)
         inside = cells(block, piece, rate, samples=samples, most=most)
         posture = (inside.position * inside.count[:, None]).sum(axis=0) / inside.count.sum()
         posture[joint - 1] = np.nan
         line = _line(block.time[piece.start : piece.stop], position)
-        own = rate[1][:, joint - 1] if piece.course is None else piece.course.velocity
         return Run(
             joint=joint,
             kind=piece.kind,
@@ -146,7 +144,7 @@ class Harvest:
             posture=posture,
             span=_ends(position),
             speed=line if piece.kind == CONSTANT else _secant(block.time[piece.start : piece.stop], position),
-            ripple=float(np.std(own)),
+            ripple=float(np.std(rate[1])),
             temperature=_warmth(inside),
             triangle=triangle(block, piece, self.robot, samples=samples),
             cells=inside,
@@ -155,22 +153,17 @@ class Harvest:
         )
 
 
-def _rate(whole: Whole, piece: Piece) -> tuple[Floats, Floats]:
-    """Times and velocities of all joints at the ticks of a run, the moving joint's from inside the run only."""
+def _rate(block: Block, whole: Whole, piece: Piece) -> tuple[Floats, Floats]:
+    """Times and the moving joint's velocities: at the samples of a stroke, else at ticks, from inside the run only."""
+    if piece.course is not None:
+        return block.time[piece.start : piece.stop], piece.course.velocity
     ticks, joint = whole.ticks, piece.joints[0]
     edges = ticks.edges + whole.start
     low = int(np.searchsorted(edges, piece.start))
     high = int(np.searchsorted(edges, piece.stop, side="right")) - 1
-    if piece.course is not None or high - low < 3:
-        middle = max(0, min(low, len(ticks) - 1))
-        low, high = max(0, middle - 1), min(len(ticks), max(high, middle) + 1)
-        velocity = whole.motion.velocity[low:high].copy()
-        if piece.course is None:
-            velocity[:, joint - 1] = piece.figure
-        return ticks.time[low:high], velocity
-    velocity = whole.motion.velocity[low:high].copy()
-    velocity[:, joint - 1] = slopes(ticks.time[low:high], ticks.position[low:high, joint - 1], HALF)
-    return ticks.time[low:high], velocity
+    if high - low < 3:
+        return ticks.time[:1], np.full(1, piece.figure)
+    return ticks.time[low:high], slopes(ticks.time[low:high], ticks.position[low:high, joint - 1], HALF)
 
 
 def _line(time: Floats, position: Floats) -> float:
@@ -222,7 +215,7 @@ def _joined(parts: list[Run], robot: Robot, options: SegmentOptions) -> Run:
     ripple = np.average([part.ripple**2 + (part.speed - speed) ** 2 for part in parts], weights=weights)
     span = (first.span[0], last.span[1])
     most = _most(span, options, is_turning=robot.joint(first.joint).is_revolute)
-    inside = coarser([part.cells for part in parts], most, joint=first.joint)
+    inside = coarser([part.cells for part in parts], most)
     return replace(
         first,
         last_row=last.last_row,

@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 
 from pumaid.motion.options import SegmentOptions
 from pumaid.motion.reduce import coarser
-from pumaid.records import Cells, Reject, Robot
+from pumaid.records import Means, Reject, Robot
 from pumaid.units import number
 
 #: Reason -> (what a legend says, the sentence); the figures in braces are filled in from the stretch.
@@ -46,14 +46,14 @@ class Leftover:
     reason: str
     figure: float
     clock: int
-    cells: tuple[Cells, ...] = ()
+    cells: tuple[Means, ...] = ()
 
     def joined(self, other: Leftover, options: SegmentOptions) -> Leftover:
         """This stretch and the one right after it, of the same reason, as one."""
         parts = [*self.cells, *other.cells]
         joints = tuple(dict.fromkeys((*self.joints, *other.joints)))
         if sum(len(part) for part in parts) > 2 * options.reject_cells:
-            parts = [coarser(parts, options.reject_cells, joint=joints[0])]
+            parts = [coarser(parts, options.reject_cells)]
         return replace(
             self,
             last_origin=other.last_origin,
@@ -67,7 +67,7 @@ class Leftover:
 
     def reject(self, robot: Robot, options: SegmentOptions) -> Reject:
         """As the record that leaves the segmentation."""
-        cells = coarser(list(self.cells), options.reject_cells, joint=self.joints[0]) if self.cells else None
+        cells = coarser(list(self.cells), options.reject_cells) if self.cells else None
         return Reject(
             origin=self.origin,
             first_row=self.first_row,

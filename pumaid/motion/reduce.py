@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from typing import Any
+from dataclasses import fields
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,9 +13,11 @@ from pumaid.maths.triangle import Triangle
 from pumaid.motion.block import LARGEST, Block
 from pumaid.motion.cutting import Piece
 from pumaid.motion.parallel import of_stroke
-from pumaid.records import CONSTANT_COLUMNS, Cells, Robot, run_columns
+from pumaid.records import CONSTANT_COLUMNS, Cells, Means, Robot, run_columns
 
 Floats = NDArray[np.float64]
+Counts = NDArray[np.int64]
+Kept = TypeVar("Kept", Cells, Means)
 
 #: Which samples of a block: all from one to another, or their indices.
 Chosen = slice | NDArray[np.int64]
@@ -54,40 +57,33 @@ def triangle(block: Block, piece: Piece, robot: Robot, *, samples: Chosen) -> Tr
 
 
 def cells(block: Block, piece: Piece, rate: tuple[Floats, Floats], *, samples: Chosen, most: int) -> Cells:
-    """Means over at most `most` equal spans of time.
+    """Means of a run over at most `most` equal spans of time.
 
     Parameters
     ----------
     block, piece
         The samples.
     rate
-        (K,) times and (K, J) velocities of all joints to interpolate.
+        (K,) times and (K,) velocities of the moving joint to interpolate, where the piece is no stroke.
     samples
-        Those to use, in order, at least one.
+        Those to use, in order, at least one, all with a current.
     most
         Cells at most.
     """
-    own = piece.joints[0] - 1
-    time = block.time[samples]
-    number = min(most, len(time))
-    starts = np.arange(number) if number == len(time) else _spans(time, number)
-    count = lengths(starts, len(time))
-    middle = time[0] + np.add.reduceat(time - time[0], starts) / count
-    current = _known_means(block.current[samples], starts, count)
-    spread = block.current[samples, own] - np.repeat(current[:, own], count)
-    square = np.add.reduceat(spread * spread, starts) / count
-    if not np.isfinite(square).all():
-        spread = np.nan_to_num(spread)
-        square = np.add.reduceat(spread * spread, starts) / count
-    velocity = _between(middle, rate)
-    acceleration = np.zeros(len(starts))
+    own, time = piece.joints[0] - 1, block.time[samples]
+    starts, count, middle = _shared_out(time, most)
+    measured = block.current[samples, own]
+    current = _means(measured, starts, count)
+    spread = measured - np.repeat(current, count)
     if piece.course is not None:
         at = _within(samples, piece)
-        velocity[:, own] = np.add.reduceat(piece.course.velocity[at], starts) / count
-        acceleration = np.add.reduceat(piece.course.acceleration[at], starts) / count
+        velocity = _means(piece.course.velocity[at], starts, count)
+        acceleration = _means(piece.course.acceleration[at], starts, count)
+    else:
+        velocity, acceleration = _between(middle, rate), np.zeros(len(starts))
     warmth = np.full(len(starts), np.nan)
     if block.temperature is not None:
-        warmth = _known_means(block.temperature[samples, own][:, None], starts, count)[:, 0]
+        warmth = _known_means(block.temperature[samples, own], starts, count)
     return Cells(
         count=count,
         time=middle,
@@ -95,25 +91,60 @@ def cells(block: Block, piece: Piece, rate: tuple[Floats, Floats], *, samples: C
         velocity=velocity,
         acceleration=acceleration,
         current=current,
-        variance=square,
+        variance=_means(spread * spread, starts, count),
         temperature=warmth,
         extra=None if block.extra is None else _known_means(block.extra[samples], starts, count, largest=np.inf),
     )
 
 
-def _each_once(rising: NDArray[np.int64]) -> NDArray[np.int64]:
+def means(block: Block, piece: Piece, rate: tuple[Floats, Floats], *, most: int) -> Means:
+    """Means of all joints over at most `most` equal spans of time of what is no run.
+
+    Parameters
+    ----------
+    block, piece
+        The samples.
+    rate
+        (K,) times and (K, J) velocities of all joints to interpolate.
+    most
+        Spans at most.
+    """
+    samples = slice(piece.start, piece.stop)
+    starts, count, middle = _shared_out(block.time[samples], most)
+    return Means(
+        count=count,
+        time=middle,
+        position=_means(block.position[samples], starts, count),
+        velocity=_between(middle, rate),
+        current=_known_means(block.current[samples], starts, count),
+    )
+
+
+def _shared_out(time: Floats, most: int) -> tuple[Counts, Counts, Floats]:
+    """Where at most `most` equal spans of (N,) times begin, how many samples each has, and their mean times."""
+    number = min(most, len(time))
+    starts = np.arange(number) if number == len(time) else _spans(time, number)
+    count = lengths(starts, len(time))
+    return starts, count, time[0] + np.add.reduceat(time - time[0], starts) / count
+
+
+def _each_once(rising: Counts) -> Counts:
     """Rising numbers without repeats."""
     return rising[np.append(True, rising[1:] != rising[:-1])]
 
 
-def _means(values: Floats, starts: NDArray[np.int64], count: NDArray[np.int64]) -> Floats:
-    """(M, J) means of the `count` (M,) values from each start on."""
-    return np.asarray(np.add.reduceat(values, starts, axis=0) / count[:, None])
+def _each(weights: NDArray[Any], values: Floats) -> NDArray[Any]:
+    """(M,) weights as (M,) or (M, J) values can be multiplied with."""
+    return weights if values.ndim == 1 else weights[:, None]
 
 
-def _known_means(
-    values: Floats, starts: NDArray[np.int64], count: NDArray[np.int64], *, largest: float = LARGEST
-) -> Floats:
+def _means(values: Floats, starts: Counts, count: Counts) -> Floats:
+    """(M,) or (M, J) means of the `count` (M,) values from each start on."""
+    sums = np.add.reduceat(values, starts, axis=0)
+    return np.asarray(sums / _each(count, sums))
+
+
+def _known_means(values: Floats, starts: Counts, count: Counts, *, largest: float = LARGEST) -> Floats:
     """The same of the numbers below `largest` only; NaN where there are none."""
     if _all_below(values, largest):
         return _means(values, starts, count)
@@ -124,61 +155,53 @@ def _known_means(
 
 
 def _between(time: Floats, rate: tuple[Floats, Floats]) -> Floats:
-    """(M, J) values of (K,) times and (K, J) values at other times: on straight lines, held at the ends."""
+    """(M,) or (M, J) values of (K,) times and values there at other times: on straight lines, held at the ends."""
     known, values = rate
     if len(known) < 2:
         return np.repeat(values, len(time), axis=0)
     left = np.searchsorted(known[1:-1], time)
     right = left + 1
     share = (time - known[left]) / (known[right] - known[left])
-    share = np.minimum(np.maximum(share, 0.0), 1.0)[:, None]
+    share = _each(np.minimum(np.maximum(share, 0.0), 1.0), values)
     return np.asarray(values[left] * (1.0 - share) + values[right] * share)
 
 
-def coarser(parts: list[Cells], most: int, *, joint: int) -> Cells:
-    """The cells of consecutive pieces, in which `joint` (from 1) moves, as one set of at most `most`."""
+def coarser(parts: list[Kept], most: int) -> Kept:
+    """The cells of consecutive pieces as one set of at most `most`."""
     whole = parts[0] if len(parts) == 1 else _together(parts)
     if len(whole) <= most:
         return whole
     count, starts = whole.count, _spans(whole.time, most)
-    total = np.add.reduceat(count, starts)
-
-    def mean(values: Floats) -> Floats:
-        weight = count if values.ndim == 1 else count[:, None]
-        sums = np.add.reduceat(values * weight, starts, axis=0)
-        return np.asarray(sums / (total if values.ndim == 1 else total[:, None]))
-
-    own, middle = whole.current[:, joint - 1], mean(whole.current)
-    between = own - np.repeat(middle[:, joint - 1], lengths(starts, len(count)))
-    return Cells(
-        count=total,
-        time=mean(whole.time),
-        position=mean(whole.position),
-        velocity=mean(whole.velocity),
-        acceleration=mean(whole.acceleration),
-        current=middle,
-        variance=mean(whole.variance + between * between),
-        temperature=mean(whole.temperature),
-        extra=None if whole.extra is None else _known_mean(whole.extra, starts, count),
-    )
+    given = {item.name: getattr(whole, item.name) for item in fields(whole)}
+    if isinstance(whole, Cells):
+        middle = _weighted(whole.current, starts, count)
+        given["variance"] = whole.variance + (whole.current - np.repeat(middle, lengths(starts, len(count)))) ** 2
+    extra, _ = given.pop("extra", None), given.pop("count")
+    found: dict[str, Any] = {name: _weighted(values, starts, count) for name, values in given.items()}
+    if extra is not None:
+        found["extra"] = _known_mean(extra, starts, count)
+    return type(whole)(**found | {"count": np.add.reduceat(count, starts)})
 
 
-def _together(parts: list[Cells]) -> Cells:
+def _weighted(values: Floats, starts: Counts, count: Counts) -> Floats:
+    """Means of consecutive cells of `count` (M,) samples each."""
+    return _means(values * _each(count, values), starts, np.add.reduceat(count, starts))
+
+
+def _together(parts: list[Kept]) -> Kept:
     """Consecutive cells as one set."""
-    names = [name for name in Cells.__dataclass_fields__ if name != "extra"]
-    joined: list[Any] = [np.concatenate([getattr(part, name) for part in parts]) for name in names]
-    known = [part.extra for part in parts if part.extra is not None]
-    joined.append(np.concatenate(known) if len(known) == len(parts) else None)
-    return Cells(*joined)
+    columns = ([getattr(part, item.name) for part in parts] for item in fields(parts[0]))
+    joined: list[Any] = [None if any(one is None for one in column) else np.concatenate(column) for column in columns]
+    return type(parts[0])(*joined)
 
 
-def _spans(time: Floats, most: int) -> NDArray[np.int64]:
+def _spans(time: Floats, most: int) -> Counts:
     """Where at most `most` equal spans of (M,) rising times begin, those without an instant left out."""
     borders = time[0] + np.arange(most) * ((time[-1] - time[0]) / most)
     return _each_once(np.searchsorted(time, borders))
 
 
-def _known_mean(values: Floats, starts: NDArray[np.int64], count: NDArray[np.int64]) -> Floats:
+def _known_mean(values: Floats, starts: Counts, count: Counts) -> Floats:
     """(M, E) means of cells of `count` samples each, those without a number left out."""
     weight = np.where(np.isfinite(values), count[:, None], 0)
     total = np.add.reduceat(weight, starts, axis=0)

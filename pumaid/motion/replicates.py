@@ -125,7 +125,7 @@ class _Course:
         q = cells.position[order, own] + turns
         basis = np.empty((len(q), 4))
         basis[:, 0], basis[:, 1], basis[:, 2], basis[:, 3] = np.cos(q), np.sin(q), 1.0, cells.acceleration[order]
-        return cls(q, cells.current[order, own], cells.variance[order], cells.count[order], basis)
+        return cls(q, cells.current[order], cells.variance[order], cells.count[order], basis)
 
     def harmonic(self) -> Floats:
         """(4,) A by cos, sin, one and acceleration."""

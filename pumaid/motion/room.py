@@ -9,9 +9,10 @@ from dataclasses import dataclass, fields, replace
 from typing import Any, Generic, TypeVar
 
 from pumaid.motion.reduce import coarser
-from pumaid.records import Cells, Reject, Run
+from pumaid.records import Cells, Means, Reject, Run
 
 Kept = TypeVar("Kept", Run, Reject)
+Held = TypeVar("Held", Cells, Means)
 
 #: Of how many runs of a joint one pair keeps all its cells, for each time that there were too many. Odd: programs
 #: repeat in twos and fours, and one direction or one speed must not be left out.
@@ -20,7 +21,7 @@ ONE_IN = 3
 
 @dataclass(frozen=True, slots=True)
 class Share:
-    """Cells of all records together (200 bytes each for six joints), and what most have to do with beyond it.
+    """Cells of all records together (for six joints 100 bytes each, 170 of what is no run), and what most must do with.
 
     Attributes
     ----------
@@ -99,17 +100,16 @@ class Room(Generic[Kept]):
             return record
         if number // 2 % ONE_IN**self._times == 0 or len(record.cells) <= self._few:
             return replace(record, cells=_apart(record.cells))
-        joint = record.joint if isinstance(record, Run) else record.joints[0]
-        return replace(record, cells=coarser([record.cells], self._few, joint=joint))
+        return replace(record, cells=coarser([record.cells], self._few))
 
 
-def _apart(cells: Cells) -> Cells:
+def _apart(cells: Held) -> Held:
     """The same with memory of their own: what came from another process is a view of all that came with it."""
     if cells.count.base is None:
         return cells
     own: list[Any] = [getattr(cells, item.name) for item in fields(cells)]
     own = [None if values is None else values.copy("K") for values in own]
-    return Cells(*own)
+    return type(cells)(*own)
 
 
 def _size(record: Run | Reject) -> int:

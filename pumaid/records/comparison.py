@@ -135,7 +135,7 @@ class RunScore:
     @property
     def residual(self) -> Floats:
         """(M,) measured minus predicted at the run's cells, A."""
-        return self.run.cells.current[:, self.run.joint - 1] - self.predicted
+        return self.run.cells.current - self.predicted
 
 
 @dataclass(frozen=True, slots=True)

@@ -46,7 +46,7 @@ def run_columns(position: Floats, *, turns: bool, motion: tuple[Floats, Floats] 
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Cells:
-    """Means over equal spans of time, the form in which effects see a run.
+    """Means over equal spans of time, the form in which effects see a run: of the moving joint, but for the posture.
 
     Attributes
     ----------
@@ -54,16 +54,14 @@ class Cells:
         (M,) samples in each cell.
     time
         (M,) s, on the log's clock.
-    position, velocity
-        (M, J) means, rad or m and rad/s or m/s.
-    acceleration
-        (M,) of the moving joint, rad/s2 or m/s2 (all zero where a run is at constant speed).
-    current
-        (M, J) A.
-    variance
-        (M,) A2: variance of the moving joint's current inside the cell.
+    position
+        (M, J) of all joints, rad or m.
+    velocity, acceleration
+        (M,) rad/s or m/s, and per s more (all zero where a run is at constant speed).
+    current, variance
+        (M,) A, and A2 inside the cell.
     temperature
-        (M,) degC of the moving joint, NaN where not measured.
+        (M,) degC, NaN where not measured.
     extra
         (M, E) means of the columns `Evidence.extra`, in the log's own units, NaN where not a number; None without.
     """
@@ -77,6 +75,23 @@ class Cells:
     variance: Floats
     temperature: Floats
     extra: Floats | None = None
+
+    def __len__(self) -> int:
+        return len(self.count)
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Means:
+    """Means over equal spans of time of all joints, any of which may move: (M,) samples and time (s), (M, J) others.
+
+    `position` is in rad or m, `velocity` in rad/s or m/s, `current` in A, NaN where not measured.
+    """
+
+    count: NDArray[np.int64]
+    time: Floats
+    position: Floats
+    velocity: Floats
+    current: Floats
 
     def __len__(self) -> int:
         return len(self.count)
@@ -153,8 +168,8 @@ class Run:
     @property
     def velocity(self) -> Floats:
         """(M, J) of its cells: the moving joint's as measured, zero of those that are held."""
-        out = np.zeros_like(self.cells.velocity)
-        out[:, self.joint - 1] = self.cells.velocity[:, self.joint - 1]
+        out = np.zeros_like(self.cells.position)
+        out[:, self.joint - 1] = self.cells.velocity
         return out
 
 
@@ -176,7 +191,7 @@ class Reject:
     reason: str
     text: str
     samples: int
-    cells: Cells | None = None
+    cells: Means | None = None
     last_origin: str = ""
     clock: int = 0
 

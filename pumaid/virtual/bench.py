@@ -150,16 +150,14 @@ class Bench:
         j, count = motion.joint - 1, np.diff(edges)
         position = np.tile(np.array(motion.hold, dtype=float), (len(count), 1))
         position[:, j] = np.add.reduceat(own, edges[:-1]) / count
-        velocity = np.zeros_like(position)
-        velocity[:, j] = speed
         mean_time = np.add.reduceat(time, edges[:-1]) / count
         return Cells(
             count=count,
             time=mean_time,
             position=position,
-            velocity=velocity,
+            velocity=np.full(len(count), speed),
             acceleration=np.zeros(len(count)),
-            current=self.truth.gravity_current(position),
+            current=np.zeros(len(count)),
             variance=np.zeros(len(count)),
             temperature=curve(mean_time) if self.truth.has_warmth else np.full(len(count), np.nan),
         )
@@ -174,8 +172,6 @@ class Bench:
         factor[:3, :3], factor[:3, 3], factor[3, 3] = prepared.upper, inside, np.sqrt(left @ left)
         mean = np.add.reduceat(current, prepared.edges) / cells.count
         square = np.add.reduceat(current**2, prepared.edges) / cells.count
-        currents = cells.current.copy()
-        currents[:, j] = mean
         posture = np.array(motion.hold, dtype=float)
         posture[j] = np.nan
         return Run(
@@ -192,7 +188,7 @@ class Bench:
             ripple=0.0,
             temperature=float(np.mean(cells.temperature)),
             triangle=Triangle(CONSTANT_COLUMNS, factor, len(current)),
-            cells=replace(cells, current=currents, variance=np.maximum(square - mean**2, 0.0)),
+            cells=replace(cells, current=mean, variance=np.maximum(square - mean**2, 0.0)),
             heldout=motion.purpose == "heldout",
         )
 

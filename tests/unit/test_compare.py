@@ -10,7 +10,7 @@ import worlds
 
 import pumaid
 from pumaid.errors import ModelError
-from pumaid.records import UNEXPLAINED, Cells, Comparison, Evidence, FileFacts, Reject, Robot, Run
+from pumaid.records import UNEXPLAINED, Comparison, Evidence, FileFacts, Means, Reject, Robot, Run
 from pumaid.verbs.compare import compare
 
 TURN = np.pi / 2
@@ -211,11 +211,12 @@ def test_outside_runs_lack_inertia_only(fitted):
     """A ramp is predicted with weight and friction; what is left of it is the inertia, by design."""
     course = worlds.course("stroke", -1.0, 1.0)
     current = pendulum_current(1, course[1], other=0.0, qd=course[2]) + 0.7 * course[3]
-    cells: Cells = worlds.run_of(worlds.PENDULUM, 1, [0.0, 0.0], course=course, current=current).cells
-    ramp = Reject("samples", 2, 201, 0.0, 2.0, (1,), "ramp", "a ramp", 200, cells)
+    run: Run = worlds.run_of(worlds.PENDULUM, 1, [0.0, 0.0], course=course, current=current)
+    ramp = Reject("samples", 2, 201, 0.0, 2.0, (1,), "ramp", "a ramp", 200, worlds.means_of(run))
     (score,) = made(Evidence((), rejects=(ramp,)), fitted[1]).outside
     assert (score.joint, score.reason) == (1, "ramp")
-    moving = np.abs(cells.velocity[:, 0]) > 0.05 * np.abs(cells.velocity[:, 0]).max()
+    cells = run.cells
+    moving = np.abs(cells.velocity) > 0.05 * np.abs(cells.velocity).max()
     assert score.rmse == pytest.approx(0.7 * np.sqrt(np.mean(cells.acceleration[moving] ** 2)), rel=0.05)
 
 
@@ -229,8 +230,7 @@ def test_several_joints_moving_are_scored_one_by_one(fitted):
             pendulum_current(2, q[:, 1], other=q[:, 0], qd=qd[:, 1]),
         ]
     )
-    zero = np.zeros(100)
-    cells = Cells(np.full(100, 4), t, q, qd, zero, currents, zero, np.full(100, np.nan))
+    cells = Means(np.full(100, 4), t, q, qd, currents)
     both = Reject("samples", 2, 401, 0.0, 2.0, (1, 2), "several-joints", "both move", 400, cells)
     scores = made(Evidence((), rejects=(both,)), fitted[1]).outside
     assert [score.joint for score in scores] == [1, 2]

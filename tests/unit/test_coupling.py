@@ -10,7 +10,7 @@ import pumaid
 from pumaid.effects import catalogue
 from pumaid.errors import Faults, RecipeError
 from pumaid.files.recipe import read_recipe
-from pumaid.records import Cells, Evidence, Joint, Reject, Robot, Samples
+from pumaid.records import Evidence, Joint, Means, Reject, Robot, Samples
 from pumaid.verbs.compare import compare
 
 GEARS = (-62.6, 107.8, -53.7, 76.0, 71.9, 76.7)
@@ -154,9 +154,8 @@ def test_compare_predicts_friction_at_the_motors_speed(weightless):
     motor = qd[:, 1] + 0.9 * 50.0 / 90.0 * qd[:, 0]
     assert np.mean(np.sign(motor) != np.sign(qd[:, 1])) > 0.4
     q = np.cumsum(qd, axis=0) * (t[1] - t[0])
-    zero = np.zeros(100)
     currents = np.column_stack([friction(qd[:, 0]), friction(motor)])
-    cells = Cells(np.full(100, 4), t, q, qd, zero, currents, zero, np.full(100, np.nan))
+    cells = Means(np.full(100, 4), t, q, qd, currents)
     both = Reject("samples", 2, 401, 0.0, 2.0, (1, 2), "several-joints", "both move", 400, cells)
     scores = compare(weightless, Evidence((), rejects=(both,)), GEARED_PENDULUM).outside
     assert [score.joint for score in scores] == [1, 2]
@@ -175,7 +174,7 @@ def test_held_joints_that_tremble_drive_no_friction():
     """What the encoder of a held joint shows during a run is no speed of its motor."""
     course = worlds.course("constant", -1.0, 1.0, duration=2.0)
     run = worlds.run_of(GEARED_PENDULUM, 2, [0.3, 0.3], course=course, current=friction(course[2]))
-    rough = run.cells.velocity + np.array([0.05, 0.0]) * np.sin(np.arange(len(run.cells)))[:, None]
-    rough_run = replace(run, cells=replace(run.cells, velocity=rough))
+    rough = run.cells.position + np.array([0.005, 0.0]) * np.sin(np.arange(len(run.cells)))[:, None]
+    rough_run = replace(run, cells=replace(run.cells, position=rough))
     assert np.array_equal(rough_run.velocity[:, 0], np.zeros(len(run.cells)))
-    assert np.array_equal(rough_run.velocity[:, 1], run.cells.velocity[:, 1])
+    assert np.array_equal(rough_run.velocity[:, 1], run.cells.velocity)

@@ -116,7 +116,6 @@ def read_many(number: int, seed: int):
     runs = []
     for _ in range(number):
         samples = np.round(np.sin(np.arange(8) / 50.0)[:, None] + rng.normal(0.0, 0.02, (8, 40)), 2)
-        current = np.repeat(samples.mean(axis=1)[:, None], ARM.n_joints, axis=1)
         pick = np.arange(8) % len(run.cells)
         cells = Cells(
             count,
@@ -124,7 +123,7 @@ def read_many(number: int, seed: int):
             run.cells.position[pick],
             run.cells.velocity[pick],
             run.cells.acceleration[pick],
-            current,
+            samples.mean(axis=1),
             samples.var(axis=1),
             run.cells.temperature[pick],
         )

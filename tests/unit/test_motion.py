@@ -94,15 +94,15 @@ def test_ringing_is_dropped_and_calm_kept():
 def test_coarser_cells_keep_sums_and_spread():
     """Joining cells keeps count, means and the variance of all samples about the new means."""
     rng = np.random.default_rng(5)
-    current = rng.standard_normal((600, 2)).cumsum(axis=0)
+    current = rng.standard_normal(600).cumsum()
     single = np.ones(600, dtype=np.int64)
     zero = np.zeros(600)
     time = np.arange(600) / 100.0
-    fine = Cells(single, time, np.zeros((600, 2)), np.zeros((600, 2)), zero, current, zero, np.full(600, 30.0))
-    joined = coarser([fine], 10, joint=2)
+    fine = Cells(single, time, np.zeros((600, 2)), zero, zero, current, zero, np.full(600, 30.0))
+    joined = coarser([fine], 10)
     assert joined.count.sum() == 600
-    np.testing.assert_allclose(np.average(joined.current, axis=0, weights=joined.count), current.mean(axis=0))
-    blocks = np.array_split(current[:, 1], np.cumsum(joined.count)[:-1])
+    np.testing.assert_allclose(np.average(joined.current, weights=joined.count), current.mean())
+    blocks = np.array_split(current, np.cumsum(joined.count)[:-1])
     np.testing.assert_allclose(joined.variance, [block.var() for block in blocks])
     np.testing.assert_allclose(joined.temperature, 30.0)
 

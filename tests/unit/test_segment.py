@@ -63,11 +63,11 @@ def test_cells_are_the_samples_means():
     (run,) = segment([one], ARM, options=SegmentOptions(max_cells=40)).runs
     part = slice(run.first_row - 2, run.last_row - 1)
     weights = run.cells.count
-    np.testing.assert_allclose(np.average(run.cells.current, axis=0, weights=weights), one.current[part].mean(axis=0))
+    np.testing.assert_allclose(np.average(run.cells.current, weights=weights), one.current[part, 1].mean())
     np.testing.assert_allclose(np.average(run.cells.time, weights=weights), one.time[part].mean())
     assert len(run.cells) == 40
     assert np.average(run.cells.variance, weights=weights) == pytest.approx(0.04, rel=0.1)
-    np.testing.assert_allclose(run.cells.velocity[:, 1], 0.5, atol=1e-6)
+    np.testing.assert_allclose(run.cells.velocity, 0.5, atol=1e-6)
 
 
 def test_runs_of_many_turns_keep_a_fast_ripple():
@@ -77,7 +77,7 @@ def test_runs_of_many_turns_keep_a_fast_ripple():
     (run,) = segment([changed(one, current=current)], ARM).runs
     own = run.cells.position[:, 1]
     assert len(run.cells) == pytest.approx(256 * np.ptp(own) / (2.0 * np.pi), rel=0.02)
-    assert 2.0 * np.mean(run.cells.current[:, 1] * np.cos(100.0 * own)) == pytest.approx(np.sinc(100 / 256), rel=0.03)
+    assert 2.0 * np.mean(run.cells.current * np.cos(100.0 * own)) == pytest.approx(np.sinc(100 / 256), rel=0.03)
 
 
 def test_a_slide_has_no_sine():
@@ -129,7 +129,7 @@ def test_missing_current_is_left_out():
     evidence = segment([changed(one, current=current)], ARM)
     assert {reject.reason: reject.samples for reject in evidence.rejects}["no-current"] == 10
     assert np.isfinite(evidence.runs[0].triangle.factor).all()
-    assert np.isfinite(evidence.runs[0].cells.current[:, 1]).all()
+    assert np.isfinite(evidence.runs[0].cells.current).all()
     dead = changed(one, current=np.full_like(current, np.nan))
     assert segment([dead], ARM).runs == ()
 

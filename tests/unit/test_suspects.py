@@ -93,8 +93,8 @@ def test_empty_cells_are_left_out_of_the_means(tmp_path):
 
 def test_current_of_another_motor_may_be_suspected(tmp_path):
     """A column that is read anyhow arrives a second time as the user asked, in the file's own unit."""
-    (run,) = found(written(tmp_path / "a.csv", columns()), extra=("i1", "Vbus")).runs
-    np.testing.assert_array_equal(run.cells.extra[:, 0], run.cells.current[:, 0])
+    (run,) = found(written(tmp_path / "a.csv", columns()), extra=("i2", "Vbus")).runs
+    np.testing.assert_array_equal(run.cells.extra[:, 0], run.cells.current)
 
 
 def test_nothing_else_changes(tmp_path):
@@ -123,5 +123,5 @@ def test_joined_cells_weigh_what_is_known():
     """Two cells of 1 and 3 samples at 10 and 20 V join to 17.5 V; with the first unknown, to 20 V."""
     zero, count = np.zeros(2), np.array([1, 3])
     extra = np.array([[10.0, np.nan], [20.0, 20.0]])
-    fine = Cells(count, np.array([0.0, 0.1]), zero[:, None], zero[:, None], zero, zero[:, None], zero, zero, extra)
-    np.testing.assert_allclose(coarser([fine], 1, joint=1).extra, [[17.5, 20.0]])
+    fine = Cells(count, np.array([0.0, 0.1]), zero[:, None], zero, zero, zero, zero, zero, extra)
+    np.testing.assert_allclose(coarser([fine], 1).extra, [[17.5, 20.0]])

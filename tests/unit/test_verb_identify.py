@@ -285,7 +285,7 @@ def test_predictions_follow_noisy_runs():
     found = evidence(truth, experiment(STANFORD))
     estimate = identify(found, STANFORD)
     for run in found.runs:
-        error = run.cells.current[:, run.joint - 1] - true_current(truth, run)
+        error = run.cells.current - true_current(truth, run)
         assert np.sqrt(np.mean(error**2)) < 5 * truth.noise.std[run.joint - 1]
     for fit in estimate.joints:
         assert fit.rmse == pytest.approx(truth.noise.std[fit.joint - 1], rel=0.35)

@@ -48,7 +48,7 @@ def test_triangle_is_the_factor_of_its_samples():
 def test_cells_are_means_of_the_samples():
     """Cells add up to the triangle's sums: count, current, square of the current."""
     for run in Bench(PUMA, PAPER, rate=50.0).runs(np.random.default_rng(2))[::9]:
-        own = run.cells.current[:, run.joint - 1]
+        own = run.cells.current
         assert run.cells.count.sum() == run.samples
         square = np.sum(run.cells.count * (own**2 + run.cells.variance))
         assert square == pytest.approx(np.sum(run.triangle.factor[:, -1] ** 2), rel=1e-9)
@@ -77,7 +77,7 @@ def test_levels_differ_between_runs_and_experiments():
     """Two experiments on one bench differ, by the noise that the truth states."""
     bench, rng = Bench(PUMA, PAPER), np.random.default_rng(8)
     first, second = bench.runs(rng), bench.runs(rng)
-    means = np.array([[run.cells.current[:, 1].mean() for run in some if run.joint == 2] for some in (first, second)])
+    means = np.array([[run.cells.current.mean() for run in some if run.joint == 2] for some in (first, second)])
     # 20 differences of two levels, each of variance 2 x 0.2 x std^2, know their size to 16 %; three sigmas.
     assert np.std(means[0] - means[1]) == pytest.approx(np.sqrt(0.4) * PUMA.noise.std[1], rel=0.5)
 

@@ -74,7 +74,7 @@ def course(axes: Axes, story: Story, group: Sequence[RunScore]) -> None:
         if side:
             cells = [score.run.cells for score in side]
             position = story.shown(joint, np.concatenate([cell.position[:, joint - 1] for cell in cells]))
-            current = np.concatenate([cell.current[:, joint - 1] for cell in cells])
+            current = np.concatenate([cell.current for cell in cells])
             dots(axes, position, current, colour=colour, size=2.6, alpha=0.75)
         for score in side:
             order = np.argsort(score.run.cells.position[:, joint - 1])
