@@ -24,7 +24,7 @@ _HOMES = {
     **dict.fromkeys(("RecipeError", "ResultError", "Where"), "pumaid.errors"),
     **dict.fromkeys(("Cells", "Combination", "Comparison", "EffectChoice", "Estimate"), "pumaid.records"),
     **dict.fromkeys(("Evidence", "FileFacts", "Joint", "JointFit", "JointScore", "Log"), "pumaid.records"),
-    **dict.fromkeys(("LogFormat", "Motion", "OutsideScore", "Plan", "Posture", "Reject"), "pumaid.records"),
+    **dict.fromkeys(("LogFormat", "Means", "Motion", "OutsideScore", "Plan", "Posture", "Reject"), "pumaid.records"),
     **dict.fromkeys(("Robot", "Run", "RunScore", "Samples", "Value"), "pumaid.records"),
     **dict.fromkeys(("Budget", "BudgetPart", "Candidate", "Curve", "Diagnosis", "Finding"), "pumaid.records"),
     **dict.fromkeys(("JointDiagnosis", "Limit", "NextRun", "Size", "Unexplained"), "pumaid.records"),

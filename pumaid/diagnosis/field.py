@@ -283,7 +283,7 @@ def posture_groups(runs: Sequence[Run]) -> list[list[int]]:
     def alike(first: int, others: Counts) -> NDArray[np.bool_]:
         return np.asarray(np.all(np.abs(posture[first] - posture[others]) < SAME_POSTURE, axis=1))
 
-    return grouped(len(runs), alike)
+    return list(grouped(len(runs), alike))
 
 
 #: Held positions closer than this (rad or m) are one posture.

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Sequence
+from itertools import islice
 
 import numpy as np
 from numpy.typing import NDArray
@@ -110,8 +111,9 @@ def _loads(sheet: Sheet, row: Row) -> Iterable[tuple[Floats, str]]:
         return
     gravity = np.array([column.effect == "gravity" for column in model.columns])
     every = np.nan_to_num(np.array([run.posture for run in row.runs]))
-    postures = grouped(len(every), lambda one, others: marked(others, near(every, one, others, within=SAME_POSTURE)))
-    for number, group in enumerate(postures[:MOST_POSTURES], start=1):
+    alike = grouped(len(every), lambda one, others: marked(others, near(every, one, others, within=SAME_POSTURE)))
+    postures = list(islice(alike, MOST_POSTURES))
+    for number, group in enumerate(postures, start=1):
         position = np.tile(every[group[0]], (2, 1))
         position[:, row.joint - 1] = [0.0, math.pi / 2.0]
         samples = Samples(row.joint, position, np.zeros_like(position), np.zeros(2), np.ones(2))

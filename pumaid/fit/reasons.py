@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 
@@ -46,16 +47,24 @@ class Facts:
     def of(cls, joint: int, runs: Sequence[Run]) -> Facts:
         """Of the runs in which `joint` (from 1) moves."""
         own = [run for run in runs if run.joint == joint]
-        held = np.array([run.posture[joint:] for run in own])
-        sets = grouped(len(own), lambda one, others: marked(others, near(held, one, others, within=SAME_POSTURE)))
         speeds = {sign: tuple(sorted(abs(run.speed) for run in own if run.direction == sign)) for sign in (1, -1)}
         strokes = sum(run.kind == "stroke" for run in own)
-        return cls(joint, len(own), speeds, len(sets), strokes)
+        held = np.array([run.posture[joint:] for run in own])
+        sets = _postures(held.tobytes(), len(own)) if own else 0
+        return cls(joint, len(own), speeds, sets, strokes)
 
     def has_one_speed(self, sign: int) -> bool:
         """Whether all runs in direction `sign` have practically one speed."""
         speeds = self.speeds[sign]
         return bool(speeds) and not self.strokes and speeds[-1] - speeds[0] <= ONE_SPEED * speeds[-1]
+
+
+@lru_cache(maxsize=16)  # asked for by every table of one fit
+def _postures(positions: bytes, count: int) -> int:
+    """How many sets of positions there are among `count` sets of the same joints'."""
+    held = np.frombuffer(positions).reshape(count, -1)
+    alike = grouped(count, lambda one, others: marked(others, near(held, one, others, within=SAME_POSTURE)))
+    return sum(1 for _ in alike)
 
 
 def of_column(

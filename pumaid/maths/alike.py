@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,7 +13,7 @@ Floats = NDArray[np.float64]
 Numbers = NDArray[np.int64]
 
 
-def grouped(count: int, alike: Callable[[int, Numbers], NDArray[np.bool_]]) -> list[list[int]]:
+def grouped(count: int, alike: Callable[[int, Numbers], NDArray[np.bool_]]) -> Iterator[list[int]]:
     """Groups of numbers 0..count-1, each of a first one and those after it that are like it and like no earlier first.
 
     Parameters
@@ -26,16 +26,15 @@ def grouped(count: int, alike: Callable[[int, Numbers], NDArray[np.bool_]]) -> l
     Examples
     --------
     >>> values = np.array([1.0, 5.0, 1.1, 5.1, 1.2])
-    >>> grouped(5, lambda first, others: np.abs(values[others] - values[first]) < 0.15)
+    >>> list(grouped(5, lambda first, others: np.abs(values[others] - values[first]) < 0.15))
     [[0, 2], [1, 3], [4]]
     """
-    left, out = np.arange(count, dtype=np.int64), []
+    left = np.arange(count, dtype=np.int64)
     while len(left):
         own = alike(int(left[0]), left)
         own[0] = True
-        out.append([int(number) for number in left[own]])
+        yield left[own].tolist()
         left = left[~own]
-    return out
 
 
 def near(postures: Floats, first: int, others: Numbers, *, within: float) -> Numbers:
