@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -148,11 +147,10 @@ def limits(rows: Sequence[Row], model: Model) -> Floats:
     return np.array(out)
 
 
-@lru_cache(maxsize=16)  # the same whatever effects are tried
-def _most(runs: tuple[Run, ...]) -> tuple[float, float]:
-    """Highest speed and largest acceleration of runs, rad/s and rad/s2 (m)."""
-    pull = np.concatenate([run.cells.acceleration for run in runs])
-    return max(abs(run.speed) for run in runs), float(np.max(np.abs(pull), initial=0.0))
+def _most(runs: Sequence[Run]) -> tuple[float, float]:
+    """Highest speed and largest acceleration of runs, rad/s and rad/s2 (m); at constant speed there is none."""
+    pulls = (float(np.abs(run.cells.acceleration).max()) for run in runs if run.kind == STROKE)
+    return max(abs(run.speed) for run in runs), max(pulls, default=0.0)
 
 
 def _limit(model: Model, rows: Sequence[Row], index: int) -> float:
