@@ -30,7 +30,7 @@ def median(values: Floats) -> float:
 
 
 def gradient(values: Floats) -> Floats:
-    """(N,) change from one to the next of (N,) numbers, N at least 2; but at the ends half of that over two steps."""
+    """(N,) slopes a step of (N,) numbers, N at least 2, to both neighbours where there are two."""
     out = np.empty(len(values))
     np.subtract(values[2:], values[:-2], out=out[1:-1])
     out[1:-1] *= 0.5

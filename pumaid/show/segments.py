@@ -115,10 +115,8 @@ def _curves(evidence: Evidence, shifts: dict[int, float], scale: Floats, *, most
         shift, cells = shifts[item.clock], item.cells
         course = (np.zeros(0), nothing, nothing)
         if cells is not None:
-            step, velocity = (
-                max(1, math.ceil(len(cells) / most)),
-                item.velocity if isinstance(item, Run) else cells.velocity,
-            )
+            step = max(1, math.ceil(len(cells) / most))
+            velocity = item.velocity if isinstance(item, Run) else cells.velocity
             course = (cells.time[::step] + shift, velocity[::step] * scale, cells.position[::step] * scale)
         kind = item.kind if isinstance(item, Run) else item.reason
         joints = (item.joint,) if isinstance(item, Run) else item.joints

@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from pumaid.maths.short import lengths, mean, median
+from pumaid.maths.short import gradient, lengths, mean, median
 from pumaid.motion.options import DEFAULTS
 from pumaid.motion.rest import FirstRest
 from pumaid.motion.speed import slopes, slopes_by
@@ -20,6 +20,14 @@ def test_mean_and_median_are_numpys(values):
     """To the last bit, of odd and even counts; the values stay as they are."""
     before = values.copy()
     assert (mean(values), median(values)) == (float(np.mean(values)), float(np.median(values)))
+    assert np.array_equal(values, before)
+
+
+@given(arrays(np.float64, st.integers(2, 60), elements=st.floats(-1e6, 1e6)))
+def test_gradients_are_numpys(values):
+    """At the ends and between, to rounding; the values stay as they are."""
+    before = values.copy()
+    assert np.allclose(gradient(values), np.gradient(values), rtol=1e-12, atol=1e-9)
     assert np.array_equal(values, before)
 
 
