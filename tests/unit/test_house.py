@@ -415,19 +415,9 @@ PUBLIC = [
     *("Joint", "JointDiagnosis", "JointFit", "JointScore", "Ladder", "Limit", "Log", "LogError", "LogFormat"),
     *("LogReader", "Means", "ModelError", "Motion", "NextRun", "Note", "OutsideScore", "Plan", "Posture"),
     *("PumaidError", "RecipeError", "Reject", "ResultError", "Robot", "Run", "RunScore", "Rung", "Samples", "Size"),
-    *(
-        "Unexplained",
-        "Value",
-        "Where",
-        "catalogue",
-        "compare",
-        "diagnose",
-        "export",
-        "identify",
-        "plan",
-        "read_diagnosis",
-    ),
-    *("read_history", "read_model", "read_recipe", "segment", "simulate", "write_diagnosis", "write_model"),
+    *("Unexplained", "Value", "Where", "catalogue", "compare", "diagnose", "export", "identify", "plan"),
+    *("read_diagnosis", "read_history", "read_model", "read_recipe", "segment", "simulate"),
+    *("write_diagnosis", "write_model"),
 ]
 
 
