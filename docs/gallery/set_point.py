@@ -99,9 +99,10 @@ def step(robot: Arm, target: Sequence[float], model: Compensation | None) -> Tri
 
 @dataclass(frozen=True)
 class Ladder:
-    """A robot, the runs of its own logs, the paper's model of them, and what each rung adds to PD."""
+    """A robot, its own log and the runs of it, the paper's model of them, and what each rung adds to PD."""
 
     robot: Arm
+    log: pumaid.Log
     evidence: pumaid.Evidence
     base: pumaid.Estimate
     models: tuple[Compensation | None, ...]
@@ -112,7 +113,8 @@ class Ladder:
         plain, geared = recipe(coupled=False), recipe()
         with tempfile.TemporaryDirectory() as folder:
             files = [puma.record(robot, Path(folder))]
-            evidence = pumaid.segment(pumaid.LogReader(files, geared), geared)
+            (log,) = pumaid.LogReader(files, geared)
+            evidence = pumaid.segment([log], geared)
         base = pumaid.identify(evidence, plain)
         more = pumaid.identify(evidence, geared, effects=[pumaid.EffectChoice("stribeck")])
         models = (
@@ -122,7 +124,7 @@ class Ladder:
             Compensation(geared, pumaid.identify(evidence, geared)),
             Compensation(geared, more),
         )
-        return cls(robot, evidence, base, models)
+        return cls(robot, log, evidence, base, models)
 
     def tried(self, target: Sequence[float]) -> list[Trial]:
         """The step on every rung."""
@@ -144,8 +146,13 @@ class Ladder:
 
     def seen(self, run: pumaid.Run, motor: int) -> tuple[Floats, Floats, Floats]:
         """Current (A) of a motor whose joint is held during `run`: measured, by the model without and with gears."""
+        # Cells hold the moving joint's current only; those of held ones are in the log.
+        first, stop = np.searchsorted(self.log.rows, [run.first_row, run.last_row + 1])
+        starts = first + np.cumsum(run.cells.count) - run.cells.count
+        assert starts[-1] + run.cells.count[-1] == stop
+        measured = np.add.reduceat(self.log.current[:stop, motor - 1], starts.astype(int)) / run.cells.count
         both = [model.program.current(run.cells.position, run.velocity) for model in self.models[2:4] if model]
-        return run.cells.current[:, motor - 1], both[0][:, motor - 1], both[1][:, motor - 1]
+        return measured, both[0][:, motor - 1], both[1][:, motor - 1]
 
 
 def targets(count: int, seed: int) -> list[tuple[float, ...]]:

@@ -20,14 +20,14 @@ def test_groups_are_those_of_a_loop(seed):
             wanted.append([number])
         else:
             own.append(number)
-    assert grouped(60, lambda first, others: np.abs(values[others] - values[first]) < 0.05) == wanted
+    assert list(grouped(60, lambda first, others: np.abs(values[others] - values[first]) < 0.05)) == wanted
 
 
 def test_what_is_like_nothing_stands_alone():
     """Values that are not known are not even like themselves, and make a group each; nothing makes no group."""
     values = np.array([np.nan, 1.0, np.nan, 1.0])
     alike = lambda first, others: np.abs(values[others] - values[first]) < 0.1  # noqa: E731
-    assert grouped(4, alike) == [[0], [1, 3], [2]] and grouped(0, alike) == []
+    assert list(grouped(4, alike)) == [[0], [1, 3], [2]] and list(grouped(0, alike)) == []
 
 
 @pytest.mark.parametrize("seed", range(5))
