@@ -132,13 +132,14 @@ def _on_cores(
     how: Pass,
 ) -> Evidence:
     """The same by several processes."""
-    from pumaid.cluster.cores import spread, started
+    from pumaid.cluster.cores import spread
+    from pumaid.cluster.desk import started
     from pumaid.cluster.pieces import Reading
     from pumaid.files.table import LogReader
 
     LogReader(paths, robot, extra=extra).check_extra()
     reading = Reading(robot, options, tuple(dict.fromkeys(extra)))
-    with started(reading, others) as mates, progress("reading logs") as step:
+    with started(reading.tried, others) as mates, progress("reading logs") as step:
         return spread(
             paths,
             reading,

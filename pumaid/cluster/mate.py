@@ -1,4 +1,4 @@
-"""One more process that reads pieces of logs, and the way what it read takes to this one."""
+"""One more process that does tasks, and the way what comes of them takes to this one."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ import io
 import os
 import signal
 import sys
+from collections.abc import Callable
 from contextlib import suppress
 from multiprocessing import Pipe
 from multiprocessing.connection import Connection
@@ -17,21 +18,26 @@ from threading import Thread
 from typing import Any
 from warnings import catch_warnings, simplefilter
 
-from pumaid.cluster.pieces import Found, Reading
-from pumaid.files.table import LogPath
+Work = Callable[[Any], Any]
 
 #: Whether a process begins with all that this one has loaded.
 CAN_FORK = sys.platform == "linux"
 
 
 class Mate:
-    """One more process that reads pieces, until it is left; it ends with the process that asked for it."""
+    """One more process that does tasks, until it is left; it ends with the process that asked for it.
 
-    def __init__(self, reading: Reading) -> None:
+    Parameters
+    ----------
+    work
+        What is done with a task; where no process can be forked it must be one that can be pickled.
+    """
+
+    def __init__(self, work: Work) -> None:
         # What is loaded is there at once where a process can be forked; nothing else runs yet where it is.
         self._here, there = Pipe()
         process = ForkProcess if CAN_FORK else SpawnProcess
-        self._process = process(target=_serve, args=(there, self._here, reading), daemon=True)
+        self._process = process(target=_serve, args=(there, self._here, work), daemon=True)
         with catch_warnings():
             # Python warns of threads that a forked process lacks; those of Arrow and OpenBLAS expect it.
             simplefilter("ignore", DeprecationWarning)
@@ -59,18 +65,18 @@ class Mate:
         """Whether the process runs."""
         return self._process.is_alive()
 
-    def ask(self, piece: LogPath) -> None:
-        """Have it read a piece after those that it was asked for before.
+    def ask(self, task: Any) -> None:
+        """Have it do a task after those that it was asked for before.
 
         Raises
         ------
         OSError
             The process has ended.
         """
-        self._here.send(piece)
+        self._here.send(task)
 
     def leave(self) -> None:
-        """Have it end when it has read what it was asked for.
+        """Have it end when it has done what it was asked for.
 
         Raises
         ------
@@ -79,41 +85,40 @@ class Mate:
         """
         self._here.send(None)
 
-    def take(self) -> Found:
-        """What it read of the first piece that was not taken yet, or what it raises.
+    def take(self) -> Any:
+        """What came of the first task of which that was not taken yet.
 
         Raises
         ------
         OSError, EOFError
             The process has ended.
         """
-        found: Found = _received(self._here)
-        return found
+        return _received(self._here)
 
 
-def _serve(there: Connection, here: Connection, reading: Reading) -> None:
-    """Read pieces until it is left; Ctrl-C is for the process that asks."""
+def _serve(there: Connection, here: Connection, work: Work) -> None:
+    """Do tasks until it is left; Ctrl-C is for the process that asks."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     here.close()
-    found = Queue[Found](maxsize=1)
-    # The next piece is read while the last one is on its way.
+    found = Queue[Any](maxsize=1)
+    # The next task is done while what came of the last one is on its way.
     Thread(target=_send_all, args=(there, found), daemon=True).start()
-    # Whatever it is, the first process meets it, too, when it reads the piece itself, and tells it.
+    # Whatever it is, the first process meets it, too, when it does the task itself, and tells it.
     with suppress(Exception):
-        for piece in iter(there.recv, None):
-            found.put(reading.tried(piece))
+        for task in iter(there.recv, None):
+            found.put(work(task))
     os._exit(0)  # what it holds goes with it; nothing has to be taken apart
 
 
-def _send_all(there: Connection, found: Queue[Found]) -> None:
+def _send_all(there: Connection, found: Queue[Any]) -> None:
     try:
         while True:
             _send(there, found.get())
     finally:
-        os._exit(1)  # who asked for it reads what did not come
+        os._exit(1)  # who asked for it does what did not come
 
 
-def _send(there: Connection, thing: Found) -> None:
+def _send(there: Connection, thing: Any) -> None:
     """Send it such that long arrays are copied neither here nor there."""
     plain, buffers = io.BytesIO(), list[Any]()
     ForkingPickler(plain, 5, True, buffers.append).dump(thing)

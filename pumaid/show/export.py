@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import io
 import json
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from typing import Any
 
 import pandas as pd
@@ -14,8 +14,7 @@ from pumaid.records import Estimate, Robot
 from pumaid.show.forms import Shown, latex, markdown
 from pumaid.show.grid import Grid
 from pumaid.show.numbers import in_unit
-from pumaid.show.plots import drawings
-from pumaid.show.plots.style import INLINE
+from pumaid.show.plots.style import INLINE, Drawing
 from pumaid.show.report import page
 from pumaid.show.scores import comparison_grid
 from pumaid.show.story import Story
@@ -32,7 +31,20 @@ FIGURE_FORMS = ("png", "svg", "pdf")
 _KEPT = ("csv", "parquet", "latex", "markdown")
 
 
-def export(story: Story, *, figures: Sequence[str] = FIGURE_FORMS) -> Iterator[tuple[str, bytes]]:
+def files_of(drawing: Drawing, forms: Sequence[str]) -> tuple[str, dict[str, bytes]]:
+    """A figure's name, and its files by form, the page's own among them.
+
+    Parameters
+    ----------
+    drawing
+        What is drawn.
+    forms
+        Some of `FIGURE_FORMS`.
+    """
+    return drawing.name, drawing.files([*forms, INLINE])
+
+
+def export(story: Story, figures: Iterable[tuple[str, dict[str, bytes]]]) -> Iterator[tuple[str, bytes]]:
     """Page, tables and figures of a story.
 
     Parameters
@@ -40,7 +52,7 @@ def export(story: Story, *, figures: Sequence[str] = FIGURE_FORMS) -> Iterator[t
     story
         What is told.
     figures
-        Forms of the figures.
+        All of its drawings as `files_of` makes them.
 
     Yields
     ------
@@ -58,10 +70,9 @@ def export(story: Story, *, figures: Sequence[str] = FIGURE_FORMS) -> Iterator[t
     for form in ("csv", "parquet"):
         yield f"tables/runs.{form}", _frame_as(runs_frame(story), form)
     inline = {}
-    for drawing in drawings(story):
-        drawn = drawing.files([*figures, INLINE])
-        inline[drawing.name] = drawn.pop(INLINE).decode("utf-8")
-        yield from ((f"figures/{drawing.name}.{form}", content) for form, content in drawn.items())
+    for figure, files in figures:
+        inline[figure] = files[INLINE].decode("utf-8")
+        yield from ((f"figures/{figure}.{form}", content) for form, content in files.items() if form != INLINE)
     yield "report.html", page(story, drawn=inline).encode("utf-8")
 
 

@@ -16,10 +16,12 @@ import pyarrow.parquet as pq
 import pytest
 from sessions import Eager, make_session, same
 
-from pumaid.cluster import cores, pieces
+from pumaid.cluster import cores, desk, pieces
 from pumaid.cluster import gather as gathering
-from pumaid.cluster.cores import Mate, others, spread, started
+from pumaid.cluster.cores import others, spread
+from pumaid.cluster.desk import started
 from pumaid.cluster.gather import gather
+from pumaid.cluster.mate import Mate
 from pumaid.cluster.pieces import Reading, pieces_of
 from pumaid.cluster.whole import Whole
 from pumaid.errors import LogError
@@ -71,7 +73,7 @@ def one_pass(paths, robot):
 
 def in_pieces(paths, robot, *, mates: int = 0):
     reading = Reading(robot, DEFAULTS)
-    with started(reading, mates) as processes:
+    with started(reading.tried, mates) as processes:
         return spread(paths, reading, processes)
 
 
@@ -247,7 +249,7 @@ def test_the_first_file_that_is_refused_is_told(logs, tmp_path):
     for number in (2, 4):
         paths[number].write_bytes(paths[number].read_bytes()[:-50])
     reading = Reading(robot, DEFAULTS)
-    with pytest.raises(LogError) as error, started(reading, 2) as mates:
+    with pytest.raises(LogError) as error, started(reading.tried, 2) as mates:
         spread(paths, reading, mates)
     assert "session_2" in str(error.value)
     assert not any(mate.is_alive for mate in mates)
@@ -259,7 +261,7 @@ def test_a_process_that_is_killed_loses_nothing(logs, tmp_path):
     for number in range(4):
         paths = written(tmp_path / "logs", table, number=number)
     reading = Reading(robot, DEFAULTS)
-    with started(reading, 2) as mates:
+    with started(reading.tried, 2) as mates:
         os.kill(mates[0].pid, signal.SIGKILL)
         found = spread(paths, reading, mates)
     assert same(found, one_pass(paths, robot))
@@ -277,14 +279,14 @@ def test_the_others_have_begun_meanwhile(logs, tmp_path):
         while not any(asked) and time.monotonic() < deadline:
             time.sleep(0.01)
 
-    with started(reading, 1) as mates:
+    with started(reading.tried, 1) as mates:
         asked = []
         take = mates[0].take
         mates[0].take = lambda: (take(), asked.append(True))[0]
         found = spread(paths, reading, mates, meanwhile=until_some_are_read)
         assert asked
     assert same(found, one_pass(paths, robot))
-    with pytest.raises(ZeroDivisionError), started(reading, 1) as mates:
+    with pytest.raises(ZeroDivisionError), started(reading.tried, 1) as mates:
         spread(paths, reading, mates, meanwhile=lambda: 1 // 0)
     assert not mates[0].is_alive
 
@@ -332,10 +334,10 @@ def test_a_process_that_cannot_be_started_is_done_without(logs, tmp_path, monkey
         begun.append(Mate(reading))
         return begun[0]
 
-    monkeypatch.setattr(cores, "Mate", mate)
+    monkeypatch.setattr(desk, "Mate", mate)
     for number in range(3):
         paths = written(tmp_path / "logs", table, number=number)
-    with started(Reading(robot, DEFAULTS), 3) as mates:
+    with started(Reading(robot, DEFAULTS).tried, 3) as mates:
         assert mates == begun
         assert same(spread(paths, Reading(robot, DEFAULTS), mates), one_pass(paths, robot))
 

@@ -12,7 +12,7 @@ import pandas as pd
 import pytest
 import stories
 
-from pumaid.show.export import export, parameters_as, parameters_frame
+from pumaid.show.export import export, files_of, parameters_as, parameters_frame
 from pumaid.show.plots import drawings
 from pumaid.show.report import all_sections, page
 
@@ -110,7 +110,8 @@ def test_notes_and_rejects_are_told(html):
 
 def test_export_has_page_tables_and_figures():
     """One call yields all files, the page last."""
-    names = [name for name, _ in export(stories.story(), figures=("svg",))]
+    told = stories.story()
+    names = [name for name, _ in export(told, (files_of(drawing, ["svg"]) for drawing in drawings(told)))]
     assert names[-1] == "report.html" and "figures/spent.svg" in names
     assert {"tables/parameters.csv", "tables/parameters.tex", "tables/runs.parquet", "tables/comparison.md"} < set(
         names

@@ -95,7 +95,7 @@ def command(
     read = partial(read_evidence, where, recipe, trust=trust, heldout=heldout, how=how)
     told = _story(source, read, place=(recipe, where), units=units)
     folder = results or home / "results"
-    made = _made(told, folder, figures=figures or folder / "figures", forms=chosen, page=output)
+    made = _made(told, folder, figures=figures or folder / "figures", forms=chosen, page=output, jobs=how.jobs)
     spare_inputs([path for path, _ in made], inputs)
     _write(made)
     remark(f"report written to {made[-1][0]}")
@@ -187,18 +187,31 @@ def _diagnosed(told: Story, results: Path) -> Story:
 
 
 def _made(
-    told: Story, folder: Path, *, figures: Path, forms: Sequence[str], page: Path | None
+    told: Story, folder: Path, *, figures: Path, forms: Sequence[str], page: Path | None, jobs: int
 ) -> list[tuple[Path, bytes]]:
-    """Every file with its content, the page last; nothing is written."""
-    from pumaid.show.export import export
+    """Every file with its content, the page last; nothing is written. Figures are drawn by up to `jobs` processes."""
+    from pumaid.cluster.cores import usual
+    from pumaid.cluster.desk import Desk, in_order, started
+    from pumaid.cluster.mate import CAN_FORK
+    from pumaid.show.export import export, files_of
+    from pumaid.show.plots import drawings
 
     if "pdf" in forms:
         from pumaid.files.typeface import cut_typeface
 
         cut_typeface()
     made: list[tuple[Path, bytes]] = []
-    with progress("drawing") as step:
-        for number, (name, data) in enumerate(export(told, figures=forms)):
+    each = list(drawings(told))
+    numbers = range(len(each))
+
+    def work(number: int) -> tuple[str, dict[str, bytes]]:
+        return files_of(each[number], forms)
+
+    # What a figure is made of is no plain data: only a process that begins with it can draw it.
+    others = min(jobs or usual(), len(each)) - 1 if CAN_FORK else 0
+    with started(work, others) as mates, progress("drawing") as step:
+        figure_by_figure = in_order(Desk(numbers, len(mates) + 1), work, mates)
+        for number, (name, data) in enumerate(export(told, figure_by_figure)):
             step(number, name)
             part, _, rest = name.partition("/")
             place = figures / rest if part == "figures" else folder / name
