@@ -72,11 +72,12 @@ def _middle(values: np.ndarray) -> float:
 def through_logs() -> Iterator[str]:
     """Table rows: Table I against what 20 experiments found through log files."""
     truth = table1.puma560()
-    known, found, hits = truth.parameters(), {}, []
+    known, hits = truth.parameters(), []
+    found: dict[str, list[tuple[float, float]]] = {}
     for seed in LOGS:
         with TemporaryDirectory() as folder:
             for value in logged(Path(folder), seed).values:
-                if value.ci95 is not None:
+                if value.value is not None and value.std_error is not None and value.ci95 is not None:
                     found.setdefault(value.name, []).append((value.value, value.std_error))
                     hits.append(value.ci95[0] <= known[value.name] <= value.ci95[1])
     for name, pairs in found.items():

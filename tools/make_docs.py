@@ -127,8 +127,9 @@ def run_sessions(text: str, *, pictures: Path | None = None) -> str:
         for name in ("sample_logs", "recipes"):
             shutil.copytree(ROOT / name, Path(scratch) / name)
         told = SESSION.sub(lambda found: f"```console\n{_session(found[1], scratch)}```", text)
-        for drawn in Path(scratch).glob("*.png") if pictures is not None else ():
-            shutil.copy(drawn, pictures)
+        if pictures is not None:
+            for drawn in Path(scratch).glob("*.png"):
+                shutil.copy(drawn, pictures)
         return told
 
 

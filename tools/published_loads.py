@@ -79,7 +79,7 @@ GEN3 = (*_GEN3_ARM, _urdf(*_BRACELET, mass=0.5, centre=(0.000281, 0.011402, -0.0
 GEN3_NO_CAMERA = (*_GEN3_ARM, _urdf(*_BRACELET, mass=0.364, centre=(-9.3e-05, 0.000132, -0.022905)))
 
 
-def loads(links: Sequence[Link], position: Sequence[float]) -> Floats:
+def loads(links: Sequence[Link], position: Sequence[float] | Floats) -> Floats:
     """(J,) N m that every joint must give to hold the arm at `position` (rad), the base upright."""
     frame, axes, origins, centres = np.eye(4), [], [], []
     for link, angle in zip(links, position, strict=True):

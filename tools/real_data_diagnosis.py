@@ -23,7 +23,7 @@ from pumaid.verbs.identify import identify
 
 #: The bare motor's recordings by what was done: driven by one voltage, or held near one speed by a controller. The
 #: current of a ripple differs between the two, so they are not fitted together.
-ROLLING = ("rolling_data", "rolling_data1", "rolling_data2")
+ROLLING: tuple[str, ...] = ("rolling_data", "rolling_data1", "rolling_data2")
 SPEED = ("speed_test", "speed_test1", "speed_test_old")
 #: What the motor was judged on: each recording by the other two of its kind.
 MOTOR = {f"judge {name}": (kind, name) for kind in (ROLLING, SPEED) for name in kind}

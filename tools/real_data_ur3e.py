@@ -116,9 +116,10 @@ def _misfit(frame: pd.DataFrame) -> Iterable[str]:
     for low, high in pairwise(SPEEDS):
         own = frame[(frame.speed >= low) & (frame.speed < high)]
         yield f"    {low} to {high} rad/s: {float(np.mean(own.residual * own.direction)):+.4f}"
-    for (way, up), own in frame.groupby(["direction", "speeds_up"]):
-        what = "speeding up" if up else "slowing down"
-        yield f"  residual {'forward' if way > 0 else 'backward'}, {what}: RMS {_rms(own.residual):.4f} A"
+    for _, own in frame.groupby(["direction", "speeds_up"]):
+        way = "forward" if own.direction.iloc[0] > 0 else "backward"
+        what = "speeding up" if own.speeds_up.iloc[0] else "slowing down"
+        yield f"  residual {way}, {what}: RMS {_rms(own.residual):.4f} A"
 
 
 def ripple(

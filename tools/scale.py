@@ -11,7 +11,6 @@ from __future__ import annotations
 
 import argparse
 import os
-import sys
 import tempfile
 import time
 from collections.abc import Callable
@@ -25,7 +24,8 @@ import numpy as np
 
 from pumaid import identify, plan, segment, simulate
 from pumaid.cluster.connect import connected
-from pumaid.cluster.cores import spread, started
+from pumaid.cluster.cores import spread
+from pumaid.cluster.desk import started
 from pumaid.cluster.gather import gather
 from pumaid.cluster.pieces import Reading
 from pumaid.files.recipe import read_recipe, shipped_recipes
@@ -81,11 +81,12 @@ def main() -> None:
         hours = rows / options.rate / 3600.0
         amount = f"{rows:,} rows, {hours:.1f} robot-hours at {options.rate:g} Hz, {ending}"
         reading = Reading(robot, DEFAULTS)
-        mates = stack.enter_context(started(reading, 1))
+        # One for each round, begun before the cluster is; each reads once.
+        mates = stack.enter_context(started(reading.tried, options.rounds + 1))
         one, two = (stack.enter_context(connected("local", workers=number)) for number in (1, 2))
         ways: dict[str, Callable[[], Evidence]] = {
             "one process": lambda: segment(Watch(LogReader(paths, robot), robot), robot),
-            "two processes (`--jobs 2`)": lambda: spread(paths, reading, mates),
+            "two processes (`--jobs 2`)": lambda: spread(paths, reading, [mates.pop()]),
             "1 worker": lambda: gather(paths, robot, one),
             "2 workers": lambda: gather(paths, robot, two),
         }
@@ -103,9 +104,9 @@ def main() -> None:
 
 
 def _check(found: Evidence, wanted: Evidence, robot: Robot) -> None:
-    values = [[value.value or 0.0 for value in identify(one, robot).values] for one in (wanted, found)]
-    assert np.allclose(*values, rtol=1e-10, atol=0.0), "the numbers are others"
+    known, told = ([value.value or 0.0 for value in identify(one, robot).values] for one in (wanted, found))
+    assert np.allclose(told, known, rtol=1e-10, atol=0.0), "the numbers are others"
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    main()

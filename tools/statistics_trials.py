@@ -158,7 +158,7 @@ def hits() -> Iterator[str]:
         sizes = [one[name, joint].size for one in announced]
         limit = float(np.mean([size for size in sizes if size is not None]))
         shapes = shown(looks[0], name, joint)
-        cells = []
+        cells: list[str] = []
         for count, share, is_any in ((AT_MIDDLE, 1.0, False), (AT_ANY, 1.0, True), (BELOW, 1.0 / 3.0, False)):
             seeds = [HIDDEN + 1000 * (place + 1) + 100 * len(cells) + number for number in range(count)]
             beyond, found = 0, 0
