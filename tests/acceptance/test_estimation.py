@@ -1,4 +1,4 @@
-"""What the estimate promises, held against hundreds of simulated experiments: intervals, efficiency, exactness."""
+"""What the estimate promises, held against a hundred simulated experiments: intervals, efficiency, exactness."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from pumaid.verbs.identify import identify
 from pumaid.verbs.plan import plan
 from pumaid.virtual import Bench, Noise, Truth, draw, table1
 
-#: Four binomial standard deviations of 200 experiments below 95 %.
+#: Four binomial standard deviations of as many experiments below 95 %.
 LEAST = 0.95 - 4 * (0.95 * 0.05 / EXPERIMENTS) ** 0.5
 
 

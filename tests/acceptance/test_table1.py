@@ -9,7 +9,7 @@ from experiments import logged
 from pumaid.virtual import table1
 
 #: Not used in development.
-SEEDS = range(900, 920)
+SEEDS = range(900, 915)
 
 
 @pytest.fixture(scope="module")
@@ -20,7 +20,7 @@ def estimates(tmp_path_factory):
 
 @pytest.mark.slow
 def test_every_value_lies_in_its_interval_as_often_as_promised(estimates):
-    """Of all 95 % intervals of 20 experiments 93-97.5 % hold the value of the table (some 37 values each)."""
+    """Of all 95 % intervals of 15 experiments 93-97.5 % hold the value of the table (some 37 values each)."""
     known = table1.puma560().parameters()
     hits = [
         value.ci95[0] <= known[value.name] <= value.ci95[1]
@@ -28,7 +28,7 @@ def test_every_value_lies_in_its_interval_as_often_as_promised(estimates):
         for value in estimate.values
         if value.ci95 is not None
     ]
-    assert len(hits) > 700
+    assert len(hits) > 500
     assert 0.93 <= np.mean(hits) <= 0.975
 
 

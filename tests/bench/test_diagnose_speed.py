@@ -16,7 +16,6 @@ from pumaid.virtual import Bench, Hidden, table1
 #: What hides -> the effects that may be named for it; nothing: none may.
 HIDDEN = {
     "nothing": (),
-    "stribeck": (Hidden("stribeck", 3, {"a": 0.08, "velocity": 0.3, "exponent": 1.0}),),
     "ripple": (Hidden("ripple", 5, {"cos": 0.02, "sin": 0.01, "frequency": 31.0}),),
     "tilt": (Hidden("tilt", None, {"x": 0.01, "y": -0.005}),),
 }

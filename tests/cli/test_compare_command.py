@@ -7,6 +7,7 @@ import os
 import re
 import shutil
 import signal
+from functools import partial
 from itertools import groupby
 from pathlib import Path
 
@@ -154,25 +155,24 @@ def test_report_goes_where_it_is_told(arm):
     assert "page.html" in files and "pictures/spent.svg" in files and "out/tables/runs.csv" in files
 
 
-@pytest.mark.parametrize("dies", [False, True])
-def test_figures_are_the_same_however_many_processes_draw_them(arm, monkeypatch, dies):
+def test_figures_are_the_same_however_many_processes_draw_them(arm, monkeypatch):
     """Page, tables and figures of three processes are those of one to the byte, also where the others are killed."""
     begun: list[Mate] = []
 
-    def mate(work):
+    def mate(work, *, dies):
         begun.append(Mate(work))
         if dies:
             os.kill(begun[-1].pid, signal.SIGKILL)
         return begun[-1]
 
-    monkeypatch.setattr(desk, "Mate", mate)
     written = []
-    for jobs in ("1", "3"):
+    for jobs, dies in (("1", False), ("3", False), ("3", True)):
+        monkeypatch.setattr(desk, "Mate", partial(mate, dies=dies))
         done = run("report", "results/model.json", "logs", "-o", "page.html", "--figures", "figures", "--jobs", jobs)
         assert done.exit_code == 0, done.stderr
         written.append({path: path.read_bytes() for path in [Path("page.html"), *sorted(Path("figures").iterdir())]})
-    assert len(begun) == (2 if CAN_FORK else 0) and len(written[0]) > 10
-    assert written[0] == written[1]
+    assert len(begun) == (4 if CAN_FORK else 0) and len(written[0]) > 10
+    assert written[0] == written[1] == written[2]
 
 
 def test_report_finds_the_experiment_from_elsewhere(arm, tmp_path, monkeypatch):

@@ -30,7 +30,7 @@ SHORT = Plan(
 
 
 #: Twenty stretches.
-LONGER = replace(SHORT, motions=SHORT.motions * 5)
+LONGER = replace(SHORT, motions=SHORT.motions * 3)
 
 
 def session(truth=PUMA, plan=SHORT, seed=1, **options) -> dict[str, np.ndarray]:
