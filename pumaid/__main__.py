@@ -94,7 +94,9 @@ def run() -> None:
     atexit.register(_leave, left)
     try:
         from pumaid.cli import main
+        from pumaid.cli.loading import load_later
 
+        load_later()
         main()
     except KeyboardInterrupt:
         left[0] = 130

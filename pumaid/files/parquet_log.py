@@ -8,7 +8,6 @@ from typing import BinaryIO
 
 import numpy as np
 import pyarrow as pa
-import pyarrow.compute as pc
 import pyarrow.parquet as pq
 from numpy.typing import NDArray
 
@@ -119,6 +118,8 @@ class ParquetSource:
             column = column.view(pa.int64())
         if pa.types.is_string(column.type) or pa.types.is_large_string(column.type):
             return self._from_text(column, name, rows)
+        if pa.types.is_float64(column.type):
+            return floats(column)
         try:
             # Rounding 64-bit integers to the nearest float64 is what SI numbers are made of anyway.
             return floats(column.cast(pa.float64(), safe=False))
@@ -127,6 +128,8 @@ class ParquetSource:
             raise LogError("not-a-number", what, Where(file=self.name, column=name), "write it as numbers") from error
 
     def _from_text(self, column: pa.Array, name: str, rows: NDArray[np.int64]) -> NDArray[np.float64]:
+        import pyarrow.compute as pc
+
         trimmed = pc.utf8_trim_whitespace(column)
         blank = pc.is_in(pc.utf8_lower(trimmed), pa.array(["", "nan", "na", "null", "none"], type=trimmed.type))
         try:

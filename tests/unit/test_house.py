@@ -377,6 +377,25 @@ def test_a_kept_pass_needs_no_reader(tmp_path, monkeypatch):
     assert first[-1] == "pyarrow" and second[-1] == "" and first[:-1] == second[:-1]
 
 
+def test_the_program_loads_nothing_unasked(tmp_path):
+    """A first pass loads neither pandas nor Arrow's functions on columns, and what libraries bring along waits."""
+    arm, left = PACKAGE.parent / "sample_logs" / "pendulum", tmp_path / "left.txt"
+    words = ["identify", str(arm / "logs"), "--recipe", str(arm / "recipe.yaml"), "-o", str(tmp_path / "model.json")]
+    program = (
+        "import atexit, pathlib, sys\nfrom pumaid.__main__ import run\n"
+        f"sys.argv[1:] = {[*words, '--no-cache']!r}\n"
+        "waits = lambda name: object.__getattribute__(sys.modules[name], '__class__').__name__ == '_LazyModule'\n"
+        "names = 'pandas', 'pyarrow.compute', 'numpy.f2py', 'numpy.testing', 'pydantic.v1'\n"
+        "loaded = lambda: [name for name in names if name in sys.modules and not waits(name)]\n"
+        f"tell = lambda: pathlib.Path({str(left)!r}).write_text(repr([loaded(), waits('numpy.f2py')]))\n"
+        "import pumaid.cli\nbefore = pumaid.cli.main\n"
+        "def main():\n    try:\n        before()\n    finally:\n        tell()\n"
+        "pumaid.cli.main = main\nrun()\n"
+    )
+    subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
+    assert left.read_text() == "[[], True]"
+
+
 def test_a_refused_log_waits_for_no_fit(tmp_path):
     """What the fit and its table need is loaded behind the pass, which a bad log never leaves."""
     arm, logs = PACKAGE.parent / "sample_logs" / "pendulum", tmp_path / "logs"

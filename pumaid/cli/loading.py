@@ -1,0 +1,40 @@
+"""Parts of libraries that come along unasked are loaded when somebody uses them, not when the program starts."""
+
+from __future__ import annotations
+
+import os
+import sys
+from collections.abc import Sequence
+from importlib.abc import MetaPathFinder
+from importlib.machinery import ModuleSpec, PathFinder
+from importlib.util import LazyLoader
+from types import ModuleType
+
+#: Parts of numpy that scipy fetches by ``from numpy import *`` and hardly anybody uses. With them `scipy.special` took
+#: 0.16 s to load instead of 0.08, a tenth of a second of every command.
+UNASKED = frozenset(
+    f"numpy.{name}"
+    for name in ("char", "ctypeslib", "f2py", "fft", "ma", "polynomial", "random", "rec", "strings", "testing")
+)
+
+
+class Later(MetaPathFinder):
+    """Finds the modules of `UNASKED`, and leaves their loading to the first look at what is in them."""
+
+    def find_spec(
+        self, fullname: str, path: Sequence[str] | None, target: ModuleType | None = None
+    ) -> ModuleSpec | None:
+        """A module as Python itself finds it, with a loader that waits; None of all others."""
+        if fullname not in UNASKED:
+            return None
+        found = PathFinder.find_spec(fullname, path, target)
+        if found is not None and found.loader is not None:
+            found.loader = LazyLoader(found.loader)
+        return found
+
+
+def load_later() -> None:
+    """Have the modules of `UNASKED` wait, and no plugins looked for; in the program, not in who uses it as a library."""
+    sys.meta_path.insert(0, Later())
+    # Pydantic looks through all that is installed for code that wants to see recipes, too.
+    os.environ.setdefault("PYDANTIC_DISABLE_PLUGINS", "__all__")
