@@ -274,6 +274,8 @@ def bad_numbers() -> Iterator[Fault]:
     for column in ("q2", "i2"):
         for share, part in (("3 %", slice(500, 610)), ("half", slice(0, 1800)), ("all", slice(None))):
             yield Fault("NaN, inf, text", f"nan in {share} of {column}", cell(column, "nan", rows=part))
+    yield Fault("NaN, inf, text", "nan in half of qd1", cell("qd1", "nan", rows=slice(0, 1800)))
+    yield Fault("NaN, inf, text", "nan in every third row of qd2", cell("qd2", "nan", rows=slice(0, None, 3)))
     for column in ("t", "q1", "q2", "i1", "i2", "qd1"):
         yield Fault("huge numbers", f"1e5 in one cell of {column}", cell(column, "100000"))
     for column in ("q1", "i1", "i2"):

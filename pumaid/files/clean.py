@@ -130,6 +130,11 @@ class Cleaner:
         fine = np.abs(table) <= limits
         # Temperature is a help, not a need: a bad one is unknown, its row stays. So is what the user asked for besides.
         table[warmth] = np.where(fine[warmth], table[warmth], np.nan)
+        # So is a velocity that is not there, by which positions are only checked; one that is absurd is garbage.
+        for index in places["velocity"][:, 1]:
+            unknown = np.isnan(table[index])
+            fine[index] |= unknown
+            self.odd.unknown(self.columns.names[index], int(np.count_nonzero(unknown)))
         besides = places["extra"][:, 1]
         table[besides] = np.where(np.isfinite(table[besides]), table[besides], np.nan)
         idle = np.ones(len(table), dtype=np.bool_)

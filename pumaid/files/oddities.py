@@ -48,6 +48,7 @@ class Oddities:
     _bad: dict[str, list[int]] = field(default_factory=dict)
     _bad_counts: dict[str, int] = field(default_factory=dict)
     _n_bad: int = 0
+    _unknown: dict[str, int] = field(default_factory=dict)
     _same: list[int] = field(default_factory=list)
     _n_same: int = 0
     _n_ties: int = 0
@@ -58,6 +59,11 @@ class Oddities:
         """Rows (N,) in which a column has no number, or an absurd one."""
         self._name_some(self._bad.setdefault(column, []), rows)
         self._bad_counts[column] = self._bad_counts.get(column, 0) + len(rows)
+
+    def unknown(self, column: str, count: int) -> None:
+        """So many rows lack a number that nothing is computed from."""
+        if count:
+            self._unknown[column] = self._unknown.get(column, 0) + count
 
     def left_out(self, count: int) -> None:
         """So many rows are left out for that."""
@@ -102,6 +108,8 @@ class Oddities:
         for column, rows in following._bad.items():
             self._name_some(self._bad.setdefault(column, []), np.array(rows, dtype=np.int64) + above)
             self._bad_counts[column] = self._bad_counts.get(column, 0) + following._bad_counts[column]
+        for column, count in following._unknown.items():
+            self.unknown(column, count)
         self._name_some(self._same, np.array(following._same, dtype=np.int64) + above)
         self._n_bad += following._n_bad
         self._n_same += following._n_same
@@ -121,7 +129,7 @@ class Oddities:
         LogError [bad-samples, clock-too-coarse]
             Too many rows are bad, or time stands still.
         """
-        found = [*self.restarts, *self._bad_note(), *self._tie_note(), *self._wrap_note()]
+        found = [*self.restarts, *self._bad_note(), *self._unknown_note(), *self._tie_note(), *self._wrap_note()]
         return [*found, *self.intervals.notes(self.name), *self.ends]
 
     def _name_some(self, named: list[int], rows: Rows) -> None:
@@ -144,6 +152,15 @@ class Oddities:
             column = max(self._bad_counts, key=lambda name: self._bad_counts[name])
             raise LogError("bad-samples", text, Where(file=self.name, row=row, column=column), mend)
         return [Note("bad-samples", f"{text}; these rows are left out", Where(file=self.name, row=row))]
+
+    def _unknown_note(self) -> list[Note]:
+        if not self._unknown:
+            return []
+        parts = [f"{name} in {count}" for name, count in list(self._unknown.items())[:_NAMED_COLUMNS]]
+        n_more = len(self._unknown) - _NAMED_COLUMNS
+        more = f" and {n_more} more columns" if n_more > 0 else ""
+        text = f"velocities have no number in some of {self.n_rows} rows ({', '.join(parts)}{more})"
+        return [Note("velocity-absent", f"{text}: speeds are taken from position there", Where(file=self.name))]
 
     def _tie_note(self) -> list[Note]:
         ties = self._n_same + self._n_ties

@@ -27,6 +27,8 @@ _ALONE = 0.05
 _SAME_POSTURE = 0.1
 #: Postures a joint that are kept apart; later ones add nothing that these do not show.
 _MOST_POSTURES = 300
+#: Share of a window's velocities that must be numbers.
+_MOST_KNOWN = 0.5
 #: Share of a window's samples that often means, and steps from which it is told what they are.
 _OFTEN, _MOST_JUMPS = 0.3, 2000
 #: Intervals from which the sampling rate is taken.
@@ -193,6 +195,9 @@ class Tally:
         half = 0.5 * np.diff(log.time[: last + 1])
         covered = np.empty((len(edges) - 1, self.robot.n_joints))
         for j, velocity in enumerate(log.velocity[: last + 1].T):
+            if np.isnan(velocity.min()):
+                velocity, is_known = _filled(log.time[: last + 1], velocity, edges)
+                usable = usable & is_known
             pieces = velocity[1:] + velocity[:-1]
             pieces *= half
             covered[:, j] = np.add.reduceat(pieces, edges[:-1])
@@ -244,6 +249,15 @@ def _by_posture(held: NDArray[np.int64], rows: Floats) -> Iterator[tuple[tuple[i
     postures, which = np.unique(held, axis=0, return_inverse=True)
     for k, posture in enumerate(postures):
         yield tuple(posture.tolist()), rows[which.reshape(-1) == k]
+
+
+def _filled(time: Floats, values: Floats, edges: NDArray[np.int64]) -> tuple[Floats, Bools]:
+    """(N,) values with straight lines where they are no numbers, and the windows in which most of them are numbers."""
+    known = np.isfinite(values)
+    shares = np.add.reduceat(known[:-1], edges[:-1], dtype=np.int64) / np.diff(edges)
+    if not known.any():
+        return np.zeros(len(values)), np.zeros(len(shares), dtype=np.bool_)
+    return np.interp(time, time[known], values[known]), shares > _MOST_KNOWN
 
 
 def _edges(time: Floats) -> NDArray[np.int64]:

@@ -155,6 +155,7 @@ FAULTS = {
     "gaps": ("gaps", False),
     "nan": ("bad-samples", False),
     "nan at a border": ("bad-samples", False),
+    "no velocity": ("velocity-absent", False),
     "ties": ("time-repeated", False),
     "tie at a border": ("time-repeated", True),
     "wrap": ("position-wraps", True),
@@ -180,6 +181,8 @@ def test_what_is_worth_a_note(logs, tmp_path, small_parts, fault, form):
         table = changed(table, "i1", lambda values: values[3000:3020].fill(np.nan))
     elif fault == "nan at a border":
         table = changed(table, "q2", lambda values: values[ROWS - 3 : ROWS + 3].fill(np.nan))
+    elif fault == "no velocity":
+        table = changed(table, "qd2", lambda values: values[500:4500:3].fill(np.nan))
     elif fault == "ties":
         for start in (650, 2222, 2300, 4700):
             table = changed(table, "t", lambda values, at=start: values.__setitem__(at, values[at - 1]))

@@ -101,6 +101,19 @@ def test_degrees_against_a_velocity_in_radians() -> None:
     assert "position: deg" in fault.mend and fault.where.column == "q1"
 
 
+@pytest.mark.parametrize("share", [0.3, 0.6, 0.99])
+def test_a_velocity_with_holes_is_a_witness_where_it_is_there(share: float) -> None:
+    """Missing velocities raise no doubt in a good log; while some windows have most of them, they tell a wrong unit."""
+    log, lost = good_log(), np.random.default_rng(4).random(len(good_log())) < share
+    assert log.velocity is not None
+    log.velocity[lost] = np.nan
+    log.velocity[: len(log) // 4] = np.nan
+    assert watched(log, arm()) == []
+    if share < 0.5:
+        (fault,) = watched(replace(log, velocity=np.degrees(log.velocity)), arm())
+        assert fault.slug == "units-disagree"
+
+
 @pytest.mark.parametrize("velocity", [True, False])
 def test_degrees_against_the_limits(velocity: bool) -> None:
     """Positions (and velocities) in degrees leave the limits and fit them as degrees."""

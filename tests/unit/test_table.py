@@ -355,6 +355,17 @@ def test_an_unknown_temperature_keeps_its_row(tmp_path: Path) -> None:
     assert log.temperature is not None and np.array_equal(log.temperature[:, 0], [30.0, np.nan], equal_nan=True)
 
 
+def test_an_unknown_velocity_keeps_its_row(tmp_path: Path) -> None:
+    """Nothing is computed from a velocity: a missing one costs no row and is noted, an absurd one marks a bad row."""
+    rows = [f"{k / 100},{k / 50},{'nan' if k % 3 else 2},1\n" for k in range(60)]
+    (tmp_path / "a.csv").write_text("t,q1,qd1,i1\n" + "".join(rows) + "0.6,1.2,1e298,1\n")
+    reader = LogReader([tmp_path / "a.csv"], arm(1))
+    (log,) = list(reader)
+    assert len(log) == 60 and log.velocity is not None and np.count_nonzero(np.isnan(log.velocity)) == 40
+    texts = {note.slug: note.text for note in reader.notes}
+    assert "qd1 in 40" in texts["velocity-absent"] and "1 of 61 rows" in texts["bad-samples"]
+
+
 def test_a_cut_last_row_is_left_out(tmp_path: Path) -> None:
     """A recorder that was switched off in the middle of a line costs that line."""
     (tmp_path / "a.csv").write_text(text(motion(20))[:-25])
