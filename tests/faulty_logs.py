@@ -165,6 +165,22 @@ def times_by(**factors: float) -> Change:
     return lambda table: table.assign(**{name: factor * table[name] for name, factor in factors.items()})
 
 
+def only_moving(table: pd.DataFrame) -> None:
+    """The currents of joints that rest are not logged."""
+    for joint in (1, 2):
+        table.loc[table[f"qd{joint}"].abs() < 0.05, f"i{joint}"] = np.nan
+
+
+def now_and_then(share: int) -> Change:
+    """Each current in one of so many rows only, in another row each."""
+
+    def change(table: pd.DataFrame) -> None:
+        for joint in (1, 2):
+            table.loc[table.index % share != joint, f"i{joint}"] = np.nan
+
+    return change
+
+
 def plus(**added: Callable[[pd.DataFrame], object]) -> Change:
     """A table with columns made of the others."""
     return lambda table: table.assign(**{name: make(table) for name, make in added.items()})
@@ -274,6 +290,9 @@ def bad_numbers() -> Iterator[Fault]:
     for column in ("q2", "i2"):
         for share, part in (("3 %", slice(500, 610)), ("half", slice(0, 1800)), ("all", slice(None))):
             yield Fault("NaN, inf, text", f"nan in {share} of {column}", cell(column, "nan", rows=part))
+    yield Fault("NaN, inf, text", "nan in the currents of joints that rest", tables(only_moving))
+    yield Fault("NaN, inf, text", "nan in four of five currents", tables(now_and_then(5)))
+    yield Fault("NaN, inf, text", "nan in nine of ten currents", tables(now_and_then(10)))
     yield Fault("NaN, inf, text", "nan in half of qd1", cell("qd1", "nan", rows=slice(0, 1800)))
     yield Fault("NaN, inf, text", "nan in every third row of qd2", cell("qd2", "nan", rows=slice(0, None, 3)))
     for column in ("t", "q1", "q2", "i1", "i2", "qd1"):

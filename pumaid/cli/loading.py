@@ -34,7 +34,7 @@ class Later(MetaPathFinder):
 
 
 def load_later() -> None:
-    """Have the modules of `UNASKED` wait, and no plugins looked for; in the program, not in who uses it as a library."""
+    """Have the modules of `UNASKED` wait, and no plugins looked for: in the program, not in one that imports pumaid."""
     sys.meta_path.insert(0, Later())
     # Pydantic looks through all that is installed for code that wants to see recipes, too.
     os.environ.setdefault("PYDANTIC_DISABLE_PLUGINS", "__all__")

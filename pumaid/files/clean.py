@@ -67,7 +67,8 @@ class Cleaner:
     _starts_clock: bool = False
 
     def __post_init__(self) -> None:
-        self.odd = Oddities(self.name, self.columns.names[0])
+        names = self.columns.names
+        self.odd = Oddities(self.name, names[0], tuple(names[k] for k in self.columns.places["current"][:, 1]))
 
     def take(self, rows: Rows, table: Floats, *, is_last: bool = False) -> list[Log]:
         """Logs from the next chunk: rows (N,), values (C, N) as the file holds them; none while rows are held back.
@@ -130,11 +131,13 @@ class Cleaner:
         fine = np.abs(table) <= limits
         # Temperature is a help, not a need: a bad one is unknown, its row stays. So is what the user asked for besides.
         table[warmth] = np.where(fine[warmth], table[warmth], np.nan)
-        # So is a velocity that is not there, by which positions are only checked; one that is absurd is garbage.
-        for index in places["velocity"][:, 1]:
-            unknown = np.isnan(table[index])
-            fine[index] |= unknown
-            self.odd.unknown(self.columns.names[index], int(np.count_nonzero(unknown)))
+        # So is a velocity, by which positions are only checked, and most currents are of joints that do not move. One
+        # that is absurd, though, marks a row that is garbage.
+        for quantity in ("velocity", "current"):
+            for index in places[quantity][:, 1]:
+                unknown = np.isnan(table[index])
+                fine[index] |= unknown
+                self.odd.unknown(quantity, self.columns.names[index], int(np.count_nonzero(unknown)))
         besides = places["extra"][:, 1]
         table[besides] = np.where(np.isfinite(table[besides]), table[besides], np.nan)
         idle = np.ones(len(table), dtype=np.bool_)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import difflib
 from collections import Counter
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,9 +19,6 @@ Floats = NDArray[np.float64]
 
 #: Quantities of a joint in the order in which a table's columns are kept.
 QUANTITIES = ("position", "velocity", "current", "temperature")
-
-#: Rows at a file's start by which a column that is there but empty is told from one with faults.
-EMPTY_PROBE = 1000
 
 #: How like a name must be to be meant (difflib's ratio): actual_q_0 and actual_dq_0 are to actual_current_0 by 0.69.
 ALIKE = 0.7
@@ -137,48 +134,6 @@ def resolve(header: Sequence[str], robot: Robot, name: str, *, extra: Sequence[s
     notes += [_no_extra(column, name) for column in extra if column not in have]
     notes += _more_joints(have, robot, name)
     return Columns(tuple(names), np.array(factors), places, tuple(notes))
-
-
-def without_empty(columns: Columns, table: Floats, name: str) -> Columns:
-    """Columns without those currents and velocities that are there but empty over the first rows of the file.
-
-    Parameters
-    ----------
-    columns
-        As `resolve` found them.
-    table
-        (C, N) first rows of the file; the first `EMPTY_PROBE` are looked at.
-    name
-        The file's name for messages.
-
-    Raises
-    ------
-    LogError [no-current]
-        All currents are empty.
-    """
-    if not table.shape[1]:
-        return columns
-    n_rows = min(EMPTY_PROBE, table.shape[1])
-    empty: NDArray[np.bool_] = np.logical_not(np.isfinite(table[:, :EMPTY_PROBE]).any(axis=1))
-    places, notes = dict(columns.places), list(columns.notes)
-    dead = empty[places["current"][:, 1]]
-    lacking = [columns.names[k] for k in places["current"][dead][:, 1]]
-    places["current"] = places["current"][~dead]
-    if lacking and not len(places["current"]):
-        what = f"the currents of {name} are empty over its first {n_rows} rows ({_listed(lacking)})"
-        raise LogError("no-current", what, Where(file=name, column=lacking[0]), "record the motor currents")
-    if lacking:
-        text = f"column {_listed(lacking)} is empty over its first {n_rows} rows"
-        text += ": the runs of these joints show no current and are not identified"
-        notes.append(Note("current-absent", text, Where(file=name)))
-    blank = [columns.names[k] for k in places["velocity"][:, 1] if empty[k]]
-    if blank:
-        places["velocity"] = places["velocity"][:0]
-        text = (
-            f"column {_listed(blank)} is empty over its first {n_rows} rows: all velocities are derived from position"
-        )
-        notes.append(Note("velocity-absent", text, Where(file=name)))
-    return replace(columns, places=places, notes=tuple(notes))
 
 
 def _faults(header: Sequence[str], robot: Robot, wanted: dict[str, list[str | None]], name: str) -> list[PumaidError]:

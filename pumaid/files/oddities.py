@@ -26,8 +26,8 @@ class Oddities:
 
     Attributes
     ----------
-    name, time_column
-        The file's and the column's names, for messages.
+    name, time_column, currents
+        The file's and the columns' names, for messages.
     n_rows
         Rows read, bad ones included.
     n_lines
@@ -40,6 +40,7 @@ class Oddities:
 
     name: str
     time_column: str
+    currents: tuple[str, ...] = ()
     n_rows: int = 0
     n_lines: int = 0
     intervals: Intervals = field(default_factory=Intervals)
@@ -48,7 +49,7 @@ class Oddities:
     _bad: dict[str, list[int]] = field(default_factory=dict)
     _bad_counts: dict[str, int] = field(default_factory=dict)
     _n_bad: int = 0
-    _unknown: dict[str, int] = field(default_factory=dict)
+    _unknown: dict[str, dict[str, int]] = field(default_factory=dict)  # by quantity and column
     _same: list[int] = field(default_factory=list)
     _n_same: int = 0
     _n_ties: int = 0
@@ -60,10 +61,11 @@ class Oddities:
         self._name_some(self._bad.setdefault(column, []), rows)
         self._bad_counts[column] = self._bad_counts.get(column, 0) + len(rows)
 
-    def unknown(self, column: str, count: int) -> None:
-        """So many rows lack a number that nothing is computed from."""
+    def unknown(self, quantity: str, column: str, count: int) -> None:
+        """So many rows lack the number of a column, and are kept all the same."""
         if count:
-            self._unknown[column] = self._unknown.get(column, 0) + count
+            counts = self._unknown.setdefault(quantity, {})
+            counts[column] = counts.get(column, 0) + count
 
     def left_out(self, count: int) -> None:
         """So many rows are left out for that."""
@@ -108,8 +110,9 @@ class Oddities:
         for column, rows in following._bad.items():
             self._name_some(self._bad.setdefault(column, []), np.array(rows, dtype=np.int64) + above)
             self._bad_counts[column] = self._bad_counts.get(column, 0) + following._bad_counts[column]
-        for column, count in following._unknown.items():
-            self.unknown(column, count)
+        for quantity, counts in following._unknown.items():
+            for column, count in counts.items():
+                self.unknown(quantity, column, count)
         self._name_some(self._same, np.array(following._same, dtype=np.int64) + above)
         self._n_bad += following._n_bad
         self._n_same += following._n_same
@@ -126,10 +129,11 @@ class Oddities:
 
         Raises
         ------
-        LogError [bad-samples, clock-too-coarse]
-            Too many rows are bad, or time stands still.
+        LogError [no-current, bad-samples, clock-too-coarse]
+            There is no current at all, too many rows are bad, or time stands still.
         """
-        found = [*self.restarts, *self._bad_note(), *self._unknown_note(), *self._tie_note(), *self._wrap_note()]
+        self._check_currents()
+        found = [*self.restarts, *self._bad_note(), *self._unknown_notes(), *self._tie_note(), *self._wrap_note()]
         return [*found, *self.intervals.notes(self.name), *self.ends]
 
     def _name_some(self, named: list[int], rows: Rows) -> None:
@@ -153,14 +157,35 @@ class Oddities:
             raise LogError("bad-samples", text, Where(file=self.name, row=row, column=column), mend)
         return [Note("bad-samples", f"{text}; these rows are left out", Where(file=self.name, row=row))]
 
-    def _unknown_note(self) -> list[Note]:
-        if not self._unknown:
-            return []
-        parts = [f"{name} in {count}" for name, count in list(self._unknown.items())[:_NAMED_COLUMNS]]
-        n_more = len(self._unknown) - _NAMED_COLUMNS
-        more = f" and {n_more} more columns" if n_more > 0 else ""
-        text = f"velocities have no number in some of {self.n_rows} rows ({', '.join(parts)}{more})"
-        return [Note("velocity-absent", f"{text}: speeds are taken from position there", Where(file=self.name))]
+    def _empty(self, quantity: str) -> list[str]:
+        """Columns without any number."""
+        return [name for name, count in self._unknown.get(quantity, {}).items() if count == self.n_rows]
+
+    def _check_currents(self) -> None:
+        empty = self._empty("current")
+        if empty and set(empty) >= set(self.currents):
+            what = f"the currents of {self.name} are empty ({', '.join(empty[:_NAMED_COLUMNS])})"
+            raise LogError("no-current", what, Where(file=self.name, column=empty[0]), "record the motor currents")
+
+    def _unknown_notes(self) -> list[Note]:
+        notes, where = [], Where(file=self.name)
+        for quantity, so in (
+            ("velocity", "speeds are taken from position there"),
+            ("current", "these samples show nothing of their joints, and are not fitted"),
+        ):
+            if empty := self._empty(quantity):
+                named = ", ".join(empty[:_NAMED_COLUMNS]) + (" ..." if len(empty) > _NAMED_COLUMNS else "")
+                left = "the runs of these joints show no current and are not identified"
+                left = left if quantity == "current" else "these velocities are derived from position"
+                notes.append(Note(f"{quantity}-absent", f"column {named} is empty: {left}", where))
+            some = {name: n for name, n in self._unknown.get(quantity, {}).items() if n != self.n_rows}
+            if some:
+                parts = [f"{name} in {count}" for name, count in list(some.items())[:_NAMED_COLUMNS]]
+                n_more = len(some) - _NAMED_COLUMNS
+                more = f" and {n_more} more columns" if n_more > 0 else ""
+                text = f"there is no {quantity} in some of {self.n_rows} rows ({', '.join(parts)}{more})"
+                notes.append(Note(f"{quantity}-absent", f"{text}: {so}", where))
+        return notes
 
     def _tie_note(self) -> list[Note]:
         ties = self._n_same + self._n_ties

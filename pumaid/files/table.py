@@ -11,18 +11,15 @@ import zlib
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager, nullcontext
 from dataclasses import replace
-from itertools import chain
 from pathlib import Path
 from typing import Any, BinaryIO, cast
 
-import numpy as np
 import pyarrow as pa
-from numpy.typing import NDArray
 
 from pumaid.errors import LogError, Note, Where
 from pumaid.files.clean import Cleaner
-from pumaid.files.columns import EMPTY_PROBE, check_extra, resolve, without_empty
-from pumaid.files.csv_log import Chunk, CsvSource
+from pumaid.files.columns import check_extra, resolve
+from pumaid.files.csv_log import CsvSource
 from pumaid.files.log_writer import write_log
 from pumaid.files.oddities import Oddities
 from pumaid.files.parquet_log import ParquetSource
@@ -151,10 +148,8 @@ class LogReader:
             cleaner = Cleaner(self._robot, columns, name, follows=follows, n_extra=len(self.extra))
             if isinstance(source, ParquetSource):
                 cleaner.time_factor = source.time_unit(columns.names[0])
-            first, others = _begun(source.chunks(columns.names))
-            cleaner.columns = without_empty(columns, first, name)
             begins_part = False
-            for rows, table in others:
+            for rows, table in source.chunks(columns.names):
                 # Of a chunk in which all is left out the next one takes the mark.
                 begins_part = begins_part or (len(rows) > 0 and source.begins_part(int(rows[0])))
                 for log in cleaner.take(rows, table):
@@ -208,15 +203,6 @@ class _Hashing(io.RawIOBase):
         count = cast(io.BufferedReader, self._stream).readinto(buffer)
         self.hash.update(memoryview(buffer)[:count])
         return count
-
-
-def _begun(chunks: Iterator[Chunk]) -> tuple[NDArray[np.float64], Iterator[Chunk]]:
-    """(C, N) first rows, as many as empty columns are told from, or all; and all chunks."""
-    held: list[Chunk] = []
-    while sum(len(rows) for rows, _ in held) < EMPTY_PROBE and (chunk := next(chunks, None)) is not None:
-        held.append(chunk)
-    first = [table[:, :EMPTY_PROBE] for _, table in held]
-    return np.hstack(first) if first else np.zeros((0, 0)), chain(held, chunks)
 
 
 @contextmanager

@@ -87,29 +87,37 @@ class Levels:
         moves
             (U, J) whether each joint moves in them.
         """
-        windows, counts = np.flatnonzero(usable), np.diff(edges)
+        windows = np.flatnonzero(usable)
         for j in np.flatnonzero(moves.any(axis=0)).tolist():
             own, values = windows[moves[:, j]], current[:, j]
-            self.moving[j] += int(counts[own].sum())
-            low = np.minimum.reduceat(values, edges[:-1])[own]
-            high = np.maximum.reduceat(values, edges[:-1])[own]
-            if np.isnan(low).any():
-                continue
-            self.lowest[j] = min(self.lowest[j], low.min())
-            self.highest[j] = max(self.highest[j], high.max())
-            self._stand_still(j, low, high, counts=counts[own])
-            self._repeat(j, values, edges, own)
-            self.flat[j] += len(own), int(np.count_nonzero((low == high) & (counts[own] >= FEWEST)))
-            for window in own[(low == 0.0) != (high == 0.0)].tolist():
-                self.dropped[j] += _dropouts(values[edges[window] : edges[window + 1]])
-            crossing = own[(low <= 0.0) & (high >= 0.0) & (low < high)].tolist()
-            if crossing:
-                self._near_zero(j, [values[edges[window] : edges[window + 1]] for window in crossing])
-            for side, size in enumerate((high, -low)):
-                second = size[size < size.max()].max(initial=-1.0)
-                for window in own[size >= max(second, self.top[j, side, 1])].tolist():
-                    part = values[edges[window] : edges[window + 1]]
-                    self._tops(j, side, _two_largest(part if side == 0 else -part))
+            if np.isnan(np.minimum.reduceat(values, edges[:-1])[own]).any():
+                self._take_joint(j, *_known(values, edges, own))
+            else:
+                self._take_joint(j, values, edges, own)
+
+    def _take_joint(self, j: int, values: Floats, edges: Counts, own: NDArray[np.intp]) -> None:
+        """Add (N,) currents of one joint, numbers all in the windows `own` in which it moves; these may be none."""
+        if not len(own):
+            return
+        counts = np.diff(edges)
+        low = np.minimum.reduceat(values, edges[:-1])[own]
+        high = np.maximum.reduceat(values, edges[:-1])[own]
+        self.moving[j] += int(counts[own].sum())
+        self.lowest[j] = min(self.lowest[j], low.min())
+        self.highest[j] = max(self.highest[j], high.max())
+        self._stand_still(j, low, high, counts=counts[own])
+        self._repeat(j, values, edges, own)
+        self.flat[j] += len(own), int(np.count_nonzero((low == high) & (counts[own] >= FEWEST)))
+        for window in own[(low == 0.0) != (high == 0.0)].tolist():
+            self.dropped[j] += _dropouts(values[edges[window] : edges[window + 1]])
+        crossing = own[(low <= 0.0) & (high >= 0.0) & (low < high)].tolist()
+        if crossing:
+            self._near_zero(j, [values[edges[window] : edges[window + 1]] for window in crossing])
+        for side, size in enumerate((high, -low)):
+            second = size[size < size.max()].max(initial=-1.0)
+            for window in own[size >= max(second, self.top[j, side, 1])].tolist():
+                part = values[edges[window] : edges[window + 1]]
+                self._tops(j, side, _two_largest(part if side == 0 else -part))
 
     def absorb(self, other: Levels) -> None:
         """Add what other logs of the same robot were like.
@@ -170,6 +178,15 @@ class Levels:
             levels[level] = levels.get(level, 0) + count
         best = [*sorted(levels.items(), reverse=True)[:2], (-1.0, 0)][:2]
         self.top[j, side], self.top_count[j, side] = [b[0] for b in best], [b[1] for b in best]
+
+
+def _known(values: Floats, edges: Counts, own: NDArray[np.intp]) -> tuple[Floats, Counts, NDArray[np.intp]]:
+    """Values without those that are no numbers, where the windows that still have some begin, and which are `own`."""
+    is_known = np.isfinite(values[: edges[-1]])
+    places = np.concatenate([[0], np.cumsum(is_known)])[edges]
+    is_left = np.diff(places) > 0
+    starts = np.append(places[:-1][is_left], places[-1])
+    return values[: edges[-1]][is_known], starts, (np.cumsum(is_left) - 1)[own[is_left[own]]]
 
 
 def _two_largest(size: Floats) -> list[tuple[float, int]]:

@@ -20,6 +20,8 @@ _LEVEL = np.array([1.0, 10.0, 1.0]) / 12.0
 _CURVE = np.array([1.0, -2.0, 1.0])
 #: Samples below which a stroke, or what a cut left of it, is not averaged.
 FEWEST = 16
+#: Mean steps between currents from which there is a hole between two of them.
+MOST_APART = 2.5
 #: Share of the variance of white noise, left by averages along a combination of columns, below which there is none.
 LEAST_SHARE = 0.05
 #: Singular values of a triangle below this share of its largest are rounding.
@@ -53,19 +55,24 @@ def of_stroke(course: Smooth, position: Floats, current: Floats, *, turns: bool)
     """
     time, is_good = course.time, np.isfinite(current)
     plain = run_columns(position, turns=turns, motion=(course.velocity, course.acceleration))[is_good]
-    if len(time) < FEWEST or not is_good.any():
+    at = time[is_good]
+    if len(at) < FEWEST:
         return Triangle.of(STROKE_COLUMNS, plain, current[is_good])
-    even = np.linspace(time[0], time[-1], len(time))
+    # As many instants as there are currents: what were made up between them would be smoother than they are.
+    even = np.linspace(at[0], at[-1], len(at))
     step = float(even[1] - even[0])
-    q, known = np.interp(even, time, position), np.interp(even, time[is_good], current[is_good])
-    kernel = curvature_kernel(min(cubic_width(course.window, step), len(time) // 4 * 2 + 1))
+    q, known = np.interp(even, time, position), np.interp(even, at, current[is_good])
+    kernel = curvature_kernel(min(cubic_width(course.window, step), len(at) // 4 * 2 + 1))
     ends = (len(kernel) + 3) // 2
     courses = [_sums(np.cos(q), _LEVEL), _sums(np.sin(q), _LEVEL)] if turns else 2 * [np.zeros(len(q) - 4)]
     courses += [_sums(q, _RATE) / step, _sums(q, _CURVE) / step**2, _sums(known, _LEVEL)]
     blunt = _averaged(np.column_stack(courses), kernel)
     columns = np.column_stack([blunt[:, :2], np.ones(len(blunt)), blunt[:, 2:4]])
-    # Where a sample has no current, what neighbours suggest is no row.
-    rows = np.interp(even[ends : len(time) - ends], time, is_good.astype(float)) > 0.5
+    rows = np.ones(len(columns), dtype=np.bool_)
+    if len(at) < len(time):
+        # What is suggested from both ends of a hole is no row.
+        right = np.clip(np.searchsorted(at, even[ends : len(at) - ends]), 1, len(at) - 1)
+        rows = at[right] - at[right - 1] < MOST_APART * step
     noise = _variance(q) * float(np.sum(np.convolve(kernel, _CURVE) ** 2)) / step**4
     seen = Triangle.of(STROKE_COLUMNS, columns[rows], blunt[rows, 4])
     triangle = _whitened(seen.without_noise(noise * np.count_nonzero(rows)), _louder(seen, columns[rows], kernel))

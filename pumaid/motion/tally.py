@@ -175,6 +175,8 @@ class Tally:
         usable = (seconds <= LONGEST_WINDOW) & np.isfinite(steps).all(axis=1)
         counts = np.diff(edges)
         mean = np.add.reduceat(log.current[:last], edges[:-1], axis=0) / counts[:, None]
+        if np.isnan(mean).any():
+            mean = _known_means(log.current[:last], edges)
         middle = 0.5 * (log.position[edges[1:]] + log.position[edges[:-1]])
         if log.velocity is not None:
             self._hold_velocity(log, edges, steps, usable)
@@ -195,12 +197,11 @@ class Tally:
         half = 0.5 * np.diff(log.time[: last + 1])
         covered = np.empty((len(edges) - 1, self.robot.n_joints))
         for j, velocity in enumerate(log.velocity[: last + 1].T):
-            if np.isnan(velocity.min()):
-                velocity, is_known = _filled(log.time[: last + 1], velocity, edges)
+            covered[:, j] = np.add.reduceat((velocity[1:] + velocity[:-1]) * half, edges[:-1])
+            if np.isnan(covered[:, j]).any():
+                whole, is_known = _filled(log.time[: last + 1], velocity, edges)
+                covered[:, j] = np.add.reduceat((whole[1:] + whole[:-1]) * half, edges[:-1])
                 usable = usable & is_known
-            pieces = velocity[1:] + velocity[:-1]
-            pieces *= half
-            covered[:, j] = np.add.reduceat(pieces, edges[:-1])
         covered, moved = covered[usable], steps[usable]
         self.moved_by += moved.T @ covered
         self.displacement += (moved**2).sum(axis=0)
@@ -249,6 +250,14 @@ def _by_posture(held: NDArray[np.int64], rows: Floats) -> Iterator[tuple[tuple[i
     postures, which = np.unique(held, axis=0, return_inverse=True)
     for k, posture in enumerate(postures):
         yield tuple(posture.tolist()), rows[which.reshape(-1) == k]
+
+
+def _known_means(values: Floats, edges: NDArray[np.int64]) -> Floats:
+    """(W, J) means of the windows' numbers, NaN where there is none."""
+    known = np.isfinite(values)
+    count = np.add.reduceat(known, edges[:-1], axis=0, dtype=np.int64)
+    sums = np.add.reduceat(np.where(known, values, 0.0), edges[:-1], axis=0)
+    return np.divide(sums, count, out=np.full(sums.shape, np.nan), where=count > 0)
 
 
 def _filled(time: Floats, values: Floats, edges: NDArray[np.int64]) -> tuple[Floats, Bools]:

@@ -101,6 +101,27 @@ def test_degrees_against_a_velocity_in_radians() -> None:
     assert "position: deg" in fault.mend and fault.where.column == "q1"
 
 
+@pytest.mark.parametrize("share", [0.05, 0.5, 0.95])
+def test_currents_with_holes_raise_no_doubt_and_hide_none(share: float) -> None:
+    """What is missing is passed over; a dead, a clipped and, from half of its samples, another's current are told."""
+    log = good_log()
+    log.current[np.random.default_rng(5).random(log.current.shape) < share] = np.nan
+    assert watched(log, arm()) == []
+    if share <= 0.5:
+        assert slugs(replace(log, current=log.current[:, [0, 2, 1]]), arm()) == ["JOINTS-SWAPPED"]
+    dead = np.where(np.isnan(log.current), np.nan, np.where(np.arange(3) == 1, 0.3, log.current))
+    assert "CONSTANT-CURRENT" in slugs(replace(log, current=dead), arm())
+    assert "current-saturated" in slugs(replace(log, current=np.clip(log.current, -1.5, 1.5)), arm())
+
+
+def test_only_the_moving_joint_s_current_is_enough() -> None:
+    """Currents that are logged while their joint moves raise no doubt."""
+    log = good_log()
+    assert log.velocity is not None
+    log.current[np.abs(log.velocity) < 0.1] = np.nan
+    assert watched(log, arm()) == []
+
+
 @pytest.mark.parametrize("share", [0.3, 0.6, 0.99])
 def test_a_velocity_with_holes_is_a_witness_where_it_is_there(share: float) -> None:
     """Missing velocities raise no doubt in a good log; while some windows have most of them, they tell a wrong unit."""

@@ -147,6 +147,7 @@ def test_the_cut_of_batches_changes_nothing(tmp_path: Path, batch: int, block: i
     assert same(whole, parts) and other.notes == reader.notes and other.files == reader.files
     assert {note.slug for note in reader.notes} == {
         "bad-samples",
+        "current-absent",
         "time-repeated",
         "gaps",
         "clock-restarts",
@@ -155,7 +156,7 @@ def test_the_cut_of_batches_changes_nothing(tmp_path: Path, batch: int, block: i
 
 
 def dirty(path: Path) -> Path:
-    """A file with a missing number, a repeated row, a gap, wraps and a second recording."""
+    """A file with a missing position and current, a repeated row, a gap, wraps and a second recording."""
     if path.exists():
         return path
     log = motion(400)
@@ -163,7 +164,10 @@ def dirty(path: Path) -> Path:
     log.time[150:] += 3.0
     log.time[300:] -= log.time[300]
     lines = text(log).splitlines()
-    lines[77] = lines[77].replace(lines[77].split(",")[-1], "nan")
+    for row, place in ((77, -1), (88, 2)):
+        cells = lines[row].split(",")
+        cells[place] = "nan"
+        lines[row] = ",".join(cells)
     lines.insert(100, lines[99])
     path.write_text("\n".join(lines) + "\n")
     return path
@@ -317,14 +321,16 @@ def test_flicker_at_the_wrap_is_one_position(tmp_path: Path) -> None:
 def test_some_bad_rows_are_left_out_and_told(tmp_path: Path) -> None:
     """Garbage of a recorder costs its rows only; the rows are named."""
     lines = text(motion(300)).splitlines()
-    for row, word in ((10, "1e298"), (11, ""), (12, "inf"), (13, "-1.#IND")):
+    for row, word, place in ((10, "1e298", -1), (11, "", 2), (12, "inf", -1), (13, "-1.#IND", 2)):
         cells = lines[row - 1].split(",")
-        lines[row - 1] = ",".join([*cells[:-1], word])
+        cells[place] = word
+        lines[row - 1] = ",".join(cells)
     (tmp_path / "a.csv").write_text("\n".join(lines))
     log, reader = read(tmp_path / "a.csv", arm())
     assert len(log) == 296 and not set(range(10, 14)) & set(log.rows.tolist())
     (note,) = reader.notes
-    assert note.slug == "bad-samples" and "4 of 300 rows" in note.text and "i2 in 4 (rows 10, 11, 12 ...)" in note.text
+    assert note.slug == "bad-samples" and "4 of 300 rows" in note.text
+    assert "q2 in 2 (rows 11, 13); i2 in 2 (rows 10, 12)" in note.text
 
 
 def test_garbage_in_other_columns_never_matters(tmp_path: Path) -> None:
@@ -353,6 +359,16 @@ def test_an_unknown_temperature_keeps_its_row(tmp_path: Path) -> None:
     (tmp_path / "a.csv").write_text("t,q1,i1,temp1\n0,0,1,30\n1,0,1,\n")
     (log,) = list(LogReader([tmp_path / "a.csv"], arm(1)))
     assert log.temperature is not None and np.array_equal(log.temperature[:, 0], [30.0, np.nan], equal_nan=True)
+
+
+def test_a_current_that_comes_later_is_read(tmp_path: Path) -> None:
+    """Where only the joint that moves is measured, the others' currents are unknown meanwhile; no row is lost."""
+    rows = [f"{k},0,0,{1 if k < 1500 else 'nan'},{'nan' if k < 1500 else 2}\n" for k in range(3000)]
+    (tmp_path / "a.csv").write_text("t,q1,q2,i1,i2\n" + "".join(rows))
+    log, reader = read(tmp_path / "a.csv", arm())
+    assert len(log) == 3000 and [np.count_nonzero(np.isfinite(log.current[:, j])) for j in (0, 1)] == [1500, 1500]
+    (note,) = reader.notes
+    assert note.slug == "current-absent" and "some of 3000 rows (i1 in 1500, i2 in 1500)" in note.text
 
 
 def test_an_unknown_velocity_keeps_its_row(tmp_path: Path) -> None:
@@ -424,7 +440,7 @@ REFUSED = {
     "time back": ("t,q1,i1\n0,0,1\n2,0,1\n1,0,1\n3,0,1\n", "time-not-rising", "from 2 s to 1 s"),
     "time stands": ("t,q1,i1\n" + "".join(f"{k // 10},{k},1\n" for k in range(100)), "clock-too-coarse", "90 of 100"),
     "mostly bad": (
-        "t,q1,i1\n" + "".join(f"{k},{k},{'nan' if k % 2 else 1}\n" for k in range(100)),
+        "t,q1,i1\n" + "".join(f"{k},{'nan' if k % 2 else k},1\n" for k in range(100)),
         "bad-samples",
         "50 of 100",
     ),
@@ -571,16 +587,6 @@ def test_comments_before_and_behind_the_header_are_no_rows(tmp_path: Path, place
     (tmp_path / "a.csv").write_text("\n".join(lines) + "\n")
     log, reader = read(tmp_path / "a.csv", arm())
     assert same(replace(log, rows=motion(40).rows), motion(40)) and not reader.notes
-
-
-def test_a_current_that_comes_late_is_none_that_lacks(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Lines so long that a file's first bytes hold a few rows: a current that lacks in those alone is in the log."""
-    monkeypatch.setattr(text_blocks, "HEAD_BYTES", 300)
-    monkeypatch.setattr(text_blocks, "BLOCK_BYTES", 300)
-    rows = [f"{k},0,0,{'' if k < 20 else 1},1" for k in range(600)]
-    (tmp_path / "a.csv").write_text("\n".join(["t,q1,q2,i1,i2", *rows]) + "\n")
-    log, reader = read(tmp_path / "a.csv", arm())
-    assert len(log) == 580 and [note.slug for note in reader.notes] == ["bad-samples"]
 
 
 @pytest.mark.parametrize("second", ["t,q1,q2,i1,i2", "t,q2,q1,i2,i1"])
