@@ -153,6 +153,9 @@ class Oddities:
         row = min(min(first) for first in self._bad.values())
         if self._n_bad > MOST_BAD * self.n_rows:
             mend = "check units and columns in the recipe's log block; leave out what was not measured"
+            without = max(self._unknown.get("current", {}).values(), default=0)
+            if self._n_bad + without >= (1.0 - MOST_BAD) * self.n_rows and without > MOST_BAD * self.n_rows:
+                mend = "positions and currents stand in different rows: join them by time (pandas.merge_asof does it)"
             column = max(self._bad_counts, key=lambda name: self._bad_counts[name])
             raise LogError("bad-samples", text, Where(file=self.name, row=row, column=column), mend)
         return [Note("bad-samples", f"{text}; these rows are left out", Where(file=self.name, row=row))]

@@ -462,6 +462,13 @@ def test_what_cannot_be_trusted_is_refused(tmp_path: Path, case: str) -> None:
     assert error.where.file == str(tmp_path / "a.csv")
 
 
+def test_quantities_in_different_rows_are_told(tmp_path: Path) -> None:
+    """Two topics of a recorder put together row by row: no row has a position and a current; the mend joins them."""
+    rows = "".join(f"{k},,1\n" if k % 2 else f"{k},{k},\n" for k in range(100))
+    error = refusal(tmp_path / "a.csv", "t,q1,i1\n" + rows, arm(1))
+    assert error.slug == "bad-samples" and "join them by time" in error.mend
+
+
 def test_many_bad_cells_are_counted(tmp_path: Path) -> None:
     """Three are shown, the others counted."""
     error = refusal(tmp_path / "a.csv", "t,q1,i1\n" + "".join(f"{k},off,1\n" for k in range(50)), arm(1))
