@@ -50,14 +50,18 @@ except SystemExit as end:
         raise
 peak = int(pathlib.Path("/proc/self/status").read_text().split("VmHWM:")[1].split()[0]) // 1024
 other = resource.getrusage(resource.RUSAGE_CHILDREN).ru_maxrss // 1024
-names = [name for name in sys.modules if name != "__main__"]
+kind = lambda module: object.__getattribute__(module, "__class__").__name__  # a look at one that waits would load it
+names = [name for name, module in sys.modules.items() if name != "__main__" and kind(module) != "_LazyModule"]
 pathlib.Path(told).write_text("\\n".join([f"{peak} {other}", *names]))
 """
-#: Start-up alone: the same modules, at best (no look for garbage), and nothing of what a process does at its end.
+#: Start-up alone: the same modules as the program loads them, at best (no look for garbage), and nothing of what a
+#: process does at its end.
 LOAD = """
 import gc, importlib, os, pathlib, sys
 from contextlib import suppress
+from pumaid.cli.loading import load_later
 gc.disable()
+load_later()
 for name in pathlib.Path(sys.argv[1]).read_text().splitlines()[1:]:
     with suppress(ImportError):
         importlib.import_module(name)
