@@ -10,16 +10,19 @@ Run:  python tools/scale.py --files 24 --rate 200
 from __future__ import annotations
 
 import argparse
+import gc
 import os
 import tempfile
 import time
-from collections.abc import Callable
-from contextlib import ExitStack
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
+from typing import Any
 
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 os.environ.setdefault("ARROW_DEFAULT_MEMORY_POOL", "system")  # as the command line does
 
+import distributed
 import numpy as np
 
 from pumaid import identify, plan, segment, simulate
@@ -65,14 +68,30 @@ def timed(ways: dict[str, Callable[[], Evidence]], rounds: int) -> dict[str, tup
     return {name: (best[name], found[name]) for name in ways}
 
 
+@contextmanager
+def cluster_of(workers: int, *, foreign: bool) -> Iterator[Any]:
+    """A client of so many worker processes, pumaid's own or those that somebody else started."""
+    if not foreign:
+        with connected("local", workers=workers) as client:
+            yield client
+        return
+    with (
+        distributed.LocalCluster(n_workers=workers, threads_per_worker=1, dashboard_address=None) as cluster,
+        connected(cluster.scheduler_address) as client,
+    ):
+        yield client
+
+
 def main() -> None:
     """Print the table."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--files", type=int, default=24)
     parser.add_argument("--rate", type=float, default=200.0, help="Hz")
     parser.add_argument("--csv", action="store_true", help="text logs instead of Parquet")
+    parser.add_argument("--foreign", action="store_true", help="workers as dask starts them, joined by their address")
     parser.add_argument("--rounds", type=int, default=4)
     options = parser.parse_args()
+    gc.set_threshold(50_000)  # as the command line does
     robot = read_recipe(shipped_recipes()["ur5e"])
     with ExitStack() as stack:
         scratch = stack.enter_context(tempfile.TemporaryDirectory())
@@ -83,7 +102,7 @@ def main() -> None:
         reading = Reading(robot, DEFAULTS)
         # One for each round, begun before the cluster is; each reads once.
         mates = stack.enter_context(started(reading.tried, options.rounds + 1))
-        one, two = (stack.enter_context(connected("local", workers=number)) for number in (1, 2))
+        one, two = (stack.enter_context(cluster_of(number, foreign=options.foreign)) for number in (1, 2))
         ways: dict[str, Callable[[], Evidence]] = {
             "one process": lambda: segment(Watch(LogReader(paths, robot), robot), robot),
             "two processes (`--jobs 2`)": lambda: spread(paths, reading, [mates.pop()]),

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from contextlib import ExitStack, contextmanager, suppress
+from contextlib import ExitStack, contextmanager
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
@@ -19,8 +19,6 @@ if TYPE_CHECKING:
     from pumaid.motion.options import SegmentOptions
     from pumaid.records import Evidence, Robot
 
-#: malloc.h: M_MMAP_THRESHOLD (the largest that it knows) and M_TRIM_THRESHOLD, in bytes.
-_MALLOC = {-3: 32 << 20, -1: 256 << 20}
 #: Runs from which freed memory is given back at the end.
 _MANY_RUNS = 1000
 
@@ -45,7 +43,9 @@ def one_pass(
     how
         ``--jobs`` and ``--dask``.
     """
-    _keep_memory()
+    from pumaid.cluster.memory import give_back_memory, keep_memory
+
+    keep_memory()
     if how.dask:
         evidence = _on_cluster(paths, robot, trust=trust, options=options, how=how)
     elif others := _others(paths, how):
@@ -54,7 +54,7 @@ def one_pass(
         evidence = _here(paths, robot, trust=trust, extra=extra, options=options, ahead=how.jobs != 1)
     evidence = _single(evidence, trust=trust)
     if len(evidence.runs) > _MANY_RUNS:
-        _give_back_memory()
+        give_back_memory()
     return evidence
 
 
@@ -92,24 +92,6 @@ def _here(
             options=options,
             progress=lambda rows: step(rows, f"{rows:,} rows"),
         )
-
-
-def _keep_memory() -> None:
-    """Have the C library of Linux keep what is freed for the next batch; fresh pages cost a quarter of a short pass."""
-    import ctypes
-
-    with suppress(OSError, AttributeError, TypeError):
-        library = ctypes.CDLL(None)
-        for option, size in _MALLOC.items():
-            library.mallopt(option, size)
-
-
-def _give_back_memory() -> None:
-    """What the pass held between runs that stay, some 200 MiB after thousands of them, is there for what follows."""
-    import ctypes
-
-    with suppress(OSError, AttributeError, TypeError):
-        ctypes.CDLL(None).malloc_trim(0)
 
 
 def _others(paths: Sequence[LogPath], how: Pass) -> int:

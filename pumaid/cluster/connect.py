@@ -7,23 +7,18 @@ import signal
 import threading
 from collections.abc import Iterator
 from concurrent.futures import CancelledError
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack, contextmanager, suppress
 from multiprocessing import resource_tracker
 from typing import Any
 
 from pumaid import __version__
+from pumaid.cluster.memory import leave_memory
 from pumaid.errors import LogError, Where
 
 #: The word that asks for workers on this machine.
 LOCAL = "local"
-#: Of workers that live for one command. Dask has them give memory back at every chance, and batches of samples then
-#: take ten times as many page faults; and it looks a hundred times a second at what they do.
-_CONFIG = {
-    "distributed.nanny.pre-spawn-environ.MALLOC_TRIM_THRESHOLD_": 256 << 20,
-    "distributed.nanny.pre-spawn-environ.MALLOC_MMAP_THRESHOLD_": 32 << 20,
-    "distributed.worker.profile.enabled": False,
-    "distributed.admin.tick.interval": "1s",
-}
+#: Of workers that live for one command: dask looks a hundred times a second at what they do.
+_CONFIG = {"distributed.worker.profile.enabled": False, "distributed.admin.tick.interval": "1s"}
 #: s to wait for a scheduler.
 PATIENCE = 10
 
@@ -109,7 +104,17 @@ def _remote(address: str, where: Where) -> Iterator[Any]:
     client, seen = _answer(address, where)
     with client:
         _check_same_program(seen, where)
-        yield client
+        try:
+            yield client
+        finally:
+            _leave(client)
+
+
+def _leave(client: Any) -> None:
+    """Have the workers give back the memory that they keep for the next batch."""
+    if client.status == "running":  # else nobody would answer
+        with suppress(OSError):
+            client.run(leave_memory, on_error="ignore")
 
 
 def _answer(address: str, where: Where) -> tuple[Any, Any]:

@@ -9,8 +9,9 @@ from dataclasses import dataclass
 from functools import partial
 from typing import Any
 
+from pumaid.cluster.memory import keep_memory
 from pumaid.cluster.part import Part
-from pumaid.cluster.pieces import SMALL, Reading, State, file_taken, pieces_of, raised, state_of
+from pumaid.cluster.pieces import SMALL, Found, Reading, State, file_taken, pieces_of, raised, state_of
 from pumaid.cluster.whole import Whole
 from pumaid.files.table import LogPath
 from pumaid.motion.options import DEFAULTS, SegmentOptions
@@ -96,7 +97,7 @@ def gather(
     leaves = [
         _Node(
             path,
-            tuple(client.submit(reading.tried, piece, pure=False, priority=-number) for piece in pieces),
+            tuple(client.submit(_tried, reading, piece, pure=False, priority=-number) for piece in pieces),
             state[0],
             state=state,
         )
@@ -113,6 +114,12 @@ def gather(
         if progress is not None:
             progress(done, len(paths))
     return whole.evidence(refuse=refuse)
+
+
+def _tried(reading: Reading, piece: LogPath) -> Found:
+    """As `Reading.tried`, by a worker."""
+    keep_memory()
+    return reading.tried(piece)
 
 
 def _looked_into(path: LogPath, *, each: float) -> tuple[Sequence[LogPath], State]:
@@ -150,6 +157,6 @@ def _joined(client: Any, reading: Reading, bundle: Sequence[_Node]) -> _Node:
 
 
 def _read_at_once(client: Any, reading: Reading, path: LogPath) -> Part:
-    part = raised(client.submit(reading.tried, path, pure=False).result())
+    part = raised(client.submit(_tried, reading, path, pure=False).result())
     assert part is not None  # what is none is a part of a file
     return part

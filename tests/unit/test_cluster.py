@@ -24,6 +24,7 @@ from sessions import Eager, make_session, same
 
 from pumaid import __version__
 from pumaid.cluster import connect
+from pumaid.cluster import gather as gathering
 from pumaid.cluster.connect import connected
 from pumaid.cluster.gather import gather
 from pumaid.cluster.part import joined
@@ -77,7 +78,7 @@ def test_parts_are_the_whole(logs, tmp_path, rows):
     robot = read_recipe(logs / "recipe.yaml")
     paths, client = cut(logs, tmp_path / "parts", rows), Eager()
     assert same(gather(paths, robot, client), one_pass(paths, robot))
-    assert client.calls.count("tried") == len(paths)
+    assert client.calls.count("_tried") == len(paths)
 
 
 def test_joining_is_associative(logs, tmp_path):
@@ -196,6 +197,31 @@ def test_a_cluster_from_the_command_line(logs, tmp_path):
     assert (
         refused.stderr.startswith("error[damaged-log]: logs/part_001.parquet") and not (folder / "none.json").exists()
     )
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("ends", [nullcontext(), pytest.raises(LogError)], ids=["done", "refused"])
+def test_a_guest_leaves_no_memory_on_workers(monkeypatch, tmp_path, ends):
+    """Workers that somebody else started keep freed memory while they read, and give it back at the end."""
+    distributed = pytest.importorskip("distributed", reason="pip install pumaid[dask]")
+    told = tmp_path / "left.txt"
+    monkeypatch.setattr(connect, "leave_memory", lambda: told.write_text(str(os.getpid())))
+    with distributed.LocalCluster(n_workers=1, threads_per_worker=1, dashboard_address=None) as cluster:
+        with ends, connected(cluster.scheduler_address) as client:
+            assert client.submit(int, "7").result() == 7
+            if not isinstance(ends, nullcontext):
+                raise LogError("empty-log", "it has no row", Where(), "record again")
+        assert int(told.read_text()) == next(iter(cluster.workers.values())).pid
+
+
+def test_a_worker_keeps_memory_while_it_reads(monkeypatch, logs):
+    """Before a piece is read, so that its batches take no fresh pages."""
+    done = []
+    monkeypatch.setattr(gathering, "keep_memory", lambda: done.append("kept"))
+    reading = MagicMock()
+    reading.tried.side_effect = lambda piece: done.append(piece)
+    gathering._tried(reading, logs)
+    assert done == ["kept", logs]
 
 
 @pytest.mark.parametrize("log", ["-", "pipe"])

@@ -91,7 +91,7 @@ def test_row_groups_are_tasks_of_a_cluster(logs, tmp_path, small_parts):
     for number in (0, 1):
         paths = written(tmp_path / "logs", table_of(logs), number=number)
     assert same(gather(paths, robot, client), one_pass(paths, robot))
-    assert client.calls.count("tried") == sum(len(pieces_of(path)) for path in paths) > 10
+    assert client.calls.count("_tried") == sum(len(pieces_of(path)) for path in paths) > 10
 
 
 def test_of_many_files_small_ones_are_not_cut(logs, tmp_path, small_parts, monkeypatch):
@@ -100,7 +100,7 @@ def test_of_many_files_small_ones_are_not_cut(logs, tmp_path, small_parts, monke
     for number in range(4):
         paths = written(tmp_path / "logs", table_of(logs), number=number)
     assert same(gather(paths, robot, client), one_pass(paths, robot))
-    assert client.calls.count("tried") == len(paths)
+    assert client.calls.count("_tried") == len(paths)
     monkeypatch.setattr(pieces, "SMALL", min(path.stat().st_size for path in paths) - 1)
     assert len(pieces_of(paths[0], each=4.0)) == len(pieces_of(paths[0])) > 5
     # Text takes more bytes for the same rows.
