@@ -364,7 +364,7 @@ def test_what_another_process_cannot_hand_over_is_read_here(logs, tmp_path, smal
 
 @pytest.mark.parametrize("seed", range(12))
 def test_however_logs_are_cut_and_joined(logs, tmp_path, small_parts, monkeypatch, seed):
-    """Random files with gaps, restarts, rows without a number and no rest, in random pieces, windows and trees."""
+    """Random files with gaps, restarts, missing numbers and no rest, in random pieces, windows and trees."""
     robot, rng = read_recipe(logs / "recipe.yaml"), np.random.default_rng(seed)
     table = table_of(logs).to_pandas()
     monkeypatch.setattr(parts, "PART_ROWS", int(rng.choice([80, 400, 1500, 10**6])))
@@ -382,6 +382,9 @@ def test_however_logs_are_cut_and_joined(logs, tmp_path, small_parts, monkeypatc
             part["t"] -= part["t"].iloc[0]
         if rng.random() < 0.1 and len(part) > 100:
             part.iloc[40:44, 1] = np.nan
+        if rng.random() < 0.3 and len(part) > 60:
+            for name in ("i1", "i2", "qd1", "qd2"):
+                part.loc[rng.random(len(part)) < rng.choice([0.01, 0.7]), name] = np.nan
         if rng.random() < 0.15:
             part = part[part["qd1"].abs() + part["qd2"].abs() > 0.05]
         rows, as_table = int(rng.choice([50, 300, 2000])), pa.Table.from_pandas(part, preserve_index=False)
