@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
 import pyarrow as pa
 from numpy.typing import NDArray
@@ -13,15 +11,18 @@ def floats(column: pa.Array) -> NDArray[np.float64]:
     """A column of float64 as (N,) numbers, NaN where it has none.
 
     Arrow's own ``to_numpy`` loads pandas, which takes longer than a million rows, and its functions on columns another
-    20 ms; so neither is used where a column is whole.
+    20 ms: so the numbers are taken as they lie in memory, and what lacks by its bits.
 
     Parameters
     ----------
     column
         Of type ``float64``.
     """
-    if column.null_count:
-        column = column.fill_null(math.nan)
     if not len(column):
         return np.zeros(0)
-    return np.frombuffer(column.buffers()[1], dtype=np.float64, count=len(column), offset=8 * column.offset)
+    there, numbers = column.buffers()
+    values = np.frombuffer(numbers, dtype=np.float64, count=len(column), offset=8 * column.offset)
+    if not column.null_count:
+        return values
+    bits = np.unpackbits(np.frombuffer(there, dtype=np.uint8), bitorder="little")
+    return np.where(bits[column.offset : column.offset + len(column)], values, np.nan)

@@ -125,7 +125,13 @@ class Cleaner:
         places = self.columns.places
         self.odd.n_rows += len(rows)
         # A number that is none makes the smallest and the largest none, too.
-        if (table.min(axis=1) >= -limits[:, 0]).all() and (table.max(axis=1) <= limits[:, 0]).all():
+        low, high = table.min(axis=1), table.max(axis=1)
+        lacks = np.isnan(low)
+        for index in np.flatnonzero(lacks):
+            low[index], high[index] = np.fmin.reduce(table[index]), np.fmax.reduce(table[index])
+        self._count_unknown(table, lacks)
+        is_short = lacks[[0, *places["position"][:, 1]]].any()
+        if not (is_short or (low < -limits[:, 0]).any() or (high > limits[:, 0]).any()):
             return rows, table
         warmth = places["temperature"][:, 1]
         fine = np.abs(table) <= limits
@@ -133,11 +139,8 @@ class Cleaner:
         table[warmth] = np.where(fine[warmth], table[warmth], np.nan)
         # So is a velocity, by which positions are only checked, and most currents are of joints that do not move. One
         # that is absurd, though, marks a row that is garbage.
-        for quantity in ("velocity", "current"):
-            for index in places[quantity][:, 1]:
-                unknown = np.isnan(table[index])
-                fine[index] |= unknown
-                self.odd.unknown(quantity, self.columns.names[index], int(np.count_nonzero(unknown)))
+        for index in (*places["velocity"][:, 1], *places["current"][:, 1]):
+            fine[index] |= np.isnan(table[index])
         besides = places["extra"][:, 1]
         table[besides] = np.where(np.isfinite(table[besides]), table[besides], np.nan)
         idle = np.ones(len(table), dtype=np.bool_)
@@ -150,6 +153,13 @@ class Cleaner:
         for index in np.flatnonzero(~fine.all(axis=1)):
             self.odd.bad(self.columns.names[index], rows[~fine[index]])
         return rows[good], table[:, good]
+
+    def _count_unknown(self, table: Floats, lacks: NDArray[np.bool_]) -> None:
+        """Count the velocities and currents that are missing, of the columns (C,) in which numbers are."""
+        for quantity in ("velocity", "current"):
+            for index in self.columns.places[quantity][:, 1]:
+                if lacks[index]:
+                    self.odd.unknown(quantity, self.columns.names[index], int(np.count_nonzero(np.isnan(table[index]))))
 
     def _next_step_back(self, rows: Rows, table: Floats, is_last: bool) -> tuple[int, bool]:
         """Rows before the first step back of time (all, if none), and whether a new recording starts there."""
