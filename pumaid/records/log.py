@@ -23,9 +23,9 @@ class Log:
     time
         (N,) s, strictly rising within a file.
     position, velocity
-        (N, J) rad or m and rad/s or m/s; `velocity` is None where the file has none.
+        (N, J) rad or m and rad/s or m/s; `velocity` is None where the file has none, and NaN in samples without it.
     current
-        (N, J) A; a column is NaN where the log lacks that joint.
+        (N, J) A; NaN in samples without it, and a whole column where the log lacks that joint.
     temperature
         (N, J) degC, or None.
     extra
