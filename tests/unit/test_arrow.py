@@ -1,6 +1,10 @@
-"""Numbers as Arrow holds them, against its own list of them."""
+"""Arrow's columns as numbers, without pandas."""
 
 from __future__ import annotations
+
+import subprocess
+import sys
+from pathlib import Path
 
 import numpy as np
 import pyarrow as pa
@@ -8,13 +12,48 @@ import pytest
 
 from pumaid.files.arrow import floats
 
+SAMPLES = Path(__file__).parents[2] / "sample_logs"
+
+READ = """
+import sys
+from pumaid.files.recipe import read_recipe
+from pumaid.files.table import LogReader, expand
+rows = sum(len(log) for log in LogReader(expand([sys.argv[1]]), read_recipe(sys.argv[2])))
+print(rows > 1000, "pandas" in sys.modules)
+"""
+
+
+@pytest.mark.parametrize(
+    "column",
+    [
+        pa.array([1.0, 2.5, -3.0]),
+        pa.array([None, 2.5, None, 1e300]),
+        pa.array([0.0, 1.0, 2.0, None, 4.0]).slice(1, 3),
+        pa.array([], type=pa.float64()),
+        pa.array([None, None], type=pa.float64()),
+    ],
+)
+def test_columns_are_what_arrow_says(column):
+    """Whole, sliced, empty, with and without numbers: as Python's own numbers."""
+    wanted = [np.nan if value is None else value for value in column.to_pylist()]
+    np.testing.assert_array_equal(floats(column), np.array(wanted, dtype=float))
+
+
+@pytest.mark.parametrize("log", ["pendulum/logs/session_01.csv", "puma560/logs/session_01.parquet"])
+def test_reading_logs_loads_no_pandas(log):
+    """It takes longer to load than a million rows to read."""
+    path = SAMPLES / log
+    words = [sys.executable, "-c", READ, path, path.parents[1] / "recipe.yaml"]
+    done = subprocess.run(words, capture_output=True, text=True, check=True)
+    assert done.stdout.split() == ["True", "False"]
+
 
 @pytest.mark.parametrize("missing", [0.0, 0.3, 1.0])
-def test_any_slice_has_its_own_numbers(missing: float) -> None:
+def test_any_slice_has_its_own_numbers(missing):
     """What lacks is told by single bits, which a slice may begin with anywhere."""
     rng = np.random.default_rng(1)
     whole = pa.array(rng.normal(size=70), mask=rng.random(70) < missing)
     for start, stop in np.sort(rng.integers(0, 71, (100, 2)), axis=1).tolist():
         part = whole.slice(start, stop - start)
         wanted = np.array([np.nan if value is None else value for value in part.to_pylist()], dtype=float)
-        assert np.array_equal(floats(part), wanted, equal_nan=True)
+        np.testing.assert_array_equal(floats(part), wanted)
