@@ -176,7 +176,7 @@ def now_and_then(share: int) -> Change:
 
     def change(table: pd.DataFrame) -> None:
         for joint in (1, 2):
-            table.loc[table.index % share != joint, f"i{joint}"] = np.nan
+            table.loc[table.index % share != joint % share, f"i{joint}"] = np.nan
 
     return change
 

@@ -22,6 +22,9 @@ _CURVE = np.array([1.0, -2.0, 1.0])
 FEWEST = 16
 #: Mean steps between currents from which there is a hole between two of them.
 MOST_APART = 2.5
+#: The same of the currents of a stroke in which some are missing: of fewer, averages leave hardly more rows than there
+#: are columns, and have larger errors than the blunt corners of plain samples make.
+FEWEST_OF_SOME = 32
 #: Share of the variance of white noise, left by averages along a combination of columns, below which there is none.
 LEAST_SHARE = 0.05
 #: Singular values of a triangle below this share of its largest are rounding.
@@ -56,7 +59,7 @@ def of_stroke(course: Smooth, position: Floats, current: Floats, *, turns: bool)
     time, is_good = course.time, np.isfinite(current)
     plain = run_columns(position, turns=turns, motion=(course.velocity, course.acceleration))[is_good]
     at = time[is_good]
-    if len(at) < FEWEST:
+    if len(at) < (FEWEST if len(at) == len(time) else FEWEST_OF_SOME):
         return Triangle.of(STROKE_COLUMNS, plain, current[is_good])
     # As many instants as there are currents: what were made up between them would be smoother than they are.
     even = np.linspace(at[0], at[-1], len(at))
