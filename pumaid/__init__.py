@@ -35,13 +35,13 @@ _HOMES = {
     },
     "Exported": "pumaid.exports",
     "catalogue": "pumaid.effects",
-    "read_recipe": "pumaid.files.recipe",
-    "LogReader": "pumaid.files.table",
-    "read_model": "pumaid.files.result",
-    "write_model": "pumaid.files.result",
-    "read_diagnosis": "pumaid.files.diagnosis",
-    "write_diagnosis": "pumaid.files.diagnosis",
-    "read_history": "pumaid.files.ladders",
+    "read_recipe": "pumaid.io.recipe",
+    "LogReader": "pumaid.io.table",
+    "read_model": "pumaid.io.result",
+    "write_model": "pumaid.io.result",
+    "read_diagnosis": "pumaid.io.diagnosis",
+    "write_diagnosis": "pumaid.io.diagnosis",
+    "read_history": "pumaid.io.ladders",
 }
 
 __all__ = ["__version__", *sorted(_HOMES)]

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from pumaid.errors import Note, Where
-from pumaid.files.recipe import read_recipe, shipped_recipes
+from pumaid.io.recipe import read_recipe, shipped_recipes
 from pumaid.records import (
     Binned,
     Candidate,

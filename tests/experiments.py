@@ -8,15 +8,15 @@ from pathlib import Path
 
 import numpy as np
 
-from pumaid.files.table import LogReader, write_log
-from pumaid.fit.system import Fitted, solve
+from pumaid.estimation.system import Fitted, solve
+from pumaid.io.table import LogReader, write_log
 from pumaid.maths.joint_fit import Bilinear
 from pumaid.model import Model
 from pumaid.records import Estimate, Evidence
+from pumaid.simulation import Bench, Noise, Truth, table1
 from pumaid.verbs.identify import identify
 from pumaid.verbs.segment import segment
 from pumaid.verbs.simulate import simulate
-from pumaid.virtual import Bench, Noise, Truth, table1
 
 #: Experiments of which intervals are judged, and of which errors are compared with the least possible.
 EXPERIMENTS, COMPARED = 100, 200

@@ -9,12 +9,12 @@ import numpy as np
 from pumaid.choices import expanded
 from pumaid.chosen import in_order
 from pumaid.effects import catalogue
-from pumaid.files.recipe import read_recipe, shipped_recipes
+from pumaid.io.recipe import read_recipe, shipped_recipes
 from pumaid.loads import loads
 from pumaid.model import Model
 from pumaid.records import EffectChoice, Estimate, JointFit, Robot, Samples
 from pumaid.records.estimate import Value
-from pumaid.virtual.draw import draw
+from pumaid.simulation.draw import draw
 from tests.worlds import CRANE, arm, random_arm
 
 #: Effects that no posture and velocity determine; the contract of docs/export.md.

@@ -19,7 +19,7 @@ import pandas as pd
 from click.testing import CliRunner
 
 from pumaid.cli import group
-from pumaid.files.recipe import shipped_recipes
+from pumaid.io.recipe import shipped_recipes
 
 RATE = 40.0  # Hz
 HOLDS = (-1.3, 0.2, 1.1)  # rad, where the other joint stands

@@ -18,13 +18,13 @@ from pathlib import Path
 
 from pumaid.cli import group
 from pumaid.effects import catalogue
-from pumaid.files.recipe import read_recipe, shipped_recipes
+from pumaid.io.recipe import read_recipe, shipped_recipes
 
 #: What a run loads when it needs it; loaded before the first fork it costs nothing in each trial.
 LOADED = (
     *("pandas", "rich.console", "scipy.optimize", "pumaid.cli.commands.identify", "pumaid.cli.progress"),
-    *("pumaid.files.archive", "pumaid.files.plan", "pumaid.files.result_schema", "pumaid.files.table"),
-    *("pumaid.motion.suspicion", "pumaid.show.notes", "pumaid.show.tables", "pumaid.verbs.identify"),
+    *("pumaid.io.archive", "pumaid.io.plan", "pumaid.io.result_schema", "pumaid.io.table"),
+    *("pumaid.preprocessing.suspicion", "pumaid.reporting.notes", "pumaid.reporting.tables", "pumaid.verbs.identify"),
     "pumaid.verbs.segment",
 )
 

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from pumaid.files.archive import keep
+from pumaid.io.archive import keep
 from pumaid.records import EffectChoice, Errors, Estimate, Joint, JointFit, Ladder, Robot, Rung, Value
 
 ARM = Robot("arm", (Joint(1, "a", "revolute"), Joint(2, "b", "revolute")), origin="recipe.yaml", digest="aa" * 32)

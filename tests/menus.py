@@ -8,14 +8,14 @@ from functools import cache
 import numpy as np
 
 from pumaid.clearance import Clearance
-from pumaid.files.recipe import read_recipe, shipped_recipes
-from pumaid.planning.assume import Assumed, drawn
-from pumaid.planning.laps import courses, free, speeds
-from pumaid.planning.menu import Menu, Ways, menu
-from pumaid.planning.outlook import existing
+from pumaid.design.assume import Assumed, drawn
+from pumaid.design.laps import courses, free, speeds
+from pumaid.design.menu import Menu, Ways, menu
+from pumaid.design.outlook import existing
+from pumaid.io.recipe import read_recipe, shipped_recipes
 from pumaid.records import Motion, Robot
+from pumaid.simulation.ranges import candidates
 from pumaid.structure import minimal
-from pumaid.virtual.ranges import candidates
 
 
 @cache

@@ -1,6 +1,6 @@
 """Small experiments for tests of the diagnosis: noise known to the cell, and slow dense algebra to check with.
 
-Positions, gravity, friction and hidden physics come from `pumaid.virtual`; noise is made here, cell by cell, so that a
+Positions, gravity, friction and hidden physics come from `pumaid.simulation`; noise is made here, cell by cell, so that a
 test knows its correlation, its spread and its runs' levels, and can make it heavy-tailed.
 """
 
@@ -20,8 +20,8 @@ from pumaid.diagnosis.noise import Noise
 from pumaid.diagnosis.system import Solved, loaded, solve
 from pumaid.model import Model
 from pumaid.records import Estimate, Evidence, Motion, Plan, Robot, Run
+from pumaid.simulation import Bench, Hidden, Truth, draw
 from pumaid.verbs.identify import identify
-from pumaid.virtual import Bench, Hidden, Truth, draw
 
 #: One level axis: its diagnosis is plain linear least squares.
 LEVER = arm("R", [TURN])

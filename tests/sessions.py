@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 from command import run
 
-from pumaid.files.recipe import shipped_recipes
+from pumaid.io.recipe import shipped_recipes
 from pumaid.records import Evidence
 
 

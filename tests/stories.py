@@ -10,7 +10,7 @@ import worlds
 import pumaid
 from pumaid.errors import Note, Where
 from pumaid.records import Estimate, Evidence, FileFacts, JointFit, Reject, Robot, Value
-from pumaid.show.story import Story
+from pumaid.reporting.story import Story
 from pumaid.verbs.compare import compare
 
 #: A name that would break a page, a LaTeX file or a Markdown table which did not escape it.

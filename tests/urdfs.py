@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from pumaid.files.urdf_recipe import UrdfRecipe
+from pumaid.io.urdf_recipe import UrdfRecipe
 from pumaid.maths.frames import axes, origins
 
 

@@ -1,6 +1,6 @@
 """Small arms, their truths and what their logs would leave, for tests of the estimate.
 
-Runs come from `pumaid.virtual.Bench` (which is tested against samples elsewhere) or, where a test must know every
+Runs come from `pumaid.simulation.Bench` (which is tested against samples elsewhere) or, where a test must know every
 sample, from `run_of`.
 """
 
@@ -25,7 +25,7 @@ from pumaid.records import (
     Robot,
     Run,
 )
-from pumaid.virtual import Bench, Truth, draw, table1
+from pumaid.simulation import Bench, Truth, draw, table1
 
 TURN = np.pi / 2
 

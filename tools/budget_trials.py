@@ -20,12 +20,12 @@ from blind_world.statistics import Share
 
 from pumaid.diagnosis.search import FALSE_ALARM
 from pumaid.errors import PumaidError
-from pumaid.files.recipe import read_recipe, shipped_recipes
+from pumaid.io.recipe import read_recipe, shipped_recipes
 from pumaid.records import Budget, Evidence, FileFacts, Motion, Plan, Robot
+from pumaid.simulation import Bench, Truth, draw, table1
+from pumaid.simulation.hidden import Hidden, sized
 from pumaid.verbs.compare import compare
 from pumaid.verbs.identify import identify
-from pumaid.virtual import Bench, Truth, draw, table1
-from pumaid.virtual.hidden import Hidden, sized
 
 #: First seed of the noise-only experiments, and of the others.
 NOISE_ONLY, HIDDEN = 910_000, 920_000

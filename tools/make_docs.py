@@ -22,7 +22,7 @@ import click
 
 from pumaid.cli import group
 from pumaid.effects import catalogue
-from pumaid.show.effects import bounds, facts, merged
+from pumaid.reporting.effects import bounds, facts, merged
 
 ROOT = Path(__file__).parents[1]
 COMMANDS, README, PICTURES = ROOT / "docs" / "commands.md", ROOT / "README.md", ROOT / "docs" / "img"
@@ -154,8 +154,8 @@ def picture() -> bytes:
     """What the sample PUMA's currents are spent on."""
     from pumaid import compare, identify
     from pumaid.cli.reading import read_evidence
-    from pumaid.show.plots import drawings
-    from pumaid.show.story import Story
+    from pumaid.reporting.plots import drawings
+    from pumaid.reporting.story import Story
 
     robot, evidence = read_evidence([str(ROOT / "sample_logs" / "puma560")], None)
     estimate = identify(evidence, robot)

@@ -18,8 +18,8 @@ import pyarrow.parquet as pq
 from ruamel.yaml import YAML
 
 from pumaid.cli import group
-from pumaid.files.recipe import read_recipe, shipped_recipes
-from pumaid.files.table import LogReader, write_log
+from pumaid.io.recipe import read_recipe, shipped_recipes
+from pumaid.io.table import LogReader, write_log
 
 SAMPLES = Path(__file__).parents[1] / "sample_logs"
 

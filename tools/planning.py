@@ -24,10 +24,10 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 import numpy as np
 
 from pumaid import identify, plan, segment, simulate
-from pumaid.files.recipe import read_recipe, shipped_recipes
+from pumaid.io.recipe import read_recipe, shipped_recipes
 from pumaid.records import Estimate, Plan, Robot
-from pumaid.virtual import table1
-from pumaid.virtual.timing import duration
+from pumaid.simulation import table1
+from pumaid.simulation.timing import duration
 
 #: Samples a second, and how often the paper's experiment is made: its time is that of the plans.
 RATE, TIMES = 100.0, (1, 2, 4)

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from published_loads import G
 
 from pumaid.cli.reading import read_evidence
-from pumaid.files.recipe import shipped_recipes
+from pumaid.io.recipe import shipped_recipes
 from pumaid.model import Model
 from pumaid.records import Comparison, Estimate, Evidence, Robot
 from pumaid.verbs.compare import compare

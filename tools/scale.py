@@ -31,12 +31,12 @@ from pumaid.cluster.cores import spread
 from pumaid.cluster.desk import started
 from pumaid.cluster.gather import gather
 from pumaid.cluster.pieces import Reading
-from pumaid.files.recipe import read_recipe, shipped_recipes
-from pumaid.files.table import LogReader, write_log
-from pumaid.motion.options import DEFAULTS
-from pumaid.motion.suspicion import Watch
+from pumaid.io.recipe import read_recipe, shipped_recipes
+from pumaid.io.table import LogReader, write_log
+from pumaid.preprocessing.options import DEFAULTS
+from pumaid.preprocessing.suspicion import Watch
 from pumaid.records import Evidence, Robot
-from pumaid.virtual import draw
+from pumaid.simulation import draw
 
 
 def written(robot: Robot, folder: Path, files: int, rate: float, ending: str = "parquet") -> tuple[list[Path], int]:

@@ -3,7 +3,7 @@
 python tools/statistics_trials.py
 
 Takes about ten minutes. The seeds were not used in development. Arms, noise and hidden effects are those of
-`pumaid.virtual`, which shares no code with the model. Shares stand with Wilson's 95 % interval.
+`pumaid.simulation`, which shares no code with the model. Shares stand with Wilson's 95 % interval.
 """
 
 from __future__ import annotations
@@ -25,12 +25,12 @@ from pumaid.diagnosis.limits import limits
 from pumaid.diagnosis.scan import surprise
 from pumaid.diagnosis.stepwise import Step, Stepwise
 from pumaid.effects import catalogue
-from pumaid.files.recipe import read_recipe, shipped_recipes
+from pumaid.io.recipe import read_recipe, shipped_recipes
 from pumaid.model import Model
 from pumaid.records import UNEXPLAINED_JOINT, Campaign, Evidence
+from pumaid.simulation import Bench, Truth, draw, table1
+from pumaid.simulation.hidden import Hidden
 from pumaid.verbs.identify import identify
-from pumaid.virtual import Bench, Truth, draw, table1
-from pumaid.virtual.hidden import Hidden
 
 #: First seed of the clean experiments, and of those with a hidden effect.
 CLEAN, HIDDEN = 610_000, 620_000

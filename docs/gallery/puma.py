@@ -11,12 +11,12 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from pumaid.files.log_writer import write_log
+from pumaid.io.log_writer import write_log
 from pumaid.records import Joint, Log, Robot
-from pumaid.virtual import table1
-from pumaid.virtual.links import Links
-from pumaid.virtual.physics.rigid import Rigid
-from pumaid.virtual.truth import Noise, Truth
+from pumaid.simulation import table1
+from pumaid.simulation.links import Links
+from pumaid.simulation.physics.rigid import Rigid
+from pumaid.simulation.truth import Noise, Truth
 
 Floats = NDArray[np.float64]
 

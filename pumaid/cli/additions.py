@@ -109,7 +109,7 @@ def diagnosed(
 ) -> Diagnosis:
     """A diagnosis, with progress and commands; with `is_kept` the one that an earlier command made of the same."""
     from pumaid.effects import is_extended
-    from pumaid.files.diagnosis_cache import DiagnosisCache
+    from pumaid.io.diagnosis_cache import DiagnosisCache
 
     # The code of a user's own effects is not this program's: it may have changed since.
     is_kept = is_kept and not is_extended()
@@ -157,9 +157,9 @@ def added(
     diagnosis, estimate
         The last ones; what was added stands in the diagnosis' `applied`.
     """
-    from pumaid.files.archive import keep
+    from pumaid.io.archive import keep
     from pumaid.records import ADD
-    from pumaid.show.findings import left_out_sentence, step_sentence
+    from pumaid.reporting.findings import left_out_sentence, step_sentence
     from pumaid.verbs.identify import identify
 
     keep(model, estimate, robot)
@@ -213,7 +213,7 @@ def with_earlier(diagnosis: Diagnosis, estimate: Estimate, earlier: Path) -> Dia
         The file of the last diagnosis, if there is one.
     """
     from pumaid.errors import ResultError
-    from pumaid.files.diagnosis import read_diagnosis
+    from pumaid.io.diagnosis import read_diagnosis
 
     try:
         old = read_diagnosis(earlier)

@@ -29,7 +29,7 @@ def deciding(findings: Iterable[Finding], robot: Robot) -> Plan:
     from dataclasses import replace
 
     from pumaid.records import Plan
-    from pumaid.virtual.timing import duration
+    from pumaid.simulation.timing import duration
 
     motions, told = [], []
     for found in findings:

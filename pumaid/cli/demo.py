@@ -52,9 +52,9 @@ def check(robot: str, effect: str | None, *, seed: int) -> None:
     ModelError [hide-wrong]
         There is no such effect, or this robot cannot have it.
     """
-    from pumaid.files.recipe import read_recipe, shipped_recipes
-    from pumaid.virtual.draw import draw
-    from pumaid.virtual.hidden import LAWS, Hidden, sized
+    from pumaid.io.recipe import read_recipe, shipped_recipes
+    from pumaid.simulation.draw import draw
+    from pumaid.simulation.hidden import LAWS, Hidden, sized
 
     shipped = shipped_recipes()
     if robot not in shipped:

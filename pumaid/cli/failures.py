@@ -85,7 +85,7 @@ def _leave(code: int, message: str) -> None:
 
 def _coloured(message: str) -> str:
     """The words ``error[slug]`` in red; click strips the colour where standard error is no terminal."""
-    from pumaid.show.visible import visible
+    from pumaid.reporting.visible import visible
 
     message = visible(message)
     head, found, rest = message.partition("]: ")

@@ -81,7 +81,7 @@ def stables(logs: Sequence[str], recipe: Path | None, results: Path | None, *, a
 
 def _robots(folder: Path) -> list[Path]:
     """Sub-folders with logs, in natural order."""
-    from pumaid.files.paths import expand, natural
+    from pumaid.io.paths import expand, natural
 
     found = []
     for one in sorted((one for one in folder.iterdir() if one.is_dir()), key=lambda one: natural(one.name)):
@@ -105,7 +105,7 @@ def _unclear(folder: Path, robots: Sequence[Path], own: Sequence[bool]) -> LogEr
 
 def _tell_loose(folder: Path, robots: Sequence[Path]) -> None:
     """Say which logs in a fleet's folder belong to no robot."""
-    from pumaid.files.paths import expand
+    from pumaid.io.paths import expand
 
     logs = [path for path in expand([folder]) if isinstance(path, Path)]
     loose = [path.name for path in logs if not any(one in path.parents for one in robots)]
@@ -210,9 +210,9 @@ def compared(
     as_json
         Whether ``--json`` was given.
     """
-    from pumaid.files.fleet import fleet_document
-    from pumaid.show.fleet import differences_grid, robots_grid
-    from pumaid.show.forms import Shown
+    from pumaid.io.fleet import fleet_document
+    from pumaid.reporting.fleet import differences_grid, robots_grid
+    from pumaid.reporting.forms import Shown
     from pumaid.verbs.fleet import fleet
 
     groups, models = comparable(known), {name: model for name, (_, model) in known.items()}

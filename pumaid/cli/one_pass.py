@@ -15,8 +15,8 @@ from pumaid.cli.progress import progress
 from pumaid.errors import LogError, Where
 
 if TYPE_CHECKING:
-    from pumaid.files.table import LogPath
-    from pumaid.motion.options import SegmentOptions
+    from pumaid.io.table import LogPath
+    from pumaid.preprocessing.options import SegmentOptions
     from pumaid.records import Evidence, Robot
 
 #: Runs from which freed memory is given back at the end.
@@ -61,7 +61,7 @@ def one_pass(
 def _single(evidence: Evidence, *, trust: bool) -> Evidence:
     """The evidence with notes on what stands twice in the logs; a copy of a file is refused."""
     from pumaid.errors import Faults, LogError, Note
-    from pumaid.motion.doubled import doubled
+    from pumaid.preprocessing.doubled import doubled
 
     found = list(doubled(evidence))
     faults = [one for one in found if isinstance(one, LogError)]
@@ -77,9 +77,9 @@ def _here(
     paths: Sequence[LogPath], robot: Robot, *, trust: bool, extra: Sequence[str], options: SegmentOptions, ahead: bool
 ) -> Evidence:
     """The same by this process, with a second thread that reads `ahead`."""
-    from pumaid.files.ahead import Ahead
-    from pumaid.files.table import LogReader
-    from pumaid.motion.suspicion import Watch
+    from pumaid.io.ahead import Ahead
+    from pumaid.io.table import LogReader
+    from pumaid.preprocessing.suspicion import Watch
     from pumaid.verbs.segment import segment
 
     watched = Watch(LogReader(paths, robot, extra=extra), robot, refuse=not trust)
@@ -117,7 +117,7 @@ def _on_cores(
     from pumaid.cluster.cores import spread
     from pumaid.cluster.desk import started
     from pumaid.cluster.pieces import Reading
-    from pumaid.files.table import LogReader
+    from pumaid.io.table import LogReader
 
     LogReader(paths, robot, extra=extra).check_extra()
     reading = Reading(robot, options, tuple(dict.fromkeys(extra)))
@@ -158,7 +158,7 @@ def one_cluster(how: Pass) -> Iterator[Pass]:
 def _on_cluster(paths: Sequence[LogPath], robot: Robot, *, trust: bool, options: SegmentOptions, how: Pass) -> Evidence:
     """The same on the workers of a cluster, a file each."""
     from pumaid.cluster.gather import gather
-    from pumaid.files.paths import STDIN
+    from pumaid.io.paths import STDIN
 
     if STDIN in paths:
         what = "standard input cannot be read by the workers of a cluster"

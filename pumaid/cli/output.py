@@ -13,7 +13,7 @@ from click.exceptions import Exit
 
 from pumaid import __version__
 from pumaid.errors import EXIT_ATTENTION, Note, ResultError, Where
-from pumaid.show.visible import Visible, visible
+from pumaid.reporting.visible import Visible, visible
 
 #: Widest table that is written to a file or pipe, where there is no terminal to ask (characters).
 WIDEST = 400
@@ -36,7 +36,7 @@ def remark(text: str) -> None:
 
 def notes(found: Iterable[Note]) -> None:
     """Notes and warnings of a result, on standard error, each once; one line for what is true of several joints."""
-    from pumaid.show.notes import merged
+    from pumaid.reporting.notes import merged
 
     for line in dict.fromkeys(visible(str(note)) for note in merged(found)):
         head, _, rest = line.partition("]: ")
@@ -63,7 +63,7 @@ def document(content: Mapping[str, Any]) -> None:
 
     Kind, format and version stand first in every document; the version is ours where the document does not say.
     """
-    from pumaid.files.result import as_text
+    from pumaid.io.result import as_text
 
     head = {"kind": content["kind"], "format": content["format"], "pumaid": __version__}
     click.echo(as_text(head | dict(content), ascii_only=True), nl=False)

@@ -41,7 +41,7 @@ def formed(plan: Plan, robot: Robot, form: str) -> str:
     ModelError [program-other-robot]
         The form is for another kind of arm.
     """
-    from pumaid.files.plan import plan_text
+    from pumaid.io.plan import plan_text
     from pumaid.programs import FORMS, program_text
 
     return program_text(plan, robot, form) if form in FORMS else plan_text(plan, robot, format=form)
@@ -60,10 +60,10 @@ def shown(found: Plan, robot: Robot, *, as_json: bool, with_times: bool = False)
         Whether with the timetable.
     """
     from pumaid.cli.output import document, notes, table
-    from pumaid.files.plan import plan_document
+    from pumaid.io.plan import plan_document
     from pumaid.programs.steps import run_times
-    from pumaid.show.plans import plan_table
-    from pumaid.show.timetable import timetable_table
+    from pumaid.reporting.plans import plan_table
+    from pumaid.reporting.timetable import timetable_table
 
     notes(found.notes)
     if as_json:
@@ -111,7 +111,7 @@ def written(path: Path, found: Plan, robot: Robot, *, form: str, tilted: str | N
     tilted
         The recipe's text for the arm as it will stand, or none.
     """
-    from pumaid.files.atomic import write_whole
+    from pumaid.io.atomic import write_whole
 
     if str(path) == "-":
         return
@@ -134,9 +134,9 @@ def draw_plan(path: Path, plan: Plan, robot: Robot) -> None:
         The plan and its arm.
     """
     from pumaid.cli.output import picture_form
-    from pumaid.files.atomic import write_whole
+    from pumaid.io.atomic import write_whole
     from pumaid.programs.steps import run_times
-    from pumaid.show import postures, timetable
+    from pumaid.reporting import postures, timetable
 
     form = picture_form(path)
     write_whole(path, postures.drawn(plan, robot, form))

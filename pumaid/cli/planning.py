@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import rich_click as click
 
 if TYPE_CHECKING:
-    from pumaid.planning.setup import Setup
+    from pumaid.design.setup import Setup
     from pumaid.records import Estimate, Plan, Robot
 
 #: Sizes of an effect, SI, between which there is something to plan for.
@@ -92,7 +92,7 @@ def check_together(ask: Ask, given: Path | None) -> None:
 
 def setup_of(ask: Ask) -> Setup:
     """Tilt (deg in the option) and payload."""
-    from pumaid.planning.setup import Setup
+    from pumaid.design.setup import Setup
     from pumaid.units import factor
 
     payload = None
@@ -183,7 +183,7 @@ def checked(robot: Robot, path: Path, ask: Ask, *, tell: Callable[[str], None]) 
     tell
         Called with a word on what is done.
     """
-    from pumaid.files.plan import read_plan
+    from pumaid.io.plan import read_plan
     from pumaid.verbs.foresee import foresee
 
     given = read_plan(path, robot)
@@ -216,7 +216,7 @@ def recipe_as_set_up(robot: Robot, recipe: Path | None, ask: Ask) -> str | None:
     if ask.tilt is None:
         return None
     from pumaid.cli.reading import recipe_path
-    from pumaid.files.recipe_gravity import with_gravity
+    from pumaid.io.recipe_gravity import with_gravity
 
     return with_gravity(recipe_path(recipe), setup_of(ask).robot(robot).gravity)
 

@@ -13,7 +13,7 @@ from pumaid.cli.options import Pass
 from pumaid.errors import Where
 
 if TYPE_CHECKING:
-    from pumaid.motion.options import SegmentOptions
+    from pumaid.preprocessing.options import SegmentOptions
     from pumaid.records import Estimate, Evidence, Robot
 
 #: What ``--heldout`` is given for postures instead of files.
@@ -30,7 +30,7 @@ def read_robot(recipe: Path | None, logs: Sequence[str] = ()) -> Robot:
     logs
         As the user typed them.
     """
-    from pumaid.files.recipe import read_recipe
+    from pumaid.io.recipe import read_recipe
 
     return read_recipe(recipe_path(recipe, logs))
 
@@ -38,7 +38,7 @@ def read_robot(recipe: Path | None, logs: Sequence[str] = ()) -> Robot:
 def read_known_model(path: Path) -> Estimate:
     """A model, refused before any log is read where the catalogue lacks one of its effects."""
     from pumaid.choices import check_known
-    from pumaid.files.result import read_model
+    from pumaid.io.result import read_model
 
     estimate = read_model(path)
     check_known(estimate.effects)
@@ -57,7 +57,7 @@ def check_model(estimate: Estimate, robot: Robot, near: tuple[Path | None, Seque
     """
     from pumaid.chosen import check_parameters
     from pumaid.errors import ModelError
-    from pumaid.files.result import check_same_recipe
+    from pumaid.io.result import check_same_recipe
 
     try:
         check_same_recipe(estimate, robot)
@@ -121,9 +121,9 @@ def read_evidence(
         Runs that the plan beside the recipe or the user keeps for judging are marked as held out.
     """
     from pumaid.cli.one_pass import one_pass
-    from pumaid.files.evidence_cache import EvidenceCache
-    from pumaid.files.paths import STDIN, expand
-    from pumaid.motion.options import DEFAULTS
+    from pumaid.io.evidence_cache import EvidenceCache
+    from pumaid.io.paths import STDIN, expand
+    from pumaid.preprocessing.options import DEFAULTS
 
     how, options = how or Pass(cached=False), options or DEFAULTS
     paths = expand(logs)
@@ -158,9 +158,9 @@ def read_files(logs: Sequence[str], recipe: Path | None, *others: Path | None) -
         Logs, recipe, the plan beside it, `others`.
     """
     from pumaid.errors import PumaidError
-    from pumaid.files.paths import expand
-    from pumaid.files.plan import find_plan
-    from pumaid.files.remote import is_remote
+    from pumaid.io.paths import expand
+    from pumaid.io.plan import find_plan
+    from pumaid.io.remote import is_remote
 
     found = list(others)
     # What is not there is told when it is read, with more to say about it.
@@ -184,7 +184,7 @@ def experiment_folder(recipe: Path | None, logs: Sequence[str] = ()) -> Path:
     logs
         As the user typed them.
     """
-    from pumaid.files.recipe import shipped_recipes
+    from pumaid.io.recipe import shipped_recipes
 
     path = recipe_path(recipe, logs)
     shipped = {one.resolve() for one in shipped_recipes().values()}
@@ -208,15 +208,15 @@ def results_folder(results: Path | None, recipe: Path | None, logs: Sequence[str
 
 def recipe_path(recipe: Path | None, logs: Sequence[str] = ()) -> Path:
     """Where the recipe is: what ``--recipe`` says, else near the logs."""
-    from pumaid.files.recipe import find_recipe
+    from pumaid.io.recipe import find_recipe
 
     return find_recipe(recipe, [Path(log) for log in logs])
 
 
 def _with_heldout(evidence: Evidence, wanted: Sequence[str]) -> Evidence:
     """Runs of the files that the user names marked as held out; the word ``posture`` means each joint's last one."""
-    from pumaid.files.paths import meant
-    from pumaid.motion.heldout import hold_out
+    from pumaid.io.paths import meant
+    from pumaid.preprocessing.heldout import hold_out
 
     names = [facts.name for facts in evidence.files]
     files = dict.fromkeys(name for word in wanted if word != POSTURE for name in meant(word, names))
@@ -224,11 +224,11 @@ def _with_heldout(evidence: Evidence, wanted: Sequence[str]) -> Evidence:
 
 
 def _with_plan(evidence: Evidence, robot: Robot, folder: Path) -> Evidence:
-    from pumaid.files.plan import find_plan, read_plan
+    from pumaid.io.plan import find_plan, read_plan
 
     path = find_plan([folder])
     if path is None:
         return evidence
-    from pumaid.motion.planned import mark_heldout
+    from pumaid.preprocessing.planned import mark_heldout
 
     return mark_heldout(evidence, read_plan(path, robot))

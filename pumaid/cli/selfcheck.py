@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from pumaid.records import Estimate, Evidence, Robot
-    from pumaid.virtual import Truth
+    from pumaid.simulation import Truth
 
 #: The arm, the seed of its making, minutes of its experiment, samples a second.
 ARM, SEED, MINUTES, RATE = "pendulum2", 11, 4.0, 50.0
@@ -75,11 +75,11 @@ def _judged() -> Iterator[list[str]]:
 
 
 def _logged(folder: Path, bench: dict[str, object]) -> str:
-    from pumaid.files.recipe import read_recipe, shipped_recipes
-    from pumaid.files.table import write_log
+    from pumaid.io.recipe import read_recipe, shipped_recipes
+    from pumaid.io.table import write_log
+    from pumaid.simulation import Hidden, draw
     from pumaid.verbs.plan import plan
     from pumaid.verbs.simulate import simulate
-    from pumaid.virtual import Hidden, draw
 
     robot = read_recipe(shipped_recipes()[ARM])
     truth = draw(robot, SEED).hiding([Hidden(HIDDEN, JOINT, {})])
@@ -93,7 +93,7 @@ def _logged(folder: Path, bench: dict[str, object]) -> str:
 
 
 def _segmented(bench: dict[str, object]) -> str:
-    from pumaid.files.table import LogReader
+    from pumaid.io.table import LogReader
     from pumaid.verbs.segment import segment
 
     robot: Robot = bench["robot"]  # type: ignore[assignment]

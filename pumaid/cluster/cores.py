@@ -14,7 +14,7 @@ from pumaid.cluster.mate import CAN_FORK, Mate
 from pumaid.cluster.part import Part
 from pumaid.cluster.pieces import Reading, file_taken, pieces_of, raised, state_of
 from pumaid.cluster.whole import Whole
-from pumaid.files.table import LogPath
+from pumaid.io.table import LogPath
 from pumaid.records import Evidence
 
 #: Bytes of logs for which one more process pays; starting it takes some 20 ms, and as much what it sends back.

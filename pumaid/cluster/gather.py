@@ -13,8 +13,8 @@ from pumaid.cluster.memory import keep_memory
 from pumaid.cluster.part import Part
 from pumaid.cluster.pieces import SMALL, Found, Reading, State, file_taken, pieces_of, raised, state_of
 from pumaid.cluster.whole import Whole
-from pumaid.files.table import LogPath
-from pumaid.motion.options import DEFAULTS, SegmentOptions
+from pumaid.io.table import LogPath
+from pumaid.preprocessing.options import DEFAULTS, SegmentOptions
 from pumaid.records import Evidence, Robot
 
 #: Parts that one worker joins at a time.

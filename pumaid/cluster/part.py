@@ -10,12 +10,12 @@ from typing import Any, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from pumaid.files.oddities import Oddities
-from pumaid.files.packing import packed, unpacked
-from pumaid.files.table import LogReader
-from pumaid.motion.options import SegmentOptions
-from pumaid.motion.segmenter import Segmenter
-from pumaid.motion.suspicion import Sums
+from pumaid.io.oddities import Oddities
+from pumaid.io.packing import packed, unpacked
+from pumaid.io.table import LogReader
+from pumaid.preprocessing.options import SegmentOptions
+from pumaid.preprocessing.segmenter import Segmenter
+from pumaid.preprocessing.suspicion import Sums
 from pumaid.records import Evidence, FileFacts, Log, Reject, Robot, Run
 
 Kept = TypeVar("Kept", Run, Reject)

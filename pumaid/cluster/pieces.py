@@ -12,11 +12,11 @@ import numpy as np
 from pumaid.cluster.part import Part, joined, lower, read_part
 from pumaid.cluster.whole import Whole
 from pumaid.errors import LogError, PumaidError
-from pumaid.files.oddities import Oddities
-from pumaid.files.parts import FilePart, file_parts
-from pumaid.files.remote import Remote
-from pumaid.files.table import LogPath, LogReader
-from pumaid.motion.options import SegmentOptions
+from pumaid.io.oddities import Oddities
+from pumaid.io.parts import FilePart, file_parts
+from pumaid.io.remote import Remote
+from pumaid.io.table import LogPath, LogReader
+from pumaid.preprocessing.options import SegmentOptions
 from pumaid.records import Robot
 
 #: Files for each reader from which small ones are not cut, and the bytes of Parquet up to which a file is small: there

@@ -8,12 +8,12 @@ from dataclasses import replace
 
 from pumaid.cluster.part import Part, behind, later
 from pumaid.errors import LogError, Note, Where
-from pumaid.files.table import merged_notes
-from pumaid.motion import clock
-from pumaid.motion.options import SegmentOptions
-from pumaid.motion.room import OF_REJECTS, OF_RUNS, Room
-from pumaid.motion.segmenter import Segmenter
-from pumaid.motion.suspicion import Sums
+from pumaid.io.table import merged_notes
+from pumaid.preprocessing import clock
+from pumaid.preprocessing.options import SegmentOptions
+from pumaid.preprocessing.room import OF_REJECTS, OF_RUNS, Room
+from pumaid.preprocessing.segmenter import Segmenter
+from pumaid.preprocessing.suspicion import Sums
 from pumaid.records import Evidence, FileFacts, Reject, Robot, Run
 
 
@@ -96,7 +96,7 @@ class Whole:
         LogError [empty-log]
             No file has a row.
         LogError
-            As `pumaid.motion.suspicion.Watch` does.
+            As `pumaid.preprocessing.suspicion.Watch` does.
         """
         if not any(facts.rows for facts in self._files):
             what = f"no log has a row of numbers ({', '.join(facts.name for facts in self._files[:3])})"

@@ -12,8 +12,8 @@ from pumaid.diagnosis.laid import Laid, View, coarse_starts, view
 from pumaid.diagnosis.repeats import Repeats, alike, halves
 from pumaid.diagnosis.ripples import Track
 from pumaid.diagnosis.search import FALSE_ALARM, FEWEST_RUNS, REPEAT, RIPPLE, Search
-from pumaid.motion.options import STROKE
-from pumaid.motion.replicates import noise_floor, pairs
+from pumaid.preprocessing.options import STROKE
+from pumaid.preprocessing.replicates import noise_floor, pairs
 from pumaid.records import Budget, BudgetPart, Joint
 
 Floats = NDArray[np.float64]

@@ -15,9 +15,9 @@ from pumaid.maths.alike import grouped
 from pumaid.maths.short import lengths
 from pumaid.maths.slope import acceleration
 from pumaid.model import Model
-from pumaid.motion.options import CONSTANT
-from pumaid.motion.reduce import coarser
-from pumaid.motion.replicates import replicates
+from pumaid.preprocessing.options import CONSTANT
+from pumaid.preprocessing.reduce import coarser
+from pumaid.preprocessing.replicates import replicates
 from pumaid.records import Campaign, Cells, Extent, Run, Samples
 from pumaid.sight import joined, samples_of
 

@@ -11,8 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pumaid.diagnosis.field import Field, distinct, posture_groups
-from pumaid.motion.options import CONSTANT
-from pumaid.motion.replicates import replicates
+from pumaid.preprocessing.options import CONSTANT
+from pumaid.preprocessing.replicates import replicates
 from pumaid.records import Run, Samples
 from pumaid.sight import joined
 

@@ -10,7 +10,7 @@ import numpy as np
 from pumaid.diagnosis.added import Added
 from pumaid.diagnosis.field import Field
 from pumaid.effects.base import NO_SHAPE, Effect, Floats, Parameter
-from pumaid.motion.options import CONSTANT
+from pumaid.preprocessing.options import CONSTANT
 from pumaid.records import Robot, Samples
 
 #: s in which the transient of a position controller dies down; two of them span what servo drives do (bandwidths of 3

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from pumaid import __version__
 from pumaid.programs.steps import steps, told
 from pumaid.records import Plan, Robot
-from pumaid.virtual.timing import REST
+from pumaid.simulation.timing import REST
 
 Floats = NDArray[np.float64]
 

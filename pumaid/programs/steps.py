@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pumaid.records import Motion, Plan, Robot
+from pumaid.simulation.timing import MOVE_SHARE, RAMP_TIME, REST, accelerations, highest_speeds, stretches
 from pumaid.units import factor
-from pumaid.virtual.timing import MOVE_SHARE, RAMP_TIME, REST, accelerations, highest_speeds, stretches
 
 Floats = NDArray[np.float64]
 
@@ -63,7 +63,7 @@ def steps(robot: Robot, plan: Plan) -> Iterator[Step]:
     Parameters
     ----------
     robot, plan
-        Speeds and ramps are those of `pumaid.virtual.timing`, so that programs and the virtual robot agree on runs.
+        Speeds and ramps are those of `pumaid.simulation.timing`, so that programs and the virtual robot agree on runs.
         Moves are straight here, as controllers make them, and bent there.
     """
     ramps = accelerations(robot)

@@ -8,7 +8,7 @@ from pumaid import __version__
 from pumaid.errors import ModelError, Where
 from pumaid.programs.steps import steps, told
 from pumaid.records import Plan, Robot
-from pumaid.virtual.timing import REST, duration
+from pumaid.simulation.timing import REST, duration
 
 #: rad/s and rad/s2 of the first move, from wherever the arm stands.
 _APPROACH, _APPROACH_RAMP = 0.2, 0.5

@@ -11,10 +11,10 @@ from pumaid.choices import check_known
 from pumaid.diagnosis.budget import budget
 from pumaid.diagnosis.laid import Spread
 from pumaid.errors import Note
-from pumaid.files.result import check_same_recipe
-from pumaid.fit.judge import NOTHING, Groups, Judge, Tally, rmse, together
-from pumaid.motion.heldout import otherwise
-from pumaid.motion.replicates import noise_floor, pairs
+from pumaid.estimation.judge import NOTHING, Groups, Judge, Tally, rmse, together
+from pumaid.io.result import check_same_recipe
+from pumaid.preprocessing.heldout import otherwise
+from pumaid.preprocessing.replicates import noise_floor, pairs
 from pumaid.records import TOGETHER, UNEXPLAINED, Budget, Comparison, Estimate, Evidence, JointScore, Robot, RunScore
 
 

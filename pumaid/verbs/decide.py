@@ -7,6 +7,9 @@ from collections.abc import Callable, Mapping
 from dataclasses import replace
 
 from pumaid.choices import at_one_joint, known_effect
+from pumaid.design.assume import assume
+from pumaid.design.rehearsal import rehearsed, solved, usual
+from pumaid.design.setup import Setup
 from pumaid.diagnosis.added import Added
 from pumaid.diagnosis.contender import DECISIVE, evidence
 from pumaid.diagnosis.deciding import deciding, showing
@@ -15,13 +18,10 @@ from pumaid.diagnosis.scan import Projector, Trial
 from pumaid.diagnosis.system import Solved
 from pumaid.effects import Effect, Scope
 from pumaid.errors import ModelError, Note, Where
-from pumaid.planning.assume import assume
-from pumaid.planning.rehearsal import rehearsed, solved, usual
-from pumaid.planning.setup import Setup
 from pumaid.records import EffectChoice, Estimate, Evidence, Motion, NextRun, Plan, Posture, Robot
+from pumaid.simulation.hidden import Hidden
+from pumaid.simulation.timing import duration
 from pumaid.units import number
-from pumaid.virtual.hidden import Hidden
-from pumaid.virtual.timing import duration
 
 #: Sets of runs at most: what takes more is no plan.
 _MOST_SETS = 12

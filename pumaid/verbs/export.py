@@ -12,7 +12,7 @@ from pumaid.exports.bodies import Bodies, bodies
 from pumaid.exports.formulas import Formulas
 from pumaid.exports.names import identifier
 from pumaid.exports.torque import constants_of
-from pumaid.files.result import check_same_recipe
+from pumaid.io.result import check_same_recipe
 from pumaid.records import Estimate, Robot
 
 

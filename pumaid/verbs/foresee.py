@@ -8,17 +8,17 @@ from dataclasses import replace
 import numpy as np
 
 from pumaid.clearance import Clearance
+from pumaid.design.assume import assume
+from pumaid.design.coverage import POSTURES, SPEEDS
+from pumaid.design.menu import parameters
+from pumaid.design.moves import explained, struck
+from pumaid.design.outlook import absent, conditions, existing, expected, short_note, tilt_note, weight_note
+from pumaid.design.planner import Planner, Wish
+from pumaid.design.setup import Setup
 from pumaid.errors import Note, Where
-from pumaid.planning.assume import assume
-from pumaid.planning.coverage import POSTURES, SPEEDS
-from pumaid.planning.menu import parameters
-from pumaid.planning.moves import explained, struck
-from pumaid.planning.outlook import absent, conditions, existing, expected, short_note, tilt_note, weight_note
-from pumaid.planning.planner import Planner, Wish
-from pumaid.planning.setup import Setup
 from pumaid.records import Estimate, Motion, Plan, Robot
+from pumaid.simulation.timing import duration
 from pumaid.structure import minimal
-from pumaid.virtual.timing import duration
 
 
 def foresee(

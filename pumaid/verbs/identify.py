@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from pumaid.fit.identification import identified
-from pumaid.fit.system import Progress
+from pumaid.estimation.identification import identified
+from pumaid.estimation.system import Progress
 from pumaid.records import EffectChoice, Estimate, Evidence, Robot
 
 

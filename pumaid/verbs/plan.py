@@ -5,18 +5,18 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 
+from pumaid.design.assume import assume
+from pumaid.design.coverage import POSTURES, Extent
+from pumaid.design.criterion import POWERS
+from pumaid.design.menu import parameters
+from pumaid.design.outlook import absent, conditions, existing, expected, short_note, tilt_note, weight_note
+from pumaid.design.planner import Made, Planner, Wish
+from pumaid.design.reasons import postures
+from pumaid.design.setup import Setup
 from pumaid.errors import Faults, ModelError, Note, PumaidError
-from pumaid.planning.assume import assume
-from pumaid.planning.coverage import POSTURES, Extent
-from pumaid.planning.criterion import POWERS
-from pumaid.planning.menu import parameters
-from pumaid.planning.outlook import absent, conditions, existing, expected, short_note, tilt_note, weight_note
-from pumaid.planning.planner import Made, Planner, Wish
-from pumaid.planning.reasons import postures
-from pumaid.planning.setup import Setup
 from pumaid.records import Estimate, Plan, Robot
+from pumaid.simulation.timing import duration
 from pumaid.structure import minimal
-from pumaid.virtual.timing import duration
 
 #: Minutes of a plan at most: in a day an arm and its room are no longer the same.
 _LONGEST = 1440.0
@@ -91,7 +91,7 @@ def plan(
 
     Examples
     --------
-    >>> from pumaid.virtual import table1
+    >>> from pumaid.simulation import table1
     >>> experiment = plan(table1.robot(), minutes=12, seed=1)
     >>> experiment.unseen["gravity.l1.x"][:20]
     'joint 1 (waist) turn'

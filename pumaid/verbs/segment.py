@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable
 
-from pumaid.motion import clock
-from pumaid.motion.options import DEFAULTS, SegmentOptions
-from pumaid.motion.segmenter import Segmenter
+from pumaid.preprocessing import clock
+from pumaid.preprocessing.options import DEFAULTS, SegmentOptions
+from pumaid.preprocessing.segmenter import Segmenter
 from pumaid.records import Evidence, Log, Robot
 
 __all__ = ["SegmentOptions", "segment"]

@@ -9,9 +9,9 @@ import numpy as np
 
 from pumaid.errors import ModelError, Where
 from pumaid.records import Log, Plan, Robot
-from pumaid.virtual.draw import draw
-from pumaid.virtual.session import BUILTIN, Session
-from pumaid.virtual.truth import Truth
+from pumaid.simulation.draw import draw
+from pumaid.simulation.session import BUILTIN, Session
+from pumaid.simulation.truth import Truth
 
 #: Hz; slower, and a run of a few seconds would leave a sample or none.
 SLOWEST = 1.0
@@ -85,7 +85,7 @@ def simulate(
 
     Examples
     --------
-    >>> from pumaid.virtual import table1
+    >>> from pumaid.simulation import table1
     >>> truth = table1.puma560()
     >>> first = next(simulate(truth.robot, table1.experiment(), truth=truth, seed=1))
     >>> first.origin, first.current.shape[1]

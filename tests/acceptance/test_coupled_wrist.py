@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 import pumaid
-from pumaid.files.recipe import shipped_recipes
-from pumaid.virtual import draw, table1
+from pumaid.io.recipe import shipped_recipes
+from pumaid.simulation import draw, table1
 
 GEARS = (-62.6, 107.8, -53.7, 76.0, 71.9, 76.7)
 WRIST = replace(

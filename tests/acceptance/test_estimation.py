@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 from experiments import EXPERIMENTS, coverage, losses
 
-from pumaid.files.recipe import read_recipe, shipped_recipes
+from pumaid.io.recipe import read_recipe, shipped_recipes
 from pumaid.records import Estimate, Evidence
+from pumaid.simulation import Bench, Noise, Truth, draw, table1
 from pumaid.verbs.identify import identify
 from pumaid.verbs.plan import plan
-from pumaid.virtual import Bench, Noise, Truth, draw, table1
 
 #: Four binomial standard deviations of as many experiments below 95 %.
 LEAST = 0.95 - 4 * (0.95 * 0.05 / EXPERIMENTS) ** 0.5

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from pumaid.effects.gravity import Gravity
-from pumaid.files.recipe import read_recipe, shipped_recipes
+from pumaid.io.recipe import read_recipe, shipped_recipes
 from pumaid.records import Joint, Robot, Samples
 
 pin = pytest.importorskip("pinocchio", reason="the engine is pinocchio (pip install pumaid[test])")

@@ -9,8 +9,8 @@ from pathlib import Path
 import pytest
 
 import pumaid
-from pumaid.files.recipe import shipped_recipes
-from pumaid.files.table import LogReader
+from pumaid.io.recipe import shipped_recipes
+from pumaid.io.table import LogReader
 from pumaid.records import UNEXPLAINED
 from pumaid.verbs.segment import segment
 

@@ -17,7 +17,7 @@ import pytest
 import stories
 import worlds
 
-from pumaid.show.report import page
+from pumaid.reporting.report import page
 
 pytestmark = pytest.mark.browser
 

@@ -11,7 +11,7 @@ from click.testing import CliRunner
 
 from pumaid.clearance.contacts import Contacts
 from pumaid.cli import group
-from pumaid.files.recipe import read_recipe, shipped_recipes
+from pumaid.io.recipe import read_recipe, shipped_recipes
 
 #: A ceiling above the hinge, which the outstretched arm would strike.
 SAFETY = """

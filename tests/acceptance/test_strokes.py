@@ -9,14 +9,14 @@ from itertools import product
 import numpy as np
 import pytest
 
-from pumaid.files.recipe import read_recipe, shipped_recipes
+from pumaid.io.recipe import read_recipe, shipped_recipes
 from pumaid.records import Motion, Plan, Robot
+from pumaid.simulation import Session, draw
+from pumaid.simulation.physics.joints import inertia
+from pumaid.simulation.record import as_json
 from pumaid.verbs.identify import identify
 from pumaid.verbs.plan import plan
 from pumaid.verbs.segment import segment
-from pumaid.virtual import Session, draw
-from pumaid.virtual.physics.joints import inertia
-from pumaid.virtual.record import as_json
 
 #: Arms and sessions on which nothing was chosen.
 SEEDS = (301, 302, 303)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from experiments import logged
 
-from pumaid.virtual import table1
+from pumaid.simulation import table1
 
 #: Not used in development.
 SEEDS = range(900, 915)

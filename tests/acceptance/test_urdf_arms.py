@@ -11,8 +11,8 @@ from urdfs import Engine
 
 from pumaid.effects.gravity import Gravity
 from pumaid.errors import PumaidError
-from pumaid.files.recipe import read_recipe, shipped_recipes
-from pumaid.files.urdf_recipe import TOLERANCE, UrdfRecipe, recipe_from_urdf
+from pumaid.io.recipe import read_recipe, shipped_recipes
+from pumaid.io.urdf_recipe import TOLERANCE, UrdfRecipe, recipe_from_urdf
 from pumaid.maths.frames import axes, origins
 from pumaid.records import Robot, Samples
 

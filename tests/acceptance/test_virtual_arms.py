@@ -5,16 +5,16 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from pumaid.files.recipe import read_recipe, shipped_recipes
-from pumaid.motion.planned import mark_heldout
+from pumaid.io.recipe import read_recipe, shipped_recipes
+from pumaid.preprocessing.planned import mark_heldout
 from pumaid.records import Evidence, Plan, Robot
+from pumaid.simulation import Bench, draw
+from pumaid.simulation.forecast import forecast, gravity_names
 from pumaid.structure import minimal
 from pumaid.verbs.identify import identify
 from pumaid.verbs.plan import plan
 from pumaid.verbs.segment import segment
 from pumaid.verbs.simulate import simulate
-from pumaid.virtual import Bench, draw
-from pumaid.virtual.forecast import forecast, gravity_names
 
 pytestmark = pytest.mark.slow
 

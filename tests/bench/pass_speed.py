@@ -23,10 +23,10 @@ from dataclasses import dataclass
 from itertools import groupby
 from pathlib import Path
 
-from pumaid.files.log_writer import write_log
-from pumaid.files.recipe import shipped_recipes
+from pumaid.io.log_writer import write_log
+from pumaid.io.recipe import shipped_recipes
+from pumaid.simulation import table1
 from pumaid.verbs.simulate import simulate
-from pumaid.virtual import table1
 
 ROOT = Path(__file__).parents[2]
 LOG = ROOT / "bench" / "log.csv"

@@ -17,14 +17,14 @@ from numpy.typing import NDArray
 
 from pumaid import export, read_model
 from pumaid.exports.chain_xml import xml_name
-from pumaid.files.log_writer import write_log
-from pumaid.files.recipe import read_recipe, shipped_recipes
+from pumaid.io.log_writer import write_log
+from pumaid.io.recipe import read_recipe, shipped_recipes
 from pumaid.records import Log, Motion, Plan, Robot
+from pumaid.simulation.draw import draw
+from pumaid.simulation.physics.mjcf import mjcf
+from pumaid.simulation.truth import Friction, Truth
 from pumaid.units import factor
 from pumaid.verbs.simulate import simulate
-from pumaid.virtual.draw import draw
-from pumaid.virtual.physics.mjcf import mjcf
-from pumaid.virtual.truth import Friction, Truth
 
 Floats = NDArray[np.float64]
 

@@ -9,9 +9,9 @@ import pytest
 from searches import design
 
 from pumaid.records import Evidence
+from pumaid.simulation import Bench, Hidden, table1
 from pumaid.verbs.diagnose import diagnose
 from pumaid.verbs.identify import identify
-from pumaid.virtual import Bench, Hidden, table1
 
 #: What hides -> the effects that may be named for it; nothing: none may.
 HIDDEN = {

@@ -9,10 +9,10 @@ from itertools import groupby
 
 import pytest
 
-from pumaid.files.recipe import shipped_recipes
-from pumaid.files.table import write_log
+from pumaid.io.recipe import shipped_recipes
+from pumaid.io.table import write_log
+from pumaid.simulation import table1
 from pumaid.verbs.simulate import simulate
-from pumaid.virtual import table1
 
 #: Twice the paper's experiment takes 2700 s of robot time; at this rate and thrice (as other names of the same files)
 #: that is two million rows of 19 columns.

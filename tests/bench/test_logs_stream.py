@@ -10,15 +10,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from pumaid.files.table import write_log
+from pumaid.io.table import write_log
 from pumaid.records import Joint, Log, Robot
 
 #: What getrusage tells begins at the size of the process that started it, so the system's own record is read.
 READ = """
 import sys
 from pathlib import Path
-from pumaid.files.table import LogReader
-from pumaid.motion.suspicion import Watch
+from pumaid.io.table import LogReader
+from pumaid.preprocessing.suspicion import Watch
 from pumaid.records import Joint, Robot
 robot = Robot("arm", tuple(Joint(k, f"j{k}", "revolute") for k in range(1, 7)))
 rows = sum(len(log) for log in Watch(LogReader([Path(sys.argv[1])], robot), robot, refuse=False))

@@ -10,8 +10,8 @@ import peer_logs
 import peers
 import pytest
 
-from pumaid.files.recipe import read_recipe
-from pumaid.virtual.truth import Truth
+from pumaid.io.recipe import read_recipe
+from pumaid.simulation.truth import Truth
 
 
 @pytest.fixture(scope="module")

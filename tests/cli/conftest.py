@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from pumaid.files.recipe import shipped_recipes
+from pumaid.io.recipe import shipped_recipes
 
 
 @pytest.fixture

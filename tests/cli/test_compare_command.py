@@ -18,9 +18,9 @@ import pumaid
 from pumaid.cli import group
 from pumaid.cluster import desk
 from pumaid.cluster.mate import CAN_FORK, Mate
-from pumaid.files.log_writer import write_log
-from pumaid.files.recipe import shipped_recipes
-from pumaid.virtual.draw import draw
+from pumaid.io.log_writer import write_log
+from pumaid.io.recipe import shipped_recipes
+from pumaid.simulation.draw import draw
 
 
 def run(*arguments: str) -> Result:

@@ -23,13 +23,13 @@ import pumaid
 from pumaid.cli import group
 from pumaid.cli.additions import Typed, named
 from pumaid.cli.deciding import deciding
-from pumaid.files.diagnosis import model_digest, read_diagnosis, write_diagnosis
-from pumaid.files.log_writer import write_log
-from pumaid.files.plan import read_plan, write_plan
-from pumaid.files.recipe import shipped_recipes
+from pumaid.io.diagnosis import model_digest, read_diagnosis, write_diagnosis
+from pumaid.io.log_writer import write_log
+from pumaid.io.plan import read_plan, write_plan
+from pumaid.io.recipe import shipped_recipes
 from pumaid.records import EffectChoice
-from pumaid.virtual import hidden
-from pumaid.virtual.draw import draw
+from pumaid.simulation import hidden
+from pumaid.simulation.draw import draw
 
 #: A ripple of 0.08 A on a pendulum whose noise is a third of it: no design could overlook it. Slow enough for the
 #: drive: of a faster one a part goes into the speed, and less of it is in the current the faster a run is.

@@ -58,6 +58,6 @@ def test_a_cache_that_keeps_nothing_is_told(tmp_path, monkeypatch, place):
 
 def test_no_home_is_told(monkeypatch):
     """A user without a home folder has no cache, and a doctor all the same."""
-    monkeypatch.setattr("pumaid.files.kept.cache_folder", lambda: None)
+    monkeypatch.setattr("pumaid.io.kept.cache_folder", lambda: None)
     found = json.loads(run("doctor", "--quick", "--json").stdout)["cache"]
     assert found["folder"] is None and "no home folder" in found["fault"]

@@ -15,7 +15,7 @@ from sessions import Eager
 @pytest.fixture(scope="module")
 def logs(tmp_path_factory) -> Path:
     """Logs of one pendulum by two seeds."""
-    from pumaid.files.recipe import shipped_recipes
+    from pumaid.io.recipe import shipped_recipes
 
     folder = tmp_path_factory.mktemp("fleet")
     recipe = folder / "recipe.yaml"

@@ -13,10 +13,10 @@ from click.testing import CliRunner, Result
 
 import pumaid
 from pumaid.cli import group
-from pumaid.files.log_writer import write_log
-from pumaid.files.recipe import shipped_recipes
+from pumaid.io.log_writer import write_log
+from pumaid.io.recipe import shipped_recipes
 from pumaid.records import Plan
-from pumaid.virtual.draw import draw
+from pumaid.simulation.draw import draw
 
 
 @pytest.fixture(scope="module")
@@ -142,7 +142,7 @@ def test_degrees_in_the_header(arm):
 
 def test_held_out_runs_are_not_fitted(arm):
     """Runs that plan.yaml keeps for judging are left out of the fit."""
-    from pumaid.files.plan import write_plan
+    from pumaid.io.plan import write_plan
 
     robot = pumaid.read_recipe(arm / "recipe.yaml")
     plan = pumaid.plan(robot, minutes=5, seed=3)
@@ -282,7 +282,7 @@ def test_a_second_command_does_not_read_the_logs(arm, monkeypatch):
         raise OSError("read again")
         yield
 
-    monkeypatch.setattr("pumaid.files.table.LogReader.__iter__", refuse)
+    monkeypatch.setattr("pumaid.io.table.LogReader.__iter__", refuse)
     assert identify("logs", "-o", "second.json", "--add", "stribeck@1").exit_code == 0
     assert identify("logs", "-o", "third.json").exit_code == 0
     assert Path("third.json").read_bytes() == Path("first.json").read_bytes()

@@ -9,7 +9,7 @@ import pytest
 from click.testing import CliRunner, Result
 
 from pumaid.cli import group
-from pumaid.files.recipe import read_recipe, shipped_recipes
+from pumaid.io.recipe import read_recipe, shipped_recipes
 
 
 @pytest.fixture

@@ -12,7 +12,7 @@ from click.testing import CliRunner, Result
 from urdfs import Stated, serial_text, tree_text
 
 from pumaid.cli import group
-from pumaid.files.recipe import read_recipe
+from pumaid.io.recipe import read_recipe
 
 ARM = serial_text([Stated(xyz=(0, 0, 0.3)), Stated("fixed"), Stated(rpy=(-np.pi / 2, 0, 0)), Stated(xyz=(0.4, 0, 0))])
 

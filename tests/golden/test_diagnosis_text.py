@@ -9,7 +9,7 @@ import diagnoses
 import pytest
 from rich.console import Console
 
-from pumaid.show.diagnosis import diagnosis_shown
+from pumaid.reporting.diagnosis import diagnosis_shown
 
 GOLD = Path(__file__).with_name("gold")
 TOLD = {"rich": diagnoses.rich(), "clean": diagnoses.clean()}

@@ -10,10 +10,10 @@ import pytest
 import worlds
 
 from pumaid.records import Budget, Evidence, FileFacts, Motion, Plan
+from pumaid.simulation import Bench, Truth, table1
+from pumaid.simulation.hidden import Hidden, sized
 from pumaid.verbs.compare import compare
 from pumaid.verbs.identify import identify
-from pumaid.virtual import Bench, Truth, table1
-from pumaid.virtual.hidden import Hidden, sized
 
 #: Seeds of these experiments; development used others.
 SEEDS = 8_000

@@ -11,7 +11,7 @@ from pumaid.effects import Effect, Scope, catalogue
 from pumaid.loads import loads
 from pumaid.model import Model
 from pumaid.records import Extent, Samples
-from pumaid.virtual import table1
+from pumaid.simulation import table1
 
 ROBOT = table1.robot()
 MODEL = Model(ROBOT)

@@ -10,7 +10,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from pumaid.errors import PumaidError
-from pumaid.files.result import as_text, model_document, plain, read_model
+from pumaid.io.result import as_text, model_document, plain, read_model
 from pumaid.records import Combination, EffectChoice, Estimate, JointFit, Value
 
 ESTIMATE = Estimate(

@@ -15,7 +15,7 @@ from urdfs import Engine, Stated, serial_text
 
 from pumaid.cli import group
 from pumaid.errors import RecipeError
-from pumaid.files.urdf_recipe import TOLERANCE, UrdfRecipe, recipe_from_urdf
+from pumaid.io.urdf_recipe import TOLERANCE, UrdfRecipe, recipe_from_urdf
 
 pytest.importorskip("pinocchio", reason="the independent reader is pinocchio (pip install pumaid[test])")
 

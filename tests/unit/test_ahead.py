@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from pumaid.errors import LogError
-from pumaid.files.ahead import Ahead
+from pumaid.io.ahead import Ahead
 from pumaid.records import Log
 
 

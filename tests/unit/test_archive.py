@@ -10,9 +10,9 @@ import pytest
 from ladders import ARM, RIPPLE, STRIBECK, model
 
 from pumaid.errors import ResultError
-from pumaid.files.archive import keep, restore
-from pumaid.files.ladders import read_history
-from pumaid.files.result import read_model, write_model
+from pumaid.io.archive import keep, restore
+from pumaid.io.ladders import read_history
+from pumaid.io.result import read_model, write_model
 from pumaid.records import EffectChoice
 
 ROTTEN = {"notes.txt": "mine", "009-broken.json": "{", "010-other.json": '{"kind": "comparison"}', "best.json": "{}"}

@@ -10,14 +10,14 @@ import numpy as np
 import pyarrow as pa
 import pytest
 
-from pumaid.files.arrow import floats
+from pumaid.io.arrow import floats
 
 SAMPLES = Path(__file__).parents[2] / "sample_logs"
 
 READ = """
 import sys
-from pumaid.files.recipe import read_recipe
-from pumaid.files.table import LogReader, expand
+from pumaid.io.recipe import read_recipe
+from pumaid.io.table import LogReader, expand
 rows = sum(len(log) for log in LogReader(expand([sys.argv[1]]), read_recipe(sys.argv[2])))
 print(rows > 1000, "pandas" in sys.modules)
 """

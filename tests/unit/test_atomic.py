@@ -11,9 +11,9 @@ from pathlib import Path
 import pytest
 
 from pumaid.errors import ResultError
-from pumaid.files import atomic
-from pumaid.files.alone import alone
-from pumaid.files.atomic import whole_file, write_together, write_whole
+from pumaid.io import atomic
+from pumaid.io.alone import alone
+from pumaid.io.atomic import whole_file, write_together, write_whole
 
 
 def names(folder: Path) -> list[str]:

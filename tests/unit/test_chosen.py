@@ -10,7 +10,7 @@ from worlds import PENDULUM, drawn, evidence, experiment
 
 from pumaid.chosen import check_parameters
 from pumaid.errors import ModelError
-from pumaid.fit.identification import identified
+from pumaid.estimation.identification import identified
 from pumaid.records import EffectChoice, Estimate
 
 #: Twice the same effect at one joint, one of the whole arm, one with shapes that are fitted.

@@ -10,7 +10,7 @@ import pytest
 from pumaid.clearance import Clearance, straight, trapezoids
 from pumaid.clearance.contacts import Contacts
 from pumaid.errors import Faults, RecipeError
-from pumaid.files.recipe import read_recipe, shipped_recipes
+from pumaid.io.recipe import read_recipe, shipped_recipes
 from pumaid.records import Box, Joint, Robot, Safety, Sphere
 
 #: m, as docs/safety.md promises.

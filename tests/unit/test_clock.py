@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from pumaid.motion.clock import GROUP, sampled
+from pumaid.preprocessing.clock import GROUP, sampled
 
 
 def arm(rate, *, seed=0, jitter=0.0, seconds=60.0, encoder=1e-5, speed=1.2):

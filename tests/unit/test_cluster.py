@@ -31,10 +31,10 @@ from pumaid.cluster.part import joined
 from pumaid.cluster.pieces import Reading
 from pumaid.cluster.whole import Whole
 from pumaid.errors import Faults, LogError, Where
-from pumaid.files.recipe import read_recipe
-from pumaid.files.table import LogReader, expand
-from pumaid.motion.options import DEFAULTS
-from pumaid.motion.suspicion import Watch
+from pumaid.io.recipe import read_recipe
+from pumaid.io.table import LogReader, expand
+from pumaid.preprocessing.options import DEFAULTS
+from pumaid.preprocessing.suspicion import Watch
 from pumaid.records import Evidence
 from pumaid.verbs.identify import identify
 from pumaid.verbs.segment import segment

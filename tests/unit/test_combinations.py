@@ -7,8 +7,8 @@ import pytest
 from worlds import CRANE, PENDULUM, drawn, evidence, experiment, only
 
 from pumaid.records import Evidence
+from pumaid.simulation import Bench
 from pumaid.verbs.identify import identify
-from pumaid.virtual import Bench
 
 TRUTH = drawn(PENDULUM)
 ONE_POSTURE = experiment(PENDULUM, postures=1)

@@ -260,7 +260,7 @@ def test_worst_runs_come_first(fitted):
 def test_how_runs_are_batched_changes_nothing(fitted, monkeypatch):
     """Predictions made run by run are those made together."""
     together = made(*fitted)
-    monkeypatch.setattr("pumaid.fit.judge.AT_ONCE", 1)
+    monkeypatch.setattr("pumaid.estimation.judge.AT_ONCE", 1)
     for one, other in zip(made(*fitted).runs, together.runs, strict=True):
         assert np.array_equal(one.predicted, other.predicted)
 

@@ -9,7 +9,7 @@ import worlds
 import pumaid
 from pumaid.effects import catalogue
 from pumaid.errors import Faults, RecipeError
-from pumaid.files.recipe import read_recipe
+from pumaid.io.recipe import read_recipe
 from pumaid.records import Evidence, Joint, Means, Reject, Robot, Samples
 from pumaid.verbs.compare import compare
 

@@ -20,12 +20,12 @@ from pumaid.diagnosis.refine import refined, trials_at
 from pumaid.diagnosis.scan import Projector
 from pumaid.diagnosis.system import Start, loaded, solve
 from pumaid.effects import catalogue
-from pumaid.files.plan import plan_text, read_plan
-from pumaid.files.recipe import read_recipe
+from pumaid.io.plan import plan_text, read_plan
+from pumaid.io.recipe import read_recipe
 from pumaid.model import Model
 from pumaid.records import Evidence, Motion, Plan
+from pumaid.simulation import Bench, Hidden, draw
 from pumaid.verbs.identify import identify
-from pumaid.virtual import Bench, Hidden, draw
 
 PUMA = read_recipe(Path(__file__).parents[2] / "recipes" / "puma560.yaml")
 JOINT, SPEEDS = 3, (0.15, 0.35, 0.6, 0.9)

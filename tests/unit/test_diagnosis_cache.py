@@ -14,9 +14,9 @@ import stories
 import worlds
 from test_diagnosis_file import same
 
-from pumaid.files import diagnosis_cache
-from pumaid.files.diagnosis import model_digest
-from pumaid.files.diagnosis_cache import DiagnosisCache, diagnosis_shelf
+from pumaid.io import diagnosis_cache
+from pumaid.io.diagnosis import model_digest
+from pumaid.io.diagnosis_cache import DiagnosisCache, diagnosis_shelf
 from pumaid.records import EffectChoice, Evidence, FileFacts
 
 STORY = stories.story()

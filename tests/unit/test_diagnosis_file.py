@@ -12,8 +12,8 @@ import pytest
 import stories
 
 from pumaid.errors import ResultError
-from pumaid.files.diagnosis import diagnosis_document, model_digest, read_diagnosis, stale, write_diagnosis
-from pumaid.files.result import write_model
+from pumaid.io.diagnosis import diagnosis_document, model_digest, read_diagnosis, stale, write_diagnosis
+from pumaid.io.result import write_model
 
 
 def same(a, b) -> bool:

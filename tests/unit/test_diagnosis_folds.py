@@ -11,7 +11,7 @@ from pumaid.diagnosis.added import Added
 from pumaid.diagnosis.folds import Falls, falls, groups_of, postures_of
 from pumaid.diagnosis.system import Solved
 from pumaid.effects import catalogue
-from pumaid.virtual import Hidden
+from pumaid.simulation import Hidden
 
 STRIBECK = [Added(catalogue()["stribeck"], 1, {"velocity": v, "exponent": 1.0}) for v in (0.1, 0.3, 0.8)]
 SPRING = [Added(catalogue()["spring"], 1, {})]

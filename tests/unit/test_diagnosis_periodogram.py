@@ -12,7 +12,7 @@ from pumaid.diagnosis.field import fields
 from pumaid.diagnosis.periodogram import Spectrum, spectrum
 from pumaid.diagnosis.system import Row, loaded, solve
 from pumaid.records import Run
-from pumaid.virtual import Hidden
+from pumaid.simulation import Hidden
 
 CELLS = 256
 

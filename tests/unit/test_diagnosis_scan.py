@@ -18,7 +18,7 @@ from pumaid.diagnosis.scan import Projector, Trial, scan, surprise, trial_of
 from pumaid.diagnosis.system import Solved
 from pumaid.diagnosis.variants import build
 from pumaid.effects import Scope, catalogue
-from pumaid.virtual import Hidden
+from pumaid.simulation import Hidden
 
 HIDDEN = Hidden("stribeck", 1, {"a": 0.1, "velocity": 0.3, "exponent": 1.0})
 

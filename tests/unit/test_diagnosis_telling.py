@@ -7,7 +7,7 @@ from searches import LEVER, Din, Lab, design
 
 from pumaid.diagnosis.stepwise import Stepwise
 from pumaid.diagnosis.telling import rival_name, sizes
-from pumaid.virtual import Hidden
+from pumaid.simulation import Hidden
 
 
 def found(hidden: Hidden):

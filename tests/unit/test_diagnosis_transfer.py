@@ -15,8 +15,8 @@ from pumaid.diagnosis.system import Solved, elsewhere
 from pumaid.diagnosis.transfer import transfer
 from pumaid.effects import catalogue
 from pumaid.records import DOUBTFUL, UNEXPLAINED_JOINT, Evidence, Transfer
+from pumaid.simulation import Hidden
 from pumaid.verbs.diagnose import diagnose
-from pumaid.virtual import Hidden
 
 SPRING = Added(catalogue()["spring"], 1, {})
 HELD = design(LEVER, postures=1, speeds=(0.4, 0.8), repeats=1, seed=9)

@@ -13,10 +13,10 @@ from motion_worlds import World, make, robot
 from pumaid.cli.one_pass import one_pass
 from pumaid.cli.options import Pass
 from pumaid.errors import LogError
-from pumaid.files.paths import expand
-from pumaid.files.table import write_log
-from pumaid.motion.doubled import doubled
-from pumaid.motion.options import DEFAULTS
+from pumaid.io.paths import expand
+from pumaid.io.table import write_log
+from pumaid.preprocessing.doubled import doubled
+from pumaid.preprocessing.options import DEFAULTS
 
 WORLD = World(motions=8, rate=200.0)
 ARM = robot(WORLD)

@@ -7,7 +7,7 @@ import pandas as pd
 import pytest
 from faulty import good
 
-from pumaid.files.recipe import read_recipe, shipped_recipes
+from pumaid.io.recipe import read_recipe, shipped_recipes
 from pumaid.records import Log
 from pumaid.verbs.identify import identify
 from pumaid.verbs.segment import segment

@@ -12,7 +12,7 @@ from pumaid.effects import catalogue
 from pumaid.loads import loads
 from pumaid.model import Model
 from pumaid.records import Robot, Samples
-from pumaid.virtual import table1
+from pumaid.simulation import table1
 
 mujoco = pytest.importorskip("mujoco", reason="the engine is mujoco (pip install pumaid[test])")
 

@@ -12,10 +12,10 @@ import pytest
 from motion_worlds import World, make, robot
 
 from pumaid.errors import Note, Where
-from pumaid.files import evidence_cache
-from pumaid.files.evidence_cache import EvidenceCache, evidence_shelf
-from pumaid.files.evidence_npz import is_evidence
-from pumaid.files.table import LogReader, write_log
+from pumaid.io import evidence_cache
+from pumaid.io.evidence_cache import EvidenceCache, evidence_shelf
+from pumaid.io.evidence_npz import is_evidence
+from pumaid.io.table import LogReader, write_log
 from pumaid.records import EffectChoice
 from pumaid.verbs.segment import segment
 

@@ -11,11 +11,11 @@ import numpy as np
 import pytest
 from motion_worlds import World, make, robot
 
-from pumaid.files import evidence_npz
-from pumaid.files.evidence_cache import EvidenceCache
-from pumaid.files.evidence_npz import FIRST
-from pumaid.files.kept import cache_fault, cache_folder
-from pumaid.files.table import LogReader, write_log
+from pumaid.io import evidence_npz
+from pumaid.io.evidence_cache import EvidenceCache
+from pumaid.io.evidence_npz import FIRST
+from pumaid.io.kept import cache_fault, cache_folder
+from pumaid.io.table import LogReader, write_log
 from pumaid.verbs.segment import segment
 
 WORLD = World(motions=4, rate=200.0)

@@ -12,8 +12,8 @@ import pytest
 from pumaid.errors import ModelError
 from pumaid.exports.forms.urdf import roll_pitch_yaw
 from pumaid.exports.torque import read_constants
+from pumaid.simulation.draw import draw
 from pumaid.verbs.export import export
-from pumaid.virtual.draw import draw
 from tests.exported import every_effect, fitted, motions, predicted, robot_called
 from tests.worlds import random_arm
 

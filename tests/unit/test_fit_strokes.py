@@ -9,15 +9,15 @@ import numpy as np
 import pytest
 
 from pumaid.choices import expanded
-from pumaid.files.recipe import read_recipe, shipped_recipes
-from pumaid.fit.enlarged import Enlarged, enlarged
-from pumaid.fit.system import Fitted, again, stroke_noise
+from pumaid.estimation.enlarged import Enlarged, enlarged
+from pumaid.estimation.system import Fitted, again, stroke_noise
+from pumaid.io.recipe import read_recipe, shipped_recipes
 from pumaid.model import Model
 from pumaid.records import Campaign, EffectChoice, Evidence, Motion, Plan
+from pumaid.simulation import Session, draw
+from pumaid.simulation.hidden import parse
 from pumaid.verbs.identify import identify
 from pumaid.verbs.segment import segment
-from pumaid.virtual import Session, draw
-from pumaid.virtual.hidden import parse
 
 PENDULUM = read_recipe(shipped_recipes()["pendulum2"])
 HOLD, SPEEDS, FAST = (0.4, 0.4), (0.05, 0.1, 0.2, 0.5, 1.0, 1.6), 1.6

@@ -10,10 +10,10 @@ import pytest
 import worlds
 
 from pumaid.records import Estimate, Evidence
-from pumaid.show.fleet import differences_grid, robots_grid
+from pumaid.reporting.fleet import differences_grid, robots_grid
+from pumaid.simulation import Bench
 from pumaid.verbs.fleet import fleet
 from pumaid.verbs.identify import identify
-from pumaid.virtual import Bench
 
 #: Not used in development.
 SEEDS = range(7700, 7705)

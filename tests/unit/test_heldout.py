@@ -9,8 +9,8 @@ import pytest
 import worlds
 
 from pumaid.errors import LogError
-from pumaid.files.paths import meant
-from pumaid.motion.heldout import hold_out
+from pumaid.io.paths import meant
+from pumaid.preprocessing.heldout import hold_out
 from pumaid.records import Evidence
 
 NAMES = ["logs/day1/a.csv", "logs/day1/b.csv", "logs/day2/a.csv"]

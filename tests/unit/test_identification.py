@@ -10,12 +10,12 @@ from worlds import CRANE, PENDULUM, course, drawn, experiment, run_of
 
 from pumaid.chosen import Chosen
 from pumaid.errors import Where
-from pumaid.fit.identification import identified
+from pumaid.estimation.identification import identified
 from pumaid.model import Model
 from pumaid.records import Campaign, EffectChoice, Evidence, Plan
+from pumaid.simulation import Bench
+from pumaid.simulation.hidden import parse
 from pumaid.verbs.compare import compare
-from pumaid.virtual import Bench
-from pumaid.virtual.hidden import parse
 
 JOINT = 2
 SPEEDS = (0.05, 0.1, 0.2, 0.4, 0.7, 1.0)

@@ -10,7 +10,7 @@ import pytest
 from pumaid.loads import along, loads
 from pumaid.model import Model
 from pumaid.records import Samples
-from pumaid.virtual import table1
+from pumaid.simulation import table1
 from tests.worlds import STANFORD
 
 PUMA = table1.robot()

@@ -10,9 +10,9 @@ import worlds
 from faulty import csv, good, invoke, make, slugs_of
 
 from pumaid.errors import ModelError
-from pumaid.fit.misfit import check_better, missed
-from pumaid.fit.notes import odd_gains, odd_inertia
-from pumaid.fit.system import solve
+from pumaid.estimation.misfit import check_better, missed
+from pumaid.estimation.notes import odd_gains, odd_inertia
+from pumaid.estimation.system import solve
 from pumaid.model import Model
 from pumaid.records.estimate import Value
 

@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 from pumaid.errors import Faults, PumaidError
-from pumaid.files.result import as_text, model_document, read_model, write_model
-from pumaid.files.result_schema import checked
+from pumaid.io.result import as_text, model_document, read_model, write_model
+from pumaid.io.result_schema import checked
 from pumaid.records import Combination, EffectChoice, Estimate, JointFit, Value
 
 NAMES = ("coulomb.j1.plus", "coulomb.j2.plus", "stribeck.j2.velocity_2")

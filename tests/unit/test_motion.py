@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from pumaid.motion.edge import Window, leaving
-from pumaid.motion.reduce import coarser
-from pumaid.motion.settle import settled
-from pumaid.motion.speed import Ticks, at_least, derivatives, slopes, usual_step, whole
+from pumaid.preprocessing.edge import Window, leaving
+from pumaid.preprocessing.reduce import coarser
+from pumaid.preprocessing.settle import settled
+from pumaid.preprocessing.speed import Ticks, at_least, derivatives, slopes, usual_step, whole
 from pumaid.records import Cells
 
 

@@ -11,9 +11,9 @@ from worlds import CRANE, course, run_of
 
 from pumaid import equations
 from pumaid.maths.triangle import Triangle
-from pumaid.motion.options import SegmentOptions
-from pumaid.motion.parallel import of_stroke
-from pumaid.motion.stroke import sliding, smooth
+from pumaid.preprocessing.options import SegmentOptions
+from pumaid.preprocessing.parallel import of_stroke
+from pumaid.preprocessing.stroke import sliding, smooth
 from pumaid.records import STROKE_COLUMNS, Evidence
 from pumaid.verbs.identify import identify
 

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from pumaid.errors import LogError
-from pumaid.files.paths import expand, natural
+from pumaid.io.paths import expand, natural
 
 
 @pytest.fixture

@@ -25,11 +25,11 @@ from pumaid.cluster.mate import Mate
 from pumaid.cluster.pieces import Reading, pieces_of
 from pumaid.cluster.whole import Whole
 from pumaid.errors import LogError
-from pumaid.files import intervals, parts, text_blocks
-from pumaid.files.recipe import read_recipe
-from pumaid.files.table import LogReader, expand
-from pumaid.motion.options import DEFAULTS, SegmentOptions
-from pumaid.motion.suspicion import Watch
+from pumaid.io import intervals, parts, text_blocks
+from pumaid.io.recipe import read_recipe
+from pumaid.io.table import LogReader, expand
+from pumaid.preprocessing.options import DEFAULTS, SegmentOptions
+from pumaid.preprocessing.suspicion import Watch
 from pumaid.verbs.segment import segment
 
 #: Rows from which a row group is a piece here; in earnest they are 150 000.

@@ -13,15 +13,15 @@ from functools import cache
 import numpy as np
 import pytest
 
+from pumaid.design.laps import top_speed
 from pumaid.errors import Faults, ModelError
-from pumaid.files.recipe import read_recipe, shipped_recipes
-from pumaid.planning.laps import top_speed
+from pumaid.io.recipe import read_recipe, shipped_recipes
 from pumaid.records import Joint, Motion, Plan, Robot
+from pumaid.simulation.draw import draw
+from pumaid.simulation.ranges import span
+from pumaid.simulation.recursion import gravity_current
 from pumaid.structure import minimal
 from pumaid.verbs.plan import plan
-from pumaid.virtual.draw import draw
-from pumaid.virtual.ranges import span
-from pumaid.virtual.recursion import gravity_current
 
 ARMS = ("puma560", "stanford", "kinova_gen3", "pendulum2")
 
@@ -262,7 +262,7 @@ def test_processors_plan_alike(core):
     """Kernels of linear algebra for other processors round otherwise and plan the same; those it has no instructions
     for cannot be tried."""
     program = (
-        "from pumaid.files.recipe import read_recipe, shipped_recipes as r; from pumaid.verbs.plan import plan\n"
+        "from pumaid.io.recipe import read_recipe, shipped_recipes as r; from pumaid.verbs.plan import plan\n"
         "print(repr(plan(read_recipe(r()['puma560']), minutes=8, seed=5).motions))"
     )
     settings = {**os.environ, "OPENBLAS_CORETYPE": core}

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from pumaid.errors import Faults, ModelError, PumaidError, ResultError
-from pumaid.files.plan import find_plan, plan_text, read_plan, refuse_to_replace, write_plan
+from pumaid.io.plan import find_plan, plan_text, read_plan, refuse_to_replace, write_plan
 from pumaid.records import Joint, Motion, Plan, Posture, Robot
 
 ROBOT = Robot(

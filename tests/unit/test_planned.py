@@ -7,9 +7,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from pumaid.motion.planned import mark_heldout
+from pumaid.preprocessing.planned import mark_heldout
 from pumaid.records import Evidence, Motion, Plan, Run
-from pumaid.virtual import runs, table1
+from pumaid.simulation import runs, table1
 
 HOLD = (0.0, -1.5, 0.5, 0.0, 0.0, 0.0)
 OTHER = (0.0, -1.5, 0.9, 0.0, 0.0, 0.0)

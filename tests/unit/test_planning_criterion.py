@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from pumaid.planning.criterion import Criterion
+from pumaid.design.criterion import Criterion
 
 ROBOTS, WIDTH = 3, 5
 SIZE = np.array([0.2, 1.0, 3.0, 0.01, 7.0])

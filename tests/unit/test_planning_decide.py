@@ -10,18 +10,18 @@ import numpy as np
 import pytest
 from menus import arm
 
+from pumaid.design.assume import assume
+from pumaid.design.rehearsal import rehearsed, solved, usual
+from pumaid.design.setup import Setup
 from pumaid.diagnosis.added import Added
 from pumaid.diagnosis.refine import at
 from pumaid.diagnosis.scan import Projector
 from pumaid.effects import catalogue
 from pumaid.errors import ModelError
-from pumaid.planning.assume import assume
-from pumaid.planning.rehearsal import rehearsed, solved, usual
-from pumaid.planning.setup import Setup
 from pumaid.records import EffectChoice, Evidence, Joint, Plan, Robot
+from pumaid.simulation import Bench, Hidden, draw
 from pumaid.verbs.decide import decide
 from pumaid.verbs.plan import plan
-from pumaid.virtual import Bench, Hidden, draw
 
 #: Its upright first joint feels a tilt of the base.
 TURRET = Robot(

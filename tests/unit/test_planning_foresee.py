@@ -11,12 +11,12 @@ from menus import arm, assumed, names
 
 from pumaid.clearance import Clearance
 from pumaid.cli.planning import needs_attention
-from pumaid.planning.setup import Setup
+from pumaid.design.setup import Setup
 from pumaid.records import Box, Motion, Plan, Safety
+from pumaid.simulation import table1
+from pumaid.simulation.forecast import forecast
 from pumaid.verbs.foresee import foresee
 from pumaid.verbs.plan import plan
-from pumaid.virtual import table1
-from pumaid.virtual.forecast import forecast
 
 PENDULUM = arm("pendulum2")
 #: Where the tip comes by when the hip stands half a radian from straight down.

@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 from menus import arm, assumed, motions_of, names, small_menu
 
-from pumaid.planning.criterion import Criterion
-from pumaid.planning.laps import courses, speeds, top_speed
+from pumaid.design.criterion import Criterion
+from pumaid.design.laps import courses, speeds, top_speed
 from pumaid.records import Plan
+from pumaid.simulation.forecast import forecast
+from pumaid.simulation.ranges import reference, span
 from pumaid.units import factor
 from pumaid.verbs.simulate import simulate
-from pumaid.virtual.forecast import forecast
-from pumaid.virtual.ranges import reference, span
 
 ARMS = ("puma560", "stanford")
 

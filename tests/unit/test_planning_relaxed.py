@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 from menus import assumed, small_menu
 
-from pumaid.planning.criterion import Criterion
-from pumaid.planning.menu import Menu
-from pumaid.planning.relaxed import Relaxed, relaxed
+from pumaid.design.criterion import Criterion
+from pumaid.design.menu import Menu
+from pumaid.design.relaxed import Relaxed, relaxed
 
 CASES = [(name, power) for name in ("pendulum2", "stanford") for power in (0.0, 12.0)]
 #: How far value and bound may lie apart: what the optimiser says is near enough, twice for laps that were passed over

@@ -9,15 +9,15 @@ import pytest
 from menus import arm
 from scipy.spatial.transform import Rotation
 
+from pumaid.design.assume import known
+from pumaid.design.setup import Setup
 from pumaid.errors import ModelError
-from pumaid.files.recipe import read_recipe, shipped_recipes
-from pumaid.files.recipe_gravity import with_gravity
-from pumaid.planning.assume import known
-from pumaid.planning.setup import Setup
+from pumaid.io.recipe import read_recipe, shipped_recipes
+from pumaid.io.recipe_gravity import with_gravity
 from pumaid.records import Evidence, Joint, Robot
+from pumaid.simulation import Bench, draw, table1
 from pumaid.verbs.identify import identify
 from pumaid.verbs.plan import plan
-from pumaid.virtual import Bench, draw, table1
 
 #: Upright it hides all that its first link weighs.
 TURRET = Robot("turret", (Joint(1, "turn", "revolute"), Joint(2, "nod", "revolute", alpha=np.pi / 2, a=0.2)))

@@ -9,15 +9,15 @@ import numpy as np
 import pytest
 from menus import arm, assumed, names
 
+from pumaid.design.assume import drawn, known
+from pumaid.design.planner import Made, Planner, Wish
 from pumaid.errors import ModelError
-from pumaid.planning.assume import drawn, known
-from pumaid.planning.planner import Made, Planner, Wish
 from pumaid.records import Box, Estimate, Evidence, Joint, Motion, Plan, Robot, Safety, Sphere
+from pumaid.simulation import Bench, draw, table1
+from pumaid.simulation.forecast import forecast
+from pumaid.simulation.links import Links
 from pumaid.verbs.identify import identify
 from pumaid.verbs.plan import plan
-from pumaid.virtual import Bench, draw, table1
-from pumaid.virtual.forecast import forecast
-from pumaid.virtual.links import Links
 
 DEG = np.pi / 180.0
 

@@ -10,8 +10,8 @@ import pytest
 import stories
 
 from pumaid.errors import ResultError
-from pumaid.show.plots import findings
-from pumaid.show.plots.style import styled
+from pumaid.reporting.plots import findings
+from pumaid.reporting.plots.style import styled
 
 PUMA = diagnoses.PUMA
 

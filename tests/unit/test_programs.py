@@ -10,10 +10,10 @@ import pytest
 from ruamel.yaml import YAML
 
 from pumaid.errors import ModelError
-from pumaid.files.recipe import read_recipe, shipped_recipes
+from pumaid.io.recipe import read_recipe, shipped_recipes
 from pumaid.programs import program_text
 from pumaid.records import Joint, Motion, Plan, Robot
-from pumaid.virtual.timing import REST, highest_speeds
+from pumaid.simulation.timing import REST, highest_speeds
 
 #: s between the instants at which an interpreter tells where the arm is.
 STEP = 0.002

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from worlds import CRANE, STANFORD, course, run_of
 
-from pumaid.fit import reasons
-from pumaid.fit.reasons import Facts
+from pumaid.estimation import reasons
+from pumaid.estimation.reasons import Facts
 from pumaid.model import Model
 
 MODEL = Model(CRANE)

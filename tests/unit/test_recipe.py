@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from pumaid.errors import Faults, PumaidError, RecipeError
-from pumaid.files.recipe import read_recipe, shipped_recipes
+from pumaid.io.recipe import read_recipe, shipped_recipes
 
 GOOD = """\
 name: arm

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from pumaid.errors import RecipeError
-from pumaid.files.recipe import find_recipe, shipped_recipes
+from pumaid.io.recipe import find_recipe, shipped_recipes
 
 
 @pytest.fixture

@@ -9,7 +9,7 @@ import pytest
 from scipy.signal import lfilter
 from worlds import CRANE, PENDULUM, course, run_of
 
-from pumaid.motion.replicates import noise_floor, pairs, replicates
+from pumaid.preprocessing.replicates import noise_floor, pairs, replicates
 
 SIGMA = 0.1
 #: Experiments whose floors are averaged: 48 differences of 400 samples each know a floor to well under 1 %.

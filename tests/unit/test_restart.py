@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from pumaid.files.recipe import read_recipe, shipped_recipes
+from pumaid.io.recipe import read_recipe, shipped_recipes
 from pumaid.records import Evidence, Motion, Plan
+from pumaid.simulation import Bench, draw
 from pumaid.verbs.identify import identify
-from pumaid.virtual import Bench, draw
 
 ARM, DESIGN = 21, 910_000
 

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from pumaid.errors import Faults, ModelError, Note, ResultError, Where
-from pumaid.files.result import as_text, check_same_recipe, heading, model_document, plain, read_model, write_model
+from pumaid.io.result import as_text, check_same_recipe, heading, model_document, plain, read_model, write_model
 from pumaid.records import Combination, EffectChoice, Estimate, Joint, JointFit, Robot, Value
 
 AWKWARD = 0.1 + 0.2  # 0.30000000000000004: a float that a rounded text would change

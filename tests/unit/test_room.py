@@ -9,7 +9,7 @@ import pytest
 import worlds
 
 from pumaid.maths.triangle import Triangle
-from pumaid.motion.room import OF_REJECTS, OF_RUNS, ONE_IN, Room
+from pumaid.preprocessing.room import OF_REJECTS, OF_RUNS, ONE_IN, Room
 from pumaid.records import CONSTANT_COLUMNS, Cells, Reject, Run
 
 

@@ -10,9 +10,9 @@ from types import ModuleType
 import pyarrow.parquet as pq
 import pytest
 
-from pumaid.files.paths import expand
-from pumaid.files.recipe import read_recipe, shipped_recipes
-from pumaid.files.table import LogReader
+from pumaid.io.paths import expand
+from pumaid.io.recipe import read_recipe, shipped_recipes
+from pumaid.io.table import LogReader
 
 ROOT = Path(__file__).parents[2]
 SAMPLES = ROOT / "sample_logs"

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 from ruamel.yaml import YAML
 
-from pumaid.files.schemes import paste_block
+from pumaid.io.schemes import paste_block
 from pumaid.records import Joint, LogFormat, Robot
 
 

@@ -8,8 +8,8 @@ import numpy as np
 from motion_worlds import World, make, robot
 
 from pumaid.records import Evidence
-from pumaid.show.runs import by_reason, left_grid, run_grid, shortened
-from pumaid.show.segments import draw
+from pumaid.reporting.runs import by_reason, left_grid, run_grid, shortened
+from pumaid.reporting.segments import draw
 from pumaid.verbs.segment import segment
 
 

@@ -9,9 +9,9 @@ from pathlib import Path
 import pytest
 
 from pumaid.errors import LogError, ResultError
-from pumaid.files.paths import expand
-from pumaid.files.recipe import read_recipe, shipped_recipes
-from pumaid.files.session import read_truth, write_session
+from pumaid.io.paths import expand
+from pumaid.io.recipe import read_recipe, shipped_recipes
+from pumaid.io.session import read_truth, write_session
 from pumaid.records import Motion, Plan
 from pumaid.verbs.simulate import simulate
 

@@ -7,14 +7,14 @@ import pytest
 from scipy import stats
 from worlds import CRANE, STANFORD, drawn, evidence, experiment, only, puma, truth_in_units
 
-from pumaid.fit.sheet import Sheet, _gradient
-from pumaid.fit.system import solve
+from pumaid.estimation.sheet import Sheet, _gradient
+from pumaid.estimation.system import solve
 from pumaid.maths.propagation import recursion_covariance
 from pumaid.maths.recursion import Gains
 from pumaid.model import Model
 from pumaid.records import Evidence, Joint, Robot
+from pumaid.simulation import Bench, table1
 from pumaid.verbs.identify import identify
-from pumaid.virtual import Bench, table1
 
 PUMA = puma()
 BENCH = Bench(PUMA, table1.experiment(), rate=50.0)

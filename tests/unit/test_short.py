@@ -8,9 +8,9 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from pumaid.maths.short import gradient, lengths, mean, median
-from pumaid.motion.options import DEFAULTS
-from pumaid.motion.rest import FirstRest
-from pumaid.motion.speed import slopes, slopes_by
+from pumaid.preprocessing.options import DEFAULTS
+from pumaid.preprocessing.rest import FirstRest
+from pumaid.preprocessing.speed import slopes, slopes_by
 
 NUMBERS = arrays(np.float64, st.integers(1, 60), elements=st.floats(-1e6, 1e6))
 

@@ -12,13 +12,13 @@ import stories
 import worlds
 from test_budget import KINDS
 
-from pumaid.files.result import as_text
+from pumaid.io.result import as_text
 from pumaid.records import Budget, BudgetPart, Comparison, JointScore
-from pumaid.show import budget as words
-from pumaid.show.plots import budget as plot
-from pumaid.show.plots import misfit
-from pumaid.show.plots.style import styled
-from pumaid.show.report import page
+from pumaid.reporting import budget as words
+from pumaid.reporting.plots import budget as plot
+from pumaid.reporting.plots import misfit
+from pumaid.reporting.plots.style import styled
+from pumaid.reporting.report import page
 
 
 def score(budget: Budget | None, joint: int = 2) -> JointScore:

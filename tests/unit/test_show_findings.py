@@ -13,8 +13,8 @@ import worlds
 from rich.console import Console
 
 from pumaid.records import Limit, NextRun, Unexplained
-from pumaid.show import evidence, findings, verdicts
-from pumaid.show.diagnosis import Told
+from pumaid.reporting import evidence, findings, verdicts
+from pumaid.reporting.diagnosis import Told
 
 PUMA = diagnoses.PUMA
 

@@ -7,8 +7,8 @@ import io
 import pytest
 from rich.console import Console
 
-from pumaid.show.forms import Shown, latex, markdown
-from pumaid.show.grid import Cell, Grid, grid
+from pumaid.reporting.forms import Shown, latex, markdown
+from pumaid.reporting.grid import Cell, Grid, grid
 
 WIDE = Grid(
     "A title",

@@ -11,13 +11,13 @@ import stories
 from ladders import ARM, RIPPLE, STRIBECK, experiment, ladder, model
 from matplotlib.figure import Figure
 
-from pumaid.files.archive import keep
-from pumaid.files.ladders import ladder_of, read_history
+from pumaid.io.archive import keep
+from pumaid.io.ladders import ladder_of, read_history
 from pumaid.records import EffectChoice, Ladder
-from pumaid.show.ladder import joint_grids, ladder_grid, ladder_sentence, names, step
-from pumaid.show.plots.ladder import draw, drawings, drawn
-from pumaid.show.plots.style import styled
-from pumaid.show.report import page
+from pumaid.reporting.ladder import joint_grids, ladder_grid, ladder_sentence, names, step
+from pumaid.reporting.plots.ladder import draw, drawings, drawn
+from pumaid.reporting.plots.style import styled
+from pumaid.reporting.report import page
 
 
 def drawn_of(of: Ladder) -> Figure:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pumaid.errors import Note, Where
-from pumaid.show.notes import merged
+from pumaid.reporting.notes import merged
 
 
 def few(joint: int, count: str, *, file: str | None = None) -> Note:

@@ -6,7 +6,7 @@ import math
 
 import pytest
 
-from pumaid.show.numbers import in_unit, percent, shortened, with_error
+from pumaid.reporting.numbers import in_unit, percent, shortened, with_error
 
 
 @pytest.mark.parametrize(

@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 from matplotlib.collections import PolyCollection
 
-from pumaid.files.recipe import read_recipe, shipped_recipes
+from pumaid.io.recipe import read_recipe, shipped_recipes
 from pumaid.programs.steps import run_times
 from pumaid.records import Box, Joint, Motion, Plan, Posture, Robot, Safety, Sphere
-from pumaid.show import postures, timetable
-from pumaid.show.held import held, letter
-from pumaid.virtual.timing import REST
+from pumaid.reporting import postures, timetable
+from pumaid.reporting.held import held, letter
+from pumaid.simulation.timing import REST
 
 ARM = Robot(
     "lift and tip",

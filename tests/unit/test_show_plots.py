@@ -15,11 +15,11 @@ from matplotlib.figure import Figure
 
 from pumaid.errors import ResultError
 from pumaid.records import Evidence, Joint, Robot
-from pumaid.show.plots import drawings, misfit, skeleton, spent
-from pumaid.show.plots.segments import MOST_RUNS, beginning
-from pumaid.show.plots.skeleton import frames
-from pumaid.show.plots.style import INK, dots, woven
-from pumaid.show.story import Story
+from pumaid.reporting.plots import drawings, misfit, skeleton, spent
+from pumaid.reporting.plots.segments import MOST_RUNS, beginning
+from pumaid.reporting.plots.skeleton import frames
+from pumaid.reporting.plots.style import INK, dots, woven
+from pumaid.reporting.story import Story
 from pumaid.verbs.compare import compare
 
 

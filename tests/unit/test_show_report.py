@@ -12,9 +12,9 @@ import pandas as pd
 import pytest
 import stories
 
-from pumaid.show.export import export, files_of, parameters_as, parameters_frame
-from pumaid.show.plots import drawings
-from pumaid.show.report import all_sections, page
+from pumaid.reporting.export import export, files_of, parameters_as, parameters_frame
+from pumaid.reporting.plots import drawings
+from pumaid.reporting.report import all_sections, page
 
 
 class Outline(HTMLParser):

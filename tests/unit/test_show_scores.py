@@ -10,10 +10,10 @@ import pytest
 import stories
 import worlds
 
-from pumaid.files.result import as_text
+from pumaid.io.result import as_text
 from pumaid.records import Combination
-from pumaid.show import scores, wording
-from pumaid.show.comparison import comparison_document
+from pumaid.reporting import scores, wording
+from pumaid.reporting.comparison import comparison_document
 
 
 @pytest.fixture(scope="module")

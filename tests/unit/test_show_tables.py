@@ -10,7 +10,7 @@ import stories
 import worlds
 
 from pumaid.records import Combination
-from pumaid.show import tables
+from pumaid.reporting import tables
 
 
 @pytest.fixture(scope="module")

@@ -7,8 +7,8 @@ from pathlib import Path
 import pytest
 
 from pumaid.errors import LogError
-from pumaid.files.paths import expand
-from pumaid.files.remote import Remote
+from pumaid.io.paths import expand
+from pumaid.io.remote import Remote
 
 fsspec = pytest.importorskip("fsspec")
 

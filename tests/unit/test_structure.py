@@ -14,7 +14,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 from worlds import TURN, arm
 
-from pumaid.files.recipe import read_recipe, shipped_recipes
+from pumaid.io.recipe import read_recipe, shipped_recipes
 from pumaid.records import Robot
 from pumaid.structure import Structure, minimal
 

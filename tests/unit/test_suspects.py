@@ -11,9 +11,9 @@ import pyarrow.parquet as pq
 import pytest
 
 from pumaid.errors import LogError
-from pumaid.files.table import LogReader
-from pumaid.motion.reduce import coarser
-from pumaid.motion.suspicion import Watch
+from pumaid.io.table import LogReader
+from pumaid.preprocessing.reduce import coarser
+from pumaid.preprocessing.suspicion import Watch
 from pumaid.records import Cells, Evidence, Joint, Robot
 from pumaid.verbs.segment import SegmentOptions, segment
 

@@ -11,9 +11,9 @@ import numpy as np
 import pytest
 
 from pumaid.errors import Faults, LogError, Note
-from pumaid.files.table import LogReader
-from pumaid.motion.suspicion import Watch
-from pumaid.motion.tally import Tally
+from pumaid.io.table import LogReader
+from pumaid.preprocessing.suspicion import Watch
+from pumaid.preprocessing.tally import Tally
 from pumaid.records import Joint, Log, LogFormat, Robot
 
 REAL = Path(os.environ.get("PUMAID_REAL_DATA", Path(__file__).parents[3] / "shared" / "data"))

@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 from worlds import CRANE, PENDULUM, STANFORD, course, drawn, evidence, experiment, only, run_of
 
-from pumaid.fit import system
-from pumaid.fit.rows import Row
-from pumaid.fit.system import assign, solve
+from pumaid.estimation import system
+from pumaid.estimation.rows import Row
+from pumaid.estimation.system import assign, solve
 from pumaid.model import Model
 from pumaid.records import Motion, Plan
-from pumaid.virtual import Bench
+from pumaid.simulation import Bench
 
 
 def blocks(robot, runs):

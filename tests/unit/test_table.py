@@ -20,8 +20,8 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from pumaid.errors import LogError, ResultError
-from pumaid.files import text_blocks
-from pumaid.files.table import LogReader, write_log
+from pumaid.io import text_blocks
+from pumaid.io.table import LogReader, write_log
 from pumaid.records import Joint, Log, LogFormat, Robot
 
 

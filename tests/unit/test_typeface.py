@@ -8,7 +8,7 @@ import pytest
 from matplotlib.font_manager import FontProperties, findfont
 from matplotlib.ft2font import FT2Font
 
-from pumaid.files.typeface import CUT, WHOLE, cut_typeface
+from pumaid.io.typeface import CUT, WHOLE, cut_typeface
 
 FACES = [("normal", "normal"), ("bold", "normal"), ("normal", "italic")]
 

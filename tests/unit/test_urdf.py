@@ -9,10 +9,10 @@ import pytest
 from urdfs import Stated, serial_text, tree_text
 
 from pumaid.errors import PumaidError
-from pumaid.files.urdf import read_urdf
-from pumaid.files.urdf_agreement import agreement
-from pumaid.files.urdf_chain import ArmChain, arm_chain
-from pumaid.files.urdf_recipe import UrdfRecipe, recipe_from_urdf
+from pumaid.io.urdf import read_urdf
+from pumaid.io.urdf_agreement import agreement
+from pumaid.io.urdf_chain import ArmChain, arm_chain
+from pumaid.io.urdf_recipe import UrdfRecipe, recipe_from_urdf
 
 PLAIN = [Stated(xyz=(0, 0, 0.3)), Stated(rpy=(-np.pi / 2, 0, 0)), Stated(xyz=(0.4, 0, 0))]
 
@@ -146,7 +146,7 @@ def test_agreement_sees_a_wrong_recipe(made) -> None:
     """Of a recipe with one twist, one length or one sense wrong, the check tells how far its axes are off."""
     from dataclasses import replace
 
-    from pumaid.files.urdf_recipe import _geometry
+    from pumaid.io.urdf_recipe import _geometry
 
     found = made(serial_text(PLAIN))
     stated = _geometry(found.chain)[0]
@@ -163,7 +163,7 @@ def test_a_recipe_that_disagrees_is_never_given(made, refusal, monkeypatch) -> N
     """A wrong derivation is an error, not a recipe."""
     from dataclasses import replace
 
-    from pumaid.files import urdf_recipe
+    from pumaid.io import urdf_recipe
 
     right = urdf_recipe.modified_dh
     monkeypatch.setattr(
@@ -309,7 +309,7 @@ def test_markup_in_names_is_shown_as_it_is(made) -> None:
     """A joint called [red] keeps its name in the table."""
     from rich.console import Console
 
-    from pumaid.show.axes import axes_table
+    from pumaid.reporting.axes import axes_table
 
     console = Console(width=200)
     with console.capture() as shown:

@@ -24,8 +24,8 @@ from worlds import (
 
 from pumaid.errors import LogError
 from pumaid.records import Estimate, Evidence, Reject
+from pumaid.simulation import Bench, Truth, table1
 from pumaid.verbs.identify import identify
-from pumaid.virtual import Bench, Truth, table1
 
 #: Relative to the value or, where that is smaller, to 0.001 in SI, to 1 for a ratio of gains (the paper's eta_5/eta_6
 #: of 2e-6 acts on a load that is itself a thousandth of an ampere).

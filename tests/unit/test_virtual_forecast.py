@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from pumaid.records import Joint, Motion, Robot
-from pumaid.virtual import Noise, draw, table1
-from pumaid.virtual.forecast import forecast, gravity_names, jacobian, run_moments
-from pumaid.virtual.recursion import gravity_current
+from pumaid.simulation import Noise, draw, table1
+from pumaid.simulation.forecast import forecast, gravity_names, jacobian, run_moments
+from pumaid.simulation.recursion import gravity_current
 
 PUMA = table1.puma560()
 

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from pumaid.records import Joint, Robot
-from pumaid.virtual.links import Links, gravity_load
-from pumaid.virtual.recursion import constants, gravity_current
+from pumaid.simulation.links import Links, gravity_load
+from pumaid.simulation.recursion import constants, gravity_current
 
 #: Relative to the largest load: sums of some dozen products in double precision, with a margin of a thousand.
 EXACT = 1e-11

@@ -12,10 +12,10 @@ from scipy.optimize import brentq
 
 from pumaid.errors import ModelError
 from pumaid.records import Joint, Motion, Plan, Robot
-from pumaid.virtual import Bench, Hidden, Session, draw, record, table1
-from pumaid.virtual.heat import curve
-from pumaid.virtual.hidden import LAWS, Instants, parse
-from pumaid.virtual.timing import REST
+from pumaid.simulation import Bench, Hidden, Session, draw, record, table1
+from pumaid.simulation.heat import curve
+from pumaid.simulation.hidden import LAWS, Instants, parse
+from pumaid.simulation.timing import REST
 
 PUMA = table1.puma560().with_noise(0.0)
 #: Joint 2's motor counts along its motion, joint 3's against it.

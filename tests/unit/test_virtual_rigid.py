@@ -10,14 +10,14 @@ import numpy as np
 import pytest
 
 from pumaid.errors import ModelError
-from pumaid.files.recipe import read_recipe, shipped_recipes
+from pumaid.io.recipe import read_recipe, shipped_recipes
 from pumaid.records import Joint, Motion, Plan, Robot
-from pumaid.virtual import Hidden, Session, draw, table1
-from pumaid.virtual.links import swung
-from pumaid.virtual.physics.joints import Joints, inertia
-from pumaid.virtual.physics.rigid import Rigid
-from pumaid.virtual.ranges import anywhere
-from pumaid.virtual.timing import stretches
+from pumaid.simulation import Hidden, Session, draw, table1
+from pumaid.simulation.links import swung
+from pumaid.simulation.physics.joints import Joints, inertia
+from pumaid.simulation.physics.rigid import Rigid
+from pumaid.simulation.ranges import anywhere
+from pumaid.simulation.timing import stretches
 
 pytest.importorskip("mujoco", reason="the engine is mujoco (pip install pumaid[test])")
 

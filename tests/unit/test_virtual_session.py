@@ -9,13 +9,13 @@ import numpy as np
 import pytest
 
 from pumaid.errors import ModelError
-from pumaid.files.recipe import read_recipe, shipped_recipes
+from pumaid.io.recipe import read_recipe, shipped_recipes
 from pumaid.records import Motion, Plan
+from pumaid.simulation import Noise, Session, draw, record, table1
+from pumaid.simulation.hidden import parse
+from pumaid.simulation.physics.joints import Joints
+from pumaid.simulation.timing import Path, accelerations, cruise, stretches
 from pumaid.verbs.simulate import simulate
-from pumaid.virtual import Noise, Session, draw, record, table1
-from pumaid.virtual.hidden import parse
-from pumaid.virtual.physics.joints import Joints
-from pumaid.virtual.timing import Path, accelerations, cruise, stretches
 
 RATE = 200.0
 PUMA = table1.puma560()
@@ -137,7 +137,7 @@ def whole() -> dict[str, np.ndarray]:
 @pytest.mark.parametrize("size", [1, 7])
 def test_it_does_not_matter_what_marches_together(whole, monkeypatch, size):
     """Stretches marched one by one or in sevens leave the same bytes as all at once."""
-    monkeypatch.setattr("pumaid.virtual.seams.MOST_STRETCHES", size)
+    monkeypatch.setattr("pumaid.simulation.seams.MOST_STRETCHES", size)
     parts = session(draw(table1.robot(), 3), plan=LONGER)
     assert all(np.array_equal(parts[name], whole[name]) for name in whole)
 
@@ -230,7 +230,7 @@ def test_files_share_one_clock():
 def test_long_stretches_come_in_parts(monkeypatch):
     """A run that is cut into batches is the run itself: nothing but its noise depends on where it is cut."""
     whole = session(PUMA.with_noise(0.0))
-    monkeypatch.setattr("pumaid.virtual.session.CHUNK", 100)
+    monkeypatch.setattr("pumaid.simulation.session.CHUNK", 100)
     parts = session(PUMA.with_noise(0.0))
     assert all(np.array_equal(parts[name], whole[name]) for name in whole)
     logs = list(Session(PUMA, SHORT, np.random.default_rng(1), rate=RATE).logs())

@@ -5,11 +5,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from pumaid.virtual import draw, table1
-from pumaid.virtual.hidden import Instants
-from pumaid.virtual.links import Links
-from pumaid.virtual.shafts import borne, shafts
-from pumaid.virtual.truth import Friction
+from pumaid.simulation import draw, table1
+from pumaid.simulation.hidden import Instants
+from pumaid.simulation.links import Links
+from pumaid.simulation.shafts import borne, shafts
+from pumaid.simulation.truth import Friction
 
 GEARS = (-62.6, 107.8, -53.7, 76.0, 71.9, 76.7)
 RATIOS = {(5, 4): 0.0139, (6, 4): 0.013, (6, 5): 0.18}
@@ -61,7 +61,7 @@ def test_joint_4_turns_the_motors_behind_it():
 def engine():
     """The rigid-body arm, where MuJoCo is there."""
     pytest.importorskip("mujoco")
-    from pumaid.virtual.physics.rigid import Rigid
+    from pumaid.simulation.physics.rigid import Rigid
 
     return Rigid
 

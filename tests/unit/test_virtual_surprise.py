@@ -9,12 +9,12 @@ import numpy as np
 import pytest
 
 from pumaid.errors import ModelError
-from pumaid.files.recipe import read_recipe, shipped_recipes
+from pumaid.io.recipe import read_recipe, shipped_recipes
 from pumaid.records import Plan
+from pumaid.simulation import Bench, draw, table1
+from pumaid.simulation.hidden import LAWS
+from pumaid.simulation.surprise import surprise
 from pumaid.verbs.plan import plan
-from pumaid.virtual import Bench, draw, table1
-from pumaid.virtual.hidden import LAWS
-from pumaid.virtual.surprise import surprise
 
 ROBOT = read_recipe(shipped_recipes()["puma560"])
 

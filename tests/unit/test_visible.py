@@ -15,11 +15,11 @@ from rich.text import Text
 from pumaid.cli import output
 from pumaid.errors import Note
 from pumaid.records import Joint, Motion, Plan, Posture, Robot
-from pumaid.show.axes import axes_table
-from pumaid.show.plans import plan_table, session_table
-from pumaid.show.plots.style import saved, settle, styled
-from pumaid.show.timetable import drawn, timetable_table
-from pumaid.show.visible import Visible, visible
+from pumaid.reporting.axes import axes_table
+from pumaid.reporting.plans import plan_table, session_table
+from pumaid.reporting.plots.style import saved, settle, styled
+from pumaid.reporting.timetable import drawn, timetable_table
+from pumaid.reporting.visible import Visible, visible
 
 STEERING = "a\x1b[31mred\x07\u202e.csv"
 SHOWN = r"a\x1b[31mred\x07\u202e.csv"

@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from pumaid.errors import ModelError, PumaidError
-from pumaid.files.yaml_lines import nearest, read_yaml
+from pumaid.io.yaml_lines import nearest, read_yaml
 
 TEXT = "name: x\nlist:\n  - a: 1\n  - a: 2\n    b: [1.5,\n        true]\n"
 

@@ -24,7 +24,7 @@ from pumaid.cli.options import (
 from pumaid.cli.output import attention, document, notes, picture_form, remark, spare_inputs, table
 
 if TYPE_CHECKING:
-    from pumaid.show.story import Story
+    from pumaid.reporting.story import Story
 
 
 @click.command()
@@ -74,20 +74,20 @@ def command(
     form = picture_form(picture)
     spare_inputs([picture], read_files(logs, recipe, model) if picture else [])
     estimate = read_known_model(model)
-    how = replace(how, behind=("pumaid.verbs.compare", "pumaid.show.scores", "pumaid.show.budget"))
+    how = replace(how, behind=("pumaid.verbs.compare", "pumaid.reporting.scores", "pumaid.reporting.budget"))
     robot, evidence = read_evidence(logs, recipe, trust=trust, heldout=heldout, how=how)
-    from pumaid.files.result import heading
-    from pumaid.show.budget import budget_shown
-    from pumaid.show.comparison import comparison_document
-    from pumaid.show.forms import Shown
-    from pumaid.show.scores import comparison_grid, is_above_floor, outside_grid, worst_grid
+    from pumaid.io.result import heading
+    from pumaid.reporting.budget import budget_shown
+    from pumaid.reporting.comparison import comparison_document
+    from pumaid.reporting.forms import Shown
+    from pumaid.reporting.scores import comparison_grid, is_above_floor, outside_grid, worst_grid
     from pumaid.verbs.compare import compare
 
     check_model(estimate, robot, (recipe, logs))
     comparison = compare(estimate, evidence, robot)
     notes((*estimate.notes, *comparison.notes))
     if picture is not None and comparison.runs:
-        from pumaid.show.story import Story
+        from pumaid.reporting.story import Story
 
         _draw(picture, Story(robot, estimate, evidence, comparison, units), form=form)
     elif picture is not None:
@@ -109,8 +109,8 @@ def command(
 
 
 def _draw(picture: Path, told: Story, *, form: str) -> None:
-    from pumaid.files.atomic import write_whole
-    from pumaid.show.plots import misfit
+    from pumaid.io.atomic import write_whole
+    from pumaid.reporting.plots import misfit
 
     write_whole(picture, misfit.drawn(told, form))
     remark(f"picture written to {picture}")

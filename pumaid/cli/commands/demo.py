@@ -38,8 +38,8 @@ def command(*, folder: Path, robot: str, effect: str | None, clean: bool, seed: 
       pumaid demo --clean --robot ur5e
     """
     from pumaid.cli import demo
-    from pumaid.files.atomic import write_whole
-    from pumaid.files.result import as_text
+    from pumaid.io.atomic import write_whole
+    from pumaid.io.result import as_text
 
     if clean and effect is not None:
         raise click.UsageError("--clean hides nothing, --effect something: give one of them.")

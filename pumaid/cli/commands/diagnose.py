@@ -87,8 +87,8 @@ def command(
 
     from pumaid.cli.additions import Typed, added, diagnosed, with_earlier
     from pumaid.cli.reading import check_logs, check_model, read_evidence, read_files, read_known_model, results_folder
-    from pumaid.files.diagnosis import DIAGNOSIS_NAME, diagnosis_document
-    from pumaid.files.plan import refuse_to_replace
+    from pumaid.io.diagnosis import DIAGNOSIS_NAME, diagnosis_document
+    from pumaid.io.plan import refuse_to_replace
 
     form, quiet = picture_form(picture), as_json or str(output) == "-"
     if plan is not None and not force:
@@ -125,17 +125,17 @@ def command(
 
 def _say(sentence: str) -> None:
     """A sentence of the result, wrapped."""
-    from pumaid.show.diagnosis import Told
+    from pumaid.reporting.diagnosis import Told
 
     table(Told(sentence))
 
 
 def _tell(found: Diagnosis, robot: Robot, *, units: str, ladder: Path | None) -> None:
     """What was found; before it the ladder that ends at the model file `ladder`, where effects were added."""
-    from pumaid.files.ladders import ladder_of
-    from pumaid.show.diagnosis import diagnosis_shown
-    from pumaid.show.forms import Shown
-    from pumaid.show.ladder import ladder_grid
+    from pumaid.io.ladders import ladder_of
+    from pumaid.reporting.diagnosis import diagnosis_shown
+    from pumaid.reporting.forms import Shown
+    from pumaid.reporting.ladder import ladder_grid
 
     steps = None if ladder is None or not found.applied else ladder_of(ladder)
     if steps is not None:
@@ -148,7 +148,7 @@ def _tell(found: Diagnosis, robot: Robot, *, units: str, ladder: Path | None) ->
 
 def _kept(path: Path, found: Diagnosis) -> str:
     """Write the diagnosis, and say so."""
-    from pumaid.files.diagnosis import write_diagnosis
+    from pumaid.io.diagnosis import write_diagnosis
 
     write_diagnosis(path, found)
     return f"diagnosis written to {path}"
@@ -156,8 +156,8 @@ def _kept(path: Path, found: Diagnosis) -> str:
 
 def _draw(picture: Path, found: Diagnosis, robot: Robot, *, form: str, units: str) -> str:
     """Draw what was found, and say so."""
-    from pumaid.files.atomic import write_whole
-    from pumaid.show.plots.findings import can_be_drawn, drawn
+    from pumaid.io.atomic import write_whole
+    from pumaid.reporting.plots.findings import can_be_drawn, drawn
 
     if not can_be_drawn(found):
         return f"nothing was found that could be drawn: {picture} is not written"
@@ -168,8 +168,8 @@ def _draw(picture: Path, found: Diagnosis, robot: Robot, *, form: str, units: st
 def _plan(path: Path, found: Diagnosis, robot: Robot) -> str:
     """Write the runs that would decide, as often as it takes, and say so."""
     from pumaid.cli.deciding import deciding
-    from pumaid.files.plan import write_plan
-    from pumaid.show.wording import plural
+    from pumaid.io.plan import write_plan
+    from pumaid.reporting.wording import plural
 
     made = deciding(found.findings, robot)
     if not made.motions:

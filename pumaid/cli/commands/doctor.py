@@ -44,7 +44,7 @@ def command(recipe: Path | None, *, quick: bool, as_json: bool) -> None:
     """
     from pumaid.cli.progress import progress
     from pumaid.cli.selfcheck import self_check
-    from pumaid.files.result import heading
+    from pumaid.io.result import heading
 
     facts = _facts(recipe)
     if not as_json:
@@ -75,7 +75,7 @@ def _facts(recipe: Path | None) -> dict[str, object]:
 
     from pumaid import __version__
     from pumaid.effects import catalogue
-    from pumaid.files.recipe import shipped_recipes
+    from pumaid.io.recipe import shipped_recipes
 
     facts: dict[str, object] = {
         "pumaid": __version__,
@@ -100,8 +100,8 @@ def _facts(recipe: Path | None) -> dict[str, object]:
 
 def _cache() -> dict[str, object]:
     """Where things are kept and how much there is, or why nothing can be kept."""
-    from pumaid.files import diagnosis_cache, evidence_cache
-    from pumaid.files.kept import cache_fault, cache_folder
+    from pumaid.io import diagnosis_cache, evidence_cache
+    from pumaid.io.kept import cache_fault, cache_folder
 
     folder = cache_folder()
     most = (evidence_cache.MOST_BYTES + diagnosis_cache.MOST_BYTES) // 2**20

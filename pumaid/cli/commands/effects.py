@@ -32,8 +32,8 @@ def command(name: str | None, picture: Path | None, as_json: bool) -> None:
     from pumaid.choices import OWN
     from pumaid.effects import catalogue
     from pumaid.errors import ModelError
-    from pumaid.files.result import heading
-    from pumaid.show.effects import facts
+    from pumaid.io.result import heading
+    from pumaid.reporting.effects import facts
 
     known, form = catalogue(), picture_form(picture)
     if name is not None and name not in known:
@@ -66,7 +66,7 @@ def _list(chosen: list[dict[str, Any]]) -> None:
 
 
 def _explain(told: dict[str, Any], effect: Any) -> None:
-    from pumaid.show.signature import signature, sketch
+    from pumaid.reporting.signature import signature, sketch
 
     say(f"{told['effect']}: {told['title']}\n\n{told['equation']}\n\n{told['physics']}\n")
     say(f"parameters of {told['owner']}:")
@@ -90,7 +90,7 @@ def _explain(told: dict[str, Any], effect: Any) -> None:
 def _numbers(found: list[dict[str, Any]], word: str) -> None:
     from rich.table import Table
 
-    from pumaid.show.effects import bounds, merged
+    from pumaid.reporting.effects import bounds, merged
 
     rows = Table("joint", word, "unit", "bounds", "example", "meaning", box=None, pad_edge=False)
     for one in merged(found):
@@ -100,8 +100,8 @@ def _numbers(found: list[dict[str, Any]], word: str) -> None:
 
 
 def _draw(effect: Any, picture: Path, form: str) -> None:
-    from pumaid.files.atomic import write_whole
-    from pumaid.show.plots.signature import drawing
+    from pumaid.io.atomic import write_whole
+    from pumaid.reporting.plots.signature import drawing
 
     write_whole(picture, drawing(effect).file(form))
     remark(f"picture written to {picture}")

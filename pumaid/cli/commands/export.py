@@ -63,7 +63,7 @@ def command(
     from pumaid.cli.reading import check_model, read_files, read_known_model, read_robot
     from pumaid.exports import every_form
     from pumaid.exports.torque import read_constants
-    from pumaid.files.result import heading
+    from pumaid.io.result import heading
     from pumaid.verbs.export import export
 
     if constants is not None and not every_form()[form].has_bodies:
@@ -111,7 +111,7 @@ def _write(files: Mapping[Path, str], *, force: bool) -> None:
     """Refuse before the first is written; what is made is whole."""
     from pumaid.cli.output import remark
     from pumaid.errors import ResultError, Where
-    from pumaid.files.atomic import write_together
+    from pumaid.io.atomic import write_together
 
     for path in files:
         if path.exists() and not force:

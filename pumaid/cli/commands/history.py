@@ -36,14 +36,14 @@ def command(*, folder: Path, results: Path | None, restore: int | None, picture:
       pumaid history --restore 2
       pumaid history --json | jq '.ladders[0].models[] | {model, added, rmse, heldout}'
     """
-    from pumaid.files.ladders import read_history
-    from pumaid.files.result import heading
-    from pumaid.show.ladder import history_document
+    from pumaid.io.ladders import read_history
+    from pumaid.io.result import heading
+    from pumaid.reporting.ladder import history_document
 
     form = picture_form(picture)
     place = results or _results(folder)
     if restore is not None:
-        from pumaid.files.archive import restore as bring_back
+        from pumaid.io.archive import restore as bring_back
 
         remark(f"model {restore} is the current one again: {bring_back(place, restore)}")
     history = read_history(place)
@@ -76,16 +76,16 @@ def _results(folder: Path) -> Path:
 
 
 def _draw(picture: Path, ladder: Ladder, *, form: str) -> None:
-    from pumaid.files.atomic import write_whole
-    from pumaid.show.plots.ladder import drawn
+    from pumaid.io.atomic import write_whole
+    from pumaid.reporting.plots.ladder import drawn
 
     write_whole(picture, drawn(ladder, form))
     remark(f"picture written to {picture}")
 
 
 def _tell(history: History) -> None:
-    from pumaid.show.forms import Shown
-    from pumaid.show.ladder import joint_grids, ladder_grid
+    from pumaid.reporting.forms import Shown
+    from pumaid.reporting.ladder import joint_grids, ladder_grid
 
     first, *others = history.ladders
     grids = [ladder_grid(first), *joint_grids(first), *map(ladder_grid, others)]

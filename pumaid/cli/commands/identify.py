@@ -31,7 +31,7 @@ if TYPE_CHECKING:
     from pumaid.records import Estimate, Robot
 
 #: What the fit and its table are made with; nothing of it is needed to read logs.
-_BEHIND = ("pumaid.verbs.identify", "pumaid.show.tables", "pumaid.files.archive")
+_BEHIND = ("pumaid.verbs.identify", "pumaid.reporting.tables", "pumaid.io.archive")
 
 
 @click.command()
@@ -112,7 +112,7 @@ def _identified(logs: tuple[str, ...], recipe: Path | None, asked: dict[str, Any
     """One robot's arm and model; notes are told."""
     from pumaid.choices import chosen_by
     from pumaid.cli.reading import read_evidence, read_robot
-    from pumaid.files.paths import expand
+    from pumaid.io.paths import expand
 
     expand(logs)  # where they are not there, it is not the recipe beside them that is missing
     robot = read_robot(recipe, logs)
@@ -134,7 +134,7 @@ def _identified(logs: tuple[str, ...], recipe: Path | None, asked: dict[str, Any
 
 
 def _document(estimate: Estimate) -> dict[str, Any]:
-    from pumaid.files.result import model_document
+    from pumaid.io.result import model_document
 
     return model_document(estimate)
 
@@ -148,8 +148,8 @@ def _written(
 ) -> Path:
     """The model's file: where -o says, else the current model of the results folder, kept among all."""
     from pumaid.cli.reading import results_folder
-    from pumaid.files.archive import keep
-    from pumaid.files.result import write_model
+    from pumaid.io.archive import keep
+    from pumaid.io.result import write_model
 
     logs, recipe, results = place
     path = output or results_folder(results, recipe, logs) / "model.json"
@@ -161,7 +161,7 @@ def _written(
 
 
 def _shown(estimate: Estimate, robot: Robot, units: str) -> None:
-    from pumaid.show.tables import parameter_table, sums_table
+    from pumaid.reporting.tables import parameter_table, sums_table
 
     table(parameter_table(estimate, robot, units))
     if sums := sums_table(estimate, units):

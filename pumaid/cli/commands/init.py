@@ -10,7 +10,7 @@ import rich_click as click
 from pumaid.cli.options import json_option, output_option
 
 if TYPE_CHECKING:
-    from pumaid.files.urdf_recipe import UrdfRecipe
+    from pumaid.io.urdf_recipe import UrdfRecipe
 
 
 @click.command()
@@ -55,8 +55,8 @@ def command(
       pumaid init blank --joints 4
     """
     from pumaid.cli.output import content, document, notes, remark, spare_inputs, table
-    from pumaid.files.recipe import read_recipe
-    from pumaid.show.axes import axes_table
+    from pumaid.io.recipe import read_recipe
+    from pumaid.reporting.axes import axes_table
 
     if listed:
         _list(as_json)
@@ -96,7 +96,7 @@ def _made(
         return None
     if name is not None or joints is not None:
         raise click.UsageError(f"{name or '--joints'} and --urdf are two recipes: give one of them.")
-    from pumaid.files.urdf_recipe import recipe_from_urdf
+    from pumaid.io.urdf_recipe import recipe_from_urdf
 
     return recipe_from_urdf(urdf, base=base, tip=tip)
 
@@ -129,9 +129,9 @@ def _facts(made: UrdfRecipe) -> dict[str, object]:
 
 
 def _text(name: str | None, joints: int | None) -> str:
-    from pumaid.files.recipe import shipped_recipes
-    from pumaid.files.recipe_template import blank, started_from
-    from pumaid.files.yaml_lines import nearest
+    from pumaid.io.recipe import shipped_recipes
+    from pumaid.io.recipe_template import blank, started_from
+    from pumaid.io.yaml_lines import nearest
 
     known = [*shipped_recipes(), "blank"]
     if name is None:
@@ -148,7 +148,7 @@ def _text(name: str | None, joints: int | None) -> str:
 
 def _written(target: Path, text: str, force: bool) -> Path:
     from pumaid.errors import ResultError, Where
-    from pumaid.files.atomic import write_whole
+    from pumaid.io.atomic import write_whole
 
     path = target / "recipe.yaml" if target.is_dir() else target
     if path.exists() and not force:
@@ -163,7 +163,7 @@ def _list(as_json: bool) -> None:
     from rich.text import Text
 
     from pumaid.cli.output import document, table
-    from pumaid.files.recipe import read_recipe, shipped_recipes
+    from pumaid.io.recipe import read_recipe, shipped_recipes
 
     robots = {known: read_recipe(path) for known, path in shipped_recipes().items()}
     rows = [{"name": known, "robot": robot.name, "joints": robot.n_joints} for known, robot in robots.items()]

@@ -90,7 +90,7 @@ def command(
       pumaid plan --check plan.yaml --format urscript -o plan.script
     """
     from pumaid.cli.reading import experiment_folder, read_files, read_robot, recipe_path
-    from pumaid.files.plan import PLAN_NAME, refuse_to_replace
+    from pumaid.io.plan import PLAN_NAME, refuse_to_replace
     from pumaid.records import Plan
 
     if given is not None and recipe is None:

@@ -26,7 +26,7 @@ from pumaid.cli.progress import progress
 
 if TYPE_CHECKING:
     from pumaid.records import Evidence, Robot
-    from pumaid.show.story import Story
+    from pumaid.reporting.story import Story
 
 TABLES = ("text", "csv", "parquet", "latex", "markdown", "json")
 FIGURES = ("png", "svg", "pdf")
@@ -101,7 +101,7 @@ def command(
     remark(f"report written to {made[-1][0]}")
     remark(f"{len(made) - 1} tables and figures written to {folder}")
     if as_json:
-        from pumaid.files.result import heading
+        from pumaid.io.result import heading
 
         files = {"files": [str(path) for path, _ in made]}
         document(heading("report", robot=told.robot, logs=told.comparison.logs) | files)
@@ -129,8 +129,8 @@ def _table(
 ) -> None:
     """Only the parameter table."""
     from pumaid.cli.reading import check_model, read_known_model, read_robot
-    from pumaid.files.atomic import write_whole
-    from pumaid.show.export import parameters_as
+    from pumaid.io.atomic import write_whole
+    from pumaid.reporting.export import parameters_as
 
     estimate, robot = read_known_model(source), read_robot(recipe, near)
     check_model(estimate, robot, (recipe, near))
@@ -151,8 +151,8 @@ def _story(
 ) -> Story:
     """What the report tells of: the model on the logs, and the models before it."""
     from pumaid.cli.reading import check_model, read_known_model
-    from pumaid.files.ladders import ladder_of
-    from pumaid.show.story import Story
+    from pumaid.io.ladders import ladder_of
+    from pumaid.reporting.story import Story
     from pumaid.verbs.compare import compare
 
     estimate = read_known_model(source)
@@ -169,7 +169,7 @@ def _diagnosed(told: Story, results: Path) -> Story:
     from dataclasses import replace
 
     from pumaid.errors import Note, ResultError
-    from pumaid.files.diagnosis import DIAGNOSIS_NAME, read_diagnosis, stale
+    from pumaid.io.diagnosis import DIAGNOSIS_NAME, read_diagnosis, stale
 
     path = results / DIAGNOSIS_NAME
     if not path.is_file():
@@ -193,11 +193,11 @@ def _made(
     from pumaid.cluster.cores import usual
     from pumaid.cluster.desk import Desk, in_order, started
     from pumaid.cluster.mate import CAN_FORK
-    from pumaid.show.export import export, files_of
-    from pumaid.show.plots import drawings
+    from pumaid.reporting.export import export, files_of
+    from pumaid.reporting.plots import drawings
 
     if "pdf" in forms:
-        from pumaid.files.typeface import cut_typeface
+        from pumaid.io.typeface import cut_typeface
 
         cut_typeface()
     made: list[tuple[Path, bytes]] = []
@@ -221,7 +221,7 @@ def _made(
 
 def _write(made: Sequence[tuple[Path, bytes]]) -> None:
     """Write everything or nothing; the page, if it goes to standard output, once the rest is written."""
-    from pumaid.files.atomic import write_together
+    from pumaid.io.atomic import write_together
 
     write_together([(path, data) for path, data in made if str(path) != "-"])
     page, told = made[-1]

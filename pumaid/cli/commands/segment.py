@@ -72,8 +72,8 @@ def command(
       pumaid segment logs/ --json | jq '.runs[] | {joint, speed, samples}'
     """
     from pumaid.cli.reading import read_files
-    from pumaid.files.result import heading
-    from pumaid.show import runs
+    from pumaid.io.result import heading
+    from pumaid.reporting import runs
 
     if as_json and as_csv:
         raise click.UsageError("--json and --csv both want standard output; give one of them")
@@ -97,15 +97,15 @@ def _read(
 ) -> tuple[Robot, Evidence]:
     """The one pass with the thresholds that were given, and the plan's held-out runs marked."""
     from pumaid.cli.reading import read_evidence
-    from pumaid.motion.options import SegmentOptions
+    from pumaid.preprocessing.options import SegmentOptions
 
     options = SegmentOptions(**{name: value for name, value in thresholds.items() if value is not None})
     return read_evidence(logs, recipe, trust=trust, options=options, how=how)
 
 
 def _tell(evidence: Evidence, robot: Robot, *, units: str, rejects: bool) -> None:
-    from pumaid.show import runs
-    from pumaid.show.forms import Shown
+    from pumaid.reporting import runs
+    from pumaid.reporting.forms import Shown
 
     parts = [runs.run_grid(evidence, robot, units=units)]
     parts += [runs.joint_grid(evidence, robot, units=units), runs.left_grid(evidence)]
@@ -117,8 +117,8 @@ def _tell(evidence: Evidence, robot: Robot, *, units: str, rejects: bool) -> Non
 
 
 def _draw(picture: Path, evidence: Evidence, robot: Robot, *, form: str, units: str) -> None:
-    from pumaid.files.atomic import write_whole
-    from pumaid.show.segments import drawn
+    from pumaid.io.atomic import write_whole
+    from pumaid.reporting.segments import drawn
 
     write_whole(picture, drawn(evidence, robot, form, units=units))
     remark(f"picture written to {picture}")

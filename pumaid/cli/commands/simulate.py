@@ -14,14 +14,14 @@ from pumaid.cli.progress import progress
 
 if TYPE_CHECKING:
     from pumaid.records import Plan, Robot
-    from pumaid.virtual import Truth
+    from pumaid.simulation import Truth
 
 
 def _real(robot: Robot, truth: Path | None, *, hide: tuple[str, ...], noise: float | None, seed: int) -> Truth:
     """The virtual robot that the options describe."""
-    from pumaid.files.session import read_truth
-    from pumaid.virtual import hidden, record, table1
-    from pumaid.virtual.draw import draw
+    from pumaid.io.session import read_truth
+    from pumaid.simulation import hidden, record, table1
+    from pumaid.simulation.draw import draw
 
     if truth is None:
         real = draw(robot, seed)
@@ -37,7 +37,7 @@ def _surprised(real: Truth, made: Plan, effect: str | None, *, seed: int) -> Tru
     """The robot with one more effect, of which the plan's runs show something."""
     from dataclasses import replace
 
-    from pumaid.virtual.surprise import surprise
+    from pumaid.simulation.surprise import surprise
 
     return replace(real, hidden=(*real.hidden, surprise(replace(real, hidden=()), made, seed, effect=effect)))
 
@@ -138,11 +138,11 @@ def command(
       pumaid simulate -o - | pumaid identify -
     """
     from pumaid.cli.reading import experiment_folder, read_robot
-    from pumaid.files.plan import PLAN_NAME, read_plan
-    from pumaid.files.session import write_session
-    from pumaid.show.plans import session_document, session_table
+    from pumaid.io.plan import PLAN_NAME, read_plan
+    from pumaid.io.session import write_session
+    from pumaid.reporting.plans import session_document, session_table
+    from pumaid.simulation.record import as_json as as_json_truth
     from pumaid.verbs.simulate import simulate
-    from pumaid.virtual.record import as_json as as_json_truth
 
     if noise is not None and not math.isfinite(noise):
         raise click.BadParameter(f"{noise} is no noise", param_hint="--noise")

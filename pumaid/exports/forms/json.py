@@ -8,7 +8,7 @@ import numpy as np
 
 from pumaid.exports.base import Form, Subject
 from pumaid.exports.formulas import Lack
-from pumaid.files.result import as_text
+from pumaid.io.result import as_text
 from pumaid.records import Robot
 
 #: Postures with currents by the model itself.

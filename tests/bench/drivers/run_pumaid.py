@@ -26,7 +26,7 @@ modules.write_text(json.dumps([name for name in sys.modules if name != "__main__
 
 from pumaid import read_model  # noqa: E402
 from pumaid.exports.formulas import Formulas  # noqa: E402
-from pumaid.files.recipe import read_recipe  # noqa: E402
+from pumaid.io.recipe import read_recipe  # noqa: E402
 
 asked = watch.questions()
 told = Formulas.of(read_model(model), read_recipe(watch.folder / "recipe.yaml"))

@@ -1,0 +1,78 @@
+"""An experiment rehearsed on a virtual robot: what diagnosis would have to go by before anything was run."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from pumaid.diagnosis.chain import Start
+from pumaid.diagnosis.field import fields
+from pumaid.diagnosis.system import Solved, loaded, solve
+from pumaid.errors import ModelError
+from pumaid.estimation.identification import identified
+from pumaid.model import Model
+from pumaid.records import EffectChoice, Estimate, Evidence, Plan, Robot, Run
+from pumaid.simulation import Bench
+from pumaid.simulation.hidden import LAWS, Hidden, sized
+from pumaid.simulation.truth import Truth
+
+#: Samples a second and cells a run of the rehearsal.
+_RATE, _CELLS = 50.0, 60
+
+
+def rehearsed(truth: Truth, plan: Plan, *, seed: int) -> Evidence:
+    """Runs of a plan as a virtual robot would make them, those for judging left out.
+
+    Parameters
+    ----------
+    truth
+        The robot.
+    plan
+        Its motions.
+    seed
+        Of the noise.
+    """
+    fitted = replace(plan, motions=tuple(motion for motion in plan.motions if motion.purpose == "fit"))
+    return Evidence(Bench(truth, fitted, rate=_RATE, cells=_CELLS).runs(np.random.default_rng([seed, 5])))
+
+
+def solved(robot: Robot, runs: Sequence[Run], estimate: Estimate | None = None) -> Solved:
+    """The base model on runs, as diagnosis starts from it.
+
+    Parameters
+    ----------
+    robot
+        The arm.
+    runs
+        All that may be fitted.
+    estimate
+        Their fit; made where not given.
+    """
+    fit = estimate or identified(Evidence(tuple(runs)), replace(robot, effects=()))
+    model = Model(robot, fit.stroke_postures) if estimate is not None else Model.of_runs(robot, runs)
+    known = dict(zip(fit.names, fit.solution, strict=True))
+    start = Start(np.array([float(known.get(name, 0.0)) for name in model.names]), fit.scales)
+    return loaded(solve(model, fields(model, runs), start))
+
+
+def usual(truth: Truth, wanted: EffectChoice) -> Hidden | None:
+    """An effect with sizes that show at a robot and do not rule it.
+
+    None where the virtual robot has no such effect, or nothing of the kind at that joint: no weight, unknown masses.
+
+    Parameters
+    ----------
+    truth
+        The robot.
+    wanted
+        Effect, joint, and shapes that are given.
+    """
+    if wanted.effect not in LAWS:
+        return None
+    try:
+        found = sized([Hidden(wanted.effect, wanted.joint, dict(wanted.shape))], truth)
+    except ModelError:
+        return None
+    return found[0]

@@ -1,0 +1,291 @@
+"""A model sitting in judgement on runs: what it predicts, how far off it is, and what it cannot know."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pumaid.equations import Block
+from pumaid.estimation.views import loaded, sights
+from pumaid.loads import loads
+from pumaid.maths.splits import told_apart
+from pumaid.model import Model
+from pumaid.records import (
+    TOGETHER,
+    Campaign,
+    Estimate,
+    Evidence,
+    Means,
+    OutsideScore,
+    Robot,
+    Run,
+    RunScore,
+    Samples,
+)
+from pumaid.sight import joined
+
+Floats = NDArray[np.float64]
+
+#: Effects of one joint, those together that are known only together.
+Groups = tuple[tuple[str, ...], ...]
+
+#: A number or an array of them.
+Part = TypeVar("Part", float, Floats)
+
+#: Share of the largest term in an undetermined direction below which a term is not named.
+PART = 0.05
+
+#: Instants whose regressor is made at once: enough to spare calls, some ten megabytes.
+AT_ONCE = 20_000
+
+#: A (A) below which a contribution is rounding.
+NOTHING = 1e-9
+
+#: A part's share is told where the data leave it open by no more than this share of the joint's RMS current (and by no
+#: more than the joint's RMSE): beyond, the share would be off by more than five points.
+OPEN = 0.05
+
+#: Share of the RMS current below which what the data leave open is rounding.
+CLOSED = 1e-6
+
+#: Outside runs a joint's motor counts as turning above this share of its largest speed in the stretch: below it the
+#: direction of friction is not known.
+MOVING = 0.05
+
+
+@dataclass(frozen=True, slots=True)
+class Tally:
+    """A run's sums over its samples: of squares of the residual and the current (A2), of both themselves (A).
+
+    `products` maps an effect to the sum of measured current times its part of the prediction (A2). `doubts` (k, k)
+    sums, over undetermined directions, the products of what any two of the k effects may be off by (A2).
+    """
+
+    run: Run
+    samples: int
+    squares: float
+    total: float
+    current_squares: float
+    current_total: float
+    products: dict[str, float]
+    doubts: Floats
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Judge:
+    """A model with the values that it is judged with."""
+
+    model: Model
+    estimate: Estimate
+    campaign: Campaign
+
+    @classmethod
+    def of(cls, robot: Robot, estimate: Estimate, evidence: Evidence) -> Judge:
+        """The model of `estimate`, to be held against `evidence`."""
+        return cls(Model.of_estimate(robot, estimate), estimate, Campaign.of(evidence.runs, evidence.rejects))
+
+    def scaled(self, joint: int) -> Floats:
+        """(p,) what each parameter counts in joint `joint`: value times ratio of gains, 0 where that is unknown."""
+        return self._factors(joint) * self.estimate.solution
+
+    def _factors(self, joint: int) -> Floats:
+        return np.nan_to_num(self.model.factors(self.estimate.scales, joint))
+
+    def blocks(self, runs: Sequence[Run]) -> list[Block]:
+        """The equations of `runs`."""
+        seen = sights(self.model, runs, self.campaign)
+        if self.model.needs_loads():
+            seen = loaded(seen, self.model, solution=self.estimate.solution, scales=self.estimate.scales)
+        return self.model.blocks(runs, seen)
+
+    def samples_of(self, run: Run) -> Samples:
+        """The cells of `run` as effects see them."""
+        return self.model.samples_of(run, self.campaign)
+
+    def _loaded(self, samples: Samples) -> Samples:
+        if not self.model.needs_loads():
+            return samples
+        known = loads(self.model, samples, solution=self.estimate.solution, scales=self.estimate.scales)
+        return replace(samples, loads=known)
+
+    def effects(self) -> dict[str, NDArray[np.bool_]]:
+        """Effect -> (p,) which parameters are its own, in the model's order."""
+        names = [column.effect for column in self.model.columns]
+        return {name: np.array([other == name for other in names]) for name in dict.fromkeys(names)}
+
+    def tally(self, block: Block) -> Tally:
+        """Sums over all samples of a run, from its equations alone."""
+        weights = self.scaled(block.run.joint)
+        residual = block.target - block.regressors @ weights
+        products = {
+            name: float(block.target @ (block.regressors[:, own] @ weights[own]))
+            for name, own in self.effects().items()
+        }
+        return Tally(
+            run=block.run,
+            samples=block.samples,
+            squares=float(residual @ residual) + block.beyond(weights),
+            total=float(block.ones @ residual),
+            current_squares=float(block.target @ block.target) + block.rest,
+            current_total=float(block.ones @ block.target),
+            products=products,
+            doubts=self._doubts(block),
+        )
+
+    def _doubts(self, block: Block) -> Floats:
+        """(k, k) of a `Tally`."""
+        used = block.regressors * self._factors(block.run.joint)
+        off = [(used[:, own] @ self.estimate.blind[own]).ravel() for own in self.effects().values()]
+        return np.array(off) @ np.array(off).T
+
+    def groups(self, tallies: Sequence[Tally]) -> Groups:
+        """The effects of one joint by what `tallies` can tell apart: each alone, or those known only together.
+
+        What is left over when all others are known is known too, since the whole is the measured current. (That it may
+        look open by itself is due to ratios of gains, which trade with the outer links' loads but are no parameters.)
+        """
+        names, samples = list(self.effects()), sum(tally.samples for tally in tallies)
+        rms = np.sqrt(sum(tally.current_squares for tally in tallies) / samples)
+        rmse = self.estimate.joint(tallies[0].run.joint).rmse
+        limit = max(min(OPEN * rms, rms if rmse is None else rmse), CLOSED * rms)
+        doubts = np.sum([tally.doubts for tally in tallies], axis=0) / samples
+        return tuple(tuple(names[k] for k in group) for group in told_apart(doubts, limit))
+
+    def rows(self, many: Sequence[Samples]) -> Iterator[Floats]:
+        """The regressor (M, p) of each of `many`; neighbours of one joint are looked at together, which is quicker."""
+        start = 0
+        while start < len(many):
+            end, instants = start, 0
+            while end < len(many) and many[end].joint == many[start].joint and instants < AT_ONCE:
+                instants += len(many[end])
+                end += 1
+            design = self.model.regressor(self._loaded(joined(many[start:end])))
+            yield from np.split(design, np.cumsum([len(samples) for samples in many[start:end]])[:-1])
+            start = end
+
+    def score(self, tally: Tally, rows: Floats, *, mean: float, groups: Groups, is_fitted: bool) -> RunScore:
+        """A run's figures and its prediction at cells, whose regressor `rows` (M, p) is, in parts by `groups`."""
+        run, weights = tally.run, self.scaled(tally.run.joint)
+        single = {name: rows[:, own] @ weights[own] for name, own in self.effects().items() if rows[:, own].any()}
+        parts = together(single, groups)
+        predicted = rows @ weights
+        about = tally.current_squares - 2.0 * mean * tally.current_total + tally.samples * mean**2
+        reason = self._undetermined(run, rows, is_fitted=is_fitted)
+        residual = run.cells.current - predicted
+        return RunScore(
+            run=run,
+            rmse=float(np.sqrt(tally.squares / tally.samples)),
+            bias=tally.total / tally.samples,
+            largest=float(np.max(np.abs(residual), initial=0.0)),
+            predicted=predicted,
+            undetermined=reason is not None,
+            reason=reason,
+            explained=1.0 - tally.squares / about if about > NOTHING**2 * tally.samples else None,
+            parts=parts,
+        )
+
+    def _undetermined(self, run: Run, rows: Floats, *, is_fitted: bool) -> str | None:
+        """Why the fitted data cannot tell what `run` should draw, or None where they can."""
+        if is_fitted:
+            return None
+        scale = self.model.factors(self.estimate.scales, run.joint)
+        if self.model.is_foreign(run):
+            stand_in = any(joint == run.joint for joint, _ in self.estimate.stroke_postures)
+            instead = "that of the nearest posture stands in" if stand_in else "none is counted"
+            return f"the inertia of joint {run.joint} in this posture was not identified; {instead}"
+        unknown = np.isnan(scale) & (np.abs(rows * self.estimate.solution).max(axis=0, initial=0.0) > NOTHING)
+        if unknown.any():
+            link = int(self.model.owners[np.flatnonzero(unknown)[0]])
+            return (
+                f"eta{run.joint}/eta{link} was not determined: what link {link} weighs on joint {run.joint} is known"
+                " only for the postures that were fitted"
+            )
+        used = rows * np.nan_to_num(scale)
+        off = np.sqrt(np.mean((used @ self.estimate.blind) ** 2, axis=0))
+        if float(np.linalg.norm(off)) <= max(self.estimate.joint(run.joint).rmse or 0.0, NOTHING):
+            return None
+        size = np.sqrt(np.mean((used * self.estimate.blind[:, int(np.argmax(off))]) ** 2, axis=0))
+        names = [self.model.names[k] for k in np.argsort(-size)[:3] if size[k] > PART * size.max()]
+        return f"this run needs {' and '.join(names)}, which the fitted data do not determine"
+
+    def outside(self, evidence: Evidence) -> tuple[OutsideScore, ...]:
+        """Scores of what is no run, by joint and reason; cells in which a joint's motor rests are not its own."""
+        stretches = [
+            (joint, reject.reason, reject.cells, reject.clock)
+            for reject in evidence.rejects
+            for joint in reject.joints
+            if reject.cells is not None
+        ]
+        stretches.sort(key=lambda stretch: stretch[:2])
+        seen = [self._moving(cells, joint) for joint, _, cells, _ in stretches]
+        many = [
+            self._ramp(cells, joint, keep, clock)
+            for (joint, _, cells, clock), keep in zip(stretches, seen, strict=True)
+        ]
+        found: dict[tuple[int, str], list[tuple[Floats, Floats]]] = {}
+        for (joint, reason, cells, _), keep, rows in zip(stretches, seen, self.rows(many), strict=True):
+            residual = cells.current[keep, joint - 1] - rows @ self.scaled(joint)
+            found.setdefault((joint, reason), []).append((cells.count[keep].astype(float), residual))
+        out = []
+        for (joint, reason), pieces in found.items():
+            counts = np.concatenate([count for count, _ in pieces])
+            residual = np.concatenate([values for _, values in pieces])
+            if counts.sum() > 0:
+                rmse = float(np.sqrt(np.average(residual**2, weights=counts)))
+                bias = float(np.average(residual, weights=counts))
+                out.append(OutsideScore(joint, reason, int(counts.sum()), rmse, bias))
+        return tuple(out)
+
+    def _ramp(self, cells: Means, joint: int, keep: NDArray[np.bool_], clock: int) -> Samples:
+        """The cells `keep` as what effects see of `joint`; without acceleration, since inertia is missing by design."""
+        velocity, time, robot = cells.velocity[keep], cells.time[keep], self.model.robot
+        return Samples(
+            joint,
+            cells.position[keep],
+            velocity,
+            acceleration=np.zeros(len(velocity)),
+            direction=np.sign(robot.shaft_velocity(velocity)[:, joint - 1]),
+            time=self.campaign.since(joint, clock, time),
+            elapsed=self.campaign.since(0, clock, time),
+            travel=np.abs(robot.shaft_velocity(cells.position[keep] - cells.position[0])[:, joint - 1]),
+            temperature=np.full(len(velocity), np.nan),
+            run=np.zeros(len(velocity)),
+        )
+
+    def _moving(self, cells: Means, joint: int) -> NDArray[np.bool_]:
+        """(M,) whether the motor of `joint` turns, and its current is measured."""
+        speed = np.abs(self.model.robot.shaft_velocity(cells.velocity)[:, joint - 1])
+        return np.isfinite(cells.current[:, joint - 1]) & (speed > MOVING * np.max(speed, initial=0.0))
+
+
+def rmse(tallies: Sequence[Tally]) -> float | None:
+    """Root mean square (A) of the residual over all samples of some runs; None without any."""
+    samples = sum(tally.samples for tally in tallies)
+    return float(np.sqrt(sum(tally.squares for tally in tallies) / samples)) if samples else None
+
+
+def together(parts: Mapping[str, Part], groups: Groups) -> dict[str, Part]:
+    """Parts by group, the sum where effects are known only together; what has no part is left out.
+
+    Parameters
+    ----------
+    parts
+        Effect -> its part.
+    groups
+        Every effect once.
+
+    Returns
+    -------
+    sums
+        A group's effects joined by `TOGETHER` -> the sum of their parts.
+    """
+    out: dict[str, Part] = {}
+    for group in groups:
+        own = [parts[name] for name in group if name in parts]
+        if own:
+            out[TOGETHER.join(group)] = sum(own[1:], start=own[0])
+    return out

@@ -1,0 +1,208 @@
+"""Runs without logs: many noisy repeats of one experiment, fast enough for statistics over hundreds of them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pumaid.errors import ModelError, Where
+from pumaid.maths.triangle import Triangle
+from pumaid.records import CONSTANT_COLUMNS, Cells, Motion, Plan, Run
+from pumaid.simulation.heat import curve
+from pumaid.simulation.hidden import Instants, delays
+from pumaid.simulation.noise import coloured, correlation
+from pumaid.simulation.timing import Stretch, first_starts, stretches
+from pumaid.simulation.truth import Truth
+
+Floats = NDArray[np.float64]
+Counts = NDArray[np.int64]
+
+#: Fewest samples at constant speed that say anything of a run's three regressors and its noise.
+_FEWEST = 8
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class _Prepared:
+    """What does not change between experiments: a run's noise-free current, its regressors factored, its cells."""
+
+    motion: Motion
+    speed: float
+    position: Floats
+    current: Floats
+    basis: Floats
+    upper: Floats
+    edges: Counts
+    cells: Cells
+
+
+class Bench:
+    """One experiment on one virtual robot, prepared once, made as often as wanted.
+
+    Positions are exact and the runs are cut where the speed is constant; only the currents' noise differs between
+    experiments.
+
+    Parameters
+    ----------
+    truth
+        The robot.
+    plan
+        The motions; held-out ones are marked in the runs.
+    rate
+        Samples a second.
+    cells
+        Cells a run (fewer where a run has too few samples).
+
+    Examples
+    --------
+    >>> from pumaid.simulation import Bench, table1
+    >>> bench = Bench(table1.puma560(), table1.experiment(), rate=50.0)
+    >>> runs = bench.runs(np.random.default_rng(1))
+    >>> len(runs), runs[0].joint
+    (100, 1)
+    """
+
+    def __init__(self, truth: Truth, plan: Plan, *, rate: float = 100.0, cells: int = 60) -> None:
+        self.truth, self.plan, self.rate = truth, plan, rate
+        self._phi = correlation(truth.noise, rate)
+        self._first = first_starts(truth.robot, plan, rate=rate)
+        self._runs: list[_Prepared] = []
+        clock = 0.0
+        for stretch in stretches(truth.robot, plan):
+            if stretch.motion is not None:
+                self._runs.append(self._prepare(stretch, stretch.motion, clock=clock, cells=cells))
+            clock += stretch.duration
+
+    @property
+    def samples(self) -> int:
+        """Samples of one experiment, all runs together."""
+        return sum(len(run.position) for run in self._runs)
+
+    def runs(self, rng: np.random.Generator) -> tuple[Run, ...]:
+        """The runs of one more experiment, noise and levels drawn from `rng`."""
+        noise = self.truth.noise
+        quiet = not np.any(noise.std > 0)
+        if quiet:
+            errors, levels = np.zeros(self.samples), np.zeros(len(self._runs))
+        else:
+            errors, levels = coloured(rng, (self.samples,), phi=self._phi), rng.standard_normal(len(self._runs))
+        out, first = [], 0
+        for prepared, level in zip(self._runs, levels, strict=True):
+            last, j = first + len(prepared.position), prepared.motion.joint - 1
+            error = noise.sample_std[j] * errors[first:last] + noise.level_std[j] * level
+            out.append(self._run(prepared, prepared.current + error, first))
+            first = last
+        return tuple(out)
+
+    def _prepare(self, stretch: Stretch, motion: Motion, *, clock: float, cells: int) -> _Prepared:
+        j = motion.joint - 1
+        path = stretch.paths[j]
+        first, last = (stretch.lead + instant for instant in path.kept)
+        local = np.arange(np.ceil(first * self.rate), np.floor(last * self.rate) + 1) / self.rate
+        if len(local) < _FEWEST:
+            raise ModelError(
+                "run-too-short",
+                f"a run of joint {motion.joint} keeps its speed for {len(local)} samples only (at {self.rate:g} Hz)",
+                Where(joint=motion.joint),
+                "widen its span, lower its velocity or raise the rate",
+            )
+        own = path.kept_at(local - stretch.lead)
+        speed = path.peak * float(np.sign(path.end - path.start))
+        columns = [np.cos(own), np.sin(own)] if self.truth.robot.joints[j].is_revolute else [0.0 * own, 0.0 * own]
+        basis, upper = np.linalg.qr(np.column_stack([*columns, np.ones(len(own))]))
+        sign = np.where(np.diag(upper) < 0, -1.0, 1.0)
+        edges = np.linspace(0, len(own), max(1, min(cells, len(own) // 2)) + 1).astype(np.int64)
+        return _Prepared(
+            motion=motion,
+            speed=speed,
+            position=own,
+            current=self._current(motion, own, speed=speed, time=clock + local),
+            basis=np.ascontiguousarray((basis * sign).T),
+            upper=upper * sign[:, None],
+            edges=edges[:-1],
+            cells=self._empty_cells(motion, own, speed=speed, time=clock + local, edges=edges),
+        )
+
+    def _current(self, motion: Motion, own: Floats, *, speed: float, time: Floats) -> Floats:
+        truth, j = self.truth, motion.joint - 1
+        if not truth.hidden:
+            return self._gravity(motion, own) + truth.friction.current(motion.joint, np.full(len(own), speed))
+        position = np.tile(np.array(motion.hold, dtype=float), (len(own), 1))
+        position[:, j] = own - speed * delays(truth.hidden, truth.robot.n_joints)[j]
+        velocity, travel = np.zeros_like(position), np.zeros_like(position)
+        velocity[:, j], travel[:, j] = speed, np.abs(position[:, j] - motion.start)
+        warm = np.tile(curve(time)[:, None], truth.robot.n_joints)
+        at = Instants(time, self._first, position, velocity, np.zeros_like(position), travel, warm)
+        return truth.current(motion.joint, at)
+
+    def _gravity(self, motion: Motion, own: Floats) -> Floats:
+        """While one joint moves its gravity is ``C cos q + S sin q`` (turning) or constant (sliding)."""
+        j = motion.joint - 1
+        ends = np.tile(np.array(motion.hold, dtype=float), (2, 1))
+        ends[:, j] = [0.0, 0.5 * np.pi]
+        at_zero, at_quarter = self.truth.gravity_current(ends)[:, j]
+        if self.truth.robot.joints[j].is_revolute:
+            return np.asarray(at_zero * np.cos(own) + at_quarter * np.sin(own))
+        return np.full(len(own), at_zero)
+
+    def _empty_cells(self, motion: Motion, own: Floats, *, speed: float, time: Floats, edges: Counts) -> Cells:
+        j, count = motion.joint - 1, np.diff(edges)
+        position = np.tile(np.array(motion.hold, dtype=float), (len(count), 1))
+        position[:, j] = np.add.reduceat(own, edges[:-1]) / count
+        mean_time = np.add.reduceat(time, edges[:-1]) / count
+        return Cells(
+            count=count,
+            time=mean_time,
+            position=position,
+            velocity=np.full(len(count), speed),
+            acceleration=np.zeros(len(count)),
+            current=np.zeros(len(count)),
+            variance=np.zeros(len(count)),
+            temperature=curve(mean_time) if self.truth.has_warmth else np.full(len(count), np.nan),
+        )
+
+    @staticmethod
+    def _run(prepared: _Prepared, current: Floats, first: int) -> Run:
+        """The run whose moving joint draws `current` (N,); what it leaves of its samples is what a log would leave."""
+        motion, cells, j = prepared.motion, prepared.cells, prepared.motion.joint - 1
+        inside = prepared.basis @ current
+        left = current - inside @ prepared.basis
+        factor = np.zeros((4, 4))
+        factor[:3, :3], factor[:3, 3], factor[3, 3] = prepared.upper, inside, np.sqrt(left @ left)
+        mean = np.add.reduceat(current, prepared.edges) / cells.count
+        square = np.add.reduceat(current**2, prepared.edges) / cells.count
+        posture = np.array(motion.hold, dtype=float)
+        posture[j] = np.nan
+        return Run(
+            joint=motion.joint,
+            kind="constant",
+            origin="bench",
+            first_row=first + 2,
+            last_row=first + len(current) + 1,
+            start=float(cells.time[0]),
+            duration=float(cells.time[-1] - cells.time[0]),
+            posture=posture,
+            span=(float(prepared.position[0]), float(prepared.position[-1])),
+            speed=prepared.speed,
+            ripple=0.0,
+            temperature=float(np.mean(cells.temperature)),
+            triangle=Triangle(CONSTANT_COLUMNS, factor, len(current)),
+            cells=replace(cells, current=mean, variance=np.maximum(square - mean**2, 0.0)),
+            heldout=motion.purpose == "heldout",
+        )
+
+
+def runs(truth: Truth, plan: Plan, rng: np.random.Generator, *, rate: float = 100.0) -> tuple[Run, ...]:
+    """The runs of one experiment; for many experiments keep a `Bench`.
+
+    Parameters
+    ----------
+    truth, plan
+        The robot, and what it executes.
+    rng
+        Source of the noise.
+    rate
+        Samples a second.
+    """
+    return Bench(truth, plan, rate=rate).runs(rng)

@@ -1,0 +1,113 @@
+"""A plausible robot for a recipe: masses, motors, friction and noise drawn from a seed."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pumaid.records import Robot
+from pumaid.simulation.links import Links, gravity_load
+from pumaid.simulation.ranges import anywhere
+from pumaid.simulation.timing import accelerations, highest_speeds
+from pumaid.simulation.truth import Friction, Noise, Truth
+
+Floats = NDArray[np.float64]
+
+#: kg a metre of an arm's first link; links grow lighter outward.
+_LINK_DENSITY = 22.0
+#: A link's body where the geometry gives it no length (a wrist), as a share of the arm's reach.
+_SHORTEST = 0.08
+#: A link's mass against that of the link before, at equal length.
+_TAPER = 0.72
+#: A: current at which a motor gives its rated load.
+_RATED = (3.0, 6.0)
+#: Motor encoder counts a turn, and the gear taken where the recipe states none.
+_COUNTS, _GEAR = 65536, 100.0
+#: Counts a metre of a sliding joint.
+_COUNTS_PER_METRE = 1e6
+#: A: noise of a sample, and resolution of the current sensor.
+_NOISE, _CURRENT_STEP = 0.02, 0.001
+#: Break-away friction as a multiple of Coulomb friction.
+_BREAKAWAY = (1.05, 1.2)
+#: Significant digits of what is drawn: the last ones of a sum differ between machines, a robot must not.
+_DIGITS = 9
+
+
+def draw(robot: Robot, seed: int) -> Truth:
+    """A virtual robot with the recipe's geometry and whatever a recipe does not say drawn from `seed`.
+
+    Masses follow the links' lengths and fall outward; centres of mass lie along the link, off its axes. Each motor is
+    sized for the greatest load that its joint meets, so that gravity, friction and noise are in the proportions of real
+    arms whatever the arm's size; some motors count their current against the joint's direction.
+
+    Parameters
+    ----------
+    robot
+        Geometry, limits, gear ratios.
+    seed
+        Same seed, same robot.
+    """
+    rng, sticking = np.random.default_rng([seed, 1]), np.random.default_rng([seed, 1, 1])
+    links = _links(robot, rng)
+    capacity = _capacity(robot, links, rng)
+    sign = np.where(rng.random(robot.n_joints) < 0.25, -1.0, 1.0)
+    gain = _shortened(sign * rng.uniform(*_RATED, robot.n_joints) / capacity)
+    gears = np.array([joint.gear_ratio or _GEAR for joint in robot.joints])
+    counts = np.where(robot.is_revolute, _COUNTS * np.abs(gears) / (2 * np.pi), _COUNTS_PER_METRE)
+    std = _NOISE * rng.uniform(0.7, 1.3, robot.n_joints)
+    return Truth(
+        robot=robot,
+        friction=_friction(robot, sign, rng),
+        noise=Noise(std, current_step=_CURRENT_STEP, counts=np.asarray(np.round(counts), dtype=float)),
+        links=links,
+        gain=gain,
+        inertia=sign * rng.uniform(0.3, 0.8, robot.n_joints) / accelerations(robot),
+        seed=seed,
+        breakaway=_shortened(sticking.uniform(*_BREAKAWAY, robot.n_joints)),
+    )
+
+
+def _links(robot: Robot, rng: np.random.Generator) -> Links:
+    n = robot.n_joints
+    along = np.zeros((n, 3))
+    for i, after in enumerate(robot.joints[1:]):
+        along[i] = [after.a, -after.d * np.sin(after.alpha), after.d * np.cos(after.alpha)]
+    length = np.linalg.norm(along, axis=1)
+    shortest = _SHORTEST * (np.sum(length) or 1.0)
+    size = np.maximum(length, shortest)
+    mass = _LINK_DENSITY * size * _TAPER ** np.arange(n) * rng.uniform(0.8, 1.25, n)
+    across = shortest * rng.uniform(0.15, 0.6, (n, 3)) * rng.choice([-1.0, 1.0], (n, 3))
+    return Links(_shortened(mass), _shortened(along * rng.uniform(0.3, 0.6, (n, 1)) + across))
+
+
+def _shortened(values: Floats) -> Floats:
+    """Each to `_DIGITS` significant digits."""
+    return np.array([float(f"{value:.{_DIGITS}g}") for value in values.flat]).reshape(values.shape)
+
+
+def _capacity(robot: Robot, links: Links, rng: np.random.Generator) -> Floats:
+    """(J,) rated load: the greatest that gravity asks in any of many postures, with something to spare."""
+    load = np.max(np.abs(gravity_load(robot, links, anywhere(robot, 400, rng))), axis=0)
+    # Rounding of right angles is no load, and a motor sized for it would turn it into amperes.
+    load[load < 1e-9 * np.sum(links.mass) * np.linalg.norm(robot.gravity)] = 0.0
+    # A joint that never lifts (parallel to gravity) still has a motor: one for a tenth of the kind's greatest load.
+    kinds = robot.is_revolute
+    for kind in (True, False):
+        if np.any(kinds == kind):
+            largest = np.max(load[kinds == kind])
+            load = np.where(kinds == kind, np.maximum(load, 0.1 * largest if largest > 0 else 1.0), load)
+    return load * rng.uniform(1.3, 2.2, robot.n_joints)
+
+
+def _friction(robot: Robot, sign: Floats, rng: np.random.Generator) -> Friction:
+    """Coulomb 0.25..0.7 A and as much viscous current at the highest speed, each direction its own."""
+    n = robot.n_joints
+    coulomb = rng.uniform(0.25, 0.7, n)
+    viscous = rng.uniform(0.25, 0.8, n) * coulomb / highest_speeds(robot)
+    uneven = rng.uniform(0.8, 1.2, (4, n))
+    return Friction(
+        sign * coulomb * uneven[0],
+        -sign * coulomb * uneven[1],
+        sign * viscous * uneven[2],
+        sign * viscous * uneven[3],
+    )

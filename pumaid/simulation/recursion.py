@@ -1,0 +1,130 @@
+"""The paper's own recursion: what each motor current carries, from constants in amperes alone.
+
+Equation numbers are those of S.-K. Lin, "Identification of a Class of Nonlinear Deterministic Systems with Application
+to Manipulators". Letters: k*, m*, l* are the paper's starred quantities, s_{i+1} the vector from origin i
+to origin i+1.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pumaid.maths.frames import link_rotation
+from pumaid.records import Robot
+from pumaid.simulation.links import Links
+
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Constants:
+    """What gravity is worth in amperes, as in the paper's Table I.
+
+    Attributes
+    ----------
+    x, y
+        (J,) k*_ix, k*_iy of revolute links, A s2/m; not used of prismatic ones.
+    mass
+        (J,) m^*_i of prismatic links, A s2/m; not used of revolute ones.
+    ratio
+        (J-1,) eta_i / eta_{i+1}.
+    """
+
+    x: Floats
+    y: Floats
+    mass: Floats
+    ratio: Floats
+
+
+def constants(robot: Robot, links: Links, gain: Floats) -> Constants:
+    """Constants of an arm whose masses are known: (13)-(15), (21), (22).
+
+    Parameters
+    ----------
+    robot
+        J joints.
+    links
+        Masses and centres.
+    gain
+        (J,) eta: current per load, A/(N m) or A/N.
+    """
+    n = robot.n_joints
+    outer_mass = np.cumsum(links.mass[::-1])[::-1]
+    k = links.mass[:, None] * links.centre
+    for i in range(n - 2, -1, -1):
+        after = robot.joints[i + 1]
+        turn = link_rotation(after.alpha, after.theta)
+        if after.is_revolute:
+            s = np.array([after.a, -after.d * np.sin(after.alpha), after.d * np.cos(after.alpha)])
+            # R [0, 0, k_z] does not depend on the joint's angle: z of frame i+1 is fixed in frame i.
+            k[i] += outer_mass[i + 1] * s + turn[:, 2] * k[i + 1, 2]
+        else:
+            k[i] += outer_mass[i + 1] * np.array([after.a, 0.0, 0.0]) + turn @ k[i + 1]
+    return Constants(gain * k[:, 0], gain * k[:, 1], gain * outer_mass, gain[:-1] / gain[1:])
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Geometry:
+    """What the recursion needs of N postures: gravity in every link's frame, turns between frames, displacements d.
+
+    `gravity` (N, J, 3) m/s2; `turns` J arrays (N, 3, 3), from frame i into frame i-1; `displacements` (N, J) m.
+    """
+
+    gravity: Floats
+    turns: tuple[Floats, ...]
+    displacements: Floats
+
+    @classmethod
+    def of(cls, robot: Robot, position: Floats) -> Geometry:
+        """At `position` (N, J), rad or m."""
+        angles = robot.dh_angles(position)
+        turns = tuple(link_rotation(robot.alphas[:, None], angles.T))
+        here = np.broadcast_to(np.asarray(robot.gravity, dtype=float), (len(angles), 3))
+        gravity = []
+        for turn in turns:
+            here = np.einsum("nab,na->nb", turn, here)
+            gravity.append(here)
+        return cls(np.stack(gravity, axis=1), turns, robot.dh_displacements(position))
+
+
+def gravity_current(robot: Robot, known: Constants, position: Floats) -> Floats:
+    """Current that carries the weight, by (11) and (23)-(25), from the tip inward.
+
+    Parameters
+    ----------
+    robot
+        J joints.
+    known
+        Constants and neighbour ratios.
+    position
+        (N, J) measured positions, rad or m.
+
+    Returns
+    -------
+    current
+        (N, J) A.
+    """
+    return carried(robot, known, Geometry.of(robot, position))
+
+
+def carried(robot: Robot, known: Constants, geometry: Geometry) -> Floats:
+    """`gravity_current` where the geometry is known already: (N, J) A."""
+    gravity, n = geometry.gravity, robot.n_joints
+    current, varying = np.zeros(gravity.shape[:2]), np.zeros((len(gravity), 3))
+    for i in range(n - 1, -1, -1):
+        # varying holds l*_i = eta_{i+1} l_i here, so that (eta_i / eta_{i+1}) l*_i is in amperes of joint i.
+        ratio = known.ratio[i] if i < n - 1 else 0.0
+        if robot.joints[i].is_revolute:
+            across = np.column_stack([-gravity[:, i, 1], gravity[:, i, 0]])
+            nu = np.sum(across * varying[:, :2], axis=1)
+            current[:, i] = across @ np.array([known.x[i], known.y[i]]) + ratio * nu
+            seen = ratio * varying + np.array([known.x[i], known.y[i], 0.0])
+        else:
+            current[:, i] = -gravity[:, i, 2] * known.mass[i]
+            seen = ratio * varying
+            seen[:, 2] += known.mass[i] * geometry.displacements[:, i]
+        varying = np.einsum("nab,nb->na", geometry.turns[i], seen)
+    return current

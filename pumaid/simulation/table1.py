@@ -1,0 +1,111 @@
+"""The paper's PUMA 560 as a virtual robot, and the experiment that was made on it (Table I)."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from pumaid.records import Joint, Motion, Plan, Posture, Robot
+from pumaid.simulation.recursion import Constants
+from pumaid.simulation.truth import Friction, Noise, Truth
+from pumaid.units import factor
+
+#: The table prints k* times this, m/s2.
+TABLE_GRAVITY = 9.8
+_DEG = factor("deg")
+
+_NAMES = ("waist", "shoulder", "elbow", "wrist roll", "wrist pitch", "flange")
+_ALPHA_DEG = (0.0, -90.0, 0.0, 90.0, -90.0, 90.0)
+_A = (0.0, 0.0, 0.4318, -0.0203, 0.0, 0.0)
+_D = (0.0, 0.2435, -0.0934, 0.4331, 0.0, 0.0)
+_K_X = (0.0, 2.191535, 0.02212, -0.03060, -0.01424, -0.00053)
+_K_Y = (0.0, 0.00371, 0.80144, 0.01287, 0.13828, 0.00043)
+#: eta_1/eta_2 acts on nothing (joint 1 is parallel to gravity) and is not in the table; 1 stands in.
+_RATIO = (1.0, -0.57450, 0.10676, 0.14463, 0.000002)
+_COULOMB_PLUS = (0.71678, 0.54814, -0.45359, -0.16843, -0.18605, -0.16082)
+_COULOMB_MINUS = (-0.28355, -0.98279, 0.36250, 0.22914, 0.27428, 0.23237)
+_VISCOUS_PLUS = (0.00222, 0.00677, -0.00573, -0.00133, -0.00290, -0.00181)
+_VISCOUS_MINUS = (0.00332, 0.00291, -0.00475, -0.00121, -0.00195, -0.00238)
+_STD = (0.0225, 0.0293, 0.0149, 0.0187, 0.0167, 0.00636)
+
+#: Steps of the current sensor (A) and of the encoders (counts a rad): well below the noise.
+_CURRENT_STEP, _COUNTS = 0.0005, 1e5
+
+_ARM = (0, -90, 90, 0, 0, 0)
+_WRIST = (0, -90, 0, 0, 0, 0)
+#: joint -> its postures, deg.
+_POSTURES_DEG: dict[int, tuple[tuple[int, ...], ...]] = {
+    1: (_ARM,),
+    2: (_ARM, (0, -90, 150, 0, 0, 0)),
+    3: (_ARM, (0, -90, 90, 0, 90, 0)),
+    4: (_WRIST, (0, -90, 0, 0, 90, 0)),
+    5: (_WRIST, (0, -90, 0, 0, 0, 90)),
+    6: (_WRIST,),
+}
+_SPEEDS_DEG_S = (30, 40, 50, 60, 70)
+_SPAN_DEG = 125
+
+
+def robot() -> Robot:
+    """The PUMA 560 of the paper, without limits (the experiment turned every joint over -125..125 deg)."""
+    joints = tuple(
+        Joint(number=i + 1, name=_NAMES[i], kind="revolute", alpha=_ALPHA_DEG[i] * _DEG, a=_A[i], d=_D[i])
+        for i in range(6)
+    )
+    return Robot(name="PUMA 560", joints=joints)
+
+
+def puma560() -> Truth:
+    """The virtual robot whose parameters are those of Table I.
+
+    Its noise has the table's standard deviations, a fifth of the variance being a level of each run. Motor inertia and
+    the steps of encoders and current sensors are not in the table; plausible values stand in.
+
+    Source
+    ------
+    S.-K. Lin, "Identification of a Class of Nonlinear Deterministic Systems with Application to Manipulators", Table I.
+    """
+    friction = Friction(
+        np.array(_COULOMB_PLUS),
+        np.array(_COULOMB_MINUS),
+        np.array(_VISCOUS_PLUS) / _DEG,
+        np.array(_VISCOUS_MINUS) / _DEG,
+    )
+    known = Constants(
+        np.array(_K_X) / TABLE_GRAVITY, np.array(_K_Y) / TABLE_GRAVITY, np.zeros(6), np.array(_RATIO, dtype=float)
+    )
+    noise = Noise(np.array(_STD), current_step=_CURRENT_STEP, counts=np.full(6, _COUNTS))
+    inertia = np.array([0.12, 0.15, -0.06, -0.03, -0.03, -0.02])
+    return Truth(robot=robot(), friction=friction, noise=noise, known=known, inertia=inertia)
+
+
+def experiment(replicates: int = 1) -> Plan:
+    """The paper's motions: one joint at a time, five speeds, both directions, the postures of its Section IV.
+
+    Parameters
+    ----------
+    replicates
+        How often the whole is made.
+    """
+    postures = [
+        Posture(joint, _radians(hold), (), "a posture of the paper")
+        for joint, holds in _POSTURES_DEG.items()
+        for hold in holds
+    ]
+    motions = [
+        Motion(
+            joint=posture.joint,
+            hold=posture.hold,
+            start=-_SPAN_DEG * _DEG * sign,
+            end=_SPAN_DEG * _DEG * sign,
+            velocity=speed * _DEG,
+        )
+        for _ in range(replicates)
+        for posture in postures
+        for speed in _SPEEDS_DEG_S
+        for sign in (1, -1)
+    ]
+    return Plan(robot="PUMA 560", motions=tuple(motions), postures=tuple(postures))
+
+
+def _radians(degrees: tuple[int, ...]) -> tuple[float, ...]:
+    return tuple(value * _DEG for value in degrees)
