@@ -1,6 +1,6 @@
 """Small experiments for tests of the diagnosis: noise known to the cell, and slow dense algebra to check with.
 
-Positions, gravity, friction and hidden physics come from `pumaid.simulation`; noise is made here, cell by cell, so that a
+Positions, gravity, friction and hidden physics come from `simulation`; noise is made here, cell by cell, so that a
 test knows its correlation, its spread and its runs' levels, and can make it heavy-tailed.
 """
 

@@ -41,7 +41,7 @@ class Rigid:
     The engine solves the arm's dynamics and its dry friction (as a constraint: a joint at rest stays there until the
     motor's surplus passes the break-away level, `Truth.breakaway` times Coulomb friction). Coulomb friction that
     differs between directions is its mean and a constant push; viscous friction is by direction. Where the recipe's
-    gears couple joints, motors and their friction act on shafts (`pumaid.simulation.shafts`), which push all joints that
+    gears couple joints, motors and their friction act on shafts (`simulation.shafts`), which push all joints that
     turn them.
 
     Parameters
