@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pumaid.diagnosis.added import Added
-from pumaid.diagnosis.familywise import Family
+from pumaid.diagnosis.familywise import Familywise
 from pumaid.diagnosis.folds import Falls, falls, groups_of
 from pumaid.diagnosis.refine import at
 from pumaid.diagnosis.scan import Projector, Trial, surprise
@@ -93,7 +93,7 @@ class Contender:
         return "worth" if self.gain < WORTH else None
 
 
-def contender(on: Solved, grid: Trial, trial: Trial, *, shapes: Sequence[Added], family: Family) -> Contender:
+def contender(on: Solved, grid: Trial, trial: Trial, *, shapes: Sequence[Added], family: Familywise) -> Contender:
     """Judge one candidate.
 
     Parameters

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from pumaid.diagnosis.field import SAME_SPEED
 from pumaid.diagnosis.suspect import Suspect
-from pumaid.effects import Effect, Trace
+from pumaid.effects import Effect, Family
 from pumaid.records import Binned, Curve, Line, Loads, Robot, Samples
 
 Floats = NDArray[np.float64]
@@ -29,18 +29,17 @@ POINTS = 80
 #: Of a family of effects, the variable that shows it; a family that is not named is shown by what the effect itself
 #: adds.
 VARIABLES = {
-    "speed": "speed",
-    "load": "load",
-    "position": "position",
-    "torque": "position",
-    "start": "travel",
-    "time": "time",
-    "temperature": "temperature",
-    "current": "current",
+    Family.SPEED: "speed",
+    Family.LOAD: "load",
+    Family.POSITION: "position",
+    Family.TORQUE: "position",
+    Family.RIPPLE: "position",
+    Family.PAYLOAD: "time",
+    Family.START: "travel",
+    Family.TIME: "time",
+    Family.TEMPERATURE: "temperature",
+    Family.CURRENT: "current",
 }
-
-#: The same of what an effect says of itself in `Effect.trace`, where its family has a word of its own.
-TRACES = {Trace.SPEED: "speed", Trace.LOAD: "load", Trace.POSITION: "position", Trace.TIME: "time"}
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -122,9 +121,7 @@ def _axis(robot: Robot, samples: Samples, trial: Trial, *, change: Floats) -> Ax
     if frequency > 0.0:
         period = 2.0 * math.pi / frequency
         return Axis("position within one period", unit, np.mod(position, period), FINE, period)
-    family = trial.effect.family.split("(")[0].split(",")[0].strip()
-    known = [TRACES[trace] for trace in trial.effect.trace if trace in TRACES]
-    word = VARIABLES.get(family, known[0] if not family and known else "")
+    word = VARIABLES.get(trial.effect.family, "")
     loads = samples.loads
     if word == "speed":
         return Axis("speed", f"{unit}/s", _by_run(np.abs(samples.velocity[:, own]), samples.run), None)
@@ -187,7 +184,7 @@ def _line(
     robot: Robot, samples: Samples, axis: Axis, trial: Trial, *, way: int, places: Floats, change: Floats
 ) -> Line:
     """A smooth line over speed where the effect is the joint's own, else the binned change itself."""
-    own = trial.number in (None, samples.joint) and trial.effect.family.startswith("speed")
+    own = trial.number in (None, samples.joint) and trial.effect.family is Family.SPEED
     if axis.variable != "speed" or not own:
         return Line(trial.effect.name, way, places, change)
     grid = np.linspace(SLOWEST * places.min(), FASTEST * places.max(), POINTS)

@@ -33,7 +33,7 @@ AT_ONCE = 128
 
 
 @dataclass(frozen=True, eq=False, slots=True)
-class Family:
+class Familywise:
     """How surprising the best of a catalogue is where nothing is missing.
 
     Attributes
@@ -69,7 +69,7 @@ class Family:
         return min(self.handicaps.get(key, 0.0) + self._beyond[level], self.gross(key))
 
 
-def family(scan: Scan, *, periodic: str | None = None, flips: int = FLIPS) -> Family:
+def family(scan: Scan, *, periodic: str | None = None, flips: int = FLIPS) -> Familywise:
     """Flip the signs of whole runs' scores and keep the best shape of each candidate each time.
 
     Candidates with many shapes (all frequencies of a ripple) are handicapped by what these gain in the flips, so that
@@ -107,10 +107,10 @@ def family(scan: Scan, *, periodic: str | None = None, flips: int = FLIPS) -> Fa
             best = spectrum.highest(signs[:, runs])
             found[periodic, row.field.joint] = surprise(best / scale, PERIODIC)
     if not found:
-        return Family({}, np.zeros(flips))
+        return Familywise({}, np.zeros(flips))
     handicaps = {key: float(np.quantile(seen, BALANCED)) for key, seen in found.items()}
     largest = np.max([seen - handicaps[key] for key, seen in found.items()], axis=0)
-    return Family(handicaps, np.sort(largest), _lone(scan))
+    return Familywise(handicaps, np.sort(largest), _lone(scan))
 
 
 def _lone(scan: Scan) -> frozenset[Key]:

@@ -13,7 +13,7 @@ from pumaid.diagnosis.added import Added
 from pumaid.diagnosis.field import Field
 from pumaid.diagnosis.scan import Projector, Trial, trial_of
 from pumaid.diagnosis.system import Solved
-from pumaid.effects.base import NO_SHAPE, Effect, Parameter
+from pumaid.effects.base import NO_SHAPE, Effect, Family, Parameter
 from pumaid.records import Robot, Samples
 
 Floats = NDArray[np.float64]
@@ -51,6 +51,7 @@ class Free(Effect):
 
     title = "A free function"
     source = "C. de Boor, A Practical Guide to Splines, ch. 9 (linear B-splines)"
+    family = Family.SUSPECT
     needs_loads: ClassVar[bool] = True
 
     def __init__(self, form: Form, knots: Floats) -> None:

@@ -6,7 +6,7 @@ import numpy as np
 from scipy import special
 
 from pumaid.diagnosis.contender import LEVEL, WORTH, rmse
-from pumaid.diagnosis.familywise import GROSS, PERIODIC, Family
+from pumaid.diagnosis.familywise import GROSS, PERIODIC, Familywise
 from pumaid.diagnosis.scan import Scan, Trial
 from pumaid.diagnosis.variants import Catalogue
 from pumaid.effects import Effect, Scope
@@ -24,7 +24,7 @@ WAVE = 0.5
 FAINT = "the fitted model absorbs all of it in these runs"
 
 
-def limits(scan: Scan, catalogue: Catalogue, family: Family, *, periodic: Effect | None) -> dict[Key, Limit]:
+def limits(scan: Scan, catalogue: Catalogue, family: Familywise, *, periodic: Effect | None) -> dict[Key, Limit]:
     """The detection limit of every effect at every joint, in the unit of its first parameter.
 
     With information S of the parameter, all else refitted, a size a shifts the score by a sqrt(S) standard deviations;
@@ -92,7 +92,7 @@ def needed(surprise: float, freedoms: int, *, runs: float, gross: float = GROSS)
     return min((more + float(np.sqrt(more**2 - rest * (more**2 - threshold)))) / rest, most)
 
 
-def _size(trial: Trial, family: Family, scan: Scan) -> float:
+def _size(trial: Trial, family: Familywise, scan: Scan) -> float:
     if trial.information[0, 0] <= 0.0:
         return float("inf")
     variance = scan.solved.scale / float(trial.information[0, 0])  # the effect's other parameters zero

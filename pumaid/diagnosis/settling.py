@@ -9,7 +9,7 @@ import numpy as np
 
 from pumaid.diagnosis.added import Added
 from pumaid.diagnosis.field import Field
-from pumaid.effects.base import NO_SHAPE, Effect, Floats, Parameter
+from pumaid.effects.base import NO_SHAPE, Effect, Family, Floats, Parameter
 from pumaid.preprocessing.options import CONSTANT
 from pumaid.records import Robot, Samples
 
@@ -29,7 +29,7 @@ class Settling(Effect):
 
     title = "The current in which the speed settles"
     source = "S.-K. Lin, eq. (35): acceleration feedback within the load compensator"
-    family = "start"
+    family = Family.START
     opposes_motion: ClassVar[bool] = False
 
     def __init__(self, speeds: Sequence[float]) -> None:

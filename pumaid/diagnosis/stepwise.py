@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from pumaid.diagnosis.added import Added
 from pumaid.diagnosis.chain import Start
 from pumaid.diagnosis.contender import DECISIVE, LEVEL, Contender, contender, evidence, rivals
-from pumaid.diagnosis.familywise import Family, family
+from pumaid.diagnosis.familywise import Familywise, family
 from pumaid.diagnosis.field import COARSE, Field, fields_at
 from pumaid.diagnosis.noise import Noise
 from pumaid.diagnosis.periodogram import Spectrum, spectrum
@@ -49,7 +49,7 @@ class Step:
 
     scan: Scan
     catalogue: Catalogue
-    family: Family
+    family: Familywise
     chosen: Contender | None
     rivals: tuple[Contender, ...]
     contenders: tuple[Contender, ...]
@@ -206,7 +206,7 @@ class Stepwise:
                 out[fine.joint] = found
         return out
 
-    def _close(self, seen: Scan, chances: Family) -> list[Pair]:
+    def _close(self, seen: Scan, chances: Familywise) -> list[Pair]:
         """Candidates worth a close look, on the grid and with refined shapes, periodic ones at their peaks."""
         scale = seen.solved.scale
 
@@ -220,7 +220,7 @@ class Stepwise:
         pairs += [pair for joint in seen.spectra for pair in self._peak(seen, joint, chances)]
         return pairs
 
-    def _peak(self, seen: Scan, joint: int, chances: Family) -> list[Pair]:
+    def _peak(self, seen: Scan, joint: int, chances: Familywise) -> list[Pair]:
         """The highest peak of a joint's spectrum, at the finest cells."""
         effect, found = self.periodic, seen.spectra[joint]
         if effect is None or effect.periodic is None:
@@ -237,7 +237,7 @@ class Stepwise:
     def _at_finest(self, solved: Solved, joint: int) -> Solved:
         return at_cells(solved, next(one for one in self._finest if one.joint == joint))
 
-    def _judged(self, seen: Scan, tried: Catalogue, pair: Pair, chances: Family) -> Contender:
+    def _judged(self, seen: Scan, tried: Catalogue, pair: Pair, chances: Familywise) -> Contender:
         added = pair[1].added
         on, shapes = seen.solved, [one.added for one in tried.variants if one.added.key == added.key]
         if added.effect.periodic is not None and added.joint is not None:

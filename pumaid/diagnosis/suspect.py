@@ -7,7 +7,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from pumaid.effects.base import NO_SHAPE, Effect, Floats, Parameter, Shape
+from pumaid.effects.base import NO_SHAPE, Effect, Family, Floats, Parameter, Shape
 from pumaid.records import Extent, Robot, Samples
 
 #: What the column is multiplied by, in the order of the shape ``times``.
@@ -29,7 +29,7 @@ class Suspect(Effect):
 
     title = "A suspected column of the logs"
     source = "the user's suspicion"
-    family = "suspected"
+    family = Family.SUSPECT
     needs_loads: ClassVar[bool] = True
 
     def __init__(self, column: str, place: int, *, middle: float, spread: float) -> None:

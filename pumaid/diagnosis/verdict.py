@@ -10,11 +10,12 @@ from numpy.typing import NDArray
 
 from pumaid.diagnosis.agreement import Agreement, agreement
 from pumaid.diagnosis.contender import DECISIVE, Contender, evidence, rmse
-from pumaid.diagnosis.familywise import Family, family
+from pumaid.diagnosis.familywise import Familywise, family
 from pumaid.diagnosis.field import Field
 from pumaid.diagnosis.freeform import Free, free_trials, knot_values
 from pumaid.diagnosis.scan import Scan, Trial, surprise
 from pumaid.diagnosis.system import Solved
+from pumaid.effects import Family
 from pumaid.records import ADEQUATE, MISSING, UNEXPLAINED_JOINT, Unexplained
 
 Floats = NDArray[np.float64]
@@ -100,7 +101,7 @@ def _removed(start: float, end: float, field: Field, after: Agreement | None) ->
     return (start**2 - end**2) / (start**2 - min(floor2, end**2))
 
 
-def _free(last: Solved, scan: Scan, joint: int) -> tuple[list[Trial], Family]:
+def _free(last: Solved, scan: Scan, joint: int) -> tuple[list[Trial], Familywise]:
     """Free forms at a joint, and their chances under flips of runs' signs."""
     found = free_trials(last, joint)
     return found, family(Scan(last, tuple(found), {}, {}, scan.leverage))
@@ -131,13 +132,13 @@ def _shape(solved: Solved, trial: Trial, *, is_clear: bool = True) -> Unexplaine
 
 #: Free forms that are a family's own, and so no competitors of its effects.
 OWN = {
-    "speed": {"s f(v)"},
-    "load": {"s f(load)"},
-    "position": {"s f(q)"},
-    "start": {"s f(travel)"},
-    "time": {"s f(t)", "f(t)"},
-    "temperature": {"s f(t)", "f(t)"},
-    "torque(q)": {"f(q)"},
+    Family.SPEED: {"s f(v)"},
+    Family.LOAD: {"s f(load)"},
+    Family.POSITION: {"s f(q)"},
+    Family.START: {"s f(travel)"},
+    Family.TIME: {"s f(t)", "f(t)"},
+    Family.TEMPERATURE: {"s f(t)", "f(t)"},
+    Family.TORQUE: {"f(q)"},
 }
 
 

@@ -9,10 +9,10 @@ from collections.abc import Mapping
 from pathlib import Path
 from types import MappingProxyType
 
-from pumaid.effects.base import Effect, Parameter, Scope, Shape, Trace
+from pumaid.effects.base import Effect, Family, Parameter, Scope, Shape, Trace
 from pumaid.effects.outside import effect_in, from_entry_points, from_file
 
-__all__ = ["Effect", "Parameter", "Scope", "Shape", "Trace", "catalogue", "include", "is_extended"]
+__all__ = ["Effect", "Family", "Parameter", "Scope", "Shape", "Trace", "catalogue", "include", "is_extended"]
 
 #: Files that a user named in this process -> their effects.
 _INCLUDED: dict[Path, Effect] = {}

@@ -41,6 +41,25 @@ class Scope(Enum):
     ARM = "arm"  # the whole arm's
 
 
+class Family(Enum):
+    """What the current of an effect depends on."""
+
+    GRAVITY = "gravity"
+    DIRECTION = "direction"
+    SPEED = "speed"
+    LOAD = "load"
+    POSITION = "position"
+    TORQUE = "torque(q)"
+    RIPPLE = "position, fast"
+    START = "start"
+    TIME = "time"
+    PAYLOAD = "time, gravity"
+    TEMPERATURE = "temperature"
+    CURRENT = "current"
+    MOTION = "motion"
+    SUSPECT = "suspected"  # a column of the logs or a free function, in no catalogue
+
+
 class Trace(Enum):
     """Which residual can show the effect."""
 
@@ -100,7 +119,7 @@ class Effect(ABC):
     scope
         Whose the parameters are.
     family
-        What the current depends on, in a word or two: ``speed``, ``load``, ``position``, ``start``, ``time`` ...
+        What the current depends on.
     trace
         The residuals that show it.
     seen_in
@@ -131,7 +150,7 @@ class Effect(ABC):
     ...     title = "Friction with the square of speed"
     ...     equation = "c v |v|"
     ...     source = "an example"
-    ...     family = "speed"
+    ...     family = Family.SPEED
     ...     trace = (Trace.SPEED,)
     ...     def parameters(self, robot, number):
     ...         return (Parameter("square", "A s2/{unit}2", "current at unit speed", "c{n}"),)
@@ -144,7 +163,7 @@ class Effect(ABC):
     equation: ClassVar[str] = ""
     source: ClassVar[str]
     scope: ClassVar[Scope] = Scope.JOINT
-    family: ClassVar[str] = ""
+    family: ClassVar[Family]
     trace: ClassVar[tuple[Trace, ...]] = ()
     seen_in: ClassVar[str] = ""
     look_alikes: ClassVar[tuple[str, ...]] = ()

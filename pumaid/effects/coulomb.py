@@ -6,7 +6,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from pumaid.effects.base import NO_SHAPE, Effect, Floats, Parameter, Trace
+from pumaid.effects.base import NO_SHAPE, Effect, Family, Floats, Parameter, Trace
 from pumaid.records import Robot, Samples
 
 
@@ -19,7 +19,7 @@ class Coulomb(Effect):
     title = "Coulomb friction, each direction its own"
     equation = "lambda_1+ where qd > 0, lambda_1- where qd < 0"
     source = "S.-K. Lin, Identification of a Class of Nonlinear Deterministic Systems, eq. (20), Table I"
-    family = "direction"
+    family = Family.DIRECTION
     trace = (Trace.DIRECTION,)
     base = True
     in_triangle = True

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from pumaid.effects.base import NO_SHAPE, Effect, Floats, Parameter, Shape, Trace
+from pumaid.effects.base import NO_SHAPE, Effect, Family, Floats, Parameter, Shape, Trace
 from pumaid.records import Extent, Robot, Samples
 
 
@@ -24,7 +24,7 @@ class Counterbalance(Effect):
         " elastostatic parameters of heavy industrial robots, IEEE Int. Conf. Robotics and Automation 2013,"
         " arXiv:1311.6810 (geometry of the gravity compensator, here with a constant force)"
     )
-    family = "torque(q)"
+    family = Family.TORQUE
     trace = (Trace.POSITION,)
     seen_in = "runs of its joint over the whole span, in postures that change the joint's load"
     look_alikes = ("spring", "tilt", "ripple", "flexibility")

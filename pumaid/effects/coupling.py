@@ -6,7 +6,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from pumaid.effects.base import NO_SHAPE, Effect, Floats, Parameter, Scope, Shape, Trace, load_refusal, loads_of
+from pumaid.effects.base import NO_SHAPE, Effect, Family, Floats, Parameter, Scope, Shape, Trace, load_refusal, loads_of
 from pumaid.records import Extent, Robot, Samples
 
 
@@ -25,7 +25,7 @@ class Coupling(Effect):
         " eq. (38)-(40) (coupled wrist of the PUMA 560)"
     )
     scope = Scope.CAUSE
-    family = "gravity"
+    family = Family.GRAVITY
     trace = (Trace.POSITION, Trace.LOAD)
     seen_in = "runs in which the load of the joint that causes it changes: other postures, or a payload"
     look_alikes = ("zero_offset", "tilt", "counterbalance")

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from pumaid.effects.base import NO_SHAPE, Effect, Floats, Parameter, Trace, load_refusal, loads_of
+from pumaid.effects.base import NO_SHAPE, Effect, Family, Floats, Parameter, Trace, load_refusal, loads_of
 from pumaid.records import Robot, Samples
 
 
@@ -24,7 +24,7 @@ class Delay(Effect):
         "J. Swevers, W. Verdonck and J. De Schutter, Dynamic model identification for industrial robots, IEEE Control"
         " Systems Magazine 27 (2007) 58-71 (processing of measured data); first order in the delay"
     )
-    family = "motion"
+    family = Family.MOTION
     trace = (Trace.POSITION, Trace.SPEED, Trace.DIRECTION)
     seen_in = "runs both ways at several speeds, over stretches on which the load changes steeply"
     look_alikes = ("position_friction",)

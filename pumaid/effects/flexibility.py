@@ -6,7 +6,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from pumaid.effects.base import NO_SHAPE, Effect, Floats, Parameter, Scope, Trace, load_refusal, loads_of
+from pumaid.effects.base import NO_SHAPE, Effect, Family, Floats, Parameter, Scope, Trace, load_refusal, loads_of
 from pumaid.records import Robot, Samples
 
 
@@ -25,7 +25,7 @@ class Flexibility(Effect):
         " 109 (1987) 310-319, at rest and linearised in the deflection"
     )
     scope = Scope.CAUSE
-    family = "gravity"
+    family = Family.GRAVITY
     trace = (Trace.POSITION, Trace.LOAD)
     seen_in = "runs under much and little load: stretched and folded postures, a payload"
     look_alikes = ("counterbalance", "zero_offset", "spring")

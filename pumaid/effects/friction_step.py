@@ -6,7 +6,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from pumaid.effects.base import NO_SHAPE, Effect, Floats, Parameter, Shape, Trace, instants
+from pumaid.effects.base import NO_SHAPE, Effect, Family, Floats, Parameter, Shape, Trace, instants
 from pumaid.records import Extent, Robot, Samples
 
 
@@ -24,7 +24,7 @@ class FrictionStep(Effect):
         " under temperature uncertainties, IFAC World Congress 2011; M. Basseville and I. V. Nikiforov, Detection of"
         " Abrupt Changes, Prentice Hall 1993, chapter 2 (change of a mean)"
     )
-    family = "time"
+    family = Family.TIME
     trace = (Trace.TIME, Trace.DIRECTION)
     seen_in = "runs both ways that are repeated before and after"
     look_alikes = ("warmup", "torque_constant_drift", "thermal_friction")

@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from pumaid.effects.base import NO_SHAPE, Effect, Floats, Parameter, Scope, Trace
+from pumaid.effects.base import NO_SHAPE, Effect, Family, Floats, Parameter, Scope, Trace
 from pumaid.maths.frames import axes
 from pumaid.records import Robot, Samples
 
@@ -26,7 +26,7 @@ class Gravity(Effect):
     equation = "sum over links j: k_jx (z_i x g) . x_j + k_jy (z_i x g) . y_j"
     source = "S.-K. Lin, Identification of a Class of Nonlinear Deterministic Systems, eq. (9)-(25)"
     scope = Scope.LINK
-    family = "gravity"
+    family = Family.GRAVITY
     trace = (Trace.POSITION,)
     base = True
     in_triangle = True

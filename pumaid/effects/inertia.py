@@ -6,7 +6,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from pumaid.effects.base import NO_SHAPE, Effect, Floats, Parameter, Scope, Trace
+from pumaid.effects.base import NO_SHAPE, Effect, Family, Floats, Parameter, Scope, Trace
 from pumaid.records import Robot, Samples
 
 
@@ -20,7 +20,7 @@ class Inertia(Effect):
     equation = "J dv/dt"
     source = "J. J. Craig, Introduction to Robotics, 3rd ed., section 6.7; one joint moving alone"
     scope = Scope.JOINT
-    family = "motion"
+    family = Family.MOTION
     opposes_motion = True
     trace = (Trace.POSITION,)
     seen_in = "strokes from rest to rest, or runs whose speed wavers"

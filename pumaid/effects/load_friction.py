@@ -6,7 +6,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from pumaid.effects.base import NO_SHAPE, Effect, Floats, Parameter, Trace, load_refusal, loads_of
+from pumaid.effects.base import NO_SHAPE, Effect, Family, Floats, Parameter, Trace, load_refusal, loads_of
 from pumaid.records import Robot, Samples
 
 
@@ -25,7 +25,7 @@ class LoadFriction(Effect):
         "P. Hamon, M. Gautier and P. Garrec, Dynamic identification of robots with a dry friction model depending on"
         " load and velocity, IROS 2010, 6187-6193"
     )
-    family = "load"
+    family = Family.LOAD
     opposes_motion = True
     trace = (Trace.LOAD, Trace.DIRECTION)
     seen_in = "runs both ways under much and little load: stretched and folded postures, a payload"

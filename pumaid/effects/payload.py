@@ -9,6 +9,7 @@ import numpy as np
 from pumaid.effects.base import (
     NO_SHAPE,
     Effect,
+    Family,
     Floats,
     Parameter,
     Scope,
@@ -40,7 +41,7 @@ class Payload(Effect):
         " manipulators, IEEE Int. Conf. Robotics and Automation 2007, 4943-4948"
     )
     scope = Scope.ARM
-    family = "time, gravity"
+    family = Family.PAYLOAD
     trace = (Trace.TIME, Trace.POSITION)
     seen_in = "the same runs with and without it"
     look_alikes = ("torque_constant_drift", "tilt")

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from pumaid.effects.base import NO_SHAPE, Effect, Floats, Parameter, Shape, Trace
+from pumaid.effects.base import NO_SHAPE, Effect, Family, Floats, Parameter, Shape, Trace
 from pumaid.records import Extent, Robot, Samples
 
 #: Harmonics that a search begins with.
@@ -26,7 +26,7 @@ class PositionFriction(Effect):
         "B. Armstrong, Friction: experimental determination, modeling and compensation, IEEE Int. Conf. Robotics and"
         " Automation 1988, 1422-1427 (position-dependent friction of a PUMA 560)"
     )
-    family = "position"
+    family = Family.POSITION
     trace = (Trace.POSITION, Trace.DIRECTION)
     seen_in = "runs both ways over the joint's whole span"
     look_alikes = ("load_friction", "side_load_friction")

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from pumaid.effects.base import NO_SHAPE, Effect, Floats, Parameter, Shape, Trace
+from pumaid.effects.base import NO_SHAPE, Effect, Family, Floats, Parameter, Shape, Trace
 from pumaid.records import Extent, Robot, Samples
 
 #: Starting lengths of the build-up.
@@ -27,7 +27,7 @@ class Presliding(Effect):
         " H. Olsson, K. J. Astrom and P. Lischinsky, A new model for control of systems with friction, IEEE Trans."
         " Automatic Control 40 (1995) 419-425"
     )
-    family = "start"
+    family = Family.START
     opposes_motion = True
     trace = (Trace.POSITION, Trace.DIRECTION)
     seen_in = "slow runs both ways, each from rest"

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from pumaid.effects.base import NO_SHAPE, Effect, Floats, Parameter, Shape, Trace
+from pumaid.effects.base import NO_SHAPE, Effect, Family, Floats, Parameter, Shape, Trace
 from pumaid.records import Extent, Robot, Samples
 
 #: Periods a turn of the motor: its eccentricity, a wave generator's two lobes, the usual counts of poles and slots.
@@ -35,7 +35,7 @@ class Ripple(Effect):
         " T. D. Tuttle and W. P. Seering, A nonlinear model of a harmonic drive gear transmission, IEEE Trans. Robotics"
         " and Automation 12 (1996) 368-374"
     )
-    family = "position, fast"
+    family = Family.RIPPLE
     trace = (Trace.POSITION,)
     seen_in = "slow runs over a wide span, sampled fast"
     look_alikes = ()

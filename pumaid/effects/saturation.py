@@ -6,7 +6,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from pumaid.effects.base import NO_SHAPE, Effect, Floats, Parameter, Shape, Trace, loads_of
+from pumaid.effects.base import NO_SHAPE, Effect, Family, Floats, Parameter, Shape, Trace, loads_of
 from pumaid.records import Extent, Robot, Samples
 
 #: Limits that a search begins with, as shares of the largest predicted current.
@@ -25,7 +25,7 @@ class Saturation(Effect):
         "M. W. Spong, S. Hutchinson and M. Vidyasagar, Robot Modeling and Control, Wiley 2006, chapter 6 (saturation of"
         " the actuator)"
     )
-    family = "current"
+    family = Family.CURRENT
     trace = (Trace.LOAD,)
     seen_in = "runs in which the current comes near its limit: fast, under much load"
     look_alikes = ("torque_droop", "stribeck", "viscous_power", "inertia")

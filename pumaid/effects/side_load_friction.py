@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from pumaid.effects.base import NO_SHAPE, Effect, Floats, Parameter, Trace, loads_of
+from pumaid.effects.base import NO_SHAPE, Effect, Family, Floats, Parameter, Trace, loads_of
 from pumaid.records import Robot, Samples
 
 
@@ -24,7 +24,7 @@ class SideLoadFriction(Effect):
         "A. C. Bittencourt and S. Gunnarsson, Static friction in a robot joint: modeling and identification of load and"
         " temperature effects, ASME J. Dynamic Systems, Measurement, and Control 134 (2012) 051013 (perpendicular load)"
     )
-    family = "load"
+    family = Family.LOAD
     opposes_motion = True
     trace = (Trace.LOAD, Trace.DIRECTION)
     seen_in = "runs both ways in postures in which gravity bends the joint's axis much and little"

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from pumaid.effects.base import NO_SHAPE, Effect, Floats, Parameter, Trace
+from pumaid.effects.base import NO_SHAPE, Effect, Family, Floats, Parameter, Trace
 from pumaid.records import Robot, Samples
 
 
@@ -21,7 +21,7 @@ class Spring(Effect):
         "Y. Wang, R. Gondokaryono, A. Munawar and G. S. Fischer, A convex optimization-based dynamic model"
         " identification package for the da Vinci Research Kit, IEEE Robotics and Automation Letters 4 (2019) 3657-3664"
     )
-    family = "torque(q)"
+    family = Family.TORQUE
     trace = (Trace.POSITION,)
     seen_in = "runs over the joint's whole span, in postures of much and little load"
     look_alikes = ("counterbalance", "tilt", "ripple", "presliding", "flexibility")

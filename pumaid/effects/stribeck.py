@@ -6,7 +6,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from pumaid.effects.base import NO_SHAPE, Effect, Floats, Parameter, Shape, Trace, friction_velocity
+from pumaid.effects.base import NO_SHAPE, Effect, Family, Floats, Parameter, Shape, Trace, friction_velocity
 from pumaid.records import Extent, Robot, Samples
 
 #: Starting speeds of the fall, from below the slowest run (where all but it are past the fall) to near the fastest.
@@ -28,7 +28,7 @@ class Stribeck(Effect):
         " of models, analysis tools and compensation methods for the control of machines with friction, Automatica 30"
         " (1994) 1083-1138, section 2"
     )
-    family = "speed"
+    family = Family.SPEED
     opposes_motion = True
     trace = (Trace.SPEED, Trace.DIRECTION)
     seen_in = "runs both ways at four speeds or more, down to the slowest that is smooth"

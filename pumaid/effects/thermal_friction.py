@@ -6,7 +6,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from pumaid.effects.base import NO_SHAPE, Effect, Floats, Parameter, Trace
+from pumaid.effects.base import NO_SHAPE, Effect, Family, Floats, Parameter, Trace
 from pumaid.records import Robot, Samples
 
 #: degC; where the effect is nothing. Another choice only moves Coulomb friction.
@@ -27,7 +27,7 @@ class ThermalFriction(Effect):
         "A. C. Bittencourt and S. Gunnarsson, Static friction in a robot joint: modeling and identification of load and"
         " temperature effects, ASME J. Dynamic Systems, Measurement, and Control 134 (2012) 051013"
     )
-    family = "temperature"
+    family = Family.TEMPERATURE
     trace = (Trace.TIME, Trace.DIRECTION)
     seen_in = "logs that hold the motors' temperatures, of a cold and of a warm arm"
     look_alikes = ("warmup", "torque_constant_drift", "friction_step")

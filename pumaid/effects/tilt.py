@@ -6,7 +6,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from pumaid.effects.base import NO_SHAPE, Effect, Floats, Parameter, Scope, Shape, Trace, load_refusal, loads_of
+from pumaid.effects.base import NO_SHAPE, Effect, Family, Floats, Parameter, Scope, Shape, Trace, load_refusal, loads_of
 from pumaid.records import Extent, Robot, Samples
 
 #: Ratios of gains at which a search begins: those of neighbours on published arms, of either sign.
@@ -29,7 +29,7 @@ class Tilt(Effect):
         " 2009, section 7.1.2 (gravity's potential), linearised about the recipe's direction"
     )
     scope = Scope.ARM
-    family = "gravity"
+    family = Family.GRAVITY
     trace = (Trace.POSITION,)
     seen_in = "runs of a joint whose axis is upright, and of others in several postures"
     look_alikes = ("zero_offset", "counterbalance", "coupling", "spring")

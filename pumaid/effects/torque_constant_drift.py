@@ -6,7 +6,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from pumaid.effects.base import NO_SHAPE, Effect, Floats, Parameter, Shape, Trace, loads_of
+from pumaid.effects.base import NO_SHAPE, Effect, Family, Floats, Parameter, Shape, Trace, loads_of
 from pumaid.records import Extent, Robot, Samples
 
 #: Time constants that a search begins with, as shares of the campaign's duration.
@@ -26,7 +26,7 @@ class TorqueConstantDrift(Effect):
         "T. Sebastian, Temperature effects on torque production and efficiency of PM motors using NdFeB magnets, IEEE"
         " Trans. Industry Applications 31 (1995) 353-357"
     )
-    family = "time"
+    family = Family.TIME
     trace = (Trace.TIME, Trace.LOAD)
     seen_in = "runs under much load, repeated over one long recording from a cold start"
     look_alikes = ("warmup", "thermal_friction", "friction_step", "payload")

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from pumaid.effects.base import NO_SHAPE, Effect, Floats, Parameter, Trace, loads_of
+from pumaid.effects.base import NO_SHAPE, Effect, Family, Floats, Parameter, Trace, loads_of
 from pumaid.records import Robot, Samples
 
 
@@ -21,7 +21,7 @@ class TorqueDroop(Effect):
         "T. J. E. Miller, Brushless Permanent-Magnet and Reluctance Motor Drives, Oxford University Press 1989"
         " (saturation of the torque constant)"
     )
-    family = "current"
+    family = Family.CURRENT
     trace = (Trace.LOAD,)
     seen_in = "runs under much and little load, up to high currents"
     look_alikes = ("saturation", "load_friction", "viscous_power", "stribeck")

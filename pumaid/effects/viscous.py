@@ -6,7 +6,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from pumaid.effects.base import NO_SHAPE, Effect, Floats, Parameter, Trace, friction_velocity
+from pumaid.effects.base import NO_SHAPE, Effect, Family, Floats, Parameter, Trace, friction_velocity
 from pumaid.records import Robot, Samples
 
 
@@ -16,7 +16,7 @@ class Viscous(Effect):
     title = "Viscous friction, each direction its own"
     equation = "lambda_2+ qd where qd > 0, lambda_2- qd where qd < 0"
     source = "S.-K. Lin, Identification of a Class of Nonlinear Deterministic Systems, eq. (20), Table I"
-    family = "speed"
+    family = Family.SPEED
     trace = (Trace.SPEED,)
     base = True
     in_triangle = True

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from pumaid.effects.base import NO_SHAPE, Effect, Floats, Parameter, Shape, Trace, friction_velocity
+from pumaid.effects.base import NO_SHAPE, Effect, Family, Floats, Parameter, Shape, Trace, friction_velocity
 from pumaid.records import Extent, Robot, Samples
 
 
@@ -23,7 +23,7 @@ class ViscousPower(Effect):
         "H. Olsson, K. J. Astrom, C. Canudas de Wit, M. Gafvert and P. Lischinsky, Friction models and friction"
         " compensation, European Journal of Control 4 (1998) 176-195, section 2 (classical models)"
     )
-    family = "speed"
+    family = Family.SPEED
     opposes_motion = True
     trace = (Trace.SPEED, Trace.DIRECTION)
     seen_in = "runs both ways at four speeds or more, up to the fastest allowed"

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from pumaid.effects.base import NO_SHAPE, Effect, Floats, Parameter, Shape, Trace
+from pumaid.effects.base import NO_SHAPE, Effect, Family, Floats, Parameter, Shape, Trace
 from pumaid.records import Extent, Robot, Samples
 
 #: Time constants that a search begins with, as shares of the campaign's duration.
@@ -26,7 +26,7 @@ class Warmup(Effect):
         "L. Simoni, M. Beschi, G. Legnani and A. Visioli, Friction modeling with temperature effects for industrial"
         " robot manipulators, IROS 2015, 3524-3529"
     )
-    family = "time"
+    family = Family.TIME
     opposes_motion = True
     trace = (Trace.TIME, Trace.DIRECTION)
     seen_in = "runs both ways, repeated over one long recording from a cold start"

@@ -11,6 +11,7 @@ from pumaid.effects.base import (
     POSTURES,
     ROUNDING,
     Effect,
+    Family,
     Floats,
     Parameter,
     Scope,
@@ -37,7 +38,7 @@ class ZeroOffset(Effect):
         " 2009, section 2.11 (kinematic calibration), here from gravity's load"
     )
     scope = Scope.CAUSE
-    family = "gravity"
+    family = Family.GRAVITY
     trace = (Trace.POSITION,)
     seen_in = "runs of the joints before it while it is held at several positions, better with a payload"
     look_alikes = ("tilt", "coupling", "counterbalance", "flexibility")

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pumaid.chosen import Chosen, in_order, scale_of
+from pumaid.effects import Family
 from pumaid.equations import Block
 from pumaid.estimation.gauge import Gauge, gauge_of
 from pumaid.estimation.ground import Ground
@@ -26,7 +27,10 @@ Floats = NDArray[np.float64]
 SEARCHES = 2
 
 #: Families of effects that are the same within a stretch of a run as long as a few of its cells.
-SLOW = ("speed", "load", "time", "time, gravity", "temperature", "gravity", "torque(q)", "current")
+SLOW = (
+    *(Family.SPEED, Family.LOAD, Family.TIME, Family.PAYLOAD),
+    *(Family.TEMPERATURE, Family.GRAVITY, Family.TORQUE, Family.CURRENT),
+)
 
 #: Cells a run in which these are looked for.
 COARSE = 64

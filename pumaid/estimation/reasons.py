@@ -9,7 +9,7 @@ from functools import lru_cache
 import numpy as np
 
 from pumaid.chosen import Column
-from pumaid.effects import Scope
+from pumaid.effects import Family, Scope
 from pumaid.maths.alike import grouped, marked, near
 from pumaid.model import SAME_POSTURE, Model
 from pumaid.records import Run
@@ -100,18 +100,19 @@ def of_column(
     return Reason(f"only determined together with {shared}", "repeat its runs in another posture and at other speeds")
 
 
-#: Word of an effect's family -> the run that would show it better.
+#: Family of an effect -> the run that would show it better.
 MORE = {
-    "speed": "run the joint at more speeds, slow and fast ones",
-    "load": "run the joint in postures in which it carries much and little",
-    "position": "let the joint travel further, in both directions",
-    "torque(q)": "let the joint travel further, in both directions",
-    "start": "run the joint from rest, at several speeds",
-    "time": "spread repeated runs over a longer time",
-    "temperature": "repeat runs with the motor cold and warm",
-    "gravity": "repeat the runs with the other joints elsewhere",
-    "current": "run the joint in postures in which it draws more",
-    "motion": "run the joint with harder acceleration, and slowly",
+    Family.SPEED: "run the joint at more speeds, slow and fast ones",
+    Family.LOAD: "run the joint in postures in which it carries much and little",
+    Family.POSITION: "let the joint travel further, in both directions",
+    Family.TORQUE: "let the joint travel further, in both directions",
+    Family.START: "run the joint from rest, at several speeds",
+    Family.PAYLOAD: "spread repeated runs over a longer time",
+    Family.TIME: "spread repeated runs over a longer time",
+    Family.TEMPERATURE: "repeat runs with the motor cold and warm",
+    Family.GRAVITY: "repeat the runs with the other joints elsewhere",
+    Family.CURRENT: "run the joint in postures in which it draws more",
+    Family.MOTION: "run the joint with harder acceleration, and slowly",
 }
 
 
@@ -122,7 +123,7 @@ def _of_effect(model: Model, column: Column, facts: dict[int, Facts], partners: 
     own = [name for name in partners if name.split(".")[0] == column.effect]
     others = [name for name in partners if name not in own]
     effect = model.effects[column.place or 0].effect
-    more = MORE.get(effect.family.split(",")[0], MORE["position"])
+    more = MORE.get(effect.family, MORE[Family.POSITION])
     if column.shape is not None:
         one = model.effects[column.place or 0]
         best = f"best at its bound, {number(one.choice.shape[column.shape])}" if column.shape in one.held else ""

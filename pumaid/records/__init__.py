@@ -41,7 +41,6 @@ from pumaid.records.estimate import (
     JointFit,
     Value,
 )
-from pumaid.records.fleet import Fleet, Member, Shared
 from pumaid.records.ladder import Errors, History, Ladder, Rung
 from pumaid.records.log import Log
 from pumaid.records.plan import Motion, Plan, Posture
@@ -93,7 +92,6 @@ __all__ = [
     "Extent",
     "FileFacts",
     "Finding",
-    "Fleet",
     "History",
     "Joint",
     "JointDiagnosis",
@@ -106,7 +104,6 @@ __all__ = [
     "Log",
     "LogFormat",
     "Means",
-    "Member",
     "Motion",
     "NextRun",
     "OutsideScore",
@@ -119,7 +116,6 @@ __all__ = [
     "Rung",
     "Safety",
     "Samples",
-    "Shared",
     "Size",
     "Sphere",
     "Transfer",

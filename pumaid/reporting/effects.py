@@ -48,7 +48,7 @@ def facts(effect: Effect) -> dict[str, Any]:
         "base": effect.base,
         "scope": effect.scope.value,
         "owner": OWNERS[effect.scope],
-        "family": effect.family,
+        "family": effect.family.value,
         "shown_by": [trace.value for trace in effect.trace],
         "seen_in": effect.seen_in,
         "look_alikes": list(effect.look_alikes),

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from pumaid.effects import Effect, Scope
+from pumaid.effects import Effect, Family, Scope
 from pumaid.records import Joint, Loads, Robot, Samples
 
 Floats = NDArray[np.float64]
@@ -40,16 +40,17 @@ RANGES: dict[str, tuple[str, float, float]] = {
     "position": ("rad", -2.6, 2.6),
 }
 
-#: First word of an effect's family -> variables in which its signature is looked for; then all others.
+#: Family of an effect -> variables in which its signature is looked for; then all others.
 LIVES_IN = {
-    "speed": ("speed",),
-    "load": ("load",),
-    "current": ("predicted current",),
-    "start": ("travel",),
-    "time": ("time",),
-    "temperature": ("temperature",),
-    "motion": ("acceleration", "position"),
-    "direction": ("speed",),
+    Family.SPEED: ("speed",),
+    Family.LOAD: ("load",),
+    Family.CURRENT: ("predicted current",),
+    Family.START: ("travel",),
+    Family.TIME: ("time",),
+    Family.PAYLOAD: ("time",),
+    Family.TEMPERATURE: ("temperature",),
+    Family.MOTION: ("acceleration", "position"),
+    Family.DIRECTION: ("speed",),
 }
 
 #: Of a shape in the variable's own unit (a speed, a time): how many times its value is shown.
@@ -99,8 +100,7 @@ def signature(effect: Effect) -> Signature:
     """The current of `effect` against the first variable of its family in which it varies, at its examples."""
     owner = _owner(effect)
     shape = {one.name: one.example for one in effect.shapes(ARM, owner)}
-    family = effect.family.split(",")[0].split()
-    order = dict.fromkeys((*LIVES_IN.get(family[0] if family else "", ("position",)), *RANGES))
+    order = dict.fromkeys((*LIVES_IN.get(effect.family, ("position",)), *RANGES))
     found = [_seen(effect, owner, variable, shape) for variable in order]
     return next((one for one in found if _varies(one)), found[0])
 

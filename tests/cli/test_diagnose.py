@@ -259,12 +259,12 @@ def test_commands_repeat_what_the_model_has(arm):
 
 OWN = '''
 import numpy as np
-from pumaid.effects.base import Effect, Parameter, Trace
+from pumaid.effects.base import Effect, Family, Parameter, Trace
 
 class Brake(Effect):
     """s a q^2: a brake that rubs away from the middle."""
     title, equation, source = "Rubbing brake", "s a q^2", "my workshop"
-    family, trace = "position", (Trace.POSITION,)
+    family, trace = Family.POSITION, (Trace.POSITION,)
 
     def parameters(self, robot, number):
         return (Parameter("a", "A/{unit}2", "rubbing", "a{n}", 0.05),)

@@ -18,14 +18,14 @@ from pumaid.cli import group
 SAMPLE = Path(__file__).parents[2] / "sample_logs" / "pendulum"
 OWN = '''"""Rubbing that grows with the square of the position."""
 
-from pumaid.effects import Effect, Parameter, Trace
+from pumaid.effects import Effect, Family, Parameter, Trace
 
 
 class Brake(Effect):
     title = "Rubbing brake"
     equation = "s a q^2"
     source = "the maker's drawing"
-    family = "position"
+    family = Family.POSITION
     trace = (Trace.POSITION,)
 
     def parameters(self, robot, number):

@@ -10,7 +10,7 @@ import worlds
 
 from pumaid.diagnosis.curves import SLOWEST, Trial, curve
 from pumaid.diagnosis.suspect import Suspect
-from pumaid.effects import Effect, Trace
+from pumaid.effects import Effect, Family, Trace
 from pumaid.effects.base import Parameter, Shape
 from pumaid.records import Samples
 
@@ -18,7 +18,7 @@ from pumaid.records import Samples
 class Falling(Effect):
     """s a exp(-v / scale)."""
 
-    title, source, family, trace = "Falling", "an example", "speed", (Trace.SPEED,)
+    title, source, family, trace = "Falling", "an example", Family.SPEED, (Trace.SPEED,)
 
     def parameters(self, robot, number):
         return (Parameter("a", "A", "size", "a"),)
@@ -34,7 +34,7 @@ class Falling(Effect):
 class Waving(Falling):
     """a cos(f q)."""
 
-    family, trace, periodic = "position", (Trace.POSITION,), "frequency"
+    family, trace, periodic = Family.POSITION, (Trace.POSITION,), "frequency"
 
     def columns(self, robot, samples, *, number=None, shape=None):
         return np.cos(shape["frequency"] * samples.position[:, samples.joint - 1])[:, None]

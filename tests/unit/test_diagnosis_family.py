@@ -11,7 +11,7 @@ from scipy import stats
 from searches import Din, Lab, lever, pendulum
 
 from pumaid.diagnosis.added import Added
-from pumaid.diagnosis.familywise import Family, family
+from pumaid.diagnosis.familywise import Familywise, family
 from pumaid.diagnosis.scan import Scan, scan, surprise
 from pumaid.diagnosis.settling import settling
 from pumaid.diagnosis.variants import build
@@ -24,7 +24,7 @@ DRAWS = 150
 ALONE = (("viscous_power", 1), ("spring", 1), ("warmup", 1), ("load_friction", 1))
 
 
-def seen(found: Scan, chances: Family) -> float:
+def seen(found: Scan, chances: Familywise) -> float:
     """Chance of the best candidate of a scan."""
     best = found.best().items()
     return min(chances.p_value(k, float(surprise(v.statistic / found.solved.scale, v.width))) for k, v in best)

@@ -21,11 +21,11 @@ PAGE = Path(__file__).parents[2] / "docs" / "adding_an_effect.md"
 CHURNING = re.search(r"```python\n(.*?)```", PAGE.read_text(encoding="utf-8"), re.DOTALL)[1]
 #: An effect as short as it may be.
 SHORT = """
-from pumaid.effects import Effect, Parameter, Trace
+from pumaid.effects import Effect, Family, Parameter, Trace
 import numpy as np
 
 class Square(Effect):
-    title, equation, source, family, trace = "t", "c q^2", "a book, 1999", "position", (Trace.POSITION,)
+    title, equation, source, family, trace = "t", "c q^2", "a book, 1999", Family.POSITION, (Trace.POSITION,)
     def parameters(self, robot, number):
         return (Parameter("c", "A/rad2", "m", "c", 0.1),)
     def columns(self, robot, samples, *, number=None, shape=None):

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -27,7 +26,6 @@ from pumaid.cli.output import document, notes, remark, spare_inputs, table
 from pumaid.cli.progress import progress
 
 if TYPE_CHECKING:
-    from pumaid.cli.fleet import Stable
     from pumaid.records import Estimate, Robot
 
 #: What the fit and its table are made with; nothing of it is needed to read logs.
@@ -47,7 +45,6 @@ _BEHIND = ("pumaid.verbs.identify", "pumaid.reporting.tables", "pumaid.io.archiv
 @trust_option
 @click.option("--dask", default="", metavar="ADDRESS|local", help="Read the logs on a cluster of dask.distributed.")
 @pass_options
-@click.option("--fleet", is_flag=True, help="Each sub-folder holds the logs of a robot of its own.")
 @json_option
 def command(
     *,
@@ -63,7 +60,6 @@ def command(
     trust: bool,
     how: Pass,
     dask: str,
-    fleet: bool,
     as_json: bool,
 ) -> None:
     """Identify gravity, friction and gain ratios from logged currents.
@@ -72,29 +68,18 @@ def command(
     likelihood, prints the parameter table and writes the model. Effects that are added are fitted together with all the
     rest, their nonlinear parameters too.
 
-    A folder whose sub-folders each hold logs and a recipe.yaml is a fleet: a model each, and a table of the parameters
-    in which robots differ. With --fleet the sub-folders share the recipe beside them.
-
     \b
     Example:
       pumaid identify logs/
       pumaid identify logs/ --units deg -o results/first.json
       pumaid identify logs/ --add stribeck@3 --add ripple@elbow:frequency=58
       pumaid identify s3://bucket/logs --recipe recipe.yaml --dask tcp://10.0.0.5:8786
-      pumaid identify fleet/ --recipe recipe.yaml --fleet
       pumaid identify - --recipe recipe.yaml --json < log.csv | jq '.ratios'
     """
-    from pumaid.cli.fleet import stables
     from pumaid.cli.reading import read_files
 
     asked: dict[str, Any] = {"add": add, "remove": remove, "recursive": recursive, "heldout": heldout, "trust": trust}
     asked["how"] = replace(how, dask=dask)
-    robots = stables(logs, recipe, results, asked=fleet)
-    if robots:
-        if output is not None:
-            raise click.UsageError("-o names one model; those of a fleet go to --results FOLDER")
-        _whole_fleet(robots, asked, units=units, as_json=as_json)
-        return
     spare_inputs([output], read_files(logs, recipe) if output else [])
     robot, estimate = _identified(logs, recipe, asked)
     if str(output) == "-":
@@ -167,21 +152,3 @@ def _shown(estimate: Estimate, robot: Robot, units: str) -> None:
     if sums := sums_table(estimate, units):
         table("")
         table(sums)
-
-
-def _whole_fleet(robots: list[Stable], asked: dict[str, Any], *, units: str, as_json: bool) -> None:
-    from pumaid.cli.fleet import compared, identified, told_refusals
-    from pumaid.cli.one_pass import one_cluster
-
-    def one(robot: Stable, how: Pass) -> tuple[Robot, Estimate]:
-        remark(f"{robot.name}:")
-        logs = (str(robot.logs),)
-        arm, estimate = _identified(logs, robot.recipe, asked | {"how": how})
-        path = _written(estimate, arm, (logs, robot.recipe, robot.results), output=None)
-        remark(f"model written to {path}")
-        return arm, estimate
-
-    with one_cluster(asked["how"]) as how:
-        models, refused = identified(robots, partial(one, how=how))
-    compared(models, refused, units=units, as_json=as_json)
-    told_refusals(refused)

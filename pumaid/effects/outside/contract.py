@@ -9,7 +9,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from pumaid.effects.base import Effect, Parameter, Scope, Shape, Trace
+from pumaid.effects.base import Effect, Family, Parameter, Scope, Shape, Trace
 from pumaid.effects.outside.failing import refused
 from pumaid.errors import ModelError
 from pumaid.records import Extent, Joint, Loads, Robot, Samples
@@ -108,9 +108,11 @@ def _hint(effect: Effect, failure: BaseException | None) -> str:
 
 def _untold(effect: Effect, known: Collection[str]) -> str | None:
     """What an effect should say of itself and does not."""
-    for word in ("title", "equation", "source", "family"):
+    for word in ("title", "equation", "source"):
         if not isinstance(getattr(effect, word, None), str) or not getattr(effect, word).strip():
             return f"it says no {word}"
+    if not isinstance(getattr(effect, "family", None), Family):
+        return "family is none of " + ", ".join(f"Family.{one.name}" for one in Family)
     if not isinstance(effect.scope, Scope):
         return f"scope is {effect.scope!r}, not one of Scope"
     if not effect.trace or not all(isinstance(one, Trace) for one in effect.trace):
