@@ -22,13 +22,14 @@ __version__ = "0.1.0"
 _HOMES = {
     **dict.fromkeys(("Faults", "LogError", "ModelError", "Note", "PumaidError"), "pumaid.errors"),
     **dict.fromkeys(("RecipeError", "ResultError", "Where"), "pumaid.errors"),
-    **dict.fromkeys(("Cells", "Combination", "Comparison", "EffectChoice", "Estimate"), "pumaid.records"),
-    **dict.fromkeys(("Evidence", "FileFacts", "Joint", "JointFit", "JointScore", "Log"), "pumaid.records"),
-    **dict.fromkeys(("LogFormat", "Means", "Motion", "OutsideScore", "Plan", "Posture", "Reject"), "pumaid.records"),
-    **dict.fromkeys(("Robot", "Run", "RunScore", "Samples", "Value"), "pumaid.records"),
+    **dict.fromkeys(("Cells", "Combination", "Comparison", "Estimate"), "pumaid.records"),
+    **dict.fromkeys(("Evidence", "FileFacts", "JointFit", "JointScore", "Log"), "pumaid.records"),
+    **dict.fromkeys(("Means", "Motion", "OutsideScore", "Plan", "Posture", "Reject"), "pumaid.records"),
+    **dict.fromkeys(("Run", "RunScore", "Samples", "Value"), "pumaid.records"),
     **dict.fromkeys(("Budget", "BudgetPart", "Candidate", "Curve", "Diagnosis", "Finding"), "pumaid.records"),
     **dict.fromkeys(("JointDiagnosis", "Limit", "NextRun", "Size", "Unexplained"), "pumaid.records"),
     **dict.fromkeys(("Errors", "History", "Ladder", "Rung"), "pumaid.records"),
+    **dict.fromkeys(("EffectChoice", "Joint", "LogFormat", "Robot"), "pumaid.robot"),
     **{
         verb: f"pumaid.verbs.{verb}"
         for verb in ("compare", "diagnose", "export", "identify", "plan", "segment", "simulate")

@@ -9,7 +9,7 @@ from dataclasses import replace
 
 from pumaid.effects import Effect, Scope, catalogue
 from pumaid.errors import ModelError, Where
-from pumaid.records import EffectChoice, Robot
+from pumaid.robot import EffectChoice, Robot
 
 #: The joint that stands for all of them.
 ALL = "all"

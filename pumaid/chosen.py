@@ -12,7 +12,8 @@ from numpy.typing import NDArray
 from pumaid.effects import Effect, Scope, catalogue
 from pumaid.effects.base import Shape
 from pumaid.errors import ModelError, Where
-from pumaid.records import EffectChoice, Estimate, Robot, Samples
+from pumaid.records import Estimate, Samples
+from pumaid.robot import EffectChoice, Robot
 
 Floats = NDArray[np.float64]
 

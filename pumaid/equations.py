@@ -9,7 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pumaid.lateness import doubts
-from pumaid.records import CONSTANT_COLUMNS, Robot, Run, Samples, run_columns
+from pumaid.records import CONSTANT_COLUMNS, Run, Samples, run_columns
+from pumaid.robot import Robot
 from pumaid.sight import FLAT, Sight
 
 Floats = NDArray[np.float64]

@@ -8,7 +8,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from pumaid.records import Robot, Run, run_columns
+from pumaid.records import Run, run_columns
+from pumaid.robot import Robot
 
 Floats = NDArray[np.float64]
 

@@ -6,8 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pumaid.effects import catalogue
+from pumaid.kinematics import axes
 from pumaid.knots import swept
-from pumaid.maths.frames import axes
 from pumaid.model import Model
 from pumaid.records import Loads, Samples
 

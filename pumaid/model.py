@@ -13,9 +13,10 @@ from numpy.typing import NDArray
 from pumaid.chosen import Chosen, Column, in_order
 from pumaid.effects import Effect, Scope, catalogue
 from pumaid.equations import Block, of_cells, of_triangles, padded
+from pumaid.kinematics import apart
 from pumaid.knots import swept
-from pumaid.maths.frames import apart
-from pumaid.records import Campaign, Estimate, Robot, Run, Samples
+from pumaid.records import Campaign, Estimate, Run, Samples
+from pumaid.robot import Robot
 from pumaid.sight import Sight, samples_of
 from pumaid.structure import Structure, minimal
 

@@ -14,7 +14,8 @@ from pumaid.knots import COURSES, at, spread
 from pumaid.lateness import axes
 from pumaid.maths.short import lengths
 from pumaid.maths.slope import acceleration as acceleration_of
-from pumaid.records import Campaign, Loads, Robot, Run, Samples, run_columns
+from pumaid.records import Campaign, Loads, Run, Samples, run_columns
+from pumaid.robot import Robot
 
 Floats = NDArray[np.float64]
 Counts = NDArray[np.int64]

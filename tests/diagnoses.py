@@ -19,10 +19,10 @@ from pumaid.records import (
     Line,
     Motion,
     NextRun,
-    Robot,
     Size,
     Unexplained,
 )
+from pumaid.robot import Robot
 
 PUMA: Robot = replace(read_recipe(shipped_recipes()["puma560"]), name="PUMA 560")
 HOLD = (0.0, -1.57, 0.0, 0.5, 0.0, 0.0)

@@ -12,8 +12,9 @@ from pumaid.effects import catalogue
 from pumaid.io.recipe import read_recipe, shipped_recipes
 from pumaid.loads import loads
 from pumaid.model import Model
-from pumaid.records import EffectChoice, Estimate, JointFit, Robot, Samples
+from pumaid.records import Estimate, JointFit, Samples
 from pumaid.records.estimate import Value
+from pumaid.robot import EffectChoice, Robot
 from pumaid.simulation.draw import draw
 from tests.worlds import CRANE, arm, random_arm
 

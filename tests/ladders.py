@@ -8,7 +8,8 @@ from pathlib import Path
 import numpy as np
 
 from pumaid.io.archive import keep
-from pumaid.records import EffectChoice, Errors, Estimate, Joint, JointFit, Ladder, Robot, Rung, Value
+from pumaid.records import Errors, Estimate, JointFit, Ladder, Rung, Value
+from pumaid.robot import EffectChoice, Joint, Robot
 
 ARM = Robot("arm", (Joint(1, "a", "revolute"), Joint(2, "b", "revolute")), origin="recipe.yaml", digest="aa" * 32)
 STRIBECK, RIPPLE = EffectChoice("stribeck", 1, {"velocity": 0.1}), EffectChoice("ripple", 2, {"frequency": 50.0})

@@ -13,7 +13,8 @@ from pumaid.design.laps import courses, free, speeds
 from pumaid.design.menu import Menu, Ways, menu
 from pumaid.design.outlook import existing
 from pumaid.io.recipe import read_recipe, shipped_recipes
-from pumaid.records import Motion, Robot
+from pumaid.records import Motion
+from pumaid.robot import Robot
 from pumaid.simulation.ranges import candidates
 from pumaid.structure import minimal
 

@@ -19,7 +19,8 @@ from pumaid.diagnosis.field import Field, fields
 from pumaid.diagnosis.noise import Noise
 from pumaid.diagnosis.system import Solved, loaded, solve
 from pumaid.model import Model
-from pumaid.records import Estimate, Evidence, Motion, Plan, Robot, Run
+from pumaid.records import Estimate, Evidence, Motion, Plan, Run
+from pumaid.robot import Robot
 from pumaid.simulation import Bench, Hidden, Truth, draw
 from pumaid.verbs.identify import identify
 

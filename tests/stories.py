@@ -9,8 +9,9 @@ import worlds
 
 import pumaid
 from pumaid.errors import Note, Where
-from pumaid.records import Estimate, Evidence, FileFacts, JointFit, Reject, Robot, Value
+from pumaid.records import Estimate, Evidence, FileFacts, JointFit, Reject, Value
 from pumaid.reporting.story import Story
+from pumaid.robot import Robot
 from pumaid.verbs.compare import compare
 
 #: A name that would break a page, a LaTeX file or a Markdown table which did not escape it.

@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 
 from pumaid.io.urdf_recipe import UrdfRecipe
-from pumaid.maths.frames import axes, origins
+from pumaid.kinematics import axes, origins
 
 
 class Stated(NamedTuple):

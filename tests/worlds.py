@@ -12,19 +12,8 @@ from dataclasses import replace
 import numpy as np
 
 from pumaid.maths.triangle import Triangle
-from pumaid.records import (
-    CONSTANT_COLUMNS,
-    STROKE_COLUMNS,
-    Cells,
-    Estimate,
-    Evidence,
-    Joint,
-    Means,
-    Motion,
-    Plan,
-    Robot,
-    Run,
-)
+from pumaid.records import CONSTANT_COLUMNS, STROKE_COLUMNS, Cells, Estimate, Evidence, Means, Motion, Plan, Run
+from pumaid.robot import Joint, Robot
 from pumaid.simulation import Bench, Truth, draw, table1
 
 TURN = np.pi / 2

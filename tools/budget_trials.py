@@ -21,7 +21,8 @@ from blind_world.statistics import Share
 from pumaid.diagnosis.search import FALSE_ALARM
 from pumaid.errors import PumaidError
 from pumaid.io.recipe import read_recipe, shipped_recipes
-from pumaid.records import Budget, Evidence, FileFacts, Motion, Plan, Robot
+from pumaid.records import Budget, Evidence, FileFacts, Motion, Plan
+from pumaid.robot import Robot
 from pumaid.simulation import Bench, Truth, draw, table1
 from pumaid.simulation.hidden import Hidden, sized
 from pumaid.verbs.compare import compare

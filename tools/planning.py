@@ -25,7 +25,8 @@ import numpy as np
 
 from pumaid import identify, plan, segment, simulate
 from pumaid.io.recipe import read_recipe, shipped_recipes
-from pumaid.records import Estimate, Plan, Robot
+from pumaid.records import Estimate, Plan
+from pumaid.robot import Robot
 from pumaid.simulation import table1
 from pumaid.simulation.timing import duration
 

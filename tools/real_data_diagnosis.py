@@ -16,7 +16,8 @@ from recordings import folder, held_out, read
 
 from pumaid.cli.additions import MOST_ADDED, choice_of, reopened, spelled
 from pumaid.errors import PumaidError
-from pumaid.records import ADD, Diagnosis, Estimate, Evidence, Finding, JointDiagnosis, Robot
+from pumaid.records import ADD, Diagnosis, Estimate, Evidence, Finding, JointDiagnosis
+from pumaid.robot import Robot
 from pumaid.verbs.compare import compare
 from pumaid.verbs.diagnose import diagnose
 from pumaid.verbs.identify import identify

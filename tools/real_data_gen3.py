@@ -11,7 +11,8 @@ import pandas as pd
 from published_loads import GEN3, GEN3_NO_CAMERA, first_harmonic
 from recordings import folder, read, trial
 
-from pumaid.records import Combination, Estimate, Evidence, Robot
+from pumaid.records import Combination, Estimate, Evidence
+from pumaid.robot import Robot
 from pumaid.verbs.identify import identify
 
 HOME = (0.0,) * 7

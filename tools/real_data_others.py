@@ -10,7 +10,8 @@ import pandas as pd
 from recordings import folder, read
 
 from pumaid.errors import PumaidError
-from pumaid.records import Evidence, Robot
+from pumaid.records import Evidence
+from pumaid.robot import Robot
 from pumaid.verbs.identify import identify
 
 #: Motor turns per joint turn of the TX40, as its provenance states them.

@@ -15,7 +15,8 @@ from recordings import folder, held_out, read, trial
 from scipy.optimize import least_squares
 
 from pumaid.model import Model
-from pumaid.records import Estimate, Evidence, Robot, Samples
+from pumaid.records import Estimate, Evidence, Samples
+from pumaid.robot import Robot
 from pumaid.verbs.compare import compare
 from pumaid.verbs.identify import identify
 

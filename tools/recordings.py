@@ -14,7 +14,8 @@ from published_loads import G
 from pumaid.cli.reading import read_evidence
 from pumaid.io.recipe import shipped_recipes
 from pumaid.model import Model
-from pumaid.records import Comparison, Estimate, Evidence, Robot
+from pumaid.records import Comparison, Estimate, Evidence
+from pumaid.robot import Robot
 from pumaid.verbs.compare import compare
 from pumaid.verbs.identify import identify
 

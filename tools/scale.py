@@ -35,7 +35,8 @@ from pumaid.io.recipe import read_recipe, shipped_recipes
 from pumaid.io.table import LogReader, write_log
 from pumaid.preprocessing.options import DEFAULTS
 from pumaid.preprocessing.suspicion import Watch
-from pumaid.records import Evidence, Robot
+from pumaid.records import Evidence
+from pumaid.robot import Robot
 from pumaid.simulation import draw
 
 

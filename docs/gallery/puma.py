@@ -12,7 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pumaid.io.log_writer import write_log
-from pumaid.records import Joint, Log, Robot
+from pumaid.records import Log
+from pumaid.robot import Joint, Robot
 from pumaid.simulation import table1
 from pumaid.simulation.links import Links
 from pumaid.simulation.physics.rigid import Rigid

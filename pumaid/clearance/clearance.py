@@ -11,7 +11,7 @@ from pumaid.clearance.contacts import Contacts
 from pumaid.clearance.paths import Route, straight, trapezoids
 from pumaid.clearance.search import Nearest, nearest
 from pumaid.errors import Faults, RecipeError, Where
-from pumaid.records import Robot, Safety
+from pumaid.robot import Robot, Safety
 from pumaid.units import factor
 
 Floats = NDArray[np.float64]

@@ -11,7 +11,8 @@ from typing import TYPE_CHECKING
 from pumaid.cli.progress import progress
 
 if TYPE_CHECKING:
-    from pumaid.records import Diagnosis, EffectChoice, Estimate, Evidence, Finding, Robot
+    from pumaid.records import Diagnosis, Estimate, Evidence, Finding
+    from pumaid.robot import EffectChoice, Robot
 
 #: Share by which an addition may raise the error of the fitted runs: by rounding, not more.
 MAY_RISE = 0.01
@@ -81,7 +82,7 @@ def can_be_added(found: Finding) -> bool:
 def choice_of(found: Finding) -> EffectChoice:
     """A finding as an effect to be fitted: its shape is left open, but where the same effect may stand there twice."""
     from pumaid.effects import catalogue
-    from pumaid.records import EffectChoice
+    from pumaid.robot import EffectChoice
 
     shape = dict(found.shape) if catalogue()[found.effect].is_repeatable else {}
     return EffectChoice(found.effect, found.joint, shape)

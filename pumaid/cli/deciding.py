@@ -6,7 +6,8 @@ from collections.abc import Iterable
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from pumaid.records import Finding, Plan, Robot
+    from pumaid.records import Finding, Plan
+    from pumaid.robot import Robot
 
 
 def deciding(findings: Iterable[Finding], robot: Robot) -> Plan:

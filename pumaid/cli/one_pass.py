@@ -17,7 +17,8 @@ from pumaid.errors import LogError, Where
 if TYPE_CHECKING:
     from pumaid.io.table import LogPath
     from pumaid.preprocessing.options import SegmentOptions
-    from pumaid.records import Evidence, Robot
+    from pumaid.records import Evidence
+    from pumaid.robot import Robot
 
 #: Runs from which freed memory is given back at the end.
 _MANY_RUNS = 1000

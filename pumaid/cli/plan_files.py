@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING
 from pumaid.cli.output import remark
 
 if TYPE_CHECKING:
-    from pumaid.records import Plan, Robot
+    from pumaid.records import Plan
+    from pumaid.robot import Robot
 
 #: Forms of a plan; the last two are programs, which are not read back.
 PLAN_FORMS = ("yaml", "csv", "urscript", "ros2")
@@ -111,15 +112,15 @@ def written(path: Path, found: Plan, robot: Robot, *, form: str, tilted: str | N
     tilted
         The recipe's text for the arm as it will stand, or none.
     """
-    from pumaid.io.atomic import write_whole
+    from pumaid.io.write import write_file
 
     if str(path) == "-":
         return
     if tilted is not None:
         beside = tilted_path(path)
-        write_whole(beside, tilted)
+        write_file(beside, tilted)
         remark(f"recipe of the tilted arm written to {beside}: simulate and identify these runs with it")
-    write_whole(path, formed(found, robot, form))
+    write_file(path, formed(found, robot, form))
     remark(f"plan written to {path}")
 
 
@@ -134,12 +135,12 @@ def draw_plan(path: Path, plan: Plan, robot: Robot) -> None:
         The plan and its arm.
     """
     from pumaid.cli.output import picture_form
-    from pumaid.io.atomic import write_whole
+    from pumaid.io.write import write_file
     from pumaid.programs.steps import run_times
     from pumaid.reporting import postures, timetable
 
     form = picture_form(path)
-    write_whole(path, postures.drawn(plan, robot, form))
+    write_file(path, postures.drawn(plan, robot, form))
     beside = path.with_name(f"{path.stem}-timetable{path.suffix}")
-    write_whole(beside, timetable.drawn(plan, robot, form, times=run_times(robot, plan)))
+    write_file(beside, timetable.drawn(plan, robot, form, times=run_times(robot, plan)))
     remark(f"pictures written to {path} and {beside}")

@@ -11,7 +11,8 @@ import rich_click as click
 
 if TYPE_CHECKING:
     from pumaid.design.setup import Setup
-    from pumaid.records import Estimate, Plan, Robot
+    from pumaid.records import Estimate, Plan
+    from pumaid.robot import Robot
 
 #: Sizes of an effect, SI, between which there is something to plan for.
 _LEAST, _MOST = 1e-12, 1e9

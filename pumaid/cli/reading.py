@@ -14,7 +14,8 @@ from pumaid.errors import Where
 
 if TYPE_CHECKING:
     from pumaid.preprocessing.options import SegmentOptions
-    from pumaid.records import Estimate, Evidence, Robot
+    from pumaid.records import Estimate, Evidence
+    from pumaid.robot import Robot
 
 #: What ``--heldout`` is given for postures instead of files.
 POSTURE = "posture"

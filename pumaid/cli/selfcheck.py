@@ -11,7 +11,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from pumaid.records import Estimate, Evidence, Robot
+    from pumaid.records import Estimate, Evidence
+    from pumaid.robot import Robot
     from pumaid.simulation import Truth
 
 #: The arm, the seed of its making, minutes of its experiment, samples a second.
@@ -106,7 +107,7 @@ def _segmented(bench: dict[str, object]) -> str:
 
 
 def _identified(bench: dict[str, object]) -> str:
-    from pumaid.records import EffectChoice
+    from pumaid.robot import EffectChoice
     from pumaid.verbs.identify import identify
 
     robot: Robot = bench["robot"]  # type: ignore[assignment]

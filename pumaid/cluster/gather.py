@@ -15,7 +15,8 @@ from pumaid.cluster.pieces import SMALL, Found, Reading, State, file_taken, piec
 from pumaid.cluster.whole import Whole
 from pumaid.io.table import LogPath
 from pumaid.preprocessing.options import DEFAULTS, SegmentOptions
-from pumaid.records import Evidence, Robot
+from pumaid.records import Evidence
+from pumaid.robot import Robot
 
 #: Parts that one worker joins at a time.
 FAN_IN = 8

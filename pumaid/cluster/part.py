@@ -16,7 +16,8 @@ from pumaid.io.table import LogReader
 from pumaid.preprocessing.options import SegmentOptions
 from pumaid.preprocessing.segmenter import Segmenter
 from pumaid.preprocessing.suspicion import Sums
-from pumaid.records import Evidence, FileFacts, Log, Reject, Robot, Run
+from pumaid.records import Evidence, FileFacts, Log, Reject, Run
+from pumaid.robot import Robot
 
 Kept = TypeVar("Kept", Run, Reject)
 

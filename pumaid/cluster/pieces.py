@@ -17,7 +17,7 @@ from pumaid.io.parts import FilePart, file_parts
 from pumaid.io.remote import Remote
 from pumaid.io.table import LogPath, LogReader
 from pumaid.preprocessing.options import SegmentOptions
-from pumaid.records import Robot
+from pumaid.robot import Robot
 
 #: Files for each reader from which small ones are not cut, and the bytes of Parquet up to which a file is small: there
 #: is enough to share out then, and what lies around a cut is looked at by itself.

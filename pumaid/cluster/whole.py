@@ -14,7 +14,8 @@ from pumaid.preprocessing.options import SegmentOptions
 from pumaid.preprocessing.room import OF_REJECTS, OF_RUNS, Room
 from pumaid.preprocessing.segmenter import Segmenter
 from pumaid.preprocessing.suspicion import Sums
-from pumaid.records import Evidence, FileFacts, Reject, Robot, Run
+from pumaid.records import Evidence, FileFacts, Reject, Run
+from pumaid.robot import Robot
 
 
 class Whole:

@@ -8,7 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pumaid.design.setup import Setup
-from pumaid.records import NOT_IDENTIFIABLE, Estimate, Robot
+from pumaid.records import NOT_IDENTIFIABLE, Estimate
+from pumaid.robot import Robot
 from pumaid.simulation.draw import draw
 from pumaid.simulation.recursion import Constants
 from pumaid.simulation.truth import Friction, Noise, Truth

@@ -10,7 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pumaid.clearance import Clearance
-from pumaid.records import Joint, Motion, Plan, Robot
+from pumaid.records import Motion, Plan
+from pumaid.robot import Joint, Robot
 from pumaid.simulation.ranges import QUICKEST_SLIDE, QUICKEST_TURN, reference, span
 from pumaid.simulation.timing import accelerations, cruise, duration, highest_speeds
 from pumaid.units import factor

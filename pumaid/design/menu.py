@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pumaid.design.laps import Course, seconds
-from pumaid.records import Robot
+from pumaid.robot import Robot
 from pumaid.simulation.forecast import gravity_names, run_moments, run_slopes
 from pumaid.simulation.timing import cruise
 from pumaid.simulation.truth import Truth

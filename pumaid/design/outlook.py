@@ -9,7 +9,8 @@ import numpy as np
 from pumaid.design.assume import Assumed
 from pumaid.errors import Note, Where
 from pumaid.preprocessing.options import DEFAULTS
-from pumaid.records import Motion, Robot
+from pumaid.records import Motion
+from pumaid.robot import Robot
 from pumaid.simulation.forecast import forecast, gravity_names
 from pumaid.simulation.ranges import span
 from pumaid.simulation.timing import highest_speeds

@@ -20,7 +20,8 @@ from pumaid.design.postures import SHORTLIST, shortlist
 from pumaid.design.relaxed import Relaxed, relaxed
 from pumaid.design.timetable import Block, timetable
 from pumaid.errors import ModelError
-from pumaid.records import Motion, Plan, Robot
+from pumaid.records import Motion, Plan
+from pumaid.robot import Robot
 from pumaid.simulation.ranges import reference
 from pumaid.simulation.timing import MOVE_SHARE, RAMP_TIME, duration, highest_speeds
 from pumaid.simulation.truth import Truth

@@ -14,7 +14,7 @@ from pumaid.design.laps import courses, free, speeds
 from pumaid.design.menu import Ways, menu
 from pumaid.design.relaxed import relaxed
 from pumaid.errors import ModelError, Where
-from pumaid.records import Robot
+from pumaid.robot import Robot
 from pumaid.simulation.forecast import run_slopes
 from pumaid.simulation.ranges import candidates
 from pumaid.simulation.truth import Truth

@@ -10,8 +10,9 @@ from numpy.typing import NDArray
 
 from pumaid.design.menu import Menu
 from pumaid.design.planner import Made, Planner
-from pumaid.maths.frames import axes
-from pumaid.records import Posture, Robot
+from pumaid.kinematics import axes
+from pumaid.records import Posture
+from pumaid.robot import Robot
 from pumaid.simulation.forecast import gravity_names, run_slopes
 from pumaid.units import factor, number
 

@@ -13,7 +13,8 @@ from pumaid.diagnosis.system import Solved, loaded, solve
 from pumaid.errors import ModelError
 from pumaid.estimation.identification import identified
 from pumaid.model import Model
-from pumaid.records import EffectChoice, Estimate, Evidence, Plan, Robot, Run
+from pumaid.records import Estimate, Evidence, Plan, Run
+from pumaid.robot import EffectChoice, Robot
 from pumaid.simulation import Bench
 from pumaid.simulation.hidden import LAWS, Hidden, sized
 from pumaid.simulation.truth import Truth

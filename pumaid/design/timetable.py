@@ -12,7 +12,8 @@ from pumaid.clearance import Clearance
 from pumaid.design.laps import Course
 from pumaid.design.moves import explained, struck
 from pumaid.errors import ModelError, Where
-from pumaid.records import Motion, Robot
+from pumaid.records import Motion
+from pumaid.robot import Robot
 from pumaid.simulation.timing import MOVE_SHARE, highest_speeds
 
 Floats = NDArray[np.float64]

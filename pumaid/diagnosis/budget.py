@@ -14,7 +14,8 @@ from pumaid.diagnosis.ripples import Track
 from pumaid.diagnosis.search import FALSE_ALARM, FEWEST_RUNS, REPEAT, RIPPLE, Search
 from pumaid.preprocessing.options import STROKE
 from pumaid.preprocessing.replicates import noise_floor, pairs
-from pumaid.records import Budget, BudgetPart, Joint
+from pumaid.records import Budget, BudgetPart
+from pumaid.robot import Joint
 
 Floats = NDArray[np.float64]
 

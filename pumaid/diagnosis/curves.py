@@ -12,7 +12,8 @@ from numpy.typing import NDArray
 from pumaid.diagnosis.field import SAME_SPEED
 from pumaid.diagnosis.suspect import Suspect
 from pumaid.effects import Effect, Family
-from pumaid.records import Binned, Curve, Line, Loads, Robot, Samples
+from pumaid.records import Binned, Curve, Line, Loads, Samples
+from pumaid.robot import Robot
 
 Floats = NDArray[np.float64]
 

@@ -14,7 +14,8 @@ from pumaid.diagnosis.field import Field
 from pumaid.diagnosis.scan import Projector, Trial, trial_of
 from pumaid.diagnosis.system import Solved
 from pumaid.effects.base import NO_SHAPE, Effect, Family, Parameter
-from pumaid.records import Robot, Samples
+from pumaid.records import Samples
+from pumaid.robot import Robot
 
 Floats = NDArray[np.float64]
 

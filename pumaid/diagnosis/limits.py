@@ -10,7 +10,8 @@ from pumaid.diagnosis.familywise import GROSS, PERIODIC, Familywise
 from pumaid.diagnosis.scan import Scan, Trial
 from pumaid.diagnosis.variants import Catalogue
 from pumaid.effects import Effect, Scope
-from pumaid.records import Limit, Robot
+from pumaid.records import Limit
+from pumaid.robot import Robot
 
 Key = tuple[str, int | None]
 

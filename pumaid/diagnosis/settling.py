@@ -11,7 +11,8 @@ from pumaid.diagnosis.added import Added
 from pumaid.diagnosis.field import Field
 from pumaid.effects.base import NO_SHAPE, Effect, Family, Floats, Parameter
 from pumaid.preprocessing.options import CONSTANT
-from pumaid.records import Robot, Samples
+from pumaid.records import Samples
+from pumaid.robot import Robot
 
 #: s in which the transient of a position controller dies down; two of them span what servo drives do (bandwidths of 3
 #: to 10 Hz).

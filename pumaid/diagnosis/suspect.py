@@ -8,7 +8,8 @@ from typing import ClassVar
 import numpy as np
 
 from pumaid.effects.base import NO_SHAPE, Effect, Family, Floats, Parameter, Shape
-from pumaid.records import Extent, Robot, Samples
+from pumaid.records import Extent, Samples
+from pumaid.robot import Robot
 
 #: What the column is multiplied by, in the order of the shape ``times``.
 TIMES = ("nothing", "direction", "load")

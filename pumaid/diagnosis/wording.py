@@ -9,7 +9,7 @@ from pumaid.diagnosis.design import ages
 from pumaid.diagnosis.feasible import Lap
 from pumaid.diagnosis.suspect import Suspect
 from pumaid.effects import Trace
-from pumaid.records import Robot
+from pumaid.robot import Robot
 from pumaid.units import deviations, factor, number
 
 #: What could still tell effects apart that no run within the limits does, by the residual that shows them both.

@@ -13,8 +13,9 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from pumaid.maths.frames import axes
-from pumaid.records import Extent, Joint, Loads, Robot, Samples
+from pumaid.kinematics import axes
+from pumaid.records import Extent, Loads, Samples
+from pumaid.robot import Joint, Robot
 
 Floats = NDArray[np.float64]
 NO_SHAPE: Mapping[str, float] = {}

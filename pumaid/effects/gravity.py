@@ -7,8 +7,9 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from pumaid.effects.base import NO_SHAPE, Effect, Family, Floats, Parameter, Scope, Trace
-from pumaid.maths.frames import axes
-from pumaid.records import Robot, Samples
+from pumaid.kinematics import axes
+from pumaid.records import Samples
+from pumaid.robot import Robot
 
 #: Columns below this share of g are rounding of rotations by right angles, not levers.
 ROUNDING = 1e-13

@@ -7,7 +7,8 @@ from collections.abc import Mapping
 import numpy as np
 
 from pumaid.effects.base import NO_SHAPE, Effect, Family, Floats, Parameter, Trace, load_refusal, loads_of
-from pumaid.records import Robot, Samples
+from pumaid.records import Samples
+from pumaid.robot import Robot
 
 
 class LoadFriction(Effect):

@@ -19,8 +19,9 @@ from pumaid.effects.base import (
     load_refusal,
     loads_of,
 )
-from pumaid.maths.frames import axes, origins
-from pumaid.records import Extent, Robot, Samples
+from pumaid.kinematics import axes, origins
+from pumaid.records import Extent, Samples
+from pumaid.robot import Robot
 
 
 class Payload(Effect):

@@ -7,7 +7,8 @@ from collections.abc import Mapping
 import numpy as np
 
 from pumaid.effects.base import NO_SHAPE, Effect, Family, Floats, Parameter, Shape, Trace
-from pumaid.records import Extent, Robot, Samples
+from pumaid.records import Extent, Samples
+from pumaid.robot import Robot
 
 #: Starting lengths of the build-up.
 STARTS = 5

@@ -7,7 +7,8 @@ from collections.abc import Mapping
 import numpy as np
 
 from pumaid.effects.base import NO_SHAPE, Effect, Family, Floats, Parameter, Shape, Trace, loads_of
-from pumaid.records import Extent, Robot, Samples
+from pumaid.records import Extent, Samples
+from pumaid.robot import Robot
 
 #: Limits that a search begins with, as shares of the largest predicted current.
 SHARES = (0.6, 0.7, 0.8, 0.88, 0.94, 0.97, 0.985)

@@ -5,7 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 from pumaid.effects.base import NO_SHAPE, Effect, Family, Floats, Parameter, Trace, loads_of
-from pumaid.records import Robot, Samples
+from pumaid.records import Samples
+from pumaid.robot import Robot
 
 
 class TorqueDroop(Effect):

@@ -19,8 +19,9 @@ from pumaid.effects.base import (
     load_refusal,
     loads_of,
 )
-from pumaid.maths.frames import axes
-from pumaid.records import Robot, Samples
+from pumaid.kinematics import axes
+from pumaid.records import Samples
+from pumaid.robot import Robot
 
 
 class ZeroOffset(Effect):

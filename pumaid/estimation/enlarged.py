@@ -19,7 +19,8 @@ from pumaid.estimation.system import Fitted, Progress, again, eased, releveled, 
 from pumaid.estimation.views import Sights, loaded, sights
 from pumaid.model import Model
 from pumaid.preprocessing.reduce import coarser
-from pumaid.records import Campaign, EffectChoice, Run
+from pumaid.records import Campaign, Run
+from pumaid.robot import EffectChoice
 
 Floats = NDArray[np.float64]
 

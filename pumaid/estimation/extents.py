@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from pumaid.estimation.views import Sights
-from pumaid.maths.frames import apart
+from pumaid.kinematics import apart
 from pumaid.model import SAME_POSTURE
 from pumaid.records import Extent, Run
 from pumaid.sight import Sight

@@ -15,7 +15,7 @@ from pumaid.estimation.system import Fitted
 from pumaid.maths.joint_fit import prior_rows
 from pumaid.maths.levels import Levels
 from pumaid.maths.recursion import LARGEST_RATIO
-from pumaid.records import Robot
+from pumaid.robot import Robot
 from pumaid.sight import Sight
 
 Floats = NDArray[np.float64]

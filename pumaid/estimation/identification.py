@@ -29,19 +29,8 @@ from pumaid.maths.statistics import Clustered, clustered, interval
 from pumaid.model import Model
 from pumaid.preprocessing.options import STROKE
 from pumaid.preprocessing.replicates import Pair, noise_floor, pairs
-from pumaid.records import (
-    GIVEN,
-    IDENTIFIED,
-    NOT_IDENTIFIABLE,
-    Campaign,
-    EffectChoice,
-    Estimate,
-    Evidence,
-    JointFit,
-    Robot,
-    Run,
-    Value,
-)
+from pumaid.records import GIVEN, IDENTIFIED, NOT_IDENTIFIABLE, Campaign, Estimate, Evidence, JointFit, Run, Value
+from pumaid.robot import EffectChoice, Robot
 
 Floats = NDArray[np.float64]
 

@@ -14,18 +14,8 @@ from pumaid.estimation.views import loaded, sights
 from pumaid.loads import loads
 from pumaid.maths.splits import told_apart
 from pumaid.model import Model
-from pumaid.records import (
-    TOGETHER,
-    Campaign,
-    Estimate,
-    Evidence,
-    Means,
-    OutsideScore,
-    Robot,
-    Run,
-    RunScore,
-    Samples,
-)
+from pumaid.records import TOGETHER, Campaign, Estimate, Evidence, Means, OutsideScore, Run, RunScore, Samples
+from pumaid.robot import Robot
 from pumaid.sight import joined
 
 Floats = NDArray[np.float64]

@@ -13,7 +13,8 @@ from pumaid.effects.base import load_refusal
 from pumaid.errors import Note, Where
 from pumaid.estimation.enlarged import Enlarged
 from pumaid.estimation.system import Fitted
-from pumaid.records import Robot, Run, Value
+from pumaid.records import Run, Value
+from pumaid.robot import Robot
 from pumaid.units import number
 
 #: Share of a joint's load on another's motor below which it is not spoken of.

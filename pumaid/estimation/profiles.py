@@ -12,7 +12,7 @@ from pumaid.chosen import Chosen, scale_of
 from pumaid.effects.base import Shape
 from pumaid.estimation.ground import Ground, Refit
 from pumaid.maths.least import least
-from pumaid.records import Robot
+from pumaid.robot import Robot
 
 Floats = NDArray[np.float64]
 Ends = tuple[float, float]

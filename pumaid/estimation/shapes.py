@@ -15,7 +15,7 @@ from pumaid.estimation.extents import extent
 from pumaid.estimation.ground import Ground
 from pumaid.estimation.views import Sights
 from pumaid.model import Model
-from pumaid.records import Robot
+from pumaid.robot import Robot
 
 Floats = NDArray[np.float64]
 Point = dict[str, float]

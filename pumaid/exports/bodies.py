@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 
 from pumaid.errors import ModelError, Where
 from pumaid.exports.formulas import Formulas
-from pumaid.maths.frames import axes, link_rotation, origins
-from pumaid.records import Robot
+from pumaid.kinematics import axes, link_rotation, origins
+from pumaid.robot import Robot
 from pumaid.structure import minimal
 
 Floats = NDArray[np.float64]

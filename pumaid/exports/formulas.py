@@ -14,8 +14,9 @@ from pumaid.exports.expression import filled
 from pumaid.exports.laws import laws_of, why_left_out
 from pumaid.loads import felt_ratios, loads
 from pumaid.model import Model
-from pumaid.records import Estimate, Robot, Samples
+from pumaid.records import Estimate, Samples
 from pumaid.records.estimate import NOT_IDENTIFIABLE
+from pumaid.robot import Robot
 from pumaid.structure import minimal
 
 Floats = NDArray[np.float64]

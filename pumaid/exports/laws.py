@@ -15,7 +15,7 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
 from pumaid.chosen import Chosen
-from pumaid.records import Robot
+from pumaid.robot import Robot
 
 
 @dataclass(frozen=True, slots=True)

@@ -13,10 +13,10 @@ from pathlib import Path
 from typing import Any
 
 from pumaid.errors import Note, PumaidError, ResultError, Where
-from pumaid.io.alone import alone
-from pumaid.io.atomic import write_whole
 from pumaid.io.result import as_text, model_document, plain, read_model
-from pumaid.records import EffectChoice, Estimate, Robot
+from pumaid.io.write import locked, write_file
+from pumaid.records import Estimate
+from pumaid.robot import EffectChoice, Robot
 
 #: The current model's file in a results folder, and the folder beside it that keeps all.
 CURRENT, FOLDER = "model.json", "models"
@@ -97,10 +97,10 @@ def keep(path: Path, estimate: Estimate, robot: Robot) -> Kept:
     arm = digest_of(plain(replace(robot, effects=(), origin="", digest="")))
     document = model_document(estimate)
     folder = Path(path).parent / FOLDER
-    with alone(folder):
+    with locked(folder):
         before = _adopted(Path(path))
         kept = _stored(folder, (document, estimate), arm=arm, before=before)
-        write_whole(Path(path), as_text(document))
+        write_file(Path(path), as_text(document))
     return kept
 
 
@@ -121,7 +121,7 @@ def restore(results: Path, number: int) -> Path:
     """
     if not (results / FOLDER).is_dir():
         read_entries(results)
-    with alone(results / FOLDER):
+    with locked(results / FOLDER):
         _adopted(results / CURRENT)
         kept, _ = read_entries(results)
         chosen = next((entry for entry in kept if entry.number == number), None)
@@ -129,7 +129,7 @@ def restore(results: Path, number: int) -> Path:
             there = ", ".join(str(entry.number) for entry in kept)
             what = f"there is no model {number}; there are {there}"
             raise ResultError("no-such-model", what, Where(file=str(results / FOLDER)), "see: pumaid history")
-        write_whole(results / CURRENT, as_text(_bare(chosen.document)))
+        write_file(results / CURRENT, as_text(_bare(chosen.document)))
     return results / CURRENT
 
 
@@ -203,7 +203,7 @@ def _stored(folder: Path, model: tuple[dict[str, Any], Estimate], *, arm: str, b
     *others, own = _settled([*kept, made])
     parent = _parent(own, [entry for entry in others if entry.key == own.key], before)
     link = {"number": number, "sha256": digest, "parent": parent, "arm": arm}
-    write_whole(path, as_text(_bare(document) | {_OWN: link}))
+    write_file(path, as_text(_bare(document) | {_OWN: link}))
     return Kept(number, path, is_new=True)
 
 

@@ -11,7 +11,8 @@ from numpy.typing import NDArray
 from pumaid.errors import LogError, Where
 from pumaid.io.columns import Columns
 from pumaid.io.oddities import Oddities
-from pumaid.records import Log, Robot
+from pumaid.records import Log
+from pumaid.robot import Robot
 
 Floats = NDArray[np.float64]
 Rows = NDArray[np.int64]

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from pumaid.errors import Faults, LogError, Note, PumaidError, Where
 from pumaid.io.schemes import paste_block
-from pumaid.records import Joint, LogFormat, Robot
+from pumaid.robot import Joint, LogFormat, Robot
 from pumaid.units import UNITS
 
 Floats = NDArray[np.float64]

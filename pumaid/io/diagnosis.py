@@ -11,9 +11,9 @@ from typing import Any
 
 from pumaid import __version__
 from pumaid.errors import Note, ResultError, Where
-from pumaid.io.atomic import write_whole
 from pumaid.io.rebuilt import Unfit, rebuilt
 from pumaid.io.result import FORMAT, MOST_BYTES, as_text, model_document, plain
+from pumaid.io.write import write_file
 from pumaid.records import Diagnosis, Estimate, Finding, JointDiagnosis, NextRun
 
 #: Its name in a folder of results.
@@ -73,7 +73,7 @@ def write_diagnosis(path: Path, diagnosis: Diagnosis) -> None:
     ResultError [cannot-write]
         The disk refuses.
     """
-    write_whole(Path(path), as_text(diagnosis_document(diagnosis)))
+    write_file(Path(path), as_text(diagnosis_document(diagnosis)))
 
 
 def read_diagnosis(path: Path) -> Diagnosis:

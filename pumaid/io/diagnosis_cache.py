@@ -21,7 +21,8 @@ from pumaid.io.evidence_npz import digest_of
 from pumaid.io.kept import Shelf, cache_folder, program
 from pumaid.io.packing import packed
 from pumaid.io.result import as_text
-from pumaid.records import Diagnosis, Estimate, Evidence, Robot
+from pumaid.records import Diagnosis, Estimate, Evidence
+from pumaid.robot import Robot
 
 #: Rooms of the program by which a diagnosis is made; the first are the modules beside the rooms.
 _ROOMS = ("", "clearance", "diagnosis", "effects", "io", "estimation", "maths", "preprocessing", "records", "verbs")

@@ -20,7 +20,8 @@ import numpy as np
 from pumaid import __version__
 from pumaid.io.evidence_npz import is_evidence, read_evidence, write_evidence
 from pumaid.io.kept import Shelf, cache_folder, program
-from pumaid.records import Evidence, Robot
+from pumaid.records import Evidence
+from pumaid.robot import Robot
 
 if TYPE_CHECKING:  # readers of logs take a tenth of a second to load, and where something is kept none is needed
     from pumaid.io.table import LogPath

@@ -8,7 +8,8 @@ from pathlib import Path
 
 from pumaid.errors import Note, PumaidError, ResultError, Where
 from pumaid.io.archive import CURRENT, FOLDER, Entry, counted, digest_of, read_document, read_entries
-from pumaid.records import EffectChoice, Errors, History, JointFit, Ladder, Rung
+from pumaid.records import Errors, History, JointFit, Ladder, Rung
+from pumaid.robot import EffectChoice
 
 
 def read_history(results: Path) -> History:

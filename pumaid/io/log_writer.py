@@ -15,10 +15,11 @@ from numpy.typing import NDArray
 from pyarrow import csv as arrow_csv
 
 from pumaid.errors import ResultError, Where
-from pumaid.io.atomic import whole_file
 from pumaid.io.columns import QUANTITIES, factor_of, time_factor
 from pumaid.io.paths import STDIN
-from pumaid.records import Log, Robot
+from pumaid.io.write import replacing
+from pumaid.records import Log
+from pumaid.robot import Robot
 
 Floats = NDArray[np.float64]
 
@@ -58,7 +59,7 @@ def write_log(path: Path, logs: Iterable[Log], robot: Robot) -> None:
         raise ResultError("unknown-ending", what, Where(file=str(path)), "name it .csv or .parquet")
     else:
         write = _write_csv if path.suffix.lower() == ".csv" else _write_parquet
-        with whole_file(path) as temporary, temporary.open("wb") as sink:
+        with replacing(path) as temporary, temporary.open("wb") as sink:
             write(sink, parts)
 
 

@@ -8,12 +8,10 @@ import glob
 import os
 import re
 from collections.abc import Iterable, Iterator, Sequence
-from contextlib import suppress
 from pathlib import Path, PurePath
 
 from pumaid.errors import LogError, Where
 from pumaid.io.remote import Remote, found_below, is_remote
-from pumaid.io.staging import OUT, unfinished
 
 #: Stands for standard input.
 STDIN = Path("-")
@@ -52,8 +50,6 @@ def expand(arguments: Iterable[str | Path]) -> list[Path | Remote]:
 
     Raises
     ------
-    LogError [logs-half-replaced]
-        A killed simulation left a folder with parts of two sessions.
     LogError [no-such-log, no-logs, unreadable-log]
         Every argument that leads nowhere is told, with the nearest name.
     """
@@ -63,9 +59,6 @@ def expand(arguments: Iterable[str | Path]) -> list[Path | Remote]:
         empty = False
         for path in _of_one(str(argument)):
             found.setdefault(_key(path), path)
-    for folder in {path.parent for path in found.values() if isinstance(path, Path) and path != STDIN}:
-        with suppress(OSError):
-            _check_whole(folder, (path.name for path in folder.iterdir()))
     if empty:
         raise LogError("no-logs", "no log was named", mend="name files, folders or globs, or - for standard input")
     return list(found.values())
@@ -172,18 +165,8 @@ def _walk(folder: Path) -> Iterator[Path]:
             folders.clear()
             continue
         seen.add(real)
-        _check_whole(Path(root), folders)
         folders[:] = [name for name in folders if not name.startswith(".") and name not in _OWN_FOLDERS]
         yield from (Path(root) / name for name in names if not name.startswith(".") and (Path(root) / name).is_file())
-
-
-def _check_whole(folder: Path, names: Iterable[str]) -> None:
-    """Refuse a folder, with these names in it, in which a killed run left half of what it was about to do."""
-    left = unfinished(folder, names)
-    if left is not None:
-        what = f"a simulation into {folder} was killed while its logs took the place of earlier ones"
-        mend = f"simulate into it again, which finishes that first; the earlier files are in {left / OUT}"
-        raise LogError("logs-half-replaced", what, Where(file=str(folder)), mend)
 
 
 def _of_glob(pattern: str) -> list[Path]:

@@ -12,10 +12,11 @@ from typing import Any
 
 from pumaid import __version__
 from pumaid.errors import ModelError, Note, ResultError, Where
-from pumaid.io.atomic import write_whole
 from pumaid.io.plan_checks import PLAN_FORMAT, CheckedPlan, checked_rows, checked_yaml
+from pumaid.io.write import write_file
 from pumaid.io.yaml_lines import read_yaml
-from pumaid.records import Motion, Plan, Posture, Robot
+from pumaid.records import Motion, Plan, Posture
+from pumaid.robot import Robot
 from pumaid.units import factor
 
 #: The plan's name in an experiment's folder.
@@ -98,7 +99,7 @@ def write_plan(path: Path, plan: Plan, robot: Robot, *, format: str = "yaml", an
     ResultError [cannot-write]
         The disk refuses.
     """
-    write_whole(path, plan_text(plan, robot, format=format, angle=angle))
+    write_file(path, plan_text(plan, robot, format=format, angle=angle))
 
 
 def plan_text(plan: Plan, robot: Robot, *, format: str = "yaml", angle: str = "deg") -> str:

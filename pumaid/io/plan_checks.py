@@ -10,7 +10,7 @@ from typing import Any, NoReturn
 
 from pumaid.errors import Faults, ModelError, PumaidError, Where
 from pumaid.io.yaml_lines import Item, nearest
-from pumaid.records import Joint, Robot
+from pumaid.robot import Joint, Robot
 from pumaid.units import factor, number
 
 PLAN_FORMAT = 1

@@ -17,7 +17,7 @@ from pumaid.io.recipe_faults import Fault, dotted, told, translated, without_ech
 from pumaid.io.recipe_schema import JointForm, LogForm, RecipeForm
 from pumaid.io.safety import safety_of
 from pumaid.io.yaml_lines import Document, nearest, read_yaml
-from pumaid.records import EffectChoice, Joint, LogFormat, Robot
+from pumaid.robot import EffectChoice, Joint, LogFormat, Robot
 from pumaid.units import factor
 
 #: The recipe's name in an experiment's folder.

@@ -19,8 +19,9 @@ from numpy.typing import NDArray
 
 from pumaid import __version__
 from pumaid.errors import Faults, ModelError, Note, PumaidError, ResultError, Where
-from pumaid.io.atomic import write_whole
-from pumaid.records import Combination, EffectChoice, Estimate, JointFit, Robot, Value
+from pumaid.io.write import write_file
+from pumaid.records import Combination, Estimate, JointFit, Value
+from pumaid.robot import EffectChoice, Robot
 
 Floats = NDArray[np.float64]
 Record = TypeVar("Record")
@@ -145,7 +146,7 @@ def write_model(path: Path, estimate: Estimate) -> None:
     ResultError [cannot-write]
         The disk refuses.
     """
-    write_whole(Path(path), as_text(model_document(estimate)))
+    write_file(Path(path), as_text(model_document(estimate)))
 
 
 def read_model(path: Path) -> Estimate:

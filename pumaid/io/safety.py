@@ -8,7 +8,7 @@ from typing import Any
 
 from pumaid.io.recipe_faults import Fault
 from pumaid.io.recipe_schema import SafetyForm
-from pumaid.records import Box, Safety, Sphere
+from pumaid.robot import Box, Safety, Sphere
 
 
 def safety_faults(block: Any, n_joints: int) -> Iterator[Fault]:

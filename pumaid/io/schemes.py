@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Iterator, Sequence
 
-from pumaid.records import Robot
+from pumaid.robot import Robot
 
 #: Words by which a column's name tells what it holds, strongest first. Compared with the name's words in lower case.
 _WORDS = {

@@ -11,12 +11,11 @@ from pathlib import Path
 from typing import Any
 
 from pumaid.errors import ModelError, ResultError, Where
-from pumaid.io.alone import alone
-from pumaid.io.atomic import write_whole
 from pumaid.io.paths import LOG_ENDINGS, STDIN
-from pumaid.io.staging import finish, stage_in, swap
 from pumaid.io.table import write_log
-from pumaid.records import Log, Robot
+from pumaid.io.write import locked, write_file
+from pumaid.records import Log
+from pumaid.robot import Robot
 
 TRUTH_NAME = "truth.json"
 #: What simulated logs are called; a truth beside them proves that they are.
@@ -35,8 +34,7 @@ def write_session(
 ) -> list[tuple[str, int, float, float]]:
     """Write a session's logs, a file for each `origin`, and the truth beside them.
 
-    All is written to a hidden folder first and then takes its place at once, so that what was there stands whole until
-    the new session is, and a folder never holds parts of two.
+    Each file is written atomically; a session that is interrupted leaves the files written so far and the truth.
 
     Parameters
     ----------
@@ -72,20 +70,15 @@ def write_session(
     if folder == STDIN:
         write_log(folder, _watched(logs, [], progress), robot)
         return []
-    if folder.is_dir():
-        with alone(folder):
-            finish(folder)
-    _replaced(folder, force)  # what is refused is refused before the work
     files = []
-    with stage_in(folder) as stage:
+    with locked(folder):
+        for path in _replaced(folder, force):
+            path.unlink()
+        write_file(folder / TRUTH_NAME, json.dumps(truth, indent=2) + "\n")
         for origin, batches in groupby(logs, key=lambda log: log.origin):
             seen: list[tuple[int, float, float]] = []
-            write_log(stage / f"{origin}.{form}", _watched(batches, seen, progress), robot)
+            write_log(folder / f"{origin}.{form}", _watched(batches, seen, progress), robot)
             files.append((f"{origin}.{form}", sum(part[0] for part in seen), seen[0][1], seen[-1][2]))
-        write_whole(stage / TRUTH_NAME, json.dumps(truth, indent=2) + "\n")
-        with alone(folder):
-            # Looked at again: another run may have written there meanwhile.
-            swap(stage, folder, _replaced(folder, force), first=TRUTH_NAME)
     return files
 
 

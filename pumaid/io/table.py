@@ -26,7 +26,8 @@ from pumaid.io.parquet_log import ParquetSource
 from pumaid.io.parts import GZIP, MAGIC, FilePart
 from pumaid.io.paths import STDIN, expand, unreadable
 from pumaid.io.remote import Remote
-from pumaid.records import FileFacts, Log, Robot
+from pumaid.records import FileFacts, Log
+from pumaid.robot import Robot
 
 __all__ = ["LogReader", "expand", "write_log"]
 

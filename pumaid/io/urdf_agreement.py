@@ -7,9 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from pumaid.kinematics import axes, origins
 from pumaid.maths.chain import SerialChain
-from pumaid.maths.frames import axes, origins
-from pumaid.records import Robot
+from pumaid.robot import Robot
 
 #: Random postures that are compared; joints that slide go this far each way (m), joints that turn half a turn.
 POSTURES, SLIDE = 200, 1.0

@@ -14,7 +14,7 @@ from pumaid.io.recipe_checks import FASTEST, SLOWEST, WIDEST
 from pumaid.io.recipe_schema import FASTEST_RAIL, LONGEST_RAIL, JointForm
 from pumaid.io.urdf import UrdfJoint
 from pumaid.io.urdf_chain import ArmChain
-from pumaid.records import Joint
+from pumaid.robot import Joint
 
 #: Names that a note tells, at most.
 SHOWN = 6

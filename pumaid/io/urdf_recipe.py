@@ -20,7 +20,7 @@ from pumaid.io.urdf_joints import joints_of, notes_on_chain
 from pumaid.io.urdf_text import Origin, Rounding, dh_text
 from pumaid.maths.chain import SerialChain, placement
 from pumaid.maths.dh import DhChain, modified_dh, straightened
-from pumaid.records import Joint, Robot
+from pumaid.robot import Joint, Robot
 from pumaid.units import factor, number
 
 #: How well the written recipe must agree with the URDF (rad and m).

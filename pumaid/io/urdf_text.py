@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from pumaid.io.recipe_template import remarked
 from pumaid.maths.dh import DhChain
-from pumaid.records import Joint
+from pumaid.robot import Joint
 from pumaid.units import factor, number
 
 _STEP = math.pi / 12.0

@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterator
 import numpy as np
 from numpy.typing import NDArray
 
-from pumaid.maths.frames import apart
+from pumaid.kinematics import apart
 
 Floats = NDArray[np.float64]
 Numbers = NDArray[np.int64]

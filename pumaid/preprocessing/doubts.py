@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from pumaid.errors import LogError, Note, Where
 from pumaid.preprocessing.tally import WINDOW, Tally
-from pumaid.records import Robot
+from pumaid.robot import Robot
 from pumaid.units import UNITS, factor, number
 
 Floats = NDArray[np.float64]

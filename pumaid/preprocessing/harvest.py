@@ -18,7 +18,8 @@ from pumaid.preprocessing.reasons import Leftover
 from pumaid.preprocessing.reduce import Chosen, cells, coarser, means, triangle, usable
 from pumaid.preprocessing.room import OF_REJECTS, OF_RUNS, Room
 from pumaid.preprocessing.speed import slopes
-from pumaid.records import Cells, Means, Reject, Robot, Run
+from pumaid.records import Cells, Means, Reject, Run
+from pumaid.robot import Robot
 
 Floats = NDArray[np.float64]
 

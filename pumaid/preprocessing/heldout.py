@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from pumaid.errors import LogError, Note, Where
-from pumaid.maths.frames import apart
+from pumaid.kinematics import apart
 from pumaid.preprocessing.planned import SAME_POSTURE
 from pumaid.records import Estimate, Evidence, Run
 

@@ -6,7 +6,8 @@ from dataclasses import dataclass, replace
 
 from pumaid.preprocessing.options import SegmentOptions
 from pumaid.preprocessing.reduce import coarser
-from pumaid.records import Means, Reject, Robot
+from pumaid.records import Means, Reject
+from pumaid.robot import Robot
 from pumaid.units import number
 
 #: Reason -> (what a legend says, the sentence); the figures in braces are filled in from the stretch.

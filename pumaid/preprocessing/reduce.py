@@ -14,7 +14,8 @@ from pumaid.maths.triangle import Triangle
 from pumaid.preprocessing.block import LARGEST, Block
 from pumaid.preprocessing.cutting import Piece
 from pumaid.preprocessing.parallel import of_stroke
-from pumaid.records import CONSTANT_COLUMNS, Cells, Means, Robot, run_columns
+from pumaid.records import CONSTANT_COLUMNS, Cells, Means, run_columns
+from pumaid.robot import Robot
 
 Floats = NDArray[np.float64]
 Counts = NDArray[np.int64]

@@ -14,7 +14,8 @@ from pumaid.preprocessing.harvest import Harvest
 from pumaid.preprocessing.options import SegmentOptions
 from pumaid.preprocessing.rest import RESTFUL, FirstRest, last_rest
 from pumaid.preprocessing.speed import at_least, usual_step
-from pumaid.records import Log, Reject, Robot, Run
+from pumaid.records import Log, Reject, Run
+from pumaid.robot import Robot
 
 #: s; what a window sees of its neighbours, longer than any line that a speed is judged by.
 CONTEXT = 2.0

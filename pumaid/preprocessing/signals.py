@@ -10,7 +10,7 @@ import numpy as np
 from pumaid.errors import LogError, Note, Where
 from pumaid.preprocessing.doubts import AGREES, MOVED
 from pumaid.preprocessing.tally import Tally
-from pumaid.records import Joint
+from pumaid.robot import Joint
 from pumaid.units import number
 
 Found = Iterator[LogError | Note]

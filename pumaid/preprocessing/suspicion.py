@@ -8,7 +8,8 @@ from copy import copy, deepcopy
 from pumaid.errors import Faults, LogError, Note
 from pumaid.preprocessing import doubts, signals
 from pumaid.preprocessing.tally import Tally
-from pumaid.records import FileFacts, Log, Robot
+from pumaid.records import FileFacts, Log
+from pumaid.robot import Robot
 
 
 class Watch:

@@ -10,7 +10,8 @@ from numpy.typing import NDArray
 
 from pumaid.errors import LogError
 from pumaid.preprocessing.levels import Levels
-from pumaid.records import Log, Robot
+from pumaid.records import Log
+from pumaid.robot import Robot
 
 Floats = NDArray[np.float64]
 Bools = NDArray[np.bool_]

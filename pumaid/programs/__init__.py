@@ -6,7 +6,8 @@ from collections.abc import Callable
 
 from pumaid.programs.ros2 import trajectory
 from pumaid.programs.urscript import script
-from pumaid.records import Plan, Robot
+from pumaid.records import Plan
+from pumaid.robot import Robot
 
 #: Form -> (suffix of its files, what writes it).
 FORMS: dict[str, tuple[str, Callable[[Plan, Robot], str]]] = {

@@ -10,7 +10,8 @@ from numpy.typing import NDArray
 
 from pumaid import __version__
 from pumaid.programs.steps import steps, told
-from pumaid.records import Plan, Robot
+from pumaid.records import Plan
+from pumaid.robot import Robot
 from pumaid.simulation.timing import REST
 
 Floats = NDArray[np.float64]

@@ -8,7 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from pumaid.records import Motion, Plan, Robot
+from pumaid.records import Motion, Plan
+from pumaid.robot import Robot
 from pumaid.simulation.timing import MOVE_SHARE, RAMP_TIME, REST, accelerations, highest_speeds, stretches
 from pumaid.units import factor
 

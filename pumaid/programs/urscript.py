@@ -7,7 +7,8 @@ from collections.abc import Iterable
 from pumaid import __version__
 from pumaid.errors import ModelError, Where
 from pumaid.programs.steps import steps, told
-from pumaid.records import Plan, Robot
+from pumaid.records import Plan
+from pumaid.robot import Robot
 from pumaid.simulation.timing import REST, duration
 
 #: rad/s and rad/s2 of the first move, from wherever the arm stands.

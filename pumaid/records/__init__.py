@@ -44,7 +44,6 @@ from pumaid.records.estimate import (
 from pumaid.records.ladder import Errors, History, Ladder, Rung
 from pumaid.records.log import Log
 from pumaid.records.plan import Motion, Plan, Posture
-from pumaid.records.robot import EffectChoice, Joint, LogFormat, Robot
 from pumaid.records.run import (
     CONSTANT_COLUMNS,
     STROKE_COLUMNS,
@@ -56,7 +55,6 @@ from pumaid.records.run import (
     Run,
     run_columns,
 )
-from pumaid.records.safety import Box, Safety, Sphere
 from pumaid.records.samples import Extent, Loads, Samples
 
 __all__ = [
@@ -75,7 +73,6 @@ __all__ = [
     "UNEXPLAINED_JOINT",
     "UNSEEN",
     "Binned",
-    "Box",
     "Budget",
     "BudgetPart",
     "Campaign",
@@ -85,7 +82,6 @@ __all__ = [
     "Comparison",
     "Curve",
     "Diagnosis",
-    "EffectChoice",
     "Errors",
     "Estimate",
     "Evidence",
@@ -93,7 +89,6 @@ __all__ = [
     "FileFacts",
     "Finding",
     "History",
-    "Joint",
     "JointDiagnosis",
     "JointFit",
     "JointScore",
@@ -102,7 +97,6 @@ __all__ = [
     "Line",
     "Loads",
     "Log",
-    "LogFormat",
     "Means",
     "Motion",
     "NextRun",
@@ -110,14 +104,11 @@ __all__ = [
     "Plan",
     "Posture",
     "Reject",
-    "Robot",
     "Run",
     "RunScore",
     "Rung",
-    "Safety",
     "Samples",
     "Size",
-    "Sphere",
     "Transfer",
     "Unexplained",
     "Value",

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from pumaid.errors import Note
 from pumaid.records.plan import Motion
-from pumaid.records.robot import EffectChoice
+from pumaid.robot import EffectChoice
 
 Floats = NDArray[np.float64]
 

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pumaid.errors import Note
-from pumaid.records.robot import EffectChoice
+from pumaid.robot import EffectChoice
 
 Floats = NDArray[np.float64]
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 from pumaid.errors import Note
 from pumaid.records.estimate import JointFit
-from pumaid.records.robot import EffectChoice
+from pumaid.robot import EffectChoice
 
 
 @dataclass(frozen=True, slots=True)

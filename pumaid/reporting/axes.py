@@ -6,7 +6,7 @@ from rich import box
 from rich.table import Table
 from rich.text import Text
 
-from pumaid.records import Joint, Robot
+from pumaid.robot import Joint, Robot
 from pumaid.units import factor, number
 
 

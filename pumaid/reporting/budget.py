@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from typing import Any
 
-from pumaid.records import Budget, BudgetPart, Comparison, JointScore, Robot
+from pumaid.records import Budget, BudgetPart, Comparison, JointScore
 from pumaid.reporting.diagnosis import Told
 from pumaid.reporting.findings import listed_or
 from pumaid.reporting.numbers import amperes
 from pumaid.reporting.story import joint_title
 from pumaid.reporting.wording import listed
+from pumaid.robot import Robot
 from pumaid.units import number
 
 #: What each part is called in figures and beside bars.

@@ -10,10 +10,11 @@ from rich.console import Console, ConsoleOptions, RenderableType
 from rich.measure import Measurement
 from rich.text import Text
 
-from pumaid.records import ADEQUATE, UNEXPLAINED_JOINT, Diagnosis, JointDiagnosis, Robot
+from pumaid.records import ADEQUATE, UNEXPLAINED_JOINT, Diagnosis, JointDiagnosis
 from pumaid.reporting import findings, verdicts
 from pumaid.reporting.evidence import evidence_grid, limits_grid, runs_grid, shape_lines
 from pumaid.reporting.forms import READABLE, Shown
+from pumaid.robot import Robot
 
 
 @dataclass(frozen=True, slots=True)

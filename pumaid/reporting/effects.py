@@ -8,8 +8,8 @@ from collections.abc import Iterable
 from typing import Any
 
 from pumaid.effects import Effect, Parameter, Scope, Shape
-from pumaid.records import Joint, Robot
 from pumaid.reporting.signature import Signature, signature
+from pumaid.robot import Joint, Robot
 
 #: Three turning joints, a slide, two turning joints: any arm's kinds of joints, none of them upright.
 ARM = Robot(

@@ -7,12 +7,13 @@ from collections.abc import Iterable, Sequence
 import numpy as np
 
 from pumaid.effects import catalogue
-from pumaid.records import ABSENT, ADD, UNSEEN, Candidate, Diagnosis, Finding, Limit, Robot, Unexplained
+from pumaid.records import ABSENT, ADD, UNSEEN, Candidate, Diagnosis, Finding, Limit, Unexplained
 from pumaid.reporting.findings import bare, label, limit_sentence, listed_or, number_of_times
 from pumaid.reporting.grid import Cell, Grid, grid
 from pumaid.reporting.numbers import in_unit
 from pumaid.reporting.scores import amount
 from pumaid.reporting.verdicts import variable_word
+from pumaid.robot import Robot
 from pumaid.units import deviations, number
 
 #: Verdicts of candidates as people read them.

@@ -10,7 +10,7 @@ from typing import Any
 import pandas as pd
 from rich.console import Console
 
-from pumaid.records import Estimate, Robot
+from pumaid.records import Estimate
 from pumaid.reporting.forms import Shown, latex, markdown
 from pumaid.reporting.grid import Grid
 from pumaid.reporting.numbers import in_unit
@@ -20,6 +20,7 @@ from pumaid.reporting.scores import comparison_grid
 from pumaid.reporting.story import Story
 from pumaid.reporting.tables import parameter_grid
 from pumaid.reporting.visible import Visible
+from pumaid.robot import Robot
 
 #: Forms of a table, with their suffix.
 TABLE_FORMS = {"text": "txt", "csv": "csv", "parquet": "parquet", "latex": "tex", "markdown": "md", "json": "json"}

@@ -5,20 +5,11 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 
 from pumaid.effects import Scope, catalogue
-from pumaid.records import (
-    ADD,
-    Candidate,
-    Diagnosis,
-    Estimate,
-    Finding,
-    JointDiagnosis,
-    Limit,
-    Robot,
-    Transfer,
-)
+from pumaid.records import ADD, Candidate, Diagnosis, Estimate, Finding, JointDiagnosis, Limit, Transfer
 from pumaid.reporting.numbers import amperes, in_unit, percent, with_error
 from pumaid.reporting.story import joint_title
 from pumaid.reporting.wording import AT_FLOOR, BELOW_FLOOR, listed, plural
+from pumaid.robot import Robot
 from pumaid.units import number
 
 #: A chance below this is told as less than one in a million: no experiment is that sure of its noise.

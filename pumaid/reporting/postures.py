@@ -14,11 +14,12 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Circle, Patch, Polygon
 from numpy.typing import NDArray
 
-from pumaid.maths.frames import frames as chain
-from pumaid.records import Box, Plan, Robot
+from pumaid.kinematics import frames as chain
+from pumaid.records import Plan
 from pumaid.reporting.held import Held, held
 from pumaid.reporting.plots.skeleton import frames, seen
 from pumaid.reporting.plots.style import FAINT, FORWARD, GREY, INK, VERMILION, saved, styled
+from pumaid.robot import Box, Robot
 from pumaid.units import factor
 
 Floats = NDArray[np.float64]

@@ -11,10 +11,11 @@ from typing import Any
 
 import numpy as np
 
-from pumaid.records import Evidence, Reject, Robot, Run
+from pumaid.records import Evidence, Reject, Run
 from pumaid.reporting.grid import Cell, Grid, grid
 from pumaid.reporting.numbers import in_unit
 from pumaid.reporting.wording import plural
+from pumaid.robot import Robot
 from pumaid.units import number
 
 #: Columns of the CSV form; lengths of prismatic joints are in m where rad stands.

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from pumaid.records import Comparison, Robot, Run
+from pumaid.records import Comparison, Run
 from pumaid.reporting.grid import Cell, Grid, grid
 from pumaid.reporting.numbers import in_unit, percent
+from pumaid.robot import Robot
 from pumaid.units import number
 
 #: An error this many times the noise floor asks for attention: with a few dozen replicates the floor itself is known to

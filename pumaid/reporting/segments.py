@@ -13,11 +13,12 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 from numpy.typing import NDArray
 
-from pumaid.records import Evidence, Reject, Robot, Run
+from pumaid.records import Evidence, Reject, Run
 from pumaid.reporting.numbers import in_unit
 from pumaid.reporting.plots.style import FAINT, GREY, INK, saved, styled
 from pumaid.reporting.runs import by_reason, samples_read
 from pumaid.reporting.wording import plural
+from pumaid.robot import Robot
 
 Floats = NDArray[np.float64]
 

@@ -9,7 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pumaid.effects import Effect, Family, Scope
-from pumaid.records import Joint, Loads, Robot, Samples
+from pumaid.records import Loads, Samples
+from pumaid.robot import Joint, Robot
 
 Floats = NDArray[np.float64]
 

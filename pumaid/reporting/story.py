@@ -8,8 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from pumaid.records import Comparison, Diagnosis, Estimate, Evidence, Ladder, Robot, RunScore
+from pumaid.records import Comparison, Diagnosis, Estimate, Evidence, Ladder, RunScore
 from pumaid.reporting.numbers import in_unit
+from pumaid.robot import Robot
 
 Floats = NDArray[np.float64]
 

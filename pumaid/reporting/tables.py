@@ -9,10 +9,11 @@ from dataclasses import replace
 import numpy as np
 
 from pumaid.effects import catalogue
-from pumaid.records import IDENTIFIED, NOT_IDENTIFIABLE, Estimate, JointFit, Robot, Value
+from pumaid.records import IDENTIFIED, NOT_IDENTIFIABLE, Estimate, JointFit, Value
 from pumaid.reporting.forms import Shown
 from pumaid.reporting.grid import Cell, Grid, grid
 from pumaid.reporting.numbers import in_unit, with_error
+from pumaid.robot import Robot
 from pumaid.units import number
 
 #: Row of Table I -> (label, label in LaTeX). A row is an effect and its parameter's bare name.

@@ -5,11 +5,12 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 
-from pumaid.records import ADD, ADEQUATE, UNEXPLAINED_JOINT, Diagnosis, Finding, JointDiagnosis, Robot, Unexplained
+from pumaid.records import ADD, ADEQUATE, UNEXPLAINED_JOINT, Diagnosis, Finding, JointDiagnosis, Unexplained
 from pumaid.reporting.findings import SUSPECT, chance, floor_sentence, is_at_floor, label, listed_or, place
 from pumaid.reporting.numbers import in_unit, percent
 from pumaid.reporting.story import joint_title
 from pumaid.reporting.wording import listed
+from pumaid.robot import Robot
 from pumaid.units import number
 
 #: Variables of free forms in words; others are told by the name that they have.

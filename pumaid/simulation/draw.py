@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from pumaid.records import Robot
+from pumaid.robot import Robot
 from pumaid.simulation.links import Links, gravity_load
 from pumaid.simulation.ranges import anywhere
 from pumaid.simulation.timing import accelerations, highest_speeds

@@ -8,7 +8,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from pumaid.records import Motion, Robot
+from pumaid.records import Motion
+from pumaid.robot import Robot
 from pumaid.simulation.noise import correlation
 from pumaid.simulation.recursion import Constants, Geometry, carried
 from pumaid.simulation.timing import cruise

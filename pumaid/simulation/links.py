@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from pumaid.maths.frames import frames
-from pumaid.records import Robot
+from pumaid.kinematics import frames
+from pumaid.robot import Robot
 
 Floats = NDArray[np.float64]
 

@@ -7,7 +7,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from pumaid.records import Joint, Robot
+from pumaid.robot import Joint, Robot
 from pumaid.units import factor
 
 Floats = NDArray[np.float64]

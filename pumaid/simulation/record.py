@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from pumaid import __version__
 from pumaid.errors import ModelError, Where
-from pumaid.records import Robot
+from pumaid.robot import Robot
 from pumaid.simulation.hidden import LAWS, Hidden
 from pumaid.simulation.links import Links
 from pumaid.simulation.recursion import Constants

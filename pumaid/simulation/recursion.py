@@ -12,8 +12,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from pumaid.maths.frames import link_rotation
-from pumaid.records import Robot
+from pumaid.kinematics import link_rotation
+from pumaid.robot import Robot
 from pumaid.simulation.links import Links
 
 Floats = NDArray[np.float64]

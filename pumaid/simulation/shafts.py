@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from pumaid.records import Robot
+from pumaid.robot import Robot
 
 Floats = NDArray[np.float64]
 

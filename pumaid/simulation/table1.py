@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from pumaid.records import Joint, Motion, Plan, Posture, Robot
+from pumaid.records import Motion, Plan, Posture
+from pumaid.robot import Joint, Robot
 from pumaid.simulation.recursion import Constants
 from pumaid.simulation.truth import Friction, Noise, Truth
 from pumaid.units import factor

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from pumaid.records import Robot
+from pumaid.robot import Robot
 from pumaid.simulation.hidden import Hidden, Instants, sized, total
 from pumaid.simulation.hidden.state import State
 from pumaid.simulation.links import Links

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from pumaid.errors import ModelError
-from pumaid.records import Robot
+from pumaid.robot import Robot
 from pumaid.simulation.links import Links, gravity_load, side_load
 from pumaid.simulation.recursion import Constants, gravity_current
 from pumaid.simulation.shafts import borne

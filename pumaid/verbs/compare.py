@@ -15,7 +15,8 @@ from pumaid.estimation.judge import NOTHING, Groups, Judge, Tally, rmse, togethe
 from pumaid.io.result import check_same_recipe
 from pumaid.preprocessing.heldout import otherwise
 from pumaid.preprocessing.replicates import noise_floor, pairs
-from pumaid.records import TOGETHER, UNEXPLAINED, Budget, Comparison, Estimate, Evidence, JointScore, Robot, RunScore
+from pumaid.records import TOGETHER, UNEXPLAINED, Budget, Comparison, Estimate, Evidence, JointScore, RunScore
+from pumaid.robot import Robot
 
 
 def compare(estimate: Estimate, evidence: Evidence, robot: Robot) -> Comparison:

@@ -18,7 +18,8 @@ from pumaid.diagnosis.scan import Projector, Trial
 from pumaid.diagnosis.system import Solved
 from pumaid.effects import Effect, Scope
 from pumaid.errors import ModelError, Note, Where
-from pumaid.records import EffectChoice, Estimate, Evidence, Motion, NextRun, Plan, Posture, Robot
+from pumaid.records import Estimate, Evidence, Motion, NextRun, Plan, Posture
+from pumaid.robot import EffectChoice, Robot
 from pumaid.simulation.hidden import Hidden
 from pumaid.simulation.timing import duration
 from pumaid.units import number

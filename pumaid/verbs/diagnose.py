@@ -21,7 +21,8 @@ from pumaid.io.result import check_same_recipe
 from pumaid.model import Model
 from pumaid.preprocessing.heldout import otherwise
 from pumaid.preprocessing.options import CONSTANT
-from pumaid.records import Campaign, Diagnosis, Estimate, Evidence, Robot, Run
+from pumaid.records import Campaign, Diagnosis, Estimate, Evidence, Run
+from pumaid.robot import Robot
 
 #: Runs at constant speed from which a joint's strokes are not needed.
 STEADY = 12

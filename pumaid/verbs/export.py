@@ -13,7 +13,8 @@ from pumaid.exports.formulas import Formulas
 from pumaid.exports.names import identifier
 from pumaid.exports.torque import constants_of
 from pumaid.io.result import check_same_recipe
-from pumaid.records import Estimate, Robot
+from pumaid.records import Estimate
+from pumaid.robot import Robot
 
 
 def export(

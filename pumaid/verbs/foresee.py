@@ -16,7 +16,8 @@ from pumaid.design.outlook import absent, conditions, existing, expected, short_
 from pumaid.design.planner import Planner, Wish
 from pumaid.design.setup import Setup
 from pumaid.errors import Note, Where
-from pumaid.records import Estimate, Motion, Plan, Robot
+from pumaid.records import Estimate, Motion, Plan
+from pumaid.robot import Robot
 from pumaid.simulation.timing import duration
 from pumaid.structure import minimal
 

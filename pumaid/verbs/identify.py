@@ -6,7 +6,8 @@ from collections.abc import Sequence
 
 from pumaid.estimation.identification import identified
 from pumaid.estimation.system import Progress
-from pumaid.records import EffectChoice, Estimate, Evidence, Robot
+from pumaid.records import Estimate, Evidence
+from pumaid.robot import EffectChoice, Robot
 
 
 def identify(

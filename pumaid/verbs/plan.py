@@ -14,7 +14,8 @@ from pumaid.design.planner import Made, Planner, Wish
 from pumaid.design.reasons import postures
 from pumaid.design.setup import Setup
 from pumaid.errors import Faults, ModelError, Note, PumaidError
-from pumaid.records import Estimate, Plan, Robot
+from pumaid.records import Estimate, Plan
+from pumaid.robot import Robot
 from pumaid.simulation.timing import duration
 from pumaid.structure import minimal
 

@@ -7,7 +7,8 @@ from collections.abc import Callable, Iterable
 from pumaid.preprocessing import clock
 from pumaid.preprocessing.options import DEFAULTS, SegmentOptions
 from pumaid.preprocessing.segmenter import Segmenter
-from pumaid.records import Evidence, Log, Robot
+from pumaid.records import Evidence, Log
+from pumaid.robot import Robot
 
 __all__ = ["SegmentOptions", "segment"]
 

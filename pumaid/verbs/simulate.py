@@ -8,7 +8,8 @@ from collections.abc import Iterator
 import numpy as np
 
 from pumaid.errors import ModelError, Where
-from pumaid.records import Log, Plan, Robot
+from pumaid.records import Log, Plan
+from pumaid.robot import Robot
 from pumaid.simulation.draw import draw
 from pumaid.simulation.session import BUILTIN, Session
 from pumaid.simulation.truth import Truth

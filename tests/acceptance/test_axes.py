@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from pumaid.io.recipe import read_recipe, shipped_recipes
-from pumaid.maths.frames import axes, origins
-from pumaid.records import Robot
+from pumaid.kinematics import axes, origins
+from pumaid.robot import Robot
 
 pin = pytest.importorskip("pinocchio", reason="the independent kinematics is pinocchio (pip install pumaid[test])")
 

@@ -10,7 +10,8 @@ import pytest
 
 from pumaid.effects.gravity import Gravity
 from pumaid.io.recipe import read_recipe, shipped_recipes
-from pumaid.records import Joint, Robot, Samples
+from pumaid.records import Samples
+from pumaid.robot import Joint, Robot
 
 pin = pytest.importorskip("pinocchio", reason="the engine is pinocchio (pip install pumaid[test])")
 

@@ -11,7 +11,8 @@ import numpy as np
 import pytest
 from motion_worlds import INERTIA, SCENARIOS, VISCOUS, World, make, robot, score
 
-from pumaid.records import Joint, Log, Robot
+from pumaid.records import Log
+from pumaid.robot import Joint, Robot
 from pumaid.verbs.segment import segment
 
 SEEDS = (20_001, 20_002)

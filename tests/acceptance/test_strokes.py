@@ -10,7 +10,8 @@ import numpy as np
 import pytest
 
 from pumaid.io.recipe import read_recipe, shipped_recipes
-from pumaid.records import Motion, Plan, Robot
+from pumaid.records import Motion, Plan
+from pumaid.robot import Robot
 from pumaid.simulation import Session, draw
 from pumaid.simulation.physics.joints import inertia
 from pumaid.simulation.record import as_json

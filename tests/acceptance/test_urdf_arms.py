@@ -13,8 +13,9 @@ from pumaid.effects.gravity import Gravity
 from pumaid.errors import PumaidError
 from pumaid.io.recipe import read_recipe, shipped_recipes
 from pumaid.io.urdf_recipe import TOLERANCE, UrdfRecipe, recipe_from_urdf
-from pumaid.maths.frames import axes, origins
-from pumaid.records import Robot, Samples
+from pumaid.kinematics import axes, origins
+from pumaid.records import Samples
+from pumaid.robot import Robot
 
 pytest.importorskip("pinocchio", reason="the independent reader is pinocchio (pip install pumaid[test])")
 pytest.importorskip("example_robot_data", reason="example-robot-data brings the URDFs (pip install pumaid[test])")

@@ -7,7 +7,8 @@ import pytest
 
 from pumaid.io.recipe import read_recipe, shipped_recipes
 from pumaid.preprocessing.planned import mark_heldout
-from pumaid.records import Evidence, Plan, Robot
+from pumaid.records import Evidence, Plan
+from pumaid.robot import Robot
 from pumaid.simulation import Bench, draw
 from pumaid.simulation.forecast import forecast, gravity_names
 from pumaid.structure import minimal

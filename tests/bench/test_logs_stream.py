@@ -11,7 +11,8 @@ import numpy as np
 import pytest
 
 from pumaid.io.table import write_log
-from pumaid.records import Joint, Log, Robot
+from pumaid.records import Log
+from pumaid.robot import Joint, Robot
 
 #: What getrusage tells begins at the size of the process that started it, so the system's own record is read.
 READ = """

@@ -27,7 +27,7 @@ from pumaid.io.diagnosis import model_digest, read_diagnosis, write_diagnosis
 from pumaid.io.log_writer import write_log
 from pumaid.io.plan import read_plan, write_plan
 from pumaid.io.recipe import shipped_recipes
-from pumaid.records import EffectChoice
+from pumaid.robot import EffectChoice
 from pumaid.simulation import hidden
 from pumaid.simulation.draw import draw
 

@@ -62,15 +62,6 @@ def test_what_is_no_input_may_be_written(arm, tmp_path):
         spare_inputs([tmp_path / "a" / ".." / "new"], [tmp_path / "new"])
 
 
-def test_a_report_that_fails_half_way_leaves_the_old_one(arm):
-    """Figures that cannot be written: tables, figures and page of the report before all stand."""
-    words = ["report", str(arm / MODEL), str(arm / "logs"), "--format", "svg"]
-    assert invoke(*words).exit_code == 0
-    before = contents(arm)
-    found = invoke(*words, "--units", "deg", "--figures", str(arm / RECIPE))
-    assert found.exit_code == 3 and contents(arm) == before
-
-
 @pytest.mark.parametrize("words", ["identify logs", f"diagnose {MODEL} logs"])
 def test_a_refusal_prints_no_document(arm, monkeypatch, words):
     """Where the file cannot be written, ``--json`` prints nothing either."""

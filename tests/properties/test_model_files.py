@@ -11,7 +11,8 @@ from hypothesis import strategies as st
 
 from pumaid.errors import PumaidError
 from pumaid.io.result import as_text, model_document, plain, read_model
-from pumaid.records import Combination, EffectChoice, Estimate, JointFit, Value
+from pumaid.records import Combination, Estimate, JointFit, Value
+from pumaid.robot import EffectChoice
 
 ESTIMATE = Estimate(
     robot="arm",

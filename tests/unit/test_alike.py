@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from pumaid.kinematics import apart
 from pumaid.maths.alike import grouped, marked, near
-from pumaid.maths.frames import apart
 
 
 @pytest.mark.parametrize("seed", range(5))

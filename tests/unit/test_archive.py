@@ -13,7 +13,7 @@ from pumaid.errors import ResultError
 from pumaid.io.archive import keep, restore
 from pumaid.io.ladders import read_history
 from pumaid.io.result import read_model, write_model
-from pumaid.records import EffectChoice
+from pumaid.robot import EffectChoice
 
 ROTTEN = {"notes.txt": "mine", "009-broken.json": "{", "010-other.json": '{"kind": "comparison"}', "best.json": "{}"}
 

@@ -9,7 +9,7 @@ from worlds import PENDULUM
 
 from pumaid.choices import chosen_by, expanded, spoken
 from pumaid.errors import ModelError
-from pumaid.records import EffectChoice
+from pumaid.robot import EffectChoice
 from pumaid.simulation import table1
 
 PUMA = table1.puma560().robot

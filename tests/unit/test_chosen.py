@@ -11,7 +11,8 @@ from worlds import PENDULUM, drawn, evidence, experiment
 from pumaid.chosen import check_parameters
 from pumaid.errors import ModelError
 from pumaid.estimation.identification import identified
-from pumaid.records import EffectChoice, Estimate
+from pumaid.records import Estimate
+from pumaid.robot import EffectChoice
 
 #: Twice the same effect at one joint, one of the whole arm, one with shapes that are fitted.
 SEVERAL = (

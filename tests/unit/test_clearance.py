@@ -11,7 +11,7 @@ from pumaid.clearance import Clearance, straight, trapezoids
 from pumaid.clearance.contacts import Contacts
 from pumaid.errors import Faults, RecipeError
 from pumaid.io.recipe import read_recipe, shipped_recipes
-from pumaid.records import Box, Joint, Robot, Safety, Sphere
+from pumaid.robot import Box, Joint, Robot, Safety, Sphere
 
 #: m, as docs/safety.md promises.
 TOLERANCE = 1e-3

@@ -10,7 +10,8 @@ import worlds
 
 import pumaid
 from pumaid.errors import ModelError
-from pumaid.records import UNEXPLAINED, Comparison, Evidence, FileFacts, Means, Reject, Robot, Run
+from pumaid.records import UNEXPLAINED, Comparison, Evidence, FileFacts, Means, Reject, Run
+from pumaid.robot import Robot
 from pumaid.verbs.compare import compare
 
 TURN = np.pi / 2

@@ -10,7 +10,8 @@ import pumaid
 from pumaid.effects import catalogue
 from pumaid.errors import Faults, RecipeError
 from pumaid.io.recipe import read_recipe
-from pumaid.records import Evidence, Joint, Means, Reject, Robot, Samples
+from pumaid.records import Evidence, Means, Reject, Samples
+from pumaid.robot import Joint, Robot
 from pumaid.verbs.compare import compare
 
 GEARS = (-62.6, 107.8, -53.7, 76.0, 71.9, 76.7)

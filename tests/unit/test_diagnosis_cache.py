@@ -17,7 +17,8 @@ from test_diagnosis_file import same
 from pumaid.io import diagnosis_cache
 from pumaid.io.diagnosis import model_digest
 from pumaid.io.diagnosis_cache import DiagnosisCache, diagnosis_shelf
-from pumaid.records import EffectChoice, Evidence, FileFacts
+from pumaid.records import Evidence, FileFacts
+from pumaid.robot import EffectChoice
 
 STORY = stories.story()
 ESTIMATE, ROBOT = STORY.estimate, worlds.PENDULUM

@@ -11,7 +11,8 @@ from worlds import CRANE, PENDULUM, STANFORD
 
 import pumaid.effects
 from pumaid.effects import Effect, Scope, Trace, catalogue
-from pumaid.records import Extent, Joint, Loads, Robot, Samples
+from pumaid.records import Extent, Loads, Samples
+from pumaid.robot import Joint, Robot
 
 NAMES = sorted(catalogue())
 #: What units are made of; powers follow their letter.

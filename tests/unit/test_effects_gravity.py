@@ -11,7 +11,8 @@ from worlds import CRANE, PENDULUM, STANFORD
 from pumaid.effects import catalogue
 from pumaid.loads import loads
 from pumaid.model import Model
-from pumaid.records import Robot, Samples
+from pumaid.records import Samples
+from pumaid.robot import Robot
 from pumaid.simulation import table1
 
 mujoco = pytest.importorskip("mujoco", reason="the engine is mujoco (pip install pumaid[test])")

@@ -185,7 +185,7 @@ def test_ctrl_c_stays_ctrl_c(written):
 
 
 #: An arm on which effects were not tried.
-OTHER = pumaid.records.Robot("another arm", ARM.joints)
+OTHER = pumaid.Robot("another arm", ARM.joints)
 
 
 def elsewhere(line: str) -> str:

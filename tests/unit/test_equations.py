@@ -14,7 +14,8 @@ from pumaid.effects import catalogue
 from pumaid.knots import spread
 from pumaid.loads import loads
 from pumaid.model import Model
-from pumaid.records import Campaign, EffectChoice, Samples
+from pumaid.records import Campaign, Samples
+from pumaid.robot import EffectChoice
 from pumaid.sight import Sight, samples_of
 
 HOLD = (0.3, 0.4)

@@ -16,7 +16,7 @@ from pumaid.io import evidence_cache
 from pumaid.io.evidence_cache import EvidenceCache, evidence_shelf
 from pumaid.io.evidence_npz import is_evidence
 from pumaid.io.table import LogReader, write_log
-from pumaid.records import EffectChoice
+from pumaid.robot import EffectChoice
 from pumaid.verbs.segment import segment
 
 WORLD = World(motions=4, rate=200.0)

@@ -13,7 +13,8 @@ from pumaid.estimation.enlarged import Enlarged, enlarged
 from pumaid.estimation.system import Fitted, again, stroke_noise
 from pumaid.io.recipe import read_recipe, shipped_recipes
 from pumaid.model import Model
-from pumaid.records import Campaign, EffectChoice, Evidence, Motion, Plan
+from pumaid.records import Campaign, Evidence, Motion, Plan
+from pumaid.robot import EffectChoice
 from pumaid.simulation import Session, draw
 from pumaid.simulation.hidden import parse
 from pumaid.verbs.identify import identify

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from pumaid.maths.frames import axes, link_rotation, origins
+from pumaid.kinematics import axes, link_rotation, origins
 
 RNG = np.random.default_rng(2)
 ALPHAS, LENGTHS = RNG.uniform(-3, 3, 4), RNG.uniform(-1, 1, 4)

@@ -12,7 +12,8 @@ from pumaid.chosen import Chosen
 from pumaid.errors import Where
 from pumaid.estimation.identification import identified
 from pumaid.model import Model
-from pumaid.records import Campaign, EffectChoice, Evidence, Plan
+from pumaid.records import Campaign, Evidence, Plan
+from pumaid.robot import EffectChoice
 from pumaid.simulation import Bench
 from pumaid.simulation.hidden import parse
 from pumaid.verbs.compare import compare

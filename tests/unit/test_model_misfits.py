@@ -12,7 +12,8 @@ import pytest
 from pumaid.errors import Faults, PumaidError
 from pumaid.io.result import as_text, model_document, read_model, write_model
 from pumaid.io.result_schema import checked
-from pumaid.records import Combination, EffectChoice, Estimate, JointFit, Value
+from pumaid.records import Combination, Estimate, JointFit, Value
+from pumaid.robot import EffectChoice
 
 NAMES = ("coulomb.j1.plus", "coulomb.j2.plus", "stribeck.j2.velocity_2")
 OPEN = Value("gain_ratio.2.3", "eta2/eta3", 2, "", state="not_identifiable", reason="light")

@@ -16,7 +16,8 @@ import pytest
 from pumaid.design.laps import top_speed
 from pumaid.errors import Faults, ModelError
 from pumaid.io.recipe import read_recipe, shipped_recipes
-from pumaid.records import Joint, Motion, Plan, Robot
+from pumaid.records import Motion, Plan
+from pumaid.robot import Joint, Robot
 from pumaid.simulation.draw import draw
 from pumaid.simulation.ranges import span
 from pumaid.simulation.recursion import gravity_current

@@ -11,7 +11,8 @@ import pytest
 
 from pumaid.errors import Faults, ModelError, PumaidError, ResultError
 from pumaid.io.plan import find_plan, plan_text, read_plan, refuse_to_replace, write_plan
-from pumaid.records import Joint, Motion, Plan, Posture, Robot
+from pumaid.records import Motion, Plan, Posture
+from pumaid.robot import Joint, Robot
 
 ROBOT = Robot(
     "Lift & tip: 2",

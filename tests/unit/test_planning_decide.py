@@ -18,7 +18,8 @@ from pumaid.diagnosis.refine import at
 from pumaid.diagnosis.scan import Projector
 from pumaid.effects import catalogue
 from pumaid.errors import ModelError
-from pumaid.records import EffectChoice, Evidence, Joint, Plan, Robot
+from pumaid.records import Evidence, Plan
+from pumaid.robot import EffectChoice, Joint, Robot
 from pumaid.simulation import Bench, Hidden, draw
 from pumaid.verbs.decide import decide
 from pumaid.verbs.plan import plan

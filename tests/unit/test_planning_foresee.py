@@ -12,7 +12,8 @@ from menus import arm, assumed, names
 from pumaid.clearance import Clearance
 from pumaid.cli.planning import needs_attention
 from pumaid.design.setup import Setup
-from pumaid.records import Box, Motion, Plan, Safety
+from pumaid.records import Motion, Plan
+from pumaid.robot import Box, Safety
 from pumaid.simulation import table1
 from pumaid.simulation.forecast import forecast
 from pumaid.verbs.foresee import foresee

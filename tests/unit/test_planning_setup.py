@@ -14,7 +14,8 @@ from pumaid.design.setup import Setup
 from pumaid.errors import ModelError
 from pumaid.io.recipe import read_recipe, shipped_recipes
 from pumaid.io.recipe_gravity import with_gravity
-from pumaid.records import Evidence, Joint, Robot
+from pumaid.records import Evidence
+from pumaid.robot import Joint, Robot
 from pumaid.simulation import Bench, draw, table1
 from pumaid.verbs.identify import identify
 from pumaid.verbs.plan import plan

@@ -12,7 +12,8 @@ from menus import arm, assumed, names
 from pumaid.design.assume import drawn, known
 from pumaid.design.planner import Made, Planner, Wish
 from pumaid.errors import ModelError
-from pumaid.records import Box, Estimate, Evidence, Joint, Motion, Plan, Robot, Safety, Sphere
+from pumaid.records import Estimate, Evidence, Motion, Plan
+from pumaid.robot import Box, Joint, Robot, Safety, Sphere
 from pumaid.simulation import Bench, draw, table1
 from pumaid.simulation.forecast import forecast
 from pumaid.simulation.links import Links

@@ -12,7 +12,8 @@ from ruamel.yaml import YAML
 from pumaid.errors import ModelError
 from pumaid.io.recipe import read_recipe, shipped_recipes
 from pumaid.programs import program_text
-from pumaid.records import Joint, Motion, Plan, Robot
+from pumaid.records import Motion, Plan
+from pumaid.robot import Joint, Robot
 from pumaid.simulation.timing import REST, highest_speeds
 
 #: s between the instants at which an interpreter tells where the arm is.

@@ -9,7 +9,7 @@ import pytest
 from pumaid.errors import Faults, PumaidError
 from pumaid.io.recipe import read_recipe, shipped_recipes
 from pumaid.io.recipe_template import started_from
-from pumaid.records import Box, Safety, Sphere
+from pumaid.robot import Box, Safety, Sphere
 
 ARM = shipped_recipes()["puma560"].read_text(encoding="utf-8") + "safety:\n"
 BOX = "{name: table, min: [-1, -1, -1], max: [1, 1, -0.02]}"

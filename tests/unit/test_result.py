@@ -12,7 +12,8 @@ import pytest
 
 from pumaid.errors import Faults, ModelError, Note, ResultError, Where
 from pumaid.io.result import as_text, check_same_recipe, heading, model_document, plain, read_model, write_model
-from pumaid.records import Combination, EffectChoice, Estimate, Joint, JointFit, Robot, Value
+from pumaid.records import Combination, Estimate, JointFit, Value
+from pumaid.robot import EffectChoice, Joint, Robot
 
 AWKWARD = 0.1 + 0.2  # 0.30000000000000004: a float that a rounded text would change
 

@@ -6,7 +6,7 @@ import pytest
 from ruamel.yaml import YAML
 
 from pumaid.io.schemes import paste_block
-from pumaid.records import Joint, LogFormat, Robot
+from pumaid.robot import Joint, LogFormat, Robot
 
 
 def arm(n_joints: int, names: tuple[str, ...] = ()) -> Robot:

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from pumaid.errors import PumaidError
-from pumaid.records import Joint, Log, Robot
+from pumaid.records import Log
+from pumaid.robot import Joint, Robot
 from pumaid.verbs.segment import SegmentOptions, segment
 
 ARM = Robot("arm", (Joint(1, "base", "revolute"), Joint(2, "arm", "revolute"), Joint(3, "slide", "prismatic")))

@@ -12,7 +12,8 @@ from pumaid.estimation.system import solve
 from pumaid.maths.propagation import recursion_covariance
 from pumaid.maths.recursion import Gains
 from pumaid.model import Model
-from pumaid.records import Evidence, Joint, Robot
+from pumaid.records import Evidence
+from pumaid.robot import Joint, Robot
 from pumaid.simulation import Bench, table1
 from pumaid.verbs.identify import identify
 

@@ -13,11 +13,12 @@ from matplotlib.figure import Figure
 
 from pumaid.io.archive import keep
 from pumaid.io.ladders import ladder_of, read_history
-from pumaid.records import EffectChoice, Ladder
+from pumaid.records import Ladder
 from pumaid.reporting.ladder import joint_grids, ladder_grid, ladder_sentence, names, step
 from pumaid.reporting.plots.ladder import draw, drawings, drawn
 from pumaid.reporting.plots.style import styled
 from pumaid.reporting.report import page
+from pumaid.robot import EffectChoice
 
 
 def drawn_of(of: Ladder) -> Figure:

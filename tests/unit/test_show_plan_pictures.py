@@ -10,9 +10,10 @@ from matplotlib.collections import PolyCollection
 
 from pumaid.io.recipe import read_recipe, shipped_recipes
 from pumaid.programs.steps import run_times
-from pumaid.records import Box, Joint, Motion, Plan, Posture, Robot, Safety, Sphere
+from pumaid.records import Motion, Plan, Posture
 from pumaid.reporting import postures, timetable
 from pumaid.reporting.held import held, letter
+from pumaid.robot import Box, Joint, Robot, Safety, Sphere
 from pumaid.simulation.timing import REST
 
 ARM = Robot(

@@ -14,12 +14,13 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
 from pumaid.errors import ResultError
-from pumaid.records import Evidence, Joint, Robot
+from pumaid.records import Evidence
 from pumaid.reporting.plots import drawings, misfit, skeleton, spent
 from pumaid.reporting.plots.segments import MOST_RUNS, beginning
 from pumaid.reporting.plots.skeleton import frames
 from pumaid.reporting.plots.style import INK, dots, woven
 from pumaid.reporting.story import Story
+from pumaid.robot import Joint, Robot
 from pumaid.verbs.compare import compare
 
 

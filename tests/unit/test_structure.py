@@ -15,7 +15,7 @@ from scipy.spatial.transform import Rotation
 from worlds import TURN, arm
 
 from pumaid.io.recipe import read_recipe, shipped_recipes
-from pumaid.records import Robot
+from pumaid.robot import Robot
 from pumaid.structure import Structure, minimal
 
 #: Cosines and sines below this are rounding of right angles.

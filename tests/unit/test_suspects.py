@@ -14,7 +14,8 @@ from pumaid.errors import LogError
 from pumaid.io.table import LogReader
 from pumaid.preprocessing.reduce import coarser
 from pumaid.preprocessing.suspicion import Watch
-from pumaid.records import Cells, Evidence, Joint, Robot
+from pumaid.records import Cells, Evidence
+from pumaid.robot import Joint, Robot
 from pumaid.verbs.segment import SegmentOptions, segment
 
 ARM = Robot("arm", (Joint(1, "base", "revolute"), Joint(2, "arm", "revolute")))

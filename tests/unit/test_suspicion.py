@@ -14,7 +14,8 @@ from pumaid.errors import Faults, LogError, Note
 from pumaid.io.table import LogReader
 from pumaid.preprocessing.suspicion import Watch
 from pumaid.preprocessing.tally import Tally
-from pumaid.records import Joint, Log, LogFormat, Robot
+from pumaid.records import Log
+from pumaid.robot import Joint, LogFormat, Robot
 
 REAL = Path(os.environ.get("PUMAID_REAL_DATA", Path(__file__).parents[3] / "shared" / "data"))
 COULOMB = np.array([0.5, -0.4, 0.15])

@@ -22,7 +22,8 @@ from hypothesis import strategies as st
 from pumaid.errors import LogError, ResultError
 from pumaid.io import text_blocks
 from pumaid.io.table import LogReader, write_log
-from pumaid.records import Joint, Log, LogFormat, Robot
+from pumaid.records import Log
+from pumaid.robot import Joint, LogFormat, Robot
 
 
 def arm(n_joints: int = 2, *, max_velocity: float | None = 2.0, **log: object) -> Robot:

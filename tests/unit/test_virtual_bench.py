@@ -7,7 +7,8 @@ import pytest
 
 from pumaid.errors import ModelError
 from pumaid.maths.triangle import Triangle
-from pumaid.records import CONSTANT_COLUMNS, Joint, Motion, Plan, Robot
+from pumaid.records import CONSTANT_COLUMNS, Motion, Plan
+from pumaid.robot import Joint, Robot
 from pumaid.simulation import Bench, draw, runs, table1
 
 PUMA, PAPER = table1.puma560(), table1.experiment()

@@ -7,7 +7,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from pumaid.records import Joint, Motion, Robot
+from pumaid.records import Motion
+from pumaid.robot import Joint, Robot
 from pumaid.simulation import Noise, draw, table1
 from pumaid.simulation.forecast import forecast, gravity_names, jacobian, run_moments
 from pumaid.simulation.recursion import gravity_current

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from pumaid.records import Joint, Robot
+from pumaid.robot import Joint, Robot
 from pumaid.simulation.links import Links, gravity_load
 from pumaid.simulation.recursion import constants, gravity_current
 

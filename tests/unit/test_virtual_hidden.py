@@ -11,7 +11,8 @@ import pytest
 from scipy.optimize import brentq
 
 from pumaid.errors import ModelError
-from pumaid.records import Joint, Motion, Plan, Robot
+from pumaid.records import Motion, Plan
+from pumaid.robot import Joint, Robot
 from pumaid.simulation import Bench, Hidden, Session, draw, record, table1
 from pumaid.simulation.heat import curve
 from pumaid.simulation.hidden import LAWS, Instants, parse

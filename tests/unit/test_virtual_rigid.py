@@ -11,7 +11,8 @@ import pytest
 
 from pumaid.errors import ModelError
 from pumaid.io.recipe import read_recipe, shipped_recipes
-from pumaid.records import Joint, Motion, Plan, Robot
+from pumaid.records import Motion, Plan
+from pumaid.robot import Joint, Robot
 from pumaid.simulation import Hidden, Session, draw, table1
 from pumaid.simulation.links import swung
 from pumaid.simulation.physics.joints import Joints, inertia

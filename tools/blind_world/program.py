@@ -15,7 +15,8 @@ from numpy.typing import NDArray
 
 from pumaid.cli.reading import read_evidence
 from pumaid.errors import PumaidError
-from pumaid.records import Diagnosis, EffectChoice, Estimate, Evidence, Robot
+from pumaid.records import Diagnosis, Estimate, Evidence
+from pumaid.robot import EffectChoice, Robot
 from pumaid.verbs.identify import identify
 
 Floats = NDArray[np.float64]

@@ -109,8 +109,8 @@ def command(
 
 
 def _draw(picture: Path, told: Story, *, form: str) -> None:
-    from pumaid.io.atomic import write_whole
+    from pumaid.io.write import write_file
     from pumaid.reporting.plots import misfit
 
-    write_whole(picture, misfit.drawn(told, form))
+    write_file(picture, misfit.drawn(told, form))
     remark(f"picture written to {picture}")

@@ -38,8 +38,8 @@ def command(*, folder: Path, robot: str, effect: str | None, clean: bool, seed: 
       pumaid demo --clean --robot ur5e
     """
     from pumaid.cli import demo
-    from pumaid.io.atomic import write_whole
     from pumaid.io.result import as_text
+    from pumaid.io.write import write_file
 
     if clean and effect is not None:
         raise click.UsageError("--clean hides nothing, --effect something: give one of them.")
@@ -71,7 +71,7 @@ def command(*, folder: Path, robot: str, effect: str | None, clean: bool, seed: 
         "told": sentence,
         "made": demo.made(folder),
     }
-    write_whole(folder / demo.MARK, as_text(content, ascii_only=True))
+    write_file(folder / demo.MARK, as_text(content, ascii_only=True))
     if as_json:
         document(content)
 

@@ -26,7 +26,8 @@ from pumaid.cli.options import (
 from pumaid.cli.output import attention, document, notes, picture_form, remark, spare_inputs, table
 
 if TYPE_CHECKING:
-    from pumaid.records import Diagnosis, Robot
+    from pumaid.records import Diagnosis
+    from pumaid.robot import Robot
 
 
 @click.command()
@@ -156,12 +157,12 @@ def _kept(path: Path, found: Diagnosis) -> str:
 
 def _draw(picture: Path, found: Diagnosis, robot: Robot, *, form: str, units: str) -> str:
     """Draw what was found, and say so."""
-    from pumaid.io.atomic import write_whole
+    from pumaid.io.write import write_file
     from pumaid.reporting.plots.findings import can_be_drawn, drawn
 
     if not can_be_drawn(found):
         return f"nothing was found that could be drawn: {picture} is not written"
-    write_whole(picture, drawn(found, robot, form, units=units))
+    write_file(picture, drawn(found, robot, form, units=units))
     return f"picture written to {picture}"
 
 

@@ -100,8 +100,8 @@ def _numbers(found: list[dict[str, Any]], word: str) -> None:
 
 
 def _draw(effect: Any, picture: Path, form: str) -> None:
-    from pumaid.io.atomic import write_whole
+    from pumaid.io.write import write_file
     from pumaid.reporting.plots.signature import drawing
 
-    write_whole(picture, drawing(effect).file(form))
+    write_file(picture, drawing(effect).file(form))
     remark(f"picture written to {picture}")

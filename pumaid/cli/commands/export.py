@@ -111,13 +111,14 @@ def _write(files: Mapping[Path, str], *, force: bool) -> None:
     """Refuse before the first is written; what is made is whole."""
     from pumaid.cli.output import remark
     from pumaid.errors import ResultError, Where
-    from pumaid.io.atomic import write_together
+    from pumaid.io.write import write_file
 
     for path in files:
         if path.exists() and not force:
             mend = "write elsewhere with -o FILE, or replace it with --force"
             raise ResultError("file-exists", f"{path} is there already", Where(file=str(path)), mend)
-    write_together([(path, text.encode("utf-8", "backslashreplace")) for path, text in files.items()])
+    for path, text in files.items():
+        write_file(path, text)
     remark(f"written: {', '.join(map(str, files))}")
 
 

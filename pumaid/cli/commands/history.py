@@ -76,10 +76,10 @@ def _results(folder: Path) -> Path:
 
 
 def _draw(picture: Path, ladder: Ladder, *, form: str) -> None:
-    from pumaid.io.atomic import write_whole
+    from pumaid.io.write import write_file
     from pumaid.reporting.plots.ladder import drawn
 
-    write_whole(picture, drawn(ladder, form))
+    write_file(picture, drawn(ladder, form))
     remark(f"picture written to {picture}")
 
 

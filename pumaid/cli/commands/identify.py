@@ -26,7 +26,8 @@ from pumaid.cli.output import document, notes, remark, spare_inputs, table
 from pumaid.cli.progress import progress
 
 if TYPE_CHECKING:
-    from pumaid.records import Estimate, Robot
+    from pumaid.records import Estimate
+    from pumaid.robot import Robot
 
 #: What the fit and its table are made with; nothing of it is needed to read logs.
 _BEHIND = ("pumaid.verbs.identify", "pumaid.reporting.tables", "pumaid.io.archive")

@@ -148,13 +148,13 @@ def _text(name: str | None, joints: int | None) -> str:
 
 def _written(target: Path, text: str, force: bool) -> Path:
     from pumaid.errors import ResultError, Where
-    from pumaid.io.atomic import write_whole
+    from pumaid.io.write import write_file
 
     path = target / "recipe.yaml" if target.is_dir() else target
     if path.exists() and not force:
         mend = "write elsewhere with -o FILE, or replace it with --force"
         raise ResultError("file-exists", f"{path} is there already", Where(file=str(path)), mend)
-    write_whole(path, text)
+    write_file(path, text)
     return path
 
 

@@ -25,8 +25,9 @@ from pumaid.cli.output import content, document, notes, remark, spare_inputs
 from pumaid.cli.progress import progress
 
 if TYPE_CHECKING:
-    from pumaid.records import Evidence, Robot
+    from pumaid.records import Evidence
     from pumaid.reporting.story import Story
+    from pumaid.robot import Robot
 
 TABLES = ("text", "csv", "parquet", "latex", "markdown", "json")
 FIGURES = ("png", "svg", "pdf")
@@ -129,7 +130,7 @@ def _table(
 ) -> None:
     """Only the parameter table."""
     from pumaid.cli.reading import check_model, read_known_model, read_robot
-    from pumaid.io.atomic import write_whole
+    from pumaid.io.write import write_file
     from pumaid.reporting.export import parameters_as
 
     estimate, robot = read_known_model(source), read_robot(recipe, near)
@@ -138,7 +139,7 @@ def _table(
     if output is None or str(output) == "-":
         content(made)
     else:
-        write_whole(output, made)
+        write_file(output, made)
         remark(f"table written to {output}")
 
 
@@ -196,10 +197,6 @@ def _made(
     from pumaid.reporting.export import export, files_of
     from pumaid.reporting.plots import drawings
 
-    if "pdf" in forms:
-        from pumaid.io.typeface import cut_typeface
-
-        cut_typeface()
     made: list[tuple[Path, bytes]] = []
     each = list(drawings(told))
     numbers = range(len(each))
@@ -221,9 +218,11 @@ def _made(
 
 def _write(made: Sequence[tuple[Path, bytes]]) -> None:
     """Write everything or nothing; the page, if it goes to standard output, once the rest is written."""
-    from pumaid.io.atomic import write_together
+    from pumaid.io.write import write_file
 
-    write_together([(path, data) for path, data in made if str(path) != "-"])
+    for path, data in made:
+        if str(path) != "-":
+            write_file(path, data)
     page, told = made[-1]
     if str(page) == "-":
         content(told)

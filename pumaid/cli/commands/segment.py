@@ -19,7 +19,8 @@ from pumaid.cli.options import (
 from pumaid.cli.output import document, notes, picture_form, remark, say, spare_inputs, table
 
 if TYPE_CHECKING:
-    from pumaid.records import Evidence, Robot
+    from pumaid.records import Evidence
+    from pumaid.robot import Robot
 
 #: What a threshold may be.
 _SHARE = click.FloatRange(0.0, 1.0, min_open=True, max_open=True)
@@ -117,8 +118,8 @@ def _tell(evidence: Evidence, robot: Robot, *, units: str, rejects: bool) -> Non
 
 
 def _draw(picture: Path, evidence: Evidence, robot: Robot, *, form: str, units: str) -> None:
-    from pumaid.io.atomic import write_whole
+    from pumaid.io.write import write_file
     from pumaid.reporting.segments import drawn
 
-    write_whole(picture, drawn(evidence, robot, form, units=units))
+    write_file(picture, drawn(evidence, robot, form, units=units))
     remark(f"picture written to {picture}")

@@ -13,7 +13,8 @@ from pumaid.cli.output import document, notes, remark, spare_inputs, table
 from pumaid.cli.progress import progress
 
 if TYPE_CHECKING:
-    from pumaid.records import Plan, Robot
+    from pumaid.records import Plan
+    from pumaid.robot import Robot
     from pumaid.simulation import Truth
 
 

@@ -12,7 +12,8 @@ import numpy as np
 from pumaid.effects.base import Effect, Family, Parameter, Scope, Shape, Trace
 from pumaid.effects.outside.failing import refused
 from pumaid.errors import ModelError
-from pumaid.records import Extent, Joint, Loads, Robot, Samples
+from pumaid.records import Extent, Loads, Samples
+from pumaid.robot import Joint, Robot
 
 #: Turning joints and a slide, with gears and limits, none of them special to gravity.
 ARM = Robot(

@@ -9,7 +9,7 @@ import numpy as np
 from pumaid.exports.base import Form, Subject
 from pumaid.exports.formulas import Lack
 from pumaid.io.result import as_text
-from pumaid.records import Robot
+from pumaid.robot import Robot
 
 #: Postures with currents by the model itself.
 POSTURES = 8

@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 from pumaid.exports.base import Form, Subject
 from pumaid.exports.chain_xml import bodies_of, spaced, weights_only, written, xml_name
 from pumaid.exports.formulas import Lack
-from pumaid.maths.frames import link_rotation
-from pumaid.records import Joint
+from pumaid.kinematics import link_rotation
+from pumaid.robot import Joint
 
 Floats = NDArray[np.float64]
 

@@ -13,7 +13,7 @@ from matplotlib.lines import Line2D
 from numpy.typing import NDArray
 
 from pumaid.errors import ResultError
-from pumaid.records import Binned, Curve, Diagnosis, Finding, JointDiagnosis, Robot
+from pumaid.records import Binned, Curve, Diagnosis, Finding, JointDiagnosis
 from pumaid.reporting.findings import listed_or, place
 from pumaid.reporting.numbers import in_unit, shortened
 from pumaid.reporting.plots.style import (
@@ -30,6 +30,7 @@ from pumaid.reporting.plots.style import (
 )
 from pumaid.reporting.story import Story, joint_title
 from pumaid.reporting.verdicts import form_sentence, variable_word
+from pumaid.robot import Robot
 
 Floats = NDArray[np.float64]
 

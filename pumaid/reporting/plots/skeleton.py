@@ -9,10 +9,10 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from pumaid.maths.frames import frames as chain
-from pumaid.records import Robot
+from pumaid.kinematics import frames as chain
 from pumaid.reporting.plots.style import BACKWARD, FAINT, FORWARD, GREY, INK, Drawing
 from pumaid.reporting.story import Story
+from pumaid.robot import Robot
 
 Floats = NDArray[np.float64]
 

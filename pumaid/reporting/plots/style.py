@@ -14,7 +14,6 @@ import matplotlib as mpl
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.font_manager import fontManager
 from matplotlib.lines import Line2D
 from matplotlib.patches import PathPatch
 from matplotlib.path import Path
@@ -47,9 +46,6 @@ DARK = {
     "#f3f4f6": "#1d2126",
     "#e3e6ea": "#2a3038",
 }
-
-#: The first that is there writes, the others what it lacks; the first is a cut of the second that the report makes.
-TYPEFACES = ("DejaVu Sans Figures", "DejaVu Sans")
 
 #: The form of a figure that is part of a page.
 INLINE = "inline"
@@ -146,10 +142,9 @@ class Drawing:
 @contextmanager
 def styled(*, text_as_paths: bool = True) -> Iterator[None]:
     """Draw in the house's style inside; SVG text as outlines (exact anywhere) or as text (small, can be searched)."""
-    known = set(fontManager.get_font_names())
     looks: Any = {
         **_RC,
-        "font.family": [name for name in TYPEFACES if name in known],
+        "font.family": ["DejaVu Sans"],
         "svg.fonttype": "path" if text_as_paths else "none",
     }
     with mpl.rc_context(looks):

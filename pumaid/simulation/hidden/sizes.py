@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pumaid.errors import ModelError, Where
-from pumaid.records import Robot
+from pumaid.robot import Robot
 from pumaid.simulation.hidden.catalogue import LAWS
 from pumaid.simulation.hidden.law import Hidden, Reach, Typical
 from pumaid.simulation.ranges import QUICKEST_SLIDE, QUICKEST_TURN, span

@@ -6,7 +6,7 @@ import difflib
 import math
 
 from pumaid.errors import ModelError, Where
-from pumaid.records import Robot
+from pumaid.robot import Robot
 from pumaid.simulation.hidden.catalogue import LAWS
 from pumaid.simulation.hidden.law import Hidden, Reach
 

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from pumaid.records import Joint, Robot
 from pumaid.reporting.grid import Cell, Grid, grid
 from pumaid.reporting.numbers import in_unit
 from pumaid.reporting.plots.style import Drawing
 from pumaid.reporting.report.base import Section
 from pumaid.reporting.story import Story
+from pumaid.robot import Joint, Robot
 
 
 class Arm(Section):

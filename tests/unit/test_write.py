@@ -1,0 +1,104 @@
+"""Files are written atomically, and folders can be locked."""
+
+from __future__ import annotations
+
+import errno
+import os
+import threading
+from pathlib import Path
+
+import pytest
+
+from pumaid.errors import ResultError
+from pumaid.io.write import locked, replacing, write_file
+
+
+def names(folder: Path) -> list[str]:
+    """All names in a folder, hidden ones too."""
+    return sorted(path.name for path in folder.iterdir())
+
+
+def test_content_is_written_and_nothing_else_is_left(tmp_path: Path) -> None:
+    """Text arrives as UTF-8 with its line ends, bytes as they are, and no temporary stays."""
+    write_file(tmp_path / "new" / "a.txt", "é\n")
+    write_file(tmp_path / "new" / "b.bin", b"\x00\r\n")
+    assert (tmp_path / "new" / "a.txt").read_bytes() == b"\xc3\xa9\n"
+    assert (tmp_path / "new" / "b.bin").read_bytes() == b"\x00\r\n"
+    assert names(tmp_path / "new") == ["a.txt", "b.bin"]
+
+
+def test_a_full_disk_leaves_the_old_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """When forcing to disk fails the old content stands and the message says what to do."""
+    path = tmp_path / "a.txt"
+    write_file(path, "old")
+
+    def full(handle: int) -> None:
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    monkeypatch.setattr(os, "fsync", full)
+    with pytest.raises(ResultError, match="No space left") as caught:
+        write_file(path, "new")
+    assert caught.value.slug == "cannot-write" and "free some space" in caught.value.mend
+    assert path.read_text() == "old" and names(tmp_path) == ["a.txt"]
+
+
+def test_an_error_in_the_block_leaves_nothing(tmp_path: Path) -> None:
+    """A stream that breaks half way leaves neither a part nor a temporary."""
+    with pytest.raises(ValueError, match="half way"), replacing(tmp_path / "a.txt") as temporary:
+        temporary.write_text("part")
+        raise ValueError("half way")
+    assert names(tmp_path) == []
+
+
+def test_a_link_stays_a_link(tmp_path: Path) -> None:
+    """The file behind a symbolic link is replaced, not the link."""
+    (tmp_path / "real.txt").write_text("old")
+    (tmp_path / "link.txt").symlink_to("real.txt")
+    write_file(tmp_path / "link.txt", "new")
+    assert (tmp_path / "link.txt").is_symlink() and (tmp_path / "real.txt").read_text() == "new"
+
+
+def test_a_replaced_file_keeps_its_mode(tmp_path: Path) -> None:
+    """A file that only its owner may read stays so."""
+    path = tmp_path / "a.txt"
+    write_file(path, "old")
+    path.chmod(0o600)
+    write_file(path, "new")
+    assert path.stat().st_mode & 0o777 == 0o600
+
+
+def test_a_pipe_is_written_directly(capfd: pytest.CaptureFixture[str]) -> None:
+    """`-o /dev/stdout` works in a pipeline."""
+    write_file(Path("/dev/stdout"), "through")
+    assert capfd.readouterr().out == "through"
+
+
+@pytest.mark.parametrize("name", ["folder", "file/below", "loop", "n" * 300])
+def test_what_cannot_be_written_is_told(tmp_path: Path, name: str) -> None:
+    """A folder in the way, a file as folder, a circle of links and a long name are refused with a mend."""
+    (tmp_path / "folder").mkdir()
+    (tmp_path / "file").write_text("old")
+    (tmp_path / "loop").symlink_to("loop")
+    with pytest.raises(ResultError) as caught:
+        write_file(tmp_path / name, "new")
+    assert caught.value.slug == "cannot-write" and caught.value.mend and len(caught.value.what) < 200
+    assert names(tmp_path) == ["file", "folder", "loop"]
+
+
+def test_another_run_is_waited_for(tmp_path: Path) -> None:
+    """While one run has a folder's lock another waits for it, and is told if that takes too long."""
+    done = threading.Event()
+
+    def other() -> None:
+        with locked(tmp_path):
+            done.set()
+
+    with locked(tmp_path):
+        thread = threading.Thread(target=other)
+        thread.start()
+        assert not done.wait(0.3)
+        with pytest.raises(ResultError) as caught, locked(tmp_path, patience=0.05):
+            pass
+        assert caught.value.slug == "results-busy"
+    thread.join()
+    assert done.is_set()
