@@ -1,4 +1,4 @@
-"""A run's equations: from its triangle, and from its cells where an effect does what the triangle does not know."""
+"""A run's equations: from its triangle, and from its bins where an effect does what the triangle does not know."""
 
 from __future__ import annotations
 
@@ -8,8 +8,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from pumaid.dataset import CONSTANT_COLUMNS, Run, run_columns
 from pumaid.lateness import doubts
-from pumaid.records import CONSTANT_COLUMNS, Run, Samples, run_columns
+from pumaid.records import Samples
 from pumaid.robot import Robot
 from pumaid.sight import FLAT, Sight
 
@@ -22,8 +23,8 @@ class Block:
 
     `rest` is the sum of squares (A2) that no model of these columns can touch, `samples` the samples behind, `basis`
     (b, c) the triangle's regressors in the first b equations, `frame` (M, k - b) the directions in the run's weighted
-    cells that the others are along, `inner` (p, p) the products of what columns do within cells, where no equation is,
-    `peak` (p,) the largest size of columns that come from cells.
+    bins that the others are along, `inner` (p, p) the products of what columns do within bins, where no equation is,
+    `peak` (p,) the largest size of columns that come from bins.
     """
 
     run: Run
@@ -78,7 +79,7 @@ def of_triangles(
         target = left[:, kept].T @ current
         rest = float(current @ current - target @ target)
         if doubt is not None and noise is not None:
-            own = np.sqrt(run.cells.count) * run.cells.current
+            own = np.sqrt(run.bins.count) * run.bins.current
             base, target, rest = doubt.over(noise).calmed(base, target, current=own, rest=rest)
         yield Block(
             run=run,
@@ -88,13 +89,13 @@ def of_triangles(
             rest=max(rest, 0.0),
             samples=run.samples,
             basis=base,
-            frame=np.zeros((len(run.cells), 0)),
+            frame=np.zeros((len(run.bins), 0)),
             inner=np.zeros((p, p)),
             peak=np.zeros(p),
         )
 
 
-def of_cells(blocks: Sequence[Block], sight: Sight, *, columns: Floats, known: int) -> Iterator[Block]:
+def of_bins(blocks: Sequence[Block], sight: Sight, *, columns: Floats, known: int) -> Iterator[Block]:
     """Equations of one joint's runs with more columns; what these do beyond the triangles gets equations of its own.
 
     Parameters
@@ -102,7 +103,7 @@ def of_cells(blocks: Sequence[Block], sight: Sight, *, columns: Floats, known: i
     blocks
         Of the runs of `sight`, in their order.
     sight
-        The cells.
+        The bins.
     columns
         The new columns at its instants.
     known

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from pumaid.records import Run, run_columns
+from pumaid.dataset import Run, run_columns
 from pumaid.robot import Robot
 
 Floats = NDArray[np.float64]
@@ -23,25 +23,25 @@ TINY = 1e-9
 class Doubt:
     """What a delay of one standard deviation adds to a run's current (A).
 
-    `along` (k,) in units of the triangle's regressors, `cells` (M,) in the run's weighted cells, of which `beyond` (M,)
+    `along` (k,) in units of the triangle's regressors, `bins` (M,) in the run's weighted bins, of which `beyond` (M,)
     is what the triangle does not know of; `basis` (M, k) are its regressors there.
     """
 
     along: Floats
-    cells: Floats
+    bins: Floats
     beyond: Floats
     basis: Floats
 
     def over(self, noise: float) -> Doubt:
         """The same over the noise of a sample (A)."""
-        return replace(self, along=self.along / noise, cells=self.cells / noise, beyond=self.beyond / noise)
+        return replace(self, along=self.along / noise, bins=self.bins / noise, beyond=self.beyond / noise)
 
     @property
     def axis(self) -> Floats:
-        """(M,) a for which ``I - a a'`` is the inverse root of the covariance ``I + w w'``, w being `cells`."""
-        square = float(self.cells @ self.cells)
+        """(M,) a for which ``I - a a'`` is the inverse root of the covariance ``I + w w'``, w being `bins`."""
+        square = float(self.bins @ self.bins)
         share = (1.0 - 1.0 / np.sqrt(1.0 + square)) / square if square > 0.0 else 0.0
-        return self.cells * np.sqrt(share)
+        return self.bins * np.sqrt(share)
 
     def calmed(self, base: Floats, target: Floats, *, current: Floats, rest: float) -> tuple[Floats, Floats, float]:
         """A run's equations with this noise, too, as equations of noise one, and what is beyond them.
@@ -51,7 +51,7 @@ class Doubt:
         base, target
             (k, c) the triangle's regressors, and (k,) in the equations.
         current
-            (M,) A, weighted, in the cells.
+            (M,) A, weighted, in the bins.
         rest
             Sum of squares (A2) beyond the equations.
         """
@@ -66,7 +66,7 @@ class Doubt:
         pulled = target - share * cross * seen
         pulled = pulled + (1.0 / shrunk - 1.0) * unit * float(unit @ pulled)
         left = rest + float(target @ target - pulled @ pulled) - share * cross**2
-        # Cells hold the ends of a stroke, over which the triangle's averages are not whole.
+        # Bins hold the ends of a stroke, over which the triangle's averages are not whole.
         axis = self.axis
         columns, drawn = self.basis - np.outer(axis, axis @ self.basis), current - axis * float(axis @ current)
         beyond = drawn - columns @ np.linalg.lstsq(columns, drawn, rcond=1e-9)[0]
@@ -85,27 +85,27 @@ def doubts(robot: Robot, runs: Sequence[Run]) -> list[Doubt | None]:
 
 
 def axes(robot: Robot, runs: Sequence[Run], noise: float) -> Floats:
-    """(N,) the axes of doubts of the runs of one joint, cell by cell; zero where a run has none."""
+    """(N,) the axes of doubts of the runs of one joint, bin by bin; zero where a run has none."""
     every = zip(runs, doubts(robot, runs), strict=True)
-    axes = [np.zeros(len(run.cells)) if doubt is None else doubt.over(noise).axis for run, doubt in every]
+    axes = [np.zeros(len(run.bins)) if doubt is None else doubt.over(noise).axis for run, doubt in every]
     return np.concatenate(axes)
 
 
 def _doubt(robot: Robot, run: Run, strokes: int) -> Doubt | None:
-    own, cells, factor = run.joint - 1, run.cells, run.triangle.factor
-    q, turns = cells.position[:, own], robot.joint(run.joint).is_revolute
-    # Of cosines over a cell's equal steps the mean is that at its middle times this.
-    step = 0.5 * np.abs(cells.velocity) * run.duration / max(run.samples - 1, 1)
-    span = np.divide(np.sin(cells.count * step), cells.count * np.sin(step), out=np.ones(len(q)), where=step > TINY)
-    basis = run_columns(q, turns=turns, motion=(cells.velocity, cells.acceleration))
+    own, bins, factor = run.joint - 1, run.bins, run.triangle.factor
+    q, turns = bins.position[:, own], robot.joint(run.joint).is_revolute
+    # Of cosines over a bin's equal steps the mean is that at its middle times this.
+    step = 0.5 * np.abs(bins.velocity) * run.duration / max(run.samples - 1, 1)
+    span = np.divide(np.sin(bins.count * step), bins.count * np.sin(step), out=np.ones(len(q)), where=step > TINY)
+    basis = run_columns(q, turns=turns, motion=(bins.velocity, bins.acceleration))
     basis[:, :2] *= span[:, None]
-    weight = np.sqrt(cells.count)
-    if len(cells) <= basis.shape[1]:
+    weight = np.sqrt(bins.count)
+    if len(bins) <= basis.shape[1]:
         return None
     current = basis @ np.linalg.lstsq(factor[:, :-1], factor[:, -1], rcond=1e-9)[0]
     count = max(run.samples, 1)
     delay = np.sqrt(strokes) * (0.5 * run.duration / count + LAG)
-    added = delay * weight * np.gradient(current, cells.time)
+    added = delay * weight * np.gradient(current, bins.time)
     if not np.all(np.isfinite(added)):
         return None
     along = np.linalg.lstsq(weight[:, None] * basis, added, rcond=1e-9)[0]

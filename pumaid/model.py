@@ -11,11 +11,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pumaid.chosen import Chosen, Column, in_order
+from pumaid.dataset import Run
 from pumaid.effects import Effect, Scope, catalogue
-from pumaid.equations import Block, of_cells, of_triangles, padded
+from pumaid.equations import Block, of_bins, of_triangles, padded
 from pumaid.kinematics import apart
 from pumaid.knots import swept
-from pumaid.records import Campaign, Estimate, Run, Samples
+from pumaid.records import Campaign, Estimate, Samples
 from pumaid.robot import Robot
 from pumaid.sight import Sight, samples_of
 from pumaid.structure import Structure, minimal
@@ -203,7 +204,7 @@ class Model:
         return any(one.effect.name == "inertia" and one.number == joint for one in self.effects)
 
     def is_fine(self, joint: int) -> bool:
-        """Whether an effect may change within a cell of `joint`; what follows the load does not."""
+        """Whether an effect may change within a bin of `joint`; what follows the load does not."""
         return any(one.touches(joint) and not one.effect.needs_loads for one in self.effects)
 
     def blocks(
@@ -213,7 +214,7 @@ class Model:
         *,
         noise: Mapping[int, float] | None = None,
     ) -> list[Block]:
-        """Each run's equations, from its triangle; from its cells as well where a chosen effect acts.
+        """Each run's equations, from its triangle; from its bins as well where a chosen effect acts.
 
         Within a run every column of the paper's model is a combination of the triangle's regressors; the combination is
         found by looking at the model at a few instants that the run could contain. A chosen effect's column is such a
@@ -258,7 +259,7 @@ class Model:
             own = [blocks[n] for n in numbers]
             if self.touched(joint):
                 sight = (sights or {}).get(joint) or self.sight(joint, runs)
-                wider = of_cells(own, sight, columns=self.beyond(sight.samples), known=known)
+                wider = of_bins(own, sight, columns=self.beyond(sight.samples), known=known)
             else:
                 wider = padded(own, known=known, more=more)
             for n, block in zip(numbers, wider, strict=True):
@@ -280,7 +281,7 @@ class Model:
         )
 
     def samples_of(self, run: Run, campaign: Campaign | None = None) -> Samples:
-        """A run's cells as what effects see; at constant speed the velocity is the run's own mean."""
+        """A run's bins as what effects see; at constant speed the velocity is the run's own mean."""
         return samples_of(run, campaign or Campaign.of([run]), has_slope=self.has_slope(run.joint))
 
 

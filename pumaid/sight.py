@@ -1,4 +1,4 @@
-"""Runs as effects see them, cell by cell, and what a column does inside each run beyond the run's triangle."""
+"""Runs as effects see them, bin by bin, and what a column does inside each run beyond the run's triangle."""
 
 from __future__ import annotations
 
@@ -10,18 +10,19 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from pumaid.dataset import Run, run_columns
 from pumaid.knots import COURSES, at, spread
 from pumaid.lateness import axes
 from pumaid.maths.short import lengths
 from pumaid.maths.slope import acceleration as acceleration_of
-from pumaid.records import Campaign, Loads, Run, Samples, run_columns
+from pumaid.records import Campaign, Loads, Samples
 from pumaid.robot import Robot
 
 Floats = NDArray[np.float64]
 Counts = NDArray[np.int64]
 
-#: Instants inside a cell (shares of its width from its middle) and their weights: Gauss and Legendre's rule, exact
-#: enough for the mean over a cell of a ripple with two cells a period.
+#: Instants inside a bin (shares of its width from its middle) and their weights: Gauss and Legendre's rule, exact
+#: enough for the mean over a bin of a ripple with two bins a period.
 NODES = np.sqrt(0.6) / 2.0 * np.array([-1.0, 0.0, 1.0])
 WEIGHTS = np.array([5.0, 8.0, 5.0]) / 18.0
 
@@ -33,53 +34,53 @@ INSIDE = 1e-7
 
 
 def samples_of(run: Run, campaign: Campaign, *, has_slope: bool = False) -> Samples:
-    """A run's cells as what effects see; at constant speed the velocity is the run's own mean.
+    """A run's bins as what effects see; at constant speed the velocity is the run's own mean.
 
     Parameters
     ----------
     run
-        M cells.
+        M bins.
     campaign
         When its joint first moved.
     has_slope
         Whether the acceleration of a run at constant speed is the smooth second derivative of its positions, not zero.
     """
-    cells, own = run.cells, run.joint - 1
+    bins, own = run.bins, run.joint - 1
     velocity = run.velocity
-    acceleration = cells.acceleration
+    acceleration = bins.acceleration
     if run.kind == "constant":
         velocity[:, own] = run.speed
         if has_slope:
-            acceleration = acceleration_of(cells.time, cells.position[:, own])
+            acceleration = acceleration_of(bins.time, bins.position[:, own])
     return Samples(
         run.joint,
-        cells.position,
+        bins.position,
         velocity,
         acceleration=acceleration,
-        direction=np.full(len(cells), float(run.direction)),
-        time=campaign.since(run.joint, run.clock, cells.time),
-        elapsed=campaign.since(0, run.clock, cells.time),
-        travel=campaign.lead(run) + np.abs(cells.position[:, own] - run.span[0]),
-        temperature=cells.temperature,
-        run=np.zeros(len(cells)),
-        extra=cells.extra,
+        direction=np.full(len(bins), float(run.direction)),
+        time=campaign.since(run.joint, run.clock, bins.time),
+        elapsed=campaign.since(0, run.clock, bins.time),
+        travel=campaign.lead(run) + np.abs(bins.position[:, own] - run.span[0]),
+        temperature=bins.temperature,
+        run=np.zeros(len(bins)),
+        extra=bins.extra,
     )
 
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Sight:
-    """All runs of one joint, ready for columns of any effect: (N,) cells in all, with g = 1 or 3 instants in each.
+    """All runs of one joint, ready for columns of any effect: (N,) bins in all, with g = 1 or 3 instants in each.
 
     Attributes
     ----------
     joint, runs
         R runs of one joint.
     samples
-        g N instants: of each cell its middle, or three about it.
+        g N instants: of each bin its middle, or three about it.
     weight
-        (N,) root of the samples in each cell.
+        (N,) root of the samples in each bin.
     starts
-        (R,) first cell of each run.
+        (R,) first bin of each run.
     regressors
         (g N, k) of the triangle at the instants.
     basis
@@ -119,21 +120,21 @@ class Sight:
         is_fine: bool = True,
         noise: float | None = None,
     ) -> Sight:
-        """The runs among `runs` in which `joint` moves; `is_fine` looks at three instants of each cell, not one.
+        """The runs among `runs` in which `joint` moves; `is_fine` looks at three instants of each bin, not one.
 
         `noise` as of `equations.of_triangles`.
         """
         own = tuple(run for run in runs if run.joint == joint)
         middles = [samples_of(run, campaign, has_slope=has_slope) for run in own]
         samples = joined([_inside(*one) for one in zip(own, middles, strict=True)] if is_fine else middles)
-        sizes = np.array([len(run.cells) for run in own])
+        sizes = np.array([len(run.bins) for run in own])
         starts = np.concatenate([[0], np.cumsum(sizes)[:-1]]).astype(np.int64)
-        weight = np.sqrt(np.concatenate([run.cells.count for run in own]).astype(float))
+        weight = np.sqrt(np.concatenate([run.bins.count for run in own]).astype(float))
         is_stroke = np.repeat([run.kind == "stroke" for run in own], len(samples) // len(weight) * sizes)
         instants = _regressors(robot, samples, is_stroke)
         regressors = averaged(instants, len(weight))
         axis = axes(robot, own, noise) if noise is not None and is_stroke.any() else np.zeros(len(weight))
-        joint_current = np.concatenate([run.cells.current for run in own])
+        joint_current = np.concatenate([run.bins.current for run in own])
         joint_columns = np.column_stack([regressors, joint_current])
         weighted = _shrunk(weight[:, None] * joint_columns, axis, starts)
         basis, lift = np.zeros_like(regressors), np.zeros((len(own), regressors.shape[1], regressors.shape[1]))
@@ -150,12 +151,12 @@ class Sight:
 
     @property
     def sizes(self) -> Counts:
-        """(R,) cells of each run."""
+        """(R,) bins of each run."""
         return lengths(self.starts, len(self.weight))
 
     @property
     def grain(self) -> int:
-        """Instants in each cell."""
+        """Instants in each bin."""
         return len(self.samples) // len(self.weight)
 
     def with_loads(self, loads: Callable[[Samples], Loads]) -> Sight:
@@ -163,7 +164,7 @@ class Sight:
         return replace(self, samples=replace(self.samples, loads=spread(self.samples, self.grain * self.sizes, loads)))
 
     def middles(self) -> Sight:
-        """The same with one instant a cell: coarser for ripples near two cells a period, and three times quicker."""
+        """The same with one instant a bin: coarser for ripples near two bins a period, and three times quicker."""
         if self.grain == 1:
             return self
         rows = np.arange(1, len(self.samples), len(NODES))
@@ -171,16 +172,16 @@ class Sight:
 
     def split(self, columns: Floats) -> tuple[Floats, Floats]:
         """Columns at the instants as (R, k, p) parts along the triangle's regressors and (N, p) weighted rest."""
-        cells = _shrunk(self.weight[:, None] * averaged(columns, len(self.weight)), self.axis, self.starts)
-        size = np.sqrt(self.per_run(cells * cells))
-        along = self.per_run(self.basis[:, :, None] * cells[:, None, :])
-        rest = cells - np.einsum("nk,nkp->np", self.basis, np.repeat(along, self.sizes, axis=0))
+        bins = _shrunk(self.weight[:, None] * averaged(columns, len(self.weight)), self.axis, self.starts)
+        size = np.sqrt(self.per_run(bins * bins))
+        along = self.per_run(self.basis[:, :, None] * bins[:, None, :])
+        rest = bins - np.einsum("nk,nkp->np", self.basis, np.repeat(along, self.sizes, axis=0))
         is_inside = np.sqrt(self.per_run(rest * rest)) <= INSIDE * size
         rest[np.repeat(is_inside, self.sizes, axis=0)] = 0.0
         return self.lift @ along, rest
 
     def inside(self, columns: Floats, along: Floats) -> Floats:
-        """(R, p, p) summed products, over the samples, of what columns at the instants do within cells.
+        """(R, p, p) summed products, over the samples, of what columns at the instants do within bins.
 
         Without what the triangle does there: (R, k, p) `along`, as `split` gives it.
         """
@@ -200,23 +201,23 @@ class Sight:
         return [slice(*pair) for pair in pairwise(ends)]
 
     def per_run(self, values: Floats) -> Floats:
-        """(N, ...) summed over the cells of each run: (R, ...)."""
+        """(N, ...) summed over the bins of each run: (R, ...)."""
         return np.asarray(np.add.reduceat(values, self.starts, axis=0))
 
 
 def _shrunk(values: Floats, axis: Floats, starts: Counts) -> Floats:
-    """(N, p) weighted cells without the part along `axis` (N,) of each run."""
+    """(N, p) weighted bins without the part along `axis` (N,) of each run."""
     if not axis.any():
         return values
     along = np.add.reduceat(axis[:, None] * values, starts, axis=0)
     return np.asarray(values - axis[:, None] * np.repeat(along, lengths(starts, len(axis)), axis=0))
 
 
-def averaged(values: Floats, cells: int) -> Floats:
-    """(g N, ...) at the instants inside cells as (N, ...) means over the `cells`."""
-    if len(values) == cells:
+def averaged(values: Floats, bins: int) -> Floats:
+    """(g N, ...) at the instants inside bins as (N, ...) means over the `bins`."""
+    if len(values) == bins:
         return values
-    parts = values.reshape(cells, len(NODES), *values.shape[1:])
+    parts = values.reshape(bins, len(NODES), *values.shape[1:])
     return np.asarray(np.tensordot(parts, WEIGHTS, axes=([1], [0])))
 
 
@@ -233,17 +234,17 @@ def joined(many: Sequence[Samples]) -> Samples:
 
 
 def _inside(run: Run, middle: Samples) -> Samples:
-    """Three instants in each cell of a run."""
-    cells, own = run.cells, run.joint - 1
-    between = float(cells.count.sum()) - 0.5 * float(cells.count[0] + cells.count[-1])
-    width = cells.count * (float(cells.time[-1] - cells.time[0]) / max(between, 1.0))
+    """Three instants in each bin of a run."""
+    bins, own = run.bins, run.joint - 1
+    between = float(bins.count.sum()) - 0.5 * float(bins.count[0] + bins.count[-1])
+    width = bins.count * (float(bins.time[-1] - bins.time[0]) / max(between, 1.0))
     # The mean of a few samples at equal steps is not quite that of their span; of a single one it is itself.
-    ahead = ((width * np.sqrt(1.0 - 1.0 / cells.count**2))[:, None] * NODES).ravel()
+    ahead = ((width * np.sqrt(1.0 - 1.0 / bins.count**2))[:, None] * NODES).ravel()
     three: dict[str, Any] = {
         name: np.repeat(held, len(NODES), axis=0) for name in COURSES if (held := getattr(middle, name)) is not None
     }
     moved = three["velocity"][:, own] * ahead
-    if run.kind == "stroke" and len(cells) > 1:
+    if run.kind == "stroke" and len(bins) > 1:
         three["velocity"][:, own] += three["acceleration"] * ahead
         three["acceleration"] += np.repeat(np.gradient(middle.acceleration, middle.time), len(NODES)) * ahead
     three["position"][:, own] += moved

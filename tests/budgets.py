@@ -8,9 +8,10 @@ import numpy as np
 import worlds
 from scipy.signal import lfilter
 
+from pumaid.dataset import Run
 from pumaid.diagnosis.budget import budget
 from pumaid.diagnosis.laid import Spread
-from pumaid.records import Budget, Run
+from pumaid.records import Budget
 
 #: A: noise of a sample, correlated by `PHI` from one to the next, and level of a run.
 NOISE, LEVEL, PHI = 0.02, 0.01, 0.8
@@ -48,7 +49,7 @@ def campaign(
         error = noise * (NOISE * lfilter([1.0], [1.0, -PHI], white) + LEVEL * rng.standard_normal())
         current = left(q, qd, since, clock, other) + error
         course = (clock, q, qd, qdd)
-        out.append(worlds.run_of(worlds.PENDULUM, 2, [other, 0.0], course=course, current=current, cells=150))
+        out.append(worlds.run_of(worlds.PENDULUM, 2, [other, 0.0], course=course, current=current, bins=150))
     return tuple(out)
 
 

@@ -8,11 +8,12 @@ from pathlib import Path
 
 import numpy as np
 
+from pumaid.dataset import Dataset
 from pumaid.estimation.system import Fitted, solve
 from pumaid.io.table import LogReader, write_log
 from pumaid.maths.joint_fit import Bilinear
 from pumaid.model import Model
-from pumaid.records import Estimate, Evidence
+from pumaid.records import Estimate
 from pumaid.simulation import Bench, Noise, Truth, table1
 from pumaid.verbs.identify import identify
 from pumaid.verbs.segment import segment
@@ -46,7 +47,7 @@ def coverage(truth: Truth, bench: Bench, *, white: bool = False) -> tuple[dict[s
     theirs: dict[str, list[bool]] = {}
     for seed in range(EXPERIMENTS):
         runs = bench.runs(np.random.default_rng(SEEDS + seed))
-        estimate = identify(Evidence(runs), truth.robot)
+        estimate = identify(Dataset(runs), truth.robot)
         for value in estimate.values:
             if value.ci95 is not None:
                 ours.setdefault(value.name, []).append(value.ci95[0] <= known[value.name] <= value.ci95[1])

@@ -270,12 +270,12 @@ class Score:
         return self.right / max(1, self.true)
 
 
-def score(truth: Truth, evidence) -> Score:
+def score(truth: Truth, dataset) -> Score:
     """Compare what was kept with the truth, sample by sample, through files and rows."""
     offsets = {log.origin: start for log, start in zip(truth.logs, _starts(truth.logs), strict=True)}
     constant, stroke = np.zeros(len(truth.joint), int), np.zeros(len(truth.joint), int)
     rows = []
-    for run in evidence.runs:
+    for run in dataset.runs:
         first = offsets[run.origin] + run.first_row - 2
         last = offsets[run.last_origin or run.origin] + run.last_row - 2
         (constant if run.kind == "constant" else stroke)[first : last + 1] = run.joint

@@ -1,6 +1,6 @@
-"""Small experiments for tests of the diagnosis: noise known to the cell, and slow dense algebra to check with.
+"""Small experiments for tests of the diagnosis: noise known to the bin, and slow dense algebra to check with.
 
-Positions, gravity, friction and hidden physics come from `simulation`; noise is made here, cell by cell, so that a
+Positions, gravity, friction and hidden physics come from `simulation`; noise is made here, bin by bin, so that a
 test knows its correlation, its spread and its runs' levels, and can make it heavy-tailed.
 """
 
@@ -13,13 +13,14 @@ from functools import cache
 import numpy as np
 from worlds import PENDULUM, TURN, arm
 
+from pumaid.dataset import Dataset, Run
 from pumaid.diagnosis.added import Added
 from pumaid.diagnosis.chain import Start
 from pumaid.diagnosis.field import Field, fields
 from pumaid.diagnosis.noise import Noise
 from pumaid.diagnosis.system import Solved, loaded, solve
 from pumaid.model import Model
-from pumaid.records import Estimate, Evidence, Motion, Plan, Run
+from pumaid.records import Estimate, Motion, Plan
 from pumaid.robot import Robot
 from pumaid.simulation import Bench, Hidden, Truth, draw
 from pumaid.verbs.identify import identify
@@ -51,7 +52,7 @@ def design(
 
 @dataclass(frozen=True)
 class Din:
-    """Noise of cells: A of a cell, correlation of neighbours, A of a run's level; normal, or Student's t of 3."""
+    """Noise of bins: A of a bin, correlation of neighbours, A of a run's level; normal, or Student's t of 3."""
 
     spread: float = 0.01
     correlation: float = 0.5
@@ -59,7 +60,7 @@ class Din:
     is_heavy: bool = False
 
     def draw(self, rng: np.random.Generator, lengths: Sequence[int]) -> np.ndarray:
-        """(N,) A over runs of these lengths, cell after cell."""
+        """(N,) A over runs of these lengths, bin after bin."""
         parts = []
         for length in lengths:
             shocks = self._shocks(rng, length + 1)
@@ -86,12 +87,12 @@ class Lab:
     start: Start
 
     @classmethod
-    def of(cls, robot: Robot, plan: Plan, *hidden: Hidden, seed: int = 5, cells: int = 64) -> Lab:
+    def of(cls, robot: Robot, plan: Plan, *hidden: Hidden, seed: int = 5, bins: int = 64) -> Lab:
         """The arm that `seed` draws, what hides in it, and its fit (of the base model, without noise)."""
         truth = draw(robot, seed).with_noise(0.0)
         truth = truth.hiding(hidden) if hidden else truth
-        runs = Bench(truth, plan, rate=100.0, cells=cells).runs(np.random.default_rng(0))
-        estimate = identify(Evidence(runs), robot)
+        runs = Bench(truth, plan, rate=100.0, bins=bins).runs(np.random.default_rng(0))
+        estimate = identify(Dataset(runs), robot)
         known = dict(zip(estimate.names, estimate.solution, strict=True))
         model = Model(robot, estimate.stroke_postures)
         start = Start(np.array([float(known.get(name, 0.0)) for name in model.names]), estimate.scales)
@@ -103,9 +104,9 @@ class Lab:
         return self.truth.robot
 
     def noisy(self, seed: int, din: Din = Din()) -> tuple[Run, ...]:
-        """The runs with one more draw of noise in their cells."""
+        """The runs with one more draw of noise in their bins."""
         rng = np.random.default_rng(seed)
-        return tuple(with_current(run, din.draw(rng, [len(run.cells)])) for run in self.runs)
+        return tuple(with_current(run, din.draw(rng, [len(run.bins)])) for run in self.runs)
 
     def fields(self, runs: Sequence[Run] | None = None) -> tuple[Field, ...]:
         """A field a joint."""
@@ -114,13 +115,13 @@ class Lab:
     def solved(
         self, runs: Sequence[Run], added: Sequence[Added] = (), noises: Mapping[int, Noise] | None = None
     ) -> Solved:
-        """The base model with `added`, fitted to the cells."""
+        """The base model with `added`, fitted to the bins."""
         return loaded(solve(self.model, self.fields(runs), self.start, added=added, noises=noises))
 
 
 def with_current(run: Run, more: np.ndarray) -> Run:
-    """The run with `more` (M,) A in the cells of its moving joint."""
-    return replace(run, cells=replace(run.cells, current=run.cells.current + more))
+    """The run with `more` (M,) A in the bins of its moving joint."""
+    return replace(run, bins=replace(run.bins, current=run.bins.current + more))
 
 
 @cache

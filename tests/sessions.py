@@ -7,8 +7,8 @@ from pathlib import Path
 import numpy as np
 from command import run
 
+from pumaid.dataset import Dataset
 from pumaid.io.recipe import shipped_recipes
-from pumaid.records import Evidence
 
 
 def make_session(folder: Path) -> Path:
@@ -19,7 +19,7 @@ def make_session(folder: Path) -> Path:
     return folder
 
 
-def same(one: Evidence, other: Evidence) -> bool:
+def same(one: Dataset, other: Dataset) -> bool:
     """Runs equal to the bit, with their files, rows and clocks; rejects; files; notes."""
     for a, b in zip(one.runs, other.runs, strict=True):
         if (a.origin, a.first_row, a.last_origin, a.last_row, a.clock) != (
@@ -31,7 +31,7 @@ def same(one: Evidence, other: Evidence) -> bool:
         ):
             return False
         if not np.array_equal(a.triangle.factor, b.triangle.factor) or not np.array_equal(
-            a.cells.current, b.cells.current
+            a.bins.current, b.bins.current
         ):
             return False
     left = [[(r.origin, r.first_row, r.last_row, r.reason, r.text, r.clock) for r in e.rejects] for e in (one, other)]

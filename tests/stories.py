@@ -8,8 +8,9 @@ import numpy as np
 import worlds
 
 import pumaid
+from pumaid.dataset import Dataset, FileFacts, Reject
 from pumaid.errors import Note, Where
-from pumaid.records import Estimate, Evidence, FileFacts, JointFit, Reject, Value
+from pumaid.records import Estimate, JointFit, Value
 from pumaid.reporting.story import Story
 from pumaid.robot import Robot
 from pumaid.verbs.compare import compare
@@ -21,23 +22,23 @@ HOSTILE = "<script>alert('1')</script> & 50% \\arm_{x} | \"quoted\""
 def story(robot: Robot = worlds.PENDULUM, *, units: str = "rad", seed: int = 5) -> Story:
     """Two repeats of a small experiment, one run held out, one ramp left out, one note."""
     truth = worlds.drawn(robot, seed)
-    runs = list(worlds.evidence(truth, worlds.experiment(robot, postures=2, speeds=(0.3, 0.8), repeats=2)).runs)
+    runs = list(worlds.dataset(truth, worlds.experiment(robot, postures=2, speeds=(0.3, 0.8), repeats=2)).runs)
     runs[-1] = replace(runs[-1], heldout=True)
     ramp = Reject("bench", 2, 9, 0.0, 1.0, (1,), "ramp", "joint 1 speeds up for 1.0 s", 8, worlds.means_of(runs[0]))
     facts = (FileFacts("logs/a.csv", "ab" * 32, 9999, 0.02, 0.0, 200.0),)
     note = Note("gap", "0.2 s are missing", Where(file="logs/a.csv", row=7))
-    evidence = Evidence(tuple(runs), (ramp,), facts, (note,))
-    estimate = pumaid.identify(evidence, robot)
-    return Story(robot, estimate, evidence, compare(estimate, evidence, robot), units)
+    dataset = Dataset(tuple(runs), (ramp,), facts, (note,))
+    estimate = pumaid.identify(dataset, robot)
+    return Story(robot, estimate, dataset, compare(estimate, dataset, robot), units)
 
 
 def hostile() -> Story:
     """The same with names that would break a careless page."""
     joints = tuple(replace(joint, name=f"{HOSTILE} {joint.number}") for joint in worlds.PENDULUM.joints)
     told = story(replace(worlds.PENDULUM, name=HOSTILE, joints=joints))
-    runs = tuple(replace(run, origin=f"{HOSTILE}.csv") for run in told.evidence.runs)
-    evidence = replace(told.evidence, runs=runs)
-    return replace(told, evidence=evidence, comparison=compare(told.estimate, evidence, told.robot))
+    runs = tuple(replace(run, origin=f"{HOSTILE}.csv") for run in told.dataset.runs)
+    dataset = replace(told.dataset, runs=runs)
+    return replace(told, dataset=dataset, comparison=compare(told.estimate, dataset, told.robot))
 
 
 @dataclass(frozen=True)

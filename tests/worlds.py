@@ -11,8 +11,9 @@ from dataclasses import replace
 
 import numpy as np
 
+from pumaid.dataset import CONSTANT_COLUMNS, STROKE_COLUMNS, Bins, Dataset, Means, Run
 from pumaid.maths.triangle import Triangle
-from pumaid.records import CONSTANT_COLUMNS, STROKE_COLUMNS, Cells, Estimate, Evidence, Means, Motion, Plan, Run
+from pumaid.records import Estimate, Motion, Plan
 from pumaid.robot import Joint, Robot
 from pumaid.simulation import Bench, Truth, draw, table1
 
@@ -65,9 +66,9 @@ def only(plan: Plan, chosen) -> Plan:
     return replace(plan, motions=tuple(motion for motion in plan.motions if chosen(motion)))
 
 
-def evidence(truth: Truth, plan: Plan, *, seed: int = 0, rate: float = 50.0) -> Evidence:
+def dataset(truth: Truth, plan: Plan, *, seed: int = 0, rate: float = 50.0) -> Dataset:
     """What the logs of `plan` on `truth` leave."""
-    return Evidence(Bench(truth, plan, rate=rate).runs(np.random.default_rng(seed)))
+    return Dataset(Bench(truth, plan, rate=rate).runs(np.random.default_rng(seed)))
 
 
 def puma(*, noisy: bool = True) -> Truth:
@@ -97,10 +98,10 @@ def truth_in_units(truth: Truth, moving: Sequence[int]) -> dict[str, float]:
 
 
 def true_current(truth: Truth, run: Run) -> np.ndarray:
-    """(M,) A of the run's moving joint at its cells' mean positions, without noise."""
+    """(M,) A of the run's moving joint at its bins' mean positions, without noise."""
     own = run.joint - 1
-    weight = truth.gravity_current(run.cells.position)[:, own]
-    return weight + truth.friction.current(run.joint, np.full(len(run.cells), run.speed))
+    weight = truth.gravity_current(run.bins.position)[:, own]
+    return weight + truth.friction.current(run.joint, np.full(len(run.bins), run.speed))
 
 
 def identified(estimate: Estimate) -> dict[str, float]:
@@ -127,7 +128,7 @@ def run_of(
     *,
     course: tuple[np.ndarray, ...],
     current: np.ndarray,
-    cells: int = 40,
+    bins: int = 40,
 ) -> Run:
     """The run that these samples (of `course`, currents in A) would leave; a stroke where they accelerate."""
     t, q, qd, qdd = course
@@ -135,7 +136,7 @@ def run_of(
     turns = float(robot.joint(joint).is_revolute)
     columns = [turns * np.cos(q), turns * np.sin(q), np.ones(len(q))] + ([qd, qdd] if kind == "stroke" else [])
     names = STROKE_COLUMNS if kind == "stroke" else CONSTANT_COLUMNS
-    edges = np.linspace(0, len(q), min(cells, len(q)) + 1).astype(int)[:-1]
+    edges = np.linspace(0, len(q), min(bins, len(q)) + 1).astype(int)[:-1]
     count = np.diff(np.append(edges, len(q)))
 
     def mean(values: np.ndarray) -> np.ndarray:
@@ -159,7 +160,7 @@ def run_of(
         ripple=0.0,
         temperature=float("nan"),
         triangle=Triangle.of(names, np.column_stack(columns), current),
-        cells=Cells(
+        bins=Bins(
             count=count,
             time=mean(t),
             position=position,
@@ -174,6 +175,6 @@ def run_of(
 
 def means_of(run: Run) -> Means:
     """What a stretch that is no run keeps of the same samples; motors of held joints draw nothing."""
-    cells, current = run.cells, np.zeros_like(run.cells.position)
-    current[:, run.joint - 1] = cells.current
-    return Means(cells.count, cells.time, cells.position, run.velocity, current)
+    bins, current = run.bins, np.zeros_like(run.bins.position)
+    current[:, run.joint - 1] = bins.current
+    return Means(bins.count, bins.time, bins.position, run.velocity, current)

@@ -26,10 +26,10 @@ def bench(name: str, n_seeds: int) -> tuple[list[Score], float]:
     for seed in range(FIRST_SEED, FIRST_SEED + n_seeds):
         truth = make(world, seed)
         begun = time.process_time()
-        evidence = segment(truth.logs, robot(world))
+        dataset = segment(truth.logs, robot(world))
         spent += time.process_time() - begun
         samples += len(truth.joint)
-        scores.append(score(truth, evidence))
+        scores.append(score(truth, dataset))
     return scores, spent / samples * 1e6
 
 

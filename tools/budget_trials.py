@@ -18,10 +18,11 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 import numpy as np
 from blind_world.statistics import Share
 
+from pumaid.dataset import Dataset, FileFacts
 from pumaid.diagnosis.search import FALSE_ALARM
 from pumaid.errors import PumaidError
 from pumaid.io.recipe import read_recipe, shipped_recipes
-from pumaid.records import Budget, Evidence, FileFacts, Motion, Plan
+from pumaid.records import Budget, Motion, Plan
 from pumaid.robot import Robot
 from pumaid.simulation import Bench, Truth, draw, table1
 from pumaid.simulation.hidden import Hidden, sized
@@ -99,8 +100,8 @@ def plan(robot: Robot, design: str, seed: int) -> Plan:
 def judged(bench: Bench, seed: int) -> dict[int, Budget]:
     """Budget of every joint of the model that is fitted to one experiment."""
     runs = bench.runs(np.random.default_rng(seed))
-    evidence = Evidence(runs, (), (FileFacts("bench", "ab" * 32, 1, 0.01, 0.0, 1.0),))
-    comparison = compare(identify(evidence, bench.truth.robot), evidence, bench.truth.robot)
+    dataset = Dataset(runs, (), (FileFacts("bench", "ab" * 32, 1, 0.01, 0.0, 1.0),))
+    comparison = compare(identify(dataset, bench.truth.robot), dataset, bench.truth.robot)
     return {score.joint: score.budget for score in comparison.joints if score.budget is not None}
 
 
@@ -114,7 +115,7 @@ def false_alarms() -> Iterator[str]:
         chances, flagged, astray = [], [], []
         for truth in arms():
             for seed in range(NOISE_ONLY, NOISE_ONLY + REPEATS):
-                bench = Bench(truth, plan(truth.robot, design, seed), rate=50.0, cells=120)
+                bench = Bench(truth, plan(truth.robot, design, seed), rate=50.0, bins=120)
                 for joint, found in judged(bench, seed).items():
                     gap = max(gap, abs(sum(found.by_name().values()) / found.mean_square - 1.0))
                     is_told = any(part.is_more for part in found.parts)
@@ -148,7 +149,7 @@ def hidden(truth: Truth, effect: str, joint: int, *, seed: int) -> tuple[list[Be
     for ratio in SIZES:
         scale = ratio * truth.noise.std[shown - 1] / left[shown]
         full = {key: value * (scale if key in AMPLITUDES else 1.0) for key, value in one.values.items()}
-        made.append(Bench(replace(truth, hidden=(Hidden(effect, where, full),)), motions, rate=50.0, cells=120))
+        made.append(Bench(replace(truth, hidden=(Hidden(effect, where, full),)), motions, rate=50.0, bins=120))
     return made, shown
 
 
@@ -179,8 +180,8 @@ def attributions() -> Iterator[str]:
                     if number == len(SIZES) - 1:
                         left = SIZES[number] * truth.noise.std[shown - 1]
                         held.append((found.mean_square - found.noise) / left**2)
-        cells = [", ".join(f"{some[word]} {word}" for word in WORDS if some[word]) for some in seen]
-        yield f"| {effect} | {' | '.join(cells)} | {100.0 * np.median(held):.0f} % |"
+        bins = [", ".join(f"{some[word]} {word}" for word in WORDS if some[word]) for some in seen]
+        yield f"| {effect} | {' | '.join(bins)} | {100.0 * np.median(held):.0f} % |"
 
 
 def main() -> None:

@@ -153,13 +153,13 @@ def _printed(command: str, folder: str) -> str:
 def picture() -> bytes:
     """What the sample PUMA's currents are spent on."""
     from pumaid import compare, identify
-    from pumaid.cli.reading import read_evidence
+    from pumaid.cli.reading import read_dataset
     from pumaid.reporting.plots import drawings
     from pumaid.reporting.story import Story
 
-    robot, evidence = read_evidence([str(ROOT / "sample_logs" / "puma560")], None)
-    estimate = identify(evidence, robot)
-    story = Story(robot, estimate, evidence, compare(estimate, evidence, robot))
+    robot, dataset = read_dataset([str(ROOT / "sample_logs" / "puma560")], None)
+    estimate = identify(dataset, robot)
+    story = Story(robot, estimate, dataset, compare(estimate, dataset, robot))
     return next(drawing for drawing in drawings(story) if drawing.name == "spent").file("png")
 
 

@@ -45,10 +45,10 @@ def experiment(arm: Robot, made: Plan, seed: int) -> Estimate:
     """One experiment on the robot of Table I, through its logs."""
     truth = replace(table1.puma560(), robot=arm)
     logs = simulate(arm, made, truth=truth, seed=seed, rate=RATE)
-    evidence = segment(logs, arm)
+    dataset = segment(logs, arm)
     held = [motion for motion in made.motions if motion.purpose == "heldout"]
-    runs = tuple(run for run in evidence.runs if not any(_same(run, motion) for motion in held))
-    return identify(replace(evidence, runs=runs), replace(arm, effects=()))
+    runs = tuple(run for run in dataset.runs if not any(_same(run, motion) for motion in held))
+    return identify(replace(dataset, runs=runs), replace(arm, effects=()))
 
 
 def _same(run: object, motion: object) -> bool:

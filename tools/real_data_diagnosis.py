@@ -15,8 +15,9 @@ from real_data_ur3e import JOINT, SPLITS, residuals, ripple, wave
 from recordings import folder, held_out, read
 
 from pumaid.cli.additions import MOST_ADDED, choice_of, reopened, spelled
+from pumaid.dataset import Dataset
 from pumaid.errors import PumaidError
-from pumaid.records import ADD, Diagnosis, Estimate, Evidence, Finding, JointDiagnosis
+from pumaid.records import ADD, Diagnosis, Estimate, Finding, JointDiagnosis
 from pumaid.robot import Robot
 from pumaid.verbs.compare import compare
 from pumaid.verbs.diagnose import diagnose
@@ -56,19 +57,19 @@ class Climb:
     last: Diagnosis
 
 
-def climb(evidence: Evidence, robot: Robot, joint: int) -> Climb:
+def climb(dataset: Dataset, robot: Robot, joint: int) -> Climb:
     """Diagnose, add what is found, and so on, as ``diagnose --apply`` does; held-out runs judge each model only."""
-    estimate = identify(evidence, robot)
-    first = found = diagnose(estimate, evidence, robot)
+    estimate = identify(dataset, robot)
+    first = found = diagnose(estimate, dataset, robot)
     steps = [_step("base model", estimate, joint)]
     while len(steps) <= MOST_ADDED:
         new = [one for one in found.findings if one.verdict == ADD and one.joint in (None, joint)]
         if not new:
             break
         for one in new[: MOST_ADDED + 1 - len(steps)]:
-            estimate = identify(evidence, robot, effects=(*reopened(estimate), choice_of(one)))
+            estimate = identify(dataset, robot, effects=(*reopened(estimate), choice_of(one)))
             steps.append(_step(spelled(one.choice), estimate, joint))
-        found = diagnose(estimate, evidence, robot)
+        found = diagnose(estimate, dataset, robot)
     return Climb(first, tuple(steps), found)
 
 
@@ -81,11 +82,11 @@ def _step(added: str, estimate: Estimate, joint: int) -> Step:
 def lines(scratch: Path) -> Iterable[str]:
     """The section, line by line."""
     yield "MISSING PHYSICS"
-    robot, evidence = read("ur3e", [wave()], scratch)
+    robot, dataset = read("ur3e", [wave()], scratch)
     for name, runs in SPLITS.items():
-        yield from _climbed(f"UR3e, {name}", climb(held_out(evidence, runs), robot, JOINT), JOINT)
-    yield from _climbed("UR3e, all strokes fitted", climb(evidence, robot, JOINT), JOINT)
-    frame = residuals(evidence, robot, identify(evidence, robot))
+        yield from _climbed(f"UR3e, {name}", climb(held_out(dataset, runs), robot, JOINT), JOINT)
+    yield from _climbed("UR3e, all strokes fitted", climb(dataset, robot, JOINT), JOINT)
+    frame = residuals(dataset, robot, identify(dataset, robot))
     for what, by in (("stroke", "run"), ("half stroke, by direction and gain of speed", ["direction", "speeds_up"])):
         best = [ripple(own, NEAR_TWO, step=0.05)[0] for _, own in frame.groupby(by)]
         yield f"  UR3e, waves a turn, each {what}: {min(best):.2f} to {max(best):.2f}"
@@ -106,9 +107,9 @@ def lines(scratch: Path) -> Iterable[str]:
 def _nothing(scratch: Path) -> Iterable[str]:
     pendulum = sorted((folder() / "dfki-double-pendulum-a0").glob("*.parquet"))
     for title, recipe, files in (("double pendulum", "pendulum2", pendulum), ("TX40", "staubli_tx40", [tx40(scratch)])):
-        robot, evidence = read(recipe, files, scratch)
+        robot, dataset = read(recipe, files, scratch)
         try:
-            identify(evidence, robot)
+            identify(dataset, robot)
         except PumaidError as error:
             yield f"  {title}: nothing to diagnose, {error.slug}: {error.what}"
 
@@ -118,17 +119,17 @@ def recording(name: str) -> Path:
     return folder() / "laas-odri-cogging" / f"{name}.parquet"
 
 
-def motor(names: Sequence[str], judged: Sequence[str], scratch: Path) -> tuple[Evidence, Robot]:
+def motor(names: Sequence[str], judged: Sequence[str], scratch: Path) -> tuple[Dataset, Robot]:
     """Recordings of the bare motor, all runs of those `judged` held out."""
-    robot, evidence = read("motor", [recording(name) for name in names], scratch)
+    robot, dataset = read("motor", [recording(name) for name in names], scratch)
     kept = {str(recording(name)) for name in judged}
-    return held_out(evidence, [n for n, run in enumerate(evidence.runs, start=1) if run.origin in kept]), robot
+    return held_out(dataset, [n for n, run in enumerate(dataset.runs, start=1) if run.origin in kept]), robot
 
 
-def halved(name: str, scratch: Path) -> tuple[Evidence, Robot]:
+def halved(name: str, scratch: Path) -> tuple[Dataset, Robot]:
     """A recording of the bare motor, its later half held out."""
-    robot, evidence = read("motor", [recording(name)], scratch)
-    return held_out(evidence, LATER[name]), robot
+    robot, dataset = read("motor", [recording(name)], scratch)
+    return held_out(dataset, LATER[name]), robot
 
 
 def waves(name: str) -> list[tuple[int, float, float]]:
@@ -169,9 +170,9 @@ def _found(found: Finding) -> str:
 
 
 def _gen3(scratch: Path) -> Iterable[str]:
-    robot, evidence = read("kinova_gen3", one_joint_files(), scratch)
-    estimate = identify(evidence, robot)
-    found = diagnose(estimate, evidence, robot)
+    robot, dataset = read("kinova_gen3", one_joint_files(), scratch)
+    estimate = identify(dataset, robot)
+    found = diagnose(estimate, dataset, robot)
     yield f"  Gen3, all joints alone: {len(found.findings)} findings"
     for joint in found.joints:
         yield from _told(f"joint {joint.joint},", found, joint)
@@ -180,11 +181,11 @@ def _gen3(scratch: Path) -> Iterable[str]:
     _, judged = read("kinova_gen3", several_joint_files(), scratch)
     yield f"    base model, all joints at once, A: {_outside(estimate, judged, robot)}"
     if found.findings:
-        estimate = identify(evidence, robot, effects=[choice_of(one) for one in found.findings])
+        estimate = identify(dataset, robot, effects=[choice_of(one) for one in found.findings])
         yield f"    with what was found, A: {_outside(estimate, judged, robot)}"
 
 
-def _outside(estimate: Estimate, judged: Evidence, robot: Robot) -> str:
+def _outside(estimate: Estimate, judged: Dataset, robot: Robot) -> str:
     """RMSE (A) of each joint outside runs."""
     outside, told = compare(estimate, judged, robot).outside, []
     for joint in range(1, robot.n_joints + 1):

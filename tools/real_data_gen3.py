@@ -11,7 +11,8 @@ import pandas as pd
 from published_loads import GEN3, GEN3_NO_CAMERA, first_harmonic
 from recordings import folder, read, trial
 
-from pumaid.records import Combination, Estimate, Evidence
+from pumaid.dataset import Dataset
+from pumaid.records import Combination, Estimate
 from pumaid.robot import Robot
 from pumaid.verbs.identify import identify
 
@@ -22,7 +23,7 @@ LOADED = (2, 4, 6)
 FILE_CONSTANT = {2: 9.13, 4: 9.13, 6: 5.85}
 #: s between two rows.
 INTERVAL = 1e-3
-#: Largest number that a cell of a healthy recording holds.
+#: Largest number that a bin of a healthy recording holds.
 SANE = 1e6
 
 
@@ -39,30 +40,30 @@ def several_joint_files() -> list[Path]:
 
 def lines(scratch: Path) -> Iterable[str]:
     """The section, line by line."""
-    robot, evidence = read("kinova_gen3", one_joint_files(), scratch)
-    estimate = identify(evidence, robot)
+    robot, dataset = read("kinova_gen3", one_joint_files(), scratch)
+    estimate = identify(dataset, robot)
     yield "KINOVA GEN3"
-    yield from _found(evidence)
+    yield from _found(dataset)
     yield from _states(estimate)
     for joint in range(1, 8):
-        order, amplitude, slow = ripple(evidence, joint)
+        order, amplitude, slow = ripple(dataset, joint)
         told = f"{amplitude:.3f} A at {order:.0f} cycles a turn is the strongest part above 20 Hz"
         yield f"  joint {joint}, what is left: {told}; {slow:.3f} A RMS below 10 Hz"
     yield from _independent(estimate)
-    yield from _moving_together(evidence, robot, scratch)
+    yield from _moving_together(dataset, robot, scratch)
     yield from _garbage()
 
 
-def _found(evidence: Evidence) -> Iterable[str]:
-    for run in evidence.runs:
+def _found(dataset: Dataset) -> Iterable[str]:
+    for run in dataset.runs:
         span = f"{run.span[0]:.3f} to {run.span[1]:.3f} rad"
         yield f"  run: joint {run.joint}, {span} at {run.speed:.4f} rad/s, {run.duration:.2f} s, {run.kind}"
     for joint in range(1, 8):
         slow, fast = paces(joint)
         yield f"  joint {joint}, means over 0.05 s within its motion: {slow:.3f} to {fast:.3f} rad/s"
-    left = sum(reject.samples for reject in evidence.rejects)
-    why = ", ".join(sorted({reject.reason for reject in evidence.rejects}))
-    yield f"  left out: {left} of {sum(facts.rows for facts in evidence.files)} samples ({why})"
+    left = sum(reject.samples for reject in dataset.rejects)
+    why = ", ".join(sorted({reject.reason for reject in dataset.rejects}))
+    yield f"  left out: {left} of {sum(facts.rows for facts in dataset.files)} samples ({why})"
 
 
 def paces(joint: int) -> tuple[float, float]:
@@ -85,12 +86,12 @@ def _states(estimate: Estimate) -> Iterable[str]:
         yield f"  joint {fit.joint}: RMSE {fit.rmse:.4f} A over {fit.samples} samples"
 
 
-def ripple(evidence: Evidence, joint: int) -> tuple[float, float, float]:
+def ripple(dataset: Dataset, joint: int) -> tuple[float, float, float]:
     """Order (cycles a turn) and amplitude (A) of a joint's strongest fast ripple, and RMS (A) left below 10 Hz.
 
     Read from the residual of the joint's longest run against its own first harmonic; the speed turns Hz into cycles.
     """
-    run = max(evidence.of_joint(joint), key=lambda run: run.samples)
+    run = max(dataset.of_joint(joint), key=lambda run: run.samples)
     path = one_joint_files()[joint - 1]
     table = pd.read_parquet(path, columns=[f"Position{joint}", f"Cur{joint}"]).iloc[
         run.first_row - 2 : run.last_row - 1
@@ -136,13 +137,13 @@ def _independent(estimate: Estimate) -> Iterable[str]:
         yield f"  load of joint 2 over load of joint 4: {ratio:.3f} +- {error:.3f}; published {camera:.3f}, {bare:.3f}"
 
 
-def _moving_together(evidence: Evidence, robot: Robot, scratch: Path) -> Iterable[str]:
+def _moving_together(dataset: Dataset, robot: Robot, scratch: Path) -> Iterable[str]:
     yield "  all joints moving at once, RMSE (A) of recordings that the fit never saw:"
     _, judged = read("kinova_gen3", several_joint_files(), scratch)
     yield f"    runs found there: {len(judged.runs)}"
     for joint in range(1, 8):
         told = []
-        for name, score in trial(evidence, robot, joint, judged=judged).scores.items():
+        for name, score in trial(dataset, robot, joint, judged=judged).scores.items():
             own = [part for part in score.outside if part.joint == joint]
             counts = np.array([part.samples for part in own], dtype=float)
             squares = np.array([part.rmse**2 for part in own])

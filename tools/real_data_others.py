@@ -9,8 +9,8 @@ import numpy as np
 import pandas as pd
 from recordings import folder, read
 
+from pumaid.dataset import Dataset
 from pumaid.errors import PumaidError
-from pumaid.records import Evidence
 from pumaid.robot import Robot
 from pumaid.verbs.identify import identify
 
@@ -44,27 +44,27 @@ def lines(scratch: Path) -> Iterable[str]:
 def _one(title: str, recipe: str, *, files: Sequence[Path], scratch: Path) -> Iterable[str]:
     yield f"  {title}"
     try:
-        robot, evidence = read(recipe, files, scratch)
+        robot, dataset = read(recipe, files, scratch)
     except PumaidError as error:
         yield f"    refused: {error.slug}: {error.what}"
         return
-    rows = sum(facts.rows for facts in evidence.files)
-    for kind in sorted({run.kind for run in evidence.runs}):
-        own = [run for run in evidence.runs if run.kind == kind]
+    rows = sum(facts.rows for facts in dataset.files)
+    for kind in sorted({run.kind for run in dataset.runs}):
+        own = [run for run in dataset.runs if run.kind == kind]
         speeds = sorted(run.speed for run in own)
         amount = sum(run.samples for run in own)
         yield f"    {len(own)} runs, {kind}, {amount} samples, speeds {speeds[0]:.3g} to {speeds[-1]:.3g} rad/s"
-        drawn = max(float(np.abs(run.cells.current).max()) for run in own)
+        drawn = max(float(np.abs(run.bins.current).max()) for run in own)
         yield f"    largest current in them: {drawn:.3f}"
-    for reason in sorted({reject.reason for reject in evidence.rejects}):
-        amount = sum(reject.samples for reject in evidence.rejects if reject.reason == reason)
+    for reason in sorted({reject.reason for reject in dataset.rejects}):
+        amount = sum(reject.samples for reject in dataset.rejects if reject.reason == reason)
         yield f"    left out, {reason}: {amount} of {rows} samples ({100.0 * amount / rows:.1f} %)"
-    yield from _identified(robot, evidence)
+    yield from _identified(robot, dataset)
 
 
-def _identified(robot: Robot, evidence: Evidence) -> Iterable[str]:
+def _identified(robot: Robot, dataset: Dataset) -> Iterable[str]:
     try:
-        estimate = identify(evidence, robot)
+        estimate = identify(dataset, robot)
     except PumaidError as error:
         yield f"    identify: {error.slug}: {error.what}"
         return

@@ -14,8 +14,9 @@ from published_loads import UR3E, first_harmonic, loads
 from recordings import folder, held_out, read, trial
 from scipy.optimize import least_squares
 
+from pumaid.dataset import Dataset
 from pumaid.model import Model
-from pumaid.records import Estimate, Evidence, Samples
+from pumaid.records import Estimate, Samples
 from pumaid.robot import Robot
 from pumaid.verbs.compare import compare
 from pumaid.verbs.identify import identify
@@ -46,22 +47,22 @@ def wave() -> Path:
 
 def lines(scratch: Path) -> Iterable[str]:
     """The section, line by line."""
-    robot, evidence = read("ur3e", [wave()], scratch)
-    estimate = identify(evidence, robot)
+    robot, dataset = read("ur3e", [wave()], scratch)
+    estimate = identify(dataset, robot)
     yield "UR3E, joint 2"
-    yield from _found(evidence, estimate)
-    yield from _judged(evidence, robot)
-    frame = residuals(evidence, robot, estimate)
+    yield from _found(dataset, estimate)
+    yield from _judged(dataset, robot)
+    frame = residuals(dataset, robot, estimate)
     yield from _misfit(frame)
-    yield from _independent(evidence, estimate)
+    yield from _independent(dataset, estimate)
     yield from _controller()
 
 
-def _found(evidence: Evidence, estimate: Estimate) -> Iterable[str]:
-    kept = sum(run.samples for run in evidence.runs)
-    yield f"  strokes: {len(evidence.runs)}, samples kept {kept} of {evidence.files[0].rows}"
-    for reason in dict.fromkeys(reject.reason for reject in evidence.rejects):
-        own = [reject for reject in evidence.rejects if reject.reason == reason]
+def _found(dataset: Dataset, estimate: Estimate) -> Iterable[str]:
+    kept = sum(run.samples for run in dataset.runs)
+    yield f"  strokes: {len(dataset.runs)}, samples kept {kept} of {dataset.files[0].rows}"
+    for reason in dict.fromkeys(reject.reason for reject in dataset.rejects):
+        own = [reject for reject in dataset.rejects if reject.reason == reason]
         yield f"  left out, {reason}: {len(own)} stretches, {sum(r.samples for r in own)} samples"
     for value in estimate.values:
         if value.value is not None and value.std_error is not None:
@@ -72,20 +73,20 @@ def _found(evidence: Evidence, estimate: Estimate) -> Iterable[str]:
     yield f"  RMSE {fit.rmse:.4f} A, noise floor {fit.noise_floor:.4f} A"
 
 
-def _judged(evidence: Evidence, robot: Robot) -> Iterable[str]:
+def _judged(dataset: Dataset, robot: Robot) -> Iterable[str]:
     yield "  held-out RMSE (A) by split and model:"
     for name, runs in SPLITS.items():
-        scores = trial(held_out(evidence, runs), robot, JOINT).scores
+        scores = trial(held_out(dataset, runs), robot, JOINT).scores
         told = ", ".join(f"{model} {score.joints[JOINT - 1].heldout:.4f}" for model, score in scores.items())
         yield f"    {name}: {told}"
     each = []
-    for number in range(1, len(evidence.runs) + 1):
-        kept = held_out(evidence, (number,))
+    for number in range(1, len(dataset.runs) + 1):
+        kept = held_out(dataset, (number,))
         each.append(compare(identify(kept, robot), kept, robot).heldout or math.nan)
     yield f"    each stroke by the other ten: {min(each):.4f} to {max(each):.4f}"
 
 
-def residuals(evidence: Evidence, robot: Robot, estimate: Estimate) -> pd.DataFrame:
+def residuals(dataset: Dataset, robot: Robot, estimate: Estimate) -> pd.DataFrame:
     """Measured minus predicted current (A) of every sample in a stroke: run, direction, position, speed, residual.
 
     Velocity and acceleration are the controller's targets here, so that no smoothing of ours is judged.
@@ -95,7 +96,7 @@ def residuals(evidence: Evidence, robot: Robot, estimate: Estimate) -> pd.DataFr
     position = table[[f"actual_q_{joint}" for joint in range(6)]].to_numpy()
     velocity = table[[f"target_qd_{joint}" for joint in range(6)]].to_numpy()
     parts = []
-    for number, run in enumerate(evidence.runs, start=1):
+    for number, run in enumerate(dataset.runs, start=1):
         rows = slice(run.first_row - 2, run.last_row - 1)
         own, acceleration = position[rows], table["target_qdd_1"].to_numpy()[rows]
         direction = np.full(len(own), float(run.direction))
@@ -147,16 +148,16 @@ def pure_error(frame: pd.DataFrame) -> float:
     return math.sqrt(0.5 * float(np.mean(squares)))
 
 
-def half_sums(evidence: Evidence) -> tuple[Floats, Floats]:
+def half_sums(dataset: Dataset) -> tuple[Floats, Floats]:
     """Mean and standard error (A) of cos, sin and constant in half sums of neighbouring strokes, free of any friction.
 
     The inertia's share, which is alike both ways, is fitted beside them.
     """
     fits = []
     grid = np.linspace(-3.0, -0.15, 400)
-    for first, second in zip(evidence.runs[:-1:2], evidence.runs[1::2], strict=False):
-        half = 0.5 * sum(_at(run.cells.position[:, 1], run.cells.current, grid) for run in (first, second))
-        pull = 0.5 * sum(_at(run.cells.position[:, 1], run.cells.acceleration, grid) for run in (first, second))
+    for first, second in zip(dataset.runs[:-1:2], dataset.runs[1::2], strict=False):
+        half = 0.5 * sum(_at(run.bins.position[:, 1], run.bins.current, grid) for run in (first, second))
+        pull = 0.5 * sum(_at(run.bins.position[:, 1], run.bins.acceleration, grid) for run in (first, second))
         basis = np.column_stack([np.cos(grid), np.sin(grid), np.ones(len(grid)), pull])
         fits.append(np.linalg.lstsq(basis, half, rcond=None)[0][:3])
     return np.mean(fits, axis=0), np.std(fits, axis=0, ddof=1) / math.sqrt(len(fits))
@@ -167,7 +168,7 @@ def _at(position: Floats, values: Floats, grid: Floats) -> Floats:
     return np.interp(grid, position[order], values[order])
 
 
-def _independent(evidence: Evidence, estimate: Estimate) -> Iterable[str]:
+def _independent(dataset: Dataset, estimate: Estimate) -> Iterable[str]:
     level, upright = first_harmonic(UR3E, HELD, JOINT)
     yield f"  published masses: {level:.3f} N m at position 0, {upright:.3f} N m a quarter turn on"
     weight = {found.text: found for found in estimate.combinations}
@@ -175,13 +176,13 @@ def _independent(evidence: Evidence, estimate: Estimate) -> Iterable[str]:
     turned = math.degrees(math.atan2(quarter.value, -zero.value))
     error = math.degrees(quarter.std_error / abs(zero.value))
     yield f"  direction of the load against the published one: {turned:+.2f} +- {error:.2f} deg"
-    means, errors = half_sums(evidence)
+    means, errors = half_sums(dataset)
     for name, mean, spread in zip(("cos", "sin", "constant"), means, errors, strict=True):
         yield f"  half sums of forward and backward strokes, {name}: {mean:.4f} +- {spread:.4f} A"
     ratio = level / zero.value
     yield f"  torque constant that this implies: {ratio:.2f} N m/A at the joint, {ratio / 101:.4f} at the motor (101:1)"
     table = pd.read_parquet(wave())
-    rest = table[table.timestamp < evidence.runs[0].start - 0.5]
+    rest = table[table.timestamp < dataset.runs[0].start - 0.5]
     for joint in (2, 3, 4, 5):
         held = rest[f"actual_current_{joint - 1}"]
         aimed = rest[f"target_current_{joint - 1}"].mean()

@@ -11,10 +11,11 @@ import numpy as np
 from numpy.typing import NDArray
 from published_loads import G
 
-from pumaid.cli.reading import read_evidence
+from pumaid.cli.reading import read_dataset
+from pumaid.dataset import Dataset
 from pumaid.io.recipe import shipped_recipes
 from pumaid.model import Model
-from pumaid.records import Comparison, Estimate, Evidence
+from pumaid.records import Comparison, Estimate
 from pumaid.robot import Robot
 from pumaid.verbs.compare import compare
 from pumaid.verbs.identify import identify
@@ -74,16 +75,16 @@ def write_recipe(name: str, scratch: Path) -> Path:
     return path
 
 
-def read(name: str, files: Sequence[Path], scratch: Path) -> tuple[Robot, Evidence]:
+def read(name: str, files: Sequence[Path], scratch: Path) -> tuple[Robot, Dataset]:
     """The recordings `files` in one pass, by the recipe called `name`."""
-    return read_evidence([str(file) for file in files], write_recipe(name, scratch))
+    return read_dataset([str(file) for file in files], write_recipe(name, scratch))
 
 
-def held_out(evidence: Evidence, runs: Sequence[int]) -> Evidence:
+def held_out(dataset: Dataset, runs: Sequence[int]) -> Dataset:
     """The same evidence with `runs` (numbers from 1, in order of time) kept from the fit."""
     return replace(
-        evidence,
-        runs=tuple(replace(run, heldout=number in runs) for number, run in enumerate(evidence.runs, start=1)),
+        dataset,
+        runs=tuple(replace(run, heldout=number in runs) for number, run in enumerate(dataset.runs, start=1)),
     )
 
 
@@ -95,20 +96,20 @@ class Trial:
     scores: dict[str, Comparison]
 
 
-def trial(evidence: Evidence, robot: Robot, joint: int, *, judged: Evidence | None = None) -> Trial:
-    """Fit all models to the runs of `evidence` that are not held out; score them on `judged` (default: the same).
+def trial(dataset: Dataset, robot: Robot, joint: int, *, judged: Dataset | None = None) -> Trial:
+    """Fit all models to the runs of `dataset` that are not held out; score them on `judged` (default: the same).
 
     The smaller models are least squares on the full model's own columns of these effects, and right for `joint` only.
     """
-    estimate = identify(evidence, robot)
+    estimate = identify(dataset, robot)
     model = Model.of_estimate(robot, estimate)
-    fitted = [run for run in evidence.runs if run.joint == joint and not run.heldout]
+    fitted = [run for run in dataset.runs if run.joint == joint and not run.heldout]
     blocks = model.blocks(fitted)
     regressors = np.vstack([block.regressors for block in blocks])
     target = np.concatenate([block.target for block in blocks])
     size = np.array([G if column.effect == "gravity" else 1.0 for column in model.columns])
     samples = sum(run.samples for run in fitted)
-    seen = evidence if judged is None else judged
+    seen = dataset if judged is None else judged
     scores = {"pumaid": compare(estimate, seen, robot)}
     for name, effects in SMALLER.items():
         own = np.array([column.effect in effects for column in model.columns])

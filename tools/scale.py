@@ -31,11 +31,11 @@ from pumaid.cluster.cores import spread
 from pumaid.cluster.desk import started
 from pumaid.cluster.gather import gather
 from pumaid.cluster.pieces import Reading
+from pumaid.dataset import Dataset
 from pumaid.io.recipe import read_recipe, shipped_recipes
 from pumaid.io.table import LogReader, write_log
 from pumaid.preprocessing.options import DEFAULTS
 from pumaid.preprocessing.suspicion import Watch
-from pumaid.records import Evidence
 from pumaid.robot import Robot
 from pumaid.simulation import draw
 
@@ -53,13 +53,13 @@ def written(robot: Robot, folder: Path, files: int, rate: float, ending: str = "
     return paths, files * sum(map(len, logs))
 
 
-def timed(ways: dict[str, Callable[[], Evidence]], rounds: int) -> dict[str, tuple[float, Evidence]]:
+def timed(ways: dict[str, Callable[[], Dataset]], rounds: int) -> dict[str, tuple[float, Dataset]]:
     """Seconds of each way, the least of all rounds but a first one, and what was left; rounds go through all ways.
 
     A machine that is slower for a minute is so for all of them.
     """
     best = dict.fromkeys(ways, float("inf"))
-    found: dict[str, Evidence] = {}
+    found: dict[str, Dataset] = {}
     for number in range(rounds + 1):
         for name, work in ways.items():
             begin = time.monotonic()
@@ -104,7 +104,7 @@ def main() -> None:
         # One for each round, begun before the cluster is; each reads once.
         mates = stack.enter_context(started(reading.tried, options.rounds + 1))
         one, two = (stack.enter_context(cluster_of(number, foreign=options.foreign)) for number in (1, 2))
-        ways: dict[str, Callable[[], Evidence]] = {
+        ways: dict[str, Callable[[], Dataset]] = {
             "one process": lambda: segment(Watch(LogReader(paths, robot), robot), robot),
             "two processes (`--jobs 2`)": lambda: spread(paths, reading, [mates.pop()]),
             "1 worker": lambda: gather(paths, robot, one),
@@ -123,7 +123,7 @@ def main() -> None:
     print("\nthe models are equal to 1e-10")
 
 
-def _check(found: Evidence, wanted: Evidence, robot: Robot) -> None:
+def _check(found: Dataset, wanted: Dataset, robot: Robot) -> None:
     known, told = ([value.value or 0.0 for value in identify(one, robot).values] for one in (wanted, found))
     assert np.allclose(told, known, rtol=1e-10, atol=0.0), "the numbers are others"
 

@@ -18,6 +18,7 @@ import numpy as np
 from blind_world.statistics import Share
 from budget_trials import DESIGNS, plan
 
+from pumaid.dataset import Dataset
 from pumaid.diagnosis.account import Account
 from pumaid.diagnosis.chain import Start
 from pumaid.diagnosis.contender import LEVEL
@@ -27,7 +28,7 @@ from pumaid.diagnosis.stepwise import Step, Stepwise
 from pumaid.effects import catalogue
 from pumaid.io.recipe import read_recipe, shipped_recipes
 from pumaid.model import Model
-from pumaid.records import UNEXPLAINED_JOINT, Campaign, Evidence
+from pumaid.records import UNEXPLAINED_JOINT, Campaign
 from pumaid.simulation import Bench, Truth, draw, table1
 from pumaid.simulation.hidden import Hidden
 from pumaid.verbs.identify import identify
@@ -63,14 +64,14 @@ def small() -> Truth:
     return draw(read_recipe(shipped_recipes()["pendulum2"]), 31)
 
 
-def searching(bench: Bench, seed: int) -> tuple[Stepwise, Evidence]:
+def searching(bench: Bench, seed: int) -> tuple[Stepwise, Dataset]:
     """A search on the model that is fitted to one experiment, not yet run."""
-    evidence, robot = Evidence(bench.runs(np.random.default_rng(seed))), bench.truth.robot
-    estimate = identify(evidence, robot)
+    dataset, robot = Dataset(bench.runs(np.random.default_rng(seed))), bench.truth.robot
+    estimate = identify(dataset, robot)
     known = dict(zip(estimate.names, estimate.solution, strict=True))
     model = Model(robot, estimate.stroke_postures)
     start = Start(np.array([float(known.get(name, 0.0)) for name in model.names]), estimate.scales)
-    return Stepwise(model, evidence.runs, start, campaign=Campaign.of(evidence.runs)), evidence
+    return Stepwise(model, dataset.runs, start, campaign=Campaign.of(dataset.runs)), dataset
 
 
 def chances(step: Step, *, periodic: str = "ripple") -> dict[Key, float]:
@@ -96,11 +97,11 @@ def clean() -> Iterator[str]:
     for design in LOOKED_AT:
         found, strange, smallest, theory = [], [], [], []
         for truth, count in ((small(), SMALL), (table1.puma560(), LARGE)):
-            bench = Bench(truth, plan(truth.robot, design, CLEAN), rate=50.0, cells=120)
+            bench = Bench(truth, plan(truth.robot, design, CLEAN), rate=50.0, bins=120)
             for seed in range(CLEAN, CLEAN + count):
-                search, evidence = searching(bench, seed)
+                search, dataset = searching(bench, seed)
                 search.run()
-                verdicts = Account(search, evidence).verdicts.values()
+                verdicts = Account(search, dataset).verdicts.values()
                 found.append(bool(search.accepted))
                 strange.append(any(one.verdict == UNEXPLAINED_JOINT for one in verdicts))
                 smallest.append(min(chances(search.steps[0]).values()))
@@ -150,7 +151,7 @@ def hits() -> Iterator[str]:
     """A table row an effect: beyond chance, and called missing by its name or as a rival, at and below its limit."""
     truth = small()
     motions = plan(truth.robot, LOOKED_AT[0], HIDDEN)
-    quiet = Bench(truth, motions, rate=50.0, cells=120)
+    quiet = Bench(truth, motions, rate=50.0, bins=120)
     looks = [searching(quiet, HIDDEN + number)[0].look([]) for number in range(ANNOUNCED)]
     announced = [limits(one.scan, one.catalogue, one.family, periodic=catalogue()["ripple"]) for one in looks]
     yield "| effect | limit | beyond chance | called missing | of any shape | at a third |"
@@ -158,19 +159,19 @@ def hits() -> Iterator[str]:
         sizes = [one[name, joint].size for one in announced]
         limit = float(np.mean([size for size in sizes if size is not None]))
         shapes = shown(looks[0], name, joint)
-        cells: list[str] = []
+        bins: list[str] = []
         for count, share, is_any in ((AT_MIDDLE, 1.0, False), (AT_ANY, 1.0, True), (BELOW, 1.0 / 3.0, False)):
-            seeds = [HIDDEN + 1000 * (place + 1) + 100 * len(cells) + number for number in range(count)]
+            seeds = [HIDDEN + 1000 * (place + 1) + 100 * len(bins) + number for number in range(count)]
             beyond, found = 0, 0
             for seed in seeds:
                 pick = int(np.random.default_rng(seed).integers(len(shapes))) if is_any else len(shapes) // 2
                 arm = hiding(truth, name, joint, size=share * limit, shape=shapes[pick].shape, seed=seed)
-                step = searching(Bench(arm, motions, rate=50.0, cells=120), seed)[0].look([])
+                step = searching(Bench(arm, motions, rate=50.0, bins=120), seed)[0].look([])
                 named = [step.chosen, *step.rivals] if step.chosen is not None else []
                 beyond += chances(step).get((name, joint), 1.0) <= LEVEL
                 found += (name, joint) in [one.key for one in named]
-            cells += [str(Share(beyond, count)), str(Share(found, count))] if not cells else [str(Share(found, count))]
-        yield f"| {name}@{joint} | {limit:.4g} {announced[0][name, joint].unit} | {' | '.join(cells)} |"
+            bins += [str(Share(beyond, count)), str(Share(found, count))] if not bins else [str(Share(found, count))]
+        yield f"| {name}@{joint} | {limit:.4g} {announced[0][name, joint].unit} | {' | '.join(bins)} |"
 
 
 def main() -> None:

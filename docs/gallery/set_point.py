@@ -103,7 +103,7 @@ class Ladder:
 
     robot: Arm
     log: pumaid.Log
-    evidence: pumaid.Evidence
+    dataset: pumaid.Dataset
     base: pumaid.Estimate
     models: tuple[Compensation | None, ...]
 
@@ -114,17 +114,17 @@ class Ladder:
         with tempfile.TemporaryDirectory() as folder:
             files = [puma.record(robot, Path(folder))]
             (log,) = pumaid.LogReader(files, geared)
-            evidence = pumaid.segment([log], geared)
-        base = pumaid.identify(evidence, plain)
-        more = pumaid.identify(evidence, geared, effects=[pumaid.EffectChoice("stribeck")])
+            dataset = pumaid.segment([log], geared)
+        base = pumaid.identify(dataset, plain)
+        more = pumaid.identify(dataset, geared, effects=[pumaid.EffectChoice("stribeck")])
         models = (
             None,
             Compensation(plain, base, share=0.0),
             Compensation(plain, base),
-            Compensation(geared, pumaid.identify(evidence, geared)),
+            Compensation(geared, pumaid.identify(dataset, geared)),
             Compensation(geared, more),
         )
-        return cls(robot, log, evidence, base, models)
+        return cls(robot, log, dataset, base, models)
 
     def tried(self, target: Sequence[float]) -> list[Trial]:
         """The step on every rung."""
@@ -138,7 +138,7 @@ class Ladder:
         out = []
         for moving, motor in ((4, 5), (4, 6), (5, 6)):
             parts = [
-                self.seen(run, motor) for run in self.evidence.runs if run.joint == moving and run.kind == "constant"
+                self.seen(run, motor) for run in self.dataset.runs if run.joint == moving and run.kind == "constant"
             ]
             measured, plain, geared = (np.concatenate(part) for part in zip(*parts, strict=True))
             out.append((moving, motor, *(float(np.sqrt(np.mean((measured - it) ** 2))) for it in (plain, geared))))
@@ -146,12 +146,12 @@ class Ladder:
 
     def seen(self, run: pumaid.Run, motor: int) -> tuple[Floats, Floats, Floats]:
         """Current (A) of a motor whose joint is held during `run`: measured, by the model without and with gears."""
-        # Cells hold the moving joint's current only; those of held ones are in the log.
+        # Bins hold the moving joint's current only; those of held ones are in the log.
         first, stop = np.searchsorted(self.log.rows, [run.first_row, run.last_row + 1])
-        starts = first + np.cumsum(run.cells.count) - run.cells.count
-        assert starts[-1] + run.cells.count[-1] == stop
-        measured = np.add.reduceat(self.log.current[:stop, motor - 1], starts.astype(int)) / run.cells.count
-        both = [model.program.current(run.cells.position, run.velocity) for model in self.models[2:4] if model]
+        starts = first + np.cumsum(run.bins.count) - run.bins.count
+        assert starts[-1] + run.bins.count[-1] == stop
+        measured = np.add.reduceat(self.log.current[:stop, motor - 1], starts.astype(int)) / run.bins.count
+        both = [model.program.current(run.bins.position, run.velocity) for model in self.models[2:4] if model]
         return measured, both[0][:, motor - 1], both[1][:, motor - 1]
 
 

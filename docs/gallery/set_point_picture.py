@@ -70,10 +70,10 @@ def _trace(axes: Axes, trials: list[Trial], joint: int = 3) -> None:
 
 
 def _gears(axes: Axes, ladder: Ladder) -> None:
-    runs = [run for run in ladder.evidence.runs if run.joint == 5 and abs(abs(run.speed) / DEG - 30.0) < 1.0][:2]
+    runs = [run for run in ladder.dataset.runs if run.joint == 5 and abs(abs(run.speed) / DEG - 30.0) < 1.0][:2]
     for run in runs:
         measured, plain, geared = ladder.seen(run, 6)
-        q = run.cells.position[:, 4] / DEG
+        q = run.bins.position[:, 4] / DEG
         first = run is runs[0]
         axes.plot(q, measured, ".", color="#8a9099", ms=3, label="measured" if first else None)
         axes.plot(

@@ -68,17 +68,17 @@ def gravity(robot: Arm, joint: int, posture: Sequence[float]) -> tuple[float, fl
     return 0.5 * (both[0].breaks(joint, 1.0) + both[1].breaks(joint, -1.0)), both[0].seconds + both[1].seconds
 
 
-def logged(robot: Arm) -> pumaid.Evidence:
+def logged(robot: Arm) -> pumaid.Dataset:
     """The runs of the robot's own experiment."""
     with tempfile.TemporaryDirectory() as folder:
         log = pumaid.LogReader([puma.record(robot, Path(folder))], recipe())
         return pumaid.segment(log, recipe())
 
 
-def errors(robot: Arm, evidence: pumaid.Evidence) -> tuple[dict[int, Floats], float]:
-    """Joint -> (P, 2) A by which the static test and the model of `evidence` miss gravity; s that the tests take."""
+def errors(robot: Arm, dataset: pumaid.Dataset) -> tuple[dict[int, Floats], float]:
+    """Joint -> (P, 2) A by which the static test and the model of `dataset` miss gravity; s that the tests take."""
     program = ModuleType("puma_model")
-    exec(export(pumaid.identify(evidence, recipe()), recipe(), form="python").files[".py"], vars(program))
+    exec(export(pumaid.identify(dataset, recipe()), recipe(), form="python").files[".py"], vars(program))
     out, seconds = {}, 0.0
     for joint, postures in POSTURES.items():
         rows = []

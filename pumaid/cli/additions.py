@@ -11,7 +11,8 @@ from typing import TYPE_CHECKING
 from pumaid.cli.progress import progress
 
 if TYPE_CHECKING:
-    from pumaid.records import Diagnosis, Estimate, Evidence, Finding
+    from pumaid.dataset import Dataset
+    from pumaid.records import Diagnosis, Estimate, Finding
     from pumaid.robot import EffectChoice, Robot
 
 #: Share by which an addition may raise the error of the fitted runs: by rounding, not more.
@@ -106,30 +107,20 @@ def reopened(estimate: Estimate) -> tuple[EffectChoice, ...]:
 
 
 def diagnosed(
-    estimate: Estimate, evidence: Evidence, robot: Robot, *, suspects: Sequence[str], typed: Typed, is_kept: bool
+    estimate: Estimate, dataset: Dataset, robot: Robot, *, suspects: Sequence[str], typed: Typed
 ) -> Diagnosis:
-    """A diagnosis, with progress and commands; with `is_kept` the one that an earlier command made of the same."""
-    from pumaid.effects import is_extended
-    from pumaid.io.diagnosis_cache import DiagnosisCache
+    """A diagnosis, with progress and commands."""
+    from pumaid.verbs.diagnose import diagnose
 
-    # The code of a user's own effects is not this program's: it may have changed since.
-    is_kept = is_kept and not is_extended()
-    kept = DiagnosisCache(estimate, evidence, robot, suspects=suspects) if is_kept else None
-    found = kept.get() if kept is not None else None
-    if found is None:
-        from pumaid.verbs.diagnose import diagnose
-
-        with progress("diagnosing") as step:
-            found = diagnose(estimate, evidence, robot, suspects=suspects, progress=lambda text: step(0.0, text))
-        if kept is not None:
-            kept.put(found)
+    with progress("diagnosing") as step:
+        found = diagnose(estimate, dataset, robot, suspects=suspects, progress=lambda text: step(0.0, text))
     return named(found, estimate, robot, typed=typed)
 
 
 def added(
     diagnosis: Diagnosis,
     estimate: Estimate,
-    evidence: Evidence,
+    dataset: Dataset,
     *,
     robot: Robot,
     model: Path,
@@ -142,7 +133,7 @@ def added(
 
     Parameters
     ----------
-    diagnosis, estimate, evidence
+    diagnosis, estimate, dataset
         What was found, on which model, in which runs.
     robot
         The arm.
@@ -169,7 +160,7 @@ def added(
         for found in new[: MOST_ADDED - len(done)]:
             with progress("identifying", total=robot.n_joints) as step:
                 fresh = identify(
-                    evidence,
+                    dataset,
                     robot,
                     effects=(*reopened(estimate), choice_of(found)),
                     progress=lambda joint, text, step=step: step(robot.n_joints - joint, text),  # type: ignore[misc]

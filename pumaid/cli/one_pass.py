@@ -15,9 +15,9 @@ from pumaid.cli.progress import progress
 from pumaid.errors import LogError, Where
 
 if TYPE_CHECKING:
+    from pumaid.dataset import Dataset
     from pumaid.io.table import LogPath
     from pumaid.preprocessing.options import SegmentOptions
-    from pumaid.records import Evidence
     from pumaid.robot import Robot
 
 #: Runs from which freed memory is given back at the end.
@@ -26,7 +26,7 @@ _MANY_RUNS = 1000
 
 def one_pass(
     paths: Sequence[LogPath], robot: Robot, *, trust: bool, extra: Sequence[str], options: SegmentOptions, how: Pass
-) -> Evidence:
+) -> Dataset:
     """Read, watch and segment logs: on a cluster, on several cores where there is enough to read, or here.
 
     Parameters
@@ -48,47 +48,44 @@ def one_pass(
 
     keep_memory()
     if how.dask:
-        evidence = _on_cluster(paths, robot, trust=trust, options=options, how=how)
+        dataset = _on_cluster(paths, robot, trust=trust, options=options, how=how)
     elif others := _others(paths, how):
-        evidence = _on_cores(paths, robot, others=others, trust=trust, extra=extra, options=options, how=how)
+        dataset = _on_cores(paths, robot, others=others, trust=trust, extra=extra, options=options, how=how)
     else:
-        evidence = _here(paths, robot, trust=trust, extra=extra, options=options, ahead=how.jobs != 1)
-    evidence = _single(evidence, trust=trust)
-    if len(evidence.runs) > _MANY_RUNS:
+        dataset = _here(paths, robot, trust=trust, extra=extra, options=options)
+    dataset = _single(dataset, trust=trust)
+    if len(dataset.runs) > _MANY_RUNS:
         give_back_memory()
-    return evidence
+    return dataset
 
 
-def _single(evidence: Evidence, *, trust: bool) -> Evidence:
+def _single(dataset: Dataset, *, trust: bool) -> Dataset:
     """The evidence with notes on what stands twice in the logs; a copy of a file is refused."""
     from pumaid.errors import Faults, LogError, Note
     from pumaid.preprocessing.doubled import doubled
 
-    found = list(doubled(evidence))
+    found = list(doubled(dataset))
     faults = [one for one in found if isinstance(one, LogError)]
     if faults and not trust:
         raise faults[0] if len(faults) == 1 else Faults(faults)
     notes = [
         Note(one.slug, f"{one.what}; {one.mend}", one.where) if isinstance(one, LogError) else one for one in found
     ]
-    return replace(evidence, notes=(*evidence.notes, *notes)) if notes else evidence
+    return replace(dataset, notes=(*dataset.notes, *notes)) if notes else dataset
 
 
 def _here(
-    paths: Sequence[LogPath], robot: Robot, *, trust: bool, extra: Sequence[str], options: SegmentOptions, ahead: bool
-) -> Evidence:
-    """The same by this process, with a second thread that reads `ahead`."""
-    from pumaid.io.ahead import Ahead
+    paths: Sequence[LogPath], robot: Robot, *, trust: bool, extra: Sequence[str], options: SegmentOptions
+) -> Dataset:
+    """The same by this process."""
     from pumaid.io.table import LogReader
     from pumaid.preprocessing.suspicion import Watch
     from pumaid.verbs.segment import segment
 
     watched = Watch(LogReader(paths, robot, extra=extra), robot, refuse=not trust)
-    # Who waits for a pipe cannot be told to stop.
-    ahead = ahead and all(path.is_file() for path in paths)
     with progress("reading logs") as step:
         return segment(
-            Ahead(watched) if ahead else watched,
+            watched,
             robot,
             options=options,
             progress=lambda rows: step(rows, f"{rows:,} rows"),
@@ -113,7 +110,7 @@ def _on_cores(
     extra: Sequence[str],
     options: SegmentOptions,
     how: Pass,
-) -> Evidence:
+) -> Dataset:
     """The same by several processes."""
     from pumaid.cluster.cores import spread
     from pumaid.cluster.desk import started
@@ -156,7 +153,7 @@ def one_cluster(how: Pass) -> Iterator[Pass]:
         yield replace(how, client=how.client or client)
 
 
-def _on_cluster(paths: Sequence[LogPath], robot: Robot, *, trust: bool, options: SegmentOptions, how: Pass) -> Evidence:
+def _on_cluster(paths: Sequence[LogPath], robot: Robot, *, trust: bool, options: SegmentOptions, how: Pass) -> Dataset:
     """The same on the workers of a cluster, a file each."""
     from pumaid.cluster.gather import gather
     from pumaid.io.paths import STDIN

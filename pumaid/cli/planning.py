@@ -137,7 +137,7 @@ def planned(robot: Robot, ask: Ask, tell: Callable[[str], None]) -> Plan:
 
 def _for(robot: Robot, ask: Ask, whole: Callable[[], Plan], *, tell: Callable[[str], None]) -> Plan:
     from pumaid.choices import at_one_joint, spoken
-    from pumaid.cli.reading import read_evidence, recipe_path
+    from pumaid.cli.reading import read_dataset, recipe_path
     from pumaid.verbs.decide import decide
 
     assert ask.wanted is not None
@@ -145,7 +145,7 @@ def _for(robot: Robot, ask: Ask, whole: Callable[[], Plan], *, tell: Callable[[s
     wanted = spoken(ask.wanted, robot, option="--for")
     rival = None if ask.against is None else spoken(ask.against, robot, option="--against")
     at_one_joint(wanted, robot, "--for")  # what is refused is refused before the work
-    logs = read_evidence(ask.logs, recipe_path(ask.recipe), robot=robot)[1] if ask.logs else None
+    logs = read_dataset(ask.logs, recipe_path(ask.recipe), robot=robot)[1] if ask.logs else None
     return decide(
         robot,
         wanted,

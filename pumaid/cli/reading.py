@@ -13,8 +13,9 @@ from pumaid.cli.options import Pass
 from pumaid.errors import Where
 
 if TYPE_CHECKING:
+    from pumaid.dataset import Dataset
     from pumaid.preprocessing.options import SegmentOptions
-    from pumaid.records import Estimate, Evidence
+    from pumaid.records import Estimate
     from pumaid.robot import Robot
 
 #: What ``--heldout`` is given for postures instead of files.
@@ -67,12 +68,12 @@ def check_model(estimate: Estimate, robot: Robot, near: tuple[Path | None, Seque
     check_parameters(estimate, robot)
 
 
-def check_logs(estimate: Estimate, evidence: Evidence, *, trust: bool = False) -> None:
+def check_logs(estimate: Estimate, dataset: Dataset, *, trust: bool = False) -> None:
     """Refuse logs that a model was not fitted to; `trust` lets them pass, for a user who knows better."""
     from pumaid.errors import ModelError
 
     known = set(estimate.logs.values())
-    others = [facts for facts in evidence.files if facts.digest not in known]
+    others = [facts for facts in dataset.files if facts.digest not in known]
     if trust or not known or not others:
         return
     shown = ", ".join(facts.name for facts in others[:3]) + (" ..." if len(others) > 3 else "")
@@ -82,7 +83,7 @@ def check_logs(estimate: Estimate, evidence: Evidence, *, trust: bool = False) -
     raise ModelError("model-other-logs", what, Where(file=others[0].name), mend)
 
 
-def read_evidence(
+def read_dataset(
     logs: Sequence[str],
     recipe: Path | None,
     *,
@@ -92,7 +93,7 @@ def read_evidence(
     extra: Sequence[str] = (),
     options: SegmentOptions | None = None,
     how: Pass | None = None,
-) -> tuple[Robot, Evidence]:
+) -> tuple[Robot, Dataset]:
     """All that later steps know of some logs, read in one pass.
 
     Logs that cannot mean what the recipe says are refused once the pass has shown it.
@@ -110,7 +111,7 @@ def read_evidence(
     heldout
         ``--heldout``: files, folders or globs of logs, or ``posture``.
     extra
-        Columns of the logs that the user suspects; they arrive in the runs' cells.
+        Columns of the logs that the user suspects; they arrive in the runs' bins.
     options
         Thresholds of the segmentation; else its own.
     how
@@ -118,7 +119,7 @@ def read_evidence(
 
     Returns
     -------
-    robot, evidence
+    robot, dataset
         Runs that the plan beside the recipe or the user keeps for judging are marked as held out.
     """
     from pumaid.cli.one_pass import one_pass
@@ -132,12 +133,12 @@ def read_evidence(
         raise click.UsageError("standard input can be the logs or the recipe, not both")
     robot = robot or read_robot(recipe, logs)
     kept = EvidenceCache(paths, robot, options=repr((options, trust, tuple(extra)))) if how.cached else None
-    evidence = kept.get(meanwhile=how.load) if kept is not None else None
-    if evidence is None:
-        evidence = one_pass(paths, robot, trust=trust, extra=extra, options=options, how=how)
+    dataset = kept.get(meanwhile=how.load) if kept is not None else None
+    if dataset is None:
+        dataset = one_pass(paths, robot, trust=trust, extra=extra, options=options, how=how)
         if kept is not None:
-            kept.put(evidence)
-    planned = _with_plan(evidence, robot, experiment_folder(recipe, logs))
+            kept.put(dataset)
+    planned = _with_plan(dataset, robot, experiment_folder(recipe, logs))
     return robot, _with_heldout(planned, heldout) if heldout else planned
 
 
@@ -214,22 +215,22 @@ def recipe_path(recipe: Path | None, logs: Sequence[str] = ()) -> Path:
     return find_recipe(recipe, [Path(log) for log in logs])
 
 
-def _with_heldout(evidence: Evidence, wanted: Sequence[str]) -> Evidence:
+def _with_heldout(dataset: Dataset, wanted: Sequence[str]) -> Dataset:
     """Runs of the files that the user names marked as held out; the word ``posture`` means each joint's last one."""
     from pumaid.io.paths import meant
     from pumaid.preprocessing.heldout import hold_out
 
-    names = [facts.name for facts in evidence.files]
+    names = [facts.name for facts in dataset.files]
     files = dict.fromkeys(name for word in wanted if word != POSTURE for name in meant(word, names))
-    return hold_out(evidence, files=files, postures=POSTURE in wanted)
+    return hold_out(dataset, files=files, postures=POSTURE in wanted)
 
 
-def _with_plan(evidence: Evidence, robot: Robot, folder: Path) -> Evidence:
+def _with_plan(dataset: Dataset, robot: Robot, folder: Path) -> Dataset:
     from pumaid.io.plan import find_plan, read_plan
 
     path = find_plan([folder])
     if path is None:
-        return evidence
+        return dataset
     from pumaid.preprocessing.planned import mark_heldout
 
-    return mark_heldout(evidence, read_plan(path, robot))
+    return mark_heldout(dataset, read_plan(path, robot))

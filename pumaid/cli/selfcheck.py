@@ -11,7 +11,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from pumaid.records import Estimate, Evidence
+    from pumaid.dataset import Dataset
+    from pumaid.records import Estimate
     from pumaid.robot import Robot
     from pumaid.simulation import Truth
 
@@ -98,12 +99,12 @@ def _segmented(bench: dict[str, object]) -> str:
     from pumaid.verbs.segment import segment
 
     robot: Robot = bench["robot"]  # type: ignore[assignment]
-    evidence = segment(LogReader(bench["paths"], robot), robot)  # type: ignore[arg-type]
-    rows = sum(facts.rows for facts in evidence.files)
+    dataset = segment(LogReader(bench["paths"], robot), robot)  # type: ignore[arg-type]
+    rows = sum(facts.rows for facts in dataset.files)
     if rows != bench["rows"]:
         raise Wrong(f"{rows} rows were read of {bench['rows']}")
-    bench["evidence"] = evidence
-    return f"{len(evidence.runs)} runs"
+    bench["evidence"] = dataset
+    return f"{len(dataset.runs)} runs"
 
 
 def _identified(bench: dict[str, object]) -> str:
@@ -111,11 +112,11 @@ def _identified(bench: dict[str, object]) -> str:
     from pumaid.verbs.identify import identify
 
     robot: Robot = bench["robot"]  # type: ignore[assignment]
-    evidence: Evidence = bench["evidence"]  # type: ignore[assignment]
+    dataset: Dataset = bench["evidence"]  # type: ignore[assignment]
     truth: Truth = bench["truth"]  # type: ignore[assignment]
     known = truth.parameters()
-    bench["estimate"] = identify(evidence, robot)
-    whole = identify(evidence, robot, effects=[EffectChoice(HIDDEN, JOINT, {})])
+    bench["estimate"] = identify(dataset, robot)
+    whole = identify(dataset, robot, effects=[EffectChoice(HIDDEN, JOINT, {})])
     off = {
         one.name: abs(one.value - known[one.name]) / one.std_error
         for one in whole.values
@@ -131,9 +132,9 @@ def _diagnosed(bench: dict[str, object]) -> str:
     from pumaid.verbs.diagnose import diagnose
 
     robot: Robot = bench["robot"]  # type: ignore[assignment]
-    evidence: Evidence = bench["evidence"]  # type: ignore[assignment]
+    dataset: Dataset = bench["evidence"]  # type: ignore[assignment]
     estimate: Estimate = bench["estimate"]  # type: ignore[assignment]
-    found = [(one.effect, one.joint) for one in diagnose(estimate, evidence, robot).findings]
+    found = [(one.effect, one.joint) for one in diagnose(estimate, dataset, robot).findings]
     if (HIDDEN, JOINT) not in found:
         raise Wrong(f"the hidden {HIDDEN} at joint {JOINT} was not found, but {found or 'nothing'}")
     return f"the hidden {HIDDEN} at joint {JOINT} is found"

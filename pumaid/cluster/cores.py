@@ -14,8 +14,8 @@ from pumaid.cluster.mate import CAN_FORK, Mate
 from pumaid.cluster.part import Part
 from pumaid.cluster.pieces import Reading, file_taken, pieces_of, raised, state_of
 from pumaid.cluster.whole import Whole
+from pumaid.dataset import Dataset
 from pumaid.io.table import LogPath
-from pumaid.records import Evidence
 
 #: Bytes of logs for which one more process pays; starting it takes some 20 ms, and as much what it sends back.
 WORTH = 8 << 20
@@ -33,7 +33,7 @@ def spread(
     refuse: bool = True,
     meanwhile: Callable[[], object] | None = None,
     progress: Callable[[int, int], None] | None = None,
-) -> Evidence:
+) -> Dataset:
     """All that later steps know of some logs, read by this process and others.
 
     Files, and row groups of large Parquet files, are read each by itself and joined in their order.
@@ -55,7 +55,7 @@ def spread(
 
     Returns
     -------
-    evidence
+    dataset
         As `segment` leaves it of the same files, to the bit.
 
     Raises
@@ -75,7 +75,7 @@ def spread(
             own, again = islice(found, len(of_one)), partial(_at_once, desk, stop, reading=reading, path=path)
             whole = file_taken(whole, own, len(of_one), path=path, state=state, again=again)
             deque(own, maxlen=0)
-    return whole.evidence(refuse=refuse)
+    return whole.dataset(refuse=refuse)
 
 
 def _at_once(desk: Desk, stop: int, *, reading: Reading, path: LogPath) -> Part:

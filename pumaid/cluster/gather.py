@@ -13,9 +13,9 @@ from pumaid.cluster.memory import keep_memory
 from pumaid.cluster.part import Part
 from pumaid.cluster.pieces import SMALL, Found, Reading, State, file_taken, pieces_of, raised, state_of
 from pumaid.cluster.whole import Whole
+from pumaid.dataset import Dataset
 from pumaid.io.table import LogPath
 from pumaid.preprocessing.options import DEFAULTS, SegmentOptions
-from pumaid.records import Evidence
 from pumaid.robot import Robot
 
 #: Parts that one worker joins at a time.
@@ -59,7 +59,7 @@ def gather(
     options: SegmentOptions = DEFAULTS,
     refuse: bool = True,
     progress: Callable[[int, int], None] | None = None,
-) -> Evidence:
+) -> Dataset:
     """All that later steps know of some logs, read by the workers of a cluster.
 
     Each file is a task; of a Parquet file that is large, or one of few, each few row groups. What a worker that dies
@@ -82,7 +82,7 @@ def gather(
 
     Returns
     -------
-    evidence
+    dataset
         As `segment` leaves it of the same files.
 
     Raises
@@ -114,7 +114,7 @@ def gather(
         done += node.files
         if progress is not None:
             progress(done, len(paths))
-    return whole.evidence(refuse=refuse)
+    return whole.dataset(refuse=refuse)
 
 
 def _tried(reading: Reading, piece: LogPath) -> Found:

@@ -10,13 +10,14 @@ from typing import Any, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+from pumaid.dataset import Dataset, FileFacts, Reject, Run
 from pumaid.io.oddities import Oddities
 from pumaid.io.packing import packed, unpacked
 from pumaid.io.table import LogReader
 from pumaid.preprocessing.options import SegmentOptions
 from pumaid.preprocessing.segmenter import Segmenter
 from pumaid.preprocessing.suspicion import Sums
-from pumaid.records import Evidence, FileFacts, Log, Reject, Run
+from pumaid.records import Log
 from pumaid.robot import Robot
 
 Kept = TypeVar("Kept", Run, Reject)
@@ -28,7 +29,7 @@ class Part:
 
     Attributes
     ----------
-    evidence
+    dataset
         Runs and rejects, their clocks counted from the first one's; notes as each file has them.
     sums
         By which it is judged what the columns mean.
@@ -42,7 +43,7 @@ class Part:
         What is odd about a part of a file; its own notes are then those on the columns.
     """
 
-    evidence: Evidence
+    dataset: Dataset
     sums: Sums
     clocks: int
     head: tuple[Log, ...]
@@ -53,7 +54,7 @@ class Part:
     def __reduce__(self) -> tuple[object, ...]:
         """Between processes runs travel as a few long arrays, which a transport that can do so does not copy."""
         more = (self.sums, self.clocks, self.head, self.tail, self.is_open, self.odd)
-        return _arrived, (packed(self.evidence), *more)
+        return _arrived, (packed(self.dataset), *more)
 
 
 def _arrived(arrays: dict[str, NDArray[Any]], *more: Any) -> Part:
@@ -84,9 +85,9 @@ def read_part(reader: LogReader, robot: Robot, options: SegmentOptions) -> Part:
     runs, rejects = segmenter.close()
     if reader.odd is None:
         logs.sums.settle()
-    evidence = Evidence(runs, rejects, reader.files, reader.raw_notes, reader.extra)
+    dataset = Dataset(runs, rejects, reader.files, reader.raw_notes, reader.extra)
     ends = (segmenter.head, segmenter.tail, segmenter.is_open)
-    return Part(evidence, logs.sums, segmenter.clock, *ends, reader.odd)
+    return Part(dataset, logs.sums, segmenter.clock, *ends, reader.odd)
 
 
 class _Summed:
@@ -113,16 +114,16 @@ def joined(first: Part, second: Part, *, robot: Robot, options: SegmentOptions) 
     """
     sums = first.sums.copy()  # a part may be joined again, where a worker is lost
     sums.absorb(second.sums.copy())
-    head = behind(first.evidence.files, second, robot)
+    head = behind(first.dataset.files, second, robot)
     if first.is_open:
-        evidence = _together(first.evidence, second.evidence)
-        return Part(evidence, sums, second.clocks, (*first.head, *head), second.tail, second.is_open)
+        dataset = _together(first.dataset, second.dataset)
+        return Part(dataset, sums, second.clocks, (*first.head, *head), second.tail, second.is_open)
     if second.is_open:
-        evidence = _together(first.evidence, second.evidence)
-        return Part(evidence, sums, first.clocks, first.head, (*first.tail, *head), is_open=False)
+        dataset = _together(first.dataset, second.dataset)
+        return Part(dataset, sums, first.clocks, first.head, (*first.tail, *head), is_open=False)
     middle, clock = between((*first.tail, *head), robot, options, clock=first.clocks)
-    evidence = _together(first.evidence, middle, later(second.evidence, clock))
-    return Part(evidence, sums, clock + second.clocks, first.head, second.tail, is_open=False)
+    dataset = _together(first.dataset, middle, later(second.dataset, clock))
+    return Part(dataset, sums, clock + second.clocks, first.head, second.tail, is_open=False)
 
 
 def behind(before: Sequence[FileFacts], part: Part, robot: Robot) -> tuple[Log, ...]:
@@ -138,7 +139,7 @@ def behind(before: Sequence[FileFacts], part: Part, robot: Robot) -> tuple[Log, 
         As it was read with.
     """
     last = next((facts.last_time for facts in reversed(before) if facts.rows), None)
-    first = next((facts.first_time for facts in part.evidence.files if facts.rows), None)
+    first = next((facts.first_time for facts in part.dataset.files if facts.rows), None)
     if last is None or first is None or first > last:
         return part.head
     if part.head:
@@ -147,7 +148,7 @@ def behind(before: Sequence[FileFacts], part: Part, robot: Robot) -> tuple[Log, 
     return (Log("", rows, np.zeros(0), values, None, values, starts_clock=True),)
 
 
-def between(logs: Sequence[Log], robot: Robot, options: SegmentOptions, *, clock: int | None) -> tuple[Evidence, int]:
+def between(logs: Sequence[Log], robot: Robot, options: SegmentOptions, *, clock: int | None) -> tuple[Dataset, int]:
     """What is left of the samples between two rests, and the number of the last one's recording.
 
     Parameters
@@ -163,7 +164,7 @@ def between(logs: Sequence[Log], robot: Robot, options: SegmentOptions, *, clock
     for log in logs:
         segmenter.add(log)
     runs, rejects = segmenter.close()
-    return Evidence(runs, rejects), segmenter.clock
+    return Dataset(runs, rejects), segmenter.clock
 
 
 def lower(part: Part, lines: int) -> Part:
@@ -178,28 +179,28 @@ def lower(part: Part, lines: int) -> Part:
     """
     if not lines:
         return part
-    evidence = _moved(part.evidence, first_row=lines, last_row=lines)
+    dataset = _moved(part.dataset, first_row=lines, last_row=lines)
     head, tail = (tuple(replace(log, rows=log.rows + lines) for log in logs) for logs in (part.head, part.tail))
-    return replace(part, evidence=evidence, head=head, tail=tail)
+    return replace(part, dataset=dataset, head=head, tail=tail)
 
 
-def later(evidence: Evidence, clock: int) -> Evidence:
+def later(dataset: Dataset, clock: int) -> Dataset:
     """The same where so many recordings began before.
 
     Parameters
     ----------
-    evidence
+    dataset
         Clocks counted from its own first.
     clock
         How many.
     """
-    return _moved(evidence, clock=clock) if clock else evidence
+    return _moved(dataset, clock=clock) if clock else dataset
 
 
-def _moved(evidence: Evidence, **by: int) -> Evidence:
+def _moved(dataset: Dataset, **by: int) -> Dataset:
     """The same with some numbers of all records so much larger."""
-    runs, rejects = _all_moved(evidence.runs, by), _all_moved(evidence.rejects, by)
-    return replace(evidence, runs=runs, rejects=rejects)
+    runs, rejects = _all_moved(dataset.runs, by), _all_moved(dataset.rejects, by)
+    return replace(dataset, runs=runs, rejects=rejects)
 
 
 def _all_moved(records: Sequence[Kept], by: Mapping[str, int]) -> tuple[Kept, ...]:
@@ -217,8 +218,8 @@ def _all_moved(records: Sequence[Kept], by: Mapping[str, int]) -> tuple[Kept, ..
     return tuple(out)
 
 
-def _together(*parts: Evidence) -> Evidence:
-    return Evidence(
+def _together(*parts: Dataset) -> Dataset:
+    return Dataset(
         tuple(run for part in parts for run in part.runs),
         tuple(reject for part in parts for reject in part.rejects),
         tuple(facts for part in parts for facts in part.files),

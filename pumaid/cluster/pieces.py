@@ -217,7 +217,7 @@ def file_taken(
 def _joins(first: Part, second: Part, odd: Oddities) -> bool:
     """Take what is odd about the next piece to that of those before, unless time steps back or a joint wraps there."""
     before = first.head if first.is_open else first.tail
-    if not before or not second.head or second.odd is None or first.evidence.notes != second.evidence.notes:
+    if not before or not second.head or second.odd is None or first.dataset.notes != second.dataset.notes:
         return False
     last, following = before[-1], second.head[0]
     border = float(last.time[-1]), float(following.time[0])

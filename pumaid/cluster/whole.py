@@ -7,6 +7,7 @@ from copy import copy
 from dataclasses import replace
 
 from pumaid.cluster.part import Part, behind, later
+from pumaid.dataset import Dataset, FileFacts, Reject, Run
 from pumaid.errors import LogError, Note, Where
 from pumaid.io.table import merged_notes
 from pumaid.preprocessing import clock
@@ -14,7 +15,6 @@ from pumaid.preprocessing.options import SegmentOptions
 from pumaid.preprocessing.room import OF_REJECTS, OF_RUNS, Room
 from pumaid.preprocessing.segmenter import Segmenter
 from pumaid.preprocessing.suspicion import Sums
-from pumaid.records import Evidence, FileFacts, Reject, Run
 from pumaid.robot import Robot
 
 
@@ -59,19 +59,19 @@ class Whole:
             self._between.add(log)
         if not part.is_open:
             self._look()
-            self._keep(later(part.evidence, self._clock or 0))
+            self._keep(later(part.dataset, self._clock or 0))
             self._clock = (self._clock or 0) + part.clocks
             self._between = Segmenter(self._robot, self._options, clock=self._clock)
             for log in part.tail:
                 self._between.add(log)
         if goes_on:
-            first, facts = self._files[-1], part.evidence.files[-1]
+            first, facts = self._files[-1], part.dataset.files[-1]
             if facts.rows:
                 self._files[-1] = replace(first, rows=first.rows + facts.rows, last_time=facts.last_time)
         else:
-            self._files += part.evidence.files
-            self._notes += part.evidence.notes
-        self._extra = self._extra or part.evidence.extra
+            self._files += part.dataset.files
+            self._notes += part.dataset.notes
+        self._extra = self._extra or part.dataset.extra
         self._sums.absorb(part.sums)
 
     def note(self, notes: Iterable[Note]) -> None:
@@ -84,7 +84,7 @@ class Whole:
         """
         self._notes += notes
 
-    def evidence(self, *, refuse: bool) -> Evidence:
+    def dataset(self, *, refuse: bool) -> Dataset:
         """As `segment` leaves it of the same files; refused where the columns cannot mean what is said.
 
         Parameters
@@ -106,15 +106,15 @@ class Whole:
         self._look()
         runs = tuple(self._runs.records)
         notes = (*merged_notes(self._notes), *told, *clock.notes(runs))
-        return Evidence(runs, tuple(self._rejects.records), tuple(self._files), notes, self._extra)
+        return Dataset(runs, tuple(self._rejects.records), tuple(self._files), notes, self._extra)
 
     def _look(self) -> None:
         runs, rejects = self._between.close()
         self._clock = self._between.clock
-        self._keep(Evidence(runs, rejects))
+        self._keep(Dataset(runs, rejects))
 
-    def _keep(self, evidence: Evidence) -> None:
-        for run in evidence.runs:
+    def _keep(self, dataset: Dataset) -> None:
+        for run in dataset.runs:
             self._runs.add(run)
-        for reject in evidence.rejects:
+        for reject in dataset.rejects:
             self._rejects.add(reject)

@@ -7,23 +7,24 @@ from dataclasses import replace
 
 import numpy as np
 
+from pumaid.dataset import Dataset, Run
 from pumaid.diagnosis.chain import Start
 from pumaid.diagnosis.field import fields
 from pumaid.diagnosis.system import Solved, loaded, solve
 from pumaid.errors import ModelError
 from pumaid.estimation.identification import identified
 from pumaid.model import Model
-from pumaid.records import Estimate, Evidence, Plan, Run
+from pumaid.records import Estimate, Plan
 from pumaid.robot import EffectChoice, Robot
 from pumaid.simulation import Bench
 from pumaid.simulation.hidden import LAWS, Hidden, sized
 from pumaid.simulation.truth import Truth
 
-#: Samples a second and cells a run of the rehearsal.
+#: Samples a second and bins a run of the rehearsal.
 _RATE, _CELLS = 50.0, 60
 
 
-def rehearsed(truth: Truth, plan: Plan, *, seed: int) -> Evidence:
+def rehearsed(truth: Truth, plan: Plan, *, seed: int) -> Dataset:
     """Runs of a plan as a virtual robot would make them, those for judging left out.
 
     Parameters
@@ -36,7 +37,7 @@ def rehearsed(truth: Truth, plan: Plan, *, seed: int) -> Evidence:
         Of the noise.
     """
     fitted = replace(plan, motions=tuple(motion for motion in plan.motions if motion.purpose == "fit"))
-    return Evidence(Bench(truth, fitted, rate=_RATE, cells=_CELLS).runs(np.random.default_rng([seed, 5])))
+    return Dataset(Bench(truth, fitted, rate=_RATE, bins=_CELLS).runs(np.random.default_rng([seed, 5])))
 
 
 def solved(robot: Robot, runs: Sequence[Run], estimate: Estimate | None = None) -> Solved:
@@ -51,7 +52,7 @@ def solved(robot: Robot, runs: Sequence[Run], estimate: Estimate | None = None) 
     estimate
         Their fit; made where not given.
     """
-    fit = estimate or identified(Evidence(tuple(runs)), replace(robot, effects=()))
+    fit = estimate or identified(Dataset(tuple(runs)), replace(robot, effects=()))
     model = Model(robot, fit.stroke_postures) if estimate is not None else Model.of_runs(robot, runs)
     known = dict(zip(fit.names, fit.solution, strict=True))
     start = Start(np.array([float(known.get(name, 0.0)) for name in model.names]), fit.scales)

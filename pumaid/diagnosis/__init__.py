@@ -1,1 +1,1 @@
-"""What a model still gets wrong and which physics is missing: statistics on cells, never on the logs."""
+"""What a model still gets wrong and which physics is missing: statistics on bins, never on the logs."""

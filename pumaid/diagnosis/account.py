@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from pumaid.dataset import Dataset
 from pumaid.diagnosis.budget import budget
 from pumaid.diagnosis.contender import LEVEL, Contender, misfit_with
 from pumaid.diagnosis.curves import Trial as Drawn
@@ -24,7 +25,6 @@ from pumaid.records import (
     UNEXPLAINED_JOINT,
     Candidate,
     Curve,
-    Evidence,
     Finding,
     JointDiagnosis,
     Limit,
@@ -50,12 +50,12 @@ class Account:
     ----------
     search
         After `Stepwise.run`.
-    evidence
+    dataset
         All runs, held-out ones too.
     """
 
-    def __init__(self, search: Stepwise, evidence: Evidence) -> None:
-        self.search, self.evidence = search, evidence
+    def __init__(self, search: Stepwise, dataset: Dataset) -> None:
+        self.search, self.dataset = search, dataset
         self.states = [step.scan.solved for step in search.steps]
         last = search.steps[-1]
         self.limits = limits(last.scan, last.catalogue, last.family, periodic=search.periodic)

@@ -16,7 +16,7 @@ FLIPS = 4999
 SEED = 11
 #: Pairs below which nothing can be said.
 FEWEST = 4
-#: Cells of the stretches over which repeated runs are compared.
+#: Bins of the stretches over which repeated runs are compared.
 LENGTHS = (1, 2, 4, 8, 16)
 
 
@@ -31,7 +31,7 @@ class Agreement:
     p_value
         Chance of that much or more where nothing repeats.
     floor
-        RMS (A) of cells that no model of position, posture, speed and direction removes: half the mean squared
+        RMS (A) of bins that no model of position, posture, speed and direction removes: half the mean squared
         difference.
     """
 
@@ -49,7 +49,7 @@ def agreement(field: Field, misfit: Floats, white: Floats) -> Agreement | None:
     Parameters
     ----------
     field
-        N cells.
+        N bins.
     misfit, white
         (N,) A, and whitened.
 

@@ -71,16 +71,16 @@ def budget(
     Parameters
     ----------
     laid
-        The runs of the joint (`Spread.of`, or a field), in as many cells as they have: ripples are seen down to two
-        cells a wave.
+        The runs of the joint (`Spread.of`, or a field), in as many bins as they have: ripples are seen down to two
+        bins a wave.
     residual
-        (N,) A, measured less predicted, at these cells.
+        (N,) A, measured less predicted, at these bins.
     joint
         Whose runs they are.
     load
         (N,) A that gravity draws by the model; their own where they know it.
     mean_square
-        A2 of samples, where it is known better than from the cells.
+        A2 of samples, where it is known better than from the bins.
     floor
         A: the noise floor by replicates, where it is known already.
     is_fitted
@@ -98,9 +98,9 @@ def budget(
     repeats = _repeats(laid, at)
     track = Track.of(laid, is_revolute=joint.is_revolute)
     search = Search(at, coarse_starts(laid.first, len(laid.count)), track, repeats=repeats, is_fitted=is_fitted)
-    cells, samples = float(at.weight @ residual**2), float(at.weight.sum())
-    inside = _inside(laid, residual) if mean_square is None else max(mean_square * samples - cells, 0.0)
-    total = (cells + inside) / samples if mean_square is None else mean_square
+    bins, samples = float(at.weight @ residual**2), float(at.weight.sum())
+    inside = _inside(laid, residual) if mean_square is None else max(mean_square * samples - bins, 0.0)
+    total = (bins + inside) / samples if mean_square is None else mean_square
     if total > NOTHING**2:
         search.run(residual, inside=inside)
     parts = _parts(search, joint, total=total, inside=inside)
@@ -121,7 +121,7 @@ def _repeats(laid: Laid, at: View) -> Repeats:
 
 
 def _inside(laid: Laid, residual: Floats) -> float:
-    """A2 times samples: what the residual varies inside cells, the prediction's slope across a cell taken out."""
+    """A2 times samples: what the residual varies inside bins, the prediction's slope across a bin taken out."""
     predicted, total = laid.current - residual, 0.0
     for first, end in itertools.pairwise([*laid.first, len(residual)]):
         own = slice(first, end)
@@ -135,7 +135,7 @@ def _inside(laid: Laid, residual: Floats) -> float:
 
 
 def _parts(search: Search, joint: Joint, *, total: float, inside: float) -> tuple[BudgetPart, ...]:
-    """Every part; `inside` is A2 times samples inside cells."""
+    """Every part; `inside` is A2 times samples inside bins."""
     samples = float(search.at.weight.sum())
     explained: dict[str, float] = dict.fromkeys(CAUSES, 0.0)
     for one in search.found:
@@ -180,7 +180,7 @@ def _cause(search: Search, name: str, joint: Joint, mean_square: float) -> Budge
 
 
 def _averaging(search: Search, frequency: float) -> float:
-    """By how much the square of a ripple is larger than what its cells' means hold."""
+    """By how much the square of a ripple is larger than what its bins' means hold."""
     track = search.track
     within = np.minimum(0.5 * frequency * track.width, 0.5 * np.pi)
     several = np.add.reduceat(track.weight, track.first) / track.lengths

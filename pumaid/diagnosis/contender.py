@@ -13,7 +13,7 @@ from pumaid.diagnosis.familywise import Familywise
 from pumaid.diagnosis.folds import Falls, falls, groups_of
 from pumaid.diagnosis.refine import at
 from pumaid.diagnosis.scan import Projector, Trial, surprise
-from pumaid.diagnosis.system import Solved, at_cells
+from pumaid.diagnosis.system import Solved, at_bins
 from pumaid.records import Transfer
 
 Floats = NDArray[np.float64]
@@ -134,7 +134,7 @@ def evidence(on: Solved, trial: Trial) -> float:
     """
     runs = [len(row.field.runs) for row in on.rows]
     left = max(on.square - trial.statistic, EXACT * on.square, np.finfo(float).tiny)
-    gain = max(on.cells - on.rank, 1) * float(np.log(on.square / left)) if trial.statistic > 0.0 else 0.0
+    gain = max(on.bins - on.rank, 1) * float(np.log(on.square / left)) if trial.statistic > 0.0 else 0.0
     return gain - trial.freedoms * float(np.log(max(sum(runs) / len(runs), 2.0)))
 
 
@@ -161,7 +161,7 @@ def misfit_with(on: Solved, trial: Trial) -> dict[int, Floats]:
 
 
 def rmse(count: Floats, inside: Floats, misfit: Floats) -> float:
-    """RMSE (A) of samples from cells."""
+    """RMSE (A) of samples from bins."""
     return float(np.sqrt(count @ (misfit**2 + inside) / count.sum()))
 
 
@@ -182,10 +182,10 @@ def rivals(chosen: Contender, others: Sequence[Contender], after: Solved) -> tup
     for other in others:
         if other.key == chosen.key or other.p_value > LEVEL or other.falls is None or other.fault == "denied":
             continue
-        added, cells = other.trial.added, after
-        if added.effect.periodic is not None and added.joint is not None:  # coarse cells do not show it
-            cells = at_cells(after, other.on.row(added.joint).field)
-        left = at(Projector(cells), added)
+        added, bins = other.trial.added, after
+        if added.effect.periodic is not None and added.joint is not None:  # coarse bins do not show it
+            bins = at_bins(after, other.on.row(added.joint).field)
+        left = at(Projector(bins), added)
         if left is not None and left.statistic > SAME * other.trial.statistic:
             continue
         if chosen.evidence - other.evidence <= DECISIVE:

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pumaid.diagnosis.added import Added
-from pumaid.diagnosis.feasible import CELLS, Lap, ahead, cells_for, laps
+from pumaid.diagnosis.feasible import CELLS, Lap, ahead, bins_for, laps
 from pumaid.diagnosis.prospect import Duel, Prospect
 from pumaid.diagnosis.system import Solved
 from pumaid.effects import Trace
@@ -122,14 +122,14 @@ def best(solved: Solved, added: Sequence[Added], goal: Goal) -> Choice | None:
         if any(np.any(one.columns(solved.model, row.field.samples)) for one in added)
     ]
     tried = [lap for joint in joints for lap in laps(solved, joint)]
-    cells = cells_for(solved, added)
-    most = max(TRIED * CELLS // cells, KEPT)
+    bins = bins_for(solved, added)
+    most = max(TRIED * CELLS // bins, KEPT)
     if len(tried) > most:
         rng = np.random.default_rng(len(tried))
         tried = [tried[k] for k in np.sort(rng.permutation(len(tried))[:most])]
     if not tried:
         return None
-    found = [_Search(solved, tried, age=age, goal=goal, cells=cells).best() for age in _ages(solved, added)]
+    found = [_Search(solved, tried, age=age, goal=goal, bins=bins).best() for age in _ages(solved, added)]
     first, *late = found
     better = [one for one in late if one.worth > LATE * first.worth]
     return (better[0] if better else first).pruned()
@@ -151,8 +151,8 @@ def ages(added: Added) -> bool:
 class _Search:
     """Sets of laps that all begin at one age."""
 
-    def __init__(self, solved: Solved, tried: Sequence[Lap], *, age: Age, goal: Goal, cells: int) -> None:
-        self.solved, self.age, self.goal, self.cells = solved, age, goal, cells
+    def __init__(self, solved: Solved, tried: Sequence[Lap], *, age: Age, goal: Goal, bins: int) -> None:
+        self.solved, self.age, self.goal, self.bins = solved, age, goal, bins
         self.pool, self.wide = list(tried), self._duels(tried)
         worth = self._worth(np.eye(len(tried)))
         order = np.argsort(-worth, kind="stable")
@@ -164,7 +164,7 @@ class _Search:
 
     def _duels(self, some: Sequence[Lap]) -> tuple[Duel, ...]:
         groups = itertools.groupby(some, key=lambda lap: lap.joint)
-        rows = [ahead(self.solved, list(group), age=self.age, cells=self.cells) for _, group in groups]
+        rows = [ahead(self.solved, list(group), age=self.age, bins=self.bins) for _, group in groups]
         return self.goal.duels(Prospect(self.solved, rows))
 
     def best(self) -> Choice:

@@ -41,7 +41,7 @@ DIGITS = 4
 #: Held joints stand at multiples of this, so that people can read and set them, and this near to where they have been
 #: on the average: rad.
 STEP, FARTHEST = 15.0 * factor("deg"), 150.0 * factor("deg")
-#: Cells of a run; of a wave of a periodic effect, and at most.
+#: Bins of a run; of a wave of a periodic effect, and at most.
 CELLS, A_WAVE, MOST_CELLS = 40, 4, 512
 #: Seed of the drawn postures.
 SEED = 41
@@ -196,8 +196,8 @@ def _drawn(solved: Solved, joint: int, count: int) -> list[tuple[float, ...]]:
     return out
 
 
-def cells_for(solved: Solved, added: Sequence[Added]) -> int:
-    """Cells a run that show all effects, periodic ones too."""
+def bins_for(solved: Solved, added: Sequence[Added]) -> int:
+    """Bins a run that show all effects, periodic ones too."""
     out = CELLS
     for one in added:
         if one.effect.periodic is not None and one.joint is not None:
@@ -207,10 +207,10 @@ def cells_for(solved: Solved, added: Sequence[Added]) -> int:
     return out
 
 
-def ahead(solved: Solved, chosen: Sequence[Lap], *, age: tuple[float, float], cells: int = CELLS) -> Row:
+def ahead(solved: Solved, chosen: Sequence[Lap], *, age: tuple[float, float], bins: int = CELLS) -> Row:
     """Runs of one joint that have not been made, as a row: two a lap, forward and backward, nothing measured.
 
-    Noise is that of the run of the data that is nearest in speed, at the new length of cells.
+    Noise is that of the run of the data that is nearest in speed, at the new length of bins.
 
     Parameters
     ----------
@@ -220,7 +220,7 @@ def ahead(solved: Solved, chosen: Sequence[Lap], *, age: tuple[float, float], ce
         L laps of one joint.
     age
         s since the joint's and the arm's first motion when a run starts.
-    cells
+    bins
         K of each run.
     """
     joint, own = chosen[0].joint, chosen[0].joint - 1
@@ -231,27 +231,27 @@ def ahead(solved: Solved, chosen: Sequence[Lap], *, age: tuple[float, float], ce
     low, high = (np.array([getattr(one, name) for one in lap]) for name in ("low", "high"))
     ramp = np.minimum(0.5 * RAMP * speed, 0.25 * (high - low))
     way = high - low - 2.0 * ramp
-    share = (np.arange(cells) + 0.5) / cells
+    share = (np.arange(bins) + 0.5) / bins
     gone = way[:, None] * share
-    position = np.repeat(np.array([one.hold for one in lap]), cells, axis=0)
+    position = np.repeat(np.array([one.hold for one in lap]), bins, axis=0)
     position[:, own] = (np.where(sign > 0, low + ramp, high - ramp)[:, None] + sign[:, None] * gone).ravel()
     velocity = np.zeros_like(position)
-    velocity[:, own] = np.repeat(sign * speed, cells)
+    velocity[:, own] = np.repeat(sign * speed, bins)
     passed = (gone / speed[:, None]).ravel()
     samples = Samples(
         joint,
         position,
         velocity,
         acceleration=np.zeros(len(position)),
-        direction=np.repeat(sign, cells),
+        direction=np.repeat(sign, bins),
         time=age[0] + passed,
         elapsed=age[1] + passed,
         travel=gone.ravel(),
         temperature=np.full(len(position), _temperature(old, is_cold=age[0] == 0.0)),
-        run=np.repeat(np.arange(float(len(lap))), cells),
+        run=np.repeat(np.arange(float(len(lap))), bins),
         extra=None if old.field.samples.extra is None else np.zeros((len(position), old.field.samples.extra.shape[1])),
     )
-    step = way / speed / cells
+    step = way / speed / bins
     nothing = np.zeros(len(position))
     field = replace(
         old.field,
@@ -260,11 +260,11 @@ def ahead(solved: Solved, chosen: Sequence[Lap], *, age: tuple[float, float], ce
         current=nothing,
         count=nothing + 1.0,
         inside=nothing,
-        first=np.arange(len(lap)) * cells,
+        first=np.arange(len(lap)) * bins,
         step=step,
         groups=(),
         postures=(),
-        base=solved.model.along(samples, np.full(len(lap), cells)),
+        base=solved.model.along(samples, np.full(len(lap), bins)),
     )
     return _as_row(solved, field, old.noise.at(old.field, speed, step))
 

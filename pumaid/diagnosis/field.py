@@ -1,4 +1,4 @@
-"""All runs of one joint as one set of cells: what every statistic of the diagnosis is computed from."""
+"""All runs of one joint as one set of bins: what every statistic of the diagnosis is computed from."""
 
 from __future__ import annotations
 
@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from pumaid.dataset import Bins, Run
 from pumaid.maths.alike import grouped
 from pumaid.maths.short import lengths
 from pumaid.maths.slope import acceleration
@@ -18,13 +19,13 @@ from pumaid.model import Model
 from pumaid.preprocessing.options import CONSTANT
 from pumaid.preprocessing.reduce import coarser
 from pumaid.preprocessing.replicates import replicates
-from pumaid.records import Campaign, Cells, Extent, Run, Samples
+from pumaid.records import Campaign, Extent, Samples
 from pumaid.sight import joined, samples_of
 
 Floats = NDArray[np.float64]
 Counts = NDArray[np.int64]
 
-#: Cells a run at which slow effects are looked for: 64 periods of a position-dependent effect, four times finer than
+#: Bins a run at which slow effects are looked for: 64 periods of a position-dependent effect, four times finer than
 #: the narrowest presliding that a ramp leaves visible.
 COARSE = 128
 
@@ -38,7 +39,7 @@ SAME_SPEED = 0.03
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Field:
-    """The runs of one joint, cell after cell.
+    """The runs of one joint, bin after bin.
 
     Attributes
     ----------
@@ -47,17 +48,17 @@ class Field:
     runs
         R runs, in order of time.
     samples
-        All N cells as effects see them; `run` counts the runs from 0.
+        All N bins as effects see them; `run` counts the runs from 0.
     current
         (N,) A of the moving joint.
     count
-        (N,) samples behind each cell.
+        (N,) samples behind each bin.
     inside
-        (N,) A2: variance inside each cell.
+        (N,) A2: variance inside each bin.
     first
-        (R,) index of each run's first cell.
+        (R,) index of each run's first bin.
     step
-        (R,) s, duration of a cell of each run.
+        (R,) s, duration of a bin of each run.
     groups
         Runs (from 0) that repeat one another, every run in one group.
     postures
@@ -83,16 +84,16 @@ class Field:
 
     @property
     def run(self) -> Counts:
-        """(N,) number of the run (from 0) that each cell belongs to."""
+        """(N,) number of the run (from 0) that each bin belongs to."""
         return self.samples.run.astype(np.int64)
 
     @property
     def lengths(self) -> Counts:
-        """(R,) cells of each run."""
+        """(R,) bins of each run."""
         return lengths(self.first, len(self))
 
     def sums(self, values: Floats) -> Floats:
-        """(R, ...) sums over the cells of each run."""
+        """(R, ...) sums over the bins of each run."""
         return np.asarray(np.add.reduceat(values, self.first, axis=0))
 
     @property
@@ -106,7 +107,7 @@ class Field:
         return [pair for group in self.groups for pair in itertools.pairwise(group)]
 
     def side_by_side(self, values: Floats, pair: tuple[int, int]) -> tuple[Floats, Floats]:
-        """Values of two runs at the first's cells that the second passed too, the second's at the nearest of its cells.
+        """Values of two runs at the first's bins that the second passed too, the second's at the nearest of its bins.
 
         The nearest, not a mean of two, so that the noise is not smoothed.
         """
@@ -127,7 +128,7 @@ class Field:
         """What the runs cover; `drawn` (N,) is what the model predicts (A)."""
         q = self.samples.position[:, self.joint - 1]
         starts = sorted(float(self.samples.time[k]) for k in self.first)
-        widths = [abs(run.span[1] - run.span[0]) / max(len(run.cells), 1) for run in self.runs]
+        widths = [abs(run.span[1] - run.span[0]) / max(len(run.bins), 1) for run in self.runs]
         return Extent(
             joint=self.joint,
             speeds=self.speeds,
@@ -151,7 +152,7 @@ def fields(
 def fields_at(
     model: Model, runs: Sequence[Run], finenesses: Sequence[int], *, campaign: Campaign | None = None
 ) -> list[tuple[Field, ...]]:
-    """The fields of all joints that move in `runs`, base first, for each number of cells a run.
+    """The fields of all joints that move in `runs`, base first, for each number of bins a run.
 
     Parameters
     ----------
@@ -160,7 +161,7 @@ def fields_at(
     runs
         In order of time.
     finenesses
-        Most cells of a run, or a turn of a joint that turns round and round.
+        Most bins of a run, or a turn of a joint that turns round and round.
     campaign
         That of all runs of the logs; when each joint first moved.
     """
@@ -172,7 +173,7 @@ def fields_at(
 
 @dataclass(frozen=True, eq=False, slots=True)
 class _Settled:
-    """The runs of one joint without their ends; `sloped` with the acceleration of their cells; groups as in `Field`."""
+    """The runs of one joint without their ends; `sloped` with the acceleration of their bins; groups as in `Field`."""
 
     runs: tuple[Run, ...]
     sloped: tuple[Run, ...]
@@ -195,7 +196,7 @@ class _Settled:
 
 
 def _field(model: Model, settled: _Settled, *, campaign: Campaign, most: int) -> Field:
-    """One joint's runs in at most `most` cells each, of a joint that turns round and round each turn."""
+    """One joint's runs in at most `most` bins each, of a joint that turns round and round each turn."""
     runs, joint = settled.runs, settled.runs[0].joint
     turn = 2.0 * np.pi if model.robot.joint(joint).is_revolute else np.inf
     thin = [_thinned(run, int(most * max(abs(run.span[1] - run.span[0]) / turn, 1.0))) for run in settled.sloped]
@@ -207,11 +208,11 @@ def _field(model: Model, settled: _Settled, *, campaign: Campaign, most: int) ->
         joint=joint,
         runs=runs,
         samples=samples,
-        current=np.concatenate([run.cells.current for run in thin]),
-        count=np.concatenate([run.cells.count for run in thin]).astype(float),
-        inside=np.concatenate([run.cells.variance for run in thin]),
+        current=np.concatenate([run.bins.current for run in thin]),
+        count=np.concatenate([run.bins.count for run in thin]).astype(float),
+        inside=np.concatenate([run.bins.variance for run in thin]),
         first=np.concatenate([[0], np.cumsum(lengths)[:-1]]).astype(np.int64),
-        step=np.array([run.duration / max(len(run.cells), 1) for run in thin]),
+        step=np.array([run.duration / max(len(run.bins), 1) for run in thin]),
         groups=settled.groups,
         postures=settled.postures,
         base=model.along(replace(samples, acceleration=np.where(is_stroke, samples.acceleration, 0.0)), lengths),
@@ -219,19 +220,19 @@ def _field(model: Model, settled: _Settled, *, campaign: Campaign, most: int) ->
 
 
 def _sloped(run: Run) -> Run:
-    """A run at constant speed with the acceleration that its positions show, before its cells are made coarser."""
+    """A run at constant speed with the acceleration that its positions show, before its bins are made coarser."""
     if run.kind != CONSTANT:
         return run
-    found = acceleration(run.cells.time, run.cells.position[:, run.joint - 1])
-    return replace(run, cells=replace(run.cells, acceleration=found))
+    found = acceleration(run.bins.time, run.bins.position[:, run.joint - 1])
+    return replace(run, bins=replace(run.bins, acceleration=found))
 
 
 def _thinned(run: Run, most: int) -> Run:
-    return run if len(run.cells) <= most else replace(run, cells=coarser([run.cells], most))
+    return run if len(run.bins) <= most else replace(run, bins=coarser([run.bins], most))
 
 
 def _held(samples: Samples, run: Run) -> Samples:
-    """The cells of a run with all joints but the moving one at the run's posture, as the fit sees them.
+    """The bins of a run with all joints but the moving one at the run's posture, as the fit sees them.
 
     Held joints creep by thousandths of a rad as the moving one speeds up and turns back; columns of weight that differ
     by that alone would let weights of any size explain anything.
@@ -242,17 +243,17 @@ def _held(samples: Samples, run: Run) -> Samples:
 
 
 def _settled(run: Run) -> Run:
-    """A run at constant speed without the cells in which its speed is still settling."""
-    if run.kind != CONSTANT or len(run.cells) < FEWEST_SETTLED:
+    """A run at constant speed without the bins in which its speed is still settling."""
+    if run.kind != CONSTANT or len(run.bins) < FEWEST_SETTLED:
         return run
-    lost, since = min(SETTLING, MOST_SETTLING * run.duration), run.cells.time - run.start
+    lost, since = min(SETTLING, MOST_SETTLING * run.duration), run.bins.time - run.start
     kept = (since >= lost) & (since <= run.duration - lost)
-    values: dict[str, Any] = {item.name: getattr(run.cells, item.name) for item in dataclasses.fields(Cells)}
+    values: dict[str, Any] = {item.name: getattr(run.bins, item.name) for item in dataclasses.fields(Bins)}
     some = {name: value[kept] for name, value in values.items() if value is not None}
-    return replace(run, cells=Cells(**some))
+    return replace(run, bins=Bins(**some))
 
 
-#: Cells below which a run is taken as it is.
+#: Bins below which a run is taken as it is.
 FEWEST_SETTLED = 20
 
 

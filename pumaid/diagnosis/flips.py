@@ -52,7 +52,7 @@ class Basis:
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Design:
-    """Weighted columns of a joint's cells: (N, P) `columns`, (N,) `weight`, first cell of each run, products by run."""
+    """Weighted columns of a joint's bins: (N, P) `columns`, (N,) `weight`, first bin of each run, products by run."""
 
     columns: Floats
     weight: Floats

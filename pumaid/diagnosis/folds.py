@@ -132,10 +132,10 @@ class _Folds:
     def one(self, joint: int, runs: tuple[int, ...]) -> tuple[float, float, float, float]:
         """Fall, raw squares before and after weighted by samples, and samples, of one fold."""
         row = self.solved.row(joint)
-        cells = np.isin(row.field.run, runs)
-        J, r, own = row.slim[cells], row.residual[cells], row.acting
+        bins = np.isin(row.field.run, runs)
+        J, r, own = row.slim[bins], row.residual[bins], row.acting
         columns = self.white.get(joint)
-        C = columns[cells] if columns is not None else np.zeros((len(r), self.cross.shape[1]))
+        C = columns[bins] if columns is not None else np.zeros((len(r), self.cross.shape[1]))
         known, cross = self.information.copy(), self.cross.copy()
         known[np.ix_(own, own)] -= J.T @ J
         cross[own] -= J.T @ C
@@ -153,11 +153,11 @@ class _Folds:
             if gain > best:
                 best, chosen, sizes = gain, place, fitted
         after = error - beyond[:, chosen] @ sizes
-        plain = row.bare[cells]
-        raw = row.misfit[cells] - plain @ move[own]
-        raw_after = raw - (self.plain[joint][cells][:, chosen] - plain @ turned[own, chosen]) @ sizes
-        weight = row.field.count[cells]
-        inside = float(weight @ row.field.inside[cells])
+        plain = row.bare[bins]
+        raw = row.misfit[bins] - plain @ move[own]
+        raw_after = raw - (self.plain[joint][bins][:, chosen] - plain @ turned[own, chosen]) @ sizes
+        weight = row.field.count[bins]
+        inside = float(weight @ row.field.inside[bins])
         squares = (float(weight @ raw**2) + inside, float(weight @ raw_after**2) + inside)
         return float(error @ error - after @ after), *squares, float(weight.sum())
 

@@ -1,4 +1,4 @@
-"""The runs of one joint laid out cell after cell, and what a residual can depend on at each."""
+"""The runs of one joint laid out bin after bin, and what a residual can depend on at each."""
 
 from __future__ import annotations
 
@@ -10,10 +10,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from pumaid.dataset import Run
 from pumaid.diagnosis.field import Field, distinct, posture_groups
 from pumaid.preprocessing.options import CONSTANT
 from pumaid.preprocessing.replicates import replicates
-from pumaid.records import Run, Samples
+from pumaid.records import Samples
 from pumaid.sight import joined
 
 Floats = NDArray[np.float64]
@@ -23,13 +24,13 @@ Labels = NDArray[np.int64]
 MOST_SPEEDS = 8
 #: Postures beyond which the rest count as one.
 MOST_POSTURES = 24
-#: Cells of a run: the first ones as they are, where a start shows, the others in groups.
+#: Bins of a run: the first ones as they are, where a start shows, the others in groups.
 FIRST, GROUPS = 16, 48
 
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Spread:
-    """The runs of one joint with all their cells, N together.
+    """The runs of one joint with all their bins, N together.
 
     Attributes
     ----------
@@ -38,11 +39,11 @@ class Spread:
     runs
         R of them.
     samples
-        The cells; `run` counts the runs from 0.
+        The bins; `run` counts the runs from 0.
     current, count, inside
         (N,) A of the moving joint, samples behind it, A2 of variance inside.
     first
-        (R,) index of each run's first cell.
+        (R,) index of each run's first bin.
     groups
         Runs (from 0) that repeat one another, every run in one group.
     """
@@ -59,7 +60,7 @@ class Spread:
     @classmethod
     def of(cls, runs: Sequence[Run]) -> Spread:
         """At least one run, all of one joint."""
-        joint, lengths = runs[0].joint, [len(run.cells) for run in runs]
+        joint, lengths = runs[0].joint, [len(run.bins) for run in runs]
         begun: dict[int, float] = {}
         for run in runs:
             begun[run.clock] = min(run.start, begun.get(run.clock, run.start))
@@ -70,36 +71,36 @@ class Spread:
             joint=joint,
             runs=tuple(runs),
             samples=joined([_samples(run, begun[run.clock]) for run in runs]),
-            current=np.concatenate([run.cells.current for run in runs]),
-            count=np.concatenate([run.cells.count for run in runs]).astype(float),
-            inside=np.concatenate([run.cells.variance for run in runs]),
+            current=np.concatenate([run.bins.current for run in runs]),
+            count=np.concatenate([run.bins.count for run in runs]).astype(float),
+            inside=np.concatenate([run.bins.variance for run in runs]),
             first=np.concatenate([[0], np.cumsum(lengths)[:-1]]).astype(np.int64),
             groups=tuple(sorted([*repeated, *alone])),
         )
 
 
 def _samples(run: Run, begun: float) -> Samples:
-    cells, own = run.cells, run.joint - 1
+    bins, own = run.bins, run.joint - 1
     return Samples(
         run.joint,
-        cells.position,
+        bins.position,
         run.velocity,
-        acceleration=cells.acceleration,
-        direction=np.full(len(cells), float(run.direction)),
-        time=cells.time - begun,
-        elapsed=cells.time - begun,
-        travel=np.abs(cells.position[:, own] - run.span[0]),
-        temperature=cells.temperature,
+        acceleration=bins.acceleration,
+        direction=np.full(len(bins), float(run.direction)),
+        time=bins.time - begun,
+        elapsed=bins.time - begun,
+        travel=np.abs(bins.position[:, own] - run.span[0]),
+        temperature=bins.temperature,
     )
 
 
-#: The runs of one joint with all their cells, or as the diagnosis thins them.
+#: The runs of one joint with all their bins, or as the diagnosis thins them.
 Laid = Spread | Field
 
 
 @dataclass(frozen=True, eq=False, slots=True)
 class View:
-    """What the columns are made of at N cells of one joint.
+    """What the columns are made of at N bins of one joint.
 
     Attributes
     ----------
@@ -151,7 +152,7 @@ class View:
         return len(self.weight)
 
     def coarse(self, starts: Labels) -> View:
-        """Means over groups of cells that begin at `starts` (within one run each)."""
+        """Means over groups of bins that begin at `starts` (within one run each)."""
         total = np.add.reduceat(self.weight, starts)
         out: dict[str, Any] = {}
         for item in fields(View):
@@ -162,12 +163,12 @@ class View:
 
 
 def view(laid: Laid, load: Floats | None, *, is_revolute: bool) -> View:
-    """The cells of a field.
+    """The bins of a field.
 
     Parameters
     ----------
     laid
-        N cells.
+        N bins.
     load
         (N,) A that gravity draws by the model, or None.
     is_revolute
@@ -213,18 +214,18 @@ def _slopes(load: Floats, share: Floats, first: Labels) -> Floats:
     return out
 
 
-def coarse_starts(first: Labels, cells: int) -> Labels:
-    """First cells of the groups in which all but ripples are looked for.
+def coarse_starts(first: Labels, bins: int) -> Labels:
+    """First bins of the groups in which all but ripples are looked for.
 
     Parameters
     ----------
     first
-        (R,) each run's first cell.
-    cells
+        (R,) each run's first bin.
+    bins
         N.
     """
     pieces = []
-    for start, end in itertools.pairwise([*first, cells]):
+    for start, end in itertools.pairwise([*first, bins]):
         inner = np.arange(end - start)
         if len(inner) > FIRST + GROUPS:
             inner = np.append(np.arange(FIRST), np.linspace(FIRST, len(inner), GROUPS + 1).astype(np.int64)[:-1])

@@ -1,4 +1,4 @@
-"""The noise of one joint's cells: correlated within a run, with a level that the run shares; and how to whiten it."""
+"""The noise of one joint's bins: correlated within a run, with a level that the run shares; and how to whiten it."""
 
 from __future__ import annotations
 
@@ -14,13 +14,13 @@ Floats = NDArray[np.float64]
 
 #: Fewest pairs of repeated runs from which noise is taken; with fewer it comes from the residuals.
 FEWEST_PAIRS = 6
-#: Runs whose cells last equally long within this factor share correlation and spread.
+#: Runs whose bins last equally long within this factor share correlation and spread.
 ALIKE = 1.2
-#: Cells below which a group of runs takes the whole joint's correlation and spread.
+#: Bins below which a group of runs takes the whole joint's correlation and spread.
 FEWEST_CELLS = 60
 #: Correlation beyond which a residual is a trend.
 MOST_CORRELATED = 0.98
-#: Share of the variance that a run's own mean may have taken away; more is known of hardly correlated cells only.
+#: Share of the variance that a run's own mean may have taken away; more is known of hardly correlated bins only.
 MOST_LOST = 0.8
 #: Noise below this share of the RMS current is rounding.
 EXACT = 1e-9
@@ -33,7 +33,7 @@ class Noise:
     Attributes
     ----------
     correlation, spread
-        (R,) of neighbouring cells, and standard deviation of a cell (A), of each run.
+        (R,) of neighbouring bins, and standard deviation of a bin (A), of each run.
     level
         Standard deviation (A) of the level that a run shares.
     from_replicates
@@ -81,7 +81,7 @@ class Noise:
         field
             That this noise is of.
         speeds, steps
-            (R,) of the other runs, rad/s or m/s, and s that their cells last.
+            (R,) of the other runs, rad/s or m/s, and s that their bins last.
         """
         seen = np.array([abs(run.speed) for run in field.runs])
         near = np.argmin(np.abs(np.log(seen[None, :] / speeds[:, None])), axis=1)
@@ -107,7 +107,7 @@ class Noise:
 
 @lru_cache(maxsize=16)  # the same for all columns that are tried
 def _level(noise: Noise, field: Field) -> tuple[Floats, Floats]:
-    """(N,) a level that a run shares, with the noise of its cells taken out, and what of it whitening takes away."""
+    """(N,) a level that a run shares, with the noise of its bins taken out, and what of it whitening takes away."""
     ones = noise.decorrelated(field, np.ones(len(field)))
     length2 = field.sums(ones * ones)
     shrink = (1.0 - 1.0 / np.sqrt(1.0 + noise.level**2 * length2)) / length2
@@ -117,7 +117,7 @@ def _level(noise: Noise, field: Field) -> tuple[Floats, Floats]:
 def noise(field: Field, residual: Floats) -> Noise:
     """Estimate the noise from differences of repeated runs, else from the residual (N,) itself.
 
-    Differences are taken at the nearest cells, so that interpolation does not smooth the noise.
+    Differences are taken at the nearest bins, so that interpolation does not smooth the noise.
 
     Source
     ------
@@ -137,8 +137,8 @@ def noise(field: Field, residual: Floats) -> Noise:
     means = np.array([piece.mean() for piece in pieces])
     lengths = np.array([len(piece) for piece in pieces], dtype=float)
     rho, sd = correlation[owners], spread[owners]
-    by_cells = sd**2 * _shared(rho, lengths)
-    level = float(np.sqrt(max(float(np.mean(means**2 - by_cells)), 0.0)))
+    by_bins = sd**2 * _shared(rho, lengths)
+    level = float(np.sqrt(max(float(np.mean(means**2 - by_bins)), 0.0)))
     return Noise(correlation, np.maximum(spread, floor), level, paired)
 
 
@@ -153,7 +153,7 @@ def _alone(field: Field, residual: Floats) -> list[Floats]:
 
 
 def _moments(pieces: list[Floats]) -> tuple[float, float]:
-    """Correlation of neighbours and standard deviation of cells about their run's mean, bias taken out."""
+    """Correlation of neighbours and standard deviation of bins about their run's mean, bias taken out."""
     n = np.array([len(piece) for piece in pieces], dtype=float)
     centred = [piece - piece.mean() for piece in pieces]
     square = sum(float(c @ c) for c in centred)
@@ -168,12 +168,12 @@ def _moments(pieces: list[Floats]) -> tuple[float, float]:
 
 
 def _shared(rho: Floats | float, n: Floats) -> Floats:
-    """Variance of the mean of n cells of correlation rho, over that of a cell."""
+    """Variance of the mean of n bins of correlation rho, over that of a bin."""
     return np.asarray(((1.0 + rho) / (1.0 - rho) - 2.0 * rho * (1.0 - rho**n) / (n * (1.0 - rho) ** 2)) / n)
 
 
 def _alike(step: Floats) -> list[list[int]]:
-    """Runs by the duration of their cells."""
+    """Runs by the duration of their bins."""
     order = np.argsort(step, kind="stable")
     groups: list[list[int]] = []
     for number in order:

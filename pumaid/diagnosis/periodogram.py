@@ -22,14 +22,14 @@ FEWEST_PERIODS = 3.0
 #: Steps of the frequency a resolution (2 pi / way from the lowest to the highest position): the peak is missed by at
 #: most a tenth of a step's power.
 OVERSAMPLING = 2.5
-#: Share of the finest cells' Nyquist frequency that is looked at: cells are means, which damp what is near it.
+#: Share of the finest bins' Nyquist frequency that is looked at: bins are means, which damp what is near it.
 HIGHEST = 0.9
 #: Resolutions of a run about a wave that the model has already, in which there is no other: what is left there is that
 #: wave, stronger or shifted in some runs.
 SAME = 2.0
-#: Points of the even grid that cells are shared out to, a period of the highest frequency: a wave there leaks 2 %.
+#: Points of the even grid that bins are shared out to, a period of the highest frequency: a wave there leaks 2 %.
 POINTS = 8
-#: Lengths that stand for the ways from cell to cell, which are unequal where the speed is.
+#: Lengths that stand for the ways from bin to bin, which are unequal where the speed is.
 WIDTHS = 8
 #: Runs below which signs are flipped of pieces of runs, about so many in all: of so few whole runs, flips that change
 #: nothing or all are more than one in fifty. Waves are looked at of which a piece holds this many: what is slower may
@@ -83,18 +83,18 @@ class Spectrum:
 
 
 def spectrum(row: Row, *, scale: float = 1.0, known: Sequence[float] = ()) -> Spectrum | None:
-    """Scores of cos(f q) and sin(f q) at all frequencies that the cells can show.
+    """Scores of cos(f q) and sin(f q) at all frequencies that the bins can show.
 
-    Cells lie at uneven places where the speed is not constant, so each is shared out to the two nearest points of an
+    Bins lie at uneven places where the speed is not constant, so each is shared out to the two nearest points of an
     even grid, whose transform gives all frequencies at once. What the base model would absorb is left out of account:
     nothing of it varies so fast.
 
     Parameters
     ----------
     row
-        A joint at its finest cells.
+        A joint at its finest bins.
     scale
-        Variance of a whitened residual at these cells, as a share of that by which statistics are divided.
+        Variance of a whitened residual at these bins, as a share of that by which statistics are divided.
     known
         Frequencies of waves that the model has.
 
@@ -144,7 +144,7 @@ def spectrum(row: Row, *, scale: float = 1.0, known: Sequence[float] = ()) -> Sp
 
 
 def _pieces(field: Field, way: Floats) -> Counts:
-    """(N,) number from 0 of the run of each cell; where runs are few, of the piece of a run."""
+    """(N,) number from 0 of the run of each bin; where runs are few, of the piece of a run."""
     if len(field.runs) >= FEWEST_RUNS:
         return field.run
     parts = np.maximum(np.round(way / way.sum() * PIECES), 1.0).astype(np.int64)
@@ -163,7 +163,7 @@ def _shared(place: Floats, values: Floats, *, piece: Counts, points: int) -> Flo
 
 
 def _likeness(ways: Floats, frequency: Floats) -> Floats:
-    """(F,) mean cosine of the phase from one cell to the next."""
+    """(F,) mean cosine of the phase from one bin to the next."""
     widths = np.quantile(ways, (np.arange(WIDTHS) + 0.5) / WIDTHS)
     if widths[-1] - widths[0] < 0.05 * widths[-1]:
         widths = widths[WIDTHS // 2 : WIDTHS // 2 + 1]

@@ -126,7 +126,7 @@ class Duel:
 
     def __init__(self, prospect: Prospect, truth: Trial, pretender: Trial | None, shapes: Sequence[Added] = ()) -> None:
         self.prospect, solved = prospect, prospect.solved
-        self.scale = (solved.square - truth.statistic) / max(solved.cells - solved.rank, 1)
+        self.scale = (solved.square - truth.statistic) / max(solved.bins - solved.rank, 1)
         self.target = prospect.forecast(truth)
         self.slope = prospect.products(prospect.jacobians, self.target)
         square = prospect.products(self.target, self.target)[:, 0, 0]

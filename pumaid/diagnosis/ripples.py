@@ -39,7 +39,7 @@ STEPS = 12
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Track:
-    """The cells of one joint along its position.
+    """The bins of one joint along its position.
 
     Attributes
     ----------
@@ -48,9 +48,9 @@ class Track:
     way, weight
         (N,) +1 or -1; samples.
     run, first, lengths
-        (N,) number of the run, (R,) its first cell and how many it has.
+        (N,) number of the run, (R,) its first bin and how many it has.
     low, span, width
-        (R,) rad or m: lowest place, travel, distance of two cells.
+        (R,) rad or m: lowest place, travel, distance of two bins.
     """
 
     place: Floats
@@ -65,7 +65,7 @@ class Track:
 
     @classmethod
     def of(cls, laid: Laid, *, is_revolute: bool) -> Track:
-        """The cells of one joint's runs."""
+        """The bins of one joint's runs."""
         q, turn, first = laid.samples.position[:, laid.joint - 1], 2.0 * np.pi, laid.first
         low, high = np.minimum.reduceat(q, first), np.maximum.reduceat(q, first)
         back = turn * np.round(0.5 * (low + high) / turn) if is_revolute else np.zeros(len(low))
@@ -196,7 +196,7 @@ class Spectrum:
 
 
 def spectrum(track: Track, residual: Floats) -> Spectrum | None:
-    """The periodogram of the residual (N,) of each run, its smooth part taken out; None where cells are too few."""
+    """The periodogram of the residual (N,) of each run, its smooth part taken out; None where bins are too few."""
     moved = track.span > 0
     if not moved.any() or track.lengths.max() < 2 * SMOOTH:
         return None

@@ -84,11 +84,11 @@ class Search:
     Parameters
     ----------
     at
-        All N cells.
+        All N bins.
     starts
-        First cells of the groups in which all but ripples are looked for.
+        First bins of the groups in which all but ripples are looked for.
     track
-        The same cells along the position.
+        The same bins along the position.
     repeats
         Runs that ought to agree.
     is_fitted
@@ -128,7 +128,7 @@ class Search:
         self._taken = self._blocks[0] if is_fitted else np.zeros(0, dtype=np.int64)
 
     def run(self, residual: Floats, *, inside: float) -> None:
-        """Take (N,) A apart until nothing in it is more than noise; `inside` (A2 times samples) varies within cells."""
+        """Take (N,) A apart until nothing in it is more than noise; `inside` (A2 times samples) varies within bins."""
         self.left, runs = residual.copy(), len(self.track.first)
         self._whole = self._square(residual) + inside
         rng = np.random.default_rng(SEED)
@@ -236,7 +236,7 @@ class Search:
             self._open[SWELL] = self._open[RIPPLE]
 
     def _columns(self, basis: Basis) -> Floats:
-        """(N, k) a basis of the design at all cells."""
+        """(N, k) a basis of the design at all bins."""
         used = np.any(basis.mixing != 0.0, axis=1)
         pairs = [(make, block) for make, block in zip(self._makers, self._blocks, strict=True) if used[block].any()]
         return np.asarray(np.sum([make(self.at) @ basis.mixing[block] for make, block in pairs], axis=0))

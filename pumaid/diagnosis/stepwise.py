@@ -8,6 +8,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from pumaid.dataset import Run
 from pumaid.diagnosis.added import Added
 from pumaid.diagnosis.chain import Start
 from pumaid.diagnosis.contender import DECISIVE, LEVEL, Contender, contender, evidence, rivals
@@ -18,12 +19,12 @@ from pumaid.diagnosis.periodogram import Spectrum, spectrum
 from pumaid.diagnosis.refine import at, refined
 from pumaid.diagnosis.scan import Projector, Scan, Trial, scan, surprise
 from pumaid.diagnosis.settling import settling
-from pumaid.diagnosis.system import Solved, at_cells, loaded, solve
+from pumaid.diagnosis.system import Solved, at_bins, loaded, solve
 from pumaid.diagnosis.transfer import transfer
 from pumaid.diagnosis.variants import Catalogue, build
 from pumaid.effects import Effect, catalogue
 from pumaid.model import Model
-from pumaid.records import Campaign, Run, Transfer
+from pumaid.records import Campaign, Transfer
 
 Floats = NDArray[np.float64]
 Pair = tuple[Trial, Trial]
@@ -37,7 +38,7 @@ LOOKS = 2
 ALIKE = 0.01
 #: Effects added at most, and candidates looked at closely at a time.
 MOST_ADDED, LEADERS = 4, 10
-#: Cells a run at which a periodic effect is looked for.
+#: Bins a run at which a periodic effect is looked for.
 FINE = 512
 #: Chance beyond which a candidate is not looked at closely, unless nothing is nearer.
 FAR = 0.3
@@ -120,12 +121,12 @@ class Stepwise:
         self._unseen = tuple(zip(*self._fields(self.unseen), strict=True)) if self.unseen else ()
 
     def _fields(self, runs: Sequence[Run]) -> tuple[tuple[Field, ...], tuple[Field, ...]]:
-        """At coarse cells and at the finest."""
+        """At coarse bins and at the finest."""
         coarse, finest = fields_at(self.model, runs, (COARSE, FINE), campaign=self.campaign)
         return coarse, finest
 
     def heldout(self, added: Sequence[Added]) -> tuple[Field, ...]:
-        """Of runs that are not fitted, at the finest cells of joints that have a periodic effect, else coarse."""
+        """Of runs that are not fitted, at the finest bins of joints that have a periodic effect, else coarse."""
         fine = {one.joint for one in added if one.effect.periodic is not None}
         return tuple(b if a.joint in fine else a for a, b in self._unseen)
 
@@ -135,7 +136,7 @@ class Stepwise:
         return next((one for one in self.effects if one.periodic is not None), None)
 
     def solved(self, added: Sequence[Added], noises: dict[int, Noise] | None = None) -> Solved:
-        """The model with `added`, on the finest cells of joints that have a periodic effect, else on coarse ones."""
+        """The model with `added`, on the finest bins of joints that have a periodic effect, else on coarse ones."""
         fine = {one.joint for one in added if one.effect.periodic is not None}
         chosen = [b if a.joint in fine else a for a, b in zip(self._coarse, self._finest, strict=True)]
         return solve(self.model, chosen, self.start, added=[*settling(self._coarse), *added], noises=noises)
@@ -190,12 +191,12 @@ class Stepwise:
         return Step(seen, tried, chances, chosen, like, tuple(found))
 
     def _spectra(self, solved: Solved) -> dict[int, Spectrum]:
-        """Of what the solved system leaves, at the finest cells."""
+        """Of what the solved system leaves, at the finest bins."""
         out: dict[int, Spectrum] = {}
         for fine in self._finest if self.periodic is not None else ():
             if self.periodic is None or self.periodic.applies(self.model.robot, fine.joint) is not None:
                 continue
-            on = at_cells(solved, fine)
+            on = at_bins(solved, fine)
             known = [
                 one.shape[one.effect.periodic]
                 for one in [*solved.added, *(each.trial.added for each in self.denied)]
@@ -221,7 +222,7 @@ class Stepwise:
         return pairs
 
     def _peak(self, seen: Scan, joint: int, chances: Familywise) -> list[Pair]:
-        """The highest peak of a joint's spectrum, at the finest cells."""
+        """The highest peak of a joint's spectrum, at the finest bins."""
         effect, found = self.periodic, seen.spectra[joint]
         if effect is None or effect.periodic is None:
             return []
@@ -235,7 +236,7 @@ class Stepwise:
         return [] if trial is None else [(trial, refined(projector, trial))]
 
     def _at_finest(self, solved: Solved, joint: int) -> Solved:
-        return at_cells(solved, next(one for one in self._finest if one.joint == joint))
+        return at_bins(solved, next(one for one in self._finest if one.joint == joint))
 
     def _judged(self, seen: Scan, tried: Catalogue, pair: Pair, chances: Familywise) -> Contender:
         added = pair[1].added

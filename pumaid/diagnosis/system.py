@@ -1,4 +1,4 @@
-"""All joints' cells, whitened, as one nonlinear least squares: the base model with whatever was added to it."""
+"""All joints' bins, whitened, as one nonlinear least squares: the base model with whatever was added to it."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ class Row:
     Attributes
     ----------
     field, noise
-        Its cells, with loads by the solution, and what their noise is like.
+        Its bins, with loads by the solution, and what their noise is like.
     acting
         (L,) numbers (from 0) of the parameters of the system, P in all, that this joint feels.
     slim, residual
@@ -103,14 +103,14 @@ class Solved:
         return sum(float(row.residual @ row.residual) for row in self.rows)
 
     @property
-    def cells(self) -> int:
+    def bins(self) -> int:
         """N of all joints."""
         return sum(len(row.field) for row in self.rows)
 
     @property
     def scale(self) -> float:
         """Variance of a whitened residual: one where the noise model is right."""
-        return self.square / max(self.cells - self.rank, 1)
+        return self.square / max(self.bins - self.rank, 1)
 
     def signs(self, added: Added) -> Floats:
         """(p,) sign that each parameter of an effect must have at this arm; 0 where either is possible."""
@@ -173,14 +173,14 @@ def solve(
 
 
 def misfit_at(solved: Solved, field: Field) -> Floats:
-    """(N,) A: what the solution leaves of one joint at other cells than its own."""
+    """(N,) A: what the solution leaves of one joint at other bins than its own."""
     loaded = with_loads(solved.model, field, solved.start) if _needs_loads(solved.added) else field
     design = _design(solved.model, loaded, solved.added, solved.sizes)
     return np.asarray(field.current - design @ solved.row(field.joint).weights)
 
 
-def at_cells(solved: Solved, field: Field) -> Solved:
-    """The same solution with one joint's row at other cells, noise as these show it."""
+def at_bins(solved: Solved, field: Field) -> Solved:
+    """The same solution with one joint's row at other bins, noise as these show it."""
     old = solved.row(field.joint)
     field = with_loads(solved.model, field, solved.start)
     design = _design(solved.model, field, solved.added, solved.sizes)
@@ -206,9 +206,9 @@ def row_of(field: Field, kind: Noise, design: Floats, *, weights: Floats, turn: 
     Parameters
     ----------
     field, kind
-        Its cells, with loads by the solution, and what their noise is like.
+        Its bins, with loads by the solution, and what their noise is like.
     design
-        (N, D) at the cells.
+        (N, D) at the bins.
     weights, turn
         Of the solution, as in `Row`.
     """

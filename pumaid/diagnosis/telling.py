@@ -7,6 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from pumaid.dataset import Run
 from pumaid.diagnosis.added import Added
 from pumaid.diagnosis.chain import pseudo_inverse
 from pumaid.diagnosis.contender import Contender
@@ -14,7 +15,7 @@ from pumaid.diagnosis.field import Field, distinct
 from pumaid.diagnosis.noise import FEWEST_PAIRS
 from pumaid.diagnosis.suspect import Suspect
 from pumaid.diagnosis.system import Solved, misfit_at
-from pumaid.records import Run, Size
+from pumaid.records import Size
 from pumaid.units import number
 
 Floats = NDArray[np.float64]

@@ -1,4 +1,4 @@
-"""What a residual can depend on, as columns over a joint's cells: position, direction, speed, load, time, start."""
+"""What a residual can depend on, as columns over a joint's bins: position, direction, speed, load, time, start."""
 
 from __future__ import annotations
 
@@ -95,7 +95,7 @@ def _harmonics(at: View) -> Floats:
 
 
 def _centred(columns: Floats, at: View, label: Labels) -> Floats:
-    """Less their mean over the cells of each label."""
+    """Less their mean over the bins of each label."""
     total = np.bincount(label, at.weight)
     means = [np.bincount(label, at.weight * column) / np.where(total > 0, total, 1.0) for column in columns.T]
     return columns - np.array(means).T[label]

@@ -1,4 +1,4 @@
-"""Everything that could be missing: each effect at each joint with each shape of its grid, as columns on cells."""
+"""Everything that could be missing: each effect at each joint with each shape of its grid, as columns on bins."""
 
 from __future__ import annotations
 
@@ -143,7 +143,7 @@ def _stacked(parts: dict[int, list[Floats]], solved: Solved) -> dict[int, Floats
     return {row.field.joint: _together(parts[row.field.joint], len(row.field)) for row in solved.rows}
 
 
-def _together(columns: list[Floats], cells: int) -> Floats:
-    """(cells, V) all columns, nothing where one is not known."""
-    out = np.column_stack(columns) if columns else np.zeros((cells, 0))
+def _together(columns: list[Floats], bins: int) -> Floats:
+    """(bins, V) all columns, nothing where one is not known."""
+    out = np.column_stack(columns) if columns else np.zeros((bins, 0))
     return out if np.isfinite(out).all() else np.nan_to_num(out)

@@ -12,7 +12,7 @@ from types import MappingProxyType
 from pumaid.effects.base import Effect, Family, Parameter, Scope, Shape, Trace
 from pumaid.effects.outside import effect_in, from_entry_points, from_file
 
-__all__ = ["Effect", "Family", "Parameter", "Scope", "Shape", "Trace", "catalogue", "include", "is_extended"]
+__all__ = ["Effect", "Family", "Parameter", "Scope", "Shape", "Trace", "catalogue", "include"]
 
 #: Files that a user named in this process -> their effects.
 _INCLUDED: dict[Path, Effect] = {}
@@ -57,11 +57,6 @@ def include(path: Path) -> Effect:
         _INCLUDED[place] = from_file(path, taken=catalogue())
         catalogue.cache_clear()
     return _INCLUDED[place]
-
-
-def is_extended() -> bool:
-    """Whether the catalogue holds effects that are not this folder's."""
-    return len(catalogue()) > len(_own())
 
 
 @functools.cache

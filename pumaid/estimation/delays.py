@@ -6,10 +6,11 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from pumaid.dataset import Run
 from pumaid.errors import Note, Where
 from pumaid.estimation.system import solve, stroke_noise
 from pumaid.model import Model
-from pumaid.records import Run, Value
+from pumaid.records import Value
 from pumaid.units import number
 
 #: Standard errors by which a delay must move a parameter to be told.

@@ -7,11 +7,12 @@ from collections.abc import Iterator, Mapping, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from pumaid.dataset import Run
 from pumaid.errors import Note, Where
 from pumaid.estimation.misfit import SEEN
 from pumaid.maths.statistics import two_sided
 from pumaid.preprocessing.replicates import Pair
-from pumaid.records import JointFit, Run
+from pumaid.records import JointFit
 from pumaid.units import number
 
 Floats = NDArray[np.float64]
@@ -76,4 +77,4 @@ def _found(joint: int, design: Floats, change: Floats, *, matters: float) -> Ite
 
 def _mean(run: Run) -> float:
     """Mean current (A) of a run."""
-    return float(np.average(run.cells.current, weights=run.cells.count))
+    return float(np.average(run.bins.current, weights=run.bins.count))

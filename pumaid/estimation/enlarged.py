@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pumaid.chosen import Chosen, in_order, scale_of
+from pumaid.dataset import Run
 from pumaid.effects import Family
 from pumaid.equations import Block
 from pumaid.estimation.gauge import Gauge, gauge_of
@@ -19,7 +20,7 @@ from pumaid.estimation.system import Fitted, Progress, again, eased, releveled, 
 from pumaid.estimation.views import Sights, loaded, sights
 from pumaid.model import Model
 from pumaid.preprocessing.reduce import coarser
-from pumaid.records import Campaign, Run
+from pumaid.records import Campaign
 from pumaid.robot import EffectChoice
 
 Floats = NDArray[np.float64]
@@ -27,13 +28,13 @@ Floats = NDArray[np.float64]
 #: Searches for a shape, the second with the noise that the first leaves.
 SEARCHES = 2
 
-#: Families of effects that are the same within a stretch of a run as long as a few of its cells.
+#: Families of effects that are the same within a stretch of a run as long as a few of its bins.
 SLOW = (
     *(Family.SPEED, Family.LOAD, Family.TIME, Family.PAYLOAD),
     *(Family.TEMPERATURE, Family.GRAVITY, Family.TORQUE, Family.CURRENT),
 )
 
-#: Cells a run in which these are looked for.
+#: Bins a run in which these are looked for.
 COARSE = 64
 
 #: Rounds of renewing shapes and loads, at most.
@@ -158,7 +159,7 @@ def _free(one: Chosen, model: Model) -> list[str]:
 class _Work:
     """A fit that grows: `chosen` by place, `fitted` and the `blocks` that it is of, `bare` ones of the base model.
 
-    `seen` are the runs in all their cells, `thin` in a few.
+    `seen` are the runs in all their bins, `thin` in a few.
     """
 
     def __init__(self, model: Model, runs: Sequence[Run], *, seen: Sights, thin: Sights) -> None:
@@ -175,7 +176,7 @@ class _Work:
         """With the effects that wait for nothing."""
         every = model.with_effects(wanted)
         slow = any(_free(one, model) and one.effect.family in SLOW for one in wanted)
-        thin = [replace(r, cells=coarser([r.cells], COARSE)) for r in runs] if slow else []
+        thin = [replace(r, bins=coarser([r.bins], COARSE)) for r in runs] if slow else []
         noise = stroke_noise(model, runs)
         seen, coarse = (sights(every, some, campaign, noise=noise) for some in (runs, thin))
         work = cls(model, runs, seen=seen, thin=coarse)
@@ -241,7 +242,7 @@ class _Work:
     def without(self, place: int, one: Chosen | None = None, *, is_quick: bool = False) -> Ground:
         """The fit of all effects but the one at `place`, where that one (or `one`) may act.
 
-        A quick one looks at the cells' middles only, where a ripple of two cells a period is too small by a third.
+        A quick one looks at the bins' middles only, where a ripple of two bins a period is too small by a third.
         """
         out = one or self.chosen[place]
         now = self.model.with_effects([self.chosen[other] for other in sorted(self.chosen) if other != place])

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 
+from pumaid.dataset import Run
 from pumaid.estimation.views import Sights
 from pumaid.kinematics import apart
 from pumaid.model import SAME_POSTURE
-from pumaid.records import Extent, Run
+from pumaid.records import Extent
 from pumaid.sight import Sight
 
 #: Speeds within this share are one speed.
@@ -19,7 +20,7 @@ def extent(sights: Sights, joint: int) -> Extent:
     chosen = [sights[joint]] if joint in sights else list(sights.values())
     runs = [run for sight in chosen for run in sight.runs]
     ends = [value for run in runs for value in run.span]
-    widths = [abs(run.span[1] - run.span[0]) / max(len(run.cells), 1) for run in runs]
+    widths = [abs(run.span[1] - run.span[0]) / max(len(run.bins), 1) for run in runs]
     times = [sight.samples.time if joint else sight.samples.elapsed for sight in chosen]
     starts = [float(t[sight.grain * first]) for t, sight in zip(times, chosen, strict=True) for first in sight.starts]
     return Extent(
@@ -44,11 +45,11 @@ def _distinct(speeds: list[float]) -> tuple[float, ...]:
 
 
 def _drawn(sight: Sight) -> float:
-    """Largest current (A) of the cells, by the model where it is known."""
+    """Largest current (A) of the bins, by the model where it is known."""
     loads = sight.samples.loads
     if loads is not None:
         return float(np.abs(loads.drawn).max())
-    return max(float(np.abs(run.cells.current).max()) for run in sight.runs)
+    return max(float(np.abs(run.bins.current).max()) for run in sight.runs)
 
 
 def _postures(runs: list[Run]) -> int:

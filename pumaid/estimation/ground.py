@@ -38,7 +38,7 @@ class _Place:
     bases
         (R, b, c) the triangles' regressors in each run's first equations.
     frames
-        (N, e) directions in the cells that each run's further equations are along; zero where it has fewer.
+        (N, e) directions in the bins that each run's further equations are along; zero where it has fewer.
     first
         (R,) number of the first of these equations.
     left
@@ -60,19 +60,19 @@ class _Place:
         bases = np.zeros((len(blocks), int(first.max()), sight.basis.shape[1]))
         frames = np.zeros((len(sight.weight), max(block.frame.shape[1] for block in blocks)))
         for number, block in enumerate(blocks):
-            cells = slice(sight.starts[number], sight.starts[number] + sight.sizes[number])
+            bins = slice(sight.starts[number], sight.starts[number] + sight.sizes[number])
             bases[number, : first[number], : block.basis.shape[1]] = block.basis
             if block.frame.shape[1]:
-                frames[cells, : block.frame.shape[1]] = block.frame
+                frames[bins, : block.frame.shape[1]] = block.frame
         bare = cls(sight, row, here, bases, frames, first, sight.left)
         return replace(bare, left=bare.beyond(sight.left[:, None])[1][:, 0])
 
     def noise(self, levels: Levels) -> Floats:
-        """(N,) standard deviation of a sample in each cell."""
+        """(N,) standard deviation of a sample in each bin."""
         return np.repeat(np.sqrt(levels.sample) * self.row.loudness(levels), self.sight.sizes)
 
     def beyond(self, rest: Floats) -> tuple[Floats, Floats]:
-        """(N, p) in the cells as (R, e, p) along the further equations' directions and (N, p) what is left."""
+        """(N, p) in the bins as (R, e, p) along the further equations' directions and (N, p) what is left."""
         parts = []
         for frame in self.frames.T:
             along = self.sight.per_run(frame[:, None] * rest)
@@ -179,7 +179,7 @@ class Ground:
         return Refit(float(solution @ cross), solution, half, -self.back.T @ seen)
 
     def power(self, joint: int, frequencies: Floats) -> Floats:
-        """(F,) squared sum of what is left in the cells of `joint` (from 1) against exp(i f q)."""
+        """(F,) squared sum of what is left in the bins of `joint` (from 1) against exp(i f q)."""
         place = self.places[joint]
         q = place.sight.samples.position[:, joint - 1]
         step = 2.0 * np.pi / (BINS * float(frequencies.max()))
@@ -192,7 +192,7 @@ class Ground:
         return np.asarray(spectrum[np.minimum(at, len(spectrum) - 1)])
 
     def _parts(self, place: _Place, columns: Floats) -> tuple[Floats, Floats]:
-        """Whitened: (n, p) in the joint's equations, and (N, p) in its cells beyond them."""
+        """Whitened: (n, p) in the joint's equations, and (N, p) in its bins beyond them."""
         along, rest = place.sight.split(columns)
         levels, row = self.fitted.levels[place.row.joint], place.row
         inside = np.zeros((*row.target.shape, columns.shape[1]))

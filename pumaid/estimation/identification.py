@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from pumaid import __version__
 from pumaid.choices import expanded
 from pumaid.chosen import Chosen, Column
+from pumaid.dataset import Dataset, Run
 from pumaid.errors import LogError, Note, Where
 from pumaid.estimation import notes
 from pumaid.estimation.combinations import determined
@@ -29,14 +30,14 @@ from pumaid.maths.statistics import Clustered, clustered, interval
 from pumaid.model import Model
 from pumaid.preprocessing.options import STROKE
 from pumaid.preprocessing.replicates import Pair, noise_floor, pairs
-from pumaid.records import GIVEN, IDENTIFIED, NOT_IDENTIFIABLE, Campaign, Estimate, Evidence, JointFit, Run, Value
+from pumaid.records import GIVEN, IDENTIFIED, NOT_IDENTIFIABLE, Campaign, Estimate, JointFit, Value
 from pumaid.robot import EffectChoice, Robot
 
 Floats = NDArray[np.float64]
 
 
 def identified(
-    evidence: Evidence,
+    dataset: Dataset,
     robot: Robot,
     *,
     effects: Sequence[EffectChoice] | None = None,
@@ -47,7 +48,7 @@ def identified(
 
     Parameters
     ----------
-    evidence
+    dataset
         Runs of some or all joints.
     robot
         Geometry and gravity.
@@ -71,10 +72,10 @@ def identified(
         An effect cannot be in the model.
     """
     choices = expanded(robot.effects if effects is None else effects, robot)
-    runs = tuple(run for run in evidence.runs if not run.heldout)
+    runs = tuple(run for run in dataset.runs if not run.heldout)
     if not runs:
-        raise _no_runs(evidence)
-    model, campaign = Model.of_runs(robot, runs), Campaign.of(evidence.runs, evidence.rejects)
+        raise _no_runs(dataset)
+    model, campaign = Model.of_runs(robot, runs), Campaign.of(dataset.runs, dataset.rejects)
     choices = tuple(choice for choice in choices if not _is_there(choice, model))
     found = enlarged(model, runs, choices, campaign=campaign, recursive=recursive, progress=progress)
     fitted = found.fitted
@@ -105,12 +106,12 @@ def identified(
         method="recursive" if recursive else "joint",
         recipe_digest=robot.digest,
         origin=robot.origin,
-        logs={facts.name: facts.digest for facts in evidence.files},
+        logs={facts.name: facts.digest for facts in dataset.files},
         version=__version__,
     )
-    estimate = _with_errors(estimate, robot, evidence)
+    estimate = _with_errors(estimate, robot, dataset)
     told = _notes(found, runs, estimate, robot, repeated=repeated)
-    return replace(estimate, notes=(*evidence.notes, *told))
+    return replace(estimate, notes=(*dataset.notes, *told))
 
 
 def _notes(
@@ -137,14 +138,14 @@ def _is_there(choice: EffectChoice, model: Model) -> bool:
     return choice.effect == "inertia" and any(joint == choice.joint for joint, _ in model.stroke_postures)
 
 
-def _no_runs(evidence: Evidence) -> LogError:
-    number = len(evidence.runs) or len(evidence.rejects)
-    what = ("run{}, all held out" if evidence.runs else "stretch{} left out").format
-    kept = f"{number} {what('' if number == 1 else 's' if evidence.runs else 'es')}"
+def _no_runs(dataset: Dataset) -> LogError:
+    number = len(dataset.runs) or len(dataset.rejects)
+    what = ("run{}, all held out" if dataset.runs else "stretch{} left out").format
+    kept = f"{number} {what('' if number == 1 else 's' if dataset.runs else 'es')}"
     return LogError(
         "no-runs",
         f"there is no run to fit ({kept})",
-        Where(file=evidence.files[0].name if evidence.files else None),
+        Where(file=dataset.files[0].name if dataset.files else None),
         "see why with: pumaid segment LOGS --rejects",
     )
 
@@ -253,16 +254,16 @@ def _joint_fit(fitted: Fitted, runs: Sequence[Run], joint: int, *, repeated: Seq
     )
 
 
-def _with_errors(estimate: Estimate, robot: Robot, evidence: Evidence) -> Estimate:
+def _with_errors(estimate: Estimate, robot: Robot, dataset: Dataset) -> Estimate:
     """With the error on runs that the plan keeps for judging, and on all runs of joints that have strokes.
 
     A fit's equations do not tell the latter: in them strokes are weighed by what a delay does to them.
     """
-    weighed = {run.joint for run in evidence.runs if run.kind == STROKE and not run.heldout}
-    runs = [run for run in evidence.runs if run.heldout or run.joint in weighed]
+    weighed = {run.joint for run in dataset.runs if run.kind == STROKE and not run.heldout}
+    runs = [run for run in dataset.runs if run.heldout or run.joint in weighed]
     if not runs:
         return estimate
-    judge = Judge.of(robot, estimate, evidence)
+    judge = Judge.of(robot, estimate, dataset)
     tallies = [judge.tally(block) for block in judge.blocks(runs)]
     kept = [tally for tally in tallies if tally.run.heldout]
     joints = []

@@ -9,12 +9,13 @@ from typing import TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+from pumaid.dataset import Dataset, Means, Run
 from pumaid.equations import Block
 from pumaid.estimation.views import loaded, sights
 from pumaid.loads import loads
 from pumaid.maths.splits import told_apart
 from pumaid.model import Model
-from pumaid.records import TOGETHER, Campaign, Estimate, Evidence, Means, OutsideScore, Run, RunScore, Samples
+from pumaid.records import TOGETHER, Campaign, Estimate, OutsideScore, RunScore, Samples
 from pumaid.robot import Robot
 from pumaid.sight import joined
 
@@ -74,9 +75,9 @@ class Judge:
     campaign: Campaign
 
     @classmethod
-    def of(cls, robot: Robot, estimate: Estimate, evidence: Evidence) -> Judge:
-        """The model of `estimate`, to be held against `evidence`."""
-        return cls(Model.of_estimate(robot, estimate), estimate, Campaign.of(evidence.runs, evidence.rejects))
+    def of(cls, robot: Robot, estimate: Estimate, dataset: Dataset) -> Judge:
+        """The model of `estimate`, to be held against `dataset`."""
+        return cls(Model.of_estimate(robot, estimate), estimate, Campaign.of(dataset.runs, dataset.rejects))
 
     def scaled(self, joint: int) -> Floats:
         """(p,) what each parameter counts in joint `joint`: value times ratio of gains, 0 where that is unknown."""
@@ -93,7 +94,7 @@ class Judge:
         return self.model.blocks(runs, seen)
 
     def samples_of(self, run: Run) -> Samples:
-        """The cells of `run` as effects see them."""
+        """The bins of `run` as effects see them."""
         return self.model.samples_of(run, self.campaign)
 
     def _loaded(self, samples: Samples) -> Samples:
@@ -158,14 +159,14 @@ class Judge:
             start = end
 
     def score(self, tally: Tally, rows: Floats, *, mean: float, groups: Groups, is_fitted: bool) -> RunScore:
-        """A run's figures and its prediction at cells, whose regressor `rows` (M, p) is, in parts by `groups`."""
+        """A run's figures and its prediction at bins, whose regressor `rows` (M, p) is, in parts by `groups`."""
         run, weights = tally.run, self.scaled(tally.run.joint)
         single = {name: rows[:, own] @ weights[own] for name, own in self.effects().items() if rows[:, own].any()}
         parts = together(single, groups)
         predicted = rows @ weights
         about = tally.current_squares - 2.0 * mean * tally.current_total + tally.samples * mean**2
         reason = self._undetermined(run, rows, is_fitted=is_fitted)
-        residual = run.cells.current - predicted
+        residual = run.bins.current - predicted
         return RunScore(
             run=run,
             rmse=float(np.sqrt(tally.squares / tally.samples)),
@@ -202,24 +203,23 @@ class Judge:
         names = [self.model.names[k] for k in np.argsort(-size)[:3] if size[k] > PART * size.max()]
         return f"this run needs {' and '.join(names)}, which the fitted data do not determine"
 
-    def outside(self, evidence: Evidence) -> tuple[OutsideScore, ...]:
-        """Scores of what is no run, by joint and reason; cells in which a joint's motor rests are not its own."""
+    def outside(self, dataset: Dataset) -> tuple[OutsideScore, ...]:
+        """Scores of what is no run, by joint and reason; bins in which a joint's motor rests are not its own."""
         stretches = [
-            (joint, reject.reason, reject.cells, reject.clock)
-            for reject in evidence.rejects
+            (joint, reject.reason, reject.bins, reject.clock)
+            for reject in dataset.rejects
             for joint in reject.joints
-            if reject.cells is not None
+            if reject.bins is not None
         ]
         stretches.sort(key=lambda stretch: stretch[:2])
-        seen = [self._moving(cells, joint) for joint, _, cells, _ in stretches]
+        seen = [self._moving(bins, joint) for joint, _, bins, _ in stretches]
         many = [
-            self._ramp(cells, joint, keep, clock)
-            for (joint, _, cells, clock), keep in zip(stretches, seen, strict=True)
+            self._ramp(bins, joint, keep, clock) for (joint, _, bins, clock), keep in zip(stretches, seen, strict=True)
         ]
         found: dict[tuple[int, str], list[tuple[Floats, Floats]]] = {}
-        for (joint, reason, cells, _), keep, rows in zip(stretches, seen, self.rows(many), strict=True):
-            residual = cells.current[keep, joint - 1] - rows @ self.scaled(joint)
-            found.setdefault((joint, reason), []).append((cells.count[keep].astype(float), residual))
+        for (joint, reason, bins, _), keep, rows in zip(stretches, seen, self.rows(many), strict=True):
+            residual = bins.current[keep, joint - 1] - rows @ self.scaled(joint)
+            found.setdefault((joint, reason), []).append((bins.count[keep].astype(float), residual))
         out = []
         for (joint, reason), pieces in found.items():
             counts = np.concatenate([count for count, _ in pieces])
@@ -230,26 +230,26 @@ class Judge:
                 out.append(OutsideScore(joint, reason, int(counts.sum()), rmse, bias))
         return tuple(out)
 
-    def _ramp(self, cells: Means, joint: int, keep: NDArray[np.bool_], clock: int) -> Samples:
-        """The cells `keep` as what effects see of `joint`; without acceleration, since inertia is missing by design."""
-        velocity, time, robot = cells.velocity[keep], cells.time[keep], self.model.robot
+    def _ramp(self, bins: Means, joint: int, keep: NDArray[np.bool_], clock: int) -> Samples:
+        """The bins `keep` as what effects see of `joint`; without acceleration, since inertia is missing by design."""
+        velocity, time, robot = bins.velocity[keep], bins.time[keep], self.model.robot
         return Samples(
             joint,
-            cells.position[keep],
+            bins.position[keep],
             velocity,
             acceleration=np.zeros(len(velocity)),
             direction=np.sign(robot.shaft_velocity(velocity)[:, joint - 1]),
             time=self.campaign.since(joint, clock, time),
             elapsed=self.campaign.since(0, clock, time),
-            travel=np.abs(robot.shaft_velocity(cells.position[keep] - cells.position[0])[:, joint - 1]),
+            travel=np.abs(robot.shaft_velocity(bins.position[keep] - bins.position[0])[:, joint - 1]),
             temperature=np.full(len(velocity), np.nan),
             run=np.zeros(len(velocity)),
         )
 
-    def _moving(self, cells: Means, joint: int) -> NDArray[np.bool_]:
+    def _moving(self, bins: Means, joint: int) -> NDArray[np.bool_]:
         """(M,) whether the motor of `joint` turns, and its current is measured."""
-        speed = np.abs(self.model.robot.shaft_velocity(cells.velocity)[:, joint - 1])
-        return np.isfinite(cells.current[:, joint - 1]) & (speed > MOVING * np.max(speed, initial=0.0))
+        speed = np.abs(self.model.robot.shaft_velocity(bins.velocity)[:, joint - 1])
+        return np.isfinite(bins.current[:, joint - 1]) & (speed > MOVING * np.max(speed, initial=0.0))
 
 
 def rmse(tallies: Sequence[Tally]) -> float | None:

@@ -7,11 +7,12 @@ from collections.abc import Iterator, Mapping, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from pumaid.dataset import Run, run_columns
 from pumaid.errors import ModelError, Note, Where
 from pumaid.estimation.rows import Row
 from pumaid.estimation.system import Fitted
 from pumaid.preprocessing.options import CONSTANT
-from pumaid.records import JointFit, Run, run_columns
+from pumaid.records import JointFit
 from pumaid.units import number
 
 Floats = NDArray[np.float64]
@@ -29,9 +30,9 @@ DISOWNED = 4.0
 WORSE = 1.5
 #: Multiple of the usual run's noise that makes a run odd, and share of the runs that may be: more are another matter.
 ODD, MOST_ODD = 5.0, 0.2
-#: Multiple of the usual variance inside a cell beyond which their mean is one of outliers.
+#: Multiple of the usual variance inside a bin beyond which their mean is one of outliers.
 SPIKY = 10.0
-#: Cells from which a run's own outliers are told, and samples of a cell from which its variance has a shape of its own.
+#: Bins from which a run's own outliers are told, and samples of a bin from which its variance has a shape of its own.
 ENOUGH, FULL = 24, 8
 #: Median of the square of a normal deviate.
 ONE_FREEDOM = 0.455
@@ -126,13 +127,13 @@ def of_runs(fitted: Fitted) -> list[Note]:
 
 
 def _outliers(runs: Sequence[Run]) -> list[float]:
-    """Usual and RMS noise (A) of runs where it is mostly outliers, inside cells or from cell to cell; else none.
+    """Usual and RMS noise (A) of runs where it is mostly outliers, inside bins or from bin to bin; else none.
 
     Each run is judged by itself, since its speed says how quickly what the model lacks comes and goes.
     """
-    long = [run for run in runs if len(run.cells) >= ENOUGH]
-    counts, _ = _spreads([run.cells.count for run in long])
-    full = [run.cells.variance for run, count in zip(long, counts, strict=True) if count >= FULL]
+    long = [run for run in runs if len(run.bins) >= ENOUGH]
+    counts, _ = _spreads([run.bins.count for run in long])
+    full = [run.bins.variance for run, count in zip(long, counts, strict=True) if count >= FULL]
     # Third differences leave nothing of a load's course, and of independent noise 20 times its variance.
     between = [np.diff(left, n=3) ** 2 / 20.0 for left in _beside_harmonics(long)]
     for squares, of_mean in ((full, 1.0), (between, ONE_FREEDOM)):
@@ -157,14 +158,14 @@ def _spreads(parts: Sequence[NDArray[np.number]]) -> tuple[Floats, Floats]:
 
 
 def _beside_harmonics(runs: Sequence[Run]) -> list[Floats]:
-    """A, what the first harmonics of runs at constant speed leave of their cells' means, run by run."""
+    """A, what the first harmonics of runs at constant speed leave of their bins' means, run by run."""
     if not runs:
         return []
-    own, sizes = runs[0].joint - 1, np.array([len(run.cells) for run in runs])
+    own, sizes = runs[0].joint - 1, np.array([len(run.bins) for run in runs])
     factors = np.array([run.triangle.factor for run in runs])
     harmonics = np.linalg.pinv(factors[:, :, :-1], rcond=1e-6) @ factors[:, :, -1:]
-    q = np.concatenate([run.cells.position[:, own] for run in runs])
-    current = np.concatenate([run.cells.current for run in runs])
+    q = np.concatenate([run.bins.position[:, own] for run in runs])
+    current = np.concatenate([run.bins.current for run in runs])
     # Of a sliding joint's cos and sin the harmonics have none.
     columns = run_columns(q, turns=True)
     left = current - np.sum(columns * np.repeat(harmonics[:, :, 0], sizes, axis=0), axis=1)
@@ -210,9 +211,9 @@ def _rms_inside(runs: Sequence[Run]) -> float:
 
 
 def _current(row: Row) -> float:
-    """RMS current (A) of the joint, by the cells of all its runs."""
-    count = np.concatenate([run.cells.count for run in row.runs])
-    current = np.concatenate([run.cells.current for run in row.runs])
+    """RMS current (A) of the joint, by the bins of all its runs."""
+    count = np.concatenate([run.bins.count for run in row.runs])
+    current = np.concatenate([run.bins.current for run in row.runs])
     return float(np.sqrt(np.average(current**2, weights=count)))
 
 

@@ -20,9 +20,9 @@ Floats = NDArray[np.float64]
 #: enough that rounding, thus weighted, says nothing about a parameter's plausible size.
 EXACT = 1e-10
 
-#: Cells of a run from which the correlation of its residual is read, three of them spent on its own first harmonic.
+#: Bins of a run from which the correlation of its residual is read, three of them spent on its own first harmonic.
 FEWEST_CELLS = 12
-#: Correlation of neighbouring cells beyond which a residual is a trend: its long-run variance has no estimate.
+#: Correlation of neighbouring bins beyond which a residual is a trend: its long-run variance has no estimate.
 MOST_CORRELATED = 0.98
 
 
@@ -91,8 +91,8 @@ def floored(levels: Levels, row: Row) -> Levels:
 def from_inside(row: Row) -> Levels:
     """Variance of low-frequency noise from the course of the residual inside runs, where runs are too few to compare.
 
-    The residual of a run's own fit is taken as first-order autoregressive over cells; its long-run variance a sample is
-    variance x samples a cell x (1 + r) / (1 - r). The level that a run shares stays unknown (zero).
+    The residual of a run's own fit is taken as first-order autoregressive over bins; its long-run variance a sample is
+    variance x samples a bin x (1 + r) / (1 - r). The level that a run shares stays unknown (zero).
     """
     found = {is_stroke: _inside(row, is_stroke) for is_stroke in (False, True)}
     calm, loud = (total / weight if weight else None for total, weight in (found[False], found[True]))
@@ -114,15 +114,15 @@ def _inside(row: Row, is_stroke: bool) -> tuple[float, int]:
     """Long-run variance a sample, times its weight, and the weight, of runs from rest to rest or of the others."""
     total, weight = 0.0, 0
     for run in (run for run, is_one in zip(row.runs, row.is_stroke, strict=True) if is_one == is_stroke):
-        cells, own = run.cells, run.joint - 1
-        q, current = cells.position[:, own], cells.current
-        basis = np.column_stack([np.cos(q), np.sin(q), np.ones(len(q)), cells.acceleration])
+        bins, own = run.bins, run.joint - 1
+        q, current = bins.position[:, own], bins.current
+        basis = np.column_stack([np.cos(q), np.sin(q), np.ones(len(q)), bins.acceleration])
         if len(q) < FEWEST_CELLS:
             continue
         residual = current - basis @ np.linalg.lstsq(basis, current, rcond=1e-6)[0]
         square = float(residual @ residual)
         r = float(residual[1:] @ residual[:-1]) / square if square > 0 else 0.0
         r = min(max(r, 0.0), MOST_CORRELATED)
-        total += square * float(np.mean(cells.count)) * (1.0 + r) / (1.0 - r)
+        total += square * float(np.mean(bins.count)) * (1.0 + r) / (1.0 - r)
         weight += len(q) - 3
     return total, weight

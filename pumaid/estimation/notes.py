@@ -8,12 +8,13 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from pumaid.dataset import Run
 from pumaid.effects import Trace
 from pumaid.effects.base import load_refusal
 from pumaid.errors import Note, Where
 from pumaid.estimation.enlarged import Enlarged
 from pumaid.estimation.system import Fitted
-from pumaid.records import Run, Value
+from pumaid.records import Value
 from pumaid.robot import Robot
 from pumaid.units import number
 

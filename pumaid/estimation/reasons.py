@@ -9,10 +9,10 @@ from functools import lru_cache
 import numpy as np
 
 from pumaid.chosen import Column
+from pumaid.dataset import Run
 from pumaid.effects import Family, Scope
 from pumaid.maths.alike import grouped, marked, near
 from pumaid.model import SAME_POSTURE, Model
-from pumaid.records import Run
 from pumaid.units import number
 
 #: Speeds within this share of each other are one speed, to someone who would tell Coulomb from viscous friction.

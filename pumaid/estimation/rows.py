@@ -10,13 +10,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pumaid.chosen import scale_of
+from pumaid.dataset import Run
 from pumaid.equations import Block
 from pumaid.maths import levels as variances
 from pumaid.maths.joint_fit import Bilinear
 from pumaid.maths.levels import Levels
 from pumaid.model import Model
 from pumaid.preprocessing.options import STROKE
-from pumaid.records import Run
 
 Floats = NDArray[np.float64]
 
@@ -149,7 +149,7 @@ def limits(rows: Sequence[Row], model: Model) -> Floats:
 
 def _most(runs: Sequence[Run]) -> tuple[float, float]:
     """Highest speed and largest acceleration of runs, rad/s and rad/s2 (m); at constant speed there is none."""
-    pulls = (float(np.abs(run.cells.acceleration).max()) for run in runs if run.kind == STROKE)
+    pulls = (float(np.abs(run.bins.acceleration).max()) for run in runs if run.kind == STROKE)
     return max(abs(run.speed) for run in runs), max(pulls, default=0.0)
 
 

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pumaid.chosen import Column
+from pumaid.dataset import Run
 from pumaid.effects import Scope
 from pumaid.estimation import reasons
 from pumaid.estimation.gauge import Gauge
@@ -20,7 +21,7 @@ from pumaid.maths.levels import freedoms
 from pumaid.maths.recursion import LARGEST_RATIO, Gains
 from pumaid.maths.statistics import Clustered, completed, interval, two_sided
 from pumaid.model import Model
-from pumaid.records import IDENTIFIED, NOT_IDENTIFIABLE, Run, Value
+from pumaid.records import IDENTIFIED, NOT_IDENTIFIABLE, Value
 
 Floats = NDArray[np.float64]
 Absorbed = dict[int, list[tuple[int, int]]]

@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from pumaid.dataset import Run
 from pumaid.effects import Scope
 from pumaid.equations import Block
 from pumaid.estimation.noise import floored, from_inside, levels_of, of_strokes
@@ -20,7 +21,6 @@ from pumaid.maths.levels import Levels
 from pumaid.maths.recursion import LARGEST_RATIO, USUAL_RATIO, Gains, Recursion
 from pumaid.model import Model
 from pumaid.preprocessing.options import STROKE
-from pumaid.records import Run
 
 Floats = NDArray[np.float64]
 Progress = Callable[[int, str], None]

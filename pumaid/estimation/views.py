@@ -7,9 +7,10 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from pumaid.dataset import Run
 from pumaid.loads import loads
 from pumaid.model import Model
-from pumaid.records import Campaign, Loads, Run, Samples
+from pumaid.records import Campaign, Loads, Samples
 from pumaid.sight import Sight
 
 Floats = NDArray[np.float64]

@@ -18,9 +18,9 @@ from typing import TYPE_CHECKING, Any, cast
 import numpy as np
 
 from pumaid import __version__
-from pumaid.io.evidence_npz import is_evidence, read_evidence, write_evidence
+from pumaid.dataset import Dataset
+from pumaid.io.evidence_npz import is_evidence, read_dataset, write_dataset
 from pumaid.io.kept import Shelf, cache_folder, program
-from pumaid.records import Evidence
 from pumaid.robot import Robot
 
 if TYPE_CHECKING:  # readers of logs take a tenth of a second to load, and where something is kept none is needed
@@ -72,7 +72,7 @@ class EvidenceCache:
         ]
         self._made_by = json.dumps([made_by, [str(path) for path in self._paths]])
 
-    def get(self, *, meanwhile: Callable[[], object] | None = None) -> Evidence | None:
+    def get(self, *, meanwhile: Callable[[], object] | None = None) -> Dataset | None:
         """What was kept of these very bytes, or None.
 
         The logs are hashed only where something may fit; `meanwhile` is then called.
@@ -87,19 +87,19 @@ class EvidenceCache:
         if None in digests:
             return None
         name = self._name([str(digest) for digest in digests])
-        evidence = read_evidence(self._shelf.folder / name, self._n_joints)
-        if evidence is None or [facts.digest for facts in evidence.files] != digests:
+        dataset = read_dataset(self._shelf.folder / name, self._n_joints)
+        if dataset is None or [facts.digest for facts in dataset.files] != digests:
             return None
         self._shelf.used(name)
-        return evidence
+        return dataset
 
-    def put(self, evidence: Evidence) -> None:
+    def put(self, dataset: Dataset) -> None:
         """Keep what a pass left, unless a log changed meanwhile; then remove what is too old and too much."""
-        digests = [facts.digest for facts in evidence.files]
+        digests = [facts.digest for facts in dataset.files]
         if self._before is None or len(digests) != len(self._paths) or _states(self._paths) != self._before:
             return
         name = self._name(digests)
-        self._shelf.put(name, lambda sink: write_evidence(sink, evidence, name))
+        self._shelf.put(name, lambda sink: write_dataset(sink, dataset, name))
 
     def _prefix(self) -> str:
         """Of all but the content, which takes reading: names and sizes tell most misses apart."""

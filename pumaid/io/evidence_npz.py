@@ -21,9 +21,9 @@ from typing import Any, BinaryIO
 import numpy as np
 from numpy.typing import NDArray
 
+from pumaid.dataset import CONSTANT_COLUMNS, STROKE_COLUMNS, Dataset, FileFacts, Reject, Run
 from pumaid.errors import Where
 from pumaid.io.packing import FIRST, MEANS, OPEN, Arrays, fields_of, packed, unpacked, widths_of
-from pumaid.records import CONSTANT_COLUMNS, STROKE_COLUMNS, Evidence, FileFacts, Reject, Run
 
 Counts = NDArray[np.int64]
 
@@ -40,13 +40,13 @@ _HEADER, _LOCAL, _PIECE = 128, 30, 4 << 20
 _UNFIT = (ArithmeticError, EOFError, LookupError, MemoryError, OSError, RuntimeError, TypeError, ValueError)
 
 
-def write_evidence(sink: BinaryIO, evidence: Evidence, name: str) -> None:
+def write_dataset(sink: BinaryIO, dataset: Dataset, name: str) -> None:
     """Write evidence to a binary stream, for a file that shall be called `name`."""
-    arrays = packed(evidence)
+    arrays = packed(dataset)
     np.savez(sink, **arrays, **{_DIGEST: digest_of(arrays, name)})  # type: ignore[arg-type]
 
 
-def read_evidence(path: Path, n_joints: int) -> Evidence | None:
+def read_dataset(path: Path, n_joints: int) -> Dataset | None:
     """The evidence of an arm of `n_joints` that a file holds, or None where it is not as `write_evidence` left it."""
     try:
         arrays = _stored(path)
@@ -71,8 +71,8 @@ def is_evidence(path: Path) -> bool:
 
 def _types() -> dict[str, type]:
     """Name -> type of all members."""
-    cells = {"cells": np.int64, "joints": np.int64, "extras": np.int64, "means": np.float64}
-    each = {f"{name}_{part}": kind for name in ("run", "reject") for part, kind in cells.items()}
+    bins = {"cells": np.int64, "joints": np.int64, "extras": np.int64, "means": np.float64}
+    each = {f"{name}_{part}": kind for name in ("run", "reject") for part, kind in bins.items()}
     return {FIRST: np.uint8, "posture": np.float64, "factor": np.float64, **each, _DIGEST: np.uint8}
 
 
@@ -139,7 +139,7 @@ def _check(told: dict[str, Any], arrays: Arrays, n_joints: int) -> None:
     _need(bool(np.isfinite(posture[outer]).all() and np.isfinite(arrays["factor"]).all()))
     _need(len(arrays["factor"]) == sum((len(names) + 1) ** 2 for names in columns))
     for name, samples in (("run", counts), ("reject", np.array(rejects.get("samples", []), dtype=np.int64))):
-        _check_cells(name, arrays, samples, widths=[*widths_of(name, n_joints), extras if name == "run" else 0])
+        _check_bins(name, arrays, samples, widths=[*widths_of(name, n_joints), extras if name == "run" else 0])
     _typed([text for note in told["notes"] for text in (note["slug"], note["text"])], {str})
     for record, entries in ((FileFacts, told["files"]), (Where, [note["where"] for note in told["notes"]])):
         _check_columns({name: [one[name] for one in entries] for name in fields_of(record)}, fields_of(record))
@@ -167,8 +167,8 @@ def _check_columns(columns: dict[str, list[Any]], kinds: Mapping[str, str]) -> N
             _need(bool(np.isfinite(np.array(values, dtype=float)).all()))
 
 
-def _check_cells(name: str, arrays: Arrays, samples: Counts, *, widths: list[int]) -> None:
-    """Of as many cells as there is room for, counts add up to `samples`, and only what may be is no number."""
+def _check_bins(name: str, arrays: Arrays, samples: Counts, *, widths: list[int]) -> None:
+    """Of as many bins as there is room for, counts add up to `samples`, and only what may be is no number."""
     sizes, means = arrays[f"{name}_cells"], arrays[f"{name}_means"]
     there = sizes[sizes > 0]
     _need(bool(((sizes > 0) | (sizes == -1)).all() and (there <= len(means)).all() and (samples >= 0).all()))
@@ -190,7 +190,7 @@ def _odd(values: NDArray[np.float64]) -> int:
 
 
 def _places(there: Counts, widths: Sequence[int], number: int) -> Counts:
-    """Where in an array of means those of quantity `number` stand, of records with so many cells `there`."""
+    """Where in an array of means those of quantity `number` stand, of records with so many bins `there`."""
     lengths, ends = there * widths[number], np.cumsum(there * sum(widths))
     starts = ends - there * sum(widths[number:])
     return np.repeat(starts - (np.cumsum(lengths) - lengths), lengths) + np.arange(int(lengths.sum()))

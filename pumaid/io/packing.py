@@ -12,51 +12,51 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from pumaid.dataset import Bins, Dataset, FileFacts, Means, Reject, Run
 from pumaid.errors import Note, Where
 from pumaid.maths.triangle import Triangle
-from pumaid.records import Cells, Evidence, FileFacts, Means, Reject, Run
 
 Arrays = dict[str, NDArray[Any]]
 
 #: The array with what is no array, as JSON.
 FIRST = "pumaid_evidence"
-#: By what runs and rejects hold: quantities of cells but for suspected columns, those with a column for each joint, and
+#: By what runs and rejects hold: quantities of bins but for suspected columns, those with a column for each joint, and
 #: those that may be no number.
 MEANS = {
     name: tuple(item.name for item in fields(kind) if item.name != "extra")
-    for name, kind in (("run", Cells), ("reject", Means))
+    for name, kind in (("run", Bins), ("reject", Means))
 }
 _WIDE = {"run": ("position",), "reject": ("position", "velocity", "current")}
 OPEN = {"run": ("temperature", "extra"), "reject": ("current",)}
 #: Fields that are stored as arrays; all others of a record stand in the JSON part.
-_ARRAYS = ("posture", "triangle", "cells")
+_ARRAYS = ("posture", "triangle", "bins")
 
 
-def packed(evidence: Evidence) -> Arrays:
+def packed(dataset: Dataset) -> Arrays:
     """Evidence as a few long arrays.
 
     Parameters
     ----------
-    evidence
+    dataset
         As a pass leaves it.
     """
     told = {
-        "runs": _columns(evidence.runs),
-        "triangles": [(run.triangle.columns, run.triangle.count) for run in evidence.runs],
-        "rejects": _columns(evidence.rejects),
-        "files": [asdict(facts) for facts in evidence.files],
-        "notes": [asdict(note) for note in evidence.notes],
-        "extra": evidence.extra,
+        "runs": _columns(dataset.runs),
+        "triangles": [(run.triangle.columns, run.triangle.count) for run in dataset.runs],
+        "rejects": _columns(dataset.rejects),
+        "files": [asdict(facts) for facts in dataset.files],
+        "notes": [asdict(note) for note in dataset.notes],
+        "extra": dataset.extra,
     }
     arrays: Arrays = {FIRST: np.frombuffer(json.dumps(told, default=_plain_number).encode(), dtype=np.uint8)}
-    arrays["posture"] = _joined([run.posture for run in evidence.runs])
-    arrays["factor"] = _joined([run.triangle.factor.ravel() for run in evidence.runs])
-    arrays |= _cells("run", [run.cells for run in evidence.runs])
-    arrays |= _cells("reject", [reject.cells for reject in evidence.rejects])
+    arrays["posture"] = _joined([run.posture for run in dataset.runs])
+    arrays["factor"] = _joined([run.triangle.factor.ravel() for run in dataset.runs])
+    arrays |= _bins("run", [run.bins for run in dataset.runs])
+    arrays |= _bins("reject", [reject.bins for reject in dataset.rejects])
     return arrays
 
 
-def unpacked(arrays: Arrays, told: dict[str, Any] | None = None) -> Evidence:
+def unpacked(arrays: Arrays, told: dict[str, Any] | None = None) -> Dataset:
     """The evidence that was packed into some arrays, of which all its records' are views.
 
     Parameters
@@ -75,21 +75,21 @@ def unpacked(arrays: Arrays, told: dict[str, Any] | None = None) -> Evidence:
     posture, factor = (_Taken(arrays[name]) for name in ("posture", "factor"))
     n_joints = len(arrays["posture"]) // max(1, len(told["triangles"]))
     runs = []
-    each_run = zip(_plain(told["runs"]), told["triangles"], _all_cells("run", arrays), strict=True)
-    for plain, (columns, count), cells in each_run:
+    each_run = zip(_plain(told["runs"]), told["triangles"], _all_bins("run", arrays), strict=True)
+    for plain, (columns, count), bins in each_run:
         size = len(columns) + 1
         triangle = Triangle(tuple(columns), factor.next(size, size), count)
         plain["span"] = tuple(plain["span"])
-        if cells is None:
+        if bins is None:
             raise ValueError("a run has no cells")
-        runs.append(Run(**plain, posture=posture.next(n_joints), triangle=triangle, cells=Cells(*cells)))
+        runs.append(Run(**plain, posture=posture.next(n_joints), triangle=triangle, bins=Bins(*bins)))
     rejects = []
-    for plain, cells in zip(_plain(told["rejects"]), _all_cells("reject", arrays), strict=True):
+    for plain, bins in zip(_plain(told["rejects"]), _all_bins("reject", arrays), strict=True):
         plain["joints"] = tuple(plain["joints"])
-        rejects.append(Reject(**plain, cells=None if cells is None else Means(*cells)))
+        rejects.append(Reject(**plain, bins=None if bins is None else Means(*bins)))
     files = tuple(FileFacts(**facts) for facts in told["files"])
     notes = tuple(Note(one["slug"], one["text"], Where(**one["where"])) for one in told["notes"])
-    return Evidence(tuple(runs), tuple(rejects), files, notes, tuple(told["extra"]))
+    return Dataset(tuple(runs), tuple(rejects), files, notes, tuple(told["extra"]))
 
 
 def fields_of(kind: type) -> dict[str, str]:
@@ -121,30 +121,30 @@ def _joined(parts: Sequence[NDArray[Any]]) -> NDArray[Any]:
 
 
 def widths_of(name: str, n_joints: int) -> list[int]:
-    """Columns of each quantity of the cells of runs or rejects (`name`), by the arm's joints."""
+    """Columns of each quantity of the bins of runs or rejects (`name`), by the arm's joints."""
     return [n_joints if quantity in _WIDE[name] else 1 for quantity in MEANS[name]]
 
 
-def _cells(name: str, found: Sequence[Cells | Means | None]) -> Arrays:
-    """All quantities of one record behind another in one array, and how many cells each has; -1 where it has none."""
-    there = [cells for cells in found if cells is not None]
-    extras = [cells.extra if isinstance(cells, Cells) else None for cells in there]
+def _bins(name: str, found: Sequence[Bins | Means | None]) -> Arrays:
+    """All quantities of one record behind another in one array, and how many bins each has; -1 where it has none."""
+    there = [bins for bins in found if bins is not None]
+    extras = [bins.extra if isinstance(bins, Bins) else None for bins in there]
     wide = [0 if extra is None else extra.shape[1] for extra in extras]
     return {
         f"{name}_cells": np.array([-1 if c is None else len(c) for c in found], dtype=np.int64),
-        f"{name}_joints": np.array([cells.position.shape[1] for cells in there[:1]], dtype=np.int64),
+        f"{name}_joints": np.array([bins.position.shape[1] for bins in there[:1]], dtype=np.int64),
         f"{name}_extras": np.array(wide, dtype=np.int64),
-        f"{name}_means": _joined([values for cells in there for values in _means(name, cells)]),
+        f"{name}_means": _joined([values for bins in there for values in _means(name, bins)]),
     }
 
 
-def _means(name: str, cells: Cells | Means) -> Iterator[NDArray[np.float64]]:
-    """The arrays of cells, counts by their bits as if they were such numbers, too."""
+def _means(name: str, bins: Bins | Means) -> Iterator[NDArray[np.float64]]:
+    """The arrays of bins, counts by their bits as if they were such numbers, too."""
     for quantity in MEANS[name]:
-        values = getattr(cells, quantity)
+        values = getattr(bins, quantity)
         yield np.ascontiguousarray(values, dtype=np.int64).view(np.float64) if quantity == "count" else values
-    if isinstance(cells, Cells) and cells.extra is not None:
-        yield cells.extra
+    if isinstance(bins, Bins) and bins.extra is not None:
+        yield bins.extra
 
 
 class _Taken:
@@ -162,8 +162,8 @@ class _Taken:
         return part.reshape(shape)
 
 
-def _all_cells(name: str, arrays: Arrays) -> Iterable[list[Any] | None]:
-    """The values of each record's cells, in the order of their fields; None where it has no cells."""
+def _all_bins(name: str, arrays: Arrays) -> Iterable[list[Any] | None]:
+    """The values of each record's bins, in the order of their fields; None where it has no bins."""
     taken, extras = _Taken(arrays[f"{name}_means"]), iter(arrays[f"{name}_extras"].tolist())
     joints = next(iter(arrays[f"{name}_joints"].tolist()), 0)
     widths = widths_of(name, joints)

@@ -16,6 +16,7 @@ from typing import Any, BinaryIO, cast
 
 import pyarrow as pa
 
+from pumaid.dataset import FileFacts
 from pumaid.errors import LogError, Note, Where
 from pumaid.io.clean import Cleaner
 from pumaid.io.columns import check_extra, resolve
@@ -26,7 +27,7 @@ from pumaid.io.parquet_log import ParquetSource
 from pumaid.io.parts import GZIP, MAGIC, FilePart
 from pumaid.io.paths import STDIN, expand, unreadable
 from pumaid.io.remote import Remote
-from pumaid.records import FileFacts, Log
+from pumaid.records import Log
 from pumaid.robot import Robot
 
 __all__ = ["LogReader", "expand", "write_log"]
@@ -73,7 +74,7 @@ class LogReader:
     Examples
     --------
     >>> reader = LogReader(expand(["logs/"]), robot)  # doctest: +SKIP
-    >>> evidence = segment(reader, robot)  # doctest: +SKIP
+    >>> dataset = segment(reader, robot)  # doctest: +SKIP
     >>> [facts.rows for facts in reader.files]  # doctest: +SKIP
     [120000, 120000]
     """

@@ -8,10 +8,10 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from pumaid.dataset import Run
 from pumaid.errors import Note, Where
 from pumaid.maths.slope import filtered
 from pumaid.preprocessing.speed import SURE
-from pumaid.records import Run
 
 Floats = NDArray[np.float64]
 

@@ -8,12 +8,12 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from pumaid.dataset import Dataset, FileFacts, Run
 from pumaid.errors import LogError, Note, Where
-from pumaid.records import Evidence, FileFacts, Run
 
 #: Copies of files that are told one by one.
 TOLD = 5
-#: Cells that a run needs for its noise to be its own, and those that are looked at of a longer one.
+#: Bins that a run needs for its noise to be its own, and those that are looked at of a longer one.
 FEWEST, MOST = 8, 32
 #: Share of the noise, and of a variance, by which what was written in another form may differ.
 SAME = 0.02
@@ -23,12 +23,12 @@ NOISELESS = 1e-6
 OWN = 0.5
 
 
-def doubled(evidence: Evidence) -> Iterator[LogError | Note]:
+def doubled(dataset: Dataset) -> Iterator[LogError | Note]:
     """What stands twice in some logs.
 
     Parameters
     ----------
-    evidence
+    dataset
         With the digests of its files.
 
     Yields
@@ -39,12 +39,12 @@ def doubled(evidence: Evidence) -> Iterator[LogError | Note]:
         Runs are the same down to their noise, though the files are not: one was written anew in another form, or a
         part of one was added to another.
     """
-    same = _same_files(evidence.files)
+    same = _same_files(dataset.files)
     for copy, first in list(same.items())[:TOLD]:
         more = f" (and {len(same) - TOLD} more such files)" if len(same) > TOLD else ""
         what = f"{copy} is {first} over again, byte for byte{more}: counted twice, errors would come out too small"
         yield LogError("log-doubled", what, Where(file=copy), "leave one of the two out")
-    pairs = Counter((first.origin, again.origin) for first, again in _same_runs(evidence.runs))
+    pairs = Counter((first.origin, again.origin) for first, again in _same_runs(dataset.runs))
     for (first, again), count in sorted(pairs.items()):
         if same.get(again, again) == same.get(first, first) and again != first:
             continue
@@ -68,8 +68,8 @@ def _same_runs(runs: Sequence[Run]) -> Iterator[tuple[Run, Run]]:
     """Pairs of runs that are one measurement, the earlier first."""
     alike: dict[tuple[int, str, int], list[int]] = {}
     for number, run in enumerate(runs):
-        if len(run.cells) >= FEWEST:
-            alike.setdefault((run.joint, run.kind, len(run.cells)), []).append(number)
+        if len(run.bins) >= FEWEST:
+            alike.setdefault((run.joint, run.kind, len(run.bins)), []).append(number)
     for numbers in alike.values():
         if len(numbers) > 1:
             prints = _Prints([runs[number] for number in numbers])
@@ -82,13 +82,13 @@ class _Prints:
     Parameters
     ----------
     runs
-        R of one joint, kind and number of cells.
+        R of one joint, kind and number of bins.
     """
 
     def __init__(self, runs: Sequence[Run]) -> None:
-        self._mean = np.array([run.cells.current[:MOST] for run in runs])
-        self._variance = np.array([run.cells.variance[:MOST] for run in runs])
-        self._count = np.array([run.cells.count[:MOST] for run in runs])
+        self._mean = np.array([run.bins.current[:MOST] for run in runs])
+        self._variance = np.array([run.bins.variance[:MOST] for run in runs])
+        self._count = np.array([run.bins.count[:MOST] for run in runs])
         # Third differences leave nothing of gravity's course, and of independent noise 20 times its variance.
         self._noise = np.sqrt(np.mean(np.diff(self._mean, n=3, axis=1) ** 2, axis=1) / 20.0)
         self._noise[self._noise < NOISELESS * np.abs(self._mean).max(axis=1)] = 0.0
@@ -102,7 +102,7 @@ class _Prints:
         order = np.argsort(level, kind="stable")
         found: dict[int, int] = {}
         for step in range(1, len(order)):
-            # The means of a copy's cells are near, so their mean is.
+            # The means of a copy's bins are near, so their mean is.
             near = level[order[step:]] - level[order[:-step]] <= SAME * self._noise[order[:-step]]
             if not near.any():
                 break
@@ -113,7 +113,7 @@ class _Prints:
         return sorted((first, again) for again, first in found.items())
 
     def _alike(self, one: NDArray[np.intp], other: NDArray[np.intp]) -> NDArray[np.intp]:
-        """Of pairs (P,) of runs, those (K, 2) in which all cells agree; the first cell tells most of them apart."""
+        """Of pairs (P,) of runs, those (K, 2) in which all bins agree; the first bin tells most of them apart."""
         begins = np.abs(self._mean[one, 0] - self._mean[other, 0]) <= SAME * self._noise[one]
         one, other = one[begins], other[begins]
         noise = self._noise[one]

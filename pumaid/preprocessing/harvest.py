@@ -9,16 +9,16 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from pumaid.dataset import Bins, Means, Reject, Run
 from pumaid.maths.short import mean
 from pumaid.maths.triangle import Triangle
 from pumaid.preprocessing.block import Block
 from pumaid.preprocessing.cutting import Piece, Whole
 from pumaid.preprocessing.options import CONSTANT, SegmentOptions
 from pumaid.preprocessing.reasons import Leftover
-from pumaid.preprocessing.reduce import Chosen, cells, coarser, means, triangle, usable
+from pumaid.preprocessing.reduce import Chosen, bins, coarser, means, triangle, usable
 from pumaid.preprocessing.room import OF_REJECTS, OF_RUNS, Room
 from pumaid.preprocessing.speed import slopes
-from pumaid.records import Cells, Means, Reject, Run
 from pumaid.robot import Robot
 
 Floats = NDArray[np.float64]
@@ -27,7 +27,7 @@ Floats = NDArray[np.float64]
 MOST_OPEN = 16
 #: Ticks on either side of a straight line through a run's own ticks.
 HALF = 2
-#: Turns from which a run gets more cells, so that a ripple of 100 waves a turn is not averaged away, and the turns up
+#: Turns from which a run gets more bins, so that a ripple of 100 waves a turn is not averaged away, and the turns up
 #: to which it does: what is kept of an endless run is bounded.
 MANY_TURNS, MOST_TURNS = 2.0, 64.0
 
@@ -106,7 +106,7 @@ class Harvest:
         parts: tuple[Means, ...] = ()
         if piece.joints and whole is not None:
             rate = (whole.ticks.time, whole.motion.velocity)
-            parts = (means(block, piece, rate, most=self.options.reject_cells),)
+            parts = (means(block, piece, rate, most=self.options.reject_bins),)
         return Leftover(
             origin=block.origins[block.file[first]],
             last_origin=block.origins[block.file[last]],
@@ -119,7 +119,7 @@ class Harvest:
             reason=piece.reason,
             figure=piece.figure,
             clock=block.clock,
-            cells=parts,
+            bins=parts,
         )
 
     def _run(self, block: Block, whole: Whole, piece: Piece, samples: Chosen) -> Run:
@@ -129,7 +129,7 @@ class Harvest:
         rate = _rate(block, whole, piece)
         position = block.position[piece.start : piece.stop, joint - 1]
         most = _most(_ends(position), self.options, is_turning=self.robot.joint(joint).is_revolute)
-        inside = cells(block, piece, rate, samples=samples, most=most)
+        inside = bins(block, piece, rate, samples=samples, most=most)
         posture = (inside.position * inside.count[:, None]).sum(axis=0) / inside.count.sum()
         posture[joint - 1] = np.nan
         line = _line(block.time[piece.start : piece.stop], position)
@@ -148,7 +148,7 @@ class Harvest:
             ripple=float(np.std(rate[1])),
             temperature=_warmth(inside),
             triangle=triangle(block, piece, self.robot, samples=samples),
-            cells=inside,
+            bins=inside,
             clock=block.clock,
             stamp_error=whole.stamp_error,
         )
@@ -183,12 +183,12 @@ def _ends(position: Floats) -> tuple[float, float]:
 
 
 def _most(span: tuple[float, float], options: SegmentOptions, *, is_turning: bool) -> int:
-    """Most cells of a run from one end of `span` (rad or m) to the other."""
+    """Most bins of a run from one end of `span` (rad or m) to the other."""
     turns = abs(span[1] - span[0]) / (2.0 * math.pi) if is_turning else 0.0
-    return math.ceil(options.max_cells * min(max(turns, MANY_TURNS), MOST_TURNS) / MANY_TURNS)
+    return math.ceil(options.max_bins * min(max(turns, MANY_TURNS), MOST_TURNS) / MANY_TURNS)
 
 
-def _warmth(inside: Cells) -> float:
+def _warmth(inside: Bins) -> float:
     known = np.isfinite(inside.temperature)
     if not known.any():
         return math.nan
@@ -216,7 +216,7 @@ def _joined(parts: list[Run], robot: Robot, options: SegmentOptions) -> Run:
     ripple = np.average([part.ripple**2 + (part.speed - speed) ** 2 for part in parts], weights=weights)
     span = (first.span[0], last.span[1])
     most = _most(span, options, is_turning=robot.joint(first.joint).is_revolute)
-    inside = coarser([part.cells for part in parts], most)
+    inside = coarser([part.bins for part in parts], most)
     return replace(
         first,
         last_row=last.last_row,
@@ -228,6 +228,6 @@ def _joined(parts: list[Run], robot: Robot, options: SegmentOptions) -> Run:
         ripple=math.sqrt(float(ripple)),
         temperature=_warmth(inside),
         triangle=Triangle.merge(part.triangle for part in parts),
-        cells=inside,
+        bins=inside,
         stamp_error=max(part.stamp_error for part in parts),
     )

@@ -7,10 +7,11 @@ from dataclasses import replace
 
 import numpy as np
 
+from pumaid.dataset import Dataset, Run
 from pumaid.errors import LogError, Note, Where
 from pumaid.kinematics import apart
 from pumaid.preprocessing.planned import SAME_POSTURE
-from pumaid.records import Estimate, Evidence, Run
+from pumaid.records import Estimate
 
 #: Postures that a joint needs to spare one: gravity's two constants and friction's share take three to stay known.
 FEWEST_POSTURES = 4
@@ -19,21 +20,21 @@ FEWEST_POSTURES = 4
 MEANT = 0.25
 
 
-def hold_out(evidence: Evidence, *, files: Collection[str] = (), postures: bool = False) -> Evidence:
+def hold_out(dataset: Dataset, *, files: Collection[str] = (), postures: bool = False) -> Dataset:
     """Mark more runs as held out, whole files or whole postures at a time, so that no run is fitted in part.
 
     Parameters
     ----------
-    evidence
+    dataset
         What the logs left; runs that the plan holds out stay so.
     files
-        Names of log files (as in `Evidence.files`): every run that has a sample in one of them is held out.
+        Names of log files (as in `Dataset.files`): every run that has a sample in one of them is held out.
     postures
         Of every joint with at least four postures, hold out all runs at the one that was run last.
 
     Returns
     -------
-    evidence
+    dataset
         With `Run.heldout` set and a note on what it is.
 
     Raises
@@ -43,38 +44,38 @@ def hold_out(evidence: Evidence, *, files: Collection[str] = (), postures: bool 
     LogError [heldout-all]
         No run of a joint would be left to fit.
     """
-    chosen = {number for number, run in enumerate(evidence.runs) if {run.origin, run.last_origin} & set(files)}
+    chosen = {number for number, run in enumerate(dataset.runs) if {run.origin, run.last_origin} & set(files)}
     if files and not chosen:
         where = Where(file=sorted(files)[0])
         raise LogError("heldout-nothing", f"there is no run in {_listed(sorted(files))}", where, "name other files")
     told = [f"{len(chosen)} of {_listed(sorted(files))}"] if files else []
     if postures:
-        last = _last_postures(evidence.runs)
-        joints = sorted({evidence.runs[number].joint for number in last})
+        last = _last_postures(dataset.runs)
+        joints = sorted({dataset.runs[number].joint for number in last})
         told.append(f"{len(last)} at the last posture of joint {', '.join(map(str, joints))}")
         chosen |= last
-    runs = tuple(replace(run, heldout=run.heldout or number in chosen) for number, run in enumerate(evidence.runs))
+    runs = tuple(replace(run, heldout=run.heldout or number in chosen) for number, run in enumerate(dataset.runs))
     _check_left(runs, chosen)
     kept = sum(not run.heldout for run in runs)
     text = f"runs held out: {', '.join(told)}; {kept} of {len(runs)} are left to fit"
-    return replace(evidence, runs=runs, notes=(*evidence.notes, Note("held-out", text)))
+    return replace(dataset, runs=runs, notes=(*dataset.notes, Note("held-out", text)))
 
 
-def otherwise(estimate: Estimate, evidence: Evidence) -> list[Note]:
+def otherwise(estimate: Estimate, dataset: Dataset) -> list[Note]:
     """A note where a model's own logs are shared out between fit and judgement in another way than for its fit.
 
     Parameters
     ----------
     estimate
         It keeps how many runs of each joint were fitted and held out, not which.
-    evidence
+    dataset
         Runs as they are held out now. Where its files are not just the model's, nothing can be said.
     """
-    if {facts.digest for facts in evidence.files} != set(estimate.logs.values()):
+    if {facts.digest for facts in dataset.files} != set(estimate.logs.values()):
         return []
     told = []
     for fit in estimate.joints:
-        own = [run for run in evidence.runs if run.joint == fit.joint]
+        own = [run for run in dataset.runs if run.joint == fit.joint]
         now = sum(run.heldout for run in own)
         if now != fit.heldout_runs and len(own) == fit.runs + fit.heldout_runs:
             told.append(f"{now} of joint {fit.joint}'s {len(own)} runs, {fit.heldout_runs} when it was fitted")

@@ -42,9 +42,9 @@ class SegmentOptions:
     low_speed_share
         A stroke starts and ends where the speed passes this share of its peak: below, friction is not yet sliding.
     max_cells
-        Most cells that a run is reduced to; one of more than two turns has half as many for each turn.
+        Most bins that a run is reduced to; one of more than two turns has half as many for each turn.
     reject_cells
-        Most cells kept of a stretch that is left out.
+        Most bins kept of a stretch that is left out.
     window
         Samples held in memory at a time; a longer movement is reduced in pieces that are merged.
     """
@@ -59,8 +59,8 @@ class SegmentOptions:
     held_drift: float = 0.02
     rest_speed: float = 0.003
     low_speed_share: float = 0.05
-    max_cells: int = 512
-    reject_cells: int = 64
+    max_bins: int = 512
+    reject_bins: int = 64
     window: int = 131_072
 
     def __post_init__(self) -> None:

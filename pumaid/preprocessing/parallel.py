@@ -5,11 +5,11 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from pumaid.dataset import STROKE_COLUMNS, run_columns
 from pumaid.maths.slope import curvature_kernel
 from pumaid.maths.triangle import Triangle
 from pumaid.preprocessing.speed import cubic_width
 from pumaid.preprocessing.stroke import Smooth
-from pumaid.records import STROKE_COLUMNS, run_columns
 
 Floats = NDArray[np.float64]
 

@@ -8,9 +8,10 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from pumaid.dataset import Dataset, Run
 from pumaid.errors import Note, Where
 from pumaid.preprocessing.options import STROKE
-from pumaid.records import Evidence, Motion, Plan, Run
+from pumaid.records import Motion, Plan
 
 Floats = NDArray[np.float64]
 
@@ -29,7 +30,7 @@ _FEW = 0.25
 _MOST_NAMED = 4
 
 
-def mark_heldout(evidence: Evidence, plan: Plan) -> Evidence:
+def mark_heldout(dataset: Dataset, plan: Plan) -> Dataset:
     """Mark the runs that the plan keeps for judging.
 
     A run is a planned motion where joint, posture, direction and speed (within 10 %; of a run from rest to rest, whose
@@ -38,30 +39,30 @@ def mark_heldout(evidence: Evidence, plan: Plan) -> Evidence:
 
     Parameters
     ----------
-    evidence
+    dataset
         What the logs left.
     plan
         By which they were made.
 
     Returns
     -------
-    evidence
+    dataset
         With `Run.heldout` set, and notes on planned motions that were not found, and on runs that no motion planned
         where they are many (moves between postures leave a few, which are fitted).
     """
-    if not evidence.runs or not plan.motions:
-        return evidence
-    if any(len(motion.hold) != len(run.posture) for motion in plan.motions[:1] for run in evidence.runs[:1]):
-        return evidence
+    if not dataset.runs or not plan.motions:
+        return dataset
+    if any(len(motion.hold) != len(run.posture) for motion in plan.motions[:1] for run in dataset.runs[:1]):
+        return dataset
     kinds = _Kinds(plan.motions)
-    found = [kinds.nearest(run) for run in evidence.runs]
+    found = [kinds.nearest(run) for run in dataset.runs]
     runs = tuple(
         run if kind is None else replace(run, heldout=kinds.purpose(kind) == "heldout")
-        for run, kind in zip(evidence.runs, found, strict=True)
+        for run, kind in zip(dataset.runs, found, strict=True)
     )
-    missing = kinds.missing(evidence.runs, found)
-    notes = (*evidence.notes, *_on_missing(plan, missing), *_on_strays(runs, found))
-    return replace(evidence, runs=runs, notes=notes)
+    missing = kinds.missing(dataset.runs, found)
+    notes = (*dataset.notes, *_on_missing(plan, missing), *_on_strays(runs, found))
+    return replace(dataset, runs=runs, notes=notes)
 
 
 class _Kinds:

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
+from pumaid.dataset import Means, Reject
 from pumaid.preprocessing.options import SegmentOptions
 from pumaid.preprocessing.reduce import coarser
-from pumaid.records import Means, Reject
 from pumaid.robot import Robot
 from pumaid.units import number
 
@@ -47,14 +47,14 @@ class Leftover:
     reason: str
     figure: float
     clock: int
-    cells: tuple[Means, ...] = ()
+    bins: tuple[Means, ...] = ()
 
     def joined(self, other: Leftover, options: SegmentOptions) -> Leftover:
         """This stretch and the one right after it, of the same reason, as one."""
-        parts = [*self.cells, *other.cells]
+        parts = [*self.bins, *other.bins]
         joints = tuple(dict.fromkeys((*self.joints, *other.joints)))
-        if sum(len(part) for part in parts) > 2 * options.reject_cells:
-            parts = [coarser(parts, options.reject_cells)]
+        if sum(len(part) for part in parts) > 2 * options.reject_bins:
+            parts = [coarser(parts, options.reject_bins)]
         return replace(
             self,
             last_origin=other.last_origin,
@@ -63,12 +63,12 @@ class Leftover:
             samples=self.samples + other.samples,
             joints=joints,
             figure=max(self.figure, other.figure),
-            cells=tuple(parts),
+            bins=tuple(parts),
         )
 
     def reject(self, robot: Robot, options: SegmentOptions) -> Reject:
         """As the record that leaves the segmentation."""
-        cells = coarser(list(self.cells), options.reject_cells) if self.cells else None
+        bins = coarser(list(self.bins), options.reject_bins) if self.bins else None
         return Reject(
             origin=self.origin,
             first_row=self.first_row,
@@ -79,7 +79,7 @@ class Leftover:
             reason=self.reason,
             text=self._sentence(robot, options),
             samples=self.samples,
-            cells=cells,
+            bins=bins,
             last_origin=self.last_origin if self.last_origin != self.origin else "",
             clock=self.clock,
         )

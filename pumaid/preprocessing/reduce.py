@@ -1,4 +1,4 @@
-"""Samples of a piece reduced to a triangle and to cells."""
+"""Samples of a piece reduced to a triangle and to bins."""
 
 from __future__ import annotations
 
@@ -9,17 +9,17 @@ from typing import Any, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+from pumaid.dataset import CONSTANT_COLUMNS, Bins, Means, run_columns
 from pumaid.maths.short import lengths
 from pumaid.maths.triangle import Triangle
 from pumaid.preprocessing.block import LARGEST, Block
 from pumaid.preprocessing.cutting import Piece
 from pumaid.preprocessing.parallel import of_stroke
-from pumaid.records import CONSTANT_COLUMNS, Cells, Means, run_columns
 from pumaid.robot import Robot
 
 Floats = NDArray[np.float64]
 Counts = NDArray[np.int64]
-Kept = TypeVar("Kept", Cells, Means)
+Kept = TypeVar("Kept", Bins, Means)
 
 #: Which samples of a block: all from one to another, or their indices.
 Chosen = slice | NDArray[np.int64]
@@ -58,7 +58,7 @@ def triangle(block: Block, piece: Piece, robot: Robot, *, samples: Chosen) -> Tr
     return Triangle.of(CONSTANT_COLUMNS, run_columns(position, turns=turns), current)
 
 
-def cells(block: Block, piece: Piece, rate: tuple[Floats, Floats], *, samples: Chosen, most: int) -> Cells:
+def bins(block: Block, piece: Piece, rate: tuple[Floats, Floats], *, samples: Chosen, most: int) -> Bins:
     """Means of a run over at most `most` equal spans of time.
 
     Parameters
@@ -70,7 +70,7 @@ def cells(block: Block, piece: Piece, rate: tuple[Floats, Floats], *, samples: C
     samples
         Those to use, in order, at least one, all with a current.
     most
-        Cells at most.
+        Bins at most.
     """
     own, time = piece.joints[0] - 1, block.time[samples]
     starts, count, middle = _shared_out(time, most)
@@ -86,7 +86,7 @@ def cells(block: Block, piece: Piece, rate: tuple[Floats, Floats], *, samples: C
     warmth = np.full(len(starts), np.nan)
     if block.temperature is not None:
         warmth = _known_means(block.temperature[samples, own], starts, count)
-    return Cells(
+    return Bins(
         count=count,
         time=middle,
         position=_means(block.position[samples], starts, count),
@@ -169,7 +169,7 @@ def _between(time: Floats, rate: tuple[Floats, Floats]) -> Floats:
 
 
 def coarser(parts: list[Kept], most: int) -> Kept:
-    """The cells of consecutive pieces as one set of at most `most`."""
+    """The bins of consecutive pieces as one set of at most `most`."""
     whole = parts[0] if len(parts) == 1 else _together(parts)
     if len(whole) <= most:
         return whole
@@ -185,7 +185,7 @@ def coarser(parts: list[Kept], most: int) -> Kept:
         name: np.ascontiguousarray(means[low:high].T) if values.ndim > 1 else means[low]
         for name, values, (low, high) in zip(names, given, pairwise(borders), strict=True)
     }
-    if isinstance(whole, Cells):
+    if isinstance(whole, Bins):
         spread = whole.current - np.repeat(found["current"], lengths(starts, len(count)))
         found["variance"] = found["variance"] + np.add.reduceat(spread * spread * count, starts) / total
         if whole.extra is not None:
@@ -194,7 +194,7 @@ def coarser(parts: list[Kept], most: int) -> Kept:
 
 
 def _together(parts: list[Kept]) -> Kept:
-    """Consecutive cells as one set."""
+    """Consecutive bins as one set."""
     columns = ([getattr(part, item.name) for part in parts] for item in fields(parts[0]))
     joined: list[Any] = [None if any(one is None for one in column) else np.concatenate(column) for column in columns]
     return type(parts[0])(*joined)
@@ -207,7 +207,7 @@ def _spans(time: Floats, most: int) -> Counts:
 
 
 def _known_mean(values: Floats, starts: Counts, count: Counts) -> Floats:
-    """(M, E) means of cells of `count` samples each, those without a number left out."""
+    """(M, E) means of bins of `count` samples each, those without a number left out."""
     weight = np.where(np.isfinite(values), count[:, None], 0)
     total = np.add.reduceat(weight, starts, axis=0)
     sums = np.add.reduceat(np.nan_to_num(values) * weight, starts, axis=0)

@@ -8,9 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from pumaid.dataset import Run
 from pumaid.maths.alike import Numbers, grouped, marked, near
 from pumaid.maths.short import gradient, mean
-from pumaid.records import Run
 
 Floats = NDArray[np.float64]
 
@@ -90,8 +90,8 @@ def pairs(runs: Sequence[Run]) -> list[Pair]:
 def noise_floor(repeated: Sequence[Pair]) -> tuple[float | None, str | None]:
     """The RMSE (A, of samples) that no model of position, posture, speed and direction can go below, or why unknown.
 
-    Half the mean squared difference of replicates at the same positions, plus the variance inside cells that the
-    current's course from cell to cell does not explain. Physics that repeats within less than a cell counts as noise.
+    Half the mean squared difference of replicates at the same positions, plus the variance inside bins that the
+    current's course from bin to bin does not explain. Physics that repeats within less than a bin counts as noise.
 
     Source
     ------
@@ -110,7 +110,7 @@ def _turns(first: Run, second: Run) -> float:
 
 @dataclass(frozen=True, eq=False, slots=True)
 class _Course:
-    """A run's cells in order of position (M,): current (A), its variance (A2), samples, first harmonic's regressors."""
+    """A run's bins in order of position (M,): current (A), its variance (A2), samples, first harmonic's regressors."""
 
     q: Floats
     current: Floats
@@ -120,23 +120,23 @@ class _Course:
 
     @classmethod
     def of(cls, run: Run, turns: float = 0.0) -> _Course:
-        own, cells = run.joint - 1, run.cells
-        order = np.argsort(cells.position[:, own], kind="stable")
-        q = cells.position[order, own] + turns
+        own, bins = run.joint - 1, run.bins
+        order = np.argsort(bins.position[:, own], kind="stable")
+        q = bins.position[order, own] + turns
         basis = np.empty((len(q), 4))
-        basis[:, 0], basis[:, 1], basis[:, 2], basis[:, 3] = np.cos(q), np.sin(q), 1.0, cells.acceleration[order]
-        return cls(q, cells.current[order], cells.variance[order], cells.count[order], basis)
+        basis[:, 0], basis[:, 1], basis[:, 2], basis[:, 3] = np.cos(q), np.sin(q), 1.0, bins.acceleration[order]
+        return cls(q, bins.current[order], bins.variance[order], bins.count[order], basis)
 
     def harmonic(self) -> Floats:
         """(4,) A by cos, sin, one and acceleration."""
         return np.asarray(np.linalg.lstsq(self.basis, self.current, rcond=1e-6)[0], dtype=float)
 
     def before(self, q: Floats) -> NDArray[np.int64]:
-        """The cell before each position, so that it and the next enclose the position."""
+        """The bin before each position, so that it and the next enclose the position."""
         return np.asarray(np.searchsorted(self.q, q).clip(1, len(self.q) - 1) - 1)
 
     def rises(self, values: Floats) -> Floats:
-        """(M - 1,) slopes (A/rad or A/m) of `values` (M,) from one cell to the next."""
+        """(M - 1,) slopes (A/rad or A/m) of `values` (M,) from one bin to the next."""
         width = self.q[1:] - self.q[:-1]
         return np.divide(values[1:] - values[:-1], width, out=np.zeros(len(width)), where=width > 0)
 
@@ -154,14 +154,14 @@ def _difference(a: _Course, b: _Course, smooth: Floats) -> tuple[float, float]:
     width = a.q[k + 1] - a.q[k]
     share = np.divide(q - a.q[k], width, out=np.zeros(len(q)), where=width > 0)
     difference = rest_b - (1.0 - share) * rest_a[k] - share * rest_a[k + 1]
-    # Interpolation averages the cells' noise, not what a whole run shares.
+    # Interpolation averages the bins' noise, not what a whole run shares.
     left = 0.5 * (1.0 + (1.0 - share) ** 2 + share**2)
     level = mean(difference)
     return level, mean((difference - level) ** 2 / left)
 
 
 def _inside(a: _Course, b: _Course, smooth: Floats) -> float:
-    """Mean variance (A2) inside the cells of two runs, less what the current's slope makes of a cell's width.
+    """Mean variance (A2) inside the bins of two runs, less what the current's slope makes of a bin's width.
 
     What the slope adds to the first harmonic's is squared as a product of both runs', whose noise is independent.
     """

@@ -8,13 +8,14 @@ from dataclasses import replace
 
 import numpy as np
 
+from pumaid.dataset import Reject, Run
 from pumaid.preprocessing.block import Block, Buffer
 from pumaid.preprocessing.cutting import Piece, Whole, clipped, is_measured, pieces, wholes
 from pumaid.preprocessing.harvest import Harvest
 from pumaid.preprocessing.options import SegmentOptions
 from pumaid.preprocessing.rest import RESTFUL, FirstRest, last_rest
 from pumaid.preprocessing.speed import at_least, usual_step
-from pumaid.records import Log, Reject, Run
+from pumaid.records import Log
 from pumaid.robot import Robot
 
 #: s; what a window sees of its neighbours, longer than any line that a speed is judged by.

@@ -5,10 +5,11 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Sequence
 from copy import copy, deepcopy
 
+from pumaid.dataset import FileFacts
 from pumaid.errors import Faults, LogError, Note
 from pumaid.preprocessing import doubts, signals
 from pumaid.preprocessing.tally import Tally
-from pumaid.records import FileFacts, Log
+from pumaid.records import Log
 from pumaid.robot import Robot
 
 
@@ -37,7 +38,7 @@ class Watch:
 
     Examples
     --------
-    >>> evidence = segment(Watch(LogReader(expand(["logs/"]), robot), robot), robot)  # doctest: +SKIP
+    >>> dataset = segment(Watch(LogReader(expand(["logs/"]), robot), robot), robot)  # doctest: +SKIP
     """
 
     def __init__(self, logs: Iterable[Log], robot: Robot, *, refuse: bool = True) -> None:

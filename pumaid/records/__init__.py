@@ -44,30 +44,17 @@ from pumaid.records.estimate import (
 from pumaid.records.ladder import Errors, History, Ladder, Rung
 from pumaid.records.log import Log
 from pumaid.records.plan import Motion, Plan, Posture
-from pumaid.records.run import (
-    CONSTANT_COLUMNS,
-    STROKE_COLUMNS,
-    Cells,
-    Evidence,
-    FileFacts,
-    Means,
-    Reject,
-    Run,
-    run_columns,
-)
 from pumaid.records.samples import Extent, Loads, Samples
 
 __all__ = [
     "ABSENT",
     "ADD",
     "ADEQUATE",
-    "CONSTANT_COLUMNS",
     "DOUBTFUL",
     "GIVEN",
     "IDENTIFIED",
     "MISSING",
     "NOT_IDENTIFIABLE",
-    "STROKE_COLUMNS",
     "TOGETHER",
     "UNEXPLAINED",
     "UNEXPLAINED_JOINT",
@@ -77,16 +64,13 @@ __all__ = [
     "BudgetPart",
     "Campaign",
     "Candidate",
-    "Cells",
     "Combination",
     "Comparison",
     "Curve",
     "Diagnosis",
     "Errors",
     "Estimate",
-    "Evidence",
     "Extent",
-    "FileFacts",
     "Finding",
     "History",
     "JointDiagnosis",
@@ -97,14 +81,11 @@ __all__ = [
     "Line",
     "Loads",
     "Log",
-    "Means",
     "Motion",
     "NextRun",
     "OutsideScore",
     "Plan",
     "Posture",
-    "Reject",
-    "Run",
     "RunScore",
     "Rung",
     "Samples",
@@ -112,5 +93,4 @@ __all__ = [
     "Transfer",
     "Unexplained",
     "Value",
-    "run_columns",
 ]

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from pumaid.records.run import Reject, Run
+from pumaid.dataset import Reject, Run
 
 Floats = NDArray[np.float64]
 
@@ -52,7 +52,7 @@ class Campaign:
 
 def _lead(run: Run, ramp: Reject) -> float:
     """From the farthest that a ramp reaches back."""
-    if ramp.joints != (run.joint,) or ramp.cells is None:
+    if ramp.joints != (run.joint,) or ramp.bins is None:
         return 0.0
-    back = run.direction * (run.span[0] - ramp.cells.position[:, run.joint - 1])
+    back = run.direction * (run.span[0] - ramp.bins.position[:, run.joint - 1])
     return max(float(back.max()), 0.0)

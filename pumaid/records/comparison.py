@@ -7,8 +7,8 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
+from pumaid.dataset import Run
 from pumaid.errors import Note
-from pumaid.records.run import Run
 
 Floats = NDArray[np.float64]
 
@@ -110,9 +110,9 @@ class RunScore:
     rmse, bias
         Over its samples: root mean square and mean of measured minus predicted, A.
     largest
-        Largest absolute residual of a cell, A.
+        Largest absolute residual of a bin, A.
     predicted
-        (M,) A at the run's cells.
+        (M,) A at the run's bins.
     undetermined
         Whether the prediction leans on what the fitted data did not determine, with `reason`.
     explained
@@ -134,8 +134,8 @@ class RunScore:
 
     @property
     def residual(self) -> Floats:
-        """(M,) measured minus predicted at the run's cells, A."""
-        return self.run.cells.current - self.predicted
+        """(M,) measured minus predicted at the run's bins, A."""
+        return self.run.bins.current - self.predicted
 
 
 @dataclass(frozen=True, slots=True)
@@ -188,7 +188,7 @@ class JointScore:
 class OutsideScore:
     """One joint outside runs, by the `reason` that the stretches are no runs (ramps, several joints moving).
 
-    Inertia is missing there by design. `rmse` and `bias` are of cell means while the joint moves, A.
+    Inertia is missing there by design. `rmse` and `bias` are of bin means while the joint moves, A.
     """
 
     joint: int

@@ -105,7 +105,7 @@ class Extent:
     position
         Lowest and highest position of the moving joint, rad or m.
     finest
-        Shortest wavelength that the cells can show, rad or m.
+        Shortest wavelength that the bins can show, rad or m.
     travel
         Longest run, rad or m.
     starts

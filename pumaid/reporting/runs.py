@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from pumaid.records import Evidence, Reject, Run
+from pumaid.dataset import Dataset, Reject, Run
 from pumaid.reporting.grid import Cell, Grid, grid
 from pumaid.reporting.numbers import in_unit
 from pumaid.reporting.wording import plural
@@ -25,12 +25,12 @@ CSV_HEADER = (
 )  # fmt: skip
 
 
-def run_grid(evidence: Evidence, robot: Robot, *, units: str = "rad") -> Grid:
+def run_grid(dataset: Dataset, robot: Robot, *, units: str = "rad") -> Grid:
     """Every run: where, which joint, how.
 
     Parameters
     ----------
-    evidence
+    dataset
         What one pass over the logs left.
     robot
         Its arm.
@@ -46,21 +46,21 @@ def run_grid(evidence: Evidence, robot: Robot, *, units: str = "rad") -> Grid:
         f"speed {angle}/s{' or m/s' if lengths else ''}",
         "samples",
     ]
-    names = shortened([run.origin for run in evidence.runs])
+    names = shortened([run.origin for run in dataset.runs])
     rows = [
-        _run_row(index, run, robot, units=units, name=names[run.origin]) for index, run in enumerate(evidence.runs, 1)
+        _run_row(index, run, robot, units=units, name=names[run.origin]) for index, run in enumerate(dataset.runs, 1)
     ]
     told = "posture: the held joints in order, · stands for the moving one; of a stroke the mean speed is told."
     return grid(
-        f"{robot.name}: {_counted(evidence.runs)}", header, rows, caption=told if rows else "", lefts=(1, 4, 5, 6)
+        f"{robot.name}: {_counted(dataset.runs)}", header, rows, caption=told if rows else "", lefts=(1, 4, 5, 6)
     )
 
 
-def joint_grid(evidence: Evidence, robot: Robot, *, units: str = "rad") -> Grid:
+def joint_grid(dataset: Dataset, robot: Robot, *, units: str = "rad") -> Grid:
     """What the runs of each joint amount to: counts, speeds both ways, postures, time."""
     rows = []
     for joint in robot.joints:
-        runs = evidence.of_joint(joint.number)
+        runs = dataset.of_joint(joint.number)
         times, unit = in_unit(f"{joint.position_unit}/s", units)
         there = [run.speed * times for run in runs if run.speed > 0]
         back = [run.speed * times for run in runs if run.speed < 0]
@@ -72,27 +72,27 @@ def joint_grid(evidence: Evidence, robot: Robot, *, units: str = "rad") -> Grid:
     return grid("Runs by joint", header, rows, lefts=(0, 3, 4, 5))
 
 
-def left_grid(evidence: Evidence) -> Grid:
+def left_grid(dataset: Dataset) -> Grid:
     """What was left out and why, the most first, with the longest stretch of each reason as an example."""
-    read = samples_read(evidence)
+    read = samples_read(dataset)
     rows = []
-    for reason, rejects in by_reason(evidence.rejects).items():
+    for reason, rejects in by_reason(dataset.rejects).items():
         longest = max(rejects, key=lambda reject: reject.samples)
         samples = sum(reject.samples for reject in rejects)
         time = number(sum(reject.duration for reject in rejects), 4)
         where = f"rows {longest.first_row}–{longest.last_row}: {longest.text}"
         rows.append([reason, str(len(rejects)), str(samples), f"{100 * samples / read:.1f} %", time, where])
-    kept = sum(run.samples for run in evidence.runs)
+    kept = sum(run.samples for run in dataset.runs)
     title = f"Left out: {read - kept} of {read} samples ({100 * (read - kept) / max(1, read):.1f} %)"
     return grid(title, ("reason", "stretches", "samples", "share", "time s", "the longest"), rows, lefts=(0, 5))
 
 
-def reject_grid(evidence: Evidence) -> Grid:
+def reject_grid(dataset: Dataset) -> Grid:
     """Every stretch left out, with its rows."""
-    names = shortened([reject.origin for reject in evidence.rejects])
+    names = shortened([reject.origin for reject in dataset.rejects])
     rows = [
         [names[one.origin], f"{one.first_row}–{_last_row(one)}", f"{one.start:.2f}", one.reason, one.text]
-        for one in evidence.rejects
+        for one in dataset.rejects
     ]
     return grid("Stretches left out", ("file", "rows", "start s", "reason", "why"), rows, lefts=(0, 1, 3, 4))
 
@@ -116,30 +116,30 @@ def by_reason(rejects: Iterable[Reject]) -> dict[str, list[Reject]]:
     return dict(sorted(groups.items(), key=lambda item: -sum(reject.samples for reject in item[1])))
 
 
-def samples_read(evidence: Evidence) -> int:
+def samples_read(dataset: Dataset) -> int:
     """Samples of all runs and rejects together, which is all that were read."""
-    return sum(run.samples for run in evidence.runs) + sum(reject.samples for reject in evidence.rejects)
+    return sum(run.samples for run in dataset.runs) + sum(reject.samples for reject in dataset.rejects)
 
 
-def segments_document(evidence: Evidence, robot: Robot) -> dict[str, Any]:
+def segments_document(dataset: Dataset, robot: Robot) -> dict[str, Any]:
     """Runs, stretches left out and sums for JSON; SI, angles in rad."""
-    left = by_reason(evidence.rejects)
+    left = by_reason(dataset.rejects)
     return {
-        "samples": samples_read(evidence),
-        "kept": sum(run.samples for run in evidence.runs),
-        "runs": [_run_entry(index, run, robot) for index, run in enumerate(evidence.runs, 1)],
+        "samples": samples_read(dataset),
+        "kept": sum(run.samples for run in dataset.runs),
+        "runs": [_run_entry(index, run, robot) for index, run in enumerate(dataset.runs, 1)],
         "left_out": {reason: sum(reject.samples for reject in rejects) for reason, rejects in left.items()},
-        "rejects": [_reject_entry(reject) for reject in evidence.rejects],
-        "notes": [note.as_json() for note in evidence.notes],
+        "rejects": [_reject_entry(reject) for reject in dataset.rejects],
+        "notes": [note.as_json() for note in dataset.notes],
     }
 
 
-def runs_csv(evidence: Evidence, robot: Robot) -> str:
+def runs_csv(dataset: Dataset, robot: Robot) -> str:
     """The runs as CSV in SI, postures as further columns ``q1`` to ``qJ``, empty at the moving joint."""
     out = io.StringIO()
     writer = csv.writer(out, lineterminator="\n")
     writer.writerow([*CSV_HEADER, *(f"q{joint.number}" for joint in robot.joints)])
-    for index, run in enumerate(evidence.runs, 1):
+    for index, run in enumerate(dataset.runs, 1):
         entry = _run_entry(index, run, robot)
         values = [entry[key] for key in ("run", "file", "last_file", "first_row", "last_row", "start", "duration")]
         values += [entry["joint"], entry["name"], entry["kind"], *entry["span"], entry["speed"], entry["ripple"]]

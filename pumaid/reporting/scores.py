@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from pumaid.records import Comparison, Run
+from pumaid.dataset import Run
+from pumaid.records import Comparison
 from pumaid.reporting.grid import Cell, Grid, grid
 from pumaid.reporting.numbers import in_unit, percent
 from pumaid.robot import Robot

@@ -13,7 +13,7 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 from numpy.typing import NDArray
 
-from pumaid.records import Evidence, Reject, Run
+from pumaid.dataset import Dataset, Reject, Run
 from pumaid.reporting.numbers import in_unit
 from pumaid.reporting.plots.style import FAINT, GREY, INK, saved, styled
 from pumaid.reporting.runs import by_reason, samples_read
@@ -70,31 +70,31 @@ class Strip:
     curves: list[Curve]
 
 
-def drawn(evidence: Evidence, robot: Robot, form: str, *, units: str = "rad") -> bytes:
+def drawn(dataset: Dataset, robot: Robot, form: str, *, units: str = "rad") -> bytes:
     """The picture as ``png``, ``svg`` or ``pdf``; arguments as in `draw`."""
     with styled():
-        return saved(draw(evidence, robot, units=units), form, f"{robot.name}: runs found")
+        return saved(draw(dataset, robot, units=units), form, f"{robot.name}: runs found")
 
 
-def draw(evidence: Evidence, robot: Robot, *, units: str = "rad") -> Figure:
+def draw(dataset: Dataset, robot: Robot, *, units: str = "rad") -> Figure:
     """Draw velocity and position against time from what the one pass kept.
 
     Recordings that do not share a clock stand one after the other; long campaigns go over several strips.
 
     Parameters
     ----------
-    evidence
+    dataset
         Runs and rejects.
     robot
         Its arm.
     units
         ``"rad"`` or ``"deg"``.
     """
-    shifts, total = _shifts(evidence)
-    number = max(1, min(MOST_STRIPS, math.ceil(len(evidence.runs) / RUNS_A_STRIP)))
+    shifts, total = _shifts(dataset)
+    number = max(1, min(MOST_STRIPS, math.ceil(len(dataset.runs) / RUNS_A_STRIP)))
     borders = np.linspace(0.0, max(total, 1e-9), number + 1)
     scale = np.array([in_unit(joint.position_unit, units)[0] for joint in robot.joints])
-    curves = _curves(evidence, shifts, scale, most=MOST_POINTS if number == 1 else NARROW_POINTS)
+    curves = _curves(dataset, shifts, scale, most=MOST_POINTS if number == 1 else NARROW_POINTS)
     figure = Figure(figsize=(12.0, (4.6 if number == 1 else 2.5) * number + 0.9), layout="constrained")
     panels = figure.subplots(2 * number, 1, squeeze=False, height_ratios=(3, 2) * number)[:, 0]
     for index in range(number):
@@ -102,23 +102,23 @@ def draw(evidence: Evidence, robot: Robot, *, units: str = "rad") -> Figure:
         _strip(above, below, Strip(float(borders[index]), float(borders[index + 1]), curves))
         _labels(above, below, robot=robot, units=units)
     panels[-1].set_xlabel("time (s)")
-    figure.legend(handles=_handles(evidence, robot), loc="outside lower center", ncols=6, handlelength=2.2)
-    figure.suptitle(_title(evidence, robot), x=0.01, ha="left", fontsize=11, fontweight="bold")
+    figure.legend(handles=_handles(dataset, robot), loc="outside lower center", ncols=6, handlelength=2.2)
+    figure.suptitle(_title(dataset, robot), x=0.01, ha="left", fontsize=11, fontweight="bold")
     return figure
 
 
-def _curves(evidence: Evidence, shifts: dict[int, float], scale: Floats, *, most: int) -> list[Curve]:
+def _curves(dataset: Dataset, shifts: dict[int, float], scale: Floats, *, most: int) -> list[Curve]:
     """Every run and reject as it is drawn, in order of time."""
     out = []
     nothing = np.zeros((0, len(scale)))
-    items: list[Run | Reject] = [*evidence.runs, *evidence.rejects]
+    items: list[Run | Reject] = [*dataset.runs, *dataset.rejects]
     for item in items:
-        shift, cells = shifts[item.clock], item.cells
+        shift, bins = shifts[item.clock], item.bins
         course = (np.zeros(0), nothing, nothing)
-        if cells is not None:
-            step = max(1, math.ceil(len(cells) / most))
-            velocity = item.velocity if isinstance(item, Run) else cells.velocity
-            course = (cells.time[::step] + shift, velocity[::step] * scale, cells.position[::step] * scale)
+        if bins is not None:
+            step = max(1, math.ceil(len(bins) / most))
+            velocity = item.velocity if isinstance(item, Run) else bins.velocity
+            course = (bins.time[::step] + shift, velocity[::step] * scale, bins.position[::step] * scale)
         kind = item.kind if isinstance(item, Run) else item.reason
         joints = (item.joint,) if isinstance(item, Run) else item.joints
         out.append(Curve(kind, joints, item.clock, item.start + shift, item.duration, *course))
@@ -193,10 +193,10 @@ def _labels(above: Axes, below: Axes, *, robot: Robot, units: str) -> None:
     below.set_ylabel("position (" + " or ".join(kinds) + ")")
 
 
-def _shifts(evidence: Evidence) -> tuple[dict[int, float], float]:
+def _shifts(dataset: Dataset) -> tuple[dict[int, float], float]:
     """What is added to each clock's times so that recordings stand one after the other from 0, and their end (s)."""
     spans: dict[int, tuple[float, float]] = {}
-    items: list[Run | Reject] = [*evidence.runs, *evidence.rejects]
+    items: list[Run | Reject] = [*dataset.runs, *dataset.rejects]
     for item in items:
         low, high = spans.get(item.clock, (math.inf, -math.inf))
         spans[item.clock] = (min(low, item.start), max(high, item.start + item.duration))
@@ -209,16 +209,16 @@ def _shifts(evidence: Evidence) -> tuple[dict[int, float], float]:
     return shifts, at - APART * whole if spans else 1.0
 
 
-def _handles(evidence: Evidence, robot: Robot) -> list[Patch]:
+def _handles(dataset: Dataset, robot: Robot) -> list[Patch]:
     handles = []
     for joint in robot.joints:
-        runs = evidence.of_joint(joint.number)
+        runs = dataset.of_joint(joint.number)
         colour = JOINT_COLOURS[(joint.number - 1) % len(JOINT_COLOURS)]
         if runs:
             name = f"{joint.number} {joint.name}: {len(runs)} run{'s' * (len(runs) > 1)}"
             handles.append(Patch(facecolor=colour, alpha=0.6, label=name))
-    read = max(1, samples_read(evidence))
-    for reason, rejects in by_reason(evidence.rejects).items():
+    read = max(1, samples_read(dataset))
+    for reason, rejects in by_reason(dataset.rejects).items():
         share = f"{reason.replace('-', ' ')}: {100 * sum(reject.samples for reject in rejects) / read:.1f} %"
         look: dict[str, Any] = {"facecolor": "white" if reason == "rest" else TINT, "hatch": _hatch(reason)}
         handles.append(Patch(edgecolor=GREY, linewidth=0.5, label=share, **look))
@@ -229,10 +229,10 @@ def _hatch(reason: str) -> str:
     return "" if reason == "rest" else HATCHES.get(reason, OTHER_HATCH)
 
 
-def _title(evidence: Evidence, robot: Robot) -> str:
-    kept, read = sum(run.samples for run in evidence.runs), max(1, samples_read(evidence))
-    strokes = sum(run.kind == "stroke" for run in evidence.runs)
-    steady = len(evidence.runs) - strokes
+def _title(dataset: Dataset, robot: Robot) -> str:
+    kept, read = sum(run.samples for run in dataset.runs), max(1, samples_read(dataset))
+    strokes = sum(run.kind == "stroke" for run in dataset.runs)
+    steady = len(dataset.runs) - strokes
     counts = [f"{plural(steady, 'run')} at constant speed"] * bool(steady or not strokes)
     counts += [f"{plural(strokes, 'stroke')} from rest to rest (dashed)"] * bool(strokes)
     return f"{robot.name}: {' and '.join(counts)}; {100 * kept / read:.0f} % of {read:,} samples kept"

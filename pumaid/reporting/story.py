@@ -8,7 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from pumaid.records import Comparison, Diagnosis, Estimate, Evidence, Ladder, RunScore
+from pumaid.dataset import Dataset
+from pumaid.records import Comparison, Diagnosis, Estimate, Ladder, RunScore
 from pumaid.reporting.numbers import in_unit
 from pumaid.robot import Robot
 
@@ -24,7 +25,7 @@ class Story:
 
     Attributes
     ----------
-    robot, estimate, evidence, comparison
+    robot, estimate, dataset, comparison
         The arm, its model, the logs and how the model does on them.
     units
         ``"rad"`` or ``"deg"``: unit of angles in tables and figures.
@@ -38,7 +39,7 @@ class Story:
 
     robot: Robot
     estimate: Estimate
-    evidence: Evidence
+    dataset: Dataset
     comparison: Comparison
     units: str = "rad"
     diagnosis: Diagnosis | None = None

@@ -103,7 +103,7 @@ def parameters_sentence(story: Story) -> str:
 
 def data_sentence(story: Story) -> str:
     """What the logs held."""
-    runs, files = story.evidence.runs, story.evidence.files
+    runs, files = story.dataset.runs, story.dataset.files
     heldout = sum(run.heldout for run in runs)
     seconds = sum(run.duration for run in runs)
     words = f"{plural(len(runs), 'run')} were found" + (f" in {plural(len(files), 'file')}" if files else "")

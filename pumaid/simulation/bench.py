@@ -7,9 +7,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from pumaid.dataset import CONSTANT_COLUMNS, Bins, Run
 from pumaid.errors import ModelError, Where
 from pumaid.maths.triangle import Triangle
-from pumaid.records import CONSTANT_COLUMNS, Cells, Motion, Plan, Run
+from pumaid.records import Motion, Plan
 from pumaid.simulation.heat import curve
 from pumaid.simulation.hidden import Instants, delays
 from pumaid.simulation.noise import coloured, correlation
@@ -25,7 +26,7 @@ _FEWEST = 8
 
 @dataclass(frozen=True, eq=False, slots=True)
 class _Prepared:
-    """What does not change between experiments: a run's noise-free current, its regressors factored, its cells."""
+    """What does not change between experiments: a run's noise-free current, its regressors factored, its bins."""
 
     motion: Motion
     speed: float
@@ -34,7 +35,7 @@ class _Prepared:
     basis: Floats
     upper: Floats
     edges: Counts
-    cells: Cells
+    bins: Bins
 
 
 class Bench:
@@ -51,8 +52,8 @@ class Bench:
         The motions; held-out ones are marked in the runs.
     rate
         Samples a second.
-    cells
-        Cells a run (fewer where a run has too few samples).
+    bins
+        Bins a run (fewer where a run has too few samples).
 
     Examples
     --------
@@ -63,7 +64,7 @@ class Bench:
     (100, 1)
     """
 
-    def __init__(self, truth: Truth, plan: Plan, *, rate: float = 100.0, cells: int = 60) -> None:
+    def __init__(self, truth: Truth, plan: Plan, *, rate: float = 100.0, bins: int = 60) -> None:
         self.truth, self.plan, self.rate = truth, plan, rate
         self._phi = correlation(truth.noise, rate)
         self._first = first_starts(truth.robot, plan, rate=rate)
@@ -71,7 +72,7 @@ class Bench:
         clock = 0.0
         for stretch in stretches(truth.robot, plan):
             if stretch.motion is not None:
-                self._runs.append(self._prepare(stretch, stretch.motion, clock=clock, cells=cells))
+                self._runs.append(self._prepare(stretch, stretch.motion, clock=clock, bins=bins))
             clock += stretch.duration
 
     @property
@@ -95,7 +96,7 @@ class Bench:
             first = last
         return tuple(out)
 
-    def _prepare(self, stretch: Stretch, motion: Motion, *, clock: float, cells: int) -> _Prepared:
+    def _prepare(self, stretch: Stretch, motion: Motion, *, clock: float, bins: int) -> _Prepared:
         j = motion.joint - 1
         path = stretch.paths[j]
         first, last = (stretch.lead + instant for instant in path.kept)
@@ -112,7 +113,7 @@ class Bench:
         columns = [np.cos(own), np.sin(own)] if self.truth.robot.joints[j].is_revolute else [0.0 * own, 0.0 * own]
         basis, upper = np.linalg.qr(np.column_stack([*columns, np.ones(len(own))]))
         sign = np.where(np.diag(upper) < 0, -1.0, 1.0)
-        edges = np.linspace(0, len(own), max(1, min(cells, len(own) // 2)) + 1).astype(np.int64)
+        edges = np.linspace(0, len(own), max(1, min(bins, len(own) // 2)) + 1).astype(np.int64)
         return _Prepared(
             motion=motion,
             speed=speed,
@@ -121,7 +122,7 @@ class Bench:
             basis=np.ascontiguousarray((basis * sign).T),
             upper=upper * sign[:, None],
             edges=edges[:-1],
-            cells=self._empty_cells(motion, own, speed=speed, time=clock + local, edges=edges),
+            bins=self._empty_bins(motion, own, speed=speed, time=clock + local, edges=edges),
         )
 
     def _current(self, motion: Motion, own: Floats, *, speed: float, time: Floats) -> Floats:
@@ -146,12 +147,12 @@ class Bench:
             return np.asarray(at_zero * np.cos(own) + at_quarter * np.sin(own))
         return np.full(len(own), at_zero)
 
-    def _empty_cells(self, motion: Motion, own: Floats, *, speed: float, time: Floats, edges: Counts) -> Cells:
+    def _empty_bins(self, motion: Motion, own: Floats, *, speed: float, time: Floats, edges: Counts) -> Bins:
         j, count = motion.joint - 1, np.diff(edges)
         position = np.tile(np.array(motion.hold, dtype=float), (len(count), 1))
         position[:, j] = np.add.reduceat(own, edges[:-1]) / count
         mean_time = np.add.reduceat(time, edges[:-1]) / count
-        return Cells(
+        return Bins(
             count=count,
             time=mean_time,
             position=position,
@@ -165,13 +166,13 @@ class Bench:
     @staticmethod
     def _run(prepared: _Prepared, current: Floats, first: int) -> Run:
         """The run whose moving joint draws `current` (N,); what it leaves of its samples is what a log would leave."""
-        motion, cells, j = prepared.motion, prepared.cells, prepared.motion.joint - 1
+        motion, bins, j = prepared.motion, prepared.bins, prepared.motion.joint - 1
         inside = prepared.basis @ current
         left = current - inside @ prepared.basis
         factor = np.zeros((4, 4))
         factor[:3, :3], factor[:3, 3], factor[3, 3] = prepared.upper, inside, np.sqrt(left @ left)
-        mean = np.add.reduceat(current, prepared.edges) / cells.count
-        square = np.add.reduceat(current**2, prepared.edges) / cells.count
+        mean = np.add.reduceat(current, prepared.edges) / bins.count
+        square = np.add.reduceat(current**2, prepared.edges) / bins.count
         posture = np.array(motion.hold, dtype=float)
         posture[j] = np.nan
         return Run(
@@ -180,15 +181,15 @@ class Bench:
             origin="bench",
             first_row=first + 2,
             last_row=first + len(current) + 1,
-            start=float(cells.time[0]),
-            duration=float(cells.time[-1] - cells.time[0]),
+            start=float(bins.time[0]),
+            duration=float(bins.time[-1] - bins.time[0]),
             posture=posture,
             span=(float(prepared.position[0]), float(prepared.position[-1])),
             speed=prepared.speed,
             ripple=0.0,
-            temperature=float(np.mean(cells.temperature)),
+            temperature=float(np.mean(bins.temperature)),
             triangle=Triangle(CONSTANT_COLUMNS, factor, len(current)),
-            cells=replace(cells, current=mean, variance=np.maximum(square - mean**2, 0.0)),
+            bins=replace(bins, current=mean, variance=np.maximum(square - mean**2, 0.0)),
             heldout=motion.purpose == "heldout",
         )
 

@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from pumaid.choices import check_known
+from pumaid.dataset import Dataset
 from pumaid.diagnosis.budget import budget
 from pumaid.diagnosis.laid import Spread
 from pumaid.errors import Note
@@ -15,21 +16,21 @@ from pumaid.estimation.judge import NOTHING, Groups, Judge, Tally, rmse, togethe
 from pumaid.io.result import check_same_recipe
 from pumaid.preprocessing.heldout import otherwise
 from pumaid.preprocessing.replicates import noise_floor, pairs
-from pumaid.records import TOGETHER, UNEXPLAINED, Budget, Comparison, Estimate, Evidence, JointScore, RunScore
+from pumaid.records import TOGETHER, UNEXPLAINED, Budget, Comparison, Estimate, JointScore, RunScore
 from pumaid.robot import Robot
 
 
-def compare(estimate: Estimate, evidence: Evidence, robot: Robot) -> Comparison:
+def compare(estimate: Estimate, dataset: Dataset, robot: Robot) -> Comparison:
     """Score a model on logs: per joint and per run, and apart from these what lies outside runs.
 
-    A run's RMSE and bias are exact over its samples; predictions and their parts are given at its cells. Runs that the
+    A run's RMSE and bias are exact over its samples; predictions and their parts are given at its bins. Runs that the
     plan holds out are scored apart.
 
     Parameters
     ----------
     estimate
         The model.
-    evidence
+    dataset
         Of any logs of the same arm.
     robot
         The arm, by the recipe that the model was made with.
@@ -52,12 +53,12 @@ def compare(estimate: Estimate, evidence: Evidence, robot: Robot) -> Comparison:
     """
     check_same_recipe(estimate, robot)
     check_known(estimate.effects)
-    judge = Judge.of(robot, estimate, evidence)
-    fitted_files = {facts.name for facts in evidence.files if facts.digest in set(estimate.logs.values())}
-    known = [not run.heldout and run.origin in fitted_files for run in evidence.runs]
-    tallies = [judge.tally(block) for block in judge.blocks(evidence.runs)]
+    judge = Judge.of(robot, estimate, dataset)
+    fitted_files = {facts.name for facts in dataset.files if facts.digest in set(estimate.logs.values())}
+    known = [not run.heldout and run.origin in fitted_files for run in dataset.runs]
+    tallies = [judge.tally(block) for block in judge.blocks(dataset.runs)]
     means = {joint: _mean([t for t in tallies if t.run.joint == joint]) for joint in {t.run.joint for t in tallies}}
-    rows = judge.rows([judge.samples_of(run) for run in evidence.runs])
+    rows = judge.rows([judge.samples_of(run) for run in dataset.runs])
     groups = {joint: judge.groups(_counted(joint, tallies)) for joint in means}
     scores = [
         judge.score(tally, row, mean=means[tally.run.joint], groups=groups[tally.run.joint], is_fitted=was)
@@ -70,10 +71,10 @@ def compare(estimate: Estimate, evidence: Evidence, robot: Robot) -> Comparison:
         robot=robot.name,
         joints=joints,
         runs=tuple(scores),
-        outside=judge.outside(evidence),
+        outside=judge.outside(dataset),
         rmse=rmse(counted),
-        logs={facts.name: facts.digest for facts in evidence.files},
-        notes=tuple(_notes(estimate, evidence, joints)),
+        logs={facts.name: facts.digest for facts in dataset.files},
+        notes=tuple(_notes(estimate, dataset, joints)),
         heldout=rmse([tally for tally in tallies if tally.run.heldout]),
         recipe_digest=robot.digest,
         version=estimate.version,
@@ -140,9 +141,9 @@ def _budget(score: JointScore, scores: Sequence[RunScore], robot: Robot, *, know
     )
 
 
-def _notes(estimate: Estimate, evidence: Evidence, joints: Sequence[JointScore]) -> list[Note]:
-    notes = [*evidence.notes, *otherwise(estimate, evidence)]
-    digests = {facts.digest for facts in evidence.files}
+def _notes(estimate: Estimate, dataset: Dataset, joints: Sequence[JointScore]) -> list[Note]:
+    notes = [*dataset.notes, *otherwise(estimate, dataset)]
+    digests = {facts.digest for facts in dataset.files}
     seen = digests & set(estimate.logs.values())
     if digests and seen == digests and not any(joint.heldout_runs for joint in joints):
         which = "the log was" if len(seen) == 1 else f"all {len(seen)} logs were"

@@ -7,6 +7,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import replace
 
 from pumaid.choices import at_one_joint, known_effect
+from pumaid.dataset import Dataset
 from pumaid.design.assume import assume
 from pumaid.design.rehearsal import rehearsed, solved, usual
 from pumaid.design.setup import Setup
@@ -18,7 +19,7 @@ from pumaid.diagnosis.scan import Projector, Trial
 from pumaid.diagnosis.system import Solved
 from pumaid.effects import Effect, Scope
 from pumaid.errors import ModelError, Note, Where
-from pumaid.records import Estimate, Evidence, Motion, NextRun, Plan, Posture
+from pumaid.records import Estimate, Motion, NextRun, Plan, Posture
 from pumaid.robot import EffectChoice, Robot
 from pumaid.simulation.hidden import Hidden
 from pumaid.simulation.timing import duration
@@ -37,7 +38,7 @@ def decide(
     against: EffectChoice | None = None,
     size: float | None = None,
     ground: Plan | None = None,
-    logs: Evidence | None = None,
+    logs: Dataset | None = None,
     estimate: Estimate | None = None,
     seed: int = 0,
     tell: Callable[[str], None] | None = None,

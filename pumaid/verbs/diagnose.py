@@ -9,6 +9,7 @@ import numpy as np
 
 from pumaid import __version__
 from pumaid.choices import check_known
+from pumaid.dataset import Dataset, Run
 from pumaid.diagnosis.account import Account
 from pumaid.diagnosis.added import Added
 from pumaid.diagnosis.chain import Start
@@ -21,7 +22,7 @@ from pumaid.io.result import check_same_recipe
 from pumaid.model import Model
 from pumaid.preprocessing.heldout import otherwise
 from pumaid.preprocessing.options import CONSTANT
-from pumaid.records import Campaign, Diagnosis, Estimate, Evidence, Run
+from pumaid.records import Campaign, Diagnosis, Estimate
 from pumaid.robot import Robot
 
 #: Runs at constant speed from which a joint's strokes are not needed.
@@ -30,7 +31,7 @@ STEADY = 12
 
 def diagnose(
     estimate: Estimate,
-    evidence: Evidence,
+    dataset: Dataset,
     robot: Robot,
     *,
     suspects: Sequence[str] = (),
@@ -38,7 +39,7 @@ def diagnose(
 ) -> Diagnosis:
     """Try every effect of the catalogue at every joint, and say what is missing.
 
-    Cells of all runs are whitened by the noise that repeated runs show; each candidate is scored beside the fitted
+    Bins of all runs are whitened by the noise that repeated runs show; each candidate is scored beside the fitted
     model, all else refitted; its chance is that of the best of the whole catalogue when the signs of whole runs are
     flipped; it must then predict runs that were left out. What passes is added, and all is looked at again.
 
@@ -46,12 +47,12 @@ def diagnose(
     ----------
     estimate
         The model; what it already has is not sought again.
-    evidence
+    dataset
         Runs of the same arm; those held out are only used to judge.
     robot
         By the recipe that the model was made with.
     suspects
-        Names of extra columns that `evidence` carries.
+        Names of extra columns that `dataset` carries.
     progress
         Called with a word on what is done.
 
@@ -71,9 +72,9 @@ def diagnose(
     """
     check_same_recipe(estimate, robot)
     check_known(estimate.effects)
-    runs = _looked_at([run for run in evidence.runs if not run.heldout])
+    runs = _looked_at([run for run in dataset.runs if not run.heldout])
     if not runs:
-        where = Where(file=evidence.files[0].name if evidence.files else None)
+        where = Where(file=dataset.files[0].name if dataset.files else None)
         raise LogError("no-runs", "there is no run to diagnose", where, "see why with: pumaid segment LOGS --rejects")
     model = Model(robot, estimate.stroke_postures)
     known = dict(zip(estimate.names, estimate.solution, strict=True))
@@ -83,20 +84,20 @@ def diagnose(
         runs,
         start,
         given=tuple(Added(catalogue()[one.effect], one.joint, dict(one.shape)) for one in estimate.effects),
-        campaign=Campaign.of(evidence.runs),
-        unseen=tuple(run for run in evidence.runs if run.heldout),
-        effects=[*catalogue().values(), *_suspects(evidence, suspects)],
+        campaign=Campaign.of(dataset.runs),
+        unseen=tuple(run for run in dataset.runs if run.heldout),
+        effects=[*catalogue().values(), *_suspects(dataset, suspects)],
         tell=progress or silent,
     )
     search.run()
-    account = Account(search, evidence)
+    account = Account(search, dataset)
     return Diagnosis(
         robot=robot.name,
         joints=account.joints(),
         findings=account.findings(),
         model=model_digest(estimate),
-        logs={facts.name: facts.digest for facts in evidence.files},
-        notes=(*otherwise(estimate, evidence), *account.notes()),
+        logs={facts.name: facts.digest for facts in dataset.files},
+        notes=(*otherwise(estimate, dataset), *account.notes()),
         recipe_digest=robot.digest,
         version=__version__,
     )
@@ -112,12 +113,12 @@ def _looked_at(runs: Sequence[Run]) -> tuple[Run, ...]:
     return tuple(run for run in runs if run.kind == CONSTANT or steady[run.joint] < STEADY)
 
 
-def _suspects(evidence: Evidence, names: Sequence[str]) -> list[Effect]:
+def _suspects(dataset: Dataset, names: Sequence[str]) -> list[Effect]:
     """An effect for each suspected column, scaled by what it does in these runs."""
     out: list[Effect] = []
     for name in names:
-        place = evidence.extra.index(name)
-        every = [run.cells.extra[:, place] for run in evidence.runs if run.cells.extra is not None]
+        place = dataset.extra.index(name)
+        every = [run.bins.extra[:, place] for run in dataset.runs if run.bins.extra is not None]
         values = np.concatenate(every) if every else np.zeros(1)
         values = values[np.isfinite(values)]
         middle, spread = (float(values.mean()), float(values.std())) if len(values) else (0.0, 0.0)

@@ -4,14 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+from pumaid.dataset import Dataset
 from pumaid.estimation.identification import identified
 from pumaid.estimation.system import Progress
-from pumaid.records import Estimate, Evidence
+from pumaid.records import Estimate
 from pumaid.robot import EffectChoice, Robot
 
 
 def identify(
-    evidence: Evidence,
+    dataset: Dataset,
     robot: Robot,
     *,
     effects: Sequence[EffectChoice] | None = None,
@@ -24,7 +25,7 @@ def identify(
 
     Parameters
     ----------
-    evidence
+    dataset
         Runs of some or all joints.
     robot
         Geometry and gravity.
@@ -52,4 +53,4 @@ def identify(
     ------
     S.-K. Lin, "Identification of a Class of Nonlinear Deterministic Systems with Application to Manipulators".
     """
-    return identified(evidence, robot, effects=effects, recursive=recursive, progress=progress)
+    return identified(dataset, robot, effects=effects, recursive=recursive, progress=progress)

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable
 
+from pumaid.dataset import Dataset
 from pumaid.preprocessing import clock
 from pumaid.preprocessing.options import DEFAULTS, SegmentOptions
 from pumaid.preprocessing.segmenter import Segmenter
-from pumaid.records import Evidence, Log
+from pumaid.records import Log
 from pumaid.robot import Robot
 
 __all__ = ["SegmentOptions", "segment"]
@@ -19,8 +20,8 @@ def segment(
     *,
     options: SegmentOptions = DEFAULTS,
     progress: Callable[[int], None] | None = None,
-) -> Evidence:
-    """Find the stretches in which one joint moves alone, and reduce each to a triangle and cells.
+) -> Dataset:
+    """Find the stretches in which one joint moves alone, and reduce each to a triangle and bins.
 
     Speed is judged from position. A movement of one joint yields its stretches of constant speed; where they are too
     small a part of it and it goes from rest to rest, all of it is a stroke. The rest is left out, with its reason.
@@ -41,7 +42,7 @@ def segment(
 
     Returns
     -------
-    evidence
+    dataset
         Runs and rejects in order of time; together they hold every sample once.
 
     Raises
@@ -59,4 +60,4 @@ def segment(
     if progress is not None:
         progress(segmenter.done)
     files, notes, extra = (tuple(getattr(logs, name, ())) for name in ("files", "notes", "extra"))
-    return Evidence(runs, rejects, files, (*notes, *clock.notes(runs)), extra)
+    return Dataset(runs, rejects, files, (*notes, *clock.notes(runs)), extra)

@@ -26,37 +26,37 @@ def truth():
 
 
 @pytest.fixture(scope="module")
-def evidence(truth):
+def dataset(truth):
     """The paper's runs of the wrist, as that arm makes them."""
     plan = table1.experiment()
     plan = replace(plan, motions=tuple(motion for motion in plan.motions if motion.joint >= 4))
     return pumaid.segment(pumaid.simulate(WRIST, plan, truth=truth, seed=1, rate=100.0), WRIST)
 
 
-def off(truth, evidence, kind, effects=()):
+def off(truth, dataset, kind, effects=()):
     """How many standard errors the wrist's parameters of this kind are off the truth."""
-    found = pumaid.identify(evidence, WRIST, effects=list(effects)).values
+    found = pumaid.identify(dataset, WRIST, effects=list(effects)).values
     known = truth.parameters()
     told = [value for value in found if value.name in known and value.value is not None and value.std_error]
     return [(value.value - known[value.name]) / value.std_error for value in told if value.name.startswith(kind)]
 
 
-def test_friction_is_found_whatever_the_gears(truth, evidence):
+def test_friction_is_found_whatever_the_gears(truth, dataset):
     """Friction of a motor that its own joint turns is what it is."""
-    assert np.max(np.abs(off(truth, evidence, ("coulomb", "viscous")))) < 4.0
+    assert np.max(np.abs(off(truth, dataset, ("coulomb", "viscous")))) < 4.0
 
 
-def test_loads_that_gears_pass_on_are_the_effects(truth, evidence):
+def test_loads_that_gears_pass_on_are_the_effects(truth, dataset):
     """Without the effect, gravity takes up what motors carry of joints beyond, many standard errors; with it, not."""
-    assert np.max(np.abs(off(truth, evidence, ("gravity", "gain_ratio")))) > 5.0
+    assert np.max(np.abs(off(truth, dataset, ("gravity", "gain_ratio")))) > 5.0
     passed = [pumaid.EffectChoice("coupling", 6, {"on": 5.0}), pumaid.EffectChoice("coupling", 5, {"on": 4.0})]
-    assert np.max(np.abs(off(truth, evidence, ("gravity", "gain_ratio"), passed))) < 3.0
+    assert np.max(np.abs(off(truth, dataset, ("gravity", "gain_ratio"), passed))) < 3.0
 
 
-def test_the_effects_size_is_that_of_the_gears(truth, evidence):
+def test_the_effects_size_is_that_of_the_gears(truth, dataset):
     """Motor 5 carries -r65 r6/r5 of joint 6's load, in the currents of both motors."""
     choices = [pumaid.EffectChoice("coupling", 6, {"on": 5.0}), pumaid.EffectChoice("coupling", 5, {"on": 4.0})]
-    values = {value.name: value for value in pumaid.identify(evidence, WRIST, effects=choices).values}
+    values = {value.name: value for value in pumaid.identify(dataset, WRIST, effects=choices).values}
     for beyond, on, ratio in ((6, 5, 0.18), (5, 4, 0.0139)):
         share = -ratio * GEARS[on - 1] / GEARS[beyond - 1] * truth.gain[on - 1] / truth.gain[beyond - 1]
         found = values[f"coupling.j{beyond}.c"]
@@ -68,15 +68,15 @@ def told(estimate) -> str:
     return "".join(note.text for note in estimate.notes if note.slug == "load-through-gears")
 
 
-def test_loads_that_gears_pass_on_are_told(truth, evidence):
+def test_loads_that_gears_pass_on_are_told(truth, dataset):
     """The note names each pair and what adds it; what the model has is not named, and nothing without gears."""
-    note = told(pumaid.identify(evidence, WRIST))
+    note = told(pumaid.identify(dataset, WRIST))
     assert all(f"--add coupling@{pair}" in note for pair in ("5:on=4", "6:on=4", "6:on=5"))
     assert f"motor 5 carries {-0.18 * GEARS[4] / GEARS[5]:.2g}" in note and "parallel" not in note
     assert "@6:on=5" not in told(
-        pumaid.identify(evidence, WRIST, effects=[pumaid.EffectChoice("coupling", 6, {"on": 5.0})])
+        pumaid.identify(dataset, WRIST, effects=[pumaid.EffectChoice("coupling", 6, {"on": 5.0})])
     )
-    assert not told(pumaid.identify(evidence, replace(WRIST, coupling={})))
+    assert not told(pumaid.identify(dataset, replace(WRIST, coupling={})))
 
 
 def test_on_parallel_axes_the_ratio_is_off_as_the_note_says():

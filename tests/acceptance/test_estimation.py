@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 from experiments import EXPERIMENTS, coverage, losses
 
+from pumaid.dataset import Dataset
 from pumaid.io.recipe import read_recipe, shipped_recipes
-from pumaid.records import Estimate, Evidence
+from pumaid.records import Estimate
 from pumaid.simulation import Bench, Noise, Truth, draw, table1
 from pumaid.verbs.identify import identify
 from pumaid.verbs.plan import plan
@@ -73,4 +74,4 @@ def test_without_noise_every_parameter_is_exact(name):
     robot = read_recipe(shipped_recipes()[name])
     truth = draw(robot, 5).with_noise(0.0)
     runs = Bench(truth, plan(robot, seed=5, replicates=1), rate=20.0).runs(np.random.default_rng(0))
-    assert exact(truth, identify(Evidence(runs), robot), scale=1e-3) < 1e-9
+    assert exact(truth, identify(Dataset(runs), robot), scale=1e-3) < 1e-9

@@ -94,7 +94,7 @@ def test_a_third_too_much_friction_does_as_well_and_twice_hunts(program, ladder,
 
 def test_fast_runs_alone_do_not_show_it(ladder):
     """From runs at the paper's speeds, 30 deg/s and above, no joint's Stribeck friction is told."""
-    quick = replace(ladder.evidence, runs=tuple(run for run in ladder.evidence.runs if abs(run.speed) > 0.45))
+    quick = replace(ladder.dataset, runs=tuple(run for run in ladder.dataset.runs if abs(run.speed) > 0.45))
     found = pumaid.identify(quick, ladder.models[3].robot, effects=[pumaid.EffectChoice("stribeck")])
     told = [value for value in found.values if value.name.startswith("stribeck") and value.name.endswith(".a")]
     assert len(told) == 6
@@ -129,7 +129,7 @@ def test_the_data_hold_this_run(program, left):
 def test_the_static_test_takes_uneven_friction_for_gravity(ladder):
     """Each reading is off by half the sum of both directions' friction; the identified model by a tenth of that."""
     program = of_gallery("static_test")
-    found, _ = program.errors(ladder.robot, ladder.evidence)
+    found, _ = program.errors(ladder.robot, ladder.dataset)
     for joint, rows in found.items():
         assert rows[:, 0] == pytest.approx(program.unevenness(ladder.robot, joint), abs=0.01)
         assert np.all(np.abs(rows[:, 1]) < 0.1 * np.abs(rows[:, 0]))

@@ -52,15 +52,15 @@ def scratch(tmp_path_factory):
 @pytest.fixture(scope="module")
 def shoulder(scratch):
     """The UR3e's robot, evidence and estimate."""
-    robot, evidence = read("ur3e", [ur3e.wave()], scratch)
-    return robot, evidence, identify(evidence, robot)
+    robot, dataset = read("ur3e", [ur3e.wave()], scratch)
+    return robot, dataset, identify(dataset, robot)
 
 
 @pytest.fixture(scope="module")
 def wrist_to_waist(scratch):
     """The Gen3's robot, evidence and estimate from one file a joint."""
-    robot, evidence = read("kinova_gen3", gen3.one_joint_files(), scratch)
-    return robot, evidence, identify(evidence, robot)
+    robot, dataset = read("kinova_gen3", gen3.one_joint_files(), scratch)
+    return robot, dataset, identify(dataset, robot)
 
 
 def test_published_load_of_the_ur3e_is_the_sum_of_its_levers():
@@ -97,8 +97,8 @@ def test_ur3e_gravity_amplitude(shoulder):
 
 def test_ur3e_recursion_alone_knows_its_errors(shoulder):
     """With one joint in the logs both steps are one: the recursion's errors are the joint estimate's, within 20 %."""
-    robot, evidence, estimate = shoulder
-    alone = identify(evidence, robot, recursive=True)
+    robot, dataset, estimate = shoulder
+    alone = identify(dataset, robot, recursive=True)
     for one, other in zip(alone.combinations, estimate.combinations, strict=True):
         assert one.std_error == pytest.approx(other.std_error, rel=0.2)
     for value in (value for value in alone.values if value.value is not None):
@@ -134,8 +134,8 @@ def test_ur3e_strokes_not_fitted_are_predicted(shoulder, split):
 
 def test_ur3e_fitted_one_way_says_nothing_of_the_other(shoulder):
     """Forward strokes alone: backward friction is not identifiable, with that reason; backward strokes are flagged."""
-    robot, evidence, _ = shoulder
-    one_way = held_out(evidence, [n for n, run in enumerate(evidence.runs, start=1) if run.direction < 0])
+    robot, dataset, _ = shoulder
+    one_way = held_out(dataset, [n for n, run in enumerate(dataset.runs, start=1) if run.direction < 0])
     estimate = identify(one_way, robot)
     for name in ("coulomb.j2.minus", "viscous.j2.minus"):
         assert estimate.value(name).state == "not_identifiable"
@@ -156,10 +156,10 @@ def test_ur3e_without_measured_currents_is_refused(scratch):
 
 def test_gen3_runs_are_found_whole(wrist_to_waist):
     """Each file holds one joint at one speed, forward only: nearly all of it but the ramps is kept."""
-    robot, evidence, _ = wrist_to_waist
-    rows = {int(facts.name.split("_")[-2]): facts.rows for facts in evidence.files}
+    robot, dataset, _ = wrist_to_waist
+    rows = {int(facts.name.split("_")[-2]): facts.rows for facts in dataset.files}
     for joint in range(1, robot.n_joints + 1):
-        own = evidence.of_joint(joint)
+        own = dataset.of_joint(joint)
         assert {run.kind for run in own} == {"constant"}
         assert all(run.speed == pytest.approx(0.42 if joint <= 4 else 0.367, rel=0.01) for run in own)
         assert sum(run.samples for run in own) > 0.75 * rows[joint]
@@ -210,21 +210,21 @@ def test_gen3_joints_moving_together_are_predicted(wrist_to_waist, scratch):
 
 
 def test_gen3_garbage_cells_harm_nothing(scratch):
-    """Cells up to 1e298 and NaN stand in columns that the recipe does not name: the file reads like its neighbours."""
-    _, evidence = read("kinova_gen3", [gen3.one_joint_files()[4]], scratch)
-    assert [run.joint for run in evidence.runs] == [5]
-    assert sum(run.samples for run in evidence.runs) > 5000
+    """Bins up to 1e298 and NaN stand in columns that the recipe does not name: the file reads like its neighbours."""
+    _, dataset = read("kinova_gen3", [gen3.one_joint_files()[4]], scratch)
+    assert [run.joint for run in dataset.runs] == [5]
+    assert sum(run.samples for run in dataset.runs) > 5000
 
 
 def test_double_pendulum_yields_no_false_value(scratch):
     """Both joints swing at once or with a motor off: all is left out for that reason, and identify refuses."""
     files = sorted((folder() / "dfki-double-pendulum-a0").glob("*.parquet"))
-    robot, evidence = read("pendulum2", files, scratch)
-    together = sum(reject.samples for reject in evidence.rejects if reject.reason == "several-joints")
-    assert together > 0.8 * sum(facts.rows for facts in evidence.files)
-    assert {reject.reason for reject in evidence.rejects} >= {"several-joints", "no-current"}
+    robot, dataset = read("pendulum2", files, scratch)
+    together = sum(reject.samples for reject in dataset.rejects if reject.reason == "several-joints")
+    assert together > 0.8 * sum(facts.rows for facts in dataset.files)
+    assert {reject.reason for reject in dataset.rejects} >= {"several-joints", "no-current"}
     with pytest.raises(LogError, match="there is no run to fit"):
-        identify(evidence, robot)
+        identify(dataset, robot)
 
 
 def test_tx40_has_nothing_to_fit(scratch):
@@ -238,8 +238,8 @@ def test_tx40_has_nothing_to_fit(scratch):
 
 def test_one_speed_of_a_bare_motor_gives_one_sum(scratch):
     """A motor rolling at one speed: Coulomb and viscous friction stay apart from each other, their sum is told."""
-    robot, evidence = read("motor", [folder() / "laas-odri-cogging" / "rolling_data1.parquet"], scratch)
-    estimate = identify(evidence, robot)
+    robot, dataset = read("motor", [folder() / "laas-odri-cogging" / "rolling_data1.parquet"], scratch)
+    estimate = identify(dataset, robot)
     assert [value.name for value in estimate.values if value.value is not None] == []
     assert sums(estimate, "friction of joint 1 forward").value == pytest.approx(0.092, abs=0.003)
 

@@ -40,8 +40,8 @@ def climbed(kind, split):
     """The ladder of one split, as the report has it."""
     with TemporaryDirectory() as scratch:
         if kind == "UR3e":
-            robot, evidence = read("ur3e", [ur3e.wave()], Path(scratch))
-            return told.climb(held_out(evidence, ur3e.SPLITS[split]), robot, ur3e.JOINT)
+            robot, dataset = read("ur3e", [ur3e.wave()], Path(scratch))
+            return told.climb(held_out(dataset, ur3e.SPLITS[split]), robot, ur3e.JOINT)
         if split in told.MOTOR:
             files, judged = told.MOTOR[split]
             return told.climb(*told.motor(files, (judged,), Path(scratch)), 1)
@@ -153,8 +153,8 @@ def test_one_way_strokes_are_called_weak_evidence():
 
 def test_gen3_shows_no_law_of_friction(tmp_path):
     """One run a joint, one way, at one speed: whatever is named is a ripple at a multiple of 100 waves a turn."""
-    robot, evidence = read("kinova_gen3", gen3.one_joint_files(), tmp_path)
-    found = diagnose(identify(evidence, robot), evidence, robot)
+    robot, dataset = read("kinova_gen3", gen3.one_joint_files(), tmp_path)
+    found = diagnose(identify(dataset, robot), dataset, robot)
     assert {one.effect for one in found.findings} <= {"ripple"}
     for one in found.findings:
         waves = one.shape["frequency"]

@@ -35,8 +35,8 @@ def comparison(tmp_path_factory):
     shutil.copy(shipped_recipes()["kinova_gen3"], recipe)
     recipe.write_text(recipe.read_text(encoding="utf-8") + LOG, encoding="utf-8")
     robot = pumaid.read_recipe(recipe)
-    evidence = segment(LogReader(paths, robot), robot)
-    return pumaid.compare(pumaid.identify(evidence, robot), evidence, robot)
+    dataset = segment(LogReader(paths, robot), robot)
+    return pumaid.compare(pumaid.identify(dataset, robot), dataset, robot)
 
 
 def test_one_speed_leaves_friction_a_sum(comparison):

@@ -59,12 +59,12 @@ def test_strokes_carry_inertia_where_stamps_are_whole_milliseconds(rate):
 
 def _of_strokes(world, logs):
     """Viscous friction and inertia of each joint by its strokes, and the notes."""
-    evidence, found = segment(logs, robot(world)), []
+    dataset, found = segment(logs, robot(world)), []
     for joint in (1, 2, 3):
-        rows = [_stroke_rows(run) for run in evidence.of_joint(joint)]
+        rows = [_stroke_rows(run) for run in dataset.of_joint(joint)]
         columns, target = np.vstack([a for a, _ in rows]), np.concatenate([b for _, b in rows])
         found.append(np.linalg.lstsq(columns, target, rcond=None)[0][4:])
-    return found, evidence.notes
+    return found, dataset.notes
 
 
 def _stroke_rows(run):
@@ -121,7 +121,7 @@ def test_motion_of_both_joints_is_left_out():
     """The double pendulum swings both joints at once: no run, and the reason is told."""
     table = _table("dfki-double-pendulum-a0/slow_75s_20220812-061157.parquet")
     log = _log(table, time=table["time"].to_numpy(float), position=["pos1", "pos2"], current=["tau1", "tau2"])
-    evidence = segment([log], _arm(2))
-    several = sum(reject.samples for reject in evidence.rejects if reject.reason == "several-joints")
-    assert evidence.runs == ()
+    dataset = segment([log], _arm(2))
+    several = sum(reject.samples for reject in dataset.rejects if reject.reason == "several-joints")
+    assert dataset.runs == ()
     assert several > 0.8 * len(log)

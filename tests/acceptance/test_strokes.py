@@ -93,9 +93,9 @@ def slides(tmp_path_factory) -> list[float]:
     runs = plan(robot, minutes=8.0)
     for seed in SEEDS:
         truth = draw(robot, seed)
-        evidence = segment(Session(truth, runs, np.random.default_rng(seed), rate=200.0).logs(), robot)
-        assert {run.kind for run in evidence.runs if run.joint == 3} == {"constant", "stroke"}
-        found, known = identify(evidence, robot), as_json(truth)["parameters"]
+        dataset = segment(Session(truth, runs, np.random.default_rng(seed), rate=200.0).logs(), robot)
+        assert {run.kind for run in dataset.runs if run.joint == 3} == {"constant", "stroke"}
+        found, known = identify(dataset, robot), as_json(truth)["parameters"]
         for name, way in product(("coulomb", "viscous"), ("plus", "minus")):
             value = found.value(f"{name}.j3.{way}")
             z.append((value.value - known[value.name]) / value.std_error)

@@ -5,9 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from pumaid.dataset import Dataset
 from pumaid.io.recipe import read_recipe, shipped_recipes
 from pumaid.preprocessing.planned import mark_heldout
-from pumaid.records import Evidence, Plan
+from pumaid.records import Plan
 from pumaid.robot import Robot
 from pumaid.simulation import Bench, draw
 from pumaid.simulation.forecast import forecast, gravity_names
@@ -25,14 +26,14 @@ def arm(name: str) -> Robot:
     return read_recipe(shipped_recipes()[name])
 
 
-def from_logs(robot: Robot, made: Plan, seed: int) -> tuple[Evidence, np.ndarray]:
+def from_logs(robot: Robot, made: Plan, seed: int) -> tuple[Dataset, np.ndarray]:
     """A drawn robot's session as evidence, and the errors of its parameters in standard errors."""
     truth = draw(robot, seed)
     logs = simulate(robot, made, seed=seed, truth=truth, rate=100.0)
-    evidence = mark_heldout(segment(logs, robot), made)
+    dataset = mark_heldout(segment(logs, robot), made)
     known = truth.parameters()
-    values = [v for v in identify(evidence, robot).values if v.value is not None and v.name in known]
-    return evidence, np.array([(v.value - known[v.name]) / v.std_error for v in values])
+    values = [v for v in identify(dataset, robot).values if v.value is not None and v.name in known]
+    return dataset, np.array([(v.value - known[v.name]) / v.std_error for v in values])
 
 
 @pytest.mark.parametrize(
@@ -53,11 +54,11 @@ def test_planned_runs_are_found_and_held_out():
     """Every planned run of a session is found in its logs, and those for judging are kept from the fit."""
     robot = arm("puma560")
     made = plan(robot, minutes=12, seed=9)
-    evidence, _ = from_logs(robot, made, seed=104)
-    assert [note.slug for note in evidence.notes] == []
+    dataset, _ = from_logs(robot, made, seed=104)
+    assert [note.slug for note in dataset.notes] == []
     planned = sum(motion.purpose == "heldout" for motion in made.motions)
     # A move between postures may happen to repeat a run for judging.
-    assert planned <= sum(run.heldout for run in evidence.runs) <= planned + 3
+    assert planned <= sum(run.heldout for run in dataset.runs) <= planned + 3
 
 
 def test_forecast_is_what_experiments_scatter():
@@ -67,7 +68,7 @@ def test_forecast_is_what_experiments_scatter():
     names = [name for name in gravity_names(robot) if name not in minimal(robot).absent]
     promised = forecast(truth, made.motions, names=names, rate=50.0).std_errors()
     bench, rng = Bench(truth, made, rate=50.0), np.random.default_rng(106)
-    found = [identify(Evidence(bench.runs(rng)), robot) for _ in range(60)]
+    found = [identify(Dataset(bench.runs(rng)), robot) for _ in range(60)]
     # 60 experiments know a scatter to 9 %; three times that.
     for name, error in promised.items():
         scatter = np.std([estimate.value(name).value for estimate in found])

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from searches import design
 
-from pumaid.records import Evidence
+from pumaid.dataset import Dataset
 from pumaid.simulation import Bench, Hidden, table1
 from pumaid.verbs.diagnose import diagnose
 from pumaid.verbs.identify import identify
@@ -24,14 +24,14 @@ HIDDEN = {
 @pytest.mark.slow
 @pytest.mark.parametrize("name", HIDDEN)
 def test_diagnosis_of_360_runs(name, capsys):
-    """384 runs of the PUMA, 512 cells each, the whole catalogue: what hides is named, and the seconds are told."""
+    """384 runs of the PUMA, 512 bins each, the whole catalogue: what hides is named, and the seconds are told."""
     truth = table1.puma560().hiding(HIDDEN[name])
     plan = design(truth.robot, postures=4, repeats=2)
-    runs = Bench(truth, plan, rate=200.0, cells=512).runs(np.random.default_rng(7))
+    runs = Bench(truth, plan, rate=200.0, bins=512).runs(np.random.default_rng(7))
     begun = time.process_time()
-    estimate = identify(Evidence(runs), truth.robot)
+    estimate = identify(Dataset(runs), truth.robot)
     fitted = time.process_time()
-    found = diagnose(estimate, Evidence(runs), truth.robot)
+    found = diagnose(estimate, Dataset(runs), truth.robot)
     done = time.process_time()
     with capsys.disabled():
         print(

@@ -95,7 +95,7 @@ def test_json_is_the_file(arm):
 
 
 def test_the_noise_floor_is_one_number(arm):
-    """What repeated runs differ by is what identify and compare say, not what is left of them in coarser cells."""
+    """What repeated runs differ by is what identify and compare say, not what is left of them in coarser bins."""
     document = json.loads(run("diagnose", "results/model.json", "logs", "--json").stdout)
     for command in (("identify", "logs"), ("compare", "results/model.json", "logs")):
         fitted = json.loads(run(*command, "--json").stdout)

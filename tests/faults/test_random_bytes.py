@@ -1,4 +1,4 @@
-"""Bytes and cells changed at random: no traceback, no silent wrong number, whatever they hit."""
+"""Bytes and bins changed at random: no traceback, no silent wrong number, whatever they hit."""
 
 from __future__ import annotations
 
@@ -105,7 +105,7 @@ def sealed() -> bytes:
 @settings(SEEDED, max_examples=15)
 @given(st.integers(0, 3662), st.integers(1, 200), st.sampled_from(COLUMNS), st.floats(allow_nan=True, width=32))
 def test_cells_of_any_value(arm, row, count, column, value):
-    """Any number, also none and infinity, in up to 200 cells of a column."""
+    """Any number, also none and infinity, in up to 200 bins of a column."""
     table = good()[0].copy()
     table.loc[table.index[row : row + count], column] = value
     assert judged(arm, "logs/log_1.csv", csv(table).encode()) in FINE

@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 import worlds
 
-from pumaid.records import Budget, Evidence, FileFacts, Motion, Plan
+from pumaid.dataset import Dataset, FileFacts
+from pumaid.records import Budget, Motion, Plan
 from pumaid.simulation import Bench, Truth, table1
 from pumaid.simulation.hidden import Hidden, sized
 from pumaid.verbs.compare import compare
@@ -62,9 +63,9 @@ def plan(seed: int) -> Plan:
 def judged(bench: Bench, seed: int) -> list[Budget]:
     """The budgets of a model fitted to one experiment."""
     runs = bench.runs(np.random.default_rng(seed))
-    evidence = Evidence(runs, (), (FileFacts("bench", "ab" * 32, 1, 0.01, 0.0, 1.0),))
-    estimate = identify(evidence, bench.truth.robot)
-    comparison = compare(estimate, evidence, bench.truth.robot)
+    dataset = Dataset(runs, (), (FileFacts("bench", "ab" * 32, 1, 0.01, 0.0, 1.0),))
+    estimate = identify(dataset, bench.truth.robot)
+    comparison = compare(estimate, dataset, bench.truth.robot)
     return [score.budget for score in comparison.joints if score.budget is not None]
 
 
@@ -72,7 +73,7 @@ def judged(bench: Bench, seed: int) -> list[Budget]:
 def told(effect: str, size: float) -> Budget:
     """The budget of joint 3 with an effect hidden in it."""
     truth = hiding(effect, size=size, **TRACES[effect][0])
-    return judged(Bench(truth, plan(SEEDS), rate=50.0, cells=120), SEEDS)[0]
+    return judged(Bench(truth, plan(SEEDS), rate=50.0, bins=120), SEEDS)[0]
 
 
 @pytest.mark.parametrize("effect", TRACES)
@@ -93,8 +94,8 @@ def test_noise_is_what_the_same_noise_leaves_without_the_effect(effect):
     what 32 levels of repeated runs allow. Repeats of a run differ, too, where friction changes between them.
     """
     truth, found = hiding(effect, size=0.6, **TRACES[effect][0]), told(effect, 0.6)
-    alone = judged(Bench(replace(truth, hidden=()), plan(SEEDS), rate=50.0, cells=120), SEEDS)[0].mean_square
-    added = judged(Bench(truth.with_noise(0.0), plan(SEEDS), rate=50.0, cells=120), SEEDS)[0].mean_square
+    alone = judged(Bench(replace(truth, hidden=()), plan(SEEDS), rate=50.0, bins=120), SEEDS)[0].mean_square
+    added = judged(Bench(truth.with_noise(0.0), plan(SEEDS), rate=50.0, bins=120), SEEDS)[0].mean_square
     assert abs(found.noise - alone) < max(0.35 * added, 0.1 * found.mean_square)
 
 

@@ -22,25 +22,25 @@ ALIKE = 0.8
 UNSEEN = 0.01
 
 
-def campaign(joint: int, *, cells: int = 40) -> Samples:
+def campaign(joint: int, *, bins: int = 40) -> Samples:
     """Runs of one joint in four postures, four speeds, both ways, twice, in random order, warming as they go."""
     rng, runs, clock = np.random.default_rng(joint), [], 0.0
     postures = rng.uniform(-1.3, 1.3, (4, ROBOT.n_joints))
     orders = [(p, v, s) for p in postures for v in SPEEDS for s in (1.0, -1.0)]
-    share = (np.arange(cells) + 0.5) / cells
+    share = (np.arange(bins) + 0.5) / bins
     for posture, v, s in [orders[k] for k in (*rng.permutation(len(orders)), *rng.permutation(len(orders)))]:
-        position, velocity = np.tile(posture, (cells, 1)), np.zeros((cells, ROBOT.n_joints))
+        position, velocity = np.tile(posture, (bins, 1)), np.zeros((bins, ROBOT.n_joints))
         position[:, joint - 1] = s * (2.4 * share - 1.2)
         late = 0.05 * np.exp(-share / 0.1)  # the speed settles
         velocity[:, joint - 1] = s * v * (1.0 + late)
         time = clock + share * 2.4 / v
-        runs.append((position, velocity, -s * v * late * v / 0.24, np.full(cells, s), time, 2.4 * share))
+        runs.append((position, velocity, -s * v * late * v / 0.24, np.full(bins, s), time, 2.4 * share))
         clock = time[-1] + 3.0
     position, velocity, acceleration, direction, time, travel = (
         np.concatenate(part) for part in zip(*runs, strict=True)
     )
     warm = 25.0 + 20.0 * (1.0 - np.exp(-time / 400.0))
-    number = np.repeat(np.arange(len(runs)), cells)
+    number = np.repeat(np.arange(len(runs)), bins)
     given = {
         "direction": direction,
         "time": time,

@@ -8,15 +8,16 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from worlds import CRANE, course, drawn, evidence, experiment, run_of
+from worlds import CRANE, course, dataset, drawn, experiment, run_of
 
+from pumaid.dataset import Dataset, Run
 from pumaid.maths.triangle import Triangle
-from pumaid.records import Estimate, Evidence, Run
+from pumaid.records import Estimate
 from pumaid.verbs.identify import identify
 
 TRUTH = drawn(CRANE)
-RUNS = evidence(TRUTH, experiment(CRANE)).runs
-PLAIN = identify(Evidence(RUNS), CRANE)
+RUNS = dataset(TRUTH, experiment(CRANE)).runs
+PLAIN = identify(Dataset(RUNS), CRANE)
 FEW = settings(max_examples=10, deadline=None)
 #: Relative: optimisers of variances stop at about 1e-6 of their logarithm, which moves weights and hence values little.
 SAME = 1e-4
@@ -36,8 +37,8 @@ def louder(run: Run, unit: float) -> Run:
     """The run with its current in another unit."""
     factor = run.triangle.factor.copy()
     factor[:, -1] *= unit
-    cells = replace(run.cells, current=run.cells.current * unit, variance=run.cells.variance * unit**2)
-    return replace(run, triangle=replace(run.triangle, factor=factor), cells=cells)
+    bins = replace(run.bins, current=run.bins.current * unit, variance=run.bins.variance * unit**2)
+    return replace(run, triangle=replace(run.triangle, factor=factor), bins=bins)
 
 
 @FEW
@@ -45,7 +46,7 @@ def louder(run: Run, unit: float) -> Run:
 def test_unit_and_sign_of_current(power, sign):
     """Currents in another unit, or with the other sign, scale parameters, errors and floors, and leave ratios alone."""
     unit = sign * 10.0**power
-    found = identify(Evidence(tuple(louder(run, unit) for run in RUNS)), CRANE)
+    found = identify(Dataset(tuple(louder(run, unit) for run in RUNS)), CRANE)
     assert_same(found, unit=unit)
     for new, old in zip(found.joints, PLAIN.joints, strict=True):
         assert new.rmse == pytest.approx(abs(unit) * old.rmse, rel=1e-5)
@@ -56,7 +57,7 @@ def test_unit_and_sign_of_current(power, sign):
 def test_unit_of_one_joints_current(joint, power):
     """One joint's current in another unit scales its own parameters and the ratios it is in."""
     unit = 10.0**power
-    found = identify(Evidence(tuple(louder(run, unit if run.joint == joint else 1.0) for run in RUNS)), CRANE)
+    found = identify(Dataset(tuple(louder(run, unit if run.joint == joint else 1.0) for run in RUNS)), CRANE)
     assert [v.state for v in found.values] == [v.state for v in PLAIN.values]
     for new, old in zip(found.values, PLAIN.values, strict=True):
         if old.state == "identified":
@@ -72,13 +73,13 @@ def test_order_of_runs(random):
     """Runs may come in any order."""
     runs = list(RUNS)
     random.shuffle(runs)
-    assert_same(identify(Evidence(tuple(runs)), CRANE))
+    assert_same(identify(Dataset(tuple(runs)), CRANE))
 
 
 def test_names_of_joints():
     """Joints' names are for people."""
     renamed = replace(CRANE, joints=tuple(replace(j, name=f"axis {9 - j.number}") for j in CRANE.joints))
-    assert_same(identify(Evidence(RUNS), renamed))
+    assert_same(identify(Dataset(RUNS), renamed))
 
 
 @FEW
@@ -89,7 +90,7 @@ def test_how_the_base_lies(angle):
     x, y, z = CRANE.gravity
     first = replace(CRANE.joints[0], alpha=CRANE.joints[0].alpha + angle)
     turned = replace(CRANE, joints=(first, *CRANE.joints[1:]), gravity=(x, c * y - s * z, s * y + c * z))
-    assert_same(identify(Evidence(RUNS), turned))
+    assert_same(identify(Dataset(RUNS), turned))
 
 
 @FEW
@@ -97,7 +98,7 @@ def test_how_the_base_lies(angle):
 def test_unit_of_gravity(power):
     """Gravity in another unit scales the constants of weight and their errors by its inverse, nothing else."""
     unit = 10.0**power
-    found = identify(Evidence(RUNS), replace(CRANE, gravity=tuple(unit * g for g in CRANE.gravity)))
+    found = identify(Dataset(RUNS), replace(CRANE, gravity=tuple(unit * g for g in CRANE.gravity)))
     for new, old in zip(found.values, PLAIN.values, strict=True):
         factor = 1.0 / unit if old.name.startswith("gravity") else 1.0
         assert new.state == old.state
@@ -128,4 +129,4 @@ def test_where_a_run_was_cut(cuts, seed):
             triangle = Triangle.merge([Triangle.of(names, part, target) for part, target in pieces])
             whole.append(run)
             merged.append(replace(run, triangle=triangle))
-    assert_same(identify(Evidence(tuple(merged)), CRANE), wanted=identify(Evidence(tuple(whole)), CRANE))
+    assert_same(identify(Dataset(tuple(merged)), CRANE), wanted=identify(Dataset(tuple(whole)), CRANE))

@@ -29,10 +29,10 @@ def batches(logs, size):
             )
 
 
-def told(evidence):
+def told(dataset):
     """All that must agree, to the bit."""
-    runs = [(r.kind, r.joint, r.origin, r.first_row, r.last_row, r.triangle.factor.tobytes()) for r in evidence.runs]
-    return runs, [(r.reason, r.origin, r.first_row, r.last_row, r.samples, r.text) for r in evidence.rejects]
+    runs = [(r.kind, r.joint, r.origin, r.first_row, r.last_row, r.triangle.factor.tobytes()) for r in dataset.runs]
+    return runs, [(r.reason, r.origin, r.first_row, r.last_row, r.samples, r.text) for r in dataset.rejects]
 
 
 @pytest.mark.parametrize("size", [1, 7, 1000, 30_000])
@@ -51,12 +51,12 @@ def test_a_run_longer_than_the_window_is_one_run(window):
     """Runs are found whole and as precisely where each spans several windows."""
     world = World(plateau=(4.0, 9.0), motions=6)
     truth = make(world, 12)
-    evidence = segment(truth.logs, robot(world), options=SegmentOptions(window=window))
-    found = score(truth, evidence)
+    dataset = segment(truth.logs, robot(world), options=SegmentOptions(window=window))
+    found = score(truth, dataset)
     assert (found.runs, found.true_runs) == (6, 6)
     assert found.precision > 0.99
     assert found.recall > 0.97
-    assert max(len(run.cells) for run in evidence.runs) <= 512
+    assert max(len(run.bins) for run in dataset.runs) <= 512
 
 
 @pytest.mark.parametrize("seed", range(6))
@@ -65,9 +65,9 @@ def test_every_sample_is_kept_or_rejected_once(seed):
     rng = np.random.default_rng(seed)
     world = World(motions=6, twitch=seed % 2 == 0, gap=True, files=2, rate=200.0)
     logs = [_spoilt(log, rng) for log in make(world, seed).logs]
-    evidence = segment(logs, robot(world), options=SegmentOptions(window=2048 if seed % 3 else 10**6))
-    kept = sum(run.samples for run in evidence.runs)
-    assert kept + sum(reject.samples for reject in evidence.rejects) == sum(len(log) for log in logs)
+    dataset = segment(logs, robot(world), options=SegmentOptions(window=2048 if seed % 3 else 10**6))
+    kept = sum(run.samples for run in dataset.runs)
+    assert kept + sum(reject.samples for reject in dataset.rejects) == sum(len(log) for log in logs)
 
 
 def _spoilt(log: Log, rng: np.random.Generator) -> Log:

@@ -9,7 +9,8 @@ from searches import lever
 
 import pumaid.verbs.identify as verb
 from pumaid.cli.additions import added
-from pumaid.records import ADD, Diagnosis, Evidence, Finding
+from pumaid.dataset import Dataset
+from pumaid.records import ADD, Diagnosis, Finding
 
 
 def stretched(estimate, factor):
@@ -28,7 +29,7 @@ def test_what_makes_the_fit_worse_is_left_out(monkeypatch, tmp_path, factor, kep
     done, last = added(
         diagnosis,
         estimate,
-        Evidence(lab.runs),
+        Dataset(lab.runs),
         robot=lab.robot,
         model=tmp_path / "model.json",
         again=lambda model: replace(diagnosis, findings=()),

@@ -50,7 +50,7 @@ def test_parts_add_up_and_none_is_negative(kind):
 
 
 def test_total_is_that_of_the_samples():
-    """Without being told it, the budget finds the samples' mean square from cells of ten samples: within 1 %."""
+    """Without being told it, the budget finds the samples' mean square from bins of ten samples: within 1 %."""
     runs = campaign(KINDS["smooth", "position"], seed=5, samples=1500)
     squares = [run.triangle.rows()[1] for run in runs]
     true = sum(float(np.sum(rows**2)) for rows in squares) / sum(run.samples for run in runs)
@@ -129,7 +129,7 @@ def test_ripple_of_a_slide_counts_per_metre():
 
 
 def test_ripple_averaged_by_cells_counts_whole():
-    """A ripple of three cells a wave is weakened by their means to 0.83; the part is that of the samples."""
+    """A ripple of three bins a wave is weakened by their means to 0.83; the part is that of the samples."""
     runs = campaign(lambda q, *_: 0.03 * np.cos(78.5 * q), seed=6, samples=1500)
     assert split(runs).part("fast").mean_square == pytest.approx(0.5 * 0.03**2, rel=0.06)
 
@@ -144,7 +144,7 @@ def test_load_is_told_from_position():
         lambda q, qd, since, clock, other: 0.08 * np.sign(qd) * np.abs(load(q, other)), seed=9, others=(0.0, 1.2, 2.4)
     )
     laid = Spread.of(runs)
-    known = np.concatenate([load(run.cells.position[:, 1], run.posture[0]) for run in runs])
+    known = np.concatenate([load(run.bins.position[:, 1], run.posture[0]) for run in runs])
     told = budget(laid, laid.current, worlds.PENDULUM.joint(2), load=known)
     assert found(told)["odd"][0] == "load" and "no-load" not in told.limits
     assert "no-load" in budget(laid, laid.current, worlds.PENDULUM.joint(2)).limits
@@ -191,7 +191,7 @@ def test_few_runs_show_a_ripple_and_claim_no_more():
 def test_recordings_with_own_clocks_are_compared_within_each():
     """A level that differs between two recordings is no drift: nothing is told of time."""
     runs = campaign(seed=13)
-    shifted = [replace(run, clock=1, cells=replace(run.cells, current=run.cells.current + 0.1)) for run in runs[::2]]
+    shifted = [replace(run, clock=1, bins=replace(run.bins, current=run.bins.current + 0.1)) for run in runs[::2]]
     told = split([*shifted, *runs[1::2]])
     assert "several-clocks" in told.limits and "time" not in found(told)
 

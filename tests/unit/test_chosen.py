@@ -6,7 +6,7 @@ from dataclasses import replace
 from functools import cache
 
 import pytest
-from worlds import PENDULUM, drawn, evidence, experiment
+from worlds import PENDULUM, dataset, drawn, experiment
 
 from pumaid.chosen import check_parameters
 from pumaid.errors import ModelError
@@ -26,7 +26,7 @@ SEVERAL = (
 @cache
 def made() -> Estimate:
     """A model that holds them."""
-    runs = evidence(drawn(PENDULUM, 5), experiment(PENDULUM, speeds=(0.1, 0.3, 0.6, 1.0)))
+    runs = dataset(drawn(PENDULUM, 5), experiment(PENDULUM, speeds=(0.1, 0.3, 0.6, 1.0)))
     return identified(runs, PENDULUM, effects=SEVERAL)
 
 

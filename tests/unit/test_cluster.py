@@ -30,12 +30,12 @@ from pumaid.cluster.gather import gather
 from pumaid.cluster.part import joined
 from pumaid.cluster.pieces import Reading
 from pumaid.cluster.whole import Whole
+from pumaid.dataset import Dataset
 from pumaid.errors import Faults, LogError, Where
 from pumaid.io.recipe import read_recipe
 from pumaid.io.table import LogReader, expand
 from pumaid.preprocessing.options import DEFAULTS
 from pumaid.preprocessing.suspicion import Watch
-from pumaid.records import Evidence
 from pumaid.verbs.identify import identify
 from pumaid.verbs.segment import segment
 
@@ -59,17 +59,17 @@ def cut(logs: Path, folder: Path, rows: int) -> list[Path]:
     return expand([folder])
 
 
-def one_pass(paths, robot) -> Evidence:
+def one_pass(paths, robot) -> Dataset:
     """What one process leaves."""
     return segment(Watch(LogReader(paths, robot), robot), robot)
 
 
-def taken(parts, robot) -> Evidence:
+def taken(parts, robot) -> Dataset:
     """What parts leave together."""
     whole = Whole(robot, DEFAULTS)
     for part in parts:
         whole.add(part)
-    return whole.evidence(refuse=True)
+    return whole.dataset(refuse=True)
 
 
 @pytest.mark.parametrize("rows", [700, 2500, 10**6])
@@ -121,7 +121,7 @@ def test_a_part_comes_whole_from_another_process(logs):
     robot = read_recipe(logs / "recipe.yaml")
     part = Reading(robot, DEFAULTS).piece(expand([logs / "logs"])[0])
     back = pickle.loads(pickle.dumps(part))
-    assert same(back.evidence, part.evidence) and back.clocks == part.clocks
+    assert same(back.dataset, part.dataset) and back.clocks == part.clocks
     assert back.sums.judged(refuse=True) == part.sums.judged(refuse=True)
 
 

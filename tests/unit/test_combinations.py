@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from worlds import CRANE, PENDULUM, drawn, evidence, experiment, only
+from worlds import CRANE, PENDULUM, dataset, drawn, experiment, only
 
-from pumaid.records import Evidence
+from pumaid.dataset import Dataset
 from pumaid.simulation import Bench
 from pumaid.verbs.identify import identify
 
@@ -21,12 +21,12 @@ def by_text(estimate) -> dict:
 
 def test_nothing_to_add_where_everything_is_known():
     """With every term identified no sum is told."""
-    assert identify(evidence(TRUTH, experiment(PENDULUM)), PENDULUM).combinations == ()
+    assert identify(dataset(TRUTH, experiment(PENDULUM)), PENDULUM).combinations == ()
 
 
 def test_friction_at_one_speed():
     """At one speed the current at that speed is told, each way, with its error, and is the truth's."""
-    found = by_text(identify(evidence(TRUTH, ONE_SPEED, seed=1), PENDULUM))
+    found = by_text(identify(dataset(TRUTH, ONE_SPEED, seed=1), PENDULUM))
     for joint in (1, 2):
         for sign, way in ((1, "forward"), (-1, "backward")):
             sum_ = found[f"friction of joint {joint} {way}, at the one speed that was run"]
@@ -41,7 +41,7 @@ def test_friction_at_one_speed():
 
 def test_load_in_one_posture():
     """In one posture the whole weight on the inner joint is told at two positions, and is the truth's."""
-    estimate = identify(evidence(TRUTH, ONE_POSTURE, seed=2), PENDULUM)
+    estimate = identify(dataset(TRUTH, ONE_POSTURE, seed=2), PENDULUM)
     assert estimate.value("gain_ratio.1.2").state == "not_identifiable"
     found, position = by_text(estimate), np.tile(ONE_POSTURE.motions[0].hold, (2, 1))
     position[:, 0] = [0.0, np.pi / 2]
@@ -54,7 +54,7 @@ def test_load_in_one_posture():
 
 def test_value_is_the_sum_of_its_terms():
     """A sum is its weights times the solution, so a reader can add it up."""
-    estimate = identify(evidence(TRUTH, ONE_POSTURE, seed=2), PENDULUM)
+    estimate = identify(dataset(TRUTH, ONE_POSTURE, seed=2), PENDULUM)
     for sum_ in estimate.combinations:
         terms = [weight * estimate.solution[estimate.names.index(name)] for name, weight in sum_.terms.items()]
         assert sum_.value == pytest.approx(np.sum(terms), rel=1e-6)
@@ -65,7 +65,7 @@ def test_errors_are_the_spread_of_sums(plan):
     """Standard errors told, ratios' share included, are the spread of the sums over 30 experiments."""
     bench, told = Bench(TRUTH, plan, rate=50.0), []
     for seed in range(30):
-        estimate = identify(Evidence(bench.runs(np.random.default_rng(seed))), PENDULUM)
+        estimate = identify(Dataset(bench.runs(np.random.default_rng(seed))), PENDULUM)
         told.append({sum_.text: (sum_.value, sum_.std_error) for sum_ in estimate.combinations})
     texts = [text for text in told[0] if all(text in one for one in told)]
     assert texts
@@ -79,7 +79,7 @@ def test_every_sum_says_more_than_its_terms():
     """A sum of terms that are as well known each is left to the reader."""
     truth = drawn(CRANE)
     plan = only(experiment(CRANE), lambda motion: motion.joint != 3)
-    estimate = identify(evidence(truth, plan), CRANE)
+    estimate = identify(dataset(truth, plan), CRANE)
     assert estimate.combinations
     for sum_ in estimate.combinations:
         terms = [(weight, estimate.value(name).std_error) for name, weight in sum_.terms.items()]
@@ -90,7 +90,7 @@ def test_several_postures_are_numbered():
     """Loads in several postures are told one by one, at most three, each the truth's in its posture."""
     truth = drawn(CRANE)
     plan = only(experiment(CRANE, postures=5), lambda motion: motion.joint == 1)
-    estimate = identify(evidence(truth, plan, seed=5), CRANE)
+    estimate = identify(dataset(truth, plan, seed=5), CRANE)
     texts = [
         sum_.text for sum_ in estimate.combinations if sum_.text.startswith("weight felt by joint 1 at position 0")
     ]

@@ -9,8 +9,9 @@ import pytest
 import worlds
 
 import pumaid
+from pumaid.dataset import Dataset, FileFacts, Means, Reject, Run
 from pumaid.errors import ModelError
-from pumaid.records import UNEXPLAINED, Comparison, Evidence, FileFacts, Means, Reject, Run
+from pumaid.records import UNEXPLAINED, Comparison
 from pumaid.robot import Robot
 from pumaid.verbs.compare import compare
 
@@ -49,13 +50,13 @@ def runs(postures: tuple[float, ...], speeds: tuple[float, ...], *, seed: int = 
 @pytest.fixture(scope="module")
 def fitted():
     """Runs in two postures at two speeds, and the model of them."""
-    evidence = Evidence(runs((0.0, 1.0), (0.4, 1.0)))
-    return evidence, pumaid.identify(evidence, worlds.PENDULUM)
+    dataset = Dataset(runs((0.0, 1.0), (0.4, 1.0)))
+    return dataset, pumaid.identify(dataset, worlds.PENDULUM)
 
 
-def made(evidence: Evidence, estimate, robot: Robot = worlds.PENDULUM) -> Comparison:
+def made(dataset: Dataset, estimate, robot: Robot = worlds.PENDULUM) -> Comparison:
     """`compare`, told which arm."""
-    return compare(estimate, evidence, robot)
+    return compare(estimate, dataset, robot)
 
 
 def test_scores_are_those_of_every_sample(fitted):
@@ -63,7 +64,7 @@ def test_scores_are_those_of_every_sample(fitted):
     course = worlds.course("constant", -1.0, 1.2, duration=2.0, samples=333)
     current = pendulum_current(2, course[1], other=0.5, qd=course[2]) + 0.1 * np.sin(9.0 * course[1])
     run = worlds.run_of(worlds.PENDULUM, 2, [0.5, 0.0], course=course, current=current)
-    score = made(Evidence((run,)), fitted[1]).runs[0]
+    score = made(Dataset((run,)), fitted[1]).runs[0]
     values = {value.name: value.value for value in fitted[1].values}
     q, lean = course[1], np.array([0.5, 0.0])
     # Link 2 weighs on joint 2 by (z x g) . x and (z x g) . y of its frame: g turned through the sum of both angles.
@@ -91,7 +92,7 @@ def test_error_is_the_noise(fitted):
 
 def test_predicts_a_posture_that_it_never_saw(fitted):
     """Two postures determine all, so a third is predicted to the noise."""
-    comparison = made(Evidence(runs((-0.7,), (0.7,), seed=2)), fitted[1])
+    comparison = made(Dataset(runs((-0.7,), (0.7,), seed=2)), fitted[1])
     assert comparison.rmse == pytest.approx(NOISE, rel=0.15)
     assert not any(score.undetermined for score in comparison.runs)
 
@@ -106,8 +107,8 @@ def test_shares_add_up(fitted):
 def test_one_speed_tells_friction_as_a_sum():
     """A model of one speed knows what friction takes, not how much of it is Coulomb's; two speeds tell it."""
     for speeds, told in (((0.4,), {"coulomb+viscous"}), ((0.4, 1.0), {"coulomb", "viscous"})):
-        evidence = Evidence(runs((0.0, 1.0), speeds))
-        comparison = made(evidence, pumaid.identify(evidence, worlds.PENDULUM))
+        dataset = Dataset(runs((0.0, 1.0), speeds))
+        comparison = made(dataset, pumaid.identify(dataset, worlds.PENDULUM))
         for score in comparison.joints:
             assert set(score.shares) == told | {"gravity", UNEXPLAINED}
             assert sum(score.shares.values()) == pytest.approx(1.0, abs=1e-12)
@@ -116,8 +117,8 @@ def test_one_speed_tells_friction_as_a_sum():
 
 def test_a_merged_share_is_true():
     """Friction at one speed takes the share that the truth says, however the solution splits it."""
-    evidence = Evidence(runs((0.0, 1.0), (0.4,)))
-    score = made(evidence, pumaid.identify(evidence, worlds.PENDULUM)).joints[1]
+    dataset = Dataset(runs((0.0, 1.0), (0.4,)))
+    score = made(dataset, pumaid.identify(dataset, worlds.PENDULUM)).joints[1]
     q, friction = np.linspace(-1.5, 1.5, 1000), {1: 0.4 + 0.2 * 0.4, -1: -0.3 - 0.1 * 0.4}
     current, part = [], []
     for other in (0.0, 1.0):
@@ -137,8 +138,8 @@ def test_a_short_way_tells_weight_and_friction_as_a_sum():
         current = pendulum_current(joint, course[1], other=0.5, qd=course[2])
         noisy = current + np.random.default_rng(joint).normal(0.0, NOISE, len(current))
         made_runs.append(worlds.run_of(worlds.PENDULUM, joint, [0.5, 0.5], course=course, current=noisy))
-    evidence = Evidence(tuple(made_runs))
-    for score in made(evidence, pumaid.identify(evidence, worlds.PENDULUM)).joints:
+    dataset = Dataset(tuple(made_runs))
+    for score in made(dataset, pumaid.identify(dataset, worlds.PENDULUM)).joints:
         assert set(score.shares) == {"gravity+coulomb+viscous", UNEXPLAINED}
 
 
@@ -147,20 +148,20 @@ def test_an_unknown_ratio_does_not_hide_weight(seed):
     """One posture leaves ratios of gains open, but what weighs and what rubs is told apart in every joint."""
     robot = worlds.arm("RRRR", [TURN, 0.4, 0.9, -0.6])
     truth = worlds.drawn(robot, seed)
-    evidence = worlds.evidence(truth, worlds.experiment(robot, postures=1, speeds=(0.3, 0.9)), seed=seed)
-    for score in made(evidence, pumaid.identify(evidence, robot), robot).joints:
+    dataset = worlds.dataset(truth, worlds.experiment(robot, postures=1, speeds=(0.3, 0.9)), seed=seed)
+    for score in made(dataset, pumaid.identify(dataset, robot), robot).joints:
         assert not [name for name in score.shares if "+" in name]
 
 
 def test_parts_add_up(fitted):
-    """At every cell the effects' parts make up the prediction."""
+    """At every bin the effects' parts make up the prediction."""
     for score in made(*fitted).runs:
         assert np.allclose(sum(score.parts.values()), score.predicted, atol=1e-12)
 
 
 def test_flags_another_speed(fitted):
     """A model of one speed says that it does not know what another speed takes, and still knows the one it saw."""
-    estimate = pumaid.identify(Evidence(runs((0.0, 1.0), (0.4,))), worlds.PENDULUM)
+    estimate = pumaid.identify(Dataset(runs((0.0, 1.0), (0.4,))), worlds.PENDULUM)
     flags = {abs(score.run.speed): score for score in made(fitted[0], estimate).runs}
     assert not flags[0.4].undetermined
     assert flags[1.0].undetermined and "viscous.j2" in flags[1.0].reason
@@ -168,17 +169,17 @@ def test_flags_another_speed(fitted):
 
 def test_flags_another_posture():
     """A model of one posture says that it does not know the outer link's weight in another."""
-    estimate = pumaid.identify(Evidence(runs((0.0,), (0.4, 1.0))), worlds.PENDULUM)
-    other = [score for score in made(Evidence(runs((1.3,), (0.4,))), estimate).runs if score.run.joint == 1]
+    estimate = pumaid.identify(Dataset(runs((0.0,), (0.4, 1.0))), worlds.PENDULUM)
+    other = [score for score in made(Dataset(runs((1.3,), (0.4,))), estimate).runs if score.run.joint == 1]
     assert all(score.undetermined for score in other)
 
 
 def test_a_fitted_log_is_never_flagged():
     """Runs of a log that was fitted are known, whatever is undetermined elsewhere."""
     facts = (FileFacts("samples", "d1", 1, 0.01, 0.0, 1.0),)
-    evidence = Evidence(runs((0.0,), (0.4,)), files=facts)
-    estimate = pumaid.identify(evidence, worlds.PENDULUM)
-    comparison = made(evidence, estimate)
+    dataset = Dataset(runs((0.0,), (0.4,)), files=facts)
+    estimate = pumaid.identify(dataset, worlds.PENDULUM)
+    comparison = made(dataset, estimate)
     assert not any(score.undetermined for score in comparison.runs)
     assert "compared-with-fitted" in [note.slug for note in comparison.notes]
 
@@ -188,7 +189,7 @@ def test_flags_a_stroke_whose_inertia_is_unknown(fitted):
     course = worlds.course("stroke", -1.0, 1.0)
     current = pendulum_current(1, course[1], other=0.0, qd=course[2]) + 0.7 * course[3]
     stroke = worlds.run_of(worlds.PENDULUM, 1, [0.0, 0.0], course=course, current=current)
-    score = made(Evidence((stroke,)), fitted[1]).runs[0]
+    score = made(Dataset((stroke,)), fitted[1]).runs[0]
     assert score.undetermined and "inertia of joint 1" in score.reason
     assert score.rmse == pytest.approx(0.7 * np.sqrt(np.mean(course[3] ** 2)), rel=0.05)
 
@@ -196,7 +197,7 @@ def test_flags_a_stroke_whose_inertia_is_unknown(fitted):
 def test_heldout_runs_are_apart(fitted):
     """Held-out runs do not enter the joints' error but have their own."""
     spoilt = [replace(run, heldout=True) for run in runs((0.5,), (0.6,), seed=3)]
-    comparison = made(Evidence((*fitted[0].runs, *spoilt)), fitted[1])
+    comparison = made(Dataset((*fitted[0].runs, *spoilt)), fitted[1])
     assert [score.heldout_runs for score in comparison.joints] == [4, 4]
     assert comparison.rmse == pytest.approx(made(*fitted).rmse, rel=1e-12)
     assert comparison.heldout == pytest.approx(NOISE, rel=0.2)
@@ -204,8 +205,8 @@ def test_heldout_runs_are_apart(fitted):
 
 def test_only_heldout_runs_are_still_scored(fitted):
     """Logs that hold nothing but held-out runs have an error by joint."""
-    evidence = Evidence(tuple(replace(run, heldout=True) for run in runs((0.5,), (0.6,), seed=3)))
-    assert all(score.rmse is not None for score in made(evidence, fitted[1]).joints)
+    dataset = Dataset(tuple(replace(run, heldout=True) for run in runs((0.5,), (0.6,), seed=3)))
+    assert all(score.rmse is not None for score in made(dataset, fitted[1]).joints)
 
 
 def test_outside_runs_lack_inertia_only(fitted):
@@ -214,11 +215,11 @@ def test_outside_runs_lack_inertia_only(fitted):
     current = pendulum_current(1, course[1], other=0.0, qd=course[2]) + 0.7 * course[3]
     run: Run = worlds.run_of(worlds.PENDULUM, 1, [0.0, 0.0], course=course, current=current)
     ramp = Reject("samples", 2, 201, 0.0, 2.0, (1,), "ramp", "a ramp", 200, worlds.means_of(run))
-    (score,) = made(Evidence((), rejects=(ramp,)), fitted[1]).outside
+    (score,) = made(Dataset((), rejects=(ramp,)), fitted[1]).outside
     assert (score.joint, score.reason) == (1, "ramp")
-    cells = run.cells
-    moving = np.abs(cells.velocity) > 0.05 * np.abs(cells.velocity).max()
-    assert score.rmse == pytest.approx(0.7 * np.sqrt(np.mean(cells.acceleration[moving] ** 2)), rel=0.05)
+    bins = run.bins
+    moving = np.abs(bins.velocity) > 0.05 * np.abs(bins.velocity).max()
+    assert score.rmse == pytest.approx(0.7 * np.sqrt(np.mean(bins.acceleration[moving] ** 2)), rel=0.05)
 
 
 def test_several_joints_moving_are_scored_one_by_one(fitted):
@@ -231,16 +232,16 @@ def test_several_joints_moving_are_scored_one_by_one(fitted):
             pendulum_current(2, q[:, 1], other=q[:, 0], qd=qd[:, 1]),
         ]
     )
-    cells = Means(np.full(100, 4), t, q, qd, currents)
-    both = Reject("samples", 2, 401, 0.0, 2.0, (1, 2), "several-joints", "both move", 400, cells)
-    scores = made(Evidence((), rejects=(both,)), fitted[1]).outside
+    bins = Means(np.full(100, 4), t, q, qd, currents)
+    both = Reject("samples", 2, 401, 0.0, 2.0, (1, 2), "several-joints", "both move", 400, bins)
+    scores = made(Dataset((), rejects=(both,)), fitted[1]).outside
     assert [score.joint for score in scores] == [1, 2]
     assert all(score.rmse < NOISE for score in scores)  # exact currents; what is left is the fit's own error
 
 
 def test_no_runs_is_no_error(fitted):
     """Logs without runs give an empty comparison, not a failure."""
-    comparison = made(Evidence(()), fitted[1])
+    comparison = made(Dataset(()), fitted[1])
     assert comparison.rmse is None and comparison.joints[0].noise_floor_reason
 
 
@@ -269,7 +270,7 @@ def test_how_runs_are_batched_changes_nothing(fitted, monkeypatch):
 def test_says_that_other_runs_are_held_out(fitted):
     """Runs that the fit saw and that are held out now, and the other way round, are told; the same choice is not."""
     facts = (FileFacts("samples", "d1", 1, 0.01, 0.0, 1.0),)
-    all_of_them = Evidence(runs((0.0, 1.0), (0.4, 0.8)), files=facts)
+    all_of_them = Dataset(runs((0.0, 1.0), (0.4, 0.8)), files=facts)
     some = replace(all_of_them, runs=tuple(replace(run, heldout=n % 2 > 0) for n, run in enumerate(all_of_them.runs)))
     for fitted_to, now in ((all_of_them, some), (some, all_of_them)):
         estimate = pumaid.identify(fitted_to, worlds.PENDULUM)

@@ -7,10 +7,11 @@ import pytest
 import worlds
 
 import pumaid
+from pumaid.dataset import Dataset, Means, Reject
 from pumaid.effects import catalogue
 from pumaid.errors import Faults, RecipeError
 from pumaid.io.recipe import read_recipe
-from pumaid.records import Evidence, Means, Reject, Samples
+from pumaid.records import Samples
 from pumaid.robot import Joint, Robot
 from pumaid.verbs.compare import compare
 
@@ -145,7 +146,7 @@ def weightless():
             course = worlds.course("constant", -reach, reach, duration=3.0 / abs(speed))
             current = friction(course[2])
             out.append(worlds.run_of(GEARED_PENDULUM, joint, [0.3, 0.3], course=course, current=current))
-    return pumaid.identify(Evidence(tuple(out)), GEARED_PENDULUM)
+    return pumaid.identify(Dataset(tuple(out)), GEARED_PENDULUM)
 
 
 def test_compare_predicts_friction_at_the_motors_speed(weightless):
@@ -156,9 +157,9 @@ def test_compare_predicts_friction_at_the_motors_speed(weightless):
     assert np.mean(np.sign(motor) != np.sign(qd[:, 1])) > 0.4
     q = np.cumsum(qd, axis=0) * (t[1] - t[0])
     currents = np.column_stack([friction(qd[:, 0]), friction(motor)])
-    cells = Means(np.full(100, 4), t, q, qd, currents)
-    both = Reject("samples", 2, 401, 0.0, 2.0, (1, 2), "several-joints", "both move", 400, cells)
-    scores = compare(weightless, Evidence((), rejects=(both,)), GEARED_PENDULUM).outside
+    bins = Means(np.full(100, 4), t, q, qd, currents)
+    both = Reject("samples", 2, 401, 0.0, 2.0, (1, 2), "several-joints", "both move", 400, bins)
+    scores = compare(weightless, Dataset((), rejects=(both,)), GEARED_PENDULUM).outside
     assert [score.joint for score in scores] == [1, 2]
     assert all(score.rmse < 1e-9 for score in scores)
 
@@ -175,7 +176,7 @@ def test_held_joints_that_tremble_drive_no_friction():
     """What the encoder of a held joint shows during a run is no speed of its motor."""
     course = worlds.course("constant", -1.0, 1.0, duration=2.0)
     run = worlds.run_of(GEARED_PENDULUM, 2, [0.3, 0.3], course=course, current=friction(course[2]))
-    rough = run.cells.position + np.array([0.005, 0.0]) * np.sin(np.arange(len(run.cells)))[:, None]
-    rough_run = replace(run, cells=replace(run.cells, position=rough))
-    assert np.array_equal(rough_run.velocity[:, 0], np.zeros(len(run.cells)))
-    assert np.array_equal(rough_run.velocity[:, 1], run.cells.velocity)
+    rough = run.bins.position + np.array([0.005, 0.0]) * np.sin(np.arange(len(run.bins)))[:, None]
+    rough_run = replace(run, bins=replace(run.bins, position=rough))
+    assert np.array_equal(rough_run.velocity[:, 0], np.zeros(len(run.bins)))
+    assert np.array_equal(rough_run.velocity[:, 1], run.bins.velocity)

@@ -43,16 +43,16 @@ class Waving(Falling):
 SPEEDS = (0.1, 0.3, 0.6, 1.0)
 
 
-def cells(seed: int = 0, *, cells: int = 40, repeats: int = 2) -> Samples:
+def bins(seed: int = 0, *, bins: int = 40, repeats: int = 2) -> Samples:
     """Joint 2 of the pendulum at four speeds, both ways, each run twice."""
     rng, runs = np.random.default_rng(seed), []
     for number, (speed, way) in enumerate([(v, s) for v in SPEEDS for s in (1, -1)] * repeats):
-        ones = np.ones(cells)
-        q = np.linspace(-1.5, 1.5, cells) * way + rng.uniform(-0.01, 0.01)
-        runs.append((q, way * speed * ones * (1 + 1e-3 * rng.normal(size=cells)), way * ones, number * ones))
+        ones = np.ones(bins)
+        q = np.linspace(-1.5, 1.5, bins) * way + rng.uniform(-0.01, 0.01)
+        runs.append((q, way * speed * ones * (1 + 1e-3 * rng.normal(size=bins)), way * ones, number * ones))
     q, v, way, run = (np.concatenate(part) for part in zip(*runs, strict=True))
     zeros = np.zeros_like(q)
-    travel = np.tile(np.linspace(0.0, 3.0, cells), 2 * len(SPEEDS) * repeats)
+    travel = np.tile(np.linspace(0.0, 3.0, bins), 2 * len(SPEEDS) * repeats)
     position, velocity = np.column_stack([zeros, q]), np.column_stack([zeros, v])
     more = {"direction": way, "time": run * 5.0, "travel": travel, "temperature": zeros * np.nan, "run": run}
     return Samples(2, position, velocity, acceleration=zeros, **more)
@@ -68,7 +68,7 @@ def without_line(samples: Samples, values: np.ndarray) -> np.ndarray:
 
 def test_bins_are_means_over_runs():
     """Means and standard errors of each speed are those of the runs' own means."""
-    samples = cells()
+    samples = bins()
     before, after = np.random.default_rng(1).normal(size=(2, len(samples)))
     found = curve(
         worlds.PENDULUM, samples, before=before, trials=[Trial(Falling(), 2, {"velocity": 0.2}, [0.1], after)]
@@ -84,7 +84,7 @@ def test_bins_are_means_over_runs():
 
 def test_line_over_speed_runs_through_what_is_left():
     """What the base model leaves of a law of speed lies on that law's line at every speed that was run."""
-    samples, law = cells(), Falling()
+    samples, law = bins(), Falling()
     left = without_line(samples, 0.1 * law.columns(None, samples, shape={"velocity": 0.2})[:, 0])
     trial = Trial(law, 2, {"velocity": 0.2}, np.array([0.1]), 0.0 * left)
     found = curve(worlds.PENDULUM, samples, before=left, trials=[trial])
@@ -95,7 +95,7 @@ def test_line_over_speed_runs_through_what_is_left():
 
 def test_rivals_part_below_the_slowest_run():
     """Two scales that agree on the speeds run differ where nobody ran, and the picture goes there."""
-    samples, law = cells(), Falling()
+    samples, law = bins(), Falling()
     left = without_line(samples, 0.1 * law.columns(None, samples, shape={"velocity": 0.2})[:, 0])
     trials = [Trial(law, 2, {"velocity": scale}, np.array([0.1]), 0.0 * left) for scale in (0.2, 0.1)]
     lines = curve(worlds.PENDULUM, samples, before=left, trials=trials).lines
@@ -107,7 +107,7 @@ def test_rivals_part_below_the_slowest_run():
 
 def test_a_ripple_is_folded_on_its_period():
     """Over one period the bins show the wave that many periods hide."""
-    samples, shape = cells(cells=400), {"frequency": 40.0}
+    samples, shape = bins(bins=400), {"frequency": 40.0}
     wave = 0.05 * np.cos(40.0 * samples.position[:, 1])
     trial = Trial(Waving(), 2, shape, np.array([0.05]), 0.0 * wave)
     found = curve(worlds.PENDULUM, samples, before=wave, trials=[trial])
@@ -118,7 +118,7 @@ def test_a_ripple_is_folded_on_its_period():
 
 def test_a_suspect_is_drawn_against_itself():
     """A column that the user suspects is the axis; cells without it are left out."""
-    samples = cells()
+    samples = bins()
     volts = 24.0 + samples.run
     volts[samples.run == 0] = np.nan
     samples = replace(samples, extra=np.column_stack([0.0 * volts, volts]))
@@ -132,7 +132,7 @@ def test_a_suspect_is_drawn_against_itself():
 
 def test_one_direction_has_one_side():
     """A joint that only ran forward has one side and one line an effect."""
-    whole = cells()
+    whole = bins()
     ahead = whole.direction > 0
     names = ("position", "velocity", "acceleration", "direction", "time", "travel", "temperature", "run")
     some = Samples(2, **{name: getattr(whole, name)[ahead] for name in names})

@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from pumaid.dataset import Dataset
 from pumaid.diagnosis import deciding as module
 from pumaid.diagnosis.added import Added
 from pumaid.diagnosis.contender import evidence
@@ -23,7 +24,7 @@ from pumaid.effects import catalogue
 from pumaid.io.plan import plan_text, read_plan
 from pumaid.io.recipe import read_recipe
 from pumaid.model import Model
-from pumaid.records import Evidence, Motion, Plan
+from pumaid.records import Motion, Plan
 from pumaid.simulation import Bench, Hidden, draw
 from pumaid.verbs.identify import identify
 
@@ -50,13 +51,13 @@ def campaign(seed: int, *, speeds=SPEEDS, reach: float = 1.5, postures: int = 3)
 def runs_of(hidden: Hidden, motions, seed: int, *, is_quiet: bool = False):
     """Runs of a drawn arm with a hidden effect."""
     truth = replace(draw(PUMA, seed), hidden=(hidden,))
-    bench = Bench(truth.with_noise(0.0) if is_quiet else truth, Plan(PUMA.name, tuple(motions)), rate=50.0, cells=128)
+    bench = Bench(truth.with_noise(0.0) if is_quiet else truth, Plan(PUMA.name, tuple(motions)), rate=50.0, bins=128)
     return bench.runs(np.random.default_rng(seed))
 
 
 def system(runs, noises=None):
     """The base model solved on runs."""
-    estimate, model = identify(Evidence(runs), PUMA), Model.of_runs(PUMA, runs)
+    estimate, model = identify(Dataset(runs), PUMA), Model.of_runs(PUMA, runs)
     known = dict(zip(estimate.names, estimate.solution, strict=True))
     start = Start(np.array([float(known.get(name, 0.0)) for name in model.names]), estimate.scales)
     return loaded(solve(model, fields(model, runs), start, noises=noises))
@@ -138,7 +139,7 @@ def test_gain_is_what_least_squares_leaves():
         y = np.concatenate(target[:count])
         return float(np.sum((y - design @ np.linalg.lstsq(design, y, rcond=1e-9)[0]) ** 2))
 
-    scale = (solved.square - truth.statistic) / (solved.cells - solved.rank)
+    scale = (solved.square - truth.statistic) / (solved.bins - solved.rank)
     found = Duel(Prospect(solved, rows[1:]), truth, rival).gains(np.ones((1, 1)))
     assert found[0] == pytest.approx((left(2) - left(1)) / scale, rel=2e-3)  # a ridge stands for what no run shows
 

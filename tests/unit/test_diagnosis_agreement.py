@@ -48,7 +48,7 @@ def test_what_repeats_is_seen_below_the_noise():
 
 @pytest.mark.parametrize(("length", "size"), [(1, 0.0025), (8, 0.007)])
 def test_fast_and_slow_courses_are_seen_in_slow_noise(length, size):
-    """In 0.014 A of slow noise, what is fast is seen at a sixth of it, what changes every 8 cells at half of it."""
+    """In 0.014 A of slow noise, what is fast is seen at a sixth of it, what changes every 8 bins at half of it."""
     lab, din = lever(), Din(spread=0.01, correlation=0.95, level=0.01)
     field, found = lab.fields()[0], []
     for seed in range(20):
@@ -92,7 +92,7 @@ def test_too_few_pairs_say_nothing():
 
 
 def test_repeats_are_compared_at_the_same_place():
-    """Runs cut at other ends, one cell of the one beside the nearest of the other: physics still agrees."""
+    """Runs cut at other ends, one bin of the one beside the nearest of the other: physics still agrees."""
     field = lever().fields()[0]
     for pair in field.pairs[:4]:
         a, b = field.side_by_side(field.samples.position[:, 0], pair)

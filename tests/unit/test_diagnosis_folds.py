@@ -68,7 +68,7 @@ def test_falls_of_an_effect_in_several_joints():
 
 
 def test_rmse_of_runs_left_out_is_that_of_samples():
-    """Before and after are in A, over the samples of every run once, the variance inside cells included."""
+    """Before and after are in A, over the samples of every run once, the variance inside bins included."""
     lab = Lab.of(LEVER, design(LEVER), Hidden("spring", 1, {"a": 0.1}))
     solved = lab.solved(lab.noisy(1))
     row, squares, count = solved.row(1), np.zeros(2), 0.0

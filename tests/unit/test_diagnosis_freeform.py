@@ -36,8 +36,8 @@ def hiding(lab: Lab, current, seed: int = 1) -> Solved:
     runs, plain = [], lab.noisy(seed, Din(spread=0.01, correlation=0.5, level=0.004))
     for run in plain:
         own = run.joint - 1
-        q, v = run.cells.position[:, own], run.cells.velocity
-        more = current(q=q, s=float(run.direction), v=v, t=run.cells.time, travel=np.abs(q - run.span[0]))
+        q, v = run.bins.position[:, own], run.bins.velocity
+        more = current(q=q, s=float(run.direction), v=v, t=run.bins.time, travel=np.abs(q - run.span[0]))
         runs.append(with_current(run, more if run.joint == lab.robot.n_joints else 0.0 * q))
     return lab.solved(runs, noises=lab.solved(plain).noises)
 

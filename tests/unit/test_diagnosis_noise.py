@@ -1,4 +1,4 @@
-"""Noise of cells: whitening is an inverse root of the stated covariance, and what is stated is what the cells have."""
+"""Noise of bins: whitening is an inverse root of the stated covariance, and what is stated is what the bins have."""
 
 from __future__ import annotations
 
@@ -21,9 +21,9 @@ DRAWS = 60
 
 @cache
 def uneven() -> Field:
-    """Runs of 12, 1, 2 and 7 cells."""
+    """Runs of 12, 1, 2 and 7 bins."""
     path = course("constant", -1.0, 1.0, duration=2.0, samples=48)
-    runs = [run_of(LEVER, 1, [0.0], course=path, current=np.sin(path[1]), cells=cells) for cells in (12, 1, 2, 7)]
+    runs = [run_of(LEVER, 1, [0.0], course=path, current=np.sin(path[1]), bins=bins) for bins in (12, 1, 2, 7)]
     return fields(Model(LEVER), runs, campaign=Campaign.of(runs))[0]
 
 
@@ -90,8 +90,8 @@ def test_without_replicates_missing_physics_passes_for_noise():
 
 
 def test_short_runs_hide_correlation_and_that_is_mended():
-    """With 16 cells a run the plain estimate of a correlation of 0.8 is short by 0.2; what is told is within 0.06."""
-    short = Lab.of(LEVER, design(LEVER), cells=16)
+    """With 16 bins a run the plain estimate of a correlation of 0.8 is short by 0.2; what is told is within 0.06."""
+    short = Lab.of(LEVER, design(LEVER), bins=16)
     (one,) = short.fields()
     plain = []
     for seed in range(DRAWS):

@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 from searches import LEVER, Din, Lab, design, left, roots
 
+from pumaid.dataset import Run
 from pumaid.diagnosis.field import fields
 from pumaid.diagnosis.periodogram import Spectrum, spectrum
 from pumaid.diagnosis.system import Row, loaded, solve
-from pumaid.records import Run
 from pumaid.simulation import Hidden
 
 CELLS = 256
@@ -19,19 +19,19 @@ CELLS = 256
 
 @cache
 def lab(amplitude: float = 0.0, frequency: float = 40.0, repeats: int = 2) -> Lab:
-    """A lever with fine cells whose motor may have a ripple."""
+    """A lever with fine bins whose motor may have a ripple."""
     plan = design(LEVER, speeds=(0.5, 1.0), repeats=repeats)
     values = {"cos": amplitude, "sin": 0.5 * amplitude, "frequency": frequency}
-    return Lab.of(LEVER, plan, *([Hidden("ripple", 1, values)] if amplitude else []), cells=CELLS)
+    return Lab.of(LEVER, plan, *([Hidden("ripple", 1, values)] if amplitude else []), bins=CELLS)
 
 
 def row_of(some: Lab, seed: int = 2) -> Row:
-    """One experiment with noise, its fit on all cells."""
+    """One experiment with noise, its fit on all bins."""
     return solved_row(some, some.noisy(seed))
 
 
 def solved_row(some: Lab, runs: tuple[Run, ...]) -> Row:
-    """The fit of these runs on all their cells."""
+    """The fit of these runs on all their bins."""
     return loaded(solve(some.model, fields(some.model, runs, most=CELLS), some.start)).row(1)
 
 
@@ -73,7 +73,7 @@ def test_statistics_are_the_fall_of_the_square():
 
 
 def test_the_peak_is_at_the_ripple():
-    """Its frequency within a step, though its amplitude is that of the noise of a cell."""
+    """Its frequency within a step, though its amplitude is that of the noise of a bin."""
     found = spectrum(row_of(lab(0.01)))
     step = found.frequency[1] - found.frequency[0]
     assert abs(found.frequency[int(found.statistic().argmax())] - 40.0) <= step
@@ -129,6 +129,6 @@ def test_of_few_runs_pieces_are_flipped():
 
 
 def test_runs_of_few_cells_have_no_frequencies():
-    """Four cells a run show nothing that a fit has not taken."""
-    some = Lab.of(LEVER, design(LEVER, speeds=(1.0,)), cells=4)
+    """Four bins a run show nothing that a fit has not taken."""
+    some = Lab.of(LEVER, design(LEVER, speeds=(1.0,)), bins=4)
     assert spectrum(some.solved(some.noisy(0)).row(1)) is None

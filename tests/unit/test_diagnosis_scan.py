@@ -185,7 +185,7 @@ def test_leverage_restores_the_spread_of_fitted_scores():
 
 
 def test_misfit_with_an_effect_is_that_of_the_refit():
-    """What is left in A, cell by cell, against a dense weighted refit."""
+    """What is left in A, bin by bin, against a dense weighted refit."""
     solved = solved_of(Lab.of(LEVER, design(LEVER), HIDDEN))
     trial = at(Projector(solved), Added(catalogue()["stribeck"], 1, {"velocity": 0.3, "exponent": 1.0}))
     base, columns, target = stacked(solved, trial.added)

@@ -1,4 +1,4 @@
-"""The whitened system: its minimum and its derivatives are those of the whole problem written out cell by cell."""
+"""The whitened system: its minimum and its derivatives are those of the whole problem written out bin by bin."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from worlds import STANFORD
 from pumaid.diagnosis.added import Added
 from pumaid.diagnosis.chain import SPREAD, pseudo_inverse
 from pumaid.diagnosis.settling import settling
-from pumaid.diagnosis.system import Solved, at_cells, misfit_at
+from pumaid.diagnosis.system import Solved, at_bins, misfit_at
 from pumaid.effects import catalogue
 
 STRIBECK = Added(catalogue()["stribeck"], 1, {"velocity": 0.3, "exponent": 1.0})
@@ -79,7 +79,7 @@ def test_the_minimum_is_that_of_the_whole_problem(added):
     for row in solved.rows:
         misfit = row.field.current - written.predicted(row.field, theta)
         np.testing.assert_allclose(row.misfit, misfit, atol=1e-6)
-    total = float(np.sum(written.misfits(theta)[: solved.cells] ** 2))
+    total = float(np.sum(written.misfits(theta)[: solved.bins] ** 2))
     assert solved.square == pytest.approx(total, rel=1e-8)
 
 
@@ -133,13 +133,13 @@ def test_pseudo_inverse_leaves_out_what_no_data_show():
 
 
 def test_other_cells_of_the_same_runs_leave_the_same():
-    """A solution carried to cells four times finer predicts what it predicted, and its noise is that of those cells."""
+    """A solution carried to bins four times finer predicts what it predicted, and its noise is that of those bins."""
     lab = lever()
     runs = lab.noisy(4)
     solved = lab.solved(runs)
-    fine = Lab.of(LEVER, design(LEVER), cells=256)
+    fine = Lab.of(LEVER, design(LEVER), bins=256)
     (field,) = fine.fields()
-    moved = at_cells(solved, field)
+    moved = at_bins(solved, field)
     plain = fine.solved(fine.runs, noises={1: moved.row(1).noise})
     np.testing.assert_allclose(misfit_at(solved, field), moved.row(1).misfit, atol=1e-12)
     assert np.abs(moved.row(1).misfit - plain.row(1).misfit).max() < 0.01  # A: what the noise of the first fit moved

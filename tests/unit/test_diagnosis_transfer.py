@@ -9,12 +9,13 @@ import numpy as np
 import pytest
 from searches import LEVER, Din, Lab, design, lever
 
+from pumaid.dataset import Dataset
 from pumaid.diagnosis import stepwise
 from pumaid.diagnosis.added import Added
 from pumaid.diagnosis.system import Solved, elsewhere
 from pumaid.diagnosis.transfer import transfer
 from pumaid.effects import catalogue
-from pumaid.records import DOUBTFUL, UNEXPLAINED_JOINT, Evidence, Transfer
+from pumaid.records import DOUBTFUL, UNEXPLAINED_JOINT, Transfer
 from pumaid.simulation import Hidden
 from pumaid.verbs.diagnose import diagnose
 
@@ -83,7 +84,7 @@ def test_runs_that_cannot_show_it_say_nothing():
 def diagnosis():
     """Of a lever that has a spring in the fitted runs only."""
     held = [replace(run, heldout=True, clock=1) for run in later(False).noisy(7)]
-    return diagnose(sprung().estimate, Evidence((*sprung().noisy(4), *held)), sprung().robot)
+    return diagnose(sprung().estimate, Dataset((*sprung().noisy(4), *held)), sprung().robot)
 
 
 def test_a_denied_effect_is_not_to_be_added_and_the_joint_is_unexplained():

@@ -100,35 +100,35 @@ def test_coarse_currents_are_no_copies(logs, step):
 
 def test_thousands_of_repeats_are_no_copies():
     """Ten thousand runs of one motion, each with noise of its own, also coarse noise; one copy is found among them."""
-    evidence = read_many(10_000, seed=3)
-    assert list(doubled(evidence)) == []
-    copy = replace(evidence.runs[77], origin="b")
-    (found,) = doubled(replace(evidence, runs=(*evidence.runs, copy)))
+    dataset = read_many(10_000, seed=3)
+    assert list(doubled(dataset)) == []
+    copy = replace(dataset.runs[77], origin="b")
+    (found,) = doubled(replace(dataset, runs=(*dataset.runs, copy)))
     assert found.slug == "runs-doubled" and found.text.startswith("1 run stands")
 
 
 def read_many(number: int, seed: int):
     """Evidence of many runs of one motion, whose currents are read in steps of half the noise."""
-    from pumaid.records import Cells, Evidence
+    from pumaid.dataset import Bins, Dataset
 
     rng, (run, *_) = np.random.default_rng(seed), make_runs()
     count = np.full(8, 40)
     runs = []
     for _ in range(number):
         samples = np.round(np.sin(np.arange(8) / 50.0)[:, None] + rng.normal(0.0, 0.02, (8, 40)), 2)
-        pick = np.arange(8) % len(run.cells)
-        cells = Cells(
+        pick = np.arange(8) % len(run.bins)
+        bins = Bins(
             count,
-            run.cells.time[pick],
-            run.cells.position[pick],
-            run.cells.velocity[pick],
-            run.cells.acceleration[pick],
+            run.bins.time[pick],
+            run.bins.position[pick],
+            run.bins.velocity[pick],
+            run.bins.acceleration[pick],
             samples.mean(axis=1),
             samples.var(axis=1),
-            run.cells.temperature[pick],
+            run.bins.temperature[pick],
         )
-        runs.append(replace(run, cells=cells, origin="a"))
-    return Evidence(tuple(runs))
+        runs.append(replace(run, bins=bins, origin="a"))
+    return Dataset(tuple(runs))
 
 
 def make_runs():

@@ -158,7 +158,7 @@ def test_ripples_grid_loses_little_between_its_frequencies():
 
 
 def test_ripples_grid_begins_with_the_gear():
-    """Where the recipe has a gear, multiples of it that the cells can show are tried as they are."""
+    """Where the recipe has a gear, multiples of it that the bins can show are tried as they are."""
     geared = replace(PENDULUM, joints=(replace(PENDULUM.joints[0], gear_ratio=-30.0), PENDULUM.joints[1]))
     starts = [start["frequency"] for start in catalogue()["ripple"].grid(geared, EXTENT)]
     assert starts[:3] == [30.0, 60.0, 180.0] and max(starts) <= 2.0 * np.pi / EXTENT.finest * (1.0 + 1e-12)

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from worlds import CRANE, PENDULUM, course, evidence, experiment, run_of
+from worlds import CRANE, PENDULUM, course, dataset, experiment, run_of
 from worlds import drawn as drawn_arm
 
 from pumaid.chosen import in_order
@@ -27,7 +27,7 @@ def chosen(*names, **shapes):
 
 
 def every_sample(robot, run, moves):
-    """What effects would see if each sample were a cell."""
+    """What effects would see if each sample were a bin."""
     t, q, qd, qdd = moves
     position, velocity = np.tile(HOLD, (len(q), 1)), np.zeros((len(q), robot.n_joints))
     position[:, 0], velocity[:, 0] = q, run.speed if run.kind == "constant" else qd
@@ -36,7 +36,7 @@ def every_sample(robot, run, moves):
     return Samples(1, position, velocity, acceleration=qdd, direction=sign, **facts)
 
 
-def runs_with(law, *, kind="constant", samples=4000, cells=200):
+def runs_with(law, *, kind="constant", samples=4000, bins=200):
     """Runs of joint 1, both ways and at several speeds, that draw ``law(q, qd)`` and a little noise; their courses."""
     rng, found = np.random.default_rng(3), []
     for duration in (2.0, 4.0, 9.0):
@@ -44,7 +44,7 @@ def runs_with(law, *, kind="constant", samples=4000, cells=200):
             moves = course(kind, start, end, duration=duration, samples=samples)
             way = np.copysign(np.maximum(np.abs(moves[2]), 1e-12), end - start)  # at rest friction keeps its side
             current = law(moves[1], way) + 0.01 * rng.normal(size=samples)
-            found.append((run_of(PENDULUM, 1, HOLD, course=moves, current=current, cells=cells), moves, current))
+            found.append((run_of(PENDULUM, 1, HOLD, course=moves, current=current, bins=bins), moves, current))
     return found
 
 
@@ -69,10 +69,10 @@ LAWS = {
 @pytest.mark.parametrize("kind", ["constant", "stroke"])
 @pytest.mark.parametrize("name", LAWS)
 def test_equations_are_those_of_all_samples(name, kind):
-    """Cells give the effect's size that all samples give, also of a ripple of twelve cells a period; the same misfit.
+    """Bins give the effect's size that all samples give, also of a ripple of twelve bins a period; the same misfit.
 
-    To a thousandth of the size. Of the misfit to six percent: within cells the noise has a part along the effect that
-    means of cells do not show, of a standard deviation of three percent for this ripple.
+    To a thousandth of the size. Of the misfit to six percent: within bins the noise has a part along the effect that
+    means of bins do not show, of a standard deviation of three percent for this ripple.
     """
     shape, law = LAWS[name]
     found = runs_with(lambda q, v: 1.2 * np.cos(q) + 0.4 * np.sign(v) + 0.2 * law(q, v, np.abs(q - q[0])), kind=kind)
@@ -89,7 +89,7 @@ def test_equations_are_those_of_all_samples(name, kind):
 
 def test_runs_that_an_effect_does_not_touch_keep_their_triangle():
     """An effect of joint 1 changes nothing in the equations of joint 2 but adds columns of zeros."""
-    runs = evidence(drawn_arm(PENDULUM), experiment(PENDULUM)).runs
+    runs = dataset(drawn_arm(PENDULUM), experiment(PENDULUM)).runs
     plain = Model.of_runs(PENDULUM, runs)
     wider = plain.with_effects(chosen("spring"))
     for before, after in zip(plain.blocks(runs), wider.blocks(runs), strict=True):
@@ -129,7 +129,7 @@ def test_derivatives_by_shapes_are_columns():
 def test_time_counts_from_the_joints_first_motion():
     """On each clock anew, of the joint or (for what befalls the whole arm) of any."""
     runs = [run for run, _, _ in runs_with(lambda q, v: np.cos(q))[:2]]
-    late = replace(runs[1], joint=2, start=100.0, cells=replace(runs[1].cells, time=runs[1].cells.time + 100.0))
+    late = replace(runs[1], joint=2, start=100.0, bins=replace(runs[1].bins, time=runs[1].bins.time + 100.0))
     other = replace(late, clock=1)
     campaign = Campaign.of([runs[0], late, other])
     seen = [samples_of(run, campaign) for run in (runs[0], late, other)]
@@ -141,18 +141,18 @@ def test_slope_of_a_steady_runs_speed_is_seen_where_asked_for():
     """A run at nearly constant speed has an acceleration for the effect of inertia, and none for the paper's model."""
     t = np.linspace(0.0, 4.0, 4000)
     q, qd, qdd = 0.8 * t + 0.02 * np.cos(2 * t), 0.8 - 0.04 * np.sin(2 * t), -0.08 * np.cos(2 * t)
-    run = run_of(PENDULUM, 1, HOLD, course=(t, q, qd, 0 * t), current=np.cos(q), cells=200)
+    run = run_of(PENDULUM, 1, HOLD, course=(t, q, qd, 0 * t), current=np.cos(q), bins=200)
     campaign = Campaign.of([run])
     assert not samples_of(run, campaign).acceleration.any()
     found = samples_of(run, campaign, has_slope=True).acceleration
-    truth = np.interp(run.cells.time, t, qdd)
+    truth = np.interp(run.bins.time, t, qdd)
     assert found[10:-10] == pytest.approx(truth[10:-10], abs=0.004)  # 5 % of the largest
 
 
 def test_loads_between_knots_are_the_loads():
     """Gravity, its slopes and the prediction at every instant are what they are when computed there."""
     truth = drawn_arm(CRANE)
-    runs = evidence(truth, experiment(CRANE)).runs
+    runs = dataset(truth, experiment(CRANE)).runs
     model, rng = Model.of_runs(CRANE, runs), np.random.default_rng(1)
     solution, scales = rng.normal(size=len(model.names)), np.triu(rng.uniform(0.5, 2.0, (3, 3)))
     for joint in (1, 2, 3):
@@ -170,7 +170,7 @@ def test_loads_between_knots_are_the_loads():
 
 def test_every_effect_has_columns_of_its_own_names():
     """Each of the catalogue fits into a model: as many columns as parameters, all of them numbers."""
-    runs = evidence(drawn_arm(CRANE), experiment(CRANE)).runs
+    runs = dataset(drawn_arm(CRANE), experiment(CRANE)).runs
     base = Model.of_runs(CRANE, runs)
     solution, scales = np.ones(len(base.names)), np.triu(np.ones((3, 3)))
     for name, effect in catalogue().items():

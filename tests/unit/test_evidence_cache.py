@@ -56,19 +56,19 @@ def told(thing):
 
 def kept(logs, folder):
     """Evidence of the logs, now in the cache."""
-    evidence = segment(LogReader(logs, ARM, extra=["t"]), ARM)
+    dataset = segment(LogReader(logs, ARM, extra=["t"]), ARM)
     note = Note("gaps", "a gap", Where(file="a", row=3))
-    evidence = replace(evidence, notes=(*evidence.notes, note))
-    cache(logs, folder).put(evidence)
-    return evidence
+    dataset = replace(dataset, notes=(*dataset.notes, note))
+    cache(logs, folder).put(dataset)
+    return dataset
 
 
 def test_what_was_kept_comes_back_to_the_bit(logs, folder):
-    """Runs, rejects, cells, triangles, facts and notes are those that were put."""
-    evidence = kept(logs, folder)
-    assert evidence.runs
-    assert any(reject.cells is not None for reject in evidence.rejects)
-    assert told(cache(logs, folder).get()) == told(evidence)
+    """Runs, rejects, bins, triangles, facts and notes are those that were put."""
+    dataset = kept(logs, folder)
+    assert dataset.runs
+    assert any(reject.bins is not None for reject in dataset.rejects)
+    assert told(cache(logs, folder).get()) == told(dataset)
 
 
 def test_there_is_a_meanwhile_only_where_something_may_fit(logs, folder):
@@ -76,8 +76,8 @@ def test_there_is_a_meanwhile_only_where_something_may_fit(logs, folder):
     called = []
     assert cache(logs, folder).get(meanwhile=lambda: called.append(True)) is None
     assert not called
-    evidence = kept(logs, folder)
-    assert told(cache(logs, folder).get(meanwhile=lambda: called.append(True))) == told(evidence)
+    dataset = kept(logs, folder)
+    assert told(cache(logs, folder).get(meanwhile=lambda: called.append(True))) == told(dataset)
     assert called == [True]
 
 
@@ -93,10 +93,10 @@ def test_other_content_is_not_found(logs, folder):
 
 def test_a_log_that_changed_during_the_pass_is_not_kept(logs, folder):
     """What was read may be neither the old content nor the new one."""
-    evidence = segment(LogReader(logs, ARM), ARM)
+    dataset = segment(LogReader(logs, ARM), ARM)
     one = cache(logs, folder)
     logs[1].write_bytes(logs[1].read_bytes() + b"\n")
-    one.put(evidence)
+    one.put(dataset)
     assert not folder.exists()
 
 

@@ -31,16 +31,16 @@ def log(tmp_path_factory) -> Path:
 
 
 @pytest.fixture(scope="module")
-def evidence(log):
+def dataset(log):
     """Its runs."""
     return segment(LogReader([log], ARM), ARM)
 
 
 @pytest.fixture
-def cache(log, evidence, tmp_path) -> EvidenceCache:
+def cache(log, dataset, tmp_path) -> EvidenceCache:
     """A cache that has them."""
     made = EvidenceCache([log], ARM, options="usual", folder=tmp_path / "cache")
-    made.put(evidence)
+    made.put(dataset)
     assert made.get() is not None
     return made
 
@@ -83,7 +83,7 @@ def test_an_edit_that_leaves_the_digest_is_seen(cache, path):
 def test_a_file_under_the_name_of_another_is_seen(cache, path):
     """What was kept for other options is whole, and not what is asked for."""
     path.rename(path.with_name("0" * 16 + "-" + "1" * 32 + ".npz"))
-    assert evidence_npz.read_evidence(next(path.parent.iterdir()), ARM.n_joints) is None
+    assert evidence_npz.read_dataset(next(path.parent.iterdir()), ARM.n_joints) is None
 
 
 JSON = {
@@ -185,22 +185,22 @@ def test_pipes_and_devices_are_not_opened(cache, path):
     assert cache.get() is None
 
 
-def test_what_was_damaged_is_made_anew(cache, path, evidence):
+def test_what_was_damaged_is_made_anew(cache, path, dataset):
     """The next pass takes its place."""
     path.write_bytes(b"")
     assert cache.get() is None
-    cache.put(evidence)
+    cache.put(dataset)
     assert cache.get() is not None
 
 
-def test_no_home_no_cache(log, evidence, monkeypatch):
+def test_no_home_no_cache(log, dataset, monkeypatch):
     """A user whom the system does not know has no folder; nothing is kept, and it is said why."""
     monkeypatch.delenv("PUMAID_CACHE")
     monkeypatch.delenv("XDG_CACHE_HOME", raising=False)
     monkeypatch.setattr(Path, "home", lambda: (_ for _ in ()).throw(RuntimeError("no home")))
     assert cache_folder() is None
     cache = EvidenceCache([log], ARM, options="usual")
-    cache.put(evidence)
+    cache.put(dataset)
     assert cache.get() is None
     assert "PUMAID_CACHE" in str(cache_fault(None))
 

@@ -20,7 +20,7 @@ from pumaid.verbs.identify import identify
 from tests.exported import EXACT, every_effect, fitted, motions, off, predicted, robot_called
 from tests.json_model import current
 from tests.matlab_lines import as_python
-from tests.worlds import PENDULUM, drawn, evidence, experiment, only
+from tests.worlds import PENDULUM, dataset, drawn, experiment, only
 
 GCC = shutil.which("gcc")
 OCTAVE = shutil.which("octave-cli")
@@ -222,7 +222,7 @@ def test_python_form_is_valid_for_any_names():
 def test_a_model_of_partial_logs_is_written_and_its_gaps_are_told():
     """Joint 2 of a pendulum alone was logged: joint 1 draws what the model says of it, and is told as unknown."""
     truth = drawn(PENDULUM)
-    estimate = identify(evidence(truth, only(experiment(PENDULUM), lambda motion: motion.joint == 2)), PENDULUM)
+    estimate = identify(dataset(truth, only(experiment(PENDULUM), lambda motion: motion.joint == 2)), PENDULUM)
     found = export(estimate, PENDULUM, form="json")
     q, qd = motions(PENDULUM, count=4)
     wanted = predicted(PENDULUM, estimate, q, velocity=qd)

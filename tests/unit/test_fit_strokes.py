@@ -9,11 +9,12 @@ import numpy as np
 import pytest
 
 from pumaid.choices import expanded
+from pumaid.dataset import Dataset
 from pumaid.estimation.enlarged import Enlarged, enlarged
 from pumaid.estimation.system import Fitted, again, stroke_noise
 from pumaid.io.recipe import read_recipe, shipped_recipes
 from pumaid.model import Model
-from pumaid.records import Campaign, Evidence, Motion, Plan
+from pumaid.records import Campaign, Motion, Plan
 from pumaid.robot import EffectChoice
 from pumaid.simulation import Session, draw
 from pumaid.simulation.hidden import parse
@@ -34,7 +35,7 @@ def motions(joint: int) -> list[Motion]:
 
 
 @cache
-def logged(seed: int) -> Evidence:
+def logged(seed: int) -> Dataset:
     """What a robot in closed loop logs of the plan, twice over, its joint 1 with Stribeck friction."""
     truth = draw(PENDULUM, seed).hiding((parse(f"stribeck@1:velocity={VELOCITY},exponent=1", PENDULUM),))
     plan = Plan(PENDULUM.name, tuple(2 * (motions(1) + motions(2))))
@@ -120,7 +121,7 @@ def test_the_search_gains_what_the_fit_reports(velocity):
     (one,) = found.fitted.model.effects
     gain = found.without(0).gain(replace(one.at({"velocity": velocity}), fitted=()), PENDULUM)
     fall = by_weights_of(found.fitted) - by_weights_of(found.fitted, velocity)
-    # The search looks at coarser cells, in which the jerk that a delay goes with is rounded off.
+    # The search looks at coarser bins, in which the jerk that a delay goes with is rounded off.
     assert gain == pytest.approx(fall, rel=0.03, abs=0.05)
 
 

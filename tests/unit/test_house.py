@@ -61,7 +61,7 @@ def tree(path: Path) -> ast.Module:
 
 
 def module_name(path: Path) -> str:
-    """``pumaid/records/run.py`` -> ``pumaid.records.run``."""
+    """``pumaid/records/log.py`` -> ``pumaid.records.log``."""
     parts = path.relative_to(ROOT).with_suffix("").parts
     return ".".join(parts[:-1] if parts[-1] == "__init__" else parts)
 
@@ -495,8 +495,8 @@ def test_what_is_loaded_behind_the_pass_is_there():
 
 
 PUBLIC = [
-    *("Budget", "BudgetPart", "Candidate", "Cells", "Combination", "Comparison", "Curve", "Diagnosis"),
-    *("EffectChoice", "Errors", "Estimate", "Evidence", "Exported", "Faults", "FileFacts", "Finding", "History"),
+    *("Bins", "Budget", "BudgetPart", "Candidate", "Combination", "Comparison", "Curve", "Dataset", "Diagnosis"),
+    *("EffectChoice", "Errors", "Estimate", "Exported", "Faults", "FileFacts", "Finding", "History"),
     *("Joint", "JointDiagnosis", "JointFit", "JointScore", "Ladder", "Limit", "Log", "LogError", "LogFormat"),
     *("LogReader", "Means", "ModelError", "Motion", "NextRun", "Note", "OutsideScore", "Plan", "Posture"),
     *("PumaidError", "RecipeError", "Reject", "ResultError", "Robot", "Run", "RunScore", "Rung", "Samples", "Size"),

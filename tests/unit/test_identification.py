@@ -9,10 +9,11 @@ import pytest
 from worlds import CRANE, PENDULUM, course, drawn, experiment, run_of
 
 from pumaid.chosen import Chosen
+from pumaid.dataset import Dataset
 from pumaid.errors import Where
 from pumaid.estimation.identification import identified
 from pumaid.model import Model
-from pumaid.records import Campaign, Evidence, Plan
+from pumaid.records import Campaign, Plan
 from pumaid.robot import EffectChoice
 from pumaid.simulation import Bench
 from pumaid.simulation.hidden import parse
@@ -22,7 +23,7 @@ JOINT = 2
 SPEEDS = (0.05, 0.1, 0.2, 0.4, 0.7, 1.0)
 
 
-def hiding(text, *, robot=PENDULUM, noise=1.0, speeds=SPEEDS, seed=1) -> tuple[dict[str, float], Evidence]:
+def hiding(text, *, robot=PENDULUM, noise=1.0, speeds=SPEEDS, seed=1) -> tuple[dict[str, float], Dataset]:
     """True values of a hidden effect, and what the logs of an arm with it leave; its noise scaled by `noise`.
 
     The motions come in random order, so that time does not go with speed or posture.
@@ -32,8 +33,8 @@ def hiding(text, *, robot=PENDULUM, noise=1.0, speeds=SPEEDS, seed=1) -> tuple[d
     plan = experiment(robot, postures=4, speeds=speeds, repeats=2)
     order = np.random.default_rng(0).permutation(len(plan.motions))
     plan = Plan(plan.robot, tuple(plan.motions[k] for k in order))
-    runs = Bench(truth, plan, rate=50.0, cells=120).runs(np.random.default_rng(seed))
-    return dict(truth.hidden[0].values), Evidence(runs)
+    runs = Bench(truth, plan, rate=50.0, bins=120).runs(np.random.default_rng(seed))
+    return dict(truth.hidden[0].values), Dataset(runs)
 
 
 def found(estimate, effect) -> dict[str, float]:
@@ -42,7 +43,7 @@ def found(estimate, effect) -> dict[str, float]:
     return {value.name.rsplit(".", 1)[1]: value.value for value in own}
 
 
-#: Effect -> share to which its values are found without noise: to the width of cells, and to loads that are fitted too.
+#: Effect -> share to which its values are found without noise: to the width of bins, and to loads that are fitted too.
 #: Of presliding the bench leaves out the ramps, in which it begins.
 EXACT = {
     "spring": 1e-4,
@@ -63,9 +64,9 @@ EXACT = {
 @pytest.mark.parametrize("effect", EXACT)
 def test_a_hidden_effect_is_found_again(effect):
     """With next to no noise the law's own numbers come back, nonlinear ones too, and nothing is left of the misfit."""
-    truth, evidence = hiding(f"{effect}@{JOINT}", noise=1e-3)
-    before = identified(evidence, PENDULUM)
-    after = identified(evidence, PENDULUM, effects=[EffectChoice(effect, JOINT)])
+    truth, dataset = hiding(f"{effect}@{JOINT}", noise=1e-3)
+    before = identified(dataset, PENDULUM)
+    after = identified(dataset, PENDULUM, effects=[EffectChoice(effect, JOINT)])
     values = found(after, effect)
     for name, value in truth.items():
         assert values[name] == pytest.approx(value, rel=EXACT[effect], abs=EXACT[effect] * 0.1), name
@@ -74,21 +75,21 @@ def test_a_hidden_effect_is_found_again(effect):
 
 def test_an_instant_lies_between_two_runs():
     """Of the time at which friction changed the interval holds the truth, as fine as the runs are."""
-    truth, evidence = hiding(f"friction_step@{JOINT}")
-    estimate = identified(evidence, PENDULUM, effects=[EffectChoice("friction_step", JOINT)])
-    begun = Campaign.of(evidence.runs).begun[JOINT, 0]
+    truth, dataset = hiding(f"friction_step@{JOINT}")
+    estimate = identified(dataset, PENDULUM, effects=[EffectChoice("friction_step", JOINT)])
+    begun = Campaign.of(dataset.runs).begun[JOINT, 0]
     low, high = estimate.value("friction_step.j2.time").ci95
     assert low - 1.0 <= truth["time"] - begun + 1.0 and truth["time"] - begun <= high + 1.0
-    starts = sorted(run.start - begun for run in evidence.runs if run.joint == JOINT)
+    starts = sorted(run.start - begun for run in dataset.runs if run.joint == JOINT)
     assert sum(low < start < high for start in starts) <= 1
     assert found(estimate, "friction_step")["a"] == pytest.approx(truth["a"], rel=0.1)
 
 
 def test_given_shapes_are_kept():
     """What the user gives is not fitted: it stands in the model as given, with no interval."""
-    _, evidence = hiding(f"stribeck@{JOINT}")
+    _, dataset = hiding(f"stribeck@{JOINT}")
     choice = EffectChoice("stribeck", JOINT, {"velocity": 0.25, "exponent": 1.0})
-    estimate = identified(evidence, PENDULUM, effects=[choice])
+    estimate = identified(dataset, PENDULUM, effects=[choice])
     value = estimate.value("stribeck.j2.velocity")
     assert (value.value, value.state, value.std_error) == (0.25, "given", None)
     assert estimate.effects == (choice,) and "stribeck.j2.velocity" not in estimate.names
@@ -96,19 +97,19 @@ def test_given_shapes_are_kept():
 
 def test_fitted_shapes_widen_the_other_intervals():
     """Stribeck friction of unknown speed is less well known than at a given one, and so is the Coulomb friction."""
-    _, evidence = hiding(f"stribeck@{JOINT}")
+    _, dataset = hiding(f"stribeck@{JOINT}")
     given = EffectChoice("stribeck", JOINT, {"velocity": 0.3, "exponent": 1.0})
     errors = []
     for choice in (given, EffectChoice("stribeck", JOINT, {"exponent": 1.0})):
-        estimate = identified(evidence, PENDULUM, effects=[choice])
+        estimate = identified(dataset, PENDULUM, effects=[choice])
         errors.append([estimate.value(name).std_error for name in ("stribeck.j2.a", "coulomb.j2.plus")])
     assert all(free > 1.2 * held for held, free in zip(*errors, strict=True))
 
 
 def test_a_shape_that_the_data_do_not_show_is_told_so():
     """Six speeds and this noise do not tell how sudden the fall of friction is: no number, and the run that would."""
-    _, evidence = hiding(f"stribeck@{JOINT}")
-    value = identified(evidence, PENDULUM, effects=[EffectChoice("stribeck", JOINT)]).value("stribeck.j2.exponent")
+    _, dataset = hiding(f"stribeck@{JOINT}")
+    value = identified(dataset, PENDULUM, effects=[EffectChoice("stribeck", JOINT)]).value("stribeck.j2.exponent")
     assert (value.value, value.state) == (None, "not_identifiable")
     assert "any value" in value.reason and "speeds" in value.next_run
 
@@ -116,9 +117,9 @@ def test_a_shape_that_the_data_do_not_show_is_told_so():
 def test_an_effect_that_is_not_there_leaves_the_rest_its_word():
     """Friction and gravity keep their values when Stribeck friction is added to an arm without; it is about zero."""
     truth, plan = drawn(PENDULUM), experiment(PENDULUM, postures=4, speeds=SPEEDS)
-    evidence = Evidence(Bench(truth, plan, rate=50.0).runs(np.random.default_rng(5)))
-    plain = identified(evidence, PENDULUM)
-    added = identified(evidence, PENDULUM, effects=[EffectChoice("stribeck", 2, {"velocity": 0.1, "exponent": 1.0})])
+    dataset = Dataset(Bench(truth, plan, rate=50.0).runs(np.random.default_rng(5)))
+    plain = identified(dataset, PENDULUM)
+    added = identified(dataset, PENDULUM, effects=[EffectChoice("stribeck", 2, {"velocity": 0.1, "exponent": 1.0})])
     low, high = added.value("stribeck.j2.a").ci95
     assert low < 0.0 < high
     for name in plain.names:
@@ -131,8 +132,8 @@ def test_what_passes_for_gravity_is_gravity():
 
     The sum is given with its error, gravity keeps an error of its own, and neither friction has a number alone.
     """
-    truth, evidence = hiding(f"load_friction@{JOINT}")
-    estimate = identified(evidence, PENDULUM, effects=[EffectChoice("load_friction", JOINT)])
+    truth, dataset = hiding(f"load_friction@{JOINT}")
+    estimate = identified(dataset, PENDULUM, effects=[EffectChoice("load_friction", JOINT)])
     for side in ("drive", "back"):
         assert estimate.value(f"load_friction.j2.{side}").state == "not_identifiable"
     assert estimate.value("gravity.l2.x").std_error < 0.05 * abs(estimate.value("gravity.l2.y").value)
@@ -149,10 +150,10 @@ def test_two_effects_at_two_joints_are_found_together():
     plan = experiment(robot, postures=4, speeds=(0.2, 0.5, 1.0), repeats=2)
     order = np.random.default_rng(0).permutation(len(plan.motions))
     plan = Plan(plan.robot, tuple(plan.motions[k] for k in order))
-    evidence = Evidence(Bench(truth, plan, rate=50.0, cells=200).runs(np.random.default_rng(2)))
-    estimate = identified(evidence, robot, effects=[EffectChoice("ripple", 1), EffectChoice("warmup", 2)])
+    dataset = Dataset(Bench(truth, plan, rate=50.0, bins=200).runs(np.random.default_rng(2)))
+    estimate = identified(dataset, robot, effects=[EffectChoice("ripple", 1), EffectChoice("warmup", 2)])
     frequency, time = estimate.value("ripple.j1.frequency"), estimate.value("warmup.j2.time_constant")
-    # Four standard errors, and what the width of cells shifts it by: some ten-thousandths.
+    # Four standard errors, and what the width of bins shifts it by: some ten-thousandths.
     near = 4 * frequency.std_error + 3e-4 * frequency.value
     assert frequency.value == pytest.approx(truth.hidden[0].values["frequency"], abs=near)
     assert time.value == pytest.approx(truth.hidden[1].values["time_constant"], abs=4 * time.std_error)
@@ -164,10 +165,10 @@ def test_compare_says_what_identify_said():
 
     To a thousandth where an effect is made from loads: those of the estimate are one step further than the fit's.
     """
-    _, evidence = hiding("torque_droop@1")
+    _, dataset = hiding("torque_droop@1")
     choices = [EffectChoice("torque_droop", 1), EffectChoice("ripple", 2, {"frequency": 12.0})]
-    estimate = identified(evidence, PENDULUM, effects=choices)
-    comparison = compare(estimate, evidence, PENDULUM)
+    estimate = identified(dataset, PENDULUM, effects=choices)
+    comparison = compare(estimate, dataset, PENDULUM)
     assert Model.of_estimate(PENDULUM, estimate).names == estimate.names
     for joint in (1, 2):
         assert comparison.joints[joint - 1].rmse == pytest.approx(estimate.joint(joint).rmse, rel=1e-3)
@@ -177,9 +178,9 @@ def test_compare_says_what_identify_said():
 
 def test_held_out_runs_are_judged_and_not_fitted():
     """Their error is told for each joint and for all, and is what compare says."""
-    _, evidence = hiding("spring@1")
-    marked = tuple(replace(run, heldout=number % 5 == 0) for number, run in enumerate(evidence.runs))
-    held = Evidence(marked)
+    _, dataset = hiding("spring@1")
+    marked = tuple(replace(run, heldout=number % 5 == 0) for number, run in enumerate(dataset.runs))
+    held = Dataset(marked)
     estimate = identified(held, PENDULUM, effects=[EffectChoice("spring", 1)])
     comparison = compare(estimate, held, PENDULUM)
     assert estimate.heldout == pytest.approx(comparison.heldout, rel=1e-9)
@@ -198,27 +199,27 @@ def test_inertia_of_strokes_is_not_added_twice():
         moves = course("stroke", -1.0 * sign, 1.2 * sign, duration=2.0 + 0.3 * sign)
         current = np.cos(moves[1]) + 0.3 * sign + 0.05 * moves[3]
         runs.append(run_of(CRANE, 1, (0.0, 0.1, 0.2), course=moves, current=current))
-    estimate = identified(Evidence(tuple(runs)), CRANE, effects=[EffectChoice("inertia", 1)])
+    estimate = identified(Dataset(tuple(runs)), CRANE, effects=[EffectChoice("inertia", 1)])
     assert estimate.effects == () and estimate.names.count("inertia.j1.J") == 1
 
 
 def test_effects_of_time_over_several_clocks_are_told():
     """Each recording starts its own time, and the user hears of it."""
-    _, evidence = hiding(f"warmup@{JOINT}", speeds=(0.2, 0.5, 1.0))
-    half = len(evidence.runs) // 2
-    runs = tuple(replace(run, clock=int(number >= half)) for number, run in enumerate(evidence.runs))
+    _, dataset = hiding(f"warmup@{JOINT}", speeds=(0.2, 0.5, 1.0))
+    half = len(dataset.runs) // 2
+    runs = tuple(replace(run, clock=int(number >= half)) for number, run in enumerate(dataset.runs))
     choice = EffectChoice("warmup", JOINT, {"time_constant": 600.0})
-    notes = {note.slug: note for note in identified(Evidence(runs), PENDULUM, effects=[choice]).notes}
+    notes = {note.slug: note for note in identified(Dataset(runs), PENDULUM, effects=[choice]).notes}
     assert notes["several-clocks"].where == Where()
     assert "2 clocks" in notes["several-clocks"].text
 
 
 def test_recipe_effects_are_in_unless_others_are_asked_for():
     """Without word on effects the recipe's are fitted; an empty choice is the paper's model."""
-    _, evidence = hiding("spring@2")
+    _, dataset = hiding("spring@2")
     robot = replace(PENDULUM, effects=(EffectChoice("spring"),))
-    assert [one.joint for one in identified(evidence, robot).effects] == [1, 2]
-    assert identified(evidence, robot, effects=()).effects == ()
+    assert [one.joint for one in identified(dataset, robot).effects] == [1, 2]
+    assert identified(dataset, robot, effects=()).effects == ()
 
 
 def test_a_chosen_effect_knows_its_joints():

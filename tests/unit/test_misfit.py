@@ -148,7 +148,7 @@ SIDES = (("plus", 1.0), ("minus", -0.8))
 
 def test_a_fit_with_more_effects_that_is_worse_is_refused():
     """As good as without them, or a third worse, passes; twice as bad went astray, and the message says where."""
-    runs = worlds.evidence(worlds.drawn(worlds.PENDULUM), worlds.experiment(worlds.PENDULUM)).runs
+    runs = worlds.dataset(worlds.drawn(worlds.PENDULUM), worlds.experiment(worlds.PENDULUM)).runs
     fitted = solve(Model.of_runs(worlds.PENDULUM, runs), runs)
     sizes = missed(fitted)
     check_better(sizes, fitted, ["payload"])

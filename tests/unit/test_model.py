@@ -7,10 +7,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from worlds import CRANE, PENDULUM, STANFORD, course, drawn, evidence, experiment, random_arm, run_of
+from worlds import CRANE, PENDULUM, STANFORD, course, dataset, drawn, experiment, random_arm, run_of
 
+from pumaid.dataset import Dataset
 from pumaid.model import Model
-from pumaid.records import Evidence, Samples
+from pumaid.records import Samples
 from pumaid.verbs.identify import identify
 
 #: A name as interfaces.md has it.
@@ -136,7 +137,7 @@ def test_a_stroke_elsewhere_is_foreign():
 def test_prediction_is_the_truth_where_the_fit_is_exact():
     """Predicted currents of a noise-free arm are the truth's, in postures that were never run."""
     truth = drawn(STANFORD, noisy=False)
-    estimate = identify(evidence(truth, experiment(STANFORD)), STANFORD)
+    estimate = identify(dataset(truth, experiment(STANFORD)), STANFORD)
     model, rng = Model.of_estimate(STANFORD, estimate), np.random.default_rng(3)
     for joint in range(1, 7):
         position = rng.uniform(-1.0, 1.0, (20, 6))
@@ -152,14 +153,14 @@ def test_model_of_an_estimate_has_the_fits_columns():
     """The model read back from an estimate has the same names, groups of strokes included."""
     holds = [(0.0, 0.0, 0.1), (0.0, 0.0, 0.9)]
     runs = [sampled(CRANE, 2, hold, course("stroke", -0.2 * s, 0.2 * s))[0] for hold in holds for s in (1, -1)]
-    estimate = identify(Evidence(tuple(runs)), CRANE)
+    estimate = identify(Dataset(tuple(runs)), CRANE)
     assert Model.of_estimate(CRANE, estimate).names == estimate.names
 
 
 def test_samples_of_a_constant_run_have_its_own_speed():
     """A noisy measured velocity is not what an effect sees of a run at constant speed; the mean is."""
     run, _, _ = sampled(PENDULUM, 1, (0.0, 0.2), course("constant", 1.0, -1.0))
-    shaky = replace(run, cells=replace(run.cells, velocity=run.cells.velocity + 0.3))
+    shaky = replace(run, bins=replace(run.bins, velocity=run.bins.velocity + 0.3))
     samples = Model(PENDULUM).samples_of(shaky)
     assert np.all(samples.velocity[:, 0] == run.speed) and np.all(samples.direction == -1.0)
-    assert samples.travel == pytest.approx(np.abs(run.cells.position[:, 0] - 1.0))
+    assert samples.travel == pytest.approx(np.abs(run.bins.position[:, 0] - 1.0))

@@ -5,11 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from pumaid.dataset import Bins
 from pumaid.preprocessing.edge import Window, leaving
 from pumaid.preprocessing.reduce import coarser
 from pumaid.preprocessing.settle import settled
 from pumaid.preprocessing.speed import Ticks, at_least, derivatives, slopes, usual_step, whole
-from pumaid.records import Cells
 
 
 def test_slopes_of_a_jittered_line_are_exact():
@@ -92,13 +92,13 @@ def test_ringing_is_dropped_and_calm_kept():
 
 
 def test_coarser_cells_keep_sums_and_spread():
-    """Joining cells keeps count, means and the variance of all samples about the new means."""
+    """Joining bins keeps count, means and the variance of all samples about the new means."""
     rng = np.random.default_rng(5)
     current = rng.standard_normal(600).cumsum()
     single = np.ones(600, dtype=np.int64)
     zero = np.zeros(600)
     time = np.arange(600) / 100.0
-    fine = Cells(single, time, np.zeros((600, 2)), zero, zero, current, zero, np.full(600, 30.0))
+    fine = Bins(single, time, np.zeros((600, 2)), zero, zero, current, zero, np.full(600, 30.0))
     joined = coarser([fine], 10)
     assert joined.count.sum() == 600
     np.testing.assert_allclose(np.average(joined.current, weights=joined.count), current.mean())

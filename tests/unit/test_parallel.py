@@ -10,11 +10,11 @@ import pytest
 from worlds import CRANE, course, run_of
 
 from pumaid import equations
+from pumaid.dataset import STROKE_COLUMNS, Dataset
 from pumaid.maths.triangle import Triangle
 from pumaid.preprocessing.options import SegmentOptions
 from pumaid.preprocessing.parallel import of_stroke
 from pumaid.preprocessing.stroke import sliding, smooth
-from pumaid.records import STROKE_COLUMNS, Evidence
 from pumaid.verbs.identify import identify
 
 #: A by cosine, sine, one, rad/s and rad/s2; A of noise.
@@ -152,7 +152,7 @@ def off_by(delay: float) -> np.ndarray:
     """Standard errors by which viscous friction is off, of 20 sessions and both ways."""
     z = []
     for seed in range(20):
-        found = identify(Evidence(tuple(late_runs(seed, delay))), CRANE)
+        found = identify(Dataset(tuple(late_runs(seed, delay))), CRANE)
         values = [found.value(f"viscous.j2.{way}") for way in ("plus", "minus")]
         z += [(value.value - 0.7) / value.std_error for value in values]
     return np.array(z)
@@ -188,6 +188,6 @@ def test_strokes_alone_tell_of_a_delay(delay):
     told = []
     for seed in range(10):
         runs = tuple(run for run in late_runs(seed, delay) if run.kind == "stroke")
-        found = [note for note in identify(Evidence(runs), CRANE).notes if note.slug == "strokes-late"]
+        found = [note for note in identify(Dataset(runs), CRANE).notes if note.slug == "strokes-late"]
         told += [float(re.search(r"viscous\.j2\.\w+ is ([\d.]+)", note.text)[1]) for note in found]
     assert len(told) == 10 and told == pytest.approx([0.7] * 10, rel=0.05) if delay else len(told) <= 1

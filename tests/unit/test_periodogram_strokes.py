@@ -1,4 +1,4 @@
-"""Ripple along strokes, whose cells lie at uneven places, in few runs and in places far apart."""
+"""Ripple along strokes, whose bins lie at uneven places, in few runs and in places far apart."""
 
 from __future__ import annotations
 
@@ -15,13 +15,13 @@ from pumaid.diagnosis.periodogram import spectrum
 from pumaid.diagnosis.system import Row, solve
 from pumaid.model import Model
 
-#: A wave of 90 periods a turn, and 0.02 A of noise in a cell.
+#: A wave of 90 periods a turn, and 0.02 A of noise in a bin.
 WAVE, NOISE = 90.0, 0.02
 
 
 @cache
 def row(kind: str, runs: int, amplitude: float, seed: int = 0, apart: float = 0.0) -> Row:
-    """Runs there and back with such a wave and noise, 300 cells each, and what the base model leaves of them.
+    """Runs there and back with such a wave and noise, 300 bins each, and what the base model leaves of them.
 
     Every other pair of runs is made `apart` (rad) from the others.
     """
@@ -31,7 +31,7 @@ def row(kind: str, runs: int, amplitude: float, seed: int = 0, apart: float = 0.
         away = apart * (number // 2 % 2)
         path = course(kind, start + away, end + away, duration=3.0, samples=300)
         current = np.sign(path[2]) + amplitude * np.cos(WAVE * path[1] + 0.7) + rng.normal(0.0, NOISE, 300)
-        made.append(run_of(LEVER, 1, [0.0], course=path, current=current, cells=300))
+        made.append(run_of(LEVER, 1, [0.0], course=path, current=current, bins=300))
     model = Model(LEVER, [(1, (0.0,))] if kind == "stroke" else ())
     solved = solve(model, fields(model, made, most=300), Start(np.zeros(len(model.names)), np.ones((1, 1))))
     return solved.row(1)

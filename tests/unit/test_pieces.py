@@ -146,7 +146,7 @@ def taken(paths, robot):
     found = (reading.piece(piece) for piece in cut)
     state = pieces.state_of(paths[0])
     whole = pieces.file_taken(Whole(robot, DEFAULTS), found, len(cut), path=paths[0], state=state, again=at_once)
-    return whole.evidence(refuse=True), bool(again)
+    return whole.dataset(refuse=True), bool(again)
 
 
 FAULTS = {
@@ -424,7 +424,7 @@ def test_an_arm_that_never_rests_is_not_kept_waiting(logs, tmp_path):
         held.append(len(whole._between._buffer))
     assert max(held) < 2 * options.window < 20 * len(moving)
     assert same(
-        whole.evidence(refuse=False),
+        whole.dataset(refuse=False),
         segment(Watch(LogReader(paths, robot), robot, refuse=False), robot, options=options),
     )
 
@@ -570,7 +570,7 @@ def test_a_block_without_a_number_behind_a_cut_has_its_seam(logs, tmp_path, smal
         text = paths[0].read_bytes()
         start = text.index(b"\n", piece.first - 1) + 1
         lines = [line.split(b",") for line in text[start : start + 3000].split(b"\n")[:-1]]
-        spoilt = b"\n".join(b",".join([cells[0], b"nan".ljust(len(cells[1])), *cells[2:]]) for cells in lines)
+        spoilt = b"\n".join(b",".join([bins[0], b"nan".ljust(len(bins[1])), *bins[2:]]) for bins in lines)
         paths[0].write_bytes(text[:start] + spoilt + text[start + len(spoilt) :])
     found, again = taken(paths, robot)
     assert not again and same(found, one_pass(paths, robot))

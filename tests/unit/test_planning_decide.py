@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from menus import arm
 
+from pumaid.dataset import Dataset
 from pumaid.design.assume import assume
 from pumaid.design.rehearsal import rehearsed, solved, usual
 from pumaid.design.setup import Setup
@@ -18,7 +19,7 @@ from pumaid.diagnosis.refine import at
 from pumaid.diagnosis.scan import Projector
 from pumaid.effects import catalogue
 from pumaid.errors import ModelError
-from pumaid.records import Evidence, Plan
+from pumaid.records import Plan
 from pumaid.robot import EffectChoice, Joint, Robot
 from pumaid.simulation import Bench, Hidden, draw
 from pumaid.verbs.decide import decide
@@ -113,10 +114,10 @@ def test_added_runs_come_on_top():
 
 
 @cache
-def logs(seed: int) -> Evidence:
+def logs(seed: int) -> Dataset:
     """What the short experiment leaves of a pendulum that hides a little Stribeck friction in joint 2."""
     truth = replace(draw(ARMS["pendulum"], seed), hidden=(sized("pendulum", "stribeck", 2, 0.05),))
-    return Evidence(Bench(truth, ground("pendulum"), rate=50.0).runs(np.random.default_rng(seed)))
+    return Dataset(Bench(truth, ground("pendulum"), rate=50.0).runs(np.random.default_rng(seed)))
 
 
 @pytest.mark.parametrize("rival", [None, EffectChoice("viscous_power", None)])

@@ -9,12 +9,12 @@ import pytest
 from menus import arm
 from scipy.spatial.transform import Rotation
 
+from pumaid.dataset import Dataset
 from pumaid.design.assume import known
 from pumaid.design.setup import Setup
 from pumaid.errors import ModelError
 from pumaid.io.recipe import read_recipe, shipped_recipes
 from pumaid.io.recipe_gravity import with_gravity
-from pumaid.records import Evidence
 from pumaid.robot import Joint, Robot
 from pumaid.simulation import Bench, draw, table1
 from pumaid.verbs.identify import identify
@@ -57,7 +57,7 @@ def test_what_the_tilt_shows_is_found():
     setup = Setup(tilt=(0.3, 0.1))
     found, robot = plan(TURRET, setup=setup, seed=1), setup.robot(TURRET)
     truth = draw(robot, 50)
-    estimate = identify(Evidence(Bench(truth, found, rate=50.0).runs(np.random.default_rng(50))), robot)
+    estimate = identify(Dataset(Bench(truth, found, rate=50.0).runs(np.random.default_rng(50))), robot)
     values = {value.name: value.value for value in estimate.values if value.state == "identified"}
     noisier = float(np.max(truth.noise.std)) / 0.02
     for name in ("gravity.l1.x", "gravity.l1.y", "gain_ratio.1.2"):
@@ -113,7 +113,7 @@ def test_payload_shows_the_papers_last_ratio():
     """On the paper's PUMA eta_5/eta_6 is dark, a note says what shows it, and with that payload it is seen."""
     truth = table1.puma560()
     runs = Bench(truth, table1.experiment(), rate=25.0).runs(np.random.default_rng(2))
-    prior, name = identify(Evidence(runs), truth.robot), "gain_ratio.5.6"
+    prior, name = identify(Dataset(runs), truth.robot), "gain_ratio.5.6"
     value = abs(known(truth.robot, prior).truths[0].parameters()[name])
     bare, loaded = (
         plan(truth.robot, minutes=10, prior=prior, setup=Setup(payload=payload), seed=1)

@@ -9,10 +9,11 @@ import numpy as np
 import pytest
 from menus import arm, assumed, names
 
+from pumaid.dataset import Dataset
 from pumaid.design.assume import drawn, known
 from pumaid.design.planner import Made, Planner, Wish
 from pumaid.errors import ModelError
-from pumaid.records import Estimate, Evidence, Motion, Plan
+from pumaid.records import Estimate, Motion, Plan
 from pumaid.robot import Box, Joint, Robot, Safety, Sphere
 from pumaid.simulation import Bench, draw, table1
 from pumaid.simulation.forecast import forecast
@@ -43,7 +44,7 @@ def test_each_criterion_makes_its_own_number_small(name):
 def earlier(seed: int) -> Estimate:
     """A model of a pendulum that was drawn, from its first experiment."""
     runs = Bench(draw(arm("pendulum2"), seed), plan(arm("pendulum2"), minutes=6, seed=1), rate=50.0)
-    return identify(Evidence(runs.runs(np.random.default_rng(seed))), arm("pendulum2"))
+    return identify(Dataset(runs.runs(np.random.default_rng(seed))), arm("pendulum2"))
 
 
 @pytest.mark.parametrize("seed", [41, 42, 43])
@@ -79,7 +80,7 @@ def test_a_model_of_one_joint_is_told_to_be_one():
     robot, truth = arm("pendulum2"), draw(arm("pendulum2"), 44)
     motions = [Motion(2, (0.5, 0.0), -w, w, v) for w in (1.5, -1.5) for v in (0.3, 0.6, 0.9)]
     runs = Bench(truth, Plan(robot.name, tuple(motions)), rate=50.0).runs(np.random.default_rng(1))
-    found = plan(robot, minutes=6, prior=identify(Evidence(runs), robot), seed=1)
+    found = plan(robot, minutes=6, prior=identify(Dataset(runs), robot), seed=1)
     (told,) = [one for one in found.assumptions if "does not tell" in one]
     assert "gain_ratio.1.2" in told
     assert "coulomb.j1.plus" in told and "coulomb.j2.plus" not in told
@@ -89,7 +90,7 @@ def test_a_ratio_that_was_not_shown_is_not_believed():
     """The paper's runs leave eta_5/eta_6 in the dark; planning for their model takes it from a drawn robot."""
     truth = table1.puma560()
     runs = Bench(truth, table1.experiment(), rate=25.0).runs(np.random.default_rng(1))
-    (robot,) = known(truth.robot, identify(Evidence(runs), truth.robot)).truths
+    (robot,) = known(truth.robot, identify(Dataset(runs), truth.robot)).truths
     assert robot.parameters()["gain_ratio.5.6"] == draw(truth.robot, 0).parameters()["gain_ratio.5.6"]
     assert robot.parameters()["gain_ratio.4.5"] == pytest.approx(0.14463, rel=0.05)
 

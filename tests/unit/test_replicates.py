@@ -50,7 +50,7 @@ def test_levels_belong_to_the_floor():
 
 @pytest.mark.parametrize("shift", [0.0, 0.05])
 def test_ripple_present_in_both_is_no_noise(shift):
-    """A ripple three times the noise that repeats hardly moves the floor, though cells lie elsewhere in each run."""
+    """A ripple three times the noise that repeats hardly moves the floor, though bins lie elsewhere in each run."""
     assert floor(ripple=0.3, shift=shift) == pytest.approx(SIGMA, rel=0.05)
 
 
@@ -62,7 +62,7 @@ def test_starts_that_differ_are_no_noise():
 def test_exact_runs_have_no_floor():
     """Without noise the floor is far below any current sensor's step."""
     moves = course("constant", -2.0, 2.0, samples=4000)
-    run = run_of(PENDULUM, 1, (0.0, 0.3), course=moves, current=3.0 * np.cos(moves[1]), cells=400)
+    run = run_of(PENDULUM, 1, (0.0, 0.3), course=moves, current=3.0 * np.cos(moves[1]), bins=400)
     assert noise_floor(pairs([run, run]))[0] < 1e-3
 
 

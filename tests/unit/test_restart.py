@@ -5,8 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from pumaid.dataset import Dataset
 from pumaid.io.recipe import read_recipe, shipped_recipes
-from pumaid.records import Evidence, Motion, Plan
+from pumaid.records import Motion, Plan
 from pumaid.simulation import Bench, draw
 from pumaid.verbs.identify import identify
 
@@ -33,8 +34,8 @@ def test_the_joint_fit_leaves_a_wrong_minimum():
     """Every joint ends at its noise floor, and the ratio has its true size within four standard errors."""
     robot = read_recipe(shipped_recipes()["ur3e"])
     truth = draw(robot, ARM)
-    runs = Bench(truth, thin(robot), rate=100.0, cells=128).runs(np.random.default_rng(DESIGN))
-    estimate = identify(Evidence(runs), robot)
+    runs = Bench(truth, thin(robot), rate=100.0, bins=128).runs(np.random.default_rng(DESIGN))
+    estimate = identify(Dataset(runs), robot)
     assert all(one.rmse < 1.2 * one.noise_floor for one in estimate.joints)
     (ratio,) = (value for value in estimate.values if value.name == "gain_ratio.5.6")
     expected = truth.gain[4] / truth.gain[5]

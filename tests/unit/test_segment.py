@@ -34,20 +34,20 @@ def changed(one, **arrays):
     return Log(**({name: getattr(one, name) for name in names} | arrays))
 
 
-def reasons(evidence):
+def reasons(dataset):
     """Reasons of the rejects in order."""
-    return [reject.reason for reject in evidence.rejects]
+    return [reject.reason for reject in dataset.rejects]
 
 
 def test_one_trapezoid_is_one_run():
     """Joint, kind, speed, span, posture and what is left out are those of the command."""
-    evidence = segment([log()], ARM)
-    (run,) = evidence.runs
+    dataset = segment([log()], ARM)
+    (run,) = dataset.runs
     assert (run.joint, run.kind, run.direction) == (2, "constant", 1)
     assert run.speed == pytest.approx(0.5, rel=1e-6)
     assert run.span == pytest.approx((-0.175, 0.825), abs=0.01)
     np.testing.assert_allclose(run.posture, [0.3, np.nan, 0.1], atol=1e-9)
-    assert reasons(evidence) == ["rest", "ramp", "ramp", "rest"]
+    assert reasons(dataset) == ["rest", "ramp", "ramp", "rest"]
 
 
 def test_triangle_gives_the_current_back():
@@ -55,30 +55,30 @@ def test_triangle_gives_the_current_back():
     (run,) = segment([log()], ARM).runs
     columns, target = run.triangle.rows()
     np.testing.assert_allclose(np.linalg.solve(columns[:3], target[:3]), [2.0, 3.0, 1.0], atol=1e-7)
-    assert run.samples == run.cells.count.sum()
+    assert run.samples == run.bins.count.sum()
 
 
 def test_cells_are_the_samples_means():
-    """Count-weighted means of the cells are the means over the run's samples, their spread included."""
+    """Count-weighted means of the bins are the means over the run's samples, their spread included."""
     one = log(rate=1000.0, noise=0.2)
-    (run,) = segment([one], ARM, options=SegmentOptions(max_cells=40)).runs
+    (run,) = segment([one], ARM, options=SegmentOptions(max_bins=40)).runs
     part = slice(run.first_row - 2, run.last_row - 1)
-    weights = run.cells.count
-    np.testing.assert_allclose(np.average(run.cells.current, weights=weights), one.current[part, 1].mean())
-    np.testing.assert_allclose(np.average(run.cells.time, weights=weights), one.time[part].mean())
-    assert len(run.cells) == 40
-    assert np.average(run.cells.variance, weights=weights) == pytest.approx(0.04, rel=0.1)
-    np.testing.assert_allclose(run.cells.velocity, 0.5, atol=1e-6)
+    weights = run.bins.count
+    np.testing.assert_allclose(np.average(run.bins.current, weights=weights), one.current[part, 1].mean())
+    np.testing.assert_allclose(np.average(run.bins.time, weights=weights), one.time[part].mean())
+    assert len(run.bins) == 40
+    assert np.average(run.bins.variance, weights=weights) == pytest.approx(0.04, rel=0.1)
+    np.testing.assert_allclose(run.bins.velocity, 0.5, atol=1e-6)
 
 
 def test_runs_of_many_turns_keep_a_fast_ripple():
-    """Of a run of ten turns, means over 256 cells a turn still hold three quarters of a ripple of 100 waves a turn."""
+    """Of a run of ten turns, means over 256 bins a turn still hold three quarters of a ripple of 100 waves a turn."""
     one = log(speed=10.0, hold=6.3, rate=5000.0)
     current = np.cos(100.0 * one.position)
     (run,) = segment([changed(one, current=current)], ARM).runs
-    own = run.cells.position[:, 1]
-    assert len(run.cells) == pytest.approx(256 * np.ptp(own) / (2.0 * np.pi), rel=0.02)
-    assert 2.0 * np.mean(run.cells.current * np.cos(100.0 * own)) == pytest.approx(np.sinc(100 / 256), rel=0.03)
+    own = run.bins.position[:, 1]
+    assert len(run.bins) == pytest.approx(256 * np.ptp(own) / (2.0 * np.pi), rel=0.02)
+    assert 2.0 * np.mean(run.bins.current * np.cos(100.0 * own)) == pytest.approx(np.sinc(100 / 256), rel=0.03)
 
 
 def test_a_slide_has_no_sine():
@@ -92,8 +92,8 @@ def test_a_triangle_of_speed_is_a_stroke():
     """A movement without constant speed becomes one stroke whose acceleration is the command's."""
     (run,) = segment([log(ramp=1.0, hold=0.0)], ARM).runs
     assert run.kind == "stroke"
-    quarter = len(run.cells) // 4
-    np.testing.assert_allclose(run.cells.acceleration[quarter // 2 : quarter], 0.5, rtol=0.02)
+    quarter = len(run.bins) // 4
+    np.testing.assert_allclose(run.bins.acceleration[quarter // 2 : quarter], 0.5, rtol=0.02)
     assert run.triangle.columns[-2:] == ("velocity", "acceleration")
 
 
@@ -118,8 +118,8 @@ def test_a_run_goes_on_in_the_next_file():
 
 def test_a_clock_that_starts_anew_is_another_recording():
     """Runs of recordings with their own clocks carry their numbers."""
-    evidence = segment([log(), log(origin="b.csv")], ARM)
-    assert [(run.origin, run.clock) for run in evidence.runs] == [("a.csv", 0), ("b.csv", 1)]
+    dataset = segment([log(), log(origin="b.csv")], ARM)
+    assert [(run.origin, run.clock) for run in dataset.runs] == [("a.csv", 0), ("b.csv", 1)]
 
 
 def test_missing_current_is_left_out():
@@ -127,10 +127,10 @@ def test_missing_current_is_left_out():
     one = log()
     current = one.current.copy()
     current[300:310, 1] = np.nan
-    evidence = segment([changed(one, current=current)], ARM)
-    assert {reject.reason: reject.samples for reject in evidence.rejects}["no-current"] == 10
-    assert np.isfinite(evidence.runs[0].triangle.factor).all()
-    assert np.isfinite(evidence.runs[0].cells.current).all()
+    dataset = segment([changed(one, current=current)], ARM)
+    assert {reject.reason: reject.samples for reject in dataset.rejects}["no-current"] == 10
+    assert np.isfinite(dataset.runs[0].triangle.factor).all()
+    assert np.isfinite(dataset.runs[0].bins.current).all()
     dead = changed(one, current=np.full_like(current, np.nan))
     assert segment([dead], ARM).runs == ()
 
@@ -140,9 +140,9 @@ def test_garbage_positions_are_left_out():
     one = log()
     position = one.position.copy()
     position[500, 0], position[501, 2] = np.inf, 1e298
-    evidence = segment([changed(one, position=position)], ARM)
-    assert {reject.reason: reject.samples for reject in evidence.rejects}["not-a-number"] == 2
-    assert len(evidence.runs) == 1
+    dataset = segment([changed(one, position=position)], ARM)
+    assert {reject.reason: reject.samples for reject in dataset.rejects}["not-a-number"] == 2
+    assert len(dataset.runs) == 1
 
 
 def test_a_held_joint_that_drifts_spoils_the_run():
@@ -162,8 +162,8 @@ def test_two_joints_at_once_are_no_run():
     position[:, 0] += position[:, 1]
     (left,) = (reject for reject in segment([changed(one, position=position)], ARM).rejects if reject.joints)
     assert (left.reason, set(left.joints)) == ("several-joints", {1, 2})
-    assert left.cells is not None
-    assert len(left.cells) <= 64
+    assert left.bins is not None
+    assert len(left.bins) <= 64
 
 
 @pytest.mark.parametrize("count", [0, 1, 2, 5, 7])
@@ -171,15 +171,15 @@ def test_a_handful_of_samples_is_no_error(count):
     """Logs too small for anything are accounted for."""
     one = log()
     tiny = changed(one, **{name: getattr(one, name)[:count] for name in ("rows", "time", "position", "current")})
-    evidence = segment([tiny], ARM)
-    assert evidence.runs == ()
-    assert sum(reject.samples for reject in evidence.rejects) == count
+    dataset = segment([tiny], ARM)
+    assert dataset.runs == ()
+    assert sum(reject.samples for reject in dataset.rejects) == count
 
 
 def test_no_logs_are_no_evidence():
     """An empty stream gives an empty result."""
-    evidence = segment([], ARM)
-    assert (evidence.runs, evidence.rejects) == ((), ())
+    dataset = segment([], ARM)
+    assert (dataset.runs, dataset.rejects) == ((), ())
 
 
 def test_another_arms_logs_are_refused():

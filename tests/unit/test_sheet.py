@@ -5,21 +5,21 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from scipy import stats
-from worlds import CRANE, STANFORD, drawn, evidence, experiment, only, puma, truth_in_units
+from worlds import CRANE, STANFORD, dataset, drawn, experiment, only, puma, truth_in_units
 
+from pumaid.dataset import Dataset
 from pumaid.estimation.sheet import Sheet, _gradient
 from pumaid.estimation.system import solve
 from pumaid.maths.propagation import recursion_covariance
 from pumaid.maths.recursion import Gains
 from pumaid.model import Model
-from pumaid.records import Evidence
 from pumaid.robot import Joint, Robot
 from pumaid.simulation import Bench, table1
 from pumaid.verbs.identify import identify
 
 PUMA = puma()
 BENCH = Bench(PUMA, table1.experiment(), rate=50.0)
-ESTIMATE = identify(Evidence(BENCH.runs(np.random.default_rng(1))), PUMA.robot)
+ESTIMATE = identify(Dataset(BENCH.runs(np.random.default_rng(1))), PUMA.robot)
 
 
 def test_every_parameter_and_ratio_is_told_once():
@@ -81,7 +81,7 @@ def test_ratio_between_clusters_has_no_slope():
 def test_neighbours_over_a_slide_come_from_edges_over_it():
     """In an arm with a slide in between, where inner rows tie both, neighbours' ratios are still told rightly."""
     truth = drawn(STANFORD)
-    estimate = identify(evidence(truth, experiment(STANFORD), seed=3), STANFORD)
+    estimate = identify(dataset(truth, experiment(STANFORD), seed=3), STANFORD)
     known = truth.parameters()
     for name in ("gain_ratio.2.3", "gain_ratio.3.4"):
         value = estimate.value(name)
@@ -92,7 +92,7 @@ def test_errors_are_the_spread_of_estimates():
     """Standard errors told on average are the spread of values over 30 experiments."""
     truth, plan = drawn(CRANE), experiment(CRANE)
     bench = Bench(truth, plan, rate=50.0)
-    estimates = [identify(Evidence(bench.runs(np.random.default_rng(n))), CRANE) for n in range(30)]
+    estimates = [identify(Dataset(bench.runs(np.random.default_rng(n))), CRANE) for n in range(30)]
     names = [v.name for v in estimates[0].values if all(e.value(v.name).state == "identified" for e in estimates)]
     spread = np.std([[e.value(n).value for n in names] for e in estimates], axis=0, ddof=1)
     told = np.sqrt(np.mean([[e.value(n).std_error ** 2 for n in names] for e in estimates], axis=0))
@@ -104,26 +104,26 @@ def test_errors_are_the_spread_of_estimates():
 
 def test_a_parameter_not_told_apart_names_its_partners():
     """Without joint 3 of the PUMA's outer four, what is tied is named, in parameters of the model."""
-    estimate = identify(evidence(PUMA, only(table1.experiment(), lambda motion: motion.joint == 3)), PUMA.robot)
+    estimate = identify(dataset(PUMA, only(table1.experiment(), lambda motion: motion.joint == 3)), PUMA.robot)
     reason = estimate.value("gravity.l3.x").reason
     assert reason.startswith("only determined together with gravity.l4.x") and "coulomb" not in reason
 
 
 def test_blind_directions_change_no_fitted_run():
     """Moving along what is blind, at plausible size, changes no current of the runs that were fitted."""
-    found = evidence(PUMA, only(table1.experiment(), lambda motion: motion.joint in (3, 6)))
+    found = dataset(PUMA, only(table1.experiment(), lambda motion: motion.joint in (3, 6)))
     estimate = identify(found, PUMA.robot)
     model = Model.of_estimate(PUMA.robot, estimate)
     assert estimate.blind.shape[1] > 0
     for run in found.runs:
         scales = np.nan_to_num(estimate.scales[run.joint - 1])[model.owners - 1]
         rows = model.regressor(model.samples_of(run)) * scales
-        assert np.abs(rows @ estimate.blind).max(initial=0.0) < 0.02 * np.abs(run.cells.current).max()
+        assert np.abs(rows @ estimate.blind).max(initial=0.0) < 0.02 * np.abs(run.bins.current).max()
 
 
 def test_covariance_is_symmetric_and_no_variance_negative():
     """Whatever mixture of clustered and modelled variances it is made of."""
-    for estimate in (ESTIMATE, identify(evidence(drawn(CRANE), experiment(CRANE, postures=1)), CRANE)):
+    for estimate in (ESTIMATE, identify(dataset(drawn(CRANE), experiment(CRANE, postures=1)), CRANE)):
         assert estimate.covariance == pytest.approx(estimate.covariance.T, rel=1e-9, abs=1e-18)
         assert np.all(np.diag(estimate.covariance) >= 0.0)
 
@@ -133,7 +133,7 @@ def test_sheet_of_the_recursion_has_its_own_ratios():
     holds: dict[int, tuple] = {}
     for motion in table1.experiment().motions:
         holds.setdefault(motion.joint, motion.hold)
-    runs = evidence(PUMA, only(table1.experiment(), lambda motion: motion.hold == holds[motion.joint])).runs
+    runs = dataset(PUMA, only(table1.experiment(), lambda motion: motion.hold == holds[motion.joint])).runs
     fitted = solve(Model.of_runs(PUMA.robot, runs), runs)
     assert len(fitted.first_gains.edges) < len(fitted.gains.edges)
     first = recursion_covariance(fitted.first_system, fitted.first_values, fitted.first_gains, runs=fitted.run_of)
@@ -147,7 +147,7 @@ def test_recursion_tells_no_ratio_of_a_load_left_open(missing):
     """Where an outer row left its load open, an inner row's ratio to it rests on a guess and is not told."""
     truth = drawn(STANFORD, noisy=False)
     plan = only(experiment(STANFORD, postures=2), lambda motion: motion.joint != missing)
-    estimate = identify(evidence(truth, plan), STANFORD, recursive=True)
+    estimate = identify(dataset(truth, plan), STANFORD, recursive=True)
     known = truth_in_units(truth, range(1, 7))
     told = {value.name: value.value for value in estimate.values if value.name.startswith("gain") and value.value}
     assert {name: value for name, value in told.items() if abs(value - known[name]) > 1e-9} == {}
@@ -164,7 +164,7 @@ def test_a_ratio_beyond_a_joint_that_carries_nothing():
     robot = Robot("SCARA on a slope", joints, gravity=(6.9, 0.0, -6.9))
     truth = drawn(robot, noisy=False)
     known = truth.parameters()
-    found = identify(evidence(truth, experiment(robot)), robot)
+    found = identify(dataset(truth, experiment(robot)), robot)
     assert [found.value(f"gain_ratio.{pair}").state for pair in ("2.3", "3.4")] == ["not_identifiable"] * 2
     product = known["gain_ratio.2.3"] * known["gain_ratio.3.4"]
     assert found.value("gain_ratio.2.4").value == pytest.approx(product, rel=1e-8)

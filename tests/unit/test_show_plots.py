@@ -13,8 +13,8 @@ import worlds
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
+from pumaid.dataset import Dataset
 from pumaid.errors import ResultError
-from pumaid.records import Evidence
 from pumaid.reporting.plots import drawings, misfit, skeleton, spent
 from pumaid.reporting.plots.segments import MOST_RUNS, beginning
 from pumaid.reporting.plots.skeleton import frames
@@ -170,14 +170,14 @@ def test_a_slide_moves_the_skeleton():
 
 def test_long_campaigns_show_their_beginning(told):
     """The picture of the runs stops after its limit, with what was left out until then."""
-    many = Evidence(told.evidence.runs * 9, told.evidence.rejects)
+    many = Dataset(told.dataset.runs * 9, told.dataset.rejects)
     shown = beginning(many)
-    assert len(shown.runs) == MOST_RUNS and len(beginning(told.evidence).runs) == len(told.evidence.runs)
+    assert len(shown.runs) == MOST_RUNS and len(beginning(told.dataset).runs) == len(told.dataset.runs)
 
 
 def test_logs_without_runs_draw_the_arm_only(told):
     """With nothing to show, there is no empty figure."""
-    nothing = Evidence(())
+    nothing = Dataset(())
     empty = Story(told.robot, told.estimate, nothing, compare(told.estimate, nothing, told.robot))
     names = [drawing.name for drawing in drawings(empty)]
     assert names == ["arm", "parameters", "precision"]
@@ -192,6 +192,6 @@ def test_misfit_refuses_other_forms(told):
 
 def test_misfit_without_runs_is_refused(told):
     """There is no picture of no runs."""
-    nothing = Evidence(())
+    nothing = Dataset(())
     with pytest.raises(ResultError, match="no run"):
         misfit.drawn(Story(told.robot, told.estimate, nothing, compare(told.estimate, nothing, told.robot)), ".png")

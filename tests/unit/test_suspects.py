@@ -1,4 +1,4 @@
-"""Columns that the user suspects reach the cells in the one pass, and change nothing else."""
+"""Columns that the user suspects reach the bins in the one pass, and change nothing else."""
 
 from __future__ import annotations
 
@@ -10,11 +10,11 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 
+from pumaid.dataset import Bins, Dataset
 from pumaid.errors import LogError
 from pumaid.io.table import LogReader
 from pumaid.preprocessing.reduce import coarser
 from pumaid.preprocessing.suspicion import Watch
-from pumaid.records import Cells, Evidence
 from pumaid.robot import Joint, Robot
 from pumaid.verbs.segment import SegmentOptions, segment
 
@@ -41,18 +41,18 @@ def written(path: Path, table: dict[str, list]) -> Path:
     return path
 
 
-def found(*paths: Path, extra: tuple[str, ...] = ("Vbus",), **options: int) -> Evidence:
+def found(*paths: Path, extra: tuple[str, ...] = ("Vbus",), **options: int) -> Dataset:
     """What the one pass leaves."""
     return segment(Watch(LogReader(paths, ARM, extra=extra), ARM), ARM, options=SegmentOptions(**options))
 
 
 @pytest.mark.parametrize("name", ["a.csv", "a.parquet"])
 def test_a_suspect_is_a_mean_over_each_cell(tmp_path, name):
-    """A voltage that falls by 1 V/s is, in each cell, 48 V less the cell's own time."""
-    evidence = found(written(tmp_path / name, columns()))
-    (run,) = evidence.runs
-    assert evidence.extra == ("Vbus",)
-    np.testing.assert_allclose(run.cells.extra, 48.0 - run.cells.time[:, None], atol=1e-9)
+    """A voltage that falls by 1 V/s is, in each bin, 48 V less the bin's own time."""
+    dataset = found(written(tmp_path / name, columns()))
+    (run,) = dataset.runs
+    assert dataset.extra == ("Vbus",)
+    np.testing.assert_allclose(run.bins.extra, 48.0 - run.bins.time[:, None], atol=1e-9)
 
 
 @pytest.mark.parametrize("name", ["a.csv", "a.parquet"])
@@ -76,39 +76,39 @@ def test_a_column_that_no_file_has_is_refused_before_the_pass(tmp_path):
 def test_a_file_that_lacks_the_column_leaves_it_unknown(tmp_path):
     """Its run is kept with NaN, and a note says so."""
     bare = {name: values for name, values in columns(start=10.0).items() if name != "Vbus"}
-    evidence = found(written(tmp_path / "a.csv", columns()), written(tmp_path / "b.csv", bare))
-    known = [np.isfinite(run.cells.extra).all() for run in evidence.runs]
+    dataset = found(written(tmp_path / "a.csv", columns()), written(tmp_path / "b.csv", bare))
+    known = [np.isfinite(run.bins.extra).all() for run in dataset.runs]
     assert known == [True, False]
-    assert [note.slug for note in evidence.notes if note.slug.startswith("extra")] == ["extra-absent"]
+    assert [note.slug for note in dataset.notes if note.slug.startswith("extra")] == ["extra-absent"]
 
 
 def test_empty_cells_are_left_out_of_the_means(tmp_path):
     """Half of the voltages are missing: the means are of those that are there, and no sample is lost."""
     table = columns()
     table["Vbus"] = [value if row % 2 else "" for row, value in enumerate(table["Vbus"])]
-    (run,) = found(written(tmp_path / "a.csv", table), max_cells=40).runs
-    (whole,) = found(written(tmp_path / "b.csv", columns()), max_cells=40).runs
+    (run,) = found(written(tmp_path / "a.csv", table), max_bins=40).runs
+    (whole,) = found(written(tmp_path / "b.csv", columns()), max_bins=40).runs
     assert run.samples == whole.samples
-    np.testing.assert_allclose(run.cells.extra, whole.cells.extra, atol=2.5e-3)  # one sample is 2 ms
+    np.testing.assert_allclose(run.bins.extra, whole.bins.extra, atol=2.5e-3)  # one sample is 2 ms
 
 
 def test_current_of_another_motor_may_be_suspected(tmp_path):
     """A column that is read anyhow arrives a second time as the user asked, in the file's own unit."""
     (run,) = found(written(tmp_path / "a.csv", columns()), extra=("i2", "Vbus")).runs
-    np.testing.assert_array_equal(run.cells.extra[:, 0], run.cells.current)
+    np.testing.assert_array_equal(run.bins.extra[:, 0], run.bins.current)
 
 
 def test_nothing_else_changes(tmp_path):
-    """With a suspect, doubled rows, empty cells and a run over two windows, all else is the same to the bit."""
+    """With a suspect, doubled rows, empty bins and a run over two windows, all else is the same to the bit."""
     table = columns(3500, stop=6.5)
     doubled = {name: [v for v in values for _ in range(2)] for name, values in table.items()}
     doubled["Vbus"] = [value if row % 3 else "nan" for row, value in enumerate(doubled["Vbus"])]
     path = written(tmp_path / "a.csv", doubled)
-    plain, suspect = found(path, extra=(), max_cells=40, window=2048), found(path, max_cells=40, window=2048)
+    plain, suspect = found(path, extra=(), max_bins=40, window=2048), found(path, max_bins=40, window=2048)
     for one, other in zip(plain.runs, suspect.runs, strict=True):
-        assert other.cells.extra.shape == (len(one.cells), 1)
-        names = [item.name for item in fields(Cells) if item.name != "extra"]
-        assert all(np.array_equal(getattr(one.cells, n), getattr(other.cells, n), equal_nan=True) for n in names)
+        assert other.bins.extra.shape == (len(one.bins), 1)
+        names = [item.name for item in fields(Bins) if item.name != "extra"]
+        assert all(np.array_equal(getattr(one.bins, n), getattr(other.bins, n), equal_nan=True) for n in names)
     assert (plain.notes, plain.files) == (suspect.notes, suspect.files)
     assert [left.text for left in plain.rejects] == [left.text for left in suspect.rejects]
 
@@ -117,12 +117,12 @@ def test_nothing_is_kept_where_nobody_asks(tmp_path):
     """Without a suspect the logs carry no array for one."""
     path = written(tmp_path / "a.csv", columns())
     assert all(log.extra is None for log in LogReader([path], ARM))
-    assert found(path, extra=()).runs[0].cells.extra is None
+    assert found(path, extra=()).runs[0].bins.extra is None
 
 
 def test_joined_cells_weigh_what_is_known():
-    """Two cells of 1 and 3 samples at 10 and 20 V join to 17.5 V; with the first unknown, to 20 V."""
+    """Two bins of 1 and 3 samples at 10 and 20 V join to 17.5 V; with the first unknown, to 20 V."""
     zero, count = np.zeros(2), np.array([1, 3])
     extra = np.array([[10.0, np.nan], [20.0, 20.0]])
-    fine = Cells(count, np.array([0.0, 0.1]), zero[:, None], zero, zero, zero, zero, zero, extra)
+    fine = Bins(count, np.array([0.0, 0.1]), zero[:, None], zero, zero, zero, zero, zero, extra)
     np.testing.assert_allclose(coarser([fine], 1).extra, [[17.5, 20.0]])

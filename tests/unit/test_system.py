@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from worlds import CRANE, PENDULUM, STANFORD, course, drawn, evidence, experiment, only, run_of
+from worlds import CRANE, PENDULUM, STANFORD, course, dataset, drawn, experiment, only, run_of
 
 from pumaid.estimation import system
 from pumaid.estimation.rows import Row
@@ -65,7 +65,7 @@ def test_links_of_unmoved_joints_are_in_an_inner_gain(moving, wanted):
 def test_joint_fit_without_a_joint_explains_all(missing):
     """Whichever joint's rows are missing, the fit over the rest leaves no misfit of noise-free data."""
     truth = drawn(STANFORD, noisy=False)
-    runs = evidence(truth, only(experiment(STANFORD), lambda motion: motion.joint != missing)).runs
+    runs = dataset(truth, only(experiment(STANFORD), lambda motion: motion.joint != missing)).runs
     fitted = solve(Model.of_runs(STANFORD, runs), runs)
     for row in fitted.rows:
         scales = np.nan_to_num(fitted.gains.scales()[row.joint - 1])[fitted.system.owners]
@@ -90,7 +90,7 @@ def test_weights_are_each_joints_own():
     loud = replace(truth, noise=replace(truth.noise, std=truth.noise.std * np.array([30.0, 1.0, 1.0])))
     errors = []
     for one in (truth, loud):
-        runs = evidence(one, experiment(CRANE)).runs
+        runs = dataset(one, experiment(CRANE)).runs
         fitted = solve(Model.of_runs(CRANE, runs), runs)
         errors.append(np.sqrt(np.diag(fitted.solution.linear.inverse)))
     index = Model(CRANE).names.index("viscous.j3.plus")
@@ -116,10 +116,10 @@ def test_few_runs_take_their_noise_from_inside():
 def test_a_load_of_unknown_size_gets_a_usual_ratio():
     """A slide held nearly level in its runs: only ratio times load is known, and the ratio stays of order one."""
     truth, plan = drawn(STANFORD, noisy=False), experiment(STANFORD)
-    runs = evidence(truth, only(plan, lambda motion: motion.joint != 3)).runs
+    runs = dataset(truth, only(plan, lambda motion: motion.joint != 3)).runs
     hold = (0.3, 1.558, 0.1, -0.2, 0.4, 0.1)
     slides = tuple(Motion(3, hold, -0.3 * s, 0.3 * s, v) for v in (0.06, 0.2) for s in (1, -1))
-    runs = (*runs, *evidence(truth, Plan("level", slides)).runs)
+    runs = (*runs, *dataset(truth, Plan("level", slides)).runs)
     fitted = solve(Model.of_runs(STANFORD, runs), runs)
     assert abs(fitted.gains.ratio(1, 2)) < system.RATIO_SPREAD
     assert not fitted.solution.linear.determined[Model(STANFORD).names.index("gravity.l3.mass")]
@@ -127,7 +127,7 @@ def test_a_load_of_unknown_size_gets_a_usual_ratio():
 
 def test_recursion_is_kept_beside_the_joint_fit():
     """The recursion's result and noise are those of `recursive=True`, untouched by the refinement."""
-    runs = evidence(drawn(CRANE), experiment(CRANE)).runs
+    runs = dataset(drawn(CRANE), experiment(CRANE)).runs
     both, alone = (solve(Model.of_runs(CRANE, runs), runs, recursive=flag) for flag in (False, True))
     assert np.array_equal(both.first_values, alone.solution.values)
     assert both.first_levels == alone.levels and both.levels != alone.levels

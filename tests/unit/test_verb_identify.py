@@ -11,8 +11,8 @@ from worlds import (
     PENDULUM,
     STANFORD,
     course,
+    dataset,
     drawn,
-    evidence,
     experiment,
     identified,
     only,
@@ -22,15 +22,16 @@ from worlds import (
     truth_in_units,
 )
 
+from pumaid.dataset import Dataset, Reject
 from pumaid.errors import LogError
-from pumaid.records import Estimate, Evidence, Reject
+from pumaid.records import Estimate
 from pumaid.simulation import Bench, Truth, table1
 from pumaid.verbs.identify import identify
 
 #: Relative to the value or, where that is smaller, to 0.001 in SI, to 1 for a ratio of gains (the paper's eta_5/eta_6
 #: of 2e-6 acts on a load that is itself a thousandth of an ampere).
 EXACT = 1e-9
-#: The same where strokes are among the runs, whose delay is told from means over cells.
+#: The same where strokes are among the runs, whose delay is told from means over bins.
 EXACT_IN_CELLS = 1e-6
 #: A: the root of what double precision loses of currents squared, times ten.
 ROUNDING = 1e-7
@@ -59,7 +60,7 @@ def misfit(estimate: Estimate) -> float:
 def test_exact_without_noise(name, recursive):
     """Everything that exists is identified to rounding, by the joint fit and by the recursion alone."""
     truth, plan = CASES[name]
-    estimate = identify(evidence(truth, plan), truth.robot, recursive=recursive)
+    estimate = identify(dataset(truth, plan), truth.robot, recursive=recursive)
     known = truth.parameters()
     open_ = {value.name for value in estimate.values if value.state != "identified"}
     assert open_ == {"gravity.l1.x", "gravity.l1.y", "gain_ratio.1.2"}
@@ -86,7 +87,7 @@ def test_stanford_from_samples():
         friction = truth.friction.current(motion.joint, way)
         current = truth.gravity_current(position)[:, own] + friction + truth.inertia[own] * qdd
         runs.append(run_of(STANFORD, motion.joint, motion.hold, course=moves, current=current))
-    estimate = identify(Evidence(tuple(runs)), STANFORD)
+    estimate = identify(Dataset(tuple(runs)), STANFORD)
     known, values = truth.parameters(), identified(estimate)
     inertias = {name: value for name, value in values.items() if name.startswith("inertia")}
     assert len(inertias) >= 6 and len(values) - len(inertias) == 37
@@ -98,7 +99,7 @@ def test_stanford_from_samples():
 def part(name: str, chosen) -> tuple[Truth, Estimate]:
     """The estimate from the motions of a case for which `chosen(motion)` is true."""
     truth, plan = CASES[name]
-    return truth, identify(evidence(truth, only(plan, chosen)), truth.robot)
+    return truth, identify(dataset(truth, only(plan, chosen)), truth.robot)
 
 
 @pytest.mark.parametrize("name", CASES)
@@ -196,7 +197,7 @@ def test_a_single_run(joint):
     plan = experiment(CRANE)
     number = next(n for n, motion in enumerate(plan.motions) if motion.joint == joint)
     truth = drawn(CRANE)
-    found = evidence(truth, replace(plan, motions=(plan.motions[number],)))
+    found = dataset(truth, replace(plan, motions=(plan.motions[number],)))
     estimate = identify(found, CRANE)
     assert [name for name in identified(estimate) if not name.startswith("gravity.l3")] == []
     assert all(value.reason for value in estimate.values if value.state != "identified")
@@ -215,7 +216,7 @@ def test_tiny_spans():
             current = truth.gravity_current(position)[:, joint - 1] + truth.friction.current(joint, moves[2])
             noise = 0.02 * np.random.default_rng(len(runs)).normal(size=200)
             runs.append(run_of(PENDULUM, joint, hold, course=moves, current=current + noise))
-    estimate = identify(Evidence(tuple(runs)), PENDULUM)
+    estimate = identify(Dataset(tuple(runs)), PENDULUM)
     known = truth.parameters()
     far = [v.name for v in estimate.values if v.value is not None and abs(v.value - known[v.name]) > 5 * v.std_error]
     assert far == [] and misfit(estimate) < 0.03
@@ -230,7 +231,7 @@ def test_a_joint_that_draws_nothing():
         for start in (-1.0, 1.0):
             moves = course("constant", start, -start)
             runs.append(run_of(robot, joint, (0.2, 0.4), course=moves, current=np.zeros(200)))
-    estimate = identify(Evidence(tuple(runs)), robot)
+    estimate = identify(Dataset(tuple(runs)), robot)
     assert misfit(estimate) == 0.0
     assert all(np.isfinite(value.value) for value in estimate.values if value.value is not None)
 
@@ -238,10 +239,10 @@ def test_a_joint_that_draws_nothing():
 def test_held_out_runs_are_left_out():
     """What is kept for judging moves nothing, however wrong it is."""
     truth, plan = drawn(CRANE), experiment(CRANE)
-    runs = evidence(truth, plan).runs
+    runs = dataset(truth, plan).runs
     spoilt = [replace(run, heldout=True, triangle=replace_current(run)) for run in runs[::4]]
-    estimate = identify(Evidence((*runs, *spoilt)), CRANE)
-    assert estimate.values == identify(Evidence(runs), CRANE).values
+    estimate = identify(Dataset((*runs, *spoilt)), CRANE)
+    assert estimate.values == identify(Dataset(runs), CRANE).values
     assert sum(fit.runs for fit in estimate.joints) == len(runs)
 
 
@@ -254,9 +255,9 @@ def replace_current(run):
 
 def test_nothing_but_held_out_runs():
     """With every run held out there is nothing to fit, and the refusal says how many there were."""
-    runs = tuple(replace(run, heldout=True) for run in evidence(drawn(PENDULUM), experiment(PENDULUM)).runs)
+    runs = tuple(replace(run, heldout=True) for run in dataset(drawn(PENDULUM), experiment(PENDULUM)).runs)
     with pytest.raises(LogError, match=f"{len(runs)} runs, all held out") as caught:
-        identify(Evidence(runs), PENDULUM)
+        identify(Dataset(runs), PENDULUM)
     assert caught.value.slug == "no-runs"
 
 
@@ -264,13 +265,13 @@ def test_nothing_but_rejects():
     """Logs in which no run was found are refused with the number of stretches left out."""
     reject = Reject("a.csv", 2, 9, 0.0, 1.0, (1,), "ramp", "it speeds up", 8)
     with pytest.raises(LogError, match="1 stretch left out"):
-        identify(Evidence((), (reject,)), PENDULUM)
+        identify(Dataset((), (reject,)), PENDULUM)
 
 
 def test_repeats_narrow_the_intervals():
     """Four times the runs halve the standard errors, about."""
     truth = drawn(CRANE)
-    once, four = (identify(evidence(truth, experiment(CRANE, repeats=repeats), seed=2), CRANE) for repeats in (1, 4))
+    once, four = (identify(dataset(truth, experiment(CRANE, repeats=repeats), seed=2), CRANE) for repeats in (1, 4))
     ratio = [
         four.value(v.name).std_error / v.std_error
         for v in once.values
@@ -280,12 +281,12 @@ def test_repeats_narrow_the_intervals():
 
 
 def test_predictions_follow_noisy_runs():
-    """With noise the model passes through every run's cells within the noise of their means and levels."""
+    """With noise the model passes through every run's bins within the noise of their means and levels."""
     truth = drawn(STANFORD)
-    found = evidence(truth, experiment(STANFORD))
+    found = dataset(truth, experiment(STANFORD))
     estimate = identify(found, STANFORD)
     for run in found.runs:
-        error = run.cells.current - true_current(truth, run)
+        error = run.bins.current - true_current(truth, run)
         assert np.sqrt(np.mean(error**2)) < 5 * truth.noise.std[run.joint - 1]
     for fit in estimate.joints:
         assert fit.rmse == pytest.approx(truth.noise.std[fit.joint - 1], rel=0.35)
@@ -294,7 +295,7 @@ def test_predictions_follow_noisy_runs():
 def test_recursion_stands_beside_the_joint_fit():
     """Both estimates are told, over the same names; --recursive tells the recursion as the result."""
     truth = puma()
-    runs = Evidence(Bench(truth, PAPER, rate=50.0).runs(np.random.default_rng(4)))
+    runs = Dataset(Bench(truth, PAPER, rate=50.0).runs(np.random.default_rng(4)))
     both, alone = identify(runs, truth.robot), identify(runs, truth.robot, recursive=True)
     assert (both.method, alone.method) == ("joint", "recursive")
     assert both.recursive == alone.values == alone.recursive
@@ -307,7 +308,7 @@ def test_recursion_stands_beside_the_joint_fit():
 def test_intervals_are_numbers_even_with_few_runs(recursive):
     """Two runs a joint, in one posture: no interval is infinite or not a number, whichever estimate it is of."""
     plan = only(experiment(CRANE, postures=1, speeds=(0.3, 0.6)), lambda motion: True)
-    estimate = identify(evidence(drawn(CRANE), plan), CRANE, recursive=recursive)
+    estimate = identify(dataset(drawn(CRANE), plan), CRANE, recursive=recursive)
     told = [value for value in (*estimate.values, *estimate.recursive) if value.state == "identified"]
     assert told and np.all(np.isfinite([[*value.ci95, value.std_error, value.dof] for value in told]))
     assert all(value.ci95[0] <= value.value <= value.ci95[1] for value in told)
@@ -316,7 +317,7 @@ def test_intervals_are_numbers_even_with_few_runs(recursive):
 def test_progress_tells_the_joint_at_work():
     """Rows are announced from the last joint to the first, then all together."""
     said: list[tuple[int, str]] = []
-    identify(evidence(drawn(CRANE), experiment(CRANE)), CRANE, progress=lambda joint, text: said.append((joint, text)))
+    identify(dataset(drawn(CRANE), experiment(CRANE)), CRANE, progress=lambda joint, text: said.append((joint, text)))
     assert [joint for joint, _ in said] == [3, 2, 1, 0] and all(text for _, text in said)
 
 
@@ -324,7 +325,7 @@ def test_load_that_hides_in_coulomb_is_noted():
     """The constant load of an upright lift is part of its Coulomb terms, which is said."""
     lift = replace(PENDULUM, joints=(replace(PENDULUM.joints[0], kind="prismatic", alpha=0.3), PENDULUM.joints[1]))
     truth = drawn(lift, noisy=False)
-    estimate = identify(evidence(truth, experiment(lift)), lift)
+    estimate = identify(dataset(truth, experiment(lift)), lift)
     known, load = truth.parameters(), truth.gravity_current(np.zeros((1, 2)))[0, 0]
     assert [note.slug for note in estimate.notes] == ["load-in-coulomb"]
     assert identified(estimate)["coulomb.j1.plus"] == pytest.approx(known["coulomb.j1.plus"] + load, rel=1e-9)
@@ -338,5 +339,5 @@ def test_friction_that_falls_with_speed_is_noted(both_ways):
     against = replace(truth.friction, viscous_plus=-truth.friction.viscous_plus)
     plan = only(experiment(PENDULUM), lambda motion: both_ways or motion.end > motion.start)
     for friction, expected in ((truth.friction, set()), (against, {1, 2})):
-        found = identify(evidence(replace(truth, friction=friction), plan), PENDULUM)
+        found = identify(dataset(replace(truth, friction=friction), plan), PENDULUM)
         assert {note.where.joint for note in found.notes if note.slug == "friction-falls-with-speed"} == expected

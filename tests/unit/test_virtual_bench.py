@@ -5,9 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from pumaid.dataset import CONSTANT_COLUMNS
 from pumaid.errors import ModelError
 from pumaid.maths.triangle import Triangle
-from pumaid.records import CONSTANT_COLUMNS, Motion, Plan
+from pumaid.records import Motion, Plan
 from pumaid.robot import Joint, Robot
 from pumaid.simulation import Bench, draw, runs, table1
 
@@ -47,11 +48,11 @@ def test_triangle_is_the_factor_of_its_samples():
 
 
 def test_cells_are_means_of_the_samples():
-    """Cells add up to the triangle's sums: count, current, square of the current."""
+    """Bins add up to the triangle's sums: count, current, square of the current."""
     for run in Bench(PUMA, PAPER, rate=50.0).runs(np.random.default_rng(2))[::9]:
-        own = run.cells.current
-        assert run.cells.count.sum() == run.samples
-        square = np.sum(run.cells.count * (own**2 + run.cells.variance))
+        own = run.bins.current
+        assert run.bins.count.sum() == run.samples
+        square = np.sum(run.bins.count * (own**2 + run.bins.variance))
         assert square == pytest.approx(np.sum(run.triangle.factor[:, -1] ** 2), rel=1e-9)
 
 
@@ -78,7 +79,7 @@ def test_levels_differ_between_runs_and_experiments():
     """Two experiments on one bench differ, by the noise that the truth states."""
     bench, rng = Bench(PUMA, PAPER), np.random.default_rng(8)
     first, second = bench.runs(rng), bench.runs(rng)
-    means = np.array([[run.cells.current.mean() for run in some if run.joint == 2] for some in (first, second)])
+    means = np.array([[run.bins.current.mean() for run in some if run.joint == 2] for some in (first, second)])
     # 20 differences of two levels, each of variance 2 x 0.2 x std^2, know their size to 16 %; three sigmas.
     assert np.std(means[0] - means[1]) == pytest.approx(np.sqrt(0.4) * PUMA.noise.std[1], rel=0.5)
 

@@ -380,13 +380,13 @@ def test_bench_hides_the_same(effect):
         rising = 100.0 * np.diff(v[:, j], append=0.0)
         q, i = log["position"][k, j], (log["current"][:, j] - truth.inertia[j] * rising)[k]
         order = np.argsort(q)
-        wanted = np.interp(run.cells.position[:, j], q[order], i[order])
+        wanted = np.interp(run.bins.position[:, j], q[order], i[order])
         # The bench keeps its speed to the letter; in closed loop it wavers by a percent or two where the load is steep,
         # which is 0.01 A of friction. Where another joint gives way, its friction is in this joint's motor, too.
         slipped = np.append(log["position"][k & slips & (effect == "coupling"), j], np.inf)
-        alone = np.abs(run.cells.position[:, j, None] - slipped).min(axis=1) > 0.1
+        alone = np.abs(run.bins.position[:, j, None] - slipped).min(axis=1) > 0.1
         assert np.mean(alone) > 0.3
-        assert run.cells.current[alone][4:-4] == pytest.approx(wanted[alone][4:-4], abs=0.015)
+        assert run.bins.current[alone][4:-4] == pytest.approx(wanted[alone][4:-4], abs=0.015)
 
 
 def test_truth_remembers():

@@ -41,7 +41,7 @@ def test_it_shows_and_does_not_rule(seed):
     sizes = np.zeros(7)
     for plain, other in zip(*quiet, strict=True):
         j = plain.joint - 1
-        change = other.cells.current - plain.cells.current
+        change = other.bins.current - plain.bins.current
         sizes[plain.joint] = max(sizes[plain.joint], float(np.sqrt(np.mean(change**2))) / truth.noise.std[j])
     # At least half the noise is left by definition; the whole effect is larger, and never a multiple of the motor.
     assert 0.5 < np.max(sizes) < 60.0

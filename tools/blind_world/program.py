@@ -13,9 +13,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pumaid.cli.reading import read_evidence
+from pumaid.cli.reading import read_dataset
+from pumaid.dataset import Dataset
 from pumaid.errors import PumaidError
-from pumaid.records import Diagnosis, Estimate, Evidence
+from pumaid.records import Diagnosis, Estimate
 from pumaid.robot import EffectChoice, Robot
 from pumaid.verbs.identify import identify
 
@@ -28,7 +29,7 @@ class Session:
 
     folder: Path
     robot: Robot
-    evidence: Evidence
+    dataset: Dataset
     estimate: Estimate
 
 
@@ -40,21 +41,21 @@ def opened(folder: Path) -> Session:
     folder
         Of an experiment.
     """
-    robot, evidence = read_evidence([str(folder / "logs")], None)
-    return Session(folder, robot, evidence, identify(evidence, robot))
+    robot, dataset = read_dataset([str(folder / "logs")], None)
+    return Session(folder, robot, dataset, identify(dataset, robot))
 
 
 def diagnosed(session: Session) -> Diagnosis:
     """What the program says is missing."""
     from pumaid.verbs.diagnose import diagnose
 
-    return diagnose(session.estimate, session.evidence, session.robot)
+    return diagnose(session.estimate, session.dataset, session.robot)
 
 
 def with_effects(session: Session, choices: Sequence[EffectChoice]) -> Estimate | str:
     """The model with effects added and all refitted, or why the program refuses."""
     try:
-        return identify(session.evidence, session.robot, effects=tuple(choices))
+        return identify(session.dataset, session.robot, effects=tuple(choices))
     except PumaidError as error:
         return error.slug
 
@@ -66,7 +67,7 @@ def heldout_rmse(estimate: Estimate) -> Floats:
 
 def spans(session: Session, *, are_heldout: bool) -> list[tuple[int, float, float]]:
     """Joint (from 0), first and last time (s) of every held-out, or every fitted, run that the program found."""
-    runs = [run for run in session.evidence.runs if run.heldout == are_heldout]
+    runs = [run for run in session.dataset.runs if run.heldout == are_heldout]
     return [(run.joint - 1, run.start, run.start + run.duration) for run in runs]
 
 

@@ -69,13 +69,13 @@ def command(
       pumaid compare results/model.json new_logs/ --worst 10 --picture misfit.svg
       pumaid compare results/model.json logs/ --json | jq '.joints[] | {joint, rmse, noise_floor}'
     """
-    from pumaid.cli.reading import check_model, read_evidence, read_files, read_known_model
+    from pumaid.cli.reading import check_model, read_dataset, read_files, read_known_model
 
     form = picture_form(picture)
     spare_inputs([picture], read_files(logs, recipe, model) if picture else [])
     estimate = read_known_model(model)
     how = replace(how, behind=("pumaid.verbs.compare", "pumaid.reporting.scores", "pumaid.reporting.budget"))
-    robot, evidence = read_evidence(logs, recipe, trust=trust, heldout=heldout, how=how)
+    robot, dataset = read_dataset(logs, recipe, trust=trust, heldout=heldout, how=how)
     from pumaid.io.result import heading
     from pumaid.reporting.budget import budget_shown
     from pumaid.reporting.comparison import comparison_document
@@ -84,12 +84,12 @@ def command(
     from pumaid.verbs.compare import compare
 
     check_model(estimate, robot, (recipe, logs))
-    comparison = compare(estimate, evidence, robot)
+    comparison = compare(estimate, dataset, robot)
     notes((*estimate.notes, *comparison.notes))
     if picture is not None and comparison.runs:
         from pumaid.reporting.story import Story
 
-        _draw(picture, Story(robot, estimate, evidence, comparison, units), form=form)
+        _draw(picture, Story(robot, estimate, dataset, comparison, units), form=form)
     elif picture is not None:
         remark(f"no run was found, so there is no misfit to draw: {picture} is not written")
     if as_json:

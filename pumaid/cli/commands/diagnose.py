@@ -87,7 +87,7 @@ def command(
     from functools import partial
 
     from pumaid.cli.additions import Typed, added, diagnosed, with_earlier
-    from pumaid.cli.reading import check_logs, check_model, read_evidence, read_files, read_known_model, results_folder
+    from pumaid.cli.reading import check_logs, check_model, read_dataset, read_files, read_known_model, results_folder
     from pumaid.io.diagnosis import DIAGNOSIS_NAME, diagnosis_document
     from pumaid.io.plan import refuse_to_replace
 
@@ -98,18 +98,18 @@ def command(
         current = results_folder(results, recipe, logs) / "model.json" if is_applied else None
         spare_inputs([output, plan, picture], read_files(logs, recipe, model, current))
     estimate = read_known_model(model)
-    robot, evidence = read_evidence(logs, recipe, trust=trust, heldout=heldout, how=how, extra=suspect)
+    robot, dataset = read_dataset(logs, recipe, trust=trust, heldout=heldout, how=how, extra=suspect)
     check_model(estimate, robot, (recipe, logs))
-    check_logs(estimate, evidence, trust=trust)
+    check_logs(estimate, dataset, trust=trust)
     folder = results_folder(results, recipe, logs)
     typed = Typed(logs, recipe, heldout, context.meta.get("pumaid.effects", ()))
-    again = partial(diagnosed, evidence=evidence, robot=robot, suspects=suspect, typed=typed, is_kept=how.cached)
+    again = partial(diagnosed, dataset=dataset, robot=robot, suspects=suspect, typed=typed)
     found = again(estimate)
     if is_applied:
         tell, current = remark if quiet else _say, folder / "model.json"
-        found, estimate = added(found, estimate, evidence, robot=robot, model=current, again=again, tell=tell)
+        found, estimate = added(found, estimate, dataset, robot=robot, model=current, again=again, tell=tell)
     found = with_earlier(found, estimate, folder / DIAGNOSIS_NAME)
-    notes(dict.fromkeys((*evidence.notes, *found.notes)))
+    notes(dict.fromkeys((*dataset.notes, *found.notes)))
     path = output or folder / DIAGNOSIS_NAME
     done = [] if str(output) == "-" else [_kept(path, found)]
     done += [] if picture is None else [_draw(picture, found, robot, form=form, units=units)]

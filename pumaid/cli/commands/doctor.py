@@ -100,21 +100,16 @@ def _facts(recipe: Path | None) -> dict[str, object]:
 
 def _cache() -> dict[str, object]:
     """Where things are kept and how much there is, or why nothing can be kept."""
-    from pumaid.io import diagnosis_cache, evidence_cache
+    from pumaid.io import evidence_cache
     from pumaid.io.kept import cache_fault, cache_folder
 
     folder = cache_folder()
-    most = (evidence_cache.MOST_BYTES + diagnosis_cache.MOST_BYTES) // 2**20
+    most = evidence_cache.MOST_BYTES // 2**20
     if folder is None:
         return {"folder": None, "MiB": None, "at most MiB": most, "fault": cache_fault(None)}
-    shelves = [evidence_cache.evidence_shelf, diagnosis_cache.diagnosis_shelf]
-    places = [evidence_cache.evidence_folder(), diagnosis_cache.diagnosis_folder()]
-    fault = next(filter(None, map(cache_fault, places)), None)
-    size = (
-        None
-        if fault
-        else round(sum(shelf(place).size() for shelf, place in zip(shelves, places, strict=True)) / 2**20, 1)
-    )
+    place = evidence_cache.evidence_folder()
+    fault = cache_fault(place)
+    size = None if fault else round(evidence_cache.evidence_shelf(place).size() / 2**20, 1)
     facts: dict[str, object] = {"folder": str(folder), "MiB": size, "at most MiB": most}
     return facts | ({"fault": fault} if fault else {})
 

@@ -97,25 +97,25 @@ def command(
 def _identified(logs: tuple[str, ...], recipe: Path | None, asked: dict[str, Any]) -> tuple[Robot, Estimate]:
     """One robot's arm and model; notes are told."""
     from pumaid.choices import chosen_by
-    from pumaid.cli.reading import read_evidence, read_robot
+    from pumaid.cli.reading import read_dataset, read_robot
     from pumaid.io.paths import expand
 
     expand(logs)  # where they are not there, it is not the recipe beside them that is missing
     robot = read_robot(recipe, logs)
     effects = chosen_by(robot, add=asked["add"], remove=asked["remove"])
     how, trust, heldout = replace(asked["how"], behind=_BEHIND), asked["trust"], asked["heldout"]
-    _, evidence = read_evidence(logs, recipe, robot=robot, trust=trust, heldout=heldout, how=how)
+    _, dataset = read_dataset(logs, recipe, robot=robot, trust=trust, heldout=heldout, how=how)
     from pumaid.verbs.identify import identify
 
     with progress("identifying", total=robot.n_joints) as step:
         estimate = identify(
-            evidence,
+            dataset,
             robot,
             effects=effects,
             recursive=asked["recursive"],
             progress=lambda joint, text: step(robot.n_joints - joint, text),
         )
-    notes(dict.fromkeys((*evidence.notes, *estimate.notes)))
+    notes(dict.fromkeys((*dataset.notes, *estimate.notes)))
     return robot, estimate
 
 

@@ -25,7 +25,7 @@ from pumaid.cli.output import content, document, notes, remark, spare_inputs
 from pumaid.cli.progress import progress
 
 if TYPE_CHECKING:
-    from pumaid.records import Evidence
+    from pumaid.dataset import Dataset
     from pumaid.reporting.story import Story
     from pumaid.robot import Robot
 
@@ -81,7 +81,7 @@ def command(
       pumaid report --table latex > table.tex
       pumaid report --figures paper/ --format pdf
     """
-    from pumaid.cli.reading import experiment_folder, read_evidence, read_files
+    from pumaid.cli.reading import experiment_folder, read_dataset, read_files
 
     near = logs or ((str(model.parent.parent / "logs"),) if model and str(model) != "-" else ("logs",))
     home = experiment_folder(recipe, near)
@@ -93,7 +93,7 @@ def command(
     if form is not None:
         _table(source, near, recipe=recipe, form=form, units=units, output=output)
         return
-    read = partial(read_evidence, where, recipe, trust=trust, heldout=heldout, how=how)
+    read = partial(read_dataset, where, recipe, trust=trust, heldout=heldout, how=how)
     told = _story(source, read, place=(recipe, where), units=units)
     folder = results or home / "results"
     made = _made(told, folder, figures=figures or folder / "figures", forms=chosen, page=output, jobs=how.jobs)
@@ -145,7 +145,7 @@ def _table(
 
 def _story(
     source: Path,
-    read: Callable[[], tuple[Robot, Evidence]],
+    read: Callable[[], tuple[Robot, Dataset]],
     *,
     place: tuple[Path | None, Sequence[str]],
     units: str,
@@ -157,11 +157,11 @@ def _story(
     from pumaid.verbs.compare import compare
 
     estimate = read_known_model(source)
-    robot, evidence = read()
+    robot, dataset = read()
     check_model(estimate, robot, place)
-    comparison = compare(estimate, evidence, robot)
-    notes((*evidence.notes, *estimate.notes, *comparison.notes))
-    told = Story(robot, estimate, evidence, comparison, units, ladder=ladder_of(source))
+    comparison = compare(estimate, dataset, robot)
+    notes((*dataset.notes, *estimate.notes, *comparison.notes))
+    told = Story(robot, estimate, dataset, comparison, units, ladder=ladder_of(source))
     return _diagnosed(told, source.parent)
 
 

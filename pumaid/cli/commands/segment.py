@@ -19,7 +19,7 @@ from pumaid.cli.options import (
 from pumaid.cli.output import document, notes, picture_form, remark, say, spare_inputs, table
 
 if TYPE_CHECKING:
-    from pumaid.records import Evidence
+    from pumaid.dataset import Dataset
     from pumaid.robot import Robot
 
 #: What a threshold may be.
@@ -80,46 +80,46 @@ def command(
         raise click.UsageError("--json and --csv both want standard output; give one of them")
     form = picture_form(picture)
     spare_inputs([picture], read_files(logs, recipe) if picture else [])
-    robot, evidence = _read(logs, recipe, trust=trust, how=how, **thresholds)
-    notes(evidence.notes)
+    robot, dataset = _read(logs, recipe, trust=trust, how=how, **thresholds)
+    notes(dataset.notes)
     if picture is not None:
-        _draw(picture, evidence, robot, form=form, units=units)
+        _draw(picture, dataset, robot, form=form, units=units)
     if as_json:
-        digests = {facts.name: facts.digest for facts in evidence.files}
-        document(heading("segments", robot=robot, logs=digests) | runs.segments_document(evidence, robot))
+        digests = {facts.name: facts.digest for facts in dataset.files}
+        document(heading("segments", robot=robot, logs=digests) | runs.segments_document(dataset, robot))
     elif as_csv:
-        say(runs.runs_csv(evidence, robot).rstrip("\n"))
+        say(runs.runs_csv(dataset, robot).rstrip("\n"))
     else:
-        _tell(evidence, robot, units=units, rejects=rejects)
+        _tell(dataset, robot, units=units, rejects=rejects)
 
 
 def _read(
     logs: tuple[str, ...], recipe: Path | None, *, trust: bool, how: Pass, **thresholds: Any
-) -> tuple[Robot, Evidence]:
+) -> tuple[Robot, Dataset]:
     """The one pass with the thresholds that were given, and the plan's held-out runs marked."""
-    from pumaid.cli.reading import read_evidence
+    from pumaid.cli.reading import read_dataset
     from pumaid.preprocessing.options import SegmentOptions
 
     options = SegmentOptions(**{name: value for name, value in thresholds.items() if value is not None})
-    return read_evidence(logs, recipe, trust=trust, options=options, how=how)
+    return read_dataset(logs, recipe, trust=trust, options=options, how=how)
 
 
-def _tell(evidence: Evidence, robot: Robot, *, units: str, rejects: bool) -> None:
+def _tell(dataset: Dataset, robot: Robot, *, units: str, rejects: bool) -> None:
     from pumaid.reporting import runs
     from pumaid.reporting.forms import Shown
 
-    parts = [runs.run_grid(evidence, robot, units=units)]
-    parts += [runs.joint_grid(evidence, robot, units=units), runs.left_grid(evidence)]
-    parts += [runs.reject_grid(evidence)] if rejects else []
+    parts = [runs.run_grid(dataset, robot, units=units)]
+    parts += [runs.joint_grid(dataset, robot, units=units), runs.left_grid(dataset)]
+    parts += [runs.reject_grid(dataset)] if rejects else []
     for index, part in enumerate(parts):
         if index:
             say()
         table(Shown(part))
 
 
-def _draw(picture: Path, evidence: Evidence, robot: Robot, *, form: str, units: str) -> None:
+def _draw(picture: Path, dataset: Dataset, robot: Robot, *, form: str, units: str) -> None:
     from pumaid.io.write import write_file
     from pumaid.reporting.segments import drawn
 
-    write_file(picture, drawn(evidence, robot, form, units=units))
+    write_file(picture, drawn(dataset, robot, form, units=units))
     remark(f"picture written to {picture}")

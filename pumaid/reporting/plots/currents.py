@@ -72,11 +72,11 @@ def course(axes: Axes, story: Story, group: Sequence[RunScore]) -> None:
     for sign, colour in ((1, FORWARD), (-1, BACKWARD)):
         side = [score for score in group if score.run.direction == sign]
         if side:
-            cells = [score.run.cells for score in side]
-            position = story.shown(joint, np.concatenate([cell.position[:, joint - 1] for cell in cells]))
-            current = np.concatenate([cell.current for cell in cells])
+            bins = [score.run.bins for score in side]
+            position = story.shown(joint, np.concatenate([cell.position[:, joint - 1] for cell in bins]))
+            current = np.concatenate([cell.current for cell in bins])
             dots(axes, position, current, colour=colour, size=2.6, alpha=0.75)
         for score in side:
-            order = np.argsort(score.run.cells.position[:, joint - 1])
-            place = story.shown(joint, score.run.cells.position[order, joint - 1])
+            order = np.argsort(score.run.bins.position[:, joint - 1])
+            place = story.shown(joint, score.run.bins.position[order, joint - 1])
             axes.plot(place, score.predicted[order], color=INK, linewidth=0.7, zorder=1.5)

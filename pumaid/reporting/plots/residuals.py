@@ -184,11 +184,11 @@ def _left(story: Story, joint: int, sign: int) -> Left:
         sign=sign,
         residual=joined([score.residual for score in scores]),
         run=constant([float(n) for n in range(len(scores))]),
-        position=joined([score.run.cells.position[:, joint - 1] for score in scores]),
+        position=joined([score.run.bins.position[:, joint - 1] for score in scores]),
         speed=constant([abs(score.run.speed) for score in scores]),
-        time=joined([score.run.cells.time + starts[score.run.clock] for score in scores]),
+        time=joined([score.run.bins.time + starts[score.run.clock] for score in scores]),
         posture=constant([float(n) for n, _ in chosen]),
-        temperature=joined([score.run.cells.temperature for score in scores]),
+        temperature=joined([score.run.bins.temperature for score in scores]),
         load=joined([_load(score) for score in scores]),
     )
 

@@ -36,7 +36,7 @@ def drawings(story: Story) -> Iterator[Drawing]:
 
 
 def _pose(story: Story) -> Floats:
-    runs = story.evidence.runs
+    runs = story.dataset.runs
     return np.nan_to_num(runs[0].posture) if runs else np.zeros(story.robot.n_joints)
 
 

@@ -20,12 +20,12 @@ class Data(Section):
     title = "The data"
 
     def content(self, story: Story, drawings: Mapping[str, Drawing]) -> dict[str, object]:
-        evidence = story.evidence
+        dataset = story.dataset
         return {
             "sentence": data_sentence(story),
-            "files": _files(story) if evidence.files else None,
-            "joints": joint_grid(evidence, story.robot, units=story.units),
-            "left": _left(story) if evidence.rejects else None,
+            "files": _files(story) if dataset.files else None,
+            "joints": joint_grid(dataset, story.robot, units=story.units),
+            "left": _left(story) if dataset.rejects else None,
             "picture": drawings.get("segments"),
         }
 
@@ -39,16 +39,16 @@ def _files(story: Story) -> Grid:
             f"{number(facts.last_time - facts.first_time, 4)} s",
             facts.digest[:12],
         ]
-        for facts in story.evidence.files
+        for facts in story.dataset.files
     ]
     header = ("file", "rows", "interval", "lasts", "SHA-256")
     return grid("Logs", header, rows, lefts=(0, 4))
 
 
 def _left(story: Story) -> Grid:
-    read = samples_read(story.evidence)
+    read = samples_read(story.dataset)
     rows: list[list[str | Cell]] = []
-    for reason, rejects in by_reason(story.evidence.rejects).items():
+    for reason, rejects in by_reason(story.dataset.rejects).items():
         samples = sum(reject.samples for reject in rejects)
         longest = max(rejects, key=lambda reject: reject.samples)
         rows.append([reason, str(len(rejects)), f"{100.0 * samples / max(read, 1):.1f} %", longest.text])

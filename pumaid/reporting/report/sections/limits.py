@@ -28,5 +28,5 @@ class Limits(Section):
     title = "Limits and notes"
 
     def content(self, story: Story, drawings: Mapping[str, Drawing]) -> dict[str, object]:
-        notes = (*story.evidence.notes, *story.estimate.notes, *story.comparison.notes)
+        notes = (*story.dataset.notes, *story.estimate.notes, *story.comparison.notes)
         return {"notes": merged(notes), "limits": LIMITS}

@@ -1,4 +1,4 @@
-"""What one pass over the logs leaves of them: runs with triangle and cells, what was left out, and the files' facts."""
+"""What one pass over the logs leaves of them: runs with triangle and bins, what was left out, and the files' facts."""
 
 from __future__ import annotations
 
@@ -45,13 +45,13 @@ def run_columns(position: Floats, *, turns: bool, motion: tuple[Floats, Floats] 
 
 
 @dataclass(frozen=True, eq=False, slots=True)
-class Cells:
+class Bins:
     """Means over equal spans of time, the form in which effects see a run: of the moving joint, but for the posture.
 
     Attributes
     ----------
     count
-        (M,) samples in each cell.
+        (M,) samples in each bin.
     time
         (M,) s, on the log's clock.
     position
@@ -59,11 +59,11 @@ class Cells:
     velocity, acceleration
         (M,) rad/s or m/s, and per s more (all zero where a run is at constant speed).
     current, variance
-        (M,) A, and A2 inside the cell.
+        (M,) A, and A2 inside the bin.
     temperature
         (M,) degC, NaN where not measured.
     extra
-        (M, E) means of the columns `Evidence.extra`, in the log's own units, NaN where not a number; None without.
+        (M, E) means of the columns `Dataset.extra`, in the log's own units, NaN where not a number; None without.
     """
 
     count: NDArray[np.int64]
@@ -124,7 +124,7 @@ class Run:
     triangle
         Over `CONSTANT_COLUMNS` or `STROKE_COLUMNS`, target the moving joint's current; cos and sin of the measured
         position (rad); of a prismatic joint cos and sin are zero columns.
-    cells
+    bins
         The run in at most a few hundred means.
     clock
         Number of the recording: runs with the same number share one clock.
@@ -149,7 +149,7 @@ class Run:
     ripple: float
     temperature: float
     triangle: Triangle
-    cells: Cells
+    bins: Bins
     clock: int = 0
     heldout: bool = False
     last_origin: str = ""
@@ -167,9 +167,9 @@ class Run:
 
     @property
     def velocity(self) -> Floats:
-        """(M, J) of its cells: the moving joint's as measured, zero of those that are held."""
-        out = np.zeros_like(self.cells.position)
-        out[:, self.joint - 1] = self.cells.velocity
+        """(M, J) of its bins: the moving joint's as measured, zero of those that are held."""
+        out = np.zeros_like(self.bins.position)
+        out[:, self.joint - 1] = self.bins.velocity
         return out
 
 
@@ -178,7 +178,7 @@ class Reject:
     """A stretch of a log that is no run, with the reason.
 
     `reason` is a slug (``ramp``, ``rest``, ``several-joints`` ...), `text` a sentence with the figures; `joints` those
-    that moved. `cells` are kept where something moved, so that a model can be compared there too. `last_origin` is the
+    that moved. `bins` are kept where something moved, so that a model can be compared there too. `last_origin` is the
     file of `last_row` where that is another one, else empty; `clock` is as of a `Run`.
     """
 
@@ -191,7 +191,7 @@ class Reject:
     reason: str
     text: str
     samples: int
-    cells: Means | None = None
+    bins: Means | None = None
     last_origin: str = ""
     clock: int = 0
 
@@ -209,11 +209,11 @@ class FileFacts:
 
 
 @dataclass(frozen=True, eq=False, slots=True)
-class Evidence:
+class Dataset:
     """All that later steps know of the logs.
 
     `runs` and `rejects` in order of file and time; `notes` what looked suspicious in the files; `extra` names the
-    columns of the logs that the cells hold besides.
+    columns of the logs that the bins hold besides.
     """
 
     runs: tuple[Run, ...]
