@@ -28,7 +28,7 @@ from pumaid.io.recipe import read_recipe, shipped_recipes
 from pumaid.records import Estimate, Plan
 from pumaid.robot import Robot
 from pumaid.simulation import table1
-from pumaid.simulation.timing import duration
+from pumaid.trajectory import duration
 
 #: Samples a second, and how often the paper's experiment is made: its time is that of the plans.
 RATE, TIMES = 100.0, (1, 2, 4)

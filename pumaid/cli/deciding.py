@@ -30,7 +30,7 @@ def deciding(findings: Iterable[Finding], robot: Robot) -> Plan:
     from dataclasses import replace
 
     from pumaid.records import Plan
-    from pumaid.simulation.timing import duration
+    from pumaid.trajectory import duration
 
     motions, told = [], []
     for found in findings:

@@ -62,9 +62,9 @@ def shown(found: Plan, robot: Robot, *, as_json: bool, with_times: bool = False)
     """
     from pumaid.cli.output import document, notes, table
     from pumaid.io.plan import plan_document
-    from pumaid.programs.steps import run_times
     from pumaid.reporting.plans import plan_table
     from pumaid.reporting.timetable import timetable_table
+    from pumaid.trajectory import run_times
 
     notes(found.notes)
     if as_json:
@@ -136,8 +136,8 @@ def draw_plan(path: Path, plan: Plan, robot: Robot) -> None:
     """
     from pumaid.cli.output import picture_form
     from pumaid.io.write import write_file
-    from pumaid.programs.steps import run_times
     from pumaid.reporting import postures, timetable
+    from pumaid.trajectory import run_times
 
     form = picture_form(path)
     write_file(path, postures.drawn(plan, robot, form))

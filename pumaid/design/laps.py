@@ -13,7 +13,7 @@ from pumaid.clearance import Clearance
 from pumaid.records import Motion, Plan
 from pumaid.robot import Joint, Robot
 from pumaid.simulation.ranges import QUICKEST_SLIDE, QUICKEST_TURN, reference, span
-from pumaid.simulation.timing import accelerations, cruise, duration, highest_speeds
+from pumaid.trajectory import accelerations, cruise, duration, highest_speeds
 from pumaid.units import factor
 
 Floats = NDArray[np.float64]

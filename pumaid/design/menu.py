@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 from pumaid.design.laps import Course, seconds
 from pumaid.robot import Robot
 from pumaid.simulation.forecast import gravity_names, run_moments, run_slopes
-from pumaid.simulation.timing import cruise
 from pumaid.simulation.truth import Truth
+from pumaid.trajectory import cruise
 
 Floats = NDArray[np.float64]
 Counts = NDArray[np.int64]

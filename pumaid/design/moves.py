@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pumaid.clearance import Clearance, trapezoids
-from pumaid.simulation.timing import MOVE_SHARE, accelerations, highest_speeds
+from pumaid.trajectory import MOVE_SHARE, accelerations, highest_speeds
 
 Floats = NDArray[np.float64]
 

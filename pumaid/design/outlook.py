@@ -13,8 +13,8 @@ from pumaid.records import Motion
 from pumaid.robot import Robot
 from pumaid.simulation.forecast import forecast, gravity_names
 from pumaid.simulation.ranges import span
-from pumaid.simulation.timing import highest_speeds
 from pumaid.structure import Structure
+from pumaid.trajectory import highest_speeds
 from pumaid.units import factor, number
 
 #: Samples a second that forecasts assume.

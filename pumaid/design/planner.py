@@ -23,8 +23,8 @@ from pumaid.errors import ModelError
 from pumaid.records import Motion, Plan
 from pumaid.robot import Robot
 from pumaid.simulation.ranges import reference
-from pumaid.simulation.timing import MOVE_SHARE, RAMP_TIME, duration, highest_speeds
 from pumaid.simulation.truth import Truth
+from pumaid.trajectory import MOVE_SHARE, RAMP_TIME, duration, highest_speeds
 from pumaid.units import number
 
 Floats = NDArray[np.float64]

@@ -14,7 +14,7 @@ from pumaid.design.moves import explained, struck
 from pumaid.errors import ModelError, Where
 from pumaid.records import Motion
 from pumaid.robot import Robot
-from pumaid.simulation.timing import MOVE_SHARE, highest_speeds
+from pumaid.trajectory import MOVE_SHARE, highest_speeds
 
 Floats = NDArray[np.float64]
 Bools = NDArray[np.bool_]

@@ -9,10 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pumaid import __version__
-from pumaid.programs.steps import steps, told
+from pumaid.programs.steps import told
 from pumaid.records import Plan
 from pumaid.robot import Robot
-from pumaid.simulation.timing import REST
+from pumaid.trajectory import REST, trapezoids
 
 Floats = NDArray[np.float64]
 
@@ -54,19 +54,17 @@ def trajectory(plan: Plan, robot: Robot) -> str:
 def _points(plan: Plan, robot: Robot) -> Iterator[str]:
     still = np.zeros(robot.n_joints)
     clock = LEAD_IN
-    for step in steps(robot, plan):
-        if step.number == 1:
-            yield _point(clock, step.start, still)
-        if step.motion is not None:
+    for trapezoid in trapezoids(robot, plan):
+        if trapezoid.number == 1:
+            yield _point(clock, trapezoid.start, still)
+        if trapezoid.motion is not None:
             clock += REST
-            yield f"# run {step.number}: {told(step.motion, robot)}"
-            yield _point(clock, step.start, still)
-        for time, position, velocity in step.corners():
+            yield f"# run {trapezoid.number}: {told(trapezoid.motion, robot)}"
+            yield _point(clock, trapezoid.start, still)
+        for time, position, velocity in trapezoid.corners():
             yield _point(clock + time, position, velocity)
-        clock += time
-        if step.motion is not None:
-            clock += REST
-            yield _point(clock, step.end, still)
+        clock += time + REST
+        yield _point(clock, trapezoid.end, still)
 
 
 def _point(time: float, position: Floats, velocity: Floats) -> str:

@@ -6,10 +6,10 @@ from collections.abc import Iterable
 
 from pumaid import __version__
 from pumaid.errors import ModelError, Where
-from pumaid.programs.steps import steps, told
+from pumaid.programs.steps import told
 from pumaid.records import Plan
 from pumaid.robot import Robot
-from pumaid.simulation.timing import REST, duration
+from pumaid.trajectory import REST, duration, trapezoids
 
 #: rad/s and rad/s2 of the first move, from wherever the arm stands.
 _APPROACH, _APPROACH_RAMP = 0.2, 0.5
@@ -52,14 +52,16 @@ def script(plan: Plan, robot: Robot) -> str:
         count=len(plan.motions), name=robot.name, minutes=duration(robot, plan) / 60.0, version=__version__
     )
     lines = []
-    for step in steps(robot, plan):
-        if step.number == 1:
-            lines.append(_movej(step.start, _APPROACH_RAMP, _APPROACH))
-        if step.motion is not None:
-            lines += [f"sleep({REST})", f"# {told(step.motion, robot)}", f'textmsg("pumaid run ", {step.number})']
-        lines.append(_movej(step.end, step.acceleration, step.speed))
-        if step.motion is not None:
-            lines.append(f"sleep({REST})")
+    for trapezoid in trapezoids(robot, plan):
+        if trapezoid.number == 1:
+            lines.append(_movej(trapezoid.start, _APPROACH_RAMP, _APPROACH))
+        if trapezoid.motion is not None:
+            lines += [
+                f"sleep({REST})",
+                f"# {told(trapezoid.motion, robot)}",
+                f'textmsg("pumaid run ", {trapezoid.number})',
+            ]
+        lines += [_movej(trapezoid.end, trapezoid.acceleration, trapezoid.speed), f"sleep({REST})"]
     lines.append('textmsg("pumaid plan done")')
     return head + "".join(f"  {line}\n" for line in lines) + "end\n"
 

@@ -14,8 +14,8 @@ from pumaid.records import Motion, Plan
 from pumaid.simulation.heat import curve
 from pumaid.simulation.hidden import Instants, delays
 from pumaid.simulation.noise import coloured, correlation
-from pumaid.simulation.timing import Stretch, first_starts, stretches
 from pumaid.simulation.truth import Truth
+from pumaid.trajectory import Trapezoid, run_times, trapezoids
 
 Floats = NDArray[np.float64]
 Counts = NDArray[np.int64]
@@ -67,13 +67,10 @@ class Bench:
     def __init__(self, truth: Truth, plan: Plan, *, rate: float = 100.0, bins: int = 60) -> None:
         self.truth, self.plan, self.rate = truth, plan, rate
         self._phi = correlation(truth.noise, rate)
-        self._first = first_starts(truth.robot, plan, rate=rate)
-        self._runs: list[_Prepared] = []
-        clock = 0.0
-        for stretch in stretches(truth.robot, plan):
-            if stretch.motion is not None:
-                self._runs.append(self._prepare(stretch, stretch.motion, clock=clock, bins=bins))
-            clock += stretch.duration
+        starts = run_times(truth.robot, plan)[:, 0]
+        self._first = first_starts(plan, starts, n_joints=truth.robot.n_joints)
+        runs = [trapezoid for trapezoid in trapezoids(truth.robot, plan) if trapezoid.motion is not None]
+        self._runs = [self._prepare(run, start=float(at), bins=bins) for run, at in zip(runs, starts, strict=True)]
 
     @property
     def samples(self) -> int:
@@ -96,10 +93,11 @@ class Bench:
             first = last
         return tuple(out)
 
-    def _prepare(self, stretch: Stretch, motion: Motion, *, clock: float, bins: int) -> _Prepared:
+    def _prepare(self, run: Trapezoid, *, start: float, bins: int) -> _Prepared:
+        motion = run.motion
+        assert motion is not None
         j = motion.joint - 1
-        path = stretch.paths[j]
-        first, last = (stretch.lead + instant for instant in path.kept)
+        first, last = run.cruise
         local = np.arange(np.ceil(first * self.rate), np.floor(last * self.rate) + 1) / self.rate
         if len(local) < _FEWEST:
             raise ModelError(
@@ -108,8 +106,8 @@ class Bench:
                 Where(joint=motion.joint),
                 "widen its span, lower its velocity or raise the rate",
             )
-        own = path.kept_at(local - stretch.lead)
-        speed = path.peak * float(np.sign(path.end - path.start))
+        own = run.at(local)[0][:, j]
+        speed = run.peak * float(np.sign(motion.end - motion.start))
         columns = [np.cos(own), np.sin(own)] if self.truth.robot.joints[j].is_revolute else [0.0 * own, 0.0 * own]
         basis, upper = np.linalg.qr(np.column_stack([*columns, np.ones(len(own))]))
         sign = np.where(np.diag(upper) < 0, -1.0, 1.0)
@@ -118,11 +116,11 @@ class Bench:
             motion=motion,
             speed=speed,
             position=own,
-            current=self._current(motion, own, speed=speed, time=clock + local),
+            current=self._current(motion, own, speed=speed, time=start + local),
             basis=np.ascontiguousarray((basis * sign).T),
             upper=upper * sign[:, None],
             edges=edges[:-1],
-            bins=self._empty_bins(motion, own, speed=speed, time=clock + local, edges=edges),
+            bins=self._empty_bins(motion, own, speed=speed, time=start + local, edges=edges),
         )
 
     def _current(self, motion: Motion, own: Floats, *, speed: float, time: Floats) -> Floats:
@@ -192,6 +190,24 @@ class Bench:
             bins=replace(bins, current=mean, variance=np.maximum(square - mean**2, 0.0)),
             heldout=motion.purpose == "heldout",
         )
+
+
+def first_starts(plan: Plan, starts: Floats, *, n_joints: int) -> Floats:
+    """(J,) s at which each joint's first run begins; that of the arm's first where a joint has none.
+
+    Parameters
+    ----------
+    plan
+        M runs.
+    starts
+        (M,) s at which they begin.
+    n_joints
+        Of the arm.
+    """
+    out = np.full(n_joints, starts[0] if len(starts) else 0.0)
+    for motion, start in zip(reversed(plan.motions), starts[::-1], strict=True):
+        out[motion.joint - 1] = start
+    return out
 
 
 def runs(truth: Truth, plan: Plan, rng: np.random.Generator, *, rate: float = 100.0) -> tuple[Run, ...]:

@@ -8,8 +8,8 @@ from numpy.typing import NDArray
 from pumaid.robot import Robot
 from pumaid.simulation.links import Links, gravity_load
 from pumaid.simulation.ranges import anywhere
-from pumaid.simulation.timing import accelerations, highest_speeds
 from pumaid.simulation.truth import Friction, Noise, Truth
+from pumaid.trajectory import accelerations, highest_speeds
 
 Floats = NDArray[np.float64]
 

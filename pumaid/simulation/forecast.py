@@ -12,8 +12,8 @@ from pumaid.records import Motion
 from pumaid.robot import Robot
 from pumaid.simulation.noise import correlation
 from pumaid.simulation.recursion import Constants, Geometry, carried
-from pumaid.simulation.timing import cruise
 from pumaid.simulation.truth import Noise, Truth
+from pumaid.trajectory import cruise
 
 Floats = NDArray[np.float64]
 

@@ -14,8 +14,9 @@ from pumaid.simulation.forecast import jacobian
 from pumaid.simulation.heat import curve
 from pumaid.simulation.hidden import LAWS, Hidden, Instants, delays, sized
 from pumaid.simulation.hidden.law import Reach
-from pumaid.simulation.timing import cruise, duration, first_starts, stretches
+from pumaid.simulation.timing import first_starts, stretches
 from pumaid.simulation.truth import Truth
+from pumaid.trajectory import cruise, duration
 
 Floats = NDArray[np.float64]
 

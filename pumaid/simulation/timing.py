@@ -10,13 +10,19 @@ from numpy.typing import NDArray
 
 from pumaid.records import Motion, Plan
 from pumaid.robot import Robot
+from pumaid.trajectory import (
+    MOVE_SHARE,
+    RAMP_TIME,
+    REST,
+    Trapezoid,
+    accelerations,
+    highest_speeds,
+    move_trapezoid,
+    run_trapezoid,
+)
 
 Floats = NDArray[np.float64]
 
-#: Speed of moves between postures where a joint states no highest speed: rad/s and m/s.
-TURNING_SPEED, SLIDING_SPEED = 1.5, 0.25
-#: s in which the controller lets its speed limit rise from rest to the highest speed.
-RAMP_TIME = 0.4
 #: Gains of the controller (34): 1/s2 and 1/s, K_D = 2 sqrt(K_P). Within a `NEAR`th of a second's way of its target a
 #: joint leaves its speed and creeps in.
 K_P, K_D = 400.0, 40.0
@@ -24,24 +30,8 @@ NEAR = K_P / K_D
 #: s in which a joint that left its speed is at rest: critically damped, of its last way a five-hundredth is left then,
 #: and friction holds it.
 BRAKE_TIME = 0.42
-#: s of rest before each run, and after each run or move beyond `BRAKE_TIME`.
-REST = 0.3
-#: Share of a joint's highest speed at which moves between postures are made.
-MOVE_SHARE = 0.7
 #: Share of the speed within which it counts as kept.
 KEPT = 0.002
-
-
-def highest_speeds(robot: Robot) -> Floats:
-    """(J,) highest speed, rad/s or m/s: the recipe's, or a usual one where the recipe states none."""
-    usual = np.where(robot.is_revolute, TURNING_SPEED, SLIDING_SPEED)
-    given = [np.nan if joint.max_velocity is None else joint.max_velocity for joint in robot.joints]
-    return np.where(np.isnan(given), usual, given)
-
-
-def accelerations(robot: Robot) -> Floats:
-    """(J,) rad/s2 or m/s2 at which speed limits rise: the highest speed in `RAMP_TIME`."""
-    return highest_speeds(robot) / RAMP_TIME
 
 
 @dataclass(frozen=True, slots=True)
@@ -134,11 +124,12 @@ def stretches(robot: Robot, plan: Plan) -> Iterator[Stretch]:
         begin = np.array(motion.hold, dtype=float)
         begin[motion.joint - 1] = motion.start
         if now is not None and np.max(np.abs(begin - now)) > 1e-9:
-            yield _move(now, begin, speeds=MOVE_SHARE * highest, accelerations=ramps, index=index)
+            straight = move_trapezoid(robot, now, begin, number=index + 1)
+            yield _move(straight, speeds=MOVE_SHARE * highest, accelerations=ramps)
         paths = [Path(value, value, 1.0, 1.0) for value in begin.tolist()]
         j = motion.joint - 1
         paths[j] = _path(robot, motion)
-        yield Stretch(tuple(paths), REST, paths[j].duration + 2 * REST, motion, index)
+        yield Stretch(tuple(paths), REST, run_trapezoid(robot, motion).seconds, motion, index)
         now = begin.copy()
         now[j] = motion.end
 
@@ -148,26 +139,10 @@ def _path(robot: Robot, motion: Motion) -> Path:
     return Path(motion.start, motion.end, motion.velocity, ramp)
 
 
-def _move(now: Floats, begin: Floats, *, speeds: Floats, accelerations: Floats, index: int) -> Stretch:
-    rows = zip(now.tolist(), begin.tolist(), speeds.tolist(), accelerations.tolist(), strict=True)
+def _move(straight: Trapezoid, *, speeds: Floats, accelerations: Floats) -> Stretch:
+    rows = zip(straight.start.tolist(), straight.end.tolist(), speeds.tolist(), accelerations.tolist(), strict=True)
     paths = tuple(Path(*row) for row in rows)
-    return Stretch(paths, 0.0, max(path.duration for path in paths) + REST, None, index)
-
-
-def cruise(robot: Robot, motion: Motion) -> tuple[tuple[float, float], float]:
-    """Positions between which a motion keeps its speed, and for how long (s); starting and braking cut off both ends.
-
-    Parameters
-    ----------
-    robot
-        Its accelerations.
-    motion
-        One joint's.
-    """
-    path = _path(robot, motion)
-    first, last = path.kept
-    begin, end = path.kept_at(np.array([first, last])).tolist()
-    return (begin, end), last - first
+    return Stretch(paths, 0.0, straight.seconds, None, straight.number - 1)
 
 
 def first_starts(robot: Robot, plan: Plan, *, rate: float) -> Floats:
@@ -186,8 +161,3 @@ def first_starts(robot: Robot, plan: Plan, *, rate: float) -> Floats:
             found[stretch.motion.joint - 1] = clock + stretch.lead
         clock += stretch.samples(rate) / rate
     return np.where(np.isnan(found), np.nanmin(found) if plan.motions else 0.0, found)
-
-
-def duration(robot: Robot, plan: Plan) -> float:
-    """s that the plan takes, moves between postures and rests included."""
-    return float(sum(stretch.duration for stretch in stretches(robot, plan)))

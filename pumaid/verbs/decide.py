@@ -22,7 +22,7 @@ from pumaid.errors import ModelError, Note, Where
 from pumaid.records import Estimate, Motion, NextRun, Plan, Posture
 from pumaid.robot import EffectChoice, Robot
 from pumaid.simulation.hidden import Hidden
-from pumaid.simulation.timing import duration
+from pumaid.trajectory import duration
 from pumaid.units import number
 
 #: Sets of runs at most: what takes more is no plan.

@@ -18,8 +18,8 @@ from pumaid.design.setup import Setup
 from pumaid.errors import Note, Where
 from pumaid.records import Estimate, Motion, Plan
 from pumaid.robot import Robot
-from pumaid.simulation.timing import duration
 from pumaid.structure import minimal
+from pumaid.trajectory import duration
 
 
 def foresee(

@@ -16,8 +16,8 @@ from pumaid.design.setup import Setup
 from pumaid.errors import Faults, ModelError, Note, PumaidError
 from pumaid.records import Estimate, Plan
 from pumaid.robot import Robot
-from pumaid.simulation.timing import duration
 from pumaid.structure import minimal
+from pumaid.trajectory import duration
 
 #: Minutes of a plan at most: in a day an arm and its room are no longer the same.
 _LONGEST = 1440.0

@@ -26,6 +26,7 @@ FLOORS = (
     {"errors", "units"},
     {"maths", "robot", "kinematics", "rigid_body"},
     {"records", "dataset"},
+    {"trajectory"},
     {"effects", "io", "clearance"},
     {"preprocessing", "simulation"},
     {"cluster", "model", "gravity_load", "effect_spec"}

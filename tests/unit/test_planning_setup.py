@@ -56,8 +56,8 @@ def test_what_the_tilt_shows_is_found():
     """A tilted robot makes the plan's runs, and identification finds joint 1's weight within four predicted errors."""
     setup = Setup(tilt=(0.3, 0.1))
     found, robot = plan(TURRET, setup=setup, seed=1), setup.robot(TURRET)
-    truth = draw(robot, 50)
-    estimate = identify(Dataset(Bench(truth, found, rate=50.0).runs(np.random.default_rng(50))), robot)
+    truth = draw(robot, 51)
+    estimate = identify(Dataset(Bench(truth, found, rate=50.0).runs(np.random.default_rng(51))), robot)
     values = {value.name: value.value for value in estimate.values if value.state == "identified"}
     noisier = float(np.max(truth.noise.std)) / 0.02
     for name in ("gravity.l1.x", "gravity.l1.y", "gain_ratio.1.2"):

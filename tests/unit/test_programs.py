@@ -14,7 +14,7 @@ from pumaid.io.recipe import read_recipe, shipped_recipes
 from pumaid.programs import program_text
 from pumaid.records import Motion, Plan
 from pumaid.robot import Joint, Robot
-from pumaid.simulation.timing import REST, highest_speeds
+from pumaid.trajectory import REST, highest_speeds
 
 #: s between the instants at which an interpreter tells where the arm is.
 STEP = 0.002

@@ -9,12 +9,11 @@ import pytest
 from matplotlib.collections import PolyCollection
 
 from pumaid.io.recipe import read_recipe, shipped_recipes
-from pumaid.programs.steps import run_times
 from pumaid.records import Motion, Plan, Posture
 from pumaid.reporting import postures, timetable
 from pumaid.reporting.held import held, letter
 from pumaid.robot import Box, Joint, Robot, Safety, Sphere
-from pumaid.simulation.timing import REST
+from pumaid.trajectory import REST, run_times
 
 ARM = Robot(
     "lift and tip",

@@ -14,7 +14,8 @@ from pumaid.records import Motion, Plan
 from pumaid.simulation import Noise, Session, draw, record, table1
 from pumaid.simulation.hidden import parse
 from pumaid.simulation.physics.joints import Joints
-from pumaid.simulation.timing import Path, accelerations, cruise, stretches
+from pumaid.simulation.timing import Path, stretches
+from pumaid.trajectory import accelerations, cruise
 from pumaid.verbs.simulate import simulate
 
 RATE = 200.0

@@ -15,8 +15,8 @@ from pumaid.robot import Robot
 from pumaid.simulation.hidden.catalogue import LAWS
 from pumaid.simulation.hidden.law import Hidden, Reach, Typical
 from pumaid.simulation.ranges import QUICKEST_SLIDE, QUICKEST_TURN, span
-from pumaid.simulation.timing import accelerations, highest_speeds
 from pumaid.simulation.weight import Weight
+from pumaid.trajectory import accelerations, highest_speeds
 
 Floats = NDArray[np.float64]
 

@@ -15,8 +15,9 @@ from pumaid.simulation.physics.forces import Forces
 from pumaid.simulation.physics.joints import motor_inertia
 from pumaid.simulation.physics.march import Course, Orders
 from pumaid.simulation.physics.rigid import Rigid
-from pumaid.simulation.timing import MOVE_SHARE, Stretch, highest_speeds
+from pumaid.simulation.timing import Stretch
 from pumaid.simulation.truth import Truth
+from pumaid.trajectory import MOVE_SHARE, highest_speeds
 
 Floats = NDArray[np.float64]
 

@@ -8,8 +8,8 @@ from numpy.typing import NDArray
 from pumaid.simulation.links import swung
 from pumaid.simulation.ranges import anywhere
 from pumaid.simulation.shafts import shafts
-from pumaid.simulation.timing import accelerations
 from pumaid.simulation.truth import Truth
+from pumaid.trajectory import accelerations
 
 Floats = NDArray[np.float64]
 

@@ -11,8 +11,9 @@ from numpy.typing import NDArray
 from pumaid.simulation.physics.drive import Drive, control_rate
 from pumaid.simulation.physics.forces import Forces
 from pumaid.simulation.physics.joints import Joints
-from pumaid.simulation.timing import MOVE_SHARE, Stretch, highest_speeds
+from pumaid.simulation.timing import Stretch
 from pumaid.simulation.truth import Truth
+from pumaid.trajectory import MOVE_SHARE, highest_speeds
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]

@@ -1,0 +1,183 @@
+"""Trapezoids of speed: how an arm goes from rest to rest, in robot programs, simulations and forecasts alike."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pumaid.records import Motion, Plan
+from pumaid.robot import Robot
+
+Floats = NDArray[np.float64]
+
+#: Speed of moves between postures where a joint states no highest speed: rad/s and m/s.
+TURNING_SPEED, SLIDING_SPEED = 1.5, 0.25
+#: s in which a joint reaches its highest speed.
+RAMP_TIME = 0.4
+#: Share of a joint's highest speed at which moves between postures are made.
+MOVE_SHARE = 0.7
+#: s of rest before each run and after each movement.
+REST = 0.4
+#: s after a ramp (and before the next) in which a controller's speed still differs from the one that it is told.
+SETTLING = 0.06
+
+
+def highest_speeds(robot: Robot) -> Floats:
+    """(J,) highest speed, rad/s or m/s: the recipe's, or a usual one where the recipe states none."""
+    usual = np.where(robot.is_revolute, TURNING_SPEED, SLIDING_SPEED)
+    given = [np.nan if joint.max_velocity is None else joint.max_velocity for joint in robot.joints]
+    return np.where(np.isnan(given), usual, given)
+
+
+def accelerations(robot: Robot) -> Floats:
+    """(J,) rad/s2 or m/s2 of all ramps: the highest speed in `RAMP_TIME`."""
+    return highest_speeds(robot) / RAMP_TIME
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Trapezoid:
+    """All joints from `start` to `end` (J,) together, straight in joint space, by one trapezoid of speed.
+
+    Attributes
+    ----------
+    start, end
+        rad or m.
+    speed, acceleration
+        Of the joint that goes farthest, rad/s or m/s, rad/s2 or m/s2.
+    motion, number
+        The run of the plan that this is, and its number from 1; for a move between postures None, and the number of
+        the run to which it leads.
+    """
+
+    start: Floats
+    end: Floats
+    speed: float
+    acceleration: float
+    motion: Motion | None
+    number: int
+
+    @property
+    def way(self) -> float:
+        """How far the joint goes that goes farthest, rad or m."""
+        return float(np.max(np.abs(self.end - self.start)))
+
+    @property
+    def peak(self) -> float:
+        """The speed that it reaches: less than `speed` on a short way."""
+        return float(min(self.speed, np.sqrt(self.acceleration * self.way)))
+
+    @property
+    def ramp(self) -> float:
+        """s in which the speed rises to its peak, and in which it falls to zero."""
+        return self.peak / self.acceleration
+
+    @property
+    def duration(self) -> float:
+        """s from the start to the end, without rests."""
+        return self.ramp + self.way / self.peak if self.way > 0 else 0.0
+
+    @property
+    def lead(self) -> float:
+        """s of rest before it."""
+        return 0.0 if self.motion is None else REST
+
+    @property
+    def seconds(self) -> float:
+        """s with the rests before and after it."""
+        return self.lead + self.duration + REST
+
+    def at(self, time: Floats) -> tuple[Floats, Floats]:
+        """(N, J) positions and velocities `time` (N,) s after the start."""
+        ramp, total = self.ramp, self.duration
+        rising, falling = np.clip(time, 0.0, ramp), np.clip(time - (total - ramp), 0.0, ramp)
+        cruising = np.clip(time - ramp, 0.0, total - 2.0 * ramp)
+        gone = self.peak * (cruising + falling) + 0.5 * self.acceleration * (rising**2 - falling**2)
+        direction = (self.end - self.start) / (self.way or 1.0)
+        speed = self.acceleration * (rising - falling)
+        return self.start + gone[:, None] * direction, speed[:, None] * direction
+
+    def corners(self) -> Iterator[tuple[float, Floats, Floats]]:
+        """Time (s since the start), positions (J,) and velocities (J,) where the ramps end, and at the end."""
+        times = [self.ramp, self.duration - self.ramp, self.duration]
+        if times[1] - times[0] < 1e-9:
+            del times[1]
+        yield from zip(times, *self.at(np.array(times)), strict=True)
+
+    @property
+    def cruise(self) -> tuple[float, float]:
+        """s from the start between which the speed is kept; the same instant twice where it never is."""
+        first, last = self.ramp + SETTLING, self.duration - self.ramp - SETTLING
+        return (first, last) if last > first else (0.5 * self.duration,) * 2
+
+
+def trapezoids(robot: Robot, plan: Plan) -> Iterator[Trapezoid]:
+    """The plan's moves and runs in the order of their execution; the arm begins in the first run's posture.
+
+    Parameters
+    ----------
+    robot
+        Its highest speeds.
+    plan
+        Its runs.
+    """
+    now: Floats | None = None
+    for number, motion in enumerate(plan.motions, start=1):
+        run = run_trapezoid(robot, motion, number)
+        if now is not None and np.max(np.abs(run.start - now)) > 1e-9:
+            yield move_trapezoid(robot, now, run.start, number=number)
+        yield run
+        now = run.end
+
+
+def run_trapezoid(robot: Robot, motion: Motion, number: int = 1) -> Trapezoid:
+    """The movement of one run, `number` being its place in the plan."""
+    j = motion.joint - 1
+    start = np.array(motion.hold, dtype=float)
+    end = start.copy()
+    start[j], end[j] = motion.start, motion.end
+    ramp = max(float(accelerations(robot)[j]), motion.velocity / RAMP_TIME)
+    return Trapezoid(start, end, motion.velocity, ramp, motion, number)
+
+
+def move_trapezoid(robot: Robot, start: Floats, end: Floats, *, number: int) -> Trapezoid:
+    """As fast as the slowest joint allows when all arrive together."""
+    way = np.abs(end - start)
+    share = way / way.max()
+    moved = share > 1e-12
+    speed = np.min(MOVE_SHARE * highest_speeds(robot)[moved] / share[moved])
+    acceleration = np.min(accelerations(robot)[moved] / share[moved])
+    return Trapezoid(start, end, float(speed), float(acceleration), None, number)
+
+
+def duration(robot: Robot, plan: Plan) -> float:
+    """s that the plan takes, moves between postures and rests included."""
+    return float(sum(trapezoid.seconds for trapezoid in trapezoids(robot, plan)))
+
+
+def cruise(robot: Robot, motion: Motion) -> tuple[tuple[float, float], float]:
+    """First and last position between which a run keeps its speed, and for how long (s).
+
+    Parameters
+    ----------
+    robot
+        Its accelerations.
+    motion
+        The run.
+    """
+    run = run_trapezoid(robot, motion)
+    first, last = run.cruise
+    begin, end = run.at(np.array([first, last]))[0][:, motion.joint - 1].tolist()
+    return (begin, end), last - first
+
+
+def run_times(robot: Robot, plan: Plan) -> Floats:
+    """(M, 2) s at which each run of the plan begins and ends, its ramps included, counted from the first rest."""
+    clock, times = 0.0, []
+    for trapezoid in trapezoids(robot, plan):
+        if trapezoid.motion is not None:
+            times.append((clock + trapezoid.lead, clock + trapezoid.seconds - REST))
+        clock += trapezoid.seconds
+    return np.array(times).reshape(-1, 2)
