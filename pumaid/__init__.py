@@ -29,7 +29,7 @@ _HOMES = {
     **dict.fromkeys(("RunScore", "Samples", "Value"), "pumaid.records"),
     **dict.fromkeys(("Budget", "BudgetPart", "Candidate", "Curve", "Diagnosis", "Finding"), "pumaid.records"),
     **dict.fromkeys(("JointDiagnosis", "Limit", "NextRun", "Size", "Unexplained"), "pumaid.records"),
-    **dict.fromkeys(("Errors", "History", "Ladder", "Rung"), "pumaid.records"),
+    **dict.fromkeys(("Errors", "History", "Ladder", "Rung"), "pumaid.results.history"),
     **dict.fromkeys(("EffectChoice", "Joint", "LogFormat", "Robot"), "pumaid.robot"),
     **{
         verb: f"pumaid.verbs.{verb}"
@@ -39,11 +39,11 @@ _HOMES = {
     "catalogue": "pumaid.effects",
     "read_recipe": "pumaid.io.recipe",
     "LogReader": "pumaid.io.table",
-    "read_model": "pumaid.io.result",
-    "write_model": "pumaid.io.result",
-    "read_diagnosis": "pumaid.io.diagnosis",
-    "write_diagnosis": "pumaid.io.diagnosis",
-    "read_history": "pumaid.io.ladders",
+    "read_model": "pumaid.results.model_file",
+    "write_model": "pumaid.results.model_file",
+    "read_diagnosis": "pumaid.diagnosis.document",
+    "write_diagnosis": "pumaid.diagnosis.document",
+    "read_history": "pumaid.results.history",
 }
 
 __all__ = ["__version__", *sorted(_HOMES)]

@@ -7,8 +7,8 @@ from pathlib import Path
 
 import numpy as np
 
-from pumaid.io.archive import keep
-from pumaid.records import Errors, Estimate, JointFit, Ladder, Rung, Value
+from pumaid.records import Estimate, JointFit, Value
+from pumaid.results.history import Errors, Ladder, Rung, keep
 from pumaid.robot import EffectChoice, Joint, Robot
 
 ARM = Robot("arm", (Joint(1, "a", "revolute"), Joint(2, "b", "revolute")), origin="recipe.yaml", digest="aa" * 32)

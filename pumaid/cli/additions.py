@@ -149,9 +149,9 @@ def added(
     diagnosis, estimate
         The last ones; what was added stands in the diagnosis' `applied`.
     """
-    from pumaid.io.archive import keep
     from pumaid.records import ADD
     from pumaid.reporting.findings import left_out_sentence, step_sentence
+    from pumaid.results.history import keep
     from pumaid.verbs.identify import identify
 
     keep(model, estimate, robot)
@@ -204,8 +204,8 @@ def with_earlier(diagnosis: Diagnosis, estimate: Estimate, earlier: Path) -> Dia
     earlier
         The file of the last diagnosis, if there is one.
     """
+    from pumaid.diagnosis.document import read_diagnosis
     from pumaid.errors import ResultError
-    from pumaid.io.diagnosis import read_diagnosis
 
     try:
         old = read_diagnosis(earlier)

@@ -63,7 +63,7 @@ def document(content: Mapping[str, Any]) -> None:
 
     Kind, format and version stand first in every document; the version is ours where the document does not say.
     """
-    from pumaid.io.result import as_text
+    from pumaid.results.documents import as_text
 
     head = {"kind": content["kind"], "format": content["format"], "pumaid": __version__}
     click.echo(as_text(head | dict(content), ascii_only=True), nl=False)

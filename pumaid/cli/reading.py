@@ -40,7 +40,7 @@ def read_robot(recipe: Path | None, logs: Sequence[str] = ()) -> Robot:
 def read_known_model(path: Path) -> Estimate:
     """A model, refused before any log is read where the catalogue lacks one of its effects."""
     from pumaid.choices import check_known
-    from pumaid.io.result import read_model
+    from pumaid.results.model_file import read_model
 
     estimate = read_model(path)
     check_known(estimate.effects)
@@ -59,7 +59,7 @@ def check_model(estimate: Estimate, robot: Robot, near: tuple[Path | None, Seque
     """
     from pumaid.chosen import check_parameters
     from pumaid.errors import ModelError
-    from pumaid.io.result import check_same_recipe
+    from pumaid.results.model_file import check_same_recipe
 
     try:
         check_same_recipe(estimate, robot)

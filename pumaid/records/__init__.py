@@ -41,7 +41,6 @@ from pumaid.records.estimate import (
     JointFit,
     Value,
 )
-from pumaid.records.ladder import Errors, History, Ladder, Rung
 from pumaid.records.log import Log
 from pumaid.records.plan import Motion, Plan, Posture
 from pumaid.records.samples import Extent, Loads, Samples
@@ -68,15 +67,12 @@ __all__ = [
     "Comparison",
     "Curve",
     "Diagnosis",
-    "Errors",
     "Estimate",
     "Extent",
     "Finding",
-    "History",
     "JointDiagnosis",
     "JointFit",
     "JointScore",
-    "Ladder",
     "Limit",
     "Line",
     "Loads",
@@ -87,7 +83,6 @@ __all__ = [
     "Plan",
     "Posture",
     "RunScore",
-    "Rung",
     "Samples",
     "Size",
     "Transfer",

@@ -5,10 +5,11 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
-from pumaid.records import Errors, History, JointFit, Ladder, Rung
+from pumaid.records import JointFit
 from pumaid.reporting.grid import Cell, Grid, grid
 from pumaid.reporting.numbers import amperes
 from pumaid.reporting.scores import amount
+from pumaid.results.history import Errors, History, Ladder, Rung
 from pumaid.robot import EffectChoice
 
 #: The mark of the model that other commands use now.

@@ -9,8 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pumaid.dataset import Dataset
-from pumaid.records import Comparison, Diagnosis, Estimate, Ladder, RunScore
+from pumaid.records import Comparison, Diagnosis, Estimate, RunScore
 from pumaid.reporting.numbers import in_unit
+from pumaid.results.history import Ladder
 from pumaid.robot import Robot
 
 Floats = NDArray[np.float64]

@@ -13,10 +13,10 @@ from pumaid.diagnosis.budget import budget
 from pumaid.diagnosis.laid import Spread
 from pumaid.errors import Note
 from pumaid.estimation.judge import NOTHING, Groups, Judge, Tally, rmse, together
-from pumaid.io.result import check_same_recipe
 from pumaid.preprocessing.heldout import otherwise
 from pumaid.preprocessing.replicates import noise_floor, pairs
 from pumaid.records import TOGETHER, UNEXPLAINED, Budget, Comparison, Estimate, JointScore, RunScore
+from pumaid.results.model_file import check_same_recipe
 from pumaid.robot import Robot
 
 

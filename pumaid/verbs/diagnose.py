@@ -17,12 +17,11 @@ from pumaid.diagnosis.stepwise import Stepwise, silent
 from pumaid.diagnosis.suspect import Suspect
 from pumaid.effects import Effect, catalogue
 from pumaid.errors import LogError, Where
-from pumaid.io.diagnosis import model_digest
-from pumaid.io.result import check_same_recipe
 from pumaid.model import Model
 from pumaid.preprocessing.heldout import otherwise
 from pumaid.preprocessing.options import CONSTANT
 from pumaid.records import Campaign, Diagnosis, Estimate
+from pumaid.results.model_file import check_same_recipe, model_digest
 from pumaid.robot import Robot
 
 #: Runs at constant speed from which a joint's strokes are not needed.

@@ -12,8 +12,8 @@ from pumaid.exports.bodies import Bodies, bodies
 from pumaid.exports.formulas import Formulas
 from pumaid.exports.names import identifier
 from pumaid.exports.torque import constants_of
-from pumaid.io.result import check_same_recipe
 from pumaid.records import Estimate
+from pumaid.results.model_file import check_same_recipe
 from pumaid.robot import Robot
 
 

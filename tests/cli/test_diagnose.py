@@ -23,10 +23,11 @@ import pumaid
 from pumaid.cli import group
 from pumaid.cli.additions import Typed, named
 from pumaid.cli.deciding import deciding
-from pumaid.io.diagnosis import model_digest, read_diagnosis, write_diagnosis
+from pumaid.diagnosis.document import read_diagnosis, write_diagnosis
 from pumaid.io.log_writer import write_log
 from pumaid.io.plan import read_plan, write_plan
 from pumaid.io.recipe import shipped_recipes
+from pumaid.results.model_file import model_digest
 from pumaid.robot import EffectChoice
 from pumaid.simulation import hidden
 from pumaid.simulation.draw import draw
@@ -101,25 +102,6 @@ def test_the_noise_floor_is_one_number(arm):
         fitted = json.loads(run(*command, "--json").stdout)
         floors = [[joint["noise_floor"] for joint in one["joints"]] for one in (document, fitted)]
         assert floors[0] == pytest.approx(floors[1], rel=0.01)
-
-
-def test_the_same_question_is_not_worked_out_twice(arm, monkeypatch):
-    """What an earlier command found is said again in every form, for other words typed, too; not with --no-cache."""
-
-    def refused(*_, **__):
-        raise AssertionError("worked out again")
-
-    ask = ("diagnose", "results/model.json", "logs")
-    first, as_json = run(*ask), run(*ask, "--json")
-    monkeypatch.setattr("pumaid.verbs.diagnose.diagnose", refused)
-    again = run(*ask)
-    assert (again.exit_code, again.stdout, again.stderr) == (0, first.stdout, first.stderr)
-    assert run(*ask, "--json").stdout == as_json.stdout
-    assert run(*ask, "--picture", "missing.png").exit_code == 0 and Path("missing.png").stat().st_size > 10_000
-    named = json.loads(run(*ask, "--recipe", "recipe.yaml", "--json").stdout)
-    assert "--recipe recipe.yaml" in named["findings"][0]["command"]
-    assert run(*ask, "--no-cache").exit_code != 0
-    assert run(*ask, "--heldout", "posture").exit_code != 0
 
 
 def test_document_goes_where_it_is_told(arm):

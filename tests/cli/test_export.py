@@ -119,8 +119,8 @@ def test_bad_input(arm):
     text = Path("results/model.json").read_text()
     Path("other.json").write_text(text.replace('"stribeck"', '"my_own"'))
     tries = {
-        "model-missing": ["none.json", "--format", "c"],
-        "model-not-json": ["recipe.yaml", "--format", "c"],
+        "file-not-readable": ["none.json", "--format", "c"],
+        "model-damaged": ["recipe.yaml", "--format", "c"],
         "model-other-recipe": ["results/model.json", "--format", "c", "--recipe", "ur5e"],
         "torque-constants": ["results/model.json", "--format", "urdf", "--torque-constants", "1,2,3"],
         "unknown-effect": ["other.json", "--format", "c"],

@@ -11,7 +11,7 @@ from click.testing import CliRunner, Result
 from ladders import ARM, STRIBECK, experiment, model
 
 from pumaid.cli import group
-from pumaid.io.archive import keep
+from pumaid.results.history import keep
 
 
 @pytest.fixture

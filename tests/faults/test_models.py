@@ -21,7 +21,7 @@ def test_a_faulty_model_is_refused(arm, fault):
 
 def test_a_model_of_gigabytes_is_not_read(arm, monkeypatch):
     """A file beyond the limit is refused once the limit is passed, not when all is in memory."""
-    monkeypatch.setattr("pumaid.io.result.MOST_BYTES", 1000)
+    monkeypatch.setattr("pumaid.results.documents.MOST_BYTES", 1000)
     found = invoke("compare", str(arm / "results" / "model.json"), str(arm / "logs"))
     assert found.exit_code == 3 and unclear(found.stderr) == [] and "more than" in found.stderr
 

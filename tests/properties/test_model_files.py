@@ -10,8 +10,9 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from pumaid.errors import PumaidError
-from pumaid.io.result import as_text, model_document, plain, read_model
 from pumaid.records import Combination, Estimate, JointFit, Value
+from pumaid.results.documents import as_text, plain
+from pumaid.results.model_file import model_document, read_model
 from pumaid.robot import EffectChoice
 
 ESTIMATE = Estimate(

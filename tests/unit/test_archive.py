@@ -10,9 +10,8 @@ import pytest
 from ladders import ARM, RIPPLE, STRIBECK, model
 
 from pumaid.errors import ResultError
-from pumaid.io.archive import keep, restore
-from pumaid.io.ladders import read_history
-from pumaid.io.result import read_model, write_model
+from pumaid.results.history import keep, read_history, restore
+from pumaid.results.model_file import read_model, write_model
 from pumaid.robot import EffectChoice
 
 ROTTEN = {"notes.txt": "mine", "009-broken.json": "{", "010-other.json": '{"kind": "comparison"}', "best.json": "{}"}

@@ -11,9 +11,9 @@ import numpy as np
 import pytest
 import stories
 
+from pumaid.diagnosis.document import diagnosis_document, read_diagnosis, stale, write_diagnosis
 from pumaid.errors import ResultError
-from pumaid.io.diagnosis import diagnosis_document, model_digest, read_diagnosis, stale, write_diagnosis
-from pumaid.io.result import write_model
+from pumaid.results.model_file import model_digest, write_model
 
 
 def same(a, b) -> bool:
@@ -72,11 +72,11 @@ def test_digest_of_a_model_is_that_of_its_file(tmp_path):
         (lambda d: d["findings"][0].update(p_value="small"), "findings[0].p_value"),
         (lambda d: d["joints"][2].pop("verdict"), "joints[2].verdict"),
         (lambda d: d["joints"][4]["unexplained"].update(means=[1, "x"]), "joints[4].unexplained.means"),
-        (lambda d: d["findings"][0]["next_run"]["runs"][0].update(hold=3), "findings[0].next_run.motions[0].hold"),
+        (lambda d: d["findings"][0]["next_run"]["runs"][0].update(hold=3), "findings[0].next_run.runs[0].hold"),
         (lambda d: d.update(format=2), "format"),
         (lambda d: d.update(kind="model"), "kind"),
-        (lambda d: d["findings"].append(7), None),
-        (lambda d: d.pop("joints"), None),
+        (lambda d: d["findings"].append(7), "findings[2]"),
+        (lambda d: d.pop("joints"), "joints"),
     ],
 )
 def test_damage_is_told_with_its_place(tmp_path, change, field):

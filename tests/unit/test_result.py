@@ -11,8 +11,9 @@ import numpy as np
 import pytest
 
 from pumaid.errors import Faults, ModelError, Note, ResultError, Where
-from pumaid.io.result import as_text, check_same_recipe, heading, model_document, plain, read_model, write_model
 from pumaid.records import Combination, Estimate, JointFit, Value
+from pumaid.results.documents import as_text, heading, plain
+from pumaid.results.model_file import check_same_recipe, model_document, read_model, write_model
 from pumaid.robot import EffectChoice, Joint, Robot
 
 AWKWARD = 0.1 + 0.2  # 0.30000000000000004: a float that a rounded text would change
@@ -157,7 +158,7 @@ def test_plain_turns_numpy_and_infinity_into_json():
 def test_missing_file(tmp_path):
     """A path that leads nowhere is named, with the command that makes a model."""
     found = refusal(tmp_path / "nothing.json")
-    assert found.slug == "model-missing"
+    assert found.slug == "file-not-readable"
     assert "nothing.json" in found.what and "pumaid identify" in found.mend
 
 
@@ -165,7 +166,7 @@ def test_folder_instead_of_file(model):
     """A folder is told from a file, with the model that lies in it."""
     for folder in (model.parent, model.parent.parent):
         found = refusal(folder)
-        assert found.slug == "model-missing" and str(model) in found.mend
+        assert found.slug == "file-not-readable" and str(model) in found.mend
 
 
 @pytest.mark.parametrize("keep", [0.1, 0.5, 0.9, 0.999])
@@ -174,7 +175,7 @@ def test_truncated_file(model, keep):
     text = model.read_text(encoding="utf-8")
     model.write_text(text[: int(len(text) * keep)], encoding="utf-8")
     found = refusal(model)
-    assert found.slug == "model-not-json" and found.where.line is not None
+    assert found.slug == "model-damaged" and found.where.line is not None
 
 
 @pytest.mark.parametrize(
@@ -184,7 +185,7 @@ def test_other_bytes(tmp_path, data):
     """Whatever is no JSON document is refused as such."""
     path = tmp_path / "model.json"
     path.write_bytes(data)
-    assert refusal(path).slug == "model-not-json"
+    assert refusal(path).slug == "model-damaged"
 
 
 def test_log_in_the_models_place(tmp_path):
@@ -197,14 +198,14 @@ def test_log_in_the_models_place(tmp_path):
 def test_other_kind(model):
     """A comparison is no model."""
     found = refusal(broken(model, "kind", to="comparison"))
-    assert found.slug == "model-wrong-kind" and "'comparison'" in found.what
+    assert found.slug == "model-damaged" and "'comparison'" in found.what
 
 
 @pytest.mark.parametrize("number", [2, "1", True, 1.5])
 def test_other_format(model, number):
     """A format that this version does not know is named, with what wrote it."""
     found = refusal(broken(model, "format", to=number))
-    assert found.slug == "model-wrong-format" and repr(number) in found.what and "0.1.0" in found.mend
+    assert found.slug == "model-damaged" and repr(number) in found.what and "0.1.0" in found.what
 
 
 @pytest.mark.parametrize(

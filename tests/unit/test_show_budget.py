@@ -12,13 +12,13 @@ import stories
 import worlds
 from test_budget import KINDS
 
-from pumaid.io.result import as_text
 from pumaid.records import Budget, BudgetPart, Comparison, JointScore
 from pumaid.reporting import budget as words
 from pumaid.reporting.plots import budget as plot
 from pumaid.reporting.plots import misfit
 from pumaid.reporting.plots.style import styled
 from pumaid.reporting.report import page
+from pumaid.results.documents import as_text
 
 
 def score(budget: Budget | None, joint: int = 2) -> JointScore:

@@ -11,13 +11,11 @@ import stories
 from ladders import ARM, RIPPLE, STRIBECK, experiment, ladder, model
 from matplotlib.figure import Figure
 
-from pumaid.io.archive import keep
-from pumaid.io.ladders import ladder_of, read_history
-from pumaid.records import Ladder
 from pumaid.reporting.ladder import joint_grids, ladder_grid, ladder_sentence, names, step
 from pumaid.reporting.plots.ladder import draw, drawings, drawn
 from pumaid.reporting.plots.style import styled
 from pumaid.reporting.report import page
+from pumaid.results.history import Ladder, keep, ladder_of, read_history
 from pumaid.robot import EffectChoice
 
 

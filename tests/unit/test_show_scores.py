@@ -10,10 +10,10 @@ import pytest
 import stories
 import worlds
 
-from pumaid.io.result import as_text
 from pumaid.records import Combination
 from pumaid.reporting import scores, wording
 from pumaid.reporting.comparison import comparison_document
+from pumaid.results.documents import as_text
 
 
 @pytest.fixture(scope="module")

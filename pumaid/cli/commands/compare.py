@@ -76,11 +76,11 @@ def command(
     estimate = read_known_model(model)
     how = replace(how, behind=("pumaid.verbs.compare", "pumaid.reporting.scores", "pumaid.reporting.budget"))
     robot, dataset = read_dataset(logs, recipe, trust=trust, heldout=heldout, how=how)
-    from pumaid.io.result import heading
     from pumaid.reporting.budget import budget_shown
     from pumaid.reporting.comparison import comparison_document
     from pumaid.reporting.forms import Shown
     from pumaid.reporting.scores import comparison_grid, is_above_floor, outside_grid, worst_grid
+    from pumaid.results.documents import heading
     from pumaid.verbs.compare import compare
 
     check_model(estimate, robot, (recipe, logs))

@@ -38,8 +38,8 @@ def command(*, folder: Path, robot: str, effect: str | None, clean: bool, seed: 
       pumaid demo --clean --robot ur5e
     """
     from pumaid.cli import demo
-    from pumaid.io.result import as_text
     from pumaid.io.write import write_file
+    from pumaid.results.documents import as_text
 
     if clean and effect is not None:
         raise click.UsageError("--clean hides nothing, --effect something: give one of them.")

@@ -88,7 +88,7 @@ def command(
 
     from pumaid.cli.additions import Typed, added, diagnosed, with_earlier
     from pumaid.cli.reading import check_logs, check_model, read_dataset, read_files, read_known_model, results_folder
-    from pumaid.io.diagnosis import DIAGNOSIS_NAME, diagnosis_document
+    from pumaid.diagnosis.document import DIAGNOSIS_NAME, diagnosis_document
     from pumaid.io.plan import refuse_to_replace
 
     form, quiet = picture_form(picture), as_json or str(output) == "-"
@@ -133,10 +133,10 @@ def _say(sentence: str) -> None:
 
 def _tell(found: Diagnosis, robot: Robot, *, units: str, ladder: Path | None) -> None:
     """What was found; before it the ladder that ends at the model file `ladder`, where effects were added."""
-    from pumaid.io.ladders import ladder_of
     from pumaid.reporting.diagnosis import diagnosis_shown
     from pumaid.reporting.forms import Shown
     from pumaid.reporting.ladder import ladder_grid
+    from pumaid.results.history import ladder_of
 
     steps = None if ladder is None or not found.applied else ladder_of(ladder)
     if steps is not None:
@@ -149,7 +149,7 @@ def _tell(found: Diagnosis, robot: Robot, *, units: str, ladder: Path | None) ->
 
 def _kept(path: Path, found: Diagnosis) -> str:
     """Write the diagnosis, and say so."""
-    from pumaid.io.diagnosis import write_diagnosis
+    from pumaid.diagnosis.document import write_diagnosis
 
     write_diagnosis(path, found)
     return f"diagnosis written to {path}"

@@ -44,7 +44,7 @@ def command(recipe: Path | None, *, quick: bool, as_json: bool) -> None:
     """
     from pumaid.cli.progress import progress
     from pumaid.cli.selfcheck import self_check
-    from pumaid.io.result import heading
+    from pumaid.results.documents import heading
 
     facts = _facts(recipe)
     if not as_json:

@@ -32,8 +32,8 @@ def command(name: str | None, picture: Path | None, as_json: bool) -> None:
     from pumaid.choices import OWN
     from pumaid.effects import catalogue
     from pumaid.errors import ModelError
-    from pumaid.io.result import heading
     from pumaid.reporting.effects import facts
+    from pumaid.results.documents import heading
 
     known, form = catalogue(), picture_form(picture)
     if name is not None and name not in known:

@@ -63,7 +63,7 @@ def command(
     from pumaid.cli.reading import check_model, read_files, read_known_model, read_robot
     from pumaid.exports import every_form
     from pumaid.exports.torque import read_constants
-    from pumaid.io.result import heading
+    from pumaid.results.documents import heading
     from pumaid.verbs.export import export
 
     if constants is not None and not every_form()[form].has_bodies:

@@ -12,7 +12,7 @@ from pumaid.cli.output import document, notes, picture_form, remark, table
 
 if TYPE_CHECKING:
     from pumaid.errors import Note
-    from pumaid.records import History, Ladder
+    from pumaid.results.history import History, Ladder
 
 
 @click.command()
@@ -36,14 +36,14 @@ def command(*, folder: Path, results: Path | None, restore: int | None, picture:
       pumaid history --restore 2
       pumaid history --json | jq '.ladders[0].models[] | {model, added, rmse, heldout}'
     """
-    from pumaid.io.ladders import read_history
-    from pumaid.io.result import heading
     from pumaid.reporting.ladder import history_document
+    from pumaid.results.documents import heading
+    from pumaid.results.history import read_history
 
     form = picture_form(picture)
     place = results or _results(folder)
     if restore is not None:
-        from pumaid.io.archive import restore as bring_back
+        from pumaid.results.history import restore as bring_back
 
         remark(f"model {restore} is the current one again: {bring_back(place, restore)}")
     history = read_history(place)

@@ -30,7 +30,7 @@ if TYPE_CHECKING:
     from pumaid.robot import Robot
 
 #: What the fit and its table are made with; nothing of it is needed to read logs.
-_BEHIND = ("pumaid.verbs.identify", "pumaid.reporting.tables", "pumaid.io.archive")
+_BEHIND = ("pumaid.verbs.identify", "pumaid.reporting.tables", "pumaid.results.history")
 
 
 @click.command()
@@ -120,7 +120,7 @@ def _identified(logs: tuple[str, ...], recipe: Path | None, asked: dict[str, Any
 
 
 def _document(estimate: Estimate) -> dict[str, Any]:
-    from pumaid.io.result import model_document
+    from pumaid.results.model_file import model_document
 
     return model_document(estimate)
 
@@ -134,8 +134,8 @@ def _written(
 ) -> Path:
     """The model's file: where -o says, else the current model of the results folder, kept among all."""
     from pumaid.cli.reading import results_folder
-    from pumaid.io.archive import keep
-    from pumaid.io.result import write_model
+    from pumaid.results.history import keep
+    from pumaid.results.model_file import write_model
 
     logs, recipe, results = place
     path = output or results_folder(results, recipe, logs) / "model.json"

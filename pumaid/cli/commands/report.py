@@ -102,7 +102,7 @@ def command(
     remark(f"report written to {made[-1][0]}")
     remark(f"{len(made) - 1} tables and figures written to {folder}")
     if as_json:
-        from pumaid.io.result import heading
+        from pumaid.results.documents import heading
 
         files = {"files": [str(path) for path, _ in made]}
         document(heading("report", robot=told.robot, logs=told.comparison.logs) | files)
@@ -152,8 +152,8 @@ def _story(
 ) -> Story:
     """What the report tells of: the model on the logs, and the models before it."""
     from pumaid.cli.reading import check_model, read_known_model
-    from pumaid.io.ladders import ladder_of
     from pumaid.reporting.story import Story
+    from pumaid.results.history import ladder_of
     from pumaid.verbs.compare import compare
 
     estimate = read_known_model(source)
@@ -169,8 +169,8 @@ def _diagnosed(told: Story, results: Path) -> Story:
     """The story with the diagnosis that stands beside the model; one that cannot be read is told and left out."""
     from dataclasses import replace
 
+    from pumaid.diagnosis.document import DIAGNOSIS_NAME, read_diagnosis, stale
     from pumaid.errors import Note, ResultError
-    from pumaid.io.diagnosis import DIAGNOSIS_NAME, read_diagnosis, stale
 
     path = results / DIAGNOSIS_NAME
     if not path.is_file():

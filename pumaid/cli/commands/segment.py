@@ -73,8 +73,8 @@ def command(
       pumaid segment logs/ --json | jq '.runs[] | {joint, speed, samples}'
     """
     from pumaid.cli.reading import read_files
-    from pumaid.io.result import heading
     from pumaid.reporting import runs
+    from pumaid.results.documents import heading
 
     if as_json and as_csv:
         raise click.UsageError("--json and --csv both want standard output; give one of them")

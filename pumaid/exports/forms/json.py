@@ -8,7 +8,7 @@ import numpy as np
 
 from pumaid.exports.base import Form, Subject
 from pumaid.exports.formulas import Lack
-from pumaid.io.result import as_text
+from pumaid.results.documents import as_text
 from pumaid.robot import Robot
 
 #: Postures with currents by the model itself.

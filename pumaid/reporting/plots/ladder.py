@@ -12,11 +12,11 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 from numpy.typing import NDArray
 
-from pumaid.records import Errors, Ladder, Rung
 from pumaid.reporting.ladder import of_joint, step
 from pumaid.reporting.numbers import shortened
 from pumaid.reporting.plots.style import BACKWARD, FORWARD, GREY, Drawing, saved, settle, styled
 from pumaid.reporting.story import Story
+from pumaid.results.history import Errors, Ladder, Rung
 from pumaid.units import number
 
 #: Where it stands among the figures of a report.
