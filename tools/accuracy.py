@@ -1,4 +1,4 @@
-"""Measure what docs/accuracy.md states and draw its figure.
+"""Measure what docs/validation.md states and draw its figure.
 
 python tools/accuracy.py [-o FIGURE.png]
 

@@ -1,8 +1,8 @@
-"""Judge the diagnosis blind on virtual arms, and make docs/benchmark.md of what was found.
+"""Judge the diagnosis blind on virtual arms, and print the tables of what came out.
 
     python tools/blind.py run RESULTS.jsonl [--seeds 1] [--arms puma ur stanford] [--effects NAME ...] [--sizes 2 3]
                               [--groups effect clean outside pair thin] [--clean 200] [--jobs 2] [--cli 0.02]
-    python tools/blind.py report RESULTS.jsonl [-o docs/benchmark.md]
+    python tools/blind.py report RESULTS.jsonl
 
 A run writes a line an experiment and may be cut at any time: what stands in the file is not run again. Cases come in a
 fixed order that mixes all groups, so that a cut run is a fair sample of the whole. Seeds below 1000 are for
@@ -31,7 +31,6 @@ from blind_world.page import page
 from blind_world.score import judged
 
 GROUPS = ("effect", "clean", "outside", "pair", "thin")
-PAGE = Path(__file__).parents[1] / "docs" / "benchmark.md"
 
 
 def wanted(options: argparse.Namespace) -> Iterator[Case]:
@@ -103,10 +102,9 @@ def main() -> int:
     running.add_argument("--jobs", type=int, default=2)
     running.add_argument("--cli", type=float, default=0.02, help="share that also goes through the command line")
     running.set_defaults(work=run)
-    reporting = commands.add_parser("report", help="write the page of results")
+    reporting = commands.add_parser("report", help="print the tables")
     reporting.add_argument("results", type=Path)
-    reporting.add_argument("-o", "--output", type=Path, default=PAGE)
-    reporting.set_defaults(work=lambda options: options.output.write_text(page(read(options.results)), "utf-8") and 0)
+    reporting.set_defaults(work=lambda options: sys.stdout.write(page(read(options.results))) and 0)
     options = parser.parse_args()
     return int(options.work(options))
 

@@ -1,34 +1,21 @@
-"""Public recordings read as a user reads them: the folder, a recipe for each, and smaller models to compare with."""
+"""Public recordings of real arms as experiment folders, and pumaid's commands run on them."""
 
 from __future__ import annotations
 
+import json
 import os
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
-from published_loads import G
+import pandas as pd
+from click.testing import CliRunner
 
-from pumaid.cli.reading import read_dataset
-from pumaid.dataset import Dataset
+from pumaid.cli import group
 from pumaid.io.recipe import shipped_recipes
-from pumaid.model import Model
-from pumaid.records import Comparison, Estimate
-from pumaid.robot import Robot
-from pumaid.verbs.compare import compare
-from pumaid.verbs.identify import identify
 
-#: Effects of the smaller models that the full one has to beat.
-SMALLER = {
-    "friction only": ("coulomb", "viscous"),
-    "friction and inertia": ("coulomb", "viscous", "inertia"),
-    "gravity only": ("gravity",),
-    "gravity and inertia": ("gravity", "inertia"),
-}
-
-#: Log blocks that go behind a shipped recipe.
+#: Log blocks that are appended to a shipped recipe.
 LOG_BLOCKS = {
     "ur3e": """log:
   time: timestamp
@@ -49,11 +36,7 @@ LOG_BLOCKS = {
     "staubli_tx40": "",
 }
 
-#: The smaller models leave at nothing what moves the regressors by less than this (RMS, share of g, of 1 rad/s or of
-#: 1 rad/s2): held positions that creep by a few mrad do not make a second posture.
-OPEN = 0.01
-
-#: A recipe of one joint whose axis stands upright: a bare motor on a bench.
+#: One joint whose axis is vertical: a bare motor on a bench.
 MOTOR = """name: motor on a bench
 gravity: [0.0, 0.0, -9.80665]
 joints:
@@ -61,72 +44,116 @@ joints:
 log: {time: Time, position: Position, velocity: Velocity, current: Iq}
 """
 
+#: Motor turns per joint turn of the TX40, from its provenance.
+REDUCTIONS = (32.0, 32.0, 45.0, -48.0, 45.0, 32.0)
+
 
 def folder() -> Path:
     """Where the recordings are: ``PUMAID_REAL_DATA``, else ``shared/data`` beside the checkout; it may be absent."""
     return Path(os.environ.get("PUMAID_REAL_DATA") or Path(__file__).parents[2] / "shared" / "data")
 
 
-def write_recipe(name: str, scratch: Path) -> Path:
-    """Write the recipe for an arm's recordings (a shipped recipe's name, or ``motor``) into `scratch`."""
-    text = MOTOR if name == "motor" else shipped_recipes()[name].read_text(encoding="utf-8") + LOG_BLOCKS[name]
-    path = scratch / f"{name}.yaml"
-    path.write_text(text, encoding="utf-8")
-    return path
+def ur3e() -> list[Path]:
+    """The UR3e recording with measured currents: joint 2 alone, eleven strokes of half a turn."""
+    return [folder() / "ur3e-aurt" / "wave_currentData_100v_40a.parquet"]
 
 
-def read(name: str, files: Sequence[Path], scratch: Path) -> tuple[Robot, Dataset]:
-    """The recordings `files` in one pass, by the recipe called `name`."""
-    return read_dataset([str(file) for file in files], write_recipe(name, scratch))
+def gen3_single() -> list[Path]:
+    """The Gen3 recordings in which one joint moves, a file a joint."""
+    return [folder() / "kinova-gen3-jointwise" / f"joint_{joint}_trapez.parquet" for joint in range(1, 8)]
 
 
-def held_out(dataset: Dataset, runs: Sequence[int]) -> Dataset:
-    """The same evidence with `runs` (numbers from 1, in order of time) kept from the fit."""
-    return replace(
-        dataset,
-        runs=tuple(replace(run, heldout=number in runs) for number, run in enumerate(dataset.runs, start=1)),
-    )
+def gen3_together() -> list[Path]:
+    """The Gen3 recordings in which all joints move."""
+    home = folder() / "kinova-gen3-jointwise"
+    return [*sorted(home.glob("identification_*.parquet")), *sorted(home.glob("validation_*.parquet"))]
 
 
-@dataclass(frozen=True, eq=False, slots=True)
-class Trial:
-    """What the full model and the smaller ones make of the same evidence; comparisons by the model's name."""
-
-    estimate: Estimate
-    scores: dict[str, Comparison]
+def motor(*names: str) -> list[Path]:
+    """Recordings of the bare motor."""
+    return [folder() / "laas-odri-cogging" / f"{name}.parquet" for name in names]
 
 
-def trial(dataset: Dataset, robot: Robot, joint: int, *, judged: Dataset | None = None) -> Trial:
-    """Fit all models to the runs of `dataset` that are not held out; score them on `judged` (default: the same).
+def experiment(place: Path, recipe: str, files: Sequence[Path]) -> Path:
+    """Make an experiment folder whose logs are links to `files`; `recipe` is a shipped one's name or ``motor``."""
+    (place / "logs").mkdir(parents=True, exist_ok=True)
+    text = MOTOR if recipe == "motor" else shipped_recipes()[recipe].read_text(encoding="utf-8") + LOG_BLOCKS[recipe]
+    (place / "recipe.yaml").write_text(text, encoding="utf-8")
+    for file in files:
+        (place / "logs" / file.name).symlink_to(file)
+    return place
 
-    The smaller models are least squares on the full model's own columns of these effects, and right for `joint` only.
+
+def ur3e_halves(place: Path) -> Path:
+    """The UR3e recording as two files, cut where the arm turns round near the middle."""
+    experiment(place, "ur3e", [])
+    table = pd.read_parquet(ur3e()[0])
+    way = np.sign(table["target_qd_1"].to_numpy())
+    turns = np.flatnonzero((way[1:] != way[:-1]) & (way[1:] != 0))
+    cut = int(turns[np.argmin(np.abs(turns - len(table) // 2))]) + 1
+    table.iloc[:cut].to_parquet(place / "logs" / "first.parquet")
+    table.iloc[cut:].to_parquet(place / "logs" / "second.parquet")
+    return place
+
+
+def tx40(place: Path) -> Path:
+    """The TX40 recording with joint angles instead of motor angles, in the canonical columns."""
+    experiment(place, "staubli_tx40", [])
+    table = pd.read_parquet(folder() / "staubli-tx40" / "tx40_excitation.parquet")
+    columns = {"t": table["time_s"]}
+    for joint, reduction in enumerate(REDUCTIONS, start=1):
+        columns[f"q{joint}"] = table[f"motor_pos_rad_Joint_{joint}"] / reduction
+        columns[f"i{joint}"] = table[f"motor_cmd_Joint_{joint}"]
+    columns["q6"] = columns["q6"] - columns["q5"]
+    pd.DataFrame(columns).to_parquet(place / "logs" / "tx40.parquet")
+    return place
+
+
+def run(place: Path, command: str, *words: str) -> tuple[int, Any, str]:
+    """Exit code, JSON document and standard error of a command on an experiment folder.
+
+    Parameters
+    ----------
+    place
+        The folder.
+    command
+        ``identify``, ``diagnose`` ...
+    words
+        Further arguments; the recipe, the logs and the model are given.
     """
-    estimate = identify(dataset, robot)
-    model = Model.of_estimate(robot, estimate)
-    fitted = [run for run in dataset.runs if run.joint == joint and not run.heldout]
-    blocks = model.blocks(fitted)
-    regressors = np.vstack([block.regressors for block in blocks])
-    target = np.concatenate([block.target for block in blocks])
-    size = np.array([G if column.effect == "gravity" else 1.0 for column in model.columns])
-    samples = sum(run.samples for run in fitted)
-    seen = dataset if judged is None else judged
-    scores = {"pumaid": compare(estimate, seen, robot)}
-    for name, effects in SMALLER.items():
-        own = np.array([column.effect in effects for column in model.columns])
-        small = _with(estimate, _least_squares(regressors * own, target, size=size, samples=samples))
-        scores[name] = compare(small, seen, robot)
-    return Trial(estimate, scores)
+    model = [str(place / "results" / "model.json")] if command in ("compare", "diagnose") else []
+    reads_logs = command != "history"
+    logs = [str(place / "logs"), "--recipe", str(place / "recipe.yaml")] if reads_logs else []
+    results = [] if command in ("compare", "segment") else ["--results", str(place / "results")]
+    done = CliRunner().invoke(group, [command, *model, *logs, *results, *words, "--json"])
+    return done.exit_code, json.loads(done.stdout) if done.stdout else None, done.stderr
 
 
-def _least_squares(
-    regressors: NDArray[np.float64], target: NDArray[np.float64], *, size: NDArray[np.float64], samples: int
-) -> NDArray[np.float64]:
-    """(p,) of least squares on columns divided by their `size`, smallest where the data leave it open."""
-    left, singular, right = np.linalg.svd(regressors / size, full_matrices=False)
-    kept = singular > OPEN * np.sqrt(samples)
-    return np.asarray(right[kept].T @ ((left[:, kept].T @ target) / singular[kept]) / size)
+def parameters(model: dict[str, Any]) -> dict[str, dict[str, Any]]:
+    """Every parameter and ratio of a model document by name."""
+    values = [value for joint in model["joints"] for value in joint["parameters"]]
+    return {value["name"]: value for value in (*values, *model["ratios"])}
 
 
-def _with(estimate: Estimate, solution: NDArray[np.float64]) -> Estimate:
-    """The estimate with other parameters, in units of the one joint that they are right for."""
-    return replace(estimate, solution=solution, scales=np.triu(np.ones_like(estimate.scales)))
+def combination(model: dict[str, Any], text: str) -> dict[str, Any]:
+    """The estimable combination whose description holds `text`."""
+    return next(entry for entry in model["combinations"] if text in entry["text"])
+
+
+def ladder(place: Path, heldout: Sequence[Path] = ()) -> tuple[list[dict[str, Any]], dict[str, Any]]:
+    """The error ladder after ``diagnose --apply``, and the diagnosis of the base model.
+
+    Parameters
+    ----------
+    place
+        Experiment folder without results.
+    heldout
+        Files among its logs that are kept for judging.
+    """
+    judged = [word for file in heldout for word in ("--heldout", str(file))]
+    run(place, "identify", *judged)
+    _, first, _ = run(place, "diagnose", *judged, "-o", str(place / "first.json"))
+    run(place, "diagnose", *judged, "--apply")
+    history = run(place, "history")[1]["ladders"][-1]
+    models = {model["model"]: model for model in history["models"]}
+    return [models[number] for number in history["path"]], first

@@ -1,4 +1,4 @@
-"""The tables of docs/benchmark.md from the records of a run."""
+"""The tables of docs/validation.md from the records of a run."""
 
 from __future__ import annotations
 
