@@ -115,7 +115,7 @@ def test_every_ur3e_stroke_is_half_a_turn(shoulder):
     """Segment finds eleven strokes of joint 2, each 180 degrees but for its slow ends, both ways in turn."""
     runs = run(shoulder[0], "segment")[1]["runs"]
     assert [(entry["joint"], entry["kind"]) for entry in runs] == [(2, "stroke")] * 11
-    assert [np.sign(entry["velocity"]) for entry in runs] == [-1, 1] * 5 + [-1]
+    assert [np.sign(entry["speed"]) for entry in runs] == [-1, 1] * 5 + [-1]
 
 
 def test_ur3e_gravity_is_that_of_half_sums_and_points_where_the_published_masses_do(shoulder):

@@ -1,0 +1,449 @@
+"""The models of an experiment: each is archived, with the model it was made from and the error that it left."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import math
+import re
+from collections import Counter
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+from pumaid.errors import Note, PumaidError, ResultError, Where
+from pumaid.io.write import locked, write_file
+from pumaid.records import Estimate, JointFit
+from pumaid.results.documents import as_text, plain, read_document
+from pumaid.results.model_file import REFUSALS, estimate_from, model_document
+from pumaid.robot import EffectChoice, Robot
+
+#: The current model in a results folder, and the folder beside it that holds all of them.
+CURRENT, FOLDER = "model.json", "models"
+#: The entry by which an archived file differs from the model file that it is a copy of.
+_LINK = "history"
+#: Longest part of a file's name that lists effects.
+_LONGEST = 80
+_NAME = re.compile(r"(\d+)-.*\.json")
+
+
+@dataclass(frozen=True, slots=True)
+class Errors:
+    """RMSE (A) of the fitted and of the held-out runs, and the noise floor (A); None where not known."""
+
+    fitted: float | None
+    heldout: float | None
+    noise_floor: float | None
+
+
+@dataclass(frozen=True, slots=True)
+class Rung:
+    """One model of the history.
+
+    Attributes
+    ----------
+    number
+        From 1, in the order in which models were archived.
+    file, digest
+        Its file's name, and the SHA-256 of its content.
+    parent
+        Number of the model that it was made from; None for the first, or where that one is gone.
+    effects
+        All effects in it beyond the paper's model.
+    added, removed
+        Effects that it has more and less than its parent; of the first, all that are in it.
+    joints
+        How well each joint is fitted.
+    whole
+        The same for the whole arm, joints weighted by their fitted samples.
+    is_current
+        Whether it is the model that other commands use now.
+    """
+
+    number: int
+    file: str
+    digest: str
+    parent: int | None
+    effects: tuple[EffectChoice, ...]
+    added: tuple[EffectChoice, ...]
+    removed: tuple[EffectChoice, ...]
+    joints: tuple[JointFit, ...]
+    whole: Errors
+    is_current: bool = False
+
+
+@dataclass(frozen=True, slots=True)
+class Ladder:
+    """Models whose errors can be compared: of one arm, one set of logs and the same fitted runs of them.
+
+    Attributes
+    ----------
+    robot
+        The arm's name.
+    recipe
+        SHA-256 of the recipe of its last model.
+    logs
+        Name -> SHA-256 of the logs that were fitted.
+    rungs
+        In the order of their numbers.
+    apart
+        Why it cannot be compared with the current model; empty where it can.
+    """
+
+    robot: str
+    recipe: str
+    logs: Mapping[str, str]
+    rungs: tuple[Rung, ...]
+    apart: str = ""
+
+    @property
+    def path(self) -> tuple[Rung, ...]:
+        """From the first model to the current one (the last, where none is current), each from the one before."""
+        by_number = {rung.number: rung for rung in self.rungs}
+        at: Rung | None = next((rung for rung in self.rungs if rung.is_current), self.rungs[-1])
+        path: list[Rung] = []
+        while at is not None and at not in path:
+            path.append(at)
+            at = by_number.get(at.parent or 0)
+        return tuple(reversed(path))
+
+
+@dataclass(frozen=True, slots=True)
+class History:
+    """All models of an experiment's folder.
+
+    Attributes
+    ----------
+    folder
+        Where they are.
+    ladders
+        At least one; the one that holds the current model first.
+    current
+        Number of the current model; None where it is not among them.
+    notes
+        Files that could not be used.
+    """
+
+    folder: str
+    ladders: tuple[Ladder, ...]
+    current: int | None = None
+    notes: tuple[Note, ...] = ()
+
+
+@dataclass(frozen=True, slots=True)
+class Kept:
+    """Number and file of a model in the archive, and whether it was added now."""
+
+    number: int
+    path: Path
+    is_new: bool
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Entry:
+    """An archived model: its file, the digests of its content, its parent and its arm, and whether it was edited."""
+
+    number: int
+    path: Path
+    document: Mapping[str, Any]
+    estimate: Estimate
+    digest: str
+    parent: str | None
+    arm: str
+    is_changed: bool = False
+
+    @property
+    def key(self) -> tuple[object, ...]:
+        """Arm, logs and numbers of fitted runs: equal for models whose errors can be compared."""
+        fitted = tuple((fit.runs, fit.samples) for fit in self.estimate.joints)
+        return self.arm, tuple(sorted(self.estimate.logs.values())), fitted
+
+
+def keep(path: Path, estimate: Estimate, robot: Robot) -> Kept:
+    """Write the current model of an experiment, and archive it as ``models/NUMBER-EFFECTS.json`` beside it.
+
+    Its parent is the model that was current where one of the two has all effects of the other, else (or where it is an
+    earlier one fitted again) the comparable model with most of its effects. A model is archived once.
+
+    Parameters
+    ----------
+    path
+        ``results/model.json``.
+    estimate
+        The model.
+    robot
+        The arm; models of the same arm stay comparable when only the recipe's effects change.
+
+    Raises
+    ------
+    ResultError [cannot-write], [results-busy]
+        The system refuses, or another run does not end its writing.
+    """
+    arm = digest_of(plain(replace(robot, effects=(), origin="", digest="")))
+    document = model_document(estimate)
+    with locked(Path(path).parent / FOLDER):
+        before = _archive_current(Path(path))
+        kept = _archive(Path(path).parent / FOLDER, (document, estimate), arm=arm, before=before)
+        write_file(Path(path), as_text(document))
+    return kept
+
+
+def restore(results: Path, number: int) -> Path:
+    """Make model `number` of the archive the current one; returns its file.
+
+    Raises
+    ------
+    ResultError [no-such-model], [no-history], [cannot-write]
+        The archive has no such number, or there is none, or the system refuses.
+    """
+    _entries(results)
+    with locked(results / FOLDER):
+        _archive_current(results / CURRENT)
+        entries, _ = _entries(results)
+        chosen = next((entry for entry in entries if entry.number == number), None)
+        if chosen is None:
+            numbers = ", ".join(str(entry.number) for entry in entries)
+            what = f"there is no model {number}; there are {numbers}"
+            raise ResultError("no-such-model", what, Where(file=str(results / FOLDER)), "see: pumaid history")
+        write_file(results / CURRENT, as_text(_without_link(chosen.document)))
+    return results / CURRENT
+
+
+def read_history(results: Path) -> History:
+    """All models that a results folder keeps, as ladders of those that can be compared.
+
+    Raises
+    ------
+    ResultError [no-history]
+        No model was archived.
+    """
+    entries, notes = _entries(results)
+    try:
+        digest, why = digest_of(_read(results / CURRENT)[0]), "is not among the kept ones"
+    except PumaidError as error:
+        digest, why = "", "is missing" if error.slug == "file-not-readable" else "is damaged"
+    current = next((entry for entry in entries if entry.digest == digest), None)
+    if current is None:
+        text = f"the current model {results / CURRENT} {why}; the ladder ends at the last that was kept"
+        notes = [*notes, Note("model-not-kept", text, Where(file=str(results / CURRENT)))]
+    main = current or entries[-1]
+    groups: dict[tuple[object, ...], list[Entry]] = {main.key: []}
+    for entry in entries:
+        groups.setdefault(entry.key, []).append(entry)
+    number = None if current is None else current.number
+    ladders = tuple(_ladder(group, main, number) for group in groups.values())
+    return History(str(results / FOLDER), ladders, number, tuple(notes))
+
+
+def ladder_of(model: Path) -> Ladder | None:
+    """The ladder that ends at a current model's file; None where no model was archived, or for another file."""
+    try:
+        history = read_history(model.parent)
+    except ResultError:
+        return None
+    return history.ladders[0] if history.current is not None and model.name == CURRENT else None
+
+
+def digest_of(document: Mapping[str, Any]) -> str:
+    """SHA-256 of a model's document without its link, however the JSON is laid out."""
+    text = json.dumps(_without_link(document), sort_keys=True, separators=(",", ":"))
+    return hashlib.sha256(text.encode()).hexdigest()
+
+
+def _without_link(document: Mapping[str, Any]) -> dict[str, Any]:
+    return {key: entry for key, entry in document.items() if key != _LINK}
+
+
+def _read(path: Path) -> tuple[dict[str, Any], Estimate]:
+    """A model file as JSON and as a model; a pipe or device is refused, since reading it might never end."""
+    if path.exists() and not path.is_file():
+        what = f"{path} is not a plain file"
+        raise ResultError("file-not-readable", what, Where(file=str(path)), "remove it from the results folder")
+    document = read_document(path, REFUSALS)
+    return document, estimate_from(document, str(path))
+
+
+def _archive_current(path: Path) -> str | None:
+    """Digest of the current model, archived first if it is not; None where there is none."""
+    try:
+        model = _read(path)
+    except PumaidError:
+        return None
+    _archive(path.parent / FOLDER, model, arm="", before=None)
+    return digest_of(model[0])
+
+
+def _archive(folder: Path, model: tuple[dict[str, Any], Estimate], *, arm: str, before: str | None) -> Kept:
+    """Put a model into the archive; `before` is the digest of the one that was current."""
+    document, estimate = model
+    digest = digest_of(document)
+    entries, _ = _usable(folder)
+    for entry in entries:
+        if entry.digest == digest:
+            return Kept(entry.number, entry.path, is_new=False)
+    number = 1 + max((_number(path) for path in folder.glob("*")), default=0)
+    path = folder / f"{number:03d}-{_effects_word(estimate.effects)}.json"
+    new = Entry(number, path, document, estimate, digest=digest, parent=None, arm=arm)
+    *others, new = _with_arms([*entries, new])
+    parent = _parent(new, [entry for entry in others if entry.key == new.key], before)
+    link = {"number": number, "sha256": digest, "parent": parent, "arm": arm}
+    write_file(path, as_text(_without_link(document) | {_LINK: link}))
+    return Kept(number, path, is_new=True)
+
+
+def _parent(new: Entry, others: Sequence[Entry], before: str | None) -> str | None:
+    """Digest of the model that `new` was made from, among those that can be compared with it."""
+    effects = _counted(new.estimate.effects)
+    sets = {entry.digest: _counted(entry.estimate.effects) for entry in others}
+    within = [entry for entry in others if sets[entry.digest] <= effects]
+    best = max(within, key=lambda entry: (sets[entry.digest].total(), entry.number), default=None)
+    has_twin = best is not None and sets[best.digest] == effects
+    if before in sets and (sets[before] <= effects or (effects <= sets[before] and not has_twin)):
+        return before
+    return None if best is None else best.digest
+
+
+def _counted(effects: Iterable[EffectChoice]) -> Counter[tuple[str, int | None]]:
+    """Effects without their shapes, which every fit estimates anew."""
+    return Counter((choice.effect, choice.joint) for choice in effects)
+
+
+def _effects_word(effects: Sequence[EffectChoice]) -> str:
+    """Effects as part of a file's name: ``stribeck@1,3+tilt``."""
+    joints: dict[str, list[int]] = {}
+    for choice in effects:
+        joints.setdefault(choice.effect, []).extend([choice.joint] if choice.joint else [])
+    words = [f"{name}@{','.join(map(str, numbers))}" if numbers else name for name, numbers in joints.items()]
+    word = re.sub(r"[^\w@,+.-]", "_", "+".join(words))
+    return word if 0 < len(word) <= _LONGEST else f"{len(effects)}-effects" if effects else "base"
+
+
+def _number(path: Path) -> int:
+    """The number in an archived file's name; 0 for another file."""
+    match = _NAME.fullmatch(path.name)
+    return int(match[1]) if match else 0
+
+
+def _entries(results: Path) -> tuple[list[Entry], list[Note]]:
+    """The archive of a results folder in order of numbers, and what in it cannot be used."""
+    entries, notes = _usable(results / FOLDER)
+    if not entries:
+        what = f"no model was kept in {results / FOLDER}"
+        mend = "'pumaid identify LOGS...' makes the first; each later one is kept beside it"
+        raise ResultError("no-history", what, Where(file=str(results)), mend)
+    return _with_arms(entries), notes
+
+
+def _usable(folder: Path) -> tuple[list[Entry], list[Note]]:
+    entries: dict[int, Entry] = {}
+    notes: list[Note] = []
+    paths = [path for path in folder.iterdir() if path.name[0] != "."] if folder.is_dir() else []
+    for path in sorted(paths, key=lambda path: (_number(path), path.name)):
+        where = Where(file=str(path))
+        try:
+            entry = _entry(path)
+            if entry.number in entries or any(entry.digest == other.digest for other in entries.values()):
+                raise ResultError("model-skipped", "its model or number is there already", where)
+        except PumaidError as error:
+            why = str(getattr(error, "faults", [error])[0].what).replace(str(path), "it")
+            notes.append(Note("model-skipped", f"{path.name} is passed over: {why}", where))
+            continue
+        if entry.is_changed:
+            notes.append(
+                Note("model-changed", f"{path.name} was changed after it was kept; it is used as it is", where)
+            )
+        entries[entry.number] = entry
+    return list(entries.values()), notes
+
+
+def _entry(path: Path) -> Entry:
+    if not _number(path):
+        where = Where(file=str(path))
+        raise ResultError("model-skipped", "it is not named as kept models are (NUMBER-EFFECTS.json)", where)
+    document, estimate = _read(path)
+    link = document.get(_LINK)
+    texts = {key: text for key, text in link.items() if isinstance(text, str)} if isinstance(link, dict) else {}
+    digest = digest_of(document)
+    return Entry(
+        _number(path),
+        path,
+        document,
+        estimate,
+        digest=digest,
+        parent=texts.get("parent"),
+        arm=texts.get("arm", ""),
+        is_changed=texts.get("sha256", digest) != digest,
+    )
+
+
+def _with_arms(entries: Sequence[Entry]) -> list[Entry]:
+    """Entries without an arm's digest take that of another with the same recipe, or the recipe's."""
+    arms = {entry.estimate.recipe_digest: entry.arm for entry in entries if entry.arm}
+    recipes = [entry.estimate.recipe_digest for entry in entries]
+    return [
+        replace(entry, arm=entry.arm or arms.get(recipe, recipe))
+        for entry, recipe in zip(entries, recipes, strict=True)
+    ]
+
+
+def _ladder(group: Sequence[Entry], main: Entry, current: int | None) -> Ladder:
+    last = group[-1].estimate
+    by_digest = {entry.digest: entry for entry in group}
+    rungs = tuple(_rung(entry, by_digest.get(entry.parent or ""), current) for entry in group)
+    return Ladder(last.robot, last.recipe_digest, dict(last.logs), rungs, _apart(group[-1], main))
+
+
+def _rung(entry: Entry, parent: Entry | None, current: int | None) -> Rung:
+    before = () if parent is None else parent.estimate.effects
+    effects = entry.estimate.effects
+    return Rung(
+        number=entry.number,
+        file=entry.path.name,
+        digest=entry.digest,
+        parent=None if parent is None else parent.number,
+        effects=effects,
+        added=_beyond(effects, before),
+        removed=_beyond(before, effects),
+        joints=entry.estimate.joints,
+        whole=_whole(entry.estimate.joints),
+        is_current=entry.number == current,
+    )
+
+
+def _whole(joints: Sequence[JointFit]) -> Errors:
+    """The arm's errors: joints weighted by their fitted samples, None unless known of every fitted joint."""
+    fitted = [fit for fit in joints if fit.rmse is not None]
+    samples = sum(fit.samples for fit in fitted)
+
+    def pooled(values: Sequence[float | None]) -> float | None:
+        numbers = [value for value in values if value is not None]
+        if not samples or len(numbers) < len(fitted):
+            return None
+        return math.sqrt(sum(fit.samples * value**2 for fit, value in zip(fitted, numbers, strict=True)) / samples)
+
+    rmse, heldout, floor = ([getattr(fit, name) for fit in fitted] for name in ("rmse", "heldout", "noise_floor"))
+    return Errors(pooled(rmse), pooled(heldout), pooled(floor))
+
+
+def _apart(entry: Entry, main: Entry) -> str:
+    """Why the errors of two models cannot be compared; empty where they can."""
+    if entry.arm != main.arm:
+        origin = entry.estimate.origin or "in memory"
+        return f"of another recipe ({origin}, SHA-256 {entry.estimate.recipe_digest[:12]})"
+    current, logs = set(main.estimate.logs.values()), set(entry.estimate.logs.values())
+    if current != logs:
+        return f"fitted to other logs ({len(logs)}, of which the current model has {len(current & logs)})"
+    return "" if entry.key == main.key else "fitted to other runs of the same logs (others were held out)"
+
+
+def _beyond(effects: Sequence[EffectChoice], others: Sequence[EffectChoice]) -> tuple[EffectChoice, ...]:
+    """The effects that `others` lack."""
+    remaining, beyond = _counted(others), []
+    for choice in effects:
+        key = (choice.effect, choice.joint)
+        if remaining[key]:
+            remaining[key] -= 1
+        else:
+            beyond.append(choice)
+    return tuple(beyond)
