@@ -31,11 +31,9 @@ _HOMES = {
     **dict.fromkeys(("JointDiagnosis", "Limit", "NextRun", "Size", "Unexplained"), "pumaid.records"),
     **dict.fromkeys(("Errors", "History", "Ladder", "Rung"), "pumaid.results.history"),
     **dict.fromkeys(("EffectChoice", "Joint", "LogFormat", "Robot"), "pumaid.robot"),
-    **{
-        verb: f"pumaid.verbs.{verb}"
-        for verb in ("compare", "diagnose", "export", "identify", "plan", "segment", "simulate")
-    },
+    **{verb: f"pumaid.verbs.{verb}" for verb in ("compare", "diagnose", "identify", "plan", "segment", "simulate")},
     "Exported": "pumaid.exports",
+    "export": "pumaid.exports",
     "catalogue": "pumaid.effects",
     "read_recipe": "pumaid.io.recipe",
     "LogReader": "pumaid.io.table",

@@ -40,14 +40,22 @@ Generated from the effects themselves by `make docs`; do not edit.
 It is what `pumaid effects` lists: the physics that a model can have.
 An effect is linear in its parameters once its shape is given; shapes are searched for, or given.
 
-| letter | meaning |
+| name | meaning |
 |---|---|
 | s | sign of the motion, +1 or -1 |
-| q, qd, v | the joint's position, its signed velocity, its speed |
-| tau | gravity's load of the joint by the model fitted so far, A |
-| i | the model's whole prediction, A; in `coupling`, a joint's number |
-| t | time since the joint's first motion, s |
+| q, qd, qdd | the joint's position, velocity, acceleration |
+| shaft, v | the velocity that drives its friction (its own unless gears couple it), and the size of that |
+| load | gravity's load of the joint by the model fitted so far, A |
+| load_owner, slope_owner | the load of the joint that owns the parameters; the derivative of `load` by its position |
+| drawn | the model's whole prediction, A |
+| across | gravity's moment across the joint's axis, as the current that it would draw along it |
+| tilt_x, tilt_y | the derivative of `load` by a turn of the base about its x and y |
+| t, elapsed | time since the joint's, the arm's first motion, s |
+| path | what was travelled since the motion began, rad or m |
+| temperature | of the motor, degC |
+| [condition] | 1 where it holds, else 0 |
 
+Other names are the effect's own parameters and shapes.
 Signs are those of [conventions.md](conventions.md); where a motor's current counts against its joint, friction is
 negative.
 An effect of your own is one file: [adding_an_effect.md](adding_an_effect.md).

@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from puma import DEG, HOME, SIDE, TICK, Arm, Drive, recipe
 
 import pumaid
-from pumaid.verbs.export import export
+from pumaid.exports import export
 
 Floats = NDArray[np.float64]
 

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from puma import DEG, SIDE, TICK, Arm, Drive, pd, recipe
 
 import pumaid
-from pumaid.verbs.export import export
+from pumaid.exports import export
 
 Floats = NDArray[np.float64]
 

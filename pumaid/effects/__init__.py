@@ -10,9 +10,12 @@ from pathlib import Path
 from types import MappingProxyType
 
 from pumaid.effects.base import Effect, Family, Parameter, Scope, Shape, Trace
-from pumaid.effects.outside import effect_in, from_entry_points, from_file
+from pumaid.effects.plugins import effect_in, from_entry_points, from_file
 
 __all__ = ["Effect", "Family", "Parameter", "Scope", "Shape", "Trace", "catalogue", "include"]
+
+#: Modules of this folder that hold no effect.
+SHARED = ("base", "formula", "plugins")
 
 #: Files that a user named in this process -> their effects.
 _INCLUDED: dict[Path, Effect] = {}
@@ -61,5 +64,5 @@ def include(path: Path) -> Effect:
 
 @functools.cache
 def _own() -> Mapping[str, Effect]:
-    names = sorted(info.name for info in pkgutil.iter_modules(__path__) if not info.ispkg and info.name != "base")
+    names = sorted(info.name for info in pkgutil.iter_modules(__path__) if not info.ispkg and info.name not in SHARED)
     return {name: effect_in(importlib.import_module(f"{__name__}.{name}")) for name in names}

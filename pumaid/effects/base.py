@@ -13,8 +13,9 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
+from pumaid.effects.formula import columns, printed
 from pumaid.kinematics import axes
-from pumaid.records import Extent, Loads, Samples
+from pumaid.records import Extent, Samples
 from pumaid.robot import Joint, Robot
 
 Floats = NDArray[np.float64]
@@ -113,8 +114,13 @@ class Effect(ABC):
     ----------
     title
         A line for people.
+    formula
+        The current, in the terms of `pumaid.effects.formula`: ``s * a * exp(-(v / velocity) ** exponent)``. Columns,
+        exports and documents are made from it. Empty where `columns` says it in code.
     equation
-        The current, in plain characters: ``s a exp(-(v/v_s)^d)``.
+        The same as documents print it; made from `formula` where it is not stated.
+    left_out
+        Why an exported model leaves the effect out though the formula is known; empty where it does not.
     source
         Paper or book that states the law.
     scope
@@ -149,19 +155,20 @@ class Effect(ABC):
     --------
     >>> class Square(Effect):
     ...     title = "Friction with the square of speed"
-    ...     equation = "c v |v|"
+    ...     formula = "square * qd * v"
     ...     source = "an example"
     ...     family = Family.SPEED
     ...     trace = (Trace.SPEED,)
     ...     def parameters(self, robot, number):
     ...         return (Parameter("square", "A s2/{unit}2", "current at unit speed", "c{n}"),)
-    ...     def columns(self, robot, samples, *, number=None, shape=NO_SHAPE):
-    ...         v = samples.velocity[:, samples.joint - 1]
-    ...         return (v * np.abs(v))[:, None]
+    >>> Square.equation
+    'square qd v'
     """
 
     title: ClassVar[str]
+    formula: ClassVar[str] = ""
     equation: ClassVar[str] = ""
+    left_out: ClassVar[str] = ""
     source: ClassVar[str]
     scope: ClassVar[Scope] = Scope.JOINT
     family: ClassVar[Family]
@@ -175,6 +182,9 @@ class Effect(ABC):
     is_repeatable: ClassVar[bool] = False
     periodic: ClassVar[str | None] = None
     needs_loads: ClassVar[bool] = False
+
+    def __init_subclass__(cls) -> None:
+        cls.equation = cls.equation or printed(cls.formula)
 
     @property
     def name(self) -> str:
@@ -206,7 +216,10 @@ class Effect(ABC):
         """
         return (NO_SHAPE,)
 
-    @abstractmethod
+    def formula_in(self, robot: Robot, number: int, joint: int) -> str:
+        """The current in `joint` (from 1) that owner `number` causes; `formula` for most effects."""
+        return self.formula
+
     def columns(
         self, robot: Robot, samples: Samples, *, number: int | None = None, shape: Mapping[str, float] = NO_SHAPE
     ) -> Floats:
@@ -230,6 +243,10 @@ class Effect(ABC):
         columns
             (M, p), A per unit of parameter.
         """
+        owner = number or (0 if self.scope is Scope.ARM else samples.joint)
+        names = tuple(parameter.name for parameter in self.parameters(robot, owner))
+        formula = self.formula_in(robot, owner, samples.joint)
+        return columns(formula, names, shape, motion=(robot, samples, owner))
 
     def columns_each(
         self, robot: Robot, samples: Samples, *, number: int | None, shapes: Sequence[Mapping[str, float]]
@@ -261,21 +278,6 @@ def instants(extent: Extent) -> tuple[float, ...]:
     between = starts[1:] - AHEAD * np.diff(starts)
     chosen = np.unique(np.linspace(0, len(between) - 1, min(len(between), MOST_INSTANTS)).round().astype(int))
     return tuple(float(t) for t in between[chosen])
-
-
-def friction_velocity(robot: Robot, samples: Samples) -> Floats:
-    """(M,) velocity that drives the friction of the moving joint's motor, in units of the joint.
-
-    Its own, and where gears couple it (`Robot.coupling`) a share of the velocities of the joints before it.
-    """
-    own = samples.joint - 1
-    return samples.velocity @ robot.shaft_speeds[own] if robot.coupling else samples.velocity[:, own]
-
-
-def loads_of(samples: Samples) -> Loads:
-    """The loads at `samples`, which whoever calls an effect with `needs_loads` has filled."""
-    assert samples.loads is not None
-    return samples.loads
 
 
 def load_refusal(robot: Robot, joint: int, *, must_change: bool = False) -> str | None:

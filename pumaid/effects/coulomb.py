@@ -2,12 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-
-import numpy as np
-
-from pumaid.effects.base import NO_SHAPE, Effect, Family, Floats, Parameter, Trace
-from pumaid.records import Samples
+from pumaid.effects.base import Effect, Family, Parameter, Trace
 from pumaid.robot import Robot
 
 
@@ -18,7 +13,7 @@ class Coulomb(Effect):
     """
 
     title = "Coulomb friction, each direction its own"
-    equation = "lambda_1+ where qd > 0, lambda_1- where qd < 0"
+    formula = "plus * (s > 0) + minus * (s < 0)"
     source = "S.-K. Lin, Identification of a Class of Nonlinear Deterministic Systems, eq. (20), Table I"
     family = Family.DIRECTION
     trace = (Trace.DIRECTION,)
@@ -30,9 +25,3 @@ class Coulomb(Effect):
             Parameter("plus", "A", "current at zero speed, forward", "lambda1+", 0.4),
             Parameter("minus", "A", "current at zero speed, backward", "lambda1-", -0.3),
         )
-
-    def columns(
-        self, robot: Robot, samples: Samples, *, number: int | None = None, shape: Mapping[str, float] = NO_SHAPE
-    ) -> Floats:
-        forward = samples.direction > 0
-        return np.column_stack([forward, ~forward]).astype(float)

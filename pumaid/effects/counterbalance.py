@@ -6,20 +6,20 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from pumaid.effects.base import NO_SHAPE, Effect, Family, Floats, Parameter, Shape, Trace
-from pumaid.records import Extent, Samples
+from pumaid.effects.base import Effect, Family, Parameter, Shape, Trace
+from pumaid.records import Extent
 from pumaid.robot import Robot
 
 
 class Counterbalance(Effect):
     """A cylinder with a constant force between link and base.
 
-    c is the lever on the link over the distance of the cylinder's foot from the axis, p the position at which cylinder
-    and lever are in line, a the force times the lever, as current. c and 1/c are the same curve.
+    length is the lever on the link over the distance of the cylinder's foot from the axis, angle the position at which
+    cylinder and lever are in line, a the force times the lever, as current. length and 1/length give the same curve.
     """
 
     title = "Counterbalance: a constant force on a lever"
-    equation = "a sin(q-p)/sqrt(1 + c^2 - 2 c cos(q-p))"
+    formula = "a * sin(q - angle) / sqrt(1 + length ** 2 - 2 * length * cos(q - angle))"
     source = (
         "A. Klimchik, Y. Wu, C. Dumas, S. Caro, B. Furet and A. Pashkevich, Identification of geometrical and"
         " elastostatic parameters of heavy industrial robots, IEEE Int. Conf. Robotics and Automation 2013,"
@@ -35,19 +35,13 @@ class Counterbalance(Effect):
 
     def shapes(self, robot: Robot, number: int) -> tuple[Shape, ...]:
         return (
-            Shape("length", "1", "c: lever over the distance of the foot from the axis", 0.02, 0.98, 0.4),
-            Shape("angle", "rad", "p: position at which cylinder and lever are in line", -np.pi, np.pi, 0.5),
+            Shape("length", "1", "lever over the distance of the foot from the axis", 0.02, 0.98, 0.4),
+            Shape("angle", "rad", "position at which cylinder and lever are in line", -np.pi, np.pi, 0.5),
         )
 
     def grid(self, robot: Robot, extent: Extent) -> tuple[Mapping[str, float], ...]:
         angles = np.arange(-4, 4) * np.pi / 4
         return tuple({"length": c, "angle": float(p)} for c in (0.2, 0.5, 0.8) for p in angles)
-
-    def columns(
-        self, robot: Robot, samples: Samples, *, number: int | None = None, shape: Mapping[str, float] = NO_SHAPE
-    ) -> Floats:
-        angle, c = samples.position[:, samples.joint - 1] - shape["angle"], shape["length"]
-        return (np.sin(angle) / np.sqrt(1.0 + c * c - 2.0 * c * np.cos(angle)))[:, None]
 
     def applies(self, robot: Robot, joint: int) -> str | None:
         if not robot.joint(joint).is_revolute:

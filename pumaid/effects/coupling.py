@@ -4,10 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-import numpy as np
-
-from pumaid.effects.base import NO_SHAPE, Effect, Family, Floats, Parameter, Scope, Shape, Trace, load_refusal, loads_of
-from pumaid.records import Extent, Samples
+from pumaid.effects.base import Effect, Family, Parameter, Scope, Shape, Trace, load_refusal
+from pumaid.records import Extent
 from pumaid.robot import Robot
 
 
@@ -15,12 +13,12 @@ class Coupling(Effect):
     """Part of joint m's load is carried by the motor of joint i.
 
     In a wrist whose drives pass through each other, a turn of joint i's motor also turns joint m, so i's motor carries
-    c times m's load: m owns c, the shape says which joint i it is on. tau_m is m's gravity load by the model, in
+    c times m's load: m owns c, the shape `on` says which joint i it is. load_owner is m's gravity load by the model, in
     ampere of m's own motor; where m's load is not known the column is zero.
     """
 
     title = "Gear coupling: a joint's load on another's motor"
-    equation = "c tau_m in joint i"
+    formula = "c * load_owner * (joint == on)"
     source = (
         "S.-K. Lin, Identification of a Class of Nonlinear Deterministic Systems with Application to Manipulators,"
         " eq. (38)-(40) (coupled wrist of the PUMA 560)"
@@ -36,21 +34,13 @@ class Coupling(Effect):
         return (Parameter("c", "1", "current of the other joint per load of this one", "c{n}", 0.1, -20.0, 20.0),)
 
     def shapes(self, robot: Robot, number: int) -> tuple[Shape, ...]:
-        meaning = "i: number of the joint whose current changes"
+        meaning = "number of the joint whose current changes"
         other = 1.0 if number != 1 else 2.0
         return (Shape("on", "1", meaning, 1.0, float(max(robot.n_joints, 2)), other, is_searched=False),)
 
     def grid(self, robot: Robot, extent: Extent) -> tuple[Mapping[str, float], ...]:
         # A drive passes through the joints before its own: those are the motors that can carry it.
         return tuple({"on": float(i)} for i in reversed(range(1, extent.joint or 1)))
-
-    def columns(
-        self, robot: Robot, samples: Samples, *, number: int | None = None, shape: Mapping[str, float] = NO_SHAPE
-    ) -> Floats:
-        owner = number or samples.joint
-        if samples.joint != int(shape["on"]) or owner == samples.joint:
-            return np.zeros((len(samples), 1))
-        return np.nan_to_num(loads_of(samples).others[:, owner - 1])[:, None]
 
     def applies(self, robot: Robot, joint: int) -> str | None:
         if joint == 1:

@@ -2,25 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-
-import numpy as np
-
-from pumaid.effects.base import NO_SHAPE, Effect, Family, Floats, Parameter, Trace, load_refusal, loads_of
-from pumaid.records import Samples
+from pumaid.effects.base import Effect, Family, Parameter, Trace, load_refusal
 from pumaid.robot import Robot
 
 
 class Delay(Effect):
     """The current in a row of the log is the one of dt earlier than its position.
 
-    tau is the joint's gravity load by the model (A), qd its signed velocity. The load as logged lags behind the
-    position, so that it makes a loop between the directions, the wider the faster. A negative dt is a position that
-    lags behind the current.
+    slope_owner is the slope of the joint's gravity load by the model (A/rad), qd its signed velocity. The load as
+    logged lags behind the position, so that it makes a loop between the directions, the wider the faster. A negative dt
+    is a position that lags behind the current.
     """
 
     title = "Current logged later than position"
-    equation = "-dt qd dtau/dq"
+    formula = "-dt * qd * slope_owner"
+    left_out = "it is of the log's clocks, not of the arm"
     source = (
         "J. Swevers, W. Verdonck and J. De Schutter, Dynamic model identification for industrial robots, IEEE Control"
         " Systems Magazine 27 (2007) 58-71 (processing of measured data); first order in the delay"
@@ -33,12 +29,6 @@ class Delay(Effect):
 
     def parameters(self, robot: Robot, number: int) -> tuple[Parameter, ...]:
         return (Parameter("dt", "s", "how late the current is logged", "dt{n}", 0.01, -1.0, 1.0),)
-
-    def columns(
-        self, robot: Robot, samples: Samples, *, number: int | None = None, shape: Mapping[str, float] = NO_SHAPE
-    ) -> Floats:
-        own = samples.joint - 1
-        return -(samples.velocity[:, own] * np.nan_to_num(loads_of(samples).slopes[:, own]))[:, None]
 
     def applies(self, robot: Robot, joint: int) -> str | None:
         if not robot.joint(joint).is_revolute:

@@ -2,25 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-
-import numpy as np
-
-from pumaid.effects.base import NO_SHAPE, Effect, Family, Floats, Parameter, Scope, Trace, load_refusal, loads_of
-from pumaid.records import Samples
+from pumaid.effects.base import Effect, Family, Parameter, Scope, Trace, load_refusal
 from pumaid.robot import Robot
 
 
 class Flexibility(Effect):
-    """The link of joint m stands at q - c tau where the motor's sensor says q, whichever joint moves.
+    """The link of joint m stands at q - c load where the motor's sensor says q, whichever joint moves.
 
-    tau is the gravity load of joint m by the model (A, of its own motor), c its compliance in radians per ampere of it:
-    positive where the load bends the drive downward and the motor's current counts along the joint, as the paper's
-    signs have it. Every joint that feels m's position feels the deflection: dtau_i/dq_m times -c tau.
+    load_owner is the gravity load of joint m by the model (A, of its own motor), c its compliance in radians per ampere
+    of it: positive where the load bends the drive downward and the motor's current counts along the joint, as the
+    paper's signs have it. Every joint that feels m's position feels the deflection: slope_owner is the slope of its own
+    load by m's position.
     """
 
     title = "Flexible drive: the link sags under its load"
-    equation = "-c tau_m dtau_i/dq_m"
+    formula = "-c * slope_owner * load_owner"
     source = (
         "M. W. Spong, Modeling and control of elastic joint robots, ASME J. Dynamic Systems, Measurement, and Control"
         " 109 (1987) 310-319, at rest and linearised in the deflection"
@@ -34,13 +30,6 @@ class Flexibility(Effect):
 
     def parameters(self, robot: Robot, number: int) -> tuple[Parameter, ...]:
         return (Parameter("c", "rad/A", "deflection per current of the load", "c{n}", 0.01, -1.0, 1.0),)
-
-    def columns(
-        self, robot: Robot, samples: Samples, *, number: int | None = None, shape: Mapping[str, float] = NO_SHAPE
-    ) -> Floats:
-        loads, m = loads_of(samples), (number or samples.joint) - 1
-        bent = loads.own if m == samples.joint - 1 else loads.others[:, m]
-        return -(np.nan_to_num(loads.slopes[:, m]) * np.nan_to_num(bent))[:, None]
 
     def applies(self, robot: Robot, joint: int) -> str | None:
         if not robot.joint(joint).is_revolute:

@@ -4,22 +4,21 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-import numpy as np
-
-from pumaid.effects.base import NO_SHAPE, Effect, Family, Floats, Parameter, Shape, Trace, instants
-from pumaid.records import Extent, Samples
+from pumaid.effects.base import Effect, Family, Parameter, Shape, Trace, instants
+from pumaid.records import Extent
 from pumaid.robot import Robot
 
 
 class FrictionStep(Effect):
-    """Friction is a higher after the instant t_0 than before.
+    """Friction is a higher after the instant `time` than before.
 
     s is the sign of the motion, t the time since the joint's first motion. Which instant between two runs it was, no
     run can tell.
     """
 
     title = "Friction that changed at one instant"
-    equation = "s a [t > t_0]"
+    formula = "s * a * (t > time)"
+    left_out = "it came at one instant: what is written is the friction before it"
     source = (
         "A. C. Bittencourt, P. Axelsson, Y. Jung and T. Brogardh, Modeling and identification of wear in a robot joint"
         " under temperature uncertainties, IFAC World Congress 2011; M. Basseville and I. V. Nikiforov, Detection of"
@@ -32,15 +31,10 @@ class FrictionStep(Effect):
     is_repeatable = True
 
     def parameters(self, robot: Robot, number: int) -> tuple[Parameter, ...]:
-        return (Parameter("a", "A", "friction that came at t_0", "a{n}", 0.08),)
+        return (Parameter("a", "A", "friction that came at that instant", "a{n}", 0.08),)
 
     def shapes(self, robot: Robot, number: int) -> tuple[Shape, ...]:
-        return (Shape("time", "s", "t_0: when it came, counted from the first motion", 0.0, 1e9, 600.0, False),)
+        return (Shape("time", "s", "when it came, counted from the first motion", 0.0, 1e9, 600.0, False),)
 
     def grid(self, robot: Robot, extent: Extent) -> tuple[Mapping[str, float], ...]:
         return tuple({"time": t} for t in instants(extent))
-
-    def columns(
-        self, robot: Robot, samples: Samples, *, number: int | None = None, shape: Mapping[str, float] = NO_SHAPE
-    ) -> Floats:
-        return (samples.direction * (samples.time > shape["time"]).astype(np.float64))[:, None]

@@ -4,10 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-import numpy as np
-
-from pumaid.effects.base import NO_SHAPE, Effect, Family, Floats, Parameter, Scope, Trace
-from pumaid.records import Samples
+from pumaid.effects.base import Effect, Family, Parameter, Scope, Trace
 from pumaid.robot import Robot
 
 
@@ -18,7 +15,8 @@ class Inertia(Effect):
     """
 
     title = "Inertia of the moving joint"
-    equation = "J dv/dt"
+    formula = "J * qdd"
+    left_out = "it needs the acceleration, and is known only where the other joints were held"
     source = "J. J. Craig, Introduction to Robotics, 3rd ed., section 6.7; one joint moving alone"
     scope = Scope.JOINT
     family = Family.MOTION
@@ -32,11 +30,6 @@ class Inertia(Effect):
     def parameters(self, robot: Robot, number: int) -> tuple[Parameter, ...]:
         unit = f"A s2/{robot.joint(number).position_unit}"
         return (Parameter("J", unit, "current per acceleration", "J{n}", 0.02),)
-
-    def columns(
-        self, robot: Robot, samples: Samples, *, number: int | None = None, shape: Mapping[str, float] = NO_SHAPE
-    ) -> Floats:
-        return np.asarray(samples.acceleration)[:, None]
 
     def signs(self, shape: Mapping[str, float]) -> tuple[int, ...]:
         return (1,)  # mass is positive

@@ -4,24 +4,22 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-import numpy as np
-
-from pumaid.effects.base import NO_SHAPE, Effect, Family, Floats, Parameter, Trace, load_refusal, loads_of
-from pumaid.records import Samples
+from pumaid.effects.base import Effect, Family, Parameter, Trace, load_refusal
 from pumaid.robot import Robot
 
 
 class LoadFriction(Effect):
     """A share of the load is lost in the gear: one share where the motor lifts, another where it lowers.
 
-    s is the sign of the motion, tau gravity's current in the joint by the model (A); the motor lifts where s tau > 0.
+    s is the sign of the motion, load gravity's current in the joint by the model (A); the motor lifts where
+    s load > 0.
     A gear that passes a share e of the power on needs 1/e of the load to lift it, so drive = 1/e - 1; to lower it, it
     needs e of the load (if e is the same that way), so back = 1 - e. Where the motor's current counts against its
     joint, both are negative and change places.
     """
 
     title = "Friction in proportion to the load (gear efficiency)"
-    equation = "s drive |tau| where s tau > 0, else s back |tau|"
+    formula = "s * (drive * max(s * load, 0) + back * max(-s * load, 0))"
     source = (
         "P. Hamon, M. Gautier and P. Garrec, Dynamic identification of robots with a dry friction model depending on"
         " load and velocity, IROS 2010, 6187-6193"
@@ -38,14 +36,6 @@ class LoadFriction(Effect):
             Parameter("drive", "1", "friction per load while the motor lifts it", "drive{n}", 0.12, -5.0, 5.0),
             Parameter("back", "1", "friction per load while the motor lowers it", "back{n}", 0.08, -5.0, 5.0),
         )
-
-    def columns(
-        self, robot: Robot, samples: Samples, *, number: int | None = None, shape: Mapping[str, float] = NO_SHAPE
-    ) -> Floats:
-        own, s = loads_of(samples).own, samples.direction
-        lifts = s * own > 0.0
-        size = s * np.abs(own)
-        return np.column_stack([np.where(lifts, size, 0.0), np.where(lifts, 0.0, size)])
 
     def applies(self, robot: Robot, joint: int) -> str | None:
         return load_refusal(robot, joint, must_change=True)

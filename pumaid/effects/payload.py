@@ -17,8 +17,8 @@ from pumaid.effects.base import (
     Trace,
     instants,
     load_refusal,
-    loads_of,
 )
+from pumaid.effects.formula import loads_of
 from pumaid.kinematics import axes, origins
 from pumaid.records import Extent, Samples
 from pumaid.robot import Robot
@@ -30,13 +30,14 @@ class Payload(Effect):
     gamma_p is what a unit of mass at the origin of the last link's frame draws in the moving joint, gamma_x .. gamma_z
     what a unit of first moment along that frame's axes does; mass, x, y, z are the mass and its first moments, times
     the gain of the last joint. A joint feels them by the ratio of its gain to the last joint's; where that is not known
-    it is left out. t counts from the arm's first motion, whichever joint made it.
+    it is left out. elapsed counts from the arm's first motion, whichever joint made it.
 
     For a joint i that turns, a first moment h (base axes) draws (z_i x g) . h; a slide only carries the mass.
     """
 
     title = "Payload on the last link from an instant on"
-    equation = "[t > t_0] (mass gamma_p + x gamma_x + y gamma_y + z gamma_z)"
+    equation = "[elapsed > time] (mass gamma_p + x gamma_x + y gamma_y + z gamma_z)"
+    left_out = "it came at one instant: what is written is the arm without it"
     source = (
         "W. Khalil, M. Gautier and P. Lemoine, Identification of the payload inertial parameters of industrial"
         " manipulators, IEEE Int. Conf. Robotics and Automation 2007, 4943-4948"
@@ -62,7 +63,7 @@ class Payload(Effect):
         )
 
     def shapes(self, robot: Robot, number: int) -> tuple[Shape, ...]:
-        return (Shape("time", "s", "t_0: when it came, counted from the arm's first motion", 0.0, 1e9, 600.0, False),)
+        return (Shape("time", "s", "when it came, counted from the arm's first motion", 0.0, 1e9, 600.0, False),)
 
     def grid(self, robot: Robot, extent: Extent) -> tuple[Mapping[str, float], ...]:
         return tuple({"time": t} for t in instants(extent))

@@ -6,8 +6,8 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from pumaid.effects.base import NO_SHAPE, Effect, Family, Floats, Parameter, Shape, Trace
-from pumaid.records import Extent, Samples
+from pumaid.effects.base import Effect, Family, Parameter, Shape, Trace
+from pumaid.records import Extent
 from pumaid.robot import Robot
 
 #: Starting lengths of the build-up.
@@ -15,14 +15,15 @@ STARTS = 5
 
 
 class Presliding(Effect):
-    """Friction is a lower where the motion begins and has its full value after a few x_s.
+    """Friction is a lower where the motion begins and has its full value after a few times `travel`.
 
-    s is the sign of the motion, x the travel since it began. Asperities bend, or teeth take up their play, before the
-    contact slides: Dahl's model with exponent 1, whose solution for one motion is this exponential.
+    s is the sign of the motion, path what was travelled since it began. Asperities bend, or teeth take up their play,
+    before the contact slides: Dahl's model with exponent 1, whose solution for one motion is this exponential.
     """
 
     title = "Presliding: friction that builds up at the start of a motion"
-    equation = "-s a exp(-x/x_s)"
+    formula = "-s * a * exp(-path / travel)"
+    left_out = "it depends on the travel since the motion began: what is written is friction after it"
     source = (
         "P. R. Dahl, A solid friction model, The Aerospace Corporation, TOR-0158(3107-18)-1 (1968); C. Canudas de Wit,"
         " H. Olsson, K. J. Astrom and P. Lischinsky, A new model for control of systems with friction, IEEE Trans."
@@ -39,17 +40,12 @@ class Presliding(Effect):
 
     def shapes(self, robot: Robot, number: int) -> tuple[Shape, ...]:
         unit = robot.joint(number).position_unit
-        return (Shape("travel", unit, "x_s: travel over which what is lacking falls to 1/e", 1e-5, 0.4, 0.05),)
+        return (Shape("travel", unit, "travel over which what is lacking falls to 1/e", 1e-5, 0.4, 0.05),)
 
     def grid(self, robot: Robot, extent: Extent) -> tuple[Mapping[str, float], ...]:
         longest = max(extent.travel / 4.0, 1e-4)
         lengths = np.geomspace(min(extent.finest / 2.0, longest / 8.0), longest, STARTS)
         return tuple({"travel": float(x)} for x in np.clip(lengths, 1e-5, 0.4))
-
-    def columns(
-        self, robot: Robot, samples: Samples, *, number: int | None = None, shape: Mapping[str, float] = NO_SHAPE
-    ) -> Floats:
-        return (-samples.direction * np.exp(-samples.travel / shape["travel"]))[:, None]
 
     def signs(self, shape: Mapping[str, float]) -> tuple[int, ...]:
         return (1,)  # friction builds up

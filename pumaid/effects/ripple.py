@@ -6,8 +6,8 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from pumaid.effects.base import NO_SHAPE, Effect, Family, Floats, Parameter, Shape, Trace
-from pumaid.records import Extent, Samples
+from pumaid.effects.base import Effect, Family, Parameter, Shape, Trace
+from pumaid.records import Extent
 from pumaid.robot import Robot
 
 #: Periods a turn of the motor: its eccentricity, a wave generator's two lobes, the usual counts of poles and slots.
@@ -20,9 +20,9 @@ FEWEST = 1.5
 class Ripple(Effect):
     """One line of the current's spectrum against position.
 
-    q is the joint's position, f the radians of phase per radian (or m) of it: a whole multiple of the gear ratio for
-    what repeats with the motor's turn, the count of teeth for the mesh of a gear. It does not change its sign with the
-    direction. Two lines are two ripples at the joint.
+    q is the joint's position, frequency the radians of phase per radian (or m) of it: a whole multiple of the gear
+    ratio for what repeats with the motor's turn, the count of teeth for the mesh of a gear. It does not change its sign
+    with the direction. Two lines are two ripples at the joint.
 
     The search begins at such multiples of the gear ratio, where the recipe gives it, and on an even grid with a step
     of pi / (2 span): a line half way between two of its frequencies is out of phase by pi/8 at the ends of the span,
@@ -30,7 +30,7 @@ class Ripple(Effect):
     """
 
     title = "Ripple: cogging, torque ripple, gear mesh"
-    equation = "cos cos(f q) + sin sin(f q)"
+    formula = "cos * cos(frequency * q) + sin * sin(frequency * q)"
     source = (
         "D. C. Hanselman, Brushless Permanent-Magnet Motor Design, 2nd ed., Writers' Collective 2003 (cogging torque);"
         " T. D. Tuttle and W. P. Seering, A nonlinear model of a harmonic drive gear transmission, IEEE Trans. Robotics"
@@ -45,13 +45,13 @@ class Ripple(Effect):
 
     def parameters(self, robot: Robot, number: int) -> tuple[Parameter, ...]:
         return (
-            Parameter("cos", "A", "ripple in phase with the cosine of f q", "r{n}c", 0.03),
-            Parameter("sin", "A", "ripple in phase with the sine of f q", "r{n}s", 0.02),
+            Parameter("cos", "A", "ripple in phase with the cosine of frequency q", "r{n}c", 0.03),
+            Parameter("sin", "A", "ripple in phase with the sine of frequency q", "r{n}s", 0.02),
         )
 
     def shapes(self, robot: Robot, number: int) -> tuple[Shape, ...]:
         unit = f"rad/{robot.joint(number).position_unit}"
-        return (Shape("frequency", unit, "f: radians of phase per rad or m of the joint", 0.5, 1e5, 50.0),)
+        return (Shape("frequency", unit, "radians of phase per rad or m of the joint", 0.5, 1e5, 50.0),)
 
     def grid(self, robot: Robot, extent: Extent) -> tuple[Mapping[str, float], ...]:
         span = max(extent.position[1] - extent.position[0], extent.finest)
@@ -62,9 +62,3 @@ class Ripple(Effect):
         even = np.linspace(lowest, max(highest, lowest), count)
         meant = [f for f in lines if lowest <= f <= highest]
         return tuple({"frequency": float(f)} for f in (*meant, *even))
-
-    def columns(
-        self, robot: Robot, samples: Samples, *, number: int | None = None, shape: Mapping[str, float] = NO_SHAPE
-    ) -> Floats:
-        angle = shape["frequency"] * samples.position[:, samples.joint - 1]
-        return np.column_stack([np.cos(angle), np.sin(angle)])

@@ -4,23 +4,22 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from pumaid.effects.base import NO_SHAPE, Effect, Family, Floats, Parameter, Trace, loads_of
-from pumaid.records import Samples
+from pumaid.effects.base import Effect, Family, Parameter, Trace
 from pumaid.robot import Robot
 
 
 class SideLoadFriction(Effect):
     """Friction of the joint's bearings under gravity's moment M across its axis.
 
-    M is counted as the current (A) that it would draw if it lay along the axis; s is the sign of the motion. It needs
-    no weight about the axis itself, so a waist that turns about the vertical can have it.
+    across is M, counted as the current (A) that it would draw if it lay along the axis; s is the sign of the motion. It
+    needs no weight about the axis itself, so a waist that turns about the vertical can have it.
 
     M is made from the first moments that currents can show. Those that they cannot, along the axis itself and of the
     first link under an upright waist, are left out of it.
     """
 
     title = "Friction of bearings under a side load"
-    equation = "s mu M_across"
+    formula = "s * mu * across"
     source = (
         "A. C. Bittencourt and S. Gunnarsson, Static friction in a robot joint: modeling and identification of load and"
         " temperature effects, ASME J. Dynamic Systems, Measurement, and Control 134 (2012) 051013 (perpendicular load)"
@@ -34,11 +33,6 @@ class SideLoadFriction(Effect):
 
     def parameters(self, robot: Robot, number: int) -> tuple[Parameter, ...]:
         return (Parameter("mu", "1", "friction per moment across the axis", "mu{n}", 0.03, -5.0, 5.0),)
-
-    def columns(
-        self, robot: Robot, samples: Samples, *, number: int | None = None, shape: Mapping[str, float] = NO_SHAPE
-    ) -> Floats:
-        return (samples.direction * loads_of(samples).across)[:, None]
 
     def applies(self, robot: Robot, joint: int) -> str | None:
         if not robot.joint(joint).is_revolute:

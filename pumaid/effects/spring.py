@@ -2,10 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-
-from pumaid.effects.base import NO_SHAPE, Effect, Family, Floats, Parameter, Trace
-from pumaid.records import Samples
+from pumaid.effects.base import Effect, Family, Parameter, Trace
 from pumaid.robot import Robot
 
 
@@ -17,7 +14,7 @@ class Spring(Effect):
     """
 
     title = "Spring: a current in proportion to position"
-    equation = "a q"
+    formula = "a * q"
     source = (
         "Y. Wang, R. Gondokaryono, A. Munawar and G. S. Fischer, A convex optimization-based dynamic model"
         " identification package for the da Vinci Research Kit, IEEE Robotics and Automation Letters 4 (2019) 3657-3664"
@@ -30,8 +27,3 @@ class Spring(Effect):
     def parameters(self, robot: Robot, number: int) -> tuple[Parameter, ...]:
         unit = f"A/{robot.joint(number).position_unit}"
         return (Parameter("a", unit, "stiffness, as current", "a{n}", 0.1),)
-
-    def columns(
-        self, robot: Robot, samples: Samples, *, number: int | None = None, shape: Mapping[str, float] = NO_SHAPE
-    ) -> Floats:
-        return samples.position[:, samples.joint - 1][:, None].copy()

@@ -6,8 +6,8 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from pumaid.effects.base import NO_SHAPE, Effect, Family, Floats, Parameter, Shape, Trace, friction_velocity
-from pumaid.records import Extent, Samples
+from pumaid.effects.base import Effect, Family, Parameter, Shape, Trace
+from pumaid.records import Extent
 from pumaid.robot import Robot
 
 #: Starting speeds of the fall, from below the slowest run (where all but it are past the fall) to near the fastest.
@@ -15,14 +15,14 @@ STARTS = 6
 
 
 class Stribeck(Effect):
-    """Friction that falls from a at rest to nothing well above the speed v_s.
+    """Friction that falls from a at rest to nothing well above the speed `velocity`.
 
     s is the sign of the motion, v the speed (rad/s or m/s). Coulomb friction in each direction takes what does not
-    change with speed, so a is the height of the fall. With d = 1 the fall is Tustin's, with d = 2 Gaussian.
+    change with speed, so a is the height of the fall. With exponent 1 the fall is Tustin's, with 2 Gaussian.
     """
 
     title = "Stribeck friction: less at higher speed"
-    equation = "s a exp(-(v/v_s)^d)"
+    formula = "s * a * exp(-(v / velocity) ** exponent)"
     source = (
         "L. C. Bo and D. Pavelescu, The friction-speed relation and its influence on the critical velocity of"
         " stick-slip motion, Wear 82 (1982) 277-289; B. Armstrong-Helouvry, P. Dupont and C. Canudas de Wit, A survey"
@@ -41,20 +41,14 @@ class Stribeck(Effect):
     def shapes(self, robot: Robot, number: int) -> tuple[Shape, ...]:
         unit = f"{robot.joint(number).position_unit}/s"
         return (
-            Shape("velocity", unit, "v_s: speed at which the fall is down to 1/e", 1e-4, 20.0, 0.15),
-            Shape("exponent", "1", "d: how sudden the fall is", 0.5, 2.0, 1.0),
+            Shape("velocity", unit, "speed at which the fall is down to 1/e", 1e-4, 20.0, 0.15),
+            Shape("exponent", "1", "how sudden the fall is", 0.5, 2.0, 1.0),
         )
 
     def grid(self, robot: Robot, extent: Extent) -> tuple[Mapping[str, float], ...]:
         slow, fast = 0.5 * extent.speeds[0], 0.7 * extent.speeds[-1]
         speeds = np.clip(np.geomspace(slow, max(fast, 2.0 * slow), STARTS), 1e-4, 20.0)
         return tuple({"velocity": float(v), "exponent": d} for v in speeds for d in (1.0, 2.0))
-
-    def columns(
-        self, robot: Robot, samples: Samples, *, number: int | None = None, shape: Mapping[str, float] = NO_SHAPE
-    ) -> Floats:
-        v = np.abs(friction_velocity(robot, samples))
-        return (samples.direction * np.exp(-((v / shape["velocity"]) ** shape["exponent"])))[:, None]
 
     def signs(self, shape: Mapping[str, float]) -> tuple[int, ...]:
         return (1,)  # friction falls from rest

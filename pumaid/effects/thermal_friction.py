@@ -2,12 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-
-import numpy as np
-
-from pumaid.effects.base import NO_SHAPE, Effect, Family, Floats, Parameter, Trace
-from pumaid.records import Samples
+from pumaid.effects.base import Effect, Family, Parameter, Trace
 from pumaid.robot import Robot
 
 #: degC; where the effect is nothing. Another choice only moves Coulomb friction.
@@ -23,7 +18,8 @@ class ThermalFriction(Effect):
     """
 
     title = "Friction that follows the temperature"
-    equation = "s a (temperature - 25 degC)"
+    formula = "s * a * (temperature - 25)"
+    left_out = "it follows a measured temperature: what is written is the joint at 25 degC"
     source = (
         "A. C. Bittencourt and S. Gunnarsson, Static friction in a robot joint: modeling and identification of load and"
         " temperature effects, ASME J. Dynamic Systems, Measurement, and Control 134 (2012) 051013"
@@ -35,9 +31,3 @@ class ThermalFriction(Effect):
 
     def parameters(self, robot: Robot, number: int) -> tuple[Parameter, ...]:
         return (Parameter("a", "A/degC", "friction per degree", "a{n}", -0.008),)
-
-    def columns(
-        self, robot: Robot, samples: Samples, *, number: int | None = None, shape: Mapping[str, float] = NO_SHAPE
-    ) -> Floats:
-        above = np.where(np.isnan(samples.temperature), 0.0, samples.temperature - REFERENCE)
-        return (samples.direction * above)[:, None]

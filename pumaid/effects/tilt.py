@@ -4,10 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-import numpy as np
-
-from pumaid.effects.base import NO_SHAPE, Effect, Family, Floats, Parameter, Scope, Shape, Trace, load_refusal, loads_of
-from pumaid.records import Extent, Samples
+from pumaid.effects.base import NO_SHAPE, Effect, Family, Parameter, Scope, Shape, Trace, load_refusal
+from pumaid.records import Extent
 from pumaid.robot import Robot
 
 #: Ratios of gains at which a search begins: those of neighbours on published arms, of either sign.
@@ -24,7 +22,7 @@ class Tilt(Effect):
     """
 
     title = "Base tilted against gravity"
-    equation = "x dtau/d(turn about base x) + y dtau/d(turn about base y)"
+    formula = "x * tilt_x + y * tilt_y"
     source = (
         "B. Siciliano, L. Sciavicco, L. Villani and G. Oriolo, Robotics: Modelling, Planning and Control, Springer"
         " 2009, section 7.1.2 (gravity's potential), linearised about the recipe's direction"
@@ -61,15 +59,10 @@ class Tilt(Effect):
     def grid(self, robot: Robot, extent: Extent) -> tuple[Mapping[str, float], ...]:
         return tuple({"waist": ratio} for ratio in RATIOS) if _uprights(robot) else (NO_SHAPE,)
 
-    def columns(
-        self, robot: Robot, samples: Samples, *, number: int | None = None, shape: Mapping[str, float] = NO_SHAPE
-    ) -> Floats:
-        felt, q = np.array(loads_of(samples).tilts), samples.position[:, samples.joint - 1]
-        uprights = _uprights(robot)
-        if samples.joint in uprights:
-            felt = felt * shape.get("waist", 1.0)
-        own = [turn(q) * (n == samples.joint) for n in uprights for turn in (np.cos, np.sin)]
-        return np.column_stack([felt, *own])
+    def formula_in(self, robot: Robot, number: int, joint: int) -> str:
+        if joint not in _uprights(robot):
+            return self.formula
+        return f"waist * ({self.formula}) + cos{joint} * cos(q) + sin{joint} * sin(q)"
 
 
 def _uprights(robot: Robot) -> tuple[int, ...]:

@@ -6,8 +6,8 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from pumaid.effects.base import NO_SHAPE, Effect, Family, Floats, Parameter, Shape, Trace, loads_of
-from pumaid.records import Extent, Samples
+from pumaid.effects.base import Effect, Family, Parameter, Shape, Trace
+from pumaid.records import Extent
 from pumaid.robot import Robot
 
 #: Time constants that a search begins with, as shares of the campaign's duration.
@@ -17,12 +17,13 @@ SHARES = (0.08, 0.15, 0.3, 0.6, 1.2)
 class TorqueConstantDrift(Effect):
     """The motor needs a share a more current for the same torque when it is warm.
 
-    i is the model's whole prediction for the joint (A), t the time since its first motion. Magnets lose about a tenth
-    of a percent of their flux per degree.
+    drawn is the model's whole prediction for the joint (A), t the time since its first motion. Magnets lose about a
+    tenth of a percent of their flux per degree.
     """
 
     title = "Torque constant that falls as the motor warms"
-    equation = "a (1 - exp(-t/T)) i"
+    formula = "a * (1 - exp(-t / time_constant)) * drawn"
+    left_out = "it grows with time: what is written is the cold motor"
     source = (
         "T. Sebastian, Temperature effects on torque production and efficiency of PM motors using NdFeB magnets, IEEE"
         " Trans. Industry Applications 31 (1995) 353-357"
@@ -37,12 +38,7 @@ class TorqueConstantDrift(Effect):
         return (Parameter("a", "1", "share of current that is added when warm", "a{n}", 0.05, -1.0, 1.0),)
 
     def shapes(self, robot: Robot, number: int) -> tuple[Shape, ...]:
-        return (Shape("time_constant", "s", "T: time in which the change is down to 1/e", 1.0, 1e6, 900.0),)
+        return (Shape("time_constant", "s", "time in which the change is down to 1/e", 1.0, 1e6, 900.0),)
 
     def grid(self, robot: Robot, extent: Extent) -> tuple[Mapping[str, float], ...]:
         return tuple({"time_constant": float(np.clip(c * extent.duration, 1.0, 1e6))} for c in SHARES)
-
-    def columns(
-        self, robot: Robot, samples: Samples, *, number: int | None = None, shape: Mapping[str, float] = NO_SHAPE
-    ) -> Floats:
-        return (-np.expm1(-samples.time / shape["time_constant"]) * loads_of(samples).drawn)[:, None]

@@ -4,20 +4,20 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from pumaid.effects.base import NO_SHAPE, Effect, Family, Floats, Parameter, Trace, loads_of
-from pumaid.records import Samples
+from pumaid.effects.base import Effect, Family, Parameter, Trace
 from pumaid.robot import Robot
 
 
 class TorqueDroop(Effect):
     """The iron saturates, so a high torque needs more current than in proportion.
 
-    i is the model's whole prediction for the joint (A). It is the first term that a loss which is even in the current
-    can have: i (i / i_ref)^2, with the reference current i_ref = 1 A, so that a means the same in any data.
+    drawn is the model's whole prediction for the joint (A). It is the first term that a loss which is even in the
+    current can have: drawn (drawn / i_ref)^2, with the reference current i_ref = 1 A, so that a means the same in any
+    data.
     """
 
     title = "Motor gives less torque per ampere at high current"
-    equation = "a i^3"
+    formula = "a * drawn ** 3"
     source = (
         "T. J. E. Miller, Brushless Permanent-Magnet and Reluctance Motor Drives, Oxford University Press 1989"
         " (saturation of the torque constant)"
@@ -30,11 +30,6 @@ class TorqueDroop(Effect):
 
     def parameters(self, robot: Robot, number: int) -> tuple[Parameter, ...]:
         return (Parameter("a", "1/A2", "share of current added at 1 A", "a{n}", 0.01),)
-
-    def columns(
-        self, robot: Robot, samples: Samples, *, number: int | None = None, shape: Mapping[str, float] = NO_SHAPE
-    ) -> Floats:
-        return (loads_of(samples).drawn ** 3)[:, None]
 
     def signs(self, shape: Mapping[str, float]) -> tuple[int, ...]:
         return (1,)  # the motor gives less, so it needs more

@@ -4,22 +4,20 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-import numpy as np
-
-from pumaid.effects.base import NO_SHAPE, Effect, Family, Floats, Parameter, Shape, Trace, friction_velocity
-from pumaid.records import Extent, Samples
+from pumaid.effects.base import Effect, Family, Parameter, Shape, Trace
+from pumaid.records import Extent
 from pumaid.robot import Robot
 
 
 class ViscousPower(Effect):
-    """Friction of a lubricant that thins under shear (p below 1), or that is churned (p about 2).
+    """Friction of a lubricant that thins under shear (exponent below 1), or that is churned (about 2).
 
-    s is the sign of the motion, v the speed in rad/s or m/s, b the current at unit speed. p = 1 is the paper's own
+    s is the sign of the motion, v the speed in rad/s or m/s, b the current at unit speed. Exponent 1 is the paper's own
     viscous friction and so nothing new.
     """
 
     title = "Viscous friction with a power of speed"
-    equation = "s b v^p"
+    formula = "s * b * v ** exponent"
     source = (
         "H. Olsson, K. J. Astrom, C. Canudas de Wit, M. Gafvert and P. Lischinsky, Friction models and friction"
         " compensation, European Journal of Control 4 (1998) 176-195, section 2 (classical models)"
@@ -35,16 +33,10 @@ class ViscousPower(Effect):
         return (Parameter("b", "A", f"current at a speed of {speed}", "b{n}", 0.15),)
 
     def shapes(self, robot: Robot, number: int) -> tuple[Shape, ...]:
-        return (Shape("exponent", "1", "p: power of speed", 0.1, 4.0, 0.5),)
+        return (Shape("exponent", "1", "power of speed", 0.1, 4.0, 0.5),)
 
     def grid(self, robot: Robot, extent: Extent) -> tuple[Mapping[str, float], ...]:
         return tuple({"exponent": p} for p in (0.25, 0.5, 1.5, 2.0, 3.0))
-
-    def columns(
-        self, robot: Robot, samples: Samples, *, number: int | None = None, shape: Mapping[str, float] = NO_SHAPE
-    ) -> Floats:
-        v = np.abs(friction_velocity(robot, samples))
-        return (samples.direction * v ** shape["exponent"])[:, None]
 
     def signs(self, shape: Mapping[str, float]) -> tuple[int, ...]:
         return (1,) if shape["exponent"] < 1.0 else (0,)  # below one a negative b would pull at low speed

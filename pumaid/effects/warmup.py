@@ -6,8 +6,8 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from pumaid.effects.base import NO_SHAPE, Effect, Family, Floats, Parameter, Shape, Trace
-from pumaid.records import Extent, Samples
+from pumaid.effects.base import Effect, Family, Parameter, Shape, Trace
+from pumaid.records import Extent
 from pumaid.robot import Robot
 
 #: Time constants that a search begins with, as shares of the campaign's duration.
@@ -15,14 +15,15 @@ SHARES = (0.08, 0.15, 0.3, 0.6, 1.2)
 
 
 class Warmup(Effect):
-    """Friction is a higher at the joint's first motion and has lost it after a few T.
+    """Friction is a higher at the joint's first motion and has lost it after a few time constants.
 
     s is the sign of the motion, t the time since the joint's first motion. Grease thins as the gear warms; a room that
     warms, or a joint that was warm, gives a negative a.
     """
 
     title = "Warm-up: friction that fades with time"
-    equation = "s a exp(-t/T)"
+    formula = "s * a * exp(-t / time_constant)"
+    left_out = "it fades with time: what is written is the warm joint"
     source = (
         "L. Simoni, M. Beschi, G. Legnani and A. Visioli, Friction modeling with temperature effects for industrial"
         " robot manipulators, IROS 2015, 3524-3529"
@@ -37,15 +38,10 @@ class Warmup(Effect):
         return (Parameter("a", "A", "friction that is gone when the joint is warm", "a{n}", 0.1),)
 
     def shapes(self, robot: Robot, number: int) -> tuple[Shape, ...]:
-        return (Shape("time_constant", "s", "T: time in which the excess falls to 1/e", 1.0, 1e6, 600.0),)
+        return (Shape("time_constant", "s", "time in which the excess falls to 1/e", 1.0, 1e6, 600.0),)
 
     def grid(self, robot: Robot, extent: Extent) -> tuple[Mapping[str, float], ...]:
         return tuple({"time_constant": float(np.clip(c * extent.duration, 1.0, 1e6))} for c in SHARES)
-
-    def columns(
-        self, robot: Robot, samples: Samples, *, number: int | None = None, shape: Mapping[str, float] = NO_SHAPE
-    ) -> Floats:
-        return (samples.direction * np.exp(-samples.time / shape["time_constant"]))[:, None]
 
     def signs(self, shape: Mapping[str, float]) -> tuple[int, ...]:
         return (1,)  # cold grease is stiffer

@@ -2,38 +2,33 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-
 import numpy as np
 
 from pumaid.effects.base import (
-    NO_SHAPE,
     POSTURES,
     ROUNDING,
     Effect,
     Family,
-    Floats,
     Parameter,
     Scope,
     Trace,
     load_refusal,
-    loads_of,
 )
 from pumaid.kinematics import axes
-from pumaid.records import Samples
 from pumaid.robot import Robot
 
 
 class ZeroOffset(Effect):
     """Joint m stands at q_m + delta where its sensor says q_m.
 
-    It changes the load of joint m and of every other joint that feels what m moves. tau is a joint's gravity load by
-    the model (A). Where no axis beyond joint m is at an angle to its own, as for the last joint, the offset turns the
-    links' first moments and nothing else, and a slide's offset adds a constant lever: no current can show those.
+    It changes the load of joint m and of every other joint that feels what m moves. slope_owner is the slope of a
+    joint's gravity load by m's position (A/rad). Where no axis beyond joint m is at an angle to its own, as for the
+    last joint, the offset turns the links' first moments and nothing else, and a slide's offset adds a constant lever:
+    no current can show those.
     """
 
     title = "Joint's zero off by a little"
-    equation = "delta dtau/dq_m in every joint"
+    formula = "delta * slope_owner"
     source = (
         "B. Siciliano, L. Sciavicco, L. Villani and G. Oriolo, Robotics: Modelling, Planning and Control, Springer"
         " 2009, section 2.11 (kinematic calibration), here from gravity's load"
@@ -47,12 +42,6 @@ class ZeroOffset(Effect):
 
     def parameters(self, robot: Robot, number: int) -> tuple[Parameter, ...]:
         return (Parameter("delta", "rad", "true position less measured position", "delta{n}", 0.03, -0.5, 0.5),)
-
-    def columns(
-        self, robot: Robot, samples: Samples, *, number: int | None = None, shape: Mapping[str, float] = NO_SHAPE
-    ) -> Floats:
-        slope = loads_of(samples).slopes[:, (number or samples.joint) - 1]
-        return np.nan_to_num(slope)[:, None]
 
     def applies(self, robot: Robot, joint: int) -> str | None:
         if not robot.joint(joint).is_revolute:

@@ -1,4 +1,4 @@
-"""The model for other programs; every module of ``forms`` is one form, found by looking."""
+"""A model for other programs; every module of ``formats`` is one form, found by looking."""
 
 from __future__ import annotations
 
@@ -9,15 +9,23 @@ import pkgutil
 from collections.abc import Mapping
 from types import MappingProxyType
 
-from pumaid.exports.base import Exported, Form, Subject
+from pumaid import __version__
+from pumaid.choices import check_known
+from pumaid.chosen import check_parameters
+from pumaid.exports.base import Exported, Form, Subject, identifier
+from pumaid.exports.equivalent_bodies import Bodies, bodies, constants_of
+from pumaid.exports.formulas import Formulas
+from pumaid.records import Estimate
+from pumaid.results.model_file import check_same_recipe
+from pumaid.robot import Robot
 
-__all__ = ["Exported", "Form", "Subject", "every_form"]
+__all__ = ["Exported", "Form", "Subject", "every_form", "export"]
 
 
 @functools.cache
 def every_form() -> Mapping[str, Form]:
     """Every form by its name."""
-    folder = importlib.import_module(f"{__name__}.forms")
+    folder = importlib.import_module(f"{__name__}.formats")
     found: dict[str, Form] = {}
     for info in pkgutil.iter_modules(folder.__path__):
         module = importlib.import_module(f"{folder.__name__}.{info.name}")
@@ -25,3 +33,61 @@ def every_form() -> Mapping[str, Form]:
             if inspect.isclass(member) and issubclass(member, Form) and member.__module__ == module.__name__:
                 found[info.name] = member()
     return MappingProxyType(found)
+
+
+def export(
+    estimate: Estimate,
+    robot: Robot,
+    *,
+    form: str,
+    name: str = "",
+    torque_constants: Mapping[int, float] | None = None,
+) -> Exported:
+    """Write a model down for another program; nothing is written to disk.
+
+    Parameters
+    ----------
+    estimate
+        The model.
+    robot
+        The arm, by the recipe that the model was made with.
+    form
+        ``c``, ``python``, ``json``, ``matlab``, ``urdf`` or ``mjcf``.
+    name
+        For functions and files; made from the robot's name where not given.
+    torque_constants
+        Joint (from 1) -> N m/A, or N/A of a slide, for forms with masses; those that are not given follow from the
+        ratios of gains.
+
+    Returns
+    -------
+    exported
+        Its files' texts, what they leave out, and which parameters the data did not tell.
+
+    Raises
+    ------
+    ModelError [model-other-recipe], [unknown-effect], [effect-changed]
+        The model is of another recipe, or holds an effect that is not here.
+    ModelError [export-masses]
+        No masses have the weight that the model says.
+    """
+    check_same_recipe(estimate, robot)
+    check_known(estimate.effects)
+    check_parameters(estimate, robot)
+    chosen, told = every_form()[form], Formulas.of(estimate, robot)
+    held: Bodies | None = None
+    remarks: tuple[str, ...] = ()
+    if chosen.has_bodies:
+        torques, remarks = constants_of(told, torque_constants or {})
+        held = bodies(told, torques)
+        remarks = (*remarks, *held.remarks)
+    subject = Subject(told, identifier(name or robot.name), held, estimate.version or __version__, remarks)
+    return Exported(
+        form=form,
+        title=chosen.title,
+        name=subject.name,
+        files=chosen.texts(subject),
+        left_out=chosen.left_out(subject),
+        undetermined=told.undetermined,
+        remarks=remarks,
+    )

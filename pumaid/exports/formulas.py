@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pumaid.chosen import Chosen, in_order
-from pumaid.exports.expression import filled
-from pumaid.exports.laws import laws_of, why_left_out
+from pumaid.effects import catalogue
+from pumaid.effects.formula import OF_MOTION, at_rest, filled, names_in
 from pumaid.loads import felt_ratios, loads
 from pumaid.model import Model
 from pumaid.records import Estimate, Samples
@@ -26,7 +26,7 @@ Floats = NDArray[np.float64]
 class Term:
     """What an effect beyond the paper's model adds to the current of `joint` (from 1).
 
-    `formula` is in the syntax of `exports.expression`, with the names of `exports.laws` and all constants as numbers;
+    `formula` is one of `pumaid.effects.formula`, all constants as numbers;
     `is_friction` says that it is there only in motion.
     """
 
@@ -90,9 +90,9 @@ class Formulas:
         beyond = np.triu(np.ones_like(estimate.scales, dtype=bool)) & heavy & robot.is_revolute[:, None]
         told = np.asarray((np.isfinite(estimate.scales) | ~beyond).all(axis=1))
         every = in_order(estimate.effects)
-        lacks = [Lack(spoken(one), why) for one in every if (why := why_left_out(one)) is not None]
+        lacks = [Lack(spoken(one), why) for one in every if (why := why_left_out(one, robot)) is not None]
         if estimate.stroke_postures:
-            lacks.append(Lack("inertia", why_left_out_inertia()))
+            lacks.append(Lack("inertia", catalogue()["inertia"].left_out))
         return cls(
             robot=robot,
             estimate=estimate,
@@ -169,9 +169,14 @@ def spoken(one: Chosen) -> str:
     return f"{one.effect.name}{one.mark}" + (f"@{one.number}" if one.number else "")
 
 
-def why_left_out_inertia() -> str:
-    """Why what strokes showed of inertia is left out."""
-    return "it needs the acceleration, and is known only where the other joints were held"
+def why_left_out(one: Chosen, robot: Robot) -> str | None:
+    """Why an effect is left out, or None where posture and velocities determine it."""
+    effect = one.effect
+    if effect.left_out or not effect.formula:
+        return effect.left_out or "it states no formula"
+    known = {part.name for part in effect.parameters(robot, one.number)} | set(one.shapes(robot))
+    more = sorted(names_in(effect.formula) - OF_MOTION - known)
+    return f"it depends on more than posture and velocities: {', '.join(more)}" if more else None
 
 
 def _moment(known: Mapping[str, float], link: int, turns: bool) -> tuple[float, float]:
@@ -190,12 +195,16 @@ def _terms(robot: Robot, one: Chosen, known: Mapping[str, float], *, told: NDArr
     parts = [part for part in one.parts(robot, 0) if part.shape is None]
     names = [parameter.name for parameter in one.effect.parameters(robot, one.number)]
     values = {name: known.get(part.name, 0.0) for name, part in zip(names, parts, strict=True)} | dict(one.choice.shape)
-    unknown = {f"load_{m}": 0.0 for m in range(1, robot.n_joints + 1) if not told[m - 1]}
-    for joint, law in laws_of(robot, one):
-        hidden = {name: value for name, value in unknown.items() if name != f"load_{joint}"}
-        for formula, is_friction in ((law.hold, False), (law.friction, True)):
-            if formula:
-                yield Term(joint, spoken(one), filled(formula, values | hidden), is_friction)
+    for joint in range(1, robot.n_joints + 1):
+        formula = one.effect.formula_in(robot, one.number, joint) if one.touches(joint) else ""
+        if not formula or why_left_out(one, robot) is not None:
+            continue
+        is_unknown = one.number and joint != one.number and not told[one.number - 1]
+        named = {"load_owner": 0.0 if is_unknown else f"load_{one.number}", "slope_owner": f"slope_{one.number}"}
+        hold, friction = at_rest(filled(formula, values | named | {"joint": float(joint)}))
+        for text, is_friction in ((hold, False), (friction, True)):
+            if text != "0.0":
+                yield Term(joint, spoken(one), text, is_friction)
 
 
 def _undetermined(estimate: Estimate, robot: Robot) -> Iterator[Lack]:

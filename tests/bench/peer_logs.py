@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pumaid import export, read_model
-from pumaid.exports.chain_xml import xml_name
+from pumaid.exports.robot_xml import xml_name
 from pumaid.io.log_writer import write_log
 from pumaid.io.recipe import read_recipe, shipped_recipes
 from pumaid.records import Log, Motion, Plan

@@ -23,16 +23,13 @@ from pumaid.effects import Effect, Family, Parameter, Trace
 
 class Brake(Effect):
     title = "Rubbing brake"
-    equation = "s a q^2"
+    formula = "s * a * q ** 2"
     source = "the maker's drawing"
     family = Family.POSITION
     trace = (Trace.POSITION,)
 
     def parameters(self, robot, number):
         return (Parameter("a", "A/{unit}2", "rubbing", "a{n}", 0.05),)
-
-    def columns(self, robot, samples, *, number=None, shape={}):
-        return (samples.direction * samples.position[:, samples.joint - 1] ** 2)[:, None]
 '''
 
 
@@ -158,7 +155,9 @@ def test_diagnose_finds_it_and_says_what_to_type(tmp_path):
 @pytest.mark.parametrize("line", ["compare results/model.json logs", "diagnose results/model.json logs", "report"])
 def test_a_file_that_has_changed_is_refused(braked, tmp_path, line):
     """Numbers of a parameter that the file no longer has would stand for something else."""
-    (tmp_path / "brake.py").write_text(OWN.replace('"a", "A/', '"b", "A/'), encoding="utf-8")
+    (tmp_path / "brake.py").write_text(
+        OWN.replace('"a", "A/', '"b", "A/').replace("s * a *", "s * b *"), encoding="utf-8"
+    )
     done = typed(braked, *line.split(), "--effects", str(tmp_path / "brake.py"))
     assert done.returncode == 3 and "Traceback" not in done.stderr
     assert done.stderr.startswith("error[effect-changed]: brake is not what it was") and "brake.j2.b" in done.stderr

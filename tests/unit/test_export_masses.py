@@ -10,10 +10,10 @@ import numpy as np
 import pytest
 
 from pumaid.errors import ModelError
-from pumaid.exports.forms.urdf import roll_pitch_yaw
-from pumaid.exports.torque import read_constants
+from pumaid.exports import export
+from pumaid.exports.equivalent_bodies import read_constants
+from pumaid.exports.formats.urdf import roll_pitch_yaw
 from pumaid.simulation.draw import draw
-from pumaid.verbs.export import export
 from tests.exported import every_effect, fitted, motions, predicted, robot_called
 from tests.worlds import random_arm
 

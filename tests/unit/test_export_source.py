@@ -15,7 +15,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from pumaid.verbs.export import export
+from pumaid.exports import export
 from pumaid.verbs.identify import identify
 from tests.exported import EXACT, every_effect, fitted, motions, off, predicted, robot_called
 from tests.json_model import current

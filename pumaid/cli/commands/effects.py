@@ -62,7 +62,7 @@ def _list(chosen: list[dict[str, Any]]) -> None:
         name = f"{one['effect']} (in every model)" if one["base"] else one["effect"]
         rows.add_row(name, *map(escape, (one["title"], one["equation"], one["family"], ", ".join(one["look_alikes"]))))
     table(rows)
-    say("\ns sign of the motion, v speed, q position, tau gravity's load, i predicted current (A), t time")
+    say("\ns sign of the motion, q position, v speed, t time, load of gravity, drawn: the predicted current (A)")
 
 
 def _explain(told: dict[str, Any], effect: Any) -> None:

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from pumaid.exports import Exported
 
 #: One file a form; listed, not imported, so that help waits for nothing.
-FORMS = sorted(info.name for info in pkgutil.iter_modules([str(Path(__file__).parents[2] / "exports" / "forms")]))
+FORMS = sorted(info.name for info in pkgutil.iter_modules([str(Path(__file__).parents[2] / "exports" / "formats")]))
 
 
 @click.command()
@@ -61,10 +61,9 @@ def command(
     """
     from pumaid.cli.output import content, document, spare_inputs
     from pumaid.cli.reading import check_model, read_files, read_known_model, read_robot
-    from pumaid.exports import every_form
-    from pumaid.exports.torque import read_constants
+    from pumaid.exports import every_form, export
+    from pumaid.exports.equivalent_bodies import read_constants
     from pumaid.results.documents import heading
-    from pumaid.verbs.export import export
 
     if constants is not None and not every_form()[form].has_bodies:
         raise click.UsageError(f"--torque-constants is for forms with masses, such as urdf; {form} is in ampere.")

@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from pumaid.effects.formula import filled
 from pumaid.exports.base import Form, Subject
 from pumaid.exports.formulas import Lack
 from pumaid.results.documents import as_text
@@ -33,6 +34,10 @@ MEANING = {
     "current": "load_i + base_i + all terms of joint i; at rest only load_i and the terms that are not friction",
     "reference": "postures and velocities with the current of every joint, by the program that identified the model",
 }
+
+
+#: In the document v has its sign.
+SIGNED = {"v": "abs(v)", "shaft": "v"}
 
 
 class Json(Form):
@@ -64,7 +69,12 @@ class Json(Form):
             "viscous": told.viscous,
             "shaft": told.shaft,
             "terms": [
-                {"joint": one.joint, "effect": one.effect, "friction": one.is_friction, "formula": one.formula}
+                {
+                    "joint": one.joint,
+                    "effect": one.effect,
+                    "friction": one.is_friction,
+                    "formula": filled(one.formula, SIGNED),
+                }
                 for one in told.terms
             ],
             "left_out": _listed(self.left_out(subject)),

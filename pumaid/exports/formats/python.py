@@ -5,13 +5,21 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 from pumaid.exports.base import Form, Subject, rendered
-from pumaid.exports.expression import NUMPY_NAMES
-from pumaid.exports.source import Dialect, context
+from pumaid.exports.source_code import Dialect, context
+
+#: How each function of a formula is called.
+FUNCTIONS = {name: f"np.{name}" for name in ("sin", "cos", "exp", "sqrt", "abs", "sign")} | {"max": "np.maximum"}
 
 
 def _quantities(joint: int, joints: int) -> Mapping[str, str]:
     i = joint - 1
-    named = {"q": f"q[..., {i}]", "load": f"at.load[..., {i}]", "drawn": f"(at.load[..., {i}] + base)"}
+    named = {
+        "q": f"q[..., {i}]",
+        "v": "np.abs(v)",
+        "shaft": "v",
+        "load": f"at.load[..., {i}]",
+        "drawn": f"(at.load[..., {i}] + base)",
+    }
     named |= {f"load_{m + 1}": f"at.load[..., {m}]" for m in range(joints)}
     named |= {f"slope_{m + 1}": f"_slope(at, {i}, {m})" for m in range(joints)}
     return named | {"across": f"_across(at, {i})", "tilt_x": f"_tilt(at, {i}, 0)", "tilt_y": f"_tilt(at, {i}, 1)"}
@@ -25,6 +33,6 @@ class Python(Form):
 
     def texts(self, subject: Subject) -> dict[str, str]:
         values = context(
-            subject, Dialect(NUMPY_NAMES, "**", _quantities, ("[", "]", ",")), left_out=self.left_out(subject)
+            subject, Dialect(FUNCTIONS, "**", _quantities, ("[", "]", ",")), left_out=self.left_out(subject)
         )
         return {".py": rendered("model.py.txt", **values)}

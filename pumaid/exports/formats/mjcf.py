@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pumaid.exports.base import Form, Subject
-from pumaid.exports.chain_xml import bodies_of, spaced, weights_only, written, xml_name
 from pumaid.exports.formulas import Lack
+from pumaid.exports.robot_xml import bodies_of, spaced, weights_only, written, xml_name
 from pumaid.robot import Joint
 
 Floats = NDArray[np.float64]

@@ -5,13 +5,24 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 from pumaid.exports.base import Form, Subject, rendered
-from pumaid.exports.expression import C_NAMES
-from pumaid.exports.source import Dialect, context
+from pumaid.exports.source_code import Dialect, context
+
+#: How each function of a formula is called.
+FUNCTIONS = {"sin": "sin", "cos": "cos", "exp": "exp", "sqrt": "sqrt", "abs": "fabs", "max": "fmax"} | {
+    "sign": "(({} > 0.0) - ({} < 0.0))"
+}
 
 
 def _quantities(joint: int, joints: int) -> Mapping[str, str]:
     i = joint - 1
-    named = {"q": f"q[{i}]", "load": f"at->load[{i}]", "drawn": f"(at->load[{i}] + base)", "across": f"across(at, {i})"}
+    named = {
+        "q": f"q[{i}]",
+        "v": "fabs(v)",
+        "shaft": "v",
+        "load": f"at->load[{i}]",
+        "drawn": f"(at->load[{i}] + base)",
+        "across": f"across(at, {i})",
+    }
     named |= {f"load_{m + 1}": f"at->load[{m}]" for m in range(joints)}
     named |= {f"slope_{m + 1}": f"slope(at, {i}, {m})" for m in range(joints)}
     return named | {"tilt_x": f"tilt(at, {i}, 0)", "tilt_y": f"tilt(at, {i}, 1)"}
@@ -25,6 +36,6 @@ class C(Form):
 
     def texts(self, subject: Subject) -> dict[str, str]:
         values = context(
-            subject, Dialect(C_NAMES, "call", _quantities, ("{", "}", ",")), left_out=self.left_out(subject)
+            subject, Dialect(FUNCTIONS, "call", _quantities, ("{", "}", ",")), left_out=self.left_out(subject)
         )
         return {suffix: rendered(f"model{suffix}", **values) for suffix in self.suffixes}

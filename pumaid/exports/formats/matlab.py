@@ -5,12 +5,20 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 from pumaid.exports.base import Form, Subject, rendered
-from pumaid.exports.expression import MATLAB_NAMES
-from pumaid.exports.source import Dialect, context
+from pumaid.exports.source_code import Dialect, context
+
+#: How each function of a formula is called.
+FUNCTIONS = {name: name for name in ("sin", "cos", "exp", "sqrt", "abs", "sign", "max")}
 
 
 def _quantities(joint: int, joints: int) -> Mapping[str, str]:
-    named = {"q": f"q({joint})", "load": f"load({joint})", "drawn": f"(load({joint}) + base)"}
+    named = {
+        "q": f"q({joint})",
+        "v": "abs(v)",
+        "shaft": "v",
+        "load": f"load({joint})",
+        "drawn": f"(load({joint}) + base)",
+    }
     named |= {f"load_{m}": f"load({m})" for m in range(1, joints + 1)}
     named |= {f"slope_{m}": f"slope(c, z, moment, {joint}, {m})" for m in range(1, joints + 1)}
     named |= {"across": f"across(c, z, moment, {joint})"}
@@ -25,6 +33,6 @@ class Matlab(Form):
 
     def texts(self, subject: Subject) -> dict[str, str]:
         values = context(
-            subject, Dialect(MATLAB_NAMES, "^", _quantities, ("[", "]", ";")), left_out=self.left_out(subject)
+            subject, Dialect(FUNCTIONS, "^", _quantities, ("[", "]", ";")), left_out=self.left_out(subject)
         )
         return {".m": rendered("model.m.txt", **values)}

@@ -6,11 +6,10 @@ import textwrap
 import xml.etree.ElementTree as ET
 from collections.abc import Iterable
 
-from pumaid.exports.base import Subject
-from pumaid.exports.bodies import Bodies
+from pumaid.exports.base import Subject, commented
+from pumaid.exports.equivalent_bodies import Bodies
 from pumaid.exports.formulas import Lack
-from pumaid.exports.names import commented
-from pumaid.exports.source import WIDTH, head
+from pumaid.exports.source_code import WIDTH, head
 
 _PHYSICS = (
     "masses, Coulomb and viscous friction have no place for it; c, python, json and matlab have where it can be written"

@@ -1,7 +1,8 @@
-"""What the templates of source code are filled with."""
+"""Formulas in the syntax of other languages, and what the templates of source code are filled with."""
 
 from __future__ import annotations
 
+import ast
 import textwrap
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
@@ -10,15 +11,28 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pumaid.exports.base import Subject
-from pumaid.exports.expression import Language, number
+from pumaid.exports.base import Subject, commented
 from pumaid.exports.formulas import Lack, Term
-from pumaid.exports.names import commented
 
 Floats = NDArray[np.float64]
 
 #: Width of text in comments.
 WIDTH = 108
+
+_OPERATORS: dict[type[ast.AST], tuple[str, int]] = {
+    ast.Add: ("+", 0),
+    ast.Sub: ("-", 0),
+    ast.Mult: ("*", 1),
+    ast.Div: ("/", 1),
+    ast.Pow: ("**", 3),
+    ast.Gt: (">", 0),
+    ast.Lt: ("<", 0),
+    ast.GtE: (">=", 0),
+    ast.LtE: ("<=", 0),
+    ast.Eq: ("==", 0),
+}
+#: How tightly a sum, a product, a minus sign, a power and a name bind.
+_SUM, _PRODUCT, _MINUS, _POWER, _NAME = range(5)
 
 
 @dataclass(frozen=True, slots=True)
@@ -27,10 +41,13 @@ class Dialect:
 
     Attributes
     ----------
-    functions, power
-        As in `Language`.
+    functions
+        Name of a function in a formula -> its name in the language, or a text with ``{}`` for the argument.
+    power
+        ``call`` for ``pow(x, y)``, else the operator.
     quantities
-        From a joint (from 1) and the number of joints to the text of each quantity of a formula.
+        From a joint (from 1) and the number of joints to the text of each quantity of a formula; others keep their
+        names.
     brackets
         What stands around, between the entries and between the rows of a table.
     """
@@ -42,7 +59,7 @@ class Dialect:
 
     def text(self, term: Term, joints: int) -> str:
         """A term's formula."""
-        return Language(self.functions, self.power, self.quantities(term.joint, joints)).written(term.formula)
+        return self._node(ast.parse(term.formula, mode="eval").body, self.quantities(term.joint, joints))[0]
 
     def table(self, values: Floats) -> str:
         """Numbers, none rounded, rows on lines of their own."""
@@ -52,6 +69,40 @@ class Dialect:
         rows = [", ".join(map(number, row)) for row in values]
         inner = [f"{start}{row}{end}" for row in rows] if between == "," else rows
         return f"{start}\n    " + f"{between}\n    ".join(inner) + f"\n{end}"
+
+    def _node(self, node: ast.expr, named: Mapping[str, str]) -> tuple[str, int]:
+        """Text and how tightly it binds."""
+
+        def inside(part: ast.expr, needed: int) -> str:
+            text, rank = self._node(part, named)
+            return text if rank >= needed else f"({text})"
+
+        if isinstance(node, ast.Constant) and isinstance(node.value, int | float):
+            return number(node.value), _NAME
+        if isinstance(node, ast.Name):
+            return named.get(node.id, node.id), _NAME
+        if isinstance(node, ast.UnaryOp) and isinstance(node.op, ast.USub):
+            return f"-{inside(node.operand, _POWER)}", _MINUS
+        if isinstance(node, ast.Call) and isinstance(node.func, ast.Name):
+            arguments = ", ".join(self._node(argument, named)[0] for argument in node.args)
+            call = self.functions[node.func.id]
+            return call.replace("{}", arguments) if "{}" in call else f"{call}({arguments})", _NAME
+        if isinstance(node, ast.Compare):
+            sign, _ = _OPERATORS[type(node.ops[0])]
+            return f"({inside(node.left, _SUM)} {sign} {inside(node.comparators[0], _SUM)})", _NAME
+        if not isinstance(node, ast.BinOp):
+            raise ValueError(f"no formula has {ast.unparse(node)}")
+        sign, rank = _OPERATORS[type(node.op)]
+        if rank < _POWER:
+            return f"{inside(node.left, rank)} {sign} {inside(node.right, rank + 1)}", rank
+        if self.power == "call":
+            return f"pow({inside(node.left, _SUM)}, {inside(node.right, _SUM)})", _NAME
+        return f"{inside(node.left, _NAME)} {self.power} {inside(node.right, _NAME)}", _POWER
+
+
+def number(value: float) -> str:
+    """A number that each of the languages reads as exactly this double."""
+    return repr(float(value))
 
 
 def context(subject: Subject, dialect: Dialect, *, left_out: tuple[Lack, ...]) -> dict[str, Any]:

@@ -1,0 +1,201 @@
+"""Formulas of effects: one text from which columns, exports and documents are made.
+
+A formula is Python arithmetic with ``sin cos exp sqrt abs sign max`` and comparisons, linear in the effect's
+parameters. Parameters and shapes stand in it by their own names. Of the joint whose current it is:
+
+- ``q``, ``qd``, ``qdd`` its position, velocity, acceleration; ``s`` +1 while it moves forward, else -1;
+- ``shaft`` the velocity that drives its friction (its own unless gears couple it), ``v`` the size of that;
+- ``t``, ``elapsed`` time since the joint's, the arm's first motion; ``path`` travelled since the motion began;
+- ``temperature`` in degC, 25 where it was not measured; ``joint`` its number;
+- ``load`` gravity's current by the paper's model, ``drawn`` that and Coulomb and viscous friction;
+- ``tilt_x``, ``tilt_y`` the derivative of ``load`` by a turn of the base, ``across`` gravity's moment across the axis;
+- ``load_owner``, ``slope_owner`` the load of the joint that owns the parameters, the derivative of ``load`` by its
+  position.
+"""
+
+from __future__ import annotations
+
+import ast
+import re
+from collections.abc import Callable, Mapping
+from functools import lru_cache
+from types import CodeType
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pumaid.records import Loads, Samples
+from pumaid.robot import Robot
+
+Floats = NDArray[np.float64]
+
+#: degC that a joint has where its temperature was not measured; it only shifts Coulomb friction.
+REFERENCE = 25.0
+
+#: What a formula may call.
+FUNCTIONS = {
+    **{name: getattr(np, name) for name in ("sin", "cos", "exp", "sqrt", "abs", "sign")},
+    "max": np.maximum,
+}
+
+#: Quantities that a posture and velocities determine, so that an exported model can have them.
+OF_MOTION = frozenset({"q", "v", "s", "shaft", "joint", "load", "drawn", "across", "tilt_x", "tilt_y"}) | {
+    "load_owner",
+    "slope_owner",
+}
+
+
+def loads_of(samples: Samples) -> Loads:
+    """The loads at `samples`, which whoever calls an effect with `needs_loads` has filled."""
+    assert samples.loads is not None
+    return samples.loads
+
+
+def friction_velocity(robot: Robot, samples: Samples) -> Floats:
+    """(M,) velocity that drives the friction of the moving joint's motor, in units of the joint.
+
+    Its own, and where gears couple it (`Robot.coupling`) a share of the velocities of the joints before it.
+    """
+    own = samples.joint - 1
+    return samples.velocity @ robot.shaft_speeds[own] if robot.coupling else samples.velocity[:, own]
+
+
+def _load_owner(robot: Robot, samples: Samples, owner: int) -> Floats:
+    loads = loads_of(samples)
+    return loads.own if owner == samples.joint else np.nan_to_num(loads.others[:, owner - 1])
+
+
+#: Name in a formula -> (M,) values at instants of one moving joint, given the owner of the parameters (from 1).
+QUANTITIES: Mapping[str, Callable[[Robot, Samples, int], Any]] = {
+    "q": lambda robot, samples, owner: samples.position[:, samples.joint - 1],
+    "qd": lambda robot, samples, owner: samples.velocity[:, samples.joint - 1],
+    "qdd": lambda robot, samples, owner: samples.acceleration,
+    "s": lambda robot, samples, owner: samples.direction,
+    "shaft": lambda robot, samples, owner: friction_velocity(robot, samples),
+    "v": lambda robot, samples, owner: np.abs(friction_velocity(robot, samples)),
+    "t": lambda robot, samples, owner: samples.time,
+    "elapsed": lambda robot, samples, owner: samples.elapsed,
+    "path": lambda robot, samples, owner: samples.travel,
+    "temperature": lambda robot, samples, owner: np.where(
+        np.isnan(samples.temperature), REFERENCE, samples.temperature
+    ),
+    "joint": lambda robot, samples, owner: samples.joint,
+    "load": lambda robot, samples, owner: loads_of(samples).own,
+    "drawn": lambda robot, samples, owner: loads_of(samples).drawn,
+    "across": lambda robot, samples, owner: loads_of(samples).across,
+    "tilt_x": lambda robot, samples, owner: loads_of(samples).tilts[:, 0],
+    "tilt_y": lambda robot, samples, owner: loads_of(samples).tilts[:, 1],
+    "load_owner": _load_owner,
+    "slope_owner": lambda robot, samples, owner: np.nan_to_num(loads_of(samples).slopes[:, owner - 1]),
+}
+
+
+def columns(
+    formula: str, names: tuple[str, ...], values: Mapping[str, float], *, motion: tuple[Robot, Samples, int]
+) -> Floats:
+    """(M, p) derivative of a formula by each of its linear parameters.
+
+    Parameters
+    ----------
+    formula
+        Empty where the effect does not act.
+    names
+        The p parameters.
+    values
+        Shapes by name.
+    motion
+        The arm, M instants of one moving joint, and the owner of the parameters (from 1, 0 for the whole arm).
+    """
+    robot, samples, owner = motion
+    out = np.zeros((len(samples), len(names)))
+    if not formula:
+        return out
+    codes, used = _compiled(formula, names)
+    space = {name: QUANTITIES[name](robot, samples, owner) for name in used if name not in values}
+    for place, code in enumerate(codes):
+        if code is not None:
+            out[:, place] = eval(code, {"__builtins__": {}, **FUNCTIONS}, space | dict(values))
+    return out
+
+
+@lru_cache(maxsize=512)
+def _compiled(formula: str, names: tuple[str, ...]) -> tuple[tuple[CodeType | None, ...], frozenset[str]]:
+    """Code of the derivative by each parameter (None where it is zero), and the other names that stand in it."""
+    codes: list[CodeType | None] = []
+    for name in names:
+        text = filled(formula, {other: float(other == name) for other in names})
+        codes.append(None if text == "0.0" else compile(text, f"<{formula}>", "eval"))
+    return tuple(codes), names_in(formula) - set(names)
+
+
+def names_in(formula: str) -> frozenset[str]:
+    """Names of parameters, shapes and quantities in a formula, not those of functions."""
+    tree = ast.parse(formula, mode="eval")
+    called = {id(node.func) for node in ast.walk(tree) if isinstance(node, ast.Call)}
+    return frozenset(node.id for node in ast.walk(tree) if isinstance(node, ast.Name) and id(node) not in called)
+
+
+def filled(formula: str, values: Mapping[str, float | str]) -> str:
+    """A formula with numbers (none rounded) or other names in place of names; products with zero and one are gone."""
+    tree = _Filler(values).visit(ast.parse(formula, mode="eval"))
+    return ast.unparse(ast.fix_missing_locations(tree))
+
+
+def at_rest(formula: str) -> tuple[str, str]:
+    """The part of a formula that is there at rest, and what motion adds to it; ``0.0`` where there is none."""
+    hold = filled(formula, {"s": 0.0, "v": 0.0, "shaft": 0.0, "drawn": "load"})
+    if hold == filled(formula, {}):
+        return hold, "0.0"
+    return hold, filled(f"{formula} - ({hold})", {})
+
+
+def printed(formula: str) -> str:
+    """A formula as documents have it: ``s a exp(-(v/velocity)^exponent)``."""
+    text = re.sub(r"\((\w+ [<>=]+ [\w.]+)\)", r"[\1]", formula)
+    text = re.sub(r"(\w) / (\w+)(?=[\s)]|$)", r"\1/\2", text)
+    return re.sub(r"\s*\*\*\s*", "^", text).replace(" * ", " ").replace("==", "=")
+
+
+class _Filler(ast.NodeTransformer):
+    """Puts values in place of names and leaves out what they make zero or one."""
+
+    def __init__(self, values: Mapping[str, float | str]) -> None:
+        self.values = values
+
+    def visit_Call(self, node: ast.Call) -> ast.expr:
+        node.args = [self.visit(argument) for argument in node.args]
+        return node
+
+    def visit_Name(self, node: ast.Name) -> ast.expr:
+        value = self.values.get(node.id, node.id)
+        if isinstance(value, str):
+            return ast.Name(value)
+        size = ast.Constant(abs(float(value)))
+        return ast.UnaryOp(ast.USub(), size) if value < 0.0 else size
+
+    def visit_UnaryOp(self, node: ast.UnaryOp) -> ast.expr:
+        node.operand = self.visit(node.operand)
+        return node.operand if _is(node.operand, 0.0) else node
+
+    def visit_Compare(self, node: ast.Compare) -> ast.expr:
+        node.left, node.comparators = self.visit(node.left), [self.visit(other) for other in node.comparators]
+        if all(isinstance(side, ast.Constant) for side in (node.left, *node.comparators)):
+            return ast.Constant(float(eval(ast.unparse(node), {})))
+        return node
+
+    def visit_BinOp(self, node: ast.BinOp) -> ast.expr:
+        left, right = node.left, node.right = self.visit(node.left), self.visit(node.right)
+        is_product, is_sum = isinstance(node.op, ast.Mult), isinstance(node.op, ast.Add)
+        is_quotient, is_difference = isinstance(node.op, ast.Div), isinstance(node.op, ast.Sub)
+        if ((is_product or is_quotient) and _is(left, 0.0)) or (is_product and _is(right, 0.0)):
+            return ast.Constant(0.0)
+        if (is_product and _is(left, 1.0)) or (is_sum and _is(left, 0.0)):
+            return right
+        if ((is_product or is_quotient) and _is(right, 1.0)) or ((is_sum or is_difference) and _is(right, 0.0)):
+            return left
+        return ast.UnaryOp(ast.USub(), right) if is_difference and _is(left, 0.0) else node
+
+
+def _is(node: ast.expr, value: float) -> bool:
+    return isinstance(node, ast.Constant) and node.value == value
