@@ -1,4 +1,4 @@
-"""The least that an experiment must hold whatever it tells: postures, speeds, whole spans, for every joint."""
+"""What every joint gets whatever it tells, since diagnosis needs it: postures, speeds, whole ranges, replicates."""
 
 from __future__ import annotations
 
@@ -9,11 +9,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from pumaid.design.compose import Draft, settled
-from pumaid.design.laps import Course
-from pumaid.design.menu import Ways
+from pumaid.design.candidate_runs import JointCandidates, Sweep
+from pumaid.design.exchange import Criterion, rounded
+from pumaid.design.information import CandidateInformation
 
 Floats = NDArray[np.float64]
+Counts = NDArray[np.int64]
 
 #: Different speeds of a joint at least: three tell a straight line from a bend, the fourth which bend.
 SPEEDS = 4
@@ -22,122 +23,134 @@ POSTURES = 4
 
 
 @dataclass(frozen=True, slots=True)
-class Extent:
+class Coverage:
     """How much every joint gets at least.
 
     Attributes
     ----------
-    postures, whole, again
-        Postures; in how many of them it runs over the whole span at the highest speed; how many come in every pass, the
-        others in every other one.
+    postures, whole
+        Postures; in how many of them it runs over the whole range at top speed. These come in every pass, the others in
+        every other one.
     part
-        s of a run over part of the span.
+        s of a run over part of the range.
+    judged
+        Sweeps a joint that are kept for judging.
+    middle
+        Whether the first posture gets a middle speed beside the slow one.
     passes
         How often the arm is gone through.
-    judged
-        Courses a joint that are kept for judging.
-    middle
-        Whether the first posture has a speed in the middle, too: what bends between slow and fast shows there, in every
-        pass.
     """
 
     postures: int
     whole: int
-    again: int
     part: float
-    passes: int
     judged: int
     middle: bool = True
+    passes: int = 2
 
     @property
     def times(self) -> tuple[int, ...]:
-        """How often each kind of pass is made."""
+        """How often each of the two alternating kinds of pass is made."""
         return (1,) if self.passes == 1 else ((self.passes + 1) // 2, self.passes // 2)
 
 
-def cover(draft: Draft, extent: Extent, ground: Floats, *, haste: float, all_speeds: bool = False) -> None:
-    """Put into a draft, for every joint, what it must have.
+#: Coverages, the most first, and the share of the time that each may take.
+COVERAGES = (
+    (Coverage(4, 4, 2.0, 2), 0.4),
+    (Coverage(4, 2, 0.8, 2), 0.45),
+    (Coverage(4, 1, 0.8, 1), 0.6),
+    (Coverage(4, 1, 0.8, 1, middle=False), 0.9),
+    (Coverage(3, 1, 0.8, 1, middle=False), 0.9),
+    (Coverage(2, 1, 0.8, 1, middle=False), 0.9),
+)
 
-    In the first `whole` postures of a joint a lap over the whole span at the highest speed, in each slower ones: over
-    its postures at least four speeds come, the slowest among them. Postures are those that tell most.
+
+def cover(
+    candidates: CandidateInformation,
+    criterion: Criterion,
+    coverage: Coverage,
+    *,
+    background: Floats,
+    opening: Floats,
+    all_speeds: bool,
+) -> Counts:
+    """The candidates of a coverage, in the postures that tell most.
+
+    Over the postures of a joint come at least four speeds, the slowest and one in the middle among them.
 
     Parameters
     ----------
-    draft
-        Gets laps that stay.
-    extent
+    candidates, criterion
+        What there is to choose from, and what for.
+    coverage
         How much.
-    ground
+    background
         (G, p, p) information on top of which postures are compared.
-    haste
-        What a second of a pass is worth, by the criterion.
+    opening
+        (L,) by how much the criterion could fall in the time that it takes to go to each candidate's posture.
     all_speeds
-        Whether every speed of the menu must come.
+        Whether every speed of the candidates must come.
+
+    Returns
+    -------
+    counts
+        (K L,) for each kind of pass.
     """
-    for way in draft.menu.ways:
-        need = len({course.speed for course in way.courses}) if all_speeds else SPEEDS
-        slower = _slower(way)
-        each = max(1, math.ceil((need - 1) / extent.postures))
+    counts = np.zeros((len(coverage.times), len(candidates)), dtype=np.int64)
+    for joint in candidates.joints:
         taken: set[int] = set()
-        for place in range(extent.postures):
-            more = int(extent.middle)
-            turns = range(place * each + min(place, more), (place + 1) * each + more)
-            some = [slower[turn % len(slower)] for turn in turns] if slower else []
-            courses = [_part(way, speed, extent.part, place=place) for speed in dict.fromkeys(some)]
-            if place < extent.whole or not courses:
-                courses.append(_tour(way, place))
-            hold = _best_hold(draft, way, courses, taken=taken, ground=ground, haste=haste)
-            if hold is None:
+        for place, ways in enumerate(_sweeps(joint, coverage, all_speeds=all_speeds)):
+            options = [k for k in range(len(joint.holds)) if k not in taken and joint.usable[k, ways].any()]
+            options = [k for k in options if joint.usable[k, ways].all()] or options
+            if not options:
                 break
-            taken.add(hold)
-            laps = [lap for course in courses if (lap := draft.menu.find(way.joint, hold, course)) is not None]
-            kinds = range(len(draft.times) if place < extent.again else 1)
-            for kind in kinds:
-                draft.put(laps, kind)
-            often = sum(draft.times[kind] for kind in kinds)
-            ground = ground + often * draft.menu.each(laps).sum(axis=0)
+            made = [[c for w in ways if (c := candidates.find(joint.joint, k, w)) is not None] for k in options]
+            told = np.array([candidates.each(sets).sum(axis=0) for sets in made])
+            values = criterion.value(background + sum(coverage.times) * told)
+            values = values + opening[[sets[0] for sets in made]]
+            best = int(np.argmin(rounded(values)))
+            taken.add(options[best])
+            kinds = len(coverage.times) if place < coverage.whole else 1
+            counts[:kinds, made[best]] += 1
+            background = background + sum(coverage.times[:kinds]) * told[best]
+    return counts.ravel()
 
 
-def _best_hold(
-    draft: Draft, way: Ways, courses: Sequence[int], *, taken: set[int], ground: Floats, haste: float
-) -> int | None:
-    """The posture, not taken yet, in which these courses tell most; those in which all can be driven come first."""
-    menu = draft.menu
-    options = [k for k in range(len(way.holds)) if k not in taken and any(way.usable[k, course] for course in courses)]
-    if not options:
-        return None
-    whole = [k for k in options if all(way.usable[k, course] for course in courses)] or options
-    laps = [[menu.find(way.joint, k, course) for course in courses] for k in whole]
-    driven = [[lap for lap in one if lap is not None] for one in laps]
-    more = np.array([menu.each(some).sum(axis=0) for some in driven])
-    values = draft.criterion.value(ground + sum(draft.times) * more)
-    values += haste * np.array([draft.opening[some[0]] for some in driven])
-    return whole[int(np.argmin(settled(values)))]
+def _sweeps(joint: JointCandidates, coverage: Coverage, *, all_speeds: bool) -> list[list[int]]:
+    """The sweeps (numbers) of each posture of a joint."""
+    at = sorted({sweep.speed for sweep in joint.sweeps})
+    slower = _spread(at[:-1])
+    each = max(1, math.ceil(((len(at) if all_speeds else SPEEDS) - 1) / coverage.postures))
+    out = []
+    for place in range(coverage.postures):
+        # The first posture gets one speed more, so that slow and middle come in every pass.
+        more = int(coverage.middle)
+        turns = range(place * each + min(place, more), (place + 1) * each + more)
+        chosen = dict.fromkeys(slower[turn % len(slower)] for turn in turns) if slower else {}
+        ways = [_part(joint.sweeps, speed, coverage.part, place=place) for speed in chosen]
+        if place < coverage.whole or not ways:
+            ways.append(_tour(joint.sweeps, place))
+        out.append(ways)
+    return out
 
 
-def _tour(way: Ways, place: int) -> int:
-    """The widest course at the highest speed, up first and down first in turns."""
-    order = sorted(range(len(way.courses)), key=lambda c: (-way.courses[c].speed, -_width(way.courses[c]), c))
-    first = way.courses[order[0]]
-    alike = [c for c in order if way.courses[c].speed == first.speed and _width(way.courses[c]) == _width(first)]
-    return alike[place % len(alike)]
-
-
-def _slower(way: Ways) -> list[float]:
-    """Speeds below the highest, slowest first, then from the middle, so that a few of them lie far apart."""
-    rising = sorted({course.speed for course in way.courses})[:-1]
+def _spread(rising: Sequence[float]) -> list[float]:
+    """Slowest first, then from the middle, so that a few of them lie far apart."""
     half = (len(rising) + 1) // 2
-    return [speed for pair in zip(rising[:half], [*rising[half:], None], strict=False) for speed in pair if speed]
+    pairs = zip(rising[:half], [*rising[half:], None], strict=False)
+    return [speed for pair in pairs for speed in pair if speed is not None]
 
 
-def _part(way: Ways, speed: float, part: float, *, place: int) -> int:
-    """The course at this speed that lasts nearest to `part` s; parts above and below where it is held take turns."""
-    own = [c for c, course in enumerate(way.courses) if course.speed == speed]
-    lasting = {c: _width(way.courses[c]) / speed for c in own}
-    near = min(abs(math.log(lasting[c] / part)) for c in own)
-    alike = [c for c in own if abs(math.log(lasting[c] / part)) <= near + 1e-9]
+def _tour(ways: Sequence[Sweep], place: int) -> int:
+    """The widest sweep at the highest speed, up first and down first in turns."""
+    order = sorted(range(len(ways)), key=lambda c: (-ways[c].speed, ways[c].low - ways[c].high, c))
+    first = ways[order[0]]
+    alike = [c for c in order if (ways[c].speed, ways[c].low, ways[c].high) == (first.speed, first.low, first.high)]
     return alike[place % len(alike)]
 
 
-def _width(course: Course) -> float:
-    return course.high - course.low
+def _part(ways: Sequence[Sweep], speed: float, seconds: float, *, place: int) -> int:
+    """The sweep at this speed that lasts nearest to `seconds`; parts above and below home take turns."""
+    off = {c: abs(math.log((way.high - way.low) / speed / seconds)) for c, way in enumerate(ways) if way.speed == speed}
+    alike = [c for c, distance in off.items() if distance <= min(off.values()) + 1e-9]
+    return alike[place % len(alike)]

@@ -1,4 +1,4 @@
-"""From assumed robots and a time budget to motions: coverage, then what tells most, then order, then the clock."""
+"""From prior robots and a time budget to motions: coverage, then greedy choice and exchange, then the schedule."""
 
 from __future__ import annotations
 
@@ -9,53 +9,51 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from pumaid.clearance import Clearance
-from pumaid.design.compose import Draft
-from pumaid.design.coverage import Extent, cover
-from pumaid.design.criterion import POWERS, Criterion
-from pumaid.design.laps import SHARES, Course, courses, free, seconds, speeds
-from pumaid.design.menu import Menu, Ways, menu
-from pumaid.design.outlook import RATE
-from pumaid.design.postures import SHORTLIST, shortlist
-from pumaid.design.relaxed import Relaxed, relaxed
-from pumaid.design.timetable import Block, timetable
-from pumaid.errors import ModelError
-from pumaid.records import Motion, Plan
-from pumaid.robot import Robot
-from pumaid.simulation.ranges import reference
-from pumaid.simulation.truth import Truth
-from pumaid.trajectory import MOVE_SHARE, RAMP_TIME, duration, highest_speeds
+from pumaid.design.candidate_runs import (
+    SHARES,
+    JointCandidates,
+    Sweep,
+    home,
+    postures,
+    seconds_of,
+    speeds,
+    sweeps,
+    usable,
+)
+from pumaid.design.collision import Collision
+from pumaid.design.coverage import COVERAGES, Coverage, cover
+from pumaid.design.exchange import POWERS, ContinuousDesign, Criterion, Exchange, continuous_design, rounded
+from pumaid.design.information import CandidateInformation, candidate_information, gravity_slopes
+from pumaid.design.prior import Prior
+from pumaid.design.schedule import Block, schedule
+from pumaid.errors import ModelError, Where
+from pumaid.records import Motion, Plan, Robot
+from pumaid.simulation.timing import MOVE_SHARE, RAMP_TIME, duration, highest_speeds
 from pumaid.units import number
 
 Floats = NDArray[np.float64]
+Counts = NDArray[np.int64]
 
-#: What every joint gets at least (postures, of them with whole spans, of them in every pass, s of parts, courses for
-#: judging, a middle speed in every pass), and the share of the time that it may take: the first that takes no more, the
-#: rest goes to what tells most.
-_EXTENTS = (
-    ((4, 4, 4, 2.0, 2, True), 0.4),
-    ((4, 2, 2, 0.8, 2, True), 0.45),
-    ((4, 1, 1, 0.8, 1, True), 0.6),
-    ((4, 1, 1, 0.8, 1, False), 0.9),
-    ((3, 1, 1, 0.8, 1, False), 0.9),
-    ((2, 1, 1, 0.8, 1, False), 0.9),
-)
 #: s a joint that a pass takes about: longer budgets are filled with more passes, up to so many.
 _PASS, _MOST_PASSES = 200.0, 20
 #: s a joint where no time is given.
-USUAL = 210.0
-#: s between blocks at first, as a share of the way from the arm's reference posture; measured after a timetable.
+_USUAL = 210.0
+#: s between blocks at first, as a share of the way from home; measured after the first schedule.
 _OPENING = 0.8
-#: Share of the best lap's worth a second below which laps are not looked at.
+#: Share of the best candidate's worth a second below which candidates are not looked at.
 _WORTH = 0.6
 #: Rounds of fitting a plan into its time, and the share of the time that is enough.
 _FITTINGS, _FULL = 5, 0.98
-#: Share of the best experiment's information on which postures of the coverage are compared.
-_GROUND = 0.5
+#: Share of the continuous optimum's information on top of which postures of the coverage are compared.
+_BACKGROUND = 0.5
+#: Random postures a joint, of a joint whose runs no posture changes, and how many remain after the first look.
+_DRAWN, _DRAWN_IDLE, _SHORTLIST = 120, 12, 14
+#: Shares of the top speed of the first look, its steps, and its time a joint (s).
+_LOOK, _LOOK_STEPS, _LOOK_SECONDS = (0.05, 1.0), 40, 120.0
 
 
 @dataclass(frozen=True, slots=True)
-class Wish:
+class Request:
     """What a user asks for; None where the planner decides.
 
     Attributes
@@ -63,11 +61,11 @@ class Wish:
     seconds
         Robot time, moves included.
     shares
-        Speeds, as shares of each joint's highest.
+        Speeds, as shares of each joint's top speed.
     postures, passes
         Postures a joint, and how often everything is made.
     criterion
-        A key of `pumaid.design.criterion.POWERS`.
+        A key of `pumaid.design.exchange.POWERS`.
     """
 
     seconds: float | None = None
@@ -78,47 +76,72 @@ class Wish:
 
 
 @dataclass(frozen=True, eq=False, slots=True)
+class Objective:
+    """The criterion of a plan whose passes are of K kinds: candidate l in passes of kind k is number ``k L + l``.
+
+    `times` says how often each kind of pass is made.
+    """
+
+    candidates: CandidateInformation
+    criterion: Criterion
+    times: tuple[int, ...]
+
+    def information(self, counts: Counts) -> Floats:
+        """(G, p, p) of all passes."""
+        return self.candidates.information(np.asarray(self.times, dtype=float) @ counts.reshape(len(self.times), -1))
+
+    def value(self, counts: Counts) -> float:
+        """Of the criterion."""
+        return float(self.criterion.value(self.information(counts)))
+
+    def falls(self, counts: Counts) -> Floats:
+        """(K L,) about how much the criterion falls by one more of each candidate."""
+        products = self.candidates.products(self.criterion.slope(self.information(counts)))
+        return 0.5 * np.concatenate([often * products for often in self.times])
+
+    def values_with(self, counts: Counts, candidates: Counts) -> Floats:
+        """(N,) criterion with one more of each of N candidates."""
+        kind, lap = np.divmod(candidates, len(self.candidates))
+        added = np.asarray(self.times)[kind][:, None, None, None] * self.candidates.each(lap.tolist())
+        return self.criterion.value(self.information(counts) + added)
+
+
+@dataclass(frozen=True, eq=False, slots=True)
 class Made:
-    """A plan's motions, and what its reasons are made from.
+    """A plan's motions and what they were chosen by.
 
     Attributes
     ----------
     motions
         In order.
-    draft
-        Laps of a pass.
-    best
-        The best conceivable experiment in the same time.
+    objective, counts
+        The criterion, and (K L,) how often each candidate is made in a pass of each kind.
     judged
-        (J, J) the posture in which each joint is judged.
-    extent
-        The coverage that was kept.
+        (J, J) the posture in which each joint is judged, rad or m.
+    coverage
+        What every joint got at least.
+    efficiency
+        Best conceivable error in the same time as a share of this plan's (0..1).
     """
 
     motions: tuple[Motion, ...]
-    draft: Draft
-    best: Relaxed
+    objective: Objective
+    counts: Counts
     judged: Floats
-    extent: Extent
-
-    @property
-    def efficiency(self) -> float:
-        """Predicted error of the best conceivable experiment as a share of this one's (0..1)."""
-        return float(np.exp(self.best.bound - self.draft.value()))
+    coverage: Coverage
+    efficiency: float
 
 
 class Planner:
-    """Plans for one robot: what is worth a look is found once.
+    """Makes plans for one arm.
 
     Parameters
     ----------
-    truths
-        Assumed robots.
+    prior
+        Prior robots.
     names
         Gravity parameters and ratios that the arm has.
-    size
-        Name -> what is usual of it, SI.
-    wish
+    request
         What is asked for.
     seed
         Same seed, same plan.
@@ -127,52 +150,25 @@ class Planner:
     """
 
     def __init__(
-        self,
-        truths: Sequence[Truth],
-        names: Sequence[str],
-        *,
-        size: dict[str, float],
-        wish: Wish,
-        seed: int,
-        tell: Callable[[str], None],
+        self, prior: Prior, names: Sequence[str], *, request: Request, seed: int, tell: Callable[[str], None]
     ) -> None:
-        self.truths, self.names, self.wish, self.seed, self.tell = truths, names, wish, seed, tell
-        self.robot: Robot = truths[0].robot
-        self.clearance = Clearance.of(self.robot)
-        tell("looking for postures that tell something")
-        rng = np.random.default_rng([seed, 3])
-        count = max(SHORTLIST, wish.postures or 0)
-        self.holds = shortlist(truths, names=names, clearance=self.clearance, rate=RATE, rng=rng, count=count)
-        shares = tuple(sorted(wish.shares or SHARES))
-        self.menu = self._menu(shares)
-        self.judging, self._away = self._judging(shares), self._far()
-        self.usual = np.array([size[name] for name in self.menu.names])
-        self.criterion = Criterion(
-            POWERS[wish.criterion], self.usual if POWERS[wish.criterion] else np.ones(len(self.usual))
+        self.truths, self.names, self.request, self.seed, self.tell = prior.robots, names, request, seed, tell
+        self.robot: Robot = self.truths[0].robot
+        self.collision = Collision(self.robot)
+        tell("choosing postures")
+        joints = self._shortlist(np.random.default_rng([seed, 3]), max(_SHORTLIST, request.postures or 0))
+        shares = sorted(request.shares or SHARES)
+        self.candidates = candidate_information(
+            self.truths, [self._joint(joint.joint, joint.holds, shares) for joint in joints], names=names
         )
-        self.hopeless: tuple[str, ...] = ()
-
-    def _far(self) -> Floats:
-        """(L,) s from the arm's reference posture to that of each lap."""
-        home, pace = reference(self.robot), MOVE_SHARE * highest_speeds(self.robot)
-        each = [np.max(np.abs(holds - home) / pace, axis=1) + RAMP_TIME for holds in self.holds]
-        return np.array([each[j - 1][k] for j, k in zip(self.menu.joint, self.menu.hold, strict=True)])
-
-    def _menu(self, shares: Sequence[float]) -> Menu:
-        ways = []
-        for joint, holds in zip(self.robot.joints, self.holds, strict=True):
-            some = courses(self.robot, joint.number, speeds(self.robot, joint.number, shares))
-            ways.append(Ways(joint.number, holds, some, free(self.clearance, holds, some)))
-        return menu(self.truths, ways, names=self.names, rate=RATE)
-
-    def _judging(self, shares: Sequence[float]) -> list[tuple[Course, ...]]:
-        """For each joint two courses over parts of the span, at a fast and a slow speed that no fitted run has."""
+        # Runs for judging have speeds that no fitted run has.
         between = (math.sqrt(shares[-2] * shares[-1]), math.sqrt(shares[0] * shares[1]))
-        found: list[tuple[Course, ...]] = []
-        for joint in self.robot.joints:
-            each = [courses(self.robot, joint.number, speeds(self.robot, joint.number, (share,))) for share in between]
-            found.append((each[0][0], each[1][min(1, len(each[1]) - 1)]))
-        return found
+        self.judging = [self._judging(joint.number, between) for joint in self.robot.joints]
+        self._away = self._seconds_from_home()
+        sizes = prior.typical_sizes()
+        self.sizes = np.array([sizes[name] for name in self.candidates.names])
+        self.hopeless: tuple[str, ...] = ()
+        self.criterion = Criterion(POWERS[request.criterion], self.sizes, np.ones(len(self.sizes), dtype=bool))
 
     def made(self) -> Made:
         """The plan that is asked for.
@@ -182,165 +178,240 @@ class Planner:
         ModelError [plan-too-short]
             The least experiment that shows everything takes longer.
         """
-        self.tell("sharing out the time")
-        extents = self._extents()
-        is_asked = self.wish.postures is not None or self.wish.passes is not None or self.wish.shares is not None
-        usual, share = extents[0 if is_asked else 1]
-        budget = self.wish.seconds or max(USUAL * self.robot.n_joints, self._least(usual) / share)
-        best = self._best(budget)
-        fitting = (one for one, share in extents if self._least(one) <= share * budget)
-        extent = next(fitting, extents[-1][0])
+        self.tell("choosing runs")
+        coverages, request = self._coverages(), self.request
+        is_asked = request.postures is not None or request.passes is not None or request.shares is not None
+        usual, share = coverages[0 if is_asked else 1]
+        budget = request.seconds or max(_USUAL * self.robot.n_joints, self._least_seconds(usual) / share)
+        optimum = self._optimum(budget)
+        fitting = (wanted for wanted, share in coverages if self._least_seconds(wanted) <= share * budget)
+        coverage = next(fitting, coverages[-1][0])
+        best: Made | None = None
         allowed, opening = budget, _OPENING
-        kept: Made | None = None
+        required = self._required(coverage, optimum)
         for _ in range(_FITTINGS):
-            draft = self._filled(extent, allowed, opening, best)
-            made = self._ordered(draft, extent, best)
-            taken = self._duration(made.motions)
-            if taken <= budget and (kept is None or draft.value() < kept.draft.value()):
-                kept = made
-            if _FULL * budget <= taken <= budget:
+            made = self._chosen(required, coverage, optimum, allowed=allowed, opening=opening)
+            lasting = self._duration(made.motions)
+            if lasting <= budget and (best is None or made.efficiency > best.efficiency):
+                best = made
+            if _FULL * budget <= lasting <= budget:
                 break
-            opening = self._opening(made)
-            allowed += 0.99 * budget - taken
-        if kept is None:
-            raise self._too_short(budget, extents[-1][0])
-        return kept
+            opening = self._measured_opening(made)
+            allowed += 0.99 * budget - lasting
+        if best is None:
+            raise self._too_short(budget, coverages[-1][0])
+        return best
 
-    def efficiency(self, promised: dict[str, float], budget: float) -> float | None:
-        """Best conceivable error as a share of given errors; None where some are missing or nothing runs.
-
-        Parameters
-        ----------
-        promised
-            Name -> predicted standard error, SI.
-        budget
-            s that their runs take.
-        """
-        if budget <= 0.0:
+    def efficiency(self, promised: dict[str, float], seconds: float) -> float | None:
+        """Best conceivable error in some s as a share of promised errors; None where a parameter is not shown."""
+        if seconds <= 0.0:
             return None
-        best = self._best(budget)
-        counted = [name for name in self.menu.names if name not in self.hopeless]
+        bound = self._optimum(seconds).bound
+        counted = [name for name in self.candidates.names if name not in self.hopeless]
         if any(name not in promised for name in counted):
             return None
-        errors = np.array([promised[name] for name in counted])
-        share = self.criterion.size if self.criterion.counted is None else self.criterion.size[self.criterion.counted]
-        return float(np.exp(best.bound - np.mean(np.log(errors / share))))
+        errors = np.log([promised[name] for name in counted]) - np.log(self.sizes[self.criterion.counted])
+        return float(np.exp(bound - errors.mean()))
 
-    def _best(self, budget: float) -> Relaxed:
-        """The best conceivable experiment; what even that leaves in the dark counts no longer."""
-        # By the geometric mean: the worst of what stays dark whatever is done would starve all others.
-        plain = Criterion(0.0, self.criterion.size)
-        best = relaxed(self.menu, plain, seconds=self.menu.seconds, total=budget)
-        share = np.median(plain.errors(self.menu.information(best.weights)), axis=0) / self.usual
-        counted = share <= 1.0
-        if not np.any(counted):
-            counted[:] = True  # in so little time all stays dark, and no parameter is worth less than the others
-        self.hopeless = tuple(name for name, light in zip(self.menu.names, counted, strict=True) if not light)
-        if not self.hopeless and self.criterion.power == 0.0:
-            return best
-        self.criterion = replace(self.criterion, counted=counted)
-        return relaxed(self.menu, self.criterion, seconds=self.menu.seconds, total=budget)
-
-    def _extents(self) -> list[tuple[Extent, float]]:
-        """What every joint may get at least, the most that is wanted first, and what share of the time it may take."""
-        wish = self.wish
-        many = 2
-        if wish.seconds is not None:
-            many = int(np.clip(round(wish.seconds / (_PASS * self.robot.n_joints)), 2, _MOST_PASSES))
-        found = []
-        for (postures, whole, again, part, judged, middle), share in _EXTENTS:
-            passes = wish.passes or many
-            one = Extent(wish.postures or postures, whole, again, part, passes=passes, judged=judged, middle=middle)
-            found.append((one, share))
-        last, share = found[-1]
-        return [*found, *([] if wish.passes else [(replace(last, passes=1), share)])]
-
-    def _least(self, extent: Extent) -> float:
-        """s that the coverage alone takes, about."""
-        return self._draft(extent, _OPENING).seconds() + self._judging_seconds(extent)
-
-    def _draft(self, extent: Extent, opening: float, best: Relaxed | None = None) -> Draft:
-        """The coverage alone."""
-        usual = USUAL * self.robot.n_joints
-        even = np.full(len(self.menu), usual / float(np.sum(self.menu.seconds)))
-        pool = np.arange(len(self.menu)) if best is None else np.flatnonzero(best.worth > _WORTH)
-        draft = Draft(self.menu, self.criterion, extent.times, opening * self._away, pool)
-        ground = _GROUND * self.menu.information(even if best is None else best.weights)
-        # A share of the time is half that share of the criterion, a logarithm.
-        haste = 0.5 * extent.passes / (self.wish.seconds or usual)
-        cover(draft, extent, ground, haste=haste, all_speeds=self.wish.shares is not None)
-        return draft
-
-    def _filled(self, extent: Extent, allowed: float, opening: float, best: Relaxed) -> Draft:
-        draft = self._draft(extent, opening, best)
-        running = allowed - self._judging_seconds(extent)
-        self.tell("choosing runs")
-        draft.fill(running)
-        draft.exchange(running, lambda value: self.tell(f"exchanging runs: error {number(math.exp(value), 3)}"))
-        return draft
-
-    def _judging_seconds(self, extent: Extent) -> float:
-        """s of the runs that are kept for judging."""
-        away = float(np.mean(self._away)) * _OPENING
-        running = sum(seconds(self.robot, course) for some in self.judging for course in some[: extent.judged])
-        return float(running) + away * len(self.judging)
-
-    def _ordered(self, draft: Draft, extent: Extent, best: Relaxed) -> Made:
-        """Motions of a draft, in order; joints take turns in which pass they are judged."""
-        rng = np.random.default_rng([self.seed, 4])
-        judged = self._judged(draft, rng)
-        passes: list[list[Block]] = []
-        for number_of_pass in range(extent.passes):
-            blocks = _blocks(draft, number_of_pass % len(draft.times))
-            for joint, some in enumerate(self.judging, start=1):
-                if joint % min(2, extent.passes) == number_of_pass:
-                    hold = tuple(judged[joint - 1].tolist())
-                    blocks.append(Block(joint, hold, some[: extent.judged], "heldout"))
-            passes.append(blocks)
-        motions = timetable(self.robot, passes, clearance=self.clearance, rng=rng)
-        return Made(motions, draft, best, judged, extent)
-
-    def _judged(self, draft: Draft, rng: np.random.Generator) -> Floats:
-        """(J, J) for each joint a posture that no fit sees where there is one, of those that can be reached."""
+    def _shortlist(self, rng: np.random.Generator, count: int) -> list[JointCandidates]:
+        """For each joint the postures on which the continuous optimum, with few sweeps, would spend its time."""
+        joints = [self._all_postures(joint.number, rng) for joint in self.robot.joints]
+        table = candidate_information(self.truths, joints, names=self.names)
+        criterion = Criterion(0.0, np.ones(len(table.names)), np.ones(len(table.names), dtype=bool))
+        optimum = continuous_design(table, criterion, _LOOK_SECONDS * self.robot.n_joints, steps=_LOOK_STEPS)
         out = []
-        for way, some in zip(self.menu.ways, self.judging, strict=True):
-            used = {hold for joint, hold in map(draft.menu.block_of, draft.laps(0)) if joint == way.joint}
-            ways = free(self.clearance, way.holds, some).all(axis=1)
-            others = [k for k in np.flatnonzero(ways).tolist() if k not in used]
-            options = others or np.flatnonzero(way.usable.any(axis=1)).tolist()
-            out.append(way.holds[int(rng.choice(options))])
+        for joint in joints:
+            rows = table.joint == joint.joint
+            spent = np.bincount(table.hold[rows], (optimum.counts * table.seconds)[rows], minlength=len(joint.holds))
+            free = np.flatnonzero(joint.usable.any(axis=1))
+            order = free[np.argsort(-rounded(np.asarray(spent[free], dtype=float)), kind="stable")]
+            out.append(replace(joint, holds=joint.holds[order[:count]]))
+        return out
+
+    def _all_postures(self, joint: int, rng: np.random.Generator) -> JointCandidates:
+        """Many postures of a joint with its slowest part and its fastest tour."""
+        matter = self._that_matter(joint, rng)
+        others = [number for number in range(1, self.robot.n_joints + 1) if number != joint]
+        holds = postures(self.robot, joint, varied=matter or others, count=_DRAWN if matter else _DRAWN_IDLE, rng=rng)
+        ways = sweeps(self.robot, joint, speeds(self.robot, joint, _LOOK))
+        ways = tuple(dict.fromkeys((ways[0], ways[-1])))
+        free = usable(self.collision, holds, ways)
+        if free.any():
+            return JointCandidates(joint, holds, ways, free)
+        start, end = holds[0].copy(), holds[0].copy()
+        start[joint - 1], end[joint - 1] = ways[0].low, ways[0].high
+        hit = self.collision.first_hit(start, end)
+        why = "" if hit is None else f"; at home: {self.collision.describe(hit)}"
+        raise ModelError(
+            "plan-unsafe",
+            f"joint {joint} ({self.robot.joint(joint).name}) collides in all of {len(holds)} postures of the others"
+            + why,
+            Where(joint=joint),
+            "widen the limits, or correct the recipe's boxes and spheres",
+        )
+
+    def _that_matter(self, joint: int, rng: np.random.Generator) -> list[int]:
+        """Other joints (from 1) whose position changes what a joint's runs tell."""
+        holds = rng.uniform(-1.0, 1.0, (12, self.robot.n_joints)) * np.where(self.robot.is_revolute, np.pi, 0.5)
+        before = gravity_slopes(self.truths[:1], joint=joint, holds=holds, names=self.names)
+        out = []
+        for other in [n for n in range(1, self.robot.n_joints + 1) if n != joint]:
+            turned = holds.copy()
+            turned[:, other - 1] += 0.7
+            after = gravity_slopes(self.truths[:1], joint=joint, holds=turned, names=self.names)
+            if np.max(np.abs(after - before), initial=0.0) > 1e-9 * np.max(np.abs(before), initial=1e-300):
+                out.append(other)
+        return out
+
+    def _joint(self, joint: int, holds: Floats, shares: Sequence[float]) -> JointCandidates:
+        ways = sweeps(self.robot, joint, speeds(self.robot, joint, shares))
+        return JointCandidates(joint, holds, ways, usable(self.collision, holds, ways))
+
+    def _judging(self, joint: int, shares: tuple[float, float]) -> tuple[Sweep, ...]:
+        """Two sweeps over parts of the range, at a fast and a slow speed."""
+        fast, slow = (sweeps(self.robot, joint, speeds(self.robot, joint, (share,))) for share in shares)
+        return fast[0], slow[min(1, len(slow) - 1)]
+
+    def _seconds_from_home(self) -> Floats:
+        """(L,) s from home to the posture of each candidate."""
+        middle, pace = home(self.robot), MOVE_SHARE * highest_speeds(self.robot)
+        away = [np.max(np.abs(j.holds - middle) / pace, axis=1) + RAMP_TIME for j in self.candidates.joints]
+        return np.array([away[j - 1][k] for j, k in zip(self.candidates.joint, self.candidates.hold, strict=True)])
+
+    def _optimum(self, budget: float) -> ContinuousDesign:
+        """The continuous optimum; parameters that even it leaves unknown count no longer."""
+        # By the geometric mean: the worst of what stays unknown would take the time of all others.
+        plain = Criterion(0.0, self.sizes, np.ones(len(self.sizes), dtype=bool))
+        optimum = continuous_design(self.candidates, plain, budget)
+        errors = plain.errors(self.candidates.information(optimum.counts))
+        counted = np.median(errors, axis=0) <= self.sizes
+        if not counted.any():
+            counted[:] = True
+        names = zip(self.candidates.names, counted, strict=True)
+        self.hopeless = tuple(name for name, is_counted in names if not is_counted)
+        if not self.hopeless and self.criterion.power == 0.0:
+            return optimum
+        self.criterion = replace(self.criterion, counted=counted)
+        return continuous_design(self.candidates, self.criterion, budget)
+
+    def _coverages(self) -> list[tuple[Coverage, float]]:
+        """What every joint may get at least, the most first, and what share of the time it may take."""
+        request, many = self.request, 2
+        if request.seconds is not None:
+            many = int(np.clip(round(request.seconds / (_PASS * self.robot.n_joints)), 2, _MOST_PASSES))
+        passes = request.passes or many
+        out = [
+            (replace(coverage, postures=request.postures or coverage.postures, passes=passes), share)
+            for coverage, share in COVERAGES
+        ]
+        last, share = out[-1]
+        return out if request.passes else [*out, (replace(last, passes=1), share)]
+
+    def _least_seconds(self, coverage: Coverage) -> float:
+        """s that a coverage takes, about."""
+        required = self._required(coverage, None)
+        exchange = self._exchange(self.candidates, self._away, coverage.times, budget=math.inf, opening=_OPENING)
+        return exchange.cost(required) + self._judging_seconds(coverage)
+
+    def _required(self, coverage: Coverage, optimum: ContinuousDesign | None) -> Counts:
+        """(K L,) the coverage, its postures compared on top of the optimum's information or of an even plan's."""
+        usual = _USUAL * self.robot.n_joints
+        even = np.full(len(self.candidates), usual / float(np.sum(self.candidates.seconds)))
+        background = _BACKGROUND * self.candidates.information(even if optimum is None else optimum.counts)
+        # A share of the time is half that share of the criterion, a logarithm.
+        haste = 0.5 * coverage.passes / (self.request.seconds or usual)
+        return cover(
+            self.candidates,
+            self.criterion,
+            coverage,
+            background=background,
+            opening=haste * _OPENING * self._away,
+            all_speeds=self.request.shares is not None,
+        )
+
+    def _exchange(
+        self, candidates: CandidateInformation, away: Floats, times: Sequence[int], *, budget: float, opening: float
+    ) -> Exchange:
+        often = np.asarray(times, dtype=float)[:, None]
+        _, block = np.unique(1000 * candidates.joint + candidates.hold, return_inverse=True)
+        blocks = np.concatenate([kind * (block.max() + 1) + block for kind in range(len(times))])
+        objective = Objective(candidates, self.criterion, tuple(times))
+        return Exchange(
+            objective, (often * candidates.seconds).ravel(), blocks, (often * opening * away).ravel(), budget
+        )
+
+    def _chosen(
+        self, required: Counts, coverage: Coverage, optimum: ContinuousDesign, *, allowed: float, opening: float
+    ) -> Made:
+        """Runs chosen on top of the coverage for `allowed` s, in order."""
+        table = required.reshape(len(coverage.times), -1)
+        pool = np.flatnonzero((optimum.worth > _WORTH) | table.any(axis=0))
+        candidates = self.candidates.only(pool)
+        budget = allowed - self._judging_seconds(coverage)
+        exchange = self._exchange(candidates, self._away[pool], coverage.times, budget=budget, opening=opening)
+        least = table[:, pool].ravel()
+        counts = exchange.exchanged(
+            exchange.filled(least),
+            required=least,
+            tell=lambda value: self.tell(f"exchanging runs: error {number(math.exp(value), 3)}"),
+        )
+        objective = Objective(candidates, self.criterion, coverage.times)
+        rng = np.random.default_rng([self.seed, 4])
+        judged = self._judged(objective, counts, rng)
+        passes = []
+        for turn in range(coverage.passes):
+            blocks = _blocks(candidates, counts.reshape(len(coverage.times), -1)[turn % len(coverage.times)])
+            for joint, ways in enumerate(self.judging, start=1):
+                if joint % min(2, coverage.passes) == turn:
+                    blocks.append(Block(joint, tuple(judged[joint - 1].tolist()), ways[: coverage.judged], "heldout"))
+            passes.append(blocks)
+        motions = schedule(self.robot, passes, collision=self.collision, rng=rng)
+        efficiency = math.exp(optimum.bound - objective.value(counts))
+        return Made(motions, objective, counts, judged, coverage, efficiency)
+
+    def _judged(self, objective: Objective, counts: Counts, rng: np.random.Generator) -> Floats:
+        """(J, J) for each joint a free posture, one that no fit uses where there is one."""
+        candidates, out = objective.candidates, []
+        chosen = np.flatnonzero(counts.reshape(len(objective.times), -1).any(axis=0))
+        for joint, ways in zip(self.candidates.joints, self.judging, strict=True):
+            used = set(candidates.hold[chosen][candidates.joint[chosen] == joint.joint].tolist())
+            free = np.flatnonzero(usable(self.collision, joint.holds, ways).all(axis=1)).tolist()
+            options = [k for k in free if k not in used] or free or np.flatnonzero(joint.usable.any(axis=1)).tolist()
+            out.append(joint.holds[int(rng.choice(options))])
         return np.array(out)
+
+    def _judging_seconds(self, coverage: Coverage) -> float:
+        """s of the runs that are kept for judging."""
+        away = float(np.mean(self._away)) * _OPENING * len(self.judging)
+        return away + sum(seconds_of(self.robot, sweep) for ways in self.judging for sweep in ways[: coverage.judged])
 
     def _duration(self, motions: Sequence[Motion]) -> float:
         return duration(self.robot, Plan(robot=self.robot.name, motions=tuple(motions)))
 
-    def _opening(self, made: Made) -> float:
-        """Time between blocks as it came out, as a share of that from the reference posture to each."""
+    def _measured_opening(self, made: Made) -> float:
+        """Time between blocks in a schedule, as a share of that from home to each."""
         running = sum(self._duration([motion]) for motion in made.motions)
-        nominal = 0.0
-        for kind, often in enumerate(made.draft.times):
-            opened = {self.menu.block_of(lap): float(self._away[lap]) for lap in made.draft.laps(kind)}
-            nominal += often * sum(opened.values())
-        nominal += float(np.mean(self._away)) * len(self.judging)
-        return max(self._duration(made.motions) - running, 0.0) / nominal
+        middle, pace = home(self.robot), MOVE_SHARE * highest_speeds(self.robot)
+        blocks = {(motion.joint, motion.hold) for motion in made.motions}
+        away = sum(float(np.max(np.abs(np.array(hold) - middle) / pace)) + RAMP_TIME for _, hold in blocks)
+        return max(self._duration(made.motions) - running, 0.0) / (away * made.coverage.passes)
 
-    def _too_short(self, budget: float, least: Extent) -> ModelError:
-        draft = self._draft(least, _OPENING)
-        needed = self._duration(self._ordered(draft, least, Relaxed(np.zeros(0), 0.0, 0.0, np.zeros(0))).motions)
+    def _too_short(self, budget: float, least: Coverage) -> ModelError:
+        required = self._required(least, None)
+        exchange = self._exchange(self.candidates, self._away, least.times, budget=math.inf, opening=_OPENING)
+        needed = exchange.cost(required) + self._judging_seconds(least)
         return ModelError(
             "plan-too-short",
-            f"{number(budget / 60.0)} minutes are too short: the least experiment that shows everything takes"
+            f"{number(budget / 60.0)} minutes are too short: the least experiment that shows everything takes about"
             f" {math.ceil(needed / 6.0) / 10.0:g} minutes",
             mend=f"give --minutes {math.ceil(needed / 60.0)} or more, or fewer postures, replicates or faster speeds",
         )
 
 
-def _blocks(draft: Draft, kind: int) -> list[Block]:
-    """The laps of a kind of pass, gathered by joint and posture."""
-    found: dict[tuple[int, int], list[Course]] = {}
-    for lap in draft.laps(kind):
-        found.setdefault(draft.menu.block_of(lap), []).append(draft.menu.course_of(lap))
-    return [
-        Block(joint, tuple(draft.menu.of(joint).holds[hold].tolist()), tuple(some))
-        for (joint, hold), some in sorted(found.items())
-    ]
+def _blocks(candidates: CandidateInformation, counts: Counts) -> list[Block]:
+    """Candidates, each made `counts` (L,) times, gathered by joint and posture."""
+    gathered: dict[tuple[int, tuple[float, ...]], list[Sweep]] = {}
+    for candidate in np.repeat(np.arange(len(counts)), counts).tolist():
+        key = int(candidates.joint[candidate]), candidates.hold_of(candidate)
+        gathered.setdefault(key, []).append(candidates.sweep_of(candidate))
+    return [Block(joint, hold, tuple(ways)) for (joint, hold), ways in gathered.items()]

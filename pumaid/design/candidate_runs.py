@@ -1,0 +1,227 @@
+"""What a plan can be made of: one joint moving at constant speed over its range or a part, the others held."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pumaid.design.collision import Collision
+from pumaid.records import Joint, Motion, Plan, Robot
+from pumaid.simulation.ranges import QUICKEST_SLIDE, QUICKEST_TURN, span
+from pumaid.simulation.timing import accelerations, cruise, duration, highest_speeds
+from pumaid.units import factor
+
+Floats = NDArray[np.float64]
+Bools = NDArray[np.bool_]
+
+#: Shares of a joint's top speed: slow enough for Stribeck friction, fast enough to tell viscous friction from it.
+SHARES = (0.035, 0.07, 0.15, 0.3, 0.6, 1.0)
+#: s at constant speed of a run over a part of the range.
+PARTS = (0.8, 2.0, 5.0)
+#: Least way at constant speed (rad, m): ripples of a motor's turn should average out.
+LEAST_TURN, LEAST_SLIDE = 6.0 * factor("deg"), 0.03
+#: A longer part exceeds a shorter one by this factor; a part of more than `_WHOLE` of the room takes all of it.
+_LONGER, _WHOLE = 1.3, 0.8
+#: s of a run at most; slower runs cover a part of the range.
+_LONGEST = 15.0
+#: Least share of the range at constant speed; ramps take the rest.
+_LEAST_CRUISE = 0.6
+#: Speeds that a joint needs at least: fewer do not separate Coulomb, viscous and a bend.
+_FEWEST = 3
+#: Held joints stand at multiples of `_STEP`, at most `_FARTHEST` from home (rad).
+_STEP, _FARTHEST = 15.0 * factor("deg"), 150.0 * factor("deg")
+
+
+@dataclass(frozen=True, slots=True)
+class Sweep:
+    """A round trip of one joint: from stop to stop (rad or m) at `speed` (rad/s or m/s), each way a run."""
+
+    joint: int
+    stops: tuple[float, ...]
+    speed: float
+
+    @property
+    def low(self) -> float:
+        """Lowest position, rad or m."""
+        return min(self.stops)
+
+    @property
+    def high(self) -> float:
+        """Highest position, rad or m."""
+        return max(self.stops)
+
+    def motions(self, hold: tuple[float, ...], *, purpose: str = "fit") -> tuple[Motion, ...]:
+        """Its runs with the joints held at `hold` (J,)."""
+        ways = zip(self.stops[:-1], self.stops[1:], strict=True)
+        return tuple(Motion(self.joint, hold, start, end, self.speed, purpose) for start, end in ways)
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class JointCandidates:
+    """Candidates of one joint: K postures (K, J), C sweeps, and which sweep is free of collisions where (K, C)."""
+
+    joint: int
+    holds: Floats
+    sweeps: tuple[Sweep, ...]
+    usable: Bools
+
+
+def home(robot: Robot) -> Floats:
+    """(J,) where joints are held by default, rad or m: zero where the limits allow it, else mid-range."""
+    places = []
+    for joint in robot.joints:
+        low, high = span(joint)
+        places.append(0.0 if low <= 0.0 <= high and joint.is_revolute else 0.5 * (low + high))
+    return np.array(places)
+
+
+def top_speed(robot: Robot, joint: int) -> float:
+    """Highest speed (rad/s or m/s) that a plan asks of a joint: less than its own where ramps would fill the range."""
+    arm = robot.joint(joint)
+    low, high = span(arm)
+    room = math.sqrt((1.0 - _LEAST_CRUISE) * (high - low) * float(accelerations(robot)[joint - 1]))
+    return min(float(highest_speeds(robot)[joint - 1]), room, QUICKEST_TURN if arm.is_revolute else QUICKEST_SLIDE)
+
+
+def speeds(robot: Robot, joint: int, shares: Sequence[float]) -> tuple[float, ...]:
+    """Speeds at these shares (0..1) of the top speed, rounded down to tenths of deg/s or mm/s, rising."""
+    step, top = 0.1 * _unit(robot.joint(joint)), top_speed(robot, joint)
+    found = set()
+    for speed in (share * top for share in shares):
+        unit = step * 10.0 if speed >= 100.0 * step else step
+        found.add(float(np.floor(speed / unit + 1e-9) * unit) if speed >= 4 * step else speed)
+    return tuple(sorted(found))
+
+
+def _unit(joint: Joint) -> float:
+    return factor("deg") if joint.is_revolute else factor("mm")
+
+
+def sweeps(robot: Robot, joint: int, at: Sequence[float]) -> tuple[Sweep, ...]:
+    """Sweeps at the speeds `at`: parts up and down from home, and tours over the whole range.
+
+    All begin and end at the joint's home position, so that nothing is lost between two sweeps of a posture.
+    """
+    for least in (LEAST_TURN if robot.joint(joint).is_revolute else LEAST_SLIDE, 0.0):
+        found = _sweeps(robot, joint, at, least=least)
+        # A very slow joint takes too long over the least way and gets a shorter one.
+        if len({sweep.speed for sweep in found}) >= min(_FEWEST, len(at)):
+            return found
+    (low, high), middle = span(robot.joint(joint)), float(home(robot)[joint - 1])
+    return found or (Sweep(joint, _without_repeats((middle, high, low, middle)), min(at)),)
+
+
+def _sweeps(robot: Robot, joint: int, at: Sequence[float], *, least: float) -> tuple[Sweep, ...]:
+    """Sweeps whose runs last neither too long nor too short and go over at least `least` (rad or m)."""
+    low, high = span(robot.joint(joint))
+    middle = float(home(robot)[joint - 1])
+    found: list[Sweep] = []
+    for speed in at:
+        before = 0.0
+        for seconds in (*PARTS, _LONGEST):
+            way = _way(robot, joint, speed=speed, cruising=max(speed * seconds, least))
+            if way < _LONGER * before:
+                continue
+            before = way
+            up, down = (room if way > _WHOLE * room else way for room in (high - middle, middle - low))
+            parts = [Sweep(joint, (middle, end, middle), speed) for end in (middle + up, middle - down)]
+            found += [part for part in parts if _cruises(robot, part, seconds)]
+        if (high - low) / speed <= _LONGEST:
+            tours = (middle, high, low, middle), (middle, low, high, middle)
+            found += [Sweep(joint, _without_repeats(stops), speed) for stops in tours]
+    return tuple(dict.fromkeys(found))
+
+
+def _without_repeats(stops: tuple[float, ...]) -> tuple[float, ...]:
+    """Without stops where the joint stands already."""
+    return tuple(stop for k, stop in enumerate(stops) if k == 0 or abs(stop - stops[k - 1]) > 1e-9)
+
+
+def _way(robot: Robot, joint: int, *, speed: float, cruising: float) -> float:
+    """Way (rad or m) with its ramps of a run that cruises over `cruising`, in whole degrees or millimetres."""
+    step = _unit(robot.joint(joint))
+    way = cruising + speed**2 / max(float(accelerations(robot)[joint - 1]), 1e-9)
+    return math.ceil(way / step - 1e-9) * step if way >= 4 * step else way
+
+
+def _cruises(robot: Robot, sweep: Sweep, seconds: float) -> bool:
+    """Whether a part cruises for its time, and no longer than a run may last."""
+    cruising = cruise(robot, sweep.motions((0.0,) * robot.n_joints)[0])[1]
+    return 0.99 * min(PARTS[0], seconds) <= cruising <= 1.01 * max(_LONGEST, seconds)
+
+
+def seconds_of(robot: Robot, sweep: Sweep) -> float:
+    """s that a sweep takes, rests included."""
+    return duration(robot, Plan(robot=robot.name, motions=sweep.motions((0.0,) * robot.n_joints)))
+
+
+def postures(robot: Robot, joint: int, *, varied: Sequence[int], count: int, rng: np.random.Generator) -> Floats:
+    """Postures in which one joint may run: home, single joints turned by a quarter, and random ones.
+
+    Parameters
+    ----------
+    robot, joint
+        The arm and the joint that runs (from 1).
+    varied
+        Joints (from 1) that are varied; the others stay at home.
+    count
+        Random postures.
+    rng
+        Draws them.
+
+    Returns
+    -------
+    postures
+        (K, J) rad or m, without repeats.
+    """
+    middle = home(robot)
+    grids = {number: _grid(robot.joint(number), float(middle[number - 1])) for number in varied}
+    table = [middle.copy()]
+    for number, grid in grids.items():
+        for wanted in (-0.5 * np.pi, 0.5 * np.pi):
+            table.append(middle.copy())
+            table[-1][number - 1] = grid[np.argmin(np.abs(grid - middle[number - 1] - wanted))]
+    for _ in range(count):
+        table.append(middle.copy())
+        for number, grid in grids.items():
+            table[-1][number - 1] = rng.choice(grid)
+    holds = np.array(table)
+    holds[:, joint - 1] = middle[joint - 1]
+    _, first = np.unique(np.round(holds, 9), axis=0, return_index=True)
+    return holds[np.sort(first)]
+
+
+def _grid(joint: Joint, middle: float) -> Floats:
+    low, high = span(joint)
+    if not joint.is_revolute:
+        return np.round(np.linspace(low, high, 5), 4)
+    low, high = max(low, middle - _FARTHEST), min(high, middle + _FARTHEST)
+    steps = np.arange(math.ceil(low / _STEP - 1e-9), math.floor(high / _STEP + 1e-9) + 1) * _STEP
+    return np.asarray(steps if len(steps) >= 5 else np.linspace(low, high, 5), dtype=float)
+
+
+def usable(collision: Collision, holds: Floats, found: Sequence[Sweep]) -> Bools:
+    """(K, C) which of C sweeps of one joint are free of collisions in which of K postures (K, J)."""
+    out = np.ones((len(holds), len(found)), dtype=bool)
+    if collision.is_free:
+        return out
+    joint, ways = found[0].joint - 1, sorted({(sweep.low, sweep.high) for sweep in found})
+    widest = min(low for low, _ in ways), max(high for _, high in ways)
+    for k, hold in enumerate(holds):
+        if not _strikes(collision, hold, joint, widest):
+            continue
+        # From one sweep to another the joint passes what lies between: only ways within the widest free one are used.
+        free = [way for way in ways if not _strikes(collision, hold, joint, way)]
+        low, high = max(free, key=lambda way: way[1] - way[0], default=(1.0, 0.0))
+        out[k] = [low <= sweep.low and sweep.high <= high for sweep in found]
+    return out
+
+
+def _strikes(collision: Collision, hold: Floats, joint: int, way: tuple[float, float]) -> bool:
+    start, end = hold.copy(), hold.copy()
+    start[joint], end[joint] = way
+    return collision.strikes(start, end)

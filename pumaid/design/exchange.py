@@ -1,0 +1,253 @@
+"""Optimal experimental design: a criterion, the continuous optimum as its bound, and the greedy exchange algorithm."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pumaid.design.information import CandidateInformation
+
+Floats = NDArray[np.float64]
+Counts = NDArray[np.int64]
+
+#: Criteria by name, with the power by which large errors count; 0 is the geometric mean.
+POWERS = {"geometric": 0.0, "worst": 12.0}
+#: Scaled information below this is rounding.
+_RIDGE = 1e-9
+#: Scores within this share of the best are equal, so that rounding does not decide between two candidates.
+EQUAL = 1e-6
+#: Candidates that are evaluated exactly where slopes have ranked them.
+_EVALUATED = 12
+#: Least fall of the value that an exchange must bring, rounds at most, and removals tried a round.
+_ENOUGH, _ROUNDS, _TRIED = 1e-4, 60, 6
+#: Steps of the continuous design, how near its optimum it ends (of a logarithm), the power of a step, and the steps
+#: after which candidates with less than a share of the mean candidate's time are dropped.
+_STEPS, _NEAR, _STRIDE, _SORTED, _IDLE = 120, 0.005, 0.7, (8, 16, 28), 0.05
+
+
+def rounded(scores: Floats) -> Floats:
+    """Scores as multiples of `EQUAL` of the greatest."""
+    return np.asarray(np.round(scores / (np.max(np.abs(scores), initial=0.0) or 1.0) / EQUAL))
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Criterion:
+    """Logarithm of a mean of standard errors, averaged over prior robots; smaller is better.
+
+    Attributes
+    ----------
+    power
+        0: the geometric mean (D-optimality but for correlations); large: nearly the worst error by its `size`.
+    size
+        (p,) typical size of each parameter.
+    counted
+        (p,) which parameters count.
+
+    Source
+    ------
+    F. Pukelsheim, Optimal Design of Experiments, ch. 6 and 7 (both means are convex in the information).
+    """
+
+    power: float
+    size: Floats
+    counted: NDArray[np.bool_]
+
+    def value(self, information: Floats) -> Floats:
+        """(...) for information (..., G, p, p) of G robots."""
+        logs = np.log(self.errors(information) / self.size)[..., self.counted]
+        if self.power == 0.0:
+            return np.asarray(logs.mean(axis=(-1, -2)))
+        top = logs.max(axis=-1)
+        spread = np.mean(np.exp(self.power * (logs - top[..., None])), axis=-1)
+        return np.asarray((top + np.log(spread) / self.power).mean(axis=-1))
+
+    def slope(self, information: Floats) -> Floats:
+        """(G, p, p): more information M lowers the value by half the sum of the products of its elements with M's."""
+        inverse = _inverse(information)
+        variance = np.einsum("gpp->gp", inverse)
+        logs = 0.5 * np.log(variance) - np.log(self.size)
+        # What does not count may be unknown without end; its weight is kept from overflowing before it is left out.
+        share = np.exp(self.power * np.minimum(logs - logs[:, self.counted].max(axis=-1, keepdims=True), 0.0))
+        share *= self.counted
+        share /= share.sum(axis=-1, keepdims=True)
+        return np.asarray(inverse @ ((share / variance)[..., None] * inverse)) / len(information)
+
+    def errors(self, information: Floats) -> Floats:
+        """(..., p) standard errors."""
+        return np.sqrt(np.einsum("...pp->...p", _inverse(information)))
+
+
+def _inverse(information: Floats) -> Floats:
+    scale = np.sqrt(np.einsum("...pp->...p", information))
+    scale = np.where(scale > 0, scale, 1.0)
+    both = scale[..., :, None] * scale[..., None, :]
+    return np.asarray(np.linalg.inv(information / both + _RIDGE * np.eye(information.shape[-1])) / both)
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class ContinuousDesign:
+    """The optimum if candidates could be made in fractions.
+
+    Attributes
+    ----------
+    counts
+        (L,) how often each candidate is made.
+    bound
+        A value of the criterion below which no plan of these candidates gets in this time.
+    worth
+        (L,) 0..1: what one second more of each candidate would bring, as a share of the best.
+    """
+
+    counts: Floats
+    bound: float
+    worth: Floats
+
+
+def continuous_design(
+    candidates: CandidateInformation, criterion: Criterion, total: float, *, steps: int = _STEPS
+) -> ContinuousDesign:
+    """Share out `total` s among candidates by the multiplicative algorithm.
+
+    Source
+    ------
+    S. D. Silvey, D. M. Titterington and B. Torsney, Communications in Statistics A 7 (1978) 1379-1389; the bound is
+    that of a convex function by its slopes.
+    """
+    longer = 2 if criterion.power else 1
+    stride = _STRIDE * 4.0 / (4.0 + criterion.power)  # larger steps would overshoot
+    active, part = np.arange(len(candidates)), candidates
+    counts = np.full(len(candidates), total / float(np.sum(candidates.seconds)))
+    for step in range(longer * steps):
+        if step in [longer * number for number in _SORTED]:
+            spent = counts * part.seconds
+            is_used = spent > _IDLE * spent.mean()
+            active, counts = active[is_used], counts[is_used]
+            part = candidates.only(active)
+        rate = np.maximum(part.products(criterion.slope(part.information(counts))), 0.0) / part.seconds * total
+        if rate.max() < 1.0 + 2.0 * _NEAR and step > longer * _SORTED[-1]:
+            break
+        counts = counts * rate**stride
+        counts *= total / np.sum(counts * part.seconds)
+    whole = np.zeros(len(candidates))
+    whole[active] = counts
+    information = candidates.information(whole)
+    rate = candidates.products(criterion.slope(information)) / candidates.seconds
+    bound = float(criterion.value(information)) - 0.5 * (float(rate.max()) * total - 1.0)
+    return ContinuousDesign(whole, bound, rate / float(rate.max()))
+
+
+class Objective(Protocol):
+    """What a set of candidates, C of them counted, is to make small."""
+
+    def value(self, counts: Counts) -> float:
+        """For a set (C,)."""
+
+    def falls(self, counts: Counts) -> Floats:
+        """(C,) about how much the value falls by one more of each candidate, for ranking."""
+
+    def values_with(self, counts: Counts, candidates: Counts) -> Floats:
+        """(N,) value with one more of each of N candidates."""
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Exchange:
+    """Greedy choice and exchange of candidates under a budget.
+
+    Attributes
+    ----------
+    objective
+        What is to be small.
+    seconds
+        (C,) cost of each candidate.
+    block, opening
+        (C,) block (from 0) of each candidate and (C,) cost of the first candidate of its block.
+    budget
+        Sum of all costs at most.
+    most
+        How often a candidate is taken at most.
+
+    Source
+    ------
+    V. V. Fedorov, Theory of Optimal Experiments, ch. 3 (exchange algorithm).
+    """
+
+    objective: Objective
+    seconds: Floats
+    block: Counts
+    opening: Floats
+    budget: float
+    most: int = 2
+
+    def cost(self, counts: Counts) -> float:
+        """Of a set (C,)."""
+        used = np.flatnonzero(counts)
+        _, first = np.unique(self.block[used], return_index=True)
+        return float(counts[used] @ self.seconds[used] + self.opening[used[first]].sum())
+
+    def filled(self, counts: Counts) -> Counts:
+        """A set (C,) with candidates added until none fits into the budget."""
+        while (best := self._best_addition(counts)) is not None:
+            counts = _changed(counts, best, 1)
+        return counts
+
+    def exchanged(self, counts: Counts, *, required: Counts, tell: Callable[[float], None] = lambda _: None) -> Counts:
+        """A set (C,) after exchanges, as long as they lower the value; `required` (C,) of each candidate stay.
+
+        `tell` is called with the value after each exchange.
+        """
+        value = self.objective.value(counts)
+        for _ in range(_ROUNDS):
+            trials = (self._refilled(counts, removed) for removed in self._removals(counts, required))
+            better = (trial for trial in trials if trial is not None)
+            counts_then = next((trial for trial in better if self.objective.value(trial) < value - _ENOUGH), None)
+            if counts_then is None:
+                break
+            counts, value = counts_then, self.objective.value(counts_then)
+            tell(value)
+        return counts
+
+    def _best_addition(self, counts: Counts) -> int | None:
+        """The candidate that lowers the value most for its cost, of those that fit; or None."""
+        is_open = np.isin(self.block, self.block[counts > 0])
+        costs = self.seconds + np.where(is_open, 0.0, self.opening)
+        fits = (costs <= self.budget - self.cost(counts)) & (counts < self.most)
+        if not fits.any():
+            return None
+        rate = np.where(fits, self.objective.falls(counts) / costs, -np.inf)
+        top = np.flatnonzero(fits)
+        top = top[np.argsort(-rounded(rate[top]), kind="stable")[:_EVALUATED]]
+        gain = (self.objective.value(counts) - self.objective.values_with(counts, top)) / costs[top]
+        return int(top[np.argmax(rounded(gain))])
+
+    def _refilled(self, counts: Counts, removed: Counts) -> Counts | None:
+        """The set without what is removed and with what then fits; None where that is the same again."""
+        fewer = counts - removed
+        best = self._best_addition(fewer)
+        if best is None or (removed.sum() == 1 and removed[best]):
+            return None
+        return self.filled(_changed(fewer, best, 1))
+
+    def _removals(self, counts: Counts, required: Counts) -> Iterator[Counts]:
+        """What may be taken out, single candidates first, then whole blocks, the least useful for their cost first."""
+        used = np.flatnonzero(counts)
+        worth = np.zeros(len(counts))
+        worth[used] = self.objective.falls(counts)[used]
+        single = np.flatnonzero(counts > required)
+        order = np.argsort(rounded((worth / self.seconds)[single]), kind="stable")
+        for candidate in single[order[:_TRIED]]:
+            yield _changed(np.zeros_like(counts), candidate, 1)
+        blocks = [used[self.block[used] == block] for block in np.unique(self.block[used])]
+        blocks = [block for block in blocks if not required[block].any()]
+        rates = np.array([worth[b].sum() / (self.seconds[b].sum() + self.opening[b[0]]) for b in blocks])
+        for place in np.argsort(rounded(rates), kind="stable")[:_TRIED]:
+            yield np.where(self.block == self.block[blocks[place][0]], counts, 0)
+
+
+def _changed(counts: Counts, candidate: int, by: int) -> Counts:
+    out = counts.copy()
+    out[candidate] += by
+    return out

@@ -1,0 +1,323 @@
+"""Fisher information of runs that are not made yet, and the standard errors that it promises (Cramer-Rao bound)."""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pumaid.design.candidate_runs import JointCandidates, Sweep, seconds_of
+from pumaid.effects import catalogue
+from pumaid.records import Motion, Robot, Samples
+from pumaid.simulation.timing import cruise
+from pumaid.simulation.truth import Noise, Truth
+from pumaid.structure import Structure
+
+Floats = NDArray[np.float64]
+Counts = NDArray[np.int64]
+
+#: Samples a second that a forecast assumes.
+RATE = 100.0
+#: Points at which a run's regressors are averaged over its span.
+_POINTS = 48
+#: Scaled information below this is rounding.
+_RIDGE, _BLIND = 1e-9, 1e-11
+_FRICTION = (("coulomb", "plus"), ("viscous", "plus"), ("coulomb", "minus"), ("viscous", "minus"))
+
+
+def gravity_names(robot: Robot) -> tuple[str, ...]:
+    """Names of all gravity parameters and gain ratios of neighbours, also of those that the arm cannot show."""
+    gravity, names = catalogue()["gravity"], list[str]()
+    for joint in robot.joints:
+        names += [f"gravity.l{joint.number}.{part.name}" for part in gravity.parameters(robot, joint.number)]
+    return (*names, *(f"gain_ratio.{i}.{i + 1}" for i in range(1, robot.n_joints)))
+
+
+def existing_names(robot: Robot, structure: Structure) -> tuple[str, ...]:
+    """Gravity parameters and gain ratios that the arm has."""
+    return tuple(name for name in gravity_names(robot) if name not in absent_names(structure))
+
+
+def absent_names(structure: Structure) -> dict[str, str]:
+    """Name -> why no run on this arm can show it."""
+    ratios = {f"gain_ratio.{i}.{j}": why for (i, j), why in structure.redundant.items()}
+    return {**structure.absent, **ratios}
+
+
+def friction_names(joint: int) -> list[str]:
+    """Names of the four friction parameters of a joint (from 1)."""
+    return [f"{effect}.j{joint}.{sign}" for effect, sign in _FRICTION]
+
+
+def parameter_names(robot: Robot, names: Sequence[str]) -> tuple[str, ...]:
+    """Gravity parameters and ratios `names`, then every joint's friction."""
+    return (*names, *itertools.chain.from_iterable(friction_names(joint.number) for joint in robot.joints))
+
+
+def gravity_slopes(truths: Sequence[Truth], *, joint: int, holds: Floats, names: Sequence[str]) -> Floats:
+    """Derivative of a joint's gravity current, which along a run is a cos q + b sin q + c.
+
+    Parameters
+    ----------
+    truths
+        G prior robots of one geometry.
+    joint
+        The joint that runs (from 1).
+    holds
+        (K, J) postures, rad or m.
+    names
+        p gravity parameters and ratios.
+
+    Returns
+    -------
+    slopes
+        (G, K, 3, p): of a, b, c by each parameter, A per unit.
+    """
+    robot, count = truths[0].robot, len(holds)
+    ends = np.concatenate([holds, holds])
+    ends[:count, joint - 1], ends[count:, joint - 1] = 0.0, 0.5 * np.pi
+    samples, gravity = Samples(joint, ends, np.zeros_like(ends)), catalogue()["gravity"]
+    place = {name: k for k, name in enumerate(names)}
+    out = np.zeros((len(truths), 2 * count, len(names)))
+    values = [truth.parameters() for truth in truths]
+    ratios = np.array([[v[f"gain_ratio.{i}.{i + 1}"] for i in range(1, robot.n_joints)] for v in values])
+    for link in range(joint, robot.n_joints + 1):
+        columns = gravity.columns(robot, samples, number=link)
+        scale = ratios[:, joint - 1 : link - 1].prod(axis=1)
+        for part, column in zip(gravity.parameters(robot, link), columns.T, strict=True):
+            name = f"gravity.l{link}.{part.name}"
+            current = scale[:, None] * column
+            if name in place:
+                out[:, :, place[name]] = current
+            size = np.array([v[name] for v in values])[:, None]
+            for i in range(joint, link):
+                if (ratio := f"gain_ratio.{i}.{i + 1}") in place:
+                    out[:, :, place[ratio]] += current * size / ratios[:, i - 1, None]
+    cosine, sine = out[:, :count], out[:, count:]
+    nothing = np.zeros_like(cosine)
+    parts = [cosine, sine, nothing] if robot.joints[joint - 1].is_revolute else [nothing, nothing, cosine]
+    return np.stack(parts, axis=2)
+
+
+def run_moments(span: tuple[float, float], seconds: float, noise: Noise, *, joint: int) -> Floats:
+    """(3, 3) information (1/A2) of a run on its cos q, sin q and constant parts.
+
+    Samples are correlated (AR(1)), and all samples of a run share a random level.
+
+    Parameters
+    ----------
+    span, seconds
+        Positions (rad or m) between which the speed is constant, and how long that lasts.
+    noise, joint
+        Standard deviations of the joint (from 1).
+    """
+    q = np.linspace(*span, _POINTS)
+    parts = np.column_stack([np.cos(q), np.sin(q), np.ones(_POINTS)])
+    phi = math.exp(-1.0 / (RATE * noise.correlation_time)) if noise.correlation_time > 0 else 0.0
+    slow = noise.sample_std[joint - 1] ** 2 * (1 + phi) / (1 - phi)
+    level = noise.level_std[joint - 1] ** 2
+    samples = max(seconds * RATE, 1.0)
+    gram, total = samples * parts.T @ parts / _POINTS, samples * parts.mean(axis=0)
+    return np.asarray((gram - np.outer(total, total) * level / (slow + samples * level)) / slow)
+
+
+def run_information(motion: Motion, slopes: Floats, truths: Sequence[Truth]) -> Floats:
+    """(G, K, p + 4, p + 4) information of a run in K postures on p gravity parameters and the joint's friction.
+
+    Parameters
+    ----------
+    motion
+        The run; its posture is not looked at.
+    slopes
+        (G, K, 3, p) of `gravity_slopes` in these postures.
+    truths
+        G prior robots.
+    """
+    robot, (*batch, p) = truths[0].robot, slopes.shape
+    span, seconds = cruise(robot, motion)
+    moments = np.stack([run_moments(span, seconds, truth.noise, joint=motion.joint) for truth in truths])
+    design = np.zeros((*batch, p + 4))
+    design[..., :p] = slopes
+    back = motion.end < motion.start
+    first = p + 2 * int(back)
+    design[..., 2, first : first + 2] = 1.0, -motion.velocity if back else motion.velocity
+    return np.asarray(np.swapaxes(design, -1, -2) @ moments[:, None] @ design)
+
+
+def _columns(robot: Robot, joint: int, names: Sequence[str]) -> Counts:
+    """Places of the parameters of which a joint's runs tell among all parameters."""
+    first = len(names) + 4 * (joint - 1)
+    return np.concatenate([np.arange(len(names)), np.arange(first, first + 4)])
+
+
+@dataclass(frozen=True, eq=False)
+class CandidateInformation:
+    """L candidates, joint by joint: a sweep in a posture each, and what it tells.
+
+    Attributes
+    ----------
+    joints
+        Postures and sweeps of every joint.
+    joint, hold, sweep
+        (L,) joint (from 1, rising), and which of its postures and sweeps.
+    seconds
+        (L,) s, rests included.
+    squares
+        By joint (G, L_j, p_j p_j): information of each candidate for G robots.
+    columns
+        By joint (p_j,): which of `names` its candidates tell of.
+    names
+        p: gravity parameters and ratios, then friction.
+    """
+
+    joints: tuple[JointCandidates, ...]
+    joint: Counts
+    hold: Counts
+    sweep: Counts
+    seconds: Floats
+    squares: tuple[Floats, ...]
+    columns: tuple[Counts, ...]
+    names: tuple[str, ...]
+
+    def __len__(self) -> int:
+        return len(self.joint)
+
+    @cached_property
+    def _bounds(self) -> Counts:
+        return np.searchsorted(self.joint, np.arange(1, len(self.joints) + 2))
+
+    def _by_joint(self, values: Floats) -> list[Floats]:
+        return [values[a:b] for a, b in itertools.pairwise(self._bounds)]
+
+    def information(self, counts: Floats) -> Floats:
+        """(G, p, p) of all candidates, each made `counts` (L,) times."""
+        out = np.zeros((len(self.squares[0]), len(self.names), len(self.names)))
+        for count, squares, columns in zip(self._by_joint(counts), self.squares, self.columns, strict=True):
+            used = np.flatnonzero(count)
+            total = count[used] @ squares[:, used]
+            out[:, columns[:, None], columns] += total.reshape(-1, len(columns), len(columns))
+        return out
+
+    def each(self, candidates: Sequence[int]) -> Floats:
+        """(N, G, p, p) information of N candidates."""
+        out = np.zeros((len(candidates), len(self.squares[0]), len(self.names), len(self.names)))
+        for k, candidate in enumerate(candidates):
+            j = int(self.joint[candidate]) - 1
+            columns = self.columns[j]
+            square = self.squares[j][:, candidate - self._bounds[j]]
+            out[k][:, columns[:, None], columns] = square.reshape(-1, len(columns), len(columns))
+        return out
+
+    def products(self, slope: Floats) -> Floats:
+        """(L,) trace of slope times information of each candidate, summed over the robots (G, p, p)."""
+        out = []
+        for squares, columns in zip(self.squares, self.columns, strict=True):
+            part = slope[:, columns[:, None], columns].reshape(len(slope), -1, 1)
+            out.append((squares @ part).sum(axis=0)[:, 0])
+        return np.concatenate(out)
+
+    def only(self, candidates: Counts) -> CandidateInformation:
+        """These candidates, rising."""
+        keep = np.zeros(len(self), dtype=bool)
+        keep[candidates] = True
+        parts = zip(self._by_joint(keep.astype(float)), self.squares, strict=True)
+        squares = tuple(np.ascontiguousarray(all_of[:, kept_here > 0]) for kept_here, all_of in parts)
+        index = {name: getattr(self, name)[keep] for name in ("joint", "hold", "sweep", "seconds")}
+        return replace(self, squares=squares, **index)
+
+    def sweep_of(self, candidate: int) -> Sweep:
+        """The sweep of a candidate."""
+        return self.joints[int(self.joint[candidate]) - 1].sweeps[self.sweep[candidate]]
+
+    def hold_of(self, candidate: int) -> tuple[float, ...]:
+        """(J,) the posture of a candidate, rad or m."""
+        return tuple(self.joints[int(self.joint[candidate]) - 1].holds[self.hold[candidate]].tolist())
+
+    def find(self, joint: int, hold: int, sweep: int) -> int | None:
+        """The candidate of a joint (from 1), posture and sweep; None where it is not usable."""
+        at = np.flatnonzero((self.joint == joint) & (self.hold == hold) & (self.sweep == sweep))
+        return int(at[0]) if len(at) else None
+
+
+def candidate_information(
+    truths: Sequence[Truth], joints: Sequence[JointCandidates], *, names: Sequence[str]
+) -> CandidateInformation:
+    """The information of all usable candidates for G prior robots.
+
+    Parameters
+    ----------
+    truths
+        Prior robots.
+    joints
+        Candidates of every joint, in order.
+    names
+        Gravity parameters and ratios that the arm has.
+    """
+    robot, index, seconds, squares = truths[0].robot, [], [], []
+    for part in joints:
+        where = np.argwhere(part.usable)
+        index.append(np.column_stack([np.full(len(where), part.joint), where]))
+        lasting = np.array([seconds_of(robot, sweep) for sweep in part.sweeps])
+        seconds.append(lasting[where[:, 1]])
+        slopes = gravity_slopes(truths, joint=part.joint, holds=part.holds, names=names)
+        width = slopes.shape[-1] + 4
+        table = np.zeros((len(truths), len(part.holds), len(part.sweeps), width, width))
+        for k, sweep in enumerate(part.sweeps):
+            for motion in sweep.motions(tuple(part.holds[0].tolist())):
+                table[:, :, k] += run_information(motion, slopes, truths)
+        squares.append(table[:, where[:, 0], where[:, 1]].reshape(len(truths), len(where), width**2))
+    joint, hold, sweeps = np.concatenate(index).T
+    columns = tuple(_columns(robot, part.joint, names) for part in joints)
+    names = parameter_names(robot, names)
+    return CandidateInformation(
+        tuple(joints), joint, hold, sweeps, np.concatenate(seconds), tuple(squares), columns, names
+    )
+
+
+def plan_information(truths: Sequence[Truth], motions: Iterable[Motion], *, names: Sequence[str]) -> Floats:
+    """(G, p, p) information of the runs of a plan that are to be fitted.
+
+    Parameters
+    ----------
+    truths
+        G prior robots.
+    motions
+        Runs; held-out ones do not count.
+    names
+        Gravity parameters and ratios that the arm has; friction follows them.
+    """
+    robot, fitted = truths[0].robot, [motion for motion in motions if motion.purpose == "fit"]
+    out = np.zeros((len(truths), *[len(parameter_names(robot, names))] * 2))
+    for joint in sorted({motion.joint for motion in fitted}):
+        runs = [motion for motion in fitted if motion.joint == joint]
+        holds, which = np.unique([motion.hold for motion in runs], axis=0, return_inverse=True)
+        slopes = gravity_slopes(truths, joint=joint, holds=holds, names=names)
+        columns = _columns(robot, joint, names)
+        for motion, hold in zip(runs, which, strict=True):
+            out[:, columns[:, None], columns] += run_information(motion, slopes[:, [hold]], truths)[:, 0]
+    return out
+
+
+def standard_errors(names: Sequence[str], information: Floats) -> dict[str, float]:
+    """Name -> predicted standard error (SI) by the information (p, p), without parameters that it does not show."""
+    size = np.sqrt(np.diag(information))
+    seen_at = np.flatnonzero(size > 0)
+    scaled = information[np.ix_(seen_at, seen_at)] / np.outer(size[seen_at], size[seen_at])
+    values, vectors = np.linalg.eigh(scaled)
+    blind = values < _BLIND * max(values.max(initial=0.0), 1.0)
+    shows = ~np.any(np.abs(vectors[:, blind]) > 1e-4, axis=1)
+    errors = np.sqrt(vectors[:, ~blind] ** 2 @ (1.0 / values[~blind])) / size[seen_at]
+    return {names[k]: float(error) for k, error, is_shown in zip(seen_at, errors, shows, strict=True) if is_shown}
+
+
+def predicted_errors(truths: Sequence[Truth], motions: Sequence[Motion], names: Sequence[str]) -> dict[str, float]:
+    """Name -> predicted standard error: the median over prior robots; parameters that any of them hides are out."""
+    whole = parameter_names(truths[0].robot, names)
+    tables = [standard_errors(whole, part) for part in plan_information(truths, motions, names=names)]
+    shared = [name for name in tables[0] if all(name in table for table in tables)]
+    return {name: float(np.median([table[name] for table in tables])) for name in shared}

@@ -1,0 +1,190 @@
+"""What is assumed of an arm before it is measured: random robots of its geometry or an earlier model, and its setup."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pumaid.errors import ModelError
+from pumaid.records import NOT_IDENTIFIABLE, Estimate, Robot
+from pumaid.simulation.draw import draw
+from pumaid.simulation.links import Links
+from pumaid.simulation.recursion import Constants, constants
+from pumaid.simulation.truth import Friction, Noise, Truth
+from pumaid.units import factor, number
+
+Floats = NDArray[np.float64]
+
+#: Random robots for which a plan is made where no model is given.
+DRAWN = 4
+#: A, usual noise of a sample; a fifth of its variance is shared by all samples of a run.
+NOISE = 0.02
+#: kg and m of a payload at most.
+_HEAVIEST, _FARTHEST = 1e5, 100.0
+
+
+@dataclass(frozen=True, slots=True)
+class Setup:
+    """How the arm stands during the experiment.
+
+    Attributes
+    ----------
+    tilt
+        rad about the base's x axis, then about the y axis that it had upright, or none.
+    payload
+        kg, and x, y, z (m) of its centre of mass in the last link's frame, or none.
+
+    Raises
+    ------
+    ModelError [plan-impossible]
+        A number is not finite, or the payload's mass or position is out of range.
+    """
+
+    tilt: tuple[float, float] | None = None
+    payload: tuple[float, float, float, float] | None = None
+
+    def __post_init__(self) -> None:
+        if self.tilt is not None and not all(map(math.isfinite, self.tilt)):
+            raise ModelError("plan-impossible", f"a tilt of {self.tilt} is not finite", mend="give two angles")
+        if self.payload is None:
+            return
+        mass, *at = self.payload
+        if not (0.0 < mass <= _HEAVIEST and max(map(abs, at)) <= _FARTHEST):
+            what = f"a payload of {mass:g} kg at ({', '.join(f'{x:g}' for x in at)}) m is out of range"
+            mend = f"give a mass above 0 and up to {_HEAVIEST:g} kg, and at most {_FARTHEST:g} m along each axis"
+            raise ModelError("plan-impossible", what, mend=mend)
+
+    def robot(self, robot: Robot) -> Robot:
+        """The arm with gravity in the axes of its tilted base."""
+        if self.tilt is None:
+            return robot
+        (cx, cy), (sx, sy) = np.cos(self.tilt), np.sin(self.tilt)
+        about_x = np.array([[1, 0, 0], [0, cx, -sx], [0, sx, cx]])
+        about_y = np.array([[cy, 0, sy], [0, 1, 0], [-sy, 0, cy]])
+        turned = (about_y @ about_x).T @ np.asarray(robot.gravity)
+        a, b, c = (round(float(part), 9) + 0.0 for part in turned)
+        return replace(robot, gravity=(a, b, c))
+
+    def loaded(self, truth: Truth) -> Truth:
+        """A prior robot with the payload in its hand."""
+        if self.payload is None:
+            return truth
+        mass, *at = self.payload
+        n, bare = truth.robot.n_joints, truth.constants
+        last = Links(np.append(np.zeros(n - 1), mass), np.vstack([np.zeros((n - 1, 3)), at]))
+        more = constants(truth.robot, last, _gain(truth))
+        known = Constants(bare.x + more.x, bare.y + more.y, bare.mass + more.mass, bare.ratio)
+        return replace(truth, links=None, gain=None, known=known)
+
+    def sentences(self) -> tuple[str, ...]:
+        """What must be done before the plan is run."""
+        out = []
+        if self.tilt is not None:
+            x, y = (number(part / factor("deg"), 3) for part in self.tilt)
+            out.append(
+                f"The base stands tilted by {x} deg about its x and {y} deg about its y axis; identify these runs with"
+                " a recipe whose gravity says so."
+            )
+        if self.payload is not None:
+            mass, *at = (number(part, 3) for part in self.payload)
+            out.append(
+                f"The last link carries {mass} kg at ({', '.join(at)}) m of its frame; gravity parameters are those of"
+                " the arm with it, ratios those of the bare arm."
+            )
+        return tuple(out)
+
+
+def _gain(truth: Truth) -> Floats:
+    """(J,) A/(N m) or A/N; where only constants in A are known, the last motor's is a usual one."""
+    if truth.gain is not None:
+        return truth.gain
+    usual = draw(truth.robot, 0).gain
+    assert usual is not None
+    last = np.copysign(usual[-1], truth.friction.coulomb_plus[-1])
+    return np.asarray(last * np.append(np.cumprod(truth.constants.ratio[::-1])[::-1], 1.0))
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Prior:
+    """Robots for which a plan is made, and the sentences that say where they come from."""
+
+    robots: tuple[Truth, ...]
+    sentences: tuple[str, ...]
+
+    def typical_sizes(self) -> dict[str, float]:
+        """Name -> typical size of a parameter (SI): the median over the robots, at least a tenth of its kind's."""
+        values = [truth.parameters() for truth in self.robots]
+        median = {name: float(np.median([abs(one_set[name]) for one_set in values])) for name in values[0]}
+        largest: dict[str, float] = {}
+        for name, value in median.items():
+            kind = name.split(".")[0]
+            largest[kind] = max(value, largest.get(kind, 0.0))
+        return {name: max(value, 0.1 * largest[name.split(".")[0]]) or 1.0 for name, value in median.items()}
+
+
+def prior_robots(robot: Robot, *, estimate: Estimate | None, setup: Setup, seed: int) -> Prior:
+    """Robots to plan for.
+
+    Parameters
+    ----------
+    robot
+        The arm as it stands.
+    estimate
+        An earlier model of it; without one several robots of the recipe's geometry are drawn.
+    setup
+        Its payload.
+    seed
+        Of the draw.
+    """
+    prior = random_robots(robot, seed) if estimate is None else robot_of_estimate(robot, estimate)
+    return replace(prior, robots=tuple(setup.loaded(truth) for truth in prior.robots))
+
+
+def random_robots(robot: Robot, seed: int) -> Prior:
+    """Robots of this geometry with masses, gains and friction drawn from the seed."""
+    noise = Noise(np.full(robot.n_joints, NOISE))
+    robots = tuple(replace(draw(robot, 1000 * seed + k), noise=noise) for k in range(DRAWN))
+    return Prior(
+        robots,
+        (
+            f"Noise of {NOISE:g} A a sample, a fifth of its variance a level of each run.",
+            f"Masses, centres of mass and gains as of {DRAWN} robots drawn from the geometry; errors are their median.",
+        ),
+    )
+
+
+def robot_of_estimate(robot: Robot, estimate: Estimate) -> Prior:
+    """The robot that an earlier model describes; what it could not identify is taken from a random robot."""
+    values, known_values = draw(robot, 0).parameters(), {}
+    shown = {value.name for value in estimate.values if value.state != NOT_IDENTIFIABLE}
+    for name, value in zip(estimate.names, estimate.solution, strict=True):
+        # A parameter that no run shows is zero in the solution; of a sum each term has a share.
+        if name in values and (name in shown or abs(value) > 1e-12):
+            known_values[name] = float(value)
+    for n in range(1, robot.n_joints):
+        name, scale = f"gain_ratio.{n}.{n + 1}", estimate.scales[n - 1, n]
+        if name in shown and np.isfinite(scale):
+            known_values[name] = float(scale)
+    missing = [name for name in values if name not in known_values]
+    values |= known_values
+    std = [fit.noise_floor or fit.rmse or NOISE for fit in estimate.joints]
+    level = [fit.run_level or np.sqrt(0.2) * s for fit, s in zip(estimate.joints, std, strict=True)]
+    noise = np.hypot(std, level)
+    share = float(np.median(np.minimum((np.asarray(level) / noise) ** 2, 0.9)))
+    joints = range(1, robot.n_joints + 1)
+    gravity = {part: np.array([values.get(f"gravity.l{n}.{part}", 0.0) for n in joints]) for part in ("x", "y", "mass")}
+    ratio = np.array([values[f"gain_ratio.{n}.{n + 1}"] for n in range(1, robot.n_joints)])
+    terms = ("coulomb", "plus"), ("coulomb", "minus"), ("viscous", "plus"), ("viscous", "minus")
+    friction = Friction(*(np.array([values[f"{kind}.j{n}.{side}"] for n in joints]) for kind, side in terms))
+    known = Constants(gravity["x"], gravity["y"], gravity["mass"], ratio)
+    truth = Truth(robot=robot, friction=friction, noise=Noise(noise, level_share=share), known=known)
+    sentences = [
+        f"Parameters as of the earlier model; noise as its runs had it, {', '.join(number(s, 2) for s in noise)} A a"
+        f" sample, {100.0 * share:.0f} % of the variance a level of each run."
+    ]
+    if missing:
+        sentences.append(f"The model does not tell {', '.join(missing)}: taken from a robot drawn from the geometry.")
+    return Prior((truth,), tuple(sentences))

@@ -1,0 +1,191 @@
+"""The order of a plan's runs: replicates far apart in time, blocks in random order, moves short and free."""
+
+from __future__ import annotations
+
+import itertools
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pumaid.design.candidate_runs import Sweep
+from pumaid.design.collision import Collision, Hit
+from pumaid.errors import ModelError, Where
+from pumaid.records import Motion, Robot
+from pumaid.simulation.timing import MOVE_SHARE, highest_speeds
+
+Floats = NDArray[np.float64]
+
+#: Random orders of a pass that are improved, and of which the shortest is taken.
+_STARTS = 30
+#: Rounds in which orders avoid the moves that were found to strike something.
+_ROUNDS = 60
+#: s that a move costs which strikes something.
+_STRUCK = 1e6
+#: Passes up to which each joint's highest speed is asked for early.
+_FEW = 2
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Block:
+    """Sweeps of one joint in one posture (J,), rad or m, made without moving the held joints."""
+
+    joint: int
+    hold: tuple[float, ...]
+    sweeps: tuple[Sweep, ...]
+    purpose: str = "fit"
+
+    @property
+    def top_speed(self) -> float:
+        """Highest speed of its sweeps, rad/s or m/s."""
+        return max(sweep.speed for sweep in self.sweeps)
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class _Leg:
+    """The runs of a block in their order, and the arm's posture (J,) before and after."""
+
+    runs: tuple[Motion, ...]
+    begin: Floats
+    end: Floats
+
+
+def schedule(
+    robot: Robot, passes: Sequence[Sequence[Block]], *, collision: Collision, rng: np.random.Generator
+) -> tuple[Motion, ...]:
+    """Motions in the order in which they are made.
+
+    Each pass has its own order, so that replicates are a pass apart: the shortest of thirty random orders after each
+    block has been moved to its best place. Of few passes the first begins with the fastest block of every joint, since
+    what changes with time and what changes with speed look alike where slow runs come early and fast ones late.
+
+    Parameters
+    ----------
+    robot
+        Highest speeds.
+    passes
+        Blocks of each pass.
+    collision
+        What must not be struck.
+    rng
+        Draws the orders.
+
+    Raises
+    ------
+    ModelError [plan-unsafe]
+        A posture cannot be reached without a collision.
+    """
+    parts = list(passes)
+    if 0 < len(passes) <= _FEW and collision.is_free:  # with obstacles, fewer blocks at a time leave fewer free ways
+        parts = [*_fastest_first(passes[0]), *passes[1:]]
+    legs = [[_leg(block, rng) for block in part] for part in parts if part]
+    out: list[Motion] = []
+    now: Floats | None = None
+    for part, later in zip(legs, [*legs[1:], []], strict=True):
+        order = _Order(robot, part, now, later, collision=collision).shortest(rng)
+        for k in order:
+            out += part[k].runs
+            now = part[k].end
+    return tuple(out)
+
+
+def _fastest_first(blocks: Sequence[Block]) -> tuple[list[Block], list[Block]]:
+    """The block with the highest speed of every joint, and the others."""
+    first: dict[int, int] = {}
+    for place, block in enumerate(blocks):
+        best = first.get(block.joint)
+        if block.purpose == "fit" and (best is None or block.top_speed > blocks[best].top_speed):
+            first[block.joint] = place
+    fastest = set(first.values())
+    return (
+        [block for k, block in enumerate(blocks) if k in fastest],
+        [block for k, block in enumerate(blocks) if k not in fastest],
+    )
+
+
+def _leg(block: Block, rng: np.random.Generator) -> _Leg:
+    """A block's runs, sweeps in random order."""
+    shuffled = [block.sweeps[k] for k in rng.permutation(len(block.sweeps))]
+    runs = [motion for sweep in shuffled for motion in sweep.motions(block.hold, purpose=block.purpose)]
+    begin, end = np.array(block.hold), np.array(block.hold)
+    begin[block.joint - 1], end[block.joint - 1] = runs[0].start, runs[-1].end
+    return _Leg(tuple(runs), begin, end)
+
+
+class _Order:
+    """Orders of a pass's B legs, by the time of the moves into, between and out of them."""
+
+    def __init__(
+        self, robot: Robot, legs: Sequence[_Leg], now: Floats | None, later: Sequence[_Leg], *, collision: Collision
+    ) -> None:
+        self.legs, self.now, self.later, self.collision = legs, now, later, collision
+        pace = MOVE_SHARE * highest_speeds(robot)
+        begins, ends = np.array([leg.begin for leg in legs]), np.array([leg.end for leg in legs])
+        # To the microsecond: an order and its reverse take equally long, and rounding must not choose between them.
+        self.between = np.round(np.max(np.abs(ends[:, None] - begins) / pace, axis=2), 6)
+        self.into = np.zeros(len(legs))
+        if now is not None:
+            self.into = np.round(np.max(np.abs(begins - now) / pace, axis=1), 6)
+        self.out_of = np.zeros(len(legs))
+        self.struck: Counter[int] = Counter()
+        self.hit: Hit | None = None
+
+    def shortest(self, rng: np.random.Generator) -> list[int]:
+        """The shortest order whose moves are free of collisions."""
+        for _ in range(1 if self.collision.is_free else _ROUNDS):
+            orders = [self._improved(rng.permutation(len(self.legs)).tolist()) for _ in range(_STARTS)]
+            orders.sort(key=self._length)
+            free = next((order for order in orders if self._is_free(order)), None)
+            if free is not None:
+                return free
+        leg, _ = self.struck.most_common(1)[0]
+        joint, hit = self.legs[leg].runs[0].joint, self.hit
+        assert hit is not None
+        raise ModelError(
+            "plan-unsafe",
+            f"no way leads to or from a posture of joint {joint} without a collision: {self.collision.describe(hit)}",
+            Where(joint=joint),
+            "narrow the limits, give fewer postures, or correct the recipe's boxes and spheres",
+        )
+
+    def _length(self, order: Sequence[int]) -> float:
+        way = self.into[order[0]] + np.sum(self.between[order[:-1], order[1:]]) + self.out_of[order[-1]]
+        return round(float(way), 6)
+
+    def _improved(self, order: list[int]) -> list[int]:
+        """An order after each block has been put where it makes the way shortest, twice."""
+        between = self.between
+        for block in 2 * list(order) if len(order) > 1 else ():
+            rest = [k for k in order if k != block]
+            added = np.empty(len(order))
+            added[0] = self.into[block] + between[block, rest[0]] - self.into[rest[0]]
+            added[1:-1] = between[rest[:-1], block] + between[block, rest[1:]] - between[rest[:-1], rest[1:]]
+            added[-1] = between[rest[-1], block] + self.out_of[block] - self.out_of[rest[-1]]
+            place = int(np.argmin(np.round(added, 6)))
+            order = [*rest[:place], block, *rest[place:]]
+        return order
+
+    def _is_free(self, order: Sequence[int]) -> bool:
+        """Whether the moves of an order are free; those that are not become expensive."""
+        if self.collision.is_free:
+            return True
+        legs, length = [self.legs[k] for k in order], self._length(order)
+        if length >= _STRUCK:
+            return False
+        if self.now is not None and self._strikes(self.now, legs[0].begin, order[0]):
+            self.into[order[0]] = _STRUCK
+        for k, (before, after) in enumerate(itertools.pairwise(legs)):
+            if self._strikes(before.end, after.begin, order[k + 1]):
+                self.between[order[k], order[k + 1]] = _STRUCK
+        if self.later and all(self._strikes(legs[-1].end, leg.begin, order[-1]) for leg in self.later):
+            self.out_of[order[-1]] = _STRUCK
+        return self._length(order) < _STRUCK
+
+    def _strikes(self, start: Floats, end: Floats, leg: int) -> bool:
+        hit = self.collision.first_hit_of_move(start, end)
+        if hit is not None:
+            self.hit = hit
+            self.struck[leg] += 1
+        return hit is not None
