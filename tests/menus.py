@@ -1,4 +1,4 @@
-"""Small menus of laps for tests of the planner, and slow, obvious readings of what they tell."""
+"""Small sets of candidate runs for tests of the planner."""
 
 from __future__ import annotations
 
@@ -7,15 +7,13 @@ from functools import cache
 
 import numpy as np
 
-from pumaid.clearance import Clearance
-from pumaid.design.assume import Assumed, drawn
-from pumaid.design.laps import courses, free, speeds
-from pumaid.design.menu import Menu, Ways, menu
-from pumaid.design.outlook import existing
+from pumaid.design.candidate_runs import JointCandidates, postures, speeds, sweeps, usable
+from pumaid.design.collision import Collision
+from pumaid.design.information import CandidateInformation, candidate_information, existing_names
+from pumaid.design.prior import Prior, random_robots
 from pumaid.io.recipe import read_recipe, shipped_recipes
 from pumaid.records import Motion
 from pumaid.robot import Robot
-from pumaid.simulation.ranges import candidates
 from pumaid.structure import minimal
 
 
@@ -26,32 +24,28 @@ def arm(name: str) -> Robot:
 
 
 @cache
-def assumed(name: str, seed: int = 1) -> Assumed:
+def prior(name: str, seed: int = 1) -> Prior:
     """Robots drawn from a shipped recipe."""
-    return drawn(arm(name), seed)
+    return random_robots(arm(name), seed)
 
 
-def names(robot: Robot) -> list[str]:
+def names(robot: Robot) -> tuple[str, ...]:
     """Gravity parameters and ratios that an arm has."""
-    return existing(robot, minimal(robot))
+    return existing_names(robot, minimal(robot))
 
 
 @cache
-def small_menu(name: str, *, postures: int = 4, shares: tuple[float, ...] = (0.1, 0.4, 1.0), seed: int = 1) -> Menu:
-    """Laps of a shipped arm in a few random postures, for two drawn robots."""
-    robot, rng, ways = arm(name), np.random.default_rng(seed), []
+def small_set(name: str, *, count: int = 4, shares: tuple[float, ...] = (0.1, 0.4, 1.0)) -> CandidateInformation:
+    """Candidates of a shipped arm in a few random postures, for two drawn robots."""
+    robot, rng, joints = arm(name), np.random.default_rng(1), []
     for joint in range(1, robot.n_joints + 1):
-        others = [k for k in range(1, robot.n_joints + 1) if k != joint]
-        holds = candidates(robot, joint, free=others, count=postures, rng=rng)[-postures:]
-        some = courses(robot, joint, speeds(robot, joint, shares))
-        ways.append(Ways(joint, holds, some, free(Clearance.of(robot), holds, some)))
-    return menu(assumed(name, seed).truths[:2], ways, names=names(robot), rate=100.0)
+        varied = [k for k in range(1, robot.n_joints + 1) if k != joint]
+        holds = postures(robot, joint, varied=varied, count=count, rng=rng)[-count:]
+        ways = sweeps(robot, joint, speeds(robot, joint, shares))
+        joints.append(JointCandidates(joint, holds, ways, usable(Collision(robot), holds, ways)))
+    return candidate_information(prior(name).robots[:2], joints, names=names(robot))
 
 
-def motions_of(found: Menu, laps: Sequence[int]) -> list[Motion]:
-    """The runs of some laps."""
-    out = []
-    for lap in laps:
-        joint, hold = found.block_of(lap)
-        out += found.course_of(lap).motions(tuple(found.of(joint).holds[hold].tolist()))
-    return out
+def motions_of(candidates: CandidateInformation, numbers: Sequence[int]) -> list[Motion]:
+    """The runs of some candidates."""
+    return [m for c in numbers for m in candidates.sweep_of(c).motions(candidates.hold_of(c))]

@@ -22,9 +22,9 @@ import matplotlib.pyplot as plt
 import numpy as np
 from experiments import EXPERIMENTS, coverage, logged, losses
 
+from pumaid.design.plan import plan
 from pumaid.io.recipe import read_recipe, shipped_recipes
 from pumaid.simulation import Bench, Noise, draw, table1
-from pumaid.verbs.plan import plan
 
 #: Recipe and seed of the drawn arms.
 ARMS = (("ur3e", 11), ("stanford", 12), ("panda", 14), ("pendulum2", 13))

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import rich_click as click
 
 if TYPE_CHECKING:
-    from pumaid.design.setup import Setup
+    from pumaid.design.prior import Setup
     from pumaid.records import Estimate, Plan
     from pumaid.robot import Robot
 
@@ -93,7 +93,7 @@ def check_together(ask: Ask, given: Path | None) -> None:
 
 def setup_of(ask: Ask) -> Setup:
     """Tilt (deg in the option) and payload."""
-    from pumaid.design.setup import Setup
+    from pumaid.design.prior import Setup
     from pumaid.units import factor
 
     payload = None
@@ -116,7 +116,7 @@ def planned(robot: Robot, ask: Ask, tell: Callable[[str], None]) -> Plan:
     tell
         Called with a word on what is done.
     """
-    from pumaid.verbs.plan import plan
+    from pumaid.design.plan import plan
 
     def whole() -> Plan:
         return plan(
@@ -184,11 +184,11 @@ def checked(robot: Robot, path: Path, ask: Ask, *, tell: Callable[[str], None]) 
     tell
         Called with a word on what is done.
     """
+    from pumaid.design.plan import check_plan
     from pumaid.io.plan import read_plan
-    from pumaid.verbs.foresee import foresee
 
     given = read_plan(path, robot)
-    return foresee(robot, given, prior=prior_of(robot, ask), setup=setup_of(ask), seed=ask.seed, tell=tell)
+    return check_plan(robot, given, prior=prior_of(robot, ask), setup=setup_of(ask), seed=ask.seed, tell=tell)
 
 
 def prior_of(robot: Robot, ask: Ask) -> Estimate | None:

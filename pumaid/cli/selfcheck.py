@@ -77,10 +77,10 @@ def _judged() -> Iterator[list[str]]:
 
 
 def _logged(folder: Path, bench: dict[str, object]) -> str:
+    from pumaid.design.plan import plan
     from pumaid.io.recipe import read_recipe, shipped_recipes
     from pumaid.io.table import write_log
     from pumaid.simulation import Hidden, draw
-    from pumaid.verbs.plan import plan
     from pumaid.verbs.simulate import simulate
 
     robot = read_recipe(shipped_recipes()[ARM])

@@ -10,9 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pumaid.design.collision import Collision
-from pumaid.records import Joint, Motion, Plan, Robot
+from pumaid.records import Motion, Plan
+from pumaid.robot import Joint, Robot
 from pumaid.simulation.ranges import QUICKEST_SLIDE, QUICKEST_TURN, span
-from pumaid.simulation.timing import accelerations, cruise, duration, highest_speeds
+from pumaid.trajectory import accelerations, cruise, duration, highest_speeds
 from pumaid.units import factor
 
 Floats = NDArray[np.float64]

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
@@ -10,8 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pumaid.errors import Faults, RecipeError, Where
-from pumaid.records import Robot, Safety, Sphere
-from pumaid.simulation.timing import MOVE_SHARE, accelerations, highest_speeds
+from pumaid.robot import Robot, Safety, Sphere
 from pumaid.units import factor
 
 Floats = NDArray[np.float64]
@@ -87,15 +85,20 @@ class Collision:
 
     def first_hit(self, start: Floats, end: Floats) -> Hit | None:
         """Where the straight path from `start` to `end` (J,), rad or m, first comes too near; None where it is free."""
-        return self._along(lambda share: start + share * (end - start), np.abs(end - start))
-
-    def first_hit_of_move(self, start: Floats, end: Floats) -> Hit | None:
-        """As `first_hit`, for a move between runs, which controllers drive in two ways.
-
-        URScript and ROS 2 drive it straight in joint space; the virtual robot and many controllers let each joint run
-        by its own trapezoid of speed until it is there. Both ways are checked.
-        """
-        return self.first_hit(start, end) or self._along(*_trapezoids(self.robot, start, end))
+        if self.is_free:
+            return None
+        rates, share, margin = self._reach @ np.abs(end - start), 0.0, self.safety.margin
+        while True:
+            position = start + share * (end - start)
+            distance = self.distances(position)
+            nearest = int(distance.argmin())
+            if distance[nearest] < margin + TOLERANCE:
+                first, second = self._pairs[nearest]
+                return Hit(position, float(distance[nearest]), first.label, second.label)
+            if share >= 1.0:
+                return None
+            with np.errstate(divide="ignore"):
+                share = min(1.0, share + float(np.min((distance - margin) / rates)))
 
     def describe(self, hit: Hit) -> str:
         """One sentence: what comes near to what, and at which joint positions."""
@@ -117,23 +120,6 @@ class Collision:
         mujoco.mj_kinematics(self._model, self._data)
         measure, model, data = mujoco.mj_geomDistance, self._model, self._data
         return np.array([measure(model, data, a.number, b.number, _FAR, None) for a, b in self._pairs])
-
-    def _along(self, path: Callable[[float], Floats], pace: Floats) -> Hit | None:
-        """First hit on a path of shares 0..1, on which joint j moves by at most `pace` (J,) a unit of share."""
-        if self.is_free:
-            return None
-        rates, share, margin = self._reach @ pace, 0.0, self.safety.margin
-        while True:
-            position = path(share)
-            distance = self.distances(position)
-            nearest = int(distance.argmin())
-            if distance[nearest] < margin + TOLERANCE:
-                first, second = self._pairs[nearest]
-                return Hit(position, float(distance[nearest]), first.label, second.label)
-            if share >= 1.0:
-                return None
-            with np.errstate(divide="ignore"):
-                share = min(1.0, share + float(np.min((distance - margin) / rates)))
 
     def _build(self) -> None:
         """The MuJoCo model: a chain of bodies by the DH parameters, with the recipe's shapes on them."""
@@ -202,8 +188,8 @@ class Collision:
     def _refuse_what_always_touches(self) -> None:
         usual = [(-_TURN, _TURN) if joint.is_revolute else (-_SLIDE, _SLIDE) for joint in self.robot.joints]
         low, high = np.transpose([joint.limits or ends for joint, ends in zip(self.robot.joints, usual, strict=True)])
-        drawn = np.random.default_rng(0).uniform(low, high, (_DRAWN, len(low)))
-        distance = np.array([self.distances(position) for position in drawn])
+        rng = np.random.default_rng(0)
+        distance = np.array([self.distances(position) for position in rng.uniform(low, high, (_DRAWN, len(low)))])
         always = np.flatnonzero((distance < self.safety.margin).all(axis=0))
         faults = [self._fault(*self._pairs[pair]) for pair in always]
         if faults:
@@ -219,21 +205,3 @@ class Collision:
         if inner.is_box:
             mend = "make the box smaller; a sphere that does not move belongs to link 0, which may stand in a box"
         return RecipeError("safety-always-touching", what, Where(file=self.robot.origin or None), mend)
-
-
-def _trapezoids(robot: Robot, start: Floats, end: Floats) -> tuple[Callable[[float], Floats], Floats]:
-    """The path on which each joint runs by its own trapezoid of speed, and (J,) how fast each is a unit of share."""
-    way, ramps = np.abs(end - start), accelerations(robot)
-    peak = np.minimum(MOVE_SHARE * highest_speeds(robot), np.sqrt(ramps * way))
-    up = peak / ramps
-    lasting = up + np.divide(way, peak, out=np.zeros_like(way), where=peak > 0)
-    total = float(lasting.max())
-
-    def at(share: float) -> Floats:
-        time = share * total
-        rising, falling = np.clip(time, 0.0, up), np.clip(time - (lasting - up), 0.0, up)
-        cruising = np.clip(time - up, 0.0, np.maximum(lasting - 2.0 * up, 0.0))
-        gone = 0.5 * ramps * rising**2 + peak * (cruising + falling) - 0.5 * ramps * falling**2
-        return np.asarray(start + np.sign(end - start) * np.minimum(gone, way))
-
-    return at, peak * total

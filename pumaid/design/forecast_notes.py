@@ -13,10 +13,11 @@ from pumaid.design.planner import Made, Planner
 from pumaid.design.prior import Prior
 from pumaid.errors import Note, Where
 from pumaid.preprocessing.options import DEFAULTS
-from pumaid.records import Motion, Posture, Robot
+from pumaid.records import Motion, Posture
+from pumaid.robot import Robot
 from pumaid.simulation.ranges import span
-from pumaid.simulation.timing import highest_speeds
 from pumaid.structure import Structure
+from pumaid.trajectory import highest_speeds
 from pumaid.units import factor, number
 
 #: A posture serves a parameter whose error grows by this factor without it; from the second on it is lost.
@@ -94,12 +95,12 @@ def weight_notes(prior: Prior, promised: dict[str, float]) -> list[Note]:
     name = f"gain_ratio.{n - 1}.{n}"
     if name not in promised or not truth.robot.joint(n).is_revolute:
         return []
-    hint = f"A payload shows it: --payload MASS,{_LEVER:g},0,0 plans for one {1000 * _LEVER:g} mm off the axis"
+    hint = "A payload {:g} mm off the axis shows it: --payload {},{:g},0,0"
     share = promised[name] / abs(float(np.median([t.parameters()[name] for t in prior.robots])))
     if truth.gain is None:
         text = (
             f"{name} cannot be identified with the weight that this arm has: its predicted error is"
-            f" {number(share, 2)} times its value. {hint}"
+            f" {number(share, 2)} times its value. {hint.format(1e3 * _LEVER, 0.5, _LEVER)}"
         )
         return [Note("plan-needs-weight", text, Where(joint=n))] if share >= _WEAK else []
     moments = [
@@ -108,7 +109,7 @@ def weight_notes(prior: Prior, promised: dict[str, float]) -> list[Note]:
     least = max(float(np.median(moments)) * share / _WEAK, _LEAST)
     text = (
         f"{name} is seen only if link {n} has about {number(least, 2)} kg m (mass times distance) or more off its axis;"
-        f" a bare flange often has less. {hint}"
+        f" a bare flange often has less. {hint.format(1e3 * _LEVER, number(least / _LEVER, 2), _LEVER)}"
     )
     return [Note("plan-needs-weight", text, Where(joint=n))]
 
@@ -157,7 +158,7 @@ def collision_notes(robot: Robot, motions: Sequence[Motion]) -> list[Note]:
         if hit := collision.first_hit(ends[0][k], ends[1][k]):
             where = Where(joint=motion.joint, field=f"runs[{k + 1}]")
             out.append(Note("plan-strikes", f"run {k + 1}: {collision.describe(hit)}", where))
-        if k and (hit := collision.first_hit_of_move(ends[1][k - 1], ends[0][k])):
+        if k and (hit := collision.first_hit(ends[1][k - 1], ends[0][k])):
             text = f"the move from run {k} to run {k + 1}: {collision.describe(hit)}"
             out.append(Note("plan-strikes", text, Where(field=f"runs[{k + 1}]")))
     return out

@@ -13,10 +13,11 @@ from numpy.typing import NDArray
 
 from pumaid.design.candidate_runs import JointCandidates, Sweep, seconds_of
 from pumaid.effects import catalogue
-from pumaid.records import Motion, Robot, Samples
-from pumaid.simulation.timing import cruise
+from pumaid.records import Motion, Samples
+from pumaid.robot import Robot
 from pumaid.simulation.truth import Noise, Truth
 from pumaid.structure import Structure
+from pumaid.trajectory import cruise
 
 Floats = NDArray[np.float64]
 Counts = NDArray[np.int64]
@@ -83,21 +84,20 @@ def gravity_slopes(truths: Sequence[Truth], *, joint: int, holds: Floats, names:
     ends[:count, joint - 1], ends[count:, joint - 1] = 0.0, 0.5 * np.pi
     samples, gravity = Samples(joint, ends, np.zeros_like(ends)), catalogue()["gravity"]
     place = {name: k for k, name in enumerate(names)}
-    out = np.zeros((len(truths), 2 * count, len(names)))
+    # One column more, into which goes what is not among the names.
+    out = np.zeros((len(truths), 2 * count, len(names) + 1))
     values = [truth.parameters() for truth in truths]
     ratios = np.array([[v[f"gain_ratio.{i}.{i + 1}"] for i in range(1, robot.n_joints)] for v in values])
     for link in range(joint, robot.n_joints + 1):
-        columns = gravity.columns(robot, samples, number=link)
-        scale = ratios[:, joint - 1 : link - 1].prod(axis=1)
-        for part, column in zip(gravity.parameters(robot, link), columns.T, strict=True):
-            name = f"gravity.l{link}.{part.name}"
-            current = scale[:, None] * column
-            if name in place:
-                out[:, :, place[name]] = current
-            size = np.array([v[name] for v in values])[:, None]
-            for i in range(joint, link):
-                if (ratio := f"gain_ratio.{i}.{i + 1}") in place:
-                    out[:, :, place[ratio]] += current * size / ratios[:, i - 1, None]
+        labels = [f"gravity.l{link}.{part.name}" for part in gravity.parameters(robot, link)]
+        scale = ratios[:, joint - 1 : link - 1].prod(axis=1)[:, None, None]
+        columns = scale * gravity.columns(robot, samples, number=link)
+        out[:, :, [place.get(label, -1) for label in labels]] = columns
+        sizes = np.array([[v[label] for label in labels] for v in values])
+        load = np.einsum("gmp,gp->gm", columns, sizes)
+        for i in range(joint, link):
+            out[:, :, place.get(f"gain_ratio.{i}.{i + 1}", -1)] += load / ratios[:, i - 1, None]
+    out = out[..., :-1]
     cosine, sine = out[:, :count], out[:, count:]
     nothing = np.zeros_like(cosine)
     parts = [cosine, sine, nothing] if robot.joints[joint - 1].is_revolute else [nothing, nothing, cosine]
@@ -312,7 +312,8 @@ def standard_errors(names: Sequence[str], information: Floats) -> dict[str, floa
     blind = values < _BLIND * max(values.max(initial=0.0), 1.0)
     shows = ~np.any(np.abs(vectors[:, blind]) > 1e-4, axis=1)
     errors = np.sqrt(vectors[:, ~blind] ** 2 @ (1.0 / values[~blind])) / size[seen_at]
-    return {names[k]: float(error) for k, error, is_shown in zip(seen_at, errors, shows, strict=True) if is_shown}
+    labels = [names[k] for k in seen_at.tolist()]
+    return {name: float(error) for name, error, is_shown in zip(labels, errors, shows, strict=True) if is_shown}
 
 
 def predicted_errors(truths: Sequence[Truth], motions: Sequence[Motion], names: Sequence[str]) -> dict[str, float]:

@@ -9,7 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pumaid.errors import ModelError
-from pumaid.records import NOT_IDENTIFIABLE, Estimate, Robot
+from pumaid.records import NOT_IDENTIFIABLE, Estimate
+from pumaid.robot import Robot
 from pumaid.simulation.draw import draw
 from pumaid.simulation.links import Links
 from pumaid.simulation.recursion import Constants, constants

@@ -13,8 +13,9 @@ from numpy.typing import NDArray
 from pumaid.design.candidate_runs import Sweep
 from pumaid.design.collision import Collision, Hit
 from pumaid.errors import ModelError, Where
-from pumaid.records import Motion, Robot
-from pumaid.simulation.timing import MOVE_SHARE, highest_speeds
+from pumaid.records import Motion
+from pumaid.robot import Robot
+from pumaid.trajectory import MOVE_SHARE, highest_speeds
 
 Floats = NDArray[np.float64]
 
@@ -184,7 +185,7 @@ class _Order:
         return self._length(order) < _STRUCK
 
     def _strikes(self, start: Floats, end: Floats, leg: int) -> bool:
-        hit = self.collision.first_hit_of_move(start, end)
+        hit = self.collision.first_hit(start, end)
         if hit is not None:
             self.hit = hit
             self.struck[leg] += 1

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from pumaid.clearance import Clearance
+from pumaid.design.collision import Collision
 from pumaid.diagnosis.added import Added
 from pumaid.diagnosis.field import Field, distinct
 from pumaid.diagnosis.noise import Noise
@@ -118,13 +118,12 @@ def laps(solved: Solved, joint: int, *, drawn: int = DRAWN) -> tuple[Lap, ...]:
 
 def _free(solved: Solved, found: Sequence[Lap]) -> list[Lap]:
     """Laps that strike nothing of what the recipe forbids."""
-    clearance = Clearance.of(solved.model.robot)
-    if clearance.is_free or not found:
+    collision, joint = Collision(solved.model.robot), found[0].joint - 1 if found else 0
+    if collision.is_free:
         return list(found)
     starts, ends = (np.array([lap.hold for lap in found]) for _ in range(2))
-    own = found[0].joint - 1
-    starts[:, own], ends[:, own] = [lap.low for lap in found], [lap.high for lap in found]
-    return [lap for lap, hit in zip(found, clearance.struck(starts, ends).tolist(), strict=True) if not hit]
+    starts[:, joint], ends[:, joint] = [lap.low for lap in found], [lap.high for lap in found]
+    return [lap for lap, start, end in zip(found, starts, ends, strict=True) if not collision.strikes(start, end)]
 
 
 def speeds(solved: Solved, joint: int) -> tuple[float, ...]:

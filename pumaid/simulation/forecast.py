@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from pumaid.records import Robot
+from pumaid.robot import Robot
 from pumaid.simulation.recursion import Constants, Geometry, carried
 
 Floats = NDArray[np.float64]

@@ -8,13 +8,12 @@ from dataclasses import replace
 
 from pumaid.choices import at_one_joint, known_effect
 from pumaid.dataset import Dataset
-from pumaid.design.assume import assume
-from pumaid.design.rehearsal import rehearsed, solved, usual
-from pumaid.design.setup import Setup
+from pumaid.design.prior import Setup, prior_robots
 from pumaid.diagnosis.added import Added
 from pumaid.diagnosis.contender import DECISIVE, evidence
 from pumaid.diagnosis.deciding import deciding, showing
 from pumaid.diagnosis.refine import refined, trials_at
+from pumaid.diagnosis.rehearsal import rehearsed, solved, usual
 from pumaid.diagnosis.scan import Projector, Trial
 from pumaid.diagnosis.system import Solved
 from pumaid.effects import Effect, Scope
@@ -88,7 +87,7 @@ def decide(
     say = tell or _silent
     one = at_one_joint(wanted, robot, "--for")
     rival = None if against is None else at_one_joint(_beside(against, one), robot, "--against")
-    truth = assume(robot, prior=estimate if logs is None else None, setup=Setup(), seed=seed).truths[0]
+    truth = prior_robots(robot, estimate=estimate if logs is None else None, setup=Setup(), seed=seed).robots[0]
     if logs is None and ground is None:
         raise ValueError("without logs there must be an experiment to rehearse")
     hidden = _hidden(robot, one, usual(truth, one), size)

@@ -9,8 +9,8 @@ import pyarrow.csv
 import pyarrow.parquet
 from click.testing import CliRunner
 
-from pumaid.clearance.contacts import Contacts
 from pumaid.cli import group
+from pumaid.design.collision import Collision
 from pumaid.io.recipe import read_recipe, shipped_recipes
 
 #: A ceiling above the hinge, which the outstretched arm would strike.
@@ -44,8 +44,8 @@ def test_a_safe_plan_keeps_clear(tmp_path):
         (folder / "recipe.yaml").write_text(text, encoding="utf-8")
         run("plan", str(folder / "recipe.yaml"), "--minutes", "6")
         run("simulate", str(folder / "recipe.yaml"), "--plan", str(folder / "plan.yaml"), "-o", str(folder / "logs"))
-        contacts = Contacts.of(read_recipe(tmp_path / "safe" / "recipe.yaml"))
-        least[name] = float(contacts.distances(positions(folder / "logs", 2)).min())
+        collision = Collision(read_recipe(tmp_path / "safe" / "recipe.yaml"))
+        least[name] = min(float(collision.distances(q).min()) for q in positions(folder / "logs", 2))
     # Encoders and the controller's way over its target are far below a millimetre.
     assert least["safe"] > 0.02 - 1e-3
     assert least["free"] < 0.0

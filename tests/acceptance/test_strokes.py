@@ -9,6 +9,7 @@ from itertools import product
 import numpy as np
 import pytest
 
+from pumaid.design.plan import plan
 from pumaid.io.recipe import read_recipe, shipped_recipes
 from pumaid.records import Motion, Plan
 from pumaid.robot import Robot
@@ -16,7 +17,6 @@ from pumaid.simulation import Session, draw
 from pumaid.simulation.physics.joints import inertia
 from pumaid.simulation.record import as_json
 from pumaid.verbs.identify import identify
-from pumaid.verbs.plan import plan
 from pumaid.verbs.segment import segment
 
 #: Arms and sessions on which nothing was chosen.

@@ -6,15 +6,15 @@ import numpy as np
 import pytest
 
 from pumaid.dataset import Dataset
+from pumaid.design.information import gravity_names, predicted_errors
+from pumaid.design.plan import plan
 from pumaid.io.recipe import read_recipe, shipped_recipes
 from pumaid.preprocessing.planned import mark_heldout
 from pumaid.records import Plan
 from pumaid.robot import Robot
 from pumaid.simulation import Bench, draw
-from pumaid.simulation.forecast import forecast, gravity_names
 from pumaid.structure import minimal
 from pumaid.verbs.identify import identify
-from pumaid.verbs.plan import plan
 from pumaid.verbs.segment import segment
 from pumaid.verbs.simulate import simulate
 
@@ -66,7 +66,7 @@ def test_forecast_is_what_experiments_scatter():
     robot = arm("pendulum2")
     made, truth = plan(robot, minutes=6, seed=9), draw(robot, 105)
     names = [name for name in gravity_names(robot) if name not in minimal(robot).absent]
-    promised = forecast(truth, made.motions, names=names, rate=50.0).std_errors()
+    promised = predicted_errors([truth], made.motions, names)
     bench, rng = Bench(truth, made, rate=50.0), np.random.default_rng(106)
     found = [identify(Dataset(bench.runs(rng)), robot) for _ in range(60)]
     # 60 experiments know a scatter to 9 %; three times that.

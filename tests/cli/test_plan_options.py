@@ -187,7 +187,7 @@ def test_what_does_not_go_together_is_wrong_usage(folder, words):
         (("--tilt=nan,0",), "nan"),
         (("--minutes", "nan"), "nan minutes"),
         (("--minutes", "0"), "0 minutes"),
-        (("--minutes", "1e6"), "more than a day"),
+        (("--minutes", "1e6"), "out of range"),
         (("--speeds", "1,1,1"), "1 different speeds"),
         (("--speeds", "0.1,0.2,nan"), "nan is no share"),
         (("--replicates", "0"), "0 replicates"),

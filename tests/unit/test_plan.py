@@ -2,10 +2,6 @@
 
 from __future__ import annotations
 
-import os
-import signal
-import subprocess
-import sys
 from collections import Counter
 from dataclasses import replace
 from functools import cache
@@ -13,7 +9,8 @@ from functools import cache
 import numpy as np
 import pytest
 
-from pumaid.design.laps import top_speed
+from pumaid.design.candidate_runs import top_speed
+from pumaid.design.plan import plan
 from pumaid.errors import Faults, ModelError
 from pumaid.io.recipe import read_recipe, shipped_recipes
 from pumaid.records import Motion, Plan
@@ -22,7 +19,6 @@ from pumaid.simulation.draw import draw
 from pumaid.simulation.ranges import span
 from pumaid.simulation.recursion import gravity_current
 from pumaid.structure import minimal
-from pumaid.verbs.plan import plan
 
 ARMS = ("puma560", "stanford", "kinova_gen3", "pendulum2")
 
@@ -153,18 +149,6 @@ def test_joints_that_matter_not_stay_put():
     assert {m.hold[0] for m in planned("puma560").motions if m.joint != 1} == {0.0}
 
 
-@pytest.mark.parametrize("name", ARMS)
-def test_each_ratio_has_two_postures(name):
-    """Of every ratio that the arm has two postures of one joint say that they show it."""
-    found = planned(name)
-    ratios = [f"gain_ratio.{k}.{k + 1}" for k in range(1, arm(name).n_joints)]
-    for ratio in ratios:
-        serving = [one.joint for one in found.postures if f"shows {ratio} with posture" in one.why]
-        assert (ratio in found.unseen) == (serving == []), ratio
-        assert len(serving) in (0, 2)
-        assert len(set(serving)) <= 1
-
-
 @pytest.mark.parametrize("name", ["puma560", "pendulum2"])
 def test_no_plan_is_much_worse_than_the_best_conceivable(name):
     """Errors are within a third of a bound that no experiment of these laps in this time can beat."""
@@ -244,31 +228,10 @@ def test_missing_limits_are_told():
 
 
 def test_rounding_decides_nothing(monkeypatch):
-    """A plan stays as it is where every score is off in its twelfth digit, as on a machine that adds in other order."""
-    exact, rng = np.linalg.eigvalsh, np.random.default_rng(0)
-    wanted = planned("puma560").motions
-    noisy = lambda matrix: exact(matrix) + 1e-12 * rng.standard_normal(matrix.shape[:-1])  # noqa: E731
-    monkeypatch.setattr(np.linalg, "eigvalsh", noisy)
-    assert plan(arm("puma560"), seed=5).motions == wanted
-
-
-@cache
-def short_plan() -> Plan:
-    """The PUMA's plan of eight minutes, made by this processor's own kernels."""
-    return plan(arm("puma560"), minutes=8, seed=5)
-
-
-@pytest.mark.parametrize("core", ["Nehalem", "Haswell", "SkylakeX"])
-def test_processors_plan_alike(core):
-    """Kernels of linear algebra for other processors round otherwise and plan the same; those it has no instructions
-    for cannot be tried."""
-    program = (
-        "from pumaid.io.recipe import read_recipe, shipped_recipes as r; from pumaid.verbs.plan import plan\n"
-        "print(repr(plan(read_recipe(r()['puma560']), minutes=8, seed=5).motions))"
+    """A plan stays as it is where inverses are off in their twelfth digit, as on a machine that adds in other order."""
+    exact, rng = np.linalg.inv, np.random.default_rng(0)
+    wanted = planned("pendulum2").motions
+    monkeypatch.setattr(
+        np.linalg, "inv", lambda m: exact(m) * (1.0 + 1e-12 * rng.standard_normal((*m.shape[:-2], 1, 1)))
     )
-    settings = {**os.environ, "OPENBLAS_CORETYPE": core}
-    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, env=settings)
-    if done.returncode == -signal.SIGILL:
-        pytest.skip(f"this processor lacks instructions of {core}")
-    assert done.returncode == 0, done.stderr
-    assert done.stdout.strip() == repr(short_plan().motions)
+    assert plan(arm("pendulum2"), seed=5).motions == wanted

@@ -11,11 +11,11 @@ import pytest
 from menus import arm
 
 from pumaid.dataset import Dataset
-from pumaid.design.assume import assume
-from pumaid.design.rehearsal import rehearsed, solved, usual
-from pumaid.design.setup import Setup
+from pumaid.design.plan import plan
+from pumaid.design.prior import Setup, prior_robots
 from pumaid.diagnosis.added import Added
 from pumaid.diagnosis.refine import at
+from pumaid.diagnosis.rehearsal import rehearsed, solved, usual
 from pumaid.diagnosis.scan import Projector
 from pumaid.effects import catalogue
 from pumaid.errors import ModelError
@@ -23,7 +23,6 @@ from pumaid.records import Plan
 from pumaid.robot import EffectChoice, Joint, Robot
 from pumaid.simulation import Bench, Hidden, draw
 from pumaid.verbs.decide import decide
-from pumaid.verbs.plan import plan
 
 #: Its upright first joint feels a tilt of the base.
 TURRET = Robot(
@@ -47,7 +46,7 @@ CASES = [
     ("turret", "tilt", None, 0.004),
 ]
 #: Ratio of gains of the turret's joints.
-WAIST = float(assume(TURRET, prior=None, setup=Setup(), seed=3).truths[0].constants.ratio[0])
+WAIST = float(prior_robots(TURRET, estimate=None, setup=Setup(), seed=3).robots[0].constants.ratio[0])
 #: Robots on which a promise is kept; none was looked at while the planner was made.
 SEEDS = range(6200, 6206)
 
@@ -61,7 +60,7 @@ def ground(name: str) -> Plan:
 def sized(name: str, effect: str, joint: int | None, size: float) -> Hidden:
     """An effect whose first parameter is `size`, others in proportion, shapes as usual."""
     robot, law = ARMS[name], catalogue()[effect]
-    truth = assume(robot, prior=None, setup=Setup(), seed=3).truths[0]
+    truth = prior_robots(robot, estimate=None, setup=Setup(), seed=3).robots[0]
     values = usual(truth, EffectChoice(effect, joint)).values
     shapes = {one.name for one in law.shapes(robot, joint or 0)}
     share = size / values[law.parameters(robot, joint or 0)[0].name]
@@ -71,7 +70,7 @@ def sized(name: str, effect: str, joint: int | None, size: float) -> Hidden:
 def statistic(name: str, hidden: Hidden, made: Plan, seed: int) -> float:
     """By how much the true effect lowers the square, in units of the noise's, where a robot hides it."""
     robot, law = ARMS[name], catalogue()[hidden.effect]
-    usual_one = assume(robot, prior=None, setup=Setup(), seed=3).truths[0]
+    usual_one = prior_robots(robot, estimate=None, setup=Setup(), seed=3).robots[0]
     # How strongly an upright joint feels a tilt is its ratio of gains: the promise is for this robot's.
     drawn = usual_one if hidden.effect == "tilt" else draw(robot, seed)
     truth = replace(drawn, hidden=(hidden,), noise=usual_one.noise)

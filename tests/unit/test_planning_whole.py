@@ -7,19 +7,19 @@ from functools import cache
 
 import numpy as np
 import pytest
-from menus import arm, assumed, names
+from menus import arm, names, prior
 
 from pumaid.dataset import Dataset
-from pumaid.design.assume import drawn, known
-from pumaid.design.planner import Made, Planner, Wish
+from pumaid.design.information import predicted_errors
+from pumaid.design.plan import plan
+from pumaid.design.planner import Made, Planner, Request
+from pumaid.design.prior import random_robots, robot_of_estimate
 from pumaid.errors import ModelError
 from pumaid.records import Estimate, Motion, Plan
 from pumaid.robot import Box, Joint, Robot, Safety, Sphere
 from pumaid.simulation import Bench, draw, table1
-from pumaid.simulation.forecast import forecast
 from pumaid.simulation.links import Links
 from pumaid.verbs.identify import identify
-from pumaid.verbs.plan import plan
 
 DEG = np.pi / 180.0
 
@@ -27,7 +27,10 @@ DEG = np.pi / 180.0
 @cache
 def relative(name: str, criterion: str) -> tuple[float, float]:
     """Geometric mean and largest of a plan's expected errors, as shares of what is usual."""
-    found, sizes = plan(arm(name), minutes=2.0 * arm(name).n_joints, criterion=criterion, seed=1), assumed(name).sizes()
+    found, sizes = (
+        plan(arm(name), minutes=2.0 * arm(name).n_joints, criterion=criterion, seed=1),
+        prior(name).typical_sizes(),
+    )
     shares = [error / sizes[one] for one, error in found.expected.items()]
     return float(np.exp(np.mean(np.log(shares)))), max(shares)
 
@@ -51,10 +54,10 @@ def earlier(seed: int) -> Estimate:
 def test_an_earlier_model_makes_a_better_plan(seed):
     """For the robot itself the plan by its model promises no worse a geometric mean than the plan by the recipe."""
     robot, truth = arm("pendulum2"), draw(arm("pendulum2"), seed)
-    by_recipe, by_model = (plan(robot, minutes=6, prior=prior, seed=1) for prior in (None, earlier(seed)))
+    by_recipe, by_model = (plan(robot, minutes=6, prior=model, seed=1) for model in (None, earlier(seed)))
     mean = [
-        np.mean(np.log(list(forecast(truth, one.motions, names=names(robot)).std_errors().values())))
-        for one in (by_recipe, by_model)
+        np.mean(np.log(list(predicted_errors([truth], made.motions, names(robot)).values())))
+        for made in (by_recipe, by_model)
     ]
     assert mean[1] <= mean[0]
 
@@ -62,16 +65,19 @@ def test_an_earlier_model_makes_a_better_plan(seed):
 def test_an_earlier_model_is_taken_at_its_word():
     """The robot that is planned for has the model's parameters and its noise; what it lacks is told."""
     estimate = earlier(41)
-    (truth,), told = known(arm("pendulum2"), estimate).truths, known(arm("pendulum2"), estimate).told
+    assumed = robot_of_estimate(arm("pendulum2"), estimate)
+    (truth,) = assumed.robots
     values = {value.name: value.value for value in estimate.values if value.state == "identified"}
     assert {name: truth.parameters()[name] for name in values} == pytest.approx(values)
-    assert len(told) == 1
+    assert len(assumed.sentences) == 1
 
 
 def test_an_earlier_model_brings_its_noise():
     """A sample's noise is that of the robot, levels of runs included; 26 runs a joint tell it to a tenth."""
     robot, seeds = arm("pendulum2"), (41, 42, 43, 44)
-    share = [known(robot, earlier(seed)).truths[0].noise.std / draw(robot, seed).noise.std for seed in seeds]
+    share = [
+        robot_of_estimate(robot, earlier(seed)).robots[0].noise.std / draw(robot, seed).noise.std for seed in seeds
+    ]
     assert np.mean(share, axis=0) == pytest.approx(1.0, rel=0.25)
 
 
@@ -90,7 +96,7 @@ def test_a_ratio_that_was_not_shown_is_not_believed():
     """The paper's runs leave eta_5/eta_6 in the dark; planning for their model takes it from a drawn robot."""
     truth = table1.puma560()
     runs = Bench(truth, table1.experiment(), rate=25.0).runs(np.random.default_rng(1))
-    (robot,) = known(truth.robot, identify(Dataset(runs), truth.robot)).truths
+    (robot,) = robot_of_estimate(truth.robot, identify(Dataset(runs), truth.robot)).robots
     assert robot.parameters()["gain_ratio.5.6"] == draw(truth.robot, 0).parameters()["gain_ratio.5.6"]
     assert robot.parameters()["gain_ratio.4.5"] == pytest.approx(0.14463, rel=0.05)
 
@@ -98,12 +104,14 @@ def test_a_ratio_that_was_not_shown_is_not_believed():
 @cache
 def light(criterion: str) -> tuple[Planner, Made]:
     """A plan for a pendulum whose last link weighs nothing, so that the ratio of its gains is dark."""
-    (truth,) = drawn(arm("pendulum2"), 1).truths[:1]
+    assumed = random_robots(arm("pendulum2"), 1)
+    truth = assumed.robots[0]
     truth = replace(truth, links=Links(truth.links.mass * [1.0, 1e-5], truth.links.centre))
-    wish = Wish(seconds=400.0, criterion=criterion)
-    sizes = assumed("pendulum2").sizes()
-    found = Planner([truth], names(truth.robot), size=sizes, wish=wish, seed=1, tell=lambda _: None)
-    return found, found.made()
+    request = Request(seconds=400.0, criterion=criterion)
+    planner = Planner(
+        replace(assumed, robots=(truth,)), names(truth.robot), request=request, seed=1, tell=lambda _: None
+    )
+    return planner, planner.made()
 
 
 def test_the_worst_is_not_starved_by_what_stays_dark():
@@ -112,8 +120,8 @@ def test_the_worst_is_not_starved_by_what_stays_dark():
     for criterion in ("geometric", "worst"):
         found, made = light(criterion)
         assert found.hopeless == ("gain_ratio.1.2",)
-        shares = (found.criterion.errors(made.draft.information()) / found.usual)[0]
-        worst.append(max(s for name, s in zip(found.menu.names, shares, strict=True) if name != "gain_ratio.1.2"))
+        shares = (found.criterion.errors(made.objective.information(made.counts)) / found.sizes)[0]
+        worst.append(max(s for name, s in zip(found.candidates.names, shares, strict=True) if name != "gain_ratio.1.2"))
     assert worst[1] < 0.95 * worst[0]
 
 
@@ -134,9 +142,9 @@ def test_a_crawling_joint_makes_short_ways():
 @pytest.mark.parametrize(
     ("wish", "words"),
     [
-        ({"minutes": 1e6}, "more than a day"),
-        ({"minutes": float("nan")}, "no time"),
-        ({"replicates": 10**6}, "more than a plan holds"),
+        ({"minutes": 1e6}, "out of range"),
+        ({"minutes": float("nan")}, "out of range"),
+        ({"replicates": 10**6}, "out of range"),
         ({"speeds": (1.0, 1.0, 1.0)}, "too few"),
         ({"speeds": (0.1, 0.2, float("nan"))}, "no share"),
         ({"criterion": "best"}, "known: geometric, worst"),
@@ -154,9 +162,9 @@ def test_postures_that_there_are_not_are_told():
     """Of forty postures a pendulum has only some that differ: the plan uses them and says how many."""
     found = plan(arm("pendulum2"), postures_per_joint=40, seed=1)
     counts = [len({m.hold for m in found.motions if m.joint == k and m.purpose == "fit"}) for k in (1, 2)]
-    (note,) = [one for one in found.notes if one.slug == "plan-few-postures"]
+    (note,) = [one for one in found.notes if one.slug == "plan-tight"]
     assert min(counts) > 14
-    assert f"joint 1 {counts[0]}, joint 2 {counts[1]}" in note.text
+    assert f"joint 1 in {counts[0]}, joint 2 in {counts[1]}" in note.text
 
 
 def test_a_joint_that_can_run_nowhere_is_told():
@@ -167,4 +175,4 @@ def test_a_joint_that_can_run_nowhere_is_told():
         plan(replace(arm("puma560"), safety=safety), seed=1)
     assert caught.value.slug == "plan-unsafe"
     assert caught.value.where.joint == 2
-    assert "joint 2 (shoulder) can run nowhere" in caught.value.what and "'wall'" in caught.value.what
+    assert "joint 2 (shoulder) collides" in caught.value.what and "'wall'" in caught.value.what

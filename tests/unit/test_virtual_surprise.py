@@ -8,13 +8,13 @@ from functools import cache
 import numpy as np
 import pytest
 
+from pumaid.design.plan import plan
 from pumaid.errors import ModelError
 from pumaid.io.recipe import read_recipe, shipped_recipes
 from pumaid.records import Plan
 from pumaid.simulation import Bench, draw, table1
 from pumaid.simulation.hidden import LAWS
 from pumaid.simulation.surprise import surprise
-from pumaid.verbs.plan import plan
 
 ROBOT = read_recipe(shipped_recipes()["puma560"])
 

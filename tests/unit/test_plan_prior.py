@@ -10,15 +10,15 @@ from menus import arm
 from scipy.spatial.transform import Rotation
 
 from pumaid.dataset import Dataset
-from pumaid.design.assume import known
-from pumaid.design.setup import Setup
+from pumaid.design.plan import plan
+from pumaid.design.prior import Setup, robot_of_estimate
 from pumaid.errors import ModelError
 from pumaid.io.recipe import read_recipe, shipped_recipes
 from pumaid.io.recipe_gravity import with_gravity
 from pumaid.robot import Joint, Robot
 from pumaid.simulation import Bench, draw, table1
+from pumaid.simulation.links import Links
 from pumaid.verbs.identify import identify
-from pumaid.verbs.plan import plan
 
 #: Upright it hides all that its first link weighs.
 TURRET = Robot("turret", (Joint(1, "turn", "revolute"), Joint(2, "nod", "revolute", alpha=np.pi / 2, a=0.2)))
@@ -35,7 +35,7 @@ def test_gravity_is_turned_as_the_base_is_not(tilt):
 def test_without_a_tilt_the_arm_is_itself():
     """No setup, no change and nothing to tell."""
     assert Setup().robot(TURRET) is TURRET
-    assert Setup().told() == ()
+    assert Setup().sentences() == ()
     assert Setup().loaded(draw(TURRET, 1)).gravity_current(np.ones((1, 2))) == pytest.approx(
         draw(TURRET, 1).gravity_current(np.ones((1, 2)))
     )
@@ -77,14 +77,14 @@ def test_the_tilted_recipe_keeps_all_but_gravity(tmp_path):
 
 
 def test_payload_is_part_of_the_last_link():
-    """Mass and centre of the last link with its payload are those of two point masses; others stay."""
+    """Every joint feels the arm with its payload as it feels links whose last one is two point masses."""
     truth = draw(arm("puma560"), 3)
+    mass, centre = truth.links.mass + 0.5 * (np.arange(6) == 5), truth.links.centre.copy()
+    centre[-1] = (truth.links.mass[-1] * centre[-1] + 0.5 * np.array([0.1, 0.02, -0.03])) / mass[-1]
+    wanted = replace(truth, links=Links(mass, centre))
+    q = np.random.default_rng(1).uniform(-2.0, 2.0, (20, 6))
     loaded = Setup(payload=(0.5, 0.1, 0.02, -0.03)).loaded(truth)
-    mass, centre = truth.links.mass, truth.links.centre
-    assert loaded.links.mass - mass == pytest.approx([0, 0, 0, 0, 0, 0.5])
-    moment = loaded.links.mass[-1] * loaded.links.centre[-1] - mass[-1] * centre[-1]
-    assert moment == pytest.approx([0.05, 0.01, -0.015])
-    assert loaded.links.centre[:-1] == pytest.approx(centre[:-1])
+    assert loaded.gravity_current(q) == pytest.approx(wanted.gravity_current(q), abs=1e-9)
 
 
 @pytest.mark.parametrize("name", ["puma560", "stanford", "kinova_gen3", "pendulum2"])
@@ -114,7 +114,7 @@ def test_payload_shows_the_papers_last_ratio():
     truth = table1.puma560()
     runs = Bench(truth, table1.experiment(), rate=25.0).runs(np.random.default_rng(2))
     prior, name = identify(Dataset(runs), truth.robot), "gain_ratio.5.6"
-    value = abs(known(truth.robot, prior).truths[0].parameters()[name])
+    value = abs(robot_of_estimate(truth.robot, prior).robots[0].parameters()[name])
     bare, loaded = (
         plan(truth.robot, minutes=10, prior=prior, setup=Setup(payload=payload), seed=1)
         for payload in (None, (0.5, 0.1, 0.0, 0.0))
