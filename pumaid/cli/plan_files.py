@@ -17,9 +17,9 @@ PLAN_FORMS = ("yaml", "csv", "urscript", "ros2")
 
 def plan_suffix(form: str) -> str:
     """How the name of a plan's file ends: ``.yaml``, ``.csv``, ``.script`` or ``.ros2.yaml``."""
-    from pumaid.programs import FORMS
+    from pumaid.design.robot_programs import PROGRAMS
 
-    return FORMS[form][0] if form in FORMS else f".{form}"
+    return PROGRAMS[form][0] if form in PROGRAMS else f".{form}"
 
 
 def tilted_path(path: Path) -> Path:
@@ -42,10 +42,10 @@ def formed(plan: Plan, robot: Robot, form: str) -> str:
     ModelError [program-other-robot]
         The form is for another kind of arm.
     """
+    from pumaid.design.robot_programs import PROGRAMS
     from pumaid.io.plan import plan_text
-    from pumaid.programs import FORMS, program_text
 
-    return program_text(plan, robot, form) if form in FORMS else plan_text(plan, robot, format=form)
+    return PROGRAMS[form][1](plan, robot) if form in PROGRAMS else plan_text(plan, robot, format=form)
 
 
 def shown(found: Plan, robot: Robot, *, as_json: bool, with_times: bool = False) -> None:

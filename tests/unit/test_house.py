@@ -32,7 +32,7 @@ FLOORS = (
     {"cluster", "model", "gravity_load", "effect_spec"}
     | {"choices", "chosen", "equations", "knots", "lateness", "loads", "sight", "structure"},
     {"estimation"},
-    {"exports", "programs", "results", "design"},
+    {"exports", "results", "design"},
     {"diagnosis"},
     {"verbs"},
     {"reporting"},

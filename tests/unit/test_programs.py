@@ -8,10 +8,11 @@ from functools import cache
 import numpy as np
 import pytest
 from ruamel.yaml import YAML
+from scipy.interpolate import CubicHermiteSpline
 
+from pumaid.design.robot_programs import ros2_trajectory, urscript
 from pumaid.errors import ModelError
 from pumaid.io.recipe import read_recipe, shipped_recipes
-from pumaid.programs import program_text
 from pumaid.records import Motion, Plan
 from pumaid.robot import Joint, Robot
 from pumaid.trajectory import REST, highest_speeds
@@ -77,29 +78,13 @@ def driven_urscript(text: str, begin: np.ndarray) -> tuple[np.ndarray, np.ndarra
     return np.array(positions), np.array(velocities), numbers, marks
 
 
-def driven_ros2(text: str, *, quintic: bool) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Times, positions and velocities as the joint trajectory controller interpolates: cubics, or quintics."""
+def driven_ros2(text: str) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Times, positions and velocities as a controller interpolates positions and velocities: by cubics."""
     points = loaded(text)["points"]
     times = np.array([p["time_from_start"]["sec"] + 1e-9 * p["time_from_start"]["nanosec"] for p in points])
-    states = [np.array([p[key] for p in points]) for key in ("positions", "velocities", "accelerations")]
-    order = 3 if quintic else 2
-    t_out, q_out, v_out = [], [], []
-    for k in range(len(points) - 1):
-        span = times[k + 1] - times[k]
-        matrix = [[_power(n, d, at) for n in range(2 * order)] for at in (0.0, span) for d in range(order)]
-        ends = [states[d][k + side] for side in (0, 1) for d in range(order)]
-        weights = np.linalg.solve(np.array(matrix), np.array(ends))
-        t = np.arange(int(span / STEP - 1e-6) + 1) * STEP
-        t_out.append(times[k] + t)
-        q_out.append(np.array([[_power(n, 0, x) for n in range(2 * order)] for x in t]) @ weights)
-        v_out.append(np.array([[_power(n, 1, x) for n in range(2 * order)] for x in t]) @ weights)
-    return np.concatenate(t_out), np.concatenate(q_out), np.concatenate(v_out)
-
-
-def _power(n: int, derivative: int, at: float) -> float:
-    """Derivative of t**n."""
-    factor = np.prod([n - i for i in range(derivative)]) if derivative else 1.0
-    return float(factor * at ** (n - derivative)) if n >= derivative else 0.0
+    position, velocity = (np.array([p[key] for p in points]) for key in ("positions", "velocities"))
+    spline, at = CubicHermiteSpline(times, position, velocity), np.arange(times[0], times[-1], STEP)
+    return at, spline(at), spline(at, 1)
 
 
 def pieces(velocity: np.ndarray) -> list[tuple[int, int]]:
@@ -126,7 +111,7 @@ def check_run(motion: Motion, positions: np.ndarray, velocities: np.ndarray) -> 
 def test_urscript_executes_every_run(name):
     """The script, driven by an interpreter of its few words, makes every run at its speed, others at rest, in order."""
     made = plan(name)
-    text = program_text(made, robot(name), "urscript")
+    text = urscript(made, robot(name))
     positions, velocities, numbers, marks = driven_urscript(text, np.zeros(6))
     assert numbers == list(range(1, 13))
     for motion, mark in zip(made.motions, marks, strict=True):
@@ -140,18 +125,17 @@ def test_urscript_executes_every_run(name):
 
 def test_urscript_keeps_within_speeds():
     """No joint is ever told to go faster than the recipe allows, and no position jumps."""
-    positions, velocities, *_ = driven_urscript(program_text(plan("ur5e"), robot("ur5e"), "urscript"), np.zeros(6))
+    positions, velocities, *_ = driven_urscript(urscript(plan("ur5e"), robot("ur5e")), np.zeros(6))
     highest = highest_speeds(robot("ur5e"))
     assert (np.abs(velocities).max(axis=0) <= highest * (1 + 1e-5)).all()
     assert (np.abs(np.diff(positions, axis=0)) <= highest * STEP * 1.001).all()
 
 
-@pytest.mark.parametrize("quintic", [False, True])
 @pytest.mark.parametrize("name", ["panda", "stanford", "puma560"])
-def test_ros2_executes_every_run(name, quintic):
+def test_ros2_executes_every_run(name):
     """Interpolated as the controller does, every run is made at its speed and every joint keeps within its own."""
     made, arm = plan(name), robot(name)
-    time, position, velocity = driven_ros2(program_text(made, arm, "ros2"), quintic=quintic)
+    time, position, velocity = driven_ros2(ros2_trajectory(made, arm))
     assert (np.diff(time) > 1e-9).all()
     assert (np.abs(velocity).max(axis=0) <= highest_speeds(arm) * (1 + 1e-6)).all()
     assert (np.abs(np.diff(position, axis=0)) <= highest_speeds(arm) * STEP * 1.001).all()
@@ -165,7 +149,7 @@ def test_ros2_executes_every_run(name, quintic):
 
 def test_ros2_is_the_message():
     """Plain YAML with the message's fields and types: floats, texts, whole seconds and nanoseconds that grow."""
-    document = loaded(program_text(plan("panda"), robot("panda"), "ros2"))
+    document = loaded(ros2_trajectory(plan("panda"), robot("panda")))
     assert set(document) == {"header", "joint_names", "points"}
     assert document["header"] == {"stamp": {"sec": 0, "nanosec": 0}, "frame_id": ""}
     assert document["joint_names"] == [joint.name for joint in robot("panda").joints]
@@ -183,7 +167,7 @@ def test_ros2_is_the_message():
 def test_ros2_writes_tiny_numbers_as_floats():
     """A number below a millionth, and a whole one, stay floats: YAML 1.1 reads 1e-07 as text and 1 as an integer."""
     arm = Robot("slow", (Joint(1, "a", "revolute"), Joint(2, "b", "revolute")))
-    text = program_text(Plan("slow", (Motion(1, (0.0, 1e-7), 0.0, 2.0, 1e-6 + 0.5),)), arm, "ros2")
+    text = ros2_trajectory(Plan("slow", (Motion(1, (0.0, 1e-7), 0.0, 2.0, 1e-6 + 0.5),)), arm)
     flat = [value for point in loaded(text)["points"] for key in ("positions", "velocities") for value in point[key]]
     assert {type(value) for value in flat} == {float}
 
@@ -191,22 +175,6 @@ def test_ros2_writes_tiny_numbers_as_floats():
 @pytest.mark.parametrize("name", ["panda", "stanford", "pendulum2"])
 def test_urscript_is_for_six_turning_joints(name):
     """Any other arm is refused, with the forms that fit it."""
-    with pytest.raises(ModelError, match="URScript moves six turning joints") as caught:
-        program_text(plan(name), robot(name), "urscript")
+    with pytest.raises(ModelError, match="URScript moves six revolute joints") as caught:
+        urscript(plan(name), robot(name))
     assert (caught.value.slug, "ros2" in caught.value.mend) == ("program-other-robot", True)
-
-
-def test_moves_are_straight_and_together():
-    """On the way to a posture all joints begin and end together: the path that clearance judges as straight."""
-    made = Plan(
-        "x", (Motion(1, (0, 0, 0, 0, 0, 0), 0.0, 0.5, 0.4), Motion(2, (1.0, 0.3, -0.7, 0, 0.1, 0), 0.2, 0.6, 0.4))
-    )
-    position, *_ = driven_urscript(program_text(made, robot("ur5e"), "urscript"), np.zeros(6))
-    goal = np.array([1.0, 0.2, -0.7, 0, 0.1, 0])
-    share = (
-        (position - [0.5, 0, 0, 0, 0, 0]) @ (goal - [0.5, 0, 0, 0, 0, 0]) / np.sum((goal - [0.5, 0, 0, 0, 0, 0]) ** 2)
-    )
-    on_way = np.flatnonzero((np.abs(position[:, 2]) > 1e-9) & (np.abs(position[:, 2]) < 0.7 - 1e-9))
-    straight = np.array([0.5, 0, 0, 0, 0, 0]) + share[on_way, None] * (goal - [0.5, 0, 0, 0, 0, 0])
-    assert len(on_way) > 100
-    assert np.abs(position[on_way] - straight).max() < 1e-9
