@@ -2,12 +2,19 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import hashlib
+import json
+import zipfile
+import zlib
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import asdict, dataclass, fields
+from pathlib import Path
+from typing import Any, BinaryIO
 
 import numpy as np
 from numpy.typing import NDArray
 
-from pumaid.errors import Note
+from pumaid.errors import Note, Where
 from pumaid.maths.triangle import Triangle
 
 Floats = NDArray[np.float64]
@@ -225,3 +232,130 @@ class Dataset:
     def of_joint(self, joint: int) -> tuple[Run, ...]:
         """Runs in which `joint` (from 1) moves."""
         return tuple(run for run in self.runs if run.joint == joint)
+
+
+#: What a damaged archive makes of zip and numpy, besides a ValueError.
+_DAMAGES: tuple[type[Exception], ...] = (
+    *(ArithmeticError, AttributeError, EOFError, LookupError, MemoryError, OSError, RuntimeError, TypeError),
+    *(zipfile.BadZipFile, zlib.error),
+)
+
+
+def save_dataset(sink: BinaryIO, dataset: Dataset, made_from: Mapping[str, Any]) -> None:
+    """Write a dataset as plain numpy arrays (npz, nothing pickled).
+
+    Each field of runs and rejects is an array over all of them, each field of their bins one over all bins.
+
+    Parameters
+    ----------
+    sink
+        Binary, opened for writing.
+    dataset
+        What is written.
+    made_from
+        What it depends on, as JSON can hold it; `load_dataset` returns it.
+    """
+    about = {
+        "made_from": made_from,
+        "files": [asdict(facts) for facts in dataset.files],
+        "notes": [{"slug": note.slug, "text": note.text, "where": asdict(note.where)} for note in dataset.notes],
+        "extra": dataset.extra,
+    }
+    arrays = {"about": np.array(json.dumps(about))}
+    arrays |= _as_arrays("runs", dataset.runs, Bins) | _as_arrays("rejects", dataset.rejects, Means)
+    np.savez(sink, digest=_digest(arrays), **arrays)  # type: ignore[arg-type]
+
+
+def load_dataset(path: Path) -> tuple[Dataset, dict[str, Any]]:
+    """Read what `save_dataset` wrote.
+
+    Parameters
+    ----------
+    path
+        The file.
+
+    Returns
+    -------
+    dataset, made_from
+        As they were saved, to the bit.
+
+    Raises
+    ------
+    ValueError
+        It is no such file, or not as it was written.
+    """
+    try:
+        with path.open("rb") as stream, np.load(stream, allow_pickle=False) as archive:
+            arrays = dict(archive)
+        if not np.array_equal(arrays.pop("digest"), _digest(arrays)):
+            raise ValueError("its content is not what was written")
+        about = json.loads(str(arrays["about"]))
+        runs = tuple(Run(**values) for values in _as_values("runs", arrays, Bins))
+        rejects = tuple(Reject(**values) for values in _as_values("rejects", arrays, Means))
+        files = tuple(FileFacts(**facts) for facts in about["files"])
+        notes = tuple(Note(note["slug"], note["text"], Where(**note["where"])) for note in about["notes"])
+        return Dataset(runs, rejects, files, notes, tuple(about["extra"])), about["made_from"]
+    except ValueError:
+        raise
+    except _DAMAGES as error:
+        raise ValueError(f"it cannot be read ({type(error).__name__})") from error
+
+
+def _digest(arrays: Mapping[str, NDArray[Any]]) -> NDArray[np.uint8]:
+    """(32,) SHA-256 over names, types, shapes and content."""
+    whole = hashlib.sha256()
+    for name, values in sorted(arrays.items()):
+        whole.update(f"{name} {values.dtype} {values.shape} ".encode())
+        whole.update(values.tobytes())
+    return np.frombuffer(whole.digest(), dtype=np.uint8)
+
+
+def _as_arrays(name: str, records: Sequence[Run | Reject], kind: type[Bins | Means]) -> dict[str, Any]:
+    """Field -> array over all records or bins; `bins` holds how many each record has, -1 where it has none."""
+    arrays: dict[str, Any] = {}
+    for item in fields(records[0]) if records else ():
+        values = [getattr(record, item.name) for record in records]
+        if item.name == "triangle":
+            arrays[f"{name}.samples"] = np.array([triangle.count for triangle in values])
+            arrays[f"{name}.triangle"] = np.concatenate([triangle.factor.ravel() for triangle in values])
+        elif item.name == "bins":
+            arrays[f"{name}.bins"] = np.array([-1 if bins is None else len(bins) for bins in values])
+            columns = {
+                part.name: [getattr(bins, part.name) for bins in values if bins is not None] for part in fields(kind)
+            }
+            arrays |= {
+                f"{name}.bins.{part}": np.concatenate(column)
+                for part, column in columns.items()
+                if column and column[0] is not None
+            }
+        elif item.name == "joints":
+            arrays[f"{name}.joints"] = np.array([" ".join(map(str, joints)) for joints in values])
+        else:
+            arrays[f"{name}.{item.name}"] = np.array(values)
+    return arrays
+
+
+def _as_values(name: str, arrays: Mapping[str, NDArray[Any]], kind: type[Bins | Means]) -> Iterator[dict[str, Any]]:
+    """Field -> value of each record, one after the other."""
+    if f"{name}.bins" not in arrays:
+        return
+    plain = {key.removeprefix(f"{name}."): values for key, values in arrays.items() if key.startswith(f"{name}.")}
+    columns = {key.removeprefix("bins."): plain.pop(key) for key in list(plain) if key.startswith("bins.")}
+    counts, factors = plain.pop("bins").tolist(), plain.pop("triangle", np.zeros(0))
+    samples = plain.pop("samples").tolist() if name == "runs" else []
+    lists = {key: list(values) if key == "posture" else values.tolist() for key, values in plain.items()}
+    first = first_factor = 0
+    for number, count in enumerate(counts):
+        record = {key: values[number] for key, values in lists.items()}
+        bins = {key: values[first : first + count] for key, values in columns.items()}
+        record["bins"] = kind(**bins) if count >= 0 else None
+        first += max(count, 0)
+        if name == "runs":
+            names = STROKE_COLUMNS if record["kind"] == "stroke" else CONSTANT_COLUMNS
+            size = len(names) + 1
+            factor = factors[first_factor : first_factor + size**2].reshape(size, size)
+            record |= {"span": tuple(record["span"]), "triangle": Triangle(names, factor, samples[number])}
+            first_factor += size**2
+        else:
+            record["joints"] = tuple(map(int, record["joints"].split()))
+        yield record

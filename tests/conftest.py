@@ -1,4 +1,4 @@
-"""Settings that must stand before numpy is imported; what commands keep goes to a folder of the tests' own."""
+"""Settings that must stand before numpy is imported."""
 
 import os
 
@@ -9,12 +9,6 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 os.environ.setdefault("OMP_NUM_THREADS", "1")
 # Commands that tests start in processes of their own: compiled once, not by each of them again.
 os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
-
-
-@pytest.fixture(autouse=True, scope="session")
-def _own_cache(tmp_path_factory):
-    """No test finds, or leaves, anything in the user's cache."""
-    os.environ["PUMAID_CACHE"] = str(tmp_path_factory.mktemp("cache"))
 
 
 @pytest.hookimpl(optionalhook=True)

@@ -133,7 +133,7 @@ def run_sessions(text: str, *, pictures: Path | None = None) -> str:
     """
     with tempfile.TemporaryDirectory() as scratch:
         for name in ("sample_logs", "recipes"):
-            shutil.copytree(ROOT / name, Path(scratch) / name)
+            shutil.copytree(ROOT / name, Path(scratch) / name, ignore=shutil.ignore_patterns("results"))
         told = SESSION.sub(lambda found: f"```console\n{_session(found[1], scratch)}```", text)
         if pictures is not None:
             for drawn in Path(scratch).glob("*.png"):

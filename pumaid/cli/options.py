@@ -1,16 +1,14 @@
 """Arguments and options that several commands share, each written once.
 
 A decorator states the name under which its value arrives: ``logs``, ``recipe``, ``output``, ``results``, ``as_json``,
-``seed``, ``units``, ``check``, ``trust``, ``heldout``, ``suspect``, ``how``.
+``seed``, ``units``, ``check``, ``trust``, ``heldout``, ``suspect``, ``reading``.
 """
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import wraps
-from importlib import import_module
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -105,43 +103,25 @@ def trust_option(function: Decorated) -> Decorated:
 
 
 @dataclass(frozen=True, slots=True)
-class Pass:
-    """How logs are read.
+class Reading:
+    """Where logs are read: `jobs` processes at most (0: one a core), or a Dask cluster's scheduler (or ``local``)."""
 
-    `cached`, whether what an earlier command kept may be used; `jobs`, cores (0: all); `dask`, a cluster's scheduler or
-    ``local``, none where empty; `client` gives its client where several experiments are read with one; `behind` names
-    the modules that the command needs afterwards only.
-    """
-
-    cached: bool = True
     jobs: int = 0
     dask: str = ""
-    client: Callable[[], Any] | None = None
-    behind: tuple[str, ...] = ()
-
-    @property
-    def is_loaded(self) -> bool:
-        """Whether what is behind is loaded."""
-        return all(name in sys.modules for name in self.behind)
-
-    def load(self) -> None:
-        """Load what is behind: while others read or hash the logs already, that costs nothing."""
-        for name in self.behind:
-            import_module(name)
 
 
-def pass_options(function: Decorated) -> Decorated:
-    """``--no-cache`` and ``--jobs N`` as `how`: Pass."""
+def reading_options(function: Decorated) -> Decorated:
+    """``--jobs N`` and ``--dask ADDRESS`` as `reading`: Reading."""
 
     @wraps(function)
-    def run(*, no_cache: bool, jobs: int, **values: Any) -> Any:
-        return function(how=Pass(not no_cache, jobs), **values)
+    def run(*, jobs: int, dask: str, **values: Any) -> Any:
+        return function(reading=Reading(jobs, dask), **values)
 
-    told = "Read the logs anew: use nothing that an earlier command kept of them, and keep nothing."
-    run = click.option("--no-cache", is_flag=True, help=told)(run)
-    cores = "Cores to use; 0: all there are, at most 8. The result does not depend on it."
+    told = "Read the log files with the workers of this dask.distributed scheduler."
+    run = click.option("--dask", default="", metavar="ADDRESS|local", help=told)(run)
+    told = "Processes that read log files; 0: one a core. The result does not depend on it."
     kind = click.IntRange(min=0)
-    return click.option("--jobs", type=kind, default=0, show_default=True, metavar="N", help=cores)(run)  # type: ignore[return-value]
+    return click.option("--jobs", type=kind, default=0, show_default=True, metavar="N", help=told)(run)  # type: ignore[return-value]
 
 
 def heldout_option(function: Decorated) -> Decorated:

@@ -9,11 +9,14 @@ from typing import TYPE_CHECKING
 
 import rich_click as click
 
-from pumaid.cli.options import Pass
+from pumaid.cli.dataset_file import DATASET_NAME, DatasetFile
+from pumaid.cli.options import Reading
+from pumaid.cli.progress import progress
 from pumaid.errors import Where
 
 if TYPE_CHECKING:
     from pumaid.dataset import Dataset
+    from pumaid.io.table import LogPath
     from pumaid.preprocessing.options import SegmentOptions
     from pumaid.records import Estimate
     from pumaid.robot import Robot
@@ -92,11 +95,10 @@ def read_dataset(
     heldout: Sequence[str] = (),
     extra: Sequence[str] = (),
     options: SegmentOptions | None = None,
-    how: Pass | None = None,
+    reading: Reading | None = None,
+    results: Path | None = None,
 ) -> tuple[Robot, Dataset]:
-    """All that later steps know of some logs, read in one pass.
-
-    Logs that cannot mean what the recipe says are refused once the pass has shown it.
+    """The dataset of some logs: what ``dataset.npz`` in the results folder holds if it was made of them, else anew.
 
     Parameters
     ----------
@@ -107,39 +109,65 @@ def read_dataset(
     robot
         The recipe's arm where it was read before: standard input can be read once.
     trust
-        Turn these refusals into notes.
+        Turn refusals of logs that cannot mean what the recipe says into notes.
     heldout
         ``--heldout``: files, folders or globs of logs, or ``posture``.
     extra
-        Columns of the logs that the user suspects; they arrive in the runs' bins.
+        Columns of the logs that the user suspects; they arrive in the bins.
     options
         Thresholds of the segmentation; else its own.
-    how
-        ``--no-cache`` and ``--jobs``; without it on all cores, and nothing is kept.
+    reading
+        ``--jobs`` and ``--dask``.
+    results
+        ``--results``, or none.
 
     Returns
     -------
     robot, dataset
         Runs that the plan beside the recipe or the user keeps for judging are marked as held out.
     """
-    from pumaid.cli.one_pass import one_pass
-    from pumaid.io.evidence_cache import EvidenceCache
     from pumaid.io.paths import STDIN, expand
-    from pumaid.preprocessing.options import DEFAULTS
 
-    how, options = how or Pass(cached=False), options or DEFAULTS
     paths = expand(logs)
     if STDIN in paths and str(recipe) == "-":
         raise click.UsageError("standard input can be the logs or the recipe, not both")
     robot = robot or read_robot(recipe, logs)
-    kept = EvidenceCache(paths, robot, options=repr((options, trust, tuple(extra)))) if how.cached else None
-    dataset = kept.get(meanwhile=how.load) if kept is not None else None
+    settings = {"options": repr(options), "trust": trust, "columns": list(extra)}
+    file = DatasetFile(results_folder(results, recipe, logs) / DATASET_NAME, paths, robot, settings)
+    dataset = file.read()
     if dataset is None:
-        dataset = one_pass(paths, robot, trust=trust, extra=extra, options=options, how=how)
-        if kept is not None:
-            kept.put(dataset)
+        dataset = _ingested(paths, robot, trust=trust, extra=extra, options=options, reading=reading or Reading())
+        file.write(dataset)
     planned = _with_plan(dataset, robot, experiment_folder(recipe, logs))
     return robot, _with_heldout(planned, heldout) if heldout else planned
+
+
+def _ingested(
+    paths: Sequence[LogPath],
+    robot: Robot,
+    *,
+    trust: bool,
+    extra: Sequence[str],
+    options: SegmentOptions | None,
+    reading: Reading,
+) -> Dataset:
+    """The logs read and segmented: on a cluster, in several processes where there is enough to read, or here."""
+    from pumaid.preprocessing.executors import dask_workers, local_processes
+    from pumaid.preprocessing.ingest import ingest
+    from pumaid.preprocessing.options import DEFAULTS
+
+    sizes = [path.stat().st_size if isinstance(path, Path) and path.is_file() else 0 for path in paths]
+    workers = dask_workers(reading.dask, reading.jobs) if reading.dask else local_processes(sizes, reading.jobs)
+    with workers as executor, progress("reading logs", total=len(paths)) as step:
+        return ingest(
+            paths,
+            robot,
+            options=options or DEFAULTS,
+            extra=extra,
+            trust=trust,
+            executor=executor,
+            progress=lambda done: step(done, f"{done} of {len(paths)} files"),
+        )
 
 
 def read_files(logs: Sequence[str], recipe: Path | None, *others: Path | None) -> list[Path]:

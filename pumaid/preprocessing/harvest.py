@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from copy import copy
 from dataclasses import replace
 
 import numpy as np
@@ -40,12 +39,6 @@ class Harvest:
         self._runs, self._rejects = Room[Run](OF_RUNS), Room[Reject](OF_REJECTS)
         self._open: list[Run] = []
         self._last: Leftover | None = None
-
-    def copy(self) -> Harvest:
-        """Another one that goes on from here."""
-        other = copy(self)
-        other._runs, other._rejects, other._open = self._runs.copy(), self._rejects.copy(), self._open.copy()
-        return other
 
     def add(self, block: Block, whole: Whole | None, piece: Piece, *, goes_on: bool) -> None:
         """Reduce a piece; one that `goes_on` is joined with the next block's first."""

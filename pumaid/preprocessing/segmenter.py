@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
-from copy import copy, deepcopy
 from dataclasses import replace
 
 import numpy as np
@@ -68,13 +67,6 @@ class Segmenter:
     def clock(self) -> int:
         """Number of the last sample's recording."""
         return self._buffer.clock
-
-    def copy(self) -> Segmenter:
-        """Another one that goes on from here."""
-        other = copy(self)
-        other._harvest, other._buffer = self._harvest.copy(), self._buffer.copy()
-        other._search = deepcopy(self._search)
-        return other
 
     def take(self, logs: Iterable[Log], *, progress: Callable[[int], None] | None = None) -> None:
         """Take all batches, with a seam where a file begins or ends, or a part of one that may be read by itself.

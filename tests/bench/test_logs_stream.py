@@ -18,11 +18,10 @@ from pumaid.robot import Joint, Robot
 READ = """
 import sys
 from pathlib import Path
-from pumaid.io.table import LogReader
-from pumaid.preprocessing.suspicion import Watch
-from pumaid.records import Joint, Robot
+from pumaid.preprocessing.ingest import ingest
+from pumaid.robot import Joint, Robot
 robot = Robot("arm", tuple(Joint(k, f"j{k}", "revolute") for k in range(1, 7)))
-rows = sum(len(log) for log in Watch(LogReader([Path(sys.argv[1])], robot), robot, refuse=False))
+rows = sum(facts.rows for facts in ingest([Path(sys.argv[1])], robot, trust=True).files)
 peak = Path("/proc/self/status").read_text().split("VmHWM:")[1].split()[0]
 print(rows, int(peak) // 1024)
 """

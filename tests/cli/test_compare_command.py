@@ -3,11 +3,8 @@
 from __future__ import annotations
 
 import json
-import os
 import re
 import shutil
-import signal
-from functools import partial
 from itertools import groupby
 from pathlib import Path
 
@@ -16,8 +13,6 @@ from click.testing import CliRunner, Result
 
 import pumaid
 from pumaid.cli import group
-from pumaid.cluster import desk
-from pumaid.cluster.mate import CAN_FORK, Mate
 from pumaid.io.log_writer import write_log
 from pumaid.io.recipe import shipped_recipes
 from pumaid.simulation.draw import draw
@@ -153,26 +148,6 @@ def test_report_goes_where_it_is_told(arm):
     files = json.loads(done.stdout)["files"]
     assert all(Path(name).is_file() for name in files)
     assert "page.html" in files and "pictures/spent.svg" in files and "out/tables/runs.csv" in files
-
-
-def test_figures_are_the_same_however_many_processes_draw_them(arm, monkeypatch):
-    """Page, tables and figures of three processes are those of one to the byte, also where the others are killed."""
-    begun: list[Mate] = []
-
-    def mate(work, *, dies):
-        begun.append(Mate(work))
-        if dies:
-            os.kill(begun[-1].pid, signal.SIGKILL)
-        return begun[-1]
-
-    written = []
-    for jobs, dies in (("1", False), ("3", False), ("3", True)):
-        monkeypatch.setattr(desk, "Mate", partial(mate, dies=dies))
-        done = run("report", "results/model.json", "logs", "-o", "page.html", "--figures", "figures", "--jobs", jobs)
-        assert done.exit_code == 0, done.stderr
-        written.append({path: path.read_bytes() for path in [Path("page.html"), *sorted(Path("figures").iterdir())]})
-    assert len(begun) == (4 if CAN_FORK else 0) and len(written[0]) > 10
-    assert written[0] == written[1] == written[2]
 
 
 def test_report_finds_the_experiment_from_elsewhere(arm, tmp_path, monkeypatch):

@@ -196,10 +196,10 @@ def test_heldout_files_are_not_fitted(arm):
 
 
 def test_heldout_that_means_nothing_is_refused(arm):
-    """A name that no log has is bad input; nothing is written."""
+    """A name that no log has is bad input; no model is written."""
     done = identify("logs", "--heldout", "session_99.csv")
     assert (done.exit_code, "error[heldout-nothing]" in done.stderr) == (3, True)
-    assert not (arm / "results").exists()
+    assert not (arm / "results" / "model.json").exists()
 
 
 @pytest.mark.parametrize("options", [[], ["--recursive"]])
@@ -275,8 +275,8 @@ def test_wrong_additions_are_refused(arm):
 
 
 def test_a_second_command_does_not_read_the_logs(arm, monkeypatch):
-    """The same model is written from what the first command kept; --no-cache reads, which fails here."""
-    assert identify("logs", "-o", "first.json").exit_code == 0
+    """The same model is made of the dataset that the first command wrote; without that file the logs are read."""
+    assert "dataset written to results/dataset.npz" in identify("logs", "-o", "first.json").stderr
 
     def refuse(self):
         raise OSError("read again")
@@ -284,13 +284,7 @@ def test_a_second_command_does_not_read_the_logs(arm, monkeypatch):
 
     monkeypatch.setattr("pumaid.io.table.LogReader.__iter__", refuse)
     assert identify("logs", "-o", "second.json", "--add", "stribeck@1").exit_code == 0
-    assert identify("logs", "-o", "third.json").exit_code == 0
+    assert "dataset.npz" not in identify("logs", "-o", "third.json").stderr
     assert Path("third.json").read_bytes() == Path("first.json").read_bytes()
-    assert identify("logs", "--no-cache").exit_code != 0
-
-
-def test_cores_change_nothing(arm):
-    """One core writes the same bytes as two."""
-    for jobs in ("1", "2"):
-        assert identify("logs", "--no-cache", "--jobs", jobs, "-o", f"{jobs}.json").exit_code == 0
-    assert Path("1.json").read_bytes() == Path("2.json").read_bytes()
+    Path("results/dataset.npz").unlink()
+    assert identify("logs").exit_code != 0

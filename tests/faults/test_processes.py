@@ -52,7 +52,7 @@ def test_a_reader_that_goes_away_is_no_fault(arm, reader):
 
 
 def test_an_interrupt_is_one_line(arm, monkeypatch):
-    """The words and the code of a run that Ctrl-C ends."""
+    """The word and the code of a run that Ctrl-C ends."""
     from faulty import invoke
 
     def interrupted(*words, **more):
@@ -60,11 +60,13 @@ def test_an_interrupt_is_one_line(arm, monkeypatch):
 
     monkeypatch.setattr("pumaid.verbs.identify.identify", interrupted)
     found = invoke("identify", str(arm / "logs"))
-    assert found.exit_code == 130 and len(found.stderr.strip().splitlines()) == 1 and found.stdout == ""
+    assert (found.exit_code, found.stdout) == (130, "") and found.stderr.count("stopped") == 1
 
 
 #: A run that reads even these few logs by two processes.
-TWO = "from pumaid.cluster import cores; cores.WORTH = 1; from pumaid.__main__ import run; run()"
+TWO = (
+    "from pumaid.preprocessing import executors; executors.BYTES_A_PROCESS = 1; from pumaid.__main__ import run; run()"
+)
 
 
 @pytest.mark.skipif(not Path("/proc/self/task").exists(), reason="looks for processes as Linux shows them")
@@ -76,7 +78,18 @@ def test_no_process_outlives_a_killed_run(arm):
             shutil.copy(path, logs / f"{number:02}_{path.name}")
     seen, delays = 0, random.Random(3)
     for _ in range(6):
-        line = [sys.executable, "-c", TWO, "identify", str(logs), "--jobs", "2", "--no-cache", "--trust"]
+        line = [
+            sys.executable,
+            "-c",
+            TWO,
+            "identify",
+            str(logs),
+            "--jobs",
+            "2",
+            "--trust",
+            "--results",
+            str(arm / "elsewhere"),
+        ]
         with subprocess.Popen(line, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL) as run:
             children = Path(f"/proc/{run.pid}/task/{run.pid}/children")
             found: list[str] = []
@@ -91,7 +104,7 @@ def test_no_process_outlives_a_killed_run(arm):
             assert time.monotonic() < until, "a process is left"
             time.sleep(0.05)
         assert (arm / "results" / "model.json").read_bytes() == model
-    assert seen == 6
+    assert seen >= 6
 
 
 def is_running(pid: str) -> bool:
@@ -112,34 +125,9 @@ def test_without_memory_enough_nothing_is_lost(arm, megabytes):
         resource.setrlimit(resource.RLIMIT_AS, (megabytes << 20, megabytes << 20))
 
     before = (arm / "results" / "model.json").read_bytes()
-    line = [sys.executable, "-c", TWO, "identify", str(arm / "logs"), "--jobs", "2", "--no-cache"]
+    line = [sys.executable, "-c", TWO, "identify", str(arm / "logs"), "--jobs", "2"]
     done = subprocess.run(line, capture_output=True, text=True, check=False, preexec_fn=limited, timeout=120)
     assert "Traceback" not in done.stderr and done.returncode in (0, 3), done.stderr
     if done.returncode:
         assert done.stderr.count("error[") == 1 and "no-memory" in done.stderr, done.stderr
         assert (arm / "results" / "model.json").read_bytes() == before
-
-
-LET_GO = """
-import os, signal, time
-from pumaid.__main__ import keep_interrupts
-
-class Held:
-    def __del__(self):
-        os.kill(os.getpid(), signal.SIGINT)
-        time.sleep(0.1)
-
-keep_interrupts()
-try:
-    Held()
-    time.sleep(30)
-except KeyboardInterrupt:
-    print("heard")
-"""
-
-
-def test_ctrl_c_is_heard_while_an_object_is_let_go():
-    """Python prints and forgets an interrupt that arrives just then; the program ends all the same, without a word."""
-    begun = time.monotonic()
-    done = subprocess.run([sys.executable, "-c", LET_GO], capture_output=True, text=True, timeout=60)
-    assert (done.stdout.strip(), done.stderr) == ("heard", "") and time.monotonic() - begun < 25

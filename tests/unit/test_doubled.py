@@ -10,13 +10,11 @@ import pandas as pd
 import pytest
 from motion_worlds import World, make, robot
 
-from pumaid.cli.one_pass import one_pass
-from pumaid.cli.options import Pass
 from pumaid.errors import LogError
 from pumaid.io.paths import expand
 from pumaid.io.table import write_log
 from pumaid.preprocessing.doubled import doubled
-from pumaid.preprocessing.options import DEFAULTS
+from pumaid.preprocessing.ingest import ingest
 
 WORLD = World(motions=8, rate=200.0)
 ARM = robot(WORLD)
@@ -33,7 +31,7 @@ def logs(tmp_path) -> Path:
 def read(logs: Path, *, trust: bool = False):
     """The evidence of a folder."""
     paths = expand([logs])
-    return one_pass(paths, ARM, trust=trust, extra=(), options=DEFAULTS, how=Pass(cached=False))
+    return ingest(paths, ARM, trust=trust)
 
 
 def told(logs: Path) -> list[str]:

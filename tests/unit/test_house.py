@@ -29,7 +29,7 @@ FLOORS = (
     {"trajectory"},
     {"effects", "io"},
     {"preprocessing", "simulation"},
-    {"cluster", "model", "gravity_load", "effect_spec"}
+    {"model", "gravity_load", "effect_spec"}
     | {"choices", "chosen", "equations", "knots", "lateness", "loads", "sight", "structure"},
     {"estimation"},
     {"exports", "results", "design"},
@@ -353,10 +353,10 @@ def broad(path: Path) -> list[int]:
 def test_only_the_command_line_catches_everything():
     """Nobody swallows our own bugs; the command line turns them into exit code 4, in one place.
 
-    In others, what the code of users' own effects, the libraries of object stores and a stranger that answers in place
-    of a cluster raise becomes a refusal.
+    In others, what the code of users' own effects and the libraries of object stores raise becomes a refusal, and a
+    task whose worker died is done again.
     """
-    others = ["pumaid/cluster/connect.py", "pumaid/effects/plugins.py", "pumaid/io/remote.py"]
+    others = ["pumaid/effects/plugins.py", "pumaid/io/remote.py", "pumaid/preprocessing/executors.py"]
     assert list(offenders(broad)) == ["pumaid/cli/failures.py", *others]
 
 
@@ -427,11 +427,10 @@ def test_help_imports_nothing_heavy():
     assert (done.returncode, done.stderr) == (0, "")
 
 
-def test_a_kept_pass_needs_no_reader(tmp_path, monkeypatch):
-    """Where the pass over logs was kept, a second command loads neither Arrow nor scipy's optimisers."""
-    monkeypatch.setenv("PUMAID_CACHE", str(tmp_path / "cache"))
+def test_a_dataset_needs_no_reader(tmp_path):
+    """Where the dataset was written, a second command loads neither Arrow nor scipy's optimisers."""
     arm = PACKAGE.parent / "sample_logs" / "pendulum"
-    words = ["identify", str(arm / "logs"), "--recipe", str(arm / "recipe.yaml"), "-o", str(tmp_path / "model.json")]
+    words = ["identify", str(arm / "logs"), "--recipe", str(arm / "recipe.yaml"), "--results", str(tmp_path)]
     program = (
         f"import sys\nfrom pumaid.cli import group\ngroup.main({words!r}, standalone_mode=False)\n"
         "print(','.join(name for name in ('pyarrow', 'scipy.optimize', 'scipy.ndimage') if name in sys.modules))"
@@ -441,25 +440,6 @@ def test_a_kept_pass_needs_no_reader(tmp_path, monkeypatch):
         for _ in range(2)
     )
     assert first[-1] == "pyarrow" and second[-1] == "" and first[:-1] == second[:-1]
-
-
-def test_the_program_loads_nothing_unasked(tmp_path):
-    """A first pass loads neither pandas nor Arrow's functions on columns, and what libraries bring along waits."""
-    arm, left = PACKAGE.parent / "sample_logs" / "pendulum", tmp_path / "left.txt"
-    words = ["identify", str(arm / "logs"), "--recipe", str(arm / "recipe.yaml"), "-o", str(tmp_path / "model.json")]
-    program = (
-        "import atexit, pathlib, sys\nfrom pumaid.__main__ import run\n"
-        f"sys.argv[1:] = {[*words, '--no-cache']!r}\n"
-        "waits = lambda name: object.__getattribute__(sys.modules[name], '__class__').__name__ == '_LazyModule'\n"
-        "names = 'pandas', 'pyarrow.compute', 'numpy.f2py', 'numpy.testing', 'pydantic.v1'\n"
-        "loaded = lambda: [name for name in names if name in sys.modules and not waits(name)]\n"
-        f"tell = lambda: pathlib.Path({str(left)!r}).write_text(repr([loaded(), waits('numpy.f2py')]))\n"
-        "import pumaid.cli\nbefore = pumaid.cli.main\n"
-        "def main():\n    try:\n        before()\n    finally:\n        tell()\n"
-        "pumaid.cli.main = main\nrun()\n"
-    )
-    subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
-    assert left.read_text() == "[[], True]"
 
 
 def test_a_refused_log_waits_for_no_fit(tmp_path):
@@ -476,22 +456,6 @@ def test_a_refused_log_waits_for_no_fit(tmp_path):
     )
     done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
     assert (done.stdout, "error[damaged-log]" in done.stderr) == ("3\n\n", True)
-
-
-def test_what_is_loaded_behind_the_pass_is_there():
-    """The modules that commands name as needed behind the pass exist."""
-    commands = PACKAGE / "cli" / "commands"
-    named = {
-        name
-        for path in commands.glob("*.py")
-        for node in ast.walk(tree(path))
-        if isinstance(node, ast.Tuple)
-        for item in node.elts
-        if isinstance(item, ast.Constant) and isinstance(item.value, str)
-        if (name := item.value).startswith("pumaid.")
-    }
-    assert len(named) >= 5
-    assert [name for name in sorted(named) if importlib.util.find_spec(name) is None] == []
 
 
 PUBLIC = [

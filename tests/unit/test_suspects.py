@@ -14,7 +14,6 @@ from pumaid.dataset import Bins, Dataset
 from pumaid.errors import LogError
 from pumaid.io.table import LogReader
 from pumaid.preprocessing.reduce import coarser
-from pumaid.preprocessing.suspicion import Watch
 from pumaid.robot import Joint, Robot
 from pumaid.verbs.segment import SegmentOptions, segment
 
@@ -43,7 +42,7 @@ def written(path: Path, table: dict[str, list]) -> Path:
 
 def found(*paths: Path, extra: tuple[str, ...] = ("Vbus",), **options: int) -> Dataset:
     """What the one pass leaves."""
-    return segment(Watch(LogReader(paths, ARM, extra=extra), ARM), ARM, options=SegmentOptions(**options))
+    return segment(LogReader(paths, ARM, extra=extra), ARM, options=SegmentOptions(**options))
 
 
 @pytest.mark.parametrize("name", ["a.csv", "a.parquet"])

@@ -10,9 +10,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from pumaid.errors import Faults, LogError, Note
-from pumaid.io.table import LogReader
-from pumaid.preprocessing.suspicion import Watch
+from pumaid.errors import LogError, Note
+from pumaid.preprocessing.ingest import ingest
+from pumaid.preprocessing.suspicion import suspicions
 from pumaid.preprocessing.tally import Tally
 from pumaid.records import Log
 from pumaid.robot import Joint, LogFormat, Robot
@@ -70,15 +70,11 @@ def watched(log: Log, robot: Robot, *, batch: int = 4096) -> list[LogError | Not
         )
         for k in range(0, len(log), batch)
     ]
-    watch = Watch(parts, robot)
-    try:
-        passed = list(watch)
-    except Faults as faults:
-        return [fault for fault in faults.faults if isinstance(fault, LogError)]
-    except LogError as fault:
-        return [fault]
-    assert all(one is other for one, other in zip(passed, parts, strict=True))
-    return list(watch.notes)
+    tally = Tally(robot)
+    for part in parts:
+        tally.take(part)
+    faults, doubts = suspicions(tally)
+    return [*faults] or [*doubts]
 
 
 def slugs(log: Log, robot: Robot) -> list[str]:
@@ -294,14 +290,6 @@ def test_few_samples_a_second_are_flagged() -> None:
     assert slugs(good_log(rate=10.0), arm()) == ["rate-low"]
 
 
-def test_a_user_may_insist() -> None:
-    """With `refuse` off the same finding is a note."""
-    log = good_log()
-    watch = Watch([replace(log, time=log.time * 1000.0)], arm(), refuse=False)
-    assert len(list(watch)) == 1
-    assert [note.slug for note in watch.notes] == ["time-unit"] and "ms" in watch.notes[0].text
-
-
 def test_the_cut_of_batches_does_not_matter() -> None:
     """Findings with their figures are the same for small batches."""
     log = replace(good_log(seed=7), position=good_log(seed=7).position[:, [1, 0, 2]], velocity=None)
@@ -333,11 +321,11 @@ def test_real_logs_raise_no_doubt(name: str) -> None:
     joints = tuple(Joint(k, f"j{k}", "revolute") for k in range(1, n + 1))
     robot = Robot(name, joints, log=LogFormat(time, position, velocity, current, units=units))
     paths = sorted((REAL / name).glob("*.parquet")) if (REAL / name).is_dir() else [REAL / name]
-    watch = Watch(LogReader(paths, robot), robot)
-    assert sum(len(log) for log in watch) == sum(facts.rows for facts in watch.files)
+    dataset = ingest(paths, robot)
+    assert sum(item.samples for item in (*dataset.runs, *dataset.rejects)) == sum(facts.rows for facts in dataset.files)
     # In some of the double pendulum's recordings a motor is off while its joint swings: its torque is 0 throughout.
     passive = {"current-frozen"} if name.startswith("dfki") else set()
-    assert {note.slug for note in watch.notes} <= {"joint-at-rest"} | passive
+    assert {note.slug for note in dataset.notes} <= {"joint-at-rest"} | passive
 
 
 @pytest.mark.parametrize(("period", "is_told"), [(0.1, True), (0.05, True), (0.01, False)])

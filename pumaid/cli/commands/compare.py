@@ -2,21 +2,20 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import rich_click as click
 
 from pumaid.cli.options import (
-    Pass,
+    Reading,
     check_option,
     effects_option,
     heldout_option,
     json_option,
     logs_argument,
     model_argument,
-    pass_options,
+    reading_options,
     recipe_option,
     trust_option,
     units_option,
@@ -44,7 +43,7 @@ if TYPE_CHECKING:
 @units_option
 @heldout_option
 @trust_option
-@pass_options
+@reading_options
 @json_option
 @check_option
 def command(
@@ -57,7 +56,7 @@ def command(
     units: str,
     heldout: tuple[str, ...],
     trust: bool,
-    how: Pass,
+    reading: Reading,
     as_json: bool,
     check: bool,
 ) -> None:
@@ -74,8 +73,7 @@ def command(
     form = picture_form(picture)
     spare_inputs([picture], read_files(logs, recipe, model) if picture else [])
     estimate = read_known_model(model)
-    how = replace(how, behind=("pumaid.verbs.compare", "pumaid.reporting.scores", "pumaid.reporting.budget"))
-    robot, dataset = read_dataset(logs, recipe, trust=trust, heldout=heldout, how=how)
+    robot, dataset = read_dataset(logs, recipe, trust=trust, heldout=heldout, reading=reading)
     from pumaid.reporting.budget import budget_shown
     from pumaid.reporting.comparison import comparison_document
     from pumaid.reporting.forms import Shown

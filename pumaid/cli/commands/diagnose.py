@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import rich_click as click
 
 from pumaid.cli.options import (
-    Pass,
+    Reading,
     check_option,
     effects_option,
     heldout_option,
@@ -16,7 +16,7 @@ from pumaid.cli.options import (
     logs_argument,
     model_argument,
     output_option,
-    pass_options,
+    reading_options,
     recipe_option,
     results_option,
     suspect_option,
@@ -45,7 +45,7 @@ if TYPE_CHECKING:
 @heldout_option
 @units_option
 @trust_option
-@pass_options
+@reading_options
 @json_option
 @check_option
 @click.pass_context
@@ -65,7 +65,7 @@ def command(
     heldout: tuple[str, ...],
     units: str,
     trust: bool,
-    how: Pass,
+    reading: Reading,
     as_json: bool,
     check: bool,
 ) -> None:
@@ -98,7 +98,9 @@ def command(
         current = results_folder(results, recipe, logs) / "model.json" if is_applied else None
         spare_inputs([output, plan, picture], read_files(logs, recipe, model, current))
     estimate = read_known_model(model)
-    robot, dataset = read_dataset(logs, recipe, trust=trust, heldout=heldout, how=how, extra=suspect)
+    robot, dataset = read_dataset(
+        logs, recipe, trust=trust, heldout=heldout, reading=reading, results=results, extra=suspect
+    )
     check_model(estimate, robot, (recipe, logs))
     check_logs(estimate, dataset, trust=trust)
     folder = results_folder(results, recipe, logs)

@@ -22,7 +22,7 @@ LIBRARIES = ("numpy", "scipy", "pandas", "pyarrow", "matplotlib", "pydantic", "c
 #: Variables of the environment that change what pumaid does or how fast it is; besides all that begin with ``PUMAID_``.
 VARIABLES = (
     *("ARROW_DEFAULT_MEMORY_POOL", "OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"),
-    *("PYTHONIOENCODING", "PYTHONUTF8", "XDG_CACHE_HOME"),
+    *("PYTHONIOENCODING", "PYTHONUTF8"),
 )
 
 
@@ -31,7 +31,7 @@ VARIABLES = (
 @click.option("--quick", is_flag=True, help="Versions and places only; leave the self-check out.")
 @json_option
 def command(recipe: Path | None, *, quick: bool, as_json: bool) -> None:
-    """Versions, platform, settings, what is kept, and a self-check of some ten seconds: paste it into a bug report.
+    """Versions, platform, settings, and a self-check of some ten seconds: paste it into a bug report.
 
     The self-check simulates a robot whose parameters are known, identifies it from its logs and finds what it hides.
     Exit code 1 where it fails.
@@ -88,7 +88,6 @@ def _facts(recipe: Path | None) -> dict[str, object]:
         "processors": _processors(),
         "encoding": _encodings(),
         "variables": _variables(),
-        "cache": _cache(),
     }
     if recipe is not None:
         from pumaid.cli.reading import read_robot
@@ -96,22 +95,6 @@ def _facts(recipe: Path | None) -> dict[str, object]:
         robot = read_robot(recipe)
         facts["recipe"] = {"file": robot.origin, "sha256": robot.digest, "joints": robot.n_joints}
     return facts
-
-
-def _cache() -> dict[str, object]:
-    """Where things are kept and how much there is, or why nothing can be kept."""
-    from pumaid.io import evidence_cache
-    from pumaid.io.kept import cache_fault, cache_folder
-
-    folder = cache_folder()
-    most = evidence_cache.MOST_BYTES // 2**20
-    if folder is None:
-        return {"folder": None, "MiB": None, "at most MiB": most, "fault": cache_fault(None)}
-    place = evidence_cache.evidence_folder()
-    fault = cache_fault(place)
-    size = None if fault else round(evidence_cache.evidence_shelf(place).size() / 2**20, 1)
-    facts: dict[str, object] = {"folder": str(folder), "MiB": size, "at most MiB": most}
-    return facts | ({"fault": fault} if fault else {})
 
 
 def _processors() -> dict[str, int | None]:

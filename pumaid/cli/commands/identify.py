@@ -2,21 +2,20 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import rich_click as click
 
 from pumaid.cli.options import (
-    Pass,
+    Reading,
     effect_options,
     effects_option,
     heldout_option,
     json_option,
     logs_argument,
     output_option,
-    pass_options,
+    reading_options,
     recipe_option,
     results_option,
     trust_option,
@@ -28,9 +27,6 @@ from pumaid.cli.progress import progress
 if TYPE_CHECKING:
     from pumaid.records import Estimate
     from pumaid.robot import Robot
-
-#: What the fit and its table are made with; nothing of it is needed to read logs.
-_BEHIND = ("pumaid.verbs.identify", "pumaid.reporting.tables", "pumaid.results.history")
 
 
 @click.command()
@@ -44,8 +40,7 @@ _BEHIND = ("pumaid.verbs.identify", "pumaid.reporting.tables", "pumaid.results.h
 @units_option
 @heldout_option
 @trust_option
-@click.option("--dask", default="", metavar="ADDRESS|local", help="Read the logs on a cluster of dask.distributed.")
-@pass_options
+@reading_options
 @json_option
 def command(
     *,
@@ -59,8 +54,7 @@ def command(
     units: str,
     heldout: tuple[str, ...],
     trust: bool,
-    how: Pass,
-    dask: str,
+    reading: Reading,
     as_json: bool,
 ) -> None:
     """Identify gravity, friction and gain ratios from logged currents.
@@ -80,7 +74,7 @@ def command(
     from pumaid.cli.reading import read_files
 
     asked: dict[str, Any] = {"add": add, "remove": remove, "recursive": recursive, "heldout": heldout, "trust": trust}
-    asked["how"] = replace(how, dask=dask)
+    asked |= {"reading": reading, "results": results}
     spare_inputs([output], read_files(logs, recipe) if output else [])
     robot, estimate = _identified(logs, recipe, asked)
     if str(output) == "-":
@@ -103,8 +97,8 @@ def _identified(logs: tuple[str, ...], recipe: Path | None, asked: dict[str, Any
     expand(logs)  # where they are not there, it is not the recipe beside them that is missing
     robot = read_robot(recipe, logs)
     effects = chosen_by(robot, add=asked["add"], remove=asked["remove"])
-    how, trust, heldout = replace(asked["how"], behind=_BEHIND), asked["trust"], asked["heldout"]
-    _, dataset = read_dataset(logs, recipe, robot=robot, trust=trust, heldout=heldout, how=how)
+    passed = {name: asked[name] for name in ("trust", "heldout", "reading", "results")}
+    _, dataset = read_dataset(logs, recipe, robot=robot, **passed)
     from pumaid.verbs.identify import identify
 
     with progress("identifying", total=robot.n_joints) as step:

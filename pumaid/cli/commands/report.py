@@ -10,12 +10,12 @@ from typing import TYPE_CHECKING
 import rich_click as click
 
 from pumaid.cli.options import (
-    Pass,
+    Reading,
     effects_option,
     heldout_option,
     json_option,
     output_option,
-    pass_options,
+    reading_options,
     recipe_option,
     results_option,
     trust_option,
@@ -52,7 +52,7 @@ FIGURES = ("png", "svg", "pdf")
 @units_option
 @heldout_option
 @trust_option
-@pass_options
+@reading_options
 @json_option
 def command(
     *,
@@ -67,7 +67,7 @@ def command(
     units: str,
     heldout: tuple[str, ...],
     trust: bool,
-    how: Pass,
+    reading: Reading,
     as_json: bool,
 ) -> None:
     """Write the report: one self-contained HTML page, the tables and the figures.
@@ -93,10 +93,10 @@ def command(
     if form is not None:
         _table(source, near, recipe=recipe, form=form, units=units, output=output)
         return
-    read = partial(read_dataset, where, recipe, trust=trust, heldout=heldout, how=how)
+    read = partial(read_dataset, where, recipe, trust=trust, heldout=heldout, reading=reading, results=results)
     told = _story(source, read, place=(recipe, where), units=units)
     folder = results or home / "results"
-    made = _made(told, folder, figures=figures or folder / "figures", forms=chosen, page=output, jobs=how.jobs)
+    made = _made(told, folder, figures=figures or folder / "figures", forms=chosen, page=output)
     spare_inputs([path for path, _ in made], inputs)
     _write(made)
     remark(f"report written to {made[-1][0]}")
@@ -188,27 +188,15 @@ def _diagnosed(told: Story, results: Path) -> Story:
 
 
 def _made(
-    told: Story, folder: Path, *, figures: Path, forms: Sequence[str], page: Path | None, jobs: int
+    told: Story, folder: Path, *, figures: Path, forms: Sequence[str], page: Path | None
 ) -> list[tuple[Path, bytes]]:
-    """Every file with its content, the page last; nothing is written. Figures are drawn by up to `jobs` processes."""
-    from pumaid.cluster.cores import usual
-    from pumaid.cluster.desk import Desk, in_order, started
-    from pumaid.cluster.mate import CAN_FORK
+    """Every file with its content, the page last; nothing is written."""
     from pumaid.reporting.export import export, files_of
     from pumaid.reporting.plots import drawings
 
     made: list[tuple[Path, bytes]] = []
-    each = list(drawings(told))
-    numbers = range(len(each))
-
-    def work(number: int) -> tuple[str, dict[str, bytes]]:
-        return files_of(each[number], forms)
-
-    # What a figure is made of is no plain data: only a process that begins with it can draw it.
-    others = min(jobs or usual(), len(each)) - 1 if CAN_FORK else 0
-    with started(work, others) as mates, progress("drawing") as step:
-        figure_by_figure = in_order(Desk(numbers, len(mates) + 1), work, mates)
-        for number, (name, data) in enumerate(export(told, figure_by_figure)):
+    with progress("drawing") as step:
+        for number, (name, data) in enumerate(export(told, (files_of(each, forms) for each in drawings(told)))):
             step(number, name)
             part, _, rest = name.partition("/")
             place = figures / rest if part == "figures" else folder / name

@@ -8,10 +8,10 @@ from typing import TYPE_CHECKING, Any
 import rich_click as click
 
 from pumaid.cli.options import (
-    Pass,
+    Reading,
     json_option,
     logs_argument,
-    pass_options,
+    reading_options,
     recipe_option,
     trust_option,
     units_option,
@@ -47,7 +47,7 @@ _POSITIVE = click.FloatRange(0.0, min_open=True)
 @click.option("--csv", "as_csv", is_flag=True, help="Print the runs as CSV, in SI.")
 @units_option
 @trust_option
-@pass_options
+@reading_options
 @json_option
 def command(
     *,
@@ -58,7 +58,7 @@ def command(
     as_csv: bool,
     units: str,
     trust: bool,
-    how: Pass,
+    reading: Reading,
     as_json: bool,
     **thresholds: Any,
 ) -> None:
@@ -80,7 +80,7 @@ def command(
         raise click.UsageError("--json and --csv both want standard output; give one of them")
     form = picture_form(picture)
     spare_inputs([picture], read_files(logs, recipe) if picture else [])
-    robot, dataset = _read(logs, recipe, trust=trust, how=how, **thresholds)
+    robot, dataset = _read(logs, recipe, trust=trust, reading=reading, **thresholds)
     notes(dataset.notes)
     if picture is not None:
         _draw(picture, dataset, robot, form=form, units=units)
@@ -94,14 +94,14 @@ def command(
 
 
 def _read(
-    logs: tuple[str, ...], recipe: Path | None, *, trust: bool, how: Pass, **thresholds: Any
+    logs: tuple[str, ...], recipe: Path | None, *, trust: bool, reading: Reading, **thresholds: Any
 ) -> tuple[Robot, Dataset]:
     """The one pass with the thresholds that were given, and the plan's held-out runs marked."""
     from pumaid.cli.reading import read_dataset
     from pumaid.preprocessing.options import SegmentOptions
 
     options = SegmentOptions(**{name: value for name, value in thresholds.items() if value is not None})
-    return read_dataset(logs, recipe, trust=trust, options=options, how=how)
+    return read_dataset(logs, recipe, trust=trust, options=options, reading=reading)
 
 
 def _tell(dataset: Dataset, robot: Robot, *, units: str, rejects: bool) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import importlib
 import json
+import shutil
 import sys
 from contextlib import suppress
 
@@ -19,7 +20,8 @@ from pumaid.cli import group  # noqa: E402
 
 watch.loaded()
 model = watch.folder / "model.json"
-words = [str(watch.folder / "pumaid"), "--recipe", str(watch.folder / "recipe.yaml"), "--no-cache", "-o", str(model)]
+shutil.rmtree(watch.folder / "results", ignore_errors=True)
+words = [str(watch.folder / "pumaid"), "--recipe", str(watch.folder / "recipe.yaml"), "-o", str(model)]
 group.main(["identify", *words], standalone_mode=False)
 watch.done("pumaid", "numpy", "pyarrow")
 modules.write_text(json.dumps([name for name in sys.modules if name != "__main__"]), encoding="utf-8")

@@ -1,1 +1,0 @@
-"""The pass over logs by several processes, here or elsewhere: pieces become runs where they lie and are joined."""

@@ -1,0 +1,143 @@
+"""The dataset file: to the bit as it was written, refused where it is damaged or of other logs."""
+
+from __future__ import annotations
+
+import io
+import random
+from dataclasses import fields, replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from motion_worlds import World, make, robot
+
+from pumaid.cli.dataset_file import DatasetFile
+from pumaid.dataset import Dataset, load_dataset, save_dataset
+from pumaid.io.table import write_log
+from pumaid.preprocessing.ingest import ingest
+
+WORLD = World(motions=4, rate=100.0)
+ARM = robot(WORLD)
+
+
+@pytest.fixture(scope="module")
+def logs(tmp_path_factory) -> Path:
+    """Two logs of an arm, one with a gap that is worth a note."""
+    folder = tmp_path_factory.mktemp("logs")
+    for seed in (1, 2):
+        write_log(folder / f"day_{seed}.parquet", make(WORLD, seed).logs, ARM)
+    return folder
+
+
+@pytest.fixture(scope="module")
+def dataset(logs) -> Dataset:
+    """The dataset of the logs."""
+    return ingest(sorted(logs.iterdir()), ARM)
+
+
+def written(dataset: Dataset, path: Path) -> Path:
+    """The dataset in a file."""
+    with path.open("wb") as sink:
+        save_dataset(sink, dataset, {"logs": "these"})
+    return path
+
+
+def same(one: object, other: object) -> bool:
+    """Whether two records hold the same, NaN and all, to the bit."""
+    if isinstance(one, np.ndarray):
+        return one.dtype == other.dtype and one.shape == other.shape and one.tobytes() == other.tobytes()
+    if hasattr(one, "__dataclass_fields__"):
+        return type(one) is type(other) and all(same(getattr(one, f.name), getattr(other, f.name)) for f in fields(one))
+    if isinstance(one, tuple):
+        return len(one) == len(other) and all(map(same, one, other))
+    return type(one) is type(other) and repr(one) == repr(other)
+
+
+def test_what_is_saved_is_loaded(dataset, tmp_path) -> None:
+    """Every number of every run, reject, file and note comes back to the bit, with its type."""
+    loaded, made_from = load_dataset(written(dataset, tmp_path / "d.npz"))
+    assert same(loaded, dataset) and made_from == {"logs": "these"}
+    assert len(dataset.runs) > 4 and len(dataset.rejects) > 4
+
+
+def test_suspected_columns_and_nothing_at_all_come_back(dataset, tmp_path) -> None:
+    """Bins with further columns; a dataset without a run."""
+    runs = tuple(replace(run, bins=replace(run.bins, extra=np.ones((len(run.bins), 2)))) for run in dataset.runs)
+    more = replace(dataset, runs=runs, extra=("Vbus", "oil"))
+    assert same(load_dataset(written(more, tmp_path / "a.npz"))[0], more)
+    empty = Dataset((), files=dataset.files)
+    assert same(load_dataset(written(empty, tmp_path / "b.npz"))[0], empty)
+
+
+@pytest.mark.parametrize("seed", range(40))
+def test_damage_is_noticed(dataset, tmp_path, seed) -> None:
+    """A bit turned anywhere, or an end cut off: the dataset comes back whole or not at all."""
+    path, rng = written(dataset, tmp_path / "d.npz"), random.Random(seed)
+    content = bytearray(path.read_bytes())
+    if seed % 4 == 0:
+        del content[rng.randrange(len(content)) :]
+    else:
+        content[rng.randrange(len(content))] ^= 1 << rng.randrange(8)
+    path.write_bytes(content)
+    try:
+        loaded, _ = load_dataset(path)
+    except ValueError:
+        return
+    assert same(loaded, dataset)
+
+
+@pytest.mark.parametrize("content", [b"", b"PK\x03\x04", b"not a dataset", bytes(1000)])
+def test_what_is_no_dataset_is_refused(tmp_path, content) -> None:
+    """Any other file, a folder, and an array that would have to be unpickled."""
+    (tmp_path / "a.npz").write_bytes(content)
+    pickled = io.BytesIO()
+    np.savez(pickled, about=np.array([{}], dtype=object))
+    (tmp_path / "b.npz").write_bytes(pickled.getvalue())
+    np.save(tmp_path / "c.npy", np.zeros(3))
+    for path in (*sorted(tmp_path.iterdir()), tmp_path):
+        with pytest.raises(ValueError):
+            load_dataset(path)
+
+
+def kept(logs: Path, folder: Path, **more: object) -> DatasetFile:
+    """The file of these logs' dataset."""
+    return DatasetFile(
+        folder / "dataset.npz", sorted(logs.iterdir()), more.get("robot", ARM), more.get("settings", {"trust": False})
+    )
+
+
+def test_it_is_used_for_these_logs_only(logs, dataset, tmp_path, capsys) -> None:
+    """Another recipe, other options, another log, a changed one: each is a reason to read again, and is told."""
+    kept(logs, tmp_path).write(dataset)
+    assert "dataset written to" in capsys.readouterr().err
+    assert same(kept(logs, tmp_path).read(), dataset) and capsys.readouterr().err == ""
+    others = {
+        "recipe": kept(logs, tmp_path, robot=replace(ARM, name="another")),
+        "options": kept(logs, tmp_path, settings={"trust": True}),
+    }
+    for reason, other in others.items():
+        assert other.read() is None and reason in capsys.readouterr().err
+    changed = tmp_path / "logs"
+    changed.mkdir()
+    for path in logs.iterdir():
+        (changed / path.name).write_bytes(path.read_bytes())
+    assert kept(changed, tmp_path).read() is None and "other logs" in capsys.readouterr().err
+
+
+def test_a_changed_log_is_read_again(logs, tmp_path, capsys) -> None:
+    """One byte more in a log."""
+    path = tmp_path / "a.csv"
+    write_log(path, make(WORLD, 3).logs, ARM)
+    file = DatasetFile(tmp_path / "d.npz", [path], ARM, {})
+    file.write(ingest([path], ARM))
+    assert file.read() is not None
+    with path.open("a") as log:
+        log.write("\n")
+    assert file.read() is None and "other logs" in capsys.readouterr().err
+
+
+def test_a_folder_that_cannot_be_written_stops_nothing(logs, dataset, tmp_path, capsys) -> None:
+    """A remark says that the next command reads the logs again."""
+    (tmp_path / "results").write_text("a file")
+    DatasetFile(tmp_path / "results" / "dataset.npz", sorted(logs.iterdir()), ARM, {}).write(dataset)
+    assert "not kept" in capsys.readouterr().err
