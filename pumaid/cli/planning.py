@@ -1,8 +1,8 @@
-"""What ``pumaid plan`` is asked: a whole experiment, the runs that show one effect, or what a given plan promises."""
+"""What ``pumaid plan`` is asked, what answers it, and the files that it writes."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -14,14 +14,14 @@ if TYPE_CHECKING:
     from pumaid.records import Estimate, Plan
     from pumaid.robot import Robot
 
-#: Sizes of an effect, SI, between which there is something to plan for.
-_LEAST, _MOST = 1e-12, 1e9
-#: Notes that ask for attention where a given plan is looked at.
+#: Forms of a plan; the last two are programs, which are not read back.
+PLAN_FORMS = ("yaml", "csv", "urscript", "ros2")
+#: Notes that ask for attention where a given plan is checked.
 ATTENTION = ("plan-strikes", "plan-lacks", "plan-dark", "plan-unusable")
 
 
 @dataclass(frozen=True, slots=True)
-class Ask:
+class PlanOptions:
     """The options of ``pumaid plan`` that shape a plan."""
 
     minutes: float | None
@@ -37,192 +37,195 @@ class Ask:
     size: float | None
     logs: tuple[str, ...]
     seed: int
-    recipe: Path | None = None
+    recipe: Path | None
 
     @property
-    def shapes_a_plan(self) -> bool:
-        """Whether a whole plan is asked to be other than by default."""
-        given = (self.minutes, self.speeds, self.postures, self.replicates)
-        return self.criterion != "geometric" or any(one is not None for one in given)
+    def setup(self) -> Setup:
+        """Tilt (deg in the option) and payload."""
+        from pumaid.design.prior import Setup
+        from pumaid.units import factor
+
+        tilt = None if self.tilt is None else (self.tilt[0] * factor("deg"), self.tilt[1] * factor("deg"))
+        return Setup(tilt, None if self.payload is None else self.payload[:4])  # type: ignore[arg-type]
+
+    def refuse_contradictions(self, given: Path | None) -> None:
+        """Refuse options that do not go together; `given` is the plan that ``--check`` names."""
+        shapes = (self.minutes, self.speeds, self.postures, self.replicates)
+        shapes_a_plan = self.criterion != "geometric" or any(value is not None for value in shapes)
+        rules = (
+            (self.against is not None and self.wanted is None, "--against goes with --for"),
+            (self.size is not None and self.wanted is None, "--size goes with --for"),
+            (
+                self.size is not None and self.against is not None and bool(self.logs),
+                "--size goes without --logs where there is a rival: in logs an effect has the size that it has",
+            ),
+            (bool(self.logs) and self.wanted is None, "--logs goes with --for"),
+            (given is not None and self.wanted is not None, "--check looks at a plan; --for makes one"),
+            (given is not None and shapes_a_plan, "--check looks at a plan; it has its time, speeds and passes"),
+            (bool(self.logs) and shapes_a_plan, "--for with --logs adds runs; options of a whole plan have no use"),
+            (self.wanted is not None and (self.payload or self.tilt) is not None, "--for plans for the bare arm"),
+        )
+        for is_wrong, message in rules:
+            if is_wrong:
+                raise click.UsageError(message)
 
 
-def listed(count: int | None = None) -> Callable[..., tuple[float, ...] | None]:
+def numbers(count: int | None = None) -> Callable[..., tuple[float, ...] | None]:
     """A click callback that reads numbers with commas between, `count` of them where that is given."""
 
     def read(_: click.Context, __: click.Parameter, text: str | None) -> tuple[float, ...] | None:
         if text is None:
             return None
         try:
-            found = tuple(float(part) for part in text.split(","))
+            values = tuple(float(part) for part in text.split(","))
         except ValueError:
             raise click.BadParameter(f"{text!r} is not a list of numbers such as 0.1,0.3,0.8") from None
-        if count is not None and len(found) != count:
-            raise click.BadParameter(f"{text!r} has {len(found)} numbers, not {count}")
-        return found
+        if count is not None and len(values) != count:
+            raise click.BadParameter(f"{text!r} has {len(values)} numbers, not {count}")
+        return values
 
     return read
 
 
-def check_together(ask: Ask, given: Path | None) -> None:
-    """Refuse options that do not go together.
-
-    Parameters
-    ----------
-    ask
-        The options.
-    given
-        The plan that ``--check`` names.
-    """
-    pairs = (
-        (ask.against is not None and ask.wanted is None, "--against goes with --for"),
-        (ask.size is not None and ask.wanted is None, "--size goes with --for"),
-        (
-            ask.size is not None and ask.against is not None and bool(ask.logs),
-            "--size goes without --logs where there is a rival: in logs an effect has the size that it has",
-        ),
-        (bool(ask.logs) and ask.wanted is None, "--logs goes with --for"),
-        (given is not None and ask.wanted is not None, "--check looks at a plan; --for makes one"),
-        (given is not None and ask.shapes_a_plan, "--check looks at a plan; it has its time, speeds and passes"),
-        (bool(ask.logs) and ask.shapes_a_plan, "--for with --logs adds runs; options of a whole plan have no use"),
-        (ask.wanted is not None and (ask.payload or ask.tilt) is not None, "--for plans for the arm as it stands"),
-    )
-    for is_wrong, told in pairs:
-        if is_wrong:
-            raise click.UsageError(told)
-
-
-def setup_of(ask: Ask) -> Setup:
-    """Tilt (deg in the option) and payload."""
-    from pumaid.design.prior import Setup
-    from pumaid.units import factor
-
-    payload = None
-    if ask.payload is not None:
-        mass, x, y, z = ask.payload
-        payload = (mass, x, y, z)
-    tilt = None if ask.tilt is None else (ask.tilt[0] * factor("deg"), ask.tilt[1] * factor("deg"))
-    return Setup(tilt, payload)
-
-
-def planned(robot: Robot, ask: Ask, tell: Callable[[str], None]) -> Plan:
-    """The plan that is asked for.
+def make_plan(robot: Robot, options: PlanOptions, given: Path | None, tell: Callable[[str], None]) -> Plan:
+    """The plan that is asked for, or the one at `given` with what it promises.
 
     Parameters
     ----------
     robot
         The arm.
-    ask
+    options
         The options.
+    given
+        The plan that ``--check`` names, or none.
     tell
         Called with a word on what is done.
     """
-    from pumaid.design.plan import plan
+    from pumaid.design.plan import check_plan, plan
+    from pumaid.io.plan import read_plan
 
-    def whole() -> Plan:
-        return plan(
-            robot,
-            minutes=ask.minutes,
-            speeds=ask.speeds,
-            postures_per_joint=ask.postures,
-            replicates=ask.replicates,
-            criterion=ask.criterion,
-            prior=prior_of(robot, ask),
-            setup=setup_of(ask),
-            seed=ask.seed,
-            tell=tell,
-        )
-
-    return whole() if ask.wanted is None else _for(robot, ask, whole, tell=tell)
-
-
-def _for(robot: Robot, ask: Ask, whole: Callable[[], Plan], *, tell: Callable[[str], None]) -> Plan:
-    from pumaid.choices import at_one_joint, spoken
-    from pumaid.cli.reading import read_dataset, recipe_path
-    from pumaid.verbs.decide import decide
-
-    assert ask.wanted is not None
-    _check_size(ask)
-    wanted = spoken(ask.wanted, robot, option="--for")
-    rival = None if ask.against is None else spoken(ask.against, robot, option="--against")
-    at_one_joint(wanted, robot, "--for")  # what is refused is refused before the work
-    logs = read_dataset(ask.logs, recipe_path(ask.recipe), robot=robot)[1] if ask.logs else None
-    return decide(
+    if given is not None:
+        read = read_plan(given, robot)
+        prior = _prior(robot, options)
+        return check_plan(robot, read, prior=prior, setup=options.setup, seed=options.seed, tell=tell)
+    if options.wanted is not None:
+        return _plan_for(robot, options, tell)
+    return plan(
         robot,
-        wanted,
-        against=rival,
-        size=ask.size,
-        ground=None if logs is not None else whole(),
-        logs=logs,
-        estimate=prior_of(robot, ask),
-        seed=ask.seed,
+        minutes=options.minutes,
+        speeds=options.speeds,
+        postures_per_joint=options.postures,
+        replicates=options.replicates,
+        criterion=options.criterion,
+        prior=_prior(robot, options),
+        setup=options.setup,
+        seed=options.seed,
         tell=tell,
     )
 
 
-def _check_size(ask: Ask) -> None:
-    """Refuse a size with which no forecast can be made."""
-    from pumaid.errors import ModelError, Where
+def _plan_for(robot: Robot, options: PlanOptions, tell: Callable[[str], None]) -> Plan:
+    """The runs that show an effect, or tell it from a rival."""
+    from dataclasses import replace
 
-    if ask.size is None or _LEAST <= abs(ask.size) <= _MOST:
-        return
-    what = f"no arm has an effect of the size {ask.size:g}"
-    mend = f"give a number other than 0, up to {_MOST:g} and no smaller than {_LEAST:g}"
-    raise ModelError("plan-impossible", what, Where(field=f"--for {ask.wanted}"), mend)
+    from pumaid.choices import at_one_joint, spoken
+    from pumaid.cli.reading import read_dataset, recipe_path
+    from pumaid.verbs.decide import decide
 
-
-def checked(robot: Robot, path: Path, ask: Ask, *, tell: Callable[[str], None]) -> Plan:
-    """What a given plan promises, with notes on what asks for attention.
-
-    Parameters
-    ----------
-    robot
-        The arm.
-    path
-        The plan.
-    ask
-        The options.
-    tell
-        Called with a word on what is done.
-    """
-    from pumaid.design.plan import check_plan
-    from pumaid.io.plan import read_plan
-
-    given = read_plan(path, robot)
-    return check_plan(robot, given, prior=prior_of(robot, ask), setup=setup_of(ask), seed=ask.seed, tell=tell)
+    assert options.wanted is not None
+    wanted = spoken(options.wanted, robot, option="--for")
+    rival = None if options.against is None else spoken(options.against, robot, option="--against")
+    at_one_joint(wanted, robot, "--for")  # what is refused is refused before the work
+    logs = read_dataset(options.logs, recipe_path(options.recipe), robot=robot)[1] if options.logs else None
+    whole = replace(options, wanted=None, against=None, size=None, logs=())
+    return decide(
+        robot,
+        wanted,
+        against=rival,
+        size=options.size,
+        ground=None if logs is not None else make_plan(robot, whole, None, tell),
+        logs=logs,
+        estimate=_prior(robot, options),
+        seed=options.seed,
+        tell=tell,
+    )
 
 
-def prior_of(robot: Robot, ask: Ask) -> Estimate | None:
+def _prior(robot: Robot, options: PlanOptions) -> Estimate | None:
     """The earlier model of ``--prior``, refused where it is of another arm."""
-    if ask.prior is None:
+    if options.prior is None:
         return None
     from pumaid.cli.reading import check_model, read_known_model
 
-    estimate = read_known_model(ask.prior)
-    check_model(estimate, robot, (ask.recipe, ()))
+    estimate = read_known_model(options.prior)
+    check_model(estimate, robot, (options.recipe, ()))
     return estimate
 
 
-def recipe_as_set_up(robot: Robot, recipe: Path | None, ask: Ask) -> str | None:
-    """The recipe's text with gravity as a tilted base sees it; None without a tilt.
+def plan_suffix(form: str) -> str:
+    """How the name of a plan's file ends: ``.yaml``, ``.csv``, ``.script`` or ``.ros2.yaml``."""
+    from pumaid.design.robot_programs import PROGRAMS
 
-    Parameters
-    ----------
-    robot
-        The arm as it stands.
-    recipe
-        The command's argument.
-    ask
-        The options.
-    """
-    if ask.tilt is None:
-        return None
+    return PROGRAMS[form][0] if form in PROGRAMS else f".{form}"
+
+
+def formed(plan: Plan, robot: Robot, form: str) -> str:
+    """A plan as text in one of `PLAN_FORMS`; an arm that the form cannot move is refused (program-other-robot)."""
+    from pumaid.design.robot_programs import PROGRAMS
+    from pumaid.io.plan import plan_text
+
+    return PROGRAMS[form][1](plan, robot) if form in PROGRAMS else plan_text(plan, robot, format=form)
+
+
+def tilted_path(path: Path) -> Path:
+    """Where the recipe of a tilted arm goes: beside its plan at `path`."""
+    return path.with_name(f"{path.stem}-recipe.yaml")
+
+
+def write_plan(path: Path, plan: Plan, robot: Robot, form: str) -> None:
+    """Write a plan in one of `PLAN_FORMS`; ``-`` writes nothing."""
+    from pumaid.cli.output import remark
+    from pumaid.io.write import write_file
+
+    if str(path) != "-":
+        write_file(path, formed(plan, robot, form))
+        remark(f"plan written to {path}")
+
+
+def write_tilted_recipe(path: Path, robot: Robot, options: PlanOptions) -> None:
+    """Write the recipe with gravity as the tilted base sees it."""
+    from pumaid.cli.output import remark
     from pumaid.cli.reading import recipe_path
     from pumaid.io.recipe_gravity import with_gravity
+    from pumaid.io.write import write_file
 
-    return with_gravity(recipe_path(recipe), setup_of(ask).robot(robot).gravity)
+    write_file(path, with_gravity(recipe_path(options.recipe), options.setup.robot(robot).gravity))
+    remark(f"recipe of the tilted arm written to {path}: simulate and identify these runs with it")
 
 
-def needs_attention(found: Plan) -> bool:
-    """Whether a given plan strikes something, leaves something in the dark, or lacks what diagnosis needs."""
-    slugs: Sequence[str] = [note.slug for note in found.notes]
-    return any(slug in ATTENTION for slug in slugs)
+def draw_plan(path: Path, plan: Plan, robot: Robot) -> None:
+    """Draw the arm in every posture to `path`, and the schedule beside it (``NAME-timetable.png``)."""
+    from pumaid.cli.output import picture_form, remark
+    from pumaid.io.write import write_file
+    from pumaid.reporting import postures, timetable
+    from pumaid.trajectory import run_times
+
+    form, beside = picture_form(path), path.with_name(f"{path.stem}-timetable{path.suffix}")
+    write_file(path, postures.drawn(plan, robot, form))
+    write_file(beside, timetable.drawn(plan, robot, form, times=run_times(robot, plan)))
+    remark(f"pictures written to {path} and {beside}")
+
+
+def print_plan(plan: Plan, robot: Robot, *, form: str, as_json: bool, is_piped: bool) -> None:
+    """Print a plan: as one JSON document, as its file's text where that goes to standard output, or as tables."""
+    from pumaid.cli.output import content, document, notes, table
+    from pumaid.io.plan import plan_document
+    from pumaid.reporting.plans import plan_table
+
+    notes(plan.notes)
+    if as_json:
+        document(plan_document(plan, robot))
+    elif is_piped:
+        content(formed(plan, robot, form).rstrip("\n") + "\n")
+    else:
+        table(plan_table(plan, robot))

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Mapping
 from dataclasses import replace
 
@@ -26,6 +25,8 @@ from pumaid.units import number
 
 #: Sets of runs at most: what takes more is no plan.
 _MOST_SETS = 12
+#: Sizes of an effect, SI.
+_LEAST, _LARGEST = 1e-12, 1e9
 #: Shapes with which an effect is tried before its best is refined.
 _SHAPES = 24
 
@@ -127,9 +128,9 @@ def _hidden(robot: Robot, wanted: EffectChoice, found: Hidden | None, size: floa
     """The effect at a usual robot, of the size that is asked for."""
     if size is None:
         return found
-    if not (math.isfinite(size) and size != 0.0):
-        what = f"an effect of the size {size:g} shows nothing"
-        raise ModelError("plan-impossible", what, Where(field=f"--for {wanted.effect}"), "give a number other than 0")
+    if not _LEAST <= abs(size) <= _LARGEST:
+        what, mend = f"no arm has an effect of the size {size:g}", f"give a number from {_LEAST:g} to {_LARGEST:g}"
+        raise ModelError("plan-impossible", what, Where(field=f"--for {wanted.effect}"), mend)
     values = {} if found is None else found.values
     first, shapes = _first(wanted, robot), {one.name for one in _law(wanted).shapes(robot, wanted.joint or 0)}
     share = size / values[first] if values.get(first) else 1.0

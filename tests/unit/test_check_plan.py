@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from menus import arm, names, prior
 
-from pumaid.cli.planning import needs_attention
+from pumaid.cli.planning import ATTENTION
 from pumaid.design.information import predicted_errors
 from pumaid.design.plan import check_plan, plan
 from pumaid.design.prior import Setup
@@ -32,6 +32,11 @@ def own() -> Plan:
 def papers() -> Plan:
     """The paper's motions, looked at."""
     return check_plan(arm("puma560"), table1.experiment(), seed=1)
+
+
+def needs_attention(plan: Plan) -> bool:
+    """Whether ``--check`` of it ends with exit code 1."""
+    return any(note.slug in ATTENTION for note in plan.notes)
 
 
 def slugs(found: Plan) -> list[str]:
