@@ -87,7 +87,7 @@ def numbers(count: int | None = None) -> Callable[..., tuple[float, ...] | None]
     return read
 
 
-def make_plan(robot: Robot, options: PlanOptions, given: Path | None, tell: Callable[[str], None]) -> Plan:
+def make_plan(robot: Robot, options: PlanOptions, given: Path | None, *, tell: Callable[[str], None]) -> Plan:
     """The plan that is asked for, or the one at `given` with what it promises.
 
     Parameters
@@ -143,7 +143,7 @@ def _plan_for(robot: Robot, options: PlanOptions, tell: Callable[[str], None]) -
         wanted,
         against=rival,
         size=options.size,
-        ground=None if logs is not None else make_plan(robot, whole, None, tell),
+        ground=None if logs is not None else make_plan(robot, whole, None, tell=tell),
         logs=logs,
         estimate=_prior(robot, options),
         seed=options.seed,
@@ -182,7 +182,7 @@ def tilted_path(path: Path) -> Path:
     return path.with_name(f"{path.stem}-recipe.yaml")
 
 
-def write_plan(path: Path, plan: Plan, robot: Robot, form: str) -> None:
+def write_plan(path: Path, plan: Plan, robot: Robot, *, form: str) -> None:
     """Write a plan in one of `PLAN_FORMS`; ``-`` writes nothing."""
     from pumaid.cli.output import remark
     from pumaid.io.write import write_file

@@ -106,11 +106,11 @@ def command(
         if place is not None and not force:
             refuse_to_replace(place)
     with progress("planning") as step:
-        plan = make_plan(robot, asked, given, lambda text: step(0.0, text))
+        plan = make_plan(robot, asked, given, tell=lambda text: step(0.0, text))
     if tilted is not None and str(path) != "-":
         write_tilted_recipe(tilted, robot, asked)
     if path is not None:
-        write_plan(path, plan, robot, form)
+        write_plan(path, plan, robot, form=form)
     if picture is not None:
         draw_plan(picture, plan, robot)
     print_plan(plan, robot, form=form, as_json=as_json, is_piped=str(path) == "-")
