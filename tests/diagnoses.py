@@ -17,12 +17,12 @@ from pumaid.records import (
     JointDiagnosis,
     Limit,
     Line,
-    Motion,
     NextRun,
     Size,
     Unexplained,
 )
 from pumaid.robot import Robot
+from pumaid.trajectory import Motion
 
 PUMA: Robot = replace(read_recipe(shipped_recipes()["puma560"]), name="PUMA 560")
 HOLD = (0.0, -1.57, 0.0, 0.5, 0.0, 0.0)

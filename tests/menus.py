@@ -12,9 +12,9 @@ from pumaid.design.collision import Collision
 from pumaid.design.information import CandidateInformation, candidate_information, existing_names
 from pumaid.design.prior import Prior, random_robots
 from pumaid.io.recipe import read_recipe, shipped_recipes
-from pumaid.records import Motion
 from pumaid.robot import Robot
 from pumaid.structure import minimal
+from pumaid.trajectory import Motion
 
 
 @cache

@@ -20,9 +20,10 @@ from pumaid.diagnosis.field import Field, fields
 from pumaid.diagnosis.noise import Noise
 from pumaid.diagnosis.system import Solved, loaded, solve
 from pumaid.model import Model
-from pumaid.records import Estimate, Motion, Plan
+from pumaid.records import Estimate
 from pumaid.robot import Robot
 from pumaid.simulation import Bench, Hidden, Truth, draw
+from pumaid.trajectory import Motion, Plan
 from pumaid.verbs.identify import identify
 
 #: One level axis: its diagnosis is plain linear least squares.

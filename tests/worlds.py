@@ -13,9 +13,10 @@ import numpy as np
 
 from pumaid.dataset import CONSTANT_COLUMNS, STROKE_COLUMNS, Bins, Dataset, Means, Run
 from pumaid.maths.triangle import Triangle
-from pumaid.records import Estimate, Motion, Plan
+from pumaid.records import Estimate
 from pumaid.robot import Joint, Robot
 from pumaid.simulation import Bench, Truth, draw, table1
+from pumaid.trajectory import Motion, Plan
 
 TURN = np.pi / 2
 

@@ -22,10 +22,11 @@ from pumaid.dataset import Dataset, FileFacts
 from pumaid.diagnosis.search import FALSE_ALARM
 from pumaid.errors import PumaidError
 from pumaid.io.recipe import read_recipe, shipped_recipes
-from pumaid.records import Budget, Motion, Plan
+from pumaid.records import Budget
 from pumaid.robot import Robot
 from pumaid.simulation import Bench, Truth, draw, table1
 from pumaid.simulation.hidden import Hidden, sized
+from pumaid.trajectory import Motion, Plan
 from pumaid.verbs.compare import compare
 from pumaid.verbs.identify import identify
 

@@ -25,10 +25,10 @@ import numpy as np
 
 from pumaid import identify, plan, segment, simulate
 from pumaid.io.recipe import read_recipe, shipped_recipes
-from pumaid.records import Estimate, Plan
+from pumaid.records import Estimate
 from pumaid.robot import Robot
 from pumaid.simulation import table1
-from pumaid.trajectory import duration
+from pumaid.trajectory import Plan, duration
 
 #: Samples a second, and how often the paper's experiment is made: its time is that of the plans.
 RATE, TIMES = 100.0, (1, 2, 4)

@@ -6,8 +6,9 @@ from collections.abc import Iterable
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from pumaid.records import Finding, Plan
+    from pumaid.records import Finding
     from pumaid.robot import Robot
+    from pumaid.trajectory import Plan
 
 
 def deciding(findings: Iterable[Finding], robot: Robot) -> Plan:
@@ -29,8 +30,7 @@ def deciding(findings: Iterable[Finding], robot: Robot) -> Plan:
     """
     from dataclasses import replace
 
-    from pumaid.records import Plan
-    from pumaid.trajectory import duration
+    from pumaid.trajectory import Plan, duration
 
     motions, told = [], []
     for found in findings:

@@ -11,8 +11,9 @@ import rich_click as click
 
 if TYPE_CHECKING:
     from pumaid.design.prior import Setup
-    from pumaid.records import Estimate, Plan
+    from pumaid.records import Estimate
     from pumaid.robot import Robot
+    from pumaid.trajectory import Plan
 
 #: Forms of a plan; the last two are programs, which are not read back.
 PLAN_FORMS = ("yaml", "csv", "urscript", "ros2")
@@ -102,7 +103,7 @@ def make_plan(robot: Robot, options: PlanOptions, given: Path | None, *, tell: C
         Called with a word on what is done.
     """
     from pumaid.design.plan import check_plan, plan
-    from pumaid.io.plan import read_plan
+    from pumaid.io.plan_file import read_plan
 
     if given is not None:
         read = read_plan(given, robot)
@@ -172,7 +173,7 @@ def plan_suffix(form: str) -> str:
 def formed(plan: Plan, robot: Robot, form: str) -> str:
     """A plan as text in one of `PLAN_FORMS`; an arm that the form cannot move is refused (program-other-robot)."""
     from pumaid.design.robot_programs import PROGRAMS
-    from pumaid.io.plan import plan_text
+    from pumaid.io.plan_file import plan_text
 
     return PROGRAMS[form][1](plan, robot) if form in PROGRAMS else plan_text(plan, robot, format=form)
 
@@ -219,7 +220,7 @@ def draw_plan(path: Path, plan: Plan, robot: Robot) -> None:
 def print_plan(plan: Plan, robot: Robot, *, form: str, as_json: bool, is_piped: bool) -> None:
     """Print a plan: as one JSON document, as its file's text where that goes to standard output, or as tables."""
     from pumaid.cli.output import content, document, notes, table
-    from pumaid.io.plan import plan_document
+    from pumaid.io.plan_file import plan_document
     from pumaid.reporting.plans import plan_table
 
     notes(plan.notes)

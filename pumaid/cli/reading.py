@@ -189,7 +189,7 @@ def read_files(logs: Sequence[str], recipe: Path | None, *others: Path | None) -
     """
     from pumaid.errors import PumaidError
     from pumaid.io.paths import expand
-    from pumaid.io.plan import find_plan
+    from pumaid.io.plan_file import find_plan
     from pumaid.io.remote import is_remote
 
     found = list(others)
@@ -254,7 +254,7 @@ def _with_heldout(dataset: Dataset, wanted: Sequence[str]) -> Dataset:
 
 
 def _with_plan(dataset: Dataset, robot: Robot, folder: Path) -> Dataset:
-    from pumaid.io.plan import find_plan, read_plan
+    from pumaid.io.plan_file import find_plan, read_plan
 
     path = find_plan([folder])
     if path is None:

@@ -10,10 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pumaid.design.collision import Collision
-from pumaid.records import Motion, Plan
 from pumaid.robot import Joint, Robot
 from pumaid.simulation.ranges import QUICKEST_SLIDE, QUICKEST_TURN, span
-from pumaid.trajectory import accelerations, cruise, duration, highest_speeds
+from pumaid.trajectory import Motion, Plan, accelerations, cruise, duration, highest_speeds
 from pumaid.units import factor
 
 Floats = NDArray[np.float64]

@@ -13,11 +13,10 @@ from pumaid.design.planner import Made, Planner
 from pumaid.design.prior import Prior
 from pumaid.errors import Note, Where
 from pumaid.preprocessing.options import DEFAULTS
-from pumaid.records import Motion, Posture
 from pumaid.robot import Robot
 from pumaid.simulation.ranges import span
 from pumaid.structure import Structure
-from pumaid.trajectory import highest_speeds
+from pumaid.trajectory import Motion, Posture, highest_speeds
 from pumaid.units import factor, number
 
 #: A posture serves a parameter whose error grows by this factor without it; from the second on it is lost.

@@ -13,11 +13,11 @@ from numpy.typing import NDArray
 
 from pumaid.design.candidate_runs import JointCandidates, Sweep, seconds_of
 from pumaid.effects import catalogue
-from pumaid.records import Motion, Samples
+from pumaid.records import Samples
 from pumaid.robot import Robot
 from pumaid.simulation.truth import Noise, Truth
 from pumaid.structure import Structure
-from pumaid.trajectory import cruise
+from pumaid.trajectory import Motion, cruise
 
 Floats = NDArray[np.float64]
 Counts = NDArray[np.int64]

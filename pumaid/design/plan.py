@@ -20,10 +20,10 @@ from pumaid.design.information import absent_names, existing_names, parameter_na
 from pumaid.design.planner import Planner, Request
 from pumaid.design.prior import Setup, prior_robots
 from pumaid.errors import Faults, ModelError, Note, PumaidError
-from pumaid.records import Estimate, Plan
+from pumaid.records import Estimate
 from pumaid.robot import Robot
 from pumaid.structure import minimal
-from pumaid.trajectory import duration
+from pumaid.trajectory import Plan, duration
 
 #: Minutes of a plan, and postures a joint or passes, at most.
 _LONGEST, _MOST = 1440.0, 200

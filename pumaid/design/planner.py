@@ -27,9 +27,8 @@ from pumaid.design.information import CandidateInformation, candidate_informatio
 from pumaid.design.prior import Prior
 from pumaid.design.schedule import Block, schedule
 from pumaid.errors import ModelError, Where
-from pumaid.records import Motion, Plan
 from pumaid.robot import Robot
-from pumaid.trajectory import MOVE_SHARE, RAMP_TIME, duration, highest_speeds
+from pumaid.trajectory import MOVE_SHARE, RAMP_TIME, Motion, Plan, duration, highest_speeds
 from pumaid.units import number
 
 Floats = NDArray[np.float64]

@@ -10,9 +10,8 @@ from numpy.typing import NDArray
 
 from pumaid import __version__
 from pumaid.errors import ModelError, Where
-from pumaid.records import Motion, Plan
 from pumaid.robot import Robot
-from pumaid.trajectory import REST, duration, trapezoids
+from pumaid.trajectory import REST, Motion, Plan, duration, trapezoids
 from pumaid.units import factor
 
 Floats = NDArray[np.float64]

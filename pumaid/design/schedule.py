@@ -13,9 +13,8 @@ from numpy.typing import NDArray
 from pumaid.design.candidate_runs import Sweep
 from pumaid.design.collision import Collision, Hit
 from pumaid.errors import ModelError, Where
-from pumaid.records import Motion
 from pumaid.robot import Robot
-from pumaid.trajectory import MOVE_SHARE, highest_speeds
+from pumaid.trajectory import MOVE_SHARE, Motion, highest_speeds
 
 Floats = NDArray[np.float64]
 

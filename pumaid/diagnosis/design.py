@@ -15,7 +15,7 @@ from pumaid.diagnosis.feasible import CELLS, Lap, ahead, bins_for, laps
 from pumaid.diagnosis.prospect import Duel, Prospect
 from pumaid.diagnosis.system import Solved
 from pumaid.effects import Trace
-from pumaid.records import Motion
+from pumaid.trajectory import Motion
 
 Floats = NDArray[np.float64]
 Age = tuple[float, float]

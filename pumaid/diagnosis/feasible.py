@@ -13,8 +13,9 @@ from pumaid.diagnosis.added import Added
 from pumaid.diagnosis.field import Field, distinct
 from pumaid.diagnosis.noise import Noise
 from pumaid.diagnosis.system import Row, Solved, row_of, with_loads
-from pumaid.records import Motion, Samples
+from pumaid.records import Samples
 from pumaid.robot import Joint
+from pumaid.trajectory import Motion
 from pumaid.units import factor
 
 Floats = NDArray[np.float64]

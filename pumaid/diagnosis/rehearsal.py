@@ -14,11 +14,12 @@ from pumaid.diagnosis.system import Solved, loaded, solve
 from pumaid.errors import ModelError
 from pumaid.estimation.identification import identified
 from pumaid.model import Model
-from pumaid.records import Estimate, Plan
+from pumaid.records import Estimate
 from pumaid.robot import EffectChoice, Robot
 from pumaid.simulation import Bench
 from pumaid.simulation.hidden import LAWS, Hidden, sized
 from pumaid.simulation.truth import Truth
+from pumaid.trajectory import Plan
 
 #: Samples a second and bins a run of the rehearsal.
 _RATE, _CELLS = 50.0, 60

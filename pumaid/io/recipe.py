@@ -1,35 +1,34 @@
-"""Recipes: YAML files that state an arm; found, read, checked as a whole, turned into SI."""
+"""Recipes: YAML files that state an arm; found, checked as a whole, turned into SI."""
 
 from __future__ import annotations
 
 import hashlib
 from collections.abc import Sequence
-from dataclasses import replace
 from pathlib import Path
-from typing import NoReturn
 
-from pydantic import ValidationError
-
-from pumaid.errors import Faults, PumaidError, RecipeError, Where
-from pumaid.io.coupling import ratios_of
-from pumaid.io.recipe_checks import faults_between_values
-from pumaid.io.recipe_faults import Fault, dotted, told, translated, without_echoes
-from pumaid.io.recipe_schema import JointForm, LogForm, RecipeForm
-from pumaid.io.safety import safety_of
-from pumaid.io.yaml_lines import Document, nearest, read_yaml
-from pumaid.robot import EffectChoice, Joint, LogFormat, Robot
+from pumaid.errors import RecipeError, Where
+from pumaid.io.forms import Wording, refuse, shown, validated
+from pumaid.io.recipe_schema import (
+    EXAMPLES,
+    Arm,
+    JointForm,
+    LogForm,
+    RecipeForm,
+    SafetyForm,
+    coupled,
+    faults_between,
+)
+from pumaid.io.yaml_file import file_name, nearest, read_yaml
+from pumaid.robot import Box, EffectChoice, Joint, LogFormat, Point, Robot, Safety, Sphere
 from pumaid.units import factor
 
 #: The recipe's name in an experiment's folder.
 RECIPE_NAME = "recipe.yaml"
-#: Most faults of one file that are told; the rest is counted.
-MOST_FAULTS = 20
+WORDING = Wording(RecipeError, EXAMPLES)
 
 
 def read_recipe(path: Path) -> Robot:
     """Read a robot from its recipe.
-
-    Angles are turned from the file's unit to rad; every fault of the file is found before any is told.
 
     Parameters
     ----------
@@ -43,74 +42,43 @@ def read_recipe(path: Path) -> Robot:
 
     Raises
     ------
-    RecipeError
-        The file has one fault.
-    Faults
-        The file has several; each is a `RecipeError` with file, line and path (``joints[3].alpha``).
+    RecipeError, or Faults of several
+        Every fault of the file, each with line and path (``joints[3].alpha``).
     """
     document = read_yaml(Path(path))
-    name = "standard input" if str(path) == "-" else str(path)
-    data = document.root.plain()
+    name, data = file_name(path), document.data
+    where = Where(file=name, line=document.line_of(()))
     if not isinstance(data, dict):
         mend = "start from: pumaid init puma560 -o recipe.yaml"
-        what = f"the file holds {told(data)}, not keys and values"
-        raise RecipeError("recipe-wrong-type", what, Where(file=name, line=document.root.line), mend)
+        raise RecipeError("recipe-wrong-type", f"the file holds {shown(data)}, not keys and values", where, mend)
     if isinstance(data.get("kind"), str):
         what = f"this is a {data['kind']} file, not a recipe"
-        line = document.root.line_of(["kind"])
-        raise RecipeError("recipe-wrong-type", what, Where(file=name, line=line), "give the robot's recipe")
-    form: RecipeForm | None = None
-    found: list[Fault] = []
-    try:
-        form = RecipeForm.model_validate(data)
-    except ValidationError as error:
-        found += [translated(dict(entry)) for entry in error.errors(include_url=False)]
-    at_fault = {fault.path for fault in found}
-    found += [fault for fault in faults_between_values(data) if fault.path not in at_fault]
-    found = without_echoes(found)
-    if found or document.doubled or form is None:
-        _refuse(name, document, found)
-    lines = tuple(document.root.line_of(("effects", index)) for index in range(len(form.effects)))
-    return replace(_robot(form, Path(path).name, hashlib.sha256(document.content).hexdigest()), effect_lines=lines)
-
-
-def _refuse(file: str, document: Document, found: list[Fault]) -> NoReturn:
-    """Tell every fault, in the order of the file's lines."""
-    faults: list[PumaidError] = list(document.doubled)
-    for fault in found:
-        path = fault.path
-        joint = path[1] + 1 if len(path) > 1 and path[0] == "joints" and isinstance(path[1], int) else None
-        where = Where(file=file, line=document.root.line_of(path), joint=joint, field=dotted(path))
-        faults.append(RecipeError(fault.slug, fault.what, where, fault.mend))
-    faults.sort(key=lambda fault: fault.where.line or 0)
-    if len(faults) > MOST_FAULTS:
-        last = faults[MOST_FAULTS - 1]
-        more = f"{last.what} (and {len(faults) - MOST_FAULTS} more faults)"
-        faults = [*faults[: MOST_FAULTS - 1], RecipeError(last.slug, more, last.where, last.mend)]
-    raise faults[0] if len(faults) == 1 else Faults(faults)
-
-
-def _robot(form: RecipeForm, origin: str, digest: str) -> Robot:
-    """The arm in SI from a form without faults."""
-    to_rad = factor(form.units.angle)
-    joints = tuple(_joint(number, joint, to_rad) for number, joint in enumerate(form.joints, start=1))
-    by_name = {joint.name: joint.number for joint in joints}
-    effects = tuple(
-        EffectChoice(
-            choice.effect, None if choice.joint == "all" else by_name.get(str(choice.joint), choice.joint), choice.shape
-        )
-        for choice in form.effects
-    )
+        raise RecipeError("recipe-wrong-type", what, where, "give the robot's recipe")
+    arm = Arm.of(data)
+    form, faults = validated(RecipeForm, data, wording=WORDING, context=arm)
+    paths = {fault.path for fault in faults}
+    faults += [fault for fault in faults_between(data, arm) if fault.path not in paths]
+    if faults or document.doubled or form is None:
+        degrees = [fault for fault in faults if fault.slug == "recipe-angle-unit"]
+        refuse(name, document, [fault for fault in faults if fault not in degrees[1:]], wording=WORDING)
+    lines = tuple(document.line_of(("effects", index)) for index in range(len(form.effects)))
     x, y, z = form.gravity
-    log = _log_format(form.log, joints)
-    ratios = ratios_of(form.coupling)
+    joints = tuple(_joint(number, joint, factor(arm.unit)) for number, joint in enumerate(form.joints, start=1))
     return Robot(
-        form.name, joints, (x, y, z), log, effects, origin, digest, coupling=ratios, safety=safety_of(form.safety)
+        form.name,
+        joints,
+        (x, y, z),
+        _log_format(form.log, joints),
+        tuple(EffectChoice(choice.effect, choice.joint, choice.shape) for choice in form.effects),
+        Path(path).name,
+        hashlib.sha256(document.content).hexdigest(),
+        effect_lines=lines,
+        coupling={pair: ratio for key, ratio in form.coupling.items() if (pair := coupled(key)) is not None},
+        safety=_safety(form.safety),
     )
 
 
 def _joint(number: int, form: JointForm, to_rad: float) -> Joint:
-    # pi/2 and the like are rad already; they are refused in a file whose unit is deg.
     scale = to_rad if form.type == "revolute" else 1.0
     return Joint(
         number=number,
@@ -129,31 +97,45 @@ def _joint(number: int, form: JointForm, to_rad: float) -> Joint:
 def _log_format(form: LogForm, joints: tuple[Joint, ...]) -> LogFormat:
     """With units filled in: velocity follows position, prismatic joints default to metres."""
     units = form.units
-    position = units.position or "rad"
-    prismatic = units.prismatic_position or "m"
-    if not any(joint.is_revolute for joint in joints) and units.position is not None:
+    position, prismatic = units.position or "rad", units.prismatic_position or "m"
+    is_rail = not any(joint.is_revolute for joint in joints)
+    if is_rail and units.position is not None:
         prismatic = position
     per_second = {unit: f"{unit}/s" for unit in ("rad", "deg", "m", "mm")}
-    velocity = units.velocity or per_second.get(position, "rad/s")
     prismatic_velocity = units.prismatic_velocity or per_second[prismatic]
-    if not any(joint.is_revolute for joint in joints) and units.velocity is not None:
+    if is_rail and units.velocity is not None:
         prismatic_velocity = units.velocity
     words = {
         "time": units.time,
         "position": position,
-        "velocity": velocity,
+        "velocity": units.velocity or per_second.get(position, "rad/s"),
         "prismatic_position": prismatic,
         "prismatic_velocity": prismatic_velocity,
         "current": units.current,
         "temperature": units.temperature,
     }
-    signs = {
-        name: tuple(round(sign) for sign in values)
-        for name in ("position", "current")
-        if (values := getattr(form.signs, name)) is not None
-    }
+    stated = {"position": form.signs.position, "current": form.signs.current}
+    signs = {key: tuple(map(round, values)) for key, values in stated.items() if values is not None}
     names = tuple(joint.name for joint in joints)
     return LogFormat(form.time, form.position, form.velocity, form.current, form.temperature, words, signs, names)
+
+
+def _safety(form: SafetyForm | None) -> Safety | None:
+    """Lengths are in m whatever the file's unit of angles."""
+    if form is None:
+        return None
+    boxes = tuple(
+        Box(box.name or f"box {number}", _point(box.min), _point(box.max))
+        for number, box in enumerate(form.boxes, start=1)
+    )
+    spheres = tuple(Sphere(sphere.link, _point(sphere.centre), sphere.radius) for sphere in form.spheres)
+    tool = None if form.tool is None else _point(form.tool)
+    return Safety(boxes, spheres, tool, form.margin, tuple((min(pair), max(pair)) for pair in form.ignore))
+
+
+def _point(values: list[float]) -> Point:
+    x, y, z = map(float, values)
+    return x, y, z
 
 
 def find_recipe(given: Path | None, logs: Sequence[Path] = ()) -> Path:
@@ -168,11 +150,6 @@ def find_recipe(given: Path | None, logs: Sequence[Path] = ()) -> Path:
     logs
         Files, folders or globs as the user gave them; ``-`` (standard input) has no folder.
 
-    Returns
-    -------
-    path
-        An existing file.
-
     Raises
     ------
     RecipeError [recipe-not-found]
@@ -183,18 +160,23 @@ def find_recipe(given: Path | None, logs: Sequence[Path] = ()) -> Path:
     if given is not None:
         return _given(given)
     folders = list(dict.fromkeys(_folder_of(Path(log)) for log in logs if str(log) != "-"))
+    above = [folder / ".." if str(folder) == "." else folder.parent for folder in folders]
     searched: list[Path] = []
-    for places in (folders, [folder / ".." if str(folder) == "." else folder.parent for folder in folders], [Path()]):
+    for places in (folders, above, [Path()]):
         candidates = [place / RECIPE_NAME for place in dict.fromkeys(places)]
         searched += [candidate for candidate in candidates if candidate not in searched]
-        found = [candidate for candidate in candidates if candidate.is_file()]
-        if found:
-            return _only_one(found)
-    stray = [
-        other for path in searched for other in sorted(path.parent.glob("*.y*ml")) if "recipe" in other.name.lower()
+        recipes = [candidate for candidate in candidates if candidate.is_file()]
+        if len({recipe.read_bytes() for recipe in recipes}) > 1:
+            what = f"the logs' folders hold different recipes: {', '.join(map(str, recipes))}"
+            mend = "say which with --recipe FILE, or run the logs of each robot apart"
+            raise RecipeError("recipe-ambiguous", what, Where(), mend)
+        if recipes:
+            return recipes[0]
+    named = [
+        path for place in searched for path in sorted(place.parent.glob("*.y*ml")) if "recipe" in path.name.lower()
     ]
-    hint = f"name it with --recipe {stray[0]}" if stray else "write one with: pumaid init puma560 -o recipe.yaml"
-    what = f"no {RECIPE_NAME} found; searched {', '.join(str(path) for path in searched)}"
+    hint = f"name it with --recipe {named[0]}" if named else "write one with: pumaid init puma560 -o recipe.yaml"
+    what = f"no {RECIPE_NAME} found; searched {', '.join(map(str, searched))}"
     raise RecipeError("recipe-not-found", what, Where(), f"{hint}, or name one with --recipe FILE")
 
 
@@ -207,11 +189,8 @@ def _given(given: Path) -> Path:
     if str(given) in shipped:
         return shipped[str(given)]
     near = nearest(given.name.removesuffix(".yaml"), shipped) if given.parent == Path() else None
-    mend = (
-        f"did you mean the shipped recipe {near}?"
-        if near
-        else "check the path; pumaid init --list names shipped recipes"
-    )
+    mend = "check the path; pumaid init --list names shipped recipes"
+    mend = f"did you mean the shipped recipe {near}?" if near else mend
     reason = f"{given} is a folder without {RECIPE_NAME}" if given.is_dir() else f"there is no file {given}"
     raise RecipeError("recipe-not-found", reason, Where(file=str(given)), mend)
 
@@ -225,20 +204,11 @@ def _folder_of(log: Path) -> Path:
     return log if log.is_dir() else log.parent
 
 
-def _only_one(found: list[Path]) -> Path:
-    contents = {path.read_bytes() for path in found}
-    if len(contents) > 1:
-        what = f"the logs' folders hold different recipes: {', '.join(str(path) for path in found)}"
-        mend = "say which with --recipe FILE, or run the logs of each robot apart"
-        raise RecipeError("recipe-ambiguous", what, Where(), mend)
-    return found[0]
-
-
 def shipped_recipes() -> dict[str, Path]:
     """The recipes that come with pumaid, by name: the installed package's, or the checkout's."""
     package = Path(__file__).resolve().parents[1]
     for folder in (package / "recipes", package.parent / "recipes"):
-        found = sorted(folder.glob("*.yaml"))
-        if found:
-            return {path.stem: path for path in found}
+        recipes = sorted(folder.glob("*.yaml"))
+        if recipes:
+            return {path.stem: path for path in recipes}
     return {}

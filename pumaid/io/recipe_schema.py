@@ -1,162 +1,223 @@
-"""What may stand in a recipe: keys, types and ranges of each value on its own."""
+"""What a recipe may hold: keys, types and ranges; each value is checked in the context of the whole arm."""
 
 from __future__ import annotations
 
 import math
 import re
 import string
-from typing import Annotated, Any, Literal
+from collections import Counter
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Annotated, Any, Literal, cast
 
-from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field, model_validator
-from pydantic_core import PydanticCustomError
+from pydantic import AfterValidator, BaseModel, BeforeValidator, Field, ValidationInfo, model_validator
 
-from pumaid.units import UNITS
+from pumaid.io.forms import FORM, Fault, Finite, is_number, refusal, within
+from pumaid.units import UNITS, factor
 
-#: Longest a link can be (m); a larger number is in millimetres.
-LONGEST_LINK = 20.0
-#: Farthest a prismatic joint can go (m), and fastest (m/s).
-LONGEST_RAIL, FASTEST_RAIL = 100.0, 20.0
-#: Gravity on the Moon is 1.6 m/s2 and on Jupiter 25; anything outside is in another unit.
+#: Longest link and rail (m), and fastest rail (m/s); larger numbers are in millimetres.
+LONGEST_LINK, LONGEST_RAIL, FASTEST_RAIL = 20.0, 100.0, 20.0
+#: Gravity, m/s2: 1.6 on the Moon, 25 on Jupiter.
 LEAST_GRAVITY, MOST_GRAVITY = 1.5, 30.0
+#: Limits (rad) beyond this are in degrees where the file does not state its unit; and beyond this in any case wrong.
+WIDEST_UNSTATED, WIDEST = 4.0 * math.pi, 200.0 * math.pi
+#: Slowest and fastest highest speed of a revolute joint, rad/s.
+SLOWEST, FASTEST = 1e-4, 1e3
+#: Quarter turns (rad) in a file of degrees are radians, to this rounding.
+QUARTERS, ROUNDING = tuple(quarter * math.pi / 2.0 for quarter in (1, 2, 3)), 5e-4
 
+#: Key -> what it looks like.
+EXAMPLES = {
+    "name": "a name, such as my arm",
+    "gravity": "[0, 0, -9.80665]   (m/s2 in base axes; this is upright)",
+    "joints": "1 to 50 lines such as - {type: revolute, alpha: 0, a: 0, d: 0}, base to tip",
+    "type": "revolute   (or prismatic)",
+    "alpha": "the twist before the joint, modified DH",
+    "a": "the length before the joint, m, modified DH",
+    "limits": "[lowest, highest]",
+    "effects": "[{effect: NAME, joint: 3}]",
+    "effect": "a name that pumaid effects lists",
+    "shape": "{velocity: 0.1}",
+    "units": "{angle: deg}",
+    "signs": "{position: [1, -1, ...]}",
+    "log": "its keys below it, indented",
+    "safety": "its keys below it, indented: boxes, spheres, tool, margin",
+    "boxes": "[{name: table, min: [-1, -1, -1], max: [1, 1, -0.02]}]",
+    "spheres": "[{link: 3, centre: [0.2, 0, 0], radius: 0.08}]",
+    "min": "[x, y, z]   (the lowest corner, m in base axes)",
+    "max": "[x, y, z]   (the highest corner, m in base axes)",
+    "link": "the link that carries the sphere; 0 is the base",
+    "centre": "[x, y, z]   (m, in the link's frame)",
+    "tool": "[x, y, z]   (m, in the last link's frame)",
+    "radius": "the sphere's radius, m",
+    "ignore": "[[4, 6]], pairs of links",
+}
+_BLOCKS = (
+    *("units", "log", "signs", "effects", "shape", "coupling", "source", "notes", "licence"),
+    *("safety", "boxes", "spheres", "ignore"),
+)
 _PI = re.compile(r"\s*([+-]?)\s*(?:(\d+(?:\.\d*)?)\s*\*?\s*)?pi\s*(?:/\s*(\d+(?:\.\d*)?))?\s*")
+_COLUMN = "write {joint} (counts from 1), {joint0} (from 0) or {name} where the joint goes, such as q{joint}"
 
 
-def refusal(slug: str, what: str, mend: str = "") -> PydanticCustomError:
-    """A pydantic error that carries our slug, sentence and mend; braces in the texts are kept as they are."""
-    return PydanticCustomError("pumaid", "{what}", {"slug": slug, "what": what, "mend": mend})
+@dataclass(frozen=True)
+class Arm:
+    """What a value is checked against: the joints' names and types, the unit of angles and whether it is stated."""
+
+    names: tuple[str, ...]
+    kinds: frozenset[str]
+    unit: str
+    is_stated: bool
+
+    @classmethod
+    def of(cls, data: dict[str, Any]) -> Arm:
+        """From a recipe's plain data, whatever it holds."""
+        joints = [joint if isinstance(joint, dict) else {} for joint in listed(data, "joints")]
+        names = (joint.get("name") for joint in joints)
+        units = mapped(data, "units")
+        return cls(
+            tuple(name if isinstance(name, str) else f"joint{k}" for k, name in enumerate(names, start=1)),
+            frozenset(str(joint.get("type")) for joint in joints),
+            str(units.get("angle", "rad")),
+            "angle" in units,
+        )
 
 
-def is_pi_expression(value: object) -> bool:
-    """Whether `value` is text such as ``-pi/2`` or ``3*pi/4``."""
-    return isinstance(value, str) and _PI.fullmatch(value) is not None
+def listed(data: Any, key: str) -> list[Any]:
+    """The list under a key; empty where there is none."""
+    value = data.get(key) if isinstance(data, dict) else None
+    return value if isinstance(value, list) else []
 
 
-def _angle(value: Any) -> Any:
+def mapped(data: Any, key: str) -> dict[Any, Any]:
+    """The mapping under a key; empty where there is none."""
+    value = data.get(key) if isinstance(data, dict) else None
+    return value if isinstance(value, dict) else {}
+
+
+def _arm(info: ValidationInfo) -> Arm:
+    return cast(Arm, info.context)
+
+
+def _is_rail(info: ValidationInfo) -> bool:
+    """Whether a value is a position or speed of a joint that slides."""
+    return info.data.get("type") == "prismatic" and info.field_name in ("limits", "max_velocity")
+
+
+def _pi(value: Any, info: ValidationInfo) -> Any:
+    """``-pi/2`` and the like as a number, in a file of radians."""
     match = _PI.fullmatch(value) if isinstance(value, str) else None
     if match is None:
         return value
+    if _is_rail(info):
+        raise refusal("recipe-wrong-type", f"{value} is an angle, and the joint slides", "write a number in m or m/s")
+    if _arm(info).unit == "deg":
+        raise refusal("recipe-angle-unit", f"{value} is in rad, and this file's angles are in deg", "write degrees")
     sign, times, over = match.groups()
     if over is not None and float(over) == 0.0:
         raise refusal("recipe-bad-value", f"{value!r} divides by zero", "write a number")
     return (-1.0 if sign == "-" else 1.0) * float(times or 1.0) * math.pi / float(over or 1.0)
 
 
-def _link_length(value: float) -> float:
-    if abs(value) > LONGEST_LINK:
-        raise refusal(
-            "recipe-bad-value",
-            f"{value:g} m is longer than {LONGEST_LINK:g} m",
-            "lengths are in metres; divide by 1000",
-        )
+def _plausible(value: float, info: ValidationInfo) -> float:
+    """Refuse angles in another unit than the file's, and limits and speeds that no joint has."""
+    key, arm, size = str(info.field_name), _arm(info), abs(value)
+    per_s = "/s" if key == "max_velocity" else ""
+    if _is_rail(info):
+        most = FASTEST_RAIL if per_s else LONGEST_RAIL
+        if size > most:
+            what = f"{key} of {value:g} m{per_s} is beyond {most:g} m{per_s}"
+            raise refusal("recipe-bad-value", what, f"prismatic joints are in m{per_s}; divide by 1000")
+        return value
+    is_constant = key in ("alpha", "theta")
+    if arm.unit == "rad" and size > (2.0 * math.pi if is_constant else WIDEST_UNSTATED):
+        if is_constant or not arm.is_stated:
+            what = f"{key} of {value:g} rad{per_s} is too large: degrees?"
+            mend = "add units: {angle: deg} at the top; or, if it is rad, say so: units: {angle: rad}"
+            raise refusal("recipe-angle-unit", what, mend)
+    elif arm.unit == "deg" and is_constant and size > 360.0:
+        raise refusal("recipe-angle-unit", f"{key} of {value:g} deg is more than a turn", "write it within 360")
+    elif arm.unit == "deg" and not per_s and any(abs(size - quarter) < ROUNDING for quarter in QUARTERS):
+        mend = "write degrees (90, not 1.5708), or take units: {angle: deg} away"
+        raise refusal("recipe-angle-unit", f"{key} of {value:g} deg is a quarter turn in rad", mend)
+    rad = size * factor(arm.unit) if arm.unit in ("rad", "deg") else size
+    if key == "limits" and rad > WIDEST:
+        what = f"limits of {value:g} {arm.unit} are more than {WIDEST / (2.0 * math.pi):g} turns"
+        raise refusal("recipe-bad-value", what, "leave limits out for a joint that turns without end")
+    if per_s and not SLOWEST <= rad <= FASTEST:
+        what = f"no joint's highest speed is {value:g} {arm.unit}/s"
+        raise refusal("recipe-bad-value", what, f"write a number above 0 in {arm.unit}/s, or leave the key out")
     return value
 
 
 def _in_order(limits: list[float]) -> list[float]:
     low, high = limits
     if low >= high:
-        raise refusal(
-            "recipe-bad-value", f"the limits [{low:g}, {high:g}] are not [lowest, highest]", "write the lower one first"
-        )
+        what = f"the limits [{low:g}, {high:g}] are not [lowest, highest]"
+        raise refusal("recipe-bad-value", what, "write the lower one first")
     return limits
 
 
 def _gravity(vector: list[float]) -> list[float]:
     size = math.hypot(*vector)
-    if size == 0.0:
-        raise refusal(
-            "recipe-bad-value",
-            "gravity is zero, so no link's weight can be identified",
-            "for a robot that stands upright: [0, 0, -9.80665]",
-        )
     if not LEAST_GRAVITY <= size <= MOST_GRAVITY:
-        raise refusal(
-            "recipe-bad-value",
-            f"gravity of {size:g} m/s2 is not between {LEAST_GRAVITY:g} and {MOST_GRAVITY:g}",
-            "give it in m/s2, as a vector in base axes: [0, 0, -9.80665] upright",
-        )
+        what = f"gravity of {size:g} m/s2 is not between {LEAST_GRAVITY:g} and {MOST_GRAVITY:g}"
+        raise refusal("recipe-bad-value", what, "give it in m/s2, as a vector in base axes: [0, 0, -9.80665] upright")
     return vector
 
 
-def _gear_ratio(ratio: float) -> float:
-    if ratio == 0.0:
-        raise refusal(
-            "recipe-bad-value", "a gear ratio of 0 moves nothing", "write motor turns per joint turn, such as 101"
-        )
-    if not 1e-3 <= abs(ratio) <= 1e5:
-        raise refusal(
-            "recipe-bad-value", f"no gear has a ratio of {ratio:g}", "write motor turns per joint turn, such as 101"
-        )
-    return ratio
-
-
-def _margin(value: float) -> float:
-    if not 0.0 <= value <= 1.0:
-        raise refusal(
-            "recipe-bad-value", f"a margin of {value:g} m is not between 0 and 1 m", "write metres, such as 0.02"
-        )
-    return value
-
-
-def _words(text: str) -> str:
+def _printable(text: str) -> str:
     if not text.strip() or not text.isprintable():
-        raise refusal(
-            "recipe-bad-value", f"the name {text[:40]!r} is empty or has unprintable characters", "write a word"
-        )
+        what = f"the name {text[:40]!r} is empty or has unprintable characters"
+        raise refusal("recipe-bad-value", what, "write a word")
     return text
 
 
 def _joint_name(name: str) -> str:
     if name.lower() == "all" or "@" in name or "," in name or re.fullmatch(r"[\d.+-]+", name):
-        raise refusal(
-            "recipe-bad-value",
-            f"{name!r} cannot name a joint, because EFFECT@JOINT would read it as something else",
-            "use a word, such as shoulder",
-        )
+        what = f"{name!r} cannot name a joint, because EFFECT@JOINT would read it as something else"
+        raise refusal("recipe-bad-value", what, "use a word, such as shoulder")
     return name
 
 
-def places(template: str) -> set[str]:
-    """Names in braces of a column template; refuses (as pydantic does) what is neither {joint}, {joint0} nor {name}."""
-    found = set()
+def _template(template: str, info: ValidationInfo) -> str:
+    """A column template: {joint}, {joint0} and {name} may stand in it, but for the time."""
+    places = set()
     try:
         for _, place, form, conversion in string.Formatter().parse(template):
-            if place is None:
-                continue
-            numeric = place in ("joint", "joint0") and re.fullmatch(r"(0?\d)?d?", form or "") is not None
-            if conversion or not (numeric or (place == "name" and not form)):
+            is_numeric = place in ("joint", "joint0") and re.fullmatch(r"(0?\d)?d?", form or "") is not None
+            if place is not None and (conversion or not (is_numeric or (place == "name" and not form))):
                 raise ValueError(place)
-            found.add(place)
+            places.add(place)
     except ValueError as error:
-        raise refusal(
-            "recipe-bad-value",
-            f"the column template {template!r} cannot be used",
-            "write {joint} (counts from 1), {joint0} (from 0) or {name} where the joint goes, such as q{joint}",
-        ) from error
-    return found
-
-
-def _template(template: str) -> str:
-    places(template)
+        what = f"the column template {template!r} cannot be used"
+        raise refusal("recipe-bad-value", what, _COLUMN) from error
+    if info.field_name == "time" and places != {None}:
+        what = f"the time column {template!r} holds a joint"
+        raise refusal("recipe-bad-value", what, "name one column, such as t")
+    if info.field_name != "time" and len(_arm(info).names) > 1 and not places - {None}:
+        raise refusal("recipe-duplicate", f"{template} names the same column for every joint", _COLUMN)
     return template
 
 
-def _plain_column(column: str) -> str:
-    if places(column):
-        raise refusal("recipe-bad-value", f"the time column {column!r} holds a joint", "name one column, such as t")
-    return column
+def _signs(signs: list[float], info: ValidationInfo) -> list[float]:
+    if len(signs) != len(_arm(info).names) or not set(signs) <= {1.0, -1.0}:
+        what = f"{len(signs)} values for {len(_arm(info).names)} joints, which must be signs"
+        raise refusal("recipe-bad-value", what, "write 1 or -1 for each joint, base to tip")
+    return signs
 
 
-def _plus_or_minus(sign: float) -> float:
-    if sign not in (1.0, -1.0):
-        raise refusal("recipe-bad-value", f"{sign:g} is not a sign", "write 1 or -1 for each joint")
-    return sign
-
-
-def _number_or_word(joint: Any) -> Any:
+def _effect_joint(joint: Any, info: ValidationInfo) -> int | None:
+    """The number of the joint at which an effect acts; None for all."""
+    names = _arm(info).names
     if isinstance(joint, bool) or not isinstance(joint, int | str):
         raise refusal("recipe-wrong-type", f"{joint!r} is not a joint", "write its number from 1, its name, or all")
-    return joint
+    if isinstance(joint, int) and not 1 <= joint <= len(names):
+        raise refusal("recipe-bad-value", f"there is no joint {joint}", f"joints count from 1 to {len(names)}")
+    if isinstance(joint, str) and joint != "all" and joint not in names:
+        what = f"there is no joint named {joint[:60]}"
+        raise refusal("recipe-unknown-word", what, known=[*names, "all"], word=joint)
+    return joint if isinstance(joint, int) else None if joint == "all" else names.index(joint) + 1
 
 
 def _effect_name(name: str) -> str:
@@ -168,48 +229,84 @@ def _effect_name(name: str) -> str:
 
 
 def _text_or_texts(text: Any) -> Any:
-    lines = text if isinstance(text, list) else [text]
-    if not all(isinstance(line, str) for line in lines):
+    if not all(isinstance(line, str) for line in (text if isinstance(text, list) else [text])):
         raise refusal("recipe-wrong-type", "this is neither text nor a list of texts", 'put the text in quotes: "..."')
     return text
 
 
+def _link(link: int, info: ValidationInfo) -> int:
+    n_joints = len(_arm(info).names)
+    if not 0 <= link <= n_joints:
+        raise refusal("recipe-bad-value", f"there is no link {link}", f"links count from 0 (the base) to {n_joints}")
+    return link
+
+
+def _apart(links: list[int]) -> list[int]:
+    if abs(links[0] - links[1]) <= 1:
+        what = f"links {links[0]} and {links[1]} are neighbours or one, and are never checked against each other"
+        raise refusal("recipe-bad-value", what, "take the pair away")
+    return links
+
+
+def coupled(key: str) -> tuple[int, int] | None:
+    """Joints (driven, driving), from 1, that a key of `coupling` names: (5, 4) for r54, (12, 9) for r12_9."""
+    match = re.fullmatch(r"r([1-9])([1-9])|r([1-9]\d?)_([1-9]\d?)", key)
+    if match is None:
+        return None
+    driven, driving = (int(number) for number in match.groups() if number is not None)
+    return driven, driving
+
+
+def _coupling(key: str, info: ValidationInfo) -> str:
+    pair, n_joints = coupled(key), len(_arm(info).names)
+    mend = "write r54 where joint 5's motor is turned by joint 4's, and r12_9 where a joint is above 9"
+    if pair is None:
+        raise refusal("recipe-unknown-key", f"{key[:60]} does not name two joints", mend)
+    if max(pair) > n_joints:
+        raise refusal("recipe-bad-value", f"there is no joint {max(pair)} for {key}", f"joints are 1 to {n_joints}")
+    if pair[0] <= pair[1]:
+        what = f"{key} has joint {pair[0]} driven by joint {pair[1]}, which is not nearer to the base"
+        raise refusal("recipe-bad-value", what, mend)
+    return key
+
+
 def _unit_of(*dimensions: str) -> AfterValidator:
-    def check(word: str) -> str:
+    """A unit word of one of the dimensions, the first of revolute joints, the second of prismatic ones."""
+
+    def check(word: str, info: ValidationInfo) -> str:
         fitting = [unit for unit, (dimension, _) in UNITS.items() if dimension in dimensions]
         if word not in fitting:
-            meant = UNITS.get(word)
-            what = (
-                f"{word!r} is a unit of {meant[0]}, not of {' or '.join(dimensions)}"
-                if meant
-                else f"{word[:40]!r} is no unit of {' or '.join(dimensions)}"
-            )
-            raise PydanticCustomError(
-                "pumaid", "{what}", {"slug": "recipe-unit", "what": what, "mend": "", "word": word, "known": fitting}
-            )
+            other = f"a unit of {UNITS[word][0]}" if word in UNITS else "no unit"
+            what = f"{word[:40]!r} is {other}, and a unit of {' or '.join(dimensions)} is needed"
+            raise refusal("recipe-unit", what, known=fitting, word=word)
+        key, kinds, dimension = str(info.field_name), _arm(info).kinds, UNITS[word][0]
+        if len(dimensions) == 2 and dimension == dimensions[1] and "revolute" in kinds:
+            what = f"{word} is a unit of {dimension}, and the arm has revolute joints"
+            mend = f"give {key} a unit of {dimensions[0]}; prismatic joints have prismatic_{key}"
+            raise refusal("recipe-unit", what, mend)
+        if len(dimensions) == 2 and dimension == dimensions[0] and kinds == {"prismatic"}:
+            what = f"{word} is a unit of {dimension}, and every joint is prismatic"
+            raise refusal("recipe-unit", what, f"give it a unit of {dimensions[1]}")
+        if key.startswith("prismatic_") and kinds == {"revolute"}:
+            raise refusal("recipe-unit", f"{key} is given, and the arm has no prismatic joint", "take it away")
         return word
 
     return AfterValidator(check)
 
 
-Finite = Annotated[float, Field(strict=True, allow_inf_nan=False)]
-Angle = Annotated[Finite, BeforeValidator(_angle)]
-Length = Annotated[Finite, AfterValidator(_link_length)]
-Positive = Annotated[Finite, Field(gt=0)]
-Words = Annotated[str, Field(strict=True, max_length=200), AfterValidator(_words)]
+Angle = Annotated[Finite, BeforeValidator(_pi), AfterValidator(_plausible)]
+Length = Annotated[Finite, within(0, LONGEST_LINK, unit="m", mend="lengths are in metres; divide by 1000")]
+Words = Annotated[str, Field(strict=True, max_length=200), AfterValidator(_printable)]
 Template = Annotated[Words, AfterValidator(_template)]
-_BLOCKS = (
-    *("units", "log", "signs", "effects", "shape", "coupling", "source", "notes", "licence"),
-    *("safety", "boxes", "spheres", "ignore"),
-)
-
+Texts = Annotated[Any, BeforeValidator(_text_or_texts)]
 Point = Annotated[list[Length], Field(min_length=3, max_length=3)]
-Link = Annotated[int, Field(strict=True)]
-Signs = list[Annotated[Finite, AfterValidator(_plus_or_minus)]]
+Link = Annotated[int, Field(strict=True), AfterValidator(_link)]
+Signs = Annotated[list[Finite], AfterValidator(_signs)]
+GearRatio = Annotated[Finite, within(1e-3, 1e5, unit="", mend="write motor turns per joint turn, such as 101")]
 
 
 class _Form(BaseModel):
-    model_config = ConfigDict(extra="forbid", strict=True)
+    model_config = FORM
 
     @model_validator(mode="before")
     @classmethod
@@ -230,8 +327,8 @@ class JointForm(_Form):
     theta: Angle | None = None
     name: Annotated[Words, AfterValidator(_joint_name)] | None = None
     limits: Annotated[list[Angle], Field(min_length=2, max_length=2), AfterValidator(_in_order)] | None = None
-    max_velocity: Annotated[Positive, BeforeValidator(_angle)] | None = None
-    gear_ratio: Annotated[Finite, AfterValidator(_gear_ratio)] | None = None
+    max_velocity: Annotated[Angle, Field(gt=0)] | None = None
+    gear_ratio: GearRatio | None = None
 
 
 class FileUnits(_Form):
@@ -262,7 +359,7 @@ class LogSigns(_Form):
 class LogForm(_Form):
     """The block `log`."""
 
-    time: Annotated[Words, AfterValidator(_plain_column)] = "t"
+    time: Template = "t"
     position: Template = "q{joint}"
     velocity: Template | None = "qd{joint}"
     current: Template = "i{joint}"
@@ -275,7 +372,7 @@ class EffectForm(_Form):
     """One entry of `effects`."""
 
     effect: Annotated[Words, AfterValidator(_effect_name)]
-    joint: Annotated[Any, BeforeValidator(_number_or_word)] = "all"
+    joint: Annotated[Any, BeforeValidator(_effect_joint)] = None
     shape: dict[str, Finite] = {}
 
 
@@ -292,7 +389,7 @@ class SphereForm(_Form):
 
     link: Link
     centre: Point
-    radius: Annotated[Positive, AfterValidator(_link_length)]
+    radius: Annotated[Length, Field(gt=0)]
 
 
 class SafetyForm(_Form):
@@ -301,8 +398,8 @@ class SafetyForm(_Form):
     tool: Point | None = None
     boxes: Annotated[list[BoxForm], Field(max_length=100)] = []
     spheres: Annotated[list[SphereForm], Field(max_length=200)] = []
-    margin: Annotated[Finite, AfterValidator(_margin)] = 0.02
-    ignore: list[Annotated[list[Link], Field(min_length=2, max_length=2)]] = []
+    margin: Annotated[Finite, Field(ge=0, le=1)] = 0.02
+    ignore: list[Annotated[list[Link], Field(min_length=2, max_length=2), AfterValidator(_apart)]] = []
 
 
 class RecipeForm(_Form):
@@ -315,7 +412,92 @@ class RecipeForm(_Form):
     log: LogForm = LogForm()
     effects: list[EffectForm] = []
     safety: SafetyForm | None = None
-    coupling: dict[str, Finite] = {}
-    source: Annotated[Any, BeforeValidator(_text_or_texts)] = ""
-    notes: Annotated[Any, BeforeValidator(_text_or_texts)] = ""
-    licence: Annotated[Any, BeforeValidator(_text_or_texts)] = ""
+    coupling: dict[Annotated[str, AfterValidator(_coupling)], Finite] = {}
+    source: Texts = ""
+    notes: Texts = ""
+    licence: Texts = ""
+
+
+def faults_between(data: dict[str, Any], arm: Arm) -> Iterator[Fault]:
+    """Faults that show only when two values are seen together; wrong types are the form's concern."""
+    joints = [joint if isinstance(joint, dict) else {} for joint in listed(data, "joints")]
+    yield from _repeated(arm.names, "joints", "name")
+    for index, joint in enumerate(joints):
+        needed = {"revolute": "d", "prismatic": "theta"}.get(str(joint.get("type")))
+        if needed is not None and joint.get(needed) is None:
+            mend = f"add {needed}: 0 if it is zero; only the offset of the joint's own motion may be left out"
+            what = f"a {joint['type']} joint has a constant {needed}, and the key is missing"
+            yield Fault(("joints", index, needed), "recipe-missing-key", what, mend)
+    yield from _columns(mapped(data, "log"), arm)
+    yield from _effects(data, arm)
+    yield from _boxes(data.get("safety"))
+    pairs = {key: pair for key in mapped(data, "coupling") if (pair := coupled(key)) is not None}
+    for key, pair in pairs.items():
+        first = next(other for other in pairs if pairs[other] == pair)
+        if key != first:
+            what = f"{first} and {key} couple the same joints"
+            yield Fault(("coupling", key), "recipe-duplicate", what, "take one away")
+    for number in sorted({number for pair in pairs.values() for number in pair}):
+        if number <= len(joints) and joints[number - 1].get("gear_ratio") is None:
+            what = f"joint {number} takes part in coupling, and has no gear ratio"
+            path = ("joints", number - 1, "gear_ratio")
+            yield Fault(path, "recipe-missing-key", what, "add gear_ratio: motor turns per joint turn")
+
+
+def _repeated(names: tuple[str, ...], *path: str) -> Iterator[Fault]:
+    """Names that stand twice in a list."""
+    *block, key = path
+    first: dict[str, int] = {}
+    for index, name in enumerate(names):
+        if first.setdefault(name.lower(), index) != index:
+            what = f"{block[-1]} {first[name.lower()] + 1} and {index + 1} are both named {name[:60]}"
+            yield Fault((*block, index, key), "recipe-duplicate", what, "give each its own name")
+
+
+def _columns(log: dict[Any, Any], arm: Arm) -> Iterator[Fault]:
+    """Columns that two quantities take."""
+    taken = Counter([str(log.get("time", "t"))])
+    for key in ("position", "velocity", "current", "temperature"):
+        template = log.get(key, LogForm.model_fields[key].default)
+        try:
+            places = [{"joint": k + 1, "joint0": k, "name": name} for k, name in enumerate(arm.names)]
+            columns = {template.format(**place) for place in places if "." not in template and "[" not in template}
+        except (AttributeError, ValueError, LookupError):
+            continue
+        shared = next((column for column in sorted(columns) if taken[column]), None)
+        taken.update(columns)
+        if shared is not None:
+            what = f"{key} takes column {shared}, which another quantity has already"
+            yield Fault(("log", key), "recipe-duplicate", what, "give each quantity its own columns")
+    units = mapped(log, "units")
+    if units.get("position") == "rev" and "velocity" not in units:
+        what, mend = "position is in rev, and the unit of velocity is missing", "add velocity: rpm, deg/s or rad/s"
+        yield Fault(("log", "units", "position"), "recipe-unit", what, mend)
+
+
+def _effects(data: dict[str, Any], arm: Arm) -> Iterator[Fault]:
+    """The same effect twice at a joint."""
+    seen = set()
+    for index, choice in enumerate(listed(data, "effects")):
+        if isinstance(choice, dict):
+            joint = choice.get("joint", "all")
+            number = arm.names.index(joint) + 1 if joint in arm.names else joint
+            key = f"{choice.get('effect')} at joint {number} {choice.get('shape')}"
+            if key in seen:
+                what = f"{choice.get('effect')} at joint {joint} is given twice"
+                yield Fault(("effects", index), "recipe-duplicate", what, "remove one")
+            seen.add(key)
+
+
+def _boxes(safety: Any) -> Iterator[Fault]:
+    """Boxes of one name, and turned inside out."""
+    boxes = [box if isinstance(box, dict) else {} for box in listed(safety, "boxes")]
+    names = [box.get("name") for box in boxes]
+    words = tuple(name if isinstance(name, str) else f"box {k}" for k, name in enumerate(names, start=1))
+    yield from _repeated(words, "safety", "boxes", "name")
+    for index, box in enumerate(boxes):
+        for axis, least, most in zip("xyz", listed(box, "min"), listed(box, "max"), strict=False):
+            if is_number(least) and is_number(most) and least >= most:
+                what = f"along {axis} the box reaches from {least:g} to {most:g} m, so it has no inside"
+                mend = "write the lower corner as min and the upper as max"
+                yield Fault(("safety", "boxes", index), "recipe-bad-value", what, mend)

@@ -11,7 +11,7 @@ from pathlib import Path
 
 from pumaid.errors import Faults, PumaidError, RecipeError, Where
 from pumaid.io.xml_lines import Element, read_bytes, read_xml
-from pumaid.io.yaml_lines import nearest
+from pumaid.io.yaml_file import nearest
 
 #: Types of a URDF's joints: those that a recipe can hold, and those that move otherwise or not at all.
 SERIAL = ("revolute", "continuous", "prismatic")

@@ -8,7 +8,7 @@ from shlex import quote
 
 from pumaid.errors import RecipeError, Where
 from pumaid.io.urdf import FREE, Urdf, UrdfJoint
-from pumaid.io.yaml_lines import nearest
+from pumaid.io.yaml_file import nearest
 
 #: Chains that a message names, at most.
 SHOWN = 8

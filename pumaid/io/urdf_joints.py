@@ -10,8 +10,7 @@ from shlex import quote
 from pydantic import ValidationError
 
 from pumaid.errors import Note, Where
-from pumaid.io.recipe_checks import FASTEST, SLOWEST, WIDEST
-from pumaid.io.recipe_schema import FASTEST_RAIL, LONGEST_RAIL, JointForm
+from pumaid.io.recipe_schema import FASTEST, FASTEST_RAIL, LONGEST_RAIL, SLOWEST, WIDEST, Arm, JointForm
 from pumaid.io.urdf import UrdfJoint
 from pumaid.io.urdf_chain import ArmChain
 from pumaid.robot import Joint
@@ -80,7 +79,8 @@ def _counted(joints: Sequence[UrdfJoint]) -> str:
 def _name(joint: UrdfJoint, number: int, taken: Sequence[str]) -> str:
     """The URDF's name where a recipe can hold it."""
     try:
-        JointForm.model_validate({"type": "revolute", "alpha": 0.0, "a": 0.0, "name": joint.name})
+        data = {"type": "revolute", "alpha": 0.0, "a": 0.0, "name": joint.name}
+        JointForm.model_validate(data, context=Arm((), frozenset(), "rad", True))
         name = joint.name
     except ValidationError:
         name = f"joint{number}"

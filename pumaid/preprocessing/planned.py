@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from pumaid.dataset import Dataset, Run
 from pumaid.errors import Note, Where
 from pumaid.preprocessing.options import STROKE
-from pumaid.records import Motion, Plan
+from pumaid.trajectory import Motion, Plan
 
 Floats = NDArray[np.float64]
 

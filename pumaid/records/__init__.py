@@ -42,7 +42,6 @@ from pumaid.records.estimate import (
     Value,
 )
 from pumaid.records.log import Log
-from pumaid.records.plan import Motion, Plan, Posture
 from pumaid.records.samples import Extent, Loads, Samples
 
 __all__ = [
@@ -77,11 +76,8 @@ __all__ = [
     "Line",
     "Loads",
     "Log",
-    "Motion",
     "NextRun",
     "OutsideScore",
-    "Plan",
-    "Posture",
     "RunScore",
     "Samples",
     "Size",

@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pumaid.errors import Note
-from pumaid.records.plan import Motion
 from pumaid.robot import EffectChoice
+from pumaid.trajectory import Motion
 
 Floats = NDArray[np.float64]
 

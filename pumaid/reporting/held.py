@@ -6,7 +6,7 @@ import string
 from collections import Counter
 from dataclasses import dataclass
 
-from pumaid.records import Motion, Plan
+from pumaid.trajectory import Motion, Plan
 
 #: Positions (rad, m) that are told apart.
 _DIGITS = 6

@@ -11,8 +11,8 @@ from rich.table import Table
 from rich.text import Text
 
 from pumaid import __version__
-from pumaid.records import Plan, Posture
 from pumaid.robot import Robot
+from pumaid.trajectory import Plan, Posture
 from pumaid.units import factor, number
 
 

@@ -15,11 +15,11 @@ from matplotlib.patches import Circle, Patch, Polygon
 from numpy.typing import NDArray
 
 from pumaid.kinematics import frames as chain
-from pumaid.records import Plan
 from pumaid.reporting.held import Held, held
 from pumaid.reporting.plots.skeleton import frames, seen
 from pumaid.reporting.plots.style import FAINT, FORWARD, GREY, INK, VERMILION, saved, styled
 from pumaid.robot import Box, Robot
+from pumaid.trajectory import Plan
 from pumaid.units import factor
 
 Floats = NDArray[np.float64]

@@ -15,10 +15,10 @@ from rich import box
 from rich.table import Table
 from rich.text import Text
 
-from pumaid.records import Motion, Plan
 from pumaid.reporting.held import held, key
 from pumaid.reporting.plots.style import FAINT, FORWARD, GREY, INK, VERMILION, saved, styled
 from pumaid.robot import Robot
+from pumaid.trajectory import Motion, Plan
 from pumaid.units import factor
 
 Floats = NDArray[np.float64]

@@ -10,12 +10,11 @@ from numpy.typing import NDArray
 from pumaid.dataset import CONSTANT_COLUMNS, Bins, Run
 from pumaid.errors import ModelError, Where
 from pumaid.maths.triangle import Triangle
-from pumaid.records import Motion, Plan
 from pumaid.simulation.heat import curve
 from pumaid.simulation.hidden import Instants, delays
 from pumaid.simulation.noise import coloured, correlation
 from pumaid.simulation.truth import Truth
-from pumaid.trajectory import Trapezoid, run_times, trapezoids
+from pumaid.trajectory import Motion, Plan, Trapezoid, run_times, trapezoids
 
 Floats = NDArray[np.float64]
 Counts = NDArray[np.int64]

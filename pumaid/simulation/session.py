@@ -7,7 +7,7 @@ from collections.abc import Iterator
 import numpy as np
 from numpy.typing import NDArray
 
-from pumaid.records import Log, Plan
+from pumaid.records import Log
 from pumaid.simulation.heat import STEP, Heat
 from pumaid.simulation.hidden import Instants, State, bent, delays
 from pumaid.simulation.noise import coloured, correlation
@@ -16,6 +16,7 @@ from pumaid.simulation.physics.march import Course, March
 from pumaid.simulation.seams import Rehearsal, groups, led
 from pumaid.simulation.timing import Stretch, first_starts, stretches
 from pumaid.simulation.truth import Truth
+from pumaid.trajectory import Plan
 
 Floats = NDArray[np.float64]
 

@@ -9,14 +9,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pumaid.errors import ModelError, Where
-from pumaid.records import Motion, Plan
 from pumaid.simulation.forecast import jacobian
 from pumaid.simulation.heat import curve
 from pumaid.simulation.hidden import LAWS, Hidden, Instants, delays, sized
 from pumaid.simulation.hidden.law import Reach
 from pumaid.simulation.timing import first_starts, stretches
 from pumaid.simulation.truth import Truth
-from pumaid.trajectory import cruise, duration
+from pumaid.trajectory import Motion, Plan, cruise, duration
 
 Floats = NDArray[np.float64]
 

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from pumaid.records import Motion, Plan, Posture
 from pumaid.robot import Joint, Robot
 from pumaid.simulation.recursion import Constants
 from pumaid.simulation.truth import Friction, Noise, Truth
+from pumaid.trajectory import Motion, Plan, Posture
 from pumaid.units import factor
 
 #: The table prints k* times this, m/s2.

@@ -8,12 +8,13 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from pumaid.records import Motion, Plan
 from pumaid.robot import Robot
 from pumaid.trajectory import (
     MOVE_SHARE,
     RAMP_TIME,
     REST,
+    Motion,
+    Plan,
     Trapezoid,
     accelerations,
     highest_speeds,

@@ -17,10 +17,10 @@ from pumaid.diagnosis.scan import Projector, Trial
 from pumaid.diagnosis.system import Solved
 from pumaid.effects import Effect, Scope
 from pumaid.errors import ModelError, Note, Where
-from pumaid.records import Estimate, Motion, NextRun, Plan, Posture
+from pumaid.records import Estimate, NextRun
 from pumaid.robot import EffectChoice, Robot
 from pumaid.simulation.hidden import Hidden
-from pumaid.trajectory import duration
+from pumaid.trajectory import Motion, Plan, Posture, duration
 from pumaid.units import number
 
 #: Sets of runs at most: what takes more is no plan.

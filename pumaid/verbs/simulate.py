@@ -8,11 +8,12 @@ from collections.abc import Iterator
 import numpy as np
 
 from pumaid.errors import ModelError, Where
-from pumaid.records import Log, Plan
+from pumaid.records import Log
 from pumaid.robot import Robot
 from pumaid.simulation.draw import draw
 from pumaid.simulation.session import BUILTIN, Session
 from pumaid.simulation.truth import Truth
+from pumaid.trajectory import Plan
 
 #: Hz; slower, and a run of a few seconds would leave a sample or none.
 SLOWEST = 1.0

@@ -11,11 +11,11 @@ import pytest
 
 from pumaid.design.plan import plan
 from pumaid.io.recipe import read_recipe, shipped_recipes
-from pumaid.records import Motion, Plan
 from pumaid.robot import Robot
 from pumaid.simulation import Session, draw
 from pumaid.simulation.physics.joints import inertia
 from pumaid.simulation.record import as_json
+from pumaid.trajectory import Motion, Plan
 from pumaid.verbs.identify import identify
 from pumaid.verbs.segment import segment
 

@@ -10,10 +10,10 @@ from pumaid.design.information import gravity_names, predicted_errors
 from pumaid.design.plan import plan
 from pumaid.io.recipe import read_recipe, shipped_recipes
 from pumaid.preprocessing.planned import mark_heldout
-from pumaid.records import Plan
 from pumaid.robot import Robot
 from pumaid.simulation import Bench, draw
 from pumaid.structure import minimal
+from pumaid.trajectory import Plan
 from pumaid.verbs.identify import identify
 from pumaid.verbs.segment import segment
 from pumaid.verbs.simulate import simulate

@@ -19,11 +19,12 @@ from pumaid import export, read_model
 from pumaid.exports.robot_xml import xml_name
 from pumaid.io.log_writer import write_log
 from pumaid.io.recipe import read_recipe, shipped_recipes
-from pumaid.records import Log, Motion, Plan
+from pumaid.records import Log
 from pumaid.robot import Robot
 from pumaid.simulation.draw import draw
 from pumaid.simulation.physics.mjcf import mjcf
 from pumaid.simulation.truth import Friction, Truth
+from pumaid.trajectory import Motion, Plan
 from pumaid.units import factor
 from pumaid.verbs.simulate import simulate
 

@@ -25,7 +25,7 @@ from pumaid.cli.additions import Typed, named
 from pumaid.cli.deciding import deciding
 from pumaid.diagnosis.document import read_diagnosis, write_diagnosis
 from pumaid.io.log_writer import write_log
-from pumaid.io.plan import read_plan, write_plan
+from pumaid.io.plan_file import read_plan, write_plan
 from pumaid.io.recipe import shipped_recipes
 from pumaid.results.model_file import model_digest
 from pumaid.robot import EffectChoice
@@ -212,7 +212,7 @@ def test_a_suspect_that_no_log_has_is_refused(arm):
 def test_a_plan_in_the_way_is_kept(arm):
     """``--plan`` does not replace a plan, which says which runs are held out, unless told to."""
     done = run("diagnose", "results/model.json", "logs", "--plan", "plan.yaml")
-    assert done.exit_code == 3 and "error[plan-in-the-way]" in done.stderr
+    assert done.exit_code == 3 and "error[file-exists]" in done.stderr
 
 
 def test_runs_that_decide_become_a_plan(tmp_path):

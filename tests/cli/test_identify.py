@@ -15,8 +15,8 @@ import pumaid
 from pumaid.cli import group
 from pumaid.io.log_writer import write_log
 from pumaid.io.recipe import shipped_recipes
-from pumaid.records import Plan
 from pumaid.simulation.draw import draw
+from pumaid.trajectory import Plan
 
 
 @pytest.fixture(scope="module")
@@ -142,7 +142,7 @@ def test_degrees_in_the_header(arm):
 
 def test_held_out_runs_are_not_fitted(arm):
     """Runs that plan.yaml keeps for judging are left out of the fit."""
-    from pumaid.io.plan import write_plan
+    from pumaid.io.plan_file import write_plan
 
     robot = pumaid.read_recipe(arm / "recipe.yaml")
     plan = pumaid.plan(robot, minutes=5, seed=3)

@@ -106,7 +106,7 @@ def test_the_planners_plan_passes_its_own_look(folder):
 
 def test_the_papers_plan_asks_for_attention(folder):
     """Written out and checked by the PUMA's recipe it leaves with 1 and says what it lacks."""
-    from pumaid.io.plan import plan_text
+    from pumaid.io.plan_file import plan_text
 
     (folder / "paper.yaml").write_text(plan_text(table1.experiment(), table1.robot()), encoding="utf-8")
     found = run("plan", "puma560", "--check", "paper.yaml", code=1)

@@ -10,9 +10,10 @@ import pytest
 import worlds
 
 from pumaid.dataset import Dataset, FileFacts
-from pumaid.records import Budget, Motion, Plan
+from pumaid.records import Budget
 from pumaid.simulation import Bench, Truth, table1
 from pumaid.simulation.hidden import Hidden, sized
+from pumaid.trajectory import Motion, Plan
 from pumaid.verbs.compare import compare
 from pumaid.verbs.identify import identify
 

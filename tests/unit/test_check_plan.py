@@ -13,9 +13,9 @@ from pumaid.cli.planning import ATTENTION
 from pumaid.design.information import predicted_errors
 from pumaid.design.plan import check_plan, plan
 from pumaid.design.prior import Setup
-from pumaid.records import Motion, Plan
 from pumaid.robot import Box, Safety
 from pumaid.simulation import table1
+from pumaid.trajectory import Motion, Plan
 
 PENDULUM = arm("pendulum2")
 #: Where the tip comes by when the hip stands half a radian from straight down.

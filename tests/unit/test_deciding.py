@@ -21,11 +21,11 @@ from pumaid.diagnosis.refine import refined, trials_at
 from pumaid.diagnosis.scan import Projector
 from pumaid.diagnosis.system import Start, loaded, solve
 from pumaid.effects import catalogue
-from pumaid.io.plan import plan_text, read_plan
+from pumaid.io.plan_file import plan_text, read_plan
 from pumaid.io.recipe import read_recipe
 from pumaid.model import Model
-from pumaid.records import Motion, Plan
 from pumaid.simulation import Bench, Hidden, draw
+from pumaid.trajectory import Motion, Plan
 from pumaid.verbs.identify import identify
 
 PUMA = read_recipe(Path(__file__).parents[2] / "recipes" / "puma560.yaml")

@@ -21,11 +21,11 @@ from pumaid.design.information import (
     standard_errors,
 )
 from pumaid.design.planner import Objective
-from pumaid.records import Motion
 from pumaid.robot import Joint, Robot
 from pumaid.simulation import Noise, draw, table1
 from pumaid.simulation.ranges import span
 from pumaid.simulation.recursion import gravity_current
+from pumaid.trajectory import Motion
 from pumaid.units import factor
 
 ROBOTS, WIDTH = 3, 5

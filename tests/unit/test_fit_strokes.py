@@ -14,10 +14,11 @@ from pumaid.estimation.enlarged import Enlarged, enlarged
 from pumaid.estimation.system import Fitted, again, stroke_noise
 from pumaid.io.recipe import read_recipe, shipped_recipes
 from pumaid.model import Model
-from pumaid.records import Campaign, Motion, Plan
+from pumaid.records import Campaign
 from pumaid.robot import EffectChoice
 from pumaid.simulation import Session, draw
 from pumaid.simulation.hidden import parse
+from pumaid.trajectory import Motion, Plan
 from pumaid.verbs.identify import identify
 from pumaid.verbs.segment import segment
 

@@ -24,9 +24,8 @@ PACKAGE = ROOT / "pumaid"
 #: Rooms from the ground up; a module imports from its own room and from the rooms of floors below it.
 FLOORS = (
     {"errors", "units"},
-    {"maths", "robot", "kinematics", "rigid_body"},
+    {"maths", "robot", "kinematics", "rigid_body", "trajectory"},
     {"records", "dataset"},
-    {"trajectory"},
     {"effects", "io"},
     {"preprocessing", "simulation"},
     {"model", "gravity_load", "effect_spec"}

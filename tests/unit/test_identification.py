@@ -13,10 +13,11 @@ from pumaid.dataset import Dataset
 from pumaid.errors import Where
 from pumaid.estimation.identification import identified
 from pumaid.model import Model
-from pumaid.records import Campaign, Plan
+from pumaid.records import Campaign
 from pumaid.robot import EffectChoice
 from pumaid.simulation import Bench
 from pumaid.simulation.hidden import parse
+from pumaid.trajectory import Plan
 from pumaid.verbs.compare import compare
 
 JOINT = 2

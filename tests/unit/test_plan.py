@@ -13,12 +13,12 @@ from pumaid.design.candidate_runs import top_speed
 from pumaid.design.plan import plan
 from pumaid.errors import Faults, ModelError
 from pumaid.io.recipe import read_recipe, shipped_recipes
-from pumaid.records import Motion, Plan
 from pumaid.robot import Joint, Robot
 from pumaid.simulation.draw import draw
 from pumaid.simulation.ranges import span
 from pumaid.simulation.recursion import gravity_current
 from pumaid.structure import minimal
+from pumaid.trajectory import Motion, Plan
 
 ARMS = ("puma560", "stanford", "kinova_gen3", "pendulum2")
 

@@ -9,8 +9,8 @@ import pytest
 
 from pumaid.dataset import Dataset, Run
 from pumaid.preprocessing.planned import mark_heldout
-from pumaid.records import Motion, Plan
 from pumaid.simulation import runs, table1
+from pumaid.trajectory import Motion, Plan
 
 HOLD = (0.0, -1.5, 0.5, 0.0, 0.0, 0.0)
 OTHER = (0.0, -1.5, 0.9, 0.0, 0.0, 0.0)

@@ -19,9 +19,9 @@ from pumaid.diagnosis.rehearsal import rehearsed, solved, usual
 from pumaid.diagnosis.scan import Projector
 from pumaid.effects import catalogue
 from pumaid.errors import ModelError
-from pumaid.records import Plan
 from pumaid.robot import EffectChoice, Joint, Robot
 from pumaid.simulation import Bench, Hidden, draw
+from pumaid.trajectory import Plan
 from pumaid.verbs.decide import decide
 
 #: Its upright first joint feels a tilt of the base.

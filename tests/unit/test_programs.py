@@ -13,9 +13,8 @@ from scipy.interpolate import CubicHermiteSpline
 from pumaid.design.robot_programs import ros2_trajectory, urscript
 from pumaid.errors import ModelError
 from pumaid.io.recipe import read_recipe, shipped_recipes
-from pumaid.records import Motion, Plan
 from pumaid.robot import Joint, Robot
-from pumaid.trajectory import REST, highest_speeds
+from pumaid.trajectory import REST, Motion, Plan, highest_speeds
 
 #: s between the instants at which an interpreter tells where the arm is.
 STEP = 0.002

@@ -53,7 +53,7 @@ def test_defaults(tmp_path):
         ("spheres: [{link: 1, centre: [0, 0, 0], radius: -1}]", "recipe-bad-value", "write a number above 0"),
         ("spheres: [{link: 1, centre: [0, 0, 0], radius: 80}]", "recipe-bad-value", "divide by 1000"),
         ("spheres: [{link: 1, center: [0, 0, 0], radius: 1}]", "recipe-unknown-key", "did you mean centre?"),
-        ("margin: -0.1", "recipe-bad-value", "not between 0 and 1 m"),
+        ("margin: -0.1", "recipe-bad-value", "write a number from 0"),
         ("tool: [0, 0]", "recipe-bad-value", "tool has 2 values"),
         ("ignore: [[1, 2]]", "recipe-bad-value", "neighbours"),
         ("ignore: [[1, 9]]", "recipe-bad-value", "there is no link 9"),

@@ -7,8 +7,8 @@ import pytest
 
 from pumaid.dataset import Dataset
 from pumaid.io.recipe import read_recipe, shipped_recipes
-from pumaid.records import Motion, Plan
 from pumaid.simulation import Bench, draw
+from pumaid.trajectory import Motion, Plan
 from pumaid.verbs.identify import identify
 
 ARM, DESIGN = 21, 910_000

@@ -10,7 +10,7 @@ import pytest
 from pumaid.errors import ResultError
 from pumaid.io.recipe import read_recipe, shipped_recipes
 from pumaid.io.session import read_truth, write_session
-from pumaid.records import Motion, Plan
+from pumaid.trajectory import Motion, Plan
 from pumaid.verbs.simulate import simulate
 
 ARM = read_recipe(shipped_recipes()["pendulum2"])

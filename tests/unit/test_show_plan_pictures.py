@@ -9,11 +9,10 @@ import pytest
 from matplotlib.collections import PolyCollection
 
 from pumaid.io.recipe import read_recipe, shipped_recipes
-from pumaid.records import Motion, Plan, Posture
 from pumaid.reporting import postures, timetable
 from pumaid.reporting.held import held, letter
 from pumaid.robot import Box, Joint, Robot, Safety, Sphere
-from pumaid.trajectory import REST, run_times
+from pumaid.trajectory import REST, Motion, Plan, Posture, run_times
 
 ARM = Robot(
     "lift and tip",

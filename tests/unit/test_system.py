@@ -12,8 +12,8 @@ from pumaid.estimation import system
 from pumaid.estimation.rows import Row
 from pumaid.estimation.system import assign, solve
 from pumaid.model import Model
-from pumaid.records import Motion, Plan
 from pumaid.simulation import Bench
+from pumaid.trajectory import Motion, Plan
 
 
 def blocks(robot, runs):

@@ -8,9 +8,9 @@ import pytest
 from pumaid.dataset import CONSTANT_COLUMNS
 from pumaid.errors import ModelError
 from pumaid.maths.triangle import Triangle
-from pumaid.records import Motion, Plan
 from pumaid.robot import Joint, Robot
 from pumaid.simulation import Bench, draw, runs, table1
+from pumaid.trajectory import Motion, Plan
 
 PUMA, PAPER = table1.puma560(), table1.experiment()
 

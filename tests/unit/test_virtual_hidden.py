@@ -11,12 +11,12 @@ import pytest
 from scipy.optimize import brentq
 
 from pumaid.errors import ModelError
-from pumaid.records import Motion, Plan
 from pumaid.robot import Joint, Robot
 from pumaid.simulation import Bench, Hidden, Session, draw, record, table1
 from pumaid.simulation.heat import curve
 from pumaid.simulation.hidden import LAWS, Instants, parse
 from pumaid.simulation.timing import REST
+from pumaid.trajectory import Motion, Plan
 
 PUMA = table1.puma560().with_noise(0.0)
 #: Joint 2's motor counts along its motion, joint 3's against it.

@@ -11,7 +11,6 @@ import pytest
 
 from pumaid.errors import ModelError
 from pumaid.io.recipe import read_recipe, shipped_recipes
-from pumaid.records import Motion, Plan
 from pumaid.robot import Joint, Robot
 from pumaid.simulation import Hidden, Session, draw, table1
 from pumaid.simulation.links import swung
@@ -19,6 +18,7 @@ from pumaid.simulation.physics.joints import Joints, inertia
 from pumaid.simulation.physics.rigid import Rigid
 from pumaid.simulation.ranges import anywhere
 from pumaid.simulation.timing import stretches
+from pumaid.trajectory import Motion, Plan
 
 pytest.importorskip("mujoco", reason="the engine is mujoco (pip install pumaid[test])")
 

@@ -10,12 +10,11 @@ import pytest
 
 from pumaid.errors import ModelError
 from pumaid.io.recipe import read_recipe, shipped_recipes
-from pumaid.records import Motion, Plan
 from pumaid.simulation import Noise, Session, draw, record, table1
 from pumaid.simulation.hidden import parse
 from pumaid.simulation.physics.joints import Joints
 from pumaid.simulation.timing import Path, stretches
-from pumaid.trajectory import accelerations, cruise
+from pumaid.trajectory import Motion, Plan, accelerations, cruise
 from pumaid.verbs.simulate import simulate
 
 RATE = 200.0

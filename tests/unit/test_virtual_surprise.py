@@ -11,10 +11,10 @@ import pytest
 from pumaid.design.plan import plan
 from pumaid.errors import ModelError
 from pumaid.io.recipe import read_recipe, shipped_recipes
-from pumaid.records import Plan
 from pumaid.simulation import Bench, draw, table1
 from pumaid.simulation.hidden import LAWS
 from pumaid.simulation.surprise import surprise
+from pumaid.trajectory import Plan
 
 ROBOT = read_recipe(shipped_recipes()["puma560"])
 

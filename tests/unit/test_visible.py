@@ -14,13 +14,13 @@ from rich.text import Text
 
 from pumaid.cli import output
 from pumaid.errors import Note
-from pumaid.records import Motion, Plan, Posture
 from pumaid.reporting.axes import axes_table
 from pumaid.reporting.plans import plan_table, session_table
 from pumaid.reporting.plots.style import saved, settle, styled
 from pumaid.reporting.timetable import drawn, timetable_table
 from pumaid.reporting.visible import Visible, visible
 from pumaid.robot import Joint, Robot
+from pumaid.trajectory import Motion, Plan, Posture
 
 STEERING = "a\x1b[31mred\x07\u202e.csv"
 SHOWN = r"a\x1b[31mred\x07\u202e.csv"

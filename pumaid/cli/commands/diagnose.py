@@ -89,7 +89,7 @@ def command(
     from pumaid.cli.additions import Typed, added, diagnosed, with_earlier
     from pumaid.cli.reading import check_logs, check_model, read_dataset, read_files, read_known_model, results_folder
     from pumaid.diagnosis.document import DIAGNOSIS_NAME, diagnosis_document
-    from pumaid.io.plan import refuse_to_replace
+    from pumaid.io.write import refuse_to_replace
 
     form, quiet = picture_form(picture), as_json or str(output) == "-"
     if plan is not None and not force:
@@ -171,7 +171,7 @@ def _draw(picture: Path, found: Diagnosis, robot: Robot, *, form: str, units: st
 def _plan(path: Path, found: Diagnosis, robot: Robot) -> str:
     """Write the runs that would decide, as often as it takes, and say so."""
     from pumaid.cli.deciding import deciding
-    from pumaid.io.plan import write_plan
+    from pumaid.io.plan_file import write_plan
     from pumaid.reporting.wording import plural
 
     made = deciding(found.findings, robot)

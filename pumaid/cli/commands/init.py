@@ -131,7 +131,7 @@ def _facts(made: UrdfRecipe) -> dict[str, object]:
 def _text(name: str | None, joints: int | None) -> str:
     from pumaid.io.recipe import shipped_recipes
     from pumaid.io.recipe_template import blank, started_from
-    from pumaid.io.yaml_lines import nearest
+    from pumaid.io.yaml_file import nearest
 
     known = [*shipped_recipes(), "blank"]
     if name is None:
@@ -147,13 +147,11 @@ def _text(name: str | None, joints: int | None) -> str:
 
 
 def _written(target: Path, text: str, force: bool) -> Path:
-    from pumaid.errors import ResultError, Where
-    from pumaid.io.write import write_file
+    from pumaid.io.write import refuse_to_replace, write_file
 
     path = target / "recipe.yaml" if target.is_dir() else target
-    if path.exists() and not force:
-        mend = "write elsewhere with -o FILE, or replace it with --force"
-        raise ResultError("file-exists", f"{path} is there already", Where(file=str(path)), mend)
+    if not force:
+        refuse_to_replace(path)
     write_file(path, text)
     return path
 

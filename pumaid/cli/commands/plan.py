@@ -86,8 +86,9 @@ def command(
       pumaid plan --check plan.yaml --format urscript -o plan.script
     """
     from pumaid.cli.reading import experiment_folder, read_files, read_robot, recipe_path
-    from pumaid.io.plan import PLAN_NAME, refuse_to_replace
-    from pumaid.records import Plan
+    from pumaid.io.plan_file import PLAN_NAME
+    from pumaid.io.write import refuse_to_replace
+    from pumaid.trajectory import Plan
 
     if given is not None and recipe is None:
         recipe = recipe_path(None, [str(given)])  # a plan lies beside its recipe

@@ -13,9 +13,9 @@ from pumaid.cli.output import document, notes, remark, spare_inputs, table
 from pumaid.cli.progress import progress
 
 if TYPE_CHECKING:
-    from pumaid.records import Plan
     from pumaid.robot import Robot
     from pumaid.simulation import Truth
+    from pumaid.trajectory import Plan
 
 
 def _real(robot: Robot, truth: Path | None, *, hide: tuple[str, ...], noise: float | None, seed: int) -> Truth:
@@ -139,7 +139,7 @@ def command(
       pumaid simulate -o - | pumaid identify -
     """
     from pumaid.cli.reading import experiment_folder, read_robot
-    from pumaid.io.plan import PLAN_NAME, read_plan
+    from pumaid.io.plan_file import PLAN_NAME, read_plan
     from pumaid.io.session import write_session
     from pumaid.reporting.plans import session_document, session_table
     from pumaid.simulation.record import as_json as as_json_truth

@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from pumaid.errors import ModelError, PumaidError
-from pumaid.io.yaml_lines import nearest, read_yaml
+from pumaid.io.yaml_file import nearest, read_yaml
 
 TEXT = "name: x\nlist:\n  - a: 1\n  - a: 2\n    b: [1.5,\n        true]\n"
 
@@ -23,7 +23,7 @@ def file(tmp_path: Path) -> Path:
 
 def test_plain_values(file: Path) -> None:
     """Numbers, truth values and text come as in any YAML 1.2 reader."""
-    assert read_yaml(file).root.plain() == {"name": "x", "list": [{"a": 1}, {"a": 2, "b": [1.5, True]}]}
+    assert read_yaml(file).data == {"name": "x", "list": [{"a": 1}, {"a": 2, "b": [1.5, True]}]}
 
 
 @pytest.mark.parametrize(
@@ -32,7 +32,7 @@ def test_plain_values(file: Path) -> None:
 )
 def test_lines(file: Path, path: tuple, line: int) -> None:
     """Every value knows its line; what is not there has the line of what it is missing from."""
-    assert read_yaml(file).root.line_of(path) == line
+    assert read_yaml(file).line_of(path) == line
 
 
 def test_a_key_twice_is_kept_as_a_fault(tmp_path: Path) -> None:
@@ -59,7 +59,7 @@ def test_a_folder_is_no_file(tmp_path: Path) -> None:
 def test_standard_input(monkeypatch: pytest.MonkeyPatch) -> None:
     """``-`` reads what is piped in."""
     monkeypatch.setattr(sys, "stdin", io.TextIOWrapper(io.BytesIO(TEXT.encode())))
-    assert read_yaml(Path("-")).root.plain()["name"] == "x"
+    assert read_yaml(Path("-")).data["name"] == "x"
 
 
 @pytest.mark.parametrize(

@@ -1,0 +1,446 @@
+"""Plans on disk: YAML that people edit and robots' programs read, or CSV with one row a run."""
+
+from __future__ import annotations
+
+import csv
+import io
+import json
+import re
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Any, Literal, cast
+
+from pydantic import AfterValidator, BaseModel, Field, ValidationInfo
+
+from pumaid import __version__
+from pumaid.errors import ModelError, Note, Where
+from pumaid.io.forms import FORM, Fault, Finite, Wording, refusal, refuse, shown, validated
+from pumaid.io.write import write_file
+from pumaid.io.yaml_file import Document, file_name, nearest, read_bytes, read_yaml
+from pumaid.robot import Joint, Robot
+from pumaid.trajectory import Motion, Plan, Posture
+from pumaid.units import factor, number
+
+PLAN_FORMAT = 1
+#: The plan's name in an experiment's folder.
+PLAN_NAME = "plan.yaml"
+#: Most bytes of a plan: some forty thousand runs.
+_MAX_BYTES = 5_000_000
+#: Significant digits of positions and speeds; whole degrees stay whole.
+_DIGITS = 10
+#: Share of its range by which a limit may be passed: round-off of ten digits.
+_ROUNDING = 1e-8
+
+WORDING = Wording(
+    ModelError,
+    {
+        "kind": "plan",
+        "format": str(PLAN_FORMAT),
+        "runs": "at least one, or make a plan with: pumaid plan",
+        "hold": "[...], one position a joint",
+        "units": "{angle: deg}",
+        "velocity": "a speed above 0; the direction follows from `from` and `to`",
+    },
+    slug="plan-wrong",
+)
+
+
+@dataclass(frozen=True, slots=True)
+class _Arm:
+    """The robot of a plan, and the plan's unit of angles."""
+
+    robot: Robot
+    angle: str
+
+    def scale(self, joint: Joint) -> float:
+        """SI per unit of the plan."""
+        return factor(self.angle) if joint.is_revolute else 1.0
+
+    def unit(self, joint: Joint) -> str:
+        """The plan's unit of the joint's position."""
+        return self.angle if joint.is_revolute else "m"
+
+    def check_limits(self, joint: Joint, value: float) -> None:
+        """Refuse a position outside the joint's limits."""
+        if joint.limits is not None:
+            low, high = (limit / self.scale(joint) for limit in joint.limits)
+            slack = _ROUNDING * (high - low)
+            if not low - slack <= value <= high + slack:
+                unit = self.unit(joint)
+                what = f"{value:g} {unit} is outside joint {joint.number}'s limits {number(low)}..{number(high)} {unit}"
+                raise refusal("plan-wrong", what, "stay inside the limits, or correct them in the recipe")
+
+
+def _arm(info: ValidationInfo) -> _Arm:
+    return cast(_Arm, info.context)
+
+
+def _joint_number(joint: int, info: ValidationInfo) -> int:
+    n_joints = _arm(info).robot.n_joints
+    if not 1 <= joint <= n_joints:
+        raise refusal("plan-wrong", f"there is no joint {joint}", f"joints count from 1 to {n_joints}")
+    return joint
+
+
+def _moving(info: ValidationInfo) -> Joint | None:
+    """The joint of a run, where it is known."""
+    return _arm(info).robot.joint(info.data["joint"]) if "joint" in info.data else None
+
+
+def _hold(values: list[float], info: ValidationInfo) -> list[float]:
+    robot, moving = _arm(info).robot, info.data.get("joint")
+    if len(values) != robot.n_joints:
+        what = f"{len(values)} held positions, {robot.name} has {robot.n_joints} joints"
+        raise refusal("plan-wrong", what, "is the plan for another robot?")
+    for joint, value in zip(robot.joints, values, strict=True):
+        if joint.number != moving:
+            _arm(info).check_limits(joint, value)
+    return values
+
+
+def _position(value: float, info: ValidationInfo) -> float:
+    joint = _moving(info)
+    if joint is not None:
+        _arm(info).check_limits(joint, value)
+    if info.field_name == "end" and value == info.data.get("start"):
+        raise refusal("plan-wrong", f"the run goes from {value:g} to the same place", "give the span another end")
+    return value
+
+
+def _velocity(value: float, info: ValidationInfo) -> float:
+    joint = _moving(info)
+    if joint is not None and joint.max_velocity is not None:
+        most = joint.max_velocity / _arm(info).scale(joint)
+        if value > most * (1.0 + 1e-6):
+            what = f"joint {joint.number} may do {number(most)} {_arm(info).unit(joint)}/s, the run wants {value:g}"
+            raise refusal("plan-wrong", what, "lower the velocity")
+    return value
+
+
+Number = Annotated[int, Field(strict=True), AfterValidator(_joint_number)]
+Position = Annotated[Finite, AfterValidator(_position)]
+
+
+class _Form(BaseModel):
+    model_config = FORM
+
+
+class RunForm(_Form):
+    """One entry of `runs`."""
+
+    joint: Number
+    hold: Annotated[list[Finite], AfterValidator(_hold)]
+    start: Position = Field(alias="from")
+    end: Position = Field(alias="to")
+    velocity: Annotated[Finite, Field(gt=0), AfterValidator(_velocity)]
+    purpose: Literal["fit", "heldout"] = "fit"
+
+
+class PostureForm(_Form):
+    """One entry of `postures`."""
+
+    joint: Number
+    hold: Annotated[list[Finite], AfterValidator(_hold)]
+    serves: list[str] = []
+    why: str = ""
+
+
+class NoteForm(_Form):
+    """One entry of `notes`."""
+
+    note: str
+    text: str
+    where: Any = None
+
+
+class UnitsForm(_Form):
+    """The block `units`."""
+
+    angle: Literal["deg", "rad"]
+
+
+class PlanForm(_Form):
+    """The whole file; only kind, format and runs are needed."""
+
+    kind: Literal["plan"]
+    format: Literal[1]
+    runs: Annotated[list[RunForm], Field(min_length=1)]
+    robot: str = ""
+    units: UnitsForm | None = None
+    postures: list[PostureForm] = []
+    expected_std_errors: dict[str, Finite] = {}
+    unseen: dict[str, str] = {}
+    duration: Finite = 0.0
+    seed: Annotated[int, Field(ge=0)] = 0
+    efficiency: Finite | None = None
+    assumptions: list[str] = []
+    notes: list[NoteForm] = []
+    pumaid: Any = None
+    recipe: Any = None
+
+
+def find_plan(folders: Iterable[Path]) -> Path | None:
+    """The first ``plan.yaml`` in some folders, or none."""
+    paths = (Path(folder) / PLAN_NAME for folder in folders)
+    return next((path for path in paths if path.is_file()), None)
+
+
+def read_plan(path: Path, robot: Robot) -> Plan:
+    """Read a plan, YAML or (by its ending) CSV, and check it against the robot.
+
+    Parameters
+    ----------
+    path
+        The file; ``-`` is standard input, as YAML.
+    robot
+        Number of joints, their kinds, limits and highest speeds.
+
+    Returns
+    -------
+    plan
+        In SI. A plan that names another robot with as many joints has a note that says so.
+
+    Raises
+    ------
+    ModelError [plan-wrong], or Faults of several
+        Unknown keys, missing or impossible values, positions outside limits, speeds above the highest; each with line
+        and path (``runs[12].velocity``).
+    ModelError [yaml-refused], [file-not-readable]
+        It cannot be read at all.
+    """
+    path = Path(path)
+    is_csv = path.suffix.lower() == ".csv"
+    document = _csv_document(path, robot) if is_csv else read_yaml(path, kind=ModelError, max_bytes=_MAX_BYTES)
+    name, data = file_name(path), document.data
+    if not isinstance(data, dict):
+        what = f"the file holds {shown(data)}, not keys and values"
+        raise ModelError("plan-wrong", what, Where(file=name, line=1), "make one with: pumaid plan")
+    units = data.get("units")
+    angle = units.get("angle") if isinstance(units, dict) else "rad"
+    arm = _Arm(robot, angle if angle in ("deg", "rad") else "rad")
+    form, faults = validated(PlanForm, data, wording=WORDING, context=arm)
+    if angle != arm.angle:  # limits in an unknown unit mean nothing
+        faults = [fault for fault in faults if fault.path[:1] == ("units",)]
+    if form is None or document.doubled:
+        refuse(name, document, faults, wording=WORDING)
+    return _plan(form, arm)
+
+
+def _plan(form: PlanForm, arm: _Arm) -> Plan:
+    robot = arm.robot
+    scales = [arm.scale(joint) for joint in robot.joints]
+
+    def si(values: Sequence[float]) -> tuple[float, ...]:
+        return tuple(value * scale for value, scale in zip(values, scales, strict=True))
+
+    motions = []
+    for run in form.runs:
+        start, end, velocity = (value * scales[run.joint - 1] for value in (run.start, run.end, run.velocity))
+        motions.append(Motion(run.joint, si(run.hold), start, end, velocity, run.purpose))
+    notes = [Note(entry.note, entry.text) for entry in form.notes]
+    if form.robot and form.robot != robot.name:
+        notes.append(Note("plan-other-robot", f"the plan is for '{form.robot}', the recipe is of '{robot.name}'"))
+    return Plan(
+        robot=form.robot or robot.name,
+        motions=tuple(motions),
+        postures=tuple(Posture(p.joint, si(p.hold), tuple(p.serves), p.why) for p in form.postures),
+        expected=form.expected_std_errors,
+        unseen=form.unseen,
+        duration=form.duration,
+        seed=form.seed,
+        efficiency=form.efficiency,
+        assumptions=tuple(form.assumptions),
+        notes=tuple(notes),
+    )
+
+
+def _csv_document(path: Path, robot: Robot) -> Document:
+    """A CSV plan as the document that the same plan in YAML would be."""
+    content = read_bytes(path, kind=ModelError, most=_MAX_BYTES)
+    try:
+        rows = list(csv.reader(content.decode("utf-8-sig").splitlines()))
+    except (ValueError, csv.Error) as error:
+        what = f"{path} is not CSV text: {error}"
+        raise ModelError("file-not-readable", what, Where(file=str(path)), "save it as UTF-8") from error
+    header = [name.strip() for name in rows[0]] if rows else []
+    arm = _Arm(robot, "rad" if any(name.endswith("_rad") for name in header) else "deg")
+    holds = [f"hold{joint.number}_{arm.unit(joint)}" for joint in robot.joints]
+    needed = ["joint", *holds, "from", "to", "velocity"]
+    faults = [_missing(name, header, robot) for name in needed if name not in header]
+    faults += [_strange(name, needed) for name in header if name not in (*needed, "run", "unit", "purpose")]
+    lines: dict[tuple[str | int, ...], int] = {(): 1}
+    runs: list[dict[str, Any]] = []
+    for line, cells in enumerate(rows[1:], start=2):
+        if cells:
+            lines["runs", len(runs)] = line
+            row = dict(zip(header, (cell.strip() for cell in cells), strict=False))
+            runs.append(_csv_run(row, holds))
+            joint = runs[-1]["joint"]
+            unit = arm.unit(robot.joint(joint)) if joint in range(1, robot.n_joints + 1) else row.get("unit")
+            if row.get("unit", unit) not in ("", unit):
+                what = f"unit {row['unit']} does not fit the header's {unit}"
+                faults.append(Fault(("runs", len(runs) - 1, "unit"), "plan-wrong", what, f"give {unit}"))
+    document = Document({"kind": "plan", "format": 1, "units": {"angle": arm.angle}, "runs": runs}, lines, content, ())
+    if faults:
+        refuse(str(path), document, faults, wording=WORDING)
+    return document
+
+
+def _missing(name: str, header: Sequence[str], robot: Robot) -> Fault:
+    near = nearest(name, header)
+    what = f"the column {name} is missing" + (f": did you mean it by {near}?" if near else "")
+    return Fault((name,), "plan-wrong", what, f"is the plan for another robot than {robot.name}?")
+
+
+def _strange(name: str, needed: Sequence[str]) -> Fault:
+    near = nearest(name, needed)
+    mend = f"did you mean {near}?" if near else f"known columns: {', '.join(needed)}"
+    return Fault((name[:60],), "plan-wrong", f"there is no column {name[:60]!r} in a plan", mend)
+
+
+def _csv_run(row: dict[str, str], holds: Sequence[str]) -> dict[str, Any]:
+    def cell(name: str) -> Any:
+        text = row.get(name, "")
+        try:
+            return int(text) if name == "joint" else float(text)
+        except ValueError:
+            return text
+
+    entries = {name: cell(name) for name in ("joint", "from", "to", "velocity")}
+    return entries | {"hold": [cell(name) for name in holds], "purpose": row.get("purpose") or "fit"}
+
+
+def write_plan(path: Path, plan: Plan, robot: Robot, *, format: str = "yaml", angle: str = "deg") -> None:
+    """Write a plan atomically; arguments as for `plan_text`.
+
+    Raises
+    ------
+    ResultError [cannot-write]
+        The system refuses.
+    """
+    write_file(path, plan_text(plan, robot, format=format, angle=angle))
+
+
+def plan_text(plan: Plan, robot: Robot, *, format: str = "yaml", angle: str = "deg") -> str:
+    """A plan as the text of its file.
+
+    Parameters
+    ----------
+    plan, robot
+        The plan and the arm that it is for.
+    format
+        ``"yaml"``, or ``"csv"``: a row a run, units in the columns' names, without the reasons and the forecast.
+    angle
+        ``"deg"`` or ``"rad"``: unit of angles. Lengths are in m, predicted errors in SI.
+    """
+    arm = _Arm(robot, angle)
+    return _csv(plan, arm) if format == "csv" else _yaml(plan, arm)
+
+
+def plan_document(plan: Plan, robot: Robot) -> dict[str, Any]:
+    """A plan as the document of ``--json``: angles in rad, SI otherwise."""
+    return {
+        "kind": "plan",
+        "format": PLAN_FORMAT,
+        "pumaid": __version__,
+        "robot": plan.robot,
+        "recipe": {"file": robot.origin, "sha256": robot.digest},
+        "units": {"angle": "rad"},
+        "seed": plan.seed,
+        "duration": plan.duration,
+        "efficiency": plan.efficiency,
+        "runs": [
+            {
+                "joint": motion.joint,
+                "hold": list(motion.hold),
+                "from": motion.start,
+                "to": motion.end,
+                "velocity": motion.velocity,
+                "purpose": motion.purpose,
+            }
+            for motion in plan.motions
+        ],
+        "postures": [
+            {"joint": posture.joint, "hold": list(posture.hold), "serves": list(posture.serves), "why": posture.why}
+            for posture in plan.postures
+        ],
+        "expected_std_errors": dict(plan.expected),
+        "unseen": dict(plan.unseen),
+        "assumptions": list(plan.assumptions),
+        "notes": [note.as_json() for note in plan.notes],
+    }
+
+
+def _number(value: float) -> str:
+    text = f"{value:.{_DIGITS}g}"
+    return "0" if text == "-0" else text
+
+
+def _numbers(motion: Motion, arm: _Arm) -> tuple[list[str], list[str]]:
+    """Held positions, and start, end and speed, in the plan's units."""
+    scale = arm.scale(arm.robot.joint(motion.joint))
+    own = [_number(value / scale) for value in (motion.start, motion.end, motion.velocity)]
+    return _held(motion.hold, arm), own
+
+
+def _held(hold: Sequence[float], arm: _Arm) -> list[str]:
+    return [_number(value / arm.scale(joint)) for value, joint in zip(hold, arm.robot.joints, strict=True)]
+
+
+def _text(value: str) -> str:
+    """As YAML: plain where that is safe, else in JSON's quotes, which YAML reads too."""
+    plain = re.fullmatch(r"[A-Za-z][\w./()-]*(?: [\w./()-]+)*", value) is not None
+    words = {"true", "false", "yes", "no", "on", "off", "null", "y", "n"}
+    return value if plain and value.lower() not in words else json.dumps(value, ensure_ascii=False)
+
+
+def _yaml(plan: Plan, arm: _Arm) -> str:
+    angle = arm.angle
+    lines = [
+        "# Runs to be executed in this order. One joint moves from `from` to `to` at the speed `velocity`",
+        f"# ({angle} and {angle}/s, m and m/s if it slides); the others stay at `hold` (its own entry is ignored).",
+        "kind: plan",
+        f"format: {PLAN_FORMAT}",
+        f"robot: {_text(plan.robot)}",
+        f"units: {{angle: {angle}}}",
+        f"seed: {plan.seed}",
+        f"duration: {plan.duration:.1f}  # s, moves between postures included",
+    ]
+    if plan.efficiency is not None:
+        remark = "error of the best conceivable runs in this time, as a share of these'"
+        lines.append(f"efficiency: {plan.efficiency:.3f}  # {remark}")
+    lines.append("runs:")
+    for motion in plan.motions:
+        held, (start, end, velocity) = _numbers(motion, arm)
+        lines.append(
+            f"  - {{joint: {motion.joint}, hold: [{', '.join(held)}], from: {start}, to: {end},"
+            f" velocity: {velocity}, purpose: {motion.purpose}}}"
+        )
+    postures = [
+        f"- {{joint: {posture.joint}, hold: [{', '.join(_held(posture.hold, arm))}],"
+        f" serves: [{', '.join(posture.serves)}], why: {_text(posture.why)}}}"
+        for posture in plan.postures
+    ]
+    sections = {
+        "postures:": postures,
+        "expected_std_errors:  # SI, rad": [f"{name}: {value:.3g}" for name, value in plan.expected.items()],
+        "unseen:": [f"{name}: {_text(why)}" for name, why in plan.unseen.items()],
+        "assumptions:": [f"- {_text(sentence)}" for sentence in plan.assumptions],
+        "notes:": [f"- {{note: {_text(note.slug)}, text: {_text(note.text)}}}" for note in plan.notes],
+    }
+    for title, entries in sections.items():
+        lines += [title, *(f"  {entry}" for entry in entries)] if entries else []
+    return "\n".join(lines) + "\n"
+
+
+def _csv(plan: Plan, arm: _Arm) -> str:
+    out = io.StringIO()
+    writer = csv.writer(out, lineterminator="\n")
+    holds = [f"hold{joint.number}_{arm.unit(joint)}" for joint in arm.robot.joints]
+    writer.writerow(["run", "joint", *holds, "from", "to", "velocity", "unit", "purpose"])
+    for count, motion in enumerate(plan.motions, start=1):
+        held, own = _numbers(motion, arm)
+        unit = arm.unit(arm.robot.joint(motion.joint))
+        writer.writerow([count, motion.joint, *held, *own, unit, motion.purpose])
+    return out.getvalue()
