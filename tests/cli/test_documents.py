@@ -27,7 +27,7 @@ LINES = {
     "export": "export model.json --format c -o arm --json",
     "effects": "effects --json",
     "doctor": "doctor --quick --json",
-    "demo": "demo tale --robot pendulum2 --clean --json",
+    "demo": "demo tale --robot pendulum2 --json",
 }
 SPEAKERS = [
     name for name in group.list_commands(None) if any(o.name == "as_json" for o in group.get_command(None, name).params)

@@ -136,19 +136,6 @@ def test_hidden_effects_are_in_the_truth(folder):
     assert "did you mean spring?" in run("simulate", "--hide", "sprint", "-o", "other", code=3).stderr
 
 
-def test_a_surprise_is_in_the_truth_only(folder):
-    """--surprise hides one effect by the seed, which stands in truth.json and in nothing that is printed."""
-    small()
-    lines = [run("simulate", "--rate", "20", "--surprise", "any", "--seed", seed, "-o", seed) for seed in ("5", "6")]
-    found = [json.loads((folder / seed / "truth.json").read_text())["hidden"] for seed in ("5", "6")]
-    assert [len(hidden) for hidden in found] == [1, 1]
-    assert found[0] != found[1]
-    assert not [one for one, (hidden,) in zip(lines, found, strict=True) if hidden["effect"] in one.output]
-    run("simulate", "--surprise", "warmup", "-o", "kind", "--rate", "20")
-    assert json.loads((folder / "kind" / "truth.json").read_text())["hidden"][0]["effect"] == "warmup"
-    assert "error[hide-wrong]" in run("simulate", "--surprise", "warmap", "-o", "wrong", code=3).stderr
-
-
 def test_temperatures_are_written_where_asked(folder):
     """--temperature adds a column for each motor, and so does an effect that follows it."""
     small()

@@ -34,15 +34,6 @@ def _real(robot: Robot, truth: Path | None, *, hide: tuple[str, ...], noise: flo
     return real if noise is None else real.with_noise(noise)
 
 
-def _surprised(real: Truth, made: Plan, effect: str | None, *, seed: int) -> Truth:
-    """The robot with one more effect, of which the plan's runs show something."""
-    from dataclasses import replace
-
-    from pumaid.simulation.surprise import surprise
-
-    return replace(real, hidden=(*real.hidden, surprise(replace(real, hidden=()), made, seed, effect=effect)))
-
-
 @click.command()
 @click.argument("recipe", type=click.Path(path_type=Path), required=False, metavar="[RECIPE]")
 @click.option(
@@ -67,11 +58,6 @@ def _surprised(real: Truth, made: Plan, effect: str | None, *, seed: int) -> Tru
     " to show at that joint. A wrong name lists the right ones.",
 )
 @effects_option
-@click.option(
-    "--surprise",
-    metavar="any|EFFECT",
-    help="Hide one effect that you do not know: joint and size follow from the seed, the kind too with 'any'.",
-)
 @click.option(
     "--physics",
     type=click.Choice(["builtin", "mujoco"]),
@@ -110,7 +96,6 @@ def command(
     output: Path | None,
     truth: Path | None,
     hide: tuple[str, ...],
-    surprise: str | None,
     physics: str,
     rate: float,
     noise: float | None,
@@ -133,7 +118,6 @@ def command(
     Example:
       pumaid simulate recipe.yaml --plan plan.yaml -o logs/ --seed 7
       pumaid simulate --hide stribeck@3:a=0.2 --hide spring@2 -o hidden/
-      pumaid simulate --surprise any --seed 7
       pumaid simulate --noise 0.05 --rate 100 --format csv -o noisy/
       pumaid simulate --physics mujoco -o rigid/
       pumaid simulate -o - | pumaid identify -
@@ -155,8 +139,6 @@ def command(
     made = read_plan(plan_path or experiment_folder(recipe) / PLAN_NAME, robot)
     notes(note for note in made.notes if note.slug == "plan-other-robot")
     real = _real(robot, truth, hide=hide, noise=noise, seed=seed)
-    if surprise is not None:
-        real = _surprised(real, made, None if surprise == "any" else surprise, seed=seed)
     logs = simulate(
         robot,
         made,
