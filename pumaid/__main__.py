@@ -2,30 +2,51 @@
 
 from __future__ import annotations
 
+import io
 import os
+import signal
 import sys
-from pathlib import Path
 
-#: Exit code of a program that Ctrl-C ended, as shells count it.
-INTERRUPTED = 130
+
+class _Deaf(io.FileIO):
+    """Standard error that may be full or have lost its reader: a message that nobody hears changes no exit code."""
+
+    def write(self, data: object) -> int:
+        try:
+            return super().write(data)  # type: ignore[arg-type]
+        except OSError:
+            return memoryview(data).nbytes  # type: ignore[arg-type]
 
 
 def open_streams() -> None:
-    """Have all three standard streams: one that the caller closed leads nowhere, and is empty if it is read."""
-    for name, mode in (("stdin", "r"), ("stdout", "w"), ("stderr", "w")):
-        if getattr(sys, name) is None:
-            setattr(sys, name, Path(os.devnull).open(mode))  # noqa: SIM115 - it stays open as long as the program runs
+    """Have all three standard streams, also where the caller closed them.
+
+    Were their descriptors left free, the next file that is opened would get them. Reading a closed input fails.
+    """
+    for number in range(3):
+        try:
+            os.fstat(number)
+        except OSError:
+            os.open(os.devnull, os.O_WRONLY)  # gets the lowest free descriptor, which is this one
+    sys.stdin = sys.stdin or os.fdopen(0, closefd=False, encoding="utf-8")
+    sys.stdout = sys.stdout or os.fdopen(1, "w", closefd=False, encoding="utf-8")
+    if sys.stderr is None or not sys.stderr.isatty():
+        deaf = io.BufferedWriter(_Deaf(2, "w", closefd=False))
+        sys.stderr = io.TextIOWrapper(deaf, "utf-8", errors="backslashreplace", line_buffering=True)
 
 
 def run() -> None:
-    """Run the command line; Ctrl-C while the program is still being loaded ends it without a traceback."""
+    """Run the command line; Ctrl-C while the program is still being loaded ends it as quietly as later."""
     open_streams()
     try:
         from pumaid.cli import main
 
         main()
     except KeyboardInterrupt:
-        sys.exit(INTERRUPTED)
+        sys.exit(130)
+    finally:
+        # What is done is done: Ctrl-C while Python winds up would print a traceback.
+        signal.signal(signal.SIGINT, signal.SIG_IGN)
 
 
 if __name__ == "__main__":

@@ -15,7 +15,7 @@ from typing import Any, NoReturn
 import rich_click as click
 
 from pumaid import __version__
-from pumaid.cli.failures import check_space, told
+from pumaid.cli.failures import reported
 
 click.rich_click.TEXT_PARAGRAPH_LINEBREAKS = "\n\n"
 click.rich_click.STYLE_HELPTEXT = ""
@@ -50,40 +50,39 @@ class Commands(click.RichGroup):
 
     def list_commands(self, ctx: click.Context) -> list[str]:
         folder = str(Path(__file__).with_name("commands"))
-        found = [module.name.replace("_", "-") for module in pkgutil.iter_modules([folder])]
+        names = [module.name.replace("_", "-") for module in pkgutil.iter_modules([folder])]
         rank = {name: place for place, name in enumerate(ORDER_OF_WORK)}
-        return sorted(found, key=lambda name: (rank.get(name, len(rank)), name))
+        return sorted(names, key=lambda name: (rank.get(name, len(rank)), name))
 
     def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
         if cmd_name not in self.list_commands(ctx):
             return None
         module = importlib.import_module(f"pumaid.cli.commands.{cmd_name.replace('-', '_')}")
-        found: click.Command = module.command
-        found.name = cmd_name
+        command: click.Command = module.command
+        command.name = cmd_name
         # rich-click takes the indentation from an example that is all of the help's body; a blank before it keeps it.
-        text = inspect.cleandoc(found.help or "")
-        found.help = text.replace("\b\nExample", "\b\n \nExample") if text.count("\n\n") == 1 else text
-        return found
+        text = inspect.cleandoc(command.help or "")
+        command.help = text.replace("\b\nExample", "\b\n \nExample") if text.count("\n\n") == 1 else text
+        return command
 
     def resolve_command(
         self, ctx: click.Context, args: list[str]
     ) -> tuple[str | None, click.Command | None, list[str]]:
-        known = self.list_commands(ctx)
-        if args and args[0] not in known and not args[0].startswith("-"):
-            near = difflib.get_close_matches(args[0], known, n=1)
-            hint = f" Did you mean '{near[0]}'?" if near else f" Commands: {', '.join(known)}."
+        names = self.list_commands(ctx)
+        if args and args[0] not in names and not args[0].startswith("-"):
+            near = difflib.get_close_matches(args[0], names, n=1)
+            hint = f" Did you mean '{near[0]}'?" if near else f" Commands: {', '.join(names)}."
             raise click.UsageError(f"No such command '{args[0]}'.{hint}", ctx)
         return super().resolve_command(ctx, args)
 
     def make_context(
         self, info_name: str | None, args: list[str], parent: click.Context | None = None, **extra: Any
     ) -> click.Context:
-        with told():  # --help and --version print here
+        with reported():  # --help and --version print here
             return super().make_context(info_name, args, parent, **extra)
 
     def invoke(self, ctx: click.Context) -> Any:
-        with told():
-            check_space()
+        with reported():
             return super().invoke(ctx)
 
 

@@ -55,8 +55,8 @@ def story(folder: Path, *, robot: str, seed: int) -> Iterator[Step]:
     yield arm
     joints, numbered = arm.answer["joints"], ["--seed", str(seed)]
     yield run(["plan", recipe, "--minutes", str(round(MINUTES * joints)), *numbered], _planned)
-    hide = f"{KINDS[seed % len(KINDS)]}@{1 + seed * 7 // len(KINDS) % joints}"
-    yield run(["simulate", recipe, "--hide", hide, *numbered, "--rate", str(RATE)], _simulated)
+    secret = hidden(seed=seed, joints=joints)
+    yield run(["simulate", recipe, "--hide", secret, *numbered, "--rate", str(RATE)], _simulated)
     yield run(["identify", logs], _identified)
     yield run(["compare", model, logs], _compared)
     diagnosed = run(["diagnose", model, logs], _diagnosed)
@@ -67,6 +67,11 @@ def story(folder: Path, *, robot: str, seed: int) -> Iterator[Step]:
         yield run(["diagnose", model, logs], _diagnosed)
     yield run(["history", str(folder)], _climbed)
     yield run(["report", model, logs, "--format="], lambda answer: "All of it is on one page, report.html.")
+
+
+def hidden(*, seed: int, joints: int) -> str:
+    """The effect that a demo hides, as ``--hide`` reads it."""
+    return f"{KINDS[seed % len(KINDS)]}@{1 + seed * 7 // len(KINDS) % joints}"
 
 
 def run(words: list[str], sentence: Callable[[Document], str] = lambda answer: "") -> Step:
@@ -179,12 +184,12 @@ def _climbed(answer: Document) -> str:
     return f"The error on runs that no fit saw went from {ends[0]} to {ends[1]}; the noise floor is {floor}."
 
 
-def verdict(hidden: Document, answer: Document) -> tuple[str, str]:
+def verdict(secret: Document, answer: Document) -> tuple[str, str]:
     """Whether a diagnosis was right, in a word and in a sentence.
 
     Parameters
     ----------
-    hidden
+    secret
         What ``truth.json`` says was hidden.
     answer
         The document of the first ``pumaid diagnose``.
@@ -196,7 +201,7 @@ def verdict(hidden: Document, answer: Document) -> tuple[str, str]:
     sentence
         The same for people, with what it named beside.
     """
-    named, true = [place(finding) for finding in findings(answer)], place(hidden)
+    named, true = [place(finding) for finding in findings(answer)], place(secret)
     others = ", ".join(name for name in named if name != true)
     if true in named:
         return "named", f"Right: diagnosis named {true}{f'; but it named {others} as well' if others else ''}."

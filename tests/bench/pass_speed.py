@@ -59,9 +59,7 @@ pathlib.Path(told).write_text("\\n".join([f"{peak} {other}", *names]))
 LOAD = """
 import gc, importlib, os, pathlib, sys
 from contextlib import suppress
-from pumaid.cli.loading import load_later
 gc.disable()
-load_later()
 for name in pathlib.Path(sys.argv[1]).read_text().splitlines()[1:]:
     with suppress(ImportError):
         importlib.import_module(name)
