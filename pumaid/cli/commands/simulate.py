@@ -15,7 +15,6 @@ from pumaid.cli.progress import progress
 if TYPE_CHECKING:
     from pumaid.robot import Robot
     from pumaid.simulation import Truth
-    from pumaid.trajectory import Plan
 
 
 def _real(robot: Robot, truth: Path | None, *, hide: tuple[str, ...], noise: float | None, seed: int) -> Truth:
