@@ -1,34 +1,69 @@
-"""A recipe from a URDF: modified DH parameters derived, written as text, read back, and held against the URDF."""
+"""A recipe from a URDF: modified DH parameters are derived, written as text, read back and checked against the URDF."""
 
 from __future__ import annotations
 
+import math
+import re
+import shlex
 import tempfile
 from collections.abc import Sequence
 from dataclasses import dataclass
+from fractions import Fraction
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
+from pydantic import ValidationError
 
 from pumaid.errors import Note, RecipeError, Where
 from pumaid.io.recipe import RECIPE_NAME, read_recipe
-from pumaid.io.recipe_schema import LONGEST_LINK
-from pumaid.io.urdf import Urdf, read_urdf
-from pumaid.io.urdf_agreement import POSTURES, Agreement, agreement
-from pumaid.io.urdf_chain import ArmChain, arm_chain
-from pumaid.io.urdf_joints import joints_of, notes_on_chain
-from pumaid.io.urdf_text import Origin, Rounding, dh_text
-from pumaid.maths.chain import SerialChain, placement
-from pumaid.maths.dh import DhChain, modified_dh, straightened
+from pumaid.io.recipe_schema import FASTEST, FASTEST_RAIL, LONGEST_LINK, LONGEST_RAIL, SLOWEST, WIDEST, Arm, JointForm
+from pumaid.io.recipe_template import remarked
+from pumaid.io.urdf import ArmChain, Urdf, UrdfJoint, arm_chain, read_urdf
+from pumaid.kinematics import DhChain, SerialChain, axes, modified_dh, origins, placement, straightened
 from pumaid.robot import Joint, Robot
 from pumaid.units import factor, number
 
+Floats = NDArray[np.float64]
+
 #: How well the written recipe must agree with the URDF (rad and m).
 TOLERANCE = 1e-8
-#: Standard acceleration of free fall, m/s2.
+#: Random postures that are compared; joints that slide go this far each way (m), joints that turn half a turn.
+POSTURES, SLIDE = 200, 1.0
 FREE_FALL = 9.80665
-#: The first takes away the rounding of angles that a URDF writes with nine decimals, the second only our own.
-ROUNDINGS = (Rounding(decimals=9, snap=2.5e-9), Rounding(decimals=14, snap=1e-12))
+#: Most names that a note lists.
+LISTED = 6
+#: Decimals of lengths and angles, and how near to a multiple of 15 deg (rad) an angle is written as one: the first pair
+#: takes away the rounding of a URDF that is written with nine decimals, the second only round-off.
+ROUNDINGS = ((9, 2.5e-9), (14, 1e-12))
+_STEP = math.pi / 12.0
+_GRIPPER = re.compile(r"grip|finger|jaw|claw|thumb", re.IGNORECASE)
+_YAML_WORDS = ("true", "false", "null", "yes", "no", "on", "off", "y", "n")
+
+_BODY = """\
+# Frames: modified Denavit-Hartenberg parameters derived from the axes of the URDF. Every z points as the URDF's axis
+# does, so positions, zeros and limits are the URDF's own.
+# The base is {base}.
+# Gravity pulls along -z of the URDF's root link; where that does not stand upright, put another vector here.
+# {agrees} axes agree with the URDF's within {tolerance:g} rad and m in {postures} random postures.
+name: {name}
+source: {source}
+units: {{angle: rad}}
+gravity: [{gravity}]        # m/s2, in axes of this base
+joints:
+{joints}"""
+
+
+@dataclass(frozen=True, slots=True)
+class Agreement:
+    """Farthest that any axis is off in any posture: in direction (rad), and in place (m, across the axis)."""
+
+    direction: float
+    place: float
+
+    def within(self, tolerance: float) -> bool:
+        """Whether both are at most this (rad and m)."""
+        return self.direction <= tolerance and self.place <= tolerance
 
 
 @dataclass(frozen=True, slots=True)
@@ -55,7 +90,7 @@ class UrdfRecipe:
     robot: Robot
     urdf: Urdf
     chain: ArmChain
-    base: NDArray[np.float64]
+    base: Floats
     agreement: Agreement
     notes: tuple[Note, ...]
 
@@ -72,59 +107,79 @@ def recipe_from_urdf(path: Path, *, base: str | None = None, tip: str | None = N
 
     Raises
     ------
-    RecipeError [file-not-readable, urdf-refused, urdf-xacro, urdf-structure, urdf-bad-value]
+    RecipeError [file-not-readable, urdf-refused]
         The file cannot be used.
-    RecipeError [urdf-no-link, urdf-which-chain, urdf-no-chain]
+    RecipeError [urdf-which-chain]
         It is not clear which joints are the arm.
     RecipeError [urdf-not-derived]
         No recipe agrees with the URDF's axes.
     """
     urdf = read_urdf(path)
     chain = arm_chain(urdf, base=base, tip=tip)
-    joints, notes = joints_of(chain)
-    stated, down = _geometry(chain)
+    joints, notes = _joints(chain)
+    stated, down = geometry(chain)
     usable, bent = straightened(stated)
     dh = modified_dh(usable)
-    _refuse_far(urdf, joints, dh)
+    for joint, a, d in zip(joints, dh.a, dh.d, strict=True):
+        if max(abs(a), abs(d)) > LONGEST_LINK:
+            what = f"joint {joint.name} needs a of {a:.4g} m and d of {d:.4g} m, beyond {LONGEST_LINK:g} m"
+            mend = "a URDF is in metres; where axes are nearly parallel, write them as parallel"
+            raise RecipeError("urdf-not-derived", what, Where(file=urdf.file, joint=joint.number), mend)
     gravity = dh.base[:3, :3].T @ down * FREE_FALL
-    origin = _origin(urdf, chain, is_bent=bool(bent))
-    for rounding in ROUNDINGS:
-        text = dh_text(dh, joints, gravity, origin=origin, rounding=rounding)
+    head = _head(urdf, chain, dh, is_bent=bool(bent))
+    for decimals, snap in ROUNDINGS:
+        text = _text(head, dh, joints, gravity=gravity, rounding=(decimals, snap))
         robot = _read_back(text)
-        found = agreement(robot, usable, dh.base)
-        off = float(np.linalg.norm(np.array(robot.gravity) - gravity)) / FREE_FALL
-        if found.within(TOLERANCE) and off <= TOLERANCE:
+        off = agreement(robot, usable, dh.base)
+        if off.within(TOLERANCE) and np.linalg.norm(np.array(robot.gravity) - gravity) <= TOLERANCE * FREE_FALL:
             break
     else:
-        what = f"the recipe's axes differ from the URDF's by {found.direction:.1e} rad and {found.place:.1e} m"
+        what = f"the recipe's axes differ from the URDF's by {off.direction:.1e} rad and {off.place:.1e} m"
         raise RecipeError("urdf-not-derived", what, Where(file=urdf.file), "please report it, with the URDF")
-    seen = agreement(robot, stated, dh.base)
-    if not seen.within(TOLERANCE):
-        notes += _note_on_bent(chain, bent, seen)
-    return UrdfRecipe(text, robot, urdf, chain, dh.base, seen, (*notes_on_chain(chain), *notes))
+    off = agreement(robot, stated, dh.base)
+    if not off.within(TOLERANCE):
+        notes += _note_on_bent(chain, bent, off)
+    return UrdfRecipe(text, robot, urdf, chain, dh.base, off, (*_notes_on_chain(chain), *notes))
 
 
-def _geometry(chain: ArmChain) -> tuple[SerialChain, NDArray[np.float64]]:
-    """The joints' frames and axes, fixed joints folded in, and which way is down in the base (unit vector)."""
-    frames, so_far = [], np.eye(4)
+def geometry(chain: ArmChain) -> tuple[SerialChain, Floats]:
+    """The moving joints' frames and axes, fixed joints folded in, and which way is down in the base (unit vector)."""
+    frames, frame = [], np.eye(4)
     for joint in chain.path:
-        so_far = so_far @ placement(*joint.origin)
+        frame = frame @ placement(*joint.origin)
         if joint.moves:
-            frames.append(so_far)
-            so_far = np.eye(4)
+            frames.append(frame)
+            frame = np.eye(4)
     base = np.eye(4)
     for joint in chain.before:
         base = base @ placement(*joint.origin)
-    axes = np.array([joint.axis for joint in chain.moving])
+    directions = np.array([joint.axis for joint in chain.moving])
     slides = np.array([joint.kind == "prismatic" for joint in chain.moving])
-    return SerialChain(np.array(frames), axes, slides), -base[2, :3]
+    return SerialChain(np.array(frames), directions, slides), -base[2, :3]
 
 
-def _origin(urdf: Urdf, chain: ArmChain, *, is_bent: bool) -> Origin:
-    name = urdf.name.strip() if urdf.name.strip() and urdf.name.isprintable() else "arm"
-    agrees = "Nearly parallel axes were made parallel; then all" if is_bent else "All"
-    agrees += f" axes agree with the URDF's within {TOLERANCE:g} rad and m in {POSTURES} random postures."
-    return Origin(Path(urdf.file).name, urdf.digest, name[:200], chain.base, chain.tip, agrees)
+def agreement(robot: Robot, chain: SerialChain, base: Floats) -> Agreement:
+    """Compare a recipe's axes, as lines in space, with homogeneous transforms straight from a URDF's elements.
+
+    Parameters
+    ----------
+    robot
+        The arm as the recipe states it.
+    chain
+        The same joints as the URDF states them.
+    base
+        (4, 4) the recipe's frame 0 in the chain's base (m).
+    """
+    spans = np.where(robot.is_revolute, np.pi, SLIDE)
+    generator = np.random.default_rng(0)
+    positions = generator.uniform(-spans, spans, (POSTURES, robot.n_joints))
+    positions[0] = 0.0
+    angles, shifts = robot.dh_angles(positions), robot.dh_displacements(positions)
+    directions = axes(robot.alphas, angles)[..., 2] @ base[:3, :3].T
+    points = origins(robot.alphas, robot.lengths, offsets=shifts, thetas=angles) @ base[:3, :3].T + base[:3, 3]
+    wanted, wanted_points = chain.lines(positions)
+    differences = directions - wanted, np.cross(points - wanted_points, wanted)
+    return Agreement(*(float(np.linalg.norm(vectors, axis=-1).max()) for vectors in differences))
 
 
 def _read_back(text: str) -> Robot:
@@ -134,19 +189,167 @@ def _read_back(text: str) -> Robot:
         return read_recipe(path)
 
 
-def _refuse_far(urdf: Urdf, joints: Sequence[Joint], dh: DhChain) -> None:
-    """Axes whose common normal lies so far off that no recipe may hold it."""
-    for joint, a, d in zip(joints, dh.a, dh.d, strict=True):
-        if max(abs(a), abs(d)) > LONGEST_LINK:
-            what = f"joint {joint.name} needs a of {a:.4g} m and d of {d:.4g} m, beyond {LONGEST_LINK:g} m"
-            mend = "a URDF is in metres; where axes are nearly parallel, write them as parallel"
-            raise RecipeError("urdf-not-derived", what, Where(file=urdf.file, joint=joint.number), mend)
+def _joints(chain: ArmChain) -> tuple[list[Joint], list[Note]]:
+    """Names, kinds, limits and speeds of the arm's joints, and notes on those that are missing or unusable."""
+    joints: list[Joint] = []
+    lacking: dict[str, list[str]] = {"limits": [], "highest speed": []}
+    notes = []
+    for number_, stated in enumerate(chain.moving, start=1):
+        name = _name(stated, number_, [joint.name for joint in joints])
+        if name != stated.name:
+            text = f"no recipe can name a joint {stated.name!r}; it is called {name}"
+            notes.append(Note("urdf-incomplete", text, Where(joint=number_)))
+        kind = "prismatic" if stated.kind == "prismatic" else "revolute"
+        joint = Joint(number_, name, kind, limits=_limits(stated), max_velocity=_speed(stated))
+        lacking["limits"] += [name] * (joint.limits is None and stated.kind != "continuous")
+        lacking["highest speed"] += [name] * (joint.max_velocity is None)
+        joints.append(joint)
+    for what, names in lacking.items():
+        if names:
+            text = f"the URDF states no usable {what} of {_listed(names)}: put the arm's own into the recipe"
+            notes.append(Note("urdf-incomplete", text))
+    return joints, notes
 
 
-def _note_on_bent(chain: ArmChain, bent: dict[int, float], seen: Agreement) -> list[Note]:
-    turned = [f"{chain.moving[n - 1].name} by {number(angle / factor('deg'), 2)} deg" for n, angle in bent.items()]
+def _name(joint: UrdfJoint, number_: int, taken: Sequence[str]) -> str:
+    """The URDF's name where a recipe can hold it."""
+    data = {"type": "revolute", "alpha": 0.0, "a": 0.0, "name": joint.name}
+    try:
+        JointForm.model_validate(data, context=Arm((), frozenset(), "rad", True))
+        name = joint.name
+    except ValidationError:
+        name = f"joint{number_}"
+    while name.lower() in {other.lower() for other in taken}:
+        name += "_"
+    return name
+
+
+def _limits(joint: UrdfJoint) -> tuple[float, float] | None:
+    low, high, _ = joint.limits
+    farthest = LONGEST_RAIL if joint.kind == "prismatic" else WIDEST
+    if joint.kind == "continuous" or low is None or high is None or not low < high:
+        return None
+    return (low, high) if max(abs(low), abs(high)) <= farthest else None
+
+
+def _speed(joint: UrdfJoint) -> float | None:
+    speed = joint.limits[2]
+    slowest, fastest = (1e-9, FASTEST_RAIL) if joint.kind == "prismatic" else (SLOWEST, FASTEST)
+    return speed if speed is not None and slowest <= speed <= fastest else None
+
+
+def _notes_on_chain(chain: ArmChain) -> list[Note]:
+    """Which joints were not taken, and whether the last one should have been."""
+    notes = []
+    carried, last = [*chain.end, *chain.beside], chain.moving[-1]
+    if carried:
+        text = f"left out, and carried by the arm: {_counted(carried)}; hold them still, their weight is the arm's"
+        notes.append(Note("urdf-left-out", text))
+    if chain.elsewhere:
+        text = f"left out, and not carried by the arm: {_counted(chain.elsewhere)}"
+        notes.append(Note("urdf-left-out", text))
+    if len(chain.moving) > 1 and _GRIPPER.search(f"{last.name} {last.child}"):
+        text = f"the last joint, {last.name}, may be a gripper's: leave it out with --tip {shlex.quote(last.parent)}"
+        notes.append(Note("urdf-gripper", text))
+    moving = [joint for joint in chain.before if joint.moves]
+    if moving:
+        notes.append(Note("urdf-base-moves", f"gravity is given for {_counted(moving)} before the base at zero"))
+    return notes
+
+
+def _note_on_bent(chain: ArmChain, bent: dict[int, float], off: Agreement) -> list[Note]:
+    degree = factor("deg")
+    turned = [f"{chain.moving[joint - 1].name} by {number(angle / degree, 2)} deg" for joint, angle in bent.items()]
     text = (
         f"nearly parallel axes were made parallel, for their common normal lies anywhere: {', '.join(turned)}; no axis"
-        f" is off by more than {number(seen.direction / factor('deg'), 2)} deg and {number(seen.place * 1e3, 2)} mm"
+        f" is off by more than {number(off.direction / degree, 2)} deg and {number(off.place * 1e3, 2)} mm"
     )
     return [Note("urdf-made-parallel", text)]
+
+
+def _listed(names: Sequence[str]) -> str:
+    more = f" and {len(names) - LISTED} more" if len(names) > LISTED else ""
+    return ", ".join(names[:LISTED]) + more
+
+
+def _counted(joints: Sequence[UrdfJoint]) -> str:
+    return f"{len(joints)} moving joint{'s' * (len(joints) > 1)} ({_listed([joint.name for joint in joints])})"
+
+
+def _head(urdf: Urdf, chain: ArmChain, dh: DhChain, *, is_bent: bool) -> dict[str, str]:
+    """The recipe's texts about where it is from."""
+    file, base, tip = (
+        "".join(letter if letter.isprintable() else "?" for letter in text)
+        for text in (Path(urdf.file).name, chain.base, chain.tip)
+    )
+    name = urdf.name.strip() if urdf.name.strip() and urdf.name.isprintable() else "arm"
+    given = "-" if file == "standard input" else file
+    return {
+        "origin": shlex.join(["pumaid", "init", "--urdf", given, "--base", base, "--tip", tip]),
+        "base": f"link {base}, {_frame(dh.base)}",
+        "agrees": "Nearly parallel axes were made parallel; then all" if is_bent else "All",
+        "name": _quoted(name[:200]),
+        "source": _quoted(f"URDF {file}, links {base} to {tip}; SHA-256 {urdf.digest}"),
+    }
+
+
+def _text(
+    head: dict[str, str], dh: DhChain, joints: Sequence[Joint], *, gravity: Floats, rounding: tuple[int, float]
+) -> str:
+    """The whole recipe with remarks; of `joints` names, kinds, limits and speeds are used."""
+    decimals, snap = rounding
+    lines = []
+    for joint, theta, alpha, a, d in zip(joints, dh.theta, dh.alpha, dh.a, dh.d, strict=True):
+        words = [
+            f"name: {_quoted(joint.name)}",
+            f"type: {joint.kind}",
+            f"theta: {_angle(theta, decimals, snap)}",
+            f"alpha: {_angle(alpha, decimals, snap)}",
+            f"a: {_decimal(a, decimals)}",
+            f"d: {_decimal(d, decimals)}",
+        ]
+        words += [] if joint.limits is None else [f"limits: [{', '.join(_decimal(v, 12) for v in joint.limits)}]"]
+        words += [] if joint.max_velocity is None else [f"max_velocity: {_decimal(joint.max_velocity, 12)}"]
+        lines.append(f"  - {{{', '.join(words)}}}\n")
+    down = ", ".join(_decimal(value, decimals - 2) for value in gravity)
+    texts = {key: text for key, text in head.items() if key != "origin"}
+    body = _BODY.format(gravity=down, joints="".join(lines), tolerance=TOLERANCE, postures=POSTURES, **texts)
+    return remarked(body, len(joints), origin=head["origin"])
+
+
+def _decimal(value: float, decimals: int) -> str:
+    """A bare number without exponent and trailing zeros."""
+    text = f"{value:.{decimals}f}".rstrip("0")
+    text += "0" if text.endswith(".") else ""
+    return "0.0" if float(text) == 0.0 else text
+
+
+def _angle(value: float, decimals: int, snap: float) -> str:
+    """Radians: ``-pi/2`` and the like where they are as near as `snap`, else a bare number."""
+    steps = round(value / _STEP)
+    if abs(value - steps * _STEP) > snap:
+        return _decimal(value, decimals)
+    part = Fraction(12 if steps == -12 else steps, 12)
+    times = {1: "", -1: "-"}.get(part.numerator, f"{part.numerator}*")
+    return "0" if steps == 0 else f"{times}pi" + (f"/{part.denominator}" if part.denominator > 1 else "")
+
+
+def _quoted(text: str) -> str:
+    """Printable text as YAML reads it back: bare where that is safe."""
+    if re.fullmatch(r"[A-Za-z][A-Za-z0-9_-]*", text) and text.lower() not in _YAML_WORDS:
+        return text
+    escaped = text.replace("\\", "\\\\").replace('"', '\\"')
+    return f'"{escaped}"'
+
+
+def _frame(base: Floats) -> str:
+    """Where frame 0 stands in its link, in words; turns (rad) and shifts (m) below 1e-7 are round-off."""
+    degree = factor("deg")
+    tilt = math.acos(min(1.0, float(base[2, 2])))
+    turned, shift = math.atan2(float(base[1, 0]), float(base[0, 0])), float(base[:3, 3] @ base[:3, 2])
+    moves = [
+        (tilt, f"tilted by {number(tilt / degree)} deg so that z is parallel to the first joint's"),
+        (turned, f"turned by {number(turned / degree)} deg about z"),
+        (shift, f"shifted by {number(shift)} m along z"),
+    ]
+    return ", ".join(text for size, text in moves if abs(size) > 1e-7) or "its own axes"

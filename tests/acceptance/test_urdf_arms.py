@@ -58,11 +58,11 @@ ARMS = {
 }
 #: Refused files that hold no chain at all, or are broken: no joint that moves, a link that is not there, an empty file.
 NO_ARM = {
-    "bluevolta_description/urdf/bluevolta.urdf": "urdf-no-chain",
-    "falcon_description/urdf/falcon.urdf": "urdf-structure",
-    "hector_description/robots/quadrotor_base.urdf": "urdf-no-chain",
-    "iris_description/robots/iris_simple.urdf": "urdf-no-chain",
-    "ur_description/urdf/ur3.urdf": "urdf-structure",
+    "bluevolta_description/urdf/bluevolta.urdf": "urdf-which-chain",
+    "falcon_description/urdf/falcon.urdf": "urdf-refused",
+    "hector_description/robots/quadrotor_base.urdf": "urdf-which-chain",
+    "iris_description/robots/iris_simple.urdf": "urdf-which-chain",
+    "ur_description/urdf/ur3.urdf": "urdf-refused",
 }
 #: Nearly parallel axes (1.5708 for a quarter turn) that are made parallel may be off by this much (rad, m).
 MADE_PARALLEL = 1e-5

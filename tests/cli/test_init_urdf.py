@@ -72,7 +72,7 @@ def test_json_tells_what_was_done(init) -> None:
     assert made["left_out"] == {"carried": ["pan"], "elsewhere": []}
     assert np.shape(made["base_frame"]) == (4, 4)
     assert max(made["off_by"].values()) < 1e-8
-    assert [note["note"] for note in made["notes"]] == ["urdf-carried"]
+    assert [note["note"] for note in made["notes"]] == ["urdf-left-out"]
 
 
 def _pan(parent: str, child: str) -> str:
