@@ -38,7 +38,7 @@ _HOMES = {
     "export": "pumaid.exports",
     "catalogue": "pumaid.effects",
     "read_recipe": "pumaid.io.recipe",
-    "LogReader": "pumaid.io.table",
+    "LogReader": "pumaid.io.log_reader",
     "read_model": "pumaid.results.model_file",
     "write_model": "pumaid.results.model_file",
     "read_diagnosis": "pumaid.diagnosis.document",

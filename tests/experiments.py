@@ -10,7 +10,8 @@ import numpy as np
 
 from pumaid.dataset import Dataset
 from pumaid.estimation.system import Fitted, solve
-from pumaid.io.table import LogReader, write_log
+from pumaid.io.log_reader import LogReader
+from pumaid.io.log_writer import write_log
 from pumaid.maths.joint_fit import Bilinear
 from pumaid.model import Model
 from pumaid.records import Estimate

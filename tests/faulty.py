@@ -164,13 +164,14 @@ WARNINGS = {
 
 
 def contents(folder: Path) -> dict[str, bytes]:
-    """Every file below a folder with its bytes."""
-    return {str(path.relative_to(folder)): path.read_bytes() for path in sorted(folder.rglob("*")) if path.is_file()}
+    """Every file below a folder with its bytes, but for the dataset, which belongs to the logs."""
+    files = [path for path in sorted(folder.rglob("*")) if path.is_file() and path.name != "dataset.npz"]
+    return {str(path.relative_to(folder)): path.read_bytes() for path in files}
 
 
 def unclear(stderr: str) -> list[str]:
     """What in a refusal is neither a note nor a message with a mend, and messages without one."""
-    lines = [line for line in stderr.splitlines() if not line.startswith("note[")]
+    lines = [line for line in stderr.splitlines() if not line.startswith("note[") and "dataset.npz" not in line]
     text = "\n".join(lines)
     heads, mends = len(re.findall(r"^error\[", text, re.MULTILINE)), text.count("\n  fix: ")
     faults = [] if text.startswith("error[") else [f"it begins with {text[:80]!r}"]

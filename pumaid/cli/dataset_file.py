@@ -16,7 +16,7 @@ from pumaid.errors import ResultError
 from pumaid.io.write import write_file
 
 if TYPE_CHECKING:
-    from pumaid.io.table import LogPath
+    from pumaid.io.paths import LogPath
     from pumaid.robot import Robot
 
 DATASET_NAME = "dataset.npz"
@@ -94,5 +94,5 @@ def _program() -> str:
 
 
 def _digest(path: LogPath) -> str:
-    with path.open("rb") as stream:
+    with Path(str(path)).open("rb") as stream:
         return hashlib.file_digest(cast(Any, stream), "sha256").hexdigest()

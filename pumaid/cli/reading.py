@@ -16,7 +16,7 @@ from pumaid.errors import Where
 
 if TYPE_CHECKING:
     from pumaid.dataset import Dataset
-    from pumaid.io.table import LogPath
+    from pumaid.io.paths import LogPath
     from pumaid.preprocessing.options import SegmentOptions
     from pumaid.records import Estimate
     from pumaid.robot import Robot
@@ -188,9 +188,8 @@ def read_files(logs: Sequence[str], recipe: Path | None, *others: Path | None) -
         Logs, recipe, the plan beside it, `others`.
     """
     from pumaid.errors import PumaidError
-    from pumaid.io.paths import expand
+    from pumaid.io.paths import expand, is_remote
     from pumaid.io.plan_file import find_plan
-    from pumaid.io.remote import is_remote
 
     found = list(others)
     # What is not there is told when it is read, with more to say about it.

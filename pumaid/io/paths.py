@@ -1,4 +1,4 @@
-"""Which log files a user means: files, folders and globs."""
+"""Which log files a user means: files, folders, globs, and what lies in a store (``s3://bucket/logs``)."""
 
 from __future__ import annotations
 
@@ -7,36 +7,55 @@ import fnmatch
 import glob
 import os
 import re
+import shutil
+import stat
+import sys
+import tempfile
 from collections.abc import Iterable, Iterator, Sequence
-from pathlib import Path, PurePath
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path, PurePath, PurePosixPath
+from typing import Any, BinaryIO
 
 from pumaid.errors import LogError, Where
-from pumaid.io.remote import Remote, found_below, is_remote
+from pumaid.io.log_formats import HEAD_BYTES, endings, log_format
 
 #: Stands for standard input.
 STDIN = Path("-")
-
-#: Endings that are taken from a folder; a file named outright may end in anything, its first bytes tell what it is.
-LOG_ENDINGS = (".csv", ".csv.gz", ".parquet")
+#: Between a scheme and a path, between the parts of a chain of stores, and schemes of this machine's own files.
+SCHEME, _CHAIN, _LOCAL = "://", "::", ("file", "local")
 
 #: Left out of folders: what pumaid itself writes there.
 _OWN_FOLDERS = frozenset({"results"})
 _OWN_FILES = frozenset({"plan.csv"})
 
 
-def natural(text: str) -> tuple[tuple[int, int, str], ...]:
-    """Sort key by which ``run_2`` comes before ``run_10``."""
-    parts = re.split(r"(\d+)", text)
-    return tuple((0, int(part), "") if part.isdecimal() else (1, 0, part) for part in parts if part)
+@dataclass(frozen=True, slots=True)
+class Remote:
+    """A file in a store that fsspec knows."""
+
+    url: str
+
+    def __str__(self) -> str:
+        return self.url
+
+    @property
+    def name(self) -> str:
+        """The part behind the last slash."""
+        return self.url.rpartition("/")[2]
 
 
-def expand(arguments: Iterable[str | Path]) -> list[Path | Remote]:
+#: A log on this machine, or in a store.
+LogPath = Path | Remote
+
+
+def expand(arguments: Iterable[str | Path]) -> list[LogPath]:
     """The log files that the arguments of a command name.
 
-    A folder stands for every ``*.csv``, ``*.csv.gz`` and ``*.parquet`` below it in natural order of their names,
-    without hidden ones, ``plan.csv`` and folders named ``results``; a glob for what it matches (``**`` crosses
-    folders); ``-`` for standard input; a path with a scheme (``s3://bucket/logs``) for what is in that store. A file
-    that several arguments name is taken once, where it is named first.
+    A folder stands for every log below it (by the endings of the formats) in natural order of their names, without
+    hidden ones, ``plan.csv`` and folders named ``results``; a glob for what it matches (``**`` crosses folders); ``-``
+    for standard input; a path with a scheme (``s3://bucket/logs``) for what is in that store. A file that several
+    arguments name is taken once, where it is named first.
 
     Parameters
     ----------
@@ -50,18 +69,27 @@ def expand(arguments: Iterable[str | Path]) -> list[Path | Remote]:
 
     Raises
     ------
-    LogError [no-such-log, no-logs, unreadable-log]
-        Every argument that leads nowhere is told, with the nearest name.
+    LogError [no-such-log, no-logs, no-store, unreadable-log]
+        An argument leads nowhere; with the nearest name.
     """
-    found: dict[str, Path | Remote] = {}
-    empty = True
+    found: dict[str, LogPath] = {}
     for argument in arguments:
-        empty = False
         for path in _of_one(str(argument)):
-            found.setdefault(_key(path), path)
-    if empty:
+            found.setdefault(str(path) if isinstance(path, Remote) or path == STDIN else os.path.realpath(path), path)
+    if not found:
         raise LogError("no-logs", "no log was named", mend="name files, folders or globs, or - for standard input")
     return list(found.values())
+
+
+def natural(text: str) -> tuple[tuple[int, int, str], ...]:
+    """Sort key by which ``run_2`` comes before ``run_10``."""
+    parts = re.split(r"(\d+)", text)
+    return tuple((0, int(part), "") if part.isdecimal() else (1, 0, part) for part in parts if part)
+
+
+def is_remote(argument: str) -> bool:
+    """Whether an argument has a scheme."""
+    return SCHEME in argument
 
 
 def meant(pattern: str, names: Sequence[str]) -> list[str]:
@@ -101,28 +129,70 @@ def meant(pattern: str, names: Sequence[str]) -> list[str]:
     return found
 
 
-def _key(path: Path | Remote) -> str:
-    """The same for all names of one file."""
-    if isinstance(path, Remote):
-        return path.url
-    return "-" if path == STDIN else os.path.realpath(path)
+@contextmanager
+def local_copy(path: LogPath) -> Iterator[Path]:
+    """A log as a plain file: itself, or a temporary copy of what is in a store, a pipe or standard input.
+
+    Raises
+    ------
+    LogError [unreadable-log, not-a-log]
+        It cannot be read, or it is of no known format.
+    """
+    try:
+        if isinstance(path, Path) and path != STDIN and path.is_file():
+            yield path
+            return
+        with _stream(path) as stream, tempfile.NamedTemporaryFile(prefix="pumaid-") as copy:
+            head = _first_bytes(stream)
+            log_format(head, str(path))  # what is no log may never end
+            copy.write(head)
+            shutil.copyfileobj(stream, copy)
+            copy.flush()
+            yield Path(copy.name)
+    except OSError as error:
+        raise unreadable(path, error) from error
 
 
-def _of_one(argument: str) -> Iterable[Path | Remote]:
+def unreadable(path: LogPath, error: OSError) -> LogError:
+    """A refusal of the system to let a log be read, in the program's form."""
+    what = f"{path} cannot be read: {error.strerror or error}"
+    return LogError("unreadable-log", what, Where(file=str(path)), "check its permissions and the disk")
+
+
+@contextmanager
+def _stream(path: LogPath) -> Iterator[BinaryIO]:
+    if path == STDIN:
+        yield sys.stdin.buffer
+    elif isinstance(path, Path):
+        with path.open("rb") as stream:
+            yield stream
+    else:
+        store, place = _store(path.url)
+        with _refusals(), store.open(place, "rb") as stream:
+            yield stream
+
+
+def _first_bytes(stream: BinaryIO) -> bytes:
+    head = b""
+    while len(head) < HEAD_BYTES and (more := stream.read(HEAD_BYTES - len(head))):
+        head += more
+    return head
+
+
+def _of_one(argument: str) -> Iterable[LogPath]:
     if is_remote(argument):
-        return found_below(argument, is_log=_is_log, order=_order)
+        return _of_store(argument)
     path = Path(argument)
     if path == STDIN:
         return [STDIN]
     try:
-        if path.is_dir():
-            return _of_folder(path)
-        if path.exists():
-            return [path]
+        mode = path.stat().st_mode
+        return _of_folder(path) if stat.S_ISDIR(mode) else [path]
+    except FileNotFoundError:
+        if glob.has_magic(argument):
+            return _of_glob(argument)
     except OSError as error:
         raise unreadable(path, error) from error
-    if glob.has_magic(argument):
-        return _of_glob(argument)
     if path.is_symlink():
         what = f"{argument} is a link that leads to no file ({path.readlink()})"
         raise LogError("no-such-log", what, Where(file=argument), "mend or remove the link")
@@ -131,20 +201,21 @@ def _of_one(argument: str) -> Iterable[Path | Remote]:
 
 def _of_folder(folder: Path) -> list[Path]:
     """Sorted by their parts, so that the files of a sub-folder stay together."""
-    found = [path for path in _walk(folder) if _is_log(path.relative_to(folder))]
+    files = {path.relative_to(folder): path for path in _walk(folder)}
+    found = [inside for inside in files if _is_log(inside)]
     if not found:
-        others = sorted(path.name for path in _walk(folder))
+        others = sorted(path.name for path in files)
         shown = f"; it holds {', '.join(others[:3])}{' ...' if len(others) > 3 else ''}" if others else "; it is empty"
         what = f"no log below {folder}{shown}"
-        raise LogError("no-logs", what, Where(file=str(folder)), f"logs end in {', '.join(LOG_ENDINGS)}")
-    return sorted(found, key=lambda path: _order(path.relative_to(folder)))
+        raise LogError("no-logs", what, Where(file=str(folder)), f"logs end in {', '.join(endings())}")
+    return [files[inside] for inside in sorted(found, key=_order)]
 
 
 def _is_log(path: PurePath) -> bool:
     """Whether a file is taken for a log because of where it lies in a folder that was named."""
     is_hidden = any(part.startswith(".") for part in path.parts)
     is_own = path.name in _OWN_FILES or not _OWN_FOLDERS.isdisjoint(path.parts[:-1])
-    return path.name.lower().endswith(LOG_ENDINGS) and not is_hidden and not is_own
+    return path.name.lower().endswith(endings()) and not is_hidden and not is_own
 
 
 def _order(path: PurePath) -> list[tuple[tuple[int, int, str], ...]]:
@@ -182,29 +253,82 @@ def _of_glob(pattern: str) -> list[Path]:
 
 def _nearest(path: Path) -> str:
     """The nearest existing name in the nearest existing folder."""
-    parent = path.parent
-    if not parent.is_dir():
-        missing = path
-        while not missing.parent.exists():
-            missing = missing.parent
-        return f"{missing.parent} has no {missing.name}; {_nearest(missing)}" if missing != path else "check the path"
+    missing = path
+    while not missing.parent.exists():
+        missing = missing.parent
+    parent = missing.parent
     try:
         names = [item.name for item in parent.iterdir() if not item.name.startswith(".")]
     except OSError:
         return "check the path"
-    near = difflib.get_close_matches(path.name, names, n=1, cutoff=0.5)
+    near = difflib.get_close_matches(missing.name, names, n=1, cutoff=0.5)
     if near:
         return f"did you mean {parent / near[0]}?"
     shown = sorted(names, key=natural)[:5]
     return f"{parent} holds {', '.join(shown)}{' ...' if len(names) > 5 else ''}" if shown else f"{parent} is empty"
 
 
-def unreadable(path: Path | Remote, error: OSError) -> LogError:
-    """A refusal of the system to let a log be read, in the program's form."""
-    reason = error.strerror or str(error)
-    return LogError(
-        "unreadable-log",
-        f"{path} cannot be read: {reason}",
-        Where(file=str(path)),
-        "check its permissions and the disk",
-    )
+def _of_store(url: str) -> list[LogPath]:
+    """The logs at a URL: one file, a folder, or a glob.
+
+    Raises
+    ------
+    LogError [no-such-log, no-store]
+        Nothing is there; or the store cannot be reached.
+    """
+    store, place = _store(url)
+    try:
+        with _refusals():
+            names = _names(store, place)
+    except OSError as error:
+        what, mend = f"{url} cannot be listed: {error}", "check the address and the access rights"
+        raise LogError("no-store", what, Where(file=url), mend) from error
+    if not names:
+        raise LogError("no-such-log", f"no log is at {url}", Where(file=url), "check the path")
+    scheme = url.partition(SCHEME)[0]
+    # Only in a machine's own file system does a path begin at its root.
+    return [Remote(scheme + SCHEME + (name if scheme in _LOCAL else name.lstrip("/"))) for name in names]
+
+
+def _names(store: Any, place: str) -> list[str]:
+    if store.isfile(place):
+        return [place]
+    folders = [place] if store.isdir(place) or not glob.has_magic(place) else store.glob(place)
+    files = [name for name in folders if store.isfile(name) and not PurePosixPath(name).name.startswith(".")]
+    if files:
+        return sorted(files, key=lambda name: _order(PurePosixPath(name)))
+    found = []
+    for folder in sorted(folders, key=lambda name: _order(PurePosixPath(name))):
+        inside = {PurePosixPath(name).relative_to(PurePosixPath(folder)): name for name in store.find(folder)}
+        found += [inside[path] for path in sorted(filter(_is_log, inside), key=_order)]
+    return found
+
+
+def _store(url: str) -> tuple[Any, str]:
+    """The file system of a URL, and the path in it."""
+    if _CHAIN in url:
+        what = f"{url}: an address within another one is not read"
+        raise LogError("no-store", what, Where(file=url), "copy the files to a folder first")
+    try:
+        import fsspec
+    except ImportError as error:
+        what = f"{url} is in a store, and fsspec is not installed"
+        raise LogError("no-store", what, Where(file=url), "pip install 'pumaid[dask]'") from error
+    try:
+        with _refusals():
+            store, place = fsspec.core.url_to_fs(url)
+    except OSError as error:
+        mend = f"is {url.partition(SCHEME)[0]} the right scheme? Some need a package of their own"
+        raise LogError("no-store", f"{url}: {error}", Where(file=url), mend) from error
+    return store, str(place)
+
+
+@contextmanager
+def _refusals() -> Iterator[None]:
+    """Whatever a store's own library raises, as a refusal of the system."""
+    try:
+        yield
+    except (OSError, MemoryError, LogError):
+        raise
+    except Exception as error:
+        raise OSError(f"{error} ({type(error).__name__})" if str(error) else type(error).__name__) from error

@@ -11,8 +11,9 @@ from pathlib import Path
 from typing import Any
 
 from pumaid.errors import ModelError, ResultError, Where
-from pumaid.io.paths import LOG_ENDINGS, STDIN
-from pumaid.io.table import write_log
+from pumaid.io.log_formats import endings
+from pumaid.io.log_writer import write_log
+from pumaid.io.paths import STDIN
 from pumaid.io.write import locked, write_file
 from pumaid.records import Log
 from pumaid.robot import Robot
@@ -138,7 +139,7 @@ def _replaced(folder: Path, force: bool) -> list[Path]:
 
 def _is_log(path: Path) -> bool:
     is_hidden = any(part.startswith(".") for part in path.parts)
-    return path.name.lower().endswith(LOG_ENDINGS) and not is_hidden
+    return path.name.lower().endswith(endings()) and not is_hidden
 
 
 def _is_truth(path: Path) -> bool:

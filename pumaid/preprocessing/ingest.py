@@ -9,7 +9,8 @@ from functools import partial
 
 from pumaid.dataset import Dataset, FileFacts, Reject, Run
 from pumaid.errors import Faults, LogError, Note, PumaidError, Where
-from pumaid.io.table import LogPath, LogReader, merged_notes
+from pumaid.io.log_reader import LogReader
+from pumaid.io.paths import LogPath
 from pumaid.preprocessing import clock
 from pumaid.preprocessing.doubled import doubled
 from pumaid.preprocessing.executors import in_order
@@ -19,6 +20,9 @@ from pumaid.preprocessing.segmenter import Segmenter
 from pumaid.preprocessing.suspicion import suspicions
 from pumaid.preprocessing.tally import Tally
 from pumaid.robot import Robot
+
+#: Notes of one kind that are printed in full; a campaign of a thousand files may have one in each.
+MOST_ALIKE = 3
 
 
 @dataclass(frozen=True, slots=True)
@@ -100,13 +104,13 @@ def read_file(path: LogPath, *, robot: Robot, options: SegmentOptions, extra: tu
     LogError, or Faults of it
         The file cannot be read.
     """
-    reader = LogReader((path,), robot, extra=extra, is_part=True)
+    reader = LogReader((path,), robot, extra=extra)
     segmenter, tally = Segmenter(robot, options), Tally(robot)
     for log in reader:
         tally.take(log)
         segmenter.add(log)
     runs, rejects = segmenter.close()
-    dataset = Dataset(runs, rejects, reader.files, reader.raw_notes, reader.extra)
+    dataset = Dataset(runs, rejects, reader.files, reader.notes, reader.extra)
     return FileResult(dataset, tally, tuple(suspicions(tally)[0]))
 
 
@@ -144,7 +148,7 @@ def _merged(results: Iterator[FileResult], robot: Robot, *, trust: bool) -> Data
     # What all logs show needs no message a file; what one file shows may drown in the others.
     first_of_each = {fault.slug: fault for fault in reversed(faults)}
     found = of_all or [fault for fault in faults if first_of_each[fault.slug] is fault]
-    notes = [*merged_notes(notes), *_refused(found, trust=trust), *doubts, *clock.notes(runs.records)]
+    notes = [*_merged_notes(notes), *_refused(found, trust=trust), *doubts, *clock.notes(runs.records)]
     return Dataset(tuple(runs.records), tuple(rejects.records), tuple(files), tuple(notes), extra)
 
 
@@ -167,3 +171,20 @@ def _refused(faults: Sequence[PumaidError], *, trust: bool) -> list[Note]:
     if faults and not trust:
         raise faults[0] if len(faults) == 1 else Faults(faults)
     return [Note(fault.slug, f"{fault.what}; {fault.mend}", fault.where) for fault in faults]
+
+
+def _merged_notes(notes: Sequence[Note]) -> Iterator[Note]:
+    """What several files share word for word once; of each kind the first few, and how many more there are."""
+    groups: dict[tuple[str, str], list[Note]] = {}
+    for note in notes:
+        groups.setdefault((note.slug, note.text), []).append(note)
+    by_slug: dict[str, list[Note]] = {}
+    for (slug, text), alike in groups.items():
+        more = f"; the same in {len(alike) - 1} more files" if len(alike) > 1 else ""
+        by_slug.setdefault(slug, []).append(Note(slug, text + more, alike[0].where))
+    for slug, several in by_slug.items():
+        yield from several[:MOST_ALIKE]
+        if rest := several[MOST_ALIKE:]:
+            files = list(dict.fromkeys(str(note.where.file) for note in rest))
+            named = ", ".join(files[:MOST_ALIKE]) + (" ..." if len(files) > MOST_ALIKE else "")
+            yield Note(slug, f"{len(rest)} more notes of this kind, on {named}")

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from pumaid.io.table import write_log
+from pumaid.io.log_writer import write_log
 from pumaid.records import Log
 from pumaid.robot import Joint, Robot
 

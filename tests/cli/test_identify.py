@@ -282,7 +282,7 @@ def test_a_second_command_does_not_read_the_logs(arm, monkeypatch):
         raise OSError("read again")
         yield
 
-    monkeypatch.setattr("pumaid.io.table.LogReader.__iter__", refuse)
+    monkeypatch.setattr("pumaid.io.log_reader.LogReader.__iter__", refuse)
     assert identify("logs", "-o", "second.json", "--add", "stribeck@1").exit_code == 0
     assert "dataset.npz" not in identify("logs", "-o", "third.json").stderr
     assert Path("third.json").read_bytes() == Path("first.json").read_bytes()

@@ -17,7 +17,8 @@ SAMPLES = Path(__file__).parents[2] / "sample_logs"
 READ = """
 import sys
 from pumaid.io.recipe import read_recipe
-from pumaid.io.table import LogReader, expand
+from pumaid.io.log_reader import LogReader
+from pumaid.io.paths import expand
 rows = sum(len(log) for log in LogReader(expand([sys.argv[1]]), read_recipe(sys.argv[2])))
 print(rows > 1000, "pandas" in sys.modules)
 """

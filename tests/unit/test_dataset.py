@@ -13,7 +13,7 @@ from motion_worlds import World, make, robot
 
 from pumaid.cli.dataset_file import DatasetFile
 from pumaid.dataset import Dataset, load_dataset, save_dataset
-from pumaid.io.table import write_log
+from pumaid.io.log_writer import write_log
 from pumaid.preprocessing.ingest import ingest
 
 WORLD = World(motions=4, rate=100.0)

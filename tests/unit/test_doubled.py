@@ -11,8 +11,8 @@ import pytest
 from motion_worlds import World, make, robot
 
 from pumaid.errors import LogError
+from pumaid.io.log_writer import write_log
 from pumaid.io.paths import expand
-from pumaid.io.table import write_log
 from pumaid.preprocessing.doubled import doubled
 from pumaid.preprocessing.ingest import ingest
 

@@ -17,8 +17,8 @@ from motion_worlds import World, make, robot
 
 from pumaid.dataset import Dataset
 from pumaid.errors import LogError
+from pumaid.io.log_writer import write_log
 from pumaid.io.paths import expand
-from pumaid.io.table import write_log
 from pumaid.preprocessing import ingest as module
 from pumaid.preprocessing.executors import dask_workers, local_processes
 from pumaid.preprocessing.ingest import ingest
@@ -122,6 +122,16 @@ def test_what_cannot_be_meant_is_refused_unless_trusted(tmp_path) -> None:
         ingest([path], ARM)
     assert refused.value.slug == "time-unit"
     assert "time-unit" in [note.slug for note in ingest([path], ARM, trust=True).notes]
+
+
+def test_notes_of_one_kind_do_not_flood(tmp_path) -> None:
+    """Of eight files with gaps of their own three are told in full, and how many more there are."""
+    for number in range(8):
+        logs = make(WORLD, number).logs
+        logs = [replace(log, time=log.time + (1.0 + number) * (np.arange(len(log)) > 50)) for log in logs]
+        write_log(tmp_path / f"{number}.csv", logs[:1], ARM)
+    notes = [note for note in ingest(expand([tmp_path]), ARM, trust=True).notes if note.slug == "gaps"]
+    assert len(notes) == 4 and "5 more notes of this kind" in notes[-1].text
 
 
 def test_a_refused_file_is_refused_by_its_worker_too(paths, tmp_path) -> None:

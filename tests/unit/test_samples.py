@@ -10,9 +10,9 @@ from types import ModuleType
 import pyarrow.parquet as pq
 import pytest
 
+from pumaid.io.log_reader import LogReader
 from pumaid.io.paths import expand
 from pumaid.io.recipe import read_recipe, shipped_recipes
-from pumaid.io.table import LogReader
 
 ROOT = Path(__file__).parents[2]
 SAMPLES = ROOT / "sample_logs"

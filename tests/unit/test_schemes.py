@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 from ruamel.yaml import YAML
 
-from pumaid.io.schemes import paste_block
+from pumaid.io.columns import paste_block
 from pumaid.robot import Joint, LogFormat, Robot
 
 

@@ -7,8 +7,7 @@ from pathlib import Path
 import pytest
 
 from pumaid.errors import LogError
-from pumaid.io.paths import expand
-from pumaid.io.remote import Remote
+from pumaid.io.paths import Remote, expand, local_copy
 
 fsspec = pytest.importorskip("fsspec")
 
@@ -71,7 +70,7 @@ def test_what_leads_nowhere_is_one_message(argument, slug):
     assert (refused.value.slug, refused.value.where.file) == (slug, argument) and refused.value.mend
 
 
-def test_a_store_that_refuses_to_open_is_a_refusal_of_the_system(monkeypatch):
+def test_a_store_that_refuses_to_open_is_one_message(monkeypatch):
     """Libraries of stores have errors of their own."""
     store = fsspec.filesystem("memory")
     store.pipe("/stores/one.csv", b"t\n")
@@ -81,5 +80,6 @@ def test_a_store_that_refuses_to_open_is_a_refusal_of_the_system(monkeypatch):
         raise RuntimeError("AccessDenied")
 
     monkeypatch.setattr(type(store), "open", refused)
-    with pytest.raises(OSError, match="AccessDenied"):
-        path.open()
+    with pytest.raises(LogError, match="AccessDenied") as error, local_copy(path):
+        pass
+    assert error.value.slug == "unreadable-log"

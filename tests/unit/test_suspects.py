@@ -12,7 +12,8 @@ import pytest
 
 from pumaid.dataset import Bins, Dataset
 from pumaid.errors import LogError
-from pumaid.io.table import LogReader
+from pumaid.io.log_reader import LogReader
+from pumaid.preprocessing.ingest import ingest
 from pumaid.preprocessing.reduce import coarser
 from pumaid.robot import Joint, Robot
 from pumaid.verbs.segment import SegmentOptions, segment
@@ -66,10 +67,9 @@ def test_a_column_of_text_is_refused(tmp_path, name):
 def test_a_column_that_no_file_has_is_refused_before_the_pass(tmp_path):
     """The nearest name is offered, whatever its capitals."""
     paths = [written(tmp_path / name, columns()) for name in ("a.csv", "b.parquet")]
-    reader = LogReader(paths, ARM, extra=("vbsu",))
     with pytest.raises(LogError, match="did you mean Vbus") as refused:
-        next(iter(reader))
-    assert (refused.value.slug, reader.files) == ("column-missing", ())
+        ingest(paths, ARM, extra=("vbsu",))
+    assert refused.value.slug == "column-missing"
 
 
 def test_a_file_that_lacks_the_column_leaves_it_unknown(tmp_path):

@@ -1,0 +1,356 @@
+"""Text logs: CSV in any dialect, read by Arrow in blocks, so that memory does not grow with the file."""
+
+from __future__ import annotations
+
+import codecs
+import csv
+import io
+import re
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from itertools import islice
+from typing import Any, BinaryIO, cast
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pumaid.errors import LogError, Note, Where
+from pumaid.io.arrow import floats
+from pumaid.io.log_formats import Batch, Column, LogSource
+
+#: Words that mean "no number"; what C, MATLAB, Excel and pandas print for it.
+_NO_NUMBER = ("", " ", "nan", "na", "n/a", "#n/a", "null", "none", "-nan", "-nan(ind)", "1.#qnan", "-1.#ind", "1.#inf")
+_NULLS = sorted(
+    {form for word in _NO_NUMBER for form in (word, word.upper(), word.capitalize())} | {"NaN", "-NaN", "N/A"}
+)
+#: Bytes that Arrow parses at a time; no line is longer.
+_BLOCK_BYTES = 4 << 20
+#: Characters of comments behind which no header is looked for, and rows from which the dialect is told.
+_MOST_HEAD, _PROBE_ROWS = 4 << 20, 50
+#: Rows with too few or too many cells at which reading stops.
+_MOST_RAGGED = 1000
+#: Stands for runs of spaces and tabs between cells.
+_SPACES = " "
+_GZIP = b"\x1f\x8b"
+
+_NUMBER = re.compile(r"[+-]?(\d+([.,]\d*)?|[.,]\d+)([eE][+-]?\d+)?|[+-]?(nan|inf|infinity)", re.IGNORECASE)
+_COMMA_NUMBER = re.compile(r"[+-]?\d*,\d+([eE][+-]?\d+)?")
+#: Numbers in groups of three digits, and those that need no separator.
+_GROUPED, _SMALL = re.compile(r"[+-]?[1-9]\d{0,2}(?:([.,])\d{3})(?:\1\d{3})*"), re.compile(r"[+-]?\d{1,3}")
+_BAD_CELL = re.compile(r"CSV column #(\d+): (?:Row #(\d+): )?CSV conversion error to double: invalid value '(.*)", re.S)
+
+
+@dataclass(frozen=True, slots=True)
+class Dialect:
+    """How a text log is written: delimiter, decimal mark, column names, line of these (from 1), the first rows.
+
+    `has_quotes` tells whether these rows have quoted cells, each within one line.
+    """
+
+    delimiter: str
+    decimal: str
+    header: tuple[str, ...]
+    header_line: int
+    rows: tuple[tuple[str, ...], ...]
+    has_quotes: bool
+
+
+class CsvLog(LogSource):
+    """A text file with a header line; gzipped ones, UTF-16 and Latin-1 are read, too."""
+
+    endings = (".csv", ".csv.gz")
+    is_fallback = True
+
+    @classmethod
+    def sniff(cls, head: bytes) -> bool:
+        """Text holds no zero bytes, unless it is UTF-16; what gzip holds is looked at when it is read."""
+        return head.startswith((_GZIP, codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)) or b"\0" not in head
+
+    def schema(self) -> Sequence[Column]:
+        """The names of the header line.
+
+        Raises
+        ------
+        LogError [empty-log, no-header, not-a-log]
+            There is no line, the first one holds numbers, or it is no text.
+        """
+        with self._opened() as stream:
+            head = stream.read(1 << 16)
+            self._encoding = _encoding(head)
+            if b"\0" in head and self._encoding != "utf-16":
+                raise LogError("not-a-log", f"{self.name} holds binary data", Where(file=self.name), "export it as CSV")
+        with self._opened() as stream:
+            text = io.TextIOWrapper(stream, self._encoding, errors="replace")
+            self._dialect = _dialect(_head_lines(text), self.name)
+        return [Column(name) for name in self._dialect.header]
+
+    def batches(self, names: Sequence[str]) -> Iterator[Batch]:
+        """As `LogSource`; empty lines and comments are passed over, and a last row that is cut off is left out.
+
+        Raises
+        ------
+        LogError [not-a-number, ragged-row, thousands]
+            A cell holds text, a row inside the file has too few or too many cells, or numbers have separators of
+            thousands.
+        """
+        dialect = self._dialect
+        indices = [dialect.header.index(name) for name in names]
+        _refuse_thousands(dialect, indices, self.name)
+        line, last_row = dialect.header_line + 1, 0
+        ragged: list[tuple[int, int, str]] = []
+        skipped: list[int] = []  # lines of comments and ragged rows, rising
+        for values in self._parsed(indices, ragged, skipped):
+            rows = line + np.arange(values.shape[1])
+            for number in skipped[np.searchsorted(skipped, line) :]:
+                if len(rows) and number > rows[-1]:
+                    break
+                rows[rows >= number] += 1
+            line = int(rows[-1]) + 1 if len(rows) else line
+            is_filled = ~np.isnan(values).all(axis=0)
+            if is_filled.any():
+                rows, values = rows[is_filled], values[:, is_filled]
+                last_row = int(rows[-1])
+                yield Batch(rows, values)
+        self._judge(ragged, last_row)
+
+    @contextmanager
+    def _opened(self) -> Iterator[BinaryIO]:
+        """The bytes, unpacked."""
+        import pyarrow as pa
+
+        with self.path.open("rb") as stream:
+            is_packed = stream.read(2) == _GZIP
+            stream.seek(0)
+            try:
+                yield cast(BinaryIO, pa.CompressedInputStream(stream, "gzip") if is_packed else stream)
+            except (pa.ArrowException, OSError, EOFError) as error:
+                if not is_packed:
+                    raise
+                what = f"{self.name} is not a whole gzip file: {str(error).splitlines()[0][:100]}"
+                raise LogError("damaged-log", what, Where(file=self.name), "compress it again") from error
+
+    def _parsed(
+        self, indices: Sequence[int], ragged: list[tuple[int, int, str]], skipped: list[int]
+    ) -> Iterator[NDArray[np.float64]]:
+        """(C, N) values of the columns, block by block; fills in what is `ragged` and `skipped`."""
+        import pyarrow as pa
+        from pyarrow import csv as arrow_csv
+
+        def on_ragged(row: Any) -> str:
+            skipped.append(row.number)
+            if row.text.strip() and not row.text.startswith(("#", "%")):
+                ragged.append((row.number, row.actual_columns, row.text))
+            return "skip" if len(ragged) < _MOST_RAGGED else "error"
+
+        dialect = self._dialect
+        columns = [str(index) for index in range(len(dialect.header))]
+        wanted = [str(index) for index in indices]
+        with self._opened() as stream:
+            try:
+                reader = arrow_csv.open_csv(
+                    _plain(stream, self._encoding, dialect),
+                    # Threads would not tell the row of what cannot be read.
+                    arrow_csv.ReadOptions(
+                        column_names=columns, skip_rows=dialect.header_line, block_size=_BLOCK_BYTES, use_threads=False
+                    ),
+                    arrow_csv.ParseOptions(
+                        delimiter=dialect.delimiter,
+                        # A lone quote in a text column would swallow lines.
+                        quote_char='"' if dialect.has_quotes else False,
+                        ignore_empty_lines=False,
+                        invalid_row_handler=on_ragged,
+                    ),
+                    arrow_csv.ConvertOptions(
+                        include_columns=list(dict.fromkeys(wanted)),
+                        column_types=dict.fromkeys(wanted, pa.float64()),
+                        decimal_point=dialect.decimal,
+                        null_values=_NULLS,
+                        check_utf8=False,
+                    ),
+                )
+                for batch in reader:
+                    yield np.array([floats(batch.column(name)) for name in wanted]).reshape(len(wanted), -1)
+            except pa.ArrowInvalid as error:
+                if "Could not skip" not in str(error) and "Empty CSV" not in str(error):  # else there are no rows
+                    self._judge(ragged, ragged[-1][0] + 1 if ragged else 0)
+                    raise self._unreadable(str(error)) from error
+
+    def _judge(self, ragged: list[tuple[int, int, str]], last_row: int) -> None:
+        """A cut last row is a recording that was stopped; any other is a damaged file."""
+        size = len(self._dialect.header)
+        if ragged and ragged[-1][0] > last_row and ragged[-1][1] < size:
+            line, count, _ = ragged.pop()
+            text = f"the last row has {count} of {size} cells (recording cut off) and is left out"
+            self.notes.append(Note("last-row-cut", text, Where(file=self.name, row=line)))
+        if ragged:
+            first = "; ".join(f"row {line} has {count}" for line, count, _ in ragged[:3])
+            more = f" and {len(ragged) - 3} more" if len(ragged) > 3 else ""
+            what = f"{first}{more} cells where the header has {size}"
+            mend = "complete or remove these rows; a delimiter inside a cell needs quotes"
+            raise LogError("ragged-row", what, Where(file=self.name, row=ragged[0][0]), mend)
+
+    def _unreadable(self, message: str) -> LogError:
+        found = _BAD_CELL.search(message)
+        if found is None:
+            what = f"{self.name} is no table in lines: {message.splitlines()[0][:150]}"
+            return LogError(
+                "not-a-log", what, Where(file=self.name), "export it as CSV, a line a sample, or as Parquet"
+            )
+        column, text = self._dialect.header[int(found[1])], found[3].rstrip("'").strip()[:30]
+        row = int(found[2]) if found[2] else None
+        mend = "write numbers as 1234.5 or 1.2e-3, without units or separators; leave cells without a number empty"
+        if row == self._dialect.header_line + 1:
+            mend = f"row {row} looks like units: delete it and name the units in the recipe's log block"
+        elif text in self._dialect.header:
+            mend = f"row {row} is a header: another recording begins there; split the file before it"
+        elif re.match(r"\d{4}-\d\d-\d\d|\d\d?:\d\d", text):
+            mend = "write times as seconds, not as dates"
+        where = Where(file=self.name, row=row, column=column)
+        return LogError("not-a-number", f"row {row}, column {column}: {text!r} is no number", where, mend)
+
+
+class _Spaced(io.RawIOBase):
+    """Text in which runs of spaces and tabs are one space, and none stand at the ends of lines."""
+
+    def __init__(self, stream: BinaryIO) -> None:
+        self._lines = iter(stream.readline, b"")
+        self._rest = b""
+
+    def readable(self) -> bool:
+        """Yes."""
+        return True
+
+    def readinto(self, place: Any) -> int:
+        """Fill a buffer with the next bytes."""
+        while not self._rest and (lines := list(islice(self._lines, 10_000))):
+            self._rest = b"\n".join(b" ".join(line.split()) for line in lines) + b"\n"
+        count = min(len(place), len(self._rest))
+        place[:count], self._rest = self._rest[:count], self._rest[count:]
+        return count
+
+
+def _plain(stream: BinaryIO, encoding: str, dialect: Dialect) -> Any:
+    """A stream as Arrow reads it."""
+    if encoding == "utf-16":
+        stream = cast(BinaryIO, codecs.EncodedFile(stream, "utf-8", encoding))
+    return io.BufferedReader(_Spaced(stream), 1 << 20) if dialect.delimiter == _SPACES else stream
+
+
+def _encoding(head: bytes) -> str:
+    """UTF-8, UTF-16 by its byte order mark, else Latin-1, in which every byte is a letter."""
+    if head.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)):
+        return "utf-16"
+    try:
+        codecs.getincrementaldecoder("utf-8-sig")().decode(head)
+    except UnicodeDecodeError:
+        return "latin-1"
+    return "utf-8-sig"
+
+
+def _head_lines(text: io.TextIOWrapper) -> list[str]:
+    """A file's first lines: up to so many rows of numbers, or a bound on comments."""
+    lines: list[str] = []
+    n_rows = n_characters = 0
+    for line in iter(lambda: text.readline(_MOST_HEAD), ""):
+        lines.append(line)
+        n_rows += not _is_comment(line) and _numeric_share(line) > 0.5
+        n_characters += len(line)
+        if n_rows >= _PROBE_ROWS or n_characters >= _MOST_HEAD:
+            break
+    return lines
+
+
+def _dialect(lines: list[str], name: str) -> Dialect:
+    """How a file with these first lines is written.
+
+    The header is the line above the first row of numbers that has as many cells; comments and other text may stand
+    above it.
+
+    Raises
+    ------
+    LogError [empty-log, no-header]
+        There is no line, or numbers have no line of names above them.
+    """
+    written = [number for number, line in enumerate(lines) if line.strip()]
+    told = re.fullmatch(r"\"?sep=(.)\"?", lines[written[0]].strip(), re.IGNORECASE) if written else None
+    written = written[1:] if told else written
+    numbers = [n for n in written if not _is_comment(lines[n]) and _numeric_share(lines[n]) > 0.5]
+    above = [n for n in written if not numbers or n < numbers[0]]
+    if not written or (not (above := _uncommented(lines, above) or above[-1:]) and not numbers):
+        raise LogError("empty-log", f"{name} has no line", Where(file=name), "record it again or leave it out")
+    body = [lines[n] for n in numbers[:_PROBE_ROWS]]
+    if not above:
+        what = f"line {numbers[0] + 1} of {name} holds numbers ({body[0].strip()[:40]}), and no names of columns above"
+        raise LogError(
+            "no-header", what, Where(file=name, line=numbers[0] + 1), "put a header line on top: t,q1,...,i1,..."
+        )
+    place = above[-1] if body else above[0]
+    title = lines[place].lstrip("#% ")
+    delimiter = told[1] if told else _delimiter([title, *body])
+    if body and len(above) > 1 and len(cells(lines[above[-2]], delimiter)) == len(cells(title, delimiter)) > 1:
+        place = above[-2]  # what stands between names and numbers may be units, which no reader may pass over
+        title = lines[place]
+    header = cells(title, delimiter)
+    rows = tuple(cells(line, delimiter) for line in body)
+    if rows and all(len(row) == len(header) + 1 for row in rows):
+        header = (*header, "")  # a delimiter at the end of each row, but not of the header
+    is_comma = delimiter != "," and any(_COMMA_NUMBER.fullmatch(cell) for row in rows for cell in row)
+    n_quotes = [line.count('"') for line in body]
+    has_quotes = any(n_quotes) and all(count % 2 == 0 for count in n_quotes)
+    return Dialect(delimiter, "," if is_comma else ".", header, place + 1, rows, has_quotes)
+
+
+def _is_comment(line: str) -> bool:
+    return line.startswith(("#", "%"))
+
+
+def _uncommented(lines: list[str], numbers: list[int]) -> list[int]:
+    return [n for n in numbers if not _is_comment(lines[n])]
+
+
+def _numeric_share(line: str) -> float:
+    words = re.split(r"[;,\t| ]+", line.strip())
+    return sum(bool(_NUMBER.fullmatch(word)) for word in words) / max(1, len(words))
+
+
+def _delimiter(lines: list[str]) -> str:
+    """The delimiter by which header and rows have the same number of cells, the most of them; spaces come last."""
+    best = (0, 0, ",")
+    for candidate in (";", "\t", "|", ",", _SPACES):
+        counts = [len(cells(line, candidate)) for line in lines]
+        agree = sum(abs(count - counts[0]) <= 1 for count in counts)
+        if counts[0] > 1 and (agree, counts[0]) > best[:2]:
+            best = (agree, counts[0], candidate)
+    return best[2]
+
+
+def cells(line: str, delimiter: str) -> tuple[str, ...]:
+    """Cells of one line without quotes and spaces around."""
+    if delimiter == _SPACES:
+        return tuple(line.split())
+    try:
+        row = next(csv.reader([line.rstrip("\r\n")], delimiter=delimiter, skipinitialspace=True), [])
+    except csv.Error:  # a cell of more than 128 KiB, as after a quote that is never closed
+        row = line.split(delimiter)
+    return tuple(cell.strip() for cell in row)
+
+
+def _refuse_thousands(dialect: Dialect, indices: Sequence[int], name: str) -> None:
+    """Refuse numbers such as 1,068 beside 850: read with a decimal mark they would be a thousand times too small.
+
+    Raises
+    ------
+    LogError [thousands]
+        The first rows hold such numbers.
+    """
+    for index in indices:
+        words = [row[index] for row in dialect.rows if index < len(row) and row[index]]
+        grouped = [word for word in words if _GROUPED.fullmatch(word)]
+        others = sorted({word for word in words if not _GROUPED.fullmatch(word)})
+        is_sure = any(word.count(",") > 1 or word.count(".") > 1 for word in grouped)
+        if is_sure or (grouped and others and all(_SMALL.fullmatch(word) for word in others)):
+            column, shown = dialect.header[index], grouped[0] + (f" beside {others[0]}" if others else "")
+            what = f"column {column} of {name} holds {shown}: separators of thousands, or decimals?"
+            where = Where(file=name, column=column)
+            raise LogError("thousands", what, where, "write numbers without separators of thousands: 1068 or 1068.0")

@@ -1,0 +1,98 @@
+"""Parquet logs, read batch by batch and only the columns that are needed."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator, Sequence
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pumaid.errors import LogError, Where
+from pumaid.io.arrow import floats
+from pumaid.io.log_formats import Batch, Column, LogSource
+
+if TYPE_CHECKING:
+    import pyarrow as pa
+
+#: Rows decoded at a time, and bytes that the reader of one column holds (else its whole chunk would be in memory).
+_BATCH_ROWS, _BUFFER_BYTES = 65536, 1 << 18
+
+
+class ParquetLog(LogSource):
+    """A Parquet file; rows count as in the same table written as CSV, so the first is row 2."""
+
+    endings = (".parquet",)
+
+    @classmethod
+    def sniff(cls, head: bytes) -> bool:
+        """By the bytes with which every Parquet file begins."""
+        return head.startswith(b"PAR1")
+
+    def schema(self) -> Sequence[Column]:
+        """The names; time stamps and durations have a unit of their own."""
+        import pyarrow as pa
+
+        self._file = self._opened()
+        return [
+            Column(field.name, field.type.unit if _is_time(pa, field.type) else "") for field in self._file.schema_arrow
+        ]
+
+    def batches(self, names: Sequence[str]) -> Iterator[Batch]:
+        """As `LogSource`; each page's checksum is verified where the file has one."""
+        first = 2
+        for batch in self._decoded(list(dict.fromkeys(names))):
+            values = np.empty((len(names), batch.num_rows))
+            for row, name in zip(values, names, strict=True):
+                row[:] = self._numbers(batch.column(name), name)
+            yield Batch(first + np.arange(batch.num_rows), values)
+            first += batch.num_rows
+
+    def _opened(self) -> Any:
+        import pyarrow as pa
+        import pyarrow.parquet as pq
+
+        try:
+            source = pa.OSFile(os.fsencode(self.path))
+            return pq.ParquetFile(source, buffer_size=_BUFFER_BYTES, pre_buffer=False, page_checksum_verification=True)
+        except (pa.ArrowException, OSError) as error:
+            raise self._damaged(error) from error
+
+    def _decoded(self, names: list[str]) -> Iterator[Any]:
+        import pyarrow as pa
+
+        batches = self._file.iter_batches(_BATCH_ROWS, columns=names, use_threads=False)
+        while True:
+            try:
+                batch = next(batches, None)
+            except (pa.ArrowException, OSError) as error:
+                raise self._damaged(error) from error
+            if batch is None:
+                return
+            yield batch
+
+    def _numbers(self, column: pa.Array, name: str) -> NDArray[np.float64]:
+        import pyarrow as pa
+
+        if _is_time(pa, column.type):
+            column = column.view(pa.int64())
+        try:
+            return floats(column if pa.types.is_float64(column.type) else column.cast(pa.float64(), safe=False))
+        except (pa.ArrowInvalid, pa.ArrowNotImplementedError) as error:
+            what = f"column {name} holds {column.type}, not numbers: {str(error).splitlines()[0][:100]}"
+            mend = "write it as numbers, a column for each joint"
+            raise LogError("not-a-number", what, Where(file=self.name, column=name), mend) from error
+
+    def _damaged(self, error: Exception) -> LogError:
+        reason = (str(error) or type(error).__name__).splitlines()[0][:200]
+        where = Where(file=self.name)
+        if isinstance(error, MemoryError):
+            mend = "end other programs or raise the limit (ulimit -v)"
+            return LogError("no-memory", f"there is not enough memory for {self.name}: {reason}", where, mend)
+        mend = "the file was cut off or altered: record, copy or export it again"
+        return LogError("damaged-log", f"{self.name} is not a whole Parquet file: {reason}", where, mend)
+
+
+def _is_time(pa: Any, kind: Any) -> bool:
+    return bool(pa.types.is_timestamp(kind) or pa.types.is_duration(kind))

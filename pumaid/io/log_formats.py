@@ -1,0 +1,136 @@
+"""Log formats: what a format is to the reader, and how the format of a file is found."""
+
+from __future__ import annotations
+
+import importlib
+import inspect
+import pkgutil
+from abc import ABC, abstractmethod
+from collections.abc import Iterator, Sequence
+from functools import cache
+from pathlib import Path
+from typing import ClassVar, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pumaid.errors import LogError, Note, Where
+from pumaid.io import formats
+
+#: Bytes of a file's beginning by which its format is recognised.
+HEAD_BYTES = 1 << 16
+#: First bytes of what is read by no format, and what it is.
+_FOREIGN = {
+    b"PK\x03\x04": "a spreadsheet or zip archive",
+    b"\xd0\xcf\x11\xe0": "an old Excel workbook",
+    b"\x89HDF": "an HDF5 or MATLAB 7.3 file",
+    b"MATLAB": "a MATLAB file",
+    b"#ROSBAG": "a ROS bag",
+    b"\x89MCAP": "an MCAP recording",
+    b"SQLite format": "an SQLite database",
+    b"\x28\xb5\x2f\xfd": "compressed by zstd (gzip is read as it is)",
+    b"\xfd7zXZ\x00": "compressed by xz (gzip is read as it is)",
+    b"BZh": "compressed by bzip2 (gzip is read as it is)",
+    b"\x04\x22\x4d\x18": "compressed by lz4 (gzip is read as it is)",
+    b"ARROW1": "an Arrow file",
+    b"\x93NUMPY": "a NumPy array",
+    b"[{": "JSON",
+    b"{": "JSON",
+    b"<": "XML or HTML",
+}
+
+
+class Column(NamedTuple):
+    """A column of a log: its name, and the unit of time (s, ms, us, ns) where the file itself states one."""
+
+    name: str
+    unit: str = ""
+
+
+class Batch(NamedTuple):
+    """Consecutive rows: (N,) numbers, counted as an editor counts lines, and (C, N) values, NaN where there is none."""
+
+    rows: NDArray[np.int64]
+    values: NDArray[np.float64]
+
+
+class LogSource(ABC):
+    """A log file as columns of numbers. A format is a subclass in a module of ``pumaid/io/formats``.
+
+    Parameters
+    ----------
+    path
+        The file, on this machine.
+    name
+        Its name for messages.
+
+    Attributes
+    ----------
+    endings
+        Of files of this format; such files are found in folders.
+    is_fallback
+        Whether the format is tried only where no other one recognises a file.
+    notes
+        What is worth a note, complete after the last batch.
+    """
+
+    endings: ClassVar[tuple[str, ...]]
+    is_fallback: ClassVar[bool] = False
+
+    def __init__(self, path: Path, name: str) -> None:
+        self.path, self.name = path, name
+        self.notes: list[Note] = []
+
+    @classmethod
+    @abstractmethod
+    def sniff(cls, head: bytes) -> bool:
+        """Whether a file with these first `HEAD_BYTES` bytes is of this format."""
+
+    @abstractmethod
+    def schema(self) -> Sequence[Column]:
+        """The columns in the file's order."""
+
+    @abstractmethod
+    def batches(self, names: Sequence[str]) -> Iterator[Batch]:
+        """The values of the named columns, in the order of `names`, batch by batch.
+
+        Raises
+        ------
+        LogError
+            A column holds no numbers, or the file is damaged.
+        """
+
+
+@cache
+def log_formats() -> tuple[type[LogSource], ...]:
+    """All formats, those that recognise files by themselves first."""
+    found = []
+    for module in pkgutil.iter_modules(formats.__path__):
+        contents = vars(importlib.import_module(f"{formats.__name__}.{module.name}")).values()
+        classes = [item for item in contents if inspect.isclass(item) and issubclass(item, LogSource)]
+        found += [item for item in classes if not inspect.isabstract(item)]
+    return tuple(sorted(found, key=lambda item: item.is_fallback))
+
+
+def endings() -> tuple[str, ...]:
+    """Endings of the logs that are found in folders, in lower case."""
+    return tuple(ending for item in log_formats() for ending in item.endings)
+
+
+def log_format(head: bytes, name: str) -> type[LogSource]:
+    """The format of a file with these first `HEAD_BYTES` bytes.
+
+    Raises
+    ------
+    LogError [not-a-log]
+        There is none.
+    """
+    is_known = [item for item in log_formats() if not item.is_fallback and item.sniff(head)]
+    foreign = [what for magic, what in _FOREIGN.items() if head.startswith(magic)]
+    found = is_known or ([] if foreign else [item for item in log_formats() if item.sniff(head)])
+    if not found:
+        what = foreign[0] if foreign else "binary data"
+        raise LogError(
+            "not-a-log", f"{name} is {what}, not CSV or Parquet", Where(file=name), "export it as one of them"
+        )
+    return found[0]
