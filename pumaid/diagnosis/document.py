@@ -9,7 +9,17 @@ from typing import Any
 from pumaid import __version__
 from pumaid.io.write import write_file
 from pumaid.records import Diagnosis, Estimate
-from pumaid.results.documents import Refusals, Unfit, as_text, heading, plain, read_document, record_from
+from pumaid.results.documents import (
+    Refusals,
+    Unfit,
+    as_text,
+    check_seal,
+    heading,
+    plain,
+    read_document,
+    record_from,
+    sealed,
+)
 from pumaid.results.model_file import model_digest
 
 #: Its name in a folder of results.
@@ -25,7 +35,7 @@ def diagnosis_document(diagnosis: Diagnosis) -> dict[str, Any]:
         joint["repeats"] = share and {"share": share[0], "p_value": share[1]}
     entries |= {"recipe": {"sha256": entries.pop("recipe_digest")}, "model": {"sha256": entries["model"]}}
     version = entries.pop("version")
-    return heading("diagnosis") | {"pumaid": version or __version__} | entries
+    return sealed(heading("diagnosis") | {"pumaid": version or __version__} | entries)
 
 
 def write_diagnosis(path: Path, diagnosis: Diagnosis) -> None:
@@ -49,9 +59,11 @@ def read_diagnosis(path: Path) -> Diagnosis:
     """
     document = read_document(Path(path), REFUSALS)
     try:
-        return record_from(Diagnosis, _entries(document))
+        diagnosis = record_from(Diagnosis, _entries(document))
     except Unfit as unfit:
         raise REFUSALS.unfit(unfit.faults, str(path)) from None
+    check_seal(document, REFUSALS, str(path))
+    return diagnosis
 
 
 def _entries(document: Mapping[str, Any]) -> dict[str, Any]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import json
 import math
 import re
@@ -97,6 +98,18 @@ def heading(kind: str, *, robot: Robot | None = None, logs: Mapping[str, str] | 
     return head if logs is None else head | {"logs": dict(logs)}
 
 
+def digest_of(document: Mapping[str, Any]) -> str:
+    """SHA-256 of what a document says, apart from its own digest and its place in a history."""
+    content = {key: entry for key, entry in document.items() if key not in ("sha256", "history")}
+    return hashlib.sha256(json.dumps(content, sort_keys=True, separators=(",", ":")).encode()).hexdigest()
+
+
+def sealed(document: Mapping[str, Any]) -> dict[str, Any]:
+    """A document in plain values with its digest, by which `check_seal` sees that it was edited."""
+    content = plain(document)
+    return content | {"sha256": digest_of(content)}
+
+
 @dataclass(frozen=True, slots=True)
 class Refusals:
     """Builds the errors of one `kind` of document (``"model"``), with `slug`; `command` makes such a file anew."""
@@ -181,6 +194,18 @@ def _parsed(data: bytes, name: str, refusals: Refusals) -> dict[str, Any]:
         key = _encodable(repeated[0])
         raise refusals.damaged(f"the entry {key!r} is given twice", Where(file=name, field=key))
     return document
+
+
+def check_seal(document: Mapping[str, Any], refusals: Refusals, file: str) -> None:
+    """Refuse a document that was edited after it was written; earlier versions wrote no digest.
+
+    Raises
+    ------
+    ResultError [the kind's slug]
+        Its digest is not that of its content.
+    """
+    if document.get("sha256", digest := digest_of(document)) != digest:
+        raise refusals.damaged(f"{file} was changed after pumaid wrote it", Where(file=file, field="sha256"))
 
 
 class Unfit(ValueError):

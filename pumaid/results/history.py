@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
-import json
 import math
 import re
 from collections import Counter
@@ -15,7 +13,7 @@ from typing import Any
 from pumaid.errors import Note, PumaidError, ResultError, Where
 from pumaid.io.write import locked, write_file
 from pumaid.records import Estimate, JointFit
-from pumaid.results.documents import as_text, plain, read_document
+from pumaid.results.documents import as_text, digest_of, plain, read_document
 from pumaid.results.model_file import REFUSALS, estimate_from, model_document
 from pumaid.robot import EffectChoice, Robot
 
@@ -142,16 +140,14 @@ class Kept:
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Entry:
-    """An archived model: its file, the digests of its content, its parent and its arm, and whether it was edited."""
+    """An archived model: its file, the digest of its content, its parent's, and that of its arm."""
 
     number: int
     path: Path
-    document: Mapping[str, Any]
     estimate: Estimate
     digest: str
     parent: str | None
     arm: str
-    is_changed: bool = False
 
     @property
     def key(self) -> tuple[object, ...]:
@@ -183,7 +179,7 @@ def keep(path: Path, estimate: Estimate, robot: Robot) -> Kept:
     arm = digest_of(plain(replace(robot, effects=(), origin="", digest="")))
     document = model_document(estimate)
     with locked(Path(path).parent / FOLDER):
-        before = _archive_current(Path(path))
+        before = _archive_current(Path(path), robot.digest, arm)
         kept = _archive(Path(path).parent / FOLDER, (document, estimate), arm=arm, before=before)
         write_file(Path(path), as_text(document))
     return kept
@@ -206,7 +202,9 @@ def restore(results: Path, number: int) -> Path:
             numbers = ", ".join(str(entry.number) for entry in entries)
             what = f"there is no model {number}; there are {numbers}"
             raise ResultError("no-such-model", what, Where(file=str(results / FOLDER)), "see: pumaid history")
-        write_file(results / CURRENT, as_text(_without_link(chosen.document)))
+        document = read_document(chosen.path, REFUSALS)
+        document.pop(_LINK, None)
+        write_file(results / CURRENT, as_text(document))
     return results / CURRENT
 
 
@@ -245,16 +243,6 @@ def ladder_of(model: Path) -> Ladder | None:
     return history.ladders[0] if history.current is not None and model.name == CURRENT else None
 
 
-def digest_of(document: Mapping[str, Any]) -> str:
-    """SHA-256 of a model's document without its link, however the JSON is laid out."""
-    text = json.dumps(_without_link(document), sort_keys=True, separators=(",", ":"))
-    return hashlib.sha256(text.encode()).hexdigest()
-
-
-def _without_link(document: Mapping[str, Any]) -> dict[str, Any]:
-    return {key: entry for key, entry in document.items() if key != _LINK}
-
-
 def _read(path: Path) -> tuple[dict[str, Any], Estimate]:
     """A model file as JSON and as a model; a pipe or device is refused, since reading it might never end."""
     if path.exists() and not path.is_file():
@@ -264,14 +252,19 @@ def _read(path: Path) -> tuple[dict[str, Any], Estimate]:
     return document, estimate_from(document, str(path))
 
 
-def _archive_current(path: Path) -> str | None:
-    """Digest of the current model, archived first if it is not; None where there is none."""
+def _archive_current(path: Path, recipe: str = "", arm: str = "") -> str | None:
+    """Digest of the current model, archived first if it is not; None where there is none.
+
+    `arm` is the digest of the arm of the recipe with the digest `recipe`.
+    """
     try:
-        model = _read(path)
+        document, estimate = _read(path)
     except PumaidError:
         return None
-    _archive(path.parent / FOLDER, model, arm="", before=None)
-    return digest_of(model[0])
+    _archive(
+        path.parent / FOLDER, (document, estimate), arm=arm if estimate.recipe_digest == recipe else "", before=None
+    )
+    return digest_of(document)
 
 
 def _archive(folder: Path, model: tuple[dict[str, Any], Estimate], *, arm: str, before: str | None) -> Kept:
@@ -284,11 +277,9 @@ def _archive(folder: Path, model: tuple[dict[str, Any], Estimate], *, arm: str, 
             return Kept(entry.number, entry.path, is_new=False)
     number = 1 + max((_number(path) for path in folder.glob("*")), default=0)
     path = folder / f"{number:03d}-{_effects_word(estimate.effects)}.json"
-    new = Entry(number, path, document, estimate, digest=digest, parent=None, arm=arm)
-    *others, new = _with_arms([*entries, new])
-    parent = _parent(new, [entry for entry in others if entry.key == new.key], before)
-    link = {"number": number, "sha256": digest, "parent": parent, "arm": arm}
-    write_file(path, as_text(_without_link(document) | {_LINK: link}))
+    new = Entry(number, path, estimate, digest, parent=None, arm=arm or estimate.recipe_digest)
+    parent = _parent(new, [entry for entry in entries if entry.key == new.key], before)
+    write_file(path, as_text(document | {_LINK: {"number": number, "sha256": digest, "parent": parent, "arm": arm}}))
     return Kept(number, path, is_new=True)
 
 
@@ -332,7 +323,7 @@ def _entries(results: Path) -> tuple[list[Entry], list[Note]]:
         what = f"no model was kept in {results / FOLDER}"
         mend = "'pumaid identify LOGS...' makes the first; each later one is kept beside it"
         raise ResultError("no-history", what, Where(file=str(results)), mend)
-    return _with_arms(entries), notes
+    return entries, notes
 
 
 def _usable(folder: Path) -> tuple[list[Entry], list[Note]]:
@@ -349,10 +340,6 @@ def _usable(folder: Path) -> tuple[list[Entry], list[Note]]:
             why = str(getattr(error, "faults", [error])[0].what).replace(str(path), "it")
             notes.append(Note("model-skipped", f"{path.name} is passed over: {why}", where))
             continue
-        if entry.is_changed:
-            notes.append(
-                Note("model-changed", f"{path.name} was changed after it was kept; it is used as it is", where)
-            )
         entries[entry.number] = entry
     return list(entries.values()), notes
 
@@ -364,27 +351,8 @@ def _entry(path: Path) -> Entry:
     document, estimate = _read(path)
     link = document.get(_LINK)
     texts = {key: text for key, text in link.items() if isinstance(text, str)} if isinstance(link, dict) else {}
-    digest = digest_of(document)
-    return Entry(
-        _number(path),
-        path,
-        document,
-        estimate,
-        digest=digest,
-        parent=texts.get("parent"),
-        arm=texts.get("arm", ""),
-        is_changed=texts.get("sha256", digest) != digest,
-    )
-
-
-def _with_arms(entries: Sequence[Entry]) -> list[Entry]:
-    """Entries without an arm's digest take that of another with the same recipe, or the recipe's."""
-    arms = {entry.estimate.recipe_digest: entry.arm for entry in entries if entry.arm}
-    recipes = [entry.estimate.recipe_digest for entry in entries]
-    return [
-        replace(entry, arm=entry.arm or arms.get(recipe, recipe))
-        for entry, recipe in zip(entries, recipes, strict=True)
-    ]
+    arm = texts.get("arm") or estimate.recipe_digest
+    return Entry(_number(path), path, estimate, digest_of(document), parent=texts.get("parent"), arm=arm)
 
 
 def _ladder(group: Sequence[Entry], main: Entry, current: int | None) -> Ladder:

@@ -3,10 +3,8 @@
 from __future__ import annotations
 
 import hashlib
-import math
-import re
 from collections import Counter
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import Any
@@ -18,7 +16,17 @@ from pumaid import __version__
 from pumaid.errors import ModelError, Note, Where
 from pumaid.io.write import write_file
 from pumaid.records import NOT_IDENTIFIABLE, Combination, Estimate, JointFit, Value
-from pumaid.results.documents import FORMAT, Refusals, Unfit, as_text, plain, read_document, record_from
+from pumaid.results.documents import (
+    FORMAT,
+    Refusals,
+    Unfit,
+    as_text,
+    check_seal,
+    plain,
+    read_document,
+    record_from,
+    sealed,
+)
 from pumaid.robot import EffectChoice, Robot
 
 Floats = NDArray[np.float64]
@@ -26,11 +34,6 @@ Faults = Iterator[tuple[str, str]]
 
 REFUSALS = Refusals("model", "model-damaged", "pumaid identify LOGS...")
 STATES = ("identified", "given", NOT_IDENTIFIABLE)
-#: Relative difference of numbers that were written as one.
-_ROUNDING = 1e-9
-#: Asymmetry of a covariance relative to its standard errors that is round-off.
-_LOPSIDED = 1e-6
-_RATIO = re.compile(r"gain_ratio\.([1-9]\d{0,3})\.([1-9]\d{0,3})")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -100,7 +103,7 @@ def model_document(estimate: Estimate) -> dict[str, Any]:
     """An estimate as its JSON document."""
     ratios = [value for value in estimate.values if value.name.startswith("gain_ratio.")]
     others = [value for value in estimate.values if value not in ratios]
-    return plain(
+    return sealed(
         {
             "kind": "model",
             "format": FORMAT,
@@ -176,9 +179,9 @@ def estimate_from(document: Mapping[str, Any], file: str) -> Estimate:
         model = record_from(ModelDocument, document)
     except Unfit as unfit:
         raise REFUSALS.unfit(unfit.faults, file) from None
-    faults = list(contradictions(model))
-    if faults:
+    if faults := list(contradictions(model)):
         raise REFUSALS.unfit(faults, file)
+    check_seal(document, REFUSALS, file)
     inner = model.prediction
     p = len(inner.names)
     place = {name: number for number, name in enumerate(inner.order)}
@@ -239,70 +242,29 @@ def check_same_recipe(estimate: Estimate, robot: Robot) -> None:
 
 
 def contradictions(model: ModelDocument) -> Faults:
-    """Entries of a well-formed document that contradict each other: path and what is wrong."""
-    numbers = [entry.joint for entry in model.joints]
+    """Entries of a well-formed document that do not fit each other: path and what is wrong."""
+    numbers, inner = [entry.joint for entry in model.joints], model.prediction
     n_joints = len(numbers)
     if not numbers or numbers != list(range(1, n_joints + 1)):
         yield "joints", f"joints are numbered {numbers}, not 1 to {n_joints}"
     if model.method not in ("joint", "recursive"):
         yield "method", f"there is no method {model.method!r}"
-    counts = Counter(value.name for _, value in model.parameters())
-    yield from (("joints", f"parameter {name} stands there {n} times") for name, n in counts.items() if n > 1)
-    if Counter(model.prediction.order) != counts:
-        yield "prediction.order", f"it does not name the {counts.total()} parameters and ratios"
-    recursive = ((f"recursive[{number}]", value) for number, value in enumerate(model.recursive))
-    for path, value in (*model.parameters(), *recursive):
-        yield from ((f"{path}.{entry}", what) for entry, what in _of_value(value))
-    yield from _of_joints(model, n_joints)
-    yield from _of_numbers(model)
-    sizes = list(_of_sizes(model.prediction, n_joints))
-    yield from sizes or _of_prediction(model)
-
-
-def _of_value(value: Value) -> Faults:
-    if value.state not in STATES:
-        yield "state", f"{value.state!r} is none of {', '.join(STATES)}"
-    elif (value.value is None) != (value.state == NOT_IDENTIFIABLE):
-        yield "value", f"{value.name} is {value.state}, and its value is {value.value}"
-    if value.value is None and (value.std_error is not None or value.ci95 is not None):
-        yield "std_error", f"{value.name} has an error and no value"
-    if value.ci95 is not None and not value.ci95[0] <= value.ci95[1]:
-        yield "ci95", f"the interval of {value.name} is {value.ci95[0]:g} to {value.ci95[1]:g}"
-
-
-def _of_joints(model: ModelDocument, n_joints: int) -> Faults:
-    """Joint numbers beyond the arm's."""
+    names = Counter(value.name for _, value in model.parameters())
+    if max(names.values(), default=1) > 1 or Counter(inner.order) != names:
+        yield "prediction.order", f"it does not name the {names.total()} parameters and ratios, each once"
+    for path, value in model.parameters():
+        if value.state not in STATES or (value.value is None) != (value.state == NOT_IDENTIFIABLE):
+            yield f"{path}.value", f"{value.name} is {value.state}, and its value is {value.value}"
     stated = [(f"effects[{number}]", choice.joint) for number, choice in enumerate(model.effects)]
     stated += [(path, value.joint) for path, value in model.parameters()]
-    stated += [(f"recursive[{number}]", value.joint) for number, value in enumerate(model.recursive)]
-    for number, posture in enumerate(model.prediction.stroke_postures):
-        path = f"prediction.stroke_postures[{number}]"
-        stated.append((path, posture.joint))
+    for number, posture in enumerate(inner.stroke_postures):
+        stated.append((f"prediction.stroke_postures[{number}]", posture.joint))
         if len(posture.hold) != n_joints:
-            yield f"{path}.hold", f"it holds {len(posture.hold)} positions, not {n_joints}"
+            yield f"prediction.stroke_postures[{number}].hold", f"it is not of {n_joints} joints"
     for path, joint in stated:
         if joint is not None and joint > n_joints:
             yield f"{path}.joint", f"there is no joint {joint} in an arm of {n_joints}"
-    for number, ratio in enumerate(model.ratios):
-        if _pair(ratio.name, n_joints) is None:
-            yield f"ratios[{number}].name", f"{ratio.name} names no two of the {n_joints} joints"
-
-
-def _of_numbers(model: ModelDocument) -> Faults:
-    """Numbers that are null where only a number makes sense."""
-    inner = model.prediction
-    numbers: dict[str, Iterable[float]] = {
-        **{f"prediction.{name}": getattr(inner, name).flat for name in ("solution", "covariance", "blind")},
-        **{f"effects[{number}].shape": choice.shape.values() for number, choice in enumerate(model.effects)},
-        **{f"prediction.stroke_postures[{k}].hold": posture.hold for k, posture in enumerate(inner.stroke_postures)},
-        **{
-            f"combinations[{number}]": (one.value, one.std_error, *one.terms.values())
-            for number, one in enumerate(model.combinations)
-        },
-    }
-    for path, values in numbers.items():
-        if any(math.isnan(value) for value in values):
-            yield path, "a number is missing"
+    yield from _of_sizes(inner, n_joints)
 
 
 def _of_sizes(inner: PredictionEntry, n_joints: int) -> Faults:
@@ -314,71 +276,5 @@ def _of_sizes(inner: PredictionEntry, n_joints: int) -> Faults:
         shape = getattr(inner, name).shape
         if shape != wanted and not (p == 0 and name in ("covariance", "blind") and shape[0] == 0):
             yield f"prediction.{name}", f"it has the shape {shape}, not {wanted}"
-
-
-def _of_prediction(model: ModelDocument) -> Faults:
-    inner, p = model.prediction, len(model.prediction.names)
-    values = {value.name: value for _, value in model.parameters() if value not in model.ratios}
-    shapes = {(choice.effect, name) for choice in model.effects for name in choice.shape}
-    for name, count in Counter(inner.names).items():
-        if count > 1 or name not in values:
-            yield "prediction.names", f"{name} is none of the model's parameters, or stands there {count} times"
-    for number, (name, size) in enumerate(zip(inner.names, inner.solution, strict=True)):
-        value = values.get(name)
-        # The column of a shape holds the step that the fit moves it by.
-        if value is None or value.value is None or value.state != "identified" or _is_shape(name, shapes):
-            continue
-        if not math.isclose(value.value, size, rel_tol=_ROUNDING):
-            yield f"prediction.solution[{number}]", f"it is {size:g}, and the value of {name} is {value.value:g}"
-    known = {*inner.names, *inner.order}
-    for number, one in enumerate(model.combinations):
-        if strange := sorted(one.terms.keys() - known):
-            yield f"combinations[{number}].terms", f"{strange[0]} is none of the model's parameters"
-    yield from _of_covariance(inner.covariance.reshape(p, p))
-    yield from _of_scales(inner.scales, model.ratios)
-
-
-def _is_shape(name: str, shapes: Iterable[tuple[str, str]]) -> bool:
-    """Whether a column is of an effect's shape; a second effect of a kind at a joint is marked ``_2``."""
-    effect, last = name.split(".")[0], name.rsplit(".", 1)[-1]
-    return any(effect == of and re.fullmatch(rf"{re.escape(shape)}(_\d+)?", last) for of, shape in shapes)
-
-
-def _of_covariance(covariance: Floats) -> Faults:
-    variance = np.diag(covariance)
-    for number in np.flatnonzero(variance < 0.0).tolist():
-        yield f"prediction.covariance[{number}][{number}]", f"the variance {variance[number]:g} is negative"
-    error = np.sqrt(np.abs(variance))
-    odd = np.abs(covariance - covariance.T) > _LOPSIDED * np.outer(error, error)
-    for row, column in np.argwhere(np.triu(odd, 1)).tolist():
-        yield f"prediction.covariance[{row}][{column}]", "it is not symmetric"
-
-
-def _of_scales(scales: Floats, ratios: Sequence[Value]) -> Faults:
-    """1 on the diagonal, 0 below it, the gain ratios above it, null where they are not determined."""
-    n = len(scales)
-    for row, column in np.argwhere(np.tril(np.ones((n, n)))).tolist():
-        scale, wanted = scales[row, column], float(row == column)
-        if scale != wanted and not (row == column and math.isnan(scale)):
-            yield f"prediction.scales[{row}][{column}]", f"it is {scale:g}, not {wanted:g}"
-    for ratio in ratios:
-        inner, outer = _pair(ratio.name, n) or (1, 1)
-        scale = scales[inner - 1, outer - 1]
-        known = np.isfinite(scales[: inner - 1])
-        is_indirect = bool((known[:, inner - 1] & known[:, outer - 1]).any())  # both loads act on an inner joint only
-        if ratio.value is None or inner == outer or (math.isnan(scale) and is_indirect):
-            continue
-        if not math.isclose(scale, ratio.value, rel_tol=_ROUNDING):
-            path = f"prediction.scales[{inner - 1}][{outer - 1}]"
-            yield path, f"it is {scale:g}, and {ratio.name} is {ratio.value:g}"
-    for row, middle, column in ((i, j, k) for k in range(n) for j in range(k) for i in range(j)):
-        product, scale = scales[row, middle] * scales[middle, column], scales[row, column]
-        if math.isfinite(product) and not math.isclose(scale, product, rel_tol=_ROUNDING):
-            yield f"prediction.scales[{row}][{column}]", f"it is {scale:g}, and by joint {middle + 1} {product:g}"
-
-
-def _pair(name: str, n_joints: int) -> tuple[int, int] | None:
-    """The joints (from 1) of a gain ratio, the inner one first."""
-    match = _RATIO.fullmatch(name)
-    inner, outer = (int(match[1]), int(match[2])) if match else (0, 0)
-    return (inner, outer) if inner < outer <= n_joints else None
+        if name != "scales" and np.isnan(getattr(inner, name)).any():
+            yield f"prediction.{name}", "a number is missing"

@@ -13,6 +13,7 @@ import stories
 
 from pumaid.diagnosis.document import diagnosis_document, read_diagnosis, stale, write_diagnosis
 from pumaid.errors import ResultError
+from pumaid.results.documents import digest_of
 from pumaid.results.model_file import model_digest, write_model
 
 
@@ -101,6 +102,7 @@ def test_entries_of_a_later_version_are_passed_over(tmp_path):
     """Entries that this version does not know do no harm."""
     document = diagnosis_document(diagnoses.rich())
     document["joints"][0]["mood"] = document["mood"] = {"of": "tomorrow"}
+    document["sha256"] = digest_of(document)
     (tmp_path / "d.json").write_text(json.dumps(document), encoding="utf-8")
     assert same(read_diagnosis(tmp_path / "d.json"), diagnoses.rich())
 

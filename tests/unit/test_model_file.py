@@ -12,7 +12,7 @@ import pytest
 
 from pumaid.errors import Faults, ModelError, Note, ResultError, Where
 from pumaid.records import Combination, Estimate, JointFit, Value
-from pumaid.results.documents import as_text, heading, plain
+from pumaid.results.documents import as_text, digest_of, heading, plain
 from pumaid.results.model_file import check_same_recipe, model_document, read_model, write_model
 from pumaid.robot import EffectChoice, Joint, Robot
 
@@ -72,8 +72,8 @@ def model(tmp_path):
     return path
 
 
-def broken(path, *steps, to=None):
-    """The model file with the entry at `steps` taken out, or set to `to`."""
+def broken(path, *steps, to=None, is_sealed=False):
+    """The model file with the entry at `steps` taken out, or set to `to`; sealed as if pumaid had written it so."""
     document = json.loads(path.read_text(encoding="utf-8"))
     holder = document
     for step in steps[:-1]:
@@ -82,6 +82,8 @@ def broken(path, *steps, to=None):
         del holder[steps[-1]]
     else:
         holder[steps[-1]] = to
+    if is_sealed:
+        document["sha256"] = digest_of(document)
     path.write_text(json.dumps(document), encoding="utf-8")
     return path
 
@@ -131,6 +133,7 @@ def test_a_model_of_before_held_out_runs_were_counted_is_read(model):
     document = json.loads(model.read_text(encoding="utf-8"))
     for holder in (document, *document["joints"]):
         holder.pop("heldout"), holder.pop("heldout_runs", None)
+    document.pop("sha256")
     model.write_text(json.dumps(document), encoding="utf-8")
     found = read_model(model)
     assert (found.heldout, found.joint(1).heldout, found.joint(1).heldout_runs) == (None, None, 0)
@@ -214,9 +217,16 @@ def test_other_format(model, number):
         (("robot",), None, "robot"),
         (("joints", 0, "parameters", 0, "value"), "many", "joints[0].parameters[0].value"),
         (("joints", 0, "joint"), 2, "joints"),
+        (("joints", 0, "rmse"), 1e200, "joints[0].rmse"),
+        (("joints", 0, "runs"), 10**400, "joints[0].runs"),
+        (("joints", 0, "parameters", 0, "std_error"), -1.0, "joints[0].parameters[0].std_error"),
+        (("effects", 0, "joint"), 99, "effects[0].joint"),
+        (("prediction", "stroke_postures", 0, "hold"), [0.0], "prediction.stroke_postures[0].hold"),
+        (("prediction", "covariance", 0, 1), float("nan"), "prediction.covariance"),
+        (("prediction", "solution"), [1e300] * 2, "prediction.solution"),
         (("joints", 1, "samples"), -4, "joints[1].samples"),
-        (("ratios", 0, "state"), "unknown", "ratios[0].state"),
-        (("ratios", 0, "name"), "gravity.l2.x", "joints"),
+        (("ratios", 0, "state"), "unknown", "ratios[0].value"),
+        (("ratios", 0, "name"), "gravity.l2.x", "prediction.order"),
         (("prediction", "solution"), [1.0], "prediction.solution"),
         (("prediction", "covariance"), [[1.0], [2.0, 3.0]], "prediction.covariance"),
         (("prediction", "scales"), [[1.0]], "prediction.scales"),
@@ -231,6 +241,36 @@ def test_damaged_entries_are_told_with_their_path(model, steps, to, field):
     assert field in [fault.where.field for fault in faults]
 
 
+def test_a_model_that_was_edited_is_refused(model):
+    """A number changed by hand, however plausible, is seen by the file's digest; without one the file is believed."""
+    found = refusal(broken(model, "joints", 0, "parameters", 0, "value", to=0.6))
+    assert found.slug == "model-damaged" and found.where.field == "sha256"
+    assert read_model(broken(model, "sha256")).value("coulomb.j1.plus").value == 0.6
+
+
+def test_entries_that_stand_twice(model):
+    """Programs differ in which of them they take."""
+    model.write_text(model.read_text().replace('"rmse":', '"rmse": 1.0, "rmse":', 1), encoding="utf-8")
+    assert refusal(model).where.field == "rmse"
+
+
+def test_half_a_surrogate_pair_is_refused(model):
+    """What no encoding can write is no text; other programs' pairs of escapes are letters."""
+    text = model.read_text(encoding="utf-8")
+    model.write_text(text.replace('"Ärmchen"', r'"\ud800"'), encoding="utf-8")
+    assert refusal(model).slug == "model-damaged"
+    document = json.loads(text) | {"robot": "\N{ROBOT FACE}"}
+    model.write_text(json.dumps(document | {"sha256": digest_of(document)}), encoding="utf-8")
+    assert read_model(model).robot == "\N{ROBOT FACE}"
+
+
+def test_names_of_logs_that_are_no_text(tmp_path):
+    """A name whose bytes are no UTF-8 is written with escapes, and the model is read again."""
+    name = b"\xff bad.csv".decode("utf-8", "surrogateescape")
+    write_model(tmp_path / "model.json", replace(estimate(), logs={name: "cd" * 32}))
+    assert read_model(tmp_path / "model.json").logs == {r"\udcff bad.csv": "cd" * 32}
+
+
 def test_many_faults_are_counted(model):
     """Of many faults the first few are told and the rest is counted."""
     document = json.loads(model.read_text(encoding="utf-8"))
@@ -242,13 +282,13 @@ def test_many_faults_are_counted(model):
 
 def test_other_version_is_noted(model):
     """A file of another version is read, and the estimate says where it comes from."""
-    found = read_model(broken(model, "pumaid", to="0.0.9"))
+    found = read_model(broken(model, "pumaid", to="0.0.9", is_sealed=True))
     assert [note.slug for note in found.notes] == ["few-runs", "model-other-version"]
 
 
 def test_unknown_entries_pass(model):
     """What a later version adds to the same format is passed over."""
-    assert read_model(broken(model, "weather", to="fine")).robot == "Ärmchen"
+    assert read_model(broken(model, "weather", to="fine", is_sealed=True)).robot == "Ärmchen"
 
 
 def test_standard_input(model, monkeypatch):

@@ -177,14 +177,14 @@ def test_foreign_and_broken_files_are_told(path):
     assert keep(path, model(STRIBECK), ARM).number == 11
 
 
-def test_a_changed_copy_is_told(path):
-    """An edited file is used as it is, with a note; the ladder does not break."""
+def test_a_changed_copy_is_passed_over(path):
+    """An edited file is no model that was fitted; the note says so."""
     keep(path, model(), ARM)
     kept = keep(path, model(STRIBECK, rmse=0.02), ARM)
     kept.path.write_text(kept.path.read_text().replace('"rmse": 0.02,', '"rmse": 0.0002,'), encoding="utf-8")
     history = read_history(path.parent)
-    assert [note.slug for note in history.notes] == ["model-changed", "model-not-kept"]
-    assert history.ladders[0].rungs[1].joints[0].rmse == 0.0002
+    assert [note.slug for note in history.notes] == ["model-skipped", "model-not-kept"]
+    assert "was changed" in history.notes[0].text and len(history.ladders[0].rungs) == 1
 
 
 def test_a_lost_parent_leaves_a_ladder(path):
