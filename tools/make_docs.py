@@ -162,13 +162,13 @@ def picture() -> bytes:
     """What the sample PUMA's currents are spent on."""
     from pumaid import compare, identify
     from pumaid.cli.reading import read_dataset
-    from pumaid.reporting.plots import drawings
-    from pumaid.reporting.story import Story
+    from pumaid.reporting.context import ReportContext
+    from pumaid.reporting.figures.model import share_figure
 
     robot, dataset = read_dataset([str(ROOT / "sample_logs" / "puma560")], None)
     estimate = identify(dataset, robot)
-    story = Story(robot, estimate, dataset, compare(estimate, dataset, robot))
-    return next(drawing for drawing in drawings(story) if drawing.name == "spent").file("png")
+    context = ReportContext(robot, estimate, dataset, compare(estimate, dataset, robot))
+    return share_figure(context).file("png")
 
 
 def main() -> int:

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from puma import DEG
 from set_point import RUNGS, SECONDS, Ladder, Trial
 
-from pumaid.reporting.plots.style import styled
+from pumaid.reporting.figures.style import styled
 
 Floats = NDArray[np.float64]
 

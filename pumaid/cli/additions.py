@@ -150,7 +150,7 @@ def added(
         The last ones; what was added stands in the diagnosis' `applied`.
     """
     from pumaid.records import ADD
-    from pumaid.reporting.findings import left_out_sentence, step_sentence
+    from pumaid.reporting.diagnosis_text import left_out_sentence, step_sentence
     from pumaid.results.history import keep
     from pumaid.verbs.identify import identify
 

@@ -13,10 +13,7 @@ from click.exceptions import Exit
 
 from pumaid import __version__
 from pumaid.errors import EXIT_ATTENTION, Note, ResultError, Where
-from pumaid.reporting.visible import Visible, visible
-
-#: Widest table that is written to a file or pipe, where there is no terminal to ask (characters).
-WIDEST = 400
+from pumaid.reporting.visible import visible
 
 
 def say(text: str = "") -> None:
@@ -36,26 +33,26 @@ def remark(text: str) -> None:
 
 def notes(found: Iterable[Note]) -> None:
     """Notes and warnings of a result, on standard error, each once; one line for what is true of several joints."""
-    from pumaid.reporting.notes import merged
+    from pumaid.reporting.text import merge_notes
 
-    for line in dict.fromkeys(visible(str(note)) for note in merged(found)):
+    for line in dict.fromkeys(visible(str(note)) for note in merge_notes(found)):
         head, _, rest = line.partition("]: ")
         click.echo(click.style(head + "]", fg="yellow") + ": " + rest, err=True)
 
 
 def table(renderable: Any) -> None:
-    """A rich table (or text) on standard output; in a pipe as wide as it needs to be, without colour."""
+    """A table or paragraph on standard output: as wide as the terminal, in a pipe `WIDTH` characters, uncoloured."""
     from rich.console import Console
-    from rich.measure import Measurement
+
+    from pumaid.reporting.table import WIDTH
 
     if isinstance(renderable, str):
         say(renderable)
         return
     console = Console(file=sys.stdout, highlight=False)
-    if not console.is_terminal:
-        options = console.options.update(max_width=WIDEST)
-        console.width = max(console.width, Measurement.get(console, options, renderable).maximum)
-    console.print(Visible(renderable))
+    if not console.is_terminal and "COLUMNS" not in os.environ:
+        console.width = WIDTH
+    console.print(renderable)
 
 
 def document(content: Mapping[str, Any]) -> None:

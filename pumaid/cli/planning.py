@@ -208,12 +208,13 @@ def draw_plan(path: Path, plan: Plan, robot: Robot) -> None:
     """Draw the arm in every posture to `path`, and the schedule beside it (``NAME-timetable.png``)."""
     from pumaid.cli.output import picture_form, remark
     from pumaid.io.write import write_file
-    from pumaid.reporting import postures, timetable
+    from pumaid.reporting.figures.arm import posture_figure
+    from pumaid.reporting.figures.runs import timetable_figure
     from pumaid.trajectory import run_times
 
     form, beside = picture_form(path), path.with_name(f"{path.stem}-timetable{path.suffix}")
-    write_file(path, postures.drawn(plan, robot, form))
-    write_file(beside, timetable.drawn(plan, robot, form, times=run_times(robot, plan)))
+    write_file(path, posture_figure(plan, robot).file(form))
+    write_file(beside, timetable_figure(plan, robot, run_times(robot, plan)).file(form))
     remark(f"pictures written to {path} and {beside}")
 
 
@@ -221,7 +222,7 @@ def print_plan(plan: Plan, robot: Robot, *, form: str, as_json: bool, is_piped: 
     """Print a plan: as one JSON document, as its file's text where that goes to standard output, or as tables."""
     from pumaid.cli.output import content, document, notes, table
     from pumaid.io.plan_file import plan_document
-    from pumaid.reporting.plans import plan_table
+    from pumaid.reporting.run_tables import plan_tables
 
     notes(plan.notes)
     if as_json:
@@ -229,4 +230,6 @@ def print_plan(plan: Plan, robot: Robot, *, form: str, as_json: bool, is_piped: 
     elif is_piped:
         content(formed(plan, robot, form).rstrip("\n") + "\n")
     else:
-        table(plan_table(plan, robot))
+        for item in plan_tables(plan, robot):
+            table(item)
+            table("")

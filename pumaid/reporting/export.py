@@ -1,99 +1,82 @@
-"""Everything that a report makes, as file names with their content; nothing is written here."""
+"""Everything that a report writes, as file names with their content; nothing is written here."""
 
 from __future__ import annotations
 
 import io
 import json
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator
 from typing import Any
 
 import pandas as pd
-from rich.console import Console
 
 from pumaid.records import Estimate
-from pumaid.reporting.forms import Shown, latex, markdown
-from pumaid.reporting.grid import Grid
-from pumaid.reporting.numbers import in_unit
-from pumaid.reporting.plots.style import INLINE, Drawing
-from pumaid.reporting.report import page
-from pumaid.reporting.scores import comparison_grid
-from pumaid.reporting.story import Story
-from pumaid.reporting.tables import parameter_grid
-from pumaid.reporting.visible import Visible
+from pumaid.reporting.context import ReportContext
+from pumaid.reporting.figures.style import INLINE
+from pumaid.reporting.formatting import in_unit
+from pumaid.reporting.page import page
+from pumaid.reporting.table import Table
+from pumaid.reporting.tables import comparison_table, parameter_table
 from pumaid.robot import Robot
 
-#: Forms of a table, with their suffix.
+#: Forms of a table, with their suffix; those in which a report keeps its tables.
 TABLE_FORMS = {"text": "txt", "csv": "csv", "parquet": "parquet", "latex": "tex", "markdown": "md", "json": "json"}
-
-#: Forms of a figure.
-FIGURE_FORMS = ("png", "svg", "pdf")
-
-#: Forms in which a report keeps its tables.
-_KEPT = ("csv", "parquet", "latex", "markdown")
+_REPORT_FORMS = ("csv", "parquet", "latex", "markdown")
 
 
-def files_of(drawing: Drawing, forms: Sequence[str]) -> tuple[str, dict[str, bytes]]:
-    """A figure's name, and its files by form, the page's own among them.
+def export(context: ReportContext, figures: Iterable[tuple[str, dict[str, bytes]]]) -> Iterator[tuple[str, bytes]]:
+    """Page, tables and figures of a report.
 
     Parameters
     ----------
-    drawing
-        What is drawn.
-    forms
-        Some of `FIGURE_FORMS`.
-    """
-    return drawing.name, drawing.files([*forms, INLINE])
-
-
-def export(story: Story, figures: Iterable[tuple[str, dict[str, bytes]]]) -> Iterator[tuple[str, bytes]]:
-    """Page, tables and figures of a story.
-
-    Parameters
-    ----------
-    story
-        What is told.
+    context
+        What it is made from.
     figures
-        All of its drawings as `files_of` makes them.
+        Name and content by form of all its figures, `INLINE` among the forms.
 
     Yields
     ------
     name, content
         Relative file name (``tables/parameters.csv``) and bytes; the page comes last.
     """
-    for form in _KEPT:
-        yield (
-            f"tables/parameters.{TABLE_FORMS[form]}",
-            parameters_as(story.estimate, story.robot, form, units=story.units),
-        )
+    for form in _REPORT_FORMS:
+        content = parameters_as(context.estimate, context.robot, form, units=context.units)
+        yield f"tables/parameters.{TABLE_FORMS[form]}", content
     for form in ("latex", "markdown"):
-        grid = comparison_grid(story.comparison, story.robot)
-        yield f"tables/comparison.{TABLE_FORMS[form]}", _grid_as(grid, form)
+        table = comparison_table(context.comparison, context.robot)
+        yield f"tables/comparison.{TABLE_FORMS[form]}", _table_as(table, form)
     for form in ("csv", "parquet"):
-        yield f"tables/runs.{form}", _frame_as(runs_frame(story), form)
+        yield f"tables/runs.{form}", _frame_as(runs_frame(context), form)
     inline = {}
-    for figure, files in figures:
-        inline[figure] = files[INLINE].decode("utf-8")
-        yield from ((f"figures/{figure}.{form}", content) for form, content in files.items() if form != INLINE)
-    yield "report.html", page(story, drawn=inline).encode("utf-8")
+    for name, files in figures:
+        inline[name] = files[INLINE].decode("utf-8")
+        yield from ((f"figures/{name}.{form}", content) for form, content in files.items() if form != INLINE)
+    yield "report.html", page(context, inline=inline).encode("utf-8")
 
 
 def parameters_as(estimate: Estimate, robot: Robot, form: str, *, units: str = "rad") -> bytes:
-    """The parameter table as a file's content.
+    """The parameter table as a file's content, in one of `TABLE_FORMS`.
 
     Text, LaTeX and Markdown look like the paper's Table I; CSV, Parquet and JSON hold one row a parameter.
-
-    Parameters
-    ----------
-    estimate, robot
-        The model and its arm.
-    form
-        One of `TABLE_FORMS`.
-    units
-        ``"rad"`` or ``"deg"``.
     """
     if form in ("csv", "parquet", "json"):
         return _frame_as(parameters_frame(estimate, units), form)
-    return _grid_as(parameter_grid(estimate, robot, units), form)
+    return _table_as(parameter_table(estimate, robot, units), form)
+
+
+def _frame_as(frame: pd.DataFrame, form: str) -> bytes:
+    if form == "parquet":
+        out = io.BytesIO()
+        frame.to_parquet(out, index=False)
+        return out.getvalue()
+    if form == "json":
+        records = json.loads(frame.to_json(orient="records", double_precision=15))
+        return (json.dumps(records, indent=2, ensure_ascii=False) + "\n").encode("utf-8")
+    return frame.to_csv(index=False, lineterminator="\n").encode("utf-8")
+
+
+def _table_as(table: Table, form: str) -> bytes:
+    text = table.text() if form == "text" else table.latex() if form == "latex" else table.markdown()
+    return text.encode("utf-8")
 
 
 def parameters_frame(estimate: Estimate, units: str = "rad") -> pd.DataFrame:
@@ -114,10 +97,10 @@ def parameters_frame(estimate: Estimate, units: str = "rad") -> pd.DataFrame:
     """
     rows: list[dict[str, Any]] = []
     for value in estimate.values:
-        times, unit = in_unit(value.unit, units)
+        scale, unit = in_unit(value.unit, units)
         low, high = value.ci95 if value.ci95 is not None else (None, None)
         amounts = {"value": value.value, "std_error": value.std_error, "ci_low": low, "ci_high": high}
-        scaled = {key: None if amount is None else times * amount for key, amount in amounts.items()}
+        scaled = {key: None if amount is None else scale * amount for key, amount in amounts.items()}
         head = {"name": value.name, "symbol": value.symbol, "joint": value.joint, "unit": unit}
         tail = {"dof": value.dof, "state": value.state, "reason": value.reason, "next_run": value.next_run}
         rows.append(head | scaled | tail)
@@ -126,10 +109,10 @@ def parameters_frame(estimate: Estimate, units: str = "rad") -> pd.DataFrame:
     return frame.astype({**dict.fromkeys(numbers, "float64"), "joint": "Int64"})
 
 
-def runs_frame(story: Story) -> pd.DataFrame:
+def runs_frame(context: ReportContext) -> pd.DataFrame:
     """One row a run: where it lies and how the model does on it; SI, postures in columns ``q1`` to ``qJ``."""
     rows = []
-    for score in story.comparison.runs:
+    for score in context.comparison.runs:
         run = score.run
         row: dict[str, Any] = {
             "joint": run.joint,
@@ -146,24 +129,5 @@ def runs_frame(story: Story) -> pd.DataFrame:
             "heldout": run.heldout,
             "undetermined": score.undetermined,
         }
-        rows.append(row | {f"q{number}": held for number, held in enumerate(run.posture, start=1)})
+        rows.append(row | {f"q{number}": position for number, position in enumerate(run.posture, start=1)})
     return pd.DataFrame(rows)
-
-
-def _frame_as(frame: pd.DataFrame, form: str) -> bytes:
-    if form == "parquet":
-        out = io.BytesIO()
-        frame.to_parquet(out, index=False)
-        return out.getvalue()
-    if form == "json":
-        records = json.loads(frame.to_json(orient="records", double_precision=15))
-        return (json.dumps(records, indent=2, ensure_ascii=False) + "\n").encode("utf-8")
-    return frame.to_csv(index=False, lineterminator="\n").encode("utf-8")
-
-
-def _grid_as(grid: Grid, form: str) -> bytes:
-    if form == "text":
-        out = io.StringIO()
-        Console(file=out, width=100, color_system=None).print(Visible(Shown(grid)))
-        return "".join(f"{line.rstrip()}\n" for line in out.getvalue().splitlines()).encode("utf-8")
-    return (latex(grid) if form == "latex" else markdown(grid)).encode("utf-8")

@@ -1,23 +1,36 @@
-"""Tables of what was found: the paper's Table I first of all."""
+"""Every table of a model, a comparison, a diagnosis and a history, as a function of their records."""
 
 from __future__ import annotations
 
-import string
 from collections.abc import Iterable, Sequence
-from dataclasses import replace
 
 import numpy as np
 
 from pumaid.effects import catalogue
-from pumaid.records import IDENTIFIED, NOT_IDENTIFIABLE, Estimate, JointFit, Value
-from pumaid.reporting.forms import Shown
-from pumaid.reporting.grid import Cell, Grid, grid
-from pumaid.reporting.numbers import in_unit, with_error
+from pumaid.records import (
+    ABSENT,
+    ADD,
+    IDENTIFIED,
+    UNSEEN,
+    Candidate,
+    Comparison,
+    Diagnosis,
+    Estimate,
+    Finding,
+    JointFit,
+    Limit,
+    Value,
+)
+from pumaid.reporting.diagnosis_text import bare, label, times_text
+from pumaid.reporting.formatting import in_unit, listed, percent, posture_text, relative_names, speed_text, with_error
+from pumaid.reporting.table import Cell, Table
+from pumaid.reporting.text import changes, is_above_floor, is_structural
+from pumaid.results.history import Errors, Ladder
 from pumaid.robot import Robot
-from pumaid.units import number
+from pumaid.units import deviations, number
 
-#: Row of Table I -> (label, label in LaTeX). A row is an effect and its parameter's bare name.
-_LABELS = {
+#: Row of the paper's Table I (effect, parameter) -> label, label in LaTeX; rows of other effects follow.
+LABELS = {
     ("gravity", "x"): ("k_x·g", r"$k^*_x\,g$"),
     ("gravity", "y"): ("k_y·g", r"$k^*_y\,g$"),
     ("gravity", "mass"): ("m·g", r"$\hat m^*\,g$"),
@@ -28,245 +41,379 @@ _LABELS = {
     ("viscous", "minus"): ("λ₂⁻", r"$\lambda_{2-}$"),
     ("inertia", "J"): ("J", r"$J$"),
 }
-
-#: Order of the rows of Table I; those of other effects follow.
-_ORDER = list(_LABELS)
+_ORDER = list(LABELS)
 
 _SUBSCRIPTS = str.maketrans("0123456789", "₀₁₂₃₄₅₆₇₈₉")
 
+#: A mean error below this share of the RMSE is written as 0.
+NO_BIAS = 1e-4
+#: Terms of a combination below this share of its largest are left out.
+SMALLEST_TERM = 1e-3
 
-def parameter_table(estimate: Estimate, robot: Robot, units: str = "rad") -> Shown:
-    """The parameter table for the terminal, links as columns like the paper's Table I.
+VERDICTS = {ADD: "add", ABSENT: "absent", UNSEEN: "not testable"}
+_VERDICT_TONES = {ADD: "alarm", ABSENT: "absent", UNSEEN: "unknown"}
 
-    Parameters
-    ----------
-    estimate
-        The fitted model.
-    robot
-        Its arm.
-    units
-        ``"rad"`` or ``"deg"``: unit of angles in the table.
-
-    Returns
-    -------
-    shown
-        A rich renderable; cells that cannot be identified are marked and explained below it.
-    """
-    return Shown(parameter_grid(estimate, robot, units))
+NONE = Cell("-", tone="absent")
 
 
-def sums_table(estimate: Estimate, units: str = "rad") -> Shown | None:
-    """For the terminal: what is determined only together; the terms are in the model file and in the report.
-
-    Parameters
-    ----------
-    estimate, units
-        As in `parameter_table`.
-
-    Returns
-    -------
-    shown
-        A rich renderable, None where there is no such sum.
-    """
-    sums = combinations_grid(estimate, units)
-    return None if sums is None else Shown(replace(sums.columns([0, 2, 3]), caption=""))
+def amount(value: float | None, tone: str = "") -> Cell:
+    """A current (A) as a cell."""
+    return NONE if value is None else Cell(number(value, 3), tone=tone)
 
 
-def parameter_grid(estimate: Estimate, robot: Robot, units: str = "rad") -> Grid:
-    """The parameter table before it has a form; arguments as in `parameter_table`."""
-    known = catalogue()
+class Marks:
+    """Letters of the notes below a table, one a reason."""
+
+    def __init__(self) -> None:
+        self.letters: dict[str, str] = {}
+
+    def letter(self, text: str | None) -> str:
+        """The letter of a note (a to z, then aa, ab ...); none for no text."""
+        count = len(self.letters)
+        first = chr(ord("a") + count // 26 - 1) if count >= 26 else ""
+        return self.letters.setdefault(text, first + chr(ord("a") + count % 26)) if text else ""
+
+    def notes(self) -> list[tuple[str, str]]:
+        """(letter, text) pairs."""
+        return [(letter, text) for text, letter in self.letters.items()]
+
+
+# A model
+
+
+def parameter_table(estimate: Estimate, robot: Robot, units: str = "rad") -> Table:
+    """The parameters with links as columns, as in the paper's Table I; angles in `units` (``rad`` or ``deg``)."""
     rows: dict[tuple[str, str], dict[int, Value]] = {}
     for value in estimate.values:
         if value.joint is not None:
             rows.setdefault(row_of(value), {})[value.joint] = value
-    notes = Notes()
-    body = []
-    for key in sorted(rows, key=place_of):
-        label, tex = _label(key)
-        weight = float(np.linalg.norm(robot.gravity)) if key[0] == "gravity" else 0.0
-        unit = _row_unit(rows[key].values(), units, weight)
-        head = Cell(f"{label} ({unit})" if unit else label, latex=f"{tex} ({unit})" if tex and unit else tex)
-        cells = [
-            value_cell(rows[key].get(joint), units=units, weight=weight, notes=notes)
-            for joint in range(1, robot.n_joints + 1)
-        ]
-        body.append((head, *cells))
-    body += _quality_rows(estimate.joints)
-    sources = [f"g = {number(float(np.linalg.norm(robot.gravity)), 6)} m/s2"]
-    others = dict.fromkeys(effect for effect, _ in rows if (effect, _) not in _ORDER)
-    sources += [f"{name}: {known[name].title}" for name in others if name in known]
-    return Grid(
-        f"{robot.name}: parameters ± standard error",
-        (Cell("link"), *(Cell(str(joint.number)) for joint in robot.joints)),
-        tuple(body),
-        notes.told(),
-        f"All as current of the joint's own motor; {'; '.join(sources)}.{_of_arm(estimate, units)}",
-    )
+    marks, structural = Marks(), dict[str, str]()
+    gravity = float(np.linalg.norm(robot.gravity))
+    body: list[list[Cell | str]] = []
+    for key in sorted(rows, key=row_order):
+        scale = gravity if key[0] == "gravity" else 1.0
+        names = ["A" if key[0] == "gravity" else in_unit(value.unit, units)[1] for value in rows[key].values()]
+        unit = " | ".join(dict.fromkeys(name for name in names if name))
+        text, tex = _labels(key)
+        head = Cell(f"{text} ({unit})" if unit else text, latex=f"{tex} ({unit})" if tex and unit else tex)
+        cells = [_value_cell(rows[key].get(n), units, marks, scale=scale) for n in range(1, robot.n_joints + 1)]
+        body.append([head, *cells])
+        structural |= {value.reason or "": "-" for value in rows[key].values() if is_structural(value)}
+    body.append(["RMSE (A)", *(amount(fit.rmse) for fit in estimate.joints)])
+    body.append(["noise floor (A)", *(amount(fit.noise_floor) for fit in estimate.joints)])
+    body.append(["runs", *(str(fit.runs) for fit in estimate.joints)])
+    extra = dict.fromkeys(effect for effect, name in rows if (effect, name) not in _ORDER)
+    legend = [f"g = {number(gravity, 6)} m/s2", *(f"{e}: {catalogue()[e].title}" for e in extra if e in catalogue())]
+    legend += ["n/i: not identifiable from these logs"] if marks.letters else []
+    caption = f"In units of each joint's motor current. {'; '.join(legend)}.{_arm_wide(estimate, units)}"
+    notes = [*marks.notes(), *((mark, reason) for reason, mark in structural.items())]
+    header = ["link", *(str(joint.number) for joint in robot.joints)]
+    return Table(f"{robot.name}: parameters ± standard error", header, body, notes, caption)
 
 
-def _of_arm(estimate: Estimate, units: str) -> str:
-    """Parameters of effects that are the whole arm's, which have no column."""
-    told = []
+def _arm_wide(estimate: Estimate, units: str) -> str:
+    """Parameters of the whole arm, which have no column."""
+    texts = []
     for value in estimate.values:
         if value.joint is None and not value.name.startswith("gain_ratio"):
-            factor, unit = in_unit(value.unit, units)
-            size = (
-                None
-                if value.value is None
-                else " ± ".join(
-                    text
-                    for text in with_error(value.value * factor, value.std_error and value.std_error * factor)
-                    if text
-                )
-            )
-            told.append(f"{value.name} n/i ({value.reason})" if size is None else f"{value.name} {size} {unit}")
-    return f" Of the whole arm: {'; '.join(told)}." if told else ""
-
-
-class Notes:
-    """The notes below a table: a letter for each reason, given once."""
-
-    def __init__(self) -> None:
-        self._letters: dict[str, str] = {}
-        self._absent: dict[str, None] = {}
-
-    def letter(self, value: Value) -> str:
-        """The letter that stands for why `value` is not determined; ``-`` marks what no motion of the arm shows."""
-        reason = value.reason or "these data do not determine it"
-        if is_absent(value):
-            self._absent[reason] = None
-            return ""
-        text = reason + (f"; to see it: {value.next_run}" if value.next_run else "")
-        if text not in self._letters:
-            place = len(self._letters)
-            letters = string.ascii_lowercase
-            self._letters[text] = letters[place % 26] * (place // 26 + 1)
-        return self._letters[text]
-
-    def told(self) -> tuple[tuple[str, str], ...]:
-        """(mark, text) pairs."""
-        lettered = tuple((letter, text) for text, letter in self._letters.items())
-        return lettered + tuple(("-", text) for text in self._absent)
+            cell = _value_cell(value, units, Marks())
+            reason = f" ({value.reason})" if value.value is None else f" {in_unit(value.unit, units)[1]}"
+            texts.append(f"{value.name} {cell.lines(stacked=False).removesuffix(' a')}{reason}")
+    return f" Whole arm: {'; '.join(texts)}." if texts else ""
 
 
 def row_of(value: Value) -> tuple[str, str]:
-    """Effect and bare parameter name of a value: the row of the table in which it stands."""
+    """Row of the parameter table in which a value stands: effect and parameter."""
     parts = value.name.split(".")
     if parts[0] != "gain_ratio":
         return parts[0], parts[-1]
-    further = int(parts[2]) - int(parts[1])
-    return parts[0], "" if further == 1 else str(further)
+    step = int(parts[2]) - int(parts[1])
+    return parts[0], "" if step == 1 else str(step)
 
 
-def place_of(row: tuple[str, str]) -> tuple[int, tuple[str, str]]:
-    """By which rows are sorted: those of the paper's table first, in its order."""
-    if row[0] == "gain_ratio":
-        return (_ORDER.index(("gain_ratio", "")), row)
-    return (_ORDER.index(row) if row in _ORDER else len(_ORDER), row)
+def row_order(row: tuple[str, str]) -> tuple[int, tuple[str, str]]:
+    """Sort key of rows: those of the paper first, in its order."""
+    first = ("gain_ratio", "") if row[0] == "gain_ratio" else row
+    return (_ORDER.index(first) if first in _ORDER else len(_ORDER), row)
 
 
 def row_label(row: tuple[str, str]) -> str:
-    """What a row of the table is called, without its unit."""
-    return _label(row)[0]
+    """What a row of the parameter table is called, without its unit."""
+    return _labels(row)[0]
 
 
-def _label(row: tuple[str, str]) -> tuple[str, str]:
-    """As text and in LaTeX; a ratio to a joint further out than the next says how much further."""
+def _labels(row: tuple[str, str]) -> tuple[str, str]:
     if row[0] == "gain_ratio" and row[1]:
         return f"ηᵢ/ηᵢ₊{row[1].translate(_SUBSCRIPTS)}", rf"$\eta_i/\eta_{{i+{row[1]}}}$"
-    return _LABELS.get(row, (" ".join(row), ""))
+    return LABELS.get(row, (" ".join(row), ""))
 
 
-def is_absent(value: Value) -> bool:
-    """Whether no motion of this arm could show it: not identifiable, and no run to propose."""
-    return value.state == NOT_IDENTIFIABLE and value.next_run is None
-
-
-def value_cell(value: Value | None, *, units: str, weight: float = 0.0, notes: Notes | None = None) -> Cell:
-    """A value as a cell.
-
-    Parameters
-    ----------
-    value
-        None where the joint has no such parameter.
-    units
-        ``"rad"`` or ``"deg"``.
-    weight
-        Multiplies it where not zero (m/s2: the paper prints k g, a current).
-    notes
-        Collects the reason where it is not identifiable.
-    """
-    if value is None:
-        return Cell("-", tone="absent")
+def _value_cell(value: Value | None, units: str, marks: Marks, *, scale: float = 1.0) -> Cell:
+    """A value times `scale` with its error, ``n/i`` with the mark of its reason, or a dash."""
+    if value is None or (value.value is None and is_structural(value)):
+        return NONE
     if value.value is None:
-        mark = notes.letter(value) if notes else ""
-        return Cell("-", tone="absent") if is_absent(value) else Cell("n/i", mark=mark, tone="unknown")
-    times = in_unit(value.unit, units)[0] * (weight or 1.0)
-    error = None if value.std_error is None else value.std_error * times
-    text, told = with_error(value.value * times, error)
+        reason = value.reason or "these data do not determine it"
+        remedy = f". To identify it: {value.next_run}" if value.next_run else ""
+        return Cell("n/i", mark=marks.letter(reason.rstrip(".") + remedy), tone="unknown")
+    scale *= in_unit(value.unit, units)[0]
+    text, error = with_error(value.value * scale, None if value.std_error is None else value.std_error * scale)
     is_weak = value.state == IDENTIFIED and value.ci95 is not None and value.ci95[0] < 0.0 < value.ci95[1]
-    return Cell(text, told, tone="weak" if is_weak else "")
+    return Cell(text, error, tone="weak" if is_weak else "")
 
 
-def _row_unit(values: Iterable[Value], units: str, weight: float) -> str:
-    shown = dict.fromkeys("A" if weight else in_unit(value.unit, units)[1] for value in values)
-    return " | ".join(unit for unit in shown if unit)
-
-
-def _quality_rows(fits: Sequence[JointFit]) -> list[tuple[Cell, ...]]:
-    """The lines below the parameters: what the model leaves, what no model could remove, and how much was seen."""
-
-    def amount(value: float | None) -> Cell:
-        return Cell("-", tone="absent") if value is None else Cell(number(value, 3))
-
-    return [
-        (Cell("RMSE (A)"), *(amount(fit.rmse) for fit in fits)),
-        (Cell("noise floor (A)"), *(amount(fit.noise_floor) for fit in fits)),
-        (Cell("runs"), *(Cell(str(fit.runs)) for fit in fits)),
-    ]
-
-
-def joints_grid(estimate: Estimate, robot: Robot) -> Grid:
-    """How well each joint is fitted, and on what evidence."""
-    rows = []
+def joint_fit_table(estimate: Estimate, robot: Robot) -> Table:
+    """How well each joint is fitted, and from which runs."""
+    rows: list[list[Cell | str]] = []
     for fit in estimate.joints:
         kinds = ", ".join(f"{count} {kind}" for kind, count in fit.kinds.items()) or "none"
-        level = "-" if fit.run_level is None else number(fit.run_level, 3)
-        floor = "-" if fit.noise_floor is None else number(fit.noise_floor, 3)
-        rmse = "-" if fit.rmse is None else number(fit.rmse, 3)
-        title = f"{fit.joint} {robot.joint(fit.joint).name}"
-        rows.append([title, kinds, str(fit.posture_groups), f"{fit.samples:,}", rmse, floor, level])
-    header = ("joint", "runs", "postures", "samples", "RMSE (A)", "noise floor (A)", "run level (A)")
-    notes = dict.fromkeys(fit.noise_floor_reason for fit in estimate.joints if fit.noise_floor_reason and fit.runs)
-    return grid(
-        "Fit by joint",
-        header,
-        rows,
-        notes=tuple(("-", reason) for reason in notes),
-        caption="Noise floor: what repeated runs differ by; no model goes below it. Run level: how far whole runs lie"
-        " apart for no reason that the model knows.",
-        lefts=(0, 1),
-    )
+        head = [f"{fit.joint} {robot.joint(fit.joint).name}", kinds, str(fit.posture_groups), f"{fit.samples:,}"]
+        rows.append([*head, amount(fit.rmse), amount(fit.noise_floor), amount(fit.run_level)])
+    header = ("joint", "runs", "postures", "samples", "RMSE (A)", "noise floor (A)", "between runs (A)")
+    reasons = dict.fromkeys(fit.noise_floor_reason for fit in estimate.joints if fit.noise_floor_reason and fit.runs)
+    caption = "Noise floor: from the differences of repeated runs. Between runs: standard deviation of whole runs."
+    return Table("Fit by joint", header, rows, [("-", reason) for reason in reasons if reason], caption, (0, 1))
+
+
+def combination_table(estimate: Estimate, units: str = "rad") -> Table | None:
+    """Linear combinations that are identified although their terms are not; None where there is none."""
+    rows: list[list[Cell | str]] = []
+    for combination in estimate.combinations:
+        text, error = with_error(combination.value, combination.std_error)
+        rows.append([combination.text, _sum(combination.terms), Cell(text, error), combination.unit])
+    caption = f"Weights in SI units; those below {SMALLEST_TERM:g} of the largest are left out."
+    title = "Identified combinations of parameters"
+    header = ("meaning", "combination", "value", "unit")
+    return Table(title, header, rows, caption=caption, words=(0, 1, 3)) if rows else None
 
 
 def _sum(terms: dict[str, float]) -> str:
-    """Weighted terms as a sum; those below a thousandth of the largest weight are left out."""
     largest = max((abs(weight) for weight in terms.values()), default=0.0)
     out = ""
     for name, weight in terms.items():
-        if abs(weight) >= 1e-3 * largest > 0.0:
+        if abs(weight) >= SMALLEST_TERM * largest > 0.0:
             sign = (" − " if weight < 0 else " + ") if out else ("−" if weight < 0 else "")
             out += f"{sign}{number(abs(weight), 4)}·{name}"
     return out
 
 
-def combinations_grid(estimate: Estimate, units: str = "rad") -> Grid | None:
-    """Sums of parameters that are determined although their terms are not; None where there is none."""
-    rows: list[list[str | Cell]] = []
-    for found in estimate.combinations:
-        text, error = with_error(found.value, found.std_error)
-        rows.append([found.text, Cell(_sum(found.terms)), Cell(text, error), found.unit])
+# A comparison
+
+
+def comparison_table(comparison: Comparison, robot: Robot) -> Table:
+    """The model's error by joint, against the noise floor."""
+    has_heldout = any(score.heldout is not None for score in comparison.joints)
+    rows: list[list[Cell | str]] = []
+    for score in comparison.joints:
+        tone = "alarm" if is_above_floor(score.rmse, score.noise_floor) else ""
+        name = f"{score.joint} {robot.joint(score.joint).name}"
+        row: list[Cell | str] = [name, str(score.runs), amount(score.rmse, tone)]
+        row += [amount(score.noise_floor), _bias(score.bias, score.rmse)]
+        row += [NONE if score.explained is None else percent(score.explained)]
+        rows.append([*row, *([amount(score.heldout)] if has_heldout else [])])
+    if comparison.rmse is not None:
+        runs = str(sum(score.runs for score in comparison.joints))
+        heldout = [amount(comparison.heldout)] if has_heldout else []
+        rows.append(["all", runs, amount(comparison.rmse), "", "", "", *heldout])
+    header = ["joint", "runs", "RMSE (A)", "noise floor (A)", "bias (A)", "explained"]
+    reasons = dict.fromkeys(s.noise_floor_reason for s in comparison.joints if s.noise_floor_reason and s.runs)
+    notes = [("-", reason) for reason in reasons if reason]
+    still = [str(score.joint) for score in comparison.joints if not score.runs]
+    if still:
+        notes.append(("-", f"joint{'s' * (len(still) > 1)} {listed(still)}: never moving alone in these logs"))
+    caption = "Noise floor: from the differences of repeated runs. Explained: share of the current's variance."
+    if has_heldout:
+        header.append("hold-out (A)")
+        caption += " Hold-out: RMSE of runs that were not fitted."
+    return Table("Model against measurement", header, rows, notes, caption)
+
+
+def _bias(bias: float | None, rmse: float | None) -> Cell:
+    """A mean error (A); 0 where it is round-off beside the RMSE, as for fitted runs."""
+    return Cell("0") if bias is not None and abs(bias) < NO_BIAS * (rmse or 0.0) else amount(bias)
+
+
+def worst_runs_table(comparison: Comparison, robot: Robot, *, count: int = 5, units: str = "rad") -> Table:
+    """The `count` runs with the largest error, with file and seconds."""
+    marks = Marks()
+    rows: list[list[Cell | str]] = []
+    worst = comparison.worst(count)
+    names = relative_names([score.run.origin for score in worst])
+    for rank, score in enumerate(worst, start=1):
+        run, mark = score.run, marks.letter(score.reason)
+        where = [f"{run.joint} {robot.joint(run.joint).name}", names[run.origin]]
+        where += [f"{run.start:.2f} – {run.start + run.duration:.2f}", speed_text(run, robot, units)]
+        rmse = Cell(number(score.rmse, 3), mark=mark, tone="unknown" if mark else "")
+        posture = posture_text(robot, run.posture.tolist(), units)
+        rows.append([str(rank), *where, rmse, _bias(score.bias, score.rmse), posture])
+    header = ("", "joint", "file", "time (s)", "speed", "RMSE (A)", "bias (A)", "other joints at")
+    caption = "Sorted by RMSE relative to the joint's noise floor."
+    return Table("Runs with the largest error", header, rows, marks.notes(), caption, (0, 1, 2, 3, 7))
+
+
+def outside_table(comparison: Comparison, robot: Robot) -> Table | None:
+    """Errors outside runs; None where there is nothing outside runs."""
+    scores = {(score.joint, score.reason): score for score in comparison.outside}
+    if not scores:
+        return None
+    samples: dict[str, int] = {}
+    for score in comparison.outside:
+        samples[score.reason] = samples.get(score.reason, 0) + score.samples
+    reasons = sorted(samples, key=lambda reason: -samples[reason])
+    rows: list[list[Cell | str]] = []
+    for joint in sorted({joint for joint, _ in scores}):
+        group = [scores.get((joint, reason)) for reason in reasons]
+        total = sum(score.samples for score in group if score is not None)
+        rmse = [amount(None if score is None else score.rmse) for score in group]
+        rows.append([f"{joint} {robot.joint(joint).name}", f"{total:,}", *rmse])
+    header = ("joint", "samples", *(reason.replace("-", " ") for reason in reasons))
+    caption = "The model has no inertia there, so accelerations add to the error."
+    return Table("RMSE (A) outside runs, by reason", header, rows, caption=caption)
+
+
+# A diagnosis
+
+
+def candidate_table(diagnosis: Diagnosis, robot: Robot) -> Table | None:
+    """Candidates that explain more than their parameters cost; None where none does."""
+    marks = Marks()
+    rows: list[list[Cell | str]] = []
+    for item in _candidates(diagnosis):
+        mark = marks.letter(item.reason) if item.verdict != ADD else ""
+        joint = f"{item.joint} {robot.joint(item.joint).name}" if item.joint else "arm"
+        verdict = Cell(VERDICTS.get(item.verdict, item.verdict), "", mark, _VERDICT_TONES.get(item.verdict, "weak"))
+        scores = [number(x, digits) if np.isfinite(x) else "-" for x, digits in ((item.p_value, 2), (item.evidence, 3))]
+        folds = [amount(rmse).text for rmse in (item.rmse_heldout_before, item.rmse_heldout_after) if rmse is not None]
+        rivals = ", ".join(label(name) for name in item.rivals) or "-"
+        rows.append(
+            [joint, label(item.effect), verdict, *scores, amount(item.rmse_after), " → ".join(folds) or "-", rivals]
+        )
     if not rows:
         return None
-    caption = "Weights are in SI units (those below a thousandth left out); these data do not tell the terms apart."
-    return grid("Determined only together", ("what", "sum", "value", "unit"), rows, caption=caption, lefts=(0, 1, 3))
+    header = ("joint", "effect", "verdict", "p", "dBIC", "RMSE (A)", "cross-validated (A)", "not separated from")
+    caption = (
+        "p: over all effects and joints (family-wise). dBIC: evidence for the effect; above 10 is decisive. RMSE: of"
+        " fitted runs, with the effect. Cross-validated: RMSE of runs left out of the fit, without → with the effect."
+    )
+    return Table("Candidates", header, rows, marks.notes(), caption, (0, 1, 2, 7))
+
+
+def _candidates(diagnosis: Diagnosis) -> list[Candidate]:
+    """Candidates worth showing, each once, by joint; those of the whole arm last."""
+    chosen: dict[tuple[str, int | None], Candidate] = {}
+    for joint in diagnosis.joints:
+        for item in joint.candidates:
+            if item.verdict == ADD or item.evidence > 0.0:
+                chosen.setdefault((item.effect, item.joint), item)
+    return sorted(chosen.values(), key=lambda item: (item.joint is None, item.joint or 0))
+
+
+def limit_table(diagnosis: Diagnosis, robot: Robot, *, units: str = "rad", joints: Sequence[int] = ()) -> Table | None:
+    """Detection limit of each effect at `joints` (from 1; all where empty); None where none is known."""
+    chosen = [joint for joint in diagnosis.joints if not joints or joint.joint in joints]
+    limits = [limit for joint in chosen for limit in joint.limits]
+    if not limits:
+        return None
+    marks = Marks()
+    columns = sorted({limit.joint or 0 for limit in limits}, key=lambda joint: (joint == 0, joint))
+    sized = {(limit.joint or 0, limit.effect, limit.parameter, limit.unit): limit for limit in limits}
+    unsized = {(limit.joint or 0, limit.effect): limit for limit in limits if limit.size is None}
+    rows: list[list[Cell | str]] = []
+    for effect, parameter, unit in _limit_rows(limits):
+        scale, shown = in_unit(bare(unit), units)
+        row = [sized.get((n, effect, parameter, unit), unsized.get((n, effect))) for n in columns]
+        cells = [_limit_cell(limit, scale, marks) for limit in row]
+        rows.append([effect, f"{parameter} ({shown})" if shown else parameter, *cells])
+    names = [f"{joint} {robot.joint(joint).name}" if joint else "arm" for joint in columns]
+    caption = "Smallest size that is detected with a probability of 80 %."
+    return Table("Detection limits", ("effect", "size of", *names), rows, marks.notes(), caption, (0, 1))
+
+
+def _limit_rows(limits: Iterable[Limit]) -> list[tuple[str, str, str]]:
+    """Effect, parameter and unit of the rows: what has a size at some joint, else one row to say why not."""
+    rows: dict[str, dict[tuple[str, str], bool]] = {}
+    for limit in limits:
+        sizes = rows.setdefault(limit.effect, {})
+        sizes[limit.parameter, limit.unit] = sizes.get((limit.parameter, limit.unit), False) or limit.size is not None
+    order = {name: place for place, name in enumerate(catalogue())}
+    out = []
+    for effect in sorted(rows, key=lambda name: (order.get(name, len(order)), name)):
+        with_size = [key for key, has_size in rows[effect].items() if has_size]
+        out += [(effect, *key) for key in with_size or list(rows[effect])[:1]]
+    return out
+
+
+def _limit_cell(limit: Limit | None, scale: float, marks: Marks) -> Cell:
+    if limit is None:
+        return Cell("")
+    if limit.size is None:
+        return Cell("-", mark=marks.letter(limit.reason), tone="unknown")
+    return Cell(number(scale * limit.size, 2))
+
+
+def deciding_runs_table(finding: Finding, robot: Robot, units: str = "rad") -> Table | None:
+    """The runs that would decide between a finding and its rivals; None where no run would."""
+    run = finding.next_run
+    if run is None or not run.motions:
+        return None
+    rows = []
+    for count, motion in enumerate(run.motions, start=1):
+        joint = robot.joint(motion.joint)
+        scale, unit = in_unit(joint.position_unit, units)
+        start, end, speed = (f"{number(scale * x, 3)} {unit}" for x in (motion.start, motion.end, motion.velocity))
+        posture = posture_text(robot, motion.hold, units, moving=motion.joint)
+        rows.append([str(count), f"{motion.joint} {joint.name}", start, end, f"{speed}/s", posture])
+    caption = ""
+    if run.separation is not None:
+        caption = f"Run once, they separate the rivals by {deviations(run.separation)} standard deviations"
+        caption += f"; run {times_text(run.repeats)}, they decide with a probability of 90 %." if run.repeats else "."
+    header = ("run", "joint", "from", "to", "speed", "other joints at")
+    title = f"Runs that separate {listed([label(name) for name in (finding.effect, *finding.rivals)], 'and')}"
+    return Table(title, header, rows, caption=caption, words=(0, 1, 5))
+
+
+# The history of models
+
+
+def joint_errors(fit: JointFit) -> Errors:
+    """The errors of one joint's fit."""
+    return Errors(fit.rmse, fit.heldout, fit.noise_floor)
+
+
+def history_table(ladder: Ladder) -> Table:
+    """One row a model: what it adds to the one it was made from, and the whole arm's errors."""
+    has_heldout = any(fit.heldout is not None for rung in ladder.rungs for fit in rung.joints)
+    rows: list[list[Cell | str]] = []
+    for rung in ladder.rungs:
+        errors = rung.whole
+        mark = "*" if rung.is_current else ""
+        row: list[Cell | str] = [Cell(str(rung.number), mark=mark), str(rung.parent or "")]
+        row += [", ".join(changes(rung)), amount(errors.fitted)]
+        row += [amount(errors.heldout)] if has_heldout else []
+        is_judged = errors.fitted is not None and errors.noise_floor
+        ratio = f"{errors.fitted / errors.noise_floor:.2f}" if is_judged else NONE  # type: ignore[operator]
+        rows.append([*row, amount(errors.noise_floor), ratio])
+    header = ["model", "from", "change", "RMSE (A)", *(["hold-out (A)"] if has_heldout else [])]
+    caption = "RMSE of the whole arm's fitted runs. Noise floor: from the differences of repeated runs."
+    if not has_heldout:
+        caption += " No run was held out, so nothing shows how the models do on new runs."
+    if ladder.apart:
+        caption = f"Not comparable with the models above: {ladder.apart}. {caption}"
+    notes = [("*", "current model, results/model.json")] if any(rung.is_current for rung in ladder.rungs) else []
+    title = f"{ladder.robot}: error of each model"
+    return Table(title, [*header, "noise floor (A)", "RMSE / floor"], rows, notes, caption, (0, 1, 2))
+
+
+def history_joint_tables(ladder: Ladder) -> list[Table]:
+    """One row a joint, one column a model: RMSE of fitted runs, and of held-out runs if there are any."""
+    last = ladder.rungs[-1].joints
+    header = ["joint", *(str(rung.number) for rung in ladder.rungs), "noise floor (A)"]
+    tables = []
+    for name, title in (("fitted", "RMSE (A) of fitted runs"), ("heldout", "RMSE (A) of held-out runs")):
+        rows: list[list[Cell | str]] = []
+        for place, fit in enumerate(last):
+            errors = [getattr(joint_errors(rung.joints[place]), name) for rung in ladder.rungs]
+            rows.append([str(fit.joint), *map(amount, errors), amount(fit.noise_floor)])
+        has_values = any(cell is not NONE for row in rows for cell in row[1:-1])
+        tables += [Table(f"{title}, by joint and model", header, rows)] if has_values or name == "fitted" else []
+    return tables

@@ -14,10 +14,10 @@ from pathlib import Path
 import diagnoses
 import ladders
 import pytest
-import stories
+import report_contexts
 import worlds
 
-from pumaid.reporting.report import page
+from pumaid.reporting.page import page
 
 pytestmark = pytest.mark.browser
 
@@ -61,10 +61,11 @@ def browser(tmp_path_factory) -> Iterator[object]:
 @pytest.fixture(scope="module", params=["ordinary", "hostile"])
 def address(request, tmp_path_factory) -> str:
     """Where the page of a six-joint arm, or of one with dangerous names, lies."""
-    told = stories.story(worlds.STANFORD, units="deg") if request.param == "ordinary" else stories.hostile()
+    ordinary = request.param == "ordinary"
+    told = report_contexts.small(worlds.STANFORD, units="deg") if ordinary else report_contexts.hostile()
     told = replace(told, ladder=ladders.ladder(7, told.robot.n_joints))
     if request.param == "hostile":
-        told = replace(told, diagnosis=diagnoses.small(), stale=(stories.HOSTILE,))
+        told = replace(told, diagnosis=diagnoses.small(), stale=(report_contexts.HOSTILE,))
     path: Path = tmp_path_factory.mktemp("page") / "report.html"
     path.write_text(page(told), encoding="utf-8")
     return path.as_uri()

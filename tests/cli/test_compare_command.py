@@ -49,14 +49,15 @@ def test_prints_error_by_joint_and_the_worst_runs(arm):
     """Tables of joints, of what lies outside runs, and as many of the worst runs as asked for."""
     done = run("compare", "results/model.json", "logs", "--worst", "2")
     assert done.exit_code == 0, done.stderr
-    assert "noise floor" in done.stdout and "Outside runs" in done.stdout
-    assert len(done.stdout.split("Worst runs")[1].splitlines()[2:-1]) == 2
+    assert "noise floor" in done.stdout and "outside runs" in done.stdout
+    worst = done.stdout.split("Runs with the largest error")[1]
+    assert re.findall(r"^ ?(\d)  ", worst, re.MULTILINE) == ["1", "2"]
 
 
 def test_says_where_the_error_lives(arm):
     """Below the errors stands what they are made of; in JSON each joint's parts add up to its squared error."""
     told = run("compare", "results/model.json", "logs")
-    assert "Where the error lives" in told.stdout and "noise" in told.stdout.split("Where the error lives")[1]
+    assert "noise" in told.stdout.split("Residual budget")[1]
     document = json.loads(run("compare", "results/model.json", "logs", "--json").stdout)
     for joint in document["joints"]:
         parts = joint["budget"]["parts"]
@@ -69,10 +70,10 @@ def test_a_hidden_ripple_is_told(arm):
     hidden = ("--hide", "ripple@2:frequency=25", "-o", "rippled")
     assert run("simulate", "recipe.yaml", "--seed", "3", "--rate", "100", *hidden).exit_code == 0
     told = run("compare", "results/model.json", "rippled")
-    where = " ".join(told.stdout.split("Where the error lives")[1].split())
-    cycles = re.search(r"is ripple with position: ([\d.]+) cycles per turn", where)
+    where = " ".join(told.stdout.split("Residual budget")[1].split())
+    cycles = re.search(r"is ripple over position: ([\d.]+) cycles per turn", where)
     assert cycles and float(cycles[1]) == pytest.approx(25.0, abs=0.1)
-    assert "Effects that look like it: ripple" in where
+    assert "Effects with this pattern: ripple" in where
     document = json.loads(run("compare", "results/model.json", "rippled", "--json").stdout)
     (part,) = [one for one in document["joints"][1]["budget"]["parts"] if one["name"] == "fast"]
     assert part["more_than_noise"] and part["p_value"] <= 0.05 and part["points_to"] == ["ripple"]
@@ -102,7 +103,7 @@ def test_logs_without_runs_still_have_their_tables(arm):
     Path("rest.csv").write_text("\n".join([lines[0], *lines[1:20]]) + "\n", encoding="utf-8")
     done = run("compare", "results/model.json", "rest.csv", "--picture", "misfit.png")
     assert done.exit_code == 0, done.stderr
-    assert "Model against measurement" in done.stdout and "Worst runs" not in done.stdout
+    assert "Model against measurement" in done.stdout and "Runs with the largest error" not in done.stdout
     assert "no misfit to draw" in done.stderr and not Path("misfit.png").exists()
     done = run("compare", "results/model.json", "rest.csv", "--picture", "misfit.png", "--json")
     assert json.loads(done.stdout)["rmse"] is None

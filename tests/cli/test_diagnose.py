@@ -120,14 +120,14 @@ def test_its_command_runs_and_the_misfit_is_gone(arm):
     done = run("diagnose", "results/model.json", "logs", "--check")
     assert done.exit_code == 0, done.stdout
     assert "nothing is missing that these data can show" in done.stdout
-    assert "In the model since an earlier diagnosis: ripple at joint 1" in done.stdout
+    assert "Added after an earlier diagnosis: ripple at joint 1" in done.stdout
 
 
 def test_apply_adds_refits_and_keeps_every_step(arm):
     """``--apply`` writes the enlarged model, shows the error fall on runs that were not fitted, and can be undone."""
     done = run("diagnose", "results/model.json", "logs", "--apply")
     assert done.exit_code == 0, done.stderr
-    assert "1. ripple at joint 1 (hip) added" in done.stdout and "+ ripple@1" in done.stdout
+    assert "1. Added ripple at joint 1 (hip)." in done.stdout and "+ ripple@1" in done.stdout
     assert "nothing is missing that these data can show" in done.stdout
     before, after = (pumaid.read_model(path) for path in sorted(Path("results/models").glob("*.json")))
     assert [one.effect for one in after.effects] == ["ripple"] and before.effects == ()
@@ -142,7 +142,7 @@ def test_apply_with_json_is_still_one_document(arm):
     done = run("diagnose", "results/model.json", "logs", "--apply", "--json")
     document = json.loads(done.stdout)
     assert document["findings"] == [] and document["applied"][0]["effect"] == "ripple"
-    assert "1. ripple at joint 1 (hip) added" in done.stderr
+    assert "1. Added ripple at joint 1 (hip)." in done.stderr
 
 
 def test_check_asks_for_attention(arm):
@@ -158,7 +158,7 @@ def test_a_clean_arm_is_left_alone(clean, tmp_path, monkeypatch):
     done = run("diagnose", "results/model.json", "logs", *more)
     assert done.exit_code == 0, done.stdout
     assert done.stdout.startswith("two-link pendulum: nothing is missing that these data can show.")
-    assert "What these data would have shown" in done.stdout and "stribeck" in done.stdout
+    assert "Detection limits" in done.stdout and "stribeck" in done.stdout
     assert not Path("missing.png").exists() and not Path("next.yaml").exists()
     assert len(list(Path("results/models").glob("*.json"))) == 1
 
@@ -178,7 +178,7 @@ def test_the_report_tells_it(arm):
     path.write_text(json.dumps(document | {"model": {"sha256": "ab" * 32}}), encoding="utf-8")
     assert run("report", "--format", "").exit_code == 0
     page = Path("results/report.html").read_text(encoding="utf-8")
-    assert 'id="missing"' in page and "ripple is missing" in page
+    assert 'id="diagnosis"' in page and "ripple is missing" in page
     assert "of another model" in page and "of other logs" not in page
 
 

@@ -55,8 +55,8 @@ def test_table_tells_runs_and_reasons(logs, document):
     result = run(logs, "--units", "deg")
     assert result.exit_code == 0
     assert f"{len(document['runs'])} runs at constant speed" in result.stdout
-    assert "speed °/s" in result.stdout
-    assert "Left out:" in result.stdout
+    assert "speed (deg/s)" in result.stdout
+    assert "Not used:" in result.stdout
     assert "ramp" in result.stdout
 
 

@@ -9,7 +9,7 @@ import diagnoses
 import pytest
 from rich.console import Console
 
-from pumaid.reporting.diagnosis import diagnosis_shown
+from pumaid.reporting.terminal import diagnosis_parts
 
 GOLD = Path(__file__).with_name("gold")
 TOLD = {"rich": diagnoses.rich(), "clean": diagnoses.clean()}
@@ -20,8 +20,8 @@ TOLD = {"rich": diagnoses.rich(), "clean": diagnoses.clean()}
 def test_diagnosis(name, units):
     """Sentences, shape and tables of a diagnosis; a change is written beside the gold file, to be looked at."""
     out = io.StringIO()
-    console = Console(file=out, width=120, color_system=None, highlight=False)
-    for part in diagnosis_shown(TOLD[name], diagnoses.PUMA, units=units):
+    console = Console(file=out, width=100, color_system=None, highlight=False)
+    for part in diagnosis_parts(TOLD[name], diagnoses.PUMA, units=units):
         console.print(part)
     made = "".join(f"{line.rstrip()}\n" for line in out.getvalue().splitlines())
     gold = GOLD / f"diagnosis_{name}_{units}.txt"

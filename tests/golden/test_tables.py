@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
-import stories
+import report_contexts
 
 from pumaid.reporting.export import parameters_as
 
@@ -16,7 +16,7 @@ GOLD = Path(__file__).with_name("gold")
 @pytest.mark.parametrize(("form", "suffix"), [("text", "txt"), ("markdown", "md"), ("latex", "tex"), ("csv", "csv")])
 def test_parameter_table(form, suffix, units):
     """Table I of the paper in every readable form; a change is written beside the gold file, to be looked at."""
-    told = stories.table_one()
+    told = report_contexts.table_one()
     made = parameters_as(told.estimate, told.robot, form, units=units)
     gold = GOLD / f"table1_{units}.{suffix}"
     actual = gold.with_name(f"{gold.name}.actual")

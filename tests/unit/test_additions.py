@@ -37,6 +37,6 @@ def test_what_makes_the_fit_worse_is_left_out(monkeypatch, tmp_path, factor, kep
     )
     assert len(done.applied) == kept
     assert last.joints[0].rmse == pytest.approx(0.02 * (factor if kept else 1.0))
-    assert ("left out" in told[0]) is (kept == 0) and len(told) == 1
+    assert ("Not added" in told[0]) is (kept == 0) and len(told) == 1
     if not kept:
-        assert "0.0240 A instead of 0.0200 A" in told[0]
+        assert "from 0.0200 A to 0.0240 A" in told[0]

@@ -9,7 +9,7 @@ from dataclasses import fields, is_dataclass, replace
 import diagnoses
 import numpy as np
 import pytest
-import stories
+import report_contexts
 
 from pumaid.diagnosis.document import diagnosis_document, read_diagnosis, stale, write_diagnosis
 from pumaid.errors import ResultError
@@ -62,7 +62,7 @@ def test_document_has_the_fixed_entries():
 
 def test_digest_of_a_model_is_that_of_its_file(tmp_path):
     """The digest in a diagnosis is what ``sha256sum results/model.json`` prints."""
-    estimate = stories.story().estimate
+    estimate = report_contexts.small().estimate
     write_model(tmp_path / "model.json", estimate)
     assert model_digest(estimate) == hashlib.sha256((tmp_path / "model.json").read_bytes()).hexdigest()
 
@@ -117,7 +117,7 @@ def test_a_number_that_json_lacks_is_not_damage(tmp_path):
 
 def test_a_diagnosis_knows_whether_it_is_stale():
     """It is told of another model and of other logs, each for itself; of its own there is nothing to tell."""
-    estimate, logs = stories.story().estimate, {"a.csv": "cd" * 32}
+    estimate, logs = report_contexts.small().estimate, {"a.csv": "cd" * 32}
     own = replace(diagnoses.rich(), model=model_digest(estimate), logs=logs)
     assert stale(own, estimate, {"renamed.csv": "cd" * 32}) == ()
     assert "other logs" in stale(own, estimate, {})[0] and len(stale(own, estimate, {})) == 2

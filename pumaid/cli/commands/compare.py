@@ -23,7 +23,7 @@ from pumaid.cli.options import (
 from pumaid.cli.output import attention, document, notes, picture_form, remark, spare_inputs, table
 
 if TYPE_CHECKING:
-    from pumaid.reporting.story import Story
+    from pumaid.reporting.context import ReportContext
 
 
 @click.command()
@@ -74,10 +74,10 @@ def command(
     spare_inputs([picture], read_files(logs, recipe, model) if picture else [])
     estimate = read_known_model(model)
     robot, dataset = read_dataset(logs, recipe, trust=trust, heldout=heldout, reading=reading)
-    from pumaid.reporting.budget import budget_shown
-    from pumaid.reporting.comparison import comparison_document
-    from pumaid.reporting.forms import Shown
-    from pumaid.reporting.scores import comparison_grid, is_above_floor, outside_grid, worst_grid
+    from pumaid.reporting.documents import comparison_document
+    from pumaid.reporting.tables import comparison_table, outside_table, worst_runs_table
+    from pumaid.reporting.terminal import budget_parts
+    from pumaid.reporting.text import is_above_floor
     from pumaid.results.documents import heading
     from pumaid.verbs.compare import compare
 
@@ -85,30 +85,30 @@ def command(
     comparison = compare(estimate, dataset, robot)
     notes((*estimate.notes, *comparison.notes))
     if picture is not None and comparison.runs:
-        from pumaid.reporting.story import Story
+        from pumaid.reporting.context import ReportContext
 
-        _draw(picture, Story(robot, estimate, dataset, comparison, units), form=form)
+        _draw(picture, ReportContext(robot, estimate, dataset, comparison, units), form=form)
     elif picture is not None:
         remark(f"no run was found, so there is no misfit to draw: {picture} is not written")
     if as_json:
         document(heading("comparison", robot=robot, logs=comparison.logs) | comparison_document(comparison))
     else:
-        table(Shown(comparison_grid(comparison, robot)))
-        for part in budget_shown(comparison, robot):
+        table(comparison_table(comparison, robot))
+        for part in budget_parts(comparison, robot):
             table(part)
-        grids = [outside_grid(comparison, robot)]
-        grids += [worst_grid(comparison, robot, count=worst, units=units)] if worst and comparison.runs else []
-        for grid in grids:
-            if grid is not None:
+        tables = [outside_table(comparison, robot)]
+        tables += [worst_runs_table(comparison, robot, count=worst, units=units)] if worst and comparison.runs else []
+        for item in tables:
+            if item is not None:
                 table("")
-                table(Shown(grid))
+                table(item)
     if check and any(is_above_floor(score.rmse, score.noise_floor) for score in comparison.joints):
         attention()
 
 
-def _draw(picture: Path, told: Story, *, form: str) -> None:
+def _draw(picture: Path, told: ReportContext, *, form: str) -> None:
     from pumaid.io.write import write_file
-    from pumaid.reporting.plots import misfit
+    from pumaid.reporting.figures.residuals import overview_figure
 
-    write_file(picture, misfit.drawn(told, form))
+    write_file(picture, overview_figure(told).file(form))
     remark(f"picture written to {picture}")

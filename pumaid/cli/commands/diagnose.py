@@ -128,24 +128,23 @@ def command(
 
 def _say(sentence: str) -> None:
     """A sentence of the result, wrapped."""
-    from pumaid.reporting.diagnosis import Told
+    from pumaid.reporting.table import Paragraph
 
-    table(Told(sentence))
+    table(Paragraph(sentence))
 
 
 def _tell(found: Diagnosis, robot: Robot, *, units: str, ladder: Path | None) -> None:
     """What was found; before it the ladder that ends at the model file `ladder`, where effects were added."""
-    from pumaid.reporting.diagnosis import diagnosis_shown
-    from pumaid.reporting.forms import Shown
-    from pumaid.reporting.ladder import ladder_grid
+    from pumaid.reporting.tables import history_table
+    from pumaid.reporting.terminal import diagnosis_parts
     from pumaid.results.history import ladder_of
 
     steps = None if ladder is None or not found.applied else ladder_of(ladder)
     if steps is not None:
         table("")
-        table(Shown(ladder_grid(steps)))
+        table(history_table(steps))
         table("")
-    for part in diagnosis_shown(found, robot, units=units):
+    for part in diagnosis_parts(found, robot, units=units):
         table(part)
 
 
@@ -160,11 +159,11 @@ def _kept(path: Path, found: Diagnosis) -> str:
 def _draw(picture: Path, found: Diagnosis, robot: Robot, *, form: str, units: str) -> str:
     """Draw what was found, and say so."""
     from pumaid.io.write import write_file
-    from pumaid.reporting.plots.findings import can_be_drawn, drawn
+    from pumaid.reporting.figures.diagnosis import diagnosis_figure, has_figure
 
-    if not can_be_drawn(found):
+    if not has_figure(found):
         return f"nothing was found that could be drawn: {picture} is not written"
-    write_file(picture, drawn(found, robot, form, units=units))
+    write_file(picture, diagnosis_figure(found, robot, units).file(form))
     return f"picture written to {picture}"
 
 
@@ -172,7 +171,7 @@ def _plan(path: Path, found: Diagnosis, robot: Robot) -> str:
     """Write the runs that would decide, as often as it takes, and say so."""
     from pumaid.cli.deciding import deciding
     from pumaid.io.plan_file import write_plan
-    from pumaid.reporting.wording import plural
+    from pumaid.reporting.formatting import plural
 
     made = deciding(found.findings, robot)
     if not made.motions:

@@ -36,7 +36,7 @@ def command(*, folder: Path, results: Path | None, restore: int | None, picture:
       pumaid history --restore 2
       pumaid history --json | jq '.ladders[0].models[] | {model, added, rmse, heldout}'
     """
-    from pumaid.reporting.ladder import history_document
+    from pumaid.reporting.documents import history_document
     from pumaid.results.documents import heading
     from pumaid.results.history import read_history
 
@@ -77,18 +77,17 @@ def _results(folder: Path) -> Path:
 
 def _draw(picture: Path, ladder: Ladder, *, form: str) -> None:
     from pumaid.io.write import write_file
-    from pumaid.reporting.plots.ladder import drawn
+    from pumaid.reporting.figures.model import history_figure
 
-    write_file(picture, drawn(ladder, form))
+    write_file(picture, history_figure(ladder).file(form))
     remark(f"picture written to {picture}")
 
 
 def _tell(history: History) -> None:
-    from pumaid.reporting.forms import Shown
-    from pumaid.reporting.ladder import joint_grids, ladder_grid
+    from pumaid.reporting.tables import history_joint_tables, history_table
 
     first, *others = history.ladders
-    grids = [ladder_grid(first), *joint_grids(first), *map(ladder_grid, others)]
-    for number, grid in enumerate(grids):
+    tables = [history_table(first), *history_joint_tables(first), *map(history_table, others)]
+    for number, item in enumerate(tables):
         table("") if number else None
-        table(Shown(grid))
+        table(item)

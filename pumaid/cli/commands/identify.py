@@ -141,9 +141,9 @@ def _written(
 
 
 def _shown(estimate: Estimate, robot: Robot, units: str) -> None:
-    from pumaid.reporting.tables import parameter_table, sums_table
+    from pumaid.reporting.tables import combination_table, parameter_table
 
     table(parameter_table(estimate, robot, units))
-    if sums := sums_table(estimate, units):
+    if (sums := combination_table(estimate, units)) is not None:
         table("")
-        table(sums)
+        table(sums.columns([0, 2, 3]))

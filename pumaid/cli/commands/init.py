@@ -56,7 +56,7 @@ def command(
     """
     from pumaid.cli.output import content, document, notes, remark, spare_inputs, table
     from pumaid.io.recipe import read_recipe
-    from pumaid.reporting.axes import axes_table
+    from pumaid.reporting.run_tables import axes_table
 
     if listed:
         _list(as_json)
@@ -157,19 +157,15 @@ def _written(target: Path, text: str, force: bool) -> Path:
 
 
 def _list(as_json: bool) -> None:
-    from rich.table import Table
-    from rich.text import Text
-
     from pumaid.cli.output import document, table
     from pumaid.io.recipe import read_recipe, shipped_recipes
+    from pumaid.reporting.table import Table
 
     robots = {known: read_recipe(path) for known, path in shipped_recipes().items()}
     rows = [{"name": known, "robot": robot.name, "joints": robot.n_joints} for known, robot in robots.items()]
     if as_json:
         document({"kind": "recipes", "format": 1, "recipes": rows})
         return
-    listed = Table("name", "robot", "joints", box=None, pad_edge=False)
-    for row in rows:
-        listed.add_row(*(Text(str(value)) for value in row.values()))
-    listed.add_row("blank", "to fill in, any number of joints", "--joints N")
-    table(listed)
+    lines = [[str(value) for value in row.values()] for row in rows]
+    lines.append(["blank", "to fill in, any number of joints", "--joints N"])
+    table(Table("", ("name", "robot", "joints"), lines, words=(0, 1)))

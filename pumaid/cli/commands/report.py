@@ -26,7 +26,7 @@ from pumaid.cli.progress import progress
 
 if TYPE_CHECKING:
     from pumaid.dataset import Dataset
-    from pumaid.reporting.story import Story
+    from pumaid.reporting.context import ReportContext
     from pumaid.robot import Robot
 
 TABLES = ("text", "csv", "parquet", "latex", "markdown", "json")
@@ -149,10 +149,10 @@ def _story(
     *,
     place: tuple[Path | None, Sequence[str]],
     units: str,
-) -> Story:
+) -> ReportContext:
     """What the report tells of: the model on the logs, and the models before it."""
     from pumaid.cli.reading import check_model, read_known_model
-    from pumaid.reporting.story import Story
+    from pumaid.reporting.context import ReportContext
     from pumaid.results.history import ladder_of
     from pumaid.verbs.compare import compare
 
@@ -161,11 +161,11 @@ def _story(
     check_model(estimate, robot, place)
     comparison = compare(estimate, dataset, robot)
     notes((*dataset.notes, *estimate.notes, *comparison.notes))
-    told = Story(robot, estimate, dataset, comparison, units, ladder=ladder_of(source))
+    told = ReportContext(robot, estimate, dataset, comparison, units, ladder=ladder_of(source))
     return _diagnosed(told, source.parent)
 
 
-def _diagnosed(told: Story, results: Path) -> Story:
+def _diagnosed(told: ReportContext, results: Path) -> ReportContext:
     """The story with the diagnosis that stands beside the model; one that cannot be read is told and left out."""
     from dataclasses import replace
 
@@ -188,15 +188,17 @@ def _diagnosed(told: Story, results: Path) -> Story:
 
 
 def _made(
-    told: Story, folder: Path, *, figures: Path, forms: Sequence[str], page: Path | None
+    told: ReportContext, folder: Path, *, figures: Path, forms: Sequence[str], page: Path | None
 ) -> list[tuple[Path, bytes]]:
     """Every file with its content, the page last; nothing is written."""
-    from pumaid.reporting.export import export, files_of
-    from pumaid.reporting.plots import drawings
+    from pumaid.reporting.export import export
+    from pumaid.reporting.figures.style import INLINE
+    from pumaid.reporting.page import all_figures
 
     made: list[tuple[Path, bytes]] = []
+    drawn = ((drawing.name, drawing.files([*forms, INLINE])) for drawing in all_figures(told))
     with progress("drawing") as step:
-        for number, (name, data) in enumerate(export(told, (files_of(each, forms) for each in drawings(told)))):
+        for number, (name, data) in enumerate(export(told, drawn)):
             step(number, name)
             part, _, rest = name.partition("/")
             place = figures / rest if part == "figures" else folder / name

@@ -73,7 +73,7 @@ def command(
       pumaid segment logs/ --json | jq '.runs[] | {joint, speed, samples}'
     """
     from pumaid.cli.reading import read_files
-    from pumaid.reporting import runs
+    from pumaid.reporting.documents import runs_csv, segments_document
     from pumaid.results.documents import heading
 
     if as_json and as_csv:
@@ -86,9 +86,9 @@ def command(
         _draw(picture, dataset, robot, form=form, units=units)
     if as_json:
         digests = {facts.name: facts.digest for facts in dataset.files}
-        document(heading("segments", robot=robot, logs=digests) | runs.segments_document(dataset, robot))
+        document(heading("segments", robot=robot, logs=digests) | segments_document(dataset, robot))
     elif as_csv:
-        say(runs.runs_csv(dataset, robot).rstrip("\n"))
+        say(runs_csv(dataset, robot).rstrip("\n"))
     else:
         _tell(dataset, robot, units=units, rejects=rejects)
 
@@ -105,21 +105,20 @@ def _read(
 
 
 def _tell(dataset: Dataset, robot: Robot, *, units: str, rejects: bool) -> None:
-    from pumaid.reporting import runs
-    from pumaid.reporting.forms import Shown
+    from pumaid.reporting.run_tables import rejection_table, rejects_table, run_table, runs_by_joint_table
 
-    parts = [runs.run_grid(dataset, robot, units=units)]
-    parts += [runs.joint_grid(dataset, robot, units=units), runs.left_grid(dataset)]
-    parts += [runs.reject_grid(dataset)] if rejects else []
+    parts = [run_table(dataset, robot, units=units)]
+    parts += [runs_by_joint_table(dataset, robot, units=units), rejection_table(dataset)]
+    parts += [rejects_table(dataset)] if rejects else []
     for index, part in enumerate(parts):
         if index:
             say()
-        table(Shown(part))
+        table(part)
 
 
 def _draw(picture: Path, dataset: Dataset, robot: Robot, *, form: str, units: str) -> None:
     from pumaid.io.write import write_file
-    from pumaid.reporting.segments import drawn
+    from pumaid.reporting.figures.runs import run_figure
 
-    write_file(picture, drawn(dataset, robot, form, units=units))
+    write_file(picture, run_figure(dataset, robot, units).file(form))
     remark(f"picture written to {picture}")

@@ -124,7 +124,8 @@ def command(
     from pumaid.cli.reading import experiment_folder, read_robot
     from pumaid.io.plan_file import PLAN_NAME, read_plan
     from pumaid.io.session import write_session
-    from pumaid.reporting.plans import session_document, session_table
+    from pumaid.reporting.documents import session_document
+    from pumaid.reporting.run_tables import session_table
     from pumaid.simulation.record import as_json as as_json_truth
     from pumaid.verbs.simulate import simulate
 

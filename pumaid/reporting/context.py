@@ -1,0 +1,75 @@
+"""What a report is made from: the arm, its model, the logs, the comparison of the two, diagnosis and history."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pumaid.dataset import Dataset
+from pumaid.records import Comparison, Diagnosis, Estimate, RunScore
+from pumaid.reporting.formatting import in_unit, joint_title
+from pumaid.results.history import Ladder
+from pumaid.robot import Robot
+
+Floats = NDArray[np.float64]
+
+#: Held positions closer than this (rad or m) count as the same posture.
+SAME_POSTURE = 0.03
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class ReportContext:
+    """Inputs of figures and sections.
+
+    Attributes
+    ----------
+    robot, estimate, dataset, comparison
+        The arm, its model, the logs and the model's errors on them.
+    units
+        ``"rad"`` or ``"deg"``: unit of angles in tables and figures.
+    diagnosis
+        The missing effects, if a diagnosis was made.
+    stale
+        Sentences on why the diagnosis may not apply to this model and these logs.
+    ladder
+        The models of the experiment that can be compared with this one, if they were kept.
+    """
+
+    robot: Robot
+    estimate: Estimate
+    dataset: Dataset
+    comparison: Comparison
+    units: str = "rad"
+    diagnosis: Diagnosis | None = None
+    stale: tuple[str, ...] = ()
+    ladder: Ladder | None = None
+
+    def title(self, joint: int) -> str:
+        """Number and name of joint `joint` (from 1)."""
+        return joint_title(self.robot, joint)
+
+    def moving(self) -> list[int]:
+        """Joints (from 1) that have runs."""
+        return sorted({score.run.joint for score in self.comparison.runs})
+
+    def shown(self, joint: int, positions: Floats) -> Floats:
+        """Positions or speeds of a joint (SI) in the unit of `position_unit`."""
+        return positions * in_unit(self.robot.joint(joint).position_unit, self.units)[0]
+
+    def position_unit(self, joint: int) -> str:
+        """``rad``, ``deg`` or ``m``."""
+        return self.units if self.robot.joint(joint).is_revolute else "m"
+
+    def postures(self, joint: int) -> list[list[RunScore]]:
+        """Runs of a joint grouped by the positions of the other joints; the largest group first."""
+        groups: list[list[RunScore]] = []
+        for score in self.comparison.of_joint(joint):
+            for group in groups:
+                if np.all(np.abs(np.nan_to_num(group[0].run.posture - score.run.posture)) < SAME_POSTURE):
+                    group.append(score)
+                    break
+            else:
+                groups.append([score])
+        return sorted(groups, key=lambda group: -len(group))

@@ -1,0 +1,414 @@
+"""Sentences of a diagnosis: what is missing and where, how sure that is, what would decide, how to add it."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pumaid.effects import Scope, catalogue
+from pumaid.records import (
+    ADD,
+    ADEQUATE,
+    UNEXPLAINED_JOINT,
+    Candidate,
+    Diagnosis,
+    Estimate,
+    Finding,
+    JointDiagnosis,
+    Limit,
+    Transfer,
+    Unexplained,
+)
+from pumaid.reporting.formatting import (
+    amperes,
+    in_unit,
+    joint_title,
+    joint_titles,
+    listed,
+    percent,
+    plural,
+    with_error,
+)
+from pumaid.reporting.text import AT_FLOOR, BELOW_FLOOR
+from pumaid.robot import Robot
+from pumaid.units import number
+
+#: Prefix of the name of a column of the logs that the user suspects (``--suspect``), and what its shape ``times`` says.
+SUSPECT = "suspect:"
+SUSPECT_FORMS = ("as it is", "times the direction", "times the load")
+
+#: Variables of free forms in words; others have their own name.
+VARIABLES = {
+    "q": "position",
+    "v": "speed",
+    "load": "gravity load",
+    "t": "time",
+    "travel": "travel since the motion began",
+}
+
+#: Kind of current by the factor in front of a free form: the sign of motion, the velocity, nothing.
+FORMS = {"s": "a friction that depends on", "v": "a viscous friction that depends on", "": "a current that depends on"}
+
+#: Lines of a shape as text, characters of its longest bar and of a whole line.
+SHAPE_ROWS, BAR, LINE = 20, 24, 74
+
+
+def label(effect: str) -> str:
+    """An effect's name in a sentence: ``ripple at joint 3`` for ``ripple@3``, a suspected column as that."""
+    if effect.startswith(SUSPECT):
+        return f"an effect of column {effect.removeprefix(SUSPECT)}"
+    name, at, joint = effect.partition("@")
+    return f"{name} at joint {joint}" if at else name
+
+
+def place(finding: Finding | Candidate | Limit, robot: Robot) -> str:
+    """Where an effect acts: ``joint 3 (elbow)``, or ``the whole arm``."""
+    if finding.joint is None:
+        return "the whole arm"
+    title = joint_title(robot, finding.joint)
+    return title[0].lower() + title[1:]
+
+
+def _at(finding: Finding | Candidate | Limit, robot: Robot) -> str:
+    return f"{'of' if finding.joint is None else 'at'} {place(finding, robot)}"
+
+
+def _capital(text: str) -> str:
+    return text[:1].upper() + text[1:]
+
+
+# Findings
+
+
+def finding_title(finding: Finding, robot: Robot) -> str:
+    """Where and what, with the effects that these data do not separate from it."""
+    verb = "is missing" if finding.verdict == ADD else "may be missing"
+    words = f"{_capital(place(finding, robot))}: {label(finding.effect)} {verb}"
+    if finding.rivals:
+        words += f" (these data do not separate it from {listed([label(name) for name in finding.rivals], 'or')})"
+    return words
+
+
+def applied_title(finding: Finding, robot: Robot) -> str:
+    """Title of an effect that an earlier diagnosis found and the model now has."""
+    return f"{_capital(place(finding, robot))}: {label(finding.effect)} was missing and is now in the model"
+
+
+def finding_sentences(finding: Finding, diagnosis: Diagnosis, robot: Robot, *, units: str = "rad") -> list[str]:
+    """What the effect is, what it explains, how sure that is, and how large it is."""
+    effect = catalogue().get(finding.effect)
+    out = [effect_sentence(finding.effect)] if effect else []
+    joint = next((item for item in diagnosis.joints if item.joint == finding.joint), None)
+    is_applied = any(finding is item for item in diagnosis.applied)
+    if joint is not None and not is_applied and (effect is None or effect.scope is Scope.JOINT):
+        out.append(floor_sentence(joint))
+    if finding.rmse_heldout_before is not None and finding.rmse_heldout_after is not None:
+        out.append(heldout_sentence(finding.rmse_heldout_before, finding.rmse_heldout_after))
+    if finding.transfer is not None and finding.transfer.is_clear:
+        out.append(transfer_sentence(finding.transfer))
+    out.append(p_value_sentence(finding.p_value))
+    reasons = [
+        candidate.reason
+        for item in diagnosis.joints
+        for candidate in item.candidates
+        if (candidate.effect, candidate.joint) == (finding.effect, finding.joint) and candidate.reason
+    ]
+    if finding.verdict != ADD and reasons:
+        out.append(f"Doubtful: {reasons[0].rstrip('.')}.")
+    size = size_sentence(finding, robot, units)
+    return [*out, *([size] if size else [])]
+
+
+def effect_sentence(effect: str) -> str:
+    """What an effect of the catalogue is, with its current."""
+    entry = catalogue()[effect]
+    return f"{entry.title}." + (f" Current: {entry.equation}." if entry.equation else "")
+
+
+def is_at_floor(joint: JointDiagnosis) -> bool:
+    """Whether a joint's RMSE is no larger than its noise floor."""
+    if joint.rmse is None or joint.noise_floor is None:
+        return False
+    return joint.rmse <= AT_FLOOR * joint.noise_floor
+
+
+def floor_sentence(joint: JointDiagnosis) -> str:
+    """A joint's RMSE against its noise floor."""
+    if joint.rmse is None:
+        return f"Joint {joint.joint} never moves alone in these logs, so its error is unknown."
+    if joint.noise_floor is None:
+        return f"RMSE of the model: {amperes(joint.rmse)}; no run is repeated, so the noise floor is unknown."
+    words = f"RMSE of the model: {amperes(joint.rmse)}, noise floor: {amperes(joint.noise_floor)}"
+    return words + ("." if is_at_floor(joint) else f" (ratio {number(joint.rmse / joint.noise_floor, 2)}).")
+
+
+def heldout_sentence(before: float, after: float) -> str:
+    """RMSE (A) of runs that no fit used, before and after the effect is added."""
+    change = f" ({percent(1.0 - after / before)} less)" if 0.0 < after < before else ""
+    return f"RMSE of runs that were not fitted: {amperes(before)} without it, {amperes(after)} with it{change}."
+
+
+def transfer_sentence(transfer: Transfer) -> str:
+    """How much of the effect the held-out runs confirm."""
+    share = f"{number(100.0 * transfer.share, 2)} ± {number(100.0 * transfer.std_error, 1)} %"
+    words = f"The held-out runs confirm {share} of the predicted effect"
+    if transfer.is_denied:
+        return f"{words}: it is another effect, or of another form, although it fits the other runs."
+    if transfer.is_partial:
+        return f"{words}: another effect acts as well, or instead."
+    return f"{words}."
+
+
+def p_value_sentence(p: float) -> str:
+    """How sure a finding is."""
+    return f"p = {number(p, 2)} over all effects and joints: chance alone gives this in {odds(p)} data sets."
+
+
+def odds(p: float) -> str:
+    """A probability in words.
+
+    Examples
+    --------
+    >>> odds(0.0033), odds(0.04), odds(0.3), odds(1e-9)
+    ('one of 300', 'one of 25', '3 of 10', 'less than one of a million')
+    """
+    if p < 1e-6:
+        return "less than one of a million"
+    if p >= 0.15:
+        return f"{min(max(round(10 * p), 1), 10)} of 10"
+    digits = 1 if p <= 0.01 else 2
+    return f"one of {int(float(f'{1.0 / p:.{digits - 1}e}')):,}"
+
+
+def size_sentence(finding: Finding | Candidate, robot: Robot, units: str = "rad") -> str:
+    """How large an effect is, with its shape; empty where neither is known."""
+    sizes = []
+    for size in finding.sizes:
+        scale, unit = in_unit(bare(size.unit), units)
+        value, error = with_error(scale * size.value, scale * size.std_error)
+        sizes.append(f"{size.name.rsplit('.', 1)[-1]} = {value} ± {error} {unit}".rstrip())
+    shape = shape_text(finding, robot, units)
+    if not sizes:
+        return f"Shape: {shape}." if shape else ""
+    joiner = ", " if finding.effect.startswith(SUSPECT) else ", with "
+    return f"Size: {listed(sizes)}{joiner + shape if shape else ''}."
+
+
+def bare(unit: str) -> str:
+    """A unit word; empty for a number without unit."""
+    return "" if unit == "1" else unit
+
+
+def shape_text(finding: Finding | Candidate, robot: Robot, units: str = "rad") -> str:
+    """The nonlinear parameters of an effect with their units."""
+    if finding.effect.startswith(SUSPECT):
+        return SUSPECT_FORMS[int(finding.shape.get("times", 0.0))]
+    effect = catalogue().get(finding.effect)
+    unit_of = {shape.name: bare(shape.unit) for shape in effect.shapes(robot, finding.joint or 0)} if effect else {}
+    words = []
+    for name, value in finding.shape.items():
+        scale, unit = in_unit(unit_of.get(name, ""), units)
+        words.append(f"{name} {scale * value:.4g} {unit}".rstrip())
+    return listed(words)
+
+
+def decision_sentence(finding: Finding) -> str:
+    """The runs that would decide between an effect and its rivals, or why none would; empty where nothing is open."""
+    run = finding.next_run
+    if run is None:
+        return ""
+    text = run.text.rstrip(".")
+    if not run.motions:
+        return f"{_capital(text)}."
+    times = f", each {times_text(run.repeats)}" if run.repeats and run.repeats > 1 else ""
+    return f"To decide: {text} ({plural(len(run.motions), 'run')}{times}; written by pumaid diagnose --plan FILE)."
+
+
+def times_text(count: int) -> str:
+    """``once``, ``twice``, ``3 times``."""
+    return {1: "once", 2: "twice"}.get(count, f"{count} times")
+
+
+# Adding effects
+
+
+def step_sentence(finding: Finding, before: Estimate, after: Estimate, *, robot: Robot, number: int) -> str:
+    """What adding an effect did to the joint that it changed most; `number` of the step from 1."""
+    both = [(old, new) for old, new in zip(before.joints, after.joints, strict=True) if old.rmse and new.rmse]
+    head = f"{number}. Added {label(finding.effect)} {_at(finding, robot)}"
+    if not both:
+        return f"{head}."
+    old, new = min(both, key=lambda pair: (pair[1].rmse or 0.0) / (pair[0].rmse or 1.0))
+    words = f"{head}. Joint {new.joint}: RMSE {amperes(old.rmse)} -> {amperes(new.rmse)}"
+    if old.heldout is not None and new.heldout is not None:
+        words += f", hold-out {amperes(old.heldout)} -> {amperes(new.heldout)}"
+    if new.noise_floor is not None and (new.rmse or 0.0) >= BELOW_FLOOR * new.noise_floor:
+        words += f", noise floor {amperes(new.noise_floor)}"
+    return f"{words}."
+
+
+def left_out_sentence(finding: Finding, before: float, after: float, *, robot: Robot) -> str:
+    """That an effect was not added, because the RMSE (A) of the fitted runs rose."""
+    return (
+        f"Not added: {label(finding.effect)} {_at(finding, robot)}. It raises the RMSE of the fitted runs from"
+        f" {amperes(before)} to {amperes(after)}, so these runs do not separate it from the model's other terms."
+    )
+
+
+# Verdicts
+
+
+def headline(diagnosis: Diagnosis, robot: Robot) -> str:
+    """The diagnosis in one sentence."""
+    missing = [_named(finding, robot) for finding in diagnosis.findings if finding.verdict == ADD]
+    doubtful = [_named(finding, robot) for finding in diagnosis.findings if finding.verdict != ADD]
+    strange = [str(joint.joint) for joint in diagnosis.joints if joint.verdict == UNEXPLAINED_JOINT]
+    parts = [f"{listed(missing)} {'is' if len(missing) == 1 else 'are'} missing"] if missing else []
+    if strange:
+        parts.append(f"at joint{'s' * (len(strange) > 1)} {listed(strange)} no known effect explains the residual")
+    parts += [f"{listed(doubtful)} may be missing"] if doubtful else []
+    other = [joint.joint for joint in diagnosis.joints if joint.verdict not in (ADEQUATE, UNEXPLAINED_JOINT)]
+    if not parts and other:
+        parts.append(f"something is missing at {listed([f'joint {joint}' for joint in other])}")
+    return f"{robot.name}: {'; '.join(parts) or 'nothing is missing that these data can show'}."
+
+
+def _named(finding: Finding, robot: Robot) -> str:
+    local = [name for name in dict.fromkeys((finding.effect, *finding.rivals)) if "@" not in name]
+    distant = "".join(f", or {label(name)}" for name in finding.rivals if "@" in name)
+    return f"{listed([label(name) for name in local], 'or')} {_at(finding, robot)}{distant}"
+
+
+def unexplained_title(joint: JointDiagnosis, robot: Robot) -> str:
+    """That a joint's residual has no explanation in the catalogue."""
+    return f"{joint_title(robot, joint.joint)}: something is missing that no effect of the catalogue explains"
+
+
+def unexplained_sentences(joint: JointDiagnosis, units: str = "rad") -> list[str]:
+    """What is known of a residual without a name."""
+    out = [floor_sentence(joint)]
+    if joint.repeats is not None:
+        share, p = joint.repeats
+        out.append(f"{percent(share)} of the residual repeats in repeated runs (p = {number(p, 2)}).")
+    return [*out, *([form_sentence(joint.unexplained, units)] if joint.unexplained is not None else [])]
+
+
+def form_sentence(shape: Unexplained, units: str = "rad") -> str:
+    """The free form that describes the residual best, and where it is largest."""
+    scale, unit = in_unit(shape.unit, units)
+    kind = FORMS.get(shape.form.split("f(")[0].strip(), FORMS[""])
+    form = f"{kind} {variable_name(shape)} ({shape.form})"
+    if not shape.is_clear:
+        return f"No function of position, speed, load, time or travel alone describes it; the closest is {form}."
+    peak = f"{number(scale * shape.peak, 3)} {unit}".rstrip()
+    return f"Best described by {form}, largest at {peak}; it explains {percent(shape.share)} of the excess over noise."
+
+
+def variable_name(shape: Unexplained) -> str:
+    """The variable of a free form in words."""
+    return VARIABLES.get(shape.variable, shape.variable)
+
+
+def other_sentences(diagnosis: Diagnosis, robot: Robot) -> list[str]:
+    """Joints that lack something, without a finding or a shape of their own."""
+    named = {finding.joint for finding in diagnosis.findings}
+    rest = [
+        joint
+        for joint in diagnosis.joints
+        if joint.verdict not in (ADEQUATE, UNEXPLAINED_JOINT) and joint.joint not in named
+    ]
+    quiet = [joint.joint for joint in rest if diagnosis.findings and is_at_floor(joint)]
+    pointer = " The findings above act there too." if diagnosis.findings else ""
+    out = [
+        f"{joint_title(robot, joint.joint)}: something is missing. {floor_sentence(joint)}{pointer}"
+        for joint in rest
+        if joint.joint not in quiet
+    ]
+    if quiet:
+        out.append(f"{joint_titles(robot, quiet)}: RMSE at the noise floor, but the findings above act there too.")
+    return out
+
+
+def adequate_sentences(diagnosis: Diagnosis, robot: Robot) -> list[str]:
+    """Joints that lack nothing, where others do; joints that could not be diagnosed."""
+    fine = [joint.joint for joint in diagnosis.joints if joint.verdict == ADEQUATE and joint.rmse is not None]
+    still = [joint.joint for joint in diagnosis.joints if joint.rmse is None]
+    out = []
+    if fine and len(fine) < len(diagnosis.joints):
+        out.append(f"{joint_titles(robot, fine)}: nothing is missing that these data can show.")
+    if still:
+        out.append(f"{joint_titles(robot, still)}: never moved alone in these logs, so not diagnosed.")
+    return out
+
+
+def suspect_sentences(diagnosis: Diagnosis) -> list[str]:
+    """Of suspected columns that no finding names: whether any current depends on them."""
+    named = {name for finding in diagnosis.findings for name in (finding.effect, *finding.rivals)}
+    testable: dict[str, bool] = {}
+    for limit in (limit for joint in diagnosis.joints for limit in joint.limits):
+        if limit.effect.startswith(SUSPECT) and limit.effect not in named:
+            testable[limit.effect] = testable.get(limit.effect, False) or limit.size is not None
+    verdicts = {
+        True: "no joint's current depends on it, as far as these runs can show.",
+        False: "not testable, because it hardly varies in these runs or is not a number.",
+    }
+    return [f"Column {name.removeprefix(SUSPECT)}: {verdicts[can]}" for name, can in testable.items()]
+
+
+def applied_sentences(diagnosis: Diagnosis, robot: Robot) -> list[str]:
+    """Effects of earlier diagnoses that the model has."""
+    names = [_named(replace(finding, rivals=()), robot) for finding in diagnosis.applied]
+    return [f"Added after an earlier diagnosis: {listed(names)}."] if names else []
+
+
+def weaknesses(diagnosis: Diagnosis, robot: Robot) -> list[str]:
+    """What limits the diagnosis, each sentence once with its joints."""
+    joints: dict[str, list[int]] = {}
+    for joint in diagnosis.joints:
+        for sentence in joint.weakened:
+            joints.setdefault(sentence.rstrip("."), []).append(joint.joint)
+    out = []
+    for text, numbers in joints.items():
+        names_joint = len(numbers) == 1 and text.lower().startswith(f"joint {numbers[0]} ")
+        is_plain = len(numbers) == len(diagnosis.joints) or names_joint
+        out.append(f"{_capital(text)}." if is_plain else f"{joint_titles(robot, numbers)}: {text}.")
+    return out
+
+
+def shape_lines(shape: Unexplained, units: str = "rad") -> list[str]:
+    """Free-form means as lines of text: place, mean with its error, and a bar from a line in the middle."""
+    scale, unit = in_unit(shape.unit, units)
+    centres, means, errors = _thinned(shape)
+    largest = float(np.nanmax(np.abs(means), initial=0.0)) or 1.0
+    head = f"{variable_name(shape)} ({unit})" if unit else variable_name(shape)
+    title = f"viscous (A s/{shape.unit})" if shape.form.startswith("v ") else "residual (A)"
+    sides = [bool((means < 0.0).any()), bool((means > 0.0).any())]
+    places = [number(scale * float(centre) + 0.0, 3) for centre in centres]
+    texts = [
+        f"{mean:+.4f}" + (f" ± {abs(error):.4f}" if np.isfinite(error) else "")
+        for mean, error in zip(means, errors, strict=True)
+    ]
+    width, text_width = max(map(len, [head, *places])), max(map(len, [title, *texts]))
+    bar = max(min(BAR, (LINE - width - text_width - 5) // (sum(sides) or 1)), 6)
+    lines = [f"{head:>{width}}  {title:>{text_width}}"]
+    for position, text, mean in zip(places, texts, means, strict=True):
+        marks = "#" * round(bar * abs(float(mean)) / largest)
+        before = (marks if mean < 0 else "").rjust(bar) if sides[0] else ""
+        lines.append(f"{position:>{width}}  {text:>{text_width}}  {before}|{marks if mean > 0 else ''}")
+    return lines
+
+
+def _thinned(shape: Unexplained) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+    """Centres, means and errors of at most `SHAPE_ROWS` bins; neighbours are averaged by their precision."""
+    step = -(-len(shape.centres) // SHAPE_ROWS)
+    if step <= 1:
+        return shape.centres, shape.means, shape.errors
+    errors = np.where(np.isfinite(shape.errors) & (shape.errors > 0.0), shape.errors, np.inf)
+    weights = errors**-2 if np.isfinite(errors).any() else np.ones(len(errors))
+    starts = np.arange(0, len(weights), step)
+    sums = np.add.reduceat(weights, starts)
+    sums[sums == 0.0] = np.nan
+    centres, means = (np.add.reduceat(weights * values, starts) / sums for values in (shape.centres, shape.means))
+    return centres, means, sums**-0.5

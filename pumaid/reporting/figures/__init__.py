@@ -1,0 +1,1 @@
+"""Figures of models, residuals, diagnoses, logs and plans, drawn by matplotlib."""

@@ -1,0 +1,250 @@
+"""The arm: its skeleton, and the postures of a plan."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import partial
+from itertools import groupby, product
+from typing import Any
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.patches import Circle, Patch, Polygon
+from numpy.typing import NDArray
+
+from pumaid.kinematics import frames as link_frames
+from pumaid.reporting.context import ReportContext
+from pumaid.reporting.figures.style import BACKWARD, FAINT, FORWARD, GREY, INK, Drawing
+from pumaid.reporting.formatting import in_unit, shortened
+from pumaid.reporting.run_tables import PlannedPosture, planned_postures
+from pumaid.robot import Box, Robot
+from pumaid.trajectory import Plan
+
+Floats = NDArray[np.float64]
+
+#: View from the front right and a little above (rad).
+AZIMUTH, ELEVATION = -0.96, 0.38
+
+#: Panels side by side and in all; inch of a panel, and above and below all panels.
+ACROSS, MOST_PANELS, PANEL, MARGIN = 8, 75, (2.3, 2.6), 0.5
+
+#: Shares of the reach: length of a tip without tool, rim around the arm.
+TIP, RIM = 0.09, 0.12
+
+
+def skeleton_figure(context: ReportContext) -> Drawing:
+    """The arm in the posture of the first run, or at zero."""
+    runs = context.dataset.runs
+    position = np.nan_to_num(runs[0].posture) if runs else np.zeros(context.robot.n_joints)
+    caption = (
+        "Circles: revolute joints, squares: prismatic joints, short lines: their axes, arrow: gravity. Drawn from the"
+        " recipe in the posture of the first run; if this is not your arm, the recipe is wrong."
+    )
+    return Drawing("arm", f"{context.robot.name}: skeleton", caption, partial(skeleton, context.robot, position))
+
+
+def frames(robot: Robot, position: Floats) -> tuple[Floats, Floats]:
+    """Origins (J+1, 3) in m, the base first, and rotations (J+1, 3, 3) of all links at (J,) positions."""
+    posture = np.asarray(position, dtype=float)[None]
+    offsets, angles = robot.dh_displacements(posture), robot.dh_angles(posture)
+    rotations, origins = link_frames(robot.alphas, robot.lengths, offsets=offsets, thetas=angles)
+    return np.vstack([np.zeros(3), origins[0]]), np.concatenate([np.eye(3)[None], rotations[0]])
+
+
+def projected(points: Floats) -> Floats:
+    """(N, 2) of (N, 3) points, as seen from far away with the third base axis up."""
+    c, s = np.cos(AZIMUTH), np.sin(AZIMUTH)
+    across = -s * points[:, 0] + c * points[:, 1]
+    depth = c * points[:, 0] + s * points[:, 1]
+    return np.column_stack([across, points[:, 2] * np.cos(ELEVATION) - depth * np.sin(ELEVATION)])
+
+
+def skeleton(robot: Robot, position: Floats) -> Figure:
+    """The arm at (J,) positions."""
+    origins, rotations = frames(robot, position)
+    reach = max(float(np.ptp(origins, axis=0).max()), 0.1)
+    flat = projected(origins)
+    wide, high = np.ptp(flat, axis=0) + 0.5 * reach
+    figure = Figure(figsize=(3.4, float(np.clip(3.4 * high / wide, 2.0, 3.8))), layout="constrained")
+    axes = figure.subplots()
+    _base(axes, 0.14 * reach, FAINT)
+    axes.plot(flat[:, 0], flat[:, 1], color=INK, linewidth=4.5, alpha=0.85, solid_joinstyle="round", zorder=2)
+    labels: list[tuple[Floats, list[str]]] = []
+    for joint, origin, z in zip(robot.joints, origins[1:], rotations[1:, :, 2], strict=True):
+        axis = projected(np.array([origin - 0.09 * reach * z, origin, origin + 0.13 * reach * z]))
+        colour, marker = (FORWARD, "o") if joint.is_revolute else (BACKWARD, "s")
+        axes.plot(axis[:, 0], axis[:, 1], color=colour, linewidth=1.8, zorder=3)
+        axes.plot(*axis[1], marker, color=colour, markersize=8, markeredgecolor="none", zorder=4)
+        near = [numbers for place, numbers in labels if np.linalg.norm(axis[1] - place) < 0.03 * reach]
+        (near[0].append(str(joint.number)) if near else labels.append((axis[1], [str(joint.number)])))
+    for place, numbers in labels:
+        look: dict[str, Any] = {"fontsize": 10.5, "fontweight": "bold", "textcoords": "offset points"}
+        axes.annotate(", ".join(numbers), (place[0], place[1]), (9, 5), zorder=5, **look)
+    if np.any(robot.gravity):
+        start = np.array([flat[:, 0].max() + 0.36 * reach, flat[:, 1].max()])
+        along = projected(0.3 * reach * np.array([robot.gravity]) / np.linalg.norm(robot.gravity))[0]
+        _arrow(axes, start, start + along, GREY, text="g")
+        axes.update_datalim([start, start + along])
+    axes.set_aspect("equal")
+    axes.axis("off")
+    axes.margins(0.12)
+    return figure
+
+
+def _base(axes: Axes, radius: float, colour: str) -> None:
+    angle = np.linspace(0.0, 2.0 * np.pi, 60)
+    disc = projected(radius * np.column_stack([np.cos(angle), np.sin(angle), 0.0 * angle]))
+    axes.fill(disc[:, 0], disc[:, 1], color=colour, linewidth=0, zorder=0)
+
+
+def _arrow(axes: Axes, start: Floats, end: Floats, colour: str, *, text: str = "") -> None:
+    style: dict[str, Any] = {"arrowstyle": "-|>", "color": colour, "linewidth": 1.3, "shrinkA": 0, "shrinkB": 0}
+    axes.annotate("", (end[0], end[1]), (start[0], start[1]), arrowprops=style, zorder=7)
+    if text:
+        look: dict[str, Any] = {"textcoords": "offset points", "ha": "center", "fontsize": 10, "style": "italic"}
+        axes.annotate(text, (start[0], start[1]), (0, 4), **look)
+
+
+# Postures of a plan
+
+
+@dataclass(frozen=True, slots=True)
+class _Scene:
+    """What the panels of a joint share: arm, reach (m), corners of the space (2, 3) and of the panels (2, 2)."""
+
+    robot: Robot
+    reach: float
+    space: Floats
+    window: Floats
+
+
+def posture_figure(plan: Plan, robot: Robot) -> Drawing:
+    """The arm in every posture of a plan."""
+    return Drawing("postures", f"{robot.name}: postures of the plan", "", partial(postures, plan, robot))
+
+
+def postures(plan: Plan, robot: Robot) -> Figure:
+    """One panel a posture, those of a joint at one scale; a row, or more, a joint."""
+    every_posture = planned_postures(plan)
+    shown = every_posture[:MOST_PANELS]
+    groups = {joint: list(group) for joint, group in groupby(shown, key=lambda posture: posture.joint)}
+    rows = [group[k : k + ACROSS] for group in groups.values() for k in range(0, len(group), ACROSS)]
+    columns, count = max([3, *(len(row) for row in rows)]), max(len(rows), 1)
+    figure = Figure(figsize=(PANEL[0] * columns, PANEL[1] * count + 2 * MARGIN), layout="constrained")
+    axes = figure.subplots(count, columns, squeeze=False)
+    for panel in axes.flat:
+        panel.axis("off")
+    scenes = {joint: _scene(robot, group) for joint, group in groups.items()}
+    for row, panels in zip(rows, axes, strict=False):
+        for posture, panel in zip(row, panels, strict=False):
+            _panel(panel, scenes[posture.joint], posture)
+    rest = f", {len(every_posture) - len(shown)} more not drawn" if len(every_posture) > len(shown) else ""
+    title = f"{robot.name}: {len(every_posture)} postures, {len(plan.motions)} runs{rest}"
+    figure.suptitle(title, x=0.01, ha="left", fontsize=12, fontweight="bold")
+    handles: list[Line2D | Patch] = [
+        Line2D([], [], color=INK, linewidth=3.4, label="held"),
+        Line2D([], [], color=FORWARD, linewidth=3.4, label="moves (thin: both ends)"),
+        Patch(facecolor=FORWARD, alpha=0.2, label="swept by the tip"),
+    ]
+    if robot.safety and robot.safety.boxes:
+        handles.append(Patch(facecolor=BACKWARD, alpha=0.2, label="forbidden box"))
+    figure.legend(handles=handles, loc="outside lower left", ncols=4)
+    return figure
+
+
+def _positions(posture: PlannedPosture, count: int) -> Floats:
+    """(count, J) positions of the arm while the joint moves over its range."""
+    positions = np.tile(np.array(posture.motions[0].hold, dtype=float), (count, 1))
+    positions[:, posture.joint - 1] = np.linspace(*posture.span, count)
+    return positions
+
+
+def _course(robot: Robot, position: Floats, tip: float) -> tuple[Floats, list[int]]:
+    """Points of the arm (N, 3), with a bend where a link's `a` ends and its `d` begins; index of each joint in it."""
+    origins, rotations = frames(robot, position)
+    points, places = [origins[0]], []
+    for k, joint in enumerate(robot.joints, start=1):
+        points += [origins[k - 1] + joint.a * rotations[k - 1][:, 0], origins[k]]
+        places.append(len(points) - 1)
+    tool = robot.safety.tool if robot.safety and robot.safety.tool is not None else (0.0, 0.0, tip)
+    return np.array([*points, origins[-1] + rotations[-1] @ np.array(tool)]), places
+
+
+def _scene(robot: Robot, group: list[PlannedPosture]) -> _Scene:
+    middles = [_course(robot, _positions(posture, 3)[1], 0.0)[0] for posture in group]
+    reach = max(0.1, *(float(np.ptp(points, axis=0).max()) for points in middles))
+    points = np.concatenate(
+        [_course(robot, position, TIP * reach)[0] for posture in group for position in _positions(posture, 9)]
+    )
+    flat = np.concatenate([projected(points), projected(points * (1, 1, 0))])
+    middle, size = 0.5 * (flat.min(axis=0) + flat.max(axis=0)), np.ptp(flat, axis=0) + 2.0 * RIM * reach
+    half = 0.5 * np.array(PANEL) * np.max(size / np.array(PANEL))
+    space = np.array([points.min(axis=0) - RIM * reach, points.max(axis=0) + RIM * reach])
+    return _Scene(robot, reach, space, np.array([middle - half, middle + half]))
+
+
+def _panel(axes: Axes, scene: _Scene, posture: PlannedPosture) -> None:
+    robot, tip = scene.robot, TIP * scene.reach
+    positions = _positions(posture, 41)
+    courses = [_course(robot, position, tip) for position in positions]
+    points, places = courses[len(courses) // 2]
+    for box in robot.safety.boxes if robot.safety else ():
+        _box(axes, scene, box)
+    shadow = projected(points * (1.0, 1.0, 0.0))
+    axes.plot(shadow[:, 0], shadow[:, 1], color=FAINT, linewidth=2.6, solid_joinstyle="round", zorder=1)
+    _base(axes, 0.09 * scene.reach, GREY)
+    swept, pivot = projected(np.array([course[0][-1] for course in courses])), places[posture.joint - 1]
+    flat = projected(points)
+    if robot.joint(posture.joint).is_revolute:
+        axes.add_patch(Polygon(np.vstack([flat[pivot], swept]), facecolor=FORWARD, alpha=0.13, linewidth=0, zorder=3))
+    axes.plot(swept[:, 0], swept[:, 1], color=FORWARD, linewidth=1.1, zorder=7)
+    for end in (courses[0][0], courses[-1][0]):
+        ghost = projected(end[pivot:])
+        axes.plot(ghost[:, 0], ghost[:, 1], color=FORWARD, linewidth=1.5, alpha=0.4, zorder=4)
+    axes.plot(flat[: pivot + 1, 0], flat[: pivot + 1, 1], color=INK, linewidth=3.4, solid_joinstyle="round", zorder=5)
+    axes.plot(flat[pivot:, 0], flat[pivot:, 1], color=FORWARD, linewidth=3.4, solid_joinstyle="round", zorder=6)
+    axes.plot(*flat[pivot], "o", color="white", markeredgecolor=FORWARD, markersize=6.5, zorder=8)
+    _spheres(axes, scene, positions[len(positions) // 2], posture.joint)
+    axes.set(xlim=scene.window[:, 0], ylim=scene.window[:, 1], aspect="equal")
+    if np.any(robot.gravity):
+        along = projected(np.array([robot.gravity]) / np.linalg.norm(robot.gravity))[0]
+        start = scene.window[1] - np.array([0.05, 0.25]) * np.ptp(scene.window, axis=0)
+        _arrow(axes, start, start + 0.13 * np.ptp(scene.window, axis=0)[1] * along, GREY, text="g")
+    _title(axes, robot, posture)
+
+
+def _title(axes: Axes, robot: Robot, posture: PlannedPosture) -> None:
+    scale, unit = in_unit(robot.joint(posture.joint).position_unit, "deg")
+    low, high = (f"{round(value * scale, 3) + 0.0:.4g}" for value in posture.span)
+    heldout = len(posture.motions) - posture.fitted
+    counts = [f"{posture.fitted} fit"] * (posture.fitted > 0) + [f"{heldout} hold-out"] * (heldout > 0)
+    serves = f"\nfor {', '.join(posture.serves)}" if posture.serves else ""
+    name = f"{posture.name} {robot.joint(posture.joint).name}"
+    title = f"{shortened(name, 34)}\n{low} to {high} {unit}, {', '.join(counts)}{shortened(serves, 38)}"
+    axes.set_title(title, fontsize=7.5, fontweight="normal")
+
+
+def _spheres(axes: Axes, scene: _Scene, position: Floats, joint: int) -> None:
+    origins, rotations = frames(scene.robot, position)
+    for sphere in scene.robot.safety.spheres if scene.robot.safety else ():
+        centre = origins[sphere.link] + rotations[sphere.link] @ np.array(sphere.centre)
+        x, y = projected(centre[None])[0]
+        colour = FORWARD if sphere.link >= joint else INK
+        axes.add_patch(Circle((x, y), sphere.radius, facecolor=colour, alpha=0.12, linewidth=0, zorder=4))
+
+
+def _box(axes: Axes, scene: _Scene, box: Box) -> None:
+    """The faces of the part of a box that lies in the space drawn."""
+    low, high = np.maximum(box.low, scene.space[0]), np.minimum(box.high, scene.space[1])
+    if (low >= high).any():
+        return
+    for axis, side in product(range(3), (low, high)):
+        first, second = (k for k in range(3) if k != axis)
+        corners = np.empty((4, 3))
+        corners[:, axis] = side[axis]
+        corners[:, first] = [low[first], high[first], high[first], low[first]]
+        corners[:, second] = [low[second], low[second], high[second], high[second]]
+        face: dict[str, Any] = {"facecolor": BACKWARD, "edgecolor": BACKWARD, "alpha": 0.07, "linewidth": 0.6}
+        axes.add_patch(Polygon(projected(corners), zorder=0, **face))

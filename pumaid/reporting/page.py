@@ -1,0 +1,73 @@
+"""The report as one self-contained HTML page; its sections are found by looking into ``sections/``."""
+
+from __future__ import annotations
+
+import functools
+import importlib
+import inspect
+import pkgutil
+from collections.abc import Mapping
+
+import jinja2
+from markupsafe import Markup
+
+from pumaid import __version__
+from pumaid.reporting import sections
+from pumaid.reporting.context import ReportContext
+from pumaid.reporting.figures.style import DARK, Drawing
+from pumaid.reporting.sections import Section
+
+
+@functools.cache
+def all_sections() -> tuple[Section, ...]:
+    """Every section, in the order of the page."""
+    instances: list[Section] = []
+    for info in pkgutil.iter_modules(sections.__path__):
+        module = importlib.import_module(f"{sections.__name__}.{info.name}")
+        for member in vars(module).values():
+            if inspect.isclass(member) and issubclass(member, Section) and member.__module__ == module.__name__:
+                instances.append(member())
+    return tuple(sorted(instances, key=lambda section: section.order))
+
+
+def all_figures(context: ReportContext) -> list[Drawing]:
+    """Every figure of the report."""
+    return [drawing for section in all_sections() if section.applies(context) for drawing in section.figures(context)]
+
+
+def page(context: ReportContext, *, inline: Mapping[str, str] | None = None) -> str:
+    """The report as an HTML document without outside references.
+
+    Parameters
+    ----------
+    context
+        What it is made from; the same context gives the same page.
+    inline
+        Figures by name as SVG elements, if they are drawn already.
+    """
+    environment = jinja2.Environment(
+        loader=jinja2.PackageLoader("pumaid.reporting"),
+        autoescape=True,
+        trim_blocks=True,
+        lstrip_blocks=True,
+        undefined=jinja2.StrictUndefined,
+    )
+
+    def figure(drawing: Drawing, style: str = "") -> Markup:
+        svg = Markup((inline or {}).get(drawing.name) or drawing.inline())
+        caption = Markup("<b>{}.</b> {}").format(drawing.title, drawing.caption)
+        template = Markup(
+            '<figure id="figure-{}" class="{}">\n<div class="picture">{}</div>\n<figcaption>{}</figcaption>\n</figure>'
+        )
+        return template.format(drawing.name, style, svg, caption)
+
+    environment.globals["figure"] = figure
+    shown = [section for section in all_sections() if section.applies(context)]
+    parts = []
+    for section in shown:
+        figures = {drawing.name: drawing for drawing in section.figures(context)}
+        template = environment.get_template(f"{section.name}.html")
+        parts.append(Markup(template.render(section.content(context, figures))))
+    return environment.get_template("page.html").render(
+        robot=context.robot.name, sections=shown, parts=parts, version=__version__, dark=DARK
+    )

@@ -1,0 +1,308 @@
+"""Tables of runs: those that logs contain, those that a plan asks for; and of the arm that makes them."""
+
+from __future__ import annotations
+
+import math
+import string
+from collections import Counter
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from itertools import groupby
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pumaid.dataset import Dataset, Reject, Run
+from pumaid.reporting.formatting import duration, in_unit, plural, posture_text, relative_names
+from pumaid.reporting.table import Cell, Table
+from pumaid.robot import Robot
+from pumaid.trajectory import Motion, Plan
+from pumaid.units import number
+
+#: Digits (rad, m) in which postures of a plan differ.
+_DIGITS = 6
+
+#: Row of the predicted standard errors -> parameter of joint n.
+_EXPECTED = {
+    "k_x·g (A)": "gravity.l{n}.x",
+    "k_y·g (A)": "gravity.l{n}.y",
+    "m·g (A)": "gravity.l{n}.mass",
+    "gain ratio to the next joint": "gain_ratio.{n}.{m}",
+    "coulomb + (A)": "coulomb.j{n}.plus",
+    "coulomb - (A)": "coulomb.j{n}.minus",
+    "viscous + (A s/rad, A s/m)": "viscous.j{n}.plus",
+    "viscous - (A s/rad, A s/m)": "viscous.j{n}.minus",
+}
+
+
+# Runs of logs
+
+
+def run_table(dataset: Dataset, robot: Robot, *, units: str = "rad") -> Table:
+    """Every run: file, time, joint, posture and motion."""
+    kinds = [robot.joint(joint).position_unit for joint in sorted({run.joint for run in dataset.runs})]
+    unit = " or ".join(dict.fromkeys(in_unit(kind, units)[1] for kind in kinds)) or units
+    names = relative_names([run.origin for run in dataset.runs])
+    has_strokes = any(run.kind == "stroke" for run in dataset.runs)
+    rows: list[list[Cell | str]] = []
+    for index, run in enumerate(dataset.runs, start=1):
+        joint = robot.joint(run.joint)
+        scale = in_unit(joint.position_unit, units)[0]
+        head = Cell(str(index), mark="*" if run.heldout else "")
+        time = f"{run.start:.2f} – {run.start + run.duration:.2f}"
+        low, high, speed = (number(value * scale, 4) for value in (*run.span, run.speed))
+        row: list[Cell | str] = [head, names[run.origin], time, f"{run.joint} {joint.name}"]
+        row += [posture_text(robot, run.posture.tolist(), units), f"{low} to {high}", speed, str(run.samples)]
+        rows.append([*row, *([run.kind] if has_strokes else [])])
+    header = ["run", "file", "time (s)", "joint", "other joints at", f"range ({unit})", f"speed ({unit}/s)", "samples"]
+    header += ["kind"] if has_strokes else []
+    notes = [("*", "held out for validation")] if any(run.heldout for run in dataset.runs) else []
+    caption = "A stroke's speed is its mean speed." if has_strokes else ""
+    title = f"{robot.name}: {counted_runs(dataset.runs)}"
+    return Table(title, header, rows, notes, caption, words=(1, 3, 4, 8))
+
+
+def counted_runs(runs: Sequence[Run]) -> str:
+    """``12 runs at constant speed and 3 strokes from rest to rest``."""
+    strokes = sum(run.kind == "stroke" for run in runs)
+    words = [f"{plural(len(runs) - strokes, 'run')} at constant speed"] * (len(runs) > strokes or not strokes)
+    return " and ".join([*words, *[f"{plural(strokes, 'stroke')} from rest to rest"] * (strokes > 0)])
+
+
+def runs_by_joint_table(dataset: Dataset, robot: Robot, *, units: str = "rad") -> Table:
+    """The runs of each joint: counts, speeds in both directions, postures, time."""
+    rows = []
+    for joint in robot.joints:
+        runs = dataset.of_joint(joint.number)
+        scale, unit = in_unit(f"{joint.position_unit}/s", units)
+        speeds = [[run.speed * scale for run in runs if run.speed * sign > 0] for sign in (1, -1)]
+        kinds = [str(sum(run.kind == kind for run in runs) or "-") for kind in ("constant", "stroke")]
+        postures = {tuple(np.round(np.delete(run.posture, joint.number - 1), 1)) for run in runs}
+        head = [f"{joint.number} {joint.name}", *kinds, *map(_range, speeds), unit, str(len(postures) or "-")]
+        rows.append([*head, number(sum(run.duration for run in runs), 4) if runs else "-"])
+    header = ("joint", "constant", "strokes", "forward speeds", "backward speeds", "unit", "postures", "time (s)")
+    return Table("Runs by joint", header, rows, words=(0, 3, 4, 5))
+
+
+def _range(speeds: Sequence[float]) -> str:
+    if not speeds:
+        return "-"
+    low, high = min(speeds, key=abs), max(speeds, key=abs)
+    return number(low, 3) if len(speeds) == 1 else f"{number(low, 3)} to {number(high, 3)}"
+
+
+def rejection_table(dataset: Dataset) -> Table:
+    """What was not used, by reason, with the longest stretch as an example."""
+    read = samples_read(dataset)
+    rows = []
+    for reason, rejects in by_reason(dataset.rejects).items():
+        longest = max(rejects, key=lambda reject: reject.samples)
+        samples = sum(reject.samples for reject in rejects)
+        seconds = number(sum(reject.duration for reject in rejects), 4)
+        example = f"rows {longest.first_row}–{longest.last_row}: {longest.text}"
+        rows.append([reason, str(len(rejects)), f"{samples:,}", f"{100 * samples / read:.1f} %", seconds, example])
+    unused = read - sum(run.samples for run in dataset.runs)
+    title = f"Not used: {unused:,} of {read:,} samples ({100 * unused / max(1, read):.1f} %)"
+    header = ("reason", "stretches", "samples", "share", "time (s)", "longest stretch")
+    return Table(title, header, rows, words=(0, 5))
+
+
+def rejects_table(dataset: Dataset) -> Table:
+    """Every stretch that was not used, with its rows."""
+    names = relative_names([reject.origin for reject in dataset.rejects])
+    rows = []
+    for reject in dataset.rejects:
+        last = f"{reject.last_row} of {reject.last_origin}" if reject.last_origin else str(reject.last_row)
+        where = [names[reject.origin], f"{reject.first_row}–{last}", f"{reject.start:.2f}"]
+        rows.append([*where, reject.reason, reject.text])
+    return Table("Stretches not used", ("file", "rows", "start (s)", "reason", "why"), rows, words=(0, 1, 3, 4))
+
+
+def by_reason(rejects: Iterable[Reject]) -> dict[str, list[Reject]]:
+    """Rejects by reason, the reason with most samples first."""
+    groups: dict[str, list[Reject]] = {}
+    for reject in rejects:
+        groups.setdefault(reject.reason, []).append(reject)
+    return dict(sorted(groups.items(), key=lambda item: -sum(reject.samples for reject in item[1])))
+
+
+def samples_read(dataset: Dataset) -> int:
+    """All samples of the logs: of runs and rejects together."""
+    return sum(run.samples for run in dataset.runs) + sum(reject.samples for reject in dataset.rejects)
+
+
+# The arm
+
+
+def axes_table(robot: Robot, units: str = "deg") -> Table:
+    """Modified Denavit-Hartenberg parameters, limits and speeds of the joints; angles in `units`."""
+    rows = []
+    for joint in robot.joints:
+        scale, unit = in_unit(joint.position_unit, units)
+        theta, alpha = (f"{round(in_unit('rad', units)[0] * x, 4) + 0.0:.6g}" for x in (joint.theta, joint.alpha))
+        theta, d = (theta + " + q", f"{joint.d:.5g}") if joint.is_revolute else (theta, f"{joint.d:.5g} + q")
+        limits = "-"
+        if joint.limits is not None:
+            limits = f"{joint.limits[0] * scale:.4g} to {joint.limits[1] * scale:.4g} {unit}"
+        speed = "-" if joint.max_velocity is None else f"{number(joint.max_velocity * scale)} {unit}/s"
+        rows.append([str(joint.number), joint.name, joint.kind, theta, alpha, f"{joint.a:.5g}", d, limits, speed])
+    header = ("joint", "name", "type", f"theta ({units})", f"alpha ({units})", "a (m)", "d (m)", "limits", "max. speed")
+    caption = "Modified Denavit-Hartenberg parameters (Craig); q is the measured position."
+    return Table(f"{robot.name}: geometry", header, rows, caption=caption, words=(0, 1, 2))
+
+
+# Plans
+
+
+@dataclass(frozen=True, slots=True)
+class PlannedPosture:
+    """One posture of the other joints in which a joint is moved.
+
+    Attributes
+    ----------
+    joint, letter
+        The moving joint from 1, and a letter: 3A is joint 3's first posture in the plan.
+    motions
+        Its runs, in order.
+    serves
+        Parameters that it identifies.
+    """
+
+    joint: int
+    letter: str
+    motions: tuple[Motion, ...]
+    serves: tuple[str, ...]
+
+    @property
+    def name(self) -> str:
+        """``3A``."""
+        return f"{self.joint}{self.letter}"
+
+    @property
+    def span(self) -> tuple[float, float]:
+        """Lowest and highest position of the moving joint, rad or m."""
+        ends = [end for motion in self.motions for end in (motion.start, motion.end)]
+        return min(ends), max(ends)
+
+    @property
+    def fitted(self) -> int:
+        """Runs for fitting; the rest is for validation."""
+        return sum(motion.purpose == "fit" for motion in self.motions)
+
+    @property
+    def replicates(self) -> int:
+        """How often the most repeated run is made."""
+        return max(Counter(self.motions).values())
+
+
+def posture_key(joint: int, hold: Sequence[float]) -> tuple[int, tuple[float, ...]]:
+    """The moving joint and the rounded positions of the other joints: equal for runs in one posture."""
+    return joint, tuple(round(value, _DIGITS) + 0.0 for number, value in enumerate(hold, start=1) if number != joint)
+
+
+def planned_postures(plan: Plan) -> list[PlannedPosture]:
+    """The postures of a plan by joint, in the order in which the plan first takes them."""
+    groups: dict[tuple[int, tuple[float, ...]], list[Motion]] = {}
+    for motion in plan.motions:
+        groups.setdefault(posture_key(motion.joint, motion.hold), []).append(motion)
+    serves = {posture_key(posture.joint, posture.hold): posture.serves for posture in plan.postures}
+    counts: Counter[int] = Counter()
+    postures = []
+    for key, motions in groups.items():
+        postures.append(PlannedPosture(key[0], _letter(counts[key[0]]), tuple(motions), serves.get(key, ())))
+        counts[key[0]] += 1
+    return sorted(postures, key=lambda posture: posture.joint)
+
+
+def _letter(index: int) -> str:
+    """A, B, ... Z, AA, AB ... from 0."""
+    letters = string.ascii_uppercase
+    return letters[index] if index < 26 else _letter(index // 26 - 1) + letters[index % 26]
+
+
+def posture_letters(plan: Plan) -> list[str]:
+    """The letter of the posture of each run of a plan."""
+    letters = {posture_key(p.joint, p.motions[0].hold): p.letter for p in planned_postures(plan)}
+    return [letters[posture_key(motion.joint, motion.hold)] for motion in plan.motions]
+
+
+def plan_tables(plan: Plan, robot: Robot) -> list[Table]:
+    """What a plan does by joint, its postures, and the standard errors that it predicts."""
+    lines = []
+    if plan.efficiency is not None:
+        lines.append(
+            f"Predicted standard errors are on average {number(1.0 / plan.efficiency, 3)} times those of the best"
+            " conceivable runs in this time (without moves between postures, repeats or held-out runs)."
+        )
+    lines += [f"Not identifiable: {name}: {reason}." for name, reason in plan.unseen.items()]
+    lines += [f"Assumed: {sentence}." for sentence in plan.assumptions]
+    tables = [_motion_table(plan, robot)]
+    if plan.postures:
+        rows = [
+            [str(posture.joint), posture_text(robot, posture.hold, "deg", moving=posture.joint), posture.why]
+            for posture in plan.postures
+        ]
+        tables.append(Table("Postures", ("joint", "other joints at (deg, m)", "purpose"), rows, words=(0, 1, 2)))
+    if plan.expected:
+        tables.append(_expected_table(plan, robot))
+    notes = [("-", line.replace("..", ".")) for line in lines]
+    last = tables[-1]
+    return [*tables[:-1], Table(last.title, last.header, last.rows, notes, last.caption, last.words)]
+
+
+def _motion_table(plan: Plan, robot: Robot) -> Table:
+    rows = []
+    for joint in robot.joints:
+        motions = [motion for motion in plan.motions if motion.joint == joint.number]
+        if not motions:
+            rows.append([f"{joint.number} {joint.name}", "0", "-", "-", "0", "0"])
+            continue
+        fitted = [motion for motion in motions if motion.purpose == "fit"]
+        scale, unit = in_unit(joint.position_unit, "deg")
+        ends = [end * scale for motion in motions for end in (motion.start, motion.end)]
+        speeds = sorted({f"{motion.velocity * scale:.4g}" for motion in fitted}, key=float)
+        postures = {posture_key(motion.joint, motion.hold) for motion in fitted}
+        span = f"{min(ends) + 0.0:.4g} to {max(ends) + 0.0:.4g} {unit}"
+        counts = [str(len(fitted)), str(len(motions) - len(fitted))]
+        name = f"{joint.number} {joint.name}"
+        rows.append([name, str(len(postures)), span, f"{', '.join(speeds)} {unit}/s", *counts])
+    heldout = sum(motion.purpose == "heldout" for motion in plan.motions)
+    title = f"{plan.robot}: {len(plan.motions)} runs, {heldout} of them held out, {duration(plan.duration)}"
+    return Table(title, ("joint", "postures", "range", "speeds", "fit", "hold-out"), rows, words=(0, 2, 3))
+
+
+def _expected_table(plan: Plan, robot: Robot) -> Table:
+    """Predicted standard errors, a joint a column as in the parameter table."""
+    gravity = math.hypot(*robot.gravity) or 1.0
+    rows = []
+    for label, name in _EXPECTED.items():
+        names = [name.format(n=joint.number, m=joint.number + 1) for joint in robot.joints]
+        scale = gravity if name.startswith("gravity") else 1.0
+        if any(name in plan.expected for name in names):
+            cells = [number(plan.expected[name] * scale, 2) if name in plan.expected else "-" for name in names]
+            rows.append([label, *cells])
+    return Table("Predicted standard errors", ["joint", *(str(joint.number) for joint in robot.joints)], rows)
+
+
+def timetable(plan: Plan, robot: Robot, *, times: NDArray[np.float64]) -> Table:
+    """One row for each series of runs of a joint in one posture, in order; `times` (M, 2) s of start and end."""
+    rows = []
+    spans = np.asarray(times, dtype=float).reshape(-1, 2).tolist()
+    items = zip(plan.motions, posture_letters(plan), spans, strict=True)
+    for (moving, letter), series in groupby(items, key=lambda item: (item[0].joint, item[1])):
+        part = list(series)
+        joint = robot.joint(moving)
+        scale, unit = in_unit(joint.position_unit, "deg")
+        speeds = dict.fromkeys(f"{motion.velocity * scale:.3g}" for motion, *_ in part)
+        heldout = sum(motion.purpose == "heldout" for motion, *_ in part)
+        purpose = "fit" if not heldout else "hold-out" if heldout == len(part) else f"fit, {heldout} hold-out"
+        begin, end = (f"{int(t) // 60}:{int(t) % 60:02d}" for t in (part[0][2][0], part[-1][2][1]))
+        words = [f"{moving}{letter}", joint.name, str(len(part)), f"{', '.join(speeds)} {unit}/s", purpose]
+        rows.append([begin, end, *words])
+    return Table("Timetable", ("from", "to", "posture", "joint", "runs", "speeds", "purpose"), rows, words=(2, 3, 5, 6))
+
+
+def session_table(files: Sequence[tuple[str, int, float, float]]) -> Table:
+    """Simulated files: name, samples, first and last time (s) of each."""
+    rows = [[name, f"{samples:,}", f"{first:.1f}", f"{last:.1f}"] for name, samples, first, last in files]
+    return Table("", ("file", "samples", "from (s)", "to (s)"), rows)

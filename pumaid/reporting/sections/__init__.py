@@ -1,0 +1,63 @@
+"""The sections of the report: one file each with one class, and a template of the same name."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Mapping, Sequence
+from typing import ClassVar
+
+from pumaid.reporting.context import ReportContext
+from pumaid.reporting.figures.style import Drawing
+
+
+class Section(ABC):
+    """One section of the page.
+
+    Sections are found by looking into this folder and sorted by `order`, with gaps for new ones. The template is
+    ``templates/<file name>.html``; it sees `content`. Tables stand in it as ``{{ table }}``, figures as
+    ``{{ figure(drawing) }}``.
+
+    Attributes
+    ----------
+    order
+        Place on the page.
+    title
+        Its heading.
+
+    Examples
+    --------
+    >>> class Greeting(Section):
+    ...     order = 5
+    ...     title = "Greeting"
+    ...
+    ...     def content(self, context, figures):
+    ...         return {"words": f"This is {context.robot.name}."}
+    """
+
+    order: ClassVar[int]
+    title: ClassVar[str]
+
+    @property
+    def name(self) -> str:
+        """The file's name; also the anchor on the page."""
+        return type(self).__module__.rsplit(".", 1)[-1]
+
+    def applies(self, context: ReportContext) -> bool:
+        """Whether there is anything to show in this section."""
+        return True
+
+    def figures(self, context: ReportContext) -> Sequence[Drawing]:
+        """The figures of this section."""
+        return ()
+
+    @abstractmethod
+    def content(self, context: ReportContext, figures: Mapping[str, Drawing]) -> dict[str, object]:
+        """What the template sees: names and their values; text is escaped there.
+
+        Parameters
+        ----------
+        context
+            What the report is made from.
+        figures
+            The section's own figures by name.
+        """

@@ -1,0 +1,31 @@
+"""Model against measurement: errors by joint, and the currents themselves."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+from pumaid.reporting.context import ReportContext
+from pumaid.reporting.figures.residuals import current_figures
+from pumaid.reporting.figures.style import Drawing
+from pumaid.reporting.sections import Section
+from pumaid.reporting.tables import comparison_table
+from pumaid.reporting.text import shares_sentence
+
+
+class Prediction(Section):
+    """The paper's Fig. 4 for each joint."""
+
+    order = 40
+    title = "Model against measurement"
+
+    def figures(self, context: ReportContext) -> Sequence[Drawing]:
+        return current_figures(context)
+
+    def content(self, context: ReportContext, figures: Mapping[str, Drawing]) -> dict[str, object]:
+        ways = {(score.run.joint, score.run.direction) for score in context.comparison.runs}
+        return {
+            "both_ways": any((joint, -1) in ways and (joint, 1) in ways for joint in context.moving()),
+            "table": comparison_table(context.comparison, context.robot),
+            "shares": [shares_sentence(context, score) for score in context.comparison.joints if score.shares],
+            "figures": list(figures.values()),
+        }

@@ -1,0 +1,252 @@
+"""One table for all forms: cells of value ± error and notes below, as text, Markdown, LaTeX or HTML."""
+
+from __future__ import annotations
+
+import io
+import textwrap
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from html import escape
+from typing import Literal
+
+from rich.console import Console, ConsoleOptions, RenderableType
+from rich.measure import Measurement
+from rich.table import Table as RichTable
+from rich.text import Text
+
+from pumaid.reporting.visible import visible
+
+#: Width of text in a pipe or file, and of notes and sentences on a terminal (characters).
+WIDTH = 100
+
+#: Tone of a cell -> its style on a terminal: plain, not distinguishable from zero, not identifiable, no such
+#: quantity, above what noise explains.
+TONES = {"": "", "weak": "dim", "unknown": "yellow", "absent": "dim", "alarm": "red"}
+
+_LATEX = {
+    "\\": r"\textbackslash{}", "&": r"\&", "%": r"\%", "$": r"\$", "#": r"\#", "_": r"\_", "{": r"\{", "}": r"\}",
+    "~": r"\textasciitilde{}", "^": r"\textasciicircum{}", "±": r"$\pm$", "·": r"$\cdot$", "η": r"$\eta$",
+    "λ": r"$\lambda$", "°": r"$^\circ$", "²": r"$^2$", "⁺": r"$^+$", "⁻": r"$^-$", "ᵢ": r"$_i$", "₊": r"$_+$",
+    "₁": r"$_1$", "₂": r"$_2$", "σ": r"$\sigma$", "→": r"$\to$", "—": "---", "–": "--", "−": "$-$",
+}  # fmt: skip
+
+
+@dataclass(frozen=True, slots=True)
+class Cell:
+    """One entry: a value, its standard error, the mark of a note, a tone of `TONES`, and LaTeX for the value."""
+
+    text: str
+    error: str = ""
+    mark: str = ""
+    tone: str = ""
+    latex: str = ""
+
+    def lines(self, *, stacked: bool) -> str:
+        """The entry on one line, or `stacked` with the error below the value."""
+        value = f"{self.text} {self.mark}" if self.mark and stacked else self.text
+        error = "" if not self.error else f"\n±{self.error}" if stacked else f" ± {self.error}"
+        return f"{value}{error}" + (f" {self.mark}" if self.mark and not stacked else "")
+
+
+@dataclass(frozen=True)
+class Table:
+    """A table.
+
+    Attributes
+    ----------
+    title
+        What it shows.
+    header
+        (C,) column heads with units.
+    rows
+        (R, C) cells; plain strings become cells.
+    notes
+        (mark, text) pairs that explain marked cells.
+    caption
+        One or two sentences on how to read it, or empty.
+    words
+        Columns (from 0) that hold words: aligned left, and wrapped where the terminal is narrow.
+    """
+
+    title: str
+    header: Sequence[str]
+    rows: Sequence[Sequence[Cell | str]]
+    notes: Sequence[tuple[str, str]] = ()
+    caption: str = ""
+    words: Sequence[int] = (0,)
+
+    @property
+    def cells(self) -> list[list[Cell]]:
+        """All rows with every entry as a cell."""
+        return [[entry if isinstance(entry, Cell) else Cell(entry) for entry in row] for row in self.rows]
+
+    def columns(self, chosen: Sequence[int]) -> Table:
+        """The same table with only the columns `chosen` (from 0)."""
+        rows = [[row[column] for column in chosen] for row in self.rows]
+        words = [place for place, column in enumerate(chosen) if column in self.words]
+        return Table(self.title, [self.header[column] for column in chosen], rows, self.notes, self.caption, words)
+
+    def text(self, width: int = WIDTH) -> str:
+        """The table as plain text at most `width` characters wide."""
+        out = io.StringIO()
+        Console(file=out, width=width, color_system=None, highlight=False).print(self)
+        return "".join(f"{line.rstrip()}\n" for line in out.getvalue().splitlines())
+
+    def __str__(self) -> str:
+        return self.text()
+
+    def __rich_console__(self, console: Console, options: ConsoleOptions) -> Iterator[RenderableType]:
+        """On a terminal: errors beside values, else below them, else the columns in several parts."""
+        if self.title:
+            yield Text(visible(self.title), style="bold")
+        if self.rows:
+            yield from self._body(console, options)
+        if self.caption:
+            yield Paragraph(self.caption, style="dim")
+        indent = max((len(mark) for mark, _ in self.notes), default=0) + 2
+        for mark, text in self.notes:
+            lines = textwrap.wrap(visible(text), min(options.max_width, WIDTH) - indent - 1) or [""]
+            yield Text(f"{mark:>{indent}} " + f"\n{'':{indent + 1}}".join(lines))
+
+    def _body(self, console: Console, options: ConsoleOptions) -> Iterator[RenderableType]:
+        def fits(table: RichTable) -> bool:
+            return Measurement.get(console, options.update(max_width=10_000), table).maximum <= options.max_width
+
+        def least(part: Table) -> RichTable:
+            narrow = [min(len(cell.text), 18) for row in part.cells for cell in row]
+            return part._drawn(stacked=True, limit=max(narrow, default=18))
+
+        flat = self._drawn(stacked=False)
+        if fits(flat):
+            yield flat
+            return
+        parts: list[list[int]] = [[0]]
+        for column in range(1, len(self.header)):
+            if len(parts[-1]) > 1 and not fits(least(self.columns([*parts[-1], column]))):
+                parts.append([0])
+            parts[-1].append(column)
+        for number, chosen in enumerate(parts):
+            if number:
+                yield Text("")
+            part = self.columns(chosen)
+            rows = [row for row in part.cells if number == 0 or any(cell.text for cell in row[1:])]
+            yield replace(part, rows=rows)._drawn(stacked=True)
+
+    def _drawn(self, *, stacked: bool, limit: int | None = None) -> RichTable:
+        """The rows for the terminal; `limit` cuts the cells of words, to see how narrow the table can be."""
+        drawn = RichTable(box=None, pad_edge=False, padding=(0, 2, 0, 0), header_style="bold")
+        for column, head in enumerate(self.header):
+            is_left = column in self.words
+            justify: Literal["left", "right"] = "left" if is_left else "right"
+            drawn.add_column(Text(head), justify=justify, overflow="fold", no_wrap=not (is_left and stacked))
+        for row in self.cells:
+            texts = []
+            for column, cell in enumerate(row):
+                cut = limit if column in self.words else None
+                text = Text(visible(cell.lines(stacked=stacked))[:cut], style=TONES[cell.tone])
+                if cell.error:
+                    text.stylize("dim", text.plain.find("±"))
+                texts.append(text)
+            drawn.add_row(*texts)
+        return drawn
+
+    def markdown(self) -> str:
+        """The table in GitHub's Markdown, notes below it."""
+
+        def escaped(text: str) -> str:
+            out = text.replace("\\", "\\\\").replace("|", "\\|").replace("\n", " ").replace("<", "&lt;")
+            return "".join(f"\\{letter}" if letter in "*_`[]" else letter for letter in out)
+
+        bars = ["---" if column in self.words else "---:" for column in range(len(self.header))]
+        lines = [f"**{escaped(self.title)}**", ""] if self.title else []
+        lines += ["| " + " | ".join(map(escaped, self.header)) + " |", "| " + " | ".join(bars) + " |"]
+        lines += ["| " + " | ".join(escaped(cell.lines(stacked=False)) for cell in row) + " |" for row in self.cells]
+        lines += ["", escaped(self.caption)] if self.caption else []
+        lines += ["", *(f"- {escaped(mark)}: {escaped(text)}" for mark, text in self.notes)] if self.notes else []
+        return "\n".join(lines) + "\n"
+
+    def latex(self, label: str = "") -> str:
+        """The table in LaTeX for the booktabs package, notes below it; `label` is for ``\\ref``."""
+        aligned = "".join("l" if column in self.words else "r" for column in range(len(self.header)))
+        lines = [r"% needs \usepackage{booktabs}", r"\begin{table}", r"\centering"]
+        lines += [rf"\caption{{{_tex(self.title)}}}"] if self.title else []
+        lines += [rf"\label{{{label}}}"] if label else []
+        lines += [rf"\begin{{tabular}}{{{aligned}}}", r"\toprule", " & ".join(map(_tex, self.header)) + r" \\"]
+        lines += [r"\midrule", *(" & ".join(map(_tex_cell, row)) + r" \\" for row in self.cells)]
+        lines += [r"\bottomrule", r"\end{tabular}"]
+        below = [_tex(self.caption)] if self.caption else []
+        below += [rf"$^{{\mathrm{{{_tex(mark)}}}}}$~{_tex(text)}" for mark, text in self.notes]
+        lines += [r"\par\smallskip\footnotesize\raggedright", *(rf"{text}\par" for text in below)] if below else []
+        return "\n".join([*lines, r"\end{table}"]) + "\n"
+
+    def html(self) -> str:
+        """The table as an HTML element, notes below it."""
+        heads = "".join(
+            f'<th scope="col"{self._left(column)}>{escape(head)}</th>' for column, head in enumerate(self.header)
+        )
+        rows = "\n".join(f"<tr>{self._html_row(row)}</tr>" for row in self.cells)
+        label = escape(self.title, quote=True)
+        out = f'<div class="scroll" tabindex="0" role="region" aria-label="{label}">\n<table>\n'
+        out += f"<caption>{escape(self.title)}</caption>\n<thead><tr>{heads}</tr></thead>\n<tbody>\n{rows}\n</tbody>\n"
+        below = f"<p>{escape(self.caption)}</p>" if self.caption else ""
+        notes = "".join(f"<dt>{escape(mark)}</dt><dd>{escape(text)}</dd>" for mark, text in self.notes)
+        below += f"<dl>{notes}</dl>" if notes else ""
+        return f"{out}</table>\n</div>\n" + (f'<div class="below">{below}</div>\n' if below else "")
+
+    _repr_html_ = __html__ = html
+
+    def _html_row(self, row: Sequence[Cell]) -> str:
+        entries = [f'<th scope="row" class="left">{escape(row[0].lines(stacked=False))}</th>']
+        for column, cell in enumerate(row[1:], start=1):
+            error = f" <small>±&nbsp;{escape(cell.error)}</small>" if cell.error else ""
+            mark = f" <sup>{escape(cell.mark)}</sup>" if cell.mark else ""
+            entries.append(f"<td{self._left(column, cell.tone)}>{escape(cell.text)}{error}{mark}</td>")
+        return "".join(entries)
+
+    def _left(self, column: int, tone: str = "") -> str:
+        classes = ["left"] * (column in self.words) + [tone] * bool(tone)
+        return f' class="{" ".join(classes)}"' if classes else ""
+
+
+def _tex(text: str) -> str:
+    return "".join(_LATEX.get(letter, letter) for letter in text)
+
+
+def _tex_cell(cell: Cell) -> str:
+    text = cell.latex or _tex(cell.text)
+    if cell.error:
+        text = rf"${_tex_number(cell.text)} \pm {_tex_number(cell.error)}$"
+    return text + (rf"$^{{\mathrm{{{_tex(cell.mark)}}}}}$" if cell.mark else "")
+
+
+def _tex_number(text: str) -> str:
+    mantissa, exponent, power = text.partition("e")
+    return rf"{mantissa} \cdot 10^{{{int(power)}}}" if exponent else mantissa
+
+
+@dataclass(frozen=True, slots=True)
+class Paragraph:
+    """Text for the terminal, wrapped at `WIDTH`: how far it is indented, its style, whether it is a command to paste.
+
+    Lines with more than one blank in a row (bars, shapes) are not wrapped; a long command goes on behind backslashes.
+    """
+
+    text: str
+    indent: int = 0
+    style: str = ""
+    is_command: bool = False
+
+    def __rich_console__(self, console: Console, options: ConsoleOptions) -> Iterator[RenderableType]:
+        yield Text("\n".join(self._lines(min(options.max_width, WIDTH))), style=self.style)
+
+    def _lines(self, width: int) -> list[str]:
+        before, room = " " * self.indent, max(width - self.indent - 2 * self.is_command, 20)
+        out: list[str] = []
+        for line in visible(self.text).split("\n"):
+            parts = [line]
+            if line and "  " not in line:
+                parts = textwrap.wrap(line, room, break_long_words=False, break_on_hyphens=False)
+            after = before + "  " * self.is_command
+            lines = [(after if number else before) + part for number, part in enumerate(parts)]
+            out += [f"{part} \\" for part in lines[:-1]] + lines[-1:] if self.is_command else lines
+        return out

@@ -1,0 +1,333 @@
+"""Figures: each can be drawn in every form, and shows what it says."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import replace
+from xml.etree import ElementTree
+
+import diagnoses
+import numpy as np
+import pytest
+import report_contexts
+import worlds
+from ladders import ladder
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.colors import to_rgba
+from matplotlib.figure import Figure
+from matplotlib.patches import Polygon
+from motion_worlds import World, make, robot
+from test_reporting_tables import ARM, PLAN, RUNS
+
+from pumaid.dataset import Dataset
+from pumaid.errors import ResultError
+from pumaid.io.recipe import read_recipe, shipped_recipes
+from pumaid.reporting.context import ReportContext
+from pumaid.reporting.figures import arm, diagnosis, model, residuals, runs
+from pumaid.reporting.figures.style import BACKWARD, FORWARD, INK, Drawing, dots, inlined, styled
+from pumaid.reporting.page import all_figures
+from pumaid.reporting.text import PART_NAMES
+from pumaid.robot import Box, Joint, Robot, Safety, Sphere
+from pumaid.trajectory import Motion, Plan, Posture, run_times
+from pumaid.verbs.compare import compare
+from pumaid.verbs.segment import segment
+
+PUMA = diagnoses.PUMA
+
+
+@pytest.fixture(scope="module")
+def context():
+    """A small arm with its model and logs."""
+    return report_contexts.small()
+
+
+@pytest.fixture(scope="module")
+def figures(context):
+    """Every figure of its report by name."""
+    return {drawing.name: drawing for drawing in all_figures(context)}
+
+
+def only(context, keep):
+    """The context with the runs that `keep` wants."""
+    chosen = tuple(score for score in context.comparison.runs if keep(score.run))
+    return replace(context, comparison=replace(context.comparison, runs=chosen))
+
+
+# Forms
+
+
+@pytest.mark.parametrize("name", ["arm", "spent", "residual_j1", "campaign"])
+def test_files_are_what_their_suffix_says(figures, name):
+    """PNG, SVG and PDF begin as their kind does, and are the same bytes when drawn again."""
+    files = figures[name].files(["png", "svg", "pdf"])
+    assert files["png"].startswith(b"\x89PNG") and files["pdf"].startswith(b"%PDF")
+    assert ElementTree.fromstring(files["svg"]).tag.endswith("svg")
+    assert figures[name].files(["png", "svg", "pdf"]) == files
+
+
+def test_inline_figures_fit_the_page(figures):
+    """Ids carry the figure's name, ink is the page's, and nothing is fetched; words are not rounded."""
+    svg = figures["residual_j1"].inline()
+    ids = re.findall(r'\bid="([^"]+)"', svg)
+    assert ids and all(name.startswith("residual_j1-") for name in ids) and len(ids) == len(set(ids))
+    assert set(re.findall(r'href="#([^"]+)"', svg)) | set(re.findall(r"url\(#([^)]+)\)", svg)) <= set(ids)
+    assert "currentColor" in svg and INK not in svg and "<style" not in svg
+    assert ElementTree.fromstring(svg).attrib["role"] == "img"
+    plain = '<svg width="10pt" height="5pt"><path d="M 1.23456 2.34567"/><text>0.36012 A</text></svg>'
+    assert "M 1.23 2.34" in inlined(plain, Drawing("x", "t", "", Figure)) and "0.36012 A" in plain
+
+
+@pytest.mark.parametrize("count", [5, 400, 5000])
+def test_dots_are_visible_in_png(count):
+    """Five dots are five spots, thousands cover the line they stand on."""
+    figure = Figure(figsize=(4.0, 1.0), dpi=100)
+    axes = figure.add_axes((0.0, 0.0, 1.0, 1.0))
+    axes.axis("off")
+    axes.set(xlim=(-0.05, 1.05), ylim=(0.0, 1.0))
+    dots(axes, np.linspace(0.0, 1.0, count), np.full(count, 0.5), colour="#000000", size=3.0, alpha=1.0)
+    canvas = FigureCanvasAgg(figure)
+    canvas.draw()
+    dark = np.asarray(canvas.buffer_rgba())[:, :, 0].min(axis=0) < 128
+    spots = int(np.count_nonzero(np.diff(dark.astype(int)) == 1))
+    assert spots == 5 if count == 5 else dark.sum() > 0.85 * len(dark)
+
+
+def test_names_are_no_formula():
+    """A name with dollars is written out."""
+    robot_ = replace(ARM, name=r"$\foo{}$")
+    assert rb">$\foo{}$" in arm.posture_figure(PLAN, robot_).files(["inline"])["inline"]
+
+
+# Model and residuals
+
+
+def test_shares_stand_in_the_bars(context, figures):
+    """The largest share of each joint is written in its bar; effects that are not separated are one striped bar."""
+    svg = figures["spent"].inline()
+    for score in context.comparison.joints:
+        assert f"{100 * max(score.shares.values()):.0f} %" in svg
+    assert "Striped" not in figures["spent"].caption
+    joints = list(context.comparison.joints)
+    joints[0] = replace(joints[0], shares={"gravity": 0.2, "coulomb+viscous": 0.79, "unexplained": 0.01})
+    merged = replace(context, comparison=replace(context.comparison, joints=tuple(joints)))
+    assert (
+        "Coulomb + viscous" in model.share_figure(merged).inline() and "Striped" in model.share_figure(merged).caption
+    )
+
+
+@pytest.mark.parametrize("name", ["current_j1", "residual_j1", "campaign"])
+def test_legends_name_the_directions_of_the_runs(context, figures, name):
+    """Where no run goes backward, no legend speaks of backward."""
+    assert "backward" in figures[name].inline()
+    ahead = {drawing.name: drawing for drawing in all_figures(only(context, lambda run: run.direction > 0))}
+    assert "forward" in ahead[name].inline() and "backward" not in ahead[name].inline()
+
+
+def test_residuals_are_drawn_against_what_varies(context):
+    """One speed in one posture leaves nothing to see over speed and posture, so there are no panels of them."""
+    names = residuals.varying(residuals.joint_residuals(context, 1))
+    assert "speed (rad/s)" in names and "posture (number)" in names
+    first = context.comparison.of_joint(1)[0].run
+    alike = only(context, lambda run: run.joint == 1 and abs(run.speed) == abs(first.speed)
+                 and np.allclose(run.posture, first.posture, atol=0.01, equal_nan=True))  # fmt: skip
+    assert [name.split()[0] for name in residuals.varying(residuals.joint_residuals(alike, 1))] in (
+        ["position", "time"], ["position", "gravity", "time"],
+    )  # fmt: skip
+
+
+def test_budget_bars_fill_their_row(context):
+    """Each joint's bars reach from 0 to the whole residual, and the legend names only what is there."""
+    with styled():
+        figure = residuals.budget(context)
+    for row in range(2):
+        bars = [bar for bar in figure.axes[0].patches if round(bar.get_y() + bar.get_height() / 2.0) == row]
+        assert sum(bar.get_width() for bar in bars) == pytest.approx(1.0)
+    parts = [part for score in context.comparison.joints for part in score.budget.parts if part.mean_square > 0.0]
+    assert {text.get_text() for text in figure.legends[0].get_texts()} == {PART_NAMES[part.name] for part in parts}
+
+
+def test_overview_has_all_variables(context):
+    """The figure of ``compare`` has the budget on top, the current, and the residual against what varies."""
+    with styled():
+        titles = {axes.get_title(loc="left") for axes in residuals.overview(context).axes}
+    expected = {f"residual by {word}" for word in ("position", "speed", "gravity current")}
+    assert expected | {"measured (dots), predicted"} <= titles
+    assert any(title.endswith("residual budget") for title in titles)
+
+
+def test_logs_without_runs_draw_no_empty_figure(context):
+    """With nothing to show there are only the arm and the parameters."""
+    nothing = Dataset(())
+    empty = ReportContext(context.robot, context.estimate, nothing, compare(context.estimate, nothing, context.robot))
+    assert [drawing.name for drawing in all_figures(empty)] == ["arm", "parameters", "precision"]
+
+
+# History
+
+
+@pytest.mark.parametrize(("n_models", "n_joints"), [(1, 1), (2, 2), (6, 6), (12, 7)])
+def test_history_has_a_panel_a_joint(n_models, n_joints):
+    """One panel for the arm, and one a joint where there are several; of twelve models the ends are shown."""
+    with styled():
+        figure = model.history(ladder(n_models, n_joints))
+    assert len(figure.axes) == (1 if n_joints == 1 else 1 + n_joints)
+    labels = [label.get_text().split("\n")[0] for label in figure.axes[0].get_xticklabels()]
+    assert labels == (["1", *map(str, range(6, 13))] if n_models == 12 else [str(n + 1) for n in range(n_models)])
+
+
+def test_steps_stand_at_the_errors_with_their_names():
+    """Treads are the models' errors; below each stand its number and what it added."""
+    path = ladder(3, 1)
+    with styled():
+        axes = model.history(path).axes[0]
+    fitted = np.array([rung.whole.fitted for rung in path.rungs])
+    heights = [line.get_ydata() for line in axes.lines]
+    assert any(np.allclose(line, [*fitted, fitted[-1]]) for line in heights)
+    assert any(np.allclose(line, 1.1 * np.array([*fitted, fitted[-1]])) for line in heights)
+    assert axes.get_xticklabels()[1].get_text().split() == ["2", "+", "torque", "constant", "drift", "joint", "1"]
+
+
+# Diagnosis
+
+
+def finding_axes(finding, *, units="rad"):
+    """Axes of a finding's figure."""
+    with styled():
+        return diagnosis.draw_curve(finding, finding.curves[0], PUMA, units=units).axes
+
+
+def test_before_and_after_have_one_scale():
+    """The residual with the effect is seen against the one without it, in the unit asked for."""
+    above, below = finding_axes(diagnoses.stribeck(), units="deg")
+    assert above.get_ylim() == below.get_ylim() and above.get_xlim() == below.get_xlim()
+    heights = [max(abs(line.get_ydata()).max() for line in axes.lines[1:3]) for axes in (above, below)]
+    assert heights[0] == pytest.approx(10.0 * heights[1])
+    assert below.get_xlabel() == "speed (deg/s)" and max(above.lines[1].get_xdata()) == pytest.approx(np.rad2deg(1.0))
+
+
+def test_rivals_are_broken_lines():
+    """The effect's own line is solid, a rival's broken, one of each a direction."""
+    above, below = finding_axes(diagnoses.stribeck())
+    dashes = [line.get_linestyle() for line in above.lines if len(line.get_xdata()) == 12]
+    assert dashes.count("-") == 2 and dashes.count("--") == 2
+    assert not [line for line in below.lines if len(line.get_xdata()) == 12]
+
+
+def test_a_diagnosis_is_one_figure_or_none():
+    """Findings and shapes in one file; a clean arm has nothing to draw."""
+    assert diagnosis.diagnosis_figure(diagnoses.rich(), PUMA).file("png").startswith(b"\x89PNG")
+    assert not diagnosis.has_figure(diagnoses.clean())
+    with pytest.raises(ResultError, match="nothing-to-draw"):
+        diagnosis.diagnosis_figure(diagnoses.clean(), PUMA).file("png")
+
+
+# Arm, runs and plans
+
+
+def test_skeleton_is_where_the_arm_is():
+    """Origins of the frames with the arm stretched up, worked out by hand; a slide moves what is beyond it."""
+    robot_ = Robot("two", (Joint(1, "a", "revolute"), Joint(2, "b", "revolute", alpha=-np.pi / 2, d=0.25),
+                           Joint(3, "c", "revolute", a=0.4)))  # fmt: skip
+    origins, rotations = arm.frames(robot_, np.array([0.0, -np.pi / 2, 0.0]))
+    assert origins == pytest.approx(np.array([[0, 0, 0], [0, 0, 0], [0, 0.25, 0], [0, 0.25, 0.4]]), abs=1e-12)
+    assert rotations[1:, :, 2] == pytest.approx(np.array([[0, 0, 1], [0, 1, 0], [0, 1, 0]]), abs=1e-12)
+    far, near = (arm.frames(worlds.CRANE, np.array([0.0, z, 0.0]))[0] for z in (0.7, 0.2))
+    assert np.linalg.norm(far[2] - near[2]) == pytest.approx(0.5, rel=1e-12)
+
+
+def test_joints_in_one_place_share_a_label():
+    """Joints 1 and 2 of an arm without a length between them are ``1, 2``, not twelve."""
+    robot_ = Robot("two", (Joint(1, "a", "revolute"), Joint(2, "b", "revolute", alpha=-np.pi / 2, d=0.0),
+                           Joint(3, "c", "revolute", a=0.4)))  # fmt: skip
+    (axes,) = arm.skeleton(robot_, np.zeros(3)).axes
+    assert [text.get_text() for text in axes.texts if text.get_text()[:1].isdigit()] == ["1, 2", "3"]
+
+
+SAFE = replace(
+    ARM, safety=Safety((Box("floor", (-9, -9, -9), (9, 9, -0.1)),), (Sphere(2, (0.1, 0, 0), 0.05),), (0.2, 0, 0))
+)
+
+
+def test_each_posture_has_its_panel():
+    """A panel a posture with joint, range, purpose and parameters; the moving part ends at the tip."""
+    figure = arm.postures(PLAN, SAFE)
+    titles = [axes.get_title() or axes.get_title(loc="left") for axes in figure.axes]
+    first = next(title for title in titles if title.startswith("2A tip"))
+    assert "-57.3 to 57.3 deg, 4 fit" in first and "for gravity.l2.x, gravity.l2.y" in first
+    assert any(title.startswith("1A lift") and "0.1 to 0.4 m, 1 hold-out" in title for title in titles)
+    lines = figure.axes[titles.index(first)].lines
+    moving = next(line for line in lines if line.get_linewidth() > 3 and line.get_color() == FORWARD)
+    tip = arm.projected(np.array([[0.3 + 0.2, 0.0, 0.1]]))[0]  # joint 2 at 0, the lift at 0.1 m, by hand
+    assert moving.get_xydata()[-1] == pytest.approx(tip, abs=1e-12)
+    boxes = [patch for patch in figure.axes[titles.index(first)].patches if isinstance(patch, Polygon)]
+    assert any(patch.get_facecolor()[:3] == to_rgba(BACKWARD)[:3] for patch in boxes)
+
+
+@pytest.mark.parametrize("name", ["puma560", "ur5e"])
+def test_titles_of_postures_do_not_overlap(name):
+    """On robots with long names of parameters no two texts cover each other."""
+    robot_ = read_recipe(shipped_recipes()[name])
+    rng = np.random.default_rng(1)
+    motions = [Motion(j + 1, tuple(rng.uniform(-1, 1, robot_.n_joints)), -0.2, 0.9, 0.3, "fit")
+               for j in range(robot_.n_joints) for _ in range(4)]  # fmt: skip
+    serves = tuple(f"gain_ratio.{k}.{k + 1}" for k in range(1, 6))
+    plan = Plan(robot_.name, tuple(motions), tuple(Posture(m.joint, m.hold, serves, "") for m in motions))
+    with styled():
+        figures = (arm.postures(plan, robot_), runs.timetable(plan, robot_, run_times(robot_, plan)))
+    for figure in figures:
+        figure.draw_without_rendering()
+        texts = [text for axes in figure.axes for text in (*axes.texts, axes.title, axes._left_title)]
+        boxes = [text.get_window_extent() for text in (*texts, *figure.texts) if text.get_text()]
+        assert [(a, b) for k, a in enumerate(boxes) for b in boxes[:k] if a.overlaps(b)] == []
+
+
+def test_each_run_of_a_plan_is_a_bar():
+    """Bars stand at the times of their runs, up for forward, as high as the root of the speed."""
+    times = run_times(ARM, PLAN)
+    strips = runs.timetable(PLAN, ARM, times).axes
+    bars = sorted((60 * bar.get_x(), 60 * bar.get_width(), bar.get_height()) for bar in strips[1].patches)
+    expected = [(run, span) for run, span in zip(RUNS, times, strict=True) if run.joint == 2]
+    assert [bar[:2] for bar in bars] == [pytest.approx((t[0], t[1] - t[0])) for _, t in expected]
+    roots = [np.sign(run.end - run.start) * np.sqrt(run.velocity / 0.5) for run, _ in expected]
+    assert [bar[2] for bar in bars] == pytest.approx(roots)
+    assert all(bar.get_facecolor() == to_rgba(BACKWARD) for bar in strips[0].patches)
+
+
+def test_huge_and_empty_plans_are_drawn():
+    """600 runs in 100 postures are drawn as far as there is room, and said so; no runs are an empty page."""
+    rng = np.random.default_rng(0)
+    many = Plan("x", tuple(Motion(2, (float(h), 0.0), -1.0, 1.0, 0.5) for h in np.repeat(rng.uniform(0, 0.5, 100), 2)))
+    assert "25 more not drawn" in arm.postures(many, ARM).get_suptitle()
+    empty = Plan("x", ())
+    assert arm.posture_figure(empty, replace(ARM, gravity=(0.0, 0.0, 0.0))).file("png").startswith(b"\x89PNG")
+    assert runs.timetable_figure(empty, ARM, run_times(ARM, empty)).file("svg").startswith(b"<?xml")
+
+
+def dataset_of(**changes):
+    """The dataset of a small world."""
+    world = World(motions=4, rate=200.0, **changes)
+    return segment(make(world, 3).logs, robot(world)), robot(world)
+
+
+def test_runs_are_drawn_in_the_unit_asked_for():
+    """Velocity above position, in degrees, the highest at the fastest run; joints and reasons in the legend."""
+    dataset, robot_ = dataset_of(speeds=(0.5, 0.5001))
+    figure = runs.draw_runs(dataset, robot_, units="deg")
+    above, below = figure.axes
+    assert (above.get_ylabel(), below.get_ylabel()) == ("velocity (deg/s)", "position (deg)")
+    top = max(np.abs(line.get_ydata()).max() for line in above.lines if len(line.get_xdata()) > 2)
+    assert np.isclose(top, np.degrees(0.5), rtol=0.03)
+    words = " ".join(text.get_text() for text in figure.legends[0].get_texts())
+    assert "1 j1: 2 runs" in words and all(reject.reason.replace("-", " ") in words for reject in dataset.rejects)
+
+
+def test_long_campaigns_go_over_strips():
+    """Strips share the time evenly; the report shows the first runs; no runs are an empty figure."""
+    dataset, robot_ = dataset_of()
+    many = Dataset(dataset.runs * 25, dataset.rejects)
+    axes = runs.draw_runs(many, robot_).axes
+    assert len(axes) == 2 * 3
+    widths = [np.ptp(axis.get_xlim()) for axis in axes]
+    np.testing.assert_allclose(widths, widths[0])
+    assert len(runs.beginning(many).runs) == runs.MOST_RUNS
+    assert len(runs.draw_runs(Dataset(()), robot_).axes) == 2

@@ -1,0 +1,182 @@
+"""The report: one file, nothing from outside, each section found, names escaped."""
+
+from __future__ import annotations
+
+import io
+import re
+from dataclasses import replace
+from html import unescape
+from html.parser import HTMLParser
+from pathlib import Path
+
+import diagnoses
+import pandas as pd
+import pytest
+import report_contexts
+from ladders import experiment
+
+from pumaid.reporting import sections
+from pumaid.reporting.export import export, parameters_as, parameters_frame
+from pumaid.reporting.page import all_figures, all_sections, page
+from pumaid.reporting.text import budget_verdict
+from pumaid.results.history import ladder_of
+
+
+class Outline(HTMLParser):
+    """Ids, references, tags and text of a page."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.ids: list[str] = []
+        self.references: list[str] = []
+        self.tags: list[str] = []
+        self.texts: list[str] = []
+
+    def handle_starttag(self, tag, attrs):
+        self.tags.append(tag)
+        self.ids += [value for name, value in attrs if name == "id"]
+        self.references += [v for name, v in attrs if name in ("href", "src", "xlink:href", "srcset", "action")]
+
+    def handle_data(self, data):
+        self.texts.append(data)
+
+
+def outline(html: str) -> Outline:
+    """A page's outline."""
+    parser = Outline()
+    parser.feed(html)
+    return parser
+
+
+@pytest.fixture(scope="module")
+def context():
+    """A small arm with a diagnosis."""
+    return replace(report_contexts.small(units="deg"), diagnosis=diagnoses.small())
+
+
+@pytest.fixture(scope="module")
+def inline(context):
+    """Its figures, for pages whose words are looked at."""
+    return {drawing.name: drawing.inline() for drawing in all_figures(context)}
+
+
+@pytest.fixture(scope="module")
+def html(context, inline):
+    """Its page."""
+    return page(context, inline=inline)
+
+
+def section(html: str, name: str) -> str:
+    """A section of a page, entities resolved."""
+    return unescape(html.partition(f'<section id="{name}">')[2].partition("</section>")[0])
+
+
+def test_sections_are_on_the_page_in_order(context, html):
+    """Each section can be reached by its anchor; ids are unique, figures included."""
+    names = [part.name for part in all_sections() if part.applies(context)]
+    order = "summary arm data parameters prediction residuals diagnosis limits sources"
+    assert names == order.split()
+    ids = outline(html).ids
+    assert [name for name in ids if name in names] == names and len(ids) == len(set(ids)) > 20
+    assert {f"#{name}" for name in names} <= set(outline(html).references)
+
+
+def test_page_needs_nothing_from_outside(html):
+    """Each reference points into the page."""
+    outside = [ref for ref in outline(html).references if not ref.startswith("#") and ref != "data:,"]
+    assert outside == [] and "@import" not in html and not re.search(r"url\((?!#)", html)
+    assert "script" not in outline(html).tags
+
+
+def test_names_are_text_not_markup():
+    """A hostile name of arm, joint or file stands on the page as it is written."""
+    parsed = outline(page(report_contexts.hostile()))
+    assert "script" not in parsed.tags
+    assert any(report_contexts.HOSTILE in text for text in parsed.texts)
+
+
+def test_summary_comes_before_tables(context, html):
+    """A sentence on each joint before any table; notes and rejects with their place; the budget's verdict."""
+    first = html[: html.index("<table")]
+    assert "Joint 1 (joint 1): the model explains" in first and "noise floor" in first
+    assert "0.2 s are missing" in html and "logs/a.csv, row 7" in html and "joint 1 speeds up for 1.0 s" in html
+    assert budget_verdict(context) in section(html, "residuals")
+
+
+def test_one_direction_is_not_explained_as_two(context, html, inline):
+    """Half sums and half differences are mentioned only where a joint moves in both directions."""
+    runs = tuple(score for score in context.comparison.runs if score.run.direction > 0)
+    ahead = page(replace(context, comparison=replace(context.comparison, runs=runs)), inline=inline)
+    assert "half the difference is friction" in html and "half the difference is friction" not in ahead
+
+
+def test_a_diagnosis_has_evidence_figures_and_command(html):
+    """The section says what is missing, shows it, gives the deciding runs and the command that adds it."""
+    part = section(html, "diagnosis")
+    assert "stribeck is missing (these data do not separate it from viscous_power)" in part
+    assert "pumaid identify logs/ --add stribeck@1" in part and "Runs that separate stribeck and viscous_power" in part
+    assert 'id="figure-finding_1_j1"' in part and 'id="figure-unexplained_j2"' in part
+    assert "Detection limits" in part and "Candidates" in part
+
+
+def test_stale_and_clean_diagnoses_say_so(context, inline):
+    """A diagnosis of another model has a warning first; a clean one its limits; without one there is no section."""
+    old = section(page(replace(context, stale=("It is of another model.",)), inline=inline), "diagnosis")
+    assert old.index("It is of another model.") < old.index("stribeck")
+    quiet = (replace(diagnoses.quiet(1), limits=diagnoses.limits(1)), diagnoses.quiet(2))
+    clean = replace(context, diagnosis=replace(diagnoses.clean(), joints=quiet))
+    part = section(page(clean, inline=inline), "diagnosis")
+    assert "Nothing is missing that these data can show." in part and "detected with a probability of 80 %" in part
+    assert 'id="diagnosis"' not in page(replace(context, diagnosis=None), inline=inline)
+
+
+def test_history_is_shown_where_there_are_several_models(tmp_path, context, inline):
+    """With several models the page has the section, its figure and tables; with one it has none."""
+    path = experiment(tmp_path / "results")
+    several = replace(context, ladder=ladder_of(path))
+    html = page(several, inline=inline)
+    assert 'id="history"' in html and "figure-ladder" in html and "+ stribeck@1" in html
+    alone = replace(several, ladder=replace(several.ladder, rungs=several.ladder.rungs[:1]))
+    assert 'id="history"' not in page(alone, inline=inline)
+    assert ladder_of(tmp_path / "model.json") is None and ladder_of(Path("-")) is None
+
+
+def test_export_has_page_tables_and_figures(context, inline):
+    """One call yields all files, the page last; CSV, Parquet and the records agree."""
+    drawn = ((name, {"svg": b"<svg/>", "inline": svg.encode()}) for name, svg in inline.items())
+    files = dict(export(context, drawn))
+    assert list(files)[-1] == "report.html" and "figures/spent.svg" in files
+    assert {"tables/parameters.tex", "tables/runs.parquet", "tables/comparison.md"} < set(files)
+    csv = pd.read_csv(io.BytesIO(files["tables/parameters.csv"]))
+    parquet = pd.read_parquet(io.BytesIO(parameters_as(context.estimate, context.robot, "parquet", units="deg")))
+    assert csv["value"].tolist() == pytest.approx(parquet["value"].tolist(), rel=1e-12, nan_ok=True)
+    assert list(csv["name"]) == [value.name for value in context.estimate.values]
+
+
+def test_degrees_change_value_error_and_interval(context):
+    """In degrees a viscous parameter, its error and its interval shrink alike, and the unit says so."""
+    radians, degrees = (
+        parameters_frame(context.estimate, unit).set_index("name").loc["viscous.j1.plus"] for unit in ("rad", "deg")
+    )
+    assert degrees["unit"] == "A s/deg"
+    for column in ("value", "std_error", "ci_low", "ci_high"):
+        assert degrees[column] == pytest.approx(radians[column] * 3.141592653589793 / 180, rel=1e-12)
+
+
+def test_a_new_section_is_one_file_and_a_template(context, inline, tmp_path, monkeypatch):
+    """A file in the folder of sections and its template are found, with nothing to register."""
+    (tmp_path / "greeting.py").write_text(
+        "from pumaid.reporting.sections import Section\n\n\n"
+        "class Greeting(Section):\n    order = 5\n    title = 'Greeting'\n\n"
+        "    def content(self, context, figures):\n        return {'words': context.robot.name}\n",
+        encoding="utf-8",
+    )
+    template = Path(sections.__path__[0]).parent / "templates" / "greeting.html"
+    monkeypatch.setattr(sections, "__path__", [*sections.__path__, str(tmp_path)])
+    all_sections.cache_clear()
+    try:
+        template.write_text("<p>This is {{ words }}.</p>", encoding="utf-8")
+        assert "<p>This is 2 levels.</p>".replace("2 levels", context.robot.name) in page(context, inline=inline)
+    finally:
+        template.unlink()
+        all_sections.cache_clear()

@@ -1,0 +1,306 @@
+"""Tables: what they claim, and their text, Markdown, LaTeX and HTML."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import diagnoses
+import numpy as np
+import pytest
+import report_contexts
+import worlds
+from ladders import ladder
+from motion_worlds import World, make, robot
+
+from pumaid.dataset import Dataset
+from pumaid.records import (
+    Combination,
+    Limit,
+)
+from pumaid.reporting import run_tables, tables
+from pumaid.reporting.table import Cell, Table
+from pumaid.robot import Joint, Robot
+from pumaid.trajectory import Motion, Plan, Posture, run_times
+from pumaid.verbs.segment import segment
+
+PUMA = diagnoses.PUMA
+WIDE = Table(
+    "A title",
+    ("link", *map(str, range(1, 8))),
+    [[f"row {r}", *(Cell("-0.12345", "0.00067") for _ in range(7))] for r in range(3)],
+    (("a", "a reason"), ("-", "another")),
+    "How to read it.",
+)
+HOSTILE = Table("50% & more", ("a_b", "c|d"), [["<b>", Cell("1e-9", "0.1e-9", mark="x")]], (("x", "{} ~ ^ \\"),))
+
+
+@pytest.fixture(scope="module")
+def paper():
+    """The paper's arm with the paper's values."""
+    return report_contexts.table_one()
+
+
+@pytest.fixture(scope="module")
+def context():
+    """A small arm with its model and logs."""
+    return report_contexts.small()
+
+
+def row(table, label):
+    """The cells of the row whose head begins with `label`."""
+    return next(cells for cells in table.cells if cells[0].text.startswith(label))
+
+
+# Forms
+
+
+@pytest.mark.parametrize("width", [40, 60, 80, 120, 200])
+def test_text_is_never_wider_than_asked(width):
+    """No line is longer than the terminal, and nothing is lost in a narrow one."""
+    text = WIDE.text(width)
+    assert max(map(len, text.splitlines())) <= width
+    assert text.count("-0.12345") == 21 and text.count("0.00067") == 21
+    assert "a reason" in text and "How to read it." in text
+
+
+def test_errors_stand_beside_values_where_there_is_room():
+    """Beside at 200 characters, below at 80, where a seven-joint table is not split."""
+    assert "-0.12345 ± 0.00067" in WIDE.text(200)
+    assert WIDE.text(80).count("link") == 1
+
+
+def test_long_words_are_wrapped_not_cut():
+    """A path wider than its column goes on in the next line."""
+    path = "logs/" + "x" * 90 + "/end.csv"
+    text = Table("", ("file", "size", "what"), [[path, "1", "a b c " * 10]], words=(0, 2)).text(60)
+    assert "…" not in text and "".join(line.split(" ")[0] for line in text.splitlines()[1:]).startswith(path)
+
+
+def test_rows_without_values_are_left_out_of_parts():
+    """Where a table is split, a part shows only the rows that have something in it."""
+    rows = [[f"effect {r}", *("1" * 8 for _ in range(8)), "2" if r == 1 else ""] for r in range(3)]
+    last = Table("", ["effect", *map(str, range(8)), "arm"], rows).text(52).split("arm")[1]
+    assert "effect 1" in last and "effect 2" not in last
+
+
+def test_markdown_and_html_escape_names():
+    """A bar or an angle bracket in a name does not break the table."""
+    rows = [line for line in HOSTILE.markdown().splitlines() if line.startswith("|")]
+    assert {line.replace("\\|", "").count("|") for line in rows} == {3}
+    assert "<b>" not in HOSTILE.markdown() + HOSTILE.html() and "&lt;b&gt;" in HOSTILE.html()
+
+
+def test_latex_escapes_what_latex_would_read():
+    """Special letters are written, not obeyed; powers of ten are mathematics."""
+    text = HOSTILE.latex(label="tab:x")
+    assert r"50\% \& more" in text and r"a\_b" in text and r"\{\} \textasciitilde{}" in text
+    assert r"$1 \cdot 10^{-9} \pm 0.1 \cdot 10^{-9}$" in text
+    assert text.count("{") - text.count(r"\{") == text.count("}") - text.count(r"\}")
+
+
+# Parameters
+
+
+def test_parameters_are_the_papers_numbers(paper):
+    """Gravity is shown as the paper prints it, times g in A; viscous friction per degree."""
+    table = tables.parameter_table(paper.estimate, paper.robot, "deg")
+    scale = float(np.linalg.norm(paper.robot.gravity)) / worlds.table1.TABLE_GRAVITY
+    assert float(row(table, "k_x")[2].text) / scale == pytest.approx(2.191535, abs=0.02)
+    assert float(row(table, "λ₂⁺")[1].text) == pytest.approx(0.00222, abs=2e-5)
+    assert row(table, "λ₂⁺")[0].text == "λ₂⁺ (A s/deg)"
+
+
+def test_unidentifiable_and_structurally_absent_differ(paper):
+    """What other runs could show is n/i with a letter; what no motion of the arm shows is a dash."""
+    table = tables.parameter_table(paper.estimate, paper.robot)
+    ratio = row(table, "ηᵢ/ηᵢ₊₁")
+    assert (ratio[5].text, ratio[5].tone) == ("n/i", "unknown")
+    assert dict(table.notes)[ratio[5].mark] == "link 6 is light. To identify it: add a payload"
+    assert row(table, "k_x")[1].text == "-" and dict(table.notes)["-"] == "joint 1 carries no weight"
+
+
+def test_parameters_of_the_whole_arm_stand_below(paper):
+    """Parameters without a joint have their error and unit, or the reason why they have none."""
+    tilt = replace(paper.estimate.values[0], name="tilt.x", joint=None, value=0.0123, std_error=0.0011, unit="rad")
+    unknown = replace(tilt, name="tilt.y", value=None, std_error=None, reason="level base", next_run="x")
+    estimate = replace(paper.estimate, values=(*paper.estimate.values, tilt, unknown))
+    caption = tables.parameter_table(estimate, paper.robot).caption
+    assert "Whole arm: tilt.x 0.0123 ± 0.0011 rad; tilt.y n/i (level base)." in caption
+
+
+def test_reasons_share_letters_and_weak_values_are_faint(paper):
+    """Parameters with the same reason share a note; a value whose interval holds zero is faint."""
+    changes = {"value": None, "state": "not_identifiable", "reason": "one reason", "next_run": "one run"}
+    values = [replace(v, **changes) if v.name.startswith("viscous") else v for v in paper.estimate.values]
+    values = [replace(v, ci95=(-1.0, 1.0)) if v.name == "gravity.l2.x" else v for v in values]
+    table = tables.parameter_table(replace(paper.estimate, values=tuple(values)), paper.robot)
+    assert len({cell.mark for label in ("λ₂⁺", "λ₂⁻") for cell in row(table, label)[1:]}) == 1
+    assert (row(table, "k_x")[2].tone, row(table, "k_x")[3].tone) == ("weak", "")
+
+
+def test_other_effects_and_prismatic_joints_have_their_rows(paper):
+    """A parameter that the paper does not have follows its rows; a prismatic joint has a mass."""
+    extra = replace(paper.estimate.value("coulomb.j3.plus"), name="ripple.j3.sin", symbol="s3", unit="A")
+    table = tables.parameter_table(replace(paper.estimate, values=(*paper.estimate.values, extra)), paper.robot)
+    labels = [cells[0].text for cells in table.cells]
+    assert labels.index("ripple sin (A)") == labels.index("RMSE (A)") - 1
+    crane = report_contexts.small(worlds.CRANE)
+    table = tables.parameter_table(crane.estimate, crane.robot, "deg")
+    assert row(table, "λ₂⁺")[0].text == "λ₂⁺ (A s/deg | A s/m)"
+    assert [cell.text == "-" for cell in row(table, "m·g")[1:]] == [True, False, True]
+
+
+def test_combinations_leave_out_round_off(paper):
+    """A combination is written with its signs, without terms a million times smaller."""
+    terms = Combination({"a": 9.8, "b": -4.9, "c": 1e-6}, 1.0, 0.1, "A", "a load")
+    table = tables.combination_table(replace(paper.estimate, combinations=(terms,)))
+    assert table.cells[0][1].text == "9.800·a − 4.900·b"
+    assert tables.combination_table(paper.estimate) is None
+
+
+def test_letters_go_on_after_z():
+    """More than 26 reasons still have different letters."""
+    marks = tables.Marks()
+    assert len({marks.letter(f"reason {n}") for n in range(60)}) == 60
+
+
+# Comparison
+
+
+def test_worst_runs_name_file_and_seconds(context):
+    """A user finds the worst run in the log by its file and seconds."""
+    first = tables.worst_runs_table(context.comparison, context.robot, count=3).cells[0]
+    run = context.comparison.worst(1)[0].run
+    assert first[2].text == run.origin and first[3].text.startswith(f"{run.start:.2f} –")
+
+
+def test_bias_that_is_round_off_is_zero(context):
+    """A bias far below the RMSE is 0 in the table."""
+    first, second = context.comparison.joints
+    fitted = replace(context.comparison, joints=(replace(first, bias=1e-17), replace(second, bias=0.5)))
+    assert [cells[4].text for cells in tables.comparison_table(fitted, context.robot).cells][:2] == ["0", "0.500"]
+
+
+def test_joints_without_runs_and_errors_above_the_floor_are_marked(context):
+    """Joints that never move are named below the table; an error well above the floor is an alarm."""
+    first, second = context.comparison.joints
+    still = replace(second, runs=0, rmse=None, noise_floor=None)
+    spoilt = replace(context.comparison, joints=(replace(first, rmse=3.0 * first.noise_floor), still))
+    table = tables.comparison_table(spoilt, context.robot)
+    assert any("joint 2: never moving alone" in text for _, text in table.notes)
+    assert [cells[2].tone for cells in table.cells] == ["alarm", "absent", ""]
+
+
+def test_errors_outside_runs_have_a_column_a_reason(context):
+    """What lies outside runs stands in a table of its own; without any there is no table."""
+    table = tables.outside_table(context.comparison, context.robot)
+    assert list(table.header) == ["joint", "samples", "ramp"]
+    assert tables.outside_table(replace(context.comparison, outside=()), context.robot) is None
+
+
+# Diagnosis
+
+
+def test_candidates_are_shown_with_their_evidence():
+    """Verdict, p and errors of what explains more than it costs; reasons stand below, each once."""
+    table = tables.candidate_table(diagnoses.rich(), PUMA)
+    texts = [[cell.text for cell in cells] for cells in table.cells]
+    assert [cells[:2] for cells in texts] == [["3 elbow", "stribeck"], ["3 elbow", "viscous_power"], ["arm", "tilt"]]
+    assert texts[0][3:] == ["0.0033", "41.3", "0.0152", "0.0330 → 0.0155", "viscous_power"]
+    assert table.cells[0][2].tone == "alarm" and table.cells[2][2].mark == "a"
+    assert ("a", "the error on runs left out does not fall") in table.notes
+    assert tables.candidate_table(diagnoses.clean(), PUMA) is None
+
+
+def test_detection_limits_have_a_row_an_effect_and_unit():
+    """Sizes per rad and per m have rows of their own; what is not detectable has a reason; the arm its column."""
+    table = tables.limit_table(diagnoses.clean(), PUMA)
+    assert list(table.header)[-2:] == ["6 wrist3", "arm"]
+    rows = {cells[0].text: [cell.text for cell in cells] for cells in table.cells}
+    assert rows["stribeck"][1:4] == ["a (A)", "0.030", "0.015"] and rows["tilt"][-1] == "0.011"
+    assert rows["spring"][2] == "-" and table.notes == [("a", "its line is a sinusoid over so short a span")]
+    joints = diagnoses.clean().joints
+    first = (Limit("spring", 1, "a", 0.2, "A/rad"), Limit("tilt", None, "x", 0.1, "rad"))
+    second = (Limit("spring", 2, "a", 0.4, "A/m"), Limit("tilt", None, "y", 0.2, "rad"))
+    both = replace(diagnoses.clean(), joints=(replace(joints[0], limits=first), replace(joints[1], limits=second)))
+    assert [[cell.text for cell in cells] for cells in tables.limit_table(both, worlds.CRANE).cells] == [
+        ["spring", "a (A/rad)", "0.20", "", ""],
+        ["spring", "a (A/m)", "", "0.40", ""],
+        ["tilt", "x (rad)", "", "", "0.10"],
+        ["tilt", "y (rad)", "", "", "0.20"],
+    ]
+
+
+def test_deciding_runs_are_rows():
+    """Each run with ends, speed and held joints in the unit asked for; how often is said below."""
+    table = tables.deciding_runs_table(diagnoses.stribeck(), PUMA, "deg")
+    texts = [cell.text for cell in table.cells[0]]
+    assert texts[1:] == ["3 elbow", "-68.8 deg", "68.8 deg", "2.86 deg/s", "[0 -90 – 29 0 0]"]
+    assert "run twice, they decide with a probability of 90 %" in table.caption
+    assert tables.deciding_runs_table(diagnoses.tilt(), PUMA) is None
+
+
+def test_history_shows_held_out_errors_where_there_are_any():
+    """A column of the arm and a table of the joints, only where runs were held out."""
+    assert "hold-out (A)" in tables.history_table(ladder(2, 2)).header
+    assert len(tables.history_joint_tables(ladder(2, 2))) == 2
+    assert len(tables.history_joint_tables(ladder(2, 2, heldout=False))) == 1
+
+
+# Runs and plans
+
+
+def dataset_of(**changes):
+    """The dataset of a small world."""
+    world = World(motions=4, rate=200.0, **changes)
+    return segment(make(world, 3).logs, robot(world)), robot(world)
+
+
+def test_runs_show_short_names_and_units():
+    """Files without their shared folders, times to a hundredth, speeds in the unit of the header."""
+    dataset, arm = dataset_of(speeds=(0.5, 0.5001))
+    moved = replace(dataset, runs=tuple(replace(run, origin=f"logs/day/{run.origin}") for run in dataset.runs))
+    table = run_tables.run_table(moved, arm, units="deg")
+    texts = {head: cell.text for head, cell in zip(table.header, table.cells[0], strict=True)}
+    run = dataset.runs[0]
+    assert texts["file"] == "log_0.csv"
+    assert texts["time (s)"] == f"{run.start:.2f} – {run.start + run.duration:.2f}"
+    assert np.isclose(float(texts["speed (deg/s)"]), np.degrees(0.5), rtol=0.01)
+    assert run_tables.run_table(Dataset(()), arm).rows == [] and run_tables.rejection_table(Dataset(())).rows == []
+
+
+ARM = Robot(
+    "lift and tip",
+    (Joint(1, "lift", "prismatic", limits=(0.0, 0.5)), Joint(2, "tip", "revolute", alpha=1.5, a=0.3)),
+)
+RUNS = (
+    Motion(2, (0.1, 9.0), -1.0, 1.0, 0.5),
+    Motion(2, (0.1, 9.0), 1.0, -1.0, 0.5),
+    Motion(1, (0.0, 0.7), 0.1, 0.4, 0.1, "heldout"),
+    Motion(2, (0.4, 9.0), -1.0, 1.5, 0.25, "heldout"),
+    Motion(2, (0.1, 8.0), -1.0, 1.0, 0.5),
+    Motion(2, (0.1, 9.0), 1.0, -1.0, 0.5),
+)
+PLAN = Plan("lift and tip", RUNS, (Posture(2, (0.1, 9.0), ("gravity.l2.x", "gravity.l2.y"), "why"),))
+
+
+def test_planned_postures_are_grouped():
+    """Runs of a joint belong together where the other joints stand alike; the moving joint's entry does not count."""
+    postures = run_tables.planned_postures(PLAN)
+    assert [posture.name for posture in postures] == ["1A", "2A", "2B"]
+    assert [len(posture.motions) for posture in postures] == [1, 4, 1]
+    assert [posture.span for posture in postures] == [(0.1, 0.4), (-1.0, 1.0), (-1.0, 1.5)]
+    assert [posture.fitted for posture in postures] == [0, 4, 0]
+    assert postures[1].serves == ("gravity.l2.x", "gravity.l2.y")
+    many = Plan("x", tuple(Motion(2, (h / 99, 0.0), -1.0, 1.0, 0.5) for h in range(53)))
+    letters = run_tables.posture_letters(many)
+    assert (letters[25], letters[26], letters[52]) == ("Z", "AA", "BA")
+
+
+def test_timetable_has_a_row_a_series():
+    """Runs of one joint in one posture that follow each other are a row; replicates show by their letter."""
+    table = run_tables.timetable(PLAN, ARM, times=run_times(ARM, PLAN))
+    columns = list(zip(*([cell.text for cell in cells] for cells in table.cells), strict=True))
+    assert columns[2] == ("2A", "1A", "2B", "2A") and columns[4] == ("2", "1", "1", "2")
+    assert columns[5] == ("28.6 deg/s", "0.1 m/s", "14.3 deg/s", "28.6 deg/s")
+    assert columns[6] == ("fit", "hold-out", "hold-out", "fit")

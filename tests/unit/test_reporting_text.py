@@ -1,0 +1,434 @@
+"""Sentences: what is claimed, of which joint, how surely, in which unit."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+
+import budgets
+import diagnoses
+import numpy as np
+import pytest
+import report_contexts
+import worlds
+from ladders import ARM, RIPPLE, STRIBECK, experiment, ladder, model
+from test_budget import KINDS
+
+from pumaid.diagnosis.budget import POINTS_TO
+from pumaid.effects import catalogue
+from pumaid.errors import Note, Where
+from pumaid.records import Budget, BudgetPart, Combination, Comparison, JointScore, Limit, NextRun, Unexplained
+from pumaid.reporting import diagnosis_text, text
+from pumaid.reporting.documents import budget_document, comparison_document
+from pumaid.reporting.formatting import in_unit, percent, posture_text, relative_names, with_error
+from pumaid.reporting.table import Paragraph, Table
+from pumaid.reporting.terminal import NOISE, SIGNIFICANT, budget_bars, budget_parts, diagnosis_parts
+from pumaid.results.documents import as_text
+from pumaid.results.history import keep, read_history
+from pumaid.robot import EffectChoice
+
+PUMA = diagnoses.PUMA
+
+
+@pytest.fixture(scope="module")
+def context():
+    """A small arm with its model and logs."""
+    return report_contexts.small()
+
+
+# Numbers
+
+
+@pytest.mark.parametrize(
+    ("value", "error", "texts"),
+    [
+        (0.2236776, 0.0000934, ("0.223678", "0.000093")),
+        (12345.6, 310.0, ("12346", "310")),
+        (6.5e-9, 1.2e-10, ("6.50e-9", "0.12e-9")),
+        (0.2236776, 1.3e-15, ("0.2236776", "1.3e-15")),
+        (0.5, None, ("0.50000", "")),
+        (0.5, np.inf, ("0.50000", "inf")),
+    ],
+)
+def test_value_and_error_end_at_the_same_digit(value, error, texts):
+    """Both are shown to the error's second digit, small ones with one power of ten."""
+    assert with_error(value, error) == texts
+
+
+@pytest.mark.parametrize(
+    ("unit", "shown", "scale"),
+    [
+        ("A s/rad", "A s/deg", np.pi / 180),
+        ("A s2/rad2", "A s2/deg2", (np.pi / 180) ** 2),
+        ("rad/s", "deg/s", 180 / np.pi),
+        ("A s2/m", "A s2/m", 1.0),
+        ("A/grade", "A/grade", 1.0),
+    ],
+)
+def test_units_of_angles_change_with_their_numbers(unit, shown, scale):
+    """A unit with rad in it becomes one with deg, and the factor keeps the quantity the same."""
+    assert in_unit(unit, "deg") == (pytest.approx(scale, rel=1e-12), shown)
+    assert in_unit(unit, "rad") == (1.0, unit)
+
+
+@pytest.mark.parametrize(
+    ("share", "words"), [(0.5, "50 %"), (0.99998, "99.998 %"), (-1e-9, "0 %"), (None, "unknown"), (-0.2, "-20 %")]
+)
+def test_percentages_show_what_is_missing(share, words):
+    """Near 100 % there are enough digits to see the rest."""
+    assert percent(share) == words
+
+
+def test_names_lose_shared_folders_only():
+    """File names stay different and as short as that allows."""
+    assert relative_names(["a/b/c.csv", "a/x.csv"]) == {"a/b/c.csv": "b/c.csv", "a/x.csv": "x.csv"}
+    assert relative_names(["/a/b.csv", "x.csv"]) == {"/a/b.csv": "/a/b.csv", "x.csv": "x.csv"}
+
+
+def test_postures_are_in_the_unit_asked_for():
+    """Held positions in rad or deg, a dash for the moving joint, and no minus before a zero."""
+    assert posture_text(worlds.PENDULUM, [np.nan, -1e-9], "deg") == "[– 0]"
+    assert posture_text(worlds.PENDULUM, [0.3, np.pi / 2], "deg", moving=1) == "[– 90]"
+    assert posture_text(worlds.PENDULUM, [np.nan, np.pi / 2]) == "[– 1.57]"
+
+
+# Notes
+
+
+def test_the_same_note_of_several_joints_is_one():
+    """One line names all joints; other notes stay apart, in their order."""
+    few = [Note("few-runs", f"joint {n} has 1 run only: its intervals are wide", Where(joint=n)) for n in (1, 2, 5)]
+    (line,) = text.merge_notes([*few, few[0]])
+    assert str(line) == "note[few-runs]: each of joints 1, 2 and 5 has 1 run only: its intervals are wide"
+    spikes = [Note("spikes", f"Joint {n}: spikes in the current", Where(joint=n)) for n in (1, 2)]
+    assert text.merge_notes(spikes)[0].text == "joints 1 and 2: spikes in the current"
+    others = [
+        few[0],
+        Note("gap", "0.2 s are missing", Where(file="a.csv", row=7)),
+        replace(few[1], where=Where("b.csv", joint=2)),
+        Note("few-runs", "joint 1 has 1 run only: something else", Where(joint=1)),
+    ]
+    assert text.merge_notes(others) == others
+
+
+# Comparison
+
+
+@pytest.mark.parametrize(
+    ("ratio", "words"),
+    [(0.6, "below the floor"), (1.0, "nothing missing"), (1.2, "little above"), (2.0, "the model lacks something")],
+)
+def test_a_joint_is_judged_by_its_noise_floor(context, ratio, words):
+    """The sentence says whether anything is left to explain."""
+    score = context.comparison.joints[0]
+    assert words in text.joint_sentence(context, replace(score, rmse=ratio * score.noise_floor))
+
+
+def test_without_a_floor_nothing_is_judged(context):
+    """Without repeated runs nothing is said about what is missing, and the summary says why."""
+    joints = tuple(replace(score, noise_floor=None) for score in context.comparison.joints)
+    blind = replace(context, comparison=replace(context.comparison, joints=joints))
+    assert "floor" not in text.joint_sentence(blind, joints[0])
+    assert text.noise_sentence(blind).startswith("No run of any joint is repeated")
+    assert text.noise_sentence(context) is None
+
+
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        ({"rms": 0.0, "explained": None}, "no current was measured"),
+        ({"explained": None}, "the measured current is constant"),
+        ({"explained": -0.3}, "worse than a constant current"),
+        ({"explained": 0.998}, "explains 99.8 % of the current's variance"),
+    ],
+)
+def test_variance_is_explained_only_where_there_is_some(context, changes, words):
+    """Where the current does not vary, or the model does worse than a constant, it is said in words."""
+    assert words in text.joint_sentence(context, replace(context.comparison.joints[0], **changes))
+
+
+def test_one_constant_prediction_explains_nothing(context):
+    """Runs that need one and the same current leave no variation to explain, whatever share comes out."""
+    runs = tuple(replace(score, predicted=np.full(len(score.predicted), 0.4)) for score in context.comparison.runs)
+    calm = replace(context, comparison=replace(context.comparison, runs=runs))
+    words = text.joint_sentence(calm, replace(context.comparison.joints[0], explained=-1e-9))
+    assert "no variation to explain" in words and "%" not in words.split("RMSE")[0]
+
+
+def test_parameters_and_still_joints_are_counted(context):
+    """How many parameters and combinations are identified, and which joints never move."""
+    unknown = replace(context.estimate.values[0], state="not_identifiable", value=None, reason="x", next_run="y")
+    few = Combination({"coulomb.j1.plus": 1.0, "viscous.j1.plus": 0.4}, 0.5, 0.01, "A", "friction of joint 1")
+    estimate = replace(context.estimate, values=(unknown, *context.estimate.values[1:]), combinations=(few,))
+    words = text.parameters_sentence(replace(context, estimate=estimate))
+    assert "1 is not identifiable" in words and "but 1 combination of parameters is." in words
+    first, second = context.comparison.joints
+    still = replace(context.comparison, joints=(first, replace(second, rmse=None, runs=0)))
+    assert text.still_sentence(replace(context, comparison=still)) == "Joint 2 never moves alone in these logs."
+
+
+def test_shares_are_named_the_largest_first(context):
+    """Effects that the data do not separate have one share together."""
+    score = replace(context.comparison.joints[0], shares={"gravity": 0.2, "coulomb": 0.79, "unexplained": 0.01})
+    assert text.shares_sentence(context, score).endswith("Coulomb friction 79 %, gravity 20 %.")
+    merged = replace(score, shares={"gravity": 0.2, "coulomb+viscous": 0.79})
+    assert "friction (Coulomb and viscous confounded) 79 %" in text.shares_sentence(context, merged)
+
+
+def test_comparison_document_has_the_fixed_entries(context):
+    """The JSON document of a comparison holds what users rely on, and is plain JSON."""
+    document = json.loads(as_text(comparison_document(context.comparison)))
+    joint = document["joints"][0]
+    assert {"joint", "rmse", "noise_floor", "bias", "explained", "runs"} <= set(joint)
+    assert {"file", "start", "velocity", "posture", "rmse", "bias"} <= set(joint["runs"][0])
+    assert joint["runs"][0]["posture"][0] is None  # the moving joint's own
+    assert document["rmse"] == context.comparison.rmse
+    assert document["heldout"] == {"rmse": context.comparison.heldout}
+    assert sum(run["heldout"] for joint in document["joints"] for run in joint["runs"]) == 1
+
+
+# Residual budget
+
+
+def score(budget: Budget | None, joint: int = 2) -> JointScore:
+    """A joint's score with this budget."""
+    rmse = None if budget is None else budget.mean_square**0.5
+    return JointScore(joint, 8, 800, rmse, 0.0, 0.9, None, None, budget=budget)
+
+
+def made(**parts: float) -> Budget:
+    """A budget of these parts (A2), none of them significant."""
+    every_part = tuple(BudgetPart(name, parts.get(name, 0.0)) for name in text.PART_NAMES)
+    return Budget(sum(parts.values()), every_part, 16, 16)
+
+
+@pytest.fixture(scope="module")
+def rippled():
+    """A joint with ripple and friction over position."""
+
+    def left(*at):
+        return 1.5 * KINDS["fast", "position"](*at) + KINDS["smooth", "direction"](*at)
+
+    return budgets.split(budgets.campaign(left, seed=8))
+
+
+def test_parts_are_named_by_size(rippled):
+    """The largest part first, each with its share, then the noise, then the effects with this pattern."""
+    words = text.budget_sentence(score(rippled), worlds.PENDULUM)
+    shares = {part.name: text.share_text(text.part_share(rippled, part)) for part in rippled.parts}
+    assert f"{shares['fast']} is ripple over position: 37.3" in words and "cycles per turn" in words
+    assert f"{shares['smooth']} varies smoothly with position and reverses" in words
+    assert words.index("ripple over") < words.index("varies smoothly") < words.index("is noise")
+    assert words.endswith("Effects with this pattern: ripple, position_friction or load_friction.")
+
+
+def test_each_pattern_has_words():
+    """What a budget can find, the text can say; each effect that it points to exists."""
+    assert {key for key in POINTS_TO if key[0] != "fast"} == set(text.PATTERNS)
+    assert {name for names in POINTS_TO.values() for name in names} <= set(catalogue())
+
+
+def test_bars_are_as_long_as_their_shares():
+    """Forty characters are the whole residual; what is significant is solid."""
+    budget = made(noise_inside=0.5, smooth=0.25, fast=0.25)
+    parts = tuple(replace(part, is_more=part.name == "smooth") for part in budget.parts)
+    lines = budget_bars(replace(budget, parts=parts)).split("\n")
+    assert [line.count(NOISE) for line in lines] == [20, 0, 10]
+    assert [line.count(SIGNIFICANT) for line in lines] == [0, 10, 0]
+
+
+def test_what_runs_cannot_separate_is_said_once():
+    """Without repeats noise is not separated from physics; one line for all joints that lack the same."""
+    budget = replace(made(noise_inside=0.8, unassigned=0.2), replicates=0, limits=("no-replicates",))
+    assert "repeated runs would separate them" in text.budget_sentence(score(budget), worlds.PENDULUM)
+    comparison = Comparison("arm", (score(budget, 1), score(budget, 2)), ())
+    assert text.budget_limit_sentences(comparison) == [f"all joints: {text.BUDGET_LIMITS['no-replicates']}"]
+    noise = Comparison("arm", (score(made(noise_inside=1.0), 1), score(made(noise_inside=1.0), 2)), ())
+    assert text.noise_only_sentence(noise, worlds.PENDULUM).startswith("All joints: the residual is noise")
+
+
+def test_the_terminal_shows_each_joint_once(rippled):
+    """A heading, a sentence and bars for the joint that has parts; nothing where nothing moved."""
+    comparison = Comparison("arm", (score(None, 1), score(rippled)), ())
+    texts = [part.text for part in budget_parts(comparison, worlds.PENDULUM)]
+    assert texts[1] == "Residual budget" and sum("Joint 2" in words for words in texts) == 1
+    assert budget_parts(Comparison("arm", (score(None, 1),), ()), worlds.PENDULUM) == []
+
+
+def test_budget_document_adds_up(rippled):
+    """The parts of the JSON entry add up to the mean square, shares to 1; a ripple says its cycles and per what."""
+    document = json.loads(as_text(budget_document(rippled) | {"kind": "x", "format": 1}))
+    assert sum(part["mean_square"] for part in document["parts"]) == pytest.approx(document["mean_square"])
+    assert sum(part["share"] for part in document["parts"]) == pytest.approx(1.0)
+    ripple = next(part for part in document["parts"] if part["name"] == "fast")
+    assert ripple["cycles"][0] == pytest.approx(37.3, abs=0.1) and ripple["cycles_per"] == "turn"
+    assert budget_document(None) is None
+
+
+# History
+
+
+@pytest.mark.parametrize(
+    ("effects", "words"),
+    [
+        ([STRIBECK, RIPPLE], ["stribeck@1", "ripple@2"]),
+        ([replace(STRIBECK, joint=joint) for joint in (3, 1)], ["stribeck@1,3"]),
+        ([replace(STRIBECK, joint=joint) for joint in (1, 2, 3)], ["stribeck@all"]),
+        ([EffectChoice("tilt")], ["tilt"]),
+    ],
+)
+def test_effects_are_written_as_they_are_typed(effects, words):
+    """An effect of several joints is one word."""
+    assert text.effect_list(effects, 3) == words
+
+
+def test_history_says_where_the_error_went(tmp_path):
+    """From the first to the current model, fitted and held out; a removal is a change too."""
+    assert text.history_sentence(ladder(3, 2)) == (
+        "In 2 steps the RMSE of fitted runs went from 0.0600 A to 0.0225 A, the hold-out RMSE from 0.0660 A to"
+        " 0.0248 A. Noise floor: 0.0100 A."
+    )
+    path = experiment(tmp_path / "results")
+    keep(path, model(RIPPLE, rmse=0.02), ARM)
+    assert text.changes(read_history(path.parent).ladders[0].rungs[3]) == ["− stribeck@1"]
+
+
+# Diagnosis
+
+
+@pytest.mark.parametrize(
+    ("p", "words"),
+    [(1e-9, "less than one of a million"), (0.0033, "one of 300"), (0.012, "one of 83"), (0.3, "3 of 10")],
+)
+def test_probabilities_in_words(p, words):
+    """A probability is said as odds."""
+    assert diagnosis_text.odds(p) == words
+
+
+def test_a_clean_arm_is_one_sentence():
+    """Nothing missing is said as what these data can show, not as a fact."""
+    words = diagnosis_text.headline(diagnoses.clean(), PUMA)
+    assert words == "PUMA 560: nothing is missing that these data can show."
+    assert diagnosis_text.adequate_sentences(diagnoses.clean(), PUMA) == []
+
+
+def test_titles_name_rivals_and_doubt():
+    """What these data do not separate stands in the title; what misses a gate may be missing, with the gate."""
+    diagnosis = diagnoses.rich()
+    first, second = diagnosis.findings
+    title = diagnosis_text.finding_title(first, PUMA)
+    assert title == "Joint 3 (elbow): stribeck is missing (these data do not separate it from viscous_power)"
+    assert diagnosis_text.finding_title(second, PUMA) == "The whole arm: tilt may be missing"
+    sentences = diagnosis_text.finding_sentences(second, diagnosis, PUMA)
+    assert "Doubtful: the error on runs left out does not fall." in sentences
+
+
+def test_sizes_are_in_the_unit_asked_for():
+    """Angles in degrees with their errors; currents stay."""
+    assert "x = 1.20 ± 0.23 deg" in diagnosis_text.size_sentence(diagnoses.tilt(), PUMA, "deg")
+    words = diagnosis_text.size_sentence(diagnoses.stribeck(), PUMA, "deg")
+    assert "velocity 6.875 deg/s" in words and "a = 0.120 ± 0.011 A" in words
+
+
+def test_effects_outside_the_catalogue_have_their_name():
+    """An effect from a file has no title and no units of its shape; a suspected column is called that."""
+    foreign = replace(diagnoses.stribeck(), effect="my_brake")
+    words = " ".join(diagnosis_text.finding_sentences(foreign, diagnoses.rich(), PUMA))
+    assert "Stribeck" not in words and "velocity 0.12 and" in words
+    volts = replace(diagnoses.stribeck(), effect="suspect:supply", shape={"times": 1.0}, rivals=(), next_run=None)
+    assert diagnosis_text.finding_title(volts, PUMA) == "Joint 3 (elbow): an effect of column supply is missing"
+    assert "A, times the direction." in diagnosis_text.size_sentence(volts, PUMA)
+
+
+def test_joints_without_a_finding_are_not_passed_over():
+    """A joint that an effect elsewhere explains is named; at its noise floor it is not said to be missed."""
+    diagnosis = diagnoses.rich()
+    for rmse, floor, words in ((0.05, 0.023, "something is missing. RMSE"), (0.015, 0.0151, "RMSE at the noise floor")):
+        second = replace(diagnosis.joints[1], verdict="missing", rmse=rmse, noise_floor=floor)
+        spread = replace(diagnosis, joints=(diagnosis.joints[0], second, *diagnosis.joints[2:]))
+        (sentence,) = diagnosis_text.other_sentences(spread, PUMA)
+        assert sentence.startswith("Joint 2 (shoulder): ") and words in sentence
+
+
+def test_suspected_columns_are_answered():
+    """Of a suspected column that no finding names it is said whether these data could have shown anything."""
+    diagnosis = diagnoses.rich()
+    limits = (Limit("suspect:oil", 1, "a", 0.02, "A"), Limit("suspect:volt", 1, "a", None, "A", "constant"))
+    asked = replace(diagnosis, joints=(replace(diagnosis.joints[0], limits=limits), *diagnosis.joints[1:]))
+    oil, volt = diagnosis_text.suspect_sentences(asked)
+    assert oil.startswith("Column oil: no joint's current depends on it")
+    assert volt.startswith("Column volt: not testable")
+
+
+@pytest.mark.parametrize(
+    ("form", "kind"), [("s f(q)", "a friction that"), ("v f(q)", "a viscous friction that"), ("f(q)", "a current that")]
+)
+def test_free_forms_are_described(form, kind):
+    """A free form is a friction, a viscous friction or a current that depends on a variable, with its peak."""
+    shape = replace(diagnoses.patch(), form=form)
+    words = diagnosis_text.form_sentence(shape, "deg")
+    assert f"{kind} depends on position ({form}), largest at 28.6 deg" in words and "83 %" in words
+    unclear = diagnosis_text.form_sentence(replace(shape, is_clear=False, variable="load"))
+    assert "the closest is" in unclear and "gravity load" in unclear
+    assert ("viscous (A s/rad)" in diagnosis_text.shape_lines(shape)[0]) == form.startswith("v")
+
+
+def test_limits_of_a_diagnosis_are_said_once():
+    """What limits all joints alike is one sentence without joints; of some it names them."""
+    diagnosis = diagnoses.rich()
+    alike = replace(diagnosis, joints=tuple(replace(joint, weakened=("no replicates",)) for joint in diagnosis.joints))
+    assert diagnosis_text.weaknesses(alike, PUMA) == ["No replicates."]
+    assert "Joints 2 (shoulder) and 6 (wrist3): one posture only." in diagnosis_text.weaknesses(diagnosis, PUMA)
+    fourth = diagnosis.joints[3]  # no run is repeated
+    assert "the noise floor is unknown" in diagnosis_text.floor_sentence(fourth)
+
+
+def test_deciding_runs_are_offered_only_where_they_exist():
+    """A finding whose rivals no feasible run separates says so, and offers no plan."""
+    stuck = replace(diagnoses.stribeck(), next_run=NextRun("no run within the limits separates them"))
+    assert diagnosis_text.decision_sentence(stuck) == "No run within the limits separates them."
+    assert "--plan FILE" in diagnosis_text.decision_sentence(diagnoses.stribeck())
+    assert diagnosis_text.decision_sentence(diagnoses.tilt()) == ""
+
+
+def test_many_bins_become_few_lines():
+    """Neighbours are averaged by their precision: a bin without runs counts for nothing."""
+    centres = np.arange(100.0)
+    means, errors = np.ones(100), np.full(100, 0.1)
+    means[0], errors[0] = 0.0, np.nan
+    means[1] = 5.0
+    shape = Unexplained("f(q)", "position", "rad", centres, means, errors, 1.0, 0.5, "")
+    lines = diagnosis_text.shape_lines(shape)
+    assert len(lines) == 21 and "+2.0000 ± 0.0500" in lines[1]  # (5 + 1 + 1 + 1) / 4, 0.1 / 2
+
+
+def test_a_long_command_can_be_pasted():
+    """A command longer than the line goes on behind a backslash."""
+    command = "pumaid identify " + " ".join(f"logs/session_{n:02d}.csv" for n in range(9)) + " --add stribeck@3"
+    lines = Paragraph(command, 5, is_command=True)._lines(60)
+    assert len(lines) > 2 and all(line.endswith("\\") for line in lines[:-1])
+    assert " ".join(line.strip().rstrip("\\").strip() for line in lines) == command
+
+
+def test_an_added_effect_is_reported_at_the_joint_that_it_changed():
+    """RMSE before and after, held out too; a floor that drift has raised is not mentioned."""
+    paper = report_contexts.table_one()
+    first = paper.estimate.joints[3]
+    old = replace(first, rmse=0.08, heldout=0.09, noise_floor=0.021)
+    new = replace(first, rmse=0.02, heldout=0.025, noise_floor=0.021)
+    before, after = (replace(paper.estimate, joints=(*paper.estimate.joints[:3], fit)) for fit in (old, new))
+    words = diagnosis_text.step_sentence(diagnoses.tilt(), before, after, robot=PUMA, number=2)
+    assert words == (
+        "2. Added tilt of the whole arm. Joint 4: RMSE 0.0800 A -> 0.0200 A, hold-out 0.0900 A -> 0.0250 A,"
+        " noise floor 0.0210 A."
+    )
+    drifted = replace(after, joints=(*after.joints[:3], replace(new, noise_floor=0.1)))
+    assert "floor" not in diagnosis_text.step_sentence(diagnoses.tilt(), before, drifted, robot=PUMA, number=2)
+
+
+def test_a_diagnosis_is_shown_with_sentences_before_tables():
+    """The headline first, then the findings with their commands, the tables last."""
+    parts = diagnosis_parts(diagnoses.rich(), PUMA)
+    kinds = [isinstance(part, Table) for part in parts if not (isinstance(part, Paragraph) and not part.text)]
+    assert kinds == sorted(kinds) and sum(kinds) == 3
+    assert any(isinstance(part, Paragraph) and part.is_command for part in parts)
