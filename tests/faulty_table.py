@@ -9,24 +9,20 @@ from tempfile import TemporaryDirectory
 
 from faulty import Fault, contents, invoke, make, outcome
 from faulty_logs import all_logs
-from faulty_models import all_models
 from faulty_recipes import all_recipes
 
 
 def tried() -> Counter[str]:
-    """Class -> how many mutations of logs, recipes and models are in it."""
-    return Counter(fault.kind for fault in (*all_logs(), *all_recipes(), *all_models()))
+    """Class -> how many mutations of logs and recipes are in it."""
+    return Counter(fault.kind for fault in (*all_logs(), *all_recipes()))
 
 
-def ended(good: Path, fault: Fault, *, compared: bool) -> str:
-    """How identifying, or comparing with the model, ends after one mutation of a copy of the good experiment."""
+def ended(good: Path, fault: Fault) -> str:
+    """How identifying ends after one mutation of a copy of the good experiment."""
     with TemporaryDirectory() as scratch:
         arm = Path(shutil.copytree(good, Path(scratch) / "arm"))
         before = contents(arm / "results")
         fault.change(arm)
-        if compared:
-            found = invoke("compare", str(arm / "results" / "model.json"), str(arm / "logs"), "--json")
-            return "refused" if found.exit_code == 3 else found.stderr
         return outcome(invoke("identify", str(arm / "logs"), "--json"), arm, before)
 
 
@@ -37,9 +33,7 @@ def main() -> None:
         good = make(Path(scratch) / "arm")
         invoke("identify", str(good / "logs"))
         for fault in (*all_logs(), *all_recipes()):
-            found.setdefault(fault.kind, Counter())[ended(good, fault, compared=False)] += 1
-        for fault in all_models():
-            found.setdefault(fault.kind, Counter())[ended(good, fault, compared=True)] += 1
+            found.setdefault(fault.kind, Counter())[ended(good, fault)] += 1
     print("| class | tried | refused | flagged | agrees |\n|---|---:|---:|---:|---:|")
     for kind, ends in found.items():
         counts = [str(ends[end] or "") for end in ("refused", "flagged", "agrees")]

@@ -267,36 +267,26 @@ def _csv_document(path: Path, robot: Robot) -> Document:
     arm = _Arm(robot, "rad" if any(name.endswith("_rad") for name in header) else "deg")
     holds = [f"hold{joint.number}_{arm.unit(joint)}" for joint in robot.joints]
     needed = ["joint", *holds, "from", "to", "velocity"]
-    faults = [_missing(name, header, robot) for name in needed if name not in header]
-    faults += [_strange(name, needed) for name in header if name not in (*needed, "run", "unit", "purpose")]
     lines: dict[tuple[str | int, ...], int] = {(): 1}
     runs: list[dict[str, Any]] = []
     for line, cells in enumerate(rows[1:], start=2):
         if cells:
             lines["runs", len(runs)] = line
-            row = dict(zip(header, (cell.strip() for cell in cells), strict=False))
-            runs.append(_csv_run(row, holds))
-            joint = runs[-1]["joint"]
-            unit = arm.unit(robot.joint(joint)) if joint in range(1, robot.n_joints + 1) else row.get("unit")
-            if row.get("unit", unit) not in ("", unit):
-                what = f"unit {row['unit']} does not fit the header's {unit}"
-                faults.append(Fault(("runs", len(runs) - 1, "unit"), "plan-wrong", what, f"give {unit}"))
+            runs.append(_csv_run(dict(zip(header, map(str.strip, cells), strict=False)), holds))
     document = Document({"kind": "plan", "format": 1, "units": {"angle": arm.angle}, "runs": runs}, lines, content, ())
+    faults = []
+    for name in header:
+        if name not in (*needed, "run", "unit", "purpose"):
+            near = nearest(name, needed)
+            mend = f"did you mean {near}?" if near else f"a plan for {robot.name} has {', '.join(needed)}"
+            faults.append(Fault((name[:60],), "plan-wrong", f"there is no column {name[:60]!r} in a plan", mend))
+    for name in needed:
+        if name not in header:
+            what = f"the column {name} is missing"
+            faults.append(Fault((name,), "plan-wrong", what, "is the plan for another robot?"))
     if faults:
         refuse(str(path), document, faults, wording=WORDING)
     return document
-
-
-def _missing(name: str, header: Sequence[str], robot: Robot) -> Fault:
-    near = nearest(name, header)
-    what = f"the column {name} is missing" + (f": did you mean it by {near}?" if near else "")
-    return Fault((name,), "plan-wrong", what, f"is the plan for another robot than {robot.name}?")
-
-
-def _strange(name: str, needed: Sequence[str]) -> Fault:
-    near = nearest(name, needed)
-    mend = f"did you mean {near}?" if near else f"known columns: {', '.join(needed)}"
-    return Fault((name[:60],), "plan-wrong", f"there is no column {name[:60]!r} in a plan", mend)
 
 
 def _csv_run(row: dict[str, str], holds: Sequence[str]) -> dict[str, Any]:

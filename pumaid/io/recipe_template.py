@@ -1,6 +1,12 @@
-"""Texts of recipes to start from: a shipped one with remarks, or a blank one."""
+"""Texts of recipes to start from: a shipped one with remarks, a blank one, or one with another gravity."""
 
 from __future__ import annotations
+
+import io
+from pathlib import Path
+
+from ruamel.yaml import YAML
+from ruamel.yaml.comments import CommentedSeq
 
 from pumaid.io.recipe import shipped_recipes
 
@@ -98,3 +104,25 @@ def remarked(body: str, n_joints: int, *, origin: str) -> str:
     """
     log = _LOG.format(ones=", ".join(["1"] * n_joints))
     return _HEAD.format(origin=origin) + body + log + _EFFECTS + _SAFETY
+
+
+def with_gravity(path: Path, gravity: tuple[float, float, float]) -> str:
+    """A recipe's text with its gravity replaced; comments and order stay.
+
+    Parameters
+    ----------
+    path
+        The recipe, which can be read.
+    gravity
+        m/s2, in base axes.
+    """
+    yaml = YAML(typ="rt")
+    yaml.preserve_quotes = True
+    yaml.width = 4096
+    content = yaml.load(path.read_text(encoding="utf-8"))
+    values = CommentedSeq(gravity)
+    values.fa.set_flow_style()
+    content["gravity"] = values
+    out = io.StringIO()
+    yaml.dump(content, out)
+    return out.getvalue()

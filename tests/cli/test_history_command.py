@@ -64,11 +64,6 @@ def test_picture_is_written(arm, form, magic):
     assert done.stderr.splitlines()[-1] == f"picture written to ladder.{form}"
 
 
-def test_wrong_picture_is_misuse(arm):
-    """A form that is not there is told before anything is done."""
-    assert history("--picture", "ladder.gif").exit_code == 2
-
-
 def test_undo(arm):
     """``--restore 2`` makes the second model current, and the ladder ends there."""
     done = history("--restore", "2", "--json")
@@ -99,13 +94,6 @@ def test_models_of_other_logs_stand_apart(arm):
     out = history().stdout
     assert "Not comparable with the models above: fitted to other logs" in out
     assert out.index("0.0600") < out.index("Not comparable")
-
-
-def test_strange_files_are_told(arm):
-    """A foreign file in the folder is a note, not a failure."""
-    (arm / "results" / "models" / "mine.txt").write_text("mine")
-    done = history()
-    assert done.exit_code == 0 and "note[model-skipped]: mine.txt is passed over" in done.stderr
 
 
 def test_nothing_kept(tmp_path, monkeypatch):

@@ -50,17 +50,6 @@ def test_the_recipe_says_where_it_is_from(init) -> None:
     assert not Path("recipe.yaml").exists()
 
 
-def test_two_runs_write_the_same_bytes(init) -> None:
-    """Nothing of a recipe depends on when it was made; and from Windows' line ends only the digest differs."""
-    first = run(init("--urdf", "arm.urdf", "-o", "-")).stdout
-    assert run(init("--urdf", "arm.urdf", "-o", "-")).stdout == first
-    Path("arm.urdf").write_bytes(ARM.replace("\n", "\r\n").encode())
-    other = run(init("--urdf", "arm.urdf", "-o", "-")).stdout
-    assert [
-        a for a, b in zip(first.splitlines(), other.splitlines(), strict=True) if a != b and "SHA-256" not in a
-    ] == []
-
-
 def test_json_tells_what_was_done(init) -> None:
     """One document: the file, each joint, what was folded in and left out, where the base stands, how far off it is."""
     Path("arm.urdf").write_text(ARM.replace("</robot>", '<link name="eye"/>' + _pan("l1", "eye") + "</robot>"))
@@ -79,26 +68,6 @@ def _pan(parent: str, child: str) -> str:
     return f'<joint name="pan" type="continuous"><parent link="{parent}"/><child link="{child}"/></joint>'
 
 
-def test_json_on_standard_output_holds_the_text(init) -> None:
-    """With -o - the document has the recipe's text, and the same account."""
-    document = json.loads(run(init("--urdf", "arm.urdf", "-o", "-", "--json")).stdout)
-    assert document["text"].startswith("# A recipe for pumaid")
-    assert document["urdf"]["tip"] == "l4"
-
-
-def test_standard_input(init) -> None:
-    """--urdf - reads what another program writes, such as xacro."""
-    run(init("--urdf", "-", input=ARM))
-    assert "pumaid init --urdf -" in Path("recipe.yaml").read_text()
-
-
-def test_base_and_tip(init) -> None:
-    """The arm between two links, with a note that gravity is for what is before at zero."""
-    result = run(init("--urdf", "arm.urdf", "--base", "l1", "--tip", "l3"))
-    assert [joint.name for joint in read_recipe(Path("recipe.yaml")).joints] == ["j3"]
-    assert "note[urdf-base-moves]" in result.stderr
-
-
 def test_the_command_that_a_refusal_names_works(init) -> None:
     """The options for one of several chains can be typed as they are told."""
     Path("two.urdf").write_text(tree_text(("l1", "base", "a"), ("l2", "a", "b"), ("r1", "base", "c"), ("r2", "c", "d")))
@@ -107,25 +76,11 @@ def test_the_command_that_a_refusal_names_works(init) -> None:
     assert [joint.name for joint in read_recipe(Path("recipe.yaml")).joints] == ["l1", "l2"]
 
 
-def test_an_existing_recipe_is_kept(init) -> None:
-    """Nothing is replaced without --force."""
-    Path("recipe.yaml").write_text("mine\n")
-    assert "--force" in run(init("--urdf", "arm.urdf"), 3).stderr
-    assert Path("recipe.yaml").read_text() == "mine\n"
-    run(init("--urdf", "arm.urdf", "--force"))
-
-
 def test_a_plan_can_be_made_of_it(init) -> None:
     """What was derived is all that the next step needs."""
     run(init("--urdf", "arm.urdf"))
     done = CliRunner().invoke(group, ["plan", "recipe.yaml", "--minutes", "5"])
     assert done.exit_code == 0, done.output
-
-
-@pytest.mark.parametrize("place", ["nowhere.urdf", ".", "arm.urdf/inside", "x" * 300])
-def test_no_file(init, place: str) -> None:
-    """A path that leads to no file is refused in the system's words."""
-    assert "error[file-not-readable]" in run(init("--urdf", place), 3).stderr
 
 
 @pytest.mark.parametrize(

@@ -5,13 +5,12 @@ from __future__ import annotations
 import json
 
 import numpy as np
-import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from pumaid.errors import PumaidError
 from pumaid.records import Combination, Estimate, JointFit, Value
-from pumaid.results.documents import as_text, plain
+from pumaid.results.documents import as_text
 from pumaid.results.model_file import model_document, read_model
 from pumaid.robot import EffectChoice
 
@@ -77,10 +76,3 @@ def test_spoilt_bytes_are_read_or_refused(tmp_path, place, byte):
         assert isinstance(read_model(path), Estimate)
     except PumaidError as refusal:
         assert refusal.slug.startswith("model-")
-
-
-@settings(derandomize=True, max_examples=40, deadline=None)
-@given(document=st.dictionaries(st.text(max_size=5), JSON))
-def test_text_means_the_document(document):
-    """Putting rows of numbers on one line changes what the text looks like, never what it means."""
-    assert json.loads(as_text(document), parse_constant=pytest.fail) == json.loads(json.dumps(plain(document)))

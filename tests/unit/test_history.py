@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from dataclasses import replace
 from pathlib import Path
 
@@ -78,14 +77,6 @@ def test_fitted_again_is_no_removal(path):
     keep(path, model(rmse=0.031), ARM)
     rung = read_history(path.parent).ladders[0].rungs[2]
     assert (rung.parent, rung.added, rung.removed) == (1, (), ())
-
-
-def test_a_second_ripple_is_what_was_added(path):
-    """The same effect twice at a joint counts as two."""
-    other = replace(RIPPLE, shape={"frequency": 100.0})
-    keep(path, model(RIPPLE), ARM)
-    keep(path, model(RIPPLE, other, rmse=0.02), ARM)
-    assert read_history(path.parent).ladders[0].rungs[1].added == (other,)
 
 
 def test_undo_brings_the_earlier_file_back(path):
@@ -206,23 +197,7 @@ def test_a_current_model_that_is_gone_is_told(path, text, why):
     assert [rung.number for rung in history.ladders[0].path] == [1]
 
 
-def test_kept_copy_is_a_model_file(path):
-    """Other commands can be given a kept copy: it differs from the model by one entry that they pass over."""
-    kept = keep(path, model(), ARM)
-    copy, current = (json.loads(file.read_text(encoding="utf-8")) for file in (kept.path, path))
-    assert {key: held for key, held in copy.items() if key != "history"} == current
-
-
 def test_a_long_list_of_effects_is_counted_in_the_name(path):
     """A name that no disk would take is never made."""
     many = [EffectChoice(f"effect_of_a_long_name_{k}", 1) for k in range(40)]
     assert keep(path, model(*many), ARM).path.name == "001-40-effects.json"
-
-
-def test_held_out_errors_are_carried_through_the_files(path):
-    """RMSE of 0.04 and 0.02 A on held-out runs: with 300 and 100 fitted samples the root of 0.0013 A2."""
-    joints = [replace(fit, heldout_runs=2, heldout=0.04 / fit.joint) for fit in model().joints]
-    keep(path, replace(model(), joints=tuple(joints)), ARM)
-    rung = read_history(path.parent).ladders[0].rungs[0]
-    assert [fit.heldout for fit in rung.joints] == [0.04, 0.02]
-    assert rung.whole.heldout == pytest.approx(0.0013**0.5)

@@ -14,7 +14,7 @@ from pumaid.design.plan import plan
 from pumaid.design.prior import Setup, robot_of_estimate
 from pumaid.errors import ModelError
 from pumaid.io.recipe import read_recipe, shipped_recipes
-from pumaid.io.recipe_gravity import with_gravity
+from pumaid.io.recipe_template import with_gravity
 from pumaid.robot import Joint, Robot
 from pumaid.simulation import Bench, draw, table1
 from pumaid.simulation.links import Links

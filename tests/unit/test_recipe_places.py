@@ -54,12 +54,6 @@ def test_from_inside_the_experiment(arm: Path, monkeypatch: pytest.MonkeyPatch) 
     assert find_recipe(None, [Path("run.csv")]).resolve() == beside
 
 
-def test_standard_input_has_only_the_working_folder(arm: Path) -> None:
-    """Logs from a pipe leave the working folder."""
-    here = put(Path())
-    assert find_recipe(None, [Path("-")]) == here
-
-
 def test_a_miss_lists_the_places(arm: Path) -> None:
     """The message of a miss names every path that was tried, and a recipe under another name nearby."""
     (arm / "recipe.yml").write_text("name: x\n")

@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-import io
-import sys
 from pathlib import Path
 
 import pytest
 
-from pumaid.errors import ModelError, PumaidError
+from pumaid.errors import ModelError
 from pumaid.io.yaml_file import nearest, read_yaml
 
 TEXT = "name: x\nlist:\n  - a: 1\n  - a: 2\n    b: [1.5,\n        true]\n"
@@ -47,19 +45,6 @@ def test_the_error_is_of_the_kind_asked_for(tmp_path: Path) -> None:
     """A reader of plans is refused with the plan's kind of error."""
     with pytest.raises(ModelError):
         read_yaml(tmp_path / "absent.yaml", kind=ModelError)
-
-
-def test_a_folder_is_no_file(tmp_path: Path) -> None:
-    """A folder is refused in a sentence."""
-    with pytest.raises(PumaidError) as caught:
-        read_yaml(tmp_path)
-    assert caught.value.slug == "file-not-readable"
-
-
-def test_standard_input(monkeypatch: pytest.MonkeyPatch) -> None:
-    """``-`` reads what is piped in."""
-    monkeypatch.setattr(sys, "stdin", io.TextIOWrapper(io.BytesIO(TEXT.encode())))
-    assert read_yaml(Path("-")).data["name"] == "x"
 
 
 @pytest.mark.parametrize(
