@@ -90,11 +90,11 @@ def top_speed(robot: Robot, joint: int) -> float:
 def speeds(robot: Robot, joint: int, shares: Sequence[float]) -> tuple[float, ...]:
     """Speeds at these shares (0..1) of the top speed, rounded down to tenths of deg/s or mm/s, rising."""
     step, top = 0.1 * _unit(robot.joint(joint)), top_speed(robot, joint)
-    found = set()
+    rounded = set()
     for speed in (share * top for share in shares):
         unit = step * 10.0 if speed >= 100.0 * step else step
-        found.add(float(np.floor(speed / unit + 1e-9) * unit) if speed >= 4 * step else speed)
-    return tuple(sorted(found))
+        rounded.add(float(np.floor(speed / unit + 1e-9) * unit) if speed >= 4 * step else speed)
+    return tuple(sorted(rounded))
 
 
 def _unit(joint: Joint) -> float:
@@ -107,19 +107,19 @@ def sweeps(robot: Robot, joint: int, at: Sequence[float]) -> tuple[Sweep, ...]:
     All begin and end at the joint's home position, so that nothing is lost between two sweeps of a posture.
     """
     for least in (LEAST_TURN if robot.joint(joint).is_revolute else LEAST_SLIDE, 0.0):
-        found = _sweeps(robot, joint, at, least=least)
+        result = _sweeps(robot, joint, at, least=least)
         # A very slow joint takes too long over the least way and gets a shorter one.
-        if len({sweep.speed for sweep in found}) >= min(_FEWEST, len(at)):
-            return found
+        if len({sweep.speed for sweep in result}) >= min(_FEWEST, len(at)):
+            return result
     (low, high), middle = span(robot.joint(joint)), float(home(robot)[joint - 1])
-    return found or (Sweep(joint, _without_repeats((middle, high, low, middle)), min(at)),)
+    return result or (Sweep(joint, _without_repeats((middle, high, low, middle)), min(at)),)
 
 
 def _sweeps(robot: Robot, joint: int, at: Sequence[float], *, least: float) -> tuple[Sweep, ...]:
     """Sweeps whose runs last neither too long nor too short and go over at least `least` (rad or m)."""
     low, high = span(robot.joint(joint))
     middle = float(home(robot)[joint - 1])
-    found: list[Sweep] = []
+    result: list[Sweep] = []
     for speed in at:
         before = 0.0
         for seconds in (*PARTS, _LONGEST):
@@ -129,11 +129,11 @@ def _sweeps(robot: Robot, joint: int, at: Sequence[float], *, least: float) -> t
             before = way
             up, down = (room if way > _WHOLE * room else way for room in (high - middle, middle - low))
             parts = [Sweep(joint, (middle, end, middle), speed) for end in (middle + up, middle - down)]
-            found += [part for part in parts if _cruises(robot, part, seconds)]
+            result += [part for part in parts if _cruises(robot, part, seconds)]
         if (high - low) / speed <= _LONGEST:
             tours = (middle, high, low, middle), (middle, low, high, middle)
-            found += [Sweep(joint, _without_repeats(stops), speed) for stops in tours]
-    return tuple(dict.fromkeys(found))
+            result += [Sweep(joint, _without_repeats(stops), speed) for stops in tours]
+    return tuple(dict.fromkeys(result))
 
 
 def _without_repeats(stops: tuple[float, ...]) -> tuple[float, ...]:
@@ -204,20 +204,20 @@ def _grid(joint: Joint, middle: float) -> Floats:
     return np.asarray(steps if len(steps) >= 5 else np.linspace(low, high, 5), dtype=float)
 
 
-def usable(collision: Collision, holds: Floats, found: Sequence[Sweep]) -> Bools:
+def usable(collision: Collision, holds: Floats, ways: Sequence[Sweep]) -> Bools:
     """(K, C) which of C sweeps of one joint are free of collisions in which of K postures (K, J)."""
-    out = np.ones((len(holds), len(found)), dtype=bool)
+    out = np.ones((len(holds), len(ways)), dtype=bool)
     if collision.is_free:
         return out
-    joint, ways = found[0].joint - 1, sorted({(sweep.low, sweep.high) for sweep in found})
-    widest = min(low for low, _ in ways), max(high for _, high in ways)
+    joint, ranges = ways[0].joint - 1, sorted({(sweep.low, sweep.high) for sweep in ways})
+    widest = min(low for low, _ in ranges), max(high for _, high in ranges)
     for k, hold in enumerate(holds):
         if not _strikes(collision, hold, joint, widest):
             continue
         # From one sweep to another the joint passes what lies between: only ways within the widest free one are used.
-        free = [way for way in ways if not _strikes(collision, hold, joint, way)]
+        free = [way for way in ranges if not _strikes(collision, hold, joint, way)]
         low, high = max(free, key=lambda way: way[1] - way[0], default=(1.0, 0.0))
-        out[k] = [low <= sweep.low and sweep.high <= high for sweep in found]
+        out[k] = [low <= sweep.low and sweep.high <= high for sweep in ways]
     return out
 
 

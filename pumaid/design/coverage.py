@@ -105,14 +105,14 @@ def cover(
             if not options:
                 break
             made = [[c for w in ways if (c := candidates.find(joint.joint, k, w)) is not None] for k in options]
-            told = np.array([candidates.each(sets).sum(axis=0) for sets in made])
-            values = criterion.value(background + sum(coverage.times) * told)
+            gathered = np.array([candidates.each(sets).sum(axis=0) for sets in made])
+            values = criterion.value(background + sum(coverage.times) * gathered)
             values = values + opening[[sets[0] for sets in made]]
             best = int(np.argmin(rounded(values)))
             taken.add(options[best])
             kinds = len(coverage.times) if place < coverage.whole else 1
             counts[:kinds, made[best]] += 1
-            background = background + sum(coverage.times[:kinds]) * told[best]
+            background = background + sum(coverage.times[:kinds]) * gathered[best]
     return counts.ravel()
 
 
@@ -120,12 +120,12 @@ def _sweeps(joint: JointCandidates, coverage: Coverage, *, all_speeds: bool) -> 
     """The sweeps (numbers) of each posture of a joint."""
     at = sorted({sweep.speed for sweep in joint.sweeps})
     slower = _spread(at[:-1])
-    each = max(1, math.ceil(((len(at) if all_speeds else SPEEDS) - 1) / coverage.postures))
+    count = max(1, math.ceil(((len(at) if all_speeds else SPEEDS) - 1) / coverage.postures))
     out = []
     for place in range(coverage.postures):
         # The first posture gets one speed more, so that slow and middle come in every pass.
         more = int(coverage.middle)
-        turns = range(place * each + min(place, more), (place + 1) * each + more)
+        turns = range(place * count + min(place, more), (place + 1) * count + more)
         chosen = dict.fromkeys(slower[turn % len(slower)] for turn in turns) if slower else {}
         ways = [_part(joint.sweeps, speed, coverage.part, place=place) for speed in chosen]
         if place < coverage.whole or not ways:

@@ -167,7 +167,7 @@ class Exchange:
         (C,) block (from 0) of each candidate and (C,) cost of the first candidate of its block.
     budget
         Sum of all costs at most.
-    most
+    limit
         How often a candidate is taken at most.
 
     Source
@@ -180,7 +180,7 @@ class Exchange:
     block: Counts
     opening: Floats
     budget: float
-    most: int = 2
+    limit: int = 2
 
     def cost(self, counts: Counts) -> float:
         """Of a set (C,)."""
@@ -214,7 +214,7 @@ class Exchange:
         """The candidate that lowers the value most for its cost, of those that fit; or None."""
         is_open = np.isin(self.block, self.block[counts > 0])
         costs = self.seconds + np.where(is_open, 0.0, self.opening)
-        fits = (costs <= self.budget - self.cost(counts)) & (counts < self.most)
+        fits = (costs <= self.budget - self.cost(counts)) & (counts < self.limit)
         if not fits.any():
             return None
         rate = np.where(fits, self.objective.falls(counts) / costs, -np.inf)

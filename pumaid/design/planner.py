@@ -231,8 +231,8 @@ class Planner:
     def _all_postures(self, joint: int, rng: np.random.Generator) -> JointCandidates:
         """Many postures of a joint with its slowest part and its fastest tour."""
         matter = self._that_matter(joint, rng)
-        others = [number for number in range(1, self.robot.n_joints + 1) if number != joint]
-        holds = postures(self.robot, joint, varied=matter or others, count=_DRAWN if matter else _DRAWN_IDLE, rng=rng)
+        rest = [number for number in range(1, self.robot.n_joints + 1) if number != joint]
+        holds = postures(self.robot, joint, varied=matter or rest, count=_DRAWN if matter else _DRAWN_IDLE, rng=rng)
         ways = sweeps(self.robot, joint, speeds(self.robot, joint, _LOOK))
         ways = tuple(dict.fromkeys((ways[0], ways[-1])))
         free = usable(self.collision, holds, ways)

@@ -77,8 +77,8 @@ class Setup:
         n, bare = truth.robot.n_joints, truth.constants
         last = Links(np.append(np.zeros(n - 1), mass), np.vstack([np.zeros((n - 1, 3)), at]))
         more = constants(truth.robot, last, _gain(truth))
-        known = Constants(bare.x + more.x, bare.y + more.y, bare.mass + more.mass, bare.ratio)
-        return replace(truth, links=None, gain=None, known=known)
+        loaded = Constants(bare.x + more.x, bare.y + more.y, bare.mass + more.mass, bare.ratio)
+        return replace(truth, links=None, gain=None, known=loaded)
 
     def sentences(self) -> tuple[str, ...]:
         """What must be done before the plan is run."""
@@ -159,18 +159,18 @@ def random_robots(robot: Robot, seed: int) -> Prior:
 
 def robot_of_estimate(robot: Robot, estimate: Estimate) -> Prior:
     """The robot that an earlier model describes; what it could not identify is taken from a random robot."""
-    values, known_values = draw(robot, 0).parameters(), {}
+    values, identified = draw(robot, 0).parameters(), {}
     shown = {value.name for value in estimate.values if value.state != NOT_IDENTIFIABLE}
     for name, value in zip(estimate.names, estimate.solution, strict=True):
         # A parameter that no run shows is zero in the solution; of a sum each term has a share.
         if name in values and (name in shown or abs(value) > 1e-12):
-            known_values[name] = float(value)
+            identified[name] = float(value)
     for n in range(1, robot.n_joints):
         name, scale = f"gain_ratio.{n}.{n + 1}", estimate.scales[n - 1, n]
         if name in shown and np.isfinite(scale):
-            known_values[name] = float(scale)
-    missing = [name for name in values if name not in known_values]
-    values |= known_values
+            identified[name] = float(scale)
+    missing = [name for name in values if name not in identified]
+    values |= identified
     std = [fit.noise_floor or fit.rmse or NOISE for fit in estimate.joints]
     level = [fit.run_level or np.sqrt(0.2) * s for fit, s in zip(estimate.joints, std, strict=True)]
     noise = np.hypot(std, level)
@@ -180,8 +180,8 @@ def robot_of_estimate(robot: Robot, estimate: Estimate) -> Prior:
     ratio = np.array([values[f"gain_ratio.{n}.{n + 1}"] for n in range(1, robot.n_joints)])
     terms = ("coulomb", "plus"), ("coulomb", "minus"), ("viscous", "plus"), ("viscous", "minus")
     friction = Friction(*(np.array([values[f"{kind}.j{n}.{side}"] for n in joints]) for kind, side in terms))
-    known = Constants(gravity["x"], gravity["y"], gravity["mass"], ratio)
-    truth = Truth(robot=robot, friction=friction, noise=Noise(noise, level_share=share), known=known)
+    constants_of = Constants(gravity["x"], gravity["y"], gravity["mass"], ratio)
+    truth = Truth(robot=robot, friction=friction, noise=Noise(noise, level_share=share), known=constants_of)
     sentences = [
         f"Parameters as of the earlier model; noise as its runs had it, {', '.join(number(s, 2) for s in noise)} A a"
         f" sample, {100.0 * share:.0f} % of the variance a level of each run."
