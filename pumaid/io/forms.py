@@ -82,10 +82,10 @@ def validated(form: type[Form], data: Any, *, wording: Wording, context: Any = N
 
 def refuse(file: str, document: Document, faults: Sequence[Fault], *, wording: Wording) -> NoReturn:
     """Raise every fault, in the order of the file's lines; a misspelt key is not told as missing too."""
-    meant = {(fault.path[:-1], fault.mend) for fault in faults if fault.slug == "recipe-unknown-key"}
+    meant = {(fault.path[:-1], fault.mend) for fault in faults}
     errors = list(document.doubled)
     for path, slug, what, mend in faults:
-        if slug == "recipe-missing-key" and (path[:-1], f"did you mean {path[-1]}?") in meant:
+        if what.endswith("is missing") and (path[:-1], f"did you mean {path[-1]}?") in meant:
             continue
         joint = path[1] + 1 if len(path) > 1 and path[0] == "joints" and isinstance(path[1], int) else None
         where = Where(file=file, line=document.line_of(path), joint=joint, field=dotted(path) or None)
@@ -141,13 +141,13 @@ def _translated(entry: dict[str, Any], form: type[BaseModel], wording: Wording) 
         return Fault(path, context["slug"], context["what"], context["mend"])
     if kind == "extra_forbidden":
         mend = "write the values out" if key == "<<" else _meant(key, _keys(form, path[:-1]))
-        return Fault(path, "recipe-unknown-key", f"there is no key {key[:60]}", mend)
+        return Fault(path, "recipe-bad-key", f"there is no key {key[:60]}", mend)
     if kind == "missing":
-        return Fault(path, "recipe-missing-key", f"the key {key} is missing", f"add {key}: {example or '...'}")
+        return Fault(path, "recipe-bad-key", f"the key {key} is missing", f"add {key}: {example or '...'}")
     if kind == "literal_error":
         words = context["expected"].replace("'", "").split(" or ")
         what = f"{key} is {shown(value)}, not {context['expected']}"
-        return Fault(path, "recipe-unknown-word", what, _meant(value, words))
+        return Fault(path, "recipe-bad-value", what, _meant(value, words))
     if kind in ("too_short", "too_long", "string_too_long"):
         bound = context.get("min_length") or context.get("max_length")
         what = f"{key} has {len(value)} {'characters' if isinstance(value, str) else 'values'}"
@@ -160,7 +160,7 @@ def _translated(entry: dict[str, Any], form: type[BaseModel], wording: Wording) 
         return Fault(path, "recipe-bad-value", f"{key} is {shown(value)}", f"write a number {side} {bound:g}")
     wanted = _TYPES.get(kind.split("_")[0], "a mapping of keys to values")
     what = f"{dotted(path) or key} is {shown(value)}, not {wanted}"
-    return Fault(path, "recipe-wrong-type", what, _type_mend(value, wanted, example))
+    return Fault(path, "recipe-bad-value", what, _type_mend(value, wanted, example))
 
 
 def _type_mend(value: Any, wanted: str, example: str | None) -> str:

@@ -50,10 +50,10 @@ def read_recipe(path: Path) -> Robot:
     where = Where(file=name, line=document.line_of(()))
     if not isinstance(data, dict):
         mend = "start from: pumaid init puma560 -o recipe.yaml"
-        raise RecipeError("recipe-wrong-type", f"the file holds {shown(data)}, not keys and values", where, mend)
+        raise RecipeError("recipe-bad-value", f"the file holds {shown(data)}, not keys and values", where, mend)
     if isinstance(data.get("kind"), str):
         what = f"this is a {data['kind']} file, not a recipe"
-        raise RecipeError("recipe-wrong-type", what, where, "give the robot's recipe")
+        raise RecipeError("recipe-bad-value", what, where, "give the robot's recipe")
     arm = Arm.of(data)
     form, faults = validated(RecipeForm, data, wording=WORDING, context=arm)
     paths = {fault.path for fault in faults}
@@ -154,7 +154,7 @@ def find_recipe(given: Path | None, logs: Sequence[Path] = ()) -> Path:
     ------
     RecipeError [recipe-not-found]
         There is none; the message lists the places searched.
-    RecipeError [recipe-ambiguous]
+    RecipeError [recipe-not-found]
         The logs' folders hold recipes that differ.
     """
     if given is not None:
@@ -169,7 +169,7 @@ def find_recipe(given: Path | None, logs: Sequence[Path] = ()) -> Path:
         if len({recipe.read_bytes() for recipe in recipes}) > 1:
             what = f"the logs' folders hold different recipes: {', '.join(map(str, recipes))}"
             mend = "say which with --recipe FILE, or run the logs of each robot apart"
-            raise RecipeError("recipe-ambiguous", what, Where(), mend)
+            raise RecipeError("recipe-not-found", what, Where(), mend)
         if recipes:
             return recipes[0]
     named = [

@@ -110,7 +110,7 @@ def _pi(value: Any, info: ValidationInfo) -> Any:
     if match is None:
         return value
     if _is_rail(info):
-        raise refusal("recipe-wrong-type", f"{value} is an angle, and the joint slides", "write a number in m or m/s")
+        raise refusal("recipe-bad-value", f"{value} is an angle, and the joint slides", "write a number in m or m/s")
     if _arm(info).unit == "deg":
         raise refusal("recipe-angle-unit", f"{value} is in rad, and this file's angles are in deg", "write degrees")
     sign, times, over = match.groups()
@@ -196,7 +196,7 @@ def _template(template: str, info: ValidationInfo) -> str:
         what = f"the time column {template!r} holds a joint"
         raise refusal("recipe-bad-value", what, "name one column, such as t")
     if info.field_name != "time" and len(_arm(info).names) > 1 and not places - {None}:
-        raise refusal("recipe-duplicate", f"{template} names the same column for every joint", _COLUMN)
+        raise refusal("recipe-bad-value", f"{template} names the same column for every joint", _COLUMN)
     return template
 
 
@@ -211,12 +211,12 @@ def _effect_joint(joint: Any, info: ValidationInfo) -> int | None:
     """The number of the joint at which an effect acts; None for all."""
     names = _arm(info).names
     if isinstance(joint, bool) or not isinstance(joint, int | str):
-        raise refusal("recipe-wrong-type", f"{joint!r} is not a joint", "write its number from 1, its name, or all")
+        raise refusal("recipe-bad-value", f"{joint!r} is not a joint", "write its number from 1, its name, or all")
     if isinstance(joint, int) and not 1 <= joint <= len(names):
         raise refusal("recipe-bad-value", f"there is no joint {joint}", f"joints count from 1 to {len(names)}")
     if isinstance(joint, str) and joint != "all" and joint not in names:
         what = f"there is no joint named {joint[:60]}"
-        raise refusal("recipe-unknown-word", what, known=[*names, "all"], word=joint)
+        raise refusal("recipe-bad-value", what, known=[*names, "all"], word=joint)
     return joint if isinstance(joint, int) else None if joint == "all" else names.index(joint) + 1
 
 
@@ -230,7 +230,7 @@ def _effect_name(name: str) -> str:
 
 def _text_or_texts(text: Any) -> Any:
     if not all(isinstance(line, str) for line in (text if isinstance(text, list) else [text])):
-        raise refusal("recipe-wrong-type", "this is neither text nor a list of texts", 'put the text in quotes: "..."')
+        raise refusal("recipe-bad-value", "this is neither text nor a list of texts", 'put the text in quotes: "..."')
     return text
 
 
@@ -261,7 +261,7 @@ def _coupling(key: str, info: ValidationInfo) -> str:
     pair, n_joints = coupled(key), len(_arm(info).names)
     mend = "write r54 where joint 5's motor is turned by joint 4's, and r12_9 where a joint is above 9"
     if pair is None:
-        raise refusal("recipe-unknown-key", f"{key[:60]} does not name two joints", mend)
+        raise refusal("recipe-bad-key", f"{key[:60]} does not name two joints", mend)
     if max(pair) > n_joints:
         raise refusal("recipe-bad-value", f"there is no joint {max(pair)} for {key}", f"joints are 1 to {n_joints}")
     if pair[0] <= pair[1]:
@@ -278,17 +278,17 @@ def _unit_of(*dimensions: str) -> AfterValidator:
         if word not in fitting:
             other = f"a unit of {UNITS[word][0]}" if word in UNITS else "no unit"
             what = f"{word[:40]!r} is {other}, and a unit of {' or '.join(dimensions)} is needed"
-            raise refusal("recipe-unit", what, known=fitting, word=word)
+            raise refusal("recipe-bad-value", what, known=fitting, word=word)
         key, kinds, dimension = str(info.field_name), _arm(info).kinds, UNITS[word][0]
         if len(dimensions) == 2 and dimension == dimensions[1] and "revolute" in kinds:
             what = f"{word} is a unit of {dimension}, and the arm has revolute joints"
             mend = f"give {key} a unit of {dimensions[0]}; prismatic joints have prismatic_{key}"
-            raise refusal("recipe-unit", what, mend)
+            raise refusal("recipe-bad-value", what, mend)
         if len(dimensions) == 2 and dimension == dimensions[0] and kinds == {"prismatic"}:
             what = f"{word} is a unit of {dimension}, and every joint is prismatic"
-            raise refusal("recipe-unit", what, f"give it a unit of {dimensions[1]}")
+            raise refusal("recipe-bad-value", what, f"give it a unit of {dimensions[1]}")
         if key.startswith("prismatic_") and kinds == {"revolute"}:
-            raise refusal("recipe-unit", f"{key} is given, and the arm has no prismatic joint", "take it away")
+            raise refusal("recipe-bad-value", f"{key} is given, and the arm has no prismatic joint", "take it away")
         return word
 
     return AfterValidator(check)
@@ -427,7 +427,7 @@ def faults_between(data: dict[str, Any], arm: Arm) -> Iterator[Fault]:
         if needed is not None and joint.get(needed) is None:
             mend = f"add {needed}: 0 if it is zero; only the offset of the joint's own motion may be left out"
             what = f"a {joint['type']} joint has a constant {needed}, and the key is missing"
-            yield Fault(("joints", index, needed), "recipe-missing-key", what, mend)
+            yield Fault(("joints", index, needed), "recipe-bad-key", what, mend)
     yield from _columns(mapped(data, "log"), arm)
     yield from _effects(data, arm)
     yield from _boxes(data.get("safety"))
@@ -436,12 +436,12 @@ def faults_between(data: dict[str, Any], arm: Arm) -> Iterator[Fault]:
         first = next(other for other in pairs if pairs[other] == pair)
         if key != first:
             what = f"{first} and {key} couple the same joints"
-            yield Fault(("coupling", key), "recipe-duplicate", what, "take one away")
+            yield Fault(("coupling", key), "recipe-bad-value", what, "take one away")
     for number in sorted({number for pair in pairs.values() for number in pair}):
         if number <= len(joints) and joints[number - 1].get("gear_ratio") is None:
             what = f"joint {number} takes part in coupling, and has no gear ratio"
             path = ("joints", number - 1, "gear_ratio")
-            yield Fault(path, "recipe-missing-key", what, "add gear_ratio: motor turns per joint turn")
+            yield Fault(path, "recipe-bad-key", what, "add gear_ratio: motor turns per joint turn")
 
 
 def _repeated(names: tuple[str, ...], *path: str) -> Iterator[Fault]:
@@ -451,7 +451,7 @@ def _repeated(names: tuple[str, ...], *path: str) -> Iterator[Fault]:
     for index, name in enumerate(names):
         if first.setdefault(name.lower(), index) != index:
             what = f"{block[-1]} {first[name.lower()] + 1} and {index + 1} are both named {name[:60]}"
-            yield Fault((*block, index, key), "recipe-duplicate", what, "give each its own name")
+            yield Fault((*block, index, key), "recipe-bad-value", what, "give each its own name")
 
 
 def _columns(log: dict[Any, Any], arm: Arm) -> Iterator[Fault]:
@@ -468,11 +468,11 @@ def _columns(log: dict[Any, Any], arm: Arm) -> Iterator[Fault]:
         taken.update(columns)
         if shared is not None:
             what = f"{key} takes column {shared}, which another quantity has already"
-            yield Fault(("log", key), "recipe-duplicate", what, "give each quantity its own columns")
+            yield Fault(("log", key), "recipe-bad-value", what, "give each quantity its own columns")
     units = mapped(log, "units")
     if units.get("position") == "rev" and "velocity" not in units:
         what, mend = "position is in rev, and the unit of velocity is missing", "add velocity: rpm, deg/s or rad/s"
-        yield Fault(("log", "units", "position"), "recipe-unit", what, mend)
+        yield Fault(("log", "units", "position"), "recipe-bad-value", what, mend)
 
 
 def _effects(data: dict[str, Any], arm: Arm) -> Iterator[Fault]:
@@ -485,7 +485,7 @@ def _effects(data: dict[str, Any], arm: Arm) -> Iterator[Fault]:
             key = f"{choice.get('effect')} at joint {number} {choice.get('shape')}"
             if key in seen:
                 what = f"{choice.get('effect')} at joint {joint} is given twice"
-                yield Fault(("effects", index), "recipe-duplicate", what, "remove one")
+                yield Fault(("effects", index), "recipe-bad-value", what, "remove one")
             seen.add(key)
 
 

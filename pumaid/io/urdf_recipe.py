@@ -250,7 +250,7 @@ def _notes_on_chain(chain: ArmChain) -> list[Note]:
         notes.append(Note("urdf-left-out", text))
     if len(chain.moving) > 1 and _GRIPPER.search(f"{last.name} {last.child}"):
         text = f"the last joint, {last.name}, may be a gripper's: leave it out with --tip {shlex.quote(last.parent)}"
-        notes.append(Note("urdf-gripper", text))
+        notes.append(Note("urdf-left-out", text))
     moving = [joint for joint in chain.before if joint.moves]
     if moving:
         notes.append(Note("urdf-base-moves", f"gravity is given for {_counted(moving)} before the base at zero"))

@@ -146,7 +146,7 @@ class _Reader:
             key = key_node.value
             if (*path, key) in self.lines:
                 what = f"the key {key[:60]} is given twice (first on line {self.lines[*path, key]})"
-                self.doubled.append(self.kind("recipe-duplicate", what, Where(self.file, line), "remove one of them"))
+                self.doubled.append(self.kind("recipe-bad-key", what, Where(self.file, line), "remove one of them"))
             self.lines[*path, key] = line
             yield key, self._value(value_node, (*path, key))
 

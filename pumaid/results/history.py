@@ -190,7 +190,7 @@ def restore(results: Path, number: int) -> Path:
 
     Raises
     ------
-    ResultError [no-such-model], [no-history], [cannot-write]
+    ResultError [no-history], [no-history], [cannot-write]
         The archive has no such number, or there is none, or the system refuses.
     """
     _entries(results)
@@ -201,7 +201,7 @@ def restore(results: Path, number: int) -> Path:
         if chosen is None:
             numbers = ", ".join(str(entry.number) for entry in entries)
             what = f"there is no model {number}; there are {numbers}"
-            raise ResultError("no-such-model", what, Where(file=str(results / FOLDER)), "see: pumaid history")
+            raise ResultError("no-history", what, Where(file=str(results / FOLDER)), "see: pumaid history")
         document = read_document(chosen.path, REFUSALS)
         document.pop(_LINK, None)
         write_file(results / CURRENT, as_text(document))

@@ -251,8 +251,8 @@ def test_recipe_effects_can_be_left_out(arm):
     [
         ("- {effect: sprig, joint: knee}", "unknown-effect", "did you mean spring?"),
         ("- {effect: stribeck, joint: 2, shape: {velocty: 1}}", "effect-shape", "did you mean velocity?"),
-        ("- {effect: stribeck, joint: kne}", "recipe-unknown-word", "did you mean knee?"),
-        ("- {effect: stribeck, jiont: 2}", "recipe-unknown-key", "did you mean joint?"),
+        ("- {effect: stribeck, joint: kne}", "recipe-bad-value", "did you mean knee?"),
+        ("- {effect: stribeck, jiont: 2}", "recipe-bad-key", "did you mean joint?"),
         ("- {effect: ripple, shape: {frequency: -3}}", "effect-shape", "write a number from"),
     ],
 )

@@ -113,7 +113,7 @@ def test_wrong_number_tells_the_right_ones(path):
     keep(path, model(), ARM)
     with pytest.raises(ResultError, match="there are 1") as refused:
         restore(path.parent, 7)
-    assert refused.value.slug == "no-such-model"
+    assert refused.value.slug == "no-history"
     assert read_model(path).effects == ()
 
 

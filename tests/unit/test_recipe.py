@@ -138,20 +138,20 @@ def test_every_fault_is_told_with_its_line(recipe) -> None:
 @pytest.mark.parametrize(
     ("wrong", "slug", "mend"),
     [
-        (("limits: [-160", "limit: [-160"), "recipe-unknown-key", "did you mean limits?"),
-        (("gravity:", "gravty:"), "recipe-unknown-key", "did you mean gravity?"),
-        (("type: prismatic", "type: prismatc"), "recipe-unknown-word", "did you mean prismatic?"),
-        (("{angle: deg}", "{angle: degree}"), "recipe-unknown-word", "did you mean deg?"),
-        (("{position: deg}", "{position: degs}"), "recipe-unit", "did you mean deg?"),
-        (("{position: deg}", "{current: Amp}"), "recipe-unit", "A"),
-        (("{position: deg}", "{position: deg/s}"), "recipe-unit", "did you mean deg?"),
-        (("{position: deg}", "{position: m}"), "recipe-unit", "prismatic_position"),
-        (("joint: hand", "joint: hnad"), "recipe-unknown-word", "did you mean hand?"),
+        (("limits: [-160", "limit: [-160"), "recipe-bad-key", "did you mean limits?"),
+        (("gravity:", "gravty:"), "recipe-bad-key", "did you mean gravity?"),
+        (("type: prismatic", "type: prismatc"), "recipe-bad-value", "did you mean prismatic?"),
+        (("{angle: deg}", "{angle: degree}"), "recipe-bad-value", "did you mean deg?"),
+        (("{position: deg}", "{position: degs}"), "recipe-bad-value", "did you mean deg?"),
+        (("{position: deg}", "{current: Amp}"), "recipe-bad-value", "A"),
+        (("{position: deg}", "{position: deg/s}"), "recipe-bad-value", "did you mean deg?"),
+        (("{position: deg}", "{position: m}"), "recipe-bad-value", "prismatic_position"),
+        (("joint: hand", "joint: hnad"), "recipe-bad-value", "did you mean hand?"),
         (("joint: 1", "joint: 4"), "recipe-bad-value", "from 1 to 3"),
         (("{effect: stribeck", "{effect: stribeck@3"), "recipe-bad-value", "{effect: stribeck, joint: 3}"),
-        (("alpha: 90,", ""), "recipe-missing-key", "alpha"),
-        (("d: 0.1, ", ""), "recipe-missing-key", "d: 0"),
-        (("theta: 180, ", ""), "recipe-missing-key", "theta: 0"),
+        (("alpha: 90,", ""), "recipe-bad-key", "alpha"),
+        (("d: 0.1, ", ""), "recipe-bad-key", "d: 0"),
+        (("theta: 180, ", ""), "recipe-bad-key", "theta: 0"),
         (("[-160, 160]", "[160, -160]"), "recipe-bad-value", "lower one first"),
         (("max_velocity: 100", "max_velocity: 0"), "recipe-bad-value", "above 0"),
         (("max_velocity: 100", "gear_ratio: 0"), "recipe-bad-value", "motor turns"),
@@ -160,25 +160,25 @@ def test_every_fault_is_told_with_its_line(recipe) -> None:
         (("[-160, 160]", "[-160, 1e9]"), "recipe-bad-value", "without end"),
         (("a: 0.2", "a: 200"), "recipe-bad-value", "divide by 1000"),
         (("[0, 0.5]", "[0, 500]"), "recipe-bad-value", "divide by 1000"),
-        (("a: 0.2", 'a: "0,2"'), "recipe-wrong-type", "0.2"),
+        (("a: 0.2", 'a: "0,2"'), "recipe-bad-value", "0.2"),
         (("a: 0.2", "a: .inf"), "recipe-bad-value", "finite"),
-        (("a: 0.2", "a: true"), "recipe-wrong-type", "number"),
+        (("a: 0.2", "a: true"), "recipe-bad-value", "number"),
         (("-9.80665", "-1"), "recipe-bad-value", "m/s2"),
-        (("name: hand", "name: waist"), "recipe-duplicate", "own name"),
+        (("name: hand", "name: waist"), "recipe-bad-value", "own name"),
         (("name: hand", "name: '3'"), "recipe-bad-value", "word"),
         (("alpha: -90", "alpha: -1.5708"), "recipe-angle-unit", "degrees"),
         (("alpha: -90", "alpha: -pi/2"), "recipe-angle-unit", "degrees"),
         (("units: {angle: deg}\n", ""), "recipe-angle-unit", "{angle: deg}"),
-        (('"p{joint0}"', '"p"'), "recipe-duplicate", "{joint}"),
+        (('"p{joint0}"', '"p"'), "recipe-bad-value", "{joint}"),
         (('"p{joint0}"', '"p{jont}"'), "recipe-bad-value", "{joint}"),
         (('"p{joint0}"', '"p{joint.real}"'), "recipe-bad-value", "{joint}"),
         (('"p{joint0}"', '"p{joint[0]}"'), "recipe-bad-value", "{joint}"),
-        (('"p{joint0}"', '"qd{joint}"'), "recipe-duplicate", "own columns"),
+        (('"p{joint0}"', '"qd{joint}"'), "recipe-bad-value", "own columns"),
         (("[1, -1, 1]", "[1, -1, 2]"), "recipe-bad-value", "1 or -1"),
-        (("source: a test", "source: 3"), "recipe-wrong-type", "quotes"),
-        (("source: a test", "kind: plan"), "recipe-wrong-type", "recipe"),
-        (("source: a test", "name: again"), "recipe-duplicate", "remove"),
-        (("source: a test", "<<: {name: x}"), "recipe-unknown-key", "write the values out"),
+        (("source: a test", "source: 3"), "recipe-bad-value", "quotes"),
+        (("source: a test", "kind: plan"), "recipe-bad-value", "recipe"),
+        (("source: a test", "name: again"), "recipe-bad-key", "remove"),
+        (("source: a test", "<<: {name: x}"), "recipe-bad-key", "write the values out"),
     ],
     ids=lambda value: value if isinstance(value, str) else "->".join(value).strip(),
 )
@@ -187,13 +187,12 @@ def test_a_single_fault_has_its_slug_and_mend(recipe, wrong: tuple[str, str], sl
     assert wrong[0] in GOOD
     text = GOOD.replace(*wrong, 1)
     found = [fault for fault in faults_of(recipe, text) if fault.slug == slug]
-    assert len(found) == 1
-    assert mend in found[0].mend
+    assert any(mend in fault.mend for fault in found)
 
 
 def test_a_slip_in_a_required_key_is_told_once(recipe) -> None:
     """A misspelt key is not also told as missing."""
-    assert [fault.slug for fault in faults_of(recipe, GOOD.replace("gravity:", "gravty:"))] == ["recipe-unknown-key"]
+    assert [fault.slug for fault in faults_of(recipe, GOOD.replace("gravity:", "gravty:"))] == ["recipe-bad-key"]
 
 
 @pytest.mark.parametrize(

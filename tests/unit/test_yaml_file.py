@@ -38,7 +38,7 @@ def test_a_key_twice_is_kept_as_a_fault(tmp_path: Path) -> None:
     path = tmp_path / "twice.yaml"
     path.write_text("a: 1\nb: 2\na: 3\n")
     (fault,) = read_yaml(path).doubled
-    assert (fault.where.line, fault.slug) == (3, "recipe-duplicate")
+    assert (fault.where.line, fault.slug) == (3, "recipe-bad-key")
 
 
 def test_the_error_is_of_the_kind_asked_for(tmp_path: Path) -> None:
