@@ -161,7 +161,7 @@ def _printed(command: str, folder: str) -> str:
 def picture() -> bytes:
     """What the sample PUMA's currents are spent on."""
     from pumaid import compare, identify
-    from pumaid.cli.reading import read_dataset
+    from pumaid.experiment import read_dataset
     from pumaid.reporting.context import ReportContext
     from pumaid.reporting.figures.model import share_figure
 

@@ -7,7 +7,6 @@ A decorator states the name under which its value arrives: ``logs``, ``recipe``,
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
 from functools import wraps
 from pathlib import Path
 from typing import Any, TypeVar
@@ -102,20 +101,16 @@ def trust_option(function: Decorated) -> Decorated:
     return click.option("--trust", is_flag=True, help=told)(function)
 
 
-@dataclass(frozen=True, slots=True)
-class Reading:
-    """Where logs are read: `jobs` processes at most (0: one a core), or a Dask cluster's scheduler (or ``local``)."""
-
-    jobs: int = 0
-    dask: str = ""
-
-
 def reading_options(function: Decorated) -> Decorated:
     """``--jobs N`` and ``--dask ADDRESS`` as `reading`: Reading."""
 
     @wraps(function)
     def run(*, jobs: int, dask: str, **values: Any) -> Any:
-        return function(reading=Reading(jobs, dask), **values)
+        from pumaid.cli.output import remark
+        from pumaid.cli.progress import counted
+        from pumaid.experiment import Reading
+
+        return function(reading=Reading(jobs, dask, tell=remark, progress=counted), **values)
 
     told = "Read the log files with the workers of this dask.distributed scheduler."
     run = click.option("--dask", default="", metavar="ADDRESS|local", help=told)(run)

@@ -130,7 +130,7 @@ def _plan_for(robot: Robot, options: PlanOptions, tell: Callable[[str], None]) -
     from dataclasses import replace
 
     from pumaid.choices import at_one_joint, spoken
-    from pumaid.cli.reading import read_dataset, recipe_path
+    from pumaid.experiment import read_dataset, recipe_path
     from pumaid.verbs.decide import decide
 
     assert options.wanted is not None
@@ -156,7 +156,7 @@ def _prior(robot: Robot, options: PlanOptions) -> Estimate | None:
     """The earlier model of ``--prior``, refused where it is of another arm."""
     if options.prior is None:
         return None
-    from pumaid.cli.reading import check_model, read_known_model
+    from pumaid.experiment import check_model, read_known_model
 
     estimate = read_known_model(options.prior)
     check_model(estimate, robot, (options.recipe, ()))
@@ -196,7 +196,7 @@ def write_plan(path: Path, plan: Plan, robot: Robot, *, form: str) -> None:
 def write_tilted_recipe(path: Path, robot: Robot, options: PlanOptions) -> None:
     """Write the recipe with gravity as the tilted base sees it."""
     from pumaid.cli.output import remark
-    from pumaid.cli.reading import recipe_path
+    from pumaid.experiment import recipe_path
     from pumaid.io.recipe_template import with_gravity
     from pumaid.io.write import write_file
 

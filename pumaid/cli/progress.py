@@ -46,3 +46,11 @@ def progress(title: str, *, total: float | None = None) -> Iterator[Step]:
             shown.update(task, completed=done, text=visible(text))
 
         yield step
+
+
+def counted(done: int, count: int) -> None:
+    """How many of the log files are read, on one line that goes when all are."""
+    if sys.stderr.isatty():
+        line = f"reading logs: {done} of {count} files"
+        sys.stderr.write(f"\r{line}" if done < count else f"\r{' ' * len(line)}\r")
+        sys.stderr.flush()

@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 from motion_worlds import World, make, robot
 
-from pumaid.cli.dataset_file import DatasetFile
 from pumaid.dataset import Dataset, load_dataset, save_dataset
+from pumaid.experiment import DatasetFile
 from pumaid.io.log_writer import write_log
 from pumaid.preprocessing.ingest import ingest
 
@@ -102,42 +102,46 @@ def test_what_is_no_dataset_is_refused(tmp_path, content) -> None:
 def kept(logs: Path, folder: Path, **more: object) -> DatasetFile:
     """The file of these logs' dataset."""
     return DatasetFile(
-        folder / "dataset.npz", sorted(logs.iterdir()), more.get("robot", ARM), more.get("settings", {"trust": False})
+        folder / "dataset.npz",
+        sorted(logs.iterdir()),
+        more.get("robot", ARM),
+        more.get("settings", {"trust": False}),
+        tell=print,
     )
 
 
 def test_it_is_used_for_these_logs_only(logs, dataset, tmp_path, capsys) -> None:
     """Another recipe, other options, another log, a changed one: each is a reason to read again, and is told."""
     kept(logs, tmp_path).write(dataset)
-    assert "dataset written to" in capsys.readouterr().err
-    assert same(kept(logs, tmp_path).read(), dataset) and capsys.readouterr().err == ""
+    assert "dataset written to" in capsys.readouterr().out
+    assert same(kept(logs, tmp_path).read(), dataset) and capsys.readouterr().out == ""
     others = {
         "recipe": kept(logs, tmp_path, robot=replace(ARM, name="another")),
         "options": kept(logs, tmp_path, settings={"trust": True}),
     }
     for reason, other in others.items():
-        assert other.read() is None and reason in capsys.readouterr().err
+        assert other.read() is None and reason in capsys.readouterr().out
     changed = tmp_path / "logs"
     changed.mkdir()
     for path in logs.iterdir():
         (changed / path.name).write_bytes(path.read_bytes())
-    assert kept(changed, tmp_path).read() is None and "other logs" in capsys.readouterr().err
+    assert kept(changed, tmp_path).read() is None and "other logs" in capsys.readouterr().out
 
 
 def test_a_changed_log_is_read_again(logs, tmp_path, capsys) -> None:
     """One byte more in a log."""
     path = tmp_path / "a.csv"
     write_log(path, make(WORLD, 3).logs, ARM)
-    file = DatasetFile(tmp_path / "d.npz", [path], ARM, {})
+    file = DatasetFile(tmp_path / "d.npz", [path], ARM, {}, tell=print)
     file.write(ingest([path], ARM))
     assert file.read() is not None
     with path.open("a") as log:
         log.write("\n")
-    assert file.read() is None and "other logs" in capsys.readouterr().err
+    assert file.read() is None and "other logs" in capsys.readouterr().out
 
 
 def test_a_folder_that_cannot_be_written_stops_nothing(logs, dataset, tmp_path, capsys) -> None:
     """A remark says that the next command reads the logs again."""
     (tmp_path / "results").write_text("a file")
-    DatasetFile(tmp_path / "results" / "dataset.npz", sorted(logs.iterdir()), ARM, {}).write(dataset)
-    assert "not kept" in capsys.readouterr().err
+    DatasetFile(tmp_path / "results" / "dataset.npz", sorted(logs.iterdir()), ARM, {}, tell=print).write(dataset)
+    assert "not kept" in capsys.readouterr().out

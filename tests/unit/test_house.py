@@ -35,7 +35,8 @@ FLOORS = (
     {"diagnosis"},
     {"verbs"},
     {"reporting"},
-    {"cli"},
+    {"experiment"},
+    {"api", "cli"},
     {"__main__"},
 )
 FLOOR = {room: number for number, rooms in enumerate(FLOORS) for room in rooms}
@@ -458,12 +459,13 @@ def test_a_refused_log_waits_for_no_fit(tmp_path):
 
 
 PUBLIC = [
+    *("Answer", "Arm"),
     *("Bins", "Budget", "BudgetPart", "Candidate", "Combination", "Comparison", "Curve", "Dataset", "Diagnosis"),
-    *("EffectChoice", "Errors", "Estimate", "Exported", "Faults", "FileFacts", "Finding", "History"),
+    *("EffectChoice", "Errors", "Estimate", "Exported", "Faults", "FileFacts", "Finding", "History", "Identified"),
     *("Joint", "JointDiagnosis", "JointFit", "JointScore", "Ladder", "Limit", "Log", "LogError", "LogFormat"),
-    *("LogReader", "Means", "ModelError", "Motion", "NextRun", "Note", "OutsideScore", "Plan", "Posture"),
+    *("LogReader", "Means", "ModelError", "Motion", "NextRun", "Note", "OutsideScore", "Picture", "Plan", "Posture"),
     *("PumaidError", "RecipeError", "Reject", "ResultError", "Robot", "Run", "RunScore", "Rung", "Samples", "Size"),
-    *("Unexplained", "Value", "Where", "catalogue", "compare", "diagnose", "export", "identify", "plan"),
+    *("Unexplained", "Value", "Where", "catalogue", "compare", "diagnose", "export", "identify", "load", "plan"),
     *("read_diagnosis", "read_history", "read_model", "read_recipe", "segment", "simulate"),
     *("write_diagnosis", "write_model"),
 ]

@@ -13,9 +13,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pumaid.cli.reading import read_dataset
 from pumaid.dataset import Dataset
 from pumaid.errors import PumaidError
+from pumaid.experiment import read_dataset
 from pumaid.records import Diagnosis, Estimate
 from pumaid.robot import EffectChoice, Robot
 from pumaid.verbs.identify import identify

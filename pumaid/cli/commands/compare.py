@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING
 import rich_click as click
 
 from pumaid.cli.options import (
-    Reading,
     check_option,
     effects_option,
     heldout_option,
@@ -23,6 +22,7 @@ from pumaid.cli.options import (
 from pumaid.cli.output import attention, document, notes, picture_form, remark, spare_inputs, table
 
 if TYPE_CHECKING:
+    from pumaid.experiment import Reading
     from pumaid.reporting.context import ReportContext
 
 
@@ -68,7 +68,7 @@ def command(
       pumaid compare results/model.json new_logs/ --worst 10 --picture misfit.svg
       pumaid compare results/model.json logs/ --json | jq '.joints[] | {joint, rmse, noise_floor}'
     """
-    from pumaid.cli.reading import check_model, read_dataset, read_files, read_known_model
+    from pumaid.experiment import check_model, read_dataset, read_files, read_known_model
 
     form = picture_form(picture)
     spare_inputs([picture], read_files(logs, recipe, model) if picture else [])

@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING
 import rich_click as click
 
 from pumaid.cli.options import (
-    Reading,
     check_option,
     effects_option,
     heldout_option,
@@ -26,6 +25,7 @@ from pumaid.cli.options import (
 from pumaid.cli.output import attention, document, notes, picture_form, remark, spare_inputs, table
 
 if TYPE_CHECKING:
+    from pumaid.experiment import Reading
     from pumaid.records import Diagnosis
     from pumaid.robot import Robot
 
@@ -87,8 +87,8 @@ def command(
     from functools import partial
 
     from pumaid.cli.additions import Typed, added, diagnosed, with_earlier
-    from pumaid.cli.reading import check_logs, check_model, read_dataset, read_files, read_known_model, results_folder
     from pumaid.diagnosis.document import DIAGNOSIS_NAME, diagnosis_document
+    from pumaid.experiment import check_logs, check_model, read_dataset, read_files, read_known_model, results_folder
     from pumaid.io.write import refuse_to_replace
 
     form, quiet = picture_form(picture), as_json or str(output) == "-"

@@ -101,7 +101,7 @@ def _facts(recipe: Path | None) -> dict[str, object]:
         "encoding": {"files": sys.getfilesystemencoding(), "output": str(getattr(sys.stdout, "encoding", None))},
     }
     if recipe is not None:
-        from pumaid.cli.reading import read_robot
+        from pumaid.experiment import read_robot
 
         robot = read_robot(recipe)
         facts["recipe"] = {"file": robot.origin, "sha256": robot.digest, "joints": robot.n_joints}

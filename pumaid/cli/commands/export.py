@@ -60,7 +60,7 @@ def command(
       pumaid export results/model.json --format urdf --torque-constants 2=31.5 -o arm.urdf
     """
     from pumaid.cli.output import content, document, spare_inputs
-    from pumaid.cli.reading import check_model, read_files, read_known_model, read_robot
+    from pumaid.experiment import check_model, read_files, read_known_model, read_robot
     from pumaid.exports import every_form, export
     from pumaid.exports.equivalent_bodies import read_constants
     from pumaid.results.documents import heading

@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING, Any
 import rich_click as click
 
 from pumaid.cli.options import (
-    Reading,
     effect_options,
     effects_option,
     heldout_option,
@@ -25,6 +24,7 @@ from pumaid.cli.output import document, notes, remark, spare_inputs, table
 from pumaid.cli.progress import progress
 
 if TYPE_CHECKING:
+    from pumaid.experiment import Reading
     from pumaid.records import Estimate
     from pumaid.robot import Robot
 
@@ -71,7 +71,7 @@ def command(
       pumaid identify s3://bucket/logs --recipe recipe.yaml --dask tcp://10.0.0.5:8786
       pumaid identify - --recipe recipe.yaml --json < log.csv | jq '.ratios'
     """
-    from pumaid.cli.reading import read_files
+    from pumaid.experiment import read_files
 
     asked: dict[str, Any] = {"add": add, "remove": remove, "recursive": recursive, "heldout": heldout, "trust": trust}
     asked |= {"reading": reading, "results": results}
@@ -91,7 +91,7 @@ def command(
 def _identified(logs: tuple[str, ...], recipe: Path | None, asked: dict[str, Any]) -> tuple[Robot, Estimate]:
     """One robot's arm and model; notes are told."""
     from pumaid.choices import chosen_by
-    from pumaid.cli.reading import read_dataset, read_robot
+    from pumaid.experiment import read_dataset, read_robot
     from pumaid.io.paths import expand
 
     expand(logs)  # where they are not there, it is not the recipe beside them that is missing
@@ -127,7 +127,7 @@ def _written(
     output: Path | None,
 ) -> Path:
     """The model's file: where -o says, else the current model of the results folder, kept among all."""
-    from pumaid.cli.reading import results_folder
+    from pumaid.experiment import results_folder
     from pumaid.results.history import keep
     from pumaid.results.model_file import write_model
 

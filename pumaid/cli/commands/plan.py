@@ -85,7 +85,7 @@ def command(
       pumaid plan ur5e --payload 0.5,0.1,0,0 --picture postures.png
       pumaid plan --check plan.yaml --format urscript -o plan.script
     """
-    from pumaid.cli.reading import experiment_folder, read_files, read_robot, recipe_path
+    from pumaid.experiment import experiment_folder, read_files, read_robot, recipe_path
     from pumaid.io.plan_file import PLAN_NAME
     from pumaid.io.write import refuse_to_replace
     from pumaid.trajectory import Plan

@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING
 import rich_click as click
 
 from pumaid.cli.options import (
-    Reading,
     effects_option,
     heldout_option,
     json_option,
@@ -26,6 +25,7 @@ from pumaid.cli.progress import progress
 
 if TYPE_CHECKING:
     from pumaid.dataset import Dataset
+    from pumaid.experiment import Reading
     from pumaid.reporting.context import ReportContext
     from pumaid.robot import Robot
 
@@ -81,7 +81,7 @@ def command(
       pumaid report --table latex > table.tex
       pumaid report --figures paper/ --format pdf
     """
-    from pumaid.cli.reading import experiment_folder, read_dataset, read_files
+    from pumaid.experiment import experiment_folder, read_dataset, read_files
 
     near = logs or ((str(model.parent.parent / "logs"),) if model and str(model) != "-" else ("logs",))
     home = experiment_folder(recipe, near)
@@ -129,7 +129,7 @@ def _table(
     source: Path, near: Sequence[str], *, recipe: Path | None, form: str, units: str, output: Path | None
 ) -> None:
     """Only the parameter table."""
-    from pumaid.cli.reading import check_model, read_known_model, read_robot
+    from pumaid.experiment import check_model, read_known_model, read_robot
     from pumaid.io.write import write_file
     from pumaid.reporting.export import parameters_as
 
@@ -151,7 +151,7 @@ def _story(
     units: str,
 ) -> ReportContext:
     """What the report tells of: the model on the logs, and the models before it."""
-    from pumaid.cli.reading import check_model, read_known_model
+    from pumaid.experiment import check_model, read_known_model
     from pumaid.reporting.context import ReportContext
     from pumaid.results.history import ladder_of
     from pumaid.verbs.compare import compare

@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING, Any
 import rich_click as click
 
 from pumaid.cli.options import (
-    Reading,
     json_option,
     logs_argument,
     reading_options,
@@ -20,6 +19,7 @@ from pumaid.cli.output import document, notes, picture_form, remark, say, spare_
 
 if TYPE_CHECKING:
     from pumaid.dataset import Dataset
+    from pumaid.experiment import Reading
     from pumaid.robot import Robot
 
 #: What a threshold may be.
@@ -72,7 +72,7 @@ def command(
       pumaid segment logs/ --units deg --picture runs.png
       pumaid segment logs/ --json | jq '.runs[] | {joint, speed, samples}'
     """
-    from pumaid.cli.reading import read_files
+    from pumaid.experiment import read_files
     from pumaid.reporting.documents import runs_csv, segments_document
     from pumaid.results.documents import heading
 
@@ -97,7 +97,7 @@ def _read(
     logs: tuple[str, ...], recipe: Path | None, *, trust: bool, reading: Reading, **thresholds: Any
 ) -> tuple[Robot, Dataset]:
     """The one pass with the thresholds that were given, and the plan's held-out runs marked."""
-    from pumaid.cli.reading import read_dataset
+    from pumaid.experiment import read_dataset
     from pumaid.preprocessing.options import SegmentOptions
 
     options = SegmentOptions(**{name: value for name, value in thresholds.items() if value is not None})

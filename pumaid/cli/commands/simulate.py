@@ -121,7 +121,7 @@ def command(
       pumaid simulate --physics mujoco -o rigid/
       pumaid simulate -o - | pumaid identify -
     """
-    from pumaid.cli.reading import experiment_folder, read_robot
+    from pumaid.experiment import experiment_folder, read_robot
     from pumaid.io.plan_file import PLAN_NAME, read_plan
     from pumaid.io.session import write_session
     from pumaid.reporting.documents import session_document

@@ -1,18 +1,18 @@
-"""The first step of every command that reads logs: the recipe, one pass over the logs, the held-out runs."""
+"""An experiment's files: its recipe, its dataset (read from the logs, or kept beside the results), its model."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import hashlib
+import io
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
+from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any, cast
 
-import rich_click as click
-
-from pumaid.cli.dataset_file import DATASET_NAME, DatasetFile
-from pumaid.cli.options import Reading
-from pumaid.cli.progress import progress
-from pumaid.errors import Where
+from pumaid import __version__
+from pumaid.errors import ModelError, PumaidError, ResultError, Where
 
 if TYPE_CHECKING:
     from pumaid.dataset import Dataset
@@ -21,8 +21,39 @@ if TYPE_CHECKING:
     from pumaid.records import Estimate
     from pumaid.robot import Robot
 
+#: The dataset that commands share, in the results folder.
+DATASET_NAME = "dataset.npz"
+#: What of the package makes a dataset; while pumaid is worked on its version stays the same and these files do not.
+_SOURCES = ("dataset.py", "units.py", "maths", "io", "preprocessing", "records")
 #: What ``--heldout`` is given for postures instead of files.
 POSTURE = "posture"
+
+
+@dataclass(frozen=True, slots=True)
+class Reading:
+    """How logs are read.
+
+    Attributes
+    ----------
+    jobs, dask
+        Processes at most (0: one a core), or a Dask cluster's scheduler (or ``local``).
+    is_kept
+        Whether the dataset is written for whoever reads these logs next.
+    tell
+        Called with a sentence on what was read or written.
+    progress
+        Called with the number of files that are done, of how many.
+    """
+
+    jobs: int = 0
+    dask: str = ""
+    is_kept: bool = True
+    tell: Callable[[str], None] = lambda text: None
+    progress: Callable[[int, int], None] = lambda done, count: None
+
+
+#: Here, in as many processes as there are cores, silently.
+READING = Reading()
 
 
 def read_robot(recipe: Path | None, logs: Sequence[str] = ()) -> Robot:
@@ -61,7 +92,6 @@ def check_model(estimate: Estimate, robot: Robot, near: tuple[Path | None, Seque
         ``--recipe`` or none, and the logs: what led to the recipe that is told.
     """
     from pumaid.chosen import check_parameters
-    from pumaid.errors import ModelError
     from pumaid.results.model_file import check_same_recipe
 
     try:
@@ -73,8 +103,6 @@ def check_model(estimate: Estimate, robot: Robot, near: tuple[Path | None, Seque
 
 def check_logs(estimate: Estimate, dataset: Dataset, *, trust: bool = False) -> None:
     """Refuse logs that a model was not fitted to; `trust` lets them pass, for a user who knows better."""
-    from pumaid.errors import ModelError
-
     known = set(estimate.logs.values())
     others = [facts for facts in dataset.files if facts.digest not in known]
     if trust or not known or not others:
@@ -95,7 +123,7 @@ def read_dataset(
     heldout: Sequence[str] = (),
     extra: Sequence[str] = (),
     options: SegmentOptions | None = None,
-    reading: Reading | None = None,
+    reading: Reading = READING,
     results: Path | None = None,
 ) -> tuple[Robot, Dataset]:
     """The dataset of some logs: what ``dataset.npz`` in the results folder holds if it was made of them, else anew.
@@ -117,7 +145,7 @@ def read_dataset(
     options
         Thresholds of the segmentation; else its own.
     reading
-        ``--jobs`` and ``--dask``.
+        By whom the logs are read, and who is told.
     results
         ``--results``, or none.
 
@@ -126,18 +154,17 @@ def read_dataset(
     robot, dataset
         Runs that the plan beside the recipe or the user keeps for judging are marked as held out.
     """
-    from pumaid.io.paths import STDIN, expand
+    from pumaid.io.paths import expand
 
     paths = expand(logs)
-    if STDIN in paths and str(recipe) == "-":
-        raise click.UsageError("standard input can be the logs or the recipe, not both")
     robot = robot or read_robot(recipe, logs)
     settings = {"options": repr(options), "trust": trust, "columns": list(extra)}
-    file = DatasetFile(results_folder(results, recipe, logs) / DATASET_NAME, paths, robot, settings)
+    file = DatasetFile(results_folder(results, recipe, logs) / DATASET_NAME, paths, robot, settings, tell=reading.tell)
     dataset = file.read()
     if dataset is None:
-        dataset = _ingested(paths, robot, trust=trust, extra=extra, options=options, reading=reading or Reading())
-        file.write(dataset)
+        dataset = _ingested(paths, robot, trust=trust, extra=extra, options=options, reading=reading)
+        if reading.is_kept:
+            file.write(dataset)
     planned = _with_plan(dataset, robot, experiment_folder(recipe, logs))
     return robot, _with_heldout(planned, heldout) if heldout else planned
 
@@ -158,7 +185,7 @@ def _ingested(
 
     sizes = [path.stat().st_size if isinstance(path, Path) and path.is_file() else 0 for path in paths]
     workers = dask_workers(reading.dask, reading.jobs) if reading.dask else local_processes(sizes, reading.jobs)
-    with workers as executor, progress("reading logs", total=len(paths)) as step:
+    with workers as executor:
         return ingest(
             paths,
             robot,
@@ -166,7 +193,7 @@ def _ingested(
             extra=extra,
             trust=trust,
             executor=executor,
-            progress=lambda done: step(done, f"{done} of {len(paths)} files"),
+            progress=lambda done: reading.progress(done, len(paths)),
         )
 
 
@@ -187,7 +214,6 @@ def read_files(logs: Sequence[str], recipe: Path | None, *others: Path | None) -
     paths
         Logs, recipe, the plan beside it, `others`.
     """
-    from pumaid.errors import PumaidError
     from pumaid.io.paths import expand, is_remote
     from pumaid.io.plan_file import find_plan
 
@@ -261,3 +287,92 @@ def _with_plan(dataset: Dataset, robot: Robot, folder: Path) -> Dataset:
     from pumaid.preprocessing.planned import mark_heldout
 
     return mark_heldout(dataset, read_plan(path, robot))
+
+
+class DatasetFile:
+    """The file of one dataset.
+
+    Parameters
+    ----------
+    path
+        Where it is.
+    logs
+        The logs; without a file where they are not all plain files.
+    robot
+        The arm. What counts of its recipe are the name, the joints and the log block.
+    settings
+        What else the dataset depends on, as JSON can hold it.
+    tell
+        Called with a sentence on why the dataset is not used, and where it went.
+    """
+
+    def __init__(
+        self,
+        path: Path,
+        logs: Sequence[LogPath],
+        robot: Robot,
+        settings: Mapping[str, Any],
+        *,
+        tell: Callable[[str], None],
+    ) -> None:
+        self._path, self._logs, self._tell = path, logs, tell
+        recipe = hashlib.sha256(repr((robot.name, robot.joints, robot.log)).encode()).hexdigest()
+        self._made_from: dict[str, Any] = {
+            "program": f"pumaid {__version__} {_program()}",
+            "recipe": recipe,
+            "options": settings,
+        }
+        self._is_wanted = all(isinstance(log, Path) and log.is_file() for log in logs)
+
+    def read(self) -> Dataset | None:
+        """The dataset; None, and `tell` hears why, where it must be made anew."""
+        if not self._is_wanted or not self._path.exists():
+            return None
+        from pumaid.dataset import load_dataset
+
+        try:
+            dataset, made_from = load_dataset(self._path)
+        except ValueError as error:
+            self._tell(f"{self._path} is damaged ({error}); the logs are read again")
+            return None
+        digests = made_from.pop("logs", None)
+        differ = [name for name, value in self._made_from.items() if made_from.get(name) != value]
+        if not differ and digests != {str(log): _digest(log) for log in self._logs}:
+            differ = ["logs"]
+        if differ:
+            self._tell(f"{self._path} was made with other {' and '.join(differ)}; the logs are read again")
+            return None
+        return dataset
+
+    def write(self, dataset: Dataset) -> None:
+        """Write the dataset for the next command; `tell` hears of it, and of a disk that refuses."""
+        digests = {facts.name: facts.digest for facts in dataset.files}
+        if not self._is_wanted or not all(digests.values()):
+            return
+        from pumaid.dataset import save_dataset
+        from pumaid.io.write import write_file
+
+        content = io.BytesIO()
+        save_dataset(content, dataset, {**self._made_from, "logs": digests})
+        try:
+            write_file(self._path, content.getvalue())
+        except ResultError as error:
+            self._tell(f"the dataset is not kept for the next command: {error.what}")
+        else:
+            self._tell(f"dataset written to {self._path}")
+
+
+@cache
+def _program() -> str:
+    """Digest of the source files by which datasets are made."""
+    package, whole = Path(__file__).parent, hashlib.sha256()
+    for name in _SOURCES:
+        path = package / name
+        for source in sorted(path.rglob("*.py")) if path.is_dir() else [path]:
+            whole.update(source.read_bytes())
+    return whole.hexdigest()[:16]
+
+
+def _digest(path: LogPath) -> str:
+    with Path(str(path)).open("rb") as stream:
+        return hashlib.file_digest(cast(Any, stream), "sha256").hexdigest()

@@ -1,0 +1,368 @@
+"""The Python face: an arm, the model that is identified of it, and what is asked of both.
+
+Results have the fields of their records and print as the command line's tables.
+"""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Iterable, Sequence
+from difflib import get_close_matches
+from functools import cached_property
+from os import PathLike
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, overload
+
+from pumaid.dataset import Dataset
+from pumaid.errors import ResultError, Where
+from pumaid.robot import EffectChoice, Robot
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+    from pumaid.records import Comparison, Diagnosis, Estimate, Value
+
+#: Files, folders and globs of logs.
+Logs = str | PathLike[str] | Sequence[str | PathLike[str]]
+
+#: Columns of a printed table.
+WIDTH = 100
+
+
+def load(folder: str | PathLike[str], *, recipe: str | PathLike[str] | None = None) -> Arm:
+    """The arm of an experiment's folder: ``recipe.yaml``, ``logs/`` and ``results/`` are looked for there.
+
+    Parameters
+    ----------
+    folder
+        The experiment's.
+    recipe
+        Another recipe than the folder's: a file, or the name of a shipped one.
+    """
+    return Arm(Path(folder), None if recipe is None else Path(recipe))
+
+
+def read_recipe(recipe: str | PathLike[str]) -> Robot:
+    """A robot from a recipe: a file, a folder that holds ``recipe.yaml``, or the name of a shipped one (``ur5e``)."""
+    from pumaid.io.recipe import find_recipe
+    from pumaid.io.recipe import read_recipe as read
+
+    path = Path(recipe)
+    return read(find_recipe(path / "recipe.yaml" if path.is_dir() else path))
+
+
+@overload
+def identify(
+    logs: Dataset,
+    robot: Robot,
+    *,
+    effects: Sequence[EffectChoice] | None = ...,
+    recursive: bool = ...,
+) -> Estimate: ...
+
+
+@overload
+def identify(
+    logs: Logs,
+    robot: None = ...,
+    *,
+    recipe: str | PathLike[str] | None = ...,
+    add: Iterable[str] = ...,
+    remove: Iterable[str] = ...,
+    heldout: Iterable[str] = ...,
+    trust: bool = ...,
+    recursive: bool = ...,
+) -> Identified: ...
+
+
+def identify(
+    logs: Logs | Dataset,
+    robot: Robot | None = None,
+    *,
+    recipe: str | PathLike[str] | None = None,
+    **options: Any,
+) -> Identified | Estimate:
+    """Identify gravity, friction and gain ratios from logged currents.
+
+    Parameters
+    ----------
+    logs
+        Files, folders, globs. Or a dataset of one's own, with its `robot`: the answer is then the bare record.
+    robot
+        The arm of a dataset.
+    recipe
+        A file, or the name of a shipped one; else it is looked for near the logs.
+    options
+        As of `Arm.identify`; of a dataset as of `pumaid.estimation.estimate.identify`.
+
+    Examples
+    --------
+    >>> import pumaid
+    >>> estimate = pumaid.identify("sample_logs/pendulum")  # doctest: +SKIP
+    >>> estimate["coulomb.j2.plus"].value  # doctest: +SKIP
+    """
+    if isinstance(logs, Dataset):
+        from pumaid.verbs.identify import identify as fit
+
+        if robot is None:
+            raise TypeError("a dataset needs its robot: identify(dataset, robot)")
+        return fit(logs, robot, **options)
+    return Arm(None, None if recipe is None else Path(recipe)).identify(logs, **options)
+
+
+class Arm:
+    """An arm with its experiment's folder.
+
+    Parameters
+    ----------
+    folder
+        The experiment's; None where only logs are known.
+    recipe
+        A file or the name of a shipped one; else it is looked for in the folder, or near the logs.
+    """
+
+    def __init__(self, folder: Path | None, recipe: Path | None = None) -> None:
+        if folder is not None and not folder.is_dir():
+            raise ResultError(
+                "file-refused", f"{folder} is no folder", Where(file=str(folder)), "name the experiment's"
+            )
+        self.folder = folder
+        self._recipe = folder / "recipe.yaml" if recipe is None and folder is not None else recipe
+
+    def __repr__(self) -> str:
+        """Robot and folder."""
+        return f"<Arm {self.robot.name}, {self.robot.n_joints} joints, {self.folder or 'no folder'}>"
+
+    @cached_property
+    def robot(self) -> Robot:
+        """The robot of the recipe."""
+        from pumaid.experiment import read_robot
+
+        return read_robot(self._recipe)
+
+    def dataset(self, logs: Logs | None = None, *, heldout: Iterable[str] = (), trust: bool = False) -> Dataset:
+        """The runs of some logs, by default of the folder's ``logs``; `results/dataset.npz` is used where it is theirs.
+
+        Parameters
+        ----------
+        logs
+            Files, folders, globs.
+        heldout
+            Logs whose runs are kept for judging, or ``"posture"``.
+        trust
+            Whether logs that look wrong are taken all the same.
+        """
+        from pumaid.experiment import Reading, read_dataset
+
+        words = self._words(logs)
+        reading = Reading(is_kept=False)
+        return read_dataset(words, self._recipe, trust=trust, heldout=tuple(heldout), reading=reading)[1]
+
+    def identify(
+        self,
+        logs: Logs | None = None,
+        *,
+        add: Iterable[str] = (),
+        remove: Iterable[str] = (),
+        heldout: Iterable[str] = (),
+        trust: bool = False,
+        recursive: bool = False,
+    ) -> Identified:
+        """Identify the arm; nothing is written (see `Identified.save`).
+
+        Parameters
+        ----------
+        logs
+            Files, folders, globs; by default the folder's ``logs``.
+        add, remove
+            Effects beyond the paper's model, as ``--add`` and ``--remove`` take them: ``"stribeck@3"``.
+        heldout, trust
+            As of `dataset`.
+        recursive
+            Stop after the n-to-1 recursion.
+        """
+        from pumaid.choices import chosen_by
+        from pumaid.experiment import read_robot
+        from pumaid.verbs.identify import identify as fit
+
+        robot = read_robot(self._recipe, self._words(logs))
+        effects = chosen_by(robot, add=tuple(add), remove=tuple(remove))
+        dataset = self.dataset(logs, heldout=heldout, trust=trust)
+        return Identified(fit(dataset, robot, effects=effects, recursive=recursive), robot, dataset, arm=self)
+
+    def model(self, path: str | PathLike[str] | None = None, *, logs: Logs | None = None) -> Identified:
+        """A model that was written before, by default the folder's current one.
+
+        Parameters
+        ----------
+        path
+            A model file.
+        logs
+            What `compare`, `diagnose` and `plot` look at; by default the folder's ``logs``.
+        """
+        from pumaid.experiment import check_model, read_known_model
+
+        estimate = read_known_model(Path(path) if path is not None else (self.folder or Path()) / "results/model.json")
+        check_model(estimate, self.robot, (self._recipe, ()))
+        return Identified(estimate, self.robot, self.dataset(logs), arm=self)
+
+    def plan(self, **options: Any) -> Any:
+        """What to run, as `pumaid.plan` makes it."""
+        from pumaid.design.plan import plan
+
+        return plan(self.robot, **options)
+
+    def _words(self, logs: Logs | None) -> tuple[str, ...]:
+        if logs is None:
+            return (str((self.folder or Path()) / "logs"),)
+        return (str(logs),) if isinstance(logs, str | PathLike) else tuple(map(str, logs))
+
+
+class Answer:
+    """A record that prints as the command line's tables; its fields are the record's.
+
+    Parameters
+    ----------
+    record
+        What was found.
+    parts
+        The tables and paragraphs that show it.
+    """
+
+    def __init__(self, record: Any, parts: Iterable[Any]) -> None:
+        self.record, self._parts = record, [part for part in parts if part is not None]
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self.__dict__["record"], name)
+
+    def __repr__(self) -> str:
+        return self._drawn(is_html=False)
+
+    def _repr_html_(self) -> str:
+        return self._drawn(is_html=True)
+
+    def _drawn(self, *, is_html: bool) -> str:
+        from rich.console import Console
+
+        console = Console(file=io.StringIO(), width=WIDTH, record=True, highlight=False)
+        for part in self._parts:
+            console.print(part)
+        if is_html:
+            return console.export_html(inline_styles=True, code_format="<pre>{code}</pre>")
+        return "\n".join(line.rstrip() for line in console.export_text().splitlines())
+
+
+class Identified(Answer):
+    """An identified model with the arm and the dataset that it is asked about.
+
+    Parameters
+    ----------
+    estimate
+        The record (`record`).
+    robot, dataset
+        The arm; the runs that `compare`, `diagnose` and `plot` look at where no logs are named.
+    arm
+        By which further logs are read.
+    """
+
+    def __init__(self, estimate: Estimate, robot: Robot, dataset: Dataset, *, arm: Arm) -> None:
+        from pumaid.reporting.tables import combination_table, parameter_table
+
+        super().__init__(estimate, [parameter_table(estimate, robot), combination_table(estimate)])
+        self.robot, self.dataset, self._arm = robot, dataset, arm
+
+    def __getitem__(self, name: str) -> Value:
+        try:
+            return self.record.value(name)
+        except KeyError:
+            near = get_close_matches(name, self.record.names, n=1)
+            raise KeyError(f"there is no parameter {name}" + (f"; did you mean {near[0]}?" if near else "")) from None
+
+    def to_frame(self, units: str = "rad") -> pd.DataFrame:
+        """One row a parameter: name, symbol, joint, unit, value, std_error, ci_low, ci_high, state, reason ...
+
+        Parameters
+        ----------
+        units
+            ``"rad"`` or ``"deg"``.
+        """
+        from pumaid.reporting.export import parameters_frame
+
+        return parameters_frame(self.record, units)
+
+    def compare(self, logs: Logs | None = None, **options: Any) -> Answer:
+        """The model against some logs (by default those that it is fitted to), as `Comparison`."""
+        from pumaid.reporting.tables import comparison_table, outside_table
+
+        comparison = self._compared(self.dataset if logs is None else self._arm.dataset(logs, **options))
+        return Answer(comparison, [comparison_table(comparison, self.robot), outside_table(comparison, self.robot)])
+
+    def diagnose(self, logs: Logs | None = None, **options: Any) -> Answer:
+        """Which physical effect the model misses, as `Diagnosis`."""
+        from pumaid.reporting.terminal import diagnosis_parts
+        from pumaid.verbs.diagnose import diagnose
+
+        dataset = self.dataset if logs is None else self._arm.dataset(logs, **options)
+        diagnosis: Diagnosis = diagnose(self.record, dataset, self.robot)
+        return Answer(diagnosis, diagnosis_parts(diagnosis, self.robot))
+
+    def plot(self, name: str | None = None, *, units: str = "rad") -> Picture:
+        """A figure of the report.
+
+        Parameters
+        ----------
+        name
+            Of the figure, or how its name begins (``"residual_j2"``, ``"spent"``); the first one where not given.
+        units
+            ``"rad"`` or ``"deg"``.
+
+        Raises
+        ------
+        KeyError
+            There is none of this name; the message lists them.
+        """
+        from pumaid.reporting.context import ReportContext
+        from pumaid.reporting.page import all_figures
+
+        context = ReportContext(self.robot, self.record, self.dataset, self._compared(self.dataset), units)
+        every = {drawing.name: drawing for drawing in all_figures(context)}
+        drawn = next((drawing for known, drawing in every.items() if known.startswith(name or "")), None)
+        if drawn is None:
+            raise KeyError(f"there is no figure {name!r}; there are {', '.join(every)}")
+        return Picture(drawn)
+
+    def export(self, form: str, **options: Any) -> Any:
+        """The model for another program, as `pumaid.export` writes it."""
+        from pumaid.exports import export
+
+        return export(self.record, self.robot, form=form, **options)
+
+    def save(self, path: str | PathLike[str]) -> None:
+        """Write the model file that the command line reads."""
+        from pumaid.results.model_file import write_model
+
+        write_model(Path(path), self.record)
+
+    def _compared(self, dataset: Dataset) -> Comparison:
+        from pumaid.verbs.compare import compare
+
+        return compare(self.record, dataset, self.robot)
+
+
+class Picture:
+    """A figure that a notebook shows and `save` writes as PNG, SVG or PDF."""
+
+    def __init__(self, drawing: Any) -> None:
+        self.drawing = drawing
+
+    def __repr__(self) -> str:
+        return f"<{self.drawing.name}: {self.drawing.title}>"
+
+    def _repr_png_(self) -> bytes:
+        return self.drawing.file("png")
+
+    def save(self, path: str | PathLike[str]) -> None:
+        """Write it; the form follows from the file's ending."""
+        from pumaid.io.write import write_file
+
+        write_file(Path(path), self.drawing.file(Path(path).suffix.lstrip(".").lower()))
