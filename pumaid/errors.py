@@ -25,12 +25,12 @@ class Where:
     field: str | None = None
 
     def __str__(self) -> str:
-        told = []
+        parts = []
         for item in fields(self):
             value = getattr(self, item.name)
             if value is not None:
-                told.append(str(value) if item.name == "file" else f"{item.name} {value}")
-        return ", ".join(told)
+                parts.append(str(value) if item.name == "file" else f"{item.name} {value}")
+        return ", ".join(parts)
 
 
 class PumaidError(Exception):

@@ -17,9 +17,18 @@ from pydantic import ValidationError
 
 from pumaid.errors import Note, RecipeError, Where
 from pumaid.io.recipe import RECIPE_NAME, read_recipe
-from pumaid.io.recipe_schema import FASTEST, FASTEST_RAIL, LONGEST_LINK, LONGEST_RAIL, SLOWEST, WIDEST, Arm, JointForm
+from pumaid.io.recipe_schema import (
+    FASTEST,
+    FASTEST_RAIL,
+    LONGEST_LINK,
+    LONGEST_RAIL,
+    SLOWEST,
+    WIDEST,
+    JointForm,
+    RecipeContext,
+)
 from pumaid.io.recipe_template import remarked
-from pumaid.io.urdf import ArmChain, Urdf, UrdfJoint, arm_chain, read_urdf
+from pumaid.io.urdf import ArmChain, UrdfJoint, UrdfTree, arm_chain, read_urdf
 from pumaid.kinematics import DhChain, SerialChain, axes, modified_dh, origins, placement, straightened
 from pumaid.robot import Joint, Robot
 from pumaid.units import factor, number
@@ -55,7 +64,7 @@ joints:
 
 
 @dataclass(frozen=True, slots=True)
-class Agreement:
+class AxisErrors:
     """Farthest that any axis is off in any posture: in direction (rad), and in place (m, across the axis)."""
 
     direction: float
@@ -88,10 +97,10 @@ class UrdfRecipe:
 
     text: str
     robot: Robot
-    urdf: Urdf
+    urdf: UrdfTree
     chain: ArmChain
     base: Floats
-    agreement: Agreement
+    agreement: AxisErrors
     notes: tuple[Note, ...]
 
 
@@ -158,7 +167,7 @@ def geometry(chain: ArmChain) -> tuple[SerialChain, Floats]:
     return SerialChain(np.array(frames), directions, slides), -base[2, :3]
 
 
-def agreement(robot: Robot, chain: SerialChain, base: Floats) -> Agreement:
+def agreement(robot: Robot, chain: SerialChain, base: Floats) -> AxisErrors:
     """Compare a recipe's axes, as lines in space, with homogeneous transforms straight from a URDF's elements.
 
     Parameters
@@ -179,7 +188,7 @@ def agreement(robot: Robot, chain: SerialChain, base: Floats) -> Agreement:
     points = origins(robot.alphas, robot.lengths, offsets=shifts, thetas=angles) @ base[:3, :3].T + base[:3, 3]
     wanted, wanted_points = chain.lines(positions)
     differences = directions - wanted, np.cross(points - wanted_points, wanted)
-    return Agreement(*(float(np.linalg.norm(vectors, axis=-1).max()) for vectors in differences))
+    return AxisErrors(*(float(np.linalg.norm(vectors, axis=-1).max()) for vectors in differences))
 
 
 def _read_back(text: str) -> Robot:
@@ -215,7 +224,7 @@ def _name(joint: UrdfJoint, number_: int, taken: Sequence[str]) -> str:
     """The URDF's name where a recipe can hold it."""
     data = {"type": "revolute", "alpha": 0.0, "a": 0.0, "name": joint.name}
     try:
-        JointForm.model_validate(data, context=Arm((), frozenset(), "rad", True))
+        JointForm.model_validate(data, context=RecipeContext((), frozenset(), "rad", True))
         name = joint.name
     except ValidationError:
         name = f"joint{number_}"
@@ -241,9 +250,11 @@ def _speed(joint: UrdfJoint) -> float | None:
 def _notes_on_chain(chain: ArmChain) -> list[Note]:
     """Which joints were not taken, and whether the last one should have been."""
     notes = []
-    carried, last = [*chain.end, *chain.beside], chain.moving[-1]
-    if carried:
-        text = f"left out, and carried by the arm: {_counted(carried)}; hold them still, their weight is the arm's"
+    last = chain.moving[-1]
+    if chain.carried:
+        text = (
+            f"left out, and carried by the arm: {_counted(chain.carried)}; hold them still, their weight is the arm's"
+        )
         notes.append(Note("urdf-left-out", text))
     if chain.elsewhere:
         text = f"left out, and not carried by the arm: {_counted(chain.elsewhere)}"
@@ -257,7 +268,7 @@ def _notes_on_chain(chain: ArmChain) -> list[Note]:
     return notes
 
 
-def _note_on_bent(chain: ArmChain, bent: dict[int, float], off: Agreement) -> list[Note]:
+def _note_on_bent(chain: ArmChain, bent: dict[int, float], off: AxisErrors) -> list[Note]:
     degree = factor("deg")
     turned = [f"{chain.moving[joint - 1].name} by {number(angle / degree, 2)} deg" for joint, angle in bent.items()]
     text = (
@@ -276,7 +287,7 @@ def _counted(joints: Sequence[UrdfJoint]) -> str:
     return f"{len(joints)} moving joint{'s' * (len(joints) > 1)} ({_listed([joint.name for joint in joints])})"
 
 
-def _head(urdf: Urdf, chain: ArmChain, dh: DhChain, *, is_bent: bool) -> dict[str, str]:
+def _head(urdf: UrdfTree, chain: ArmChain, dh: DhChain, *, is_bent: bool) -> dict[str, str]:
     """The recipe's texts about where it is from."""
     file, base, tip = (
         "".join(letter if letter.isprintable() else "?" for letter in text)
