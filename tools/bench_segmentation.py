@@ -1,4 +1,4 @@
-"""Print how well the segmentation finds runs whose true edges are known, as the table of docs/segmentation.md.
+"""Print how well the segmentation finds runs whose true edges are known, as the table of docs/identification.md.
 
 python tools/bench_segmentation.py [SEEDS]
 """

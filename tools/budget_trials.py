@@ -1,4 +1,4 @@
-"""Measure what docs/budget.md states: false alarms where all is noise, and whose part a hidden effect grows.
+"""Measure what docs/diagnosis.md states: false alarms where all is noise, and whose part a hidden effect grows.
 
 python tools/budget_trials.py
 

@@ -58,9 +58,9 @@ An effect is linear in its parameters once its shape is given; shapes are search
 Other names are the effect's own parameters and shapes.
 Signs are those of [conventions.md](conventions.md); where a motor's current counts against its joint, friction is
 negative.
-An effect of your own is one file: [adding_an_effect.md](adding_an_effect.md).
+An effect of your own is one file: [contributing.md](contributing.md).
 
-"May be mistaken for" names effects that data may not tell from it; `pumaid diagnose` says whether yours can.
+Look-alikes are effects that data may not separate from it; `pumaid diagnose` says whether yours do.
 """
 SESSION = re.compile(r"```console\n(.*?)```", re.DOTALL)
 
@@ -81,45 +81,41 @@ def _section(name: str, command: click.Command | None) -> str:
     usage = " ".join(command.collect_usage_pieces(context))
     options = [option for option in command.get_params(context) if option.name != "help"]
     rows = [row for option in options if (row := option.get_help_record(context)) and row[1]]
-    table = ["| option | |", "|---|---|", *(f"| `{_cell(left)}` | {_cell(right)} |" for left, right in rows)]
+    table = [f"- `{left}`: {' '.join(right.split())}" for left, right in rows]
     shown = ["```sh", *(line.strip() for line in lines), "```"]
     return "\n".join([f"## {name}", "", f"`pumaid {name} {usage}`", "", "\n\n".join(prose), "", *shown, "", *table, ""])
 
 
 def effects_page() -> str:
     """The manual's page of effects: a table, then a section each."""
-    known = sorted((facts(effect) for effect in catalogue().values()), key=lambda told: not told["base"])
+    effects = sorted((facts(effect) for effect in catalogue().values()), key=lambda effect: not effect["base"])
     rows = [
-        f"| [{told['effect']}](#{told['effect']}) | {_cell(told['title'])} | `{_cell(told['equation'])}` |"
-        f" {told['family']} | {', '.join(told['look_alikes'])} |"
-        for told in known
+        f"| [{effect['effect']}](#{effect['effect']}) | {_cell(effect['title'])} | `{_cell(effect['equation'])}` |"
+        f" {', '.join(effect['look_alikes'])} |"
+        for effect in effects
     ]
-    table = ["| effect | what it is | current | family | may be mistaken for |", "|---|---|---|---|---|", *rows, ""]
-    return "\n".join([HEAD_EFFECTS, *table, *(_effect(told) for told in known)])
+    table = ["| effect | meaning | current | look-alikes |", "|---|---|---|---|", *rows, ""]
+    return "\n".join([HEAD_EFFECTS, *table, *map(_effect, effects)])
 
 
-def _effect(told: dict[str, Any]) -> str:
+def _effect(effect: dict[str, Any]) -> str:
     """The section of one effect."""
-    prose = [" ".join(part.split("\n")) for part in told["physics"].split("\n\n")]
-    lines = [f"## {told['effect']}", "", f"{told['title']}.", "", f"    {told['equation']}", "", "\n\n".join(prose), ""]
-    for word, found in (("parameter", told["parameters"]), ("shape", told["shapes"])):
-        if found:
-            lines += [f"| {word} | joint | unit | bounds | example | meaning |", "|---|---|---|---|---|---|"]
-            lines += [_number(one) for one in merged(found)] + [""]
-    lines += [f"- Not at a {kind} joint: {reason}." for kind, reason in told["not_at"].items()]
-    if told["look_alikes"]:
-        lines.append(f"- May be mistaken for: {', '.join(told['look_alikes'])}.")
-    lines.append(f"- Shown by: {', '.join(told['shown_by'])}.")
-    if told["seen_in"]:
-        lines.append(f"- Seen best in: {told['seen_in']}.")
-    lines.append(f"- To add it: `{told['command']}`." if told["command"] else "- It is in every model.")
-    return "\n".join([*lines, f"- Source: {told['source']}.", ""])
+    prose = [" ".join(part.split("\n")) for part in effect["physics"].split("\n\n")]
+    lines = [f"## {effect['effect']}", "", "\n\n".join(prose), ""]
+    lines += [_number(item) for item in merged(effect["parameters"])]
+    lines += [_number(item) for item in merged(effect["shapes"])] + [""]
+    lines += [f"Not at a {kind} joint: {reason}." for kind, reason in effect["not_at"].items()]
+    lines += [f"Best seen in {effect['seen_in']}."] if effect["seen_in"] else []
+    return "\n".join([*lines, f"Source: {effect['source']}.", ""])
 
 
-def _number(one: dict[str, Any]) -> str:
-    limits = bounds(one["low"], one["high"])
-    cells = (f"`{one['name']}`", one["owner"], one["unit"], limits, f"{one['example']:g}", _cell(one["meaning"]))
-    return f"| {' | '.join(cells)} |"
+def _number(item: dict[str, Any]) -> str:
+    limits = bounds(item["low"], item["high"])
+    joint = f"{item['owner']} joint: " if item["owner"] in ("revolute", "prismatic") else ""
+    unit = ", ".join(
+        word for word in (item["unit"] if item["unit"] != "1" else "", limits if limits != "any" else "") if word
+    )
+    return f"- `{item['name']}`{f' ({joint}{unit})' if unit else ''}: {item['meaning']}"
 
 
 def _cell(text: str) -> str:

@@ -66,7 +66,7 @@ def _refusal(error: Exception) -> PumaidError | None:
         return None
     frame = frames[-1]
     what = f"the effect fails on this robot: {frame.name}() raises {type(error).__name__}: {words}"
-    mend = "mend the effect; docs/adding_an_effect.md says what it must keep on every robot and every run"
+    mend = "mend the effect; docs/contributing.md says what it must keep on every robot and every run"
     return ModelError("effect-contract", what, Where(file=frame.filename, row=frame.lineno), mend)
 
 

@@ -27,7 +27,7 @@ GROUP = "pumaid.effects"
 #: Instants of the made-up motion on which effects are tried.
 INSTANTS = 24
 
-_MEND = "docs/adding_an_effect.md shows such a file"
+_MEND = "docs/contributing.md shows such a file"
 _KINDS = [("revolute", 0.3), ("revolute", -1.2), ("prismatic", 0.7), ("revolute", 1.1)]
 
 #: Turning joints and a slide, with gears and limits, none of them special to gravity.

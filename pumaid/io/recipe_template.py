@@ -41,7 +41,7 @@ _EFFECTS = """
 """
 
 _SAFETY = """
-# What the arm must not touch when it runs a plan (docs/safety.md); without it only limits and speeds are kept.
+# What the arm must not touch when it runs a plan (docs/planning.md); without it only limits and speeds are kept.
 # safety:
 #   tool: [0, 0, 0.1]    # the tip in the last link's frame, m
 #   boxes: [{name: table, min: [-1, -1, -1], max: [1, 1, -0.1]}]    # in axes of the base, m

@@ -174,8 +174,7 @@ def test_the_report_tells_it(arm):
     """A report made after a diagnosis holds it, and says so where it is of another model or of other logs."""
     run("diagnose", "results/model.json", "logs")
     path = Path("results/diagnosis.json")
-    document = json.loads(path.read_text(encoding="utf-8"))
-    path.write_text(json.dumps(document | {"model": {"sha256": "ab" * 32}}), encoding="utf-8")
+    write_diagnosis(path, replace(read_diagnosis(path), model="ab" * 32))
     assert run("report", "--format", "").exit_code == 0
     page = Path("results/report.html").read_text(encoding="utf-8")
     assert 'id="diagnosis"' in page and "ripple is missing" in page

@@ -16,7 +16,7 @@ from pumaid.effects import catalogue, include, plugins
 from pumaid.effects.plugins import ARM, breach, example
 from pumaid.errors import ModelError
 
-PAGE = Path(__file__).parents[2] / "docs" / "adding_an_effect.md"
+PAGE = Path(__file__).parents[2] / "docs" / "contributing.md"
 #: The example of the manual.
 CHURNING = re.search(r"```python\n(.*?)```", PAGE.read_text(encoding="utf-8"), re.DOTALL)[1]
 #: An effect as short as it may be.

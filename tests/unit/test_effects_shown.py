@@ -108,7 +108,7 @@ def test_manual_has_every_effect():
     sections = dict(re.findall(r"^## (\w+)\n(.*?)(?=^## |\Z)", PAGE, re.DOTALL | re.MULTILINE))
     table = PAGE.split("## ")[0]
     for name, effect in catalogue().items():
-        assert f"[{name}](#{name})" in table
-        assert effect.equation in sections[name] and effect.source in sections[name]
-        assert all(f"| `{one['name']}` |" in sections[name] for one in facts(effect)["parameters"])
+        assert f"[{name}](#{name})" in table and effect.equation in table
+        assert effect.source in sections[name]
+        assert all(f"- `{one['name']}`" in sections[name] for one in facts(effect)["parameters"])
     assert set(sections) == set(catalogue())
