@@ -20,7 +20,7 @@ from pumaid.simulation.recursion import gravity_current
 from pumaid.structure import minimal
 from pumaid.trajectory import Motion, Plan
 
-ARMS = ("puma560", "stanford", "kinova_gen3", "pendulum2")
+ARMS = ("puma560", "stanford", "pendulum2")
 
 
 @cache
@@ -142,11 +142,6 @@ def test_postures_make_each_ratio_visible():
             q[:, inner - 1] = np.linspace(-2, 2, 40)
             loads.append((gravity_current(robot, known, q) - gravity_current(robot, own, q))[:, inner - 1])
         assert np.max(np.std(loads, axis=0)) > 0.02
-
-
-def test_joints_that_matter_not_stay_put():
-    """A vertical first joint is never moved for another joint's sake."""
-    assert {m.hold[0] for m in planned("puma560").motions if m.joint != 1} == {0.0}
 
 
 @pytest.mark.parametrize("name", ["puma560", "pendulum2"])

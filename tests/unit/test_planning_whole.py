@@ -19,7 +19,6 @@ from pumaid.records import Estimate
 from pumaid.robot import Box, Joint, Robot, Safety, Sphere
 from pumaid.simulation import Bench, draw, table1
 from pumaid.simulation.links import Links
-from pumaid.trajectory import Motion, Plan
 from pumaid.verbs.identify import identify
 
 DEG = np.pi / 180.0
@@ -82,17 +81,6 @@ def test_an_earlier_model_brings_its_noise():
     assert np.mean(share, axis=0) == pytest.approx(1.0, rel=0.25)
 
 
-def test_a_model_of_one_joint_is_told_to_be_one():
-    """What a partial model does not know is taken from a drawn robot, and named."""
-    robot, truth = arm("pendulum2"), draw(arm("pendulum2"), 44)
-    motions = [Motion(2, (0.5, 0.0), -w, w, v) for w in (1.5, -1.5) for v in (0.3, 0.6, 0.9)]
-    runs = Bench(truth, Plan(robot.name, tuple(motions)), rate=50.0).runs(np.random.default_rng(1))
-    found = plan(robot, minutes=6, prior=identify(Dataset(runs), robot), seed=1)
-    (told,) = [one for one in found.assumptions if "does not tell" in one]
-    assert "gain_ratio.1.2" in told
-    assert "coulomb.j1.plus" in told and "coulomb.j2.plus" not in told
-
-
 def test_a_ratio_that_was_not_shown_is_not_believed():
     """The paper's runs leave eta_5/eta_6 in the dark; planning for their model takes it from a drawn robot."""
     truth = table1.puma560()
@@ -138,25 +126,6 @@ def test_a_crawling_joint_makes_short_ways():
     own = [motion for motion in plan(slow(), seed=1).motions if motion.joint == 2]
     assert len({motion.velocity for motion in own}) >= 4
     assert max(abs(motion.end - motion.start) / motion.velocity for motion in own) < 70.0
-
-
-@pytest.mark.parametrize(
-    ("wish", "words"),
-    [
-        ({"minutes": 1e6}, "out of range"),
-        ({"minutes": float("nan")}, "out of range"),
-        ({"replicates": 10**6}, "out of range"),
-        ({"speeds": (1.0, 1.0, 1.0)}, "too few"),
-        ({"speeds": (0.1, 0.2, float("nan"))}, "no share"),
-        ({"criterion": "best"}, "known: geometric, worst"),
-    ],
-)
-def test_what_no_plan_can_be_is_refused(wish, words):
-    """One message that says what is wrong, before any work."""
-    with pytest.raises(ModelError) as caught:
-        plan(arm("pendulum2"), **wish)
-    assert caught.value.slug == "plan-impossible"
-    assert words in f"{caught.value.what} {caught.value.mend}"
 
 
 def test_postures_that_there_are_not_are_told():
