@@ -36,7 +36,7 @@ _NAMES = {
     "pumaid.trajectory": "Motion Plan Posture",
     "pumaid.verbs.compare": "compare",
     "pumaid.verbs.diagnose": "diagnose",
-    "pumaid.verbs.segment": "segment",
+    "pumaid.preprocessing.segment": "segment",
     "pumaid.verbs.simulate": "simulate",
 }
 _HOMES = {name: module for module, names in _NAMES.items() for name in names.split()}

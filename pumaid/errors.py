@@ -25,12 +25,12 @@ class Where:
     field: str | None = None
 
     def __str__(self) -> str:
-        parts = []
+        told = []
         for item in fields(self):
             value = getattr(self, item.name)
             if value is not None:
-                parts.append(str(value) if item.name == "file" else f"{item.name} {value}")
-        return ", ".join(parts)
+                told.append(str(value) if item.name == "file" else f"{item.name} {value}")
+        return ", ".join(told)
 
 
 class PumaidError(Exception):

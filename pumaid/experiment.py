@@ -271,7 +271,7 @@ def recipe_path(recipe: Path | None, logs: Sequence[str] = ()) -> Path:
 def _with_heldout(dataset: Dataset, wanted: Sequence[str]) -> Dataset:
     """Runs of the files that the user names marked as held out; the word ``posture`` means each joint's last one."""
     from pumaid.io.paths import meant
-    from pumaid.preprocessing.heldout import hold_out
+    from pumaid.preprocessing.hold_out import hold_out
 
     names = [facts.name for facts in dataset.files]
     files = dict.fromkeys(name for word in wanted if word != POSTURE for name in meant(word, names))
@@ -284,9 +284,9 @@ def _with_plan(dataset: Dataset, robot: Robot, folder: Path) -> Dataset:
     path = find_plan([folder])
     if path is None:
         return dataset
-    from pumaid.preprocessing.planned import mark_heldout
+    from pumaid.preprocessing.hold_out import match_with_plan
 
-    return mark_heldout(dataset, read_plan(path, robot))
+    return match_with_plan(dataset, read_plan(path, robot))
 
 
 class DatasetFile:

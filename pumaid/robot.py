@@ -194,9 +194,9 @@ class Robot:
         """
         out = np.eye(self.n_joints)
         for (driven, driving), ratio in sorted(self.coupling.items()):
-            driven_ratio, driving_ratio = self.joint(driven).gear_ratio, self.joint(driving).gear_ratio
-            assert driven_ratio is not None and driving_ratio is not None
-            out[driven - 1] += ratio * driving_ratio / driven_ratio * out[driving - 1]
+            own, other = self.joint(driven).gear_ratio, self.joint(driving).gear_ratio
+            assert own is not None and other is not None
+            out[driven - 1] += ratio * other / own * out[driving - 1]
         return out
 
     def shaft_velocity(self, velocity: Floats) -> Floats:

@@ -13,8 +13,7 @@ from numpy.typing import NDArray
 from pumaid.dataset import Run, run_columns
 from pumaid.knots import COURSES, at, spread
 from pumaid.lateness import axes
-from pumaid.maths.short import lengths
-from pumaid.maths.slope import acceleration as acceleration_of
+from pumaid.preprocessing.differentiate import acceleration as acceleration_of
 from pumaid.records import Campaign, Loads, Samples
 from pumaid.robot import Robot
 
@@ -152,7 +151,7 @@ class Sight:
     @property
     def sizes(self) -> Counts:
         """(R,) bins of each run."""
-        return lengths(self.starts, len(self.weight))
+        return np.diff(self.starts, append=len(self.weight))
 
     @property
     def grain(self) -> int:
@@ -210,7 +209,7 @@ def _shrunk(values: Floats, axis: Floats, starts: Counts) -> Floats:
     if not axis.any():
         return values
     along = np.add.reduceat(axis[:, None] * values, starts, axis=0)
-    return np.asarray(values - axis[:, None] * np.repeat(along, lengths(starts, len(axis)), axis=0))
+    return np.asarray(values - axis[:, None] * np.repeat(along, np.diff(starts, append=len(axis)), axis=0))
 
 
 def averaged(values: Floats, bins: int) -> Floats:

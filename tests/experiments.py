@@ -14,10 +14,10 @@ from pumaid.io.log_reader import LogReader
 from pumaid.io.log_writer import write_log
 from pumaid.maths.joint_fit import Bilinear
 from pumaid.model import Model
+from pumaid.preprocessing.segment import segment
 from pumaid.records import Estimate
 from pumaid.simulation import Bench, Noise, Truth, table1
 from pumaid.verbs.identify import identify
-from pumaid.verbs.segment import segment
 from pumaid.verbs.simulate import simulate
 
 #: Experiments of which intervals are judged, and of which errors are compared with the least possible.

@@ -24,8 +24,8 @@ from pumaid.io.recipe import read_recipe, shipped_recipes
 LOADED = (
     *("pandas", "rich.console", "scipy.optimize", "pumaid.cli.commands.identify", "pumaid.cli.progress"),
     *("pumaid.results.history", "pumaid.io.plan_file", "pumaid.io.log_reader"),
-    *("pumaid.preprocessing.suspicion", "pumaid.reporting.text", "pumaid.reporting.tables", "pumaid.verbs.identify"),
-    "pumaid.verbs.segment",
+    *("pumaid.preprocessing.log_checks", "pumaid.reporting.text", "pumaid.reporting.tables", "pumaid.verbs.identify"),
+    "pumaid.preprocessing.segment",
 )
 
 

@@ -13,7 +13,7 @@ sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
 
 from motion_worlds import SCENARIOS, Score, World, make, robot, score
 
-from pumaid.verbs.segment import segment
+from pumaid.preprocessing.segment import segment
 
 #: Seeds from here on were never looked at while thresholds were chosen (below 10 000 they were).
 FIRST_SEED = 12_000

@@ -13,11 +13,10 @@ from numpy.typing import NDArray
 
 from pumaid.dataset import Bins, Run
 from pumaid.maths.alike import grouped
-from pumaid.maths.short import lengths
-from pumaid.maths.slope import acceleration
 from pumaid.model import Model
+from pumaid.preprocessing.binning import coarser
+from pumaid.preprocessing.differentiate import acceleration
 from pumaid.preprocessing.options import CONSTANT
-from pumaid.preprocessing.reduce import coarser
 from pumaid.preprocessing.replicates import replicates
 from pumaid.records import Campaign, Extent, Samples
 from pumaid.sight import joined, samples_of
@@ -90,7 +89,7 @@ class Field:
     @property
     def lengths(self) -> Counts:
         """(R,) bins of each run."""
-        return lengths(self.first, len(self))
+        return np.diff(self.first, append=len(self))
 
     def sums(self, values: Floats) -> Floats:
         """(R, ...) sums over the bins of each run."""

@@ -19,7 +19,7 @@ from pumaid.estimation.shapes import look
 from pumaid.estimation.system import Fitted, Progress, again, eased, releveled, solve, stroke_noise
 from pumaid.estimation.views import Sights, loaded, sights
 from pumaid.model import Model
-from pumaid.preprocessing.reduce import coarser
+from pumaid.preprocessing.binning import coarser
 from pumaid.records import Campaign
 from pumaid.robot import EffectChoice
 

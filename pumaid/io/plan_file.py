@@ -111,9 +111,9 @@ def _position(value: float, info: ValidationInfo) -> float:
 def _velocity(value: float, info: ValidationInfo) -> float:
     joint = _moving(info)
     if joint is not None and joint.max_velocity is not None:
-        fastest = joint.max_velocity / _arm(info).scale(joint)
-        if value > fastest * (1.0 + 1e-6):
-            what = f"joint {joint.number} may do {number(fastest)} {_arm(info).unit(joint)}/s, the run wants {value:g}"
+        most = joint.max_velocity / _arm(info).scale(joint)
+        if value > most * (1.0 + 1e-6):
+            what = f"joint {joint.number} may do {number(most)} {_arm(info).unit(joint)}/s, the run wants {value:g}"
             raise refusal("plan-wrong", what, "lower the velocity")
     return value
 
@@ -370,8 +370,8 @@ def _number(value: float) -> str:
 def _numbers(motion: Motion, arm: _Arm) -> tuple[list[str], list[str]]:
     """Held positions, and start, end and speed, in the plan's units."""
     scale = arm.scale(arm.robot.joint(motion.joint))
-    span = [_number(value / scale) for value in (motion.start, motion.end, motion.velocity)]
-    return _held(motion.hold, arm), span
+    own = [_number(value / scale) for value in (motion.start, motion.end, motion.velocity)]
+    return _held(motion.hold, arm), own
 
 
 def _held(hold: Sequence[float], arm: _Arm) -> list[str]:
@@ -430,7 +430,7 @@ def _csv(plan: Plan, arm: _Arm) -> str:
     holds = [f"hold{joint.number}_{arm.unit(joint)}" for joint in arm.robot.joints]
     writer.writerow(["run", "joint", *holds, "from", "to", "velocity", "unit", "purpose"])
     for count, motion in enumerate(plan.motions, start=1):
-        held, span = _numbers(motion, arm)
+        held, own = _numbers(motion, arm)
         unit = arm.unit(arm.robot.joint(motion.joint))
-        writer.writerow([count, motion.joint, *held, *span, unit, motion.purpose])
+        writer.writerow([count, motion.joint, *held, *own, unit, motion.purpose])
     return out.getvalue()

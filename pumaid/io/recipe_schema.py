@@ -61,7 +61,7 @@ _COLUMN = "write {joint} (counts from 1), {joint0} (from 0) or {name} where the 
 
 
 @dataclass(frozen=True)
-class RecipeContext:
+class Arm:
     """What a value is checked against: the joints' names and types, the unit of angles and whether it is stated."""
 
     names: tuple[str, ...]
@@ -70,7 +70,7 @@ class RecipeContext:
     is_stated: bool
 
     @classmethod
-    def of(cls, data: dict[str, Any]) -> RecipeContext:
+    def of(cls, data: dict[str, Any]) -> Arm:
         """From a recipe's plain data, whatever it holds."""
         joints = [joint if isinstance(joint, dict) else {} for joint in listed(data, "joints")]
         names = (joint.get("name") for joint in joints)
@@ -95,8 +95,8 @@ def mapped(data: Any, key: str) -> dict[Any, Any]:
     return value if isinstance(value, dict) else {}
 
 
-def _arm(info: ValidationInfo) -> RecipeContext:
-    return cast(RecipeContext, info.context)
+def _arm(info: ValidationInfo) -> Arm:
+    return cast(Arm, info.context)
 
 
 def _is_rail(info: ValidationInfo) -> bool:
@@ -124,9 +124,9 @@ def _plausible(value: float, info: ValidationInfo) -> float:
     key, arm, size = str(info.field_name), _arm(info), abs(value)
     per_s = "/s" if key == "max_velocity" else ""
     if _is_rail(info):
-        farthest = FASTEST_RAIL if per_s else LONGEST_RAIL
-        if size > farthest:
-            what = f"{key} of {value:g} m{per_s} is beyond {farthest:g} m{per_s}"
+        most = FASTEST_RAIL if per_s else LONGEST_RAIL
+        if size > most:
+            what = f"{key} of {value:g} m{per_s} is beyond {most:g} m{per_s}"
             raise refusal("recipe-bad-value", what, f"prismatic joints are in m{per_s}; divide by 1000")
         return value
     is_constant = key in ("alpha", "theta")
@@ -418,7 +418,7 @@ class RecipeForm(_Form):
     licence: Texts = ""
 
 
-def faults_between(data: dict[str, Any], arm: RecipeContext) -> Iterator[Fault]:
+def faults_between(data: dict[str, Any], arm: Arm) -> Iterator[Fault]:
     """Faults that show only when two values are seen together; wrong types are the form's concern."""
     joints = [joint if isinstance(joint, dict) else {} for joint in listed(data, "joints")]
     yield from _repeated(arm.names, "joints", "name")
@@ -454,7 +454,7 @@ def _repeated(names: tuple[str, ...], *path: str) -> Iterator[Fault]:
             yield Fault((*block, index, key), "recipe-bad-value", what, "give each its own name")
 
 
-def _columns(log: dict[Any, Any], arm: RecipeContext) -> Iterator[Fault]:
+def _columns(log: dict[Any, Any], arm: Arm) -> Iterator[Fault]:
     """Columns that two quantities take."""
     taken = Counter([str(log.get("time", "t"))])
     for key in ("position", "velocity", "current", "temperature"):
@@ -475,18 +475,18 @@ def _columns(log: dict[Any, Any], arm: RecipeContext) -> Iterator[Fault]:
         yield Fault(("log", "units", "position"), "recipe-bad-value", what, mend)
 
 
-def _effects(data: dict[str, Any], arm: RecipeContext) -> Iterator[Fault]:
+def _effects(data: dict[str, Any], arm: Arm) -> Iterator[Fault]:
     """The same effect twice at a joint."""
-    keys = set()
+    seen = set()
     for index, choice in enumerate(listed(data, "effects")):
         if isinstance(choice, dict):
             joint = choice.get("joint", "all")
             number = arm.names.index(joint) + 1 if joint in arm.names else joint
             key = f"{choice.get('effect')} at joint {number} {choice.get('shape')}"
-            if key in keys:
+            if key in seen:
                 what = f"{choice.get('effect')} at joint {joint} is given twice"
                 yield Fault(("effects", index), "recipe-bad-value", what, "remove one")
-            keys.add(key)
+            seen.add(key)
 
 
 def _boxes(safety: Any) -> Iterator[Fault]:
@@ -496,8 +496,8 @@ def _boxes(safety: Any) -> Iterator[Fault]:
     words = tuple(name if isinstance(name, str) else f"box {k}" for k, name in enumerate(names, start=1))
     yield from _repeated(words, "safety", "boxes", "name")
     for index, box in enumerate(boxes):
-        for axis, low, high in zip("xyz", listed(box, "min"), listed(box, "max"), strict=False):
-            if is_number(low) and is_number(high) and low >= high:
-                what = f"along {axis} the box reaches from {low:g} to {high:g} m, so it has no inside"
+        for axis, least, most in zip("xyz", listed(box, "min"), listed(box, "max"), strict=False):
+            if is_number(least) and is_number(most) and least >= most:
+                what = f"along {axis} the box reaches from {least:g} to {most:g} m, so it has no inside"
                 mend = "write the lower corner as min and the upper as max"
                 yield Fault(("safety", "boxes", index), "recipe-bad-value", what, mend)

@@ -119,7 +119,7 @@ class UrdfJoint:
 
 
 @dataclass(frozen=True)
-class UrdfTree:
+class Urdf:
     """A robot: its links by name, its joints in the file's order, the file and the SHA-256 of its bytes."""
 
     name: str
@@ -183,7 +183,7 @@ class UrdfTree:
         return sorted(moving, key=lambda joint: -self.reach[joint.child])
 
 
-def read_urdf(path: Path) -> UrdfTree:
+def read_urdf(path: Path) -> Urdf:
     """Read a URDF; ``-`` is standard input.
 
     Raises
@@ -201,9 +201,7 @@ def read_urdf(path: Path) -> UrdfTree:
     links = [element.get("name", "").strip() for element in robot.findall("link")]
     joints = [_joint(element, file) for element in robot.iterfind("joint") if isinstance(element, Element)]
     faults = [*_unnamed(robot, file), *_structure(links, joints)]
-    urdf = UrdfTree(
-        robot.get("name", ""), tuple(links), tuple(joints), file, digest=hashlib.sha256(content).hexdigest()
-    )
+    urdf = Urdf(robot.get("name", ""), tuple(links), tuple(joints), file, digest=hashlib.sha256(content).hexdigest())
     faults = faults or list(_circle(urdf))
     if faults:
         raise_together(sorted(faults, key=lambda fault: fault.where.line or 0))
@@ -267,7 +265,7 @@ def _unnamed(robot: Element, file: str) -> Iterator[PumaidError]:
 
 def _structure(links: Sequence[str], joints: Sequence[UrdfJoint]) -> Iterator[PumaidError]:
     """Joints of unknown types, between links that are not there, and links that two joints carry."""
-    names, carriers = set(links), Counter(joint.child for joint in joints)
+    known, carriers = set(links), Counter(joint.child for joint in joints)
     if not links and joints:
         yield refusal(joints[0].file, "there is no link", "give the arm's URDF")
     for joint in joints:
@@ -277,17 +275,17 @@ def _structure(links: Sequence[str], joints: Sequence[UrdfJoint]) -> Iterator[Pu
             mend = f"did you mean {near}?" if near else f"one of {', '.join(TYPES)}"
             yield refusal(joint.file, f"joint {joint.name} has type '{joint.kind[:40]}'", mend, line=line)
         for tag, link in (("parent", joint.parent), ("child", joint.child)):
-            if link not in names:
-                near = nearest(link, names) if len(names) < 10_000 else None
+            if link not in known:
+                near = nearest(link, known) if len(known) < 10_000 else None
                 mend = f"did you mean {near}?" if near else f'write <{tag} link="..."/> with the name of a link'
                 what = f"joint {joint.name} has the {tag} '{link[:40]}', which is no link"
                 yield refusal(joint.file, what, mend, line=line)
-        if carriers[joint.child] > 1 and joint.child in names:
+        if carriers[joint.child] > 1 and joint.child in known:
             what = f"joint {joint.name} carries link {joint.child}, as another joint does"
             yield refusal(joint.file, what, "a link hangs on one joint; a URDF holds no closed loops", line=line)
 
 
-def _circle(urdf: UrdfTree) -> Iterator[PumaidError]:
+def _circle(urdf: Urdf) -> Iterator[PumaidError]:
     """A joint of which going outward never ends: its link hangs on no root."""
     if not urdf.links:
         yield refusal(urdf.file, "there is no link", "give the arm's URDF")
@@ -309,8 +307,10 @@ class ArmChain:
         Joints from the URDF's root to `base`, outward.
     path
         Joints from `base` to `tip`, outward.
-    carried
-        Other moving joints that the arm carries: a gripper's, a camera's.
+    end
+        Moving joints that the last joint carries: a gripper or hand.
+    beside
+        Other moving joints that the arm carries.
     elsewhere
         Moving joints that it does not carry.
     """
@@ -319,7 +319,8 @@ class ArmChain:
     tip: str
     before: tuple[UrdfJoint, ...]
     path: tuple[UrdfJoint, ...]
-    carried: tuple[UrdfJoint, ...]
+    end: tuple[UrdfJoint, ...]
+    beside: tuple[UrdfJoint, ...]
     elsewhere: tuple[UrdfJoint, ...]
 
     @property
@@ -328,7 +329,7 @@ class ArmChain:
         return tuple(joint for joint in self.path if joint.moves)
 
 
-def arm_chain(urdf: UrdfTree, *, base: str | None = None, tip: str | None = None) -> ArmChain:
+def arm_chain(urdf: Urdf, *, base: str | None = None, tip: str | None = None) -> ArmChain:
     """The arm in a URDF.
 
     With `tip`, all that lies between it and `base`. Without, the line of most moving joints from `base`, cut where it
@@ -364,25 +365,27 @@ def arm_chain(urdf: UrdfTree, *, base: str | None = None, tip: str | None = None
         raise _which(urdf, f"no joints lead outward from {base} to {end}", mend)
     path = whole[len(before) :]
     _refuse_unusable(urdf, base, path)
+    moving = [joint for joint in path if joint.moves]
     taken = {joint.name for joint in path}
-    first = next(joint for joint in path if joint.moves)
-    carried = [joint for joint in urdf.moving_below(first.child) if joint.name not in taken]
-    counted = taken | {joint.name for joint in carried}
+    carried = [joint for joint in urdf.moving_below(moving[0].child) if joint.name not in taken]
+    beyond = {joint.name for joint in urdf.moving_below(moving[-1].child)}
+    known = taken | {joint.name for joint in carried}
     return ArmChain(
         base,
         end,
         before=tuple(before),
         path=tuple(path),
-        carried=tuple(carried),
-        elsewhere=tuple(joint for joint in urdf.joints if joint.moves and joint.name not in counted),
+        end=tuple(joint for joint in carried if joint.name in beyond),
+        beside=tuple(joint for joint in carried if joint.name not in beyond),
+        elsewhere=tuple(joint for joint in urdf.joints if joint.moves and joint.name not in known),
     )
 
 
-def _which(urdf: UrdfTree, what: str, mend: str) -> RecipeError:
+def _which(urdf: Urdf, what: str, mend: str) -> RecipeError:
     return RecipeError("urdf-which-chain", what, Where(file=urdf.file), mend)
 
 
-def _root(urdf: UrdfTree, tip: str | None) -> str:
+def _root(urdf: Urdf, tip: str | None) -> str:
     if tip is not None:
         path = urdf.path_to(tip)
         return path[0].parent if path else tip
@@ -393,7 +396,7 @@ def _root(urdf: UrdfTree, tip: str | None) -> str:
     return roots[0]
 
 
-def _longest(urdf: UrdfTree, base: str) -> str:
+def _longest(urdf: Urdf, base: str) -> str:
     """The tip of the one longest chain from `base`."""
     tip, is_clear, _ = _walk(urdf, base)
     if is_clear:
@@ -405,16 +408,16 @@ def _longest(urdf: UrdfTree, base: str) -> str:
             chains.append((start, end, count + 1))
             starts += [] if is_clear else [end]
     chains.sort(key=lambda chain: -chain[2])
-    listed = "; ".join(
+    told = "; ".join(
         f"--base {quote(start)} --tip {quote(end)} ({count} joint{'s' * (count > 1)})"
         for start, end, count in chains[:LISTED]
     )
     more = f"; {len(chains) - LISTED} more" if len(chains) > LISTED else ""
     what = f"below {base} several chains of joints are as long as one another"
-    raise _which(urdf, what, f"say which one: {listed}{more}")
+    raise _which(urdf, what, f"say which one: {told}{more}")
 
 
-def _walk(urdf: UrdfTree, start: str) -> tuple[str, bool, int]:
+def _walk(urdf: Urdf, start: str) -> tuple[str, bool, int]:
     """Where the longest chain ends or splits, whether it is clear which chain that is, and its number of joints."""
     link, count = start, 0
     while ahead := urdf.next(link):
@@ -429,7 +432,7 @@ def _walk(urdf: UrdfTree, start: str) -> tuple[str, bool, int]:
     return link, True, count
 
 
-def _refuse_unusable(urdf: UrdfTree, base: str, path: Sequence[UrdfJoint]) -> None:
+def _refuse_unusable(urdf: Urdf, base: str, path: Sequence[UrdfJoint]) -> None:
     for joint in path:
         if joint.kind in FREE:
             what = f"joint {joint.name} is {joint.kind}; a recipe's joints turn or slide"

@@ -17,18 +17,9 @@ from pydantic import ValidationError
 
 from pumaid.errors import Note, RecipeError, Where
 from pumaid.io.recipe import RECIPE_NAME, read_recipe
-from pumaid.io.recipe_schema import (
-    FASTEST,
-    FASTEST_RAIL,
-    LONGEST_LINK,
-    LONGEST_RAIL,
-    SLOWEST,
-    WIDEST,
-    JointForm,
-    RecipeContext,
-)
+from pumaid.io.recipe_schema import FASTEST, FASTEST_RAIL, LONGEST_LINK, LONGEST_RAIL, SLOWEST, WIDEST, Arm, JointForm
 from pumaid.io.recipe_template import remarked
-from pumaid.io.urdf import ArmChain, UrdfJoint, UrdfTree, arm_chain, read_urdf
+from pumaid.io.urdf import ArmChain, Urdf, UrdfJoint, arm_chain, read_urdf
 from pumaid.kinematics import DhChain, SerialChain, axes, modified_dh, origins, placement, straightened
 from pumaid.robot import Joint, Robot
 from pumaid.units import factor, number
@@ -64,7 +55,7 @@ joints:
 
 
 @dataclass(frozen=True, slots=True)
-class AxisErrors:
+class Agreement:
     """Farthest that any axis is off in any posture: in direction (rad), and in place (m, across the axis)."""
 
     direction: float
@@ -97,10 +88,10 @@ class UrdfRecipe:
 
     text: str
     robot: Robot
-    urdf: UrdfTree
+    urdf: Urdf
     chain: ArmChain
     base: Floats
-    agreement: AxisErrors
+    agreement: Agreement
     notes: tuple[Note, ...]
 
 
@@ -167,7 +158,7 @@ def geometry(chain: ArmChain) -> tuple[SerialChain, Floats]:
     return SerialChain(np.array(frames), directions, slides), -base[2, :3]
 
 
-def agreement(robot: Robot, chain: SerialChain, base: Floats) -> AxisErrors:
+def agreement(robot: Robot, chain: SerialChain, base: Floats) -> Agreement:
     """Compare a recipe's axes, as lines in space, with homogeneous transforms straight from a URDF's elements.
 
     Parameters
@@ -188,7 +179,7 @@ def agreement(robot: Robot, chain: SerialChain, base: Floats) -> AxisErrors:
     points = origins(robot.alphas, robot.lengths, offsets=shifts, thetas=angles) @ base[:3, :3].T + base[:3, 3]
     wanted, wanted_points = chain.lines(positions)
     differences = directions - wanted, np.cross(points - wanted_points, wanted)
-    return AxisErrors(*(float(np.linalg.norm(vectors, axis=-1).max()) for vectors in differences))
+    return Agreement(*(float(np.linalg.norm(vectors, axis=-1).max()) for vectors in differences))
 
 
 def _read_back(text: str) -> Robot:
@@ -224,7 +215,7 @@ def _name(joint: UrdfJoint, number_: int, taken: Sequence[str]) -> str:
     """The URDF's name where a recipe can hold it."""
     data = {"type": "revolute", "alpha": 0.0, "a": 0.0, "name": joint.name}
     try:
-        JointForm.model_validate(data, context=RecipeContext((), frozenset(), "rad", True))
+        JointForm.model_validate(data, context=Arm((), frozenset(), "rad", True))
         name = joint.name
     except ValidationError:
         name = f"joint{number_}"
@@ -250,11 +241,9 @@ def _speed(joint: UrdfJoint) -> float | None:
 def _notes_on_chain(chain: ArmChain) -> list[Note]:
     """Which joints were not taken, and whether the last one should have been."""
     notes = []
-    last = chain.moving[-1]
-    if chain.carried:
-        text = (
-            f"left out, and carried by the arm: {_counted(chain.carried)}; hold them still, their weight is the arm's"
-        )
+    carried, last = [*chain.end, *chain.beside], chain.moving[-1]
+    if carried:
+        text = f"left out, and carried by the arm: {_counted(carried)}; hold them still, their weight is the arm's"
         notes.append(Note("urdf-left-out", text))
     if chain.elsewhere:
         text = f"left out, and not carried by the arm: {_counted(chain.elsewhere)}"
@@ -268,7 +257,7 @@ def _notes_on_chain(chain: ArmChain) -> list[Note]:
     return notes
 
 
-def _note_on_bent(chain: ArmChain, bent: dict[int, float], off: AxisErrors) -> list[Note]:
+def _note_on_bent(chain: ArmChain, bent: dict[int, float], off: Agreement) -> list[Note]:
     degree = factor("deg")
     turned = [f"{chain.moving[joint - 1].name} by {number(angle / degree, 2)} deg" for joint, angle in bent.items()]
     text = (
@@ -287,7 +276,7 @@ def _counted(joints: Sequence[UrdfJoint]) -> str:
     return f"{len(joints)} moving joint{'s' * (len(joints) > 1)} ({_listed([joint.name for joint in joints])})"
 
 
-def _head(urdf: UrdfTree, chain: ArmChain, dh: DhChain, *, is_bent: bool) -> dict[str, str]:
+def _head(urdf: Urdf, chain: ArmChain, dh: DhChain, *, is_bent: bool) -> dict[str, str]:
     """The recipe's texts about where it is from."""
     file, base, tip = (
         "".join(letter if letter.isprintable() else "?" for letter in text)

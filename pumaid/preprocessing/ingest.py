@@ -12,13 +12,13 @@ from pumaid.errors import Faults, LogError, Note, PumaidError, Where
 from pumaid.io.log_reader import LogReader
 from pumaid.io.paths import LogPath
 from pumaid.preprocessing import clock
-from pumaid.preprocessing.doubled import doubled
 from pumaid.preprocessing.executors import in_order
+from pumaid.preprocessing.log_checks import findings
+from pumaid.preprocessing.log_statistics import LogStatistics
 from pumaid.preprocessing.options import DEFAULTS, SegmentOptions
+from pumaid.preprocessing.replicates import duplicates
 from pumaid.preprocessing.room import OF_REJECTS, OF_RUNS, Room
-from pumaid.preprocessing.segmenter import Segmenter
-from pumaid.preprocessing.suspicion import suspicions
-from pumaid.preprocessing.tally import Tally
+from pumaid.preprocessing.segment import Segmenter
 from pumaid.robot import Robot
 
 #: Notes of one kind that are printed in full; a campaign of a thousand files may have one in each.
@@ -33,14 +33,14 @@ class FileResult:
     ----------
     dataset
         Its runs and rejects; recordings are counted from 0 in it.
-    tally
+    sums
         Sums by which the meaning of its columns is checked.
     faults
         What these sums show of the file by itself.
     """
 
     dataset: Dataset
-    tally: Tally
+    sums: LogStatistics
     faults: tuple[LogError, ...]
 
 
@@ -105,13 +105,14 @@ def read_file(path: LogPath, *, robot: Robot, options: SegmentOptions, extra: tu
         The file cannot be read.
     """
     reader = LogReader((path,), robot, extra=extra)
-    segmenter, tally = Segmenter(robot, options), Tally(robot)
+    segmenter, sums = Segmenter(robot, options), LogStatistics(robot)
     for log in reader:
-        tally.take(log)
+        sums.take(log)
         segmenter.add(log)
     runs, rejects = segmenter.close()
     dataset = Dataset(runs, rejects, reader.files, reader.notes, reader.extra)
-    return FileResult(dataset, tally, tuple(suspicions(tally)[0]))
+    faults = tuple(item for item in findings(sums) if isinstance(item, LogError))
+    return FileResult(dataset, sums, faults)
 
 
 def _counted(results: Iterator[FileResult], progress: Callable[[int], None]) -> Iterator[FileResult]:
@@ -127,7 +128,7 @@ def _merged(results: Iterator[FileResult], robot: Robot, *, trust: bool) -> Data
     notes: list[Note] = []
     faults: list[LogError] = []
     extra: tuple[str, ...] = ()
-    total, shift = Tally(robot), 0
+    total, shift = LogStatistics(robot), 0
     for result in results:
         part = result.dataset
         shift += _starts_clock(files, part.files)
@@ -140,14 +141,17 @@ def _merged(results: Iterator[FileResult], robot: Robot, *, trust: bool) -> Data
         notes += part.notes
         faults += result.faults
         extra = part.extra
-        total.absorb(result.tally)
+        total.absorb(result.sums)
     if not any(facts.rows for facts in files):
         what = f"no log has a row of numbers ({', '.join(facts.name for facts in files[:3])})"
         raise LogError("empty-log", what, Where(file=files[0].name), "record again, or name other files")
-    of_all, doubts = suspicions(total)
+    of_all = findings(total)
     # What all logs show needs no message a file; what one file shows may drown in the others.
     first_of_each = {fault.slug: fault for fault in reversed(faults)}
-    found = of_all or [fault for fault in faults if first_of_each[fault.slug] is fault]
+    found = [item for item in of_all if isinstance(item, LogError)] or [
+        fault for fault in faults if first_of_each[fault.slug] is fault
+    ]
+    doubts = [item for item in of_all if isinstance(item, Note)]
     notes = [*_merged_notes(notes), *_refused(found, trust=trust), *doubts, *clock.notes(runs.records)]
     return Dataset(tuple(runs.records), tuple(rejects.records), tuple(files), tuple(notes), extra)
 
@@ -161,7 +165,7 @@ def _starts_clock(before: Sequence[FileFacts], here: Sequence[FileFacts]) -> boo
 
 def _checked(dataset: Dataset, *, trust: bool) -> Dataset:
     """The dataset with notes on what is in the logs twice; a copy of a file is refused."""
-    found = list(doubled(dataset))
+    found = list(duplicates(dataset))
     faults = _refused([item for item in found if isinstance(item, LogError)], trust=trust)
     return replace(dataset, notes=(*dataset.notes, *faults, *(item for item in found if isinstance(item, Note))))
 

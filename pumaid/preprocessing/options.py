@@ -6,6 +6,8 @@ from dataclasses import dataclass, fields
 
 from pumaid.errors import PumaidError, Where
 
+#: Numbers beyond it (rad, m, A) are garbage of a logger, no measurements.
+LARGEST = 1e6
 #: Words for `SegmentOptions.kinds`.
 CONSTANT, STROKE, BOTH = "constant", "stroke", "both"
 
@@ -41,9 +43,9 @@ class SegmentOptions:
         Speed below which a joint is at rest (rad/s or m/s).
     low_speed_share
         A stroke starts and ends where the speed passes this share of its peak: below, friction is not yet sliding.
-    max_cells
+    max_bins
         Most bins that a run is reduced to; one of more than two turns has half as many for each turn.
-    reject_cells
+    reject_bins
         Most bins kept of a stretch that is left out.
     window
         Samples held in memory at a time; a longer movement is reduced in pieces that are merged.

@@ -6,9 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pumaid.dataset import STROKE_COLUMNS, run_columns
-from pumaid.maths.slope import curvature_kernel
 from pumaid.maths.triangle import Triangle
-from pumaid.preprocessing.speed import cubic_width
+from pumaid.preprocessing.differentiate import averaging_kernel, cubic_window
 from pumaid.preprocessing.stroke import Smooth
 
 Floats = NDArray[np.float64]
@@ -65,7 +64,7 @@ def of_stroke(course: Smooth, position: Floats, current: Floats, *, turns: bool)
     even = np.linspace(at[0], at[-1], len(at))
     step = float(even[1] - even[0])
     q, known = np.interp(even, time, position), np.interp(even, at, current[is_good])
-    kernel = curvature_kernel(min(cubic_width(course.window, step), len(at) // 4 * 2 + 1))
+    kernel = averaging_kernel(min(cubic_window(course.window, step), len(at) // 4 * 2 + 1))
     ends = (len(kernel) + 3) // 2
     courses = [_sums(np.cos(q), _LEVEL), _sums(np.sin(q), _LEVEL)] if turns else 2 * [np.zeros(len(q) - 4)]
     courses += [_sums(q, _RATE) / step, _sums(q, _CURVE) / step**2, _sums(known, _LEVEL)]

@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
-
-from pumaid.dataset import Means, Reject
 from pumaid.preprocessing.options import SegmentOptions
-from pumaid.preprocessing.reduce import coarser
+from pumaid.preprocessing.stretches import Piece
+from pumaid.records import Log
 from pumaid.robot import Robot
 from pumaid.units import number
 
@@ -28,78 +26,27 @@ REASONS: dict[str, tuple[str, str]] = {
     "no-current": ("no current measured", "the current of joint {joints} is missing, or 0 throughout (motor off), in "
                    "{samples} samples"),
     "not-a-number": ("garbage", "a position or the time is no number, or beyond 1e6, in {samples} samples"),
-    "gap": ("between gaps", "{samples} samples stand between gaps in time, too few in a row to tell a speed"),
+    "gap": ("between gaps", "{samples} samples stand between gaps in time, too few in a row for a speed"),
 }  # fmt: skip
 
 
-@dataclass(frozen=True, eq=False, slots=True)
-class Leftover:
-    """A stretch that is no run, in figures: as `Reject`, with what its sentence needs, and the clock it is on."""
-
-    origin: str
-    last_origin: str
-    first_row: int
-    last_row: int
-    start: float
-    end: float
-    samples: int
-    joints: tuple[int, ...]
-    reason: str
-    figure: float
-    clock: int
-    bins: tuple[Means, ...] = ()
-
-    def joined(self, other: Leftover, options: SegmentOptions) -> Leftover:
-        """This stretch and the one right after it, of the same reason, as one."""
-        parts = [*self.bins, *other.bins]
-        joints = tuple(dict.fromkeys((*self.joints, *other.joints)))
-        if sum(len(part) for part in parts) > 2 * options.reject_bins:
-            parts = [coarser(parts, options.reject_bins)]
-        return replace(
-            self,
-            last_origin=other.last_origin,
-            last_row=other.last_row,
-            end=other.end,
-            samples=self.samples + other.samples,
-            joints=joints,
-            figure=max(self.figure, other.figure),
-            bins=tuple(parts),
-        )
-
-    def reject(self, robot: Robot, options: SegmentOptions) -> Reject:
-        """As the record that leaves the segmentation."""
-        bins = coarser(list(self.bins), options.reject_bins) if self.bins else None
-        return Reject(
-            origin=self.origin,
-            first_row=self.first_row,
-            last_row=self.last_row,
-            start=self.start,
-            duration=self.end - self.start,
-            joints=self.joints,
-            reason=self.reason,
-            text=self._sentence(robot, options),
-            samples=self.samples,
-            bins=bins,
-            last_origin=self.last_origin if self.last_origin != self.origin else "",
-            clock=self.clock,
-        )
-
-    def _sentence(self, robot: Robot, options: SegmentOptions) -> str:
-        units = [robot.joint(joint).position_unit for joint in self.joints] or ["rad"]
-        return REASONS[self.reason][1].format(
-            joints=", ".join(str(joint) for joint in self.joints),
-            first=self.joints[0] if self.joints else "",
-            last=self.joints[-1] if self.joints else "",
-            unit=units[0],
-            last_unit=units[-1],
-            figure=number(self.figure, 3),
-            duration=number(self.end - self.start, 3),
-            samples=self.samples,
-            rest_speed=f"{options.rest_speed:g} rad/s or m/s",
-            min_duration=f"{options.min_duration:g}",
-            min_travel=f"{options.min_travel:g}",
-            min_samples=options.min_samples,
-            speed_tolerance=f"{100 * options.speed_tolerance:g} %",
-            low_speed_share=f"{100 * options.low_speed_share:g} %",
-            held_drift=f"{options.held_drift:g}",
-        )
+def reason_text(piece: Piece, log: Log, robot: Robot, *, options: SegmentOptions) -> str:
+    """Why a piece is no run, in a sentence with its figures; `log` holds its samples."""
+    units = [robot.joint(joint).position_unit for joint in piece.joints] or ["rad"]
+    return REASONS[piece.reason][1].format(
+        joints=", ".join(str(joint) for joint in piece.joints),
+        first=piece.joints[0] if piece.joints else "",
+        last=piece.joints[-1] if piece.joints else "",
+        unit=units[0],
+        last_unit=units[-1],
+        figure=number(piece.figure, 3),
+        duration=number(float(log.time[-1] - log.time[0]), 3),
+        samples=len(log),
+        rest_speed=f"{options.rest_speed:g} rad/s or m/s",
+        min_duration=f"{options.min_duration:g}",
+        min_travel=f"{options.min_travel:g}",
+        min_samples=options.min_samples,
+        speed_tolerance=f"{100 * options.speed_tolerance:g} %",
+        low_speed_share=f"{100 * options.low_speed_share:g} %",
+        held_drift=f"{options.held_drift:g}",
+    )

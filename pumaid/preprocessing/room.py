@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 from typing import Generic, TypeVar
 
 from pumaid.dataset import Reject, Run
-from pumaid.preprocessing.reduce import coarser
+from pumaid.preprocessing.binning import coarser
 
 Record = TypeVar("Record", Run, Reject)
 

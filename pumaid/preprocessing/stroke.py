@@ -8,16 +8,16 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from pumaid.preprocessing.differentiate import derivatives
 from pumaid.preprocessing.options import SegmentOptions
-from pumaid.preprocessing.speed import derivatives
 
 Floats = NDArray[np.float64]
 
-#: s; shortest and longest span of the local fits; the longer, the calmer the acceleration and the blunter its corners.
+#: s; shortest and longest span of the local cubics; longer ones are calmer, and blunter at the acceleration's corners.
 SHORTEST_FIT, LONGEST_FIT = 0.04, 0.4
-#: Share of the movement's mean acceleration that the smoothed one's noise should stay below.
+#: Share of the movement's mean acceleration below which the noise of the smoothed one should stay.
 CALM = 0.1
-#: Share of a movement that one local fit may span at most.
+#: Share of a movement that a local cubic may span.
 LARGEST_SHARE = 0.15
 
 
@@ -25,7 +25,7 @@ LARGEST_SHARE = 0.15
 class Smooth:
     """Samples [start, stop) of a movement: `time` (s), `velocity` and `acceleration`, (stop - start,) each.
 
-    Times are those at which the samples were taken, which stamps need not be; `window` (s) is what each cubic spanned.
+    Times are those at which samples were taken, which stamps need not be; `window` (s) is what each cubic spanned.
     """
 
     start: int
@@ -54,12 +54,14 @@ def smooth(time: Floats, position: Floats, *, bounds: tuple[int, int], noise: fl
         Standard deviation of one sample's position (rad or m).
     """
     start, stop = bounds
-    duration = float(time[stop - 1] - time[start])
-    way = abs(float(position[stop - 1] - position[start]))
+    duration = max(1e-9, float(time[stop - 1] - time[start]))
+    interval = duration / max(1, stop - start)
     # From rest to rest over `way`: a triangle of speed has acceleration 4 way / duration^2.
-    wanted = CALM * 4.0 * way / max(duration, 1e-9) ** 2
-    window = min(_calm_window(noise, duration / max(1, stop - start), wanted), LARGEST_SHARE * duration)
-    margin = math.ceil(window / max(duration, 1e-9) * (stop - start)) + 3
+    wanted = max(1e-12, CALM * 4.0 * abs(float(position[stop - 1] - position[start])) / duration**2)
+    # A local cubic's acceleration has the noise sqrt(720 interval) / span^2.5, per noise of a sample.
+    span = (noise * math.sqrt(720.0 * interval) / wanted) ** 0.4
+    window = min(max(span, SHORTEST_FIT, 7.0 * interval), max(LONGEST_FIT, 7.0 * interval), LARGEST_SHARE * duration)
+    margin = math.ceil(window / interval) + 3
     low, high = max(0, start - margin), min(len(time), stop + margin)
     velocity, acceleration = derivatives(time[low:high], position[low:high], window)
     return Smooth(low, high, time[low:high], velocity, acceleration, window).within(start, stop)
@@ -72,9 +74,3 @@ def sliding(course: Smooth, direction: int, options: SegmentOptions) -> tuple[in
     if not len(fast):
         return course.start, course.start
     return course.start + int(fast[0]), course.start + int(fast[-1]) + 1
-
-
-def _calm_window(noise: float, interval: float, wanted: float) -> float:
-    """Span (s) for which a local cubic's acceleration has the wanted noise: noise sqrt(720 interval) / span^2.5."""
-    span = (noise * math.sqrt(720.0 * interval) / max(wanted, 1e-12)) ** 0.4
-    return min(max(span, SHORTEST_FIT, 7.0 * interval), max(LONGEST_FIT, 7.0 * interval))

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -60,3 +62,38 @@ class Log:
 
     def __len__(self) -> int:
         return len(self.time)
+
+    def part(self, index: slice | NDArray[np.int64]) -> Log:
+        """Some of the samples, by their numbers."""
+
+        def of(values: Floats | None) -> Floats | None:
+            return None if values is None else values[index]
+
+        return replace(
+            self,
+            rows=self.rows[index],
+            time=self.time[index],
+            position=self.position[index],
+            velocity=of(self.velocity),
+            current=self.current[index],
+            temperature=of(self.temperature),
+            extra=of(self.extra),
+            starts_clock=False,
+        )
+
+    @classmethod
+    def joined(cls, logs: Sequence[Log]) -> Log:
+        """Consecutive batches of one file as one; a quantity that some of them lack is NaN there."""
+        if len(logs) == 1:
+            return logs[0]
+
+        def together(name: str) -> Any:
+            values = [getattr(log, name) for log in logs]
+            width = next((value.shape[1:] for value in values if value is not None), None)
+            if width is None:
+                return None
+            nothing = (np.full((len(log), *width), np.nan) for log in logs)
+            return np.concatenate([n if v is None else v for n, v in zip(nothing, values, strict=True)])
+
+        names = ("rows", "time", "position", "velocity", "current", "temperature", "extra")
+        return replace(logs[0], **{name: together(name) for name in names})

@@ -180,9 +180,9 @@ def keep(path: Path, estimate: Estimate, robot: Robot) -> Kept:
     document = model_document(estimate)
     with locked(Path(path).parent / FOLDER):
         before = _archive_current(Path(path), robot.digest, arm)
-        archived = _archive(Path(path).parent / FOLDER, (document, estimate), arm=arm, before=before)
+        kept = _archive(Path(path).parent / FOLDER, (document, estimate), arm=arm, before=before)
         write_file(Path(path), as_text(document))
-    return archived
+    return kept
 
 
 def restore(results: Path, number: int) -> Path:

@@ -102,7 +102,7 @@ class ModelDocument:
 def model_document(estimate: Estimate) -> dict[str, Any]:
     """An estimate as its JSON document."""
     ratios = [value for value in estimate.values if value.name.startswith("gain_ratio.")]
-    parameters = [value for value in estimate.values if value not in ratios]
+    others = [value for value in estimate.values if value not in ratios]
     return sealed(
         {
             "kind": "model",
@@ -114,10 +114,10 @@ def model_document(estimate: Estimate) -> dict[str, Any]:
             "method": estimate.method,
             "effects": estimate.effects,
             "joints": [
-                plain(fit) | {"parameters": [value for value in parameters if value.joint == fit.joint]}
+                plain(fit) | {"parameters": [value for value in others if value.joint == fit.joint]}
                 for fit in estimate.joints
             ],
-            "arm": [value for value in parameters if value.joint is None],
+            "arm": [value for value in others if value.joint is None],
             "ratios": ratios,
             "combinations": estimate.combinations,
             "recursive": estimate.recursive,

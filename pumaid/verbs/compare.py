@@ -13,7 +13,7 @@ from pumaid.diagnosis.budget import budget
 from pumaid.diagnosis.laid import Spread
 from pumaid.errors import Note
 from pumaid.estimation.judge import NOTHING, Groups, Judge, Tally, rmse, together
-from pumaid.preprocessing.heldout import otherwise
+from pumaid.preprocessing.hold_out import held_out_otherwise
 from pumaid.preprocessing.replicates import noise_floor, pairs
 from pumaid.records import TOGETHER, UNEXPLAINED, Budget, Comparison, Estimate, JointScore, RunScore
 from pumaid.results.model_file import check_same_recipe
@@ -142,7 +142,7 @@ def _budget(score: JointScore, scores: Sequence[RunScore], robot: Robot, *, know
 
 
 def _notes(estimate: Estimate, dataset: Dataset, joints: Sequence[JointScore]) -> list[Note]:
-    notes = [*dataset.notes, *otherwise(estimate, dataset)]
+    notes = [*dataset.notes, *held_out_otherwise(estimate, dataset)]
     digests = {facts.digest for facts in dataset.files}
     seen = digests & set(estimate.logs.values())
     if digests and seen == digests and not any(joint.heldout_runs for joint in joints):

@@ -18,7 +18,7 @@ from pumaid.diagnosis.suspect import Suspect
 from pumaid.effects import Effect, catalogue
 from pumaid.errors import LogError, Where
 from pumaid.model import Model
-from pumaid.preprocessing.heldout import otherwise
+from pumaid.preprocessing.hold_out import held_out_otherwise
 from pumaid.preprocessing.options import CONSTANT
 from pumaid.records import Campaign, Diagnosis, Estimate
 from pumaid.results.model_file import check_same_recipe, model_digest
@@ -96,7 +96,7 @@ def diagnose(
         findings=account.findings(),
         model=model_digest(estimate),
         logs={facts.name: facts.digest for facts in dataset.files},
-        notes=(*otherwise(estimate, dataset), *account.notes()),
+        notes=(*held_out_otherwise(estimate, dataset), *account.notes()),
         recipe_digest=robot.digest,
         version=__version__,
     )

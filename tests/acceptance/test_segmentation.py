@@ -11,9 +11,9 @@ import numpy as np
 import pytest
 from motion_worlds import INERTIA, SCENARIOS, VISCOUS, World, make, robot, score
 
+from pumaid.preprocessing.segment import segment
 from pumaid.records import Log
 from pumaid.robot import Joint, Robot
-from pumaid.verbs.segment import segment
 
 SEEDS = (20_001, 20_002)
 REAL = Path(os.environ.get("PUMAID_REAL_DATA", Path(__file__).parents[2].parent / "shared" / "data"))

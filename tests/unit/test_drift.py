@@ -8,9 +8,9 @@ import pytest
 from faulty import good
 
 from pumaid.io.recipe import read_recipe, shipped_recipes
+from pumaid.preprocessing.segment import segment
 from pumaid.records import Log
 from pumaid.verbs.identify import identify
-from pumaid.verbs.segment import segment
 
 PENDULUM = read_recipe(shipped_recipes()["pendulum2"])
 

@@ -14,13 +14,13 @@ from pumaid.estimation.enlarged import Enlarged, enlarged
 from pumaid.estimation.system import Fitted, again, stroke_noise
 from pumaid.io.recipe import read_recipe, shipped_recipes
 from pumaid.model import Model
+from pumaid.preprocessing.segment import segment
 from pumaid.records import Campaign
 from pumaid.robot import EffectChoice
 from pumaid.simulation import Session, draw
 from pumaid.simulation.hidden import parse
 from pumaid.trajectory import Motion, Plan
 from pumaid.verbs.identify import identify
-from pumaid.verbs.segment import segment
 
 PENDULUM = read_recipe(shipped_recipes()["pendulum2"])
 HOLD, SPEEDS, FAST = (0.4, 0.4), (0.05, 0.1, 0.2, 0.5, 1.0, 1.6), 1.6

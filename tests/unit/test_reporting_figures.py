@@ -22,6 +22,7 @@ from test_reporting_tables import ARM, PLAN, RUNS
 from pumaid.dataset import Dataset
 from pumaid.errors import ResultError
 from pumaid.io.recipe import read_recipe, shipped_recipes
+from pumaid.preprocessing.segment import segment
 from pumaid.reporting.context import ReportContext
 from pumaid.reporting.figures import arm, diagnosis, model, residuals, runs
 from pumaid.reporting.figures.style import BACKWARD, FORWARD, INK, Drawing, dots, inlined, styled
@@ -30,7 +31,6 @@ from pumaid.reporting.text import PART_NAMES
 from pumaid.robot import Box, Joint, Robot, Safety, Sphere
 from pumaid.trajectory import Motion, Plan, Posture, run_times
 from pumaid.verbs.compare import compare
-from pumaid.verbs.segment import segment
 
 PUMA = diagnoses.PUMA
 

@@ -13,6 +13,7 @@ from ladders import ladder
 from motion_worlds import World, make, robot
 
 from pumaid.dataset import Dataset
+from pumaid.preprocessing.segment import segment
 from pumaid.records import (
     Combination,
     Limit,
@@ -21,7 +22,6 @@ from pumaid.reporting import run_tables, tables
 from pumaid.reporting.table import Cell, Table
 from pumaid.robot import Joint, Robot
 from pumaid.trajectory import Motion, Plan, Posture, run_times
-from pumaid.verbs.segment import segment
 
 PUMA = diagnoses.PUMA
 WIDE = Table(

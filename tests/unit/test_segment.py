@@ -5,10 +5,12 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from pumaid.dataset import Bins
 from pumaid.errors import PumaidError
+from pumaid.preprocessing.binning import coarser
+from pumaid.preprocessing.segment import SegmentOptions, segment
 from pumaid.records import Log
 from pumaid.robot import Joint, Robot
-from pumaid.verbs.segment import SegmentOptions, segment
 
 ARM = Robot("arm", (Joint(1, "base", "revolute"), Joint(2, "arm", "revolute"), Joint(3, "slide", "prismatic")))
 
@@ -94,7 +96,6 @@ def test_a_triangle_of_speed_is_a_stroke():
     assert run.kind == "stroke"
     quarter = len(run.bins) // 4
     np.testing.assert_allclose(run.bins.acceleration[quarter // 2 : quarter], 0.5, rtol=0.02)
-    assert run.triangle.columns[-2:] == ("velocity", "acceleration")
 
 
 def test_kinds_can_be_chosen():
@@ -104,16 +105,16 @@ def test_kinds_can_be_chosen():
     assert run.kind == "stroke"
 
 
-def test_a_run_goes_on_in_the_next_file():
-    """Files that share a clock are one stream: the run's rows lie in both."""
+def test_a_run_ends_with_its_file():
+    """Files that share a clock: what the border cuts are two runs, which hold all samples of the one."""
     one = log()
     half = 400
     first = changed(one, **{name: getattr(one, name)[:half] for name in ("rows", "time", "position", "current")})
     rest = {name: getattr(one, name)[half:] for name in ("time", "position", "current")}
     second = changed(one, origin="b.csv", rows=np.arange(len(rest["time"])) + 2, starts_clock=False, **rest)
-    (run,) = segment([first, second], ARM).runs
-    assert (run.origin, run.last_origin) == ("a.csv", "b.csv")
-    assert run.samples == segment([one], ARM).runs[0].samples
+    runs = segment([first, second], ARM).runs
+    assert [(run.origin, run.clock) for run in runs] == [("a.csv", 0), ("b.csv", 0)]
+    assert sum(run.samples for run in runs) == pytest.approx(segment([one], ARM).runs[0].samples, abs=5)
 
 
 def test_a_clock_that_starts_anew_is_another_recording():
@@ -189,10 +190,10 @@ def test_another_arms_logs_are_refused():
 
 
 def test_progress_ends_with_all_samples():
-    """The last call tells every sample."""
-    told = []
-    segment([log()], ARM, progress=told.append)
-    assert told[-1] == len(log())
+    """The last call says every sample."""
+    done = []
+    segment([log()], ARM, progress=done.append)
+    assert done[-1] == len(log())
 
 
 def test_temperature_is_kept():
@@ -211,3 +212,16 @@ def test_impossible_options_are_refused(wrong):
     with pytest.raises(PumaidError, match=str(next(iter(wrong.values())))) as caught:
         SegmentOptions(**wrong)
     assert caught.value.where.field == next(iter(wrong))
+
+
+def test_joining_bins_keeps_sums_and_spread():
+    """Coarser bins have count, means and the variance of all samples about the new means."""
+    current = np.random.default_rng(5).standard_normal(600).cumsum()
+    single, zero, time = np.ones(600, dtype=np.int64), np.zeros(600), np.arange(600) / 100.0
+    fine = Bins(single, time, np.zeros((600, 2)), zero, zero, current, zero, np.full(600, 30.0))
+    joined = coarser([fine], 10)
+    assert joined.count.sum() == 600
+    np.testing.assert_allclose(np.average(joined.current, weights=joined.count), current.mean())
+    blocks = np.array_split(current, np.cumsum(joined.count)[:-1])
+    np.testing.assert_allclose(joined.variance, [block.var() for block in blocks])
+    np.testing.assert_allclose(joined.temperature, 30.0)

@@ -13,10 +13,10 @@ import pytest
 from pumaid.dataset import Bins, Dataset
 from pumaid.errors import LogError
 from pumaid.io.log_reader import LogReader
+from pumaid.preprocessing.binning import coarser
 from pumaid.preprocessing.ingest import ingest
-from pumaid.preprocessing.reduce import coarser
+from pumaid.preprocessing.segment import SegmentOptions, segment
 from pumaid.robot import Joint, Robot
-from pumaid.verbs.segment import SegmentOptions, segment
 
 ARM = Robot("arm", (Joint(1, "base", "revolute"), Joint(2, "arm", "revolute")))
 

@@ -1,0 +1,236 @@
+"""Speed and acceleration from sampled positions: straight lines through short means, and Savitzky-Golay filters."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+from numpy.typing import NDArray
+
+Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
+
+#: s; short against the ramps of real arms, long enough to average tens of samples at 1 kHz.
+TICK = 0.02
+#: s; longest straight line by which a moving joint is told from one at rest: shorter pauses may be missed.
+LONGEST_FIT = 0.5
+#: Median absolute third difference of white noise of unit standard deviation.
+THIRD_DIFFERENCE = math.sqrt(20.0) * 0.6745
+#: Share of the median by which time steps may differ and still be ordinary ones, no gaps.
+ORDINARY = 0.25
+
+#: Windows (samples) of the cubics of `acceleration`; the one that shows the acceleration best is taken.
+WINDOWS, ORDER = (9, 17, 33, 65), 3
+#: Mean square of an acceleration, over that of the noise in it, from which it counts as measured.
+SEEN = 10.0
+#: Noise below this share of the largest position is rounding.
+ROUNDING = 1e-12
+
+
+@lru_cache(64)
+def _cubics(window: int, derivative: int) -> Floats:
+    """(window, window) matrix whose row k is the derivative, at sample k, of the least-squares cubic."""
+    half = window // 2
+    x = np.arange(-half, half + 1) / half
+    basis = [np.polynomial.legendre.Legendre.basis(k) for k in range(ORDER + 1)]
+    fit = np.linalg.pinv(np.column_stack([term(x) for term in basis]))
+    read = np.column_stack([(term.deriv(derivative) if derivative else term)(x) for term in basis])
+    return np.asarray(read / half**derivative @ fit)
+
+
+def savitzky_golay(values: Floats, window: int, derivative: int) -> Floats:
+    """Local cubics through equally spaced values; at the ends the outermost cubics are extended.
+
+    Parameters
+    ----------
+    values
+        (M,) at least `window` of them.
+    window
+        Values through which each cubic goes; odd.
+    derivative
+        0: smoothed values (M,); 1 or 2: derivative with respect to the sample number.
+
+    Source
+    ------
+    A. Savitzky and M. J. E. Golay, Anal. Chem. 36 (1964) 1627-1639.
+    """
+    rows, half = _cubics(window, derivative), window // 2
+    inner = np.convolve(values, rows[half][::-1], mode="valid")
+    return np.concatenate([rows[:half] @ values[:window], inner, rows[half + 1 :] @ values[-window:]])
+
+
+@lru_cache(64)
+def averaging_kernel(window: int) -> Floats:
+    """(window - 2,) weights of sum 1 by which the cubics' second derivative averages plain second differences."""
+    return np.cumsum(np.cumsum(_cubics(window, 2)[window // 2]))[:-2]
+
+
+def cubic_window(seconds: float, step: float) -> int:
+    """Samples, `step` (s) apart, of a local cubic over so many seconds: odd, at least five."""
+    return max(5, 2 * round_half_up(seconds / step / 2) + 1)
+
+
+def derivatives(time: Floats, position: Floats, seconds: float) -> tuple[Floats, Floats]:
+    """Velocity and acceleration by local cubics over a span of time; sampling may be uneven.
+
+    Parameters
+    ----------
+    time, position
+        (N,) s, rising, and rad or m.
+    seconds
+        Span of each cubic.
+
+    Returns
+    -------
+    velocity, acceleration
+        (N,) per s and per s2.
+    """
+    if len(time) < 6:
+        return slopes(time, position, 2), np.zeros(len(time))
+    step = float(time[-1] - time[0]) / (len(time) - 1)
+    even = time[0] + step * np.arange(len(time))
+    on_grid = np.interp(even, time, position)
+    window = min(cubic_window(seconds, step), len(time) - 1 + len(time) % 2)
+    rates = (savitzky_golay(on_grid, window, order) / step**order for order in (1, 2))
+    velocity, acceleration = (np.interp(time, even, rate) for rate in rates)
+    return velocity, acceleration
+
+
+def acceleration(time: Floats, position: Floats) -> Floats:
+    """(M,) second derivative of positions; zeros where it is below the sensor's noise.
+
+    Noise in a regressor would look like a small, well-known inertia. The straight line through the positions is taken
+    out first, because time steps that differ by a sample would look like acceleration.
+
+    Parameters
+    ----------
+    time, position
+        (M,) s, nearly equal steps, and rad or m.
+    """
+    best, clearest = np.zeros(len(time)), SEEN
+    if len(time) < WINDOWS[0]:
+        return best
+    since = time - time.mean()
+    bent = position - position.mean() - since * (since @ position) / (since @ since)
+    step, floor = float(time[-1] - time[0]) / (len(time) - 1), ROUNDING * float(np.abs(position).max())
+    for window in WINDOWS:
+        if len(time) < window:
+            break
+        rough = bent - savitzky_golay(bent, window, 0)
+        curved = savitzky_golay(bent, window, 2)
+        noise = float(rough @ rough) / len(rough) * window / (window - ORDER - 1)
+        carried = max(noise, floor**2) * _noise_gain(window, len(time))
+        seen = float(curved @ curved) / len(curved)
+        if seen > clearest * carried:
+            best, clearest = curved / step**2, seen / carried
+    return best
+
+
+@lru_cache(1024)
+def _noise_gain(window: int, length: int) -> float:
+    """Mean variance of the second derivative over `length` samples of white noise of variance one."""
+    squares, half = np.sum(_cubics(window, 2) ** 2, axis=1), window // 2
+    return float((squares.sum() - squares[half] + (length - window + 1) * squares[half]) / length)
+
+
+def round_half_up(count: float) -> int:
+    """Nearest whole number of samples; halves, which rounded times blur, go up."""
+    return math.floor(round(count, 3) + 0.5)
+
+
+def usual_step(time: Floats) -> float:
+    """Mean step of (N,) times (s) without gaps and repeats; 0 where there is none."""
+    steps = np.diff(time)
+    if not len(steps):
+        return 0.0
+    # The mean of ordinary steps: of rounded stamps the median is one of few values, none of them the clock's.
+    median = float(np.median(steps))
+    ordinary = steps[np.abs(steps - median) <= ORDINARY * abs(median)]
+    return float(ordinary.mean()) if len(ordinary) else median
+
+
+def slopes(time: Floats, values: Floats, half: int) -> Floats:
+    """(K,) slope of the straight line through each instant and `half` neighbours on either side, fewer at the ends.
+
+    Parameters
+    ----------
+    time, values
+        (K,) s, rising, spacing may be irregular; and values.
+    half
+        Neighbours on either side.
+    """
+    size = len(time)
+    if size < 2:
+        return np.zeros(size)
+    t, y = time - time.mean(), values - values.mean()
+    sums = np.zeros((5, size + 1))
+    np.cumsum([np.ones(size), t, y, t * t, t * y], axis=1, out=sums[:, 1:])
+    place = np.arange(size)
+    n, sum_t, sum_y, sum_tt, sum_ty = sums[:, np.minimum(place + half + 1, size)] - sums[:, np.maximum(place - half, 0)]
+    return np.asarray((sum_ty - sum_t * sum_y / n) / (sum_tt - sum_t * sum_t / n))
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Ticks:
+    """Positions averaged over K ticks of 20 ms, in a stretch without gaps.
+
+    Attributes
+    ----------
+    edges
+        (K + 1,) sample indices of the ticks' borders.
+    time, position
+        (K,) s and (K, J) rad or m.
+    interval
+        Mean distance of ticks, s.
+    noise
+        (J,) standard deviation of a tick's mean, quantisation included, rad or m.
+    quantum
+        (J,) smallest step of the position, rad or m.
+    """
+
+    edges: Ints
+    time: Floats
+    position: Floats
+    interval: float
+    noise: Floats
+    quantum: Floats
+
+    def __len__(self) -> int:
+        return len(self.time)
+
+    @classmethod
+    def of(cls, time: Floats, position: Floats) -> Ticks:
+        """Average (N,) times and (N, J) positions, N at least 2."""
+        size = max(1, round_half_up(TICK / usual_step(time)))
+        starts = np.arange(0, max(1, len(time) - size // 2), size)
+        counts = np.diff(starts, append=len(time))
+        # Means about the first sample, which loses no digits to the clock's or the encoder's offset.
+        means = position[0] + np.add.reduceat(position - position[0], starts, axis=0) / counts[:, None]
+        tick_time = time[0] + np.add.reduceat(time - time[0], starts) / counts
+        quantum = np.array([_smallest_step(column) for column in position.T])
+        noise = quantum / math.sqrt(12.0)
+        if len(means) > 4:
+            noise = np.maximum(noise, np.median(np.abs(np.diff(means, 3, axis=0)), axis=0) / THIRD_DIFFERENCE)
+        interval = float(tick_time[-1] - tick_time[0]) / max(1, len(means) - 1) or TICK
+        return cls(np.append(starts, len(time)), tick_time, means, interval, noise, quantum)
+
+    def slope_error(self, joint: int, half: int) -> float:
+        """Standard deviation of the slope of a straight line through ``2 half + 1`` ticks, rad/s or m/s."""
+        width = 2 * half + 1
+        return float(self.noise[joint - 1]) / (self.interval * math.sqrt(width * (width * width - 1) / 12.0))
+
+    def half_width(self, joint: int, wanted: float, longest: float = LONGEST_FIT) -> int:
+        """Fewest ticks on either side for which the slope's error is at most `wanted` (rad/s or m/s)."""
+        largest = max(1, round_half_up(longest / self.interval / 2))
+        half = 1
+        while half < largest and self.slope_error(joint, half) > wanted:
+            half += 1
+        return half
+
+
+def _smallest_step(values: Floats) -> float:
+    """Smallest change above 1e-9 from a value to the next; zero where nothing changes."""
+    steps = np.abs(np.diff(values))
+    return float(steps[steps > 1e-9].min(initial=math.inf)) if (steps > 1e-9).any() else 0.0

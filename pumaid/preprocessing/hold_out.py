@@ -1,0 +1,229 @@
+"""Runs that are kept for judging a model: by the plan, by file, or each joint's last posture."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Sequence
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pumaid.dataset import Dataset, Run
+from pumaid.errors import LogError, Note, Where
+from pumaid.kinematics import apart
+from pumaid.preprocessing.options import STROKE
+from pumaid.records import Estimate
+from pumaid.trajectory import Motion, Plan
+
+Floats = NDArray[np.float64]
+
+#: rad or m; held positions this near are one posture: a controller's steady error, far less than steps of a plan.
+SAME_POSTURE = 0.05
+#: Speeds within this share are the planned one; least mean speed of a stroke, whose mean holds the ramps.
+SAME_SPEED, STROKE_SPEED = 0.10, 0.4
+#: Share of a run's travel that must lie inside the planned span.
+INSIDE = 0.5
+#: Share of runs that may be none of the plan's: moves from posture to posture leave some.
+FEW = 0.25
+#: Missing motions, and files, that are named.
+MOST_NAMED = 4
+#: Postures that a joint needs to spare one: gravity's two constants and friction's share take three to stay known.
+FEWEST_POSTURES = 4
+#: A posture counts if it has this share of the runs of the joint's most used one.
+MEANT = 0.25
+
+
+def match_with_plan(dataset: Dataset, plan: Plan) -> Dataset:
+    """Mark the runs that the plan keeps for judging.
+
+    A run is a planned motion where joint, posture, direction and speed (within 10 %; of a stroke, whose mean holds the
+    ramps, no less than 40 %) agree and at least half of its way lies in the planned span. Of several such motions the
+    nearest in speed and way counts; a run that fits none is left as it is.
+
+    Parameters
+    ----------
+    dataset
+        What the logs left.
+    plan
+        By which they were made.
+
+    Returns
+    -------
+    dataset
+        With `Run.heldout` set, and notes on planned motions that were not found, and on runs that no motion planned
+        where they are many.
+    """
+    motions = plan.motions
+    if not dataset.runs or not motions or len(motions[0].hold) != len(dataset.runs[0].posture):
+        return dataset
+    table = _Motions(motions)
+    runs, strays, missing = [], [], np.ones(len(motions), dtype=np.bool_)
+    for run in dataset.runs:
+        away = table.distance(run)
+        if not np.isfinite(away).any():
+            strays.append(run)
+            runs.append(run)
+            continue
+        purpose = motions[int(np.argmin(away))].purpose
+        runs.append(replace(run, heldout=purpose == "heldout"))
+        # Repeats of a motion are as near: each is found once, and a run too many counts for another that it fits.
+        free = np.where(missing & (table.purpose == purpose), away, np.inf)
+        if np.isfinite(free).any():
+            missing[int(np.argmin(free))] = False
+    notes = (*dataset.notes, *_missing(plan, np.flatnonzero(missing)), *_unplanned(runs, strays))
+    return replace(dataset, runs=tuple(runs), notes=notes)
+
+
+class _Motions:
+    """A plan's K motions as arrays."""
+
+    def __init__(self, motions: Sequence[Motion]) -> None:
+        self.joint = np.array([motion.joint for motion in motions])
+        self.hold = np.array([motion.hold for motion in motions], dtype=float)
+        self.ends = np.array([(motion.start, motion.end) for motion in motions])
+        self.velocity = np.array([motion.velocity for motion in motions]) * np.sign(self.ends @ [-1.0, 1.0])
+        self.purpose = np.array([motion.purpose for motion in motions])
+
+    def distance(self, run: Run) -> Floats:
+        """(K,) how far the run is from each motion in speed and way; infinite where it is none."""
+        away = np.abs(self.hold - run.posture)
+        away[:, run.joint - 1] = 0.0
+        share = run.speed / self.velocity
+        slower = np.abs(share - 1.0)
+        if run.kind == STROKE:
+            slower = np.where((share >= STROKE_SPEED) & (share <= 1.0), 0.0, slower)
+        low, high = self.ends.min(axis=1), self.ends.max(axis=1)
+        shared = np.minimum(high, max(run.span)) - np.maximum(low, min(run.span))
+        whole = np.maximum(high, max(run.span)) - np.minimum(low, min(run.span))
+        fits = (self.joint == run.joint) & (away.max(axis=1) <= SAME_POSTURE) & (slower <= SAME_SPEED)
+        fits &= shared >= INSIDE * abs(run.span[1] - run.span[0])
+        return np.where(fits, slower / SAME_SPEED + 1.0 - shared / whole, np.inf)
+
+
+def _missing(plan: Plan, missing: NDArray[np.intp]) -> list[Note]:
+    if not len(missing):
+        return []
+    chosen = [(k + 1, plan.motions[k]) for k in missing[:MOST_NAMED].tolist()]
+    named = ", ".join(f"run {k} (joint {m.joint} {'up' if m.end > m.start else 'down'})" for k, m in chosen)
+    more = f" and {len(missing) - MOST_NAMED} more" if len(missing) > MOST_NAMED else ""
+    text = f"{len(missing)} of {len(plan.motions)} planned runs are not in the logs: {named}{more}"
+    return [Note("plan-run-missing", text, Where(field=f"runs[{missing[0] + 1}]"))]
+
+
+def _unplanned(runs: Sequence[Run], strays: Sequence[Run]) -> list[Note]:
+    if len(strays) <= FEW * len(runs):
+        return []
+    first = strays[0]
+    text = (
+        f"{len(strays)} of {len(runs)} runs are not in the plan, the first of joint {first.joint} at"
+        f" {first.start:.1f} s; they are fitted; is it the plan of these logs?"
+    )
+    return [Note("plan-run-unplanned", text, Where(file=first.origin, row=first.first_row))]
+
+
+def hold_out(dataset: Dataset, *, files: Collection[str] = (), postures: bool = False) -> Dataset:
+    """Mark more runs as held out, whole files or whole postures at a time, so that no run is fitted in part.
+
+    Parameters
+    ----------
+    dataset
+        What the logs left; runs that the plan holds out stay so.
+    files
+        Names of log files (as in `Dataset.files`) of which every run is held out.
+    postures
+        Of every joint with at least four postures, hold out all runs at the one that was run last.
+
+    Returns
+    -------
+    dataset
+        With `Run.heldout` set and a note on what it is.
+
+    Raises
+    ------
+    LogError [heldout-nothing]
+        No run is meant: the files hold none, or no joint has postures to spare.
+    LogError [heldout-all]
+        No run of a joint would be left to fit.
+    """
+    chosen = {number for number, run in enumerate(dataset.runs) if run.origin in files}
+    if files and not chosen:
+        where = Where(file=sorted(files)[0])
+        raise LogError("heldout-nothing", f"there is no run in {_listed(sorted(files))}", where, "name other files")
+    parts = [f"{len(chosen)} of {_listed(sorted(files))}"] if files else []
+    if postures:
+        last = _last_postures(dataset.runs)
+        joints = sorted({dataset.runs[number].joint for number in last})
+        parts.append(f"{len(last)} at the last posture of joint {', '.join(map(str, joints))}")
+        chosen |= last
+    runs = tuple(replace(run, heldout=run.heldout or number in chosen) for number, run in enumerate(dataset.runs))
+    _check_something_is_fitted(runs, chosen)
+    fitted = sum(not run.heldout for run in runs)
+    text = f"runs held out: {', '.join(parts)}; {fitted} of {len(runs)} are left to fit"
+    return replace(dataset, runs=runs, notes=(*dataset.notes, Note("held-out", text)))
+
+
+def held_out_otherwise(estimate: Estimate, dataset: Dataset) -> list[Note]:
+    """A note where a model's own logs are divided into fitted and held-out runs in another way than for its fit.
+
+    Parameters
+    ----------
+    estimate
+        It says how many runs of each joint were fitted and held out, not which.
+    dataset
+        Runs as they are held out now. Where its files are not just the model's, nothing can be said.
+    """
+    if {facts.digest for facts in dataset.files} != set(estimate.logs.values()):
+        return []
+    parts = []
+    for fit in estimate.joints:
+        runs = dataset.of_joint(fit.joint)
+        now = sum(run.heldout for run in runs)
+        if now != fit.heldout_runs and len(runs) == fit.runs + fit.heldout_runs:
+            parts.append(f"{now} of joint {fit.joint}'s {len(runs)} runs, {fit.heldout_runs} when it was fitted")
+    if not parts:
+        return []
+    text = (
+        f"other runs are held out than when the model was fitted: {'; '.join(parts)}. Scores of held-out runs are"
+        " therefore wrong; was the plan changed, or --heldout used only once?"
+    )
+    return [Note("held-out-otherwise", text)]
+
+
+def _last_postures(runs: Sequence[Run]) -> set[int]:
+    """Indices of each joint's runs at the posture that was first taken last, where there are enough postures."""
+    postures: dict[int, list[list[int]]] = {}
+    for number, run in enumerate(runs):
+        if not run.heldout:
+            groups = postures.setdefault(run.joint, [])
+            same = (group for group in groups if _is_same_posture(runs[group[0]], run))
+            group = next(same, None)
+            groups.append([number]) if group is None else group.append(number)
+    for joint, groups in postures.items():
+        most_used = max(map(len, groups))
+        postures[joint] = [group for group in groups if len(group) >= MEANT * most_used]
+    spare = {joint: groups[-1] for joint, groups in postures.items() if len(groups) >= FEWEST_POSTURES}
+    if not spare:
+        best = max(postures, key=lambda joint: len(postures[joint]), default=None)
+        has = "there is no run" if best is None else f"joint {best} has most, {len(postures[best])}"
+        what = f"no joint was run in {FEWEST_POSTURES} postures ({has}), so none can be spared"
+        raise LogError("heldout-nothing", what, Where(joint=best), "hold out files, or run more postures")
+    return {number for group in spare.values() for number in group}
+
+
+def _is_same_posture(first: Run, second: Run) -> bool:
+    return bool(np.all(np.nan_to_num(apart(first.posture, second.posture)) <= SAME_POSTURE))
+
+
+def _check_something_is_fitted(runs: Sequence[Run], chosen: Collection[int]) -> None:
+    for joint in sorted({runs[number].joint for number in chosen}):
+        moving = [run for run in runs if run.joint == joint]
+        if all(run.heldout for run in moving):
+            what = f"all {len(moving)} runs of joint {joint} would be held out, and none fitted"
+            files = _listed(sorted({run.origin for run in moving}))
+            mend = f"keep one of the files for fitting in which it moves: {files}"
+            raise LogError("heldout-all", what, Where(joint=joint), mend)
+
+
+def _listed(names: Sequence[str]) -> str:
+    more = f" and {len(names) - MOST_NAMED} more" if len(names) > MOST_NAMED else ""
+    return ", ".join(names[:MOST_NAMED]) + more

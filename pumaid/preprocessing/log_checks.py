@@ -1,0 +1,520 @@
+"""Checks of logs that do not mean what the recipe says: a table of slug, test, message and fix.
+
+Each test looks at the sums over one file, or over all, and yields the figures for each place where it finds something.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pumaid.errors import LogError, Note, Where
+from pumaid.preprocessing.log_statistics import WINDOW, LogStatistics
+from pumaid.robot import Joint, Robot
+from pumaid.units import UNITS, factor, number
+
+Floats = NDArray[np.float64]
+#: What a test yields: figures of the message, and `joint` (from 1) where it is one joint's, `fault` where not the rule.
+Found = Iterator[dict[str, Any]]
+
+#: Path (rad or m) from which a joint counts as moved: less is drift, or a test of the brakes.
+MOVED = 0.2
+#: Displacements and a velocity column that belong together agree this well (real logs: 0.99 and more).
+AGREES, UNRELATED, ANOTHER = 0.95, 0.5, 0.3
+#: Relative error within which a ratio is that of two units, and within which it is one (real logs: within 0.015).
+UNIT_MATCH, RATIO_FINE = 0.03, 0.05
+#: Time steps (s) with which no arm is logged, and a step that does not show ramps, which take 0.1 to 0.3 s.
+SLOWEST, FASTEST, COARSE = 1.0, 3e-5, 0.05
+#: Multiple of the limits (of a slide, of their width) that a range must exceed before the unit is in doubt.
+BEYOND, FAR_SLIDE = 1.5, 10.0
+#: rad; two turns each way: one joint beyond may turn endlessly, two of an arm do not. And less than any experiment.
+FAR, FEW_DEGREES = 4.0 * math.pi, 0.12
+#: Windows each way from which a joint's friction can be told from its gravity; share of a current's variance that
+#: another joint's direction must explain, and how much more than its own joint's.
+FEWEST_WAYS, STRONG, STRONGER = 30, 0.5, 4.0
+#: Share of a joint's samples, least number, and multiple of the next level's count, that make a flat top.
+FLAT_SHARE, FLAT_COUNT, FLAT_RATIO = 0.01, 50, 5
+#: Windows, and share of them, that make a signal that freezes again and again; s of one sequence that is frozen.
+FLAT_WINDOWS, FLAT_TIME, FROZEN = 20, 0.05, 2.0
+#: Share of pairs of samples with the same current, and s between two changes, from which on a current is held.
+HELD_SHARE, HELD = 0.6, 0.02
+#: Share of windows with repeated positions; how near to whole counts an encoder's steps are, and how many of them.
+STILL_TIME, COUNT_MATCH, WHOLE_COUNTS = 0.5, 0.1, 0.7
+#: Samples, and share of them, that are lost values; the same of a dead band, and zeros per current next to zero.
+DROPPED_COUNT, DROPPED_SHARE, ZEROS, ZERO_SHARE, ZERO_RATIO = 5, 2e-4, 8, 1e-3, 8
+#: A; what motors of arms draw at most lies between.
+SMALL, LARGE = 0.02, 200.0
+#: Mean squared difference of two currents, relative to their squares, from which on they are one.
+EQUAL = 1e-12
+
+
+@dataclass(frozen=True, slots=True)
+class Check:
+    """One line of the table.
+
+    Attributes
+    ----------
+    slug
+        As in docs/messages.md.
+    test
+        Yields the figures of each finding.
+    text, fix
+        What is wrong and what to do, with the figures in braces.
+    column
+        Quantity whose column is named, ``"time"`` too.
+    fault
+        Whether wrong numbers would certainly follow: then the logs are refused.
+    once
+        Whether one finding is enough.
+    """
+
+    slug: str
+    test: Callable[[LogStatistics], Found]
+    text: str
+    fix: str
+    column: str = "position"
+    fault: bool = False
+    once: bool = False
+
+    def run(self, sums: LogStatistics) -> Iterator[LogError | Note]:
+        """What the check finds in a file or in all."""
+        for figures in self.test(sums):
+            joint = figures.get("joint")
+            log = sums.robot.log
+            column = log.time if self.column == "time" else log.column(self.column, joint) if joint else ""
+            where = Where(file=sums.origin, joint=joint, column=column or None)
+            text, fix = self.text.format(**figures), self.fix.format(**figures)
+            if figures.get("fault", self.fault):
+                yield LogError(self.slug, text, where, fix)
+            else:
+                yield Note(self.slug, f"{text}; {fix}" if fix else text, where)
+            if self.once:
+                return
+
+
+def _joints(sums: LogStatistics, *, moved: bool = True) -> Iterator[tuple[Joint, int]]:
+    """Joints with their index, those that moved only."""
+    for joint in sums.robot.joints:
+        if not moved or sums.path[joint.number - 1] > MOVED:
+            yield joint, joint.number - 1
+
+
+def _time_unit(sums: LogStatistics) -> Found:
+    interval, unit = sums.interval(), sums.robot.log.units.get("time", "s")
+    if not (interval >= SLOWEST or interval <= FASTEST):
+        return
+    ticks = interval / factor(unit)
+    fitting = [
+        f"units: {{time: {word}}} ({number(1.0 / (ticks * size))} samples a second)"
+        for word, (dimension, size) in UNITS.items()
+        if dimension == "time" and 2e-4 <= ticks * size <= 0.1
+    ]
+    fix = f"put {' or '.join(fitting)} into the recipe's log block" if fitting else "check the time column"
+    fix += "; a count of rows is no time: then write the instants" if ticks == 1.0 else ""
+    rate = f"one sample every {number(interval)} s" if interval > 1 else f"{number(1 / interval)} samples a second"
+    yield {"unit": unit, "rate": rate, "fix": fix}
+
+
+def _rate_low(sums: LogStatistics) -> Found:
+    if COARSE < sums.interval() < SLOWEST:
+        yield {"rate": number(1 / sums.interval())}
+
+
+def _degrees(sums: LogStatistics) -> Found:
+    """Positions that are far too large as radians: beyond limits that they would fit as degrees, or of many turns."""
+    turning = [(joint, k) for joint, k in _joints(sums, moved=False) if joint.is_revolute]
+    speeds = _rms_speed(sums)
+    deg = factor("deg")
+    # A whole turn off may be another count of turns, not another unit.
+    beyond = [
+        (joint, k)
+        for joint, k in turning
+        if joint.limits
+        and _outside(sums, joint) > max((BEYOND - 1.0) * (joint.limits[1] - joint.limits[0]), math.tau)
+        and _fits(sums, joint, deg)
+    ]
+    furthest = np.maximum(np.abs(sums.lowest), np.abs(sums.highest))
+    far = [(joint, k) for joint, k in turning if not joint.limits and furthest[k] > FAR]
+    if sums.robot.log.units.get("position", "rad") != "rad" or not (beyond or far):
+        return
+    joint, k = (beyond or far)[0]
+    too_fast = [(j, i) for j, i in turning if j.max_velocity and speeds[i] > BEYOND * j.max_velocity]
+    why = "more than two turns"
+    if beyond:
+        why = f"its limits are {_span(joint.limits)} rad, and as degrees they would fit"
+    if too_fast:
+        fast, i = too_fast[0]
+        why += f"; joint {fast.number} would move at {number(speeds[i])} rad/s, its maximum is {fast.max_velocity:.3g}"
+    is_sure = bool(beyond or len(far) >= 2 or too_fast)
+    if is_sure or not abs(_ratio(sums)[k] - 1.0) < RATIO_FINE:
+        yield {"joint": joint.number, "span": _span((sums.lowest[k], sums.highest[k])), "why": why, "fault": is_sure}
+
+
+def _other_length(sums: LogStatistics) -> Found:
+    """Radians that are read as degrees, and a slide's millimetres that are read as metres."""
+    deg, units = factor("deg"), sums.robot.log.units
+    turning = [(j, k) for j, k in _joints(sums, moved=False) if j.is_revolute and j.limits]
+    spans = sums.highest - sums.lowest
+    if units.get("position", "rad") == "deg" and turning and all(_fits(sums, j, 1 / deg) for j, _ in turning):
+        joint, k = max(turning, key=lambda item: float(spans[item[1]]))
+        if spans[k] / deg > MOVED and spans[k] < FEW_DEGREES:
+            what = f"no position covers more than {number(spans[k] / deg)} degrees (joint {joint.number})"
+            fix = "take position: deg out of the units in the recipe's log block"
+            yield {"joint": joint.number, "what": f"{what}; as radians all would fit", "fix": fix, "fault": True}
+    if units.get("prismatic_position", "m") != "m":
+        return
+    for joint, k in _joints(sums, moved=False):
+        is_far = joint.limits and _outside(sums, joint) > FAR_SLIDE * (joint.limits[1] - joint.limits[0])
+        if not joint.is_revolute and is_far and _fits(sums, joint, factor("mm")):
+            span, limits = _span((sums.lowest[k], sums.highest[k])), _span(joint.limits)
+            what = f"positions of joint {joint.number} run from {span}; its limits are {limits} m"
+            fix = "put units: {prismatic_position: mm} into the recipe's log block"
+            yield {
+                "joint": joint.number,
+                "what": f"{what}, and as millimetres they would fit",
+                "fix": fix,
+                "fault": True,
+            }
+            return
+
+
+def _units_disagree(sums: LogStatistics) -> Found:
+    """The derivative of position against the velocity column, by a factor between two units."""
+    for joint, value in _off_ratios(sums):
+        fitting = _unit_changes(sums.robot, joint, value)
+        if fitting:
+            words = " or ".join(f"units: {{{quantity}: {unit}}}" for quantity, unit in fitting)
+            certain = any(quantity in ("position", "prismatic_position", "time") for quantity, _ in fitting)
+            says = f"changes {number(value)} times as fast as its velocity column says"
+            what = f"position of joint {joint.number} {says}"
+            fix = f"put {words} into the recipe's log block"
+            fix += "" if certain else " (speeds are taken from position)"
+            yield {"joint": joint.number, "what": what, "fix": fix, "fault": certain}
+            return
+
+
+def _velocity_sign(sums: LogStatistics) -> Found:
+    yield from ({"joint": joint.number} for joint, ratio in _off_ratios(sums) if abs(ratio + 1.0) < RATIO_FINE)
+
+
+def _velocity_unrelated(sums: LogStatistics) -> Found:
+    """A velocity column of another scale, or of another signal."""
+    if any(_unit_changes(sums.robot, joint, value) for joint, value in _off_ratios(sums)):
+        return
+    for joint, value in _off_ratios(sums):
+        gear = joint.gear_ratio
+        is_gear = gear and abs(abs(value * gear) - 1.0) < UNIT_MATCH
+        why = (
+            f" (the ratio is that of the gear, {number(gear or 0)}: the column is the motor's speed)" if is_gear else ""
+        )
+        if abs(value + 1.0) >= RATIO_FINE:
+            yield {"joint": joint.number, "how": f"the position changes {number(value)} times as fast{why}"}
+    for joint, k in _joints(sums):
+        match = abs(float(sums.agreement()[k, k]))
+        if sums.has_velocity and sums.integral[k] > 0 and match < UNRELATED:
+            yield {"joint": joint.number, "how": f"their correlation is {match:.2f}"}
+
+
+def _beyond_limits(sums: LogStatistics) -> Found:
+    speed = _rms_speed(sums)
+    for joint, k in _joints(sums, moved=False):
+        unit, most = joint.position_unit, joint.max_velocity
+        if most and speed[k] > BEYOND * most and sums.path[k] > MOVED:
+            what = f"moves at {number(speed[k])} {unit}/s (RMS), its maximum is {number(most)}"
+            yield {"joint": joint.number, "what": what, "fix": "check the units of time and of position"}
+        if joint.limits and _outside(sums, joint) > 0.05 * (joint.limits[1] - joint.limits[0]):
+            span = _span((sums.lowest[k], sums.highest[k]))
+            what = f"runs from {span} {unit}, beyond its limits {_span(joint.limits)}"
+            yield {"joint": joint.number, "what": what, "fix": "check zero, sign and unit"}
+
+
+def _velocities_swapped(sums: LogStatistics) -> Found:
+    """Velocity columns that follow the positions of other joints."""
+    match = np.abs(sums.agreement())
+    others = {
+        joint.number: int(np.argmax(match[k])) + 1
+        for joint, k in _joints(sums)
+        if sums.integral[k] > 0 and match[k, k] < ANOTHER and match[k].max() > AGREES
+    }
+    if others:
+        pairs = ", ".join(f"position {a} with velocity {b}" for a, b in others.items())
+        fix = "put the columns into one order; if the positions are right, velocity: null in the recipe's log block"
+        what = f"velocity columns follow other joints than their own: {pairs}"
+        yield {"joint": next(iter(others)), "what": what, "fix": fix, "fault": True}
+
+
+def _currents_swapped(sums: LogStatistics) -> Found:
+    """A joint that moves while another draws the current.
+
+    While joint a moves alone its friction changes sign with direction, and no other joint's does: gravity is a function
+    of position. So the current that answers to a's direction, beside cos and sin of its angle, is the current of a.
+    """
+    answer, share = _answers(sums)
+    moved_to: dict[int, int] = {}
+    for a in np.flatnonzero(~np.isnan(np.diag(answer))).tolist():
+        b = int(np.nanargmax(np.abs(answer[a])))
+        if b != a and share[a, b] > STRONG and abs(answer[a, b]) > STRONGER * abs(answer[a, a]):
+            moved_to[a + 1] = b + 1
+    if not moved_to:
+        return
+    what = "; ".join(
+        f"when joint {a} moves, current {b} changes by {number(2 * abs(answer[a - 1, b - 1]), 2)} A with direction, "
+        f"its own by {number(2 * abs(answer[a - 1, a - 1]), 2)} A"
+        for a, b in moved_to.items()
+    )
+    log = sums.robot.log
+    beside = ", ".join(f"{log.column('position', a)} beside {log.column('current', b)}" for a, b in moved_to.items())
+    fix = f"positions and currents are in different orders: put {beside} into one order"
+    is_sure = len(moved_to) >= 2 and len(set(moved_to.values())) == len(moved_to)
+    yield {"joint": next(iter(moved_to)), "what": what, "fix": fix if is_sure else f"perhaps {fix}", "fault": is_sure}
+
+
+def _position_held(sums: LogStatistics) -> Found:
+    """A position that is measured less often than it is logged; one of an encoder with few counts is none."""
+    for joint, k in _joints(sums, moved=False):
+        windows, still = sums.held[k]
+        if still >= FLAT_WINDOWS and still >= STILL_TIME * windows:
+            counts = sums.steps[k] / np.quantile(sums.steps[k], 0.02)
+            if np.mean(np.abs(counts - np.round(counts)) < COUNT_MATCH) < WHOLE_COUNTS:
+                yield {"joint": joint.number}
+
+
+def _current_constant(sums: LogStatistics) -> Found:
+    for joint, k in _measured(sums):
+        if _is_constant(sums, k):
+            yield {"joint": joint.number, "level": number(sums.least_current[k]), "total": int(sums.moving[k])}
+
+
+def _current_copied(sums: LogStatistics) -> Found:
+    """Two joints whose currents are the same numbers."""
+    n = sums.robot.n_joints
+    squares = sum((held[4:, 4:] for groups in sums.groups for held in groups.values()), np.zeros((n, n)))
+    size = np.diag(squares)[:, None] + np.diag(squares)
+    same = (np.abs(size - 2.0 * squares) <= EQUAL * size) & (np.minimum.outer(*[np.diag(squares)] * 2) > 0)
+    yield from ({"joint": int(b) + 1, "other": int(a) + 1} for a, b in np.argwhere(np.triu(same, 1)))
+
+
+def _current_saturated(sums: LogStatistics) -> Found:
+    """A flat top on either side; the side with the larger current is told."""
+    for joint, k in _measured(sums):
+        sides = [(*next(iter(counts.items())), *list(counts.values())[1:], side) for side, counts in _tops(sums, k)]
+        for level, count, *below, side in sorted(sides, reverse=True):
+            if count >= max(FLAT_COUNT, FLAT_SHARE * sums.moving[k]) and count >= FLAT_RATIO * sum(below):
+                limit = number(level if side == 0 else -level)
+                yield {"joint": joint.number, "limit": limit, "count": count, "total": int(sums.moving[k])}
+                break
+
+
+def _tops(sums: LogStatistics, k: int) -> list[tuple[int, dict[float, int]]]:
+    return [] if _is_constant(sums, k) else [(side, counts) for side, counts in enumerate(sums.tops[k]) if counts]
+
+
+def _current_frozen(sums: LogStatistics) -> Found:
+    """A current that is not measured anew at each sample."""
+    interval, saturated = sums.interval(), {found["joint"] for found in _current_saturated(sums)}
+    for joint, k in _measured(sums):
+        if _is_constant(sums, k) or joint.number in saturated:
+            continue
+        pairs, same = sums.same[k]
+        windows, flat = sums.flat[k]
+        period, longest = interval / max(1.0 - same / max(pairs, 1), 1e-9), sums.frozen[k] * interval
+        if sums.frozen[k] >= FLAT_COUNT and longest > FROZEN:
+            how = f"stays the same to the digit for {longest:.1f} s of motion"
+        elif same > HELD_SHARE * pairs and max(HELD, longest / 3.0) < period:
+            how = f"changes only every {1e3 * period:.0f} ms, and there is a sample every {1e3 * interval:.3g} ms"
+        elif flat >= FLAT_WINDOWS and flat > FLAT_TIME * windows:
+            how = f"stays the same to the digit in {100 * flat / windows:.0f} % of the time in which it moves"
+        else:
+            continue
+        yield {"joint": joint.number, "how": how}
+
+
+def _is_lost(sums: LogStatistics, k: int) -> bool:
+    return bool(sums.dropped[k] >= max(DROPPED_COUNT, DROPPED_SHARE * sums.moving[k]))
+
+
+def _current_dropouts(sums: LogStatistics) -> Found:
+    for joint, k in _measured(sums):
+        if _is_lost(sums, k) and not _is_constant(sums, k):
+            yield {"joint": joint.number, "count": int(sums.dropped[k]), "total": int(sums.moving[k])}
+
+
+def _current_dead_band(sums: LogStatistics) -> Found:
+    """A current that is zero far more often than next to zero; one in steps is as often one step away."""
+    told = {found["joint"] for found in (*_current_saturated(sums), *_current_frozen(sums))}
+    for joint, k in _measured(sums):
+        zeros, beside = sums.zeros[k], sum(sums.beside[k].values())
+        if joint.number in told or _is_lost(sums, k) or _is_constant(sums, k):
+            continue
+        if zeros >= max(ZEROS, ZERO_SHARE * sums.moving[k]) and zeros >= ZERO_RATIO * beside:
+            yield {"joint": joint.number, "count": int(zeros), "total": int(sums.moving[k])}
+
+
+def _current_size(sums: LogStatistics) -> Found:
+    for joint, k in _measured(sums):
+        largest = max(-sums.least_current[k], sums.most_current[k])
+        if not _is_constant(sums, k) and not SMALL <= largest <= LARGE:
+            unlike = "more than an arm's motor draws" if largest > LARGE else "less than it takes to move an arm"
+            yield {"joint": joint.number, "largest": number(largest), "unlike": unlike}
+
+
+def _at_rest(sums: LogStatistics) -> Found:
+    moved = {joint.number for joint, _ in _joints(sums)}
+    still = [joint.number for joint in sums.robot.joints if joint.number not in moved]
+    if still and moved:
+        listed = ", ".join(map(str, still))
+        yield {"which": f"joints {listed} never move" if len(still) > 1 else f"joint {listed} never moves"}
+
+
+#: Units first, since wrong ones cause much of what follows: where one is refused, the other checks are not made.
+UNIT_CHECKS = (
+    Check("time-unit", _time_unit, "with time read in {unit} there is {rate}; arms are not logged so", "{fix}",
+          column="time", fault=True),
+    Check("rate-low", _rate_low, "{rate} samples a second are too few to see where an arm speeds up and slows down",
+          "50 or more are needed for good runs", column="time"),
+    Check("looks-like-degrees", _degrees, "positions of joint {joint} run from {span}; {why}",
+          "if they are degrees put units: {{position: deg}} into the recipe's log block"),
+    Check("units-disagree", _other_length, "{what}", "{fix}"),
+)  # fmt: skip
+#: The derivative of position against the velocity column; where positions are in doubt, it is not asked.
+RATIO_CHECKS = (
+    Check("units-disagree", _units_disagree, "{what}", "{fix}", column="velocity"),
+    Check("velocity-sign", _velocity_sign, "velocity of joint {joint} has the sign opposite to its motion",
+          "speeds are taken from position", column="velocity"),
+)  # fmt: skip
+OTHER_CHECKS = (
+    Check("beyond-limits", _beyond_limits, "joint {joint} {what}", "{fix}"),
+    Check("joints-swapped", _velocities_swapped, "{what}", "{fix}", column="velocity"),
+    Check("velocity-unrelated", _velocity_unrelated,
+          "the velocity column of joint {joint} does not follow its position: {how}",
+          "speeds are taken from position and time", column="velocity"),
+    Check("position-held", _position_held, "position of joint {joint} often repeats while it moves, and then jumps: it "
+          "is measured less often than it is logged, or its log repeats samples",
+          "inertia and the ends of runs suffer"),
+    Check("current-copied", _current_copied, "joints {other} and {joint} have the same current in every sample",
+          "give each joint its own column; leave out one that was not measured", column="current", fault=True),
+    Check("constant-current", _current_constant, "current of joint {joint} is {level} A in all {total} samples in "
+          "which it moves", "name the column of the measured current; if there is none remove this one, the joint is "
+          "then left out", column="current", fault=True),
+    Check("current-saturated", _current_saturated, "current of joint {joint} is at its limit, {limit} A, in {count} of "
+          "{total} moving samples", "it is cut off by the drive or the sensor; slower runs stay below",
+          column="current"),
+    Check("current-frozen", _current_frozen, "current of joint {joint} {how}",
+          "the signal froze, is held and so late, or its steps are too coarse", column="current"),
+    Check("current-dropouts", _current_dropouts, "current of joint {joint} is exactly zero in {count} of {total} "
+          "moving samples, amid others that are far from it: values that were lost and written as 0",
+          "leave those cells empty, such rows are then left out", column="current"),
+    Check("current-dead-band", _current_dead_band, "current of joint {joint} is exactly zero in {count} of {total} "
+          "moving samples, and hardly ever next to zero: the drive or the sensor cuts small currents off, or values "
+          "that were lost were written as 0", "friction and gravity come out wrong", column="current"),
+    Check("current-size", _current_size, "current of joint {joint} is {largest} A at most, {unlike}",
+          "see units: {{current: ...}} in the recipe's log block", column="current"),
+    Check("joints-swapped", _currents_swapped, "{what}", "{fix}"),
+    Check("joint-at-rest", _at_rest, "{which} in these logs", ""),
+)  # fmt: skip
+
+
+def findings(sums: LogStatistics) -> list[LogError | Note]:
+    """What the table finds, in the order in which a user should look at it."""
+    found = [item for check in UNIT_CHECKS for item in check.run(sums)]
+    if not any(item.slug in ("looks-like-degrees", "units-disagree") for item in found):
+        found += [item for check in RATIO_CHECKS for item in check.run(sums)]
+    if not any(isinstance(item, LogError) for item in found):
+        found += [item for check in OTHER_CHECKS for item in check.run(sums)]
+    return found
+
+
+def _span(ends: tuple[float, float] | None) -> str:
+    low, high = ends or (math.nan, math.nan)
+    return f"{number(low)} to {number(high)}"
+
+
+def _outside(sums: LogStatistics, joint: Joint) -> float:
+    """How far positions leave the joint's limits (rad or m), negative inside."""
+    low, high = joint.limits or (-math.inf, math.inf)
+    return float(max(low - sums.lowest[joint.number - 1], sums.highest[joint.number - 1] - high))
+
+
+def _fits(sums: LogStatistics, joint: Joint, scale: float) -> bool:
+    """Whether positions times `scale` fit the limits, but for a tenth of their width."""
+    low, high = joint.limits or (-math.inf, math.inf)
+    k, slack = joint.number - 1, 0.1 * (high - low)
+    return bool(scale * sums.lowest[k] >= low - slack and scale * sums.highest[k] <= high + slack)
+
+
+def _rms_speed(sums: LogStatistics) -> Floats:
+    """(J,) RMS speed while moving; no more than the maximum, whatever the motion."""
+    return np.sqrt(sums.speed_squares / np.maximum(sums.seconds, 1e-12))
+
+
+def _ratio(sums: LogStatistics) -> Floats:
+    """(J,) displacement per integrated velocity, NaN where a joint did not move or they do not belong together."""
+    belongs = (np.abs(np.diag(sums.agreement())) > AGREES) & (sums.path > 0)
+    return np.where(belongs, np.diag(sums.moved_by) / np.where(sums.integral > 0, sums.integral, 1.0), np.nan)
+
+
+def _off_ratios(sums: LogStatistics) -> Iterator[tuple[Joint, float]]:
+    """Joints that moved, by displacement or by their velocity column, and whose ratio of the two is not one."""
+    moved = (sums.path > MOVED) | ((sums.displacement > 0) & (sums.integral > (MOVED * WINDOW) ** 2))
+    for joint, value in zip(sums.robot.joints, _ratio(sums).tolist(), strict=True):
+        if moved[joint.number - 1] and abs(value - 1.0) >= RATIO_FINE:
+            yield joint, value
+
+
+def _unit_changes(robot: Robot, joint: Joint, ratio: float) -> list[tuple[str, str]]:
+    """(key, unit word) of every single change of unit that brings the ratio to one."""
+    prefix, per = ("", "angular") if joint.is_revolute else ("prismatic_", "linear")
+    quantities = (
+        (f"{prefix}position", "angle" if joint.is_revolute else "length", "rad" if joint.is_revolute else "m", 1),
+        ("time", "time", "s", -1),
+        (f"{prefix}velocity", f"{per} velocity", "rad/s" if joint.is_revolute else "m/s", -1),
+    )
+    found = []
+    for key, dimension, standard, power in quantities:
+        now = robot.log.units.get(key, robot.log.units.get(key.removeprefix("prismatic_"), standard))
+        for word, (of, size) in UNITS.items():
+            changed = abs(ratio) * (size / factor(now)) ** power
+            if of == dimension and word != now and abs(changed - 1.0) < UNIT_MATCH:
+                found.append((key, word))
+    return found
+
+
+def _measured(sums: LogStatistics) -> Iterator[tuple[Joint, int]]:
+    """Joints that moved and have a current."""
+    yield from ((joint, k) for joint, k in _joints(sums) if sums.moving[k])
+
+
+def _is_constant(sums: LogStatistics, k: int) -> bool:
+    return bool(sums.least_current[k] == sums.most_current[k] and sums.moving[k] >= FLAT_COUNT)
+
+
+def _answers(sums: LogStatistics) -> tuple[Floats, Floats]:
+    """(J, J) half difference of current b between a's directions (A), and the share of variance that it explains.
+
+    Within each posture, so that gravity's change from posture to posture counts neither way. NaN where joint a did not
+    move alone both ways long enough.
+    """
+    n = sums.robot.n_joints
+    answer, share = np.full((n, n), np.nan), np.zeros((n, n))
+    for a in range(n):
+        if sums.ways[a].min() < FEWEST_WAYS or sums.path[a] < MOVED:
+            continue
+        rest = _beside_gravity(np.array([*sums.groups[a].values()])).sum(axis=0)
+        if rest[0, 0] < FEWEST_WAYS:
+            continue
+        answer[a] = rest[0, 1:] / rest[0, 0]
+        share[a] = rest[0, 1:] ** 2 / (rest[0, 0] * np.maximum(np.diag(rest)[1:], 1e-300))
+        answer[a, (sums.moving == 0) & (sums.path > MOVED)] = np.nan
+    return answer, share
+
+
+def _beside_gravity(sums: Floats) -> Floats:
+    """(G, 1 + J, 1 + J) sums of direction and currents once 1, cos and sin are taken out of them, of G postures."""
+    inverse = np.linalg.pinv(sums[:, :3, :3], rcond=1e-9, hermitian=True)
+    cross = sums[:, :3, 3:]
+    return np.asarray(sums[:, 3:, 3:] - cross.transpose(0, 2, 1) @ inverse @ cross)

@@ -1,0 +1,91 @@
+"""Speed and acceleration from positions alone, against courses known in closed form."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from pumaid.preprocessing.differentiate import Ticks, acceleration, derivatives, round_half_up, slopes, usual_step
+
+
+@pytest.mark.parametrize("half", [1, 4])
+def test_slopes_are_straight_lines_through_neighbours(half):
+    """As least squares give them, at uneven times and at the ends."""
+    random = np.random.default_rng(half)
+    time, values = np.cumsum(random.uniform(0.5, 1.5, 40)), random.normal(size=40)
+    near = [slice(max(0, k - half), k + half + 1) for k in range(40)]
+    wanted = [np.polyfit(time[part] - time[part].mean(), values[part], 1)[0] for part in near]
+    np.testing.assert_allclose(slopes(time, values, half), wanted, rtol=1e-9, atol=1e-9)
+
+
+def test_derivatives_pass_a_parabola_unbent():
+    """Velocity and acceleration of constant acceleration are exact; five samples still have a slope."""
+    time = np.arange(500) / 250.0
+    velocity, rate = derivatives(time, 1.0 + 0.5 * time + 0.8 * time**2, 0.2)
+    np.testing.assert_allclose(velocity, 0.5 + 1.6 * time, atol=1e-8)
+    np.testing.assert_allclose(rate, 1.6, atol=1e-6)
+    velocity, rate = derivatives(np.arange(5) / 10.0, 0.3 * np.arange(5), 0.2)
+    np.testing.assert_allclose(velocity, 3.0)
+    np.testing.assert_array_equal(rate, 0.0)
+
+
+@pytest.mark.parametrize("rate", [50.0, 1000.0, 4000.0])
+def test_tick_noise_is_that_of_a_mean(rate):
+    """A tick's noise is the sample noise over the root of its samples, whatever moves."""
+    rng = np.random.default_rng(1)
+    time = np.arange(round(20 * rate)) / rate
+    position = np.sin(0.5 * time) + 1e-3 * rng.standard_normal(len(time))
+    ticks = Ticks.of(time, position[:, None])
+    size = ticks.edges[1] - ticks.edges[0]
+    assert ticks.noise[0] == pytest.approx(1e-3 / np.sqrt(size), rel=0.15)
+
+
+def test_a_coarse_encoder_asks_for_a_longer_line():
+    """The fit lengthens until the encoder's step cannot look like a speed."""
+    time = np.arange(4000) / 1000.0
+    position = np.round(0.02 * time / 1e-3) * 1e-3
+    coarse, fine = Ticks.of(time, position[:, None]), Ticks.of(time, 0.02 * time[:, None])
+    assert coarse.quantum[0] == pytest.approx(1e-3)
+    assert coarse.half_width(1, 1e-3) > fine.half_width(1, 1e-3)
+
+
+@pytest.mark.parametrize("rate", [25.0, 125.0, 500.0])
+def test_a_step_is_the_clock_s_however_its_stamps_are_rounded(rate):
+    """Seconds since 1970, microseconds, float32 and a gap: the same step, and the same number of samples in a tick."""
+    time = np.arange(2000) / rate
+    rounded = (np.round(time + 0.3333337, 6), (time + 500.0).astype(np.float32).astype(float))
+    found = [usual_step(stamps) for stamps in (time, time + 1.7e9, *rounded, np.delete(time, slice(700, 900)))]
+    assert found == pytest.approx([1.0 / rate] * 5, rel=1e-4)
+    assert len({round_half_up(0.02 / step) for step in found}) == 1
+
+
+def wavering(size: float, *, step: float = 0.0, seed: int = 3) -> tuple:
+    """Times that jitter by whole milliseconds, positions quantised by `step`, and the true acceleration."""
+    rng = np.random.default_rng(seed)
+    t = np.cumsum(rng.integers(9, 12, size=500) * 1e-3)
+    q = 0.5 * t + size / (2 * np.pi * 3.0) ** 2 * np.sin(2 * np.pi * 3.0 * t)
+    return t, step * np.round(q / step) if step else q, -size * np.sin(2 * np.pi * 3.0 * t)
+
+
+@pytest.mark.parametrize("step", [0.0, 2e-5])
+def test_waves_of_the_speed_are_seen(step):
+    """3 waves a second on a steady speed, at uneven time steps: 95 % of the acceleration's square is found."""
+    t, q, truth = wavering(1.0, step=step)
+    rest = acceleration(t, q) - truth
+    assert np.mean(rest[10:-10] ** 2) < 0.05 * np.mean(truth**2)
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_a_steady_speed_has_no_acceleration(seed):
+    """Time steps that differ, and a sensor's noise, are no acceleration; neither are waves below the noise."""
+    t, q, _ = wavering(0.0, step=2e-5, seed=seed)
+    noise = np.random.default_rng(seed).normal(0.0, 1e-4, len(q))
+    assert not acceleration(t, q).any()
+    assert not acceleration(t, q + noise).any()
+    assert not acceleration(t, wavering(0.01, seed=seed)[1] + 10.0 * noise).any()
+
+
+@pytest.mark.parametrize("count", [0, 1, 5, 8])
+def test_too_few_samples_have_no_acceleration(count):
+    """Zeros, and no error, for runs of fewer samples than a cubic needs."""
+    assert acceleration(np.arange(float(count)), np.arange(float(count)) ** 2).tolist() == [0.0] * count

@@ -1,0 +1,249 @@
+"""Runs kept for judging: by the plan, by whole files or whole postures, never a part of a fitted run."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import worlds
+
+from pumaid.dataset import Dataset, Run
+from pumaid.errors import LogError
+from pumaid.io.paths import meant
+from pumaid.preprocessing.hold_out import hold_out, match_with_plan
+from pumaid.simulation import runs, table1
+from pumaid.trajectory import Motion, Plan
+
+HOLD = (0.0, -1.5, 0.5, 0.0, 0.0, 0.0)
+OTHER = (0.0, -1.5, 0.9, 0.0, 0.0, 0.0)
+PLAN = Plan(
+    "PUMA 560",
+    (
+        Motion(2, HOLD, -1.0, 1.0, 0.5),
+        Motion(2, HOLD, 1.0, -1.0, 0.5),
+        Motion(2, HOLD, -1.0, 1.0, 0.7, "heldout"),
+        Motion(2, OTHER, -1.0, 1.0, 0.5, "heldout"),
+    ),
+)
+
+
+def planned() -> Dataset:
+    """The plan's runs as found in logs: nothing is marked yet."""
+    found = runs(table1.puma560(), PLAN, np.random.default_rng(1))
+    return Dataset(tuple(replace(run, heldout=False) for run in found))
+
+
+def with_first(**changes: object) -> tuple[Run, ...]:
+    """Runs of which the third (held out) is changed."""
+    found = planned().runs
+    return (*found[:2], replace(found[2], **changes), *found[3:])
+
+
+def test_heldout_runs_are_marked_and_no_others():
+    """Posture, speed and direction decide, not the order."""
+    shuffled = Dataset(tuple(reversed(planned().runs)))
+    found = match_with_plan(shuffled, PLAN)
+    assert [run.heldout for run in found.runs] == [True, True, False, False]
+    assert found.notes == ()
+
+
+@pytest.mark.parametrize(("share", "is_marked"), [(1.08, True), (0.93, True), (1.15, False)])
+def test_speed_may_differ_by_a_tenth(share, is_marked):
+    """A robot that runs 8 % fast makes the planned run; at 15 % it is another."""
+    found = match_with_plan(Dataset(with_first(speed=0.7 * share)), PLAN)
+    assert found.runs[2].heldout is is_marked
+
+
+@pytest.mark.parametrize(("away", "is_marked"), [(0.03, True), (0.2, False)])
+def test_posture_may_differ_a_little(away, is_marked):
+    """A steady error of 0.03 rad is the planned posture, 0.2 rad is not."""
+    posture = planned().runs[2].posture + np.array([0.0, 0.0, 0.0, away, 0.0, 0.0])
+    assert match_with_plan(Dataset(with_first(posture=posture)), PLAN).runs[2].heldout is is_marked
+
+
+def test_the_other_direction_is_another_run():
+    """A run down is not the planned run up."""
+    assert not match_with_plan(Dataset(with_first(speed=-0.7, span=(1.0, -1.0))), PLAN).runs[2].heldout
+
+
+def test_the_nearest_speed_decides():
+    """Between a fitted run at 0.50 and one for judging at 0.54 a run at 0.535 is for judging."""
+    plan = replace(PLAN, motions=(PLAN.motions[0], replace(PLAN.motions[0], velocity=0.54, purpose="heldout")))
+    run = replace(planned().runs[0], speed=0.535)
+    assert match_with_plan(Dataset((run,)), plan).runs[0].heldout
+
+
+def test_missing_runs_are_told():
+    """Planned motions of which the logs have no run are counted and named."""
+    found = match_with_plan(Dataset(planned().runs[:2]), PLAN)
+    (note,) = found.notes
+    assert note.slug == "plan-run-missing"
+    assert "2 of 4 planned runs" in note.text
+    assert "run 3 (joint 2 up)" in note.text
+
+
+def test_a_replicate_that_is_missing_is_told():
+    """Of a motion planned twice and found once, one is missing."""
+    plan = replace(PLAN, motions=(*PLAN.motions, PLAN.motions[0]))
+    (note,) = match_with_plan(planned(), plan).notes
+    assert "1 of 5 planned runs" in note.text
+
+
+@pytest.mark.parametrize(("count", "notes"), [(1, []), (3, ["plan-run-unplanned"])])
+def test_many_unplanned_runs_are_told_and_kept(count, notes):
+    """Runs that nobody planned stay in the fit; a quarter of all may pass unsaid, more is told."""
+    stray = replace(planned().runs[0], joint=4, posture=np.array([0.0, -1.5, 0.5, np.nan, 0.0, 0.0]))
+    found = match_with_plan(Dataset((*planned().runs, *[stray] * count)), PLAN)
+    assert [run.heldout for run in found.runs] == [False, False, True, True] + [False] * count
+    assert [note.slug for note in found.notes] == notes
+
+
+def test_parts_of_a_motion_are_all_marked():
+    """A run that was cut in two is held out in both parts."""
+    first = replace(planned().runs[2], span=(-0.9, -0.1))
+    second = replace(planned().runs[2], span=(0.1, 0.9))
+    found = match_with_plan(Dataset((first, second)), PLAN)
+    assert [run.heldout for run in found.runs] == [True, True]
+
+
+def test_another_arms_plan_changes_nothing():
+    """A plan for another number of joints marks nothing."""
+    plan = Plan("pendulum", (Motion(2, (0.0, 0.0), -1.0, 1.0, 0.7, "heldout"),))
+    assert match_with_plan(planned(), plan).runs == planned().runs or not any(
+        run.heldout for run in match_with_plan(planned(), plan).runs
+    )
+
+
+def test_a_tour_and_its_part_are_told_apart():
+    """Of two motions as fast, one over the span and one over a fifth of it, each run is the one whose way it goes."""
+    tour, part = Motion(2, HOLD, -1.0, 1.0, 0.5), Motion(2, HOLD, 0.0, 0.4, 0.5)
+    plan = Plan("PUMA 560", (part, tour, part, tour))
+    found = runs(table1.puma560(), plan, np.random.default_rng(2))
+    assert match_with_plan(Dataset(tuple(found)), plan).notes == ()
+
+
+def test_a_run_of_which_little_is_left_is_not_missing():
+    """A run over the whole span, found only over its second half, counts for it where the half has its own run."""
+    whole, half = Motion(2, HOLD, -1.0, 1.0, 0.5), Motion(2, HOLD, 0.0, 1.0, 0.5)
+    first = replace(planned().runs[0], span=(0.1, 0.9))
+    plan = replace(PLAN, motions=(whole, half))
+    assert match_with_plan(Dataset((first, first)), plan).notes == ()
+    (note,) = match_with_plan(Dataset((first,)), plan).notes
+    assert "1 of 2 planned runs" in note.text
+
+
+NAMES = ["logs/day1/a.csv", "logs/day1/b.csv", "logs/day2/a.csv"]
+
+
+def dataset(postures: int = 4) -> Dataset:
+    """A pendulum's runs in random postures, a third in each of the files a, b and c."""
+    truth = worlds.drawn(worlds.PENDULUM, 5)
+    runs = worlds.dataset(truth, worlds.experiment(worlds.PENDULUM, postures=postures)).runs
+    third = -(-len(runs) // 3)
+    named = [replace(run, origin=f"{'abc'[number // third]}.csv") for number, run in enumerate(runs)]
+    return Dataset(tuple(named))
+
+
+def held(found: Dataset) -> list[int]:
+    """Indices of the held-out runs."""
+    return [number for number, run in enumerate(found.runs) if run.heldout]
+
+
+def test_every_run_of_a_file_is_held_out():
+    """Runs of other files stay."""
+    before = dataset()
+    found = hold_out(before, files=["b.csv"])
+    expected = [k for k, run in enumerate(before.runs) if run.origin == "b.csv"]
+    assert held(found) == expected and len(expected) == len(before.runs) // 3
+
+
+def test_what_the_plan_holds_out_stays():
+    """A run that was marked before is marked after."""
+    before = dataset()
+    marked = replace(before, runs=(replace(before.runs[0], heldout=True), *before.runs[1:]))
+    assert held(hold_out(marked, files=["c.csv"]))[0] == 0
+
+
+def test_the_last_posture_of_each_joint_is_held_out():
+    """All its runs and no other's: three postures a joint are left, and the one that is gone was begun last."""
+    found = hold_out(dataset(), postures=True)
+    for joint in (1, 2):
+        own = found.of_joint(joint)
+        kept = {tuple(np.round(np.delete(run.posture, joint - 1), 6)) for run in own if not run.heldout}
+        gone = {tuple(np.round(np.delete(run.posture, joint - 1), 6)) for run in own if run.heldout}
+        assert len(kept) == 3 and len(gone) == 1 and not kept & gone
+        assert gone == {tuple(np.round(np.delete(own[-1].posture, joint - 1), 6))}
+
+
+def test_a_chance_posture_does_not_count():
+    """One run on the way between two postures makes no fourth of them, and is not held out for a fourth."""
+    few = dataset(3)
+    stray = replace(few.runs[-1], posture=few.runs[-1].posture + 0.5)
+    with pytest.raises(LogError, match="4 postures"):
+        hold_out(Dataset((*few.runs, stray)), postures=True)
+    many = dataset(4)
+    assert held(hold_out(Dataset((*many.runs, stray)), postures=True)) == held(hold_out(many, postures=True))
+
+
+def test_whole_turns_are_no_other_posture():
+    """A joint that is held a turn further on is in the same posture; so three are not four."""
+    shifted = tuple(
+        replace(run, posture=run.posture + 2 * np.pi * (number % 2)) for number, run in enumerate(dataset(3).runs)
+    )
+    with pytest.raises(LogError, match="4 postures"):
+        hold_out(Dataset(shifted), postures=True)
+
+
+def test_too_few_postures_are_refused():
+    """The message names the joint with most."""
+    with pytest.raises(LogError, match="joint 1 has most, 3") as refused:
+        hold_out(dataset(3), postures=True)
+    assert refused.value.slug == "heldout-nothing"
+
+
+def test_a_joint_keeps_runs_to_fit():
+    """Where files hold all runs of a joint, the joint and its files are named."""
+    runs = tuple(replace(run, origin=f"j{run.joint}.csv") for run in dataset().runs)
+    with pytest.raises(LogError, match="runs of joint 2 would be held out") as refused:
+        hold_out(Dataset(runs), files=["j2.csv"])
+    assert refused.value.slug == "heldout-all" and "j2.csv" in refused.value.mend
+
+
+def test_files_without_runs_are_refused():
+    """A file in which nothing was found judges nothing."""
+    with pytest.raises(LogError) as refused:
+        hold_out(dataset(), files=["d.csv"])
+    assert refused.value.slug == "heldout-nothing"
+
+
+def test_the_note_counts():
+    """What is held out, and how much is left."""
+    found = hold_out(dataset(), files=["c.csv"])
+    n_runs, n_held = len(found.runs), len(held(found))
+    assert found.notes[-1].slug == "held-out"
+    assert found.notes[-1].text == f"runs held out: {n_held} of c.csv; {n_runs - n_held} of {n_runs} are left to fit"
+
+
+@pytest.mark.parametrize(
+    ("pattern", "expected"),
+    [
+        ("logs/day1/a.csv", NAMES[:1]),
+        ("./logs/day1/../day1/a.csv", NAMES[:1]),
+        ("a.csv", [NAMES[0], NAMES[2]]),
+        ("logs/day1", NAMES[:2]),
+        ("logs/day1/", NAMES[:2]),
+        ("logs/*/b*", NAMES[1:2]),
+        ("b.*", NAMES[1:2]),
+    ],
+)
+def test_files_are_named_as_users_do(pattern, expected):
+    """By path, bare name, folder, or a glob of either."""
+    assert meant(pattern, NAMES) == expected
+
+
+def test_a_name_that_leads_nowhere():
+    """The nearest one is told."""
+    with pytest.raises(LogError) as refused:
+        meant("logs/day1/bb.csv", NAMES)
+    assert refused.value.slug == "heldout-nothing" and "b.csv" in refused.value.mend
