@@ -41,64 +41,61 @@ def model_argument(function: Decorated) -> Decorated:
 
 def recipe_option(function: Decorated) -> Decorated:
     """``--recipe FILE`` as `recipe`: Path or None."""
-    told = "The robot's recipe; else recipe.yaml in the logs' folder, beside it, or here."
-    return click.option("--recipe", type=click.Path(path_type=Path), metavar="FILE", help=told)(function)
+    text = "The recipe; else recipe.yaml with the logs, beside them, or here."
+    return click.option("--recipe", type=click.Path(path_type=Path), metavar="FILE", help=text)(function)
 
 
-def output_option(told: str) -> Callable[[Decorated], Decorated]:
-    """``-o FILE`` as `output`: Path or None; ``-`` is standard output. `told` is its help."""
+def output_option(text: str) -> Callable[[Decorated], Decorated]:
+    """``-o FILE`` as `output`: Path or None; ``-`` is standard output. `text` is its help."""
     kind = _Place(path_type=Path, allow_dash=True)
-    return click.option("-o", "--output", type=kind, metavar="FILE", help=told)
+    return click.option("-o", "--output", type=kind, metavar="FILE", help=text)
 
 
 def results_option(function: Decorated) -> Decorated:
     """``--results FOLDER`` as `results`: Path or None."""
-    told = "Where results go; else results/ beside the recipe."
-    return click.option("--results", type=_Place(path_type=Path), metavar="FOLDER", help=told)(function)
+    text = "Where results go; else results/ beside the recipe."
+    return click.option("--results", type=_Place(path_type=Path), metavar="FOLDER", help=text)(function)
 
 
 def json_option(function: Decorated) -> Decorated:
     """``--json`` as `as_json`: bool."""
-    told = "Print one JSON document on standard output and nothing else there."
-    return click.option("--json", "as_json", is_flag=True, help=told)(function)
+    text = "Print one JSON document on standard output, nothing else there."
+    return click.option("--json", "as_json", is_flag=True, help=text)(function)
 
 
 def seed_option(function: Decorated) -> Decorated:
     """``--seed N`` as `seed`: int, 0 or more; 0 where not given."""
-    told = "Random numbers start here; the same seed gives the same result."
+    text = "The same seed gives the same result."
     kind = click.IntRange(min=0)
-    return click.option("--seed", type=kind, default=0, show_default=True, metavar="N", help=told)(function)
+    return click.option("--seed", type=kind, default=0, show_default=True, metavar="N", help=text)(function)
 
 
 def units_option(function: Decorated) -> Decorated:
     """``--units rad|deg`` as `units`: str."""
-    told = "Unit of angles in tables; JSON is always in rad."
+    text = "Unit of angles in tables; JSON is in rad."
     kind = click.Choice(["rad", "deg"])
-    return click.option("--units", type=kind, default="rad", show_default=True, help=told)(function)
+    return click.option("--units", type=kind, default="rad", show_default=True, help=text)(function)
 
 
 def check_option(function: Decorated) -> Decorated:
     """``--check`` as `check`: bool."""
-    told = "Leave with exit code 1 if something asks for attention."
-    return click.option("--check", is_flag=True, help=told)(function)
+    text = "Leave with exit code 1 if something asks for attention."
+    return click.option("--check", is_flag=True, help=text)(function)
 
 
 def effect_options(function: Decorated) -> Decorated:
     """``--add`` and ``--remove`` as `add` and `remove`: tuples of str, as `pumaid.choices` reads them."""
-    added = (
-        "Physics beyond the paper's model, such as stribeck@3; may be repeated. JOINT is a number from 1, a name or"
-        " all; a shape that is not given is fitted."
-    )
-    removed = "Leave out an effect that the recipe switches on, or all of them; may be repeated."
+    added = "Physics to add: stribeck@3, ripple@2:frequency=58 ...; repeatable."
+    removed = "Leave out an effect that the recipe has, or all; repeatable."
     metavar = "EFFECT[@JOINT]"
     function = click.option("--remove", multiple=True, metavar=metavar, help=removed)(function)
-    return click.option("--add", multiple=True, metavar=f"{metavar}[:SHAPE=VALUE,...]", help=added)(function)
+    return click.option("--add", multiple=True, metavar=metavar, help=added)(function)
 
 
 def trust_option(function: Decorated) -> Decorated:
     """``--trust`` as `trust`: bool."""
-    told = "Go on where the logs look wrong (units, order of joints, dead currents): refusals become notes."
-    return click.option("--trust", is_flag=True, help=told)(function)
+    text = "Take logs that look wrong: refusals become notes."
+    return click.option("--trust", is_flag=True, help=text)(function)
 
 
 def reading_options(function: Decorated) -> Decorated:
@@ -112,21 +109,18 @@ def reading_options(function: Decorated) -> Decorated:
 
         return function(reading=Reading(jobs, dask, tell=remark, progress=counted), **values)
 
-    told = "Read the log files with the workers of this dask.distributed scheduler."
-    run = click.option("--dask", default="", metavar="ADDRESS|local", help=told)(run)
-    told = "Processes that read log files; 0: one a core. The result does not depend on it."
+    text = "Read the logs with the workers of this Dask scheduler."
+    run = click.option("--dask", default="", metavar="ADDRESS", help=text)(run)
+    text = "Processes that read logs; 0: one a core."
     kind = click.IntRange(min=0)
-    return click.option("--jobs", type=kind, default=0, show_default=True, metavar="N", help=told)(run)  # type: ignore[return-value]
+    return click.option("--jobs", type=kind, default=0, show_default=True, metavar="N", help=text)(run)  # type: ignore[return-value]
 
 
 def heldout_option(function: Decorated) -> Decorated:
     """``--heldout FILE|posture``, any number of times, as `heldout`: tuple of str."""
-    told = (
-        "Keep the runs of these logs for judging, unfitted: a file, folder or quoted glob among LOGS; or 'posture':"
-        " each joint's last one, of four or more. Repeatable."
-    )
+    text = "Logs kept for judging, or each joint's last posture; repeatable."
     metavar = "FILE|posture"
-    return click.option("--heldout", multiple=True, metavar=metavar, callback=_no_empty, help=told)(function)
+    return click.option("--heldout", multiple=True, metavar=metavar, callback=_no_empty, help=text)(function)
 
 
 def _no_empty(context: click.Context, option: click.Parameter, words: tuple[str, ...]) -> tuple[str, ...]:
@@ -138,20 +132,20 @@ def _no_empty(context: click.Context, option: click.Parameter, words: tuple[str,
 
 def suspect_option(function: Decorated) -> Decorated:
     """``--suspect COLUMN``, any number of times, as `suspect`: tuple of str."""
-    told = "A column of the logs that may be the cause (supply voltage, oil temperature ...); repeatable."
-    return click.option("--suspect", multiple=True, metavar="COLUMN", help=told)(function)
+    text = "A column that may be the cause (a supply voltage); repeatable."
+    return click.option("--suspect", multiple=True, metavar="COLUMN", help=text)(function)
 
 
 def effects_option(function: Decorated) -> Decorated:
     """``--effects FILE.py``, any number of times: in the catalogue before the command begins, so no value arrives."""
-    told = "A file that holds an effect of your own; it is run, so name only files that you trust. Repeatable."
+    text = "A file with an effect of your own, which is run; repeatable."
     kind = click.Path(path_type=Path)
     return click.option(
         "--effects",
         type=kind,
         multiple=True,
         metavar="FILE.py",
-        help=told,
+        help=text,
         callback=_include,
         expose_value=False,
     )(function)

@@ -72,6 +72,12 @@ def test_help_shows_an_example(name):
 
 
 @pytest.mark.parametrize("name", COMMANDS)
+def test_help_fits_one_screen(name):
+    """Forty lines of a hundred columns hold a command's help."""
+    assert len(run(name, "--help", env={"COLUMNS": "100"}).stdout.splitlines()) <= 40
+
+
+@pytest.mark.parametrize("name", COMMANDS)
 def test_help_explains_every_option(name):
     """No option is left without a word."""
     options = [option for option in group.get_command(None, name).params if option.param_type_name == "option"]

@@ -71,11 +71,8 @@ def command(
 ) -> None:
     """Learn which physical effect a model lacks, how sure that is, and what adding it would bring.
 
-    Tries every effect of the catalogue at every joint and says, for each joint where the model fails, which one is
-    missing, or which these data cannot tell apart and the runs that would; the error to expect on runs that no fit saw;
-    and the command that adds it. Where nothing is missing it says what these data would have shown.
-
-    With --apply every step is written as the current model and kept; pumaid history tells the steps and undoes them.
+    Tries every effect of the catalogue at every joint: which is missing, which others these data cannot tell from it,
+    the runs that would, and the command that adds it. With --apply each step is kept; pumaid history undoes them.
 
     \b
     Example:

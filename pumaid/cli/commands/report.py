@@ -38,12 +38,10 @@ FIGURES = ("png", "svg", "pdf")
 @click.argument("logs", nargs=-1, metavar="[LOGS...]")
 @recipe_option
 @effects_option
-@output_option(
-    "The page, or with --table the table; - for standard output. Default: report.html in the results folder."
-)
+@output_option("The page or table; - for standard output. Default: report.html in the results folder.")
 @results_option
 @click.option(
-    "--table", "form", type=click.Choice(TABLES), help="Only the parameter table, in this form; reads no logs."
+    "--table", "form", type=click.Choice(TABLES), metavar="FORM", help=f"Only the parameter table: {', '.join(TABLES)}."
 )
 @click.option(
     "--figures", type=click.Path(path_type=Path), metavar="FOLDER", help="Where figures go; else results/figures."

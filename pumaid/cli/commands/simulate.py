@@ -42,19 +42,18 @@ def _real(robot: Robot, truth: Path | None, *, hide: tuple[str, ...], noise: flo
     metavar="FILE",
     help="The plan, YAML or CSV; else plan.yaml beside the recipe.",
 )
-@output_option("Folder of the logs; - for one CSV on standard output. Default: logs beside the recipe.")
+@output_option("Folder of the logs, else logs beside the recipe; - for one CSV on standard output.")
 @click.option(
     "--truth",
     type=click.Path(path_type=Path),
     metavar="FILE",
-    help="What the robot is: an earlier truth.json, or table1 (the PUMA 560 of the paper); else drawn from the seed.",
+    help="An earlier truth.json, or table1 (the paper's PUMA); else drawn from the seed.",
 )
 @click.option(
     "--hide",
     multiple=True,
-    metavar="EFFECT[@JOINT][:KEY=VALUE,...]",
-    help="Physics beyond the paper's model that the robot has; may be repeated. Values that are not given are made"
-    " to show at that joint. A wrong name lists the right ones.",
+    metavar="EFFECT[@JOINT]",
+    help="Physics that the robot has: stribeck@3:a=0.2,velocity=0.1 ...; repeatable.",
 )
 @effects_option
 @click.option(
@@ -62,8 +61,7 @@ def _real(robot: Robot, truth: Path | None, *, hide: tuple[str, ...], noise: flo
     type=click.Choice(["builtin", "mujoco"]),
     default="builtin",
     show_default=True,
-    help="What moves the robot: every joint by itself, or rigid bodies that push each other"
-    " (slower; pip install 'pumaid[mujoco]').",
+    help="Joints by themselves, or rigid bodies (needs pumaid[mujoco]).",
 )
 @click.option("--rate", type=float, default=250.0, show_default=True, metavar="HZ", help="Samples a second.")
 @click.option("--noise", type=click.FloatRange(min=0), metavar="A", help="Noise of every current; 0 for none at all.")
@@ -108,16 +106,13 @@ def command(
 ) -> None:
     """Let a virtual robot execute a plan in closed loop and write logs as a real one would.
 
-    Its masses, motors, friction and noise are drawn from the seed; what they are is written to truth.json in the
-    logs' folder. Same seed, same logs.
-
-    RECIPE is a file or the name of a shipped one; else recipe.yaml here.
+    Its masses, motors, friction and noise are drawn from the seed and written to truth.json in the logs' folder. RECIPE
+    is a file or the name of a shipped one; else recipe.yaml here.
 
     \b
     Example:
       pumaid simulate recipe.yaml --plan plan.yaml -o logs/ --seed 7
       pumaid simulate --hide stribeck@3:a=0.2 --hide spring@2 -o hidden/
-      pumaid simulate --noise 0.05 --rate 100 --format csv -o noisy/
       pumaid simulate --physics mujoco -o rigid/
       pumaid simulate -o - | pumaid identify -
     """
