@@ -1,0 +1,136 @@
+"""docs/contributing.md holds: an effect, a log format, a report section, an export are one new file each."""
+
+from __future__ import annotations
+
+import sys
+
+import jinja2
+import numpy as np
+import pytest
+import report_contexts
+from click.testing import CliRunner
+
+import pumaid.effects
+import pumaid.exports.formats
+import pumaid.io.formats
+import pumaid.reporting.sections
+from pumaid.cli import group
+from pumaid.effects import catalogue
+from pumaid.exports import every_form, export
+from pumaid.io.log_formats import log_formats
+from pumaid.io.log_reader import LogReader
+from pumaid.io.recipe import read_recipe, shipped_recipes
+from pumaid.reporting.page import all_sections, page
+
+EFFECT = '''
+"""A dummy."""
+from pumaid.effects import Effect, Family, Parameter, Trace
+
+class Dummy(Effect):
+    """A current with the cube of the position."""
+    title, formula, source, family, trace = "Dummy", "a * q ** 3", "chapter 1", Family.TORQUE, (Trace.POSITION,)
+
+    def parameters(self, robot, number):
+        return (Parameter("a", "A/{unit}3", "size", "a{n}", 0.1),)
+'''
+LOG_FORMAT = '''
+"""Numbers behind a line with their names."""
+import numpy as np
+from pumaid.io.log_formats import Batch, Column, LogSource
+
+class DummyLog(LogSource):
+    """DUMMY, names, rows of numbers."""
+    endings = (".dummy",)
+
+    @classmethod
+    def sniff(cls, head):
+        return head.startswith(b"DUMMY")
+
+    def schema(self):
+        self._names = self.path.read_text().splitlines()[1].split()
+        return [Column(name) for name in self._names]
+
+    def batches(self, names):
+        rows = np.loadtxt(self.path, skiprows=2)
+        places = [self._names.index(name) for name in names]
+        yield Batch(3 + np.arange(len(rows)), rows[:, places].T.copy())
+'''
+SECTION = '''
+"""A dummy."""
+from pumaid.reporting.sections import Section
+
+class Dummy(Section):
+    """Greets."""
+    order, title = 1, "Dummy section"
+
+    def content(self, context, figures):
+        return {"words": f"This is {context.robot.name}."}
+'''
+FORM = '''
+"""A dummy."""
+from pumaid.exports.base import Form
+
+class Dummy(Form):
+    """The ratios alone."""
+    title, suffixes = "ratios as text", (".txt",)
+
+    def texts(self, subject):
+        return {".txt": repr(subject.formulas.ratios.tolist())}
+'''
+
+
+@pytest.fixture
+def added(tmp_path, monkeypatch):
+    """A function that has a file found in a package's folder, as if it stood there."""
+    caches = (catalogue, pumaid.effects._own, every_form, log_formats, all_sections)
+
+    def add(package, text: str, name: str = "dummy") -> None:
+        (tmp_path / f"{name}.py").write_text(text, encoding="utf-8")
+        monkeypatch.setattr(package, "__path__", [*package.__path__, str(tmp_path)])
+        monkeypatch.delitem(sys.modules, f"{package.__name__}.{name}", raising=False)
+        for cache in caches:
+            cache.cache_clear()
+
+    yield add
+    monkeypatch.undo()
+    for package in (pumaid.effects, pumaid.io.formats, pumaid.reporting.sections, pumaid.exports.formats):
+        sys.modules.pop(f"{package.__name__}.dummy", None)
+    for cache in caches:
+        cache.cache_clear()
+
+
+def test_an_effect_is_one_file(added):
+    """It is in the catalogue, and the command line explains it."""
+    added(pumaid.effects, EFFECT)
+    told = CliRunner().invoke(group, ["effects", "dummy"]).stdout
+    assert "dummy" in catalogue() and "a q^3" in told and "--add dummy@" in told
+
+
+def test_a_log_format_is_one_file(added, tmp_path):
+    """A file of it is read like any log."""
+    added(pumaid.io.formats, LOG_FORMAT)
+    robot = read_recipe(shipped_recipes()["pendulum2"])
+    names = ["t", "q1", "q2", "i1", "i2"]
+    rows = np.column_stack([np.arange(50) * 0.01, *np.random.default_rng(0).normal(size=(4, 50))])
+    path = tmp_path / "session.dummy"
+    path.write_text("DUMMY\n" + " ".join(names) + "\n" + "\n".join(" ".join(map(str, row)) for row in rows))
+    (log,) = LogReader([path], robot)
+    assert np.allclose(log.current, rows[:, 3:])
+
+
+def test_a_report_section_is_one_file_and_its_template(added, tmp_path, monkeypatch):
+    """It stands on the page at the place that its order says."""
+    added(pumaid.reporting.sections, SECTION)
+    (tmp_path / "dummy.html").write_text("<p>{{ words }}</p>", encoding="utf-8")
+    package = jinja2.PackageLoader
+    both = lambda name: jinja2.ChoiceLoader([package(name), jinja2.FileSystemLoader(tmp_path)])  # noqa: E731
+    monkeypatch.setattr(jinja2, "PackageLoader", both)
+    text = page(report_contexts.small())
+    assert "Dummy section" in text and f"This is {report_contexts.small().robot.name}." in text
+
+
+def test_an_export_is_one_file(added):
+    """It is a form like any other."""
+    added(pumaid.exports.formats, FORM)
+    context = report_contexts.small()
+    assert export(context.estimate, context.robot, form="dummy").files[".txt"].startswith("[[1.0")
