@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any, cast
 
 from pumaid.dataset import FileFacts
-from pumaid.errors import Note, Where
+from pumaid.errors import LogError, Note, Where
 from pumaid.io.clean import Cleaner
 from pumaid.io.columns import check_extra, resolve
 from pumaid.io.log_formats import HEAD_BYTES, LogSource, log_format
@@ -102,8 +102,9 @@ class LogReader:
         notes = [*columns.notes, *cleaner.notes(), *source.notes]
         if not cleaner.faults.n_rows:
             notes.append(Note("empty-log", "the log has a header but no row", Where(file=name)))
-        if _state(file) != state:  # what was read is not what the digest is of
-            digest = ""
+        if _state(file) != state:  # the digest is of something else
+            what, mend = f"{name} changed while it was read", "read it again when the recording has ended"
+            raise LogError("unreadable-log", what, Where(file=name), mend)
         times = (cleaner.intervals.median, cleaner.first_time, cleaner.last_time)
         self.files = (*self.files, FileFacts(name, digest, cleaner.faults.n_rows, *times))
         self.notes = (*self.notes, *notes)

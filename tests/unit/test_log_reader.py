@@ -529,6 +529,17 @@ def test_flipped_bytes_are_found(tmp_path: Path) -> None:
     assert refusal(tmp_path / "a.parquet", bytes(data)).slug == "damaged-log"
 
 
+def test_a_log_that_changes_meanwhile_is_refused(tmp_path: Path) -> None:
+    """The digest would be of something else than what was read."""
+    path = tmp_path / "a.csv"
+    path.write_text(text(motion(400)))
+    logs = iter(LogReader([path], arm()))
+    next(logs)
+    path.write_text(text(motion(500)))
+    with pytest.raises(LogError, match="changed while it was read"):
+        list(logs)
+
+
 def test_no_memory_is_no_damage(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Where Arrow gets no memory for a Parquet file, the file is not called damaged for that."""
     write_log(tmp_path / "a.parquet", [motion(500)], arm())
