@@ -38,7 +38,7 @@ Counts = NDArray[np.int64]
 _PASS, _MOST_PASSES = 200.0, 20
 #: s a joint where no time is given.
 _USUAL = 210.0
-#: s between blocks at first, as a share of the way from home; measured after the first schedule.
+#: s between blocks, as a share of the way from home.
 _OPENING = 0.8
 #: Share of the best candidate's worth a second below which candidates are not looked at.
 _WORTH = 0.6
@@ -164,7 +164,7 @@ class Planner:
         # Runs for judging have speeds that no fitted run has.
         between = (math.sqrt(shares[-2] * shares[-1]), math.sqrt(shares[0] * shares[1]))
         self.judging = [self._judging(joint.number, between) for joint in self.robot.joints]
-        self._away = self._seconds_from_home()
+        self._away = self._opening_seconds()
         sizes = prior.typical_sizes()
         self.sizes = np.array([sizes[name] for name in self.candidates.names])
         self.hopeless: tuple[str, ...] = ()
@@ -187,16 +187,15 @@ class Planner:
         fitting = (wanted for wanted, share in coverages if self._least_seconds(wanted) <= share * budget)
         coverage = next(fitting, coverages[-1][0])
         best: Made | None = None
-        allowed, opening = budget, _OPENING
+        allowed = budget
         required = self._required(coverage, optimum)
         for _ in range(_FITTINGS):
-            made = self._chosen(required, coverage, optimum, allowed=allowed, opening=opening)
+            made = self._chosen(required, coverage, optimum, allowed=allowed)
             lasting = self._duration(made.motions)
             if lasting <= budget and (best is None or made.efficiency > best.efficiency):
                 best = made
             if _FULL * budget <= lasting <= budget:
                 break
-            opening = self._measured_opening(made)
             allowed += 0.99 * budget - lasting
         if best is None:
             raise self._too_short(budget, coverages[-1][0])
@@ -272,10 +271,12 @@ class Planner:
         fast, slow = (sweeps(self.robot, joint, speeds(self.robot, joint, (share,))) for share in shares)
         return fast[0], slow[min(1, len(slow) - 1)]
 
-    def _seconds_from_home(self) -> Floats:
-        """(L,) s from home to the posture of each candidate."""
+    def _opening_seconds(self) -> Floats:
+        """(L,) s that it costs to go to the posture of each candidate, about."""
         middle, pace = home(self.robot), MOVE_SHARE * highest_speeds(self.robot)
-        away = [np.max(np.abs(j.holds - middle) / pace, axis=1) + RAMP_TIME for j in self.candidates.joints]
+        away = [
+            _OPENING * (np.max(np.abs(j.holds - middle) / pace, axis=1) + RAMP_TIME) for j in self.candidates.joints
+        ]
         return np.array([away[j - 1][k] for j, k in zip(self.candidates.joint, self.candidates.hold, strict=True)])
 
     def _optimum(self, budget: float) -> ContinuousDesign:
@@ -310,7 +311,7 @@ class Planner:
     def _least_seconds(self, coverage: Coverage) -> float:
         """s that a coverage takes, about."""
         required = self._required(coverage, None)
-        exchange = self._exchange(self.candidates, self._away, coverage.times, budget=math.inf, opening=_OPENING)
+        exchange = self._exchange(self.candidates, self._away, coverage.times, budget=math.inf)
         return exchange.cost(required) + self._judging_seconds(coverage)
 
     def _required(self, coverage: Coverage, optimum: ContinuousDesign | None) -> Counts:
@@ -325,30 +326,26 @@ class Planner:
             self.criterion,
             coverage,
             background=background,
-            opening=haste * _OPENING * self._away,
+            opening=haste * self._away,
             all_speeds=self.request.shares is not None,
         )
 
     def _exchange(
-        self, candidates: CandidateInformation, away: Floats, times: Sequence[int], *, budget: float, opening: float
+        self, candidates: CandidateInformation, away: Floats, times: Sequence[int], *, budget: float
     ) -> Exchange:
         often = np.asarray(times, dtype=float)[:, None]
         _, block = np.unique(1000 * candidates.joint + candidates.hold, return_inverse=True)
         blocks = np.concatenate([kind * (block.max() + 1) + block for kind in range(len(times))])
         objective = Objective(candidates, self.criterion, tuple(times))
-        return Exchange(
-            objective, (often * candidates.seconds).ravel(), blocks, (often * opening * away).ravel(), budget
-        )
+        return Exchange(objective, (often * candidates.seconds).ravel(), blocks, (often * away).ravel(), budget)
 
-    def _chosen(
-        self, required: Counts, coverage: Coverage, optimum: ContinuousDesign, *, allowed: float, opening: float
-    ) -> Made:
+    def _chosen(self, required: Counts, coverage: Coverage, optimum: ContinuousDesign, *, allowed: float) -> Made:
         """Runs chosen on top of the coverage for `allowed` s, in order."""
         table = required.reshape(len(coverage.times), -1)
         pool = np.flatnonzero((optimum.worth > _WORTH) | table.any(axis=0))
         candidates = self.candidates.only(pool)
         budget = allowed - self._judging_seconds(coverage)
-        exchange = self._exchange(candidates, self._away[pool], coverage.times, budget=budget, opening=opening)
+        exchange = self._exchange(candidates, self._away[pool], coverage.times, budget=budget)
         least = table[:, pool].ravel()
         counts = exchange.exchanged(
             exchange.filled(least),
@@ -382,24 +379,14 @@ class Planner:
 
     def _judging_seconds(self, coverage: Coverage) -> float:
         """s of the runs that are kept for judging."""
-        away = float(np.mean(self._away)) * _OPENING * len(self.judging)
+        away = float(np.mean(self._away)) * len(self.judging)
         return away + sum(seconds_of(self.robot, sweep) for ways in self.judging for sweep in ways[: coverage.judged])
 
     def _duration(self, motions: Sequence[Motion]) -> float:
         return duration(self.robot, Plan(robot=self.robot.name, motions=tuple(motions)))
 
-    def _measured_opening(self, made: Made) -> float:
-        """Time between blocks in a schedule, as a share of that from home to each."""
-        running = sum(self._duration([motion]) for motion in made.motions)
-        middle, pace = home(self.robot), MOVE_SHARE * highest_speeds(self.robot)
-        blocks = {(motion.joint, motion.hold) for motion in made.motions}
-        away = sum(float(np.max(np.abs(np.array(hold) - middle) / pace)) + RAMP_TIME for _, hold in blocks)
-        return max(self._duration(made.motions) - running, 0.0) / (away * made.coverage.passes)
-
     def _too_short(self, budget: float, least: Coverage) -> ModelError:
-        required = self._required(least, None)
-        exchange = self._exchange(self.candidates, self._away, least.times, budget=math.inf, opening=_OPENING)
-        needed = exchange.cost(required) + self._judging_seconds(least)
+        needed = self._least_seconds(least)
         return ModelError(
             "plan-too-short",
             f"{number(budget / 60.0)} minutes are too short: the least experiment that shows everything takes about"
