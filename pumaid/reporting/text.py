@@ -81,7 +81,7 @@ BUDGET_LIMITS = {
     "one-posture": "one posture only, so load and position are confounded",
     "one-speed": "one speed only, so dependence on speed is not visible, and position and time are confounded",
     "two-speeds": "two speeds only, which any friction law fits",
-    "strokes": "strokes without constant speed, so speed and position are confounded",
+    "strokes": "strokes among the runs, in which speed and position are confounded",
     "several-clocks": "recordings with separate clocks, so time is compared within each only",
     "no-load": "gravity cannot be separated from friction, so no dependence on load is tested",
 }
