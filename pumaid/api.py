@@ -102,7 +102,7 @@ def identify(
     >>> estimate["coulomb.j2.plus"].value  # doctest: +SKIP
     """
     if isinstance(logs, Dataset):
-        from pumaid.verbs.identify import identify as fit
+        from pumaid.estimation.estimate import identify as fit
 
         if robot is None:
             raise TypeError("a dataset needs its robot: identify(dataset, robot)")
@@ -181,9 +181,9 @@ class Arm:
         recursive
             Stop after the n-to-1 recursion.
         """
-        from pumaid.choices import chosen_by
+        from pumaid.effect_spec import chosen_by
+        from pumaid.estimation.estimate import identify as fit
         from pumaid.experiment import read_robot
-        from pumaid.verbs.identify import identify as fit
 
         robot = read_robot(self._recipe, self._words(logs))
         effects = chosen_by(robot, add=tuple(add), remove=tuple(remove))

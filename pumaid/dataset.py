@@ -1,4 +1,4 @@
-"""What one pass over the logs leaves of them: runs with triangle and bins, what was left out, and the files' facts."""
+"""What one pass over the logs leaves of them: runs with their bins, what was left out, and the files' facts."""
 
 from __future__ import annotations
 
@@ -8,47 +8,18 @@ import zipfile
 import zlib
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, fields
+from itertools import accumulate, pairwise
 from pathlib import Path
-from typing import Any, BinaryIO
+from typing import Any, BinaryIO, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from pumaid.errors import Note, Where
-from pumaid.maths.triangle import Triangle
 
 Floats = NDArray[np.float64]
-
-#: Regressors of a run's triangle: at constant speed, and for a stroke from rest to rest.
-CONSTANT_COLUMNS = ("cos", "sin", "one")
-STROKE_COLUMNS = ("cos", "sin", "one", "velocity", "acceleration")
-
-
-def run_columns(position: Floats, *, turns: bool, motion: tuple[Floats, Floats] | None = None) -> Floats:
-    """What the columns of a run's triangle are at some instants.
-
-    Parameters
-    ----------
-    position
-        (N,) of the moving joint, rad or m.
-    turns
-        Whether it is revolute: of a prismatic joint's position weight knows nothing.
-    motion
-        (N,) velocity and (N,) acceleration, where there are strokes.
-
-    Returns
-    -------
-    columns
-        (N, 3) over `CONSTANT_COLUMNS`, or (N, 5) over `STROKE_COLUMNS`.
-    """
-    columns = np.zeros((3 if motion is None else 5, len(position)))
-    if turns:
-        np.cos(position, out=columns[0])
-        np.sin(position, out=columns[1])
-    columns[2] = 1.0
-    if motion is not None:
-        columns[3:] = motion
-    return columns.T
+Counts = NDArray[np.int64]
+Kept = TypeVar("Kept", "Bins", "Means")
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -128,9 +99,8 @@ class Run:
         RMS of velocity about its mean (constant) in the same unit; what the measured speed was worth.
     temperature
         Mean of the moving joint, degC, NaN where not measured.
-    triangle
-        Over `CONSTANT_COLUMNS` or `STROKE_COLUMNS`, target the moving joint's current; cos and sin of the measured
-        position (rad); of a prismatic joint cos and sin are zero columns.
+    samples
+        Samples with a current.
     bins
         The run in at most a few hundred means.
     clock
@@ -139,6 +109,8 @@ class Run:
         Whether the plan keeps this run for judging only.
     last_origin
         File of `last_row` where a run goes on into another file, else empty.
+    acceleration_noise
+        Variance of the noise of a bin's acceleration in a stroke, (rad/s2)2 or (m/s2)2; zero where it is not known.
     stamp_error
         RMS (s) by which time stamps are not when samples were taken; zero where they are, or where no motion tells.
     """
@@ -155,17 +127,13 @@ class Run:
     speed: float
     ripple: float
     temperature: float
-    triangle: Triangle
+    samples: int
     bins: Bins
     clock: int = 0
     heldout: bool = False
     last_origin: str = ""
     stamp_error: float = 0.0
-
-    @property
-    def samples(self) -> int:
-        """Samples absorbed."""
-        return self.triangle.count
+    acceleration_noise: float = 0.0
 
     @property
     def direction(self) -> int:
@@ -315,10 +283,7 @@ def _as_arrays(name: str, records: Sequence[Run | Reject], kind: type[Bins | Mea
     arrays: dict[str, Any] = {}
     for item in fields(records[0]) if records else ():
         values = [getattr(record, item.name) for record in records]
-        if item.name == "triangle":
-            arrays[f"{name}.samples"] = np.array([triangle.count for triangle in values])
-            arrays[f"{name}.triangle"] = np.concatenate([triangle.factor.ravel() for triangle in values])
-        elif item.name == "bins":
+        if item.name == "bins":
             arrays[f"{name}.bins"] = np.array([-1 if bins is None else len(bins) for bins in values])
             columns = {
                 part.name: [getattr(bins, part.name) for bins in values if bins is not None] for part in fields(kind)
@@ -341,21 +306,67 @@ def _as_values(name: str, arrays: Mapping[str, NDArray[Any]], kind: type[Bins | 
         return
     plain = {key.removeprefix(f"{name}."): values for key, values in arrays.items() if key.startswith(f"{name}.")}
     columns = {key.removeprefix("bins."): plain.pop(key) for key in list(plain) if key.startswith("bins.")}
-    counts, factors = plain.pop("bins").tolist(), plain.pop("triangle", np.zeros(0))
-    samples = plain.pop("samples").tolist() if name == "runs" else []
+    counts = plain.pop("bins").tolist()
     lists = {key: list(values) if key == "posture" else values.tolist() for key, values in plain.items()}
-    first = first_factor = 0
+    first = 0
     for number, count in enumerate(counts):
         record = {key: values[number] for key, values in lists.items()}
         bins = {key: values[first : first + count] for key, values in columns.items()}
         record["bins"] = kind(**bins) if count >= 0 else None
         first += max(count, 0)
         if name == "runs":
-            names = STROKE_COLUMNS if record["kind"] == "stroke" else CONSTANT_COLUMNS
-            size = len(names) + 1
-            factor = factors[first_factor : first_factor + size**2].reshape(size, size)
-            record |= {"span": tuple(record["span"]), "triangle": Triangle(names, factor, samples[number])}
-            first_factor += size**2
+            record["span"] = tuple(record["span"])
         else:
             record["joints"] = tuple(map(int, record["joints"].split()))
         yield record
+
+
+def coarser(parts: list[Kept], most: int) -> Kept:
+    """The bins of consecutive pieces as one set of at most `most`."""
+    whole = parts[0] if len(parts) == 1 else _together(parts)
+    if len(whole) <= most:
+        return whole
+    count, starts = whole.count, spans(whole.time, most)
+    total = np.add.reduceat(count, starts)
+    names = [item.name for item in fields(whole) if item.name not in ("count", "extra")]
+    given = [getattr(whole, name) for name in names]
+    # All columns at once: each call of numpy costs as much as the sums of one of them.
+    table = np.concatenate([values.T if values.ndim > 1 else values[None] for values in given])
+    means = np.add.reduceat(table * count, starts, axis=1) / total
+    borders = accumulate((values.shape[1] if values.ndim > 1 else 1 for values in given), initial=0)
+    found: dict[str, Any] = {
+        name: np.ascontiguousarray(means[low:high].T) if values.ndim > 1 else means[low]
+        for name, values, (low, high) in zip(names, given, pairwise(borders), strict=True)
+    }
+    if isinstance(whole, Bins):
+        spread = whole.current - np.repeat(found["current"], np.diff(starts, append=len(count)))
+        found["variance"] = found["variance"] + np.add.reduceat(spread * spread * count, starts) / total
+        if whole.extra is not None:
+            found["extra"] = _known_mean(whole.extra, starts, count)
+    return type(whole)(**found, count=total)
+
+
+def _together(parts: list[Kept]) -> Kept:
+    """Consecutive bins as one set."""
+    columns = ([getattr(part, item.name) for part in parts] for item in fields(parts[0]))
+    joined: list[Any] = [None if any(one is None for one in column) else np.concatenate(column) for column in columns]
+    return type(parts[0])(*joined)
+
+
+def spans(time: Floats, most: int) -> Counts:
+    """Where at most `most` equal spans of (M,) rising times begin, those without an instant left out."""
+    borders = time[0] + np.arange(most) * ((time[-1] - time[0]) / most)
+    return _each_once(np.searchsorted(time, borders))
+
+
+def _each_once(rising: Counts) -> Counts:
+    """Rising numbers without repeats."""
+    return rising[np.append(True, rising[1:] != rising[:-1])]
+
+
+def _known_mean(values: Floats, starts: Counts, count: Counts) -> Floats:
+    """(M, E) means of bins of `count` samples each, those without a number left out."""
+    weight = np.where(np.isfinite(values), count[:, None], 0)
+    total = np.add.reduceat(weight, starts, axis=0)
+    sums = np.add.reduceat(np.nan_to_num(values) * weight, starts, axis=0)
+    return np.divide(sums, total, out=np.full(sums.shape, np.nan), where=total > 0)

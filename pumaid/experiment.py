@@ -73,7 +73,7 @@ def read_robot(recipe: Path | None, logs: Sequence[str] = ()) -> Robot:
 
 def read_known_model(path: Path) -> Estimate:
     """A model, refused before any log is read where the catalogue lacks one of its effects."""
-    from pumaid.choices import check_known
+    from pumaid.effect_spec import check_known
     from pumaid.results.model_file import read_model
 
     estimate = read_model(path)
@@ -91,7 +91,7 @@ def check_model(estimate: Estimate, robot: Robot, near: tuple[Path | None, Seque
     near
         ``--recipe`` or none, and the logs: what led to the recipe that is told.
     """
-    from pumaid.chosen import check_parameters
+    from pumaid.effect_spec import check_parameters
     from pumaid.results.model_file import check_same_recipe
 
     try:

@@ -10,7 +10,7 @@ from scipy.signal import lfilter
 
 from pumaid.dataset import Run
 from pumaid.diagnosis.budget import budget
-from pumaid.diagnosis.laid import Spread
+from pumaid.joint_bins import joint_bins
 from pumaid.records import Budget
 
 #: A: noise of a sample, correlated by `PHI` from one to the next, and level of a run.
@@ -55,7 +55,7 @@ def campaign(
 
 def split(runs: Sequence[Run], **more) -> Budget:
     """The budget of what these runs hold, nothing being predicted."""
-    laid = Spread.of(runs)
+    laid = joint_bins(worlds.PENDULUM, runs, is_settled=False)[0]
     return budget(laid, laid.current, worlds.PENDULUM.joint(2), **{"is_fitted": False, **more})
 
 

@@ -9,15 +9,16 @@ from pathlib import Path
 import numpy as np
 
 from pumaid.dataset import Dataset
-from pumaid.estimation.system import Fitted, solve
+from pumaid.estimation.estimate import identify
+from pumaid.estimation.fit import Fit
+from pumaid.estimation.gls import fit_bins
 from pumaid.io.log_reader import LogReader
 from pumaid.io.log_writer import write_log
-from pumaid.maths.joint_fit import Bilinear
+from pumaid.joint_bins import joint_bins
 from pumaid.model import Model
 from pumaid.preprocessing.segment import segment
 from pumaid.records import Estimate
 from pumaid.simulation import Bench, Noise, Truth, table1
-from pumaid.verbs.identify import identify
 from pumaid.verbs.simulate import simulate
 
 #: Experiments of which intervals are judged, and of which errors are compared with the least possible.
@@ -28,14 +29,15 @@ SEEDS = 70_000
 WHITE = 20
 
 
-def white_errors(fitted: Fitted) -> dict[str, float]:
+def white_errors(fitted: Fit) -> dict[str, float]:
     """Standard errors as if every sample were independent: what a plain least-squares program prints."""
     information = np.zeros((len(fitted.model.names) + len(fitted.gains.edges),) * 2)
     for row in fitted.rows:
-        plain = Bilinear(np.full(row.target.size, row.joint - 1), row.stacked, row.target.ravel(), fitted.system.owners)
-        J = plain.jacobian(fitted.gains, fitted.solution.values)
-        misfit = row.target.ravel() - plain.scaled(fitted.gains) @ fitted.solution.values
-        information += J.T @ J / ((misfit @ misfit + row.rest) / row.samples)
+        weight = np.sqrt(row.bins.count)
+        J = fitted.row(row.joint).bare * weight[:, None]
+        wide = np.zeros((len(J), len(information)))
+        wide[:, fitted.row(row.joint).acting] = J
+        information += wide.T @ wide / fitted.row(row.joint).rmse ** 2
     root = np.sqrt(np.diag(information))
     inverse = np.linalg.inv(information / np.outer(root, root)) / np.outer(root, root)
     return dict(zip(fitted.model.names, np.sqrt(np.diag(inverse)), strict=False))
@@ -53,7 +55,9 @@ def coverage(truth: Truth, bench: Bench, *, white: bool = False) -> tuple[dict[s
             if value.ci95 is not None:
                 ours.setdefault(value.name, []).append(value.ci95[0] <= known[value.name] <= value.ci95[1])
         if white and seed < WHITE:
-            errors = white_errors(solve(Model.of_runs(truth.robot, runs), runs))
+            errors = white_errors(
+                fit_bins(Model.of_runs(truth.robot, runs), joint_bins(truth.robot, runs, is_settled=False))
+            )
             for name, error in errors.items():
                 deviation = estimate.solution[estimate.names.index(name)] - known[name]
                 theirs.setdefault(name, []).append(abs(deviation) <= 1.96 * error)
@@ -64,11 +68,12 @@ def bound(truth: Truth, bench: Bench) -> tuple[list[str], np.ndarray, np.ndarray
     """Names, true values and Cramer-Rao standard errors of parameters and neighbours' ratios, noise being white."""
     quiet = Bench(replace(truth, noise=Noise(np.zeros(truth.robot.n_joints))), bench.plan, rate=bench.rate)
     runs = quiet.runs(np.random.default_rng(0))
-    fitted = solve(Model.of_runs(truth.robot, runs), runs)
+    fitted = fit_bins(Model.of_runs(truth.robot, runs), joint_bins(truth.robot, runs, is_settled=False))
     rows = []
     for row in fitted.rows:
-        plain = Bilinear(np.full(row.target.size, row.joint - 1), row.stacked, row.target.ravel(), fitted.system.owners)
-        rows.append(plain.jacobian(fitted.gains, fitted.solution.values) / truth.noise.std[row.joint - 1])
+        wide = np.zeros((len(row.bins), len(fitted.inverse)))
+        wide[:, fitted.row(row.joint).acting] = fitted.row(row.joint).bare * np.sqrt(row.bins.count)[:, None]
+        rows.append(wide / truth.noise.std[row.joint - 1])
     J = np.vstack(rows)
     root = np.linalg.norm(J, axis=0)
     inverse = np.linalg.inv((J / root).T @ (J / root)) / np.outer(root, root)
@@ -83,10 +88,10 @@ def losses(truth: Truth, bench: Bench) -> tuple[list[str], np.ndarray, np.ndarra
     joint, first = [], []
     for seed in range(COMPARED):
         runs = bench.runs(np.random.default_rng(SEEDS + seed))
-        fitted = solve(Model.of_runs(truth.robot, runs), runs)
+        fitted = fit_bins(Model.of_runs(truth.robot, runs), joint_bins(truth.robot, runs, is_settled=False))
         for kept, values, gains in (
             (joint, fitted.solution.values, fitted.gains),
-            (first, fitted.first_values, fitted.first_gains),
+            (first, fitted.first.solution.values, fitted.first.solution.gains),
         ):
             kept.append(np.concatenate([values, [gains.edge[edge] for edge in gains.edges]]) - exact)
     joint_loss, first_loss = (np.sqrt(np.mean(np.square(kept), axis=0)) / least for kept in (joint, first))

@@ -6,11 +6,10 @@ from dataclasses import replace
 
 import numpy as np
 
-from pumaid.choices import expanded
-from pumaid.chosen import in_order
+from pumaid.effect_spec import expanded, terms_of
 from pumaid.effects import catalogue
+from pumaid.gravity_load import loads
 from pumaid.io.recipe import read_recipe, shipped_recipes
-from pumaid.loads import loads
 from pumaid.model import Model
 from pumaid.records import Estimate, JointFit, Samples
 from pumaid.records.estimate import Value
@@ -53,7 +52,7 @@ def every_effect(robot: Robot) -> tuple[EffectChoice, ...]:
 def fitted(robot: Robot, *, effects: tuple[EffectChoice, ...] = (), seed: int = 0) -> Estimate:
     """A model of a drawn robot as an identification without error would have it; effects get sizes at random."""
     truth, rng = draw(robot, seed), np.random.default_rng(seed)
-    model = Model(robot, effects=in_order(effects))
+    model = Model(robot, effects=terms_of(effects))
     known = truth.parameters()
     gain = np.append(np.cumprod(truth.constants.ratio[::-1])[::-1], 1.0)
     solution = [known.get(column.name, float(rng.uniform(-0.1, 0.1))) for column in model.columns]

@@ -24,7 +24,12 @@ from pumaid.io.recipe import read_recipe, shipped_recipes
 LOADED = (
     *("pandas", "rich.console", "scipy.optimize", "pumaid.cli.commands.identify", "pumaid.cli.progress"),
     *("pumaid.results.history", "pumaid.io.plan_file", "pumaid.io.log_reader"),
-    *("pumaid.preprocessing.log_checks", "pumaid.reporting.text", "pumaid.reporting.tables", "pumaid.verbs.identify"),
+    *(
+        "pumaid.preprocessing.log_checks",
+        "pumaid.reporting.text",
+        "pumaid.reporting.tables",
+        "pumaid.estimation.estimate",
+    ),
     "pumaid.preprocessing.segment",
 )
 

@@ -14,17 +14,17 @@ import numpy as np
 from worlds import PENDULUM, TURN, arm
 
 from pumaid.dataset import Dataset, Run
-from pumaid.diagnosis.added import Added
-from pumaid.diagnosis.chain import Start
-from pumaid.diagnosis.field import Field, fields
-from pumaid.diagnosis.noise import Noise
-from pumaid.diagnosis.system import Solved, loaded, solve
+from pumaid.effect_spec import EffectTerm
+from pumaid.estimation.estimate import identify
+from pumaid.estimation.fit import Fit, loaded
+from pumaid.estimation.gls import fit_bins, refit
+from pumaid.estimation.noise import Noise, noise_of
+from pumaid.joint_bins import COARSE, JointBins, joint_bins
 from pumaid.model import Model
 from pumaid.records import Estimate
 from pumaid.robot import Robot
 from pumaid.simulation import Bench, Hidden, Truth, draw
 from pumaid.trajectory import Motion, Plan
-from pumaid.verbs.identify import identify
 
 #: One level axis: its diagnosis is plain linear least squares.
 LEVER = arm("R", [TURN])
@@ -85,7 +85,6 @@ class Lab:
     runs: tuple[Run, ...]
     estimate: Estimate
     model: Model
-    start: Start
 
     @classmethod
     def of(cls, robot: Robot, plan: Plan, *hidden: Hidden, seed: int = 5, bins: int = 64) -> Lab:
@@ -94,10 +93,7 @@ class Lab:
         truth = truth.hiding(hidden) if hidden else truth
         runs = Bench(truth, plan, rate=100.0, bins=bins).runs(np.random.default_rng(0))
         estimate = identify(Dataset(runs), robot)
-        known = dict(zip(estimate.names, estimate.solution, strict=True))
-        model = Model(robot, estimate.stroke_postures)
-        start = Start(np.array([float(known.get(name, 0.0)) for name in model.names]), estimate.scales)
-        return cls(truth, runs, estimate, model, start)
+        return cls(truth, runs, estimate, Model(robot, estimate.stroke_postures))
 
     @property
     def robot(self) -> Robot:
@@ -109,15 +105,20 @@ class Lab:
         rng = np.random.default_rng(seed)
         return tuple(with_current(run, din.draw(rng, [len(run.bins)])) for run in self.runs)
 
-    def fields(self, runs: Sequence[Run] | None = None) -> tuple[Field, ...]:
-        """A field a joint."""
-        return fields(self.model, self.runs if runs is None else runs)
+    def bins(self, runs: Sequence[Run] | None = None) -> tuple[JointBins, ...]:
+        """The bins of each joint."""
+        return joint_bins(self.robot, self.runs if runs is None else runs, most=COARSE)
 
-    def solved(
-        self, runs: Sequence[Run], added: Sequence[Added] = (), noises: Mapping[int, Noise] | None = None
-    ) -> Solved:
-        """The base model with `added`, fitted to the bins."""
-        return loaded(solve(self.model, self.fields(runs), self.start, added=added, noises=noises))
+    def fitted(
+        self, runs: Sequence[Run], added: Sequence[EffectTerm] = (), noises: Mapping[int, Noise] | None = None
+    ) -> Fit:
+        """The base model with `added`, fitted to the bins and weighted by what repeated runs differ by."""
+        model = self.model.with_effects([term.searched(self.robot) for term in added])
+        first = refit(fit_bins(self.model, self.bins(runs)), model, noise=noises)
+        if noises is None:
+            noises = {row.bins.joint: noise_of(row.bins, row.misfit) for row in first.joints}
+        sized = [replace(t, sizes=tuple(first.sizes(place).tolist())) for place, t in enumerate(model.effects)]
+        return loaded(refit(first, model.with_effects(sized), noise=noises))
 
 
 def with_current(run: Run, more: np.ndarray) -> Run:
@@ -137,33 +138,33 @@ def pendulum() -> Lab:
     return Lab.of(PENDULUM, design(PENDULUM, postures=3, speeds=(0.3, 0.6, 1.2)))
 
 
-def covariance(field: Field, noise: Noise) -> np.ndarray:
+def covariance(bins: JointBins, noise: Noise) -> np.ndarray:
     """(N, N) A2 that `noise` states, element by element."""
-    out = np.zeros((len(field), len(field)))
-    for a in range(len(field)):
-        for b in range(len(field)):
-            run = int(field.samples.run[a])
-            if run == int(field.samples.run[b]):
+    out = np.zeros((len(bins), len(bins)))
+    for a in range(len(bins)):
+        for b in range(len(bins)):
+            run = int(bins.samples.run[a])
+            if run == int(bins.samples.run[b]):
                 fall = noise.correlation[run] ** abs(a - b)
-                out[a, b] = noise.spread[run] ** 2 * fall + noise.level**2
+                out[a, b] = noise.spread[run] ** 2 * fall + noise.level[run] ** 2
     return out
 
 
-def roots(field: Field, noise: Noise) -> list[np.ndarray]:
+def roots(bins: JointBins, noise: Noise) -> list[np.ndarray]:
     """Of each run, the inverse of the Cholesky factor of the covariance that `noise` states."""
     found = []
-    for run in range(len(field.runs)):
-        own = np.flatnonzero(field.samples.run == run)
+    for run in range(len(bins.runs)):
+        own = np.flatnonzero(bins.samples.run == run)
         lag = np.abs(own[:, None] - own[None, :])
-        stated = noise.spread[run] ** 2 * noise.correlation[run] ** lag + noise.level**2
+        stated = noise.spread[run] ** 2 * noise.correlation[run] ** lag + noise.level[run] ** 2
         found.append(np.linalg.inv(np.linalg.cholesky(stated)))
     return found
 
 
-def whitened(field: Field, noise: Noise, values: np.ndarray) -> np.ndarray:
+def whitened(bins: JointBins, noise: Noise, values: np.ndarray) -> np.ndarray:
     """Values times these roots, run by run."""
-    parts = np.split(values, field.first[1:])
-    return np.concatenate([root @ part for root, part in zip(roots(field, noise), parts, strict=True)])
+    parts = np.split(values, bins.first[1:])
+    return np.concatenate([root @ part for root, part in zip(roots(bins, noise), parts, strict=True)])
 
 
 def left(columns: np.ndarray, target: np.ndarray) -> float:

@@ -11,8 +11,11 @@ from dataclasses import replace
 
 import numpy as np
 
-from pumaid.dataset import CONSTANT_COLUMNS, STROKE_COLUMNS, Bins, Dataset, Means, Run
-from pumaid.maths.triangle import Triangle
+from pumaid.dataset import Bins, Dataset, Means, Run
+from pumaid.estimation.fit import Fit
+from pumaid.estimation.gls import fit_bins
+from pumaid.joint_bins import joint_bins
+from pumaid.model import Model
 from pumaid.records import Estimate
 from pumaid.robot import Joint, Robot
 from pumaid.simulation import Bench, Truth, draw, table1
@@ -105,6 +108,11 @@ def true_current(truth: Truth, run: Run) -> np.ndarray:
     return weight + truth.friction.current(run.joint, np.full(len(run.bins), run.speed))
 
 
+def fit_runs(robot: Robot, runs: Sequence[Run], **more: bool) -> Fit:
+    """The base model fitted to all bins of some runs."""
+    return fit_bins(Model.of_runs(robot, runs), joint_bins(robot, runs, is_settled=False), **more)
+
+
 def identified(estimate: Estimate) -> dict[str, float]:
     """Values of what was identified."""
     return {value.name: value.value for value in estimate.values if value.state == "identified"}
@@ -134,9 +142,6 @@ def run_of(
     """The run that these samples (of `course`, currents in A) would leave; a stroke where they accelerate."""
     t, q, qd, qdd = course
     kind, own = ("stroke" if np.any(qdd) else "constant"), joint - 1
-    turns = float(robot.joint(joint).is_revolute)
-    columns = [turns * np.cos(q), turns * np.sin(q), np.ones(len(q))] + ([qd, qdd] if kind == "stroke" else [])
-    names = STROKE_COLUMNS if kind == "stroke" else CONSTANT_COLUMNS
     edges = np.linspace(0, len(q), min(bins, len(q)) + 1).astype(int)[:-1]
     count = np.diff(np.append(edges, len(q)))
 
@@ -160,7 +165,7 @@ def run_of(
         speed=float(np.mean(qd)),
         ripple=0.0,
         temperature=float("nan"),
-        triangle=Triangle.of(names, np.column_stack(columns), current),
+        samples=len(current),
         bins=Bins(
             count=count,
             time=mean(t),

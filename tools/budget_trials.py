@@ -21,6 +21,7 @@ from blind_world.statistics import Share
 from pumaid.dataset import Dataset, FileFacts
 from pumaid.diagnosis.search import FALSE_ALARM
 from pumaid.errors import PumaidError
+from pumaid.estimation.estimate import identify
 from pumaid.io.recipe import read_recipe, shipped_recipes
 from pumaid.records import Budget
 from pumaid.robot import Robot
@@ -28,7 +29,6 @@ from pumaid.simulation import Bench, Truth, draw, table1
 from pumaid.simulation.hidden import Hidden, sized
 from pumaid.trajectory import Motion, Plan
 from pumaid.verbs.compare import compare
-from pumaid.verbs.identify import identify
 
 #: First seed of the noise-only experiments, and of the others.
 NOISE_ONLY, HIDDEN = 910_000, 920_000

@@ -20,7 +20,6 @@ from budget_trials import DESIGNS, plan
 
 from pumaid.dataset import Dataset
 from pumaid.diagnosis.account import Account
-from pumaid.diagnosis.chain import Start
 from pumaid.diagnosis.contender import LEVEL
 from pumaid.diagnosis.limits import limits
 from pumaid.diagnosis.scan import surprise
@@ -31,7 +30,6 @@ from pumaid.model import Model
 from pumaid.records import UNEXPLAINED_JOINT, Campaign
 from pumaid.simulation import Bench, Truth, draw, table1
 from pumaid.simulation.hidden import Hidden
-from pumaid.verbs.identify import identify
 
 #: First seed of the clean experiments, and of those with a hidden effect.
 CLEAN, HIDDEN = 610_000, 620_000
@@ -65,13 +63,9 @@ def small() -> Truth:
 
 
 def searching(bench: Bench, seed: int) -> tuple[Stepwise, Dataset]:
-    """A search on the model that is fitted to one experiment, not yet run."""
+    """A search on one experiment, not yet run."""
     dataset, robot = Dataset(bench.runs(np.random.default_rng(seed))), bench.truth.robot
-    estimate = identify(dataset, robot)
-    known = dict(zip(estimate.names, estimate.solution, strict=True))
-    model = Model(robot, estimate.stroke_postures)
-    start = Start(np.array([float(known.get(name, 0.0)) for name in model.names]), estimate.scales)
-    return Stepwise(model, dataset.runs, start, campaign=Campaign.of(dataset.runs)), dataset
+    return Stepwise(Model.of_runs(robot, dataset.runs), dataset.runs, campaign=Campaign.of(dataset.runs)), dataset
 
 
 def chances(step: Step, *, periodic: str = "ripple") -> dict[Key, float]:

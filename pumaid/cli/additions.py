@@ -149,10 +149,10 @@ def added(
     diagnosis, estimate
         The last ones; what was added stands in the diagnosis' `applied`.
     """
+    from pumaid.estimation.estimate import identify
     from pumaid.records import ADD
     from pumaid.reporting.diagnosis_text import left_out_sentence, step_sentence
     from pumaid.results.history import keep
-    from pumaid.verbs.identify import identify
 
     keep(model, estimate, robot)
     done: list[Finding] = []

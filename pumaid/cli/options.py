@@ -84,7 +84,7 @@ def check_option(function: Decorated) -> Decorated:
 
 
 def effect_options(function: Decorated) -> Decorated:
-    """``--add`` and ``--remove`` as `add` and `remove`: tuples of str, as `pumaid.choices` reads them."""
+    """``--add`` and ``--remove`` as `add` and `remove`: tuples of str, as `pumaid.effect_spec` reads them."""
     added = "Physics to add: stribeck@3, ripple@2:frequency=58 ...; repeatable."
     removed = "Leave out an effect that the recipe has, or all; repeatable."
     metavar = "EFFECT[@JOINT]"

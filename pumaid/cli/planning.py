@@ -129,13 +129,13 @@ def _plan_for(robot: Robot, options: PlanOptions, tell: Callable[[str], None]) -
     """The runs that show an effect, or tell it from a rival."""
     from dataclasses import replace
 
-    from pumaid.choices import at_one_joint, spoken
+    from pumaid.effect_spec import at_one_joint, parse_effect
     from pumaid.experiment import read_dataset, recipe_path
     from pumaid.verbs.decide import decide
 
     assert options.wanted is not None
-    wanted = spoken(options.wanted, robot, option="--for")
-    rival = None if options.against is None else spoken(options.against, robot, option="--against")
+    wanted = parse_effect(options.wanted, robot, option="--for")
+    rival = None if options.against is None else parse_effect(options.against, robot, option="--against")
     at_one_joint(wanted, robot, "--for")  # what is refused is refused before the work
     logs = read_dataset(options.logs, recipe_path(options.recipe), robot=robot)[1] if options.logs else None
     whole = replace(options, wanted=None, against=None, size=None, logs=())

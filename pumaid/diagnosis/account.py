@@ -59,7 +59,7 @@ class Account:
         self.states = [step.scan.solved for step in search.steps]
         last = search.steps[-1]
         self.limits = limits(last.scan, last.catalogue, last.family, periodic=search.periodic)
-        self.verdicts = {row.field.joint: self._judged(row.field.joint) for row in self.states[0].rows}
+        self.verdicts = {row.bins.joint: self._judged(row.bins.joint) for row in self.states[0].joints}
         acting = {joint for one in search.accepted for joint in one.contender.after}
         pairs = zip(search.accepted, search.transfers, strict=True)
         partly = {joint for one, found in pairs if found and found.is_partial for joint in one.contender.after}
@@ -106,7 +106,7 @@ class Account:
         """RMSE (A) of runs that no fit saw, before and after addition `number`, in the joints where it acts."""
         held = [one for one in self.search.heldout(self.search.added) if one.joint in found.after]
         if held:
-            known = [one for one in held if any(row.field.joint == one.joint for row in self.states[0].rows)]
+            known = [one for one in held if any(row.bins.joint == one.joint for row in self.states[0].joints)]
             pair = [rmse_at(self.states[min(k, len(self.states) - 1)], known) for k in (number, number + 1)]
             return pair[0], pair[1]
         return (found.falls.before, found.falls.after) if found.falls is not None else (None, None)
@@ -129,7 +129,7 @@ class Account:
             if left is not None and len(left) == len(row.misfit):
                 added = each.trial.added
                 drawn.append(Drawn(added.effect, added.joint, dict(added.shape), each.trial.sizes, left))
-        return curve(self.search.model.robot, row.field.samples, before=row.misfit, trials=drawn)
+        return curve(self.search.model.robot, row.bins.samples, before=row.misfit, trials=drawn)
 
     def joints(self) -> tuple[JointDiagnosis, ...]:
         """Every joint of the arm."""
@@ -142,10 +142,10 @@ class Account:
         row, competitor = self.states[0].row(joint), self.shapeless[joint]
         verdict = UNEXPLAINED_JOINT if competitor is not None or joint in self.refuted else told.verdict
         split = budget(
-            row.field,
+            row.bins,
             row.misfit,
             self.search.model.robot.joint(joint),
-            load=None if row.field.samples.loads is None else row.field.samples.loads.own,
+            load=None if row.bins.samples.loads is None else row.bins.samples.loads.own,
         )
         return JointDiagnosis(
             joint=joint,
@@ -158,7 +158,7 @@ class Account:
             candidates=self._candidates(joint),
             unexplained=competitor or told.shape,
             limits=tuple(limit for key, limit in sorted(self.limits.items(), key=_by_name) if _concerns(key, joint)),
-            weakened=weakened(row.field, self.search.runs),
+            weakened=weakened(row.bins, self.search.runs),
         )
 
     def _competes(self, joint: int) -> Unexplained | None:

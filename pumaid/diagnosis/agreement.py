@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from pumaid.diagnosis.field import Field
+from pumaid.joint_bins import JointBins
 
 Floats = NDArray[np.float64]
 
@@ -40,7 +40,7 @@ class Agreement:
     floor: float
 
 
-def agreement(field: Field, misfit: Floats, white: Floats) -> Agreement | None:
+def agreement(field: JointBins, misfit: Floats, white: Floats) -> Agreement | None:
     """How much of the misfit repeats; None with fewer than `FEWEST` pairs.
 
     Whitened, so that slow noise does not hide what is fast; over stretches of several lengths, so that fast noise does

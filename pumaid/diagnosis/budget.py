@@ -7,11 +7,11 @@ import itertools
 import numpy as np
 from numpy.typing import NDArray
 
-from pumaid.diagnosis.field import distinct
-from pumaid.diagnosis.laid import Laid, View, coarse_starts, view
+from pumaid.diagnosis.laid import View, coarse_starts, view
 from pumaid.diagnosis.repeats import Repeats, alike, halves
 from pumaid.diagnosis.ripples import Track
 from pumaid.diagnosis.search import FALSE_ALARM, FEWEST_RUNS, REPEAT, RIPPLE, Search
+from pumaid.joint_bins import JointBins, distinct
 from pumaid.preprocessing.options import STROKE
 from pumaid.preprocessing.replicates import noise_floor, pairs
 from pumaid.records import Budget, BudgetPart
@@ -51,7 +51,7 @@ POINTS_TO = {
 
 
 def budget(
-    laid: Laid,
+    bins: JointBins,
     residual: Floats,
     joint: Joint,
     *,
@@ -70,9 +70,8 @@ def budget(
 
     Parameters
     ----------
-    laid
-        The runs of the joint (`Spread.of`, or a field), in as many bins as they have: ripples are seen down to two
-        bins a wave.
+    bins
+        The runs of the joint, as fine as they are: ripples are seen down to two bins a wave.
     residual
         (N,) A, measured less predicted, at these bins.
     joint
@@ -91,46 +90,46 @@ def budget(
     R. A. Fisher, The Design of Experiments, for the test by flipped signs; P. H. Westfall and S. S. Young,
     Resampling-Based Multiple Testing (1993), for many tests at once.
     """
-    if load is None and laid.samples.loads is not None:
-        load = laid.samples.loads.own
-    at = view(laid, load, is_revolute=joint.is_revolute)
-    floor = noise_floor(pairs(laid.runs))[0] if floor is None else floor
-    repeats = _repeats(laid, at)
-    track = Track.of(laid, is_revolute=joint.is_revolute)
-    search = Search(at, coarse_starts(laid.first, len(laid.count)), track, repeats=repeats, is_fitted=is_fitted)
-    bins, samples = float(at.weight @ residual**2), float(at.weight.sum())
-    inside = _inside(laid, residual) if mean_square is None else max(mean_square * samples - bins, 0.0)
-    total = (bins + inside) / samples if mean_square is None else mean_square
+    if load is None and bins.samples.loads is not None:
+        load = bins.samples.loads.own
+    at = view(bins, load, is_revolute=joint.is_revolute)
+    floor = noise_floor(pairs(bins.runs))[0] if floor is None else floor
+    repeats = _repeats(bins, at)
+    track = Track.of(bins, is_revolute=joint.is_revolute)
+    search = Search(at, coarse_starts(bins.first, len(bins.count)), track, repeats=repeats, is_fitted=is_fitted)
+    left, samples = float(at.weight @ residual**2), float(at.weight.sum())
+    inside = _inside(bins, residual) if mean_square is None else max(mean_square * samples - left, 0.0)
+    total = (left + inside) / samples if mean_square is None else mean_square
     if total > NOTHING**2:
         search.run(residual, inside=inside)
     parts = _parts(search, joint, total=total, inside=inside)
     return Budget(
         mean_square=total,
         parts=parts,
-        runs=len(laid.runs),
+        runs=len(bins.runs),
         replicates=len(repeats.members) if repeats.levels else 0,
         floor=None if floor is None else floor**2,
-        limits=tuple(_limits(laid, at, has_load=load is not None)),
+        limits=tuple(_limits(bins, at, has_load=load is not None)),
     )
 
 
-def _repeats(laid: Laid, at: View) -> Repeats:
-    groups = tuple(group for group in laid.groups if len(group) > 1)
+def _repeats(bins: JointBins, at: View) -> Repeats:
+    groups = tuple(group for group in bins.groups if len(group) > 1)
     samples = np.bincount(at.run, at.weight).astype(np.float64)
     return Repeats(groups, True, samples) if groups else Repeats(alike(at), False, samples)
 
 
-def _inside(laid: Laid, residual: Floats) -> float:
+def _inside(bins: JointBins, residual: Floats) -> float:
     """A2 times samples: what the residual varies inside bins, the prediction's slope across a bin taken out."""
-    predicted, total = laid.current - residual, 0.0
-    for first, end in itertools.pairwise([*laid.first, len(residual)]):
+    predicted, total = bins.current - residual, 0.0
+    for first, end in itertools.pairwise([*bins.first, len(residual)]):
         own = slice(first, end)
         if end - first < 2:
-            total += float(laid.count[own] @ laid.inside[own])
+            total += float(bins.count[own] @ bins.inside[own])
             continue
         slope, rest = np.gradient(predicted[own]), np.gradient(residual[own])
-        within = (slope**2 + 2.0 * slope * rest) * (1.0 - 1.0 / laid.count[own] ** 2) / 12.0
-        total += max(float(laid.count[own] @ (laid.inside[own] - within)), 0.0)
+        within = (slope**2 + 2.0 * slope * rest) * (1.0 - 1.0 / bins.count[own] ** 2) / 12.0
+        total += max(float(bins.count[own] @ (bins.inside[own] - within)), 0.0)
     return total
 
 
@@ -215,14 +214,14 @@ def _shared(search: Search) -> float:
     return search.repeats.level(halves(search.thin, search.thin_left())) * search.repeats.scale
 
 
-def _limits(laid: Laid, at: View, *, has_load: bool) -> list[str]:
+def _limits(bins: JointBins, at: View, *, has_load: bool) -> list[str]:
     """What these runs cannot split."""
-    runs = laid.runs
+    runs = bins.runs
     speeds = len(distinct([abs(run.speed) for run in runs]))
     strokes = any(run.kind == STROKE for run in runs)
     claims = {
         "few-runs": len(runs) < FEWEST_RUNS,
-        "no-replicates": all(len(group) < 2 for group in laid.groups),
+        "no-replicates": all(len(group) < 2 for group in bins.groups),
         "one-direction": len({run.direction for run in runs}) == 1,
         "one-posture": int(at.posture.max()) == 0,
         "one-speed": speeds == 1 and not strokes,

@@ -8,12 +8,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from pumaid.diagnosis.added import Added
 from pumaid.diagnosis.familywise import Familywise
 from pumaid.diagnosis.folds import Falls, falls, groups_of
 from pumaid.diagnosis.refine import at
 from pumaid.diagnosis.scan import Projector, Trial, surprise
-from pumaid.diagnosis.system import Solved, at_bins
+from pumaid.effect_spec import EffectTerm
+from pumaid.estimation.fit import Fit, at_bins
 from pumaid.records import Transfer
 
 Floats = NDArray[np.float64]
@@ -62,8 +62,8 @@ class Contender:
     """
 
     trial: Trial
-    shapes: tuple[Added, ...]
-    on: Solved
+    shapes: tuple[EffectTerm, ...]
+    on: Fit
     p_value: float
     evidence: float
     falls: Falls | None
@@ -93,7 +93,7 @@ class Contender:
         return "worth" if self.gain < WORTH else None
 
 
-def contender(on: Solved, grid: Trial, trial: Trial, *, shapes: Sequence[Added], family: Familywise) -> Contender:
+def contender(on: Fit, grid: Trial, trial: Trial, *, shapes: Sequence[EffectTerm], family: Familywise) -> Contender:
     """Judge one candidate.
 
     Parameters
@@ -123,7 +123,7 @@ def contender(on: Solved, grid: Trial, trial: Trial, *, shapes: Sequence[Added],
     )
 
 
-def evidence(on: Solved, trial: Trial) -> float:
+def evidence(on: Fit, trial: Trial) -> float:
     """Twice the gain in log likelihood less (parameters) x log(runs): effects between runs have only runs to go by.
 
     The variance is that which is left with the effect, so that large effects are told apart as well as small ones.
@@ -132,29 +132,29 @@ def evidence(on: Solved, trial: Trial) -> float:
     ------
     G. Schwarz, Ann. Stat. 6 (1978) 461-464; the count of clusters for that of observations.
     """
-    runs = [len(row.field.runs) for row in on.rows]
+    runs = [len(row.bins.runs) for row in on.joints]
     left = max(on.square - trial.statistic, EXACT * on.square, np.finfo(float).tiny)
-    gain = max(on.bins - on.rank, 1) * float(np.log(on.square / left)) if trial.statistic > 0.0 else 0.0
+    gain = max(on.size - on.rank, 1) * float(np.log(on.square / left)) if trial.statistic > 0.0 else 0.0
     return gain - trial.freedoms * float(np.log(max(sum(runs) / len(runs), 2.0)))
 
 
-def _errors(on: Solved, trial: Trial) -> tuple[dict[int, float], dict[int, float]]:
+def _errors(on: Fit, trial: Trial) -> tuple[dict[int, float], dict[int, float]]:
     """RMSE (A) of samples by joint in which the effect acts, without and with it, all else refitted."""
     before, after = {}, {}
     for joint, left in misfit_with(on, trial).items():
         row = on.row(joint)
-        before[joint] = rmse(row.field.count, row.field.inside, row.misfit)
-        after[joint] = rmse(row.field.count, row.field.inside, left)
+        before[joint] = rmse(row.bins.count, row.bins.inside, row.misfit)
+        after[joint] = rmse(row.bins.count, row.bins.inside, left)
     return before, after
 
 
-def misfit_with(on: Solved, trial: Trial) -> dict[int, Floats]:
+def misfit_with(on: Fit, trial: Trial) -> dict[int, Floats]:
     """Joint in which an effect acts -> (N,) A that is left with it, all else refitted."""
-    plain = {row.field.joint: trial.added.columns(on.model, row.field.samples) for row in on.rows}
+    plain = {row.bins.joint: trial.added.linear(on.model.robot, row.bins.samples) for row in on.joints}
     acting = {joint: C for joint, C in plain.items() if np.any(C)}
     cross = np.zeros((len(on.inverse), trial.width))
     for k, C in acting.items():
-        cross[on.row(k).acting] += on.row(k).slim.T @ on.row(k).noise.whiten(on.row(k).field, C)
+        cross[on.row(k).acting] += on.row(k).slim.T @ on.row(k).noise.whiten(on.row(k).bins, C)
     turned = on.inverse @ cross
     lost = {k: on.row(k).bare @ turned[on.row(k).acting] for k in acting}
     return {k: on.row(k).misfit - (C - lost[k]) @ trial.sizes for k, C in acting.items()}
@@ -165,7 +165,7 @@ def rmse(count: Floats, inside: Floats, misfit: Floats) -> float:
     return float(np.sqrt(count @ (misfit**2 + inside) / count.sum()))
 
 
-def rivals(chosen: Contender, others: Sequence[Contender], after: Solved) -> tuple[Contender, ...]:
+def rivals(chosen: Contender, others: Sequence[Contender], after: Fit) -> tuple[Contender, ...]:
     """Those which these data cannot tell from `chosen`.
 
     A rival passes the family-wise test itself, has nothing left to explain once `chosen` is in, and is not decisively
@@ -184,7 +184,7 @@ def rivals(chosen: Contender, others: Sequence[Contender], after: Solved) -> tup
             continue
         added, bins = other.trial.added, after
         if added.effect.periodic is not None and added.joint is not None:  # coarse bins do not show it
-            bins = at_bins(after, other.on.row(added.joint).field)
+            bins = at_bins(after, other.on.row(added.joint).bins)
         left = at(Projector(bins), added)
         if left is not None and left.statistic > SAME * other.trial.statistic:
             continue

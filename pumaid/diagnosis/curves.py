@@ -9,9 +9,9 @@ from dataclasses import dataclass, fields, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from pumaid.diagnosis.field import SAME_SPEED
 from pumaid.diagnosis.suspect import Suspect
 from pumaid.effects import Effect, Family
+from pumaid.joint_bins import SAME_SPEED
 from pumaid.records import Binned, Curve, Line, Loads, Samples
 from pumaid.robot import Robot
 

@@ -8,15 +8,15 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import special
 
-from pumaid.diagnosis.added import Added
 from pumaid.diagnosis.contender import DECISIVE, evidence
 from pumaid.diagnosis.design import EQUAL, Goal, best
 from pumaid.diagnosis.prospect import Duel, Prospect
 from pumaid.diagnosis.scan import Trial
 from pumaid.diagnosis.suspect import Suspect
-from pumaid.diagnosis.system import Solved
 from pumaid.diagnosis.wording import because, decided, shown
+from pumaid.effect_spec import EffectTerm
 from pumaid.effects import Effect
+from pumaid.estimation.fit import Fit
 from pumaid.records import NextRun
 
 Floats = NDArray[np.float64]
@@ -41,7 +41,7 @@ SHAPES = 24
 FOUND = 5.0
 
 
-def deciding(solved: Solved, chosen: Trial, rival: Trial, *, picked: int = PICKED) -> NextRun:
+def deciding(solved: Fit, chosen: Trial, rival: Trial, *, picked: int = PICKED) -> NextRun:
     """The feasible runs after which it is soonest decided which of two effects it is.
 
     Each effect is fitted, with its shape and the whole model, to the data so far and to what the other predicts of the
@@ -90,7 +90,7 @@ def deciding(solved: Solved, chosen: Trial, rival: Trial, *, picked: int = PICKE
 
 
 def showing(
-    solved: Solved,
+    solved: Fit,
     effect: Effect,
     joint: int | None,
     *,
@@ -124,7 +124,7 @@ def showing(
         return None
     sizes = examples if size is None or examples[0] == 0.0 else examples * size / examples[0]
     grid = _grid(solved, effect, joint) or [{one.name: one.example for one in effect.shapes(robot, joint or 0)}]
-    added = Added(effect, joint, {**grid[len(grid) // 2], **(shape or {})})
+    added = EffectTerm(effect, joint, {**grid[len(grid) // 2], **(shape or {})})
     if "time" in added.shape:
         return None
     none = np.zeros((len(sizes), len(sizes)))
@@ -140,18 +140,18 @@ def showing(
     return NextRun(text, found.motions, float(np.sqrt(found.worth)), int(np.ceil(FOUND**2 / found.worth)))
 
 
-def _shapes(solved: Solved, added: Added) -> list[Added]:
+def _shapes(solved: Fit, added: EffectTerm) -> list[EffectTerm]:
     """Shapes of an effect's grid, evenly thinned."""
     grid = _grid(solved, added.effect, added.joint)
     some = np.linspace(0, len(grid) - 1, min(len(grid), SHAPES)).round().astype(int)
-    return [Added(added.effect, added.joint, {**added.shape, **grid[k]}) for k in some]
+    return [EffectTerm(added.effect, added.joint, {**added.shape, **grid[k]}) for k in some]
 
 
-def _grid(solved: Solved, effect: Effect, joint: int | None) -> Sequence[Mapping[str, float]]:
-    rows = [row for row in solved.rows if row.field.joint == joint]
+def _grid(solved: Fit, effect: Effect, joint: int | None) -> Sequence[Mapping[str, float]]:
+    rows = [row for row in solved.joints if row.bins.joint == joint]
     if not rows or effect.periodic is not None:
         return ()
-    return effect.grid(solved.model.robot, rows[0].field.extent(rows[0].drawn))
+    return effect.grid(solved.model.robot, rows[0].bins.extent(rows[0].drawn))
 
 
 def _repeats(gains: Floats, lead: float) -> int | None:

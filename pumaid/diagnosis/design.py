@@ -10,11 +10,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from pumaid.diagnosis.added import Added
 from pumaid.diagnosis.feasible import CELLS, Lap, ahead, bins_for, laps
 from pumaid.diagnosis.prospect import Duel, Prospect
-from pumaid.diagnosis.system import Solved
+from pumaid.effect_spec import EffectTerm
 from pumaid.effects import Trace
+from pumaid.estimation.fit import Fit
 from pumaid.trajectory import Motion
 
 Floats = NDArray[np.float64]
@@ -110,16 +110,16 @@ class Choice:
         return out
 
 
-def best(solved: Solved, added: Sequence[Added], goal: Goal) -> Choice | None:
+def best(solved: Fit, added: Sequence[EffectTerm], goal: Goal) -> Choice | None:
     """The best set of runs in which some effects act; None where no joint can move so.
 
     A set is one of a new recording, or of the end of one where that is much better; runs that the goal does not need
     are left out, those in new postures first.
     """
     joints = [
-        row.field.joint
-        for row in solved.rows
-        if any(np.any(one.columns(solved.model, row.field.samples)) for one in added)
+        row.bins.joint
+        for row in solved.joints
+        if any(np.any(one.linear(solved.model.robot, row.bins.samples)) for one in added)
     ]
     tried = [lap for joint in joints for lap in laps(solved, joint)]
     bins = bins_for(solved, added)
@@ -135,15 +135,15 @@ def best(solved: Solved, added: Sequence[Added], goal: Goal) -> Choice | None:
     return (better[0] if better else first).pruned()
 
 
-def _ages(solved: Solved, added: Sequence[Added]) -> list[Age]:
+def _ages(solved: Fit, added: Sequence[EffectTerm]) -> list[Age]:
     """When runs can begin: as a new recording's first; for effects of time also at the end of one like the longest."""
     if not any(ages(one) for one in added):
         return [(0.0, 0.0)]
-    ends = [max(float(getattr(row.field.samples, name).max()) for row in solved.rows) for name in ("time", "elapsed")]
+    ends = [max(float(getattr(row.bins.samples, name).max()) for row in solved.joints) for name in ("time", "elapsed")]
     return [(0.0, 0.0), (ends[0], ends[1])]
 
 
-def ages(added: Added) -> bool:
+def ages(added: EffectTerm) -> bool:
     """Whether an effect comes and goes with every recording, unlike what changed for good at an instant."""
     return Trace.TIME in added.effect.trace and "time" not in added.shape
 
@@ -151,7 +151,7 @@ def ages(added: Added) -> bool:
 class _Search:
     """Sets of laps that all begin at one age."""
 
-    def __init__(self, solved: Solved, tried: Sequence[Lap], *, age: Age, goal: Goal, bins: int) -> None:
+    def __init__(self, solved: Fit, tried: Sequence[Lap], *, age: Age, goal: Goal, bins: int) -> None:
         self.solved, self.age, self.goal, self.bins = solved, age, goal, bins
         self.pool, self.wide = list(tried), self._duels(tried)
         worth = self._worth(np.eye(len(tried)))

@@ -8,8 +8,8 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from pumaid.diagnosis.chain import pseudo_inverse
 from pumaid.diagnosis.scan import Scan, Trial, surprise
+from pumaid.maths.rank import pseudo_inverse
 
 Floats = NDArray[np.float64]
 Key = tuple[str, int | None]
@@ -99,13 +99,13 @@ def family(scan: Scan, *, periodic: str | None = None, flips: int = FLIPS) -> Fa
         for key, best in _best(trials, signs, width=width).items():
             found[key] = np.maximum(found.get(key, 0.0), surprise(best / scale, width))
     before = 0
-    for row in scan.solved.rows:
-        runs = slice(before, before + len(row.field.runs))
+    for row in scan.solved.joints:
+        runs = slice(before, before + len(row.bins.runs))
         before = runs.stop
-        spectrum = scan.spectra.get(row.field.joint)
+        spectrum = scan.spectra.get(row.bins.joint)
         if spectrum is not None and periodic is not None:
             best = spectrum.highest(signs[:, runs])
-            found[periodic, row.field.joint] = surprise(best / scale, PERIODIC)
+            found[periodic, row.bins.joint] = surprise(best / scale, PERIODIC)
     if not found:
         return Familywise({}, np.zeros(flips))
     handicaps = {key: float(np.quantile(seen, BALANCED)) for key, seen in found.items()}
@@ -115,7 +115,7 @@ def family(scan: Scan, *, periodic: str | None = None, flips: int = FLIPS) -> Fa
 
 def _lone(scan: Scan) -> frozenset[Key]:
     """Candidates whose best shape shows in a few runs; none where the noise is not known from repeated runs."""
-    if not all(row.noise.from_replicates for row in scan.solved.rows):
+    if not all(row.noise.from_replicates for row in scan.solved.joints):
         return frozenset()
     return frozenset(key for key, trial in scan.best().items() if alike(trial.scores) < FEW)
 

@@ -9,10 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pumaid.design.collision import Collision
-from pumaid.diagnosis.added import Added
-from pumaid.diagnosis.field import Field, distinct
-from pumaid.diagnosis.noise import Noise
-from pumaid.diagnosis.system import Row, Solved, row_of, with_loads
+from pumaid.effect_spec import EffectTerm
+from pumaid.estimation.fit import Fit, FitRow, with_loads
+from pumaid.estimation.noise import Noise
+from pumaid.joint_bins import JointBins, distinct
 from pumaid.records import Samples
 from pumaid.robot import Joint
 from pumaid.trajectory import Motion
@@ -81,7 +81,7 @@ class Lap:
         return first, second
 
 
-def room(solved: Solved, number: int) -> Room:
+def room(solved: Fit, number: int) -> Room:
     """Lowest and highest position (rad or m) that a joint may take: its limits, else where it has been."""
     been = _been(solved, number)
     limits = solved.model.robot.joint(number).limits
@@ -92,12 +92,12 @@ def room(solved: Solved, number: int) -> Room:
     return max(low, limits[0]), min(high, limits[1])
 
 
-def _been(solved: Solved, number: int) -> Room:
-    q = [row.field.samples.position[:, number - 1] for row in solved.rows]
+def _been(solved: Fit, number: int) -> Room:
+    q = [row.bins.samples.position[:, number - 1] for row in solved.joints]
     return min(float(one.min()) for one in q), max(float(one.max()) for one in q)
 
 
-def laps(solved: Solved, joint: int, *, drawn: int = DRAWN) -> tuple[Lap, ...]:
+def laps(solved: Fit, joint: int, *, drawn: int = DRAWN) -> tuple[Lap, ...]:
     """What joint `joint` (from 1) can do: every speed on every stretch in every posture.
 
     Parameters
@@ -117,7 +117,7 @@ def laps(solved: Solved, joint: int, *, drawn: int = DRAWN) -> tuple[Lap, ...]:
     return tuple(_free(solved, found))
 
 
-def _free(solved: Solved, found: Sequence[Lap]) -> list[Lap]:
+def _free(solved: Fit, found: Sequence[Lap]) -> list[Lap]:
     """Laps that strike nothing of what the recipe forbids."""
     collision, joint = Collision(solved.model.robot), found[0].joint - 1 if found else 0
     if collision.is_free:
@@ -127,9 +127,9 @@ def _free(solved: Solved, found: Sequence[Lap]) -> list[Lap]:
     return [lap for lap, start, end in zip(found, starts, ends, strict=True) if not collision.strikes(start, end)]
 
 
-def speeds(solved: Solved, joint: int) -> tuple[float, ...]:
+def speeds(solved: Fit, joint: int) -> tuple[float, ...]:
     """Speeds (rad/s or m/s) on a logarithmic grid, rounded to two digits of degrees or millimetres a second."""
-    arm, runs = solved.model.robot.joint(joint), solved.row(joint).field.runs
+    arm, runs = solved.model.robot.joint(joint), solved.row(joint).bins.runs
     seen = [abs(run.speed) for run in runs]
     highest = arm.max_velocity or max(seen)
     slow, fast = min(SLOW * highest, SLOWER * min(seen)), min(max(FAST * highest, *seen), highest)
@@ -144,18 +144,18 @@ def _step(joint: Joint) -> float:
     return factor("deg") if joint.is_revolute else factor("mm")
 
 
-def _wide(solved: Solved, joint: int) -> Room:
+def _wide(solved: Fit, joint: int) -> Room:
     low, high = room(solved, joint)
-    q = solved.row(joint).field.samples.position[:, joint - 1]
+    q = solved.row(joint).bins.samples.position[:, joint - 1]
     if not solved.model.robot.joint(joint).is_revolute:
         return low, high
     spare = max(0.5 * (WIDEST - float(np.ptp(q))), 0.0)
     return max(low, float(q.min()) - spare), min(high, float(q.max()) + spare)
 
 
-def _stretch(solved: Solved, joint: int, speed: float, is_wide: int) -> Room:
+def _stretch(solved: Fit, joint: int, speed: float, is_wide: int) -> Room:
     """From where to where: as wide as possible, or as the data's run that is nearest in speed; slow ones shorter."""
-    runs = solved.row(joint).field.runs
+    runs = solved.row(joint).bins.runs
     near = min(runs, key=lambda run: abs(np.log(abs(run.speed) / speed)))
     low, high = _wide(solved, joint)
     if not is_wide:
@@ -168,16 +168,16 @@ def _stretch(solved: Solved, joint: int, speed: float, is_wide: int) -> Room:
     return (float(ends[0]), float(ends[1])) if ends[1] - ends[0] > RAMP * speed else (low, high)
 
 
-def _known(solved: Solved, joint: int) -> list[tuple[float, ...]]:
+def _known(solved: Fit, joint: int) -> list[tuple[float, ...]]:
     """Postures of the data, those with the most runs first, without the last digits of what was measured."""
-    field, arms = solved.row(joint).field, solved.model.robot.joints
-    groups = sorted(field.postures, key=lambda group: (-len(group), group[0]))[:KNOWN]
-    held = np.round(field.samples.position[field.first[[group[0] for group in groups]]], DIGITS)
+    bins, arms = solved.row(joint).bins, solved.model.robot.joints
+    groups = sorted(bins.postures, key=lambda group: (-len(group), group[0]))[:KNOWN]
+    held = np.round(bins.samples.position[bins.first[[group[0] for group in groups]]], DIGITS)
     bounds = [arm.limits or (-np.inf, np.inf) for arm in arms]
     return [tuple(one.tolist()) for one in np.clip(held, *np.transpose(bounds))]
 
 
-def _drawn(solved: Solved, joint: int, count: int) -> list[tuple[float, ...]]:
+def _drawn(solved: Fit, joint: int, count: int) -> list[tuple[float, ...]]:
     rng = np.random.default_rng([SEED, joint])
     robot, base = solved.model.robot, np.array(_known(solved, joint)[0])
     out = []
@@ -196,7 +196,7 @@ def _drawn(solved: Solved, joint: int, count: int) -> list[tuple[float, ...]]:
     return out
 
 
-def bins_for(solved: Solved, added: Sequence[Added]) -> int:
+def bins_for(solved: Fit, added: Sequence[EffectTerm]) -> int:
     """Bins a run that show all effects, periodic ones too."""
     out = CELLS
     for one in added:
@@ -207,7 +207,7 @@ def bins_for(solved: Solved, added: Sequence[Added]) -> int:
     return out
 
 
-def ahead(solved: Solved, chosen: Sequence[Lap], *, age: tuple[float, float], bins: int = CELLS) -> Row:
+def ahead(solved: Fit, chosen: Sequence[Lap], *, age: tuple[float, float], bins: int = CELLS) -> FitRow:
     """Runs of one joint that have not been made, as a row: two a lap, forward and backward, nothing measured.
 
     Noise is that of the run of the data that is nearest in speed, at the new length of bins.
@@ -249,12 +249,12 @@ def ahead(solved: Solved, chosen: Sequence[Lap], *, age: tuple[float, float], bi
         travel=gone.ravel(),
         temperature=np.full(len(position), _temperature(old, is_cold=age[0] == 0.0)),
         run=np.repeat(np.arange(float(len(lap))), bins),
-        extra=None if old.field.samples.extra is None else np.zeros((len(position), old.field.samples.extra.shape[1])),
+        extra=None if old.bins.samples.extra is None else np.zeros((len(position), old.bins.samples.extra.shape[1])),
     )
     step = way / speed / bins
     nothing = np.zeros(len(position))
-    field = replace(
-        old.field,
+    made = replace(
+        old.bins,
         runs=(),
         samples=samples,
         current=nothing,
@@ -264,22 +264,17 @@ def ahead(solved: Solved, chosen: Sequence[Lap], *, age: tuple[float, float], bi
         step=step,
         groups=(),
         postures=(),
-        base=solved.model.along(samples, np.full(len(lap), bins)),
     )
-    return _as_row(solved, field, old.noise.at(old.field, speed, step))
+    return _as_row(solved, made, old.noise.at(old.bins, speed, step))
 
 
-def _as_row(solved: Solved, field: Field, noise: Noise) -> Row:
-    field, old = with_loads(solved.model, field, solved.start), solved.row(field.joint)
-    columns = [one.columns(solved.model, field.samples) for one in solved.added]
-    tangents = [
-        one.tangent(solved.model, field.samples, size) for one, size in zip(solved.added, solved.sizes, strict=True)
-    ]
-    design = np.column_stack([field.base, *columns, *tangents])
-    row = row_of(field, noise, design, weights=old.weights, turn=old.turn)
-    return replace(row, residual=field.current, misfit=field.current)
+def _as_row(solved: Fit, bins: JointBins, noise: Noise) -> FitRow:
+    bins = replace(bins, samples=with_loads(solved, bins.samples, bins.lengths))
+    design = np.hstack([solved.model.along(bins.samples, bins.lengths), solved.model.beyond(bins.samples)])
+    row = solved.at(bins, design, noise)
+    return replace(row, residual=bins.current, misfit=bins.current)
 
 
-def _temperature(old: Row, *, is_cold: bool) -> float:
-    known = old.field.samples.temperature[np.isfinite(old.field.samples.temperature)]
+def _temperature(old: FitRow, *, is_cold: bool) -> float:
+    known = old.bins.samples.temperature[np.isfinite(old.bins.samples.temperature)]
     return float("nan") if len(known) == 0 else float(known.min() if is_cold else known.max())

@@ -8,10 +8,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from pumaid.diagnosis.added import Added, columns_each
-from pumaid.diagnosis.chain import FLAT
 from pumaid.diagnosis.scan import Projector
-from pumaid.diagnosis.system import Solved, information
+from pumaid.effect_spec import EffectTerm, columns_each
+from pumaid.estimation.fit import Fit
+from pumaid.maths.rank import FLAT
 
 Floats = NDArray[np.float64]
 
@@ -53,28 +53,28 @@ class Falls:
         return float(self.falls.mean()) / error if error > 0 else 0.0
 
 
-def groups_of(solved: Solved, joints: Sequence[int]) -> list[tuple[int, tuple[int, ...]]]:
+def groups_of(solved: Fit, joints: Sequence[int]) -> list[tuple[int, tuple[int, ...]]]:
     """(joint, runs) that leave together: repeated runs of each joint; runs one by one where that would be too many."""
     found: list[tuple[int, tuple[int, ...]]] = []
-    for row in solved.rows:
-        if row.field.joint in joints:
-            most = MOST_LEAVING * len(row.field.runs)
-            alone = tuple((number,) for number in range(len(row.field.runs)))
-            groups = alone if max(len(group) for group in row.field.groups) > most else row.field.groups
-            found += [(row.field.joint, group) for group in groups]
+    for row in solved.joints:
+        if row.bins.joint in joints:
+            most = MOST_LEAVING * len(row.bins.runs)
+            alone = tuple((number,) for number in range(len(row.bins.runs)))
+            groups = alone if max(len(group) for group in row.bins.groups) > most else row.bins.groups
+            found += [(row.bins.joint, group) for group in groups]
     return found
 
 
-def postures_of(solved: Solved, joints: Sequence[int]) -> list[tuple[int, tuple[int, ...]]]:
+def postures_of(solved: Fit, joints: Sequence[int]) -> list[tuple[int, tuple[int, ...]]]:
     """(joint, runs) of each posture."""
     found = []
-    for row in solved.rows:
-        if row.field.joint in joints:
-            found += [(row.field.joint, group) for group in row.field.postures]
+    for row in solved.joints:
+        if row.bins.joint in joints:
+            found += [(row.bins.joint, group) for group in row.bins.postures]
     return found
 
 
-def falls(solved: Solved, shapes: Sequence[Added], folds: Sequence[tuple[int, tuple[int, ...]]]) -> Falls:
+def falls(solved: Fit, shapes: Sequence[EffectTerm], folds: Sequence[tuple[int, tuple[int, ...]]]) -> Falls:
     """Leave each fold out, choose the shape and fit without it, and see what it then predicts.
 
     Everything is done on Gram matrices of the whole less those of the fold.
@@ -101,18 +101,20 @@ def falls(solved: Solved, shapes: Sequence[Added], folds: Sequence[tuple[int, tu
 
 
 class _Folds:
-    def __init__(self, solved: Solved, shapes: Sequence[Added]) -> None:
+    def __init__(self, solved: Fit, shapes: Sequence[EffectTerm]) -> None:
         self.solved, self.shapes = solved, shapes
-        self.plain = {row.field.joint: columns_each(shapes, solved.model, row.field.samples) for row in solved.rows}
+        self.plain = {
+            row.bins.joint: columns_each(shapes, solved.model.robot, row.bins.samples) for row in solved.joints
+        }
         self.width = next(iter(self.plain.values())).shape[1] // len(shapes)
         acting = {joint: values for joint, values in self.plain.items() if np.any(values)}
-        self.white = {joint: solved.row(joint).noise.whiten(solved.row(joint).field, acting[joint]) for joint in acting}
+        self.white = {joint: solved.row(joint).noise.whiten(solved.row(joint).bins, acting[joint]) for joint in acting}
         self.cross = Projector(solved).crossed(self.white)
         self.gram = sum(columns.T @ columns for columns in self.white.values())
         turned = solved.inverse @ self.cross
         self.whole = np.maximum(np.diagonal(self.gram) - np.sum(self.cross * turned, axis=0), 0.0)
         self.slope = sum(columns.T @ solved.row(joint).residual for joint, columns in self.white.items())
-        self.information = information(solved.rows)
+        self.information = solved.information()
         size = np.sqrt(np.maximum(np.diagonal(self.information), np.finfo(float).tiny))
         values, vectors = np.linalg.eigh(self.information / np.outer(size, size))
         known = values > FLAT * values[-1]
@@ -132,7 +134,7 @@ class _Folds:
     def one(self, joint: int, runs: tuple[int, ...]) -> tuple[float, float, float, float]:
         """Fall, raw squares before and after weighted by samples, and samples, of one fold."""
         row = self.solved.row(joint)
-        bins = np.isin(row.field.run, runs)
+        bins = np.isin(row.bins.run, runs)
         J, r, own = row.slim[bins], row.residual[bins], row.acting
         columns = self.white.get(joint)
         C = columns[bins] if columns is not None else np.zeros((len(r), self.cross.shape[1]))
@@ -156,8 +158,8 @@ class _Folds:
         plain = row.bare[bins]
         raw = row.misfit[bins] - plain @ move[own]
         raw_after = raw - (self.plain[joint][bins][:, chosen] - plain @ turned[own, chosen]) @ sizes
-        weight = row.field.count[bins]
-        inside = float(weight @ row.field.inside[bins])
+        weight = row.bins.count[bins]
+        inside = float(weight @ row.bins.inside[bins])
         squares = (float(weight @ raw**2) + inside, float(weight @ raw_after**2) + inside)
         return float(error @ error - after @ after), *squares, float(weight.sum())
 

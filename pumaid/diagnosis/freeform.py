@@ -9,11 +9,11 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from pumaid.diagnosis.added import Added
-from pumaid.diagnosis.field import Field
 from pumaid.diagnosis.scan import Projector, Trial, trial_of
-from pumaid.diagnosis.system import Solved
+from pumaid.effect_spec import EffectTerm
 from pumaid.effects.base import NO_SHAPE, Effect, Family, Parameter
+from pumaid.estimation.fit import Fit
+from pumaid.joint_bins import JointBins
 from pumaid.records import Samples
 from pumaid.robot import Robot
 
@@ -98,7 +98,7 @@ def hats(x: Floats, knots: Floats) -> Floats:
     return out
 
 
-def forms(field: Field) -> Iterable[Free]:
+def forms(field: JointBins) -> Iterable[Free]:
     """Every form that the runs of a joint can show."""
     for form in FORMS:
         x = variable(field.samples, form.variable)
@@ -113,13 +113,13 @@ def forms(field: Field) -> Iterable[Free]:
             yield Free(form, knots)
 
 
-def free_trials(solved: Solved, joint: int) -> list[Trial]:
+def free_trials(solved: Fit, joint: int) -> list[Trial]:
     """Every free form at one joint, tried on a system with loads."""
     row, projector, out = solved.row(joint), Projector(solved), []
-    for free in forms(row.field):
-        added = Added(free, joint, NO_SHAPE)
-        columns = added.columns(solved.model, row.field.samples)
-        scores, left, raw = projector.scores({joint: row.noise.whiten(row.field, columns)})
+    for free in forms(row.bins):
+        added = EffectTerm(free, joint, NO_SHAPE)
+        columns = added.linear(solved.model.robot, row.bins.samples)
+        scores, left, raw = projector.scores({joint: row.noise.whiten(row.bins, columns)})
         share = np.divide(np.diagonal(left), raw, out=np.zeros(len(raw)), where=raw > 0)
         kept = np.flatnonzero(share > ABSORBED)
         trial = _ranked(added, scores, left, kept)
@@ -135,7 +135,7 @@ DRAWN = 0.1
 FLAT = 1e-3
 
 
-def _ranked(added: Added, scores: Floats, left: Floats, kept: NDArray[np.int64]) -> Trial | None:
+def _ranked(added: EffectTerm, scores: Floats, left: Floats, kept: NDArray[np.int64]) -> Trial | None:
     """The trial in the directions of the hats that the model does not absorb."""
     if len(kept) < 2:
         return None
@@ -149,13 +149,13 @@ def _ranked(added: Added, scores: Floats, left: Floats, kept: NDArray[np.int64])
     return trial_of(added, scores @ turn, turn.T @ left @ turn, share=np.ones(width), signs=np.zeros(width))
 
 
-def knot_values(solved: Solved, trial: Trial) -> tuple[Floats, Floats, Floats]:
+def knot_values(solved: Fit, trial: Trial) -> tuple[Floats, Floats, Floats]:
     """Knots, values there (A, as a current in the direction of motion where the form says so) and standard errors."""
     free = trial.added.effect
     assert isinstance(free, Free) and trial.added.joint is not None
     row, projector = solved.row(trial.added.joint), Projector(solved)
-    columns = trial.added.columns(solved.model, row.field.samples)
-    scores, left, raw = projector.scores({trial.added.joint: row.noise.whiten(row.field, columns)})
+    columns = trial.added.linear(solved.model.robot, row.bins.samples)
+    scores, left, raw = projector.scores({trial.added.joint: row.noise.whiten(row.bins, columns)})
     unit = np.divide(1.0, np.sqrt(raw), out=np.zeros_like(raw), where=raw > 0.0)
     values, vectors = np.linalg.eigh(left * np.outer(unit, unit))
     good = values > DRAWN

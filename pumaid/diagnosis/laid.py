@@ -1,21 +1,16 @@
-"""The runs of one joint laid out bin after bin, and what a residual can depend on at each."""
+"""What a residual can depend on at each bin of a joint."""
 
 from __future__ import annotations
 
 import itertools
-from collections.abc import Sequence
 from dataclasses import dataclass, fields
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from pumaid.dataset import Run
-from pumaid.diagnosis.field import Field, distinct, posture_groups
+from pumaid.joint_bins import JointBins, distinct, posture_groups
 from pumaid.preprocessing.options import CONSTANT
-from pumaid.preprocessing.replicates import replicates
-from pumaid.records import Samples
-from pumaid.sight import joined
 
 Floats = NDArray[np.float64]
 Labels = NDArray[np.int64]
@@ -26,76 +21,6 @@ MOST_SPEEDS = 8
 MOST_POSTURES = 24
 #: Bins of a run: the first ones as they are, where a start shows, the others in groups.
 FIRST, GROUPS = 16, 48
-
-
-@dataclass(frozen=True, eq=False, slots=True)
-class Spread:
-    """The runs of one joint with all their bins, N together.
-
-    Attributes
-    ----------
-    joint
-        From 1.
-    runs
-        R of them.
-    samples
-        The bins; `run` counts the runs from 0.
-    current, count, inside
-        (N,) A of the moving joint, samples behind it, A2 of variance inside.
-    first
-        (R,) index of each run's first bin.
-    groups
-        Runs (from 0) that repeat one another, every run in one group.
-    """
-
-    joint: int
-    runs: tuple[Run, ...]
-    samples: Samples
-    current: Floats
-    count: Floats
-    inside: Floats
-    first: Labels
-    groups: tuple[tuple[int, ...], ...]
-
-    @classmethod
-    def of(cls, runs: Sequence[Run]) -> Spread:
-        """At least one run, all of one joint."""
-        joint, lengths = runs[0].joint, [len(run.bins) for run in runs]
-        begun: dict[int, float] = {}
-        for run in runs:
-            begun[run.clock] = min(run.start, begun.get(run.clock, run.start))
-        repeated = [tuple(group) for group in replicates(runs)]
-        grouped_ones = {k for group in repeated for k in group}
-        alone = [(k,) for k in range(len(runs)) if k not in grouped_ones]
-        return cls(
-            joint=joint,
-            runs=tuple(runs),
-            samples=joined([_samples(run, begun[run.clock]) for run in runs]),
-            current=np.concatenate([run.bins.current for run in runs]),
-            count=np.concatenate([run.bins.count for run in runs]).astype(float),
-            inside=np.concatenate([run.bins.variance for run in runs]),
-            first=np.concatenate([[0], np.cumsum(lengths)[:-1]]).astype(np.int64),
-            groups=tuple(sorted([*repeated, *alone])),
-        )
-
-
-def _samples(run: Run, begun: float) -> Samples:
-    bins, own = run.bins, run.joint - 1
-    return Samples(
-        run.joint,
-        bins.position,
-        run.velocity,
-        acceleration=bins.acceleration,
-        direction=np.full(len(bins), float(run.direction)),
-        time=bins.time - begun,
-        elapsed=bins.time - begun,
-        travel=np.abs(bins.position[:, own] - run.span[0]),
-        temperature=bins.temperature,
-    )
-
-
-#: The runs of one joint with all their bins, or as the diagnosis thins them.
-Laid = Spread | Field
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -162,19 +87,19 @@ class View:
         return View(**(out | {"weight": total}))
 
 
-def view(laid: Laid, load: Floats | None, *, is_revolute: bool) -> View:
-    """The bins of a field.
+def view(bins: JointBins, load: Floats | None, *, is_revolute: bool) -> View:
+    """The bins of a joint.
 
     Parameters
     ----------
-    laid
-        N bins.
+    bins
+        N of them.
     load
         (N,) A that gravity draws by the model, or None.
     is_revolute
         Whether the joint turns.
     """
-    samples, own, runs = laid.samples, laid.joint - 1, laid.runs
+    samples, own, runs = bins.samples, bins.joint - 1, bins.runs
     q = samples.position[:, own]
     speed = np.abs(samples.velocity[:, own])
     speeds = distinct([abs(run.speed) for run in runs])
@@ -186,7 +111,7 @@ def view(laid: Laid, load: Floats | None, *, is_revolute: bool) -> View:
     clocks = np.unique([run.clock for run in runs], return_inverse=True)[1]
     run, span = samples.run.astype(np.int64), float(np.ptp(q)) or 1.0
     return View(
-        weight=laid.count,
+        weight=bins.count,
         run=run,
         share=(q - q.min()) / span,
         angle=q if is_revolute else np.zeros(len(q)),
@@ -196,7 +121,7 @@ def view(laid: Laid, load: Floats | None, *, is_revolute: bool) -> View:
         travel=samples.travel / span,
         temperature=samples.temperature,
         load=np.full(len(q), np.nan) if load is None else load,
-        slope=np.full(len(q), np.nan) if load is None else _slopes(load, q / span, laid.first),
+        slope=np.full(len(q), np.nan) if load is None else _slopes(load, q / span, bins.first),
         pull=samples.acceleration / (np.abs(samples.acceleration).max() or 1.0),
         speed_group=(np.maximum(by_run, 0) if few else np.full(len(runs), -1))[run],
         posture=posture[run],

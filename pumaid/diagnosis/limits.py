@@ -62,9 +62,9 @@ class _Worth:
     """Sizes with which effects lower the error of some joint by the share `WORTH`."""
 
     def __init__(self, scan: Scan, catalogue: Catalogue) -> None:
-        rows, self.catalogue = scan.solved.rows, catalogue
-        self.error = {row.field.joint: rmse(row.field.count, row.field.inside, row.misfit) for row in rows}
-        self.shares = {row.field.joint: row.field.count / row.field.count.sum() for row in rows}
+        rows, self.catalogue = scan.solved.joints, catalogue
+        self.error = {row.bins.joint: rmse(row.bins.count, row.bins.inside, row.misfit) for row in rows}
+        self.shares = {row.bins.joint: row.bins.count / row.bins.count.sum() for row in rows}
         self.places = {id(one.added): one for one in catalogue.variants}
 
     def size(self, trial: Trial) -> float:

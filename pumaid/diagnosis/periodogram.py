@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import fft
 
-from pumaid.diagnosis.field import Field
-from pumaid.diagnosis.system import Row
+from pumaid.estimation.fit import FitRow
+from pumaid.joint_bins import JointBins
 
 Floats = NDArray[np.float64]
 Complexes = NDArray[np.complex128]
@@ -82,7 +82,7 @@ class Spectrum:
         return out
 
 
-def spectrum(row: Row, *, scale: float = 1.0, known: Sequence[float] = ()) -> Spectrum | None:
+def spectrum(row: FitRow, *, scale: float = 1.0, known: Sequence[float] = ()) -> Spectrum | None:
     """Scores of cos(f q) and sin(f q) at all frequencies that the bins can show.
 
     Bins lie at uneven places where the speed is not constant, so each is shared out to the two nearest points of an
@@ -109,7 +109,7 @@ def spectrum(row: Row, *, scale: float = 1.0, known: Sequence[float] = ()) -> Sp
     G. B. Rybicki, Astrophys. J. 338 (1989) 277-280, for sharing out to a grid, here by straight lines, whose transform
     is divided out.
     """
-    field, noise = row.field, row.noise
+    field, noise = row.bins, row.noise
     q, lengths = field.samples.position[:, field.joint - 1], field.lengths
     low, high = np.minimum.reduceat(q, field.first), np.maximum.reduceat(q, field.first)
     way = high - low
@@ -143,7 +143,7 @@ def spectrum(row: Row, *, scale: float = 1.0, known: Sequence[float] = ()) -> Sp
     return Spectrum(frequency, turned / scale, information / scale, len(field.runs) < FEWEST_RUNS)
 
 
-def _pieces(field: Field, way: Floats) -> Counts:
+def _pieces(field: JointBins, way: Floats) -> Counts:
     """(N,) number from 0 of the run of each bin; where runs are few, of the piece of a run."""
     if len(field.runs) >= FEWEST_RUNS:
         return field.run

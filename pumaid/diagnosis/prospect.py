@@ -9,10 +9,10 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from pumaid.diagnosis.added import Added, columns_each
 from pumaid.diagnosis.refine import step_of
 from pumaid.diagnosis.scan import ABSORBED, Trial
-from pumaid.diagnosis.system import Row, Solved
+from pumaid.effect_spec import EffectTerm, columns_each
+from pumaid.estimation.fit import Fit, FitRow
 
 Floats = NDArray[np.float64]
 Columns = list[Floats | None]
@@ -34,9 +34,9 @@ class Prospect:
         Laps of one joint each, as `feasible.ahead` makes them.
     """
 
-    def __init__(self, solved: Solved, rows: Sequence[Row]) -> None:
-        self.solved, self.rows = solved, (*solved.rows, *rows)
-        self.laps = [0] * len(solved.rows) + [len(row.field.first) // 2 for row in rows]
+    def __init__(self, solved: Fit, rows: Sequence[FitRow]) -> None:
+        self.solved, self.rows = solved, (*solved.joints, *rows)
+        self.laps = [0] * len(solved.joints) + [len(row.bins.first) // 2 for row in rows]
         jacobians: Columns = [row.jacobian for row in self.rows]
         self.jacobians = jacobians
         self.information = self.products(jacobians, jacobians)
@@ -74,21 +74,21 @@ class Prospect:
                 total += found
         return np.concatenate([total, *pieces])
 
-    def columns(self, shapes: Sequence[Added]) -> Columns:
+    def columns(self, shapes: Sequence[EffectTerm]) -> Columns:
         """Whitened (N, V) columns of an effect with several shapes in each row; None where it does not act."""
         out: Columns = []
         for row, laps in zip(self.rows, self.laps, strict=True):
-            samples = row.field.samples
+            samples = row.bins.samples
             if laps and "time" in shapes[0].shape:  # what changed at an instant that has passed stays changed
                 long = np.full(len(samples), np.inf)
                 samples = replace(samples, time=long, elapsed=long)
-            found = columns_each(shapes, self.solved.model, samples)
-            out.append(row.noise.whiten(row.field, found) if np.any(found) else None)
+            found = columns_each(shapes, self.solved.model.robot, samples)
+            out.append(row.noise.whiten(row.bins, found) if np.any(found) else None)
         return out if any(values is not None for values in out) else self._nothing(found.shape[1])
 
     def _nothing(self, width: int) -> Columns:
         """Columns of an effect that acts nowhere."""
-        return [np.zeros((len(self.rows[0].field), width)), *([None] * (len(self.rows) - 1))]
+        return [np.zeros((len(self.rows[0].bins), width)), *([None] * (len(self.rows) - 1))]
 
     def forecast(self, trial: Trial) -> Columns:
         """(N, 1) in each row: what the data leave, and what the trial's effect predicts that laps will leave."""
@@ -124,14 +124,16 @@ class Duel:
     62 (1975) 57-70, with the data so far in both fits.
     """
 
-    def __init__(self, prospect: Prospect, truth: Trial, pretender: Trial | None, shapes: Sequence[Added] = ()) -> None:
+    def __init__(
+        self, prospect: Prospect, truth: Trial, pretender: Trial | None, shapes: Sequence[EffectTerm] = ()
+    ) -> None:
         self.prospect, solved = prospect, prospect.solved
-        self.scale = (solved.square - truth.statistic) / max(solved.bins - solved.rank, 1)
+        self.scale = (solved.square - truth.statistic) / max(solved.size - solved.rank, 1)
         self.target = prospect.forecast(truth)
         self.slope = prospect.products(prospect.jacobians, self.target)
         square = prospect.products(self.target, self.target)[:, 0, 0]
         self.square = np.where(np.arange(len(square)) == 0, 0.0, square)
-        self.shapes: list[Added] = []
+        self.shapes: list[EffectTerm] = []
         p, n = prospect.information.shape[1], len(square)
         self.parts: tuple[Floats, ...] = (np.zeros((n, p, 0)), np.zeros((n, 0)), np.zeros((n, 1, 0, 0)))
         self.signs = np.zeros((1, 0))
@@ -139,7 +141,7 @@ class Duel:
             self.shapes = [pretender.added, *shapes]
             self.parts, self.signs = self._parts(self.shapes), self._signs(self.shapes)
 
-    def allow(self, shapes: Sequence[Added]) -> None:
+    def allow(self, shapes: Sequence[EffectTerm]) -> None:
         """Let the pretender take these shapes too."""
         if not shapes:
             return
@@ -149,11 +151,11 @@ class Duel:
         self.signs = np.concatenate([self.signs, self._signs(shapes)])
         self.shapes += shapes
 
-    def _signs(self, shapes: Sequence[Added]) -> Floats:
+    def _signs(self, shapes: Sequence[EffectTerm]) -> Floats:
         """(S, p) that parameters must have."""
         return np.array([self.prospect.solved.signs(one) for one in shapes])
 
-    def _parts(self, shapes: Sequence[Added]) -> tuple[Floats, Floats, Floats]:
+    def _parts(self, shapes: Sequence[EffectTerm]) -> tuple[Floats, Floats, Floats]:
         """Of columns: (1 + L, P, V) with the model, (1 + L, V) with the target, (1 + L, S, p, p) among themselves."""
         columns = self.prospect.columns(shapes)
         cross = self.prospect.products(self.prospect.jacobians, columns)
@@ -176,7 +178,7 @@ class Duel:
         left = self._left(self.parts, np.vstack([np.zeros(weights.shape[1]), weights]), self.signs).min(axis=1)
         return np.asarray(np.maximum(left[1:] - left[0], 0.0) / self.scale)
 
-    def nearest(self, weights: Floats) -> list[Added]:
+    def nearest(self, weights: Floats) -> list[EffectTerm]:
         """The shape with which the pretender comes nearest after (L,) laps; none where it has none to choose."""
         robot = self.prospect.solved.model.robot
         row = weights[None, :]

@@ -7,9 +7,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from pumaid.diagnosis.added import Added, columns_each
 from pumaid.diagnosis.scan import Projector, Trial, trial_of
-from pumaid.diagnosis.system import Solved
+from pumaid.effect_spec import EffectTerm, columns_each
+from pumaid.estimation.fit import Fit
 
 #: Evaluations of one search.
 MOST_STEPS = 60
@@ -64,28 +64,28 @@ def refined(projector: Projector, trial: Trial) -> Trial:
     return best
 
 
-def step_of(added: Added, name: str, solved: Solved) -> float:
+def step_of(added: EffectTerm, name: str, solved: Fit) -> float:
     """First step of a shape's search."""
     if name == added.effect.periodic and added.joint is not None:
-        q = solved.row(added.joint).field.samples.position[:, added.joint - 1]
+        q = solved.row(added.joint).bins.samples.position[:, added.joint - 1]
         return float(np.pi / 2.0 / np.ptp(q))
     value = added.shape[name]
     return FIRST_STEP * (abs(value) or 1.0)
 
 
-def at(projector: Projector, added: Added) -> Trial | None:
+def at(projector: Projector, added: EffectTerm) -> Trial | None:
     """The trial of one effect with one shape; None where the model absorbs it."""
     return trials_at(projector, [added])[0]
 
 
-def trials_at(projector: Projector, shapes: Sequence[Added]) -> list[Trial | None]:
+def trials_at(projector: Projector, shapes: Sequence[EffectTerm]) -> list[Trial | None]:
     """The same for several shapes of one effect at once."""
     solved = projector.solved
     white = {}
-    for row in solved.rows:
-        columns = columns_each(shapes, solved.model, row.field.samples)
+    for row in solved.joints:
+        columns = columns_each(shapes, solved.model.robot, row.bins.samples)
         if np.any(columns):
-            white[row.field.joint] = row.noise.whiten(row.field, columns)
+            white[row.bins.joint] = row.noise.whiten(row.bins, columns)
     if not white:
         return [None] * len(shapes)
     width = next(iter(white.values())).shape[1] // len(shapes)

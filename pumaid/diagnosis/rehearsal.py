@@ -8,13 +8,11 @@ from dataclasses import replace
 import numpy as np
 
 from pumaid.dataset import Dataset, Run
-from pumaid.diagnosis.chain import Start
-from pumaid.diagnosis.field import fields
-from pumaid.diagnosis.system import Solved, loaded, solve
 from pumaid.errors import ModelError
-from pumaid.estimation.identification import identified
+from pumaid.estimation.fit import Fit, loaded
+from pumaid.estimation.gls import fit_with_replicates
+from pumaid.joint_bins import COARSE, joint_bins
 from pumaid.model import Model
-from pumaid.records import Estimate
 from pumaid.robot import EffectChoice, Robot
 from pumaid.simulation import Bench
 from pumaid.simulation.hidden import LAWS, Hidden, sized
@@ -41,7 +39,7 @@ def rehearsed(truth: Truth, plan: Plan, *, seed: int) -> Dataset:
     return Dataset(Bench(truth, fitted, rate=_RATE, bins=_CELLS).runs(np.random.default_rng([seed, 5])))
 
 
-def solved(robot: Robot, runs: Sequence[Run], estimate: Estimate | None = None) -> Solved:
+def solved(robot: Robot, runs: Sequence[Run]) -> Fit:
     """The base model on runs, as diagnosis starts from it.
 
     Parameters
@@ -50,14 +48,9 @@ def solved(robot: Robot, runs: Sequence[Run], estimate: Estimate | None = None) 
         The arm.
     runs
         All that may be fitted.
-    estimate
-        Their fit; made where not given.
     """
-    fit = estimate or identified(Dataset(tuple(runs)), replace(robot, effects=()))
-    model = Model(robot, fit.stroke_postures) if estimate is not None else Model.of_runs(robot, runs)
-    known = dict(zip(fit.names, fit.solution, strict=True))
-    start = Start(np.array([float(known.get(name, 0.0)) for name in model.names]), fit.scales)
-    return loaded(solve(model, fields(model, runs), start))
+    model = Model.of_runs(robot, runs)
+    return loaded(fit_with_replicates(model, joint_bins(robot, runs, most=COARSE)))
 
 
 def usual(truth: Truth, wanted: EffectChoice) -> Hidden | None:

@@ -9,8 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import special
 
-from pumaid.diagnosis.field import typical
-from pumaid.diagnosis.laid import Laid
+from pumaid.joint_bins import JointBins, typical
 
 Floats = NDArray[np.float64]
 Complex = NDArray[np.complex128]
@@ -64,16 +63,16 @@ class Track:
     width: Floats
 
     @classmethod
-    def of(cls, laid: Laid, *, is_revolute: bool) -> Track:
+    def of(cls, bins: JointBins, *, is_revolute: bool) -> Track:
         """The bins of one joint's runs."""
-        q, turn, first = laid.samples.position[:, laid.joint - 1], 2.0 * np.pi, laid.first
+        q, turn, first = bins.samples.position[:, bins.joint - 1], 2.0 * np.pi, bins.first
         low, high = np.minimum.reduceat(q, first), np.maximum.reduceat(q, first)
         back = turn * np.round(0.5 * (low + high) / turn) if is_revolute else np.zeros(len(low))
         span, lengths = high - low, np.diff(np.append(first, len(q)))
         width = span / np.maximum(lengths - 1, 1)
         place = q - np.repeat(back, lengths)
         run = np.repeat(np.arange(len(first)), lengths)
-        return cls(place, laid.samples.direction, laid.count, run, first, lengths, low - back, span, width)
+        return cls(place, bins.samples.direction, bins.count, run, first, lengths, low - back, span, width)
 
     def slow(self, residual: Floats) -> float:
         """Square (weight times A2) of a residual (N,) in each run's own polynomial, less what is due to fast noise."""

@@ -10,11 +10,11 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import special
 
-from pumaid.diagnosis.added import Added
-from pumaid.diagnosis.chain import pseudo_inverse
 from pumaid.diagnosis.periodogram import Spectrum
-from pumaid.diagnosis.system import Row, Solved
 from pumaid.diagnosis.variants import Catalogue, Variant
+from pumaid.effect_spec import EffectTerm
+from pumaid.estimation.fit import Fit, FitRow
+from pumaid.maths.rank import pseudo_inverse
 
 Floats = NDArray[np.float64]
 
@@ -51,7 +51,7 @@ class Trial:
         (m,) that the parameters must have; 0 where either is possible.
     """
 
-    added: Added
+    added: EffectTerm
     statistic: float
     information: Floats
     sizes: Floats
@@ -93,7 +93,7 @@ class Scan:
         (R,) factor by which a run's scores are too small, since the run itself was fitted.
     """
 
-    solved: Solved
+    solved: Fit
     trials: tuple[Trial, ...]
     absorbed: dict[tuple[str, int | None], float]
     spectra: dict[int, Spectrum]
@@ -112,16 +112,16 @@ class Scan:
 class Projector:
     """What is left of candidates' columns beyond a solved system."""
 
-    def __init__(self, solved: Solved) -> None:
+    def __init__(self, solved: Fit) -> None:
         self.solved = solved
-        ends = np.cumsum([0, *[len(row.field.runs) for row in solved.rows]])
+        ends = np.cumsum([0, *[len(row.bins.runs) for row in solved.joints]])
         self.runs = {
-            row.field.joint: slice(int(a), int(b)) for row, a, b in zip(solved.rows, ends[:-1], ends[1:], strict=True)
+            row.bins.joint: slice(int(a), int(b)) for row, a, b in zip(solved.joints, ends[:-1], ends[1:], strict=True)
         }
         self.total = int(ends[-1])
         self.own_scores = np.zeros((self.total, len(solved.inverse)))
-        for row in solved.rows:
-            self.own_scores[self.runs[row.field.joint], row.acting] = row.field.sums(row.slim * row.residual[:, None])
+        for row in solved.joints:
+            self.own_scores[self.runs[row.bins.joint], row.acting] = row.bins.sums(row.slim * row.residual[:, None])
 
     def scores(self, white: dict[int, Floats]) -> tuple[Floats, Floats, Floats]:
         """Scores by run, information and what was there before the projection.
@@ -174,18 +174,18 @@ class Projector:
         """(P, V) products of the system's derivatives with whitened columns (N, V) by joint."""
         width = next(iter(white.values())).shape[1]
         out = np.zeros((self.own_scores.shape[1], width))
-        for row in self.solved.rows:
-            if row.field.joint in white:
-                out[row.acting] += row.slim.T @ white[row.field.joint]
+        for row in self.solved.joints:
+            if row.bins.joint in white:
+                out[row.acting] += row.slim.T @ white[row.bins.joint]
         return out
 
     def _beyond(self, white: dict[int, Floats]) -> tuple[Floats, Floats, Floats]:
         """(R, V) scores, (P, V) products with the system's derivatives, and (P, V) the parameters that these make."""
         cross = self.crossed(white)
         scores, turned = np.zeros((self.total, cross.shape[1])), self.solved.inverse @ cross
-        for row in self.solved.rows:
-            if row.field.joint in white:
-                scores[self.runs[row.field.joint]] += row.field.sums(white[row.field.joint] * row.residual[:, None])
+        for row in self.solved.joints:
+            if row.bins.joint in white:
+                scores[self.runs[row.bins.joint]] += row.bins.sums(white[row.bins.joint] * row.residual[:, None])
         return scores - self.own_scores @ turned, cross, turned
 
     def trials(
@@ -226,7 +226,7 @@ def _square(bands: Sequence[Floats], start: int, width: int) -> Floats:
     return out
 
 
-def trial_of(added: Added, scores: Floats, information: Floats, *, share: Floats, signs: Floats) -> Trial | None:
+def trial_of(added: EffectTerm, scores: Floats, information: Floats, *, share: Floats, signs: Floats) -> Trial | None:
     """The score statistic of one variant in the directions that the model does not absorb; None where there is none.
 
     A parameter whose sign is not that of the physics is held at zero, the others fitted anew.
@@ -250,7 +250,7 @@ def trial_of(added: Added, scores: Floats, information: Floats, *, share: Floats
     return Trial(added, statistic, information, sizes, scores, float(share[own].max()), signs)
 
 
-def scan(solved: Solved, catalogue: Catalogue) -> Scan:
+def scan(solved: Fit, catalogue: Catalogue) -> Scan:
     """Score every variant of a catalogue.
 
     Source
@@ -260,24 +260,24 @@ def scan(solved: Solved, catalogue: Catalogue) -> Scan:
     projector = Projector(solved)
     trials: list[Trial] = []
     absorbed: dict[tuple[str, int | None], float] = {}
-    for row in solved.rows:
-        joint = row.field.joint
+    for row in solved.joints:
+        joint = row.bins.joint
         variants = [one for one in catalogue.variants if not one.is_wide and one.added.joint == joint]
-        white = {joint: row.noise.whiten(row.field, catalogue.local[joint])}
+        white = {joint: row.noise.whiten(row.bins, catalogue.local[joint])}
         found, lost = projector.trials(variants, white)
         trials += found
         absorbed |= lost
     wide = [one for one in catalogue.variants if one.is_wide]
-    white = {row.field.joint: row.noise.whiten(row.field, catalogue.wide[row.field.joint]) for row in solved.rows}
+    white = {row.bins.joint: row.noise.whiten(row.bins, catalogue.wide[row.bins.joint]) for row in solved.joints}
     found, lost = projector.trials(wide, white)
-    leverage = np.concatenate([_leverage(row, solved) for row in solved.rows])
+    leverage = np.concatenate([_leverage(row, solved) for row in solved.joints])
     return Scan(solved, (*trials, *found), absorbed | lost, {}, leverage)
 
 
-def _leverage(row: Row, solved: Solved) -> Floats:
+def _leverage(row: FitRow, solved: Fit) -> Floats:
     """(R,) 1 / sqrt(1 - parameters a run), the bias of scores of runs that were themselves fitted (HC2's)."""
     used = float(np.sum((row.slim @ solved.inverse[np.ix_(row.acting, row.acting)]) * row.slim))
-    runs = len(row.field.runs)
+    runs = len(row.bins.runs)
     return np.full(runs, 1.0 / np.sqrt(max(LEAST_FREEDOM, 1.0 - used / runs)))
 
 

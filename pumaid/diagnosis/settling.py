@@ -7,9 +7,9 @@ from typing import ClassVar
 
 import numpy as np
 
-from pumaid.diagnosis.added import Added
-from pumaid.diagnosis.field import Field
+from pumaid.effect_spec import EffectTerm
 from pumaid.effects.base import NO_SHAPE, Effect, Family, Floats, Parameter
+from pumaid.joint_bins import JointBins
 from pumaid.preprocessing.options import CONSTANT
 from pumaid.records import Samples
 from pumaid.robot import Robot
@@ -58,11 +58,11 @@ class Settling(Effect):
         return np.column_stack([samples.direction * group * np.exp(-since / T) for T in TIMES for group in groups])
 
 
-def settling(fields: Sequence[Field]) -> tuple[Added, ...]:
+def settling(every: Sequence[JointBins]) -> tuple[EffectTerm, ...]:
     """One for each joint that has runs at constant speed."""
     out = []
-    for field in fields:
-        steady = [abs(run.speed) for run in field.runs if run.kind == CONSTANT]
-        if len(steady) == len(field.runs):
-            out.append(Added(Settling(field.speeds), field.joint, NO_SHAPE))
+    for bins in every:
+        steady = [abs(run.speed) for run in bins.runs if run.kind == CONSTANT]
+        if len(steady) == len(bins.runs):
+            out.append(EffectTerm(Settling(bins.speeds), bins.joint, NO_SHAPE))
     return tuple(out)

@@ -9,20 +9,20 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pumaid.dataset import Run
-from pumaid.diagnosis.added import Added
-from pumaid.diagnosis.chain import Start
 from pumaid.diagnosis.contender import DECISIVE, LEVEL, Contender, contender, evidence, rivals
 from pumaid.diagnosis.familywise import Familywise, family
-from pumaid.diagnosis.field import COARSE, Field, fields_at
-from pumaid.diagnosis.noise import Noise
 from pumaid.diagnosis.periodogram import Spectrum, spectrum
 from pumaid.diagnosis.refine import at, refined
 from pumaid.diagnosis.scan import Projector, Scan, Trial, scan, surprise
 from pumaid.diagnosis.settling import settling
-from pumaid.diagnosis.system import Solved, at_bins, loaded, solve
 from pumaid.diagnosis.transfer import transfer
 from pumaid.diagnosis.variants import Catalogue, build
+from pumaid.effect_spec import EffectTerm, marked
 from pumaid.effects import Effect, catalogue
+from pumaid.estimation.fit import Fit, at_bins, loaded
+from pumaid.estimation.gls import fit_bins, refit
+from pumaid.estimation.noise import Noise, noise_of
+from pumaid.joint_bins import COARSE, FINE, JointBins, joint_bins
 from pumaid.model import Model
 from pumaid.records import Campaign, Transfer
 
@@ -38,8 +38,6 @@ LOOKS = 2
 ALIKE = 0.01
 #: Effects added at most, and candidates looked at closely at a time.
 MOST_ADDED, LEADERS = 4, 10
-#: Bins a run at which a periodic effect is looked for.
-FINE = 512
 #: Chance beyond which a candidate is not looked at closely, unless nothing is nearer.
 FAR = 0.3
 
@@ -74,8 +72,8 @@ class Stepwise:
 
     Attributes
     ----------
-    model, runs, start
-        The base model, the fitted runs and the fit.
+    model, runs
+        The base model and the fitted runs.
     given
         Effects that the model has already.
     campaign
@@ -98,8 +96,7 @@ class Stepwise:
 
     model: Model
     runs: Sequence[Run]
-    start: Start
-    given: Sequence[Added] = ()
+    given: Sequence[EffectTerm] = ()
     campaign: Campaign | None = None
     effects: Sequence[Effect] = ()
     most: int = MOST_ADDED
@@ -107,12 +104,13 @@ class Stepwise:
     unseen: Sequence[Run] = ()
     transfers: tuple[Transfer | None, ...] = ()
     denied: list[Contender] = field(default_factory=list)
-    added: list[Added] = field(default_factory=list)
+    added: list[EffectTerm] = field(default_factory=list)
     steps: list[Step] = field(default_factory=list)
     accepted: list[Accepted] = field(default_factory=list)
-    _coarse: tuple[Field, ...] = ()
-    _finest: tuple[Field, ...] = ()
-    _unseen: tuple[tuple[Field, Field], ...] = ()
+    _coarse: tuple[JointBins, ...] = ()
+    _finest: tuple[JointBins, ...] = ()
+    _unseen: tuple[tuple[JointBins, JointBins], ...] = ()
+    _first: Fit | None = None
 
     def __post_init__(self) -> None:
         self.effects = [one for one in (self.effects or tuple(catalogue().values())) if not one.base]
@@ -120,12 +118,13 @@ class Stepwise:
         self._coarse, self._finest = self._fields(self.runs)
         self._unseen = tuple(zip(*self._fields(self.unseen), strict=True)) if self.unseen else ()
 
-    def _fields(self, runs: Sequence[Run]) -> tuple[tuple[Field, ...], tuple[Field, ...]]:
+    def _fields(self, runs: Sequence[Run]) -> tuple[tuple[JointBins, ...], tuple[JointBins, ...]]:
         """At coarse bins and at the finest."""
-        coarse, finest = fields_at(self.model, runs, (COARSE, FINE), campaign=self.campaign)
+        robot, campaign = self.model.robot, self.campaign
+        coarse, finest = (joint_bins(robot, runs, most=most, campaign=campaign) for most in (COARSE, FINE))
         return coarse, finest
 
-    def heldout(self, added: Sequence[Added]) -> tuple[Field, ...]:
+    def heldout(self, added: Sequence[EffectTerm]) -> tuple[JointBins, ...]:
         """Of runs that are not fitted, at the finest bins of joints that have a periodic effect, else coarse."""
         fine = {one.joint for one in added if one.effect.periodic is not None}
         return tuple(b if a.joint in fine else a for a, b in self._unseen)
@@ -135,13 +134,25 @@ class Stepwise:
         """The effect that is looked for by a periodogram."""
         return next((one for one in self.effects if one.periodic is not None), None)
 
-    def solved(self, added: Sequence[Added], noises: dict[int, Noise] | None = None) -> Solved:
+    def solved(self, added: Sequence[EffectTerm], noises: dict[int, Noise] | None = None) -> Fit:
         """The model with `added`, on the finest bins of joints that have a periodic effect, else on coarse ones."""
+        if self._first is None:
+            self._first = fit_bins(self.model, self._coarse)
         fine = {one.joint for one in added if one.effect.periodic is not None}
         chosen = [b if a.joint in fine else a for a, b in zip(self._coarse, self._finest, strict=True)]
-        return solve(self.model, chosen, self.start, added=[*settling(self._coarse), *added], noises=noises)
+        robot = self.model.robot
+        terms = marked([*settling(self._coarse), *(term.searched(robot) for term in added)])
+        found = refit(
+            self._first, self.model.with_effects([replace(t, fitted=()) for t in terms]), bins=chosen, noise=noises
+        )
+        if noises is None:
+            noises = {row.bins.joint: noise_of(row.bins, row.misfit) for row in found.joints}
+        elif not added:
+            return found
+        sized = [replace(term, sizes=tuple(found.sizes(place).tolist())) for place, term in enumerate(terms)]
+        return refit(found, self.model.with_effects(sized), noise=noises)
 
-    def run(self) -> Solved:
+    def run(self) -> Fit:
         """Add until nothing passes, again without what runs held out deny; the final system."""
         while True:
             last = self._climb()
@@ -157,7 +168,7 @@ class Stepwise:
             self.denied += refused
             self.added, self.steps, self.accepted = list(self.given), [], []
 
-    def _climb(self) -> Solved:
+    def _climb(self) -> Fit:
         """Add until nothing passes."""
         while True:
             self.tell(f"looking for what is missing ({len(self.added) - len(self.given)} added)")
@@ -170,7 +181,7 @@ class Stepwise:
             self.accepted.append(Accepted(step.chosen, step.rivals))
             self._swap()
 
-    def look(self, added: Sequence[Added]) -> Step:
+    def look(self, added: Sequence[EffectTerm]) -> Step:
         """Scan with the noise that is left once the leading candidate is out, then judge the leaders."""
         solved = loaded(self.solved(added))
         tried = build(solved, self.effects)
@@ -190,7 +201,7 @@ class Stepwise:
             like = rivals(chosen, found, loaded(self.solved([*added, chosen.trial.added])))
         return Step(seen, tried, chances, chosen, like, tuple(found))
 
-    def _spectra(self, solved: Solved) -> dict[int, Spectrum]:
+    def _spectra(self, solved: Fit) -> dict[int, Spectrum]:
         """Of what the solved system leaves, at the finest bins."""
         out: dict[int, Spectrum] = {}
         for fine in self._finest if self.periodic is not None else ():
@@ -199,7 +210,7 @@ class Stepwise:
             on = at_bins(solved, fine)
             known = [
                 one.shape[one.effect.periodic]
-                for one in [*solved.added, *(each.trial.added for each in self.denied)]
+                for one in [*solved.model.effects, *(each.trial.added for each in self.denied)]
                 if one.effect.periodic and one.joint == fine.joint
             ]
             found = spectrum(on.row(fine.joint), scale=on.scale / solved.scale, known=known)
@@ -232,10 +243,10 @@ class Stepwise:
             return []
         frequency = float(found.frequency[int(np.argmax(statistic))])
         projector = Projector(self._at_finest(seen.solved, joint))
-        trial = at(projector, Added(effect, joint, {effect.periodic: frequency}))
+        trial = at(projector, EffectTerm(effect, joint, {effect.periodic: frequency}))
         return [] if trial is None else [(trial, refined(projector, trial))]
 
-    def _at_finest(self, solved: Solved, joint: int) -> Solved:
+    def _at_finest(self, solved: Fit, joint: int) -> Fit:
         return at_bins(solved, next(one for one in self._finest if one.joint == joint))
 
     def _judged(self, seen: Scan, tried: Catalogue, pair: Pair, chances: Familywise) -> Contender:
@@ -246,7 +257,7 @@ class Stepwise:
         found = contender(on, *pair, shapes=shapes, family=chances)
         return replace(found, transfer=self._denial(found.trial.added))
 
-    def _denial(self, added: Added) -> Transfer | None:
+    def _denial(self, added: EffectTerm) -> Transfer | None:
         """What runs held out said of an effect if they denied it; of this very shape where a joint may have several."""
         for one in (one for one in self.denied if one.key == added.key):
             shape = one.trial.added.shape
@@ -275,7 +286,7 @@ class Stepwise:
                 self.accepted[place - first] = Accepted(self._judged(seen, tried, pair, chances), ())
             place += 1
 
-    def _again(self, seen: Scan, added: Added) -> Trial | None:
+    def _again(self, seen: Scan, added: EffectTerm) -> Trial | None:
         """An addition tried on the model without it."""
         solved = seen.solved
         if added.effect.periodic is not None and added.joint is not None:

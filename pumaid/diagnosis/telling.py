@@ -8,13 +8,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pumaid.dataset import Run
-from pumaid.diagnosis.added import Added
-from pumaid.diagnosis.chain import pseudo_inverse
 from pumaid.diagnosis.contender import Contender
-from pumaid.diagnosis.field import Field, distinct
-from pumaid.diagnosis.noise import FEWEST_PAIRS
 from pumaid.diagnosis.suspect import Suspect
-from pumaid.diagnosis.system import Solved, misfit_at
+from pumaid.effect_spec import EffectTerm
+from pumaid.estimation.fit import Fit, misfit_at
+from pumaid.estimation.noise import FEWEST_PAIRS
+from pumaid.joint_bins import JointBins, distinct
+from pumaid.maths.rank import pseudo_inverse
 from pumaid.records import Size
 from pumaid.units import number
 
@@ -24,7 +24,7 @@ Floats = NDArray[np.float64]
 TOGETHER = 0.95
 
 
-def rmse_at(solved: Solved, held: list[Field]) -> float:
+def rmse_at(solved: Fit, held: list[JointBins]) -> float:
     """RMSE (A) of samples of runs that were not fitted."""
     square, count = 0.0, 0.0
     for one in held:
@@ -56,7 +56,7 @@ def sizes(found: Contender) -> tuple[Size, ...]:
     return (Size(f"{first.name} {word} {second.name}", first.value + sign * second.value, error, first.unit),)
 
 
-def command(added: Added) -> str:
+def command(added: EffectTerm) -> str:
     """What adds it."""
     where = "" if added.joint is None else f"@{added.joint}"
     if isinstance(added.effect, Suspect):
@@ -91,7 +91,7 @@ def reason(found: Contender, better: str | None = None) -> str:
     return f"it lowers the error by {gain:.2g} % and predicts runs that were left out"
 
 
-def weakened(field: Field, runs: Sequence[Run]) -> tuple[str, ...]:
+def weakened(field: JointBins, runs: Sequence[Run]) -> tuple[str, ...]:
     """What makes a joint's diagnosis weaker than it could be."""
     out = []
     if len(field.pairs) < FEWEST_PAIRS:

@@ -5,19 +5,18 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
-from pumaid.diagnosis.added import Added
-from pumaid.diagnosis.chain import pseudo_inverse
-from pumaid.diagnosis.field import Field
-from pumaid.diagnosis.system import Solved, elsewhere, information
+from pumaid.effect_spec import EffectTerm
+from pumaid.estimation.fit import Fit, elsewhere
+from pumaid.joint_bins import JointBins
+from pumaid.maths.rank import pseudo_inverse
 from pumaid.records import Transfer
 
 #: Standard deviations of what the effect adds to runs held out below which these say nothing of it.
 LEAST = 2.0
 
 
-def transfer(last: Solved, added: Added, heldout: Sequence[Field]) -> Transfer | None:
+def transfer(last: Fit, added: EffectTerm, heldout: Sequence[JointBins]) -> Transfer | None:
     """The share of an effect's current that runs held out show; None where they could not show it.
 
     What the whole model leaves of these runs is projected on what the effect adds there, by generalised least squares
@@ -29,27 +28,27 @@ def transfer(last: Solved, added: Added, heldout: Sequence[Field]) -> Transfer |
     last
         The system with all that was added, `added` among it.
     added
-        One of `last.added`.
+        One of `last.model.effects`.
     heldout
-        Fields of runs that were not fitted.
+        Bins of runs that were not fitted.
 
     Source
     ------
     A. C. Atkinson, Biometrika 56 (1969) 33-41: a variable of the model's own prediction as a test of it.
     """
-    place = last.added.index(added)
-    own = np.isin(np.arange(len(last.inverse)), _own(last, place))
+    place = last.place_of(added)
+    own = np.isin(np.arange(len(last.inverse)), last.columns_of(place))
     held, sums = np.zeros_like(last.inverse), np.zeros((2, len(own)))
     drawn2, shared = 0.0, 0.0
-    for field in heldout:
-        if field.joint not in last.noises:
+    for bins in heldout:
+        if bins.joint not in last.noises:
             continue
-        row = elsewhere(last, field)
-        drawn = row.noise.whiten(row.field, added.columns(last.model, row.field.samples) @ last.sizes[place])
+        row = elsewhere(last, bins)
+        drawn = row.noise.whiten(row.bins, added.linear(last.model.robot, row.bins.samples) @ last.sizes(place))
         held[np.ix_(row.acting, row.acting)] += row.slim.T @ row.slim
         sums[:, row.acting] += np.vstack([drawn, row.residual]) @ row.slim
         drawn2, shared = drawn2 + float(drawn @ drawn), shared + float(drawn @ row.residual)
-    known = (information(last.rows) + held)[np.ix_(~own, ~own)]
+    known = (last.information() + held)[np.ix_(~own, ~own)]
     turned = np.zeros_like(sums)
     turned[:, ~own] = sums[:, ~own] @ pseudo_inverse(known)[0]
     square = drawn2 - float(sums[0] @ turned[0])
@@ -59,17 +58,3 @@ def transfer(last: Solved, added: Added, heldout: Sequence[Field]) -> Transfer |
     along = (sums[0] - held @ turned[0]) / square
     error = float(np.sqrt(last.scale * (weighed + along @ last.inverse @ along)))
     return Transfer(1.0 + (shared - float(sums[0] @ turned[1])) / square, error, -(drawn2 + 2.0 * shared) / last.scale)
-
-
-def _own(last: Solved, place: int) -> NDArray[np.int64]:
-    """Numbers of an addition's parameters, and of its searched shapes, among those of the system."""
-    robot = last.model.robot
-    widths = [len(sizes) for sizes in last.sizes]
-    searched = [
-        sum(shape.is_searched and shape.name in one.shape for shape in one.effect.shapes(robot, one.joint or 0))
-        for one in last.added
-    ]
-    first = len(last.inverse) - sum(widths) - sum(searched)
-    linear = first + sum(widths[:place]) + np.arange(widths[place])
-    shapes = first + sum(widths) + sum(searched[:place]) + np.arange(searched[place])
-    return np.concatenate([linear, shapes])

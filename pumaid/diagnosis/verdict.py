@@ -11,11 +11,11 @@ from numpy.typing import NDArray
 from pumaid.diagnosis.agreement import Agreement, agreement
 from pumaid.diagnosis.contender import DECISIVE, Contender, evidence, rmse
 from pumaid.diagnosis.familywise import Familywise, family
-from pumaid.diagnosis.field import Field
 from pumaid.diagnosis.freeform import Free, free_trials, knot_values
 from pumaid.diagnosis.scan import Scan, Trial, surprise
-from pumaid.diagnosis.system import Solved
 from pumaid.effects import Family
+from pumaid.estimation.fit import Fit
+from pumaid.joint_bins import JointBins
 from pumaid.records import ADEQUATE, MISSING, UNEXPLAINED_JOINT, Unexplained
 
 Floats = NDArray[np.float64]
@@ -57,7 +57,7 @@ class Judged:
     shape: Unexplained | None
 
 
-def judged(first: Solved, last: Solved, scan: Scan, *, joint: int, acting: bool) -> Judged:
+def judged(first: Fit, last: Fit, scan: Scan, *, joint: int, acting: bool) -> Judged:
     """The verdict of one joint.
 
     Parameters
@@ -72,13 +72,13 @@ def judged(first: Solved, last: Solved, scan: Scan, *, joint: int, acting: bool)
         Whether anything that was added acts in this joint.
     """
     a, b = first.row(joint), last.row(joint)
-    before, after = (agreement(one.field, one.misfit, one.residual) for one in (a, b))
-    start = rmse(a.field.count, a.field.inside, a.misfit)
-    end = rmse(b.field.count, b.field.inside, b.misfit)
-    removed = _removed(start, end, b.field, after)
-    still = after is not None and after.p_value * len(last.rows) <= REPEATS
+    before, after = (agreement(one.bins, one.misfit, one.residual) for one in (a, b))
+    start = rmse(a.bins.count, a.bins.inside, a.misfit)
+    end = rmse(b.bins.count, b.bins.inside, b.misfit)
+    removed = _removed(start, end, b.bins, after)
+    still = after is not None and after.p_value * len(last.joints) <= REPEATS
     free, chances = _free(last, scan, joint)
-    seen = [one for one in free if chances.p_value(one.added.key, _surprise(last, one)) * len(last.rows) <= NAMELESS]
+    seen = [one for one in free if chances.p_value(one.added.key, _surprise(last, one)) * len(last.joints) <= NAMELESS]
     best = max(seen, key=lambda one: evidence(last, one), default=None)
     nameless = best is not None and evidence(last, best) > DECISIVE
     verdict = MISSING if acting else ADEQUATE
@@ -91,27 +91,27 @@ def judged(first: Solved, last: Solved, scan: Scan, *, joint: int, acting: bool)
     return Judged(verdict, before, after, start, end, removed, shape)
 
 
-def _removed(start: float, end: float, field: Field, after: Agreement | None) -> float | None:
+def _removed(start: float, end: float, bins: JointBins, after: Agreement | None) -> float | None:
     """Share of the excess over the floor that is gone."""
     if after is None:
         return None
-    floor2 = after.floor**2 + float(field.count @ field.inside / field.count.sum())
+    floor2 = after.floor**2 + float(bins.count @ bins.inside / bins.count.sum())
     if start**2 <= EXCESS * floor2:
         return None
     return (start**2 - end**2) / (start**2 - min(floor2, end**2))
 
 
-def _free(last: Solved, scan: Scan, joint: int) -> tuple[list[Trial], Familywise]:
+def _free(last: Fit, scan: Scan, joint: int) -> tuple[list[Trial], Familywise]:
     """Free forms at a joint, and their chances under flips of runs' signs."""
     found = free_trials(last, joint)
     return found, family(Scan(last, tuple(found), {}, {}, scan.leverage))
 
 
-def _surprise(solved: Solved, trial: Trial) -> float:
+def _surprise(solved: Fit, trial: Trial) -> float:
     return float(surprise(trial.statistic / solved.scale, trial.width))
 
 
-def _shape(solved: Solved, trial: Trial, *, is_clear: bool = True) -> Unexplained:
+def _shape(solved: Fit, trial: Trial, *, is_clear: bool = True) -> Unexplained:
     """The free form for people."""
     free = trial.added.effect
     assert isinstance(free, Free) and trial.added.joint is not None
@@ -119,7 +119,7 @@ def _shape(solved: Solved, trial: Trial, *, is_clear: bool = True) -> Unexplaine
     unit = solved.model.robot.joint(trial.added.joint).position_unit
     peak = float(knots[int(np.argmax(np.abs(values)))])
     row = solved.row(trial.added.joint)
-    freedom = len(row.field) * (1.0 - solved.rank / max(solved.bins, 1))
+    freedom = len(row.bins) * (1.0 - solved.rank / max(solved.size, 1))
     explained = max(trial.statistic - trial.width, 0.0)
     excess = max(float(row.residual @ row.residual) - freedom, explained)
     gain = explained / excess if excess > 0.0 else 0.0
@@ -142,7 +142,7 @@ OWN = {
 }
 
 
-def competes(first: Solved, joint: int, named: Sequence[Contender]) -> Unexplained | None:
+def competes(first: Fit, joint: int, named: Sequence[Contender]) -> Unexplained | None:
     """A free form in another variable that explains a joint decisively better than what was named there.
 
     Parameters
@@ -162,7 +162,7 @@ def competes(first: Solved, joint: int, named: Sequence[Contender]) -> Unexplain
     return _shape(first, best)
 
 
-def nearest(solved: Solved, joint: int) -> Unexplained | None:
+def nearest(solved: Fit, joint: int) -> Unexplained | None:
     """The free form that comes nearest to what a system with loads leaves of a joint."""
     best = max(free_trials(solved, joint), key=lambda one: evidence(solved, one), default=None)
     return None if best is None else _shape(solved, best, is_clear=evidence(solved, best) > DECISIVE)

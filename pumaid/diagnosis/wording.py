@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 
-from pumaid.diagnosis.added import Added
 from pumaid.diagnosis.design import ages
 from pumaid.diagnosis.feasible import Lap
 from pumaid.diagnosis.suspect import Suspect
+from pumaid.effect_spec import EffectTerm
 from pumaid.effects import Trace
 from pumaid.robot import Robot
 from pumaid.units import deviations, factor, number
@@ -28,7 +28,7 @@ ALIKE = 1.3
 def decided(
     robot: Robot,
     made: Mapping[Lap, int],
-    effects: Sequence[Added],
+    effects: Sequence[EffectTerm],
     *,
     apart: tuple[float, float],
     age: tuple[float, float],
@@ -43,14 +43,14 @@ def decided(
     return f"{text} {first.format('standard deviations ')}, by {second.format('')}"
 
 
-def shown(robot: Robot, made: Mapping[Lap, int], added: Added, *, apart: float, age: tuple[float, float]) -> str:
+def shown(robot: Robot, made: Mapping[Lap, int], added: EffectTerm, *, apart: float, age: tuple[float, float]) -> str:
     """The runs that show one effect, and by how many standard deviations."""
     return (
         f"{_runs(robot, made, age, [added])}: {_name(added, ())} would show by {deviations(apart)} standard deviations"
     )
 
 
-def because(effects: Sequence[Added]) -> str:
+def because(effects: Sequence[EffectTerm]) -> str:
     """Why no run decides, and what would."""
     suspect = next((one.effect for one in effects if isinstance(one.effect, Suspect)), None)
     if suspect is not None:
@@ -60,17 +60,17 @@ def because(effects: Sequence[Added]) -> str:
     return f"no run within the limits tells {_pair(effects)} apart; {out}"
 
 
-def _pair(effects: Sequence[Added]) -> str:
+def _pair(effects: Sequence[EffectTerm]) -> str:
     return " and ".join(_name(one, effects) for one in effects)
 
 
-def _name(added: Added, effects: Sequence[Added]) -> str:
+def _name(added: EffectTerm, effects: Sequence[EffectTerm]) -> str:
     """With its joint where the other's is another."""
     where = "" if len({one.joint for one in effects}) < 2 else f" at joint {added.joint}"
     return added.effect.name + ("" if where and added.joint is None else where)
 
 
-def _runs(robot: Robot, made: Mapping[Lap, int], age: tuple[float, float], effects: Sequence[Added]) -> str:
+def _runs(robot: Robot, made: Mapping[Lap, int], age: tuple[float, float], effects: Sequence[EffectTerm]) -> str:
     parts = []
     for joint, hold in dict.fromkeys((lap.joint, lap.hold) for lap in made):
         own = [lap for lap in made if (lap.joint, lap.hold) == (joint, hold)]
@@ -81,7 +81,7 @@ def _runs(robot: Robot, made: Mapping[Lap, int], age: tuple[float, float], effec
     return _when(age, effects) + "run " + ", then ".join(parts)
 
 
-def _when(age: tuple[float, float], effects: Sequence[Added]) -> str:
+def _when(age: tuple[float, float], effects: Sequence[EffectTerm]) -> str:
     if not any(ages(one) for one in effects):
         return ""
     if age[0] == 0.0:

@@ -135,9 +135,6 @@ class Effect(ABC):
         Names of effects that data may not tell from it.
     base
         Whether it belongs to the paper's model and so is in every model.
-    in_triangle
-        Whether, within one run, its columns lie in the span of the run's triangle (cos q, sin q, 1, and for strokes
-        velocity and acceleration), so that it is fitted without looking at cells.
     per_posture
         Whether its parameters are separate for each set of positions at which the outer joints are held.
     opposes_motion
@@ -176,7 +173,6 @@ class Effect(ABC):
     seen_in: ClassVar[str] = ""
     look_alikes: ClassVar[tuple[str, ...]] = ()
     base: ClassVar[bool] = False
-    in_triangle: ClassVar[bool] = False
     per_posture: ClassVar[bool] = False
     opposes_motion: ClassVar[bool] = False
     is_repeatable: ClassVar[bool] = False

@@ -18,7 +18,6 @@ class Coulomb(Effect):
     family = Family.DIRECTION
     trace = (Trace.DIRECTION,)
     base = True
-    in_triangle = True
 
     def parameters(self, robot: Robot, number: int) -> tuple[Parameter, ...]:
         return (

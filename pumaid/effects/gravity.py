@@ -30,7 +30,6 @@ class Gravity(Effect):
     family = Family.GRAVITY
     trace = (Trace.POSITION,)
     base = True
-    in_triangle = True
 
     def parameters(self, robot: Robot, number: int) -> tuple[Parameter, ...]:
         if not robot.joint(number).is_revolute:

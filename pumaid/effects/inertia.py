@@ -24,7 +24,6 @@ class Inertia(Effect):
     trace = (Trace.POSITION,)
     seen_in = "strokes from rest to rest, or runs whose speed wavers"
     look_alikes = ("presliding", "saturation")
-    in_triangle = True
     per_posture = True
 
     def parameters(self, robot: Robot, number: int) -> tuple[Parameter, ...]:

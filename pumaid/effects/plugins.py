@@ -162,7 +162,7 @@ def _unstated(effect: Effect, known: Collection[str]) -> str | None:
     strange = [name for name in effect.look_alikes if name not in known]
     if strange:
         return f"its look-alike {strange[0]} is not in the catalogue"
-    marks = [mark for mark in ("base", "in_triangle", "per_posture") if getattr(effect, mark, False)]
+    marks = [mark for mark in ("base", "per_posture") if getattr(effect, mark, False)]
     return f"{marks[0]} is for the paper's own effects" if marks else None
 
 

@@ -15,7 +15,6 @@ class Viscous(Effect):
     family = Family.SPEED
     trace = (Trace.SPEED,)
     base = True
-    in_triangle = True
 
     def parameters(self, robot: Robot, number: int) -> tuple[Parameter, ...]:
         unit = f"A s/{robot.joint(number).position_unit}"

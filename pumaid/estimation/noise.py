@@ -1,128 +1,432 @@
-"""What the noise of each joint is taken for: from what a fit leaves, or from inside runs where these are too few."""
+"""The noise of one joint's bins: correlated within a run, with a level that each run shares; the only noise model."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
 
-from pumaid.estimation.rows import Row
-from pumaid.maths import levels as variances
-from pumaid.maths.joint_fit import Bilinear
-from pumaid.maths.levels import Levels
-from pumaid.maths.recursion import Gains
+from pumaid.joint_bins import JointBins
+from pumaid.maths.least import least
 
 Floats = NDArray[np.float64]
 
+#: Fewest pairs of repeated runs from which noise is taken; with fewer it comes from the residuals.
+FEWEST_PAIRS = 6
+#: Runs whose bins last equally long within this factor share correlation and spread.
+ALIKE = 1.2
+#: Bins below which a group of runs takes the whole joint's correlation and spread.
+FEWEST_BINS = 60
+#: Correlation beyond which a residual is a trend.
+MOST_CORRELATED = 0.98
+#: Share of the variance that a run's own mean may have taken away; more is known of hardly correlated bins only.
+MOST_LOST = 0.8
 #: Noise below this share of the RMS current is rounding: data without noise, whose weights would be infinite. Large
 #: enough that rounding, thus weighted, says nothing about a parameter's plausible size.
 EXACT = 1e-10
+#: Fewest degrees of freedom from which two variances are estimated.
+FEWEST_FREEDOMS = 4
+#: Logarithms of how many times the variance of others loud runs may have, and to what it is found.
+CALMEST, LOUDEST, LOUD_TO = -3.0, 14.0, 0.02
 
-#: Bins of a run from which the correlation of its residual is read, three of them spent on its own first harmonic.
-FEWEST_CELLS = 12
-#: Correlation of neighbouring bins beyond which a residual is a trend: its long-run variance has no estimate.
-MOST_CORRELATED = 0.98
 
+@dataclass(frozen=True, eq=False, slots=True)
+class Noise:
+    """Noise of one joint.
 
-def levels_of(
-    rows: Sequence[Row],
-    levels: Mapping[int, Levels],
-    values: Floats,
-    *,
-    gains: Gains,
-    owners: NDArray[np.int64],
-    held: Floats,
-) -> dict[int, Levels]:
-    """Each joint's noise from what the fit leaves; without joints whose runs are too few to tell.
-
-    What priors keep from fitting is left here, too: they count as equations with the noise that `levels` has.
+    Attributes
+    ----------
+    correlation, spread
+        (R,) of neighbouring bins, and standard deviation of a bin (A), of each run.
+    level
+        (R,) standard deviation (A) of the level that each run shares.
+    from_replicates
+        Whether it comes from differences of repeated runs; else from residuals, which hold missing physics too.
     """
-    out = {}
-    for row in rows:
-        plain = Bilinear(np.full(row.target.size, row.joint - 1), row.stacked, row.target.ravel(), owners)
-        jacobian = plain.jacobian(gains, values)
-        edges = [len(values) + k for k, edge in enumerate(gains.edges) if gains.parent[edge] == row.joint - 1]
-        own = np.concatenate([np.flatnonzero(owners == row.joint - 1), edges]).astype(int)
-        residual = (plain.target - plain.scaled(gains) @ values).reshape(row.target.shape)
-        design = jacobian[:, own].reshape(*row.target.shape, -1)
-        prior = held[np.any(held[:, own[own < len(values)]], axis=1)] * np.sqrt(levels[row.joint].sample)
-        wide = np.hstack([prior, np.zeros((len(prior), len(gains.edges)))])[:, own]
-        estimated = _estimate(row, design, residual, prior=(wide, -prior @ values))
-        if estimated is not None:
-            out[row.joint] = floored(estimated, row)
-    return out
 
+    correlation: Floats
+    spread: Floats
+    level: Floats
+    from_replicates: bool = False
 
-def _estimate(row: Row, design: Floats, residual: Floats, *, prior: tuple[Floats, Floats]) -> Levels | None:
-    """Noise of a joint from (R, k, q) and (R, k), with (h, q) and (h,) equations of priors as one run more."""
-    extra, target = prior
-    if not len(extra):
-        return variances.estimate(row.ones, design, residual, counts=row.counts, is_loud=row.is_stroke)
-    longer = max(row.target.shape[1], len(extra))
-
-    def joined(values: Floats, last: Floats) -> Floats:
-        out = np.zeros((len(values) + 1, longer, *values.shape[2:]))
-        out[:-1, : values.shape[1]], out[-1, : len(last)] = values, last
+    def whiten(self, bins: JointBins, values: Floats) -> Floats:
+        """(N, ...) values times the inverse root of the noise's covariance, run by run."""
+        out = self.decorrelated(bins, values)
+        if not self.level.any():
+            return out
+        ones, shrunk = _levelled(self, bins)
+        wide = (slice(None),) + (None,) * (values.ndim - 1)
+        shared = bins.sums(out * ones[wide])[bins.run]
+        shared *= shrunk[wide]
+        out -= shared
         return out
 
-    return variances.estimate(
-        joined(row.ones, np.zeros(len(extra))),
-        joined(design, extra),
-        joined(residual, target),
-        counts=np.append(row.counts, len(extra)),
-        is_loud=np.append(row.is_stroke, False) if row.is_stroke.any() and not row.is_stroke.all() else None,
+    def unwhiten(self, bins: JointBins, white: Floats) -> Floats:
+        """(N,) the transpose of `whiten` on whitened values: with it a column's score is its plain product."""
+        run = bins.run
+        values = white
+        if self.level.any():
+            ones, shrunk = _levelled(self, bins)
+            values = white - shrunk * bins.sums(white * ones)[run]
+        scaled = values / (self.spread * np.sqrt(1.0 - self.correlation**2))[run]
+        rho = self.correlation[run]
+        out = scaled.copy()
+        out[bins.first] *= np.sqrt(1.0 - self.correlation**2)
+        later = np.ones(len(bins), dtype=bool)
+        later[bins.first] = False
+        out[:-1] -= np.where(later[1:], rho[1:] * scaled[1:], 0.0)
+        return np.asarray(out)
+
+    def at(self, bins: JointBins, speeds: Floats, steps: Floats) -> Noise:
+        """Of other runs of the joint of `bins`: correlation decays with time, slow noise keeps its density.
+
+        Parameters
+        ----------
+        bins
+            That this noise is of.
+        speeds, steps
+            (R,) of the other runs, rad/s or m/s, and s that their bins last.
+        """
+        seen = np.array([abs(run.speed) for run in bins.runs])
+        near = np.argmin(np.abs(np.log(seen[None, :] / speeds[:, None])), axis=1)
+        rho, spread = self.correlation[near], self.spread[near]
+        ratio = steps / np.maximum(bins.step[near], 1e-12)
+        fresh = np.where(rho > 0.0, rho, 0.0) ** ratio
+        density = spread**2 * (1.0 + rho) / (1.0 - rho) / ratio
+        return Noise(fresh, np.sqrt(density * (1.0 - fresh) / (1.0 + fresh)), self.level[near], self.from_replicates)
+
+    def decorrelated(self, bins: JointBins, values: Floats) -> Floats:
+        """(N, ...) values times the inverse root of the covariance without the level that a run shares."""
+        run = bins.run
+        wide = (slice(None),) + (None,) * (values.ndim - 1)
+        rho = self.correlation[run][wide]
+        out = np.empty_like(values)
+        np.multiply(rho[1:], values[:-1], out=out[1:])
+        np.subtract(values[1:], out[1:], out=out[1:])
+        fresh = np.sqrt(1.0 - self.correlation**2)
+        out[bins.first] = fresh[wide] * values[bins.first]
+        out /= (self.spread * fresh)[run][wide]
+        return out
+
+    def plain(self, bins: JointBins) -> tuple[Noise, float]:
+        """White noise of a sample alike in all runs of a joint, and how many times its density slow noise has.
+
+        To estimate parameters nothing is whitened within runs: that would lift the band in which what a model lacks,
+        and the noise of smoothed accelerations, live.
+        """
+        count = bins.sums(bins.count) / bins.lengths
+        sample = float(np.average(self.spread**2 * count, weights=bins.lengths))
+        slow = self.spread**2 * count * (1.0 + self.correlation) / (1.0 - self.correlation)
+        white = Noise(np.zeros(len(count)), np.sqrt(sample / count), np.zeros(len(count)))
+        return white, float(np.average(slow / sample, weights=bins.lengths))
+
+    def scaled(self, levels: Levels, is_stroke: NDArray[np.bool_]) -> Noise:
+        """The same as the variances say that a whole fit leaves of runs that were whitened by it."""
+        loud = np.where(is_stroke, levels.loud, 1.0)
+        return replace(self, spread=self.spread * np.sqrt(levels.sample * loud), level=np.sqrt(levels.level * loud))
+
+
+@lru_cache(maxsize=16)  # the same for all columns that are tried
+def _levelled(noise: Noise, bins: JointBins) -> tuple[Floats, Floats]:
+    """(N,) a level that a run shares, with the noise of its bins taken out, and what of it whitening takes away."""
+    ones = noise.decorrelated(bins, np.ones(len(bins)))
+    length2 = bins.sums(ones * ones)
+    shrink = (1.0 - 1.0 / np.sqrt(1.0 + noise.level**2 * length2)) / length2
+    return ones, ones * shrink[bins.run]
+
+
+def inside_runs(bins: JointBins, residual: Floats, *, lost: Floats, enough: NDArray[np.bool_]) -> Noise:
+    """Correlation and spread of bins from (N,) what each run leaves beside a fit of its own; no level.
+
+    Parameters
+    ----------
+    bins
+        R runs, N bins.
+    residual
+        (N,) A.
+    lost
+        (R,) parameters of each run's own fit.
+    enough
+        (R,) runs that are long enough to tell; where none is, the scatter inside bins does, as white noise.
+    """
+    pieces = np.split(residual, bins.first[1:])
+    floor = max(EXACT * float(np.sqrt(bins.mean_square)), 1e-70)
+    within = float(np.sqrt(bins.count @ (bins.inside / bins.count) / bins.count.sum()))
+    correlation, spread = np.zeros(len(pieces)), np.full(len(pieces), within)
+    for is_stroke in (False, True):
+        members = np.flatnonzero(bins.is_stroke == is_stroke)
+        told = members[enough[members]]
+        if len(told):
+            correlation[members], spread[members] = _moments([pieces[k] for k in told], lost[told])
+        for group in _alike(bins.step[members]):
+            some = members[group]
+            told = some[enough[some]]
+            if sum(len(pieces[k]) for k in told) >= FEWEST_BINS:
+                correlation[some], spread[some] = _moments([pieces[k] for k in told], lost[told])
+    return Noise(correlation, np.maximum(spread, floor), np.zeros(len(pieces)))
+
+
+def noise_of(bins: JointBins, residual: Floats) -> Noise:
+    """Estimate the noise from differences of repeated runs, else from the residual (N,) of a fit itself.
+
+    Differences are taken at the nearest bins, so that interpolation does not smooth the noise.
+
+    Source
+    ------
+    Yule-Walker for the correlation, with the first-order correction of its bias (M. G. Kendall, Biometrika 41, 1954).
+    """
+    pairs = bins.pairs
+    paired = len(pairs) >= FEWEST_PAIRS
+    pieces = [_difference(bins, residual, pair) for pair in pairs] if paired else np.split(residual, bins.first[1:])
+    owners = [a for a, _ in pairs] if paired else list(range(len(bins.runs)))
+    floor = 10.0 * EXACT * float(np.sqrt(np.mean(bins.current**2)) + 1e-12)
+    whole = _moments(pieces, np.ones(len(pieces)))
+    correlation, spread = np.full(len(bins.runs), whole[0]), np.full(len(bins.runs), whole[1])
+    for group in _alike(bins.step):
+        chosen = [pieces[k] for k, owner in enumerate(owners) if owner in group]
+        if sum(len(piece) for piece in chosen) >= FEWEST_BINS:
+            correlation[group], spread[group] = _moments(chosen, np.ones(len(chosen)))
+    means = np.array([piece.mean() for piece in pieces])
+    lengths = np.array([len(piece) for piece in pieces], dtype=float)
+    rho, sd = correlation[owners], spread[owners]
+    by_bins = sd**2 * _shared(rho, lengths)
+    level = float(np.sqrt(max(float(np.mean(means**2 - by_bins)), 0.0)))
+    return Noise(correlation, np.maximum(spread, floor), np.full(len(bins.runs), level), paired)
+
+
+def _difference(bins: JointBins, residual: Floats, pair: tuple[int, int]) -> Floats:
+    """Half the root-two difference of two runs."""
+    a, b = bins.side_by_side(residual, pair)
+    return np.asarray((a - b) / np.sqrt(2.0))
+
+
+def _moments(pieces: list[Floats], lost: Floats) -> tuple[float, float]:
+    """Correlation of neighbours and standard deviation of bins beside fits of (n,) `lost` parameters, bias taken out.
+
+    A piece's mean, which is one of them, is taken out here.
+    """
+    n = np.array([len(piece) for piece in pieces], dtype=float)
+    centred = [piece - piece.mean() for piece in pieces]
+    square = sum(float(c @ c) for c in centred)
+    if square <= 0.0 or n.sum() <= lost.sum():
+        return 0.0, float(np.sqrt(square / max(n.sum(), 1.0)))
+    lagged = sum(float(c[1:] @ c[:-1]) for c in centred)
+    rho = lagged / square
+    mean_n, k = float(n.mean()), float(lost.mean())
+    rho = float(np.clip(rho + (k * (1.0 + rho) + 3.0 * rho) / mean_n, 0.0, MOST_CORRELATED))
+    gone = np.minimum(lost * _shared(rho, n), MOST_LOST)  # the share that each run's own fit took away
+    return rho, float(np.sqrt(square / np.sum(n * (1.0 - gone))))
+
+
+def _shared(rho: Floats | float, n: Floats) -> Floats:
+    """Variance of the mean of n bins of correlation rho, over that of a bin."""
+    return np.asarray(((1.0 + rho) / (1.0 - rho) - 2.0 * rho * (1.0 - rho**n) / (n * (1.0 - rho) ** 2)) / n)
+
+
+def _alike(step: Floats) -> list[list[int]]:
+    """Runs by the duration of their bins."""
+    order = np.argsort(step, kind="stable")
+    groups: list[list[int]] = []
+    for number in order:
+        if groups and step[number] <= ALIKE * step[groups[-1][0]]:
+            groups[-1].append(int(number))
+        else:
+            groups.append([int(number)])
+    return groups
+
+
+@dataclass(frozen=True, slots=True)
+class Levels:
+    """Variances of one joint's current: of a sample (low-frequency noise, A2) and of the level that a run shares (A2).
+
+    `freedoms` are the degrees of freedom behind them; in loud runs a sample has `loud` times the variance.
+    """
+
+    sample: float
+    level: float
+    freedoms: int
+    loud: float = 1.0
+
+    def whitener(self, ones: Floats) -> tuple[Floats, Floats]:
+        """Shares by which the part along each run's constant is shrunk, and 1/sigma.
+
+        Parameters
+        ----------
+        ones
+            (R, k) each run's constant regressor in the run's own rows.
+        """
+        length2 = np.einsum("rk,rk->r", ones, ones)
+        ratio = self.level / self.sample
+        shrink = np.where(length2 > 0, 1.0 - 1.0 / np.sqrt(1.0 + ratio * length2), 0.0)
+        return shrink, np.full(len(ones), 1.0 / np.sqrt(self.sample))
+
+
+def whiten(levels: Levels, ones: Floats, rows: Floats) -> Floats:
+    """Rows (R, k, q) multiplied by the inverse root of each run's covariance sample I + level 1 1'."""
+    shrink, weight = levels.whitener(ones)
+    length2 = np.einsum("rk,rk->r", ones, ones)
+    along = (
+        np.einsum("rk,rkq->rq", ones, rows)
+        * np.divide(shrink, length2, out=np.zeros_like(shrink), where=length2 > 0)[:, None]
     )
+    return (rows - ones[:, :, None] * along[:, None, :]) * weight[:, None, None]
 
 
-def floored(levels: Levels, row: Row) -> Levels:
-    """Never below what is rounding of the joint's current; and strokes as loud as all of them together are.
+def estimate(
+    ones: Floats,
+    design: Floats,
+    target: Floats,
+    *,
+    counts: NDArray[np.int64],
+    is_loud: NDArray[np.bool_] | None = None,
+) -> Levels | None:
+    """Restricted maximum likelihood of the two variances, and of a third where some runs may be noisier than others.
 
-    What strokes have beyond noise, a model's misfit, comes again in each: however many there are, it does not average
-    out, and they count as one. Strokes that are calmer (slow noise is less in short runs) lend that to no other run,
-    and are not believed more for it.
+    Parameters
+    ----------
+    ones
+        (R, k) each run's constant in its own rows (padding rows are zero).
+    design, target
+        (R, k, q) and (R, k).
+    counts
+        (R,) true rows of each run, padding not counted.
+    is_loud
+        (R,) runs that may be noisier than the others, or calmer; without effect where they are all or none.
+
+    Returns
+    -------
+    levels
+        None when fewer than `FEWEST_FREEDOMS` degrees of freedom are left.
+
+    Source
+    ------
+    D. A. Harville, J. Am. Stat. Assoc. 72 (1977) 320-338.
     """
-    least = max(EXACT**2 * row.mean_square, np.finfo(float).tiny ** 0.5)
-    loud = 1.0 + max(levels.loud - 1.0, 0.0) * max(int(np.count_nonzero(row.is_stroke)), 1)
-    return replace(levels, sample=max(levels.sample, least), loud=loud)
+    flat = design.reshape(-1, design.shape[2])
+    size = np.linalg.norm(flat, axis=0)
+    left, singular, _ = np.linalg.svd(flat / np.where(size > 0, size, 1.0), full_matrices=False)
+    kept = singular > 1e-9 * max(float(singular[0]), 1e-300)
+    basis = left[:, kept].reshape(*design.shape[:2], -1)
+    freedoms = int(counts.sum()) - int(kept.sum())
+    if freedoms < FEWEST_FREEDOMS:
+        return None
+    likelihood = _Likelihood.of(ones, np.concatenate([basis, target[:, :, None]], axis=2), freedoms)
+    if is_loud is None or is_loud.all() or not is_loud.any():
+        return likelihood.best()[1]
+    loud, rows = is_loud.astype(bool), int(counts[is_loud].sum())
+
+    def cost(log: float) -> float:
+        return likelihood.quieted(loud, float(np.exp(log))).best()[0] + rows * log
+
+    found, worth = least(cost, (CALMEST, LOUDEST), within=LOUD_TO)
+    times = 1.0 if cost(0.0) <= worth + 1e-9 else float(np.exp(found))
+    return replace(likelihood.quieted(loud, times).best()[1], loud=times)
 
 
-def from_inside(row: Row) -> Levels:
-    """Variance of low-frequency noise from the course of the residual inside runs, where runs are too few to compare.
+@dataclass(frozen=True, eq=False, slots=True)
+class _Likelihood:
+    """Products, run by run: of basis and target (R, p + 1, p + 1), of these with the constant, of the constant."""
 
-    The residual of a run's own fit is taken as first-order autoregressive over bins; its long-run variance a sample is
-    variance x samples a bin x (1 + r) / (1 - r). The level that a run shares stays unknown (zero).
+    grams: Floats
+    along: Floats
+    length2: Floats
+    freedoms: int
+
+    @classmethod
+    def of(cls, ones: Floats, joined: Floats, freedoms: int) -> _Likelihood:
+        grams = np.einsum("rkp,rkq->rpq", joined, joined)
+        return cls(grams, np.einsum("rk,rkp->rp", ones, joined), np.einsum("rk,rk->r", ones, ones), freedoms)
+
+    def quieted(self, loud: NDArray[np.bool_], times: float) -> _Likelihood:
+        """The same with loud runs divided by how much louder they are."""
+        share = np.where(loud, 1.0 / times, 1.0)
+        return replace(
+            self,
+            grams=self.grams * share[:, None, None],
+            along=self.along * share[:, None],
+            length2=self.length2 * share,
+        )
+
+    def best(self) -> tuple[float, Levels]:
+        """The least cost (minus twice the logarithm, but for constants), and the variances that have it."""
+        length2, gram = self.length2, self.grams.sum(axis=0)
+
+        def cost(log: float) -> float:
+            return float(self._profile(np.exp([log]), gram)[0][0])
+
+        centre = -np.log(np.median(length2[length2 > 0])) if (length2 > 0).any() else 0.0
+        grid = centre + np.linspace(-10.0, 14.0, 25)
+        best = int(np.argmin(self._profile(np.exp(grid), gram)[0]))
+        low, high = grid[max(best - 1, 0)], grid[min(best + 1, len(grid) - 1)]
+        found, worth = least(cost, (float(low), float(high)))
+        ratio = float(np.exp(found))
+        if self._profile(np.zeros(1), gram)[0][0] <= worth + 1e-9:
+            ratio = 0.0
+        (worth,), (sample,) = self._profile(np.array([ratio]), gram)
+        return float(worth), Levels(float(sample), ratio * float(sample), self.freedoms)
+
+    def _profile(self, ratios: Floats, gram: Floats) -> tuple[Floats, Floats]:
+        """(n,) cost, and variance (A2) of a sample, at each of (n,) ratios of level to sample; all runs' `gram`."""
+        stretch = ratios[:, None] * self.length2
+        pulled = (self.along * (ratios[:, None] / (1.0 + stretch))[:, :, None]).transpose(0, 2, 1)
+        shrunk = gram - pulled @ self.along
+        info, cross, square = shrunk[:, :-1, :-1], shrunk[:, :-1, -1], shrunk[:, -1, -1]
+        told = np.sum(cross * np.linalg.solve(info, cross[:, :, None])[:, :, 0], axis=1)
+        sample = np.maximum(square - told, 1e-30 * gram[-1, -1] + 1e-300) / self.freedoms
+        cost = self.freedoms * np.log(sample) + np.sum(np.log1p(stretch), axis=1) + np.linalg.slogdet(info)[1]
+        return cost, sample
+
+
+def freedoms(levels: Levels, *, ones: Floats, jacobian: Floats, inverse: Floats) -> Floats:
+    """Satterthwaite degrees of freedom of each parameter's variance when the working model of the noise gives it.
+
+    Parameters
+    ----------
+    levels
+        The variances in use.
+    ones
+        (R, k) each run's constant, not whitened.
+    jacobian
+        (R, k, p) whitened.
+    inverse
+        (p, p) inverse information of all rows.
+
+    Source
+    ------
+    F. E. Satterthwaite, Biometrics 2 (1946) 110-114, on restricted likelihood as in A. H. M. A. Cornelius and R. Fai,
+    J. Stat. Comput. Simul. 54 (1996) 363-378.
     """
-    found = {is_stroke: _inside(row, is_stroke) for is_stroke in (False, True)}
-    calm, loud = (total / weight if weight else None for total, weight in (found[False], found[True]))
-    weight = found[False][1] or found[True][1]
-    sample = calm if calm is not None else loud
-    if sample is None:
-        return Levels(max(row.rest / max(row.samples - 3, 1), 0.0), 0.0, 1)
-    times = max(loud / calm, 1.0) if calm and loud else 1.0
-    return Levels(sample, 0.0, max(weight // 4, 1), times)
+    n_runs, k, p = jacobian.shape
+    eye = np.broadcast_to(np.eye(k), (n_runs, k, k))
+    root = whiten(levels, ones, eye)  # V^-1/2 of each run
+    by_sample = root @ root
+    along = np.einsum("rij,rj->ri", root, ones)
+    by_level = along[:, :, None] * along[:, None, :]
+    flat = jacobian.reshape(-1, p)
+    size = np.linalg.norm(flat, axis=0)
+    left, singular, _ = np.linalg.svd(flat / np.where(size > 0, size, 1.0), full_matrices=False)
+    basis = left[:, singular > 1e-9 * max(float(singular[0]), 1e-300)].reshape(n_runs, k, -1)
+    parts = [by_sample, by_level]
+    info = np.zeros((2, 2))
+    for a, first in enumerate(parts):
+        for b, second in enumerate(parts):
+            info[a, b] = 0.5 * _trace(first, second, basis)
+    pulled = np.einsum("rkp,pq->rkq", jacobian, inverse)
+    slopes = np.stack([np.einsum("rkq,rkl,rlq->q", pulled, part, pulled) for part in parts])
+    if levels.level == 0.0:
+        variance_of = slopes[0] ** 2 / info[0, 0]
+    else:
+        variance_of = np.einsum("aq,ab,bq->q", slopes, np.linalg.pinv(info), slopes)
+    variance = slopes[0] * levels.sample + slopes[1] * levels.level
+    return np.divide(2.0 * variance**2, variance_of, out=np.full(p, np.inf), where=variance_of > 0)
 
 
-def of_strokes(row: Row) -> float:
-    """Variance (A2) of a sample of slow noise inside a joint's strokes, beyond each one's own harmonic and inertia."""
-    total, weight = _inside(row, True)
-    return total / weight if weight else 0.0
-
-
-def _inside(row: Row, is_stroke: bool) -> tuple[float, int]:
-    """Long-run variance a sample, times its weight, and the weight, of runs from rest to rest or of the others."""
-    total, weight = 0.0, 0
-    for run in (run for run, is_one in zip(row.runs, row.is_stroke, strict=True) if is_one == is_stroke):
-        bins, own = run.bins, run.joint - 1
-        q, current = bins.position[:, own], bins.current
-        basis = np.column_stack([np.cos(q), np.sin(q), np.ones(len(q)), bins.acceleration])
-        if len(q) < FEWEST_CELLS:
-            continue
-        residual = current - basis @ np.linalg.lstsq(basis, current, rcond=1e-6)[0]
-        square = float(residual @ residual)
-        r = float(residual[1:] @ residual[:-1]) / square if square > 0 else 0.0
-        r = min(max(r, 0.0), MOST_CORRELATED)
-        total += square * float(np.mean(bins.count)) * (1.0 + r) / (1.0 - r)
-        weight += len(q) - 3
-    return total, weight
+def _trace(first: Floats, second: Floats, basis: Floats) -> float:
+    """trace(P A P B) with P = I - basis basis' and A, B block diagonal by run."""
+    plain = float(np.einsum("rij,rji->", first, second))
+    seen = float(np.einsum("rip,rij,rjk,rkp->", basis, first, second, basis))
+    a = np.einsum("rip,rij,rjq->pq", basis, first, basis)
+    b = np.einsum("rip,rij,rjq->pq", basis, second, basis)
+    return plain - 2.0 * seen + float(np.sum(a * b.T))

@@ -8,11 +8,12 @@ from functools import lru_cache
 
 import numpy as np
 
-from pumaid.chosen import Column
 from pumaid.dataset import Run
+from pumaid.effect_spec import Column
 from pumaid.effects import Family, Scope
+from pumaid.joint_bins import SAME_POSTURE
 from pumaid.maths.alike import grouped, marked, near
-from pumaid.model import SAME_POSTURE, Model
+from pumaid.model import Model
 from pumaid.units import number
 
 #: Speeds within this share of each other are one speed, to someone who would tell Coulomb from viscous friction.
@@ -96,7 +97,7 @@ def of_column(
         if not model.robot.joint(column.owner).is_revolute and any(name.startswith("coulomb") for name in partners):
             return ONE_LOAD
         return UPRIGHT if lever < LEAST_LEVER else _gravity(column, own, partners)
-    shared = _some(partners) or "nothing that these runs vary"
+    shared = some(partners) or "nothing that these runs vary"
     return Reason(f"only determined together with {shared}", "repeat its runs in another posture and at other speeds")
 
 
@@ -126,11 +127,11 @@ def _of_effect(model: Model, column: Column, facts: dict[int, Facts], partners: 
     more = MORE.get(effect.family, MORE[Family.POSITION])
     if column.shape is not None:
         one = model.effects[column.place or 0]
-        best = f"best at its bound, {number(one.choice.shape[column.shape])}" if column.shape in one.held else ""
+        best = f"best at its bound, {number(one.shape[column.shape])}" if column.shape in one.held else ""
         return Reason(best or "these data fit nearly as well with any value of it that is physical", more)
     if not partners:
         return Reason("nothing in these runs depends on it", more)
-    return Reason(f"these data could not tell it from {_some(others or own)}", more)
+    return Reason(f"these data could not tell it from {some(others or own)}", more)
 
 
 #: Share of its full lever below which a weight is as good as not felt: an axis within two degrees of upright.
@@ -154,7 +155,8 @@ ONE_LOAD = Reason(
 )
 
 
-def _some(names: Sequence[str]) -> str:
+def some(names: Sequence[str]) -> str:
+    """Up to three names, and how many more there are."""
     return ", ".join(names[:3]) + (f" and {len(names) - 3} more" if len(names) > 3 else "")
 
 
@@ -189,13 +191,11 @@ def _gravity(column: Column, own: Facts, partners: Sequence[str]) -> Reason:
     if beyond and own.postures < 2:
         return Reason(
             "the joints outward of it were held in one posture only, so its weight cannot be told from that of the"
-            f" links outward ({_some(beyond)})",
+            f" links outward ({some(beyond)})",
             "repeat its runs with the joints outward of it held elsewhere",
         )
     if outer and not any(name.startswith(("coulomb", "viscous")) for name in partners):
-        return Reason(
-            f"only determined together with {_some(outer)}", "repeat its runs with the other joints elsewhere"
-        )
+        return Reason(f"only determined together with {some(outer)}", "repeat its runs with the other joints elsewhere")
     if partners:
         return Reason(
             "over the span and directions in which the joint travels, its weight cannot be told from its friction",

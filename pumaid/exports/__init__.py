@@ -10,8 +10,7 @@ from collections.abc import Mapping
 from types import MappingProxyType
 
 from pumaid import __version__
-from pumaid.choices import check_known
-from pumaid.chosen import check_parameters
+from pumaid.effect_spec import check_known, check_parameters
 from pumaid.exports.base import Exported, Form, Subject, identifier
 from pumaid.exports.equivalent_bodies import Bodies, bodies, constants_of
 from pumaid.exports.formulas import Formulas

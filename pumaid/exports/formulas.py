@@ -9,10 +9,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from pumaid.chosen import Chosen, in_order
+from pumaid.effect_spec import EffectTerm, terms_of
 from pumaid.effects import catalogue
 from pumaid.effects.formula import OF_MOTION, at_rest, filled, names_in
-from pumaid.loads import felt_ratios, loads
+from pumaid.gravity_load import felt_ratios, loads
 from pumaid.model import Model
 from pumaid.records import Estimate, Samples
 from pumaid.records.estimate import NOT_IDENTIFIABLE
@@ -89,7 +89,7 @@ class Formulas:
         heavy = np.asarray(moments.any(axis=1))
         beyond = np.triu(np.ones_like(estimate.scales, dtype=bool)) & heavy & robot.is_revolute[:, None]
         told = np.asarray((np.isfinite(estimate.scales) | ~beyond).all(axis=1))
-        every = in_order(estimate.effects)
+        every = terms_of(estimate.effects)
         lacks = [Lack(spoken(one), why) for one in every if (why := why_left_out(one, robot)) is not None]
         if estimate.stroke_postures:
             lacks.append(Lack("inertia", catalogue()["inertia"].left_out))
@@ -164,12 +164,12 @@ def _instants(joint: int, position: Floats, velocity: Floats, *, driving: Floats
     )
 
 
-def spoken(one: Chosen) -> str:
+def spoken(one: EffectTerm) -> str:
     """``stribeck@3``, with ``_2`` for the second time at a joint."""
     return f"{one.effect.name}{one.mark}" + (f"@{one.number}" if one.number else "")
 
 
-def why_left_out(one: Chosen, robot: Robot) -> str | None:
+def why_left_out(one: EffectTerm, robot: Robot) -> str | None:
     """Why an effect is left out, or None where posture and velocities determine it."""
     effect = one.effect
     if effect.left_out or not effect.formula:
@@ -190,11 +190,11 @@ def _pairs(known: Mapping[str, float], effect: str, robot: Robot) -> Floats:
     return np.array([[known.get(f"{effect}.j{joint.number}.{way}", 0.0) for way in ways] for joint in robot.joints])
 
 
-def _terms(robot: Robot, one: Chosen, known: Mapping[str, float], *, told: NDArray[np.bool_]) -> Iterator[Term]:
+def _terms(robot: Robot, one: EffectTerm, known: Mapping[str, float], *, told: NDArray[np.bool_]) -> Iterator[Term]:
     """An effect's terms; another joint's load that is not `told` counts as none, as in the model."""
     parts = [part for part in one.parts(robot, 0) if part.shape is None]
     names = [parameter.name for parameter in one.effect.parameters(robot, one.number)]
-    values = {name: known.get(part.name, 0.0) for name, part in zip(names, parts, strict=True)} | dict(one.choice.shape)
+    values = {name: known.get(part.name, 0.0) for name, part in zip(names, parts, strict=True)} | dict(one.shape)
     for joint in range(1, robot.n_joints + 1):
         formula = one.effect.formula_in(robot, one.number, joint) if one.touches(joint) else ""
         if not formula or why_left_out(one, robot) is not None:

@@ -16,6 +16,10 @@ RELATIVE_TOLERANCE = 1e-9
 #: With limits the columns are not scaled to one length, so only what is surely rounding of the largest counts as zero.
 ROUNDING = 1e-13
 
+#: Eigenvalues of a scaled information below this share of the largest are directions that the data do not show; columns
+#: shorter than a share of the longest are zero but for rounding.
+FLAT, FAINT = 1e-10, 1e-12
+
 #: A parameter whose share in an undetermined unit direction is below this does not belong to it (rounding).
 SHARE_TOLERANCE = 1e-6
 
@@ -111,3 +115,15 @@ def _range(rows: Floats, tolerance: float) -> tuple[Floats, Floats, Floats]:
     kept = singular > tolerance * singular[0]
     basis = left[:, kept]
     return basis, basis.T @ rows, singular
+
+
+def pseudo_inverse(information: Floats) -> tuple[Floats, int]:
+    """Pseudo-inverse (P, P) of a symmetric matrix in scaled columns, and the rank."""
+    if len(information) == 1 and information[0, 0] > 0.0:
+        return 1.0 / information, 1
+    size = np.sqrt(np.maximum(np.diagonal(information), 0.0))
+    unit = np.divide(1.0, size, out=np.zeros_like(size), where=size > FAINT * size.max(initial=0.0))
+    values, vectors = np.linalg.eigh(information * unit[:, None] * unit[None, :])
+    kept = values > FLAT * values[-1]
+    half = vectors[:, kept] / np.sqrt(values[kept])
+    return (unit[:, None] * half) @ (half.T * unit[None, :]), int(np.count_nonzero(kept))

@@ -3,18 +3,17 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
-from dataclasses import fields, replace
-from typing import Any, TypeVar
+from collections.abc import Iterator
+from dataclasses import replace
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
-from pumaid.dataset import CONSTANT_COLUMNS, Bins, Means, Reject, Run, run_columns
-from pumaid.maths.triangle import Triangle
+from pumaid.dataset import Bins, Means, Reject, Run
 from pumaid.preprocessing.differentiate import slopes
 from pumaid.preprocessing.options import LARGEST, STROKE, SegmentOptions
-from pumaid.preprocessing.parallel import of_stroke
+from pumaid.preprocessing.parallel import Filtered, filtered_stroke
 from pumaid.preprocessing.reasons import reason_text
 from pumaid.preprocessing.stretches import Piece, Stretch
 from pumaid.records import Log
@@ -26,6 +25,8 @@ Binned = TypeVar("Binned", Bins, Means)
 
 #: Ticks on either side of the straight lines through a run's own ticks.
 HALF = 2
+#: Bins of a stroke, which is smoothed, at most.
+MOST_OF_STROKE = 128
 #: Turns from which a run gets more bins, so that a ripple of 100 waves a turn is not averaged away, and the turns up to
 #: which it does.
 MANY_TURNS, MOST_TURNS = 2.0, 64.0
@@ -112,6 +113,11 @@ def _run(stretch: Stretch, piece: Piece, log: Log, *, usable: Ints, robot: Robot
     posture = part.position.mean(axis=0)
     posture[joint - 1] = np.nan
     warmth = np.nan if part.temperature is None else part.temperature[:, joint - 1]
+    filtered, noise = _filtered(piece, log), 0.0
+    if filtered is None:
+        bins = bins_of_run(part, joint, motion, most=_most(measured, options, turns=turns))
+    else:
+        bins, noise = bins_of_stroke(log, joint, filtered)
     return Run(
         joint=joint,
         kind=piece.kind,
@@ -125,18 +131,11 @@ def _run(stretch: Stretch, piece: Piece, log: Log, *, usable: Ints, robot: Robot
         speed=_mean_velocity(log.time, measured, kind=piece.kind),
         ripple=float(np.std(velocity)),
         temperature=float(np.nanmean(warmth)) if np.isfinite(warmth).any() else np.nan,
-        triangle=_triangle(piece, log, part, turns=turns),
-        bins=bins_of_run(part, joint, motion, most=_most(measured, options, turns=turns)),
+        samples=len(part),
+        bins=bins,
         stamp_error=stretch.stamp_error,
+        acceleration_noise=noise,
     )
-
-
-def _triangle(piece: Piece, log: Log, part: Log, *, turns: bool) -> Triangle:
-    joint = piece.joints[0] - 1
-    if piece.course is None:
-        return Triangle.of(CONSTANT_COLUMNS, run_columns(part.position[:, joint], turns=turns), part.current[:, joint])
-    current = np.where(np.abs(log.current[:, joint]) < LARGEST, log.current[:, joint], np.nan)
-    return of_stroke(piece.course, log.position[:, joint], current, turns=turns)
 
 
 def _mean_velocity(time: Floats, position: Floats, *, kind: str) -> float:
@@ -186,6 +185,48 @@ def bins_of_run(log: Log, joint: int, motion: tuple[Floats, Floats], *, most: in
     )
 
 
+def _filtered(piece: Piece, log: Log) -> Filtered | None:
+    """A stroke's motion and current through one filter; None for other runs, and where its samples are too few."""
+    if piece.course is None:
+        return None
+    joint = piece.joints[0] - 1
+    current = np.where(np.abs(log.current[:, joint]) < LARGEST, log.current[:, joint], np.nan)
+    return filtered_stroke(piece.course, log.position[:, joint], current)
+
+
+def bins_of_stroke(log: Log, joint: int, filtered: Filtered) -> tuple[Bins, float]:
+    """Bins of a stroke whose motion and current went through one filter, and the variance of accelerations' noise.
+
+    Parameters
+    ----------
+    log
+        N samples.
+    joint
+        The moving joint, from 1.
+    filtered
+        Motion and current of the joint; what is left of the plain current beside it counts as scatter inside bins.
+    """
+    own = joint - 1
+    starts, count = _equal_spans(filtered.time, MOST_OF_STROKE)
+    time = _mean_times(filtered.time, starts, count)
+    before = np.clip(np.searchsorted(log.time, time, side="right") - 1, 0, len(log) - 1)
+    position = np.column_stack([np.interp(time, log.time, column) for column in log.position.T])
+    position[:, own] = _means(filtered.position, starts, count)
+    current = _means(filtered.current, starts, count)
+    bins = Bins(
+        count=count,
+        time=time,
+        position=position,
+        velocity=_means(filtered.velocity, starts, count),
+        acceleration=_means(filtered.acceleration, starts, count),
+        current=current,
+        variance=_means((filtered.plain - np.repeat(current, count)) ** 2, starts, count),
+        temperature=np.full(len(starts), np.nan) if log.temperature is None else log.temperature[before, own],
+        extra=None if log.extra is None else log.extra[before],
+    )
+    return bins, filtered.acceleration_noise(round(len(filtered.time) / len(starts)))
+
+
 def bins_of_all_joints(log: Log, rate: tuple[Floats, Floats], *, most: int) -> Means:
     """Bins of what is no run; `rate` are (K,) times and (K, J) velocities of all joints to interpolate."""
     starts, count = _equal_spans(log.time, most)
@@ -224,43 +265,3 @@ def _known_means(values: Floats, starts: Ints, largest: float) -> Floats:
     known = np.add.reduceat(good.astype(float), starts, axis=0)
     total = np.add.reduceat(np.where(good, values, 0.0), starts, axis=0)
     return np.divide(total, known, out=np.full(total.shape, np.nan), where=known > 0)
-
-
-def coarser(parts: Sequence[Binned], most: int) -> Binned:
-    """The bins of consecutive stretches as one set of at most `most` bins.
-
-    Parameters
-    ----------
-    parts
-        Bins in order of time.
-    most
-        Bins at most; means are weighted by samples, the spread of means that are joined is added to the variance.
-    """
-    kind = type(parts[0])
-    columns = {item.name: [getattr(part, item.name) for part in parts] for item in fields(kind)}
-    table: dict[str, Any] = {
-        name: None if any(value is None for value in values) else np.concatenate(values)
-        for name, values in columns.items()
-    }
-    count, time = table.pop("count"), table["time"]
-    if len(count) <= most:
-        return kind(count=count, **table)
-    borders = time[0] + np.arange(most) * ((time[-1] - time[0]) / most)
-    starts = np.unique(np.searchsorted(time, borders))
-    total = np.add.reduceat(count, starts)
-    weighted: dict[str, Any] = {
-        name: None if values is None else _weighted_means(values, starts, count) for name, values in table.items()
-    }
-    if "variance" in table:
-        size = np.diff(starts, append=len(count))
-        spread = table["current"] - np.repeat(weighted["current"], size)
-        weighted["variance"] = weighted["variance"] + _weighted_means(spread * spread, starts, count)
-    return kind(count=total, **weighted)
-
-
-def _weighted_means(values: Floats, starts: Ints, count: Ints) -> Floats:
-    """Means of bins of `count` samples each, those that are no number left out."""
-    weight = np.where(np.isfinite(values), count if values.ndim == 1 else count[:, None], 0)
-    total = np.add.reduceat(weight, starts, axis=0)
-    sums = np.add.reduceat(np.nan_to_num(values) * weight, starts, axis=0)
-    return np.divide(sums, total, out=np.full(sums.shape, np.nan), where=total > 0)

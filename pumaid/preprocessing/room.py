@@ -5,8 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from typing import Generic, TypeVar
 
-from pumaid.dataset import Reject, Run
-from pumaid.preprocessing.binning import coarser
+from pumaid.dataset import Reject, Run, coarser
 
 Record = TypeVar("Record", Run, Reject)
 

@@ -7,9 +7,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from pumaid.dataset import CONSTANT_COLUMNS, Bins, Run
+from pumaid.dataset import Bins, Run
 from pumaid.errors import ModelError, Where
-from pumaid.maths.triangle import Triangle
 from pumaid.simulation.heat import curve
 from pumaid.simulation.hidden import Instants, delays
 from pumaid.simulation.noise import coloured, correlation
@@ -25,14 +24,12 @@ _FEWEST = 8
 
 @dataclass(frozen=True, eq=False, slots=True)
 class _Prepared:
-    """What does not change between experiments: a run's noise-free current, its regressors factored, its bins."""
+    """What does not change between experiments: a run's noise-free current, its bins."""
 
     motion: Motion
     speed: float
     position: Floats
     current: Floats
-    basis: Floats
-    upper: Floats
     edges: Counts
     bins: Bins
 
@@ -107,17 +104,12 @@ class Bench:
             )
         own = run.at(local)[0][:, j]
         speed = run.peak * float(np.sign(motion.end - motion.start))
-        columns = [np.cos(own), np.sin(own)] if self.truth.robot.joints[j].is_revolute else [0.0 * own, 0.0 * own]
-        basis, upper = np.linalg.qr(np.column_stack([*columns, np.ones(len(own))]))
-        sign = np.where(np.diag(upper) < 0, -1.0, 1.0)
         edges = np.linspace(0, len(own), max(1, min(bins, len(own) // 2)) + 1).astype(np.int64)
         return _Prepared(
             motion=motion,
             speed=speed,
             position=own,
             current=self._current(motion, own, speed=speed, time=start + local),
-            basis=np.ascontiguousarray((basis * sign).T),
-            upper=upper * sign[:, None],
             edges=edges[:-1],
             bins=self._empty_bins(motion, own, speed=speed, time=start + local, edges=edges),
         )
@@ -164,10 +156,6 @@ class Bench:
     def _run(prepared: _Prepared, current: Floats, first: int) -> Run:
         """The run whose moving joint draws `current` (N,); what it leaves of its samples is what a log would leave."""
         motion, bins, j = prepared.motion, prepared.bins, prepared.motion.joint - 1
-        inside = prepared.basis @ current
-        left = current - inside @ prepared.basis
-        factor = np.zeros((4, 4))
-        factor[:3, :3], factor[:3, 3], factor[3, 3] = prepared.upper, inside, np.sqrt(left @ left)
         mean = np.add.reduceat(current, prepared.edges) / bins.count
         square = np.add.reduceat(current**2, prepared.edges) / bins.count
         posture = np.array(motion.hold, dtype=float)
@@ -185,7 +173,7 @@ class Bench:
             speed=prepared.speed,
             ripple=0.0,
             temperature=float(np.mean(bins.temperature)),
-            triangle=Triangle(CONSTANT_COLUMNS, factor, len(current)),
+            samples=len(current),
             bins=replace(bins, current=mean, variance=np.maximum(square - mean**2, 0.0)),
             heldout=motion.purpose == "heldout",
         )

@@ -6,18 +6,21 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
+from numpy.typing import NDArray
 
-from pumaid.choices import check_known
 from pumaid.dataset import Dataset
 from pumaid.diagnosis.budget import budget
-from pumaid.diagnosis.laid import Spread
+from pumaid.effect_spec import check_known
 from pumaid.errors import Note
-from pumaid.estimation.judge import NOTHING, Groups, Judge, Tally, rmse, together
+from pumaid.estimation.evaluate import NOTHING, Groups, Judge, Tally, rmse, together
+from pumaid.joint_bins import joint_bins
 from pumaid.preprocessing.hold_out import held_out_otherwise
 from pumaid.preprocessing.replicates import noise_floor, pairs
 from pumaid.records import TOGETHER, UNEXPLAINED, Budget, Comparison, Estimate, JointScore, RunScore
 from pumaid.results.model_file import check_same_recipe
 from pumaid.robot import Robot
+
+Floats = NDArray[np.float64]
 
 
 def compare(estimate: Estimate, dataset: Dataset, robot: Robot) -> Comparison:
@@ -56,13 +59,16 @@ def compare(estimate: Estimate, dataset: Dataset, robot: Robot) -> Comparison:
     judge = Judge.of(robot, estimate, dataset)
     fitted_files = {facts.name for facts in dataset.files if facts.digest in set(estimate.logs.values())}
     known = [not run.heldout and run.origin in fitted_files for run in dataset.runs]
-    tallies = [judge.tally(block) for block in judge.blocks(dataset.runs)]
+    judged: dict[int, tuple[Tally, Floats]] = {}
+    for joint in sorted({run.joint for run in dataset.runs}):
+        own = [n for n, run in enumerate(dataset.runs) if run.joint == joint]
+        judged |= dict(zip(own, judge.judged([dataset.runs[n] for n in own]), strict=True))
+    tallies = [judged[n][0] for n in range(len(dataset.runs))]
     means = {joint: _mean([t for t in tallies if t.run.joint == joint]) for joint in {t.run.joint for t in tallies}}
-    rows = judge.rows([judge.samples_of(run) for run in dataset.runs])
     groups = {joint: judge.groups(_counted(joint, tallies)) for joint in means}
     scores = [
         judge.score(tally, row, mean=means[tally.run.joint], groups=groups[tally.run.joint], is_fitted=was)
-        for tally, row, was in zip(tallies, rows, known, strict=True)
+        for (tally, row), was in zip((judged[n] for n in range(len(tallies))), known, strict=True)
     ]
     bare = tuple(_of_joint(joint.number, tallies, scores, groups=groups) for joint in robot.joints)
     joints = tuple(replace(score, budget=_budget(score, scores, robot, known=known)) for score in bare)
@@ -131,7 +137,7 @@ def _budget(score: JointScore, scores: Sequence[RunScore], robot: Robot, *, know
     is_known = all(name == "gravity" or "gravity" not in name.split(TOGETHER) for one, _ in own for name in one.parts)
     loads = [one.parts.get("gravity", np.zeros(len(one.predicted))) for one, _ in own]
     return budget(
-        Spread.of([one.run for one, _ in own]),
+        joint_bins(robot, [one.run for one, _ in own], is_settled=False)[0],
         np.concatenate([one.residual for one, _ in own]),
         robot.joint(score.joint),
         load=np.concatenate(loads) if is_known else None,

@@ -5,18 +5,17 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import replace
 
-from pumaid.choices import at_one_joint, known_effect
 from pumaid.dataset import Dataset
 from pumaid.design.prior import Setup, prior_robots
-from pumaid.diagnosis.added import Added
 from pumaid.diagnosis.contender import DECISIVE, evidence
 from pumaid.diagnosis.deciding import deciding, showing
 from pumaid.diagnosis.refine import refined, trials_at
 from pumaid.diagnosis.rehearsal import rehearsed, solved, usual
 from pumaid.diagnosis.scan import Projector, Trial
-from pumaid.diagnosis.system import Solved
+from pumaid.effect_spec import EffectTerm, at_one_joint, known_effect
 from pumaid.effects import Effect, Scope
 from pumaid.errors import ModelError, Note, Where
+from pumaid.estimation.fit import Fit
 from pumaid.records import Estimate, NextRun
 from pumaid.robot import EffectChoice, Robot
 from pumaid.simulation.hidden import Hidden
@@ -99,7 +98,7 @@ def decide(
         system = solved(robot, rehearsed(shown, ground, seed=seed).runs)
     else:
         runs = [run for run in logs.runs if not run.heldout]
-        system = solved(robot, runs, None if estimate is None or estimate.effects else estimate)
+        system = solved(robot, runs)
     say("choosing runs")
     told: tuple[Note, ...] = ()
     if rival is None:
@@ -143,7 +142,7 @@ def _law(wanted: EffectChoice) -> Effect:
     return known_effect(wanted.effect, Where())
 
 
-def _shown(system: Solved, wanted: EffectChoice, values: Mapping[str, float]) -> NextRun:
+def _shown(system: Fit, wanted: EffectChoice, values: Mapping[str, float]) -> NextRun:
     """The runs that show an effect of the sizes and shapes that a usual robot has."""
     robot, effect = system.model.robot, _law(wanted)
     shapes = {one.name for one in effect.shapes(robot, wanted.joint or 0)}
@@ -157,7 +156,7 @@ def _shown(system: Solved, wanted: EffectChoice, values: Mapping[str, float]) ->
 
 
 def _told_apart(
-    system: Solved, wanted: EffectChoice, rival: EffectChoice, *, with_logs: bool
+    system: Fit, wanted: EffectChoice, rival: EffectChoice, *, with_logs: bool
 ) -> tuple[NextRun, tuple[Note, ...]]:
     projector = Projector(system)
     first, second = (_best(system, projector, one) for one in (wanted, rival))
@@ -177,13 +176,13 @@ def _told_apart(
     return found, notes
 
 
-def _best(system: Solved, projector: Projector, choice: EffectChoice) -> Trial:
+def _best(system: Fit, projector: Projector, choice: EffectChoice) -> Trial:
     """The effect at its best shape on what there is."""
     robot, effect = system.model.robot, _law(choice)
-    rows = [row for row in system.rows if row.field.joint == choice.joint] or list(system.rows[:1])
-    grid = [dict(choice.shape)] if choice.shape else list(effect.grid(robot, rows[0].field.extent(rows[0].drawn)))
+    rows = [row for row in system.joints if row.bins.joint == choice.joint] or list(system.joints[:1])
+    grid = [dict(choice.shape)] if choice.shape else list(effect.grid(robot, rows[0].bins.extent(rows[0].drawn)))
     every = max(1, len(grid) // _SHAPES)
-    some = [Added(effect, choice.joint, dict(shape)) for shape in (grid[::every] or [{}])]
+    some = [EffectTerm(effect, choice.joint, dict(shape)) for shape in (grid[::every] or [{}])]
     found = [one for one in trials_at(projector, some) if one is not None]
     if not found:
         raise _undecided(f"{_name(choice)} leaves no trace in these runs that the model does not absorb")

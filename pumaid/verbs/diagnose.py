@@ -1,4 +1,4 @@
-"""Which physical effect a model misses, with the evidence, the rivals, and the run that would decide."""
+"""Which physical effect a model misses, with the dataset, the rivals, and the run that would decide."""
 
 from __future__ import annotations
 
@@ -8,13 +8,11 @@ from collections.abc import Callable, Sequence
 import numpy as np
 
 from pumaid import __version__
-from pumaid.choices import check_known
 from pumaid.dataset import Dataset, Run
 from pumaid.diagnosis.account import Account
-from pumaid.diagnosis.added import Added
-from pumaid.diagnosis.chain import Start
 from pumaid.diagnosis.stepwise import Stepwise, silent
 from pumaid.diagnosis.suspect import Suspect
+from pumaid.effect_spec import check_known, terms_of
 from pumaid.effects import Effect, catalogue
 from pumaid.errors import LogError, Where
 from pumaid.model import Model
@@ -75,14 +73,10 @@ def diagnose(
     if not runs:
         where = Where(file=dataset.files[0].name if dataset.files else None)
         raise LogError("no-runs", "there is no run to diagnose", where, "see why with: pumaid segment LOGS --rejects")
-    model = Model(robot, estimate.stroke_postures)
-    known = dict(zip(estimate.names, estimate.solution, strict=True))
-    start = Start(np.array([float(known.get(name, 0.0)) for name in model.names]), estimate.scales)
     search = Stepwise(
-        model,
+        Model.of_runs(robot, [run for run in dataset.runs if not run.heldout]),
         runs,
-        start,
-        given=tuple(Added(catalogue()[one.effect], one.joint, dict(one.shape)) for one in estimate.effects),
+        given=terms_of(estimate.effects),
         campaign=Campaign.of(dataset.runs),
         unseen=tuple(run for run in dataset.runs if run.heldout),
         effects=[*catalogue().values(), *_suspects(dataset, suspects)],

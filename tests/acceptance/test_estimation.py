@@ -10,10 +10,10 @@ from experiments import EXPERIMENTS, coverage, losses
 
 from pumaid.dataset import Dataset
 from pumaid.design.plan import plan
+from pumaid.estimation.estimate import identify
 from pumaid.io.recipe import read_recipe, shipped_recipes
 from pumaid.records import Estimate
 from pumaid.simulation import Bench, Noise, Truth, draw, table1
-from pumaid.verbs.identify import identify
 
 #: Four binomial standard deviations of as many experiments below 95 %.
 LEAST = 0.95 - 4 * (0.95 * 0.05 / EXPERIMENTS) ** 0.5

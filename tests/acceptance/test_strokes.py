@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from pumaid.design.plan import plan
+from pumaid.estimation.estimate import identify
 from pumaid.io.recipe import read_recipe, shipped_recipes
 from pumaid.preprocessing.segment import segment
 from pumaid.robot import Robot
@@ -17,7 +18,6 @@ from pumaid.simulation import Session, draw
 from pumaid.simulation.physics.joints import inertia
 from pumaid.simulation.record import as_json
 from pumaid.trajectory import Motion, Plan
-from pumaid.verbs.identify import identify
 
 #: Arms and sessions on which nothing was chosen.
 SEEDS = (301, 302, 303)

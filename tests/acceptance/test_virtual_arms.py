@@ -8,6 +8,7 @@ import pytest
 from pumaid.dataset import Dataset
 from pumaid.design.information import gravity_names, predicted_errors
 from pumaid.design.plan import plan
+from pumaid.estimation.estimate import identify
 from pumaid.io.recipe import read_recipe, shipped_recipes
 from pumaid.preprocessing.hold_out import match_with_plan
 from pumaid.preprocessing.segment import segment
@@ -15,7 +16,6 @@ from pumaid.robot import Robot
 from pumaid.simulation import Bench, draw
 from pumaid.structure import minimal
 from pumaid.trajectory import Plan
-from pumaid.verbs.identify import identify
 from pumaid.verbs.simulate import simulate
 
 pytestmark = pytest.mark.slow

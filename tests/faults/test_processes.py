@@ -58,7 +58,7 @@ def test_an_interrupt_is_one_line(arm, monkeypatch):
     def interrupted(*words, **more):
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("pumaid.verbs.identify.identify", interrupted)
+    monkeypatch.setattr("pumaid.estimation.estimate.identify", interrupted)
     found = invoke("identify", str(arm / "logs"))
     assert (found.exit_code, found.stdout) == (130, "") and found.stderr.count("stopped") == 1
 

@@ -13,7 +13,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy import optimize
 
-from pumaid.maths.joint_fit import Bilinear, fit
+from pumaid.estimation.bilinear import Bilinear, fit_bilinear
 from pumaid.maths.recursion import Recursion
 
 SAMPLES = 40
@@ -118,7 +118,7 @@ def test_joint_fit_returns_to_the_truth(system, seed):
     )
     for edge in start.gains.edges:
         start.gains.edge[edge] *= 1.0 + 0.1 * rng.uniform(-1, 1)
-    found = fit(whole, start.values * (1.0 + 0.1 * rng.uniform(-1, 1, len(start.values))), start.gains)
+    found = fit_bilinear(whole, start.values * (1.0 + 0.1 * rng.uniform(-1, 1, len(start.values))), start.gains)
     assert np.allclose(found.values, system.values, rtol=EXACT)
     for edge in found.gains.edges:
         ratio = system.gains[found.gains.parent[edge]] / system.gains[edge]
@@ -136,7 +136,7 @@ def test_joint_fit_of_noisy_rows_is_the_dense_optimum(system, seed):
     for row in reversed(range(n)):
         start.take(row, system.blocks[row], targets[row])
     whole = Bilinear(np.repeat(np.arange(n), SAMPLES), np.vstack(system.blocks), np.concatenate(targets), system.owners)
-    found = fit(whole, start.values, start.gains)
+    found = fit_bilinear(whole, start.values, start.gains)
 
     def residual(unknown: np.ndarray) -> np.ndarray:
         gains = np.append(unknown[p:], 1.0)

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from pumaid.effects import Effect, Scope, catalogue
-from pumaid.loads import loads
+from pumaid.gravity_load import loads
 from pumaid.model import Model
 from pumaid.records import Extent, Samples
 from pumaid.simulation import table1

@@ -8,12 +8,11 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from worlds import CRANE, course, dataset, drawn, experiment, run_of
+from worlds import CRANE, dataset, drawn, experiment
 
 from pumaid.dataset import Dataset, Run
-from pumaid.maths.triangle import Triangle
+from pumaid.estimation.estimate import identify
 from pumaid.records import Estimate
-from pumaid.verbs.identify import identify
 
 TRUTH = drawn(CRANE)
 RUNS = dataset(TRUTH, experiment(CRANE)).runs
@@ -35,10 +34,8 @@ def assert_same(found: Estimate, *, unit: float = 1.0, ratio_unit: float = 1.0, 
 
 def louder(run: Run, unit: float) -> Run:
     """The run with its current in another unit."""
-    factor = run.triangle.factor.copy()
-    factor[:, -1] *= unit
     bins = replace(run.bins, current=run.bins.current * unit, variance=run.bins.variance * unit**2)
-    return replace(run, triangle=replace(run.triangle, factor=factor), bins=bins)
+    return replace(run, bins=bins)
 
 
 @FEW
@@ -104,29 +101,3 @@ def test_unit_of_gravity(power):
         assert new.state == old.state
         if old.state == "identified":
             assert abs(new.value - factor * old.value) < 0.01 * factor * old.std_error, old.name
-
-
-@FEW
-@given(st.lists(st.integers(5, 195), min_size=1, max_size=4, unique=True), st.integers(0, 2**32 - 1))
-def test_where_a_run_was_cut(cuts, seed):
-    """Runs whose triangles were merged from pieces are the runs of all their samples."""
-    rng, whole, merged = np.random.default_rng(seed), [], []
-    for joint in (1, 2, 3):
-        for number in range(8):
-            hold = rng.uniform(-0.5, 0.5, 3)
-            reach = (0.3 if joint == 2 else 2.0) * (-1) ** number
-            moves = course("constant", -reach, reach, duration=float(rng.uniform(1.0, 4.0)))
-            position = np.tile(hold, (200, 1))
-            position[:, joint - 1] = moves[1]
-            current = TRUTH.gravity_current(position)[:, joint - 1] + TRUTH.friction.current(joint, moves[2])
-            current = current + 0.02 * rng.normal(size=200) + 0.01 * rng.normal()
-            run = run_of(CRANE, joint, hold, course=moves, current=current)
-            q, names = moves[1], run.triangle.columns
-            turns = float(CRANE.joint(joint).is_revolute)
-            rows = np.column_stack([turns * np.cos(q), turns * np.sin(q), np.ones(200)])
-            places = sorted(cuts)
-            pieces = zip(np.split(rows, places), np.split(current, places), strict=True)
-            triangle = Triangle.merge([Triangle.of(names, part, target) for part, target in pieces])
-            whole.append(run)
-            merged.append(replace(run, triangle=triangle))
-    assert_same(identify(Dataset(tuple(merged)), CRANE), wanted=identify(Dataset(tuple(whole)), CRANE))

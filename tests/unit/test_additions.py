@@ -7,7 +7,7 @@ from dataclasses import replace
 import pytest
 from searches import lever
 
-import pumaid.verbs.identify as verb
+import pumaid.estimation.estimate as verb
 from pumaid.cli.additions import added
 from pumaid.dataset import Dataset
 from pumaid.records import ADD, Diagnosis, Finding

@@ -11,7 +11,7 @@ import worlds
 from budgets import campaign, found, shares, split
 
 from pumaid.diagnosis.budget import budget
-from pumaid.diagnosis.laid import Spread
+from pumaid.joint_bins import joint_bins
 
 #: What is left by each kind of physics, A; the part and variable that it must be told as.
 KINDS = {
@@ -52,8 +52,8 @@ def test_parts_add_up_and_none_is_negative(kind):
 def test_total_is_that_of_the_samples():
     """Without being told it, the budget finds the samples' mean square from bins of ten samples: within 1 %."""
     runs = campaign(KINDS["smooth", "position"], seed=5, samples=1500)
-    squares = [run.triangle.rows()[1] for run in runs]
-    true = sum(float(np.sum(rows**2)) for rows in squares) / sum(run.samples for run in runs)
+    squares = [np.sum(run.bins.count * (run.bins.current**2 + run.bins.variance)) for run in runs]
+    true = sum(squares) / sum(run.samples for run in runs)
     assert split(runs).mean_square == pytest.approx(true, rel=0.01)
 
 
@@ -114,7 +114,7 @@ def test_what_has_no_name_is_unassigned():
 
 def test_ripple_has_its_frequency_and_gearing():
     """37.3 cycles a turn are found to 0.1, and counted per turn of the motor where the gear ratio is known."""
-    laid = Spread.of(campaign(KINDS["fast", "position"], seed=1))
+    laid = joint_bins(worlds.PENDULUM, campaign(KINDS["fast", "position"], seed=1), is_settled=False)[0]
     joint = replace(worlds.PENDULUM.joint(2), gear_ratio=18.65)
     part = budget(laid, laid.current, joint, is_fitted=False).part("fast")
     assert part.per == "turn" and part.cycles[0] == pytest.approx(37.3, abs=0.1)
@@ -123,7 +123,7 @@ def test_ripple_has_its_frequency_and_gearing():
 
 def test_ripple_of_a_slide_counts_per_metre():
     """For a sliding joint a phase of 37.3 rad a metre is 5.94 cycles a metre."""
-    laid = Spread.of(campaign(KINDS["fast", "position"], seed=1))
+    laid = joint_bins(worlds.PENDULUM, campaign(KINDS["fast", "position"], seed=1), is_settled=False)[0]
     part = budget(laid, laid.current, replace(worlds.PENDULUM.joint(2), kind="prismatic"), is_fitted=False).part("fast")
     assert part.per == "m" and part.cycles[0] == pytest.approx(37.3 / (2.0 * np.pi), abs=0.02)
 
@@ -143,7 +143,7 @@ def test_load_is_told_from_position():
     runs = campaign(
         lambda q, qd, since, clock, other: 0.08 * np.sign(qd) * np.abs(load(q, other)), seed=9, others=(0.0, 1.2, 2.4)
     )
-    laid = Spread.of(runs)
+    laid = joint_bins(worlds.PENDULUM, runs, is_settled=False)[0]
     known = np.concatenate([load(run.bins.position[:, 1], run.posture[0]) for run in runs])
     told = budget(laid, laid.current, worlds.PENDULUM.joint(2), load=known)
     assert found(told)["odd"][0] == "load" and "no-load" not in told.limits

@@ -7,7 +7,7 @@ from dataclasses import replace
 import pytest
 from worlds import PENDULUM
 
-from pumaid.choices import chosen_by, expanded, spoken
+from pumaid.effect_spec import chosen_by, expanded, parse_effect
 from pumaid.errors import ModelError
 from pumaid.robot import EffectChoice
 from pumaid.simulation import table1
@@ -38,7 +38,7 @@ def refusal(*, add=(), remove=(), robot=PUMA) -> ModelError:
 )
 def test_a_choice_is_read_as_it_is_written(text, wanted):
     """Joints go by number or name or all, shapes after a colon."""
-    assert spoken(text, PUMA) == wanted
+    assert parse_effect(text, PUMA) == wanted
 
 
 def test_all_is_every_joint_where_the_effect_can_act():

@@ -8,9 +8,9 @@ from functools import cache
 import pytest
 from worlds import PENDULUM, dataset, drawn, experiment
 
-from pumaid.chosen import check_parameters
+from pumaid.effect_spec import check_parameters
 from pumaid.errors import ModelError
-from pumaid.estimation.identification import identified
+from pumaid.estimation.estimate import identify
 from pumaid.records import Estimate
 from pumaid.robot import EffectChoice
 
@@ -27,7 +27,7 @@ SEVERAL = (
 def made() -> Estimate:
     """A model that holds them."""
     runs = dataset(drawn(PENDULUM, 5), experiment(PENDULUM, speeds=(0.1, 0.3, 0.6, 1.0)))
-    return identified(runs, PENDULUM, effects=SEVERAL)
+    return identify(runs, PENDULUM, effects=SEVERAL)
 
 
 def test_effects_as_they_are_pass():

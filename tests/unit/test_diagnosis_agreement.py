@@ -8,20 +8,20 @@ from scipy import stats
 from searches import LEVER, Din, Lab, design, lever, pendulum
 
 from pumaid.diagnosis.agreement import Agreement, agreement
-from pumaid.diagnosis.field import Field
-from pumaid.diagnosis.noise import noise
+from pumaid.estimation.noise import noise_of
+from pumaid.joint_bins import JointBins
 
 DIN = Din(spread=0.01, correlation=0.6, level=0.006)
 
 
-def shared(field: Field, misfit: np.ndarray) -> Agreement | None:
+def shared(field: JointBins, misfit: np.ndarray) -> Agreement | None:
     """Agreement, whitened by the noise that the repeats show."""
-    return agreement(field, misfit, noise(field, misfit).whiten(field, misfit))
+    return agreement(field, misfit, noise_of(field, misfit).whiten(field, misfit))
 
 
 def of(lab: Lab, seed: int, pattern: float = 0.0, din: Din = DIN) -> Agreement:
     """Agreement of noise about a course of the position (A) that every run repeats."""
-    field = lab.fields()[0]
+    field = lab.bins()[0]
     drawn = din.draw(np.random.default_rng(seed), field.lengths)
     return shared(field, drawn + pattern * np.sin(4.0 * field.samples.position[:, 0]))
 
@@ -50,7 +50,7 @@ def test_what_repeats_is_seen_below_the_noise():
 def test_fast_and_slow_courses_are_seen_in_slow_noise(length, size):
     """In 0.014 A of slow noise, what is fast is seen at a sixth of it, what changes every 8 bins at half of it."""
     lab, din = lever(), Din(spread=0.01, correlation=0.95, level=0.01)
-    field, found = lab.fields()[0], []
+    field, found = lab.bins()[0], []
     for seed in range(20):
         rng = np.random.default_rng(seed)
         own = np.repeat(rng.normal(0.0, size, 200), length)[: int(field.lengths.max())]
@@ -68,7 +68,7 @@ def test_the_floor_is_the_noise_whatever_repeats(pattern):
 
 def test_the_share_is_that_of_the_mean_square():
     """Physics of variance V in noise of variance N repeats with V / (V + N)."""
-    own = 0.05**2 * np.mean(np.sin(4.0 * lever().fields()[0].samples.position[:, 0]) ** 2)
+    own = 0.05**2 * np.mean(np.sin(4.0 * lever().bins()[0].samples.position[:, 0]) ** 2)
     found = np.mean([of(lever(), seed, 0.05).share for seed in range(30)])
     assert found == pytest.approx(own / (own + 0.01**2 + 0.006**2), rel=0.05)
 
@@ -76,7 +76,7 @@ def test_the_share_is_that_of_the_mean_square():
 def test_what_changes_in_time_does_not_repeat():
     """A warm-up makes repeats differ: it raises the floor and is no reason to call what is left physics of position."""
     lab = pendulum()
-    field = lab.fields()[0]
+    field = lab.bins()[0]
     warm = 0.05 * field.samples.direction * np.exp(-field.samples.time / (0.2 * field.samples.time.max()))
     plain, moved = (shared(field, DIN.draw(np.random.default_rng(1), field.lengths) + c) for c in (0.0, warm))
     assert moved.floor > 1.2 * plain.floor
@@ -85,15 +85,15 @@ def test_what_changes_in_time_does_not_repeat():
 def test_too_few_pairs_say_nothing():
     """Of three pairs every flip that matters comes up one time in eight."""
     lab = Lab.of(LEVER, design(LEVER, postures=1, speeds=(0.5,), repeats=3))
-    field = lab.fields()[0]
+    field = lab.bins()[0]
     assert len(field.pairs) == 4 and agreement(field, np.ones(len(field)), np.ones(len(field))) is not None
-    short = lab.fields(lab.runs[:4])[0]
+    short = lab.bins(lab.runs[:4])[0]
     assert len(short.pairs) < 4 and agreement(short, np.ones(len(short)), np.ones(len(short))) is None
 
 
 def test_repeats_are_compared_at_the_same_place():
     """Runs cut at other ends, one bin of the one beside the nearest of the other: physics still agrees."""
-    field = lever().fields()[0]
+    field = lever().bins()[0]
     for pair in field.pairs[:4]:
         a, b = field.side_by_side(field.samples.position[:, 0], pair)
         width = np.ptp(a) / (len(a) - 1)

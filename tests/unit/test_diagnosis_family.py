@@ -10,11 +10,11 @@ import pytest
 from scipy import stats
 from searches import Din, Lab, lever, pendulum
 
-from pumaid.diagnosis.added import Added
 from pumaid.diagnosis.familywise import Familywise, family
 from pumaid.diagnosis.scan import Scan, scan, surprise
 from pumaid.diagnosis.settling import settling
 from pumaid.diagnosis.variants import build
+from pumaid.effect_spec import EffectTerm
 
 NOISES = {"normal": Din(), "heavy": Din(is_heavy=True), "levels": Din(correlation=0.8, level=0.02)}
 LABS = {"lever": lever, "pendulum": pendulum}
@@ -31,14 +31,14 @@ def seen(found: Scan, chances: Familywise) -> float:
 
 
 @cache
-def settled(lab: Lab) -> tuple[Added, ...]:
+def settled(lab: Lab) -> tuple[EffectTerm, ...]:
     """What every experiment of a lab has beside its base model, whatever its noise."""
-    return settling(lab.fields())
+    return settling(lab.bins())
 
 
 def clean(lab: Lab, kind: str, seed: int) -> Scan:
     """Every effect tried where nothing is missing."""
-    solved = lab.solved(lab.noisy(seed, NOISES[kind]), settled(lab))
+    solved = lab.fitted(lab.noisy(seed, NOISES[kind]), settled(lab))
     return scan(solved, build(solved))
 
 
@@ -101,8 +101,9 @@ def test_white_noise_theory_would_raise_them():
     """With levels of runs, chi-square of unwhitened scores calls a law of speed missing in most clean experiments."""
     lab, alarms = lever(), 0
     for seed in range(20):
-        (field,) = lab.fields(lab.noisy(seed, NOISES["levels"]))
-        columns = field.base[:, np.any(field.base, axis=0)]
+        (field,) = lab.bins(lab.noisy(seed, NOISES["levels"]))
+        base = lab.model.design(field)
+        columns = base[:, np.any(base, axis=0)]
         speed = field.samples.direction * np.abs(field.samples.velocity[:, 0]) ** 0.3
         whole = np.column_stack([columns, speed])
         sizes, rest, *_ = np.linalg.lstsq(whole, field.current, rcond=None)
@@ -158,10 +159,10 @@ def test_every_effect_has_the_same_chance_of_an_alarm():
 def test_strong_effects_keep_numbers_finite():
     """An effect a hundred times the noise: no infinity or gap among the flips, its chance the smallest there is."""
     lab = pendulum()
-    solved = lab.solved(lab.noisy(0))
+    solved = lab.fitted(lab.noisy(0))
     row = solved.row(2)
-    column = row.field.samples.direction * row.field.samples.time
-    rows = (solved.row(1), replace(row, residual=row.noise.whiten(row.field, 0.1 * column)))
+    column = row.bins.samples.direction * row.bins.samples.time
+    rows = (solved.row(1), replace(row, residual=row.noise.whiten(row.bins, 0.1 * column)))
     found = scan(replace(solved, rows=rows), build(solved))
     chance = family(found)
     assert np.all(np.isfinite(chance.largest)) and np.all(np.isfinite(list(chance.handicaps.values())))

@@ -7,32 +7,32 @@ import pytest
 from scipy.linalg import block_diag
 from searches import LEVER, Lab, design, lever, pendulum, roots
 
-from pumaid.diagnosis.added import Added
 from pumaid.diagnosis.folds import Falls, falls, groups_of, postures_of
-from pumaid.diagnosis.system import Solved
+from pumaid.effect_spec import EffectTerm
 from pumaid.effects import catalogue
+from pumaid.estimation.fit import Fit
 from pumaid.simulation import Hidden
 
-STRIBECK = [Added(catalogue()["stribeck"], 1, {"velocity": v, "exponent": 1.0}) for v in (0.1, 0.3, 0.8)]
-SPRING = [Added(catalogue()["spring"], 1, {})]
-LOADED = [Added(catalogue()["load_friction"], 1, {})]
+STRIBECK = [EffectTerm(catalogue()["stribeck"], 1, {"velocity": v, "exponent": 1.0}) for v in (0.1, 0.3, 0.8)]
+SPRING = [EffectTerm(catalogue()["spring"], 1, {})]
+LOADED = [EffectTerm(catalogue()["load_friction"], 1, {})]
 
 
-def dense(solved: Solved, added: Added) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def dense(solved: Fit, added: EffectTerm) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Derivatives, columns and residuals of all joints, whitened by dense algebra."""
-    parts, width = [], solved.rows[0].plain.shape[1]
-    for row in solved.rows:
-        plain = np.column_stack([row.plain, added.columns(solved.model, row.field.samples), row.misfit])
-        pieces = np.split(plain, row.field.first[1:])
-        parts += [root @ piece for root, piece in zip(roots(row.field, row.noise), pieces, strict=True)]
+    parts, width = [], solved.joints[0].plain.shape[1]
+    for row in solved.joints:
+        plain = np.column_stack([row.plain, added.linear(solved.model.robot, row.bins.samples), row.misfit])
+        pieces = np.split(plain, row.bins.first[1:])
+        parts += [root @ piece for root, piece in zip(roots(row.bins, row.noise), pieces, strict=True)]
     whole = np.vstack(parts)
     return whole[:, :width], whole[:, width:-1], whole[:, -1]
 
 
-def brute(solved: Solved, shapes: list[Added], fold: tuple[int, tuple[int, ...]]) -> float:
+def brute(solved: Fit, shapes: list[EffectTerm], fold: tuple[int, tuple[int, ...]]) -> float:
     """Fit without the fold, with and without the shape that is best there; the fall of the square in the fold."""
     joint, runs = fold
-    out = np.concatenate([(row.field.joint == joint) & np.isin(row.field.run, runs) for row in solved.rows])
+    out = np.concatenate([(row.bins.joint == joint) & np.isin(row.bins.run, runs) for row in solved.joints])
     squares = []
     for added in shapes:
         base, columns, target = dense(solved, added)
@@ -50,7 +50,7 @@ def brute(solved: Solved, shapes: list[Added], fold: tuple[int, tuple[int, ...]]
 def test_falls_are_those_of_refits_without_the_runs(shapes):
     """Fold by fold, shapes chosen anew without it."""
     lab = Lab.of(LEVER, design(LEVER), Hidden("stribeck", 1, {"a": 0.1, "velocity": 0.3, "exponent": 1.0}))
-    solved = lab.solved(lab.noisy(1))
+    solved = lab.fitted(lab.noisy(1))
     folds = groups_of(solved, [1])
     expected = [brute(solved, shapes, fold) for fold in folds]
     np.testing.assert_allclose(falls(solved, shapes, folds).falls, expected, rtol=1e-3, atol=1e-2)
@@ -59,9 +59,9 @@ def test_falls_are_those_of_refits_without_the_runs(shapes):
 def test_falls_of_an_effect_in_several_joints():
     """What bends with joint 2's drive is fitted to the runs of both; a fold of one joint leaves the other's runs in."""
     lab = pendulum()
-    solved = lab.solved(lab.noisy(1))
-    bent = [Added(catalogue()["flexibility"], 2, {})]
-    assert all(np.any(bent[0].columns(solved.model, row.field.samples)) for row in solved.rows)
+    solved = lab.fitted(lab.noisy(1))
+    bent = [EffectTerm(catalogue()["flexibility"], 2, {})]
+    assert all(np.any(bent[0].linear(solved.model.robot, row.bins.samples)) for row in solved.joints)
     folds = groups_of(solved, [1, 2])[::6]
     expected = [brute(solved, bent, fold) for fold in folds]
     np.testing.assert_allclose(falls(solved, bent, folds).falls, expected, rtol=1e-3, atol=1e-2)
@@ -70,19 +70,19 @@ def test_falls_of_an_effect_in_several_joints():
 def test_rmse_of_runs_left_out_is_that_of_samples():
     """Before and after are in A, over the samples of every run once, the variance inside bins included."""
     lab = Lab.of(LEVER, design(LEVER), Hidden("spring", 1, {"a": 0.1}))
-    solved = lab.solved(lab.noisy(1))
+    solved = lab.fitted(lab.noisy(1))
     row, squares, count = solved.row(1), np.zeros(2), 0.0
-    root = block_diag(*roots(row.field, row.noise))
-    designs = (row.plain, np.column_stack([row.plain, SPRING[0].columns(solved.model, row.field.samples)]))
+    root = block_diag(*roots(row.bins, row.noise))
+    designs = (row.plain, np.column_stack([row.plain, SPRING[0].linear(solved.model.robot, row.bins.samples)]))
     for _, runs in groups_of(solved, [1]):
-        out = np.isin(row.field.run, runs)
+        out = np.isin(row.bins.run, runs)
         for place, whole in enumerate(designs):
             size = np.linalg.norm(whole, axis=0) + 1e-300
             white = root[np.ix_(~out, ~out)]
             fitted = np.linalg.lstsq(white @ whole[~out] / size, white @ row.misfit[~out], rcond=1e-9)[0] / size
             left = row.misfit[out] - whole[out] @ fitted
-            squares[place] += float(row.field.count[out] @ (left**2 + row.field.inside[out]))
-        count += float(row.field.count[out].sum())
+            squares[place] += float(row.bins.count[out] @ (left**2 + row.bins.inside[out]))
+        count += float(row.bins.count[out].sum())
     found = falls(solved, SPRING, groups_of(solved, [1]))
     np.testing.assert_allclose([found.before, found.after], np.sqrt(squares / count), rtol=1e-4)
     assert found.after < found.before
@@ -90,29 +90,29 @@ def test_rmse_of_runs_left_out_is_that_of_samples():
 
 def test_repeated_runs_leave_together():
     """Else a run's twin would tell what is missing in it; every run leaves once."""
-    solved = lever().solved(lever().noisy(0))
+    solved = lever().fitted(lever().noisy(0))
     folds = groups_of(solved, [1])
     assert sorted(run for _, runs in folds for run in runs) == list(range(32))
     for _, runs in folds:  # a single joint has one posture: both "postures" of the design are the same to it
-        assert len(runs) == 4 and len({solved.row(1).field.runs[k].speed for k in runs}) == 1
+        assert len(runs) == 4 and len({solved.row(1).bins.runs[k].speed for k in runs}) == 1
 
 
 def test_postures_leave_whole():
     """All runs of a posture, whatever speed and direction."""
-    solved = pendulum().solved(pendulum().noisy(0))
+    solved = pendulum().fitted(pendulum().noisy(0))
     folds = postures_of(solved, [1])
     assert [len(runs) for _, runs in folds] == [12, 12, 12]
     for _, runs in folds:
-        assert len({tuple(np.round(solved.row(1).field.runs[k].posture[1:], 6)) for k in runs}) == 1
+        assert len({tuple(np.round(solved.row(1).bins.runs[k].posture[1:], 6)) for k in runs}) == 1
 
 
 def test_what_the_other_runs_do_not_show_is_not_guessed():
     """A step between the first run and all others is seen in that run alone: without it nothing is predicted of it."""
     lab = lever()
-    solved = lab.solved(lab.noisy(0))
-    field = solved.row(1).field
+    solved = lab.fitted(lab.noisy(0))
+    field = solved.row(1).bins
     second = float(field.samples.time[field.first[1]])
-    step = [Added(catalogue()["friction_step"], 1, {"time": second - 0.5})]
+    step = [EffectTerm(catalogue()["friction_step"], 1, {"time": second - 0.5})]
     found = falls(solved, step, [(1, (0,))])
     assert found.falls[0] == pytest.approx(0.0, abs=1e-6)
 

@@ -9,9 +9,9 @@ from searches import LEVER, Din, Lab, design, left, lever, pendulum, roots, with
 from pumaid.diagnosis.contender import evidence
 from pumaid.diagnosis.freeform import FORMS, forms, free_trials, hats, knot_values, variable
 from pumaid.diagnosis.scan import scan
-from pumaid.diagnosis.system import Solved
 from pumaid.diagnosis.variants import build
 from pumaid.diagnosis.verdict import judged
+from pumaid.estimation.fit import Fit
 
 
 def test_hats_add_up_to_one():
@@ -31,7 +31,7 @@ def test_hats_interpolate():
     np.testing.assert_allclose(hats(x, knots) @ values, np.interp(x, knots, values), atol=1e-12)
 
 
-def hiding(lab: Lab, current, seed: int = 1) -> Solved:
+def hiding(lab: Lab, current, seed: int = 1) -> Fit:
     """An experiment in which a joint draws `current` (q, s, v, t, travel) more; noise as it is without that."""
     runs, plain = [], lab.noisy(seed, Din(spread=0.01, correlation=0.5, level=0.004))
     for run in plain:
@@ -39,7 +39,7 @@ def hiding(lab: Lab, current, seed: int = 1) -> Solved:
         q, v = run.bins.position[:, own], run.bins.velocity
         more = current(q=q, s=float(run.direction), v=v, t=run.bins.time, travel=np.abs(q - run.span[0]))
         runs.append(with_current(run, more if run.joint == lab.robot.n_joints else 0.0 * q))
-    return lab.solved(runs, noises=lab.solved(plain).noises)
+    return lab.fitted(runs, noises=lab.fitted(plain).noises)
 
 
 def bump(x, at: float, width: float):
@@ -88,10 +88,10 @@ def test_statistic_is_the_fall_of_the_square():
     solved = hiding(lever(), HIDDEN["s f(q)"])
     row = solved.row(1)
     for found in free_trials(solved, 1):
-        columns = found.added.columns(solved.model, row.field.samples)
+        columns = found.added.linear(solved.model.robot, row.bins.samples)
         whole = np.column_stack([row.plain, columns, row.misfit])
         parts = [
-            root @ p for root, p in zip(roots(row.field, row.noise), np.split(whole, row.field.first[1:]), strict=True)
+            root @ p for root, p in zip(roots(row.bins, row.noise), np.split(whole, row.bins.first[1:]), strict=True)
         ]
         white, p = np.vstack(parts), row.plain.shape[1]
         fall = left(white[:, :p], white[:, -1]) - left(white[:, :-1], white[:, -1])
@@ -101,13 +101,13 @@ def test_statistic_is_the_fall_of_the_square():
 
 def test_forms_are_those_that_the_runs_can_show():
     """At one speed nothing can be said of speed; without a load that changes nothing of load."""
-    names = {form.form.name for form in forms(lever().fields()[0])}
+    names = {form.form.name for form in forms(lever().bins()[0])}
     assert names == {form.name for form in FORMS} - {"s f(load)"}  # fields carry no loads before a fit
     single = Lab.of(LEVER, design(LEVER, speeds=(0.5,)))
-    assert "s f(v)" not in {form.form.name for form in forms(single.fields()[0])}
-    solved = pendulum().solved(pendulum().noisy(0))
-    assert "s f(load)" in {form.form.name for form in forms(solved.row(2).field)}
-    assert np.ptp(variable(solved.row(2).field.samples, "load")) > 0.01
+    assert "s f(v)" not in {form.form.name for form in forms(single.bins()[0])}
+    solved = pendulum().fitted(pendulum().noisy(0))
+    assert "s f(load)" in {form.form.name for form in forms(solved.row(2).bins)}
+    assert np.ptp(variable(solved.row(2).bins.samples, "load")) > 0.01
 
 
 def test_a_nameless_patch_is_unexplained_and_drawn():

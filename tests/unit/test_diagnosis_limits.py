@@ -10,9 +10,9 @@ from scipy import stats
 from searches import LEVER, Din, Lab, design, lever, pendulum
 from worlds import PENDULUM
 
-from pumaid.diagnosis.added import Added
 from pumaid.diagnosis.limits import limits, needed
 from pumaid.diagnosis.stepwise import Step, Stepwise
+from pumaid.effect_spec import EffectTerm
 from pumaid.effects import catalogue
 from pumaid.records import Limit
 
@@ -21,13 +21,13 @@ DIN = Din(spread=0.01, correlation=0.5, level=0.004)
 MORE = ("torque_droop", "flexibility")
 
 
-def look(lab: Lab, seed: int, added: Added | None = None, size: float = 0.0) -> Step:
+def look(lab: Lab, seed: int, added: EffectTerm | None = None, size: float = 0.0) -> Step:
     """One look at an experiment in which an effect of joint 1 draws `size` times its first column more."""
-    search = Stepwise(lab.model, lab.noisy(seed, DIN), lab.start)
+    search = Stepwise(lab.model, lab.noisy(seed, DIN))
     if added is not None:
         (field,) = search._coarse
-        loads = lab.solved(lab.runs).row(1).field.samples.loads
-        column = added.columns(lab.model, replace(field.samples, loads=loads))[:, 0]
+        loads = lab.fitted(lab.runs).row(1).bins.samples.loads
+        column = added.linear(lab.model.robot, replace(field.samples, loads=loads))[:, 0]
         search._coarse = search._finest = (replace(field, current=field.current + size * column),)
     return search.look([])
 
@@ -40,7 +40,7 @@ def told(step: Step) -> dict:
 @pytest.mark.parametrize("name", ["spring", *[pytest.param(name, marks=pytest.mark.slow) for name in MORE]])
 def test_an_effect_of_the_limits_size_is_found_four_times_in_five(name):
     """Found and named (rivals count) in 58 to 97 % of 40 experiments (99.9 % of a binomial); a third is not."""
-    added = Added(catalogue()[name], 1, {})
+    added = EffectTerm(catalogue()[name], 1, {})
     limit = float(np.mean([told(look(lever(), seed))[name, 1].size for seed in (901, 902, 903)]))
     hits = {}
     for share, draws in ((1.0, 25), (0.33, 8)):
@@ -91,7 +91,7 @@ def test_more_noise_and_fewer_runs_raise_limits():
     loud = replace(DIN, spread=2 * DIN.spread, level=2 * DIN.level)
     sizes = []
     for lab, din in ((lever(), DIN), (lever(), loud), (few, DIN)):
-        found = [told(Stepwise(lab.model, lab.noisy(seed, din), lab.start).look([])) for seed in (1, 2, 3)]
+        found = [told(Stepwise(lab.model, lab.noisy(seed, din)).look([])) for seed in (1, 2, 3)]
         sizes.append(np.mean([one["spring", 1].size for one in found]))
     assert sizes[1] / sizes[0] == pytest.approx(2.0, rel=0.15)
     assert 1.5 < sizes[2] / sizes[0] < 8.0
@@ -102,7 +102,7 @@ def test_a_ripples_limit_is_the_amplitude_that_is_found():
     first = look(lever(), 905)
     limit, spectrum = told(first)["ripple", 1].size, first.scan.spectra[1]
     at = float(spectrum.frequency[np.abs(spectrum.information - np.median(spectrum.information)).argmin()])
-    wave = Added(catalogue()["ripple"], 1, {"frequency": at})
+    wave = EffectTerm(catalogue()["ripple"], 1, {"frequency": at})
     hits = {}
     for share in (0.4, 1.0):
         looks = [look(lever(), seed, wave, share * limit) for seed in range(12)]

@@ -9,10 +9,8 @@ import pytest
 from searches import LEVER, Din, Lab, covariance, design, lever
 from worlds import course, run_of
 
-from pumaid.diagnosis import noise as module
-from pumaid.diagnosis.field import Field, fields
-from pumaid.diagnosis.noise import Noise, noise
-from pumaid.model import Model
+from pumaid.estimation.noise import Noise, noise_of
+from pumaid.joint_bins import JointBins, joint_bins
 from pumaid.records import Campaign
 
 #: Draws of noise over which an estimate's mean is taken.
@@ -20,15 +18,17 @@ DRAWS = 60
 
 
 @cache
-def uneven() -> Field:
+def uneven() -> JointBins:
     """Runs of 12, 1, 2 and 7 bins."""
     path = course("constant", -1.0, 1.0, duration=2.0, samples=48)
     runs = [run_of(LEVER, 1, [0.0], course=path, current=np.sin(path[1]), bins=bins) for bins in (12, 1, 2, 7)]
-    return fields(Model(LEVER), runs, campaign=Campaign.of(runs))[0]
+    return joint_bins(LEVER, runs, campaign=Campaign.of(runs))[0]
 
 
-STATED = Noise(np.array([0.6, 0.3, 0.9, 0.0]), np.array([0.02, 0.01, 0.03, 0.05]), 0.04, from_replicates=True)
-NO_LEVEL = Noise(STATED.correlation, STATED.spread, 0.0, from_replicates=True)
+STATED = Noise(
+    np.array([0.6, 0.3, 0.9, 0.0]), np.array([0.02, 0.01, 0.03, 0.05]), np.full(4, 0.04), from_replicates=True
+)
+NO_LEVEL = Noise(STATED.correlation, STATED.spread, np.zeros(4), from_replicates=True)
 
 
 @pytest.mark.parametrize("stated", [STATED, NO_LEVEL])
@@ -55,10 +55,10 @@ def test_columns_are_whitened_each_for_itself():
 
 def estimates(lab: Lab, din: Din, pattern: float = 0.0) -> list[Noise]:
     """What is found in pure noise of a known kind, on a course of the position (A) that every run repeats."""
-    (one,) = lab.fields()
+    (one,) = lab.bins()
     same = pattern * np.sin(5.0 * one.samples.position[:, 0])
     draws = [din.draw(np.random.default_rng(seed), one.lengths) for seed in range(DRAWS)]
-    return [noise(one, same + drawn) for drawn in draws]
+    return [noise_of(one, same + drawn) for drawn in draws]
 
 
 @cache
@@ -76,7 +76,7 @@ def test_replicates_show_the_noise_whatever_the_model_misses(correlation, patter
     assert all(one.from_replicates for one in found)
     assert np.mean([one.correlation.mean() for one in found]) == pytest.approx(correlation, abs=0.03)
     assert np.mean([one.spread.mean() for one in found]) == pytest.approx(0.01, rel=0.03)
-    squares = np.array([one.level**2 for one in found])
+    squares = np.array([float(one.level[0]) ** 2 for one in found])
     assert abs(squares.mean() - 0.006**2) < 4.0 * squares.std() / np.sqrt(DRAWS)
 
 
@@ -92,7 +92,7 @@ def test_without_replicates_missing_physics_passes_for_noise():
 def test_short_runs_hide_correlation_and_that_is_mended():
     """With 16 bins a run the plain estimate of a correlation of 0.8 is short by 0.2; what is told is within 0.06."""
     short = Lab.of(LEVER, design(LEVER), bins=16)
-    (one,) = short.fields()
+    (one,) = short.bins()
     plain = []
     for seed in range(DRAWS):
         parts = np.split(Din(correlation=0.8).draw(np.random.default_rng(seed), one.lengths), one.first[1:])
@@ -106,13 +106,13 @@ def test_short_runs_hide_correlation_and_that_is_mended():
 
 def test_runs_whose_cells_last_otherwise_have_their_own_noise(monkeypatch):
     """Slow runs made noisy and quick ones quiet are told apart, though they repeat in one field."""
-    monkeypatch.setattr(module, "FEWEST_CELLS", 200)
-    (one,) = lever().fields()
+    monkeypatch.setattr("pumaid.estimation.noise.FEWEST_BINS", 200)
+    (one,) = lever().bins()
     is_slow = np.abs([run.speed for run in one.runs]) < 0.4
     rng, parts = np.random.default_rng(3), []
     for length, slow in zip(one.lengths, is_slow, strict=True):
         parts.append(Din(0.02 if slow else 0.005, 0.7 if slow else 0.2, 0.0).draw(rng, [length]))
-    found = noise(one, np.concatenate(parts))
+    found = noise_of(one, np.concatenate(parts))
     for group, spread, correlation in ((is_slow, 0.02, 0.7), (~is_slow, 0.005, 0.2)):
         np.testing.assert_allclose(found.spread[group], spread, rtol=0.15)
         np.testing.assert_allclose(found.correlation[group], correlation, atol=0.15)
@@ -120,5 +120,5 @@ def test_runs_whose_cells_last_otherwise_have_their_own_noise(monkeypatch):
 
 def test_no_noise_at_all_is_not_zero():
     """What a simulation without noise leaves is rounding; a spread of nothing could not be divided by."""
-    (one,) = lever().fields()
-    assert np.all(noise(one, np.zeros(len(one))).spread > 0.0)
+    (one,) = lever().bins()
+    assert np.all(noise_of(one, np.zeros(len(one))).spread > 0.0)

@@ -9,9 +9,10 @@ import pytest
 from searches import LEVER, Din, Lab, design, left, roots
 
 from pumaid.dataset import Run
-from pumaid.diagnosis.field import fields
 from pumaid.diagnosis.periodogram import Spectrum, spectrum
-from pumaid.diagnosis.system import Row, loaded, solve
+from pumaid.estimation.fit import FitRow, loaded
+from pumaid.estimation.gls import fit_with_replicates
+from pumaid.joint_bins import joint_bins
 from pumaid.simulation import Hidden
 
 CELLS = 256
@@ -25,23 +26,23 @@ def lab(amplitude: float = 0.0, frequency: float = 40.0, repeats: int = 2) -> La
     return Lab.of(LEVER, plan, *([Hidden("ripple", 1, values)] if amplitude else []), bins=CELLS)
 
 
-def row_of(some: Lab, seed: int = 2) -> Row:
+def row_of(some: Lab, seed: int = 2) -> FitRow:
     """One experiment with noise, its fit on all bins."""
     return solved_row(some, some.noisy(seed))
 
 
-def solved_row(some: Lab, runs: tuple[Run, ...]) -> Row:
+def solved_row(some: Lab, runs: tuple[Run, ...]) -> FitRow:
     """The fit of these runs on all their bins."""
-    return loaded(solve(some.model, fields(some.model, runs, most=CELLS), some.start)).row(1)
+    return loaded(fit_with_replicates(some.model, joint_bins(some.robot, runs, most=CELLS))).row(1)
 
 
-def dense(row: Row, frequency: float) -> tuple[np.ndarray, float]:
+def dense(row: FitRow, frequency: float) -> tuple[np.ndarray, float]:
     """Scores of cosine and sine, and the fall of the square with both added to the fit, from dense whitening."""
-    q = row.field.samples.position[:, 0]
+    q = row.bins.samples.position[:, 0]
     waves = np.column_stack([np.cos(frequency * q), np.sin(frequency * q)])
     whole = np.column_stack([row.plain, waves, row.misfit])
-    parts = np.split(whole, row.field.first[1:])
-    white = np.vstack([root @ part for root, part in zip(roots(row.field, row.noise), parts, strict=True)])
+    parts = np.split(whole, row.bins.first[1:])
+    white = np.vstack([root @ part for root, part in zip(roots(row.bins, row.noise), parts, strict=True)])
     p = row.plain.shape[1]
     fall = left(white[:, :p], white[:, -1]) - left(white[:, :-1], white[:, -1])
     return white[:, p:-1].T @ white[:, -1], fall
@@ -83,8 +84,8 @@ def test_the_peak_is_at_the_ripple():
 def test_frequencies_go_from_three_periods_to_two_cells_a_period():
     """Closer than two fifths of a resolution, so that no peak falls between."""
     row = row_of(lab())
-    found, way = spectrum(row), np.ptp(row.field.samples.position[:, 0])
-    width = way / (np.median(row.field.lengths) - 1)
+    found, way = spectrum(row), np.ptp(row.bins.samples.position[:, 0])
+    width = way / (np.median(row.bins.lengths) - 1)
     assert found.frequency[0] == pytest.approx(3.0 * 2.0 * np.pi / way, rel=0.2)
     assert 0.85 * np.pi / width < found.frequency[-1] < np.pi / width
     assert np.diff(found.frequency).max() <= 2.0 * np.pi / way / 2.5 * 1.001
@@ -131,4 +132,4 @@ def test_of_few_runs_pieces_are_flipped():
 def test_runs_of_few_cells_have_no_frequencies():
     """Four bins a run show nothing that a fit has not taken."""
     some = Lab.of(LEVER, design(LEVER, speeds=(1.0,)), bins=4)
-    assert spectrum(some.solved(some.noisy(0)).row(1)) is None
+    assert spectrum(some.fitted(some.noisy(0)).row(1)) is None

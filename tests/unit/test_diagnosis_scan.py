@@ -11,35 +11,35 @@ from scipy.optimize import least_squares, nnls
 from searches import LEVER, Lab, design, left, lever, pendulum, roots
 from worlds import PENDULUM
 
-from pumaid.diagnosis.added import Added
 from pumaid.diagnosis.contender import misfit_with
 from pumaid.diagnosis.refine import at, refined, trials_at
 from pumaid.diagnosis.scan import Projector, Trial, scan, surprise, trial_of
-from pumaid.diagnosis.system import Solved
 from pumaid.diagnosis.variants import build
+from pumaid.effect_spec import EffectTerm
 from pumaid.effects import Scope, catalogue
+from pumaid.estimation.fit import Fit
 from pumaid.simulation import Hidden
 
 HIDDEN = Hidden("stribeck", 1, {"a": 0.1, "velocity": 0.3, "exponent": 1.0})
 
 
-def solved_of(lab: Lab, seed: int = 1) -> Solved:
+def solved_of(lab: Lab, seed: int = 1) -> Fit:
     """One experiment with noise."""
-    return lab.solved(lab.noisy(seed))
+    return lab.fitted(lab.noisy(seed))
 
 
-def stacked(solved: Solved, added: Added) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def stacked(solved: Fit, added: EffectTerm) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Every joint's derivatives, a candidate's columns and the residuals, whitened by dense algebra."""
     parts = []
-    for row in solved.rows:
-        plain = np.column_stack([row.plain, added.columns(solved.model, row.field.samples), row.misfit])
-        pieces = np.split(plain, row.field.first[1:])
-        parts += [root @ piece for root, piece in zip(roots(row.field, row.noise), pieces, strict=True)]
-    whole, width = np.vstack(parts), solved.rows[0].plain.shape[1]
+    for row in solved.joints:
+        plain = np.column_stack([row.plain, added.linear(solved.model.robot, row.bins.samples), row.misfit])
+        pieces = np.split(plain, row.bins.first[1:])
+        parts += [root @ piece for root, piece in zip(roots(row.bins, row.noise), pieces, strict=True)]
+    whole, width = np.vstack(parts), solved.joints[0].plain.shape[1]
     return whole[:, :width], whole[:, width:-1], whole[:, -1]
 
 
-def gain(solved: Solved, added: Added, kept: np.ndarray) -> float:
+def gain(solved: Fit, added: EffectTerm, kept: np.ndarray) -> float:
     """By how much a dense refit with a candidate's `kept` columns lowers the square."""
     base, columns, target = stacked(solved, added)
     return left(base, target) - left(np.column_stack([base, columns[:, kept]]), target)
@@ -51,7 +51,7 @@ def test_statistic_is_the_fall_of_the_square(lab):
     solved = solved_of(lab())
     trials = scan(solved, build(solved)).trials
     chosen = {trial.added.key: trial for trial in trials}
-    assert len(chosen) >= 14 * len(solved.rows)
+    assert len(chosen) >= 14 * len(solved.joints)
     for trial in chosen.values():
         kept = np.flatnonzero(trial.sizes)
         assert trial.statistic == pytest.approx(gain(solved, trial.added, kept), rel=2e-4, abs=2e-4)
@@ -61,9 +61,9 @@ def test_statistic_is_close_to_the_whole_refit_where_ratios_of_gains_are_free():
     """A spring at the inner joint of a pendulum, ratio of gains fitted anew too, not linearised: within 5 %."""
     lab = Lab.of(PENDULUM, design(PENDULUM, postures=3), Hidden("spring", 1, {"a": 0.05}))
     solved = solved_of(lab)
-    added = Added(catalogue()["spring"], 1, {})
+    added = EffectTerm(catalogue()["spring"], 1, {})
     trial = at(Projector(solved), added)
-    again = lab.solved(lab.noisy(1), [added], noises=solved.noises)
+    again = lab.fitted(lab.noisy(1), [added], noises=solved.noises)
     assert trial.statistic > 100.0
     assert trial.statistic == pytest.approx(solved.square - again.square, rel=0.05)
     np.testing.assert_allclose(trial.sizes, again.sizes[0], rtol=0.05)
@@ -73,7 +73,7 @@ def test_information_and_sizes_are_those_of_the_refit():
     """Parameters and their covariance are those of dense least squares over base and candidate."""
     solved = solved_of(Lab.of(LEVER, design(LEVER), HIDDEN))
     for name, shape in (("stribeck", {"velocity": 0.3, "exponent": 1.0}), ("ripple", {"frequency": 9.0})):
-        trial = at(Projector(solved), Added(catalogue()[name], 1, shape))
+        trial = at(Projector(solved), EffectTerm(catalogue()[name], 1, shape))
         base, columns, target = stacked(solved, trial.added)
         whole = np.column_stack([base[:, np.any(base, axis=0)], columns])
         inverse, width = np.linalg.pinv(whole), columns.shape[1]
@@ -85,9 +85,9 @@ def test_information_and_sizes_are_those_of_the_refit():
 def test_scores_of_runs_add_up_to_the_gain():
     """Runs' scores are one row a run of all joints; their sum, squared in the information's measure, is the gain."""
     solved = solved_of(pendulum())
-    trial = at(Projector(solved), Added(catalogue()["position_friction"], 2, {"harmonic": 2.0}))
+    trial = at(Projector(solved), EffectTerm(catalogue()["position_friction"], 2, {"harmonic": 2.0}))
     total = trial.scores.sum(axis=0)
-    assert len(trial.scores) == sum(len(row.field.runs) for row in solved.rows)
+    assert len(trial.scores) == sum(len(row.bins.runs) for row in solved.joints)
     assert trial.statistic == pytest.approx(float(total @ np.linalg.solve(trial.information, total)))
 
 
@@ -117,8 +117,11 @@ def test_every_effect_is_tried_or_said_not_to_be():
 def test_what_the_model_has_is_not_tried_again():
     """An effect that is in the model at a joint is still tried at others, and one of another harmonic at the same."""
     lab = pendulum()
-    inside = [Added(catalogue()["spring"], 1, {}), Added(catalogue()["position_friction"], 1, {"harmonic": 2.0})]
-    tried = build(lab.solved(lab.noisy(1), inside))
+    inside = [
+        EffectTerm(catalogue()["spring"], 1, {}),
+        EffectTerm(catalogue()["position_friction"], 1, {"harmonic": 2.0}),
+    ]
+    tried = build(lab.fitted(lab.noisy(1), inside))
     keys = {one.added.key for one in tried.variants}
     assert ("spring", 1) not in keys and ("spring", 2) in keys
     is_repeatable = catalogue()["position_friction"].is_repeatable
@@ -129,13 +132,13 @@ def test_what_the_model_has_is_not_tried_again():
 def test_a_mirrored_effect_is_not_added(lab):
     """Friction that rises where Stribeck's falls gains nothing; the same experiment with its current mirrored does."""
     solved = solved_of(lab())
-    row = solved.rows[0]
-    added = Added(catalogue()["stribeck"], 1, {"velocity": 0.3, "exponent": 1.0})
-    column = row.noise.whiten(row.field, added.columns(solved.model, row.field.samples))[:, 0]
+    row = solved.joints[0]
+    added = EffectTerm(catalogue()["stribeck"], 1, {"velocity": 0.3, "exponent": 1.0})
+    column = row.noise.whiten(row.bins, added.linear(solved.model.robot, row.bins.samples))[:, 0]
     side = float(solved.signs(added)[0])
     found = []
     for sign in (side, -side):
-        rows = (replace(row, residual=row.residual + 3.0 * sign * column), *solved.rows[1:])
+        rows = (replace(row, residual=row.residual + 3.0 * sign * column), *solved.joints[1:])
         found.append(at(Projector(replace(solved, rows=rows)), added))
     assert abs(side) == 1.0
     assert found[0].statistic > 100.0 and found[0].sizes[0] * side > 0.0
@@ -145,7 +148,7 @@ def test_a_mirrored_effect_is_not_added(lab):
 def test_of_two_signed_parameters_the_wrong_one_is_held_at_zero():
     """Where one is wrong the gain is that of least squares with bounds, whatever the two share."""
     rng, checked = np.random.default_rng(5), 0
-    added = Added(catalogue()["load_friction"], 1, {})
+    added = EffectTerm(catalogue()["load_friction"], 1, {})
     for _ in range(200):
         A = rng.normal(size=(6, 2))
         y = rng.normal(size=6)
@@ -187,15 +190,15 @@ def test_leverage_restores_the_spread_of_fitted_scores():
 def test_misfit_with_an_effect_is_that_of_the_refit():
     """What is left in A, bin by bin, against a dense weighted refit."""
     solved = solved_of(Lab.of(LEVER, design(LEVER), HIDDEN))
-    trial = at(Projector(solved), Added(catalogue()["stribeck"], 1, {"velocity": 0.3, "exponent": 1.0}))
+    trial = at(Projector(solved), EffectTerm(catalogue()["stribeck"], 1, {"velocity": 0.3, "exponent": 1.0}))
     base, columns, target = stacked(solved, trial.added)
     move = np.linalg.pinv(np.column_stack([base, columns])) @ target
     row = solved.row(1)
-    plain = np.column_stack([row.plain, trial.added.columns(solved.model, row.field.samples)])
+    plain = np.column_stack([row.plain, trial.added.linear(solved.model.robot, row.bins.samples)])
     np.testing.assert_allclose(misfit_with(solved, trial)[1], row.misfit - plain @ move, atol=1e-7)
 
 
-def best(solved: Solved, name: str) -> tuple[Trial, Trial]:
+def best(solved: Fit, name: str) -> tuple[Trial, Trial]:
     """An effect at joint 1 at the best point of its grid, and refined."""
     found = scan(solved, build(solved, [catalogue()[name]])).best()[name, 1]
     return found, refined(Projector(solved), found)
@@ -207,7 +210,7 @@ def test_refining_finds_the_best_of_a_dense_grid():
     grid, found = best(solved, "stribeck")
     points = [{"velocity": v, "exponent": d} for v in np.geomspace(0.05, 2.0, 40) for d in np.linspace(0.5, 2.0, 16)]
     effect = catalogue()["stribeck"]
-    dense = [one for one in trials_at(Projector(solved), [Added(effect, 1, p) for p in points]) if one is not None]
+    dense = [one for one in trials_at(Projector(solved), [EffectTerm(effect, 1, p) for p in points]) if one is not None]
     highest = max(one.statistic for one in dense)
     assert found.statistic >= grid.statistic
     assert found.statistic > highest - 0.05

@@ -11,63 +11,55 @@ from scipy.optimize import least_squares
 from searches import LEVER, Lab, design, left, lever, pendulum, roots, whitened
 from worlds import STANFORD
 
-from pumaid.diagnosis.added import Added
-from pumaid.diagnosis.chain import SPREAD, pseudo_inverse
 from pumaid.diagnosis.settling import settling
-from pumaid.diagnosis.system import Solved, at_bins, misfit_at
-from pumaid.effects import catalogue
+from pumaid.effect_spec import EffectTerm
+from pumaid.effects import Scope, catalogue
+from pumaid.estimation.fit import Fit, at_bins, design_of, misfit_at
+from pumaid.maths.rank import pseudo_inverse
+from pumaid.model import Model
 
-STRIBECK = Added(catalogue()["stribeck"], 1, {"velocity": 0.3, "exponent": 1.0})
-WARMUP = Added(catalogue()["warmup"], 1, {"time_constant": 60.0})
-SPRING = Added(catalogue()["spring"], 1, {})
+STRIBECK = EffectTerm(catalogue()["stribeck"], 1, {"velocity": 0.3, "exponent": 1.0})
+WARMUP = EffectTerm(catalogue()["warmup"], 1, {"time_constant": 60.0})
+SPRING = EffectTerm(catalogue()["spring"], 1, {})
 
 
 class Written:
     """The bilinear problem in the paper's words: link parameters of an outer link times a ratio of gains."""
 
-    def __init__(self, solved: Solved) -> None:
-        self.solved = solved
-        names = solved.model.names
-        self.links = [int(name.split(".")[1][1:]) if ".l" in name else 0 for name in names]
-        self.joints = solved.model.robot.n_joints
-        self.roots = [block_diag(*roots(row.field, row.noise)) for row in solved.rows]
+    def __init__(self, fitted: Fit) -> None:
+        self.fitted, self.base = fitted, Model(fitted.model.robot)
+        self.edges = fitted.gains.edges
+        self.begin = np.concatenate([fitted.values, [fitted.gains.edge[edge] for edge in self.edges]])
+        self.roots = [block_diag(*roots(row.bins, row.noise)) for row in fitted.joints]
+        self.designs = {row.bins.joint: design_of(fitted.model, row.bins, fitted) for row in fitted.joints}
 
-    def predicted(self, field, theta: np.ndarray) -> np.ndarray:
+    def predicted(self, joint: int, theta: np.ndarray) -> np.ndarray:
         """(N,) A in a joint, column after column."""
-        p, more = len(self.links), 0
-        out = np.zeros(len(field))
-        for column, link in enumerate(self.links):
+        out = np.zeros(len(self.designs[joint]))
+        for number, column in enumerate(self.fitted.model.columns):
             ratio = 1.0
-            if link:
-                first = self.solved.start.scales[field.joint - 1, link - 1]
-                change = theta[p + field.joint - 1] - theta[p + link - 1]
-                ratio = 0.0 if np.isnan(first) else first * np.exp(change)
-            out += ratio * theta[column] * field.base[:, column]
-        for one in self.solved.added:
-            for column in one.columns(self.solved.model, field.samples).T:
-                out += theta[p + self.joints + more] * column
-                more += 1
+            if column.scope is Scope.LINK:
+                for member in range(joint, column.owner):
+                    ratio *= theta[len(self.fitted.values) + self.edges.index(member)]
+            out += ratio * theta[number] * self.designs[joint][:, number]
         return out
 
     def misfits(self, theta: np.ndarray) -> np.ndarray:
-        """All whitened residuals, and how far the ratios have moved from the fit in their allowance."""
+        """All whitened residuals, and how far effects are from what is likely before any data."""
         parts = [
-            root @ (row.field.current - self.predicted(row.field, theta))
-            for root, row in zip(self.roots, self.solved.rows, strict=True)
+            root @ (row.bins.current - self.predicted(row.bins.joint, theta))
+            for root, row in zip(self.roots, self.fitted.joints, strict=True)
         ]
-        moved = theta[len(self.links) : len(self.links) + self.joints]
-        return np.concatenate([*parts, moved / SPREAD])
+        return np.concatenate([*parts, self.fitted.held @ theta[: len(self.fitted.values)]])
 
     def least(self) -> np.ndarray:
         """The minimum, from what was found moved by a tenth."""
-        extra = sum(len(size) for size in self.solved.sizes)
-        begin = np.concatenate([0.9 * self.solved.start.base, np.full(self.joints, 0.05), np.zeros(extra)])
-        return least_squares(self.misfits, begin, x_scale="jac", xtol=1e-14, ftol=1e-14, gtol=1e-14).x
+        return least_squares(self.misfits, 0.9 * self.begin, x_scale="jac", xtol=1e-14, ftol=1e-14, gtol=1e-14).x
 
 
-def noisy(lab: Lab, *added: Added) -> Solved:
+def noisy(lab: Lab, *added: EffectTerm) -> Fit:
     """An experiment with noise, solved."""
-    return lab.solved(lab.noisy(3), added)
+    return lab.fitted(lab.noisy(3), added)
 
 
 @pytest.mark.parametrize("added", [(), (SPRING,)])
@@ -76,10 +68,10 @@ def test_the_minimum_is_that_of_the_whole_problem(added):
     solved = noisy(pendulum(), *added)
     written = Written(solved)
     theta = written.least()
-    for row in solved.rows:
-        misfit = row.field.current - written.predicted(row.field, theta)
+    for row in solved.joints:
+        misfit = row.bins.current - written.predicted(row.bins.joint, theta)
         np.testing.assert_allclose(row.misfit, misfit, atol=1e-6)
-    total = float(np.sum(written.misfits(theta)[: solved.bins] ** 2))
+    total = float(np.sum(written.misfits(theta)[: solved.size] ** 2))
     assert solved.square == pytest.approx(total, rel=1e-8)
 
 
@@ -87,24 +79,23 @@ def test_jacobian_is_the_derivative_of_the_prediction():
     """By every parameter, ratios of gains included, against central differences of the problem written out."""
     solved = noisy(pendulum())
     written = Written(solved)
-    n = solved.model.robot.n_joints
-    theta = np.concatenate([solved.start.base, np.zeros(n)])
-    for row in solved.rows:
+    theta = written.begin
+    for row in solved.joints:
         for place in range(len(theta)):
             step = np.zeros(len(theta))
             step[place] = 1e-5 * max(abs(theta[place]), 1.0)
-            ends = [written.predicted(row.field, theta + sign * step) for sign in (1.0, -1.0)]
-            slope = row.noise.whiten(row.field, (ends[0] - ends[1]) / (2.0 * step[place]))
+            ends = [written.predicted(row.bins.joint, theta + sign * step) for sign in (1.0, -1.0)]
+            slope = row.noise.whiten(row.bins, (ends[0] - ends[1]) / (2.0 * step[place]))
             np.testing.assert_allclose(row.jacobian[:, place], slope, atol=1e-5 * (1.0 + np.abs(slope).max()))
 
 
 def test_what_is_told_of_a_row_fits_together():
     """Misfit is current less prediction, residual is its whitening, the square is their sum over joints."""
     solved = noisy(pendulum())
-    for row in solved.rows:
-        np.testing.assert_allclose(row.drawn + row.misfit, row.field.current, atol=1e-12)
-        np.testing.assert_allclose(row.residual, row.noise.whiten(row.field, row.misfit), atol=1e-7)
-    assert solved.square == pytest.approx(sum(float(row.residual @ row.residual) for row in solved.rows))
+    for row in solved.joints:
+        np.testing.assert_allclose(row.drawn + row.misfit, row.bins.current, atol=1e-12)
+        np.testing.assert_allclose(row.residual, row.noise.whiten(row.bins, row.misfit), atol=1e-7)
+    assert solved.square == pytest.approx(sum(float(row.residual @ row.residual) for row in solved.joints))
     assert solved.scale == pytest.approx(1.0, abs=0.1)  # noise is what replicates showed
 
 
@@ -112,12 +103,12 @@ def test_effects_and_their_shapes_are_fitted_with_all_else():
     """One joint is linear: the square is what a dense fit of base, effects and derivatives by their shapes leaves."""
     solved = noisy(lever(), STRIBECK, WARMUP)
     row = solved.row(1)
-    columns = [row.field.base]
-    for one in solved.added:
-        here = one.columns(solved.model, row.field.samples)
+    columns = [Model(lever().robot).design(row.bins)]
+    for one in solved.model.effects:
+        here = one.linear(solved.model.robot, row.bins.samples)
         near = [replace(one, shape={**one.shape, name: value * 1.0001}) for name, value in one.shape.items()]
-        columns += [here, *[other.columns(solved.model, row.field.samples) - here for other in near]]
-    dense = whitened(row.field, row.noise, np.column_stack([*columns, row.field.current]))
+        columns += [here, *[other.linear(solved.model.robot, row.bins.samples) - here for other in near]]
+    dense = whitened(row.bins, row.noise, np.column_stack([*columns, row.bins.current]))
     assert solved.square == pytest.approx(left(dense[:, :-1], dense[:, -1]), rel=1e-4)
 
 
@@ -136,11 +127,11 @@ def test_other_cells_of_the_same_runs_leave_the_same():
     """A solution carried to bins four times finer predicts what it predicted, and its noise is that of those bins."""
     lab = lever()
     runs = lab.noisy(4)
-    solved = lab.solved(runs)
+    solved = lab.fitted(runs)
     fine = Lab.of(LEVER, design(LEVER), bins=256)
-    (field,) = fine.fields()
+    (field,) = fine.bins()
     moved = at_bins(solved, field)
-    plain = fine.solved(fine.runs, noises={1: moved.row(1).noise})
+    plain = fine.fitted(fine.runs, noises={1: moved.row(1).noise})
     np.testing.assert_allclose(misfit_at(solved, field), moved.row(1).misfit, atol=1e-12)
     assert np.abs(moved.row(1).misfit - plain.row(1).misfit).max() < 0.01  # A: what the noise of the first fit moved
     assert moved.row(1).jacobian.shape == (len(field), solved.row(1).jacobian.shape[1])
@@ -149,12 +140,12 @@ def test_other_cells_of_the_same_runs_leave_the_same():
 def test_settling_is_free_at_every_speed_and_nowhere_else():
     """A transient of each speed's own size at the start of runs leaves nothing; the same in mid-run stays."""
     lab = lever()
-    (field,) = lab.fields()
+    (field,) = lab.bins()
     t = field.samples.travel / np.abs(field.samples.velocity[:, 0])
     own = np.abs(field.samples.velocity[:, 0]) ** 0.3
     early, late = (0.3 * field.samples.direction * own * np.exp(-np.abs(t - at) / 0.025) for at in (0.0, 1.0))
     (free,) = settling([field])
-    columns = np.column_stack([field.base, free.columns(lab.model, field.samples)])
+    columns = np.column_stack([lab.model.design(field), free.linear(lab.model.robot, field.samples)])
     assert left(columns, early) < 1e-6 * float(early @ early)
     assert left(columns, late) > 0.5 * float(late @ late)
 
@@ -162,13 +153,13 @@ def test_settling_is_free_at_every_speed_and_nowhere_else():
 def test_strokes_have_no_settling():
     """A run from rest to rest has no speed to settle at."""
     lab = lever()
-    (field,) = lab.fields()
+    (field,) = lab.bins()
     assert settling([replace(field, runs=tuple(replace(run, kind="stroke") for run in field.runs))]) == ()
 
 
 def test_scale_of_a_slide_is_left_alone():
     """An arm with a sliding joint is solved too, each joint's misfit no larger than its noise."""
     lab = Lab.of(STANFORD, design(STANFORD, postures=2, speeds=(0.2, 0.4), repeats=1, reach=0.5))
-    solved = lab.solved(lab.noisy(0))
-    for row in solved.rows:
+    solved = lab.fitted(lab.noisy(0))
+    for row in solved.joints:
         assert float(np.sqrt(np.mean(row.misfit**2))) < 0.013

@@ -13,7 +13,7 @@ from pumaid.simulation import Hidden
 def found(hidden: Hidden):
     """What one search adds first."""
     lab = Lab.of(LEVER, design(LEVER, postures=3), hidden)
-    search = Stepwise(lab.model, lab.noisy(2, Din(spread=0.004, level=0.002)), lab.start)
+    search = Stepwise(lab.model, lab.noisy(2, Din(spread=0.004, level=0.002)))
     search.run()
     return search.accepted[0].contender
 

@@ -11,15 +11,15 @@ from searches import LEVER, Din, Lab, design, lever
 
 from pumaid.dataset import Dataset
 from pumaid.diagnosis import stepwise
-from pumaid.diagnosis.added import Added
-from pumaid.diagnosis.system import Solved, elsewhere
 from pumaid.diagnosis.transfer import transfer
+from pumaid.effect_spec import EffectTerm
 from pumaid.effects import catalogue
+from pumaid.estimation.fit import Fit, elsewhere
 from pumaid.records import DOUBTFUL, UNEXPLAINED_JOINT, Transfer
 from pumaid.simulation import Hidden
 from pumaid.verbs.diagnose import diagnose
 
-SPRING = Added(catalogue()["spring"], 1, {})
+SPRING = EffectTerm(catalogue()["spring"], 1, {})
 HELD = design(LEVER, postures=1, speeds=(0.4, 0.8), repeats=1, seed=9)
 
 
@@ -36,10 +36,10 @@ def later(is_sprung: bool) -> Lab:
     return Lab.of(LEVER, HELD, *hidden)
 
 
-def judged(seed: int, *, is_sprung: bool) -> tuple[Transfer | None, Solved, tuple]:
+def judged(seed: int, *, is_sprung: bool) -> tuple[Transfer | None, Fit, tuple]:
     """A spring fitted to runs that have it, held against others."""
-    solved = sprung().solved(sprung().noisy(seed), [SPRING])
-    held = sprung().fields(later(is_sprung).noisy(1000 + seed))
+    solved = sprung().fitted(sprung().noisy(seed), [SPRING])
+    held = sprung().bins(later(is_sprung).noisy(1000 + seed))
     return transfer(solved, SPRING, held), solved, held
 
 
@@ -47,7 +47,7 @@ def test_share_is_that_of_least_squares_over_all_runs():
     """One parameter more, the effect in the held-out runs alone, its own size held: by dense algebra."""
     found, solved, (field,) = judged(3, is_sprung=True)
     row, fitted, own = elsewhere(solved, field), solved.row(1), len(solved.inverse) - 1
-    only = row.noise.whiten(row.field, SPRING.columns(solved.model, row.field.samples) @ solved.sizes[0])
+    only = row.noise.whiten(row.bins, SPRING.linear(solved.model.robot, row.bins.samples) @ solved.sizes(0))
     rest = np.vstack([np.delete(one.jacobian, own, axis=1) for one in (fitted, row)])
     columns = np.column_stack([rest, np.concatenate([0.0 * fitted.residual, only])])
     target = np.concatenate([0.0 * fitted.residual, row.residual])
@@ -56,7 +56,7 @@ def test_share_is_that_of_least_squares_over_all_runs():
     assert found is not None
     assert found.share - 1.0 == pytest.approx((inverse @ target)[-1] / size[-1], abs=1e-6)
     weights = inverse[-1][len(fitted.field) :] / size[-1]
-    spread = np.eye(len(row.field)) + row.jacobian @ solved.inverse @ row.jacobian.T
+    spread = np.eye(len(row.bins)) + row.jacobian @ solved.inverse @ row.jacobian.T
     assert found.std_error == pytest.approx(np.sqrt(solved.scale * weights @ spread @ weights), rel=1e-4)
     assert found.lost == pytest.approx(
         (row.residual @ row.residual - np.sum((row.residual + only) ** 2)) / solved.scale
@@ -75,9 +75,9 @@ def test_what_is_there_is_seldom_denied_and_what_is_not_always():
 
 def test_runs_that_cannot_show_it_say_nothing():
     """A spring in noise far larger than itself."""
-    solved = sprung().solved(sprung().noisy(1), [SPRING])
-    loud = sprung().solved(lever().noisy(1, Din(spread=2.0, level=1.0)), [SPRING])
-    assert transfer(loud, SPRING, sprung().fields(later(True).noisy(5, Din(spread=2.0, level=1.0)))) is None
+    solved = sprung().fitted(sprung().noisy(1), [SPRING])
+    loud = sprung().fitted(lever().noisy(1, Din(spread=2.0, level=1.0)), [SPRING])
+    assert transfer(loud, SPRING, sprung().bins(later(True).noisy(5, Din(spread=2.0, level=1.0)))) is None
     assert transfer(solved, SPRING, ()) is None
 
 

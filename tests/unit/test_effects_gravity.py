@@ -9,7 +9,7 @@ import pytest
 from worlds import CRANE, PENDULUM, STANFORD
 
 from pumaid.effects import catalogue
-from pumaid.loads import loads
+from pumaid.gravity_load import loads
 from pumaid.model import Model
 from pumaid.records import Samples
 from pumaid.robot import Robot

@@ -15,8 +15,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from pumaid.estimation.estimate import identify
 from pumaid.exports import export
-from pumaid.verbs.identify import identify
 from tests.exported import EXACT, every_effect, fitted, motions, off, predicted, robot_called
 from tests.json_model import current
 from tests.matlab_lines import as_python

@@ -28,8 +28,8 @@ FLOORS = (
     {"records", "dataset"},
     {"effects", "io"},
     {"preprocessing", "simulation"},
-    {"model", "gravity_load", "effect_spec"}
-    | {"choices", "chosen", "equations", "knots", "lateness", "loads", "sight", "structure"},
+    {"joint_bins", "structure"},
+    {"model", "gravity_load", "effect_spec"},
     {"estimation"},
     {"exports", "results", "design"},
     {"diagnosis"},

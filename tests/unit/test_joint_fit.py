@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from pumaid.maths.joint_fit import Bilinear, fit
+from pumaid.estimation.bilinear import Bilinear, fit_bilinear
 from pumaid.maths.recursion import Gains
 
 RNG = np.random.default_rng(6)
@@ -59,14 +59,14 @@ def test_derivative_at_a_vanishing_ratio():
 
 def test_far_start_still_comes_home():
     """From ratios off by factors of three and with a sign wrong the steps, halved where needed, reach the truth."""
-    found = fit(SYSTEM, 0.3 * VALUES, chain(1.5, 0.5, 0.7))
+    found = fit_bilinear(SYSTEM, 0.3 * VALUES, chain(1.5, 0.5, 0.7))
     assert found.values == pytest.approx(VALUES, rel=1e-6)
     assert [found.gains.edge[edge] for edge in (3, 1, 2)] == pytest.approx([0.5, -1.5, 2.0], rel=1e-6)
 
 
 def test_no_steps_only_linearises():
     """With no steps allowed the start comes back, with derivative and residual there."""
-    found = fit(SYSTEM, 1.1 * VALUES, TRUTH, most_steps=0)
+    found = fit_bilinear(SYSTEM, 1.1 * VALUES, TRUTH, most_steps=0)
     assert found.values == pytest.approx(1.1 * VALUES)
     assert found.residual == pytest.approx(EXACT - SYSTEM.scaled(TRUTH) @ (1.1 * VALUES))
     assert found.jacobian.shape == (4 * N, 8)
@@ -75,7 +75,7 @@ def test_no_steps_only_linearises():
 def test_start_is_not_changed():
     """The caller's gains stay what they were."""
     start = chain(1.5, 0.5, 0.7)
-    fit(SYSTEM, VALUES, start)
+    fit_bilinear(SYSTEM, VALUES, start)
     assert [start.edge[edge] for edge in (3, 1, 2)] == [1.5, 0.5, 0.7]
 
 
@@ -84,7 +84,7 @@ def test_prior_holds_only_what_the_data_do_not():
     quiet = VALUES * np.array([1.0, 1.0, 1.0, 1e-6, 1.0])  # row 2's load is a millionth
     noisy = SYSTEM.scaled(TRUTH) @ quiet + 0.01 * RNG.normal(size=4 * N)
     weighted = Bilinear(ROW, REGRESSORS / 0.01, noisy / 0.01, OWNERS)
-    found = fit(weighted, quiet, chain(0.5, -1.5, 2.0), spread=np.array([10.0, 10.0, 10.0]))
+    found = fit_bilinear(weighted, quiet, chain(0.5, -1.5, 2.0), spread=np.array([10.0, 10.0, 10.0]))
     assert abs(found.gains.edge[2] - 1.0) < 30.0
     assert found.gains.edge[1] == pytest.approx(-1.5, abs=0.05)
 
@@ -93,7 +93,7 @@ def test_unknown_ratio_stays_unknown():
     """Rows that start without an edge between them end without one, and their load counts as nothing."""
     gains = Gains(4)
     gains.merge(1, 3, 0.5)
-    found = fit(SYSTEM, VALUES, gains)
+    found = fit_bilinear(SYSTEM, VALUES, gains)
     assert found.gains.edges == [3] and np.isnan(found.gains.ratio(0, 1))
 
 

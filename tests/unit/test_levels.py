@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from scipy import optimize
 
-from pumaid.maths import levels
-from pumaid.maths.levels import Levels, estimate, freedoms, whiten
+from pumaid.estimation import noise as levels
+from pumaid.estimation.noise import Levels, estimate, freedoms, whiten
 
 RUNS, ROWS = 12, 3
 #: Each run's constant in its own rows, as the QR of a long run makes it: long along one direction.

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from pumaid.loads import along, loads
+from pumaid.gravity_load import along, loads
 from pumaid.model import Model
 from pumaid.records import Samples
 from pumaid.simulation import table1

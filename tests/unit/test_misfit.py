@@ -10,10 +10,9 @@ import worlds
 from faulty import csv, good, invoke, make, slugs_of
 
 from pumaid.errors import ModelError
-from pumaid.estimation.misfit import check_better, missed
-from pumaid.estimation.notes import odd_gains, odd_inertia
-from pumaid.estimation.system import solve
-from pumaid.model import Model
+from pumaid.estimation.fit import rmse_by_joint
+from pumaid.estimation.nonlinear import check_better
+from pumaid.estimation.warnings import odd_gains, odd_inertia
 from pumaid.records.estimate import Value
 
 
@@ -149,8 +148,8 @@ SIDES = (("plus", 1.0), ("minus", -0.8))
 def test_a_fit_with_more_effects_that_is_worse_is_refused():
     """As good as without them, or a third worse, passes; twice as bad went astray, and the message says where."""
     runs = worlds.dataset(worlds.drawn(worlds.PENDULUM), worlds.experiment(worlds.PENDULUM)).runs
-    fitted = solve(Model.of_runs(worlds.PENDULUM, runs), runs)
-    sizes = missed(fitted)
+    fitted = worlds.fit_runs(worlds.PENDULUM, runs)
+    sizes = rmse_by_joint(fitted)
     check_better(sizes, fitted, ["payload"])
     check_better({joint: size / 1.3 for joint, size in sizes.items()}, fitted, ["payload"])
     with pytest.raises(ModelError, match="the fit with payload misses joint 2") as refused:

@@ -3,16 +3,16 @@
 from __future__ import annotations
 
 import re
-from dataclasses import replace
 
 import numpy as np
 import pytest
-from worlds import CRANE, PENDULUM, STANFORD, course, dataset, drawn, experiment, random_arm, run_of
+from worlds import CRANE, PENDULUM, STANFORD, course, dataset, drawn, experiment, run_of
 
 from pumaid.dataset import Dataset
+from pumaid.estimation.estimate import identify
+from pumaid.joint_bins import joint_bins
 from pumaid.model import Model
 from pumaid.records import Samples
-from pumaid.verbs.identify import identify
 
 #: A name as interfaces.md has it.
 NAME = re.compile(r"gravity\.l\d\.(x|y|mass)|(coulomb|viscous)\.j\d\.(plus|minus)|inertia\.j\d\.J\d*")
@@ -55,51 +55,6 @@ def test_absent_parameters_have_no_column():
     assert "gravity.l1.x" in model.structure.absent and "gravity.l1.x" not in model.names
 
 
-@pytest.mark.parametrize("kind", ["constant", "stroke"])
-@pytest.mark.parametrize("seed", range(4))
-def test_blocks_are_the_samples_own_equations(kind, seed):
-    """A run's block has the normal equations and the misfit of all its samples, turning or sliding, in any posture."""
-    rng = np.random.default_rng(seed)
-    robot = random_arm("RPRPR", rng)
-    for joint in range(1, 6):
-        hold = tuple(rng.uniform(-1.5, 1.5, 5))
-        moves = course(kind, *rng.uniform(-2, 2, 2))
-        run, samples, current = sampled(robot, joint, hold, moves)
-        model = Model.of_runs(robot, [run])
-        (block,) = model.blocks([run])
-        dense = model.regressor(samples)
-        assert block.regressors.T @ block.regressors == pytest.approx(dense.T @ dense, rel=1e-9, abs=1e-6)
-        assert block.regressors.T @ block.target == pytest.approx(dense.T @ current, rel=1e-9, abs=1e-6)
-        assert block.ones @ block.target == pytest.approx(current.sum(), rel=1e-9, abs=1e-9)
-        assert block.target @ block.target + block.rest == pytest.approx(current @ current, rel=1e-12)
-
-
-def test_blocks_come_in_the_order_of_the_runs():
-    """Runs of several joints and kinds, mixed, keep their places."""
-    hold = (0.1, 0.2, 0.3)
-    runs = [
-        sampled(CRANE, joint, hold, course(kind, -1.0, 1.0))[0]
-        for joint, kind in ((3, "stroke"), (1, "constant"), (3, "constant"), (2, "stroke"), (1, "constant"))
-    ]
-    model = Model.of_runs(CRANE, runs)
-    assert [block.run for block in model.blocks(runs)] == runs
-
-
-def test_a_constant_run_informs_as_many_equations_as_it_can():
-    """A turning joint's run at constant speed gives three equations, a sliding joint's one, a stroke's up to five."""
-    sizes = []
-    for joint, kind in ((1, "constant"), (2, "constant"), (1, "stroke"), (2, "stroke")):
-        run = sampled(CRANE, joint, (0.1, 0.2, 0.3), course(kind, -1.0, 1.0))[0]
-        sizes.append(len(Model.of_runs(CRANE, [run]).blocks([run])[0].target))
-    assert sizes == [3, 1, 5, 3]
-
-
-def test_a_run_of_one_position_informs_one_equation():
-    """Where the joint hardly travels sine and cosine say the same: one equation, not three of rounding."""
-    run = sampled(PENDULUM, 1, (0.3, 0.4), course("constant", 0.5, 0.5 + 1e-12))[0]
-    assert len(Model.of_runs(PENDULUM, [run]).blocks([run])[0].target) == 1
-
-
 def test_outer_links_act_on_inner_joints_only():
     """Gravity of link 1 is nothing to joint 2; friction is the moving joint's own."""
     model = Model(PENDULUM)
@@ -116,7 +71,7 @@ def test_strokes_in_other_outer_postures_have_other_inertias():
     model = Model.of_runs(CRANE, runs)
     assert [name for name in model.names if name.startswith("inertia")] == ["inertia.j2.J1", "inertia.j2.J2"]
     columns = [model.names.index(f"inertia.j2.J{group}") for group in (1, 2)]
-    acting = [[bool(block.regressors[:, column].any()) for column in columns] for block in model.blocks(runs)]
+    acting = [model.design(joint_bins(CRANE, [run])[0])[:, columns].any(axis=0).tolist() for run in runs]
     assert acting == [[True, False], [True, False], [False, True], [True, False]]
 
 
@@ -155,12 +110,3 @@ def test_model_of_an_estimate_has_the_fits_columns():
     runs = [sampled(CRANE, 2, hold, course("stroke", -0.2 * s, 0.2 * s))[0] for hold in holds for s in (1, -1)]
     estimate = identify(Dataset(tuple(runs)), CRANE)
     assert Model.of_estimate(CRANE, estimate).names == estimate.names
-
-
-def test_samples_of_a_constant_run_have_its_own_speed():
-    """A noisy measured velocity is not what an effect sees of a run at constant speed; the mean is."""
-    run, _, _ = sampled(PENDULUM, 1, (0.0, 0.2), course("constant", 1.0, -1.0))
-    shaky = replace(run, bins=replace(run.bins, velocity=run.bins.velocity + 0.3))
-    samples = Model(PENDULUM).samples_of(shaky)
-    assert np.all(samples.velocity[:, 0] == run.speed) and np.all(samples.direction == -1.0)
-    assert samples.travel == pytest.approx(np.abs(run.bins.position[:, 0] - 1.0))

@@ -1,21 +1,18 @@
-"""Strokes reduced to triangles: corners that smoothing blunts, noise in positions and unknown delays bias nothing."""
+"""Strokes through one filter: corners that smoothing blunts, noise in positions and unknown delays bias nothing."""
 
 from __future__ import annotations
 
 import re
-from dataclasses import replace
 
 import numpy as np
 import pytest
 from worlds import CRANE, course, run_of
 
-from pumaid import equations
-from pumaid.dataset import STROKE_COLUMNS, Dataset
-from pumaid.maths.triangle import Triangle
+from pumaid.dataset import Dataset
+from pumaid.estimation.estimate import identify
 from pumaid.preprocessing.options import SegmentOptions
-from pumaid.preprocessing.parallel import of_stroke
+from pumaid.preprocessing.parallel import filtered_stroke
 from pumaid.preprocessing.stroke import sliding, smooth
-from pumaid.verbs.identify import identify
 
 #: A by cosine, sine, one, rad/s and rad/s2; A of noise.
 TRUTH, SIGMA = np.array([3.0, 0.5, 1.0, 0.4, 0.6]), 0.02
@@ -50,32 +47,25 @@ def stroke(rate: float, seed: int, *, count: float = 1e-5, jitter: float = 0.0, 
     return time[start:stop], q[start:stop], current[start:stop], found.within(start, stop)
 
 
-def solved(triangle: Triangle) -> np.ndarray:
-    """(5,) the least squares solution."""
-    rows, target = triangle.rows()
-    return np.linalg.lstsq(rows, target, rcond=1e-9)[0]
-
-
-def of_raw(time, q, current, found) -> Triangle:
-    """What there is without parallel filtering: logged currents on smoothed motion."""
-    columns = [np.cos(q), np.sin(q), np.ones(len(q)), found.velocity, found.acceleration]
-    return Triangle.of(STROKE_COLUMNS, np.column_stack(columns), current)
+def solved(q, motion, current, noise: float = 0.0) -> np.ndarray:
+    """(5,) least squares by cosine, sine, one, velocity and acceleration, the last without its own noise."""
+    columns = np.column_stack([np.cos(q), np.sin(q), np.ones(len(q)), *motion, current])
+    upper = np.linalg.qr(columns, mode="r")
+    upper[4, 4] *= 1.0 - noise * len(q) / upper[4, 4] ** 2
+    return np.linalg.solve(upper[:5, :5], upper[:5, 5])
 
 
 def bias(rate: float, **conditions: float) -> np.ndarray:
     """(2, 5) mean error of both over 40 strokes, in units of the truth: parallel filtered, and raw."""
     errors = []
     for seed in range(40):
-        time, q, current, found = stroke(rate, seed, **conditions)
+        _, q, current, found = stroke(rate, seed, **conditions)
         good = np.isfinite(current)
-        raw = of_raw(time[good], q[good], current[good], found_of(found, good))
-        errors.append([solved(of_stroke(found, q, current, turns=True)), solved(raw)])
+        raw = solved(q[good], [found.velocity[good], found.acceleration[good]], current[good])
+        same = filtered_stroke(found, q, current)
+        motion = [same.velocity, same.acceleration]
+        errors.append([solved(same.position, motion, same.current, same.acceleration_noise(1)), raw])
     return (np.mean(errors, axis=0) - TRUTH) / TRUTH
-
-
-def found_of(found, good):
-    """The smoothed motion at some of its samples."""
-    return replace(found, velocity=found.velocity[good], acceleration=found.acceleration[good])
 
 
 @pytest.mark.parametrize("rate", [125.0, 250.0, 1000.0])
@@ -100,39 +90,15 @@ def test_currents_that_are_measured_now_and_then(one_in):
 
 
 def test_too_few_currents_are_taken_as_they_are():
-    """Of some twenty currents a stroke's inertia has the 5 % of plain samples, where averages were off by more."""
-    filtered, raw = bias(60.0, lost=0.8)
-    assert np.array_equal(filtered, raw) and abs(filtered[4]) < 0.08
+    """Of some twenty currents averages would be off by more than blunt corners make of plain samples."""
+    _, q, current, found = stroke(60.0, 1, lost=0.8)
+    assert filtered_stroke(found, q, current) is None
 
 
 @pytest.mark.parametrize("rate", [125.0, 250.0, 500.0, 1000.0])
 def test_steps_of_the_encoder_do_not_hide_inertia(rate):
     """Noise in an acceleration makes its parameter too small; with steps of 1 mrad the inertia is right to 0.6 %."""
     assert abs(bias(rate, count=1e-3)[0][4]) < 0.006
-
-
-def test_noise_passes_as_white():
-    """Along any combination of columns, what is left of noise that is averaged has the variance of a sample."""
-    parts = []
-    for seed in range(60):
-        time, q, _, found = stroke(125.0, seed)
-        noise = np.random.default_rng(seed).normal(size=len(time))
-        _, target = of_stroke(found, q, noise, turns=True).rows()
-        parts.append(target[:5])
-    # 300 squares know their mean to 8 %.
-    assert np.mean(np.square(parts)) == pytest.approx(1.0, abs=0.25)
-
-
-def test_what_is_left_is_of_the_logged_current():
-    """All samples are counted, and what they leave is their noise, not that of averages."""
-    left = []
-    for seed in range(10):
-        time, q, _, found = stroke(500.0, seed)
-        noise = SIGMA * np.random.default_rng(seed).normal(size=len(time))
-        triangle = of_stroke(found, q, noise, turns=True)
-        assert triangle.count == len(time)
-        left.append(triangle.factor[-1, -1] / np.sqrt(len(time)))
-    assert np.mean(left) == pytest.approx(SIGMA, rel=0.02)
 
 
 def late_runs(seed: int, delay: float):
@@ -162,24 +128,6 @@ def off_by(delay: float) -> np.ndarray:
 def test_an_unknown_delay_is_no_viscous_friction(delay):
     """Whether currents come 0, 1 or 3 ms late, intervals of viscous friction hold the truth, though strokes help."""
     assert np.sqrt(np.mean(off_by(delay) ** 2)) < 1.5
-
-
-@pytest.mark.parametrize(("delay", "errors"), [(0.001, 10.0), (0.003, 40.0)])
-def test_what_an_unknown_delay_would_be(monkeypatch, delay, errors):
-    """Without that weight a delay is viscous friction, by so many standard errors."""
-    monkeypatch.setattr(equations, "doubts", lambda robot, runs: [None] * len(runs))
-    assert abs(off_by(delay).mean()) > errors
-
-
-@pytest.mark.parametrize("size", [1, 2, 5, 6, 7, 15, 16, 17, 24])
-def test_what_a_cut_leaves_of_a_stroke(size):
-    """However few samples there are, and where hardly any has a current, all that have one are counted."""
-    _, q, current, found = stroke(125.0, 1)
-    few = slice(20, 20 + size)
-    part, current = found.within(found.start + 20, found.start + 20 + size), current[few].copy()
-    current[::3] = np.nan
-    triangle = of_stroke(part, q[few], current, turns=True)
-    assert triangle.count == np.count_nonzero(np.isfinite(current)) and np.all(np.isfinite(triangle.factor))
 
 
 @pytest.mark.parametrize("delay", [0.0, 0.002])

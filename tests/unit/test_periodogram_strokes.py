@@ -9,10 +9,10 @@ import pytest
 from searches import LEVER
 from worlds import course, run_of
 
-from pumaid.diagnosis.chain import Start
-from pumaid.diagnosis.field import fields
 from pumaid.diagnosis.periodogram import spectrum
-from pumaid.diagnosis.system import Row, solve
+from pumaid.estimation.fit import FitRow
+from pumaid.estimation.gls import fit_with_replicates
+from pumaid.joint_bins import joint_bins
 from pumaid.model import Model
 
 #: A wave of 90 periods a turn, and 0.02 A of noise in a bin.
@@ -20,7 +20,7 @@ WAVE, NOISE = 90.0, 0.02
 
 
 @cache
-def row(kind: str, runs: int, amplitude: float, seed: int = 0, apart: float = 0.0) -> Row:
+def row(kind: str, runs: int, amplitude: float, seed: int = 0, apart: float = 0.0) -> FitRow:
     """Runs there and back with such a wave and noise, 300 bins each, and what the base model leaves of them.
 
     Every other pair of runs is made `apart` (rad) from the others.
@@ -33,15 +33,14 @@ def row(kind: str, runs: int, amplitude: float, seed: int = 0, apart: float = 0.
         current = np.sign(path[2]) + amplitude * np.cos(WAVE * path[1] + 0.7) + rng.normal(0.0, NOISE, 300)
         made.append(run_of(LEVER, 1, [0.0], course=path, current=current, bins=300))
     model = Model(LEVER, [(1, (0.0,))] if kind == "stroke" else ())
-    solved = solve(model, fields(model, made, most=300), Start(np.zeros(len(model.names)), np.ones((1, 1))))
-    return solved.row(1)
+    return fit_with_replicates(model, joint_bins(LEVER, made, most=300)).row(1)
 
 
-def by_hand(one: Row, frequency: float) -> np.ndarray:
+def by_hand(one: FitRow, frequency: float) -> np.ndarray:
     """(R,) complex: the products of the whitened residual with the whitened wave, run by run."""
-    angle = frequency * one.field.samples.position[:, 0]
-    wave = one.noise.whiten(one.field, np.column_stack([np.cos(angle), np.sin(angle)]))
-    return np.asarray(one.field.sums(wave * one.residual[:, None]) @ [1.0, 1.0j])
+    angle = frequency * one.bins.samples.position[:, 0]
+    wave = one.noise.whiten(one.bins, np.column_stack([np.cos(angle), np.sin(angle)]))
+    return np.asarray(one.bins.sums(wave * one.residual[:, None]) @ [1.0, 1.0j])
 
 
 def test_scores_of_strokes_are_products_with_the_waves():
@@ -57,8 +56,8 @@ def test_information_of_strokes_is_half_the_square_of_both_waves():
     one = row("stroke", 12, 0.05)
     found = spectrum(one)
     for frequency, information in zip(found.frequency[10::40], found.information[10::40], strict=True):
-        angle = frequency * one.field.samples.position[:, 0]
-        wave = one.noise.whiten(one.field, np.column_stack([np.cos(angle), np.sin(angle)]))
+        angle = frequency * one.bins.samples.position[:, 0]
+        wave = one.noise.whiten(one.bins, np.column_stack([np.cos(angle), np.sin(angle)]))
         assert information == pytest.approx(0.5 * np.sum(wave**2), rel=0.03)
 
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from pumaid.maths.joint_fit import Bilinear
-from pumaid.maths.propagation import recursion_covariance
+from pumaid.estimation.bilinear import Bilinear
+from pumaid.estimation.covariance import recursion_covariance
 from pumaid.maths.recursion import Recursion
 
 OWNERS, RUNS, SIZE = np.array([0, 0, 1, 2]), 30, 4

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from pumaid.dataset import Dataset
+from pumaid.estimation.estimate import identify
 from pumaid.io.recipe import read_recipe, shipped_recipes
 from pumaid.simulation import Bench, draw
 from pumaid.trajectory import Motion, Plan
-from pumaid.verbs.identify import identify
 
 ARM, DESIGN = 21, 910_000
 

@@ -5,9 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from pumaid.dataset import Bins
+from pumaid.dataset import Bins, coarser
 from pumaid.errors import PumaidError
-from pumaid.preprocessing.binning import coarser
 from pumaid.preprocessing.segment import SegmentOptions, segment
 from pumaid.records import Log
 from pumaid.robot import Joint, Robot

@@ -5,17 +5,18 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from scipy import stats
-from worlds import CRANE, STANFORD, dataset, drawn, experiment, only, puma, truth_in_units
+from worlds import CRANE, STANFORD, dataset, drawn, experiment, fit_runs, only, puma, truth_in_units
 
 from pumaid.dataset import Dataset
-from pumaid.estimation.sheet import Sheet, _gradient
-from pumaid.estimation.system import solve
-from pumaid.maths.propagation import recursion_covariance
+from pumaid.estimation.covariance import recursion_covariance
+from pumaid.estimation.estimate import identify
+from pumaid.estimation.identifiability import Sheet, _gradient
+from pumaid.joint_bins import samples_of
 from pumaid.maths.recursion import Gains
 from pumaid.model import Model
+from pumaid.records import Campaign
 from pumaid.robot import Joint, Robot
 from pumaid.simulation import Bench, table1
-from pumaid.verbs.identify import identify
 
 PUMA = puma()
 BENCH = Bench(PUMA, table1.experiment(), rate=50.0)
@@ -117,7 +118,7 @@ def test_blind_directions_change_no_fitted_run():
     assert estimate.blind.shape[1] > 0
     for run in found.runs:
         scales = np.nan_to_num(estimate.scales[run.joint - 1])[model.owners - 1]
-        rows = model.regressor(model.samples_of(run)) * scales
+        rows = model.regressor(samples_of(run, Campaign.of([run]))) * scales
         assert np.abs(rows @ estimate.blind).max(initial=0.0) < 0.02 * np.abs(run.bins.current).max()
 
 
@@ -134,9 +135,11 @@ def test_sheet_of_the_recursion_has_its_own_ratios():
     for motion in table1.experiment().motions:
         holds.setdefault(motion.joint, motion.hold)
     runs = dataset(PUMA, only(table1.experiment(), lambda motion: motion.hold == holds[motion.joint])).runs
-    fitted = solve(Model.of_runs(PUMA.robot, runs), runs)
-    assert len(fitted.first_gains.edges) < len(fitted.gains.edges)
-    first = recursion_covariance(fitted.first_system, fitted.first_values, fitted.first_gains, runs=fitted.run_of)
+    fitted = fit_runs(PUMA.robot, runs)
+    assert len(fitted.first.solution.gains.edges) < len(fitted.gains.edges)
+    first = recursion_covariance(
+        fitted.first.system, fitted.first.solution.values, fitted.first.solution.gains, runs=fitted.run_of
+    )
     values = {value.name: value for value in Sheet.of_recursion(fitted, runs, first).values()}
     assert values["gain_ratio.2.3"].state == values["gravity.l2.x"].state == "not_identifiable"
     assert values["gravity.l6.x"].state == "identified"

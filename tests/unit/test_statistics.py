@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from scipy import linalg, stats
 
-from pumaid.maths import statistics
-from pumaid.maths.statistics import clustered, completed, interval, two_sided
+from pumaid.estimation import covariance
+from pumaid.estimation.covariance import clustered, completed, interval, two_sided
 
 RNG = np.random.default_rng(9)
 SIZES = (3, 5, 2, 4, 6, 3)
@@ -131,7 +131,7 @@ def test_thousands_of_runs_are_worked_on_a_few_at_a_time(monkeypatch):
     residual = [random.normal(size=len(block)) for block in blocks]
     inverse = np.linalg.inv(sum(block.T @ block for block in blocks))
     together = clustered(blocks, residual, inverse)
-    monkeypatch.setattr(statistics, "AT_ONCE", 7)
+    monkeypatch.setattr(covariance, "AT_ONCE", 7)
     apart = clustered(blocks, residual, inverse)
     np.testing.assert_allclose(apart.covariance, together.covariance, rtol=1e-12)
     np.testing.assert_allclose(apart.freedoms, together.freedoms, rtol=1e-10)

@@ -10,10 +10,9 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 
-from pumaid.dataset import Bins, Dataset
+from pumaid.dataset import Bins, Dataset, coarser
 from pumaid.errors import LogError
 from pumaid.io.log_reader import LogReader
-from pumaid.preprocessing.binning import coarser
 from pumaid.preprocessing.ingest import ingest
 from pumaid.preprocessing.segment import SegmentOptions, segment
 from pumaid.robot import Joint, Robot

@@ -5,11 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from pumaid.dataset import CONSTANT_COLUMNS
 from pumaid.errors import ModelError
-from pumaid.maths.triangle import Triangle
-from pumaid.robot import Joint, Robot
-from pumaid.simulation import Bench, draw, runs, table1
+from pumaid.joint_bins import joint_bins
+from pumaid.simulation import Bench, runs, table1
 from pumaid.trajectory import Motion, Plan
 
 PUMA, PAPER = table1.puma560(), table1.experiment()
@@ -25,35 +23,21 @@ def dense(run, truth) -> tuple[np.ndarray, np.ndarray]:
     return np.column_stack([np.cos(q), np.sin(q), np.ones(1000)]), current
 
 
-def test_noise_free_triangles_hold_the_truth():
-    """Every run's triangle solves to the cosine, sine and constant of the truth's own current."""
+def test_noise_free_bins_hold_the_truth():
+    """Every run's bins are fitted by the cosine, sine and constant of the truth's own current."""
     truth = PUMA.with_noise(0.0)
-    for run in Bench(truth, PAPER).runs(np.random.default_rng(0)):
-        rows, target = run.triangle.rows()
-        found = np.linalg.lstsq(rows, target, rcond=None)[0]
+    for run in Bench(truth, PAPER).runs(np.random.default_rng(0))[::7]:
+        (bins,) = joint_bins(truth.robot, [run])
+        columns = np.column_stack([bins.harmonic, np.ones(len(bins))])
+        found = np.linalg.lstsq(columns, bins.current, rcond=None)[0]
         regressors, current = dense(run, truth)
-        assert np.max(np.abs(regressors @ found - current)) < 1e-9
-
-
-def test_triangle_is_the_factor_of_its_samples():
-    """With noise the triangle equals the QR factor of the very samples from which it was made."""
-    bench = Bench(PUMA, PAPER, rate=50.0)
-    prepared = bench._runs[37]
-    current = prepared.current + np.random.default_rng(5).normal(0.0, 0.1, len(prepared.current))
-    q = prepared.position
-    wanted = Triangle.of(CONSTANT_COLUMNS, np.column_stack([np.cos(q), np.sin(q), np.ones(len(q))]), current)
-    found = bench._run(prepared, current, 0).triangle
-    assert found.factor == pytest.approx(wanted.factor, abs=1e-9)
-    assert found.count == wanted.count
+        assert np.max(np.abs(regressors @ found - current)) < 1e-8
 
 
 def test_cells_are_means_of_the_samples():
-    """Bins add up to the triangle's sums: count, current, square of the current."""
+    """Bins hold all samples of a run, none twice."""
     for run in Bench(PUMA, PAPER, rate=50.0).runs(np.random.default_rng(2))[::9]:
-        own = run.bins.current
         assert run.bins.count.sum() == run.samples
-        square = np.sum(run.bins.count * (own**2 + run.bins.variance))
-        assert square == pytest.approx(np.sum(run.triangle.factor[:, -1] ** 2), rel=1e-9)
 
 
 def test_held_out_runs_are_marked():
@@ -61,18 +45,6 @@ def test_held_out_runs_are_marked():
     motions = (Motion(2, (0.0,) * 6, -1.0, 1.0, 0.5), Motion(2, (0.0,) * 6, 1.0, -1.0, 0.5, "heldout"))
     found = runs(PUMA, Plan("PUMA 560", motions), np.random.default_rng(0))
     assert [(run.heldout, run.direction) for run in found] == [(False, 1), (True, -1)]
-
-
-def test_prismatic_runs_have_no_angle():
-    """Cosine and sine columns of a sliding joint are zero; the constant carries weight and friction."""
-    robot = Robot("lift", (Joint(1, "lift", "prismatic"),))
-    truth = draw(robot, 4).with_noise(0.0)
-    (run,) = runs(truth, Plan("lift", (Motion(1, (0.0,), 0.0, 0.3, 0.1),)), np.random.default_rng(0))
-    rows, target = run.triangle.rows()
-    constant = target @ rows[:, 2] / (rows[:, 2] @ rows[:, 2])
-    assert np.all(rows[:, :2] == 0.0)
-    wanted = truth.gravity_current(np.zeros((1, 1)))[0, 0] + truth.friction.current(1, np.array([0.1]))[0]
-    assert constant == pytest.approx(wanted, abs=1e-12)
 
 
 def test_levels_differ_between_runs_and_experiments():

@@ -15,10 +15,10 @@ from numpy.typing import NDArray
 
 from pumaid.dataset import Dataset
 from pumaid.errors import PumaidError
+from pumaid.estimation.estimate import identify
 from pumaid.experiment import read_dataset
 from pumaid.records import Diagnosis, Estimate
 from pumaid.robot import EffectChoice, Robot
-from pumaid.verbs.identify import identify
 
 Floats = NDArray[np.float64]
 

@@ -26,7 +26,7 @@ def command(name: str | None, as_json: bool) -> None:
       pumaid effects stribeck
       pumaid effects --json | jq '.effects[].equation'
     """
-    from pumaid.choices import OWN
+    from pumaid.effect_spec import OWN
     from pumaid.effects import catalogue
     from pumaid.errors import ModelError
     from pumaid.reporting.effects import facts

@@ -58,7 +58,7 @@ def command(*, folder: Path, results: Path | None, restore: int | None, picture:
 
 def _unknown(history: History) -> list[Note]:
     """A note where other commands will not take the current model; what was kept is told, and undone, all the same."""
-    from pumaid.choices import check_known
+    from pumaid.effect_spec import check_known
     from pumaid.errors import ModelError, Note
 
     current = [rung for ladder in history.ladders for rung in ladder.rungs if rung.is_current]

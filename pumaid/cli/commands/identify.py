@@ -90,7 +90,7 @@ def command(
 
 def _identified(logs: tuple[str, ...], recipe: Path | None, asked: dict[str, Any]) -> tuple[Robot, Estimate]:
     """One robot's arm and model; notes are told."""
-    from pumaid.choices import chosen_by
+    from pumaid.effect_spec import chosen_by
     from pumaid.experiment import read_dataset, read_robot
     from pumaid.io.paths import expand
 
@@ -99,7 +99,7 @@ def _identified(logs: tuple[str, ...], recipe: Path | None, asked: dict[str, Any
     effects = chosen_by(robot, add=asked["add"], remove=asked["remove"])
     passed = {name: asked[name] for name in ("trust", "heldout", "reading", "results")}
     _, dataset = read_dataset(logs, recipe, robot=robot, **passed)
-    from pumaid.verbs.identify import identify
+    from pumaid.estimation.estimate import identify
 
     with progress("identifying", total=robot.n_joints) as step:
         estimate = identify(

@@ -1,7 +1,7 @@
 """mujoco.sysid as its notebook fits a robot arm: motors' torques in, positions out, rolled out anew.
 
 The log is cut into windows, each with a start of its own ("one or more sequences"): an arm that is driven by torques
-alone drifts away from any longer log. Fitted are what gravity and friction need (centres of mass, damping, dry
+alone drifts away from any longer log. Fit are what gravity and friction need (centres of mass, damping, dry
 friction) and the rotors' inertia, without which no rollout follows; masses and tensors stay as the model has them.
 """
 

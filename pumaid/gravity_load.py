@@ -6,8 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pumaid.effects import catalogue
+from pumaid.joint_bins import swept
 from pumaid.kinematics import axes
-from pumaid.knots import swept
 from pumaid.model import Model
 from pumaid.records import Loads, Samples
 
@@ -129,7 +129,8 @@ def _slope(i: int, m: int, *, z: Floats, parts: Floats, weights: Floats, g: Floa
 def _friction(model: Model, samples: Samples, solution: Floats) -> Floats:
     """(M,) what the base model adds to gravity: friction, and inertia of strokes."""
     total = np.zeros(len(samples))
-    for name in dict.fromkeys(column.effect for column in model.columns if column.owner == samples.joint):
+    own = [column for column in model.columns if column.owner == samples.joint and column.place is None]
+    for name in dict.fromkeys(column.effect for column in own):
         effect = catalogue()[name]
         if not effect.base or name == "gravity":
             continue

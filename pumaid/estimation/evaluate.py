@@ -1,4 +1,4 @@
-"""A model sitting in judgement on runs: what it predicts, how far off it is, and what it cannot know."""
+"""A model held against runs: what it predicts, how far off it is, and what it cannot know."""
 
 from __future__ import annotations
 
@@ -10,14 +10,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pumaid.dataset import Dataset, Means, Run
-from pumaid.equations import Block
-from pumaid.estimation.views import loaded, sights
-from pumaid.loads import loads
+from pumaid.gravity_load import along, loads
+from pumaid.joint_bins import COARSE, JointBins, joined, joint_bins
 from pumaid.maths.splits import told_apart
 from pumaid.model import Model
 from pumaid.records import TOGETHER, Campaign, Estimate, OutsideScore, RunScore, Samples
 from pumaid.robot import Robot
-from pumaid.sight import joined
 
 Floats = NDArray[np.float64]
 
@@ -86,16 +84,68 @@ class Judge:
     def _factors(self, joint: int) -> Floats:
         return np.nan_to_num(self.model.factors(self.estimate.scales, joint))
 
-    def blocks(self, runs: Sequence[Run]) -> list[Block]:
-        """The equations of `runs`."""
-        seen = sights(self.model, runs, self.campaign)
-        if self.model.needs_loads():
-            seen = loaded(seen, self.model, solution=self.estimate.solution, scales=self.estimate.scales)
-        return self.model.blocks(runs, seen)
+    def tallies(self, runs: Sequence[Run]) -> list[Tally]:
+        """The sums of each run, over bins that are no finer than they need be."""
+        fine = {term.joint for term in self.model.effects if term.effect.periodic is not None}
+        out: dict[int, Tally] = {}
+        for joint in sorted({run.joint for run in runs}):
+            own = [n for n, run in enumerate(runs) if run.joint == joint]
+            found = self.judged([runs[n] for n in own], most=None if joint in fine else COARSE)
+            out |= dict(zip(own, (tally for tally, _ in found), strict=True))
+        return [out[n] for n in range(len(runs))]
 
-    def samples_of(self, run: Run) -> Samples:
-        """The bins of `run` as effects see them."""
-        return self.model.samples_of(run, self.campaign)
+    def judged(self, runs: Sequence[Run], *, most: int | None = None) -> list[tuple[Tally, Floats]]:
+        """The sums of each of some runs of one joint, and its regressor (M, p) at its bins, `most` of a run."""
+        robot = self.model.robot
+        (bins,) = joint_bins(robot, runs, most=most, campaign=self.campaign, is_settled=False)
+        nodes, _ = bins.nodes
+        known = None
+        if self.model.needs_loads():
+            known = along(
+                self.model, nodes, 3 * bins.lengths, solution=self.estimate.solution, scales=self.estimate.scales
+            )
+        fine = np.hstack([self.model.along_nodes(bins), self.model.beyond(replace(nodes, loads=known))])
+        rows = bins.averaged(fine)
+        return list(zip(self._tallies(bins, fine, rows), np.split(rows, bins.first[1:]), strict=True))
+
+    def _tallies(self, bins: JointBins, fine: Floats, rows: Floats) -> list[Tally]:
+        """Of each run, from the regressor at the nodes of its bins (3 N, p) and its means over them (N, p)."""
+        weights, factors, count = self.scaled(bins.joint), self._factors(bins.joint), bins.count
+        drawn = fine @ weights
+        misfit = bins.current - rows @ weights
+        inside = bins.inside_left(rows @ weights, bins.variance(drawn))
+        products = {}
+        for name, own in self.effects().items():
+            part, along_part = rows[:, own] @ weights[own], fine[:, own] @ weights[own]
+            varies = 0.25 * (bins.variance(drawn + along_part) - bins.variance(drawn - along_part))
+            products[name] = bins.sums(count * (bins.current * part + varies))
+        off = np.array([(rows[:, own] * factors[own]) @ self.estimate.blind[own] for own in self.effects().values()])
+        off = off * np.sqrt(count)[None, :, None]
+        sums = np.column_stack(
+            [
+                bins.sums(count),
+                bins.sums(count * (misfit**2 + inside)),
+                bins.sums(count * misfit),
+                bins.sums(count * (bins.current**2 + bins.inside)),
+                bins.sums(count * bins.current),
+            ]
+        )
+        doubts = [np.einsum("knb,lnb->kl", part, part) for part in np.split(off, bins.first[1:], axis=1)]
+        return [
+            Tally(
+                run=run,
+                samples=int(samples),
+                squares=float(squares),
+                total=float(total),
+                current_squares=float(current_squares),
+                current_total=float(current_total),
+                products={name: float(values[number]) for name, values in products.items()},
+                doubts=doubts[number],
+            )
+            for number, (run, (samples, squares, total, current_squares, current_total)) in enumerate(
+                zip(bins.runs, sums, strict=True)
+            )
+        ]
 
     def _loaded(self, samples: Samples) -> Samples:
         if not self.model.needs_loads():
@@ -107,31 +157,6 @@ class Judge:
         """Effect -> (p,) which parameters are its own, in the model's order."""
         names = [column.effect for column in self.model.columns]
         return {name: np.array([other == name for other in names]) for name in dict.fromkeys(names)}
-
-    def tally(self, block: Block) -> Tally:
-        """Sums over all samples of a run, from its equations alone."""
-        weights = self.scaled(block.run.joint)
-        residual = block.target - block.regressors @ weights
-        products = {
-            name: float(block.target @ (block.regressors[:, own] @ weights[own]))
-            for name, own in self.effects().items()
-        }
-        return Tally(
-            run=block.run,
-            samples=block.samples,
-            squares=float(residual @ residual) + block.beyond(weights),
-            total=float(block.ones @ residual),
-            current_squares=float(block.target @ block.target) + block.rest,
-            current_total=float(block.ones @ block.target),
-            products=products,
-            doubts=self._doubts(block),
-        )
-
-    def _doubts(self, block: Block) -> Floats:
-        """(k, k) of a `Tally`."""
-        used = block.regressors * self._factors(block.run.joint)
-        off = [(used[:, own] @ self.estimate.blind[own]).ravel() for own in self.effects().values()]
-        return np.array(off) @ np.array(off).T
 
     def groups(self, tallies: Sequence[Tally]) -> Groups:
         """The effects of one joint by what `tallies` can tell apart: each alone, or those known only together.

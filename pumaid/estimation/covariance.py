@@ -9,6 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import special
 
+from pumaid.estimation.bilinear import Bilinear
+from pumaid.estimation.fit import Fit
+from pumaid.maths.recursion import Gains
+
 Floats = NDArray[np.float64]
 
 #: An eigenvalue of I - H below this belongs to a direction that a run fits alone, but for what a prior says: its
@@ -16,6 +20,9 @@ Floats = NDArray[np.float64]
 FITTED_ALONE = 1e-3
 #: Runs that are worked on at once: what each pulls takes some 25 kB.
 AT_ONCE = 1000
+#: Share of the largest singular value of a row's scaled normal matrix below which there is only rounding: its columns'
+#: own singular values, squared, with four digits to spare above machine precision.
+ROUNDING = 1e-12
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -162,3 +169,68 @@ def interval(value: float, std_error: float, freedoms: float, *, level: float = 
 def two_sided(statistic: float, freedoms: float) -> float:
     """Probability of a Student t at least as large as |statistic|."""
     return float(2.0 * special.stdtr(freedoms, -abs(statistic)))
+
+
+def fit_covariance(fitted: Fit) -> Clustered:
+    """Of all parameters and ratios of a fit, clustered by run."""
+    run_of = fitted.run_of
+    order = [np.flatnonzero(run_of == number) for number in range(int(run_of.max()) + 1)]
+    solution, inverse = fitted.solution, fitted.inverse
+    kin = np.repeat([row.joint for row in fitted.rows], [len(row.bins.runs) for row in fitted.rows])
+    jacobians, residuals = ([values[rows] for rows in order] for values in (solution.jacobian, solution.residual))
+    found = clustered(jacobians, residuals, inverse, kin=kin)
+    # What rests on the prior of a ratio or shape is as uncertain as the prior says: no run's residual shows that.
+    p = len(solution.values)
+    ratios, shapes = inverse[:, p:], inverse[:, :p] @ fitted.held.T
+    added = (ratios * fitted.pull) @ ratios.T + shapes @ shapes.T
+    return Clustered(found.covariance + added, found.freedoms)
+
+
+def recursion_covariance(system: Bilinear, values: Floats, gains: Gains, *, runs: NDArray[np.int64]) -> Clustered:
+    """Covariance of the recursion's parameters and ratios, clustered by run.
+
+    Row i is least squares given the outer rows' results, so an outer run moves it, too: by minus the row's own
+    solution operator times the derivative of the row's prediction by the outer results.
+
+    Parameters
+    ----------
+    system
+        Whitened rows.
+    runs
+        (N,) run of each equation.
+    values, gains
+        The recursion's result.
+
+    Returns
+    -------
+    clustered
+        Over [values, edges]; degrees of freedom are those of each parameter's own row.
+    """
+    edges, p = gains.edges, len(values)
+    size = p + len(edges)
+    jacobian = system.jacobian(gains, values)
+    residual = system.target - system.scaled(gains) @ values
+    covariance, freedoms = np.zeros((size, size)), np.zeros(size)
+    for row in reversed(range(gains.n_rows)):
+        here = np.flatnonzero(system.row == row)
+        own = np.concatenate(
+            [np.flatnonzero(system.owners == row), [p + k for k, e in enumerate(edges) if gains.parent[e] == row]]
+        ).astype(int)
+        if len(here) == 0 or len(own) == 0:
+            continue
+        J = jacobian[here]
+        scale = np.linalg.norm(J[:, own], axis=0)
+        unit = np.divide(J[:, own], scale, out=np.zeros((len(here), len(own))), where=scale > 0)
+        back = np.divide(1.0, scale, out=np.zeros_like(scale), where=scale > 0)
+        inverse = back[:, None] * np.linalg.pinv(unit.T @ unit, rcond=ROUNDING, hermitian=True) * back
+        outer = np.setdiff1d(np.arange(size), own)
+        carry = -inverse @ J[:, own].T @ J[:, outer]
+        numbers = [here[runs[here] == run] for run in np.unique(runs[here])]
+        alone = clustered([jacobian[n][:, own] for n in numbers], [residual[n] for n in numbers], inverse)
+        outer_covariance = covariance[np.ix_(outer, outer)]
+        crossed = carry @ outer_covariance
+        covariance[np.ix_(own, own)] = alone.covariance + crossed @ carry.T
+        covariance[np.ix_(own, outer)] = crossed
+        covariance[np.ix_(outer, own)] = crossed.T
+        freedoms[own] = alone.freedoms
+    return Clustered(covariance, freedoms)

@@ -1,34 +1,27 @@
-"""The fit that identify and diagnose share: runs, and effects beyond the paper's model, to an estimate."""
+"""Identification: runs, and effects beyond the paper's model, to every parameter with its honest uncertainty."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from pumaid import __version__
-from pumaid.choices import expanded
-from pumaid.chosen import Chosen, Column
 from pumaid.dataset import Dataset, Run
-from pumaid.errors import LogError, Note, Where
-from pumaid.estimation import notes
-from pumaid.estimation.combinations import determined
-from pumaid.estimation.delays import of_delays
-from pumaid.estimation.drift import of_drift
-from pumaid.estimation.enlarged import Enlarged, enlarged
-from pumaid.estimation.judge import Judge, rmse
-from pumaid.estimation.misfit import of_misfit, of_runs
-from pumaid.estimation.profiles import Profile
+from pumaid.effect_spec import Column, EffectTerm, expanded
+from pumaid.errors import LogError, Where
+from pumaid.estimation import warnings
+from pumaid.estimation.covariance import fit_covariance, interval, recursion_covariance
+from pumaid.estimation.evaluate import Judge, rmse
+from pumaid.estimation.fit import Fit
+from pumaid.estimation.gls import Progress
+from pumaid.estimation.identifiability import Sheet, determined
+from pumaid.estimation.nonlinear import EffectFit, Ends, fit_effects
+from pumaid.estimation.profile import Profile
 from pumaid.estimation.reasons import Facts
-from pumaid.estimation.rows import Row
-from pumaid.estimation.sheet import Sheet
-from pumaid.estimation.system import Fitted, Progress
-from pumaid.maths.propagation import recursion_covariance
-from pumaid.maths.statistics import Clustered, clustered, interval
-from pumaid.model import Model
-from pumaid.preprocessing.options import STROKE
+from pumaid.model import DELAY, Model
 from pumaid.preprocessing.replicates import Pair, noise_floor, pairs
 from pumaid.records import GIVEN, IDENTIFIED, NOT_IDENTIFIABLE, Campaign, Estimate, JointFit, Value
 from pumaid.robot import EffectChoice, Robot
@@ -36,7 +29,7 @@ from pumaid.robot import EffectChoice, Robot
 Floats = NDArray[np.float64]
 
 
-def identified(
+def identify(
     dataset: Dataset,
     robot: Robot,
     *,
@@ -44,7 +37,9 @@ def identified(
     recursive: bool = False,
     progress: Progress | None = None,
 ) -> Estimate:
-    """Fit the arm's base model and chosen effects to all runs that are not held out.
+    """Identify the arm's parameters from runs.
+
+    Rows are solved from the last joint to the first; then all rows are refined together. Held-out runs are left out.
 
     Parameters
     ----------
@@ -62,7 +57,8 @@ def identified(
     Returns
     -------
     estimate
-        Every parameter, identified or not; its effects have all their shapes.
+        Every parameter of the minimal model and of the effects, identified or not, with standard errors clustered by
+        run.
 
     Raises
     ------
@@ -70,6 +66,10 @@ def identified(
         There is no run to fit.
     ModelError [unknown-effect], [effect-joint], [effect-shape], [effect-not-here], [effect-twice]
         An effect cannot be in the model.
+
+    Source
+    ------
+    S.-K. Lin, "Identification of a Class of Nonlinear Deterministic Systems with Application to Manipulators".
     """
     choices = expanded(robot.effects if effects is None else effects, robot)
     runs = tuple(run for run in dataset.runs if not run.heldout)
@@ -77,29 +77,30 @@ def identified(
         raise _no_runs(dataset)
     model, campaign = Model.of_runs(robot, runs), Campaign.of(dataset.runs, dataset.rejects)
     choices = tuple(choice for choice in choices if not _is_there(choice, model))
-    found = enlarged(model, runs, choices, campaign=campaign, recursive=recursive, progress=progress)
-    fitted = found.fitted
-    first = recursion_covariance(fitted.first_system, fitted.first_values, fitted.first_gains, runs=fitted.run_of)
-    final = first if recursive else _joint_covariance(fitted)
+    found = fit_effects(model, runs, choices, campaign=campaign, recursive=recursive, progress=progress)
+    fitted = found.fit
+    assert fitted.first is not None
+    first = recursion_covariance(
+        fitted.first.system, fitted.first.solution.values, fitted.first.solution.gains, runs=fitted.run_of
+    )
+    final = first if recursive else fit_covariance(fitted)
     of_recursion = Sheet.of_recursion(fitted, runs, first)
-    sheet = of_recursion if recursive else Sheet.of(fitted, runs, final, gauge=found.gauge)
+    sheet = of_recursion if recursive else Sheet.of(fitted, runs, final)
     sheet = replace(sheet, profiles=_profiles(found, sheet))
     shown, model = sheet.values(), fitted.model
-    values = (*shown, *_held(found, choices, shown))
-    p = len(model.names)
+    told = np.array([column.effect != DELAY or column.place is not None for column in model.columns], dtype=bool)
     is_shape = np.array([column.shape is not None for column in model.columns], dtype=bool)
     repeated = {joint: pairs([run for run in runs if run.joint == joint]) for joint in range(1, robot.n_joints + 1)}
-    joints = tuple(_joint_fit(fitted, runs, joint, repeated=own) for joint, own in repeated.items())
     estimate = Estimate(
         robot=robot.name,
-        joints=joints,
-        values=values,
-        names=model.names,
-        solution=np.where(is_shape, 0.0, fitted.solution.values),
-        covariance=final.covariance[:p, :p],
+        joints=tuple(_joint_fit(fitted, runs, joint, repeated=own) for joint, own in repeated.items()),
+        values=(*shown, *_held(found, choices, shown)),
+        names=tuple(name for name, is_told in zip(model.names, told, strict=True) if is_told),
+        solution=np.where(is_shape, 0.0, fitted.values)[told],
+        covariance=final.covariance[: len(told), : len(told)][np.ix_(told, told)],
         scales=fitted.scales(),
-        blind=sheet.blind(),
-        effects=_with_shapes(found, choices),
+        blind=sheet.blind()[told],
+        effects=tuple(replace(choice, shape=shape) for choice, shape in zip(choices, found.shapes, strict=True)),
         combinations=determined(sheet, shown),
         stroke_postures=model.stroke_postures,
         recursive=of_recursion.values(),
@@ -110,27 +111,8 @@ def identified(
         version=__version__,
     )
     estimate = _with_errors(estimate, robot, dataset)
-    told = _notes(found, runs, estimate, robot, repeated=repeated)
-    return replace(estimate, notes=(*dataset.notes, *told))
-
-
-def _notes(
-    found: Enlarged, runs: Sequence[Run], estimate: Estimate, robot: Robot, *, repeated: Mapping[int, Sequence[Pair]]
-) -> list[Note]:
-    """What there is to be said of a fit."""
-    fitted, values = found.fitted, estimate.values
-    return [
-        *of_misfit(fitted, estimate.joints),
-        *of_runs(fitted),
-        *of_drift(estimate.joints, repeated),
-        *([] if estimate.effects else of_delays(fitted.model, runs, values)),
-        *notes.of_fit(fitted, robot),
-        *notes.of_gears(fitted, robot),
-        *notes.odd_friction(values, robot.n_joints),
-        *notes.odd_gains(values, robot.n_joints),
-        *notes.odd_inertia(values, robot.n_joints),
-        *notes.of_effects(found, runs),
-    ]
+    notes = warnings.notes_on(found, runs, estimate, robot=robot, repeated=repeated)
+    return replace(estimate, notes=(*dataset.notes, *notes))
 
 
 def _is_there(choice: EffectChoice, model: Model) -> bool:
@@ -150,27 +132,9 @@ def _no_runs(dataset: Dataset) -> LogError:
     )
 
 
-def _joint_covariance(fitted: Fitted) -> Clustered:
-    """Clustered by run; jacobian rows of one run together."""
-    order = [np.flatnonzero(fitted.run_of == number) for number in range(int(fitted.run_of.max()) + 1)]
-    solution, inverse = fitted.solution, fitted.solution.linear.inverse
-    kin = np.repeat([row.joint for row in fitted.rows], [len(row.runs) for row in fitted.rows])
-    jacobians, residuals = ([values[rows] for rows in order] for values in (solution.jacobian, solution.residual))
-    found = clustered(jacobians, residuals, inverse, kin=kin)
-    # What rests on the prior of a ratio or shape is as uncertain as the prior says: no run's residual shows that.
-    p = len(solution.values)
-    ratios, shapes = inverse[:, p:], inverse[:, :p] @ fitted.held.T
-    added = (ratios * fitted.pull) @ ratios.T + shapes @ shapes.T
-    return Clustered(found.covariance + added, found.freedoms)
-
-
-def _with_shapes(found: Enlarged, choices: Sequence[EffectChoice]) -> tuple[EffectChoice, ...]:
-    return tuple(replace(choice, shape=shape) for choice, shape in zip(choices, found.shapes, strict=True))
-
-
-def _held(found: Enlarged, choices: Sequence[EffectChoice], values: Sequence[Value]) -> list[Value]:
+def _held(found: EffectFit, choices: Sequence[EffectChoice], values: Sequence[Value]) -> list[Value]:
     """Shapes without a derivative: given ones, and instants and whole numbers that were looked for."""
-    model, out = found.fitted.model, []
+    model, out = found.fit.model, []
     known = {value.name for value in values if value.state == IDENTIFIED}
     for place, (choice, one) in enumerate(zip(choices, model.effects, strict=True)):
         shows = any(column.name in known for column in model.columns if column.place == place)
@@ -181,38 +145,38 @@ def _held(found: Enlarged, choices: Sequence[EffectChoice], values: Sequence[Val
                 out.append(replace(bare, value=choice.shape[name], state=GIVEN))
             elif name not in one.fitted and shows:
                 ends = found.ranges.get((place, name))
-                out.append(replace(bare, value=one.choice.shape[name], ci95=ends, state=IDENTIFIED))
+                out.append(replace(bare, value=one.shape[name], ci95=ends, state=IDENTIFIED))
             elif name not in one.fitted:
                 why = f"no size of {one.effect.name} shows in these data"
                 out.append(replace(bare, state=NOT_IDENTIFIABLE, reason=why))
     return out
 
 
-def _profiles(found: Enlarged, sheet: Sheet) -> dict[int, tuple[float, float]]:
+def _profiles(found: EffectFit, sheet: Sheet) -> dict[int, Ends]:
     """By column (from 0): intervals of effects whose shapes were fitted, along the likelihood, and of what moves along.
 
     Where the model's own likelihood is all that is known of a parameter's spread, clustered errors are; an interval
     reaches as much further.
     """
-    model, out = found.fitted.model, {}
-    inverse = np.diag(found.fitted.solution.linear.inverse)
+    model, out = found.fit.model, {}
+    inverse = np.diag(found.fit.inverse)
     wide = np.array([interval(0.0, 1.0, freedom)[1] for freedom in sheet.freedoms])
     with np.errstate(divide="ignore", invalid="ignore"):
         reach = np.where(inverse > 0, wide * np.sqrt(np.diag(sheet.covariance) / inverse), 0.0)
     for place, one in enumerate(model.effects):
         columns = {n: column for n, column in enumerate(model.columns) if column.place == place}
-        lost = found.gauge is not None and any(n in found.gauge.partners for n in columns)
-        if found.without is None or lost or not one.fitted or one.held or not all(reach[n] > 0 for n in columns):
+        lost = any(n in sheet.confounded for n in columns)
+        if found.search is None or lost or not one.fitted or one.held or not all(reach[n] > 0 for n in columns):
             continue
         linear = [n for n, column in columns.items() if column.shape is None]
         best = one.at(found.shapes[place])
-        profile = Profile(found.without(place), best, model.robot, found.fitted.limit[linear])
+        profile = Profile(found.search.without(place), best, found.fit.limit[linear])
         for n, column in columns.items():
             if column.shape is not None:
                 error = float(np.sqrt(sheet.covariance[n, n]))
                 out[n] = profile.shape(column.shape, error=error, reach=float(reach[n]))
         out |= _ends(linear, profile.linear(reach[linear]))
-        names = profile.ground.fitted.model.names
+        names = profile.ground.fit.model.names
         same = {model.names.index(name): n for n, name in enumerate(names) if name in model.names}
         before = profile.others(reach[[*same, *range(len(model.names), len(reach))]])
         moved = {n: tuple(before[k]) for n, k in same.items() if model.columns[n].owner == one.number}
@@ -220,56 +184,40 @@ def _profiles(found: Enlarged, sheet: Sheet) -> dict[int, tuple[float, float]]:
     return out
 
 
-def _ends(columns: Sequence[int], ends: Floats) -> dict[int, tuple[float, float]]:
+def _ends(columns: Sequence[int], ends: Floats) -> dict[int, Ends]:
     return {n: (float(low), float(high)) for n, (low, high) in zip(columns, ends, strict=True)}
 
 
-def _every_shape(one: Chosen, model: Model, place: int) -> list[Column]:
+def _every_shape(one: EffectTerm, model: Model, place: int) -> list[Column]:
     every = replace(one, fitted=tuple(one.shapes(model.robot)))
     return [column for column in every.parts(model.robot, place) if column.shape is not None]
 
 
-def _row_of(fitted: Fitted, joint: int) -> Row | None:
-    return next((row for row in fitted.rows if row.joint == joint), None)
-
-
-def _joint_fit(fitted: Fitted, runs: Sequence[Run], joint: int, *, repeated: Sequence[Pair]) -> JointFit:
-    row = _row_of(fitted, joint)
-    if row is None:
-        return JointFit(joint, 0, 0, None, None, f"joint {joint} never moves alone in these logs")
-    values = fitted.system.factors(fitted.gains)[joint - 1] * fitted.solution.values
+def _joint_fit(fitted: Fit, runs: Sequence[Run], joint: int, *, repeated: Sequence[Pair]) -> JointFit:
     own = [run for run in runs if run.joint == joint]
+    if not own:
+        return JointFit(joint, 0, 0, None, None, f"joint {joint} never moves alone in these logs")
     floor, why = noise_floor(repeated)
-    kinds = {kind: sum(run.kind == kind for run in own) for kind in sorted({run.kind for run in own})}
     return JointFit(
         joint=joint,
         runs=len(own),
-        samples=row.samples,
-        rmse=float(np.sqrt(row.squares(values) / row.samples)),
+        samples=sum(run.samples for run in own),
+        rmse=fitted.row(joint).rmse,
         noise_floor=floor,
         noise_floor_reason=why,
         run_level=None if joint in fitted.weak else float(np.sqrt(fitted.levels[joint].level)),
         posture_groups=Facts.of(joint, runs).postures,
-        kinds=kinds,
+        kinds={kind: sum(run.kind == kind for run in own) for kind in sorted({run.kind for run in own})},
     )
 
 
 def _with_errors(estimate: Estimate, robot: Robot, dataset: Dataset) -> Estimate:
-    """With the error on runs that the plan keeps for judging, and on all runs of joints that have strokes.
-
-    A fit's equations do not tell the latter: in them strokes are weighed by what a delay does to them.
-    """
-    weighed = {run.joint for run in dataset.runs if run.kind == STROKE and not run.heldout}
-    runs = [run for run in dataset.runs if run.heldout or run.joint in weighed]
-    if not runs:
-        return estimate
-    judge = Judge.of(robot, estimate, dataset)
-    tallies = [judge.tally(block) for block in judge.blocks(runs)]
+    """With the error over all samples of the runs, and on those that the plan keeps for judging."""
+    tallies = Judge.of(robot, estimate, dataset).tallies(dataset.runs)
     kept = [tally for tally in tallies if tally.run.heldout]
     joints = []
     for fit in estimate.joints:
         own = [tally for tally in kept if tally.run.joint == fit.joint]
         fits = [tally for tally in tallies if tally.run.joint == fit.joint and not tally.run.heldout]
-        of_fit = rmse(fits) if fit.joint in weighed else fit.rmse
-        joints.append(replace(fit, rmse=of_fit, heldout_runs=len(own), heldout=rmse(own)))
+        joints.append(replace(fit, rmse=rmse(fits), heldout_runs=len(own), heldout=rmse(own)))
     return replace(estimate, joints=tuple(joints), heldout=rmse(kept))

@@ -1,0 +1,453 @@
+"""Effects beyond the paper's model as users name them (EFFECT@JOINT:SHAPE=VALUE) and as terms of a model."""
+
+from __future__ import annotations
+
+import difflib
+import itertools
+import math
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pumaid.effects import Effect, Scope, catalogue
+from pumaid.effects.base import Shape
+from pumaid.errors import ModelError, Where
+from pumaid.records import Estimate, Samples
+from pumaid.robot import EffectChoice, Robot
+
+Floats = NDArray[np.float64]
+
+#: The joint that stands for all of them.
+ALL = "all"
+#: What to do where an effect is not known that may be a user's own.
+OWN = "an effect from a file of your own needs that file each time: --effects FILE.py"
+#: Step of a numerical derivative by a shape, as a share of the shape's own scale: its square is far below any interval.
+STEP = 1e-4
+#: Columns of an effect below this share of its largest are rounding.
+ROUNDING = 1e-11
+
+
+@dataclass(frozen=True, slots=True)
+class Column:
+    """One parameter of a model: its name, symbol and unit, the joint or link (from 1) that owns it, its effect.
+
+    Attributes
+    ----------
+    owner
+        From 1; 0 for the whole arm.
+    group
+        Posture group (from 0) of a parameter that each set of held positions has for itself, else None.
+    place
+        Number (from 0) of the effect term that it belongs to; None in the paper's model.
+    shape
+        Name of the nonlinear parameter of which the column is the derivative; None for linear parameters.
+    scope
+        Whose it is: a link's acts on inner joints through the ratio of gains, all others as they are.
+    span
+        From the lowest to the highest value of it that is physical.
+    """
+
+    name: str
+    symbol: str
+    unit: str
+    meaning: str
+    owner: int
+    effect: str
+    group: int | None = None
+    place: int | None = None
+    shape: str | None = None
+    scope: Scope = Scope.JOINT
+    span: float = math.inf
+
+
+@dataclass(frozen=True, slots=True)
+class EffectTerm:
+    """One effect in a model, or tried beside it: at a joint (from 1; None: the whole arm), with its shape.
+
+    Attributes
+    ----------
+    mark
+        What ends its parameters' names: ``_2`` for the second time at one joint.
+    fitted
+        Shapes that are fitted: the derivative by each is a column, so that errors know of them.
+    sizes
+        Linear parameters at which these derivatives are taken.
+    held
+        Those of `fitted` that are best at a bound: they stay there, and errors know of them all the same.
+    """
+
+    effect: Effect
+    joint: int | None
+    shape: Mapping[str, float] = field(default_factory=dict)
+    mark: str = ""
+    fitted: tuple[str, ...] = ()
+    sizes: tuple[float, ...] = ()
+    held: tuple[str, ...] = ()
+
+    @property
+    def key(self) -> tuple[str, int | None]:
+        """Effect's name and joint."""
+        return self.effect.name, self.joint
+
+    @property
+    def choice(self) -> EffectChoice:
+        """As recipes and results have it."""
+        return EffectChoice(self.effect.name, self.joint, dict(self.shape))
+
+    @property
+    def number(self) -> int:
+        """Owner: joint or link from 1, 0 for the whole arm."""
+        return self.joint or 0
+
+    def shapes(self, robot: Robot) -> dict[str, Shape]:
+        """Nonlinear parameters by name."""
+        return {shape.name: shape for shape in self.effect.shapes(robot, self.number)}
+
+    def searched(self, robot: Robot) -> EffectTerm:
+        """The same with all shapes that it has fitted, as far as these have derivatives."""
+        known = self.shapes(robot)
+        return replace(self, fitted=tuple(name for name in known if known[name].is_searched and name in self.shape))
+
+    def touches(self, joint: int) -> bool:
+        """Whether it may act on the current of `joint` (from 1)."""
+        if self.effect.scope is Scope.JOINT:
+            return joint == self.joint
+        return self.effect.scope is not Scope.LINK or joint <= self.number
+
+    def parts(self, robot: Robot, place: int) -> Iterator[Column]:
+        """Its parameters, then the shapes that are fitted; `place` is its number in the model."""
+        effect, number = self.effect, self.number
+        letter = {Scope.ARM: ""}.get(effect.scope, f"{'l' if effect.scope is Scope.LINK else 'j'}{number}.")
+        unit = robot.joint(number).position_unit if number else "rad"
+        for parameter in effect.parameters(robot, number):
+            yield Column(
+                name=f"{effect.name}.{letter}{parameter.name}{self.mark}",
+                symbol=parameter.symbol.format(n=number) + self.mark,
+                unit=parameter.unit.format(unit=unit),
+                meaning=parameter.meaning,
+                owner=number,
+                effect=effect.name,
+                place=place,
+                scope=effect.scope,
+                span=parameter.high - parameter.low,
+            )
+        for shape in (one for one in effect.shapes(robot, number) if one.name in self.fitted):
+            yield Column(
+                name=f"{effect.name}.{letter}{shape.name}{self.mark}",
+                symbol=shape.name + self.mark,
+                unit=shape.unit.format(unit=unit),
+                meaning=shape.meaning,
+                owner=number,
+                effect=effect.name,
+                place=place,
+                shape=shape.name,
+                scope=effect.scope,
+            )
+
+    def linear(self, robot: Robot, samples: Samples, shape: Mapping[str, float] | None = None) -> Floats:
+        """(M, p) A per unit of each linear parameter; zero where it does not act, and where a load is not known."""
+        if not self.touches(samples.joint):
+            return np.zeros((len(samples), len(self.effect.parameters(robot, self.number))))
+        at = self.shape if shape is None else shape
+        return np.nan_to_num(self.effect.columns(robot, samples, number=self.number, shape=at))
+
+    def columns(self, robot: Robot, samples: Samples) -> Floats:
+        """(M, p) A per unit of each of `parts`."""
+        linear = self.linear(robot, samples)
+        size = np.abs(linear).max(axis=0, initial=0.0)
+        found = [np.where(size > ROUNDING * size.max(initial=0.0), linear, 0.0)]
+        for name, facts in self.shapes(robot).items() if self.fitted else ():
+            if name in self.fitted:
+                low, high = step_of(facts, self.shape[name])
+                ends = [self.linear(robot, samples, {**self.shape, name: end}) for end in (low, high)]
+                rise = (ends[1] - ends[0]) @ (np.array(self.sizes) if self.sizes else np.zeros(linear.shape[1]))
+                found.append((rise / (high - low))[:, None])
+        return np.hstack(found)
+
+    def at(self, shape: Mapping[str, float], sizes: Sequence[float] = ()) -> EffectTerm:
+        """The same with other shapes, and derivatives at other sizes."""
+        return replace(self, shape={**self.shape, **shape}, sizes=tuple(float(size) for size in sizes))
+
+
+def columns_each(terms: Sequence[EffectTerm], robot: Robot, samples: Samples) -> Floats:
+    """(M, k p) of one effect with each of k shapes, side by side; what they share is computed once."""
+    one = terms[0]
+    if len(terms) == 1 or not one.touches(samples.joint):
+        return np.column_stack([each.linear(robot, samples) for each in terms])
+    found = one.effect.columns_each(robot, samples, number=one.number, shapes=[each.shape for each in terms])
+    return np.nan_to_num(np.column_stack(found))
+
+
+def scale_of(shape: Shape, value: float) -> float:
+    """What counts as not knowing a shape: a quarter of its range, or the value itself where it cannot be negative."""
+    spread = 0.25 * (shape.high - shape.low) if np.isfinite(shape.high - shape.low) else np.inf
+    if shape.low >= 0.0 and value > 0.0:
+        spread = min(spread, value)
+    return float(spread) if np.isfinite(spread) else max(abs(value), 1.0)
+
+
+def step_of(shape: Shape, value: float) -> tuple[float, float]:
+    """Two values about `value`, within bounds, between which a derivative is taken."""
+    step = STEP * scale_of(shape, value)
+    return max(value - step, shape.low), min(value + step, shape.high)
+
+
+def terms_of(choices: Sequence[EffectChoice]) -> tuple[EffectTerm, ...]:
+    """Choices as a model has them: the second time at a joint is marked ``_2``."""
+    return marked([EffectTerm(catalogue()[one.effect], one.joint, dict(one.shape)) for one in choices])
+
+
+def marked(terms: Sequence[EffectTerm]) -> tuple[EffectTerm, ...]:
+    """Terms with the marks that tell those of one effect at one joint apart."""
+    times: dict[tuple[str, int | None], int] = {}
+    out = []
+    for term in terms:
+        times[term.key] = times.get(term.key, 0) + 1
+        out.append(replace(term, mark=f"_{times[term.key]}" if times[term.key] > 1 else ""))
+    return tuple(out)
+
+
+def check_parameters(estimate: Estimate, robot: Robot) -> None:
+    """Refuse a model whose effects had other parameters when it was made: a user's file has changed since.
+
+    Raises
+    ------
+    ModelError [effect-changed]
+        One of its effects lacks, or has, a parameter or shape that the model knows otherwise.
+    """
+    every = terms_of(estimate.effects)
+    for number, term in enumerate(every, start=1):
+        (name, joint), shapes = term.key, set(term.shapes(robot))
+        prefix = f"{name}.j{joint}." if joint else f"{name}."
+        alike = [replace(other, fitted=tuple(shapes)) for other in every if other.key == term.key]
+        parts = [part for other in alike for part in other.parts(robot, 0)]
+        listed = {known for known in estimate.names if known.startswith(prefix)}
+        differ = {part.name for part in parts if part.shape is None} - listed
+        differ |= listed - {part.name for part in parts}
+        differ |= shapes.symmetric_difference(term.shape)
+        if differ:
+            what = f"{name} is not what it was when the model was made: {', '.join(sorted(differ))}"
+            mend = "give the file as it was then, or identify again with this one"
+            raise ModelError("effect-changed", what, Where(joint=joint, field=f"effects[{number}]"), mend)
+
+
+def parse_effect(text: str, robot: Robot, *, option: str = "--add") -> EffectChoice:
+    """A choice as the command line writes it: ``EFFECT[@JOINT][:SHAPE=VALUE,...]``, angles in rad.
+
+    Parameters
+    ----------
+    text
+        ``stribeck@3:velocity=0.12``; the joint is a number from 1, a joint's name or ``all`` (as is none).
+    robot
+        Its joints.
+    option
+        What the user wrote it after, for the message.
+
+    Raises
+    ------
+    ModelError [unknown-effect], [effect-joint], [effect-shape], [effect-not-here], [effect-twice]
+        There is no such effect, joint or shape, and the nearest one is told; or it cannot act there.
+    """
+    where = Where(field=f"{option} {text}")
+    head, _, tail = text.partition(":")
+    name, at, joint = head.partition("@")
+    if not name.strip() or (at and not joint.strip()):
+        what = "no joint is named after the @" if name.strip() else "no effect is named"
+        raise ModelError(
+            "effect-joint" if name.strip() else "unknown-effect", what, where, f"write {option} stribeck@3"
+        )
+    effect = known_effect(name.strip(), where)
+    number = _joint(joint.strip(), robot, where)
+    shape: dict[str, float] = {}
+    for part in filter(None, (piece.strip() for piece in tail.split(","))):
+        key, _, value = (piece.strip() for piece in part.partition("="))
+        _check_name(effect, robot, number or 1, key=key, where=where)
+        if key in shape:
+            raise ModelError("effect-shape", f"{key} is given twice", where, "give it once")
+        try:
+            shape[key] = float(value)
+        except ValueError:
+            what = f"{key} is {value!r}, which is no number" if value else f"{key} has no value"
+            mend = f"write {key}=NUMBER, or leave it out to have it fitted"
+            raise ModelError("effect-shape", what, where, mend) from None
+    choice = EffectChoice(effect.name, number, shape)
+    _expanded(choice, robot, where)
+    return choice
+
+
+def chosen_by(robot: Robot, *, add: Iterable[str] = (), remove: Iterable[str] = ()) -> tuple[EffectChoice, ...]:
+    """The recipe's effects without those that `remove` names and with those that `add` does, one joint each.
+
+    Parameters
+    ----------
+    robot
+        With the recipe's effects.
+    add
+        As `parse_effect` reads them.
+    remove
+        ``EFFECT``, ``EFFECT@JOINT`` or ``all``.
+
+    Raises
+    ------
+    ModelError [effect-not-there], [effect-not-here], [effect-twice] and those of `parse_effect`
+        A choice is wrong, cannot act there, is in the model already, or cannot be taken out.
+    """
+    kept = expanded(robot.effects, robot)
+    for text in remove:
+        kept = _without(kept, text, robot)
+    return expanded([*kept, *(parse_effect(text, robot) for text in add)], robot)
+
+
+def expanded(choices: Sequence[EffectChoice], robot: Robot) -> tuple[EffectChoice, ...]:
+    """Each choice at one joint or of the whole arm; a choice for all joints becomes one a joint where it can act.
+
+    Raises
+    ------
+    ModelError [unknown-effect], [effect-joint], [effect-shape], [effect-not-here], [effect-twice]
+        An effect, joint or shape is wrong, cannot act there, or is in the model already.
+    """
+    out: list[EffectChoice] = []
+    for choice in choices:
+        where = Where(joint=choice.joint, field=f"effect {choice.effect}")
+        for index, (listed, line) in enumerate(itertools.zip_longest(robot.effects, robot.effect_lines), start=1):
+            if listed is choice:
+                where = Where(file=robot.origin or None, line=line, field=f"effects[{index}]")
+        for single in _expanded(choice, robot, where):
+            _refuse_twice(single, out, where)
+            out.append(single)
+    return tuple(out)
+
+
+def at_one_joint(choice: EffectChoice, robot: Robot, option: str) -> EffectChoice:
+    """The choice, checked; an effect of joints with its joint, one of the whole arm without.
+
+    Raises
+    ------
+    ModelError [unknown-effect], [effect-joint], [effect-not-here]
+        There is no such effect, none at that joint, or no joint is named (after `option`).
+    """
+    where = Where(field=f"{option} {choice.effect}")
+    if known_effect(choice.effect, where).scope is not Scope.ARM and choice.joint is None:
+        what = f"{choice.effect} acts at one joint at a time, and none is named"
+        raise ModelError("effect-joint", what, where, f"write {choice.effect}@3")
+    return expanded([choice], robot)[0]
+
+
+def known_effect(name: str, where: Where) -> Effect:
+    """The effect of the catalogue called `name`, if it can be added to a model.
+
+    Raises
+    ------
+    ModelError [unknown-effect], [effect-twice]
+        There is none, or every model has it.
+    """
+    known = catalogue()
+    if name not in known:
+        near = difflib.get_close_matches(name, known, n=1)
+        mend = f"did you mean {near[0]}?" if near else f"pumaid effects lists the names; {OWN}"
+        what = f"there is no effect {name} in the catalogue: {', '.join(known)}"
+        raise ModelError("unknown-effect", what, where, mend)
+    if known[name].base:
+        raise ModelError("effect-twice", f"{name} is in every model already", where, "leave it out")
+    return known[name]
+
+
+def check_known(effects: Iterable[EffectChoice]) -> None:
+    """Refuse effects of a model that the catalogue does not have.
+
+    Raises
+    ------
+    ModelError [unknown-effect]
+        There is one; most often it comes from a file that has to be named again.
+    """
+    for number, choice in enumerate(effects, start=1):
+        if choice.effect not in catalogue():
+            what = f"the model holds {choice.effect}, which is not in the catalogue"
+            raise ModelError("unknown-effect", what, Where(joint=choice.joint, field=f"effects[{number}]"), OWN)
+
+
+def _joint(word: str, robot: Robot, where: Where) -> int | None:
+    if word in ("", ALL):
+        return None
+    names = {joint.name: joint.number for joint in robot.joints}
+    number = names.get(word) or (int(word) if word.isdecimal() else 0)
+    if not 1 <= number <= robot.n_joints:
+        near = difflib.get_close_matches(word, names, n=1)
+        mend = f"did you mean {near[0]}?" if near else f"one of {', '.join(names)}, a number from 1, or {ALL}"
+        raise ModelError("effect-joint", f"{robot.name} has no joint {word}", where, mend)
+    return number
+
+
+def _without(choices: Sequence[EffectChoice], text: str, robot: Robot) -> tuple[EffectChoice, ...]:
+    """The choices that `text` does not name."""
+    if text.strip() == ALL:
+        return ()
+    named = parse_effect(text, robot, option="--remove")
+    kept = tuple(
+        choice
+        for choice in choices
+        if choice.effect != named.effect
+        or named.joint not in (None, choice.joint)
+        or (named.shape and dict(named.shape) != dict(choice.shape))
+    )
+    if len(kept) == len(choices):
+        there = ", ".join(f"{one.effect}@{one.joint}" if one.joint else one.effect for one in choices)
+        mend = f"the recipe switches on: {there}" if there else "the recipe switches no effect on; leave it out"
+        what = f"the model would not have {text} anyway"
+        raise ModelError("effect-not-there", what, Where(field=f"--remove {text}"), mend)
+    return kept
+
+
+def _expanded(choice: EffectChoice, robot: Robot, where: Where) -> list[EffectChoice]:
+    effect = known_effect(choice.effect, where)
+    if effect.scope is Scope.ARM:
+        if choice.joint is not None:
+            what = f"{effect.name} is of the whole arm, not of joint {choice.joint}"
+            raise ModelError("effect-joint", what, where, "leave the joint out")
+        joints: Sequence[int] = (0,)
+    else:
+        if choice.joint is not None and not 1 <= choice.joint <= robot.n_joints:
+            what = f"{robot.name} has no joint {choice.joint}"
+            raise ModelError("effect-joint", what, where, f"joints count from 1 to {robot.n_joints}")
+        joints = range(1, robot.n_joints + 1) if choice.joint is None else (choice.joint,)
+    refusals = {joint: effect.applies(robot, joint) for joint in joints}
+    if None not in refusals.values():
+        what = f"{effect.name} cannot act there: {next(iter(refusals.values()))}"
+        raise ModelError("effect-not-here", what, where, "leave it out")
+    free = [joint for joint, why in refusals.items() if why is None]
+    for joint in free:
+        _check_shape(effect, robot, joint, shape=choice.shape, where=where)
+    return [replace(choice, joint=joint or None) for joint in free]
+
+
+def _check_name(effect: Effect, robot: Robot, number: int, *, key: str, where: Where) -> None:
+    known = [one.name for one in effect.shapes(robot, number)]
+    if key not in known:
+        near = difflib.get_close_matches(key, known, n=1)
+        listed = f"known: {', '.join(known)}" if known else f"{effect.name} has no shape: leave it out"
+        mend = f"did you mean {near[0]}?" if near else listed
+        raise ModelError("effect-shape", f"{effect.name} has no shape called {key}", where, mend)
+
+
+def _check_shape(effect: Effect, robot: Robot, number: int, *, shape: Mapping[str, float], where: Where) -> None:
+    known = {one.name: one for one in effect.shapes(robot, number)}
+    for name, value in shape.items():
+        _check_name(effect, robot, number, key=name, where=where)
+        low, high = known[name].low, known[name].high
+        if not low <= value <= high:
+            what = f"{name} of {effect.name} is {value:g}"
+            raise ModelError("effect-shape", what, where, f"write a number from {low:g} to {high:g}")
+
+
+def _refuse_twice(choice: EffectChoice, before: Sequence[EffectChoice], where: Where) -> None:
+    """The same effect twice at a joint is two harmonics at best; two of one shape are one."""
+    for other in before:
+        if (other.effect, other.joint) != (choice.effect, choice.joint):
+            continue
+        is_same = bool(choice.shape) and dict(choice.shape) == dict(other.shape)
+        if is_same or not catalogue()[choice.effect].is_repeatable:
+            place = f" at joint {choice.joint}" if choice.joint else ""
+            mend = "give each its own shape" if is_same else "take one of them out"
+            raise ModelError("effect-twice", f"{choice.effect}{place} is in the model already", where, mend)

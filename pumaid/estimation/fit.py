@@ -1,0 +1,348 @@
+"""A weighted fit of bins: the object of which every table, test and plan asks its question."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pumaid.effect_spec import EffectTerm
+from pumaid.estimation import noise as noises
+from pumaid.estimation.bilinear import (
+    Bilinear,
+    JointSolution,
+    prior_rows,
+)
+from pumaid.estimation.noise import Levels, Noise
+from pumaid.estimation.rows import Row, reduced
+from pumaid.gravity_load import along
+from pumaid.joint_bins import JointBins
+from pumaid.maths import rank
+from pumaid.maths.recursion import Gains
+from pumaid.model import DELAY, Model
+from pumaid.records import Samples
+
+Floats = NDArray[np.float64]
+Counts = NDArray[np.int64]
+
+
+@dataclass(frozen=True, eq=False)
+class FitRow:
+    """One joint of a fit, bin by bin.
+
+    Attributes
+    ----------
+    bins, noise
+        Its N bins, with loads by the fit where effects need them, and what their noise is like.
+    acting
+        (L,) numbers (from 0) of the parameters and ratios, P in all, that this joint feels.
+    slim, residual
+        (N, L) derivative of the prediction by these, and (N,) what the fit leaves; whitened.
+    bare, misfit
+        Both in A, not whitened.
+    total
+        P.
+    """
+
+    bins: JointBins
+    noise: Noise
+    acting: Counts
+    slim: Floats
+    residual: Floats
+    bare: Floats
+    misfit: Floats
+    total: int
+
+    @property
+    def jacobian(self) -> Floats:
+        """(N, P) whitened derivative of the prediction by every parameter and ratio."""
+        return self._wide(self.slim)
+
+    @property
+    def plain(self) -> Floats:
+        """(N, P) the same in A, not whitened."""
+        return self._wide(self.bare)
+
+    def _wide(self, values: Floats) -> Floats:
+        out = np.zeros((len(values), self.total))
+        out[:, self.acting] = values
+        return out
+
+    @property
+    def drawn(self) -> Floats:
+        """(N,) A that the model predicts."""
+        return np.asarray(self.bins.current - self.misfit)
+
+    @property
+    def rmse(self) -> float:
+        """RMSE (A) of the samples; within bins the prediction is taken for a straight line."""
+        count = self.bins.count
+        return float(np.sqrt(count @ (self.misfit**2 + self.bins.inside_left(self.drawn)) / count.sum()))
+
+
+@dataclass(frozen=True, eq=False)
+class Fit:
+    """A weighted fit: everything else is a question asked of it.
+
+    Attributes
+    ----------
+    model, rows
+        The model, and a row for each joint that moves, outermost first.
+    assigned
+        (J,) joint (from 0) in whose gain link j's parameters are expressed: its own or, where that never moves, the
+        next inner one that does and feels them; -1 where there is none.
+    levels
+        Variances by joint (from 1) that the fit is weighted by.
+    weak
+        Joints whose level a run could not be estimated (too few runs).
+    system, solution
+        The whitened rows and the fit over all of them, `values` (p,) and `gains`.
+    pull, held
+        Precision (edges,) of the prior on each ratio, and (h, p) of those on parameters, as for `fit_bilinear`.
+    limit
+        (p,) standard error at which each parameter says nothing any more.
+    first
+        The recursion, where the fit began with it.
+    from_replicates
+        Joints whose noise comes from repeated runs, not from what the fit leaves.
+    """
+
+    model: Model
+    rows: tuple[Row, ...]
+    assigned: Counts
+    levels: dict[int, Levels]
+    weak: tuple[int, ...]
+    system: Bilinear
+    solution: JointSolution
+    pull: Floats
+    held: Floats
+    limit: Floats
+    first: Start | None = None
+    from_replicates: frozenset[int] = frozenset()
+
+    @property
+    def gains(self) -> Gains:
+        """The ratios found."""
+        return self.solution.gains
+
+    @property
+    def values(self) -> Floats:
+        """(p,) linear parameters, in the order of the model's columns."""
+        return self.solution.values
+
+    @property
+    def inverse(self) -> Floats:
+        """(P, P) inverse information of parameters and ratios, priors included."""
+        return self.solution.linear.inverse
+
+    def scales(self) -> Floats:
+        """(J, J) eta_i / eta_j of links as the fit has them; NaN where unknown, 0 below the diagonal."""
+        known = self.gains.scales()
+        n = len(known)
+        out = np.zeros((n, n))
+        for i in range(n):
+            for j in range(i, n):
+                unit = int(self.assigned[j])
+                out[i, j] = known[i, unit] if unit >= i else np.nan
+        return out
+
+    def factors(self, joint: int) -> Floats:
+        """(p,) what multiplies each parameter in the current of `joint` (from 1); unknown ratios count as zero."""
+        return np.asarray(self.system.factors(self.gains)[joint - 1])
+
+    def information(self) -> Floats:
+        """(P, P) of all bins, without priors."""
+        total = np.zeros_like(self.inverse)
+        for row in self.joints:
+            total[np.ix_(row.acting, row.acting)] += row.slim.T @ row.slim
+        return total
+
+    @property
+    def rank(self) -> int:
+        """Directions of the parameters that the data determine."""
+        return len(self.inverse) - self.solution.linear.blind.shape[1]
+
+    @cached_property
+    def square(self) -> float:
+        """Sum of squares of the whitened residuals of all bins."""
+        return sum(float(row.residual @ row.residual) for row in self.joints)
+
+    @property
+    def size(self) -> int:
+        """Bins of all joints."""
+        return sum(len(row.bins) for row in self.joints)
+
+    @property
+    def scale(self) -> float:
+        """Variance of a whitened residual: one where the noise model is right."""
+        return self.square / max(self.size - self.rank, 1)
+
+    def columns_of(self, place: int) -> Counts:
+        """Numbers (from 0) of an effect's parameters and fitted shapes, by its place in the model."""
+        return np.array([n for n, column in enumerate(self.model.columns) if column.place == place], dtype=int)
+
+    def sizes(self, place: int) -> Floats:
+        """Linear parameters of an effect, by its place in the model."""
+        return self.values[[n for n in self.columns_of(place) if self.model.columns[n].shape is None]]
+
+    def place_of(self, term: EffectTerm) -> int:
+        """Place of an effect in the model."""
+        return [(one.key, one.shape) for one in self.model.effects].index((term.key, term.shape))
+
+    def signs(self, term: EffectTerm) -> Floats:
+        """(p,) sign that each parameter of an effect must have at this arm; 0 where either is possible."""
+        found = np.array(term.effect.signs(term.shape), dtype=float)
+        if len(found) == 0:
+            return np.zeros(len(term.effect.parameters(self.model.robot, term.number)))
+        return found * (self._side(term.number) if term.effect.opposes_motion else 1.0)
+
+    def _side(self, joint: int) -> float:
+        """+1 where friction of `joint` draws current along the motion, -1 where it counts backwards, else 0."""
+        known = dict(zip(self.model.names, self.values, strict=True))
+        pair = [known.get(f"coulomb.j{joint}.{way}") for way in ("plus", "minus")]
+        return 0.0 if pair[0] is None or pair[1] is None else float(np.sign(pair[0] - pair[1]))
+
+    @property
+    def noises(self) -> dict[int, Noise]:
+        """By joint."""
+        return {row.bins.joint: row.noise for row in self.joints}
+
+    @property
+    def run_of(self) -> Counts:
+        """(N,) number of the run that each equation belongs to."""
+        before = np.cumsum([0, *[len(row.bins.runs) for row in self.rows]])
+        parts = zip(before, self.rows, strict=False)
+        return np.concatenate([n + np.repeat(np.arange(len(r.bins.runs)), r.target.shape[1]) for n, r in parts])
+
+    @cached_property
+    def by_bin(self) -> dict[int, FitRow]:
+        """Joint (from 1) -> the fit at its bins."""
+        return {row.joint: self.at(row.bins, row.design, self.noise(row.joint)) for row in self.rows}
+
+    @property
+    def joints(self) -> tuple[FitRow, ...]:
+        """The fit at the bins of each joint, base first."""
+        return tuple(self.by_bin[joint] for joint in sorted(self.by_bin))
+
+    def row(self, joint: int) -> FitRow:
+        """The fit at the bins of `joint` (from 1)."""
+        return self.by_bin[joint]
+
+    def noise(self, joint: int) -> Noise:
+        """Of the bins of `joint` (from 1)."""
+        row = next(row for row in self.rows if row.joint == joint)
+        found = row.inner.scaled(self.levels[joint], row.is_stroke)
+        return replace(found, from_replicates=joint in self.from_replicates)
+
+    def at(self, bins: JointBins, design: Floats, noise: Noise) -> FitRow:
+        """The fit at any bins of a joint, (N, p) `design` of which is by its model.
+
+        Loads of effects that need them are those of the fit.
+        """
+        local = Bilinear(np.full(len(bins), bins.joint - 1), design, bins.current, self.system.owners)
+        bare = local.jacobian(self.gains, self.values)
+        acting = np.flatnonzero(bare.any(axis=0))
+        misfit = bins.current - local.scaled(self.gains) @ self.values
+        white = noise.whiten(bins, np.column_stack([bare[:, acting], misfit]))
+        return FitRow(bins, noise, acting, white[:, :-1], white[:, -1], bare[:, acting], misfit, bare.shape[1])
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Start:
+    """The recursion that a fit began with.
+
+    Attributes
+    ----------
+    levels
+        Variances by joint (from 1).
+    system, solution
+        Its whitened rows and its result, with the least squares over all rows there.
+    absorbed
+        By column (from 0) that the recursion leaves open: the ratios (i, j) of gains (joints from 1) whose loads it
+        absorbs.
+    """
+
+    levels: dict[int, Levels]
+    system: Bilinear
+    solution: JointSolution
+    absorbed: dict[int, list[tuple[int, int]]]
+
+
+def rmse_by_joint(fitted: Fit) -> dict[int, float]:
+    """Joint -> RMSE (A) of its fitted runs."""
+    return {row.joint: fitted.row(row.joint).rmse for row in fitted.rows}
+
+
+def with_loads(fitted: Fit, samples: Samples, sizes: Counts) -> Samples:
+    """(M,) samples of runs of `sizes` instants each, with gravity's loads by the fit."""
+    loads = along(fitted.model, samples, sizes, solution=fitted.values, scales=fitted.scales())
+    return replace(samples, loads=loads)
+
+
+def misfit_at(fitted: Fit, bins: JointBins) -> Floats:
+    """(N,) A: what the fit leaves of one joint at other bins than its own."""
+    drawn = design_of(fitted.model, bins, fitted) @ (fitted.factors(bins.joint) * fitted.values)
+    return np.asarray(bins.current - drawn)
+
+
+def at_bins(fitted: Fit, bins: JointBins) -> Fit:
+    """The same fit with one joint's row at other bins, noise as these show it."""
+    bins = _loaded(fitted, bins)
+    design = design_of(fitted.model, bins, fitted)
+    noise = noises.noise_of(bins, bins.current - design @ (fitted.factors(bins.joint) * fitted.values))
+    other = replace(fitted)
+    other.__dict__["by_bin"] = fitted.by_bin | {bins.joint: fitted.at(bins, design, noise)}
+    prior = prior_rows(fitted.held, np.sqrt(fitted.pull))
+    inverse, _ = rank.pseudo_inverse(other.information() + prior.T @ prior)
+    linear = replace(fitted.solution.linear, inverse=inverse)
+    found = replace(fitted, solution=replace(fitted.solution, linear=linear))
+    found.__dict__["by_bin"] = other.by_bin
+    return found
+
+
+def elsewhere(fitted: Fit, bins: JointBins) -> FitRow:
+    """One joint of the fit at runs that were not fitted, their noise like that of fitted runs as fast."""
+    old, bins = fitted.row(bins.joint), _loaded(fitted, bins)
+    noise = old.noise.at(old.bins, np.array([abs(run.speed) for run in bins.runs]), bins.step)
+    return fitted.at(bins, design_of(fitted.model, bins, fitted), noise)
+
+
+def loaded(fitted: Fit) -> Fit:
+    """The same fit, the bins of which have loads by it, for candidates that need them."""
+    found = replace(fitted)
+    rows = {joint: replace(row, bins=_loaded(fitted, row.bins)) for joint, row in fitted.by_bin.items()}
+    found.__dict__["by_bin"] = rows
+    return found
+
+
+def _loaded(fitted: Fit, bins: JointBins) -> JointBins:
+    return replace(bins, samples=with_loads(fitted, bins.samples, bins.lengths))
+
+
+def design_of(model: Model, bins: JointBins, before: Fit | None = None) -> Floats:
+    """(N, p) the model's design at bins of one joint, effects of the load by the fit `before`."""
+    loads = None
+    if any(term.effect.needs_loads and term.touches(bins.joint) for term in model.effects):
+        if before is None:
+            raise ValueError("effects of the load wait for a fit")
+        nodes, _ = bins.nodes
+        loads = along(before.model, nodes, 3 * bins.lengths, solution=before.values, scales=before.scales())
+    design = model.design(bins, loads)
+    late = [n for n, column in enumerate(model.columns) if column.effect == DELAY and column.place is None]
+    for n in late:
+        if model.columns[n].owner == bins.joint:
+            design[:, n] = _late(bins, design)
+    return design
+
+
+def _late(bins: JointBins, design: Floats) -> Floats:
+    """(N,) A a second of delay in strokes: minus the slope by time of what each stroke's own fit predicts."""
+    own = reduced(bins, design, bins.current[:, None])[2]
+    drawn, out = np.einsum("np,np->n", design, own[bins.run]), np.zeros(len(bins))
+    for start, size, is_stroke in zip(bins.first, bins.lengths, bins.is_stroke, strict=True):
+        here = slice(start, start + size)
+        if is_stroke and size > 2:
+            out[here] = -np.gradient(drawn[here], bins.samples.time[here])
+    return out

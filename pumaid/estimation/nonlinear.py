@@ -1,0 +1,514 @@
+"""Effects with shapes: looked for on a grid, refined off it, fitted with everything else, their intervals profiled."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pumaid.dataset import Run
+from pumaid.effect_spec import EffectTerm, columns_each, scale_of, terms_of
+from pumaid.effects import Scope
+from pumaid.effects.base import Family, Shape
+from pumaid.errors import ModelError, Where
+from pumaid.estimation.fit import Fit, rmse_by_joint, with_loads
+from pumaid.estimation.gls import Progress, eased, fit_bins, refit, releveled, with_chain_rule
+from pumaid.estimation.rows import plausible
+from pumaid.joint_bins import COARSE, FINE, JointBins, extent, joint_bins
+from pumaid.model import Model
+from pumaid.records import Campaign
+from pumaid.robot import EffectChoice
+from pumaid.units import number
+
+Floats = NDArray[np.float64]
+Point = dict[str, float]
+Ends = tuple[float, float]
+
+#: Families of effects for which a search is made again with the noise that the first leaves.
+SLOW = {Family.SPEED, Family.LOAD, Family.TIME, Family.PAYLOAD, Family.TEMPERATURE, Family.GRAVITY, Family.TORQUE}
+SLOW |= {Family.CURRENT}
+#: Rounds of renewing shapes and loads, at most; rounds in which noise and loads follow the final fit.
+MOST_ROUNDS, POLISH = 15, 2
+#: A round moved nothing when every parameter moved by less than this share of its standard error.
+SETTLED = 0.05
+#: A shape moves by at most this share of its scale in one round: beyond, its derivative says little.
+LONGEST = 0.5
+#: Relative rise of the weighted squares that is rounding.
+RISE = 1e-9
+#: Fall of twice the log likelihood within which 95 % of chances lie for one parameter.
+WITHIN = 3.84
+#: Points of a grid from which a refinement starts.
+STARTS = 2
+#: Relative step of the refinement's own derivatives, and its relative gain that is not worth another step: the fit of
+#: all parameters together goes on from there.
+NUDGE, ENOUGH = 1e-4, 1e-4
+#: Frequencies of a long grid that are looked at closely, after a periodogram has ranked them; bins of a period of the
+#: highest of them, and of its resolution.
+SHORTLIST, PERIOD = 24, 8
+#: Share of a column's squares beyond what is fitted already, below which there is only rounding.
+NOTHING = 1e-9
+#: How much worse a joint may be met with more effects: each is weighted by its noise, so a little is no fault; and the
+#: share of its current below which a misfit is nothing.
+WORSE, VISIBLE = 1.5, 1e-3
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Refit:
+    """An effect added to a fit that is linearised.
+
+    Attributes
+    ----------
+    gain
+        Fall of the weighted squares.
+    values, half
+        (p,) its linear parameters and (p, k) half of their covariance: ``half half'``.
+    shift
+        (P, p): by how much all that was fitted before moves with each of them.
+    """
+
+    gain: float
+    values: Floats
+    half: Floats
+    shift: Floats
+
+
+class Linearised:
+    """A fit whose bins tell what any further effect would add, all else refitted; loads are those of `whole`."""
+
+    def __init__(self, fit: Fit, term: EffectTerm, *, at_nodes: bool, whole: Fit) -> None:
+        self.fit, self.at_nodes = fit, at_nodes
+        self.rows = [fit.row(row.joint) for row in fit.rows if term.touches(row.joint)]
+        self.samples = []
+        for row in self.rows:
+            points = row.bins.nodes[0] if at_nodes else row.bins.samples
+            sizes = (3 if at_nodes else 1) * row.bins.lengths
+            self.samples.append(with_loads(whole, points, sizes) if term.effect.needs_loads else points)
+
+    def gains(self, terms: Sequence[EffectTerm]) -> Floats:
+        """(k,) fall of the weighted squares by one effect with each of k shapes."""
+        found = self._products(terms)
+        return np.array([self._solved(term, each).gain for term, each in zip(terms, found, strict=True)])
+
+    def added(self, term: EffectTerm, *, limits: Floats | None = None) -> Refit:
+        """An effect added, its linear parameters held by priors as in every fit.
+
+        Parameters
+        ----------
+        term
+            The effect, its shape filled in; what it has of derivatives is left out.
+        limits
+            (p,) prior deviations of the linear parameters; where not given, those that a fit with this shape has.
+        """
+        return self._solved(term, self._products([term])[0], limits=limits)
+
+    def _products(self, terms: Sequence[EffectTerm]) -> list[tuple[Floats, Floats, Floats, Floats]]:
+        """By term: (p, p) and (p,) products with itself and the residual, (P, p) with the fit; (joints, p) peaks."""
+        robot, total = self.fit.model.robot, len(self.fit.inverse)
+        out: list[list[Floats]] = [[np.zeros(0)] * 4 for _ in terms]
+        peaks: list[list[Floats]] = [[] for _ in terms]
+        for row, samples in zip(self.rows, self.samples, strict=True):
+            table = columns_each(terms, robot, samples)
+            if self.at_nodes:
+                table = row.bins.averaged(table)
+            white, width = row.noise.whiten(row.bins, table), table.shape[1] // len(terms)
+            for place, parts in enumerate(out):
+                own = slice(place * width, (place + 1) * width)
+                column, seen = white[:, own], np.zeros((total, width))
+                seen[row.acting] = row.slim.T @ column
+                here = [column.T @ column, column.T @ row.residual, seen]
+                parts[:3] = [a + b if a.size else b for a, b in zip(parts[:3], here, strict=True)]
+                peaks[place].append(np.abs(table[:, own]).max(axis=0))
+        return [(gram, cross, seen, np.array(peak)) for (gram, cross, seen, _), peak in zip(out, peaks, strict=True)]
+
+    def _solved(
+        self, term: EffectTerm, products: tuple[Floats, Floats, Floats, Floats], *, limits: Floats | None = None
+    ) -> Refit:
+        gram, cross, seen, peaks = products
+        turned = self.fit.inverse @ seen
+        left, raw = gram - seen.T @ turned, np.diag(gram)
+        size = np.sqrt(np.where(raw > 0, raw, 1.0))
+        if limits is None:
+            spans = [column.span for column in replace(term, fitted=()).parts(self.fit.model.robot, 0)]
+            bins = [row.bins for row in self.rows]
+            each = [list(zip(bins, peaks[:, k].tolist(), strict=True)) for k in range(len(spans))]
+            limits = np.array([plausible(some, span) for some, span in zip(each, spans, strict=True)])
+        scaled = left / np.outer(size, size) + np.diag((1.0 / np.maximum(limits * size, NOTHING)) ** 2)
+        values, vectors = np.linalg.eigh(scaled)
+        kept = values > NOTHING
+        half = (vectors[:, kept] / np.sqrt(values[kept])) / size[:, None]
+        solution = half @ (half.T @ cross)
+        return Refit(float(solution @ cross), solution, half, -turned)
+
+    def power(self, joint: int, frequencies: Floats) -> Floats:
+        """(F,) squared sum of what is left in the bins of `joint` (from 1) against exp(i f q)."""
+        row = next(row for row in self.rows if row.bins.joint == joint)
+        q = row.bins.samples.position[:, joint - 1]
+        step = 2.0 * np.pi / (PERIOD * float(frequencies.max()))
+        where = np.round((q - float(q.min())) / step).astype(np.int64)
+        size = 2 ** int(np.ceil(np.log2((where.max() + 1) * PERIOD)))
+        line = np.bincount(where, weights=row.bins.count * row.misfit, minlength=size)
+        spectrum = np.abs(np.fft.rfft(line)) ** 2
+        at = np.round(frequencies * step * size / (2.0 * np.pi)).astype(np.int64)
+        return np.asarray(spectrum[np.minimum(at, len(spectrum) - 1)])
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Found:
+    """A shape that was looked for: the effect with it, and by name what the data leave open at 95 % of shapes that have
+    no derivative (an instant, a whole number)."""
+
+    term: EffectTerm
+    ranges: Mapping[str, Ends]
+
+
+def search_shape(ground: Linearised, term: EffectTerm, free: Sequence[str]) -> Found:
+    """The shape of an effect that explains most of what a fit leaves.
+
+    Parameters
+    ----------
+    ground
+        The fit without it.
+    term
+        The effect, with the shapes that are given.
+    free
+        Names of the shapes to look for.
+    """
+    shapes = term.shapes(ground.fit.model.robot)
+    grid = _grid(ground, term)
+    scored = ground.gains([term.at(point) for point in grid])
+    if any(not shapes[name].is_searched for name in free):
+        grid = _closer(ground, term, grid, scored)
+        scored = ground.gains([term.at(point) for point in grid])
+    order = np.argsort(-scored, kind="stable")
+    best, top = dict(grid[order[0]]), float(scored[order[0]])
+    searched = [shapes[name] for name in free if shapes[name].is_searched]
+    for start in order[:STARTS] if searched else ():
+        point, gain = _refined(ground, term, grid[start], searched)
+        if gain > top:
+            best, top = point, gain
+    starts = extent([row.bins for row in ground.rows], _owner(term)).starts
+    fixed = [name for name in free if not shapes[name].is_searched]
+    ranges = {name: _range(shapes[name], grid, scored, starts=starts) for name in fixed}
+    return Found(term.at({name: best[name] for name in free}), ranges)
+
+
+def _owner(term: EffectTerm) -> int:
+    return 0 if term.effect.scope is Scope.ARM else term.number
+
+
+def _grid(ground: Linearised, term: EffectTerm) -> list[Point]:
+    """Where a search begins; given shapes are kept."""
+    facts = extent([row.bins for row in ground.rows], _owner(term))
+    points = [{**point, **term.shape} for point in term.effect.grid(ground.fit.model.robot, facts)]
+    points = list({tuple(sorted(point.items())): point for point in points}.values())
+    periodic = term.effect.periodic
+    if periodic is None or periodic in term.shape or len(points) <= SHORTLIST:
+        return points
+    power = ground.power(term.number, np.array([point[periodic] for point in points]))
+    return [points[k] for k in sorted(np.argsort(-power, kind="stable")[:SHORTLIST])]
+
+
+def _closer(ground: Linearised, term: EffectTerm, grid: list[Point], scored: Floats) -> list[Point]:
+    """A grid of instants, closer about the best: where runs are many it skips some."""
+    robot = ground.fit.model.robot
+    facts = extent([row.bins for row in ground.rows], _owner(term))
+    best = grid[int(np.argmax(scored))]
+    for name, value in best.items():
+        if term.shapes(robot)[name].unit == "s":
+            known = sorted(point[name] for point in grid)
+            place = known.index(value)
+            low, high = known[max(place - 1, 0)], known[min(place + 1, len(known) - 1)]
+            starts = [t for t in facts.starts if t <= low][-1:] + [t for t in facts.starts if low <= t]
+            stop = next((n for n, t in enumerate(starts) if t > high), len(starts) - 1)
+            near = term.effect.grid(robot, replace(facts, starts=tuple(starts[: stop + 1])))
+            grid = [*grid, *({**best, **point} for point in near)]
+    return list({tuple(sorted(point.items())): point for point in grid}.values())
+
+
+def _refined(ground: Linearised, term: EffectTerm, start: Point, shapes: Sequence[Shape]) -> tuple[Point, float]:
+    """The best shape near a point of the grid, each measured by its own scale."""
+    names = [shape.name for shape in shapes]
+    scales = np.array([scale_of(shape, start[shape.name]) for shape in shapes])
+    middle = np.array([start[name] for name in names])
+    bounds = [((s.low - m) / c, (s.high - m) / c) for s, m, c in zip(shapes, middle, scales, strict=True)]
+
+    def at(step: Floats) -> Point:
+        return start | dict(zip(names, (middle + scales * step).tolist(), strict=True))
+
+    # What it brings takes as long to load as an identification; most have no shapes to look for together.
+    from scipy import optimize
+
+    found = optimize.minimize(
+        lambda step: -ground.added(term.at(at(step))).gain,
+        np.zeros(len(names)),
+        method="L-BFGS-B",
+        bounds=bounds,
+        options={"eps": NUDGE, "ftol": ENOUGH},
+    )
+    return at(found.x), -float(found.fun)
+
+
+def _range(shape: Shape, grid: Sequence[Point], scored: Floats, *, starts: Sequence[float]) -> Ends:
+    """Lowest and highest value of a shape that the data do not exclude; an instant lies anywhere between two starts."""
+    kept = [point[shape.name] for point, gain in zip(grid, scored, strict=True) if gain >= scored.max() - WITHIN]
+    low, high = min(kept), max(kept)
+    if shape.unit == "s":
+        low = max((start for start in starts if start <= low), default=low)
+        high = min((start for start in starts if start >= high), default=high)
+    return low, high
+
+
+@dataclass(frozen=True, eq=False)
+class EffectFit:
+    """A fit with its effects.
+
+    Attributes
+    ----------
+    fit
+        The fit, in a model whose effects have their shapes.
+    ranges
+        (place of the effect, shape) -> lowest and highest value that the data leave open, of shapes without derivative.
+    is_settled
+        Whether the last round moved nothing any more.
+    search
+        What it came from, for looking at its likelihood; None where there are no effects.
+    """
+
+    fit: Fit
+    ranges: Mapping[tuple[int, str], Ends] = field(default_factory=dict)
+    is_settled: bool = True
+    search: Search | None = None
+
+    @property
+    def shapes(self) -> tuple[Point, ...]:
+        """Shapes of each effect: what the model has, moved by the fit's last step."""
+        model = self.fit.model
+        out = [dict(term.shape) for term in model.effects]
+        for column, value in zip(model.columns, self.fit.values, strict=True):
+            if column.place is not None and column.shape is not None:
+                facts = model.effects[column.place].shapes(model.robot)[column.shape]
+                moved = out[column.place][column.shape] + float(value)
+                out[column.place][column.shape] = min(max(moved, facts.low), facts.high)
+        return tuple(out)
+
+
+def fit_effects(
+    model: Model,
+    runs: Sequence[Run],
+    choices: Sequence[EffectChoice],
+    *,
+    campaign: Campaign,
+    recursive: bool = False,
+    progress: Progress | None = None,
+) -> EffectFit:
+    """Fit the arm's base model and chosen effects together.
+
+    Effects whose shapes are known come first; then one free effect after the other is looked for where the fit so far
+    leaves something; then all shapes are moved together by Gauss and Newton's steps, loads renewed in each round.
+
+    Parameters
+    ----------
+    model
+        The base model that `runs` ask for.
+    runs
+        To be fitted.
+    choices
+        One joint each, or the whole arm.
+    campaign
+        When the joints first moved.
+    recursive, progress
+        As for `fit_bins`.
+
+    Raises
+    ------
+    ModelError [effects-astray]
+        The fit with the effects is far worse than without.
+
+    Source
+    ------
+    G. H. Golub and V. Pereyra, SIAM J. Numer. Anal. 10 (1973) 413-432: what is linear is refitted at every shape.
+    """
+    wanted = terms_of(choices)
+    bins = bins_for(model, runs, wanted, campaign=campaign)
+    if not choices:
+        return EffectFit(fit_bins(model, bins, recursive=recursive, progress=progress))
+    tell = progress or (lambda joint, text: None)
+    work = Search(model, bins, wanted)
+    before, moving = rmse_by_joint(work.fit), {one.joint for one in bins}
+    for place, term in enumerate(wanted):
+        free = _free(term, model)
+        if free and not any(term.touches(joint) for joint in moving):
+            work.terms[place] = term.at({name: term.shapes(model.robot)[name].example for name in free})
+        elif free:
+            tell(term.number, f"looking for {' and '.join(free)} of {term.effect.name}")
+            work.look(place, term, free)
+        elif term.effect.needs_loads:
+            work.terms[place] = term
+            work.refit()
+    tell(0, "refining all effects together")
+    is_settled = work.settle()
+    work.finish(recursive=recursive, progress=progress)
+    check_better(before, work.fit, [term.effect.name for term in wanted])
+    return EffectFit(eased(work.fit), work.ranges, is_settled, work)
+
+
+def bins_for(
+    model: Model, runs: Sequence[Run], terms: Sequence[EffectTerm], *, campaign: Campaign
+) -> tuple[JointBins, ...]:
+    """The bins that a fit with these effects needs: the finest at joints that have a periodic one."""
+    fine = {term.joint for term in terms if term.effect.periodic is not None}
+    out: list[JointBins] = []
+    for most, chosen in ((COARSE, False), (FINE, True)):
+        some = [run for run in runs if (run.joint in fine) == chosen]
+        out += joint_bins(model.robot, some, most=most, campaign=campaign, is_settled=False) if some else ()
+    return tuple(sorted(out, key=lambda one: one.joint))
+
+
+def check_better(before: Mapping[int, float], fitted: Fit, names: Sequence[str]) -> None:
+    """Refuse a fit with more effects that meets a joint's runs far worse: it went astray.
+
+    Parameters
+    ----------
+    before
+        RMSE (A) by joint of the fit without them.
+    fitted
+        With them.
+    names
+        Of the effects.
+
+    Raises
+    ------
+    ModelError [effects-astray]
+        A joint is missed by `WORSE` times as much.
+    """
+    current = {row.joint: float(np.sqrt(row.bins.mean_square)) for row in fitted.rows}
+    for joint, size in rmse_by_joint(fitted).items():
+        was = before.get(joint, np.inf)
+        if size > WORSE * was and size > VISIBLE * current[joint]:
+            what = (
+                f"the fit with {', '.join(names)} misses joint {joint} by {number(size)} A, without by {number(was)} A"
+            )
+            mend = "give its shape, as in --add payload:time=400, or add fewer effects; nothing was written"
+            raise ModelError("effects-astray", f"{what}: it went astray", Where(joint=joint), mend)
+
+
+def _free(term: EffectTerm, model: Model) -> list[str]:
+    """Shapes that are not given."""
+    return [name for name in term.shapes(model.robot) if name not in term.shape]
+
+
+class Search:
+    """A fit that grows: `terms` by place, and the `fit` of those so far."""
+
+    def __init__(self, model: Model, bins: Sequence[JointBins], wanted: Sequence[EffectTerm]) -> None:
+        self.model, self.bins = model, bins
+        self.terms = {n: t for n, t in enumerate(wanted) if not _free(t, model) and not t.effect.needs_loads}
+        self.ranges: dict[tuple[int, str], Ends] = {}
+        self.fit = fit_bins(self.now(), bins)
+
+    def now(self) -> Model:
+        """The model with the effects so far, in order."""
+        return self.model.with_effects([self.terms[place] for place in sorted(self.terms)])
+
+    def refit(self) -> None:
+        """The quick fit of the effects so far."""
+        self.fit = refit(self.fit, self.now())
+
+    def look(self, place: int, term: EffectTerm, free: Sequence[str]) -> None:
+        """One more effect, some of its shapes to be looked for.
+
+        What it explains passes for noise at first, most of all where it is the same throughout a run; so the search is
+        made again with the noise that is left with it.
+        """
+        shapes = term.shapes(self.model.robot)
+        for _ in range(2 if term.effect.family in SLOW else 1):
+            found = search_shape(self.without(place, term, at_nodes=False), term, free)
+            self.ranges |= {(place, name): ends for name, ends in found.ranges.items()}
+            self.terms[place] = found.term
+            self.fit = releveled(refit(self.fit, self.now(), is_renewed=True))
+        fitted = tuple(name for name in free if shapes[name].is_searched)
+        self.terms[place] = replace(self.terms[place], fitted=fitted, sizes=self._sizes(place))
+
+    def without(self, place: int, term: EffectTerm | None = None, *, at_nodes: bool = True) -> Linearised:
+        """The fit of all effects but the one at `place`, where that one (or `term`) may act."""
+        others = [self.terms[other] for other in sorted(self.terms) if other != place]
+        fitted = refit(self.fit, self.model.with_effects(others))
+        return Linearised(fitted, term or self.terms[place], at_nodes=at_nodes, whole=self.fit)
+
+    def _sizes(self, place: int) -> tuple[float, ...]:
+        """Linear parameters of an effect by the fit so far."""
+        rank = sorted(self.terms).index(place)
+        columns = zip(self.fit.model.columns, self.fit.values, strict=True)
+        return tuple(float(value) for column, value in columns if column.place == rank and column.shape is None)
+
+    def settle(self) -> bool:
+        """Renew loads and shapes until nothing moves; whether that happened."""
+        if not any(term.fitted or term.effect.needs_loads for term in self.terms.values()):
+            return True
+        before: dict[str, float] = {}
+        last, cost = dict(self.terms), np.inf
+        for _ in range(MOST_ROUNDS):
+            now = self._cost_of_shapes()
+            if now > cost * (1.0 + RISE) and any(last[n].shape != term.shape for n, term in self.terms.items()):
+                self.terms = {place: _half_way(last[place], term) for place, term in self.terms.items()}
+                continue
+            self.refit()
+            values = dict(zip(self.fit.model.names, self.fit.values, strict=True))
+            moved = self._moved(values, before)
+            last, cost, before = dict(self.terms), now, values
+            if moved < SETTLED:
+                return True
+            self.terms = {place: self._stepped(place, term) for place, term in self.terms.items()}
+        return False
+
+    def _cost_of_shapes(self) -> float:
+        """Weighted squares that the fit leaves at these shapes, whose derivatives are then taken at its sizes."""
+        if not any(term.fitted for term in self.terms.values()):
+            return 0.0
+        full = dict(self.terms)
+        self.terms = {place: replace(term, fitted=()) for place, term in full.items()}
+        self.refit()
+        self.terms = {place: replace(term, sizes=self._sizes(place)) for place, term in full.items()}
+        rows = [self.fit.row(row.joint) for row in self.fit.rows]
+        return sum(float(row.residual @ row.residual) for row in rows)
+
+    def finish(self, *, recursive: bool, progress: Progress | None) -> None:
+        """The whole fit, noise included; loads follow it, so that what only looks like another load is known to."""
+        now = self.now()
+        start = fit_bins(now, self.bins, before=self.fit, recursive=True, progress=progress)
+        if recursive:
+            self.fit = start
+            return
+        for _ in range(POLISH):
+            self.fit = refit(releveled(refit(self.fit, now, is_renewed=True)), now)
+        self.fit = replace(with_chain_rule(self.fit), first=start.first)
+
+    def _moved(self, values: Mapping[str, float], before: Mapping[str, float]) -> float:
+        """Largest move of a parameter, or step of a shape that is due, in standard errors."""
+        errors = np.sqrt(np.diag(self.fit.inverse))
+        moves = [0.0]
+        for column, error in zip(self.fit.model.columns, errors, strict=False):
+            step = values[column.name] - (0.0 if column.shape else before.get(column.name, np.inf))
+            if error > 0.0:
+                moves.append(abs(step) / float(error))
+        return max(moves)
+
+    def _stepped(self, place: int, term: EffectTerm) -> EffectTerm:
+        """An effect with its shapes moved by the fit's step, within bounds."""
+        rank, shape, held = sorted(self.terms).index(place), dict(term.shape), list(term.held)
+        for column, value in zip(self.fit.model.columns, self.fit.values, strict=True):
+            if column.place != rank or column.shape is None or column.shape in held:
+                continue
+            facts, now = term.shapes(self.model.robot)[column.shape], shape[column.shape]
+            longest = LONGEST * scale_of(facts, now)
+            shape[column.shape] = min(max(now + min(max(float(value), -longest), longest), facts.low), facts.high)
+            if now == shape[column.shape] and now in (facts.low, facts.high):
+                held.append(column.shape)
+        return replace(term.at(shape, term.sizes), held=tuple(held))
+
+
+def _half_way(start: EffectTerm, end: EffectTerm) -> EffectTerm:
+    """The shapes half way between two."""
+    return end.at({name: 0.5 * (start.shape[name] + value) for name, value in end.shape.items()}, end.sizes)

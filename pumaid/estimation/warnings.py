@@ -1,0 +1,496 @@
+"""What a user should know of a fit: each note with its slug, its test, what it says and what to do."""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Iterator, Mapping, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pumaid.dataset import Run
+from pumaid.effects import Trace
+from pumaid.effects.base import load_refusal
+from pumaid.errors import Note, Where
+from pumaid.estimation.covariance import two_sided
+from pumaid.estimation.fit import Fit, FitRow
+from pumaid.estimation.gls import fit_bins
+from pumaid.estimation.nonlinear import EffectFit
+from pumaid.estimation.rows import reduced
+from pumaid.joint_bins import JointBins
+from pumaid.model import Model
+from pumaid.preprocessing.options import STROKE
+from pumaid.preprocessing.replicates import Pair
+from pumaid.records import Estimate, JointFit, Value
+from pumaid.robot import Robot
+from pumaid.units import number
+
+Floats = NDArray[np.float64]
+
+#: Multiple of the noise beyond which a model misses a joint. Logs of the arm that the model is of are within 1.3 times.
+FAR = 2.0
+#: Share of a joint's current (RMS) that a misfit must be besides, and beyond which it is one whatever the noise: what
+#: runs leave by themselves is much too where something is wrong with their samples.
+SEEN, MOST = 1e-3, 0.5
+#: Runs of a joint that a file must have to be fitted by itself, and how much better it must be met then.
+FEWEST, BETTER = 8, 2.0
+#: How much worse than all others the runs of a file must be met by what meets those, to be the one that is wrong.
+DISOWNED = 4.0
+#: Multiple of the usual run's noise that makes a run odd, and share of the runs that may be: more are another matter.
+ODD, MOST_ODD = 5.0, 0.2
+#: Multiple of the usual variance inside a bin beyond which their mean is one of outliers.
+SPIKY = 10.0
+#: Bins from which a run's own outliers are told, and samples of a bin from which its variance has a shape of its own.
+ENOUGH, FULL = 24, 8
+#: Median of the square of a normal deviate.
+ONE_FREEDOM = 0.455
+#: Singular values below this share of the largest are left out where one file is fitted by itself.
+_RCOND = 1e-3
+#: Repeated runs of a joint that tell of a change, and the chance below which it is one.
+FEWEST_REPEATS, CHANCE = 6, 1e-5
+#: Share of the noise floor that a change must be to matter; no change below a share of the current does, either.
+CHANGE = 0.5
+#: Condition beyond which a change in proportion to the current cannot be told from the others.
+ALIKE = 30.0
+#: What a change may be: its unit, what it goes with, and its cause.
+KINDS = (
+    ("A", "whichever way it moves", "a zero (of its sensor or position) or its load changed"),
+    ("A", "in the direction of motion", "friction changed, as with warmth ('pumaid diagnose' tells)"),
+    ("%", "in proportion to it", "its gain changed"),
+)
+#: Share of a joint's load on another's motor below which it is not spoken of.
+SMALLEST_PART = 1e-3
+#: Sine of the angle between axes up to which they are parallel.
+PARALLEL = 1e-6
+#: Standard errors beyond which a ratio has a sign.
+SURELY = 5.0
+#: The same for an inertia below zero.
+NEGATIVE = 3.0
+#: Standard errors by which a delay must move a parameter to be told, and effects that a delay passes for.
+DELAYED, LATE = 3.0, ("coulomb", "viscous", "inertia")
+
+
+def notes_on(
+    found: EffectFit, runs: Sequence[Run], estimate: Estimate, *, robot: Robot, repeated: Mapping[int, Sequence[Pair]]
+) -> list[Note]:
+    """All that there is to be said of a fit.
+
+    Parameters
+    ----------
+    found
+        The fit.
+    runs
+        That were fitted.
+    estimate
+        What was found.
+    robot
+        The arm.
+    repeated
+        Joint -> its runs that repeat one another.
+    """
+    fitted, values = found.fit, estimate.values
+    return [
+        *of_misfit(fitted, estimate.joints),
+        *of_runs(fitted),
+        *of_drift(estimate.joints, repeated),
+        *([] if estimate.effects else of_delays(fitted, runs, values)),
+        *of_fit(fitted, robot),
+        *of_gears(fitted, robot),
+        *odd_friction(values, robot.n_joints),
+        *odd_gains(values, robot.n_joints),
+        *odd_inertia(values, robot.n_joints),
+        *of_effects(found, runs),
+    ]
+
+
+def of_misfit(fitted: Fit, joints: Sequence[JointFit]) -> list[Note]:
+    """A note for each joint whose current the model does not explain, with the file that is to blame if one is.
+
+    Noise is what is left of each run by its own harmonic, or what repeated runs differ by if that is less.
+
+    Parameters
+    ----------
+    fitted
+        The fit of all joints.
+    joints
+        How well it does, and what repeated runs differ by.
+    """
+    found = []
+    known = {fit.joint: fit for fit in joints}
+    for one in fitted.rows:
+        row, misses = fitted.row(one.joint), known[one.joint].rmse or 0.0
+        squares, samples = _inside(row.bins)
+        floor, inside = known[one.joint].noise_floor, float(np.sqrt(np.average(squares, weights=samples)))
+        noise = inside if floor is None else min(inside, floor)
+        size = math.sqrt(row.bins.mean_square)
+        if misses > max(FAR * noise, SEEN * size) or (misses > MOST * size and len(row.bins.runs) >= FEWEST):
+            found.append(_note(row, one.design, misses, noise))
+    return found
+
+
+def of_runs(fitted: Fit) -> list[Note]:
+    """Notes on single runs that are far noisier than the others of their joint, and on noise that is mostly outliers.
+
+    Both pass for noise everywhere else: they make intervals wide, and what they move is told by nothing.
+    """
+    found = []
+    for row in fitted.rows:
+        # What accelerates leaves more, by all that a change of speed does.
+        steady = np.flatnonzero(~row.is_stroke)
+        if len(steady) < FEWEST:
+            continue
+        left = np.sqrt(_inside(row.bins)[0])
+        usual = float(np.median(left[steady]))
+        odd = [n for n in steady if left[n] > ODD * usual]
+        if usual > 0.0 and 0 < len(odd) <= MOST_ODD * len(steady):
+            found.append(_odd_runs([row.bins.runs[n] for n in odd], left[odd], usual, of=len(steady)))
+        sizes = [] if odd else _outliers(row.bins)
+        if sizes and sizes[1] > SEEN * math.sqrt(row.bins.mean_square):
+            shown = f"{number(sizes[1])} A (RMS), where half of the time it is {number(sizes[0])} A"
+            text = f"the noise of joint {row.joint}'s current is mostly outliers: {shown}"
+            advice = "those that are not there both ways move friction and gravity; look at the samples"
+            found.append(Note("current-spikes", f"{text}; {advice}", Where(joint=row.joint)))
+    return found
+
+
+def _beside_harmonics(bins: JointBins) -> tuple[Floats, NDArray[np.int64]]:
+    """(N,) A that each run's own first harmonic, and in strokes its motion, leave; and (R,) their numbers of terms."""
+    v, stroke = bins.samples.velocity[:, bins.joint - 1], bins.is_stroke[bins.run]
+    motion = [np.ones(len(v)), stroke * v, stroke * bins.samples.acceleration]
+    design = np.column_stack([bins.harmonic, *motion])
+    _, terms, own = reduced(bins, design, bins.current[:, None])
+    return bins.current - np.einsum("np,np->n", design, own[bins.run]), terms
+
+
+def _inside(bins: JointBins) -> tuple[Floats, Floats]:
+    """(R,) A2 of a sample that each run's own first harmonic leaves, and (R,) its samples."""
+    left, terms = _beside_harmonics(bins)
+    inside = bins.inside_left(bins.current - left)
+    samples = bins.sums(bins.count)
+    return bins.sums(bins.count * (left**2 + inside)) / np.maximum(samples - terms, 1.0), samples
+
+
+def _outliers(bins: JointBins) -> list[float]:
+    """Usual and RMS noise (A) of runs where it is mostly outliers, inside bins or from bin to bin; else none.
+
+    Each run is judged by itself, since its speed says how quickly what the model lacks comes and goes.
+    """
+    long = np.flatnonzero(~bins.is_stroke & (bins.lengths >= ENOUGH))
+    counts, inside, left = (np.split(v, bins.first[1:]) for v in (bins.count, bins.inside, _beside_harmonics(bins)[0]))
+    full = [inside[n] for n in long if np.median(counts[n]) >= FULL]
+    # Third differences leave nothing of a load's course, and of independent noise 20 times its variance.
+    between = [np.diff(left[n], n=3) ** 2 / 20.0 for n in long]
+    for squares, of_mean in ((full, 1.0), (between, ONE_FREEDOM)):
+        usual = np.array([np.median(part) for part in squares])
+        mean = np.array([np.mean(part) for part in squares])
+        usual, mean = usual[usual > 0.0] / of_mean, mean[usual > 0.0]
+        if len(usual) >= FEWEST and np.median(mean / usual) > SPIKY:
+            return [float(np.sqrt(np.median(usual))), float(np.sqrt(mean.mean()))]
+    return []
+
+
+def _odd_runs(odd: Sequence[Run], left: Floats, usual: float, *, of: int) -> Note:
+    first, joint = odd[0], odd[0].joint
+    which = f"1 of {of} runs of joint {joint} is" if len(odd) == 1 else f"{len(odd)} of {of} runs of joint {joint} are"
+    sizes = f"{number(float(np.sqrt(np.mean(left**2))))} A (RMS), in half of the runs by {number(usual)} A"
+    text = (
+        f"{which} not like the others: inside, the current leaves its course by {sizes}; the first begins at"
+        f" {number(first.start)} s. Did the arm touch something? It moves the numbers, and no interval knows of it"
+    )
+    return Note("run-stands-out", text, Where(file=first.origin, row=first.first_row, joint=joint))
+
+
+def _note(row: FitRow, design: Floats, misses: float, noise: float) -> Note:
+    joint = row.bins.joint
+    text = f"the model misses the current of joint {joint} by {number(misses)} A (RMS)"
+    advice = "payload, zero, unit or a column's name another one?"
+    stranger = max(_strangers(row, design), default=None)
+    if stranger is not None:
+        _, name, own, others = stranger
+        told = f"what meets all other runs to {number(others)} A misses those of {name} by {number(own)} A"
+        why = f"{text}, since the logs disagree: {told}; is it another arm's, or was {advice}"
+        return Note("logs-disagree", why, Where(file=name, joint=joint))
+    odd = max(_odd_files(row, design), default=None)
+    if odd is None:
+        advice = "its intervals may not hold the truth; 'pumaid diagnose' tells what is missing, if no column is wrong"
+        told = f"where noise is {number(noise)} A"
+        return Note("model-misses", f"{text}, {told}: {advice}", Where(joint=joint))
+    _, name, before, after = odd
+    told = f"the runs of {name} alone would be met to {number(after)} A instead of {number(before)} A"
+    why = f"{text}, since the logs disagree: {told}; are they, or the others, another arm's, or was {advice}"
+    return Note("logs-disagree", why, Where(file=name, joint=joint))
+
+
+def _strangers(row: FitRow, design: Floats) -> Iterator[tuple[float, str, float, float]]:
+    """Files that all others disown: by how much, name, RMS (A) of their runs and of all others by what meets those."""
+    origins = np.array([run.origin for run in row.bins.runs])
+    for name in dict.fromkeys(origins.tolist()):
+        own, others = np.flatnonzero(origins == name), np.flatnonzero(origins != name)
+        if len(others) >= FEWEST:
+            theirs = _in_halves(row, design, others)
+            ours = _left(row, design, others, own)
+            if ours > DISOWNED * theirs:
+                yield ours / theirs, name, ours, theirs
+
+
+def _odd_files(row: FitRow, design: Floats) -> Iterator[tuple[float, str, float, float]]:
+    """Files that corrections of their own would meet far better: by how much, name, RMS (A) before and after."""
+    origins = np.array([run.origin for run in row.bins.runs])
+    for name in dict.fromkeys(origins.tolist()):
+        own = np.flatnonzero(origins == name)
+        if FEWEST <= len(own) < len(origins):
+            here = np.isin(row.bins.run, own)
+            squares = row.misfit[here] ** 2 + row.bins.inside[here]
+            before = float(np.sqrt(np.average(squares, weights=row.bins.count[here])))
+            after = _in_halves(row, design, own)
+            if before > BETTER * after:
+                yield before / after, name, before, after
+
+
+def _in_halves(row: FitRow, design: Floats, own: NDArray[np.int64]) -> float:
+    """RMS (A) of some runs by corrections of their own.
+
+    These are found from one half of the runs and judged on the other, so that noise gains nothing.
+    """
+    # Neighbouring runs go to and fro: pairs of them keep both directions in each half.
+    first = np.isin(np.arange(len(own)) % 4, (0, 3))
+    halves = [_left(row, design, own[part], own[~part]) for part in (first, ~first)]
+    return float(np.sqrt(np.mean(np.square(halves))))
+
+
+def _left(row: FitRow, design: Floats, seen: NDArray[np.int64], judged: NDArray[np.int64]) -> float:
+    """RMS (A) of some runs once what others show is taken out."""
+    bins, (known, there) = row.bins, (np.isin(row.bins.run, some) for some in (seen, judged))
+    weight = np.sqrt(bins.count[known])
+    correction = np.linalg.lstsq(design[known] * weight[:, None], row.misfit[known] * weight, rcond=_RCOND)[0]
+    left = row.misfit[there] - design[there] @ correction
+    return float(np.sqrt(np.average(left**2 + bins.inside[there], weights=bins.count[there])))
+
+
+def of_drift(joints: Sequence[JointFit], repeated: Mapping[int, Sequence[Pair]]) -> Iterator[Note]:
+    """A note for each joint whose later runs drew another current than the same runs earlier.
+
+    The same whichever way the joint moved, a sensor's zero or a load changed; with the motion, friction; in proportion,
+    a gain.
+
+    Parameters
+    ----------
+    joints
+        What their repeats differ by.
+    repeated
+        Joint -> its runs that repeat one another.
+    """
+    for fit in joints:
+        last = [pair for pair in repeated[fit.joint] if pair.is_last]
+        ways = np.array([pair.first.direction for pair in last], dtype=float)
+        if min(np.count_nonzero(ways > 0), np.count_nonzero(ways < 0)) < FEWEST_REPEATS // 2:
+            continue
+        drawn = np.array([_mean(pair.first) for pair in last])
+        changes = [np.ones(len(last)), ways, drawn]
+        if np.linalg.cond(np.column_stack([*changes[:2], drawn / max(float(np.abs(drawn).max()), 1e-12)])) > ALIKE:
+            del changes[2]
+        matters = max(CHANGE * (fit.noise_floor or 0.0), SEEN * float(np.sqrt(np.mean(drawn**2))))
+        yield from _found(fit.joint, np.column_stack(changes), np.array([pair.more for pair in last]), matters=matters)
+
+
+def _found(joint: int, design: Floats, change: Floats, *, matters: float) -> Iterator[Note]:
+    """Of (n,) changes (A), by (n, k) what they may go with, those that are more than what matters (A, RMS)."""
+    inverse, freedoms = np.linalg.inv(design.T @ design), len(change) - design.shape[1]
+    sizes = inverse @ design.T @ change
+    left = float(np.sum((change - design @ sizes) ** 2)) / max(freedoms, 1)
+    errors = np.sqrt(np.maximum(left * np.diag(inverse), 1e-300))
+    for (unit, goes, cause), size, error, column in zip(KINDS, sizes, errors, design.T, strict=False):
+        moved = abs(size) * float(np.sqrt(np.mean(column**2)))
+        if two_sided(size / error, freedoms) >= CHANCE or moved <= matters:
+            continue
+        factor = 100.0 if unit == "%" else 1.0
+        shown = f"{number(factor * abs(float(size)))} ± {number(factor * float(error))} {unit}"
+        told = f"{shown} {'more' if size > 0 else 'less'} {goes}"
+        text = f"joint {joint} draws {told} in the last of {len(change)} repeated runs than in the first of them"
+        advice = f"{cause}: the numbers are a mean of before and after"
+        yield Note("repeats-differ", f"{text}; {advice}", Where(joint=joint))
+
+
+def _mean(run: Run) -> float:
+    """Mean current (A) of a run."""
+    return float(np.average(run.bins.current, weights=run.bins.count))
+
+
+def of_delays(fitted: Fit, runs: Sequence[Run], values: Sequence[Value]) -> list[Note]:
+    """A note for each joint with nothing but strokes whose numbers are others if its current comes late, or early.
+
+    A fit in which such joints may be late tells by how much: half a millisecond matters where strokes are short.
+
+    Parameters
+    ----------
+    fitted, runs
+        The fit, and what it is of.
+    values
+        What was found.
+    """
+    alone = sorted({run.joint for run in runs} - {run.joint for run in runs if run.kind != STROKE})
+    if not alone:
+        return []
+    model, found = Model.of_runs(fitted.model.robot, runs, all_delays=True), []
+    free = fit_bins(model, [row.bins for row in fitted.rows])
+    others = dict(zip(model.names, zip(free.values, np.sqrt(np.diag(free.inverse)), strict=False), strict=True))
+    for joint in alone:
+        own = [value for value in values if value.joint == joint and value.name.split(".")[0] in LATE]
+        off = {value.name: _off(value, *others[value.name]) for value in own}
+        worst = max(own, key=lambda value: off[value.name], default=None)
+        if worst is None or off[worst.name] <= DELAYED:
+            continue
+        other = f"{worst.name} is {number(others[worst.name][0])}, not {number(worst.value or 0.0)} {worst.unit}"
+        text = f"joint {joint} has strokes only, which look as if its current came late, or early: if so, {other}"
+        found.append(Note("strokes-late", f"{text}; runs at constant speed tell", Where(joint=joint)))
+    return found
+
+
+def _off(value: Value, other: float, error: float) -> float:
+    """Standard errors of both by which another value is off."""
+    if value.value is None or not value.std_error:
+        return 0.0
+    return abs(other - value.value) / float(np.hypot(value.std_error, error))
+
+
+def odd_friction(values: Sequence[Value], n_joints: int) -> list[Note]:
+    """Viscous terms that are surely of the sign opposite to their joint's Coulomb friction."""
+    known = {
+        value.name: (value.value, value.std_error, value.ci95, value.unit)
+        for value in values
+        if value.value is not None and value.std_error is not None and value.ci95 is not None
+    }
+    notes = []
+    for joint, (side, way) in itertools.product(range(1, n_joints + 1), (("plus", "forward"), ("minus", "backward"))):
+        if f"viscous.j{joint}.{side}" not in known:
+            continue
+        slope, error, (low, high), unit = known[f"viscous.j{joint}.{side}"]
+        # Friction opposes motion, so the Coulomb terms tell the sign in which the motor counts its current.
+        signs = {1.0: f"coulomb.j{joint}.plus", -1.0: f"coulomb.j{joint}.minus"}
+        motor = sum(sign * known[name][0] for sign, name in signs.items() if name in known)
+        if motor * slope < 0 and not low <= 0.0 <= high:
+            text = (
+                f"friction of joint {joint} falls with speed going {way} ({number(slope)} ± {number(error, 2)} {unit}),"
+                " which viscous friction does not: something else changed with the speed, or Stribeck friction reigns"
+            )
+            notes.append(Note("friction-falls-with-speed", text, Where(joint=joint)))
+    return notes
+
+
+def odd_inertia(values: Sequence[Value], n_joints: int) -> list[Note]:
+    """Inertias that are surely below zero, by the way in which their joint's motor counts its friction."""
+    ways, notes = _ways(values, n_joints), []
+    for value in values:
+        if not value.name.startswith("inertia.j") or value.value is None or not value.std_error:
+            continue
+        joint = value.joint or 0
+        if value.value * ways.get(joint, 0.0) < -NEGATIVE * value.std_error:
+            text = (
+                f"inertia of joint {joint} comes out below zero ({number(value.value)} ± {number(value.std_error, 2)}"
+                f" {value.unit}, and friction says which way is up): its current or position is late or smoothed"
+            )
+            notes.append(Note("inertia-negative", text, Where(joint=joint)))
+    return notes
+
+
+def _ways(values: Sequence[Value], n_joints: int) -> dict[int, float]:
+    """Joint -> 1.0 or -1.0, the sign in which its motor surely counts what opposes motion."""
+    known = {value.name: value for value in values if value.ci95 is not None and value.value is not None}
+    ways: dict[int, float] = {}
+    for joint in range(1, n_joints + 1):
+        forth, back = known.get(f"coulomb.j{joint}.plus"), known.get(f"coulomb.j{joint}.minus")
+        if forth and back and (forth.ci95[0] > back.ci95[1] or back.ci95[0] > forth.ci95[1]):  # type: ignore[index]
+            ways[joint] = math.copysign(1.0, forth.value - back.value)  # type: ignore[operator]
+    return ways
+
+
+def odd_gains(values: Sequence[Value], n_joints: int) -> list[Note]:
+    """Gain ratios whose sign is surely not that by which the two motors count their friction."""
+    known = {value.name: value for value in values if value.ci95 is not None and value.value is not None}
+    ways = _ways(values, n_joints)
+    notes = []
+    for joint in range(1, n_joints):
+        ratio, pair = known.get(f"gain_ratio.{joint}.{joint + 1}"), (ways.get(joint, 0.0), ways.get(joint + 1, 0.0))
+        if ratio is None or ratio.std_error is None or not pair[0] * pair[1]:
+            continue
+        if ratio.value * pair[0] * pair[1] < -SURELY * ratio.std_error:  # type: ignore[operator]
+            same = "the same way" if pair[0] == pair[1] else "opposite ways"
+            load = f"by the load that joints {joint} and {joint + 1} share, their gains have the ratio"
+            text = f"{load} {number(ratio.value or 0.0)}, but by friction the two motors count their currents {same}"
+            mend = "a sign in the DH table (alpha, or theta's or d's), of a position or of gravity is not the arm's"
+            notes.append(Note("gain-sign", f"{text}: {mend}", Where(joint=joint)))
+    return notes
+
+
+def of_fit(fitted: Fit, robot: Robot) -> list[Note]:
+    """Joints with few runs, and loads that are part of friction."""
+    notes = []
+    for joint in sorted(fitted.weak):
+        runs = len(fitted.row(joint).bins.runs)
+        notes.append(
+            Note(
+                "few-runs",
+                f"joint {joint} has {runs} run{'s' if runs > 1 else ''} only: its intervals rest on the noise inside"
+                " runs and leave out what a repeated run would differ by",
+                Where(joint=joint),
+            )
+        )
+    for joint in fitted.model.structure.embodied:
+        notes.append(
+            Note(
+                "load-in-coulomb",
+                f"the constant load of prismatic joint {joint} ({robot.joint(joint).name}) is part of its Coulomb"
+                " terms",
+                Where(joint=joint),
+            )
+        )
+    return notes
+
+
+def of_gears(fitted: Fit, robot: Robot) -> list[Note]:
+    """Loads that the recipe's gears (`coupling`) pass to motors of other joints, where the model leaves them out."""
+    if not robot.coupling:
+        return []
+    # Power is the same on either side: what motors carry of the joints' loads, by joint and motor.
+    share = np.linalg.inv(robot.shaft_speeds)
+    fitted_ones = {(one.joint, one.shape.get("on")) for one in fitted.model.effects}
+    told, parallel = [], []
+    for joint, motor in itertools.product(range(1, robot.n_joints + 1), sorted(row.joint for row in fitted.rows)):
+        part = float(share[joint - 1, motor - 1])
+        if joint <= motor or abs(part) < SMALLEST_PART or load_refusal(robot, joint) is not None:
+            continue
+        if (joint, float(motor)) in fitted_ones:
+            continue
+        told.append(
+            f"motor {motor} carries {number(part, 2)} of joint {joint}'s load (--add coupling@{joint}:on={motor})"
+        )
+        if joint == motor + 1 and abs(math.sin(robot.joint(joint).alpha)) < PARALLEL:
+            parallel.append(
+                f"axes {motor} and {joint} are parallel, so no log tells this from gain_ratio.{motor}.{joint}, of which"
+                f" what is found is {number(1.0 + part, 3)} times the ratio of the motors' gains"
+            )
+    if not told:
+        return []
+    text = (
+        f"by the recipe's gears (coupling) {'; '.join(told)}; this model leaves that out, gravity and ratios take it up"
+    )
+    return [Note("load-through-gears", "; ".join([text, *parallel]), Where())]
+
+
+def of_effects(found: EffectFit, runs: Sequence[Run]) -> list[Note]:
+    """Effects that did not settle, shapes at a bound, and effects of time over several recordings."""
+    notes, effects = [], found.fit.model.effects
+    if not found.is_settled:
+        names = ", ".join(dict.fromkeys(one.effect.name for one in effects))
+        text = f"the fit with {names} still moved when it was stopped: two of its effects may stand for one another"
+        notes.append(Note("effects-not-settled", text, Where()))
+    for one, shape in ((effect, name) for effect in effects for name in effect.held):
+        text = f"{shape} of {one.effect.name} is best at its bound, {number(one.shape[shape])}"
+        notes.append(Note("shape-at-bound", f"{text}: these data do not show where it is", Where(joint=one.joint)))
+    timed = [one.effect.name for one in effects if Trace.TIME in one.effect.trace]
+    clocks = len({run.clock for run in runs})
+    if timed and clocks > 1:
+        text = f"the logs have {clocks} clocks: {timed[0]} counts its time anew in each"
+        notes.append(Note("several-clocks", text, Where()))
+    return notes
