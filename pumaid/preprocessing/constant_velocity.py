@@ -36,6 +36,8 @@ LINE_POINTS, DEPARTURE_POINTS = 40, 80
 COARSE, FINE = 32, 20
 #: Rise of the misfit, in mean squares, up to which an instant is compatible with the best, and fall that proves one.
 COMPATIBLE, PROVEN = 4.0, 25.0
+#: Mean square about the line, in units of the sure part's, above which position does not stay on it.
+SWINGING = 5.0
 #: rad2 or m2; misfit of data without noise.
 TINY = 1e-18
 
@@ -213,7 +215,19 @@ def departure(time: Floats, position: Floats, *, sure: int) -> float:
         was_described = is_described
         again, onset, is_described = _onset(*points)
         earliest = min(earliest, again)
-    return earliest if earliest < points[0][-1] else float(time[-1])
+    if earliest < points[0][-1]:
+        return earliest
+    return float(time[sure] if sure < len(time) and _swings(*points, end=float(time[sure])) else time[-1])
+
+
+def _swings(time: Floats, position: Floats, weight: Floats, *, end: float) -> bool:
+    """Whether position swings about the straight line through what lies before `end` (s) more behind it than before."""
+    before = time < end
+    if before.sum() < FEWEST or before.all():
+        return False
+    line = np.polyfit(time[before] - end, position[before], 1, w=weight[before])
+    square = ((position - np.polyval(line, time - end)) * weight) ** 2
+    return bool(square[~before].mean() > SWINGING * square[before].mean() + TINY)
 
 
 def _thinned(time: Floats, position: Floats, sure: int) -> tuple[Floats, Floats, Floats]:
