@@ -4,9 +4,6 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-import numpy as np
-from numpy.typing import NDArray
-
 from pumaid.effects import Scope, catalogue
 from pumaid.records import (
     ADD,
@@ -50,9 +47,6 @@ VARIABLES = {
 
 #: Kind of current by the factor in front of a free form: the sign of motion, the velocity, nothing.
 FORMS = {"s": "a friction that depends on", "v": "a viscous friction that depends on", "": "a current that depends on"}
-
-#: Lines of a shape as text, characters of its longest bar and of a whole line.
-SHAPE_ROWS, BAR, LINE = 20, 24, 74
 
 
 def label(effect: str) -> str:
@@ -375,40 +369,3 @@ def weaknesses(diagnosis: Diagnosis, robot: Robot) -> list[str]:
         is_plain = len(numbers) == len(diagnosis.joints) or names_joint
         out.append(f"{_capital(text)}." if is_plain else f"{joint_titles(robot, numbers)}: {text}.")
     return out
-
-
-def shape_lines(shape: Unexplained, units: str = "rad") -> list[str]:
-    """Free-form means as lines of text: place, mean with its error, and a bar from a line in the middle."""
-    scale, unit = in_unit(shape.unit, units)
-    centres, means, errors = _thinned(shape)
-    largest = float(np.nanmax(np.abs(means), initial=0.0)) or 1.0
-    head = f"{variable_name(shape)} ({unit})" if unit else variable_name(shape)
-    title = f"viscous (A s/{shape.unit})" if shape.form.startswith("v ") else "residual (A)"
-    sides = [bool((means < 0.0).any()), bool((means > 0.0).any())]
-    places = [number(scale * float(centre) + 0.0, 3) for centre in centres]
-    texts = [
-        f"{mean:+.4f}" + (f" ± {abs(error):.4f}" if np.isfinite(error) else "")
-        for mean, error in zip(means, errors, strict=True)
-    ]
-    width, text_width = max(map(len, [head, *places])), max(map(len, [title, *texts]))
-    bar = max(min(BAR, (LINE - width - text_width - 5) // (sum(sides) or 1)), 6)
-    lines = [f"{head:>{width}}  {title:>{text_width}}"]
-    for position, text, mean in zip(places, texts, means, strict=True):
-        marks = "#" * round(bar * abs(float(mean)) / largest)
-        before = (marks if mean < 0 else "").rjust(bar) if sides[0] else ""
-        lines.append(f"{position:>{width}}  {text:>{text_width}}  {before}|{marks if mean > 0 else ''}")
-    return lines
-
-
-def _thinned(shape: Unexplained) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
-    """Centres, means and errors of at most `SHAPE_ROWS` bins; neighbours are averaged by their precision."""
-    step = -(-len(shape.centres) // SHAPE_ROWS)
-    if step <= 1:
-        return shape.centres, shape.means, shape.errors
-    errors = np.where(np.isfinite(shape.errors) & (shape.errors > 0.0), shape.errors, np.inf)
-    weights = errors**-2 if np.isfinite(errors).any() else np.ones(len(errors))
-    starts = np.arange(0, len(weights), step)
-    sums = np.add.reduceat(weights, starts)
-    sums[sums == 0.0] = np.nan
-    centres, means = (np.add.reduceat(weights * values, starts) / sums for values in (shape.centres, shape.means))
-    return centres, means, sums**-0.5

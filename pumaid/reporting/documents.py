@@ -22,6 +22,9 @@ from pumaid.reporting.text import BUDGET_LIMITS, part_sentence, part_share
 from pumaid.results.history import History, Ladder, Rung
 from pumaid.robot import Robot
 
+#: Entries of a joint's fit in a history.
+_FIT_ENTRIES = ("joint", "runs", "samples", "rmse", "heldout", "heldout_runs", "noise_floor")
+
 #: Columns of the runs as CSV; for prismatic joints m stands in place of rad.
 CSV_HEADER = (
     "run", "file", "last_file", "first_row", "last_row", "start_s", "duration_s", "joint", "name", "kind", "from_rad",
@@ -60,40 +63,32 @@ def runs_csv(dataset: Dataset, robot: Robot) -> str:
 
 
 def _run_entry(index: int, run: Run, robot: Robot) -> dict[str, Any]:
-    return {
-        "run": index,
-        "joint": run.joint,
-        "name": robot.joint(run.joint).name,
-        "kind": run.kind,
-        "file": run.origin,
-        "last_file": run.last_origin or run.origin,
-        "first_row": run.first_row,
-        "last_row": run.last_row,
-        "clock": run.clock,
-        "start": run.start,
-        "duration": run.duration,
-        "posture": [_finite(value) for value in run.posture],
-        "span": list(run.span),
-        "speed": run.speed,
-        "ripple": run.ripple,
-        "samples": run.samples,
-        "temperature": _finite(run.temperature),
-        "heldout": run.heldout,
-    }
+    names = ("clock", "start", "duration", "speed", "ripple", "samples", "heldout", "kind")
+    return (
+        _place(run)
+        | {name: getattr(run, name) for name in names}
+        | {
+            "run": index,
+            "joint": run.joint,
+            "name": robot.joint(run.joint).name,
+            "posture": [_finite(value) for value in run.posture],
+            "span": list(run.span),
+            "temperature": _finite(run.temperature),
+        }
+    )
 
 
 def _reject_entry(reject: Reject) -> dict[str, Any]:
+    names = ("reason", "text", "start", "duration", "samples")
+    return {name: getattr(reject, name) for name in names} | {"joints": list(reject.joints)} | _place(reject)
+
+
+def _place(record: Run | Reject) -> dict[str, Any]:
     return {
-        "reason": reject.reason,
-        "text": reject.text,
-        "joints": list(reject.joints),
-        "file": reject.origin,
-        "last_file": reject.last_origin or reject.origin,
-        "first_row": reject.first_row,
-        "last_row": reject.last_row,
-        "start": reject.start,
-        "duration": reject.duration,
-        "samples": reject.samples,
+        "file": record.origin,
+        "last_file": record.last_origin or record.origin,
+        "first_row": record.first_row,
+        "last_row": record.last_row,
     }
 
 
@@ -141,7 +136,8 @@ def comparison_document(comparison: Comparison) -> dict[str, Any]:
 
 def _run_document(score: RunScore) -> dict[str, Any]:
     run = score.run
-    return {
+    names = ("rmse", "bias", "largest", "explained", "undetermined", "reason")
+    return {name: getattr(score, name) for name in names} | {
         "file": run.origin,
         "start": run.start,
         "duration": run.duration,
@@ -150,13 +146,7 @@ def _run_document(score: RunScore) -> dict[str, Any]:
         "velocity": run.speed,
         "posture": run.posture,
         "samples": run.samples,
-        "rmse": score.rmse,
-        "bias": score.bias,
-        "largest": score.largest,
-        "explained": score.explained,
         "heldout": run.heldout,
-        "undetermined": score.undetermined,
-        "reason": score.reason,
     }
 
 
@@ -228,18 +218,7 @@ def _rung_document(rung: Rung) -> dict[str, Any]:
         "rmse": rung.whole.fitted,
         "heldout": rung.whole.heldout,
         "noise_floor": rung.whole.noise_floor,
-        "joints": [
-            {
-                "joint": fit.joint,
-                "runs": fit.runs,
-                "samples": fit.samples,
-                "rmse": fit.rmse,
-                "heldout": fit.heldout,
-                "heldout_runs": fit.heldout_runs,
-                "noise_floor": fit.noise_floor,
-            }
-            for fit in rung.joints
-        ],
+        "joints": [{name: getattr(fit, name) for name in _FIT_ENTRIES} for fit in rung.joints],
     }
 
 

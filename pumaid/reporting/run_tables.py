@@ -7,10 +7,8 @@ import string
 from collections import Counter
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from itertools import groupby
 
 import numpy as np
-from numpy.typing import NDArray
 
 from pumaid.dataset import Dataset, Reject, Run
 from pumaid.reporting.formatting import duration, in_unit, plural, posture_text, relative_names
@@ -282,24 +280,6 @@ def _expected_table(plan: Plan, robot: Robot) -> Table:
             cells = [number(plan.expected[name] * scale, 2) if name in plan.expected else "-" for name in names]
             rows.append([label, *cells])
     return Table("Predicted standard errors", ["joint", *(str(joint.number) for joint in robot.joints)], rows)
-
-
-def timetable(plan: Plan, robot: Robot, *, times: NDArray[np.float64]) -> Table:
-    """One row for each series of runs of a joint in one posture, in order; `times` (M, 2) s of start and end."""
-    rows = []
-    spans = np.asarray(times, dtype=float).reshape(-1, 2).tolist()
-    items = zip(plan.motions, posture_letters(plan), spans, strict=True)
-    for (moving, letter), series in groupby(items, key=lambda item: (item[0].joint, item[1])):
-        part = list(series)
-        joint = robot.joint(moving)
-        scale, unit = in_unit(joint.position_unit, "deg")
-        speeds = dict.fromkeys(f"{motion.velocity * scale:.3g}" for motion, *_ in part)
-        heldout = sum(motion.purpose == "heldout" for motion, *_ in part)
-        purpose = "fit" if not heldout else "hold-out" if heldout == len(part) else f"fit, {heldout} hold-out"
-        begin, end = (f"{int(t) // 60}:{int(t) % 60:02d}" for t in (part[0][2][0], part[-1][2][1]))
-        words = [f"{moving}{letter}", joint.name, str(len(part)), f"{', '.join(speeds)} {unit}/s", purpose]
-        rows.append([begin, end, *words])
-    return Table("Timetable", ("from", "to", "posture", "joint", "runs", "speeds", "purpose"), rows, words=(2, 3, 5, 6))
 
 
 def session_table(files: Sequence[tuple[str, int, float, float]]) -> Table:

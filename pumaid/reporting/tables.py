@@ -19,9 +19,10 @@ from pumaid.records import (
     Finding,
     JointFit,
     Limit,
+    Unexplained,
     Value,
 )
-from pumaid.reporting.diagnosis_text import bare, label, times_text
+from pumaid.reporting.diagnosis_text import bare, label, times_text, variable_name
 from pumaid.reporting.formatting import in_unit, listed, percent, posture_text, relative_names, speed_text, with_error
 from pumaid.reporting.table import Cell, Table
 from pumaid.reporting.text import changes, is_above_floor, is_structural
@@ -45,6 +46,8 @@ _ORDER = list(LABELS)
 
 _SUBSCRIPTS = str.maketrans("0123456789", "₀₁₂₃₄₅₆₇₈₉")
 
+#: Characters of the longest bar of a shape.
+BAR = 16
 #: A mean error below this share of the RMSE is written as 0.
 NO_BIAS = 1e-4
 #: Terms of a combination below this share of its largest are left out.
@@ -160,19 +163,6 @@ def _value_cell(value: Value | None, units: str, marks: Marks, *, scale: float =
     text, error = with_error(value.value * scale, None if value.std_error is None else value.std_error * scale)
     is_weak = value.state == IDENTIFIED and value.ci95 is not None and value.ci95[0] < 0.0 < value.ci95[1]
     return Cell(text, error, tone="weak" if is_weak else "")
-
-
-def joint_fit_table(estimate: Estimate, robot: Robot) -> Table:
-    """How well each joint is fitted, and from which runs."""
-    rows: list[list[Cell | str]] = []
-    for fit in estimate.joints:
-        kinds = ", ".join(f"{count} {kind}" for kind, count in fit.kinds.items()) or "none"
-        head = [f"{fit.joint} {robot.joint(fit.joint).name}", kinds, str(fit.posture_groups), f"{fit.samples:,}"]
-        rows.append([*head, amount(fit.rmse), amount(fit.noise_floor), amount(fit.run_level)])
-    header = ("joint", "runs", "postures", "samples", "RMSE (A)", "noise floor (A)", "between runs (A)")
-    reasons = dict.fromkeys(fit.noise_floor_reason for fit in estimate.joints if fit.noise_floor_reason and fit.runs)
-    caption = "Noise floor: from the differences of repeated runs. Between runs: standard deviation of whole runs."
-    return Table("Fit by joint", header, rows, [("-", reason) for reason in reasons if reason], caption, (0, 1))
 
 
 def combination_table(estimate: Estimate, units: str = "rad") -> Table | None:
@@ -370,6 +360,21 @@ def deciding_runs_table(finding: Finding, robot: Robot, units: str = "rad") -> T
     header = ("run", "joint", "from", "to", "speed", "other joints at")
     title = f"Runs that separate {listed([label(name) for name in (finding.effect, *finding.rivals)], 'and')}"
     return Table(title, header, rows, caption=caption, words=(0, 1, 5))
+
+
+def shape_table(shape: Unexplained, units: str = "rad") -> Table:
+    """Free-form means of a residual in bins of one variable, with a bar each."""
+    scale, unit = in_unit(shape.unit, units)
+    largest = float(np.nanmax(np.abs(shape.means), initial=0.0)) or 1.0
+    rows: list[list[Cell | str]] = []
+    for centre, mean, error in zip(shape.centres, shape.means, shape.errors, strict=True):
+        bar = "#" * round(BAR * abs(float(mean)) / largest)
+        text, deviation = with_error(float(mean), float(error) if np.isfinite(error) else None)
+        sides = (bar.rjust(BAR) if mean < 0 else " " * BAR) + "|" + (bar if mean > 0 else "")
+        rows.append([number(scale * float(centre) + 0.0, 3), Cell(text, deviation), sides])
+    name = variable_name(shape)
+    value = f"viscous (A s/{shape.unit})" if shape.form.startswith("v ") else "residual (A)"
+    return Table("", (f"{name} ({unit})" if unit else name, value, ""), rows, words=(2,))
 
 
 # The history of models

@@ -13,7 +13,7 @@ from pumaid.records import (
 )
 from pumaid.reporting import diagnosis_text as sentences
 from pumaid.reporting.table import Paragraph, Table
-from pumaid.reporting.tables import candidate_table, deciding_runs_table, limit_table
+from pumaid.reporting.tables import candidate_table, deciding_runs_table, limit_table, shape_table
 from pumaid.reporting.text import (
     BUDGET_CAPTION,
     PART_NAMES,
@@ -62,8 +62,8 @@ def diagnosis_parts(diagnosis: Diagnosis, robot: Robot, *, units: str = "rad") -
 def _unexplained(joint: JointDiagnosis, robot: Robot, units: str) -> list[Paragraph | Table]:
     title = Paragraph(sentences.unexplained_title(joint, robot), style="bold")
     texts = sentences.unexplained_sentences(joint, units)
-    texts += ["\n".join(sentences.shape_lines(joint.unexplained, units))] if joint.unexplained is not None else []
-    return [EMPTY, title, *(Paragraph(text, 3) for text in texts)]
+    table = [shape_table(joint.unexplained, units)] if joint.unexplained is not None else []
+    return [EMPTY, title, *(Paragraph(text, 3) for text in texts), *table]
 
 
 def budget_parts(comparison: Comparison, robot: Robot) -> list[Paragraph]:

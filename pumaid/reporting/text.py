@@ -12,8 +12,6 @@ from pumaid.errors import Note
 from pumaid.records import (
     IDENTIFIED,
     NOT_IDENTIFIABLE,
-    TOGETHER,
-    UNEXPLAINED,
     Budget,
     BudgetPart,
     Comparison,
@@ -232,22 +230,6 @@ def noise_sentence(context: ReportContext) -> str | None:
         f"No run of {which} is repeated, so the noise floor is unknown:"
         " repeat a few runs (same posture, speed and direction)."
     )
-
-
-def share_name(share: str) -> str:
-    """Name of a share of the current; effects that the fitted data do not separate have one share together."""
-    effects = share.split(TOGETHER)
-    names = [EFFECT_NAMES.get(effect) or effect.replace("_", " ") for effect in effects]
-    if set(effects) == {"coulomb", "viscous"}:
-        return "friction (Coulomb and viscous confounded)"
-    return names[0] if len(names) == 1 else f"{listed(names)} (confounded)"
-
-
-def shares_sentence(context: ReportContext, score: JointScore) -> str:
-    """Which effects one joint's current goes to."""
-    shares = sorted(((s, n) for n, s in score.shares.items() if n != UNEXPLAINED and s > SMALLEST_SHARE), reverse=True)
-    words = ", ".join(f"{share_name(name)} {100.0 * share:.0f} %" for share, name in shares)
-    return f"{context.title(score.joint)}: {amperes(score.rms)} RMS; shares of its mean square: {words}."
 
 
 # Residual budget

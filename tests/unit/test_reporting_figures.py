@@ -159,7 +159,7 @@ def test_logs_without_runs_draw_no_empty_figure(context):
     """With nothing to show there are only the arm and the parameters."""
     nothing = Dataset(())
     empty = ReportContext(context.robot, context.estimate, nothing, compare(context.estimate, nothing, context.robot))
-    assert [drawing.name for drawing in all_figures(empty)] == ["arm", "parameters", "precision"]
+    assert [drawing.name for drawing in all_figures(empty)] == ["arm", "parameters"]
 
 
 # History

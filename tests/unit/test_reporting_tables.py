@@ -21,7 +21,7 @@ from pumaid.records import (
 from pumaid.reporting import run_tables, tables
 from pumaid.reporting.table import Cell, Table
 from pumaid.robot import Joint, Robot
-from pumaid.trajectory import Motion, Plan, Posture, run_times
+from pumaid.trajectory import Motion, Plan, Posture
 
 PUMA = diagnoses.PUMA
 WIDE = Table(
@@ -295,12 +295,3 @@ def test_planned_postures_are_grouped():
     many = Plan("x", tuple(Motion(2, (h / 99, 0.0), -1.0, 1.0, 0.5) for h in range(53)))
     letters = run_tables.posture_letters(many)
     assert (letters[25], letters[26], letters[52]) == ("Z", "AA", "BA")
-
-
-def test_timetable_has_a_row_a_series():
-    """Runs of one joint in one posture that follow each other are a row; replicates show by their letter."""
-    table = run_tables.timetable(PLAN, ARM, times=run_times(ARM, PLAN))
-    columns = list(zip(*([cell.text for cell in cells] for cells in table.cells), strict=True))
-    assert columns[2] == ("2A", "1A", "2B", "2A") and columns[4] == ("2", "1", "1", "2")
-    assert columns[5] == ("28.6 deg/s", "0.1 m/s", "14.3 deg/s", "28.6 deg/s")
-    assert columns[6] == ("fit", "hold-out", "hold-out", "fit")

@@ -25,7 +25,6 @@ from pumaid.reporting.context import ReportContext
 from pumaid.reporting.figures.style import (
     AREAS,
     BACKWARD,
-    FAINT,
     FORWARD,
     GREY,
     INK,
@@ -34,7 +33,7 @@ from pumaid.reporting.figures.style import (
     text_colour,
 )
 from pumaid.reporting.formatting import amperes, in_unit, shortened
-from pumaid.reporting.tables import joint_errors, row_label, row_of, row_order
+from pumaid.reporting.tables import joint_errors, row_of
 from pumaid.reporting.text import EFFECT_NAMES, changes, is_structural
 from pumaid.results.history import Errors, Ladder, Rung
 from pumaid.units import number
@@ -171,7 +170,7 @@ def _error_bars(axes: Axes, places: NDArray[Any], scores: Sequence[JointScore]) 
 
 
 def parameter_figures(context: ReportContext) -> list[Drawing]:
-    """The parameters with their intervals, and their relative precision."""
+    """The parameters with their intervals."""
     if not any(value.ci95 is not None for value in context.estimate.values):
         return []
     caption = (
@@ -179,11 +178,7 @@ def parameter_figures(context: ReportContext) -> list[Drawing]:
         " narrower than the mark are hidden by it."
     )
     title = f"{context.robot.name}: parameters with 95 % confidence intervals"
-    second = "Half of the 95 % confidence interval relative to the value. Above 100 % the sign is not known."
-    return [
-        Drawing("parameters", title, caption, partial(intervals, context)),
-        Drawing("precision", "Relative precision of the parameters", second, partial(precision, context)),
-    ]
+    return [Drawing("parameters", title, caption, partial(intervals, context))]
 
 
 def intervals(context: ReportContext) -> Figure:
@@ -218,35 +213,6 @@ def _interval(axes: Axes, value: Value, scale: float, look: int) -> None:
     middle, low, high = (scale * item for item in (value.value, *value.ci95))
     style: dict[str, Any] = {"fmt": marker, "color": colour, "markersize": 4.5, "elinewidth": 1.4, "capsize": 2.5}
     axes.errorbar((value.joint or 0) + shift, middle, yerr=[[middle - low], [high - middle]], zorder=3, **style)
-
-
-def precision(context: ReportContext) -> Figure:
-    """Relative half width of each interval, a line a row of the parameter table, a number a joint."""
-    values = [value for value in context.estimate.values if value.ci95 is not None and value.value]
-    rows = sorted({row_of(value) for value in values}, key=row_order)
-    figure = Figure(figsize=(4.6, 0.42 * len(rows) + 1.1), layout="constrained")
-    axes = figure.subplots()
-    before: dict[tuple[str, str], tuple[float, float]] = {}
-    ratios = sorted((max(0.5 * np.ptp(v.ci95) / abs(v.value or 1.0), 1e-12), row_of(v), v.joint) for v in values)  # type: ignore[arg-type]
-    for ratio, row, joint in ratios:
-        last, lift = before.get(row, (0.0, 0.0))
-        lift = (-0.24 if lift >= 0.0 else 0.24) if ratio < 1.25 * last else 0.0  # marks that would cover each other
-        before[row] = (ratio, lift)
-        place, colour = rows.index(row) + lift, BACKWARD if ratio > 1.0 else FORWARD
-        axes.plot(ratio, place, "o", color=colour, markersize=10.5, markeredgecolor="none")
-        look: dict[str, Any] = {"ha": "center", "va": "center_baseline", "fontsize": 8, "color": "white"}
-        axes.annotate(str(joint or ""), (ratio, place), fontweight="bold", **look)
-    axes.hlines(range(len(rows)), 0, 1, transform=axes.get_yaxis_transform(), color=FAINT, linewidth=0.6, zorder=0)
-    axes.axvline(1.0, color=INK, linewidth=0.8, linestyle=(0, (4, 3)))
-    axes.set_xscale("log")
-    axes.set_xlim(min(0.02, *(0.6 * r for r, *_ in ratios)), max(2.0, *(1.6 * r for r, *_ in ratios)))
-    axes.xaxis.set_major_formatter(lambda ratio, _: f"{100 * ratio:g} %")
-    axes.set_yticks(range(len(rows)), [row_label(row) for row in rows])
-    axes.set(ylim=(len(rows) - 0.4, -0.6), xlabel="half of the 95 % interval / value")
-    axes.set_title("Relative precision (number: joint)")
-    axes.tick_params(left=False)
-    axes.spines["left"].set_visible(False)
-    return figure
 
 
 # History

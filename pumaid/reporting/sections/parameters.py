@@ -8,7 +8,7 @@ from pumaid.reporting.context import ReportContext
 from pumaid.reporting.figures.model import parameter_figures
 from pumaid.reporting.figures.style import Drawing
 from pumaid.reporting.sections import Section
-from pumaid.reporting.tables import combination_table, joint_fit_table, parameter_table
+from pumaid.reporting.tables import combination_table, parameter_table
 from pumaid.reporting.text import parameters_sentence
 
 
@@ -26,6 +26,5 @@ class Parameters(Section):
             "sentence": parameters_sentence(context),
             "table": parameter_table(context.estimate, context.robot, context.units),
             "sums": combination_table(context.estimate, context.units),
-            "joints": joint_fit_table(context.estimate, context.robot),
             "figures": list(figures.values()),
         }

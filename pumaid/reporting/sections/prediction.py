@@ -9,7 +9,6 @@ from pumaid.reporting.figures.residuals import current_figures
 from pumaid.reporting.figures.style import Drawing
 from pumaid.reporting.sections import Section
 from pumaid.reporting.tables import comparison_table
-from pumaid.reporting.text import shares_sentence
 
 
 class Prediction(Section):
@@ -26,6 +25,5 @@ class Prediction(Section):
         return {
             "both_ways": any((joint, -1) in ways and (joint, 1) in ways for joint in context.moving()),
             "table": comparison_table(context.comparison, context.robot),
-            "shares": [shares_sentence(context, score) for score in context.comparison.joints if score.shares],
             "figures": list(figures.values()),
         }
