@@ -55,6 +55,22 @@ def table(renderable: Any) -> None:
     console.print(renderable)
 
 
+def tables(*parts: Any) -> None:
+    """Tables and paragraphs, those that are there, with an empty line between them."""
+    for number, part in enumerate(part for part in parts if part is not None):
+        if number:
+            say()
+        table(part)
+
+
+def write_picture(path: Path, drawing: Any, form: str) -> None:
+    """Write a drawing, and say so."""
+    from pumaid.io.write import write_file
+
+    write_file(path, drawing.file(form))
+    remark(f"picture written to {path}")
+
+
 def document(content: Mapping[str, Any]) -> None:
     """The one JSON document of ``--json``; arrays become lists, numbers that JSON lacks become null.
 

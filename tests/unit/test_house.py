@@ -442,22 +442,6 @@ def test_a_dataset_needs_no_reader(tmp_path):
     assert first[-1] == "pyarrow" and second[-1] == "" and first[:-1] == second[:-1]
 
 
-def test_a_refused_log_waits_for_no_fit(tmp_path):
-    """What the fit and its table need is loaded behind the pass, which a bad log never leaves."""
-    arm, logs = PACKAGE.parent / "sample_logs" / "pendulum", tmp_path / "logs"
-    logs.mkdir()
-    (logs / "cut.parquet").write_bytes(b"PAR1, and no more")
-    words = ["identify", str(logs), "--recipe", str(arm / "recipe.yaml"), "-o", str(tmp_path / "model.json")]
-    program = (
-        "import sys\nfrom pumaid.cli import group\n"
-        f"try:\n    group.main({words!r})\n"
-        "except SystemExit as error:\n    print(error.code)\n"
-        "print(','.join(name for name in ('pumaid.estimation.system', 'scipy', 'rich.table') if name in sys.modules))"
-    )
-    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
-    assert (done.stdout, "error[damaged-log]" in done.stderr) == ("3\n\n", True)
-
-
 PUBLIC = [
     *("Answer", "Arm"),
     *("Bins", "Budget", "BudgetPart", "Candidate", "Combination", "Comparison", "Curve", "Dataset", "Diagnosis"),

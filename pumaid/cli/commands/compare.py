@@ -7,30 +7,27 @@ from typing import TYPE_CHECKING
 
 import rich_click as click
 
-from pumaid.cli.options import (
-    check_option,
-    effects_option,
-    heldout_option,
-    json_option,
-    logs_argument,
-    model_argument,
-    reading_options,
-    recipe_option,
-    trust_option,
-    units_option,
+from pumaid.cli import options
+from pumaid.cli.output import (
+    attention,
+    document,
+    notes,
+    picture_form,
+    remark,
+    spare_inputs,
+    table,
+    write_picture,
 )
-from pumaid.cli.output import attention, document, notes, picture_form, remark, spare_inputs, table
 
 if TYPE_CHECKING:
     from pumaid.experiment import Reading
-    from pumaid.reporting.context import ReportContext
 
 
 @click.command()
-@model_argument
-@logs_argument
-@recipe_option
-@effects_option
+@options.model_argument
+@options.logs_argument
+@options.recipe_option
+@options.effects_option
 @click.option("--worst", type=click.IntRange(min=0), default=5, show_default=True, help="How many runs to list.")
 @click.option(
     "--picture",
@@ -40,12 +37,12 @@ if TYPE_CHECKING:
     metavar="FILE",
     help="Draw it: .png, .svg or .pdf.",
 )
-@units_option
-@heldout_option
-@trust_option
-@reading_options
-@json_option
-@check_option
+@options.units_option
+@options.heldout_option
+@options.trust_option
+@options.reading_options
+@options.json_option
+@options.check_option
 def command(
     *,
     model: Path,
@@ -74,7 +71,9 @@ def command(
     spare_inputs([picture], read_files(logs, recipe, model) if picture else [])
     estimate = read_known_model(model)
     robot, dataset = read_dataset(logs, recipe, trust=trust, heldout=heldout, reading=reading)
+    from pumaid.reporting.context import ReportContext
     from pumaid.reporting.documents import comparison_document
+    from pumaid.reporting.figures.residuals import overview_figure
     from pumaid.reporting.tables import comparison_table, outside_table, worst_runs_table
     from pumaid.reporting.terminal import budget_parts
     from pumaid.reporting.text import is_above_floor
@@ -85,9 +84,8 @@ def command(
     comparison = compare(estimate, dataset, robot)
     notes((*estimate.notes, *comparison.notes))
     if picture is not None and comparison.runs:
-        from pumaid.reporting.context import ReportContext
-
-        _draw(picture, ReportContext(robot, estimate, dataset, comparison, units), form=form)
+        context = ReportContext(robot, estimate, dataset, comparison, units)
+        write_picture(picture, overview_figure(context), form)
     elif picture is not None:
         remark(f"no run was found, so there is no misfit to draw: {picture} is not written")
     if as_json:
@@ -96,19 +94,10 @@ def command(
         table(comparison_table(comparison, robot))
         for part in budget_parts(comparison, robot):
             table(part)
-        tables = [outside_table(comparison, robot)]
-        tables += [worst_runs_table(comparison, robot, count=worst, units=units)] if worst and comparison.runs else []
-        for item in tables:
-            if item is not None:
-                table("")
-                table(item)
+        is_listed = worst and comparison.runs
+        worst_runs = worst_runs_table(comparison, robot, count=worst, units=units) if is_listed else None
+        for extra in filter(None, (outside_table(comparison, robot), worst_runs)):
+            table("")
+            table(extra)
     if check and any(is_above_floor(score.rmse, score.noise_floor) for score in comparison.joints):
         attention()
-
-
-def _draw(picture: Path, told: ReportContext, *, form: str) -> None:
-    from pumaid.io.write import write_file
-    from pumaid.reporting.figures.residuals import overview_figure
-
-    write_file(picture, overview_figure(told).file(form))
-    remark(f"picture written to {picture}")

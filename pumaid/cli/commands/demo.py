@@ -8,7 +8,7 @@ from typing import Any
 
 import rich_click as click
 
-from pumaid.cli.options import json_option, seed_option
+from pumaid.cli import options
 from pumaid.cli.output import document, say
 from pumaid.cli.progress import progress
 
@@ -16,8 +16,8 @@ from pumaid.cli.progress import progress
 @click.command()
 @click.argument("folder", type=click.Path(path_type=Path), default=Path("pumaid_demo"), metavar="[FOLDER]")
 @click.option("--robot", default="puma560", show_default=True, metavar="NAME", help="The arm; pumaid init lists them.")
-@seed_option
-@json_option
+@options.seed_option
+@options.json_option
 def command(*, folder: Path, robot: str, seed: int, as_json: bool) -> None:
     """Tell the whole story on a virtual arm that hides a physical effect, in under a minute.
 

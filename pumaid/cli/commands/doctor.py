@@ -10,7 +10,7 @@ from pathlib import Path
 
 import rich_click as click
 
-from pumaid.cli.options import json_option, recipe_option
+from pumaid.cli import options
 from pumaid.cli.output import attention, document, say
 
 #: What only some commands need.
@@ -22,9 +22,9 @@ ARM, SEED = "pendulum2", 1
 
 
 @click.command()
-@recipe_option
+@options.recipe_option
 @click.option("--quick", is_flag=True, help="Versions only; leave the self-check out.")
-@json_option
+@options.json_option
 def command(recipe: Path | None, *, quick: bool, as_json: bool) -> None:
     """Versions, platform, settings and a self-check of some ten seconds: paste it into a bug report.
 

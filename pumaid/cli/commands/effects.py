@@ -7,14 +7,14 @@ from typing import Any
 
 import rich_click as click
 
-from pumaid.cli.options import effects_option, json_option
+from pumaid.cli import options
 from pumaid.cli.output import document, say, table
 
 
 @click.command()
 @click.argument("name", required=False)
-@effects_option
-@json_option
+@options.effects_option
+@options.json_option
 def command(name: str | None, as_json: bool) -> None:
     """The physics that pumaid knows: all effects, or one explained.
 

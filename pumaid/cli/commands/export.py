@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 import rich_click as click
 
-from pumaid.cli.options import effects_option, json_option, model_argument, output_option, recipe_option
+from pumaid.cli import options
 
 if TYPE_CHECKING:
     from pumaid.exports import Exported
@@ -19,9 +19,9 @@ FORMS = sorted(info.name for info in pkgutil.iter_modules([str(Path(__file__).pa
 
 
 @click.command()
-@model_argument
+@options.model_argument
 @click.option("--format", "form", type=click.Choice(FORMS), required=True, help="What to write; see docs/export.md.")
-@output_option(
+@options.output_option(
     "The file, without its ending for c (two files); - for standard output. Default: named after the robot, beside the"
     " model."
 )
@@ -34,9 +34,9 @@ FORMS = sorted(info.name for info in pkgutil.iter_modules([str(Path(__file__).pa
     " not given follows from the identified ratios.",
 )
 @click.option("--force", is_flag=True, help="Replace files that are there already.")
-@recipe_option
-@effects_option
-@json_option
+@options.recipe_option
+@options.effects_option
+@options.json_option
 def command(
     *,
     model: Path,

@@ -7,21 +7,21 @@ from typing import TYPE_CHECKING
 
 import rich_click as click
 
-from pumaid.cli.options import effects_option, json_option, results_option
-from pumaid.cli.output import document, notes, picture_form, remark, table
+from pumaid.cli import options
+from pumaid.cli.output import document, notes, picture_form, remark, tables, write_picture
 
 if TYPE_CHECKING:
     from pumaid.errors import Note
-    from pumaid.results.history import History, Ladder
+    from pumaid.results.history import History
 
 
 @click.command()
 @click.argument("folder", type=click.Path(path_type=Path), default=Path(), metavar="[FOLDER]")
-@results_option
-@effects_option
+@options.results_option
+@options.effects_option
 @click.option("--restore", type=click.IntRange(min=1), metavar="N", help="Make model N the current one again.")
 @click.option("--picture", type=click.Path(path_type=Path), metavar="FILE", help="Draw it: .png, .svg or .pdf.")
-@json_option
+@options.json_option
 def command(*, folder: Path, results: Path | None, restore: int | None, picture: Path | None, as_json: bool) -> None:
     """Tell the error ladder of an experiment: each model, what it added, and the error after.
 
@@ -37,6 +37,8 @@ def command(*, folder: Path, results: Path | None, restore: int | None, picture:
       pumaid history --json | jq '.ladders[0].models[] | {model, added, rmse, heldout}'
     """
     from pumaid.reporting.documents import history_document
+    from pumaid.reporting.figures.model import history_figure
+    from pumaid.reporting.tables import history_joint_tables, history_table
     from pumaid.results.documents import heading
     from pumaid.results.history import read_history
 
@@ -49,11 +51,12 @@ def command(*, folder: Path, results: Path | None, restore: int | None, picture:
     history = read_history(place)
     notes((*history.notes, *_unknown(history)))
     if picture is not None:
-        _draw(picture, history.ladders[0], form=form)
+        write_picture(picture, history_figure(history.ladders[0]), form)
     if as_json:
         document(heading("history") | history_document(history))
     else:
-        _tell(history)
+        first, *others = history.ladders
+        tables(history_table(first), *history_joint_tables(first), *map(history_table, others))
 
 
 def _unknown(history: History) -> list[Note]:
@@ -73,21 +76,3 @@ def _unknown(history: History) -> list[Note]:
 def _results(folder: Path) -> Path:
     """The results folder of an experiment, or the folder itself where it is one."""
     return folder if (folder / "models").is_dir() or folder.name == "results" else folder / "results"
-
-
-def _draw(picture: Path, ladder: Ladder, *, form: str) -> None:
-    from pumaid.io.write import write_file
-    from pumaid.reporting.figures.model import history_figure
-
-    write_file(picture, history_figure(ladder).file(form))
-    remark(f"picture written to {picture}")
-
-
-def _tell(history: History) -> None:
-    from pumaid.reporting.tables import history_joint_tables, history_table
-
-    first, *others = history.ladders
-    tables = [history_table(first), *history_joint_tables(first), *map(history_table, others)]
-    for number, item in enumerate(tables):
-        table("") if number else None
-        table(item)

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import rich_click as click
 
-from pumaid.cli.options import json_option, output_option
+from pumaid.cli import options
 
 if TYPE_CHECKING:
     from pumaid.io.urdf_recipe import UrdfRecipe
@@ -30,8 +30,8 @@ if TYPE_CHECKING:
 )
 @click.option("--tip", metavar="LINK", help="The URDF's link at which the arm ends.  [default: of the longest chain]")
 @click.option("--force", is_flag=True, help="Replace a recipe that is there already.")
-@output_option("Where the recipe goes: a file, a folder, or - to print it.  [default: recipe.yaml]")
-@json_option
+@options.output_option("Where the recipe goes: a file, a folder, or - to print it.  [default: recipe.yaml]")
+@options.json_option
 def command(
     name: str | None,
     listed: bool,

@@ -7,7 +7,7 @@ from typing import Any
 
 import rich_click as click
 
-from pumaid.cli.options import json_option, output_option, seed_option
+from pumaid.cli import options
 from pumaid.cli.output import attention, picture_form, spare_inputs
 from pumaid.cli.planning import (
     ATTENTION,
@@ -59,9 +59,9 @@ _PATH = click.Path(path_type=Path)
 )
 @click.option("--picture", type=_PATH, metavar="FILE", help="Draw it: .png, .svg or .pdf.")
 @click.option("--force", is_flag=True, help="Replace a plan that is there already.")
-@output_option("The plan to write, or -. [default: plan.yaml]")
-@seed_option
-@json_option
+@options.output_option("The plan to write, or -. [default: plan.yaml]")
+@options.seed_option
+@options.json_option
 def command(
     *,
     recipe: Path | None,

@@ -9,17 +9,7 @@ from typing import TYPE_CHECKING
 
 import rich_click as click
 
-from pumaid.cli.options import (
-    effects_option,
-    heldout_option,
-    json_option,
-    output_option,
-    reading_options,
-    recipe_option,
-    results_option,
-    trust_option,
-    units_option,
-)
+from pumaid.cli import options
 from pumaid.cli.output import content, document, notes, remark, spare_inputs
 from pumaid.cli.progress import progress
 
@@ -36,10 +26,10 @@ FIGURES = ("png", "svg", "pdf")
 @click.command()
 @click.argument("model", type=click.Path(path_type=Path, allow_dash=True), required=False, metavar="[MODEL]")
 @click.argument("logs", nargs=-1, metavar="[LOGS...]")
-@recipe_option
-@effects_option
-@output_option("The page or table; - for standard output. Default: report.html in the results folder.")
-@results_option
+@options.recipe_option
+@options.effects_option
+@options.output_option("The page or table; - for standard output. Default: report.html in the results folder.")
+@options.results_option
 @click.option(
     "--table", "form", type=click.Choice(TABLES), metavar="FORM", help=f"Only the parameter table: {', '.join(TABLES)}."
 )
@@ -47,11 +37,11 @@ FIGURES = ("png", "svg", "pdf")
     "--figures", type=click.Path(path_type=Path), metavar="FOLDER", help="Where figures go; else results/figures."
 )
 @click.option("--format", "forms", default="png,svg,pdf", show_default=True, help="Forms of the figures; '' for none.")
-@units_option
-@heldout_option
-@trust_option
-@reading_options
-@json_option
+@options.units_option
+@options.heldout_option
+@options.trust_option
+@options.reading_options
+@options.json_option
 def command(
     *,
     model: Path | None,

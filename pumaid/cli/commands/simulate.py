@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import rich_click as click
 
-from pumaid.cli.options import effects_option, json_option, output_option, seed_option
+from pumaid.cli import options
 from pumaid.cli.output import document, notes, remark, spare_inputs, table
 from pumaid.cli.progress import progress
 
@@ -42,7 +42,7 @@ def _real(robot: Robot, truth: Path | None, *, hide: tuple[str, ...], noise: flo
     metavar="FILE",
     help="The plan, YAML or CSV; else plan.yaml beside the recipe.",
 )
-@output_option("Folder of the logs, else logs beside the recipe; - for one CSV on standard output.")
+@options.output_option("Folder of the logs, else logs beside the recipe; - for one CSV on standard output.")
 @click.option(
     "--truth",
     type=click.Path(path_type=Path),
@@ -55,7 +55,7 @@ def _real(robot: Robot, truth: Path | None, *, hide: tuple[str, ...], noise: flo
     metavar="EFFECT[@JOINT]",
     help="Physics that the robot has: stribeck@3:a=0.2,velocity=0.1 ...; repeatable.",
 )
-@effects_option
+@options.effects_option
 @click.option(
     "--physics",
     type=click.Choice(["builtin", "mujoco"]),
@@ -84,8 +84,8 @@ def _real(robot: Robot, truth: Path | None, *, hide: tuple[str, ...], noise: flo
     help="Planned runs in one log file.",
 )
 @click.option("--force", is_flag=True, help="Replace the logs of an earlier simulation.")
-@seed_option
-@json_option
+@options.seed_option
+@options.json_option
 def command(
     *,
     recipe: Path | None,
