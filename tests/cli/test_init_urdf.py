@@ -35,7 +35,7 @@ def test_a_recipe_is_written_and_shown(init) -> None:
     result = run(init("--urdf", "arm.urdf"))
     robot = read_recipe(Path("recipe.yaml"))
     assert [joint.name for joint in robot.joints] == ["j1", "j3", "j4"]
-    assert [row for row in result.stdout.splitlines() if row.startswith("  j3") and "-90 deg" in row]
+    assert [row for row in result.stdout.splitlines() if " j3 " in row and " -90 " in row]
     assert "pumaid plan recipe.yaml" in result.stderr
 
 
