@@ -35,7 +35,7 @@ _NAMES = {
     "pumaid.robot": "EffectChoice Joint LogFormat Robot",
     "pumaid.trajectory": "Motion Plan Posture",
     "pumaid.verbs.compare": "compare",
-    "pumaid.verbs.diagnose": "diagnose",
+    "pumaid.diagnosis.diagnose": "diagnose",
     "pumaid.preprocessing.segment": "segment",
     "pumaid.verbs.simulate": "simulate",
 }

@@ -299,8 +299,8 @@ class Identified(Answer):
 
     def diagnose(self, logs: Logs | None = None, **options: Any) -> Answer:
         """Which physical effect the model misses, as `Diagnosis`."""
+        from pumaid.diagnosis.diagnose import diagnose
         from pumaid.reporting.terminal import diagnosis_parts
-        from pumaid.verbs.diagnose import diagnose
 
         dataset = self.dataset if logs is None else self._arm.dataset(logs, **options)
         diagnosis: Diagnosis = diagnose(self.record, dataset, self.robot)

@@ -9,7 +9,7 @@ import worlds
 from scipy.signal import lfilter
 
 from pumaid.dataset import Run
-from pumaid.diagnosis.budget import budget
+from pumaid.diagnosis.residual_budget import budget
 from pumaid.joint_bins import joint_bins
 from pumaid.records import Budget
 

@@ -19,7 +19,7 @@ import numpy as np
 from blind_world.statistics import Share
 
 from pumaid.dataset import Dataset, FileFacts
-from pumaid.diagnosis.search import FALSE_ALARM
+from pumaid.diagnosis.residual_budget import FALSE_ALARM
 from pumaid.errors import PumaidError
 from pumaid.estimation.estimate import identify
 from pumaid.io.recipe import read_recipe, shipped_recipes

@@ -19,11 +19,10 @@ from blind_world.statistics import Share
 from budget_trials import DESIGNS, plan
 
 from pumaid.dataset import Dataset
-from pumaid.diagnosis.account import Account
-from pumaid.diagnosis.contender import LEVEL
-from pumaid.diagnosis.limits import limits
-from pumaid.diagnosis.scan import surprise
-from pumaid.diagnosis.stepwise import Step, Stepwise
+from pumaid.diagnosis.detection_limit import detection_limits
+from pumaid.diagnosis.diagnose import Account
+from pumaid.diagnosis.score_test import minus_log10_p
+from pumaid.diagnosis.stepwise import LEVEL, Step, Stepwise
 from pumaid.effects import catalogue
 from pumaid.io.recipe import read_recipe, shipped_recipes
 from pumaid.model import Model
@@ -71,17 +70,17 @@ def searching(bench: Bench, seed: int) -> tuple[Stepwise, Dataset]:
 def chances(step: Step, *, periodic: str = "ripple") -> dict[Key, float]:
     """Of the best shape of each effect at each joint, the whole catalogue counted."""
     scale = step.scan.solved.scale
-    seen = {key: surprise(best.statistic / scale, best.width) for key, best in step.scan.best().items()}
+    seen = {key: minus_log10_p(best.statistic / scale, best.width) for key, best in step.scan.best().items()}
     for joint, found in step.scan.spectra.items():
-        seen[periodic, joint] = surprise(found.statistic().max() / scale, 2)
+        seen[periodic, joint] = minus_log10_p(found.statistic().max() / scale, 2)
     return {key: step.family.p_value(key, float(one)) for key, one in seen.items()}
 
 
 def textbook(step: Step) -> float:
     """Of the best of the whole catalogue by chi-square, times as many as were tried (Bonferroni)."""
     scale = step.scan.solved.scale
-    seen = [float(surprise(one.statistic / scale, one.width)) for one in step.scan.trials]
-    seen += [float(one) for found in step.scan.spectra.values() for one in surprise(found.statistic() / scale, 2)]
+    seen = [float(minus_log10_p(one.statistic / scale, one.width)) for one in step.scan.trials]
+    seen += [float(one) for found in step.scan.spectra.values() for one in minus_log10_p(found.statistic() / scale, 2)]
     return min(1.0, len(seen) * 10.0 ** -max(seen))
 
 
@@ -147,7 +146,7 @@ def hits() -> Iterator[str]:
     motions = plan(truth.robot, LOOKED_AT[0], HIDDEN)
     quiet = Bench(truth, motions, rate=50.0, bins=120)
     looks = [searching(quiet, HIDDEN + number)[0].look([]) for number in range(ANNOUNCED)]
-    announced = [limits(one.scan, one.catalogue, one.family, periodic=catalogue()["ripple"]) for one in looks]
+    announced = [detection_limits(one.scan, one.catalogue, one.family, periodic=catalogue()["ripple"]) for one in looks]
     yield "| effect | limit | beyond chance | called missing | of any shape | at a third |"
     for place, (name, joint) in enumerate(EFFECTS):
         sizes = [one[name, joint].size for one in announced]

@@ -110,7 +110,7 @@ def diagnosed(
     estimate: Estimate, dataset: Dataset, robot: Robot, *, suspects: Sequence[str], typed: Typed
 ) -> Diagnosis:
     """A diagnosis, with progress and commands."""
-    from pumaid.verbs.diagnose import diagnose
+    from pumaid.diagnosis.diagnose import diagnose
 
     with progress("diagnosing") as step:
         found = diagnose(estimate, dataset, robot, suspects=suspects, progress=lambda text: step(0.0, text))

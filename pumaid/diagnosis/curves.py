@@ -9,7 +9,7 @@ from dataclasses import dataclass, fields, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from pumaid.diagnosis.suspect import Suspect
+from pumaid.diagnosis.candidates import Suspect
 from pumaid.effects import Effect, Family
 from pumaid.joint_bins import SAME_SPEED
 from pumaid.records import Binned, Curve, Line, Loads, Samples
@@ -92,17 +92,17 @@ def curve(robot: Robot, samples: Samples, *, before: Floats, trials: Sequence[Tr
     curve
         A side for each direction of motion that was run.
     """
-    found = trials[0]
-    axis = _axis(robot, samples, found, change=before - found.left)
+    main = trials[0]
+    axis = _axis(robot, samples, main, change=before - main.left)
     sides, lines = [], []
     for way in (1, -1):
-        here = (samples.direction == way) & np.isfinite(axis.values)
-        if not here.any():
+        is_side = (samples.direction == way) & np.isfinite(axis.values)
+        if not is_side.any():
             continue
-        label = _labels(axis, here)
+        label = _labels(axis, is_side)
         places = _means(axis.values, label, samples.run)[0]
         mean = _means(before, label, samples.run)[0]
-        after, errors, runs = _means(found.left, label, samples.run)
+        after, errors, runs = _means(main.left, label, samples.run)
         sides.append(Binned(way, places, mean, after, errors, runs))
         for trial in trials:
             change = _means(before - trial.left, label, samples.run)[0]
@@ -114,8 +114,8 @@ def curve(robot: Robot, samples: Samples, *, before: Floats, trials: Sequence[Tr
 
 def _axis(robot: Robot, samples: Samples, trial: Trial, *, change: Floats) -> Axis:
     """The variable in which an effect lives."""
-    own, unit = samples.joint - 1, robot.joint(samples.joint).position_unit
-    position = samples.position[:, own]
+    column, unit = samples.joint - 1, robot.joint(samples.joint).position_unit
+    position = samples.position[:, column]
     if isinstance(trial.effect, Suspect) and samples.extra is not None:
         return Axis(trial.effect.column, "", samples.extra[:, trial.effect.place], COARSE)
     frequency = trial.shape.get(trial.effect.periodic or "", 0.0)
@@ -125,7 +125,7 @@ def _axis(robot: Robot, samples: Samples, trial: Trial, *, change: Floats) -> Ax
     word = VARIABLES.get(trial.effect.family, "")
     loads = samples.loads
     if word == "speed":
-        return Axis("speed", f"{unit}/s", _by_run(np.abs(samples.velocity[:, own]), samples.run), None)
+        return Axis("speed", f"{unit}/s", _by_run(np.abs(samples.velocity[:, column]), samples.run), None)
     if word == "position":
         return Axis("position", unit, position)
     if word == "travel":
@@ -169,10 +169,10 @@ def _labels(axis: Axis, here: NDArray[np.bool_]) -> Floats:
 
 def _means(values: Floats, label: Floats, run: Floats) -> tuple[Floats, Floats, Floats]:
     """Means over runs in each bin, their standard errors (NaN of one run), and how many runs there are."""
-    seen = np.isfinite(label)
-    both, where = np.unique(np.column_stack([label[seen], run[seen]]), axis=0, return_inverse=True)
+    is_valid = np.isfinite(label)
+    both, where = np.unique(np.column_stack([label[is_valid], run[is_valid]]), axis=0, return_inverse=True)
     where = np.ravel(where)
-    by_run = np.bincount(where, values[seen]) / np.bincount(where)
+    by_run = np.bincount(where, values[is_valid]) / np.bincount(where)
     _, at = np.unique(both[:, 0], return_inverse=True)
     runs = np.bincount(at)
     mean = np.bincount(at, by_run) / runs
@@ -185,8 +185,8 @@ def _line(
     robot: Robot, samples: Samples, axis: Axis, trial: Trial, *, way: int, places: Floats, change: Floats
 ) -> Line:
     """A smooth line over speed where the effect is the joint's own, else the binned change itself."""
-    own = trial.number in (None, samples.joint) and trial.effect.family is Family.SPEED
-    if axis.variable != "speed" or not own:
+    is_local = trial.number in (None, samples.joint) and trial.effect.family is Family.SPEED
+    if axis.variable != "speed" or not is_local:
         return Line(trial.effect.name, way, places, change)
     grid = np.linspace(SLOWEST * places.min(), FASTEST * places.max(), POINTS)
     rest = change - _law(robot, samples, trial, way=way, speeds=places)

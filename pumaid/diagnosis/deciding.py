@@ -8,11 +8,11 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import special
 
-from pumaid.diagnosis.contender import DECISIVE, evidence
+from pumaid.diagnosis.candidates import Suspect
 from pumaid.diagnosis.design import EQUAL, Goal, best
 from pumaid.diagnosis.prospect import Duel, Prospect
-from pumaid.diagnosis.scan import Trial
-from pumaid.diagnosis.suspect import Suspect
+from pumaid.diagnosis.score_test import ScoreTest
+from pumaid.diagnosis.stepwise import DECISIVE, evidence
 from pumaid.diagnosis.wording import because, decided, shown
 from pumaid.effect_spec import EffectTerm
 from pumaid.effects import Effect
@@ -41,7 +41,7 @@ SHAPES = 24
 FOUND = 5.0
 
 
-def deciding(solved: Fit, chosen: Trial, rival: Trial, *, picked: int = PICKED) -> NextRun:
+def deciding(solved: Fit, chosen: ScoreTest, rival: ScoreTest, *, picked: int = PICKED) -> NextRun:
     """The feasible runs after which it is soonest decided which of two effects it is.
 
     Each effect is fitted, with its shape and the whole model, to the data so far and to what the other predicts of the
@@ -128,7 +128,7 @@ def showing(
     if "time" in added.shape:
         return None
     none = np.zeros((len(sizes), len(sizes)))
-    trials = [Trial(added, 0.0, none, sizes=one, scores=none, visible=0.0, signs=none[0]) for one in np.diag(sizes)]
+    trials = [ScoreTest(added, 0.0, none, sizes=one, scores=none, visible=0.0, signs=none[0]) for one in np.diag(sizes)]
 
     def duels(prospect: Prospect) -> tuple[Duel, ...]:
         return tuple(Duel(prospect, one, None) for one in trials)

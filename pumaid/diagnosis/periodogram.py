@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import fft
 
-from pumaid.estimation.fit import FitRow
+from pumaid.estimation.noise import Noise
 from pumaid.joint_bins import JointBins
 
 Floats = NDArray[np.float64]
@@ -75,14 +75,22 @@ class Spectrum:
         rng, flips, out = np.random.default_rng(SEED), np.sign(signs), np.empty(len(signs))
         if self.is_pieces:
             flips = rng.choice([-1.0, 1.0], size=(len(signs), len(self.scores)))
-        some = max(AT_ONCE // len(self.frequency), 1)
-        for start in range(0, len(flips), some):
-            total = flips[start : start + some] @ self.scores
-            out[start : start + some] = (np.abs(total) ** 2 / self.information).max(axis=1)
+        batch = max(AT_ONCE // len(self.frequency), 1)
+        for start in range(0, len(flips), batch):
+            total = flips[start : start + batch] @ self.scores
+            out[start : start + batch] = (np.abs(total) ** 2 / self.information).max(axis=1)
         return out
 
 
-def spectrum(row: FitRow, *, scale: float = 1.0, known: Sequence[float] = ()) -> Spectrum | None:
+def spectrum(
+    bins: JointBins,
+    noise: Noise,
+    white: Floats,
+    *,
+    scale: float = 1.0,
+    known: Sequence[float] = (),
+    fewest_periods: float = FEWEST_PERIODS,
+) -> Spectrum | None:
     """Scores of cos(f q) and sin(f q) at all frequencies that the bins can show.
 
     Bins lie at uneven places where the speed is not constant, so each is shared out to the two nearest points of an
@@ -91,12 +99,16 @@ def spectrum(row: FitRow, *, scale: float = 1.0, known: Sequence[float] = ()) ->
 
     Parameters
     ----------
-    row
-        A joint at its finest bins.
+    bins, noise
+        A joint at its finest bins, and what their noise is like.
+    white
+        (N,) whitened residual.
     scale
         Variance of a whitened residual at these bins, as a share of that by which statistics are divided.
     known
         Frequencies of waves that the model has.
+    fewest_periods
+        Lowest frequency, in periods over the longest run.
 
     Returns
     -------
@@ -109,7 +121,7 @@ def spectrum(row: FitRow, *, scale: float = 1.0, known: Sequence[float] = ()) ->
     G. B. Rybicki, Astrophys. J. 338 (1989) 277-280, for sharing out to a grid, here by straight lines, whose transform
     is divided out.
     """
-    field, noise = row.bins, row.noise
+    field = bins
     q, lengths = field.samples.position[:, field.joint - 1], field.lengths
     low, high = np.minimum.reduceat(q, field.first), np.maximum.reduceat(q, field.first)
     way = high - low
@@ -118,24 +130,24 @@ def spectrum(row: FitRow, *, scale: float = 1.0, known: Sequence[float] = ()) ->
         return None
     piece = _pieces(field, np.where(usable, way, 0.0))
     top = HIGHEST * np.pi / float(np.median(way[usable] / (lengths[usable] - 1)))
-    slow = FEWEST_PERIODS / way.max()
+    slow = fewest_periods / way.max()
     lowest = 2.0 * np.pi * (slow if len(field.runs) >= FEWEST_RUNS else max(slow, A_PIECE * PIECES / way[usable].sum()))
     extent = float(high[usable].max() - low[usable].min())
     step = 2.0 * np.pi / (POINTS * top)
     points = fft.next_fast_len(int(np.ceil(OVERSAMPLING * extent / step)), real=True)
     frequency = np.asarray(2.0 * np.pi * np.fft.rfftfreq(points, step), dtype=np.float64)
-    seen = (frequency >= lowest) & (frequency <= top)
-    if np.count_nonzero(seen) < 2:
+    in_range = (frequency >= lowest) & (frequency <= top)
+    if np.count_nonzero(in_range) < 2:
         return None
-    frequency = frequency[seen]
-    back = noise.unwhiten(field, row.residual) * usable[field.run]
+    frequency = frequency[in_range]
+    back = noise.unwhiten(field, white) * usable[field.run]
     shared = _shared((q - low[usable].min()) / step, back, piece=piece, points=points)
-    scores = np.conj(fft.rfft(shared, axis=1)[:, seen]) / np.sinc(0.5 * frequency * step / np.pi) ** 2
+    scores = np.conj(fft.rfft(shared, axis=1)[:, in_range]) / np.sinc(0.5 * frequency * step / np.pi) ** 2
     information = np.zeros(len(frequency))
     for number in np.flatnonzero(usable):
-        own = q[field.first[number] : field.first[number] + lengths[number]]
+        places = q[field.first[number] : field.first[number] + lengths[number]]
         rho, spread = noise.correlation[number], noise.spread[number]
-        power = 1.0 - 2.0 * rho * _likeness(np.abs(np.diff(own)), frequency) + rho**2
+        power = 1.0 - 2.0 * rho * _likeness(np.abs(np.diff(places)), frequency) + rho**2
         information += 0.5 * lengths[number] * power / (spread**2 * (1.0 - rho**2))
     turned = scores * np.exp(1j * frequency * low[usable].min())
     for wave in known:
@@ -155,10 +167,10 @@ def _pieces(field: JointBins, way: Floats) -> Counts:
 
 def _shared(place: Floats, values: Floats, *, piece: Counts, points: int) -> Floats:
     """(S, points) values at places between the points of an endless grid of that period, shared out to both sides."""
-    left = np.floor(place).astype(np.int64)
-    part, row, many = place - left, piece * points, int(piece[-1] + 1) * points
-    out = np.bincount(row + left % points, values * (1.0 - part), minlength=many)
-    out += np.bincount(row + (left + 1) % points, values * part, minlength=many)
+    lower = np.floor(place).astype(np.int64)
+    part, row, many = place - lower, piece * points, int(piece[-1] + 1) * points
+    out = np.bincount(row + lower % points, values * (1.0 - part), minlength=many)
+    out += np.bincount(row + (lower + 1) % points, values * part, minlength=many)
     return np.asarray(out.reshape(-1, points), dtype=np.float64)
 
 

@@ -9,8 +9,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from pumaid.diagnosis.refine import step_of
-from pumaid.diagnosis.scan import ABSORBED, Trial
+from pumaid.diagnosis.score_test import ABSORBED, ScoreTest, step_of
 from pumaid.effect_spec import EffectTerm, columns_each
 from pumaid.estimation.fit import Fit, FitRow
 
@@ -90,7 +89,7 @@ class Prospect:
         """Columns of an effect that acts nowhere."""
         return [np.zeros((len(self.rows[0].bins), width)), *([None] * (len(self.rows) - 1))]
 
-    def forecast(self, trial: Trial) -> Columns:
+    def forecast(self, trial: ScoreTest) -> Columns:
         """(N, 1) in each row: what the data leave, and what the trial's effect predicts that laps will leave."""
         columns = self.columns([trial.added])
         cross = sum(
@@ -125,7 +124,7 @@ class Duel:
     """
 
     def __init__(
-        self, prospect: Prospect, truth: Trial, pretender: Trial | None, shapes: Sequence[EffectTerm] = ()
+        self, prospect: Prospect, truth: ScoreTest, pretender: ScoreTest | None, shapes: Sequence[EffectTerm] = ()
     ) -> None:
         self.prospect, solved = prospect, prospect.solved
         self.scale = (solved.square - truth.statistic) / max(solved.size - solved.rank, 1)

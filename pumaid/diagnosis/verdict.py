@@ -1,4 +1,4 @@
-"""The verdict of a joint: nothing is missing, a known effect is, or something without a name."""
+"""The verdict on a joint: nothing is missing, a catalogue effect is, or something without a name."""
 
 from __future__ import annotations
 
@@ -8,17 +8,86 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from pumaid.diagnosis.agreement import Agreement, agreement
-from pumaid.diagnosis.contender import DECISIVE, Contender, evidence, rmse
-from pumaid.diagnosis.familywise import Familywise, family
-from pumaid.diagnosis.freeform import Free, free_trials, knot_values
-from pumaid.diagnosis.scan import Scan, Trial, surprise
+from pumaid.diagnosis.free_form import FreeForm, free_form_scores, knot_values
+from pumaid.diagnosis.score_test import ScoreTable, ScoreTest, minus_log10_p
+from pumaid.diagnosis.sign_flip import SignFlips, sign_flips
+from pumaid.diagnosis.stepwise import DECISIVE, EvaluatedCandidate, evidence, rmse
 from pumaid.effects import Family
 from pumaid.estimation.fit import Fit
 from pumaid.joint_bins import JointBins
 from pumaid.records import ADEQUATE, MISSING, UNEXPLAINED_JOINT, Unexplained
 
 Floats = NDArray[np.float64]
+
+#: Sign flips of pairs.
+FLIPS = 4999
+SEED = 11
+#: Pairs below which nothing can be said.
+FEWEST = 4
+#: Bins of the stretches over which repeated runs are compared.
+LENGTHS = (1, 2, 4, 8, 16)
+
+
+@dataclass(frozen=True, slots=True)
+class ReplicateTest:
+    """What pairs of repeated runs share.
+
+    Attributes
+    ----------
+    share
+        Of the misfit's mean square, that repeats.
+    p_value
+        Chance of that much or more where nothing repeats.
+    floor
+        RMS (A) of bins that no model of position, posture, speed and direction removes: half the mean squared
+        difference.
+    """
+
+    share: float
+    p_value: float
+    floor: float
+
+
+def replicate_test(field: JointBins, misfit: Floats, white: Floats) -> ReplicateTest | None:
+    """How much of the misfit repeats; None with fewer than `FEWEST` pairs.
+
+    Whitened, so that slow noise does not hide what is fast; over stretches of several lengths, so that fast noise does
+    not hide what is slow; the most surprising length against the same of each flip.
+
+    Parameters
+    ----------
+    field
+        N bins.
+    misfit, white
+        (N,) A, and whitened.
+
+    Source
+    ------
+    The lack-of-fit test of G. E. P. Box, W. G. Hunter and J. S. Hunter, Statistics for Experimenters, ch. 10, by signs
+    of whole pairs, since samples of one run are not independent.
+    """
+    pairs = field.pairs
+    if len(pairs) < FEWEST:
+        return None
+    shared, squares, gaps, counts = np.zeros((4, len(pairs)))
+    products = np.zeros((len(LENGTHS), len(pairs)))
+    for number, pair in enumerate(pairs):
+        a, b = field.side_by_side(misfit, pair)
+        shared[number], squares[number] = float(a @ b), 0.5 * float(a @ a + b @ b)
+        gaps[number], counts[number] = 0.5 * float(np.sum((a - b) ** 2)), len(a)
+        a, b = field.side_by_side(white, pair)
+        for row, length in enumerate(LENGTHS):
+            starts = np.arange(0, len(a), length)
+            products[row, number] = float(np.add.reduceat(a, starts) @ np.add.reduceat(b, starts))
+    rng = np.random.default_rng(SEED)
+    signs = rng.choice([-1.0, 1.0], size=(FLIPS, len(pairs)))
+    spread = np.sqrt(np.sum(products**2, axis=1)) + np.finfo(float).tiny
+    flipped = (signs @ products.T / spread).max(axis=1)
+    observed = float((products.sum(axis=1) / spread).max())
+    chance = float(1 + np.count_nonzero(flipped >= observed * (1.0 - 1e-12))) / (1 + FLIPS)
+    share = float(shared.sum() / squares.sum()) if squares.sum() > 0 else 0.0
+    return ReplicateTest(share, chance, float(np.sqrt(gaps.sum() / counts.sum())))
+
 
 #: Chance, over all joints together, below which what repeats between replicates is not noise.
 REPEATS = 0.005
@@ -31,7 +100,7 @@ EXCESS = 1.02
 
 
 @dataclass(frozen=True, eq=False, slots=True)
-class Judged:
+class JointVerdict:
     """One joint's verdict with what it rests on.
 
     Attributes
@@ -39,7 +108,7 @@ class Judged:
     verdict
         ``adequate``, ``missing`` or ``unexplained``.
     before, after
-        Agreement of repeated runs without and with what was added; None without replicates.
+        ReplicateTest of repeated runs without and with what was added; None without replicates.
     rmse, rmse_after
         A, of fitted samples.
     removed
@@ -49,15 +118,15 @@ class Judged:
     """
 
     verdict: str
-    before: Agreement | None
-    after: Agreement | None
+    before: ReplicateTest | None
+    after: ReplicateTest | None
     rmse: float
     rmse_after: float
     removed: float | None
     shape: Unexplained | None
 
 
-def judged(first: Fit, last: Fit, scan: Scan, *, joint: int, acting: bool) -> Judged:
+def joint_verdict(first: Fit, last: Fit, scan: ScoreTable, *, joint: int, acting: bool) -> JointVerdict:
     """The verdict of one joint.
 
     Parameters
@@ -72,26 +141,28 @@ def judged(first: Fit, last: Fit, scan: Scan, *, joint: int, acting: bool) -> Ju
         Whether anything that was added acts in this joint.
     """
     a, b = first.row(joint), last.row(joint)
-    before, after = (agreement(one.bins, one.misfit, one.residual) for one in (a, b))
+    before, after = (replicate_test(item.bins, item.misfit, item.residual) for item in (a, b))
     start = rmse(a.bins.count, a.bins.inside, a.misfit)
     end = rmse(b.bins.count, b.bins.inside, b.misfit)
     removed = _removed(start, end, b.bins, after)
     still = after is not None and after.p_value * len(last.joints) <= REPEATS
     free, chances = _free(last, scan, joint)
-    seen = [one for one in free if chances.p_value(one.added.key, _surprise(last, one)) * len(last.joints) <= NAMELESS]
-    best = max(seen, key=lambda one: evidence(last, one), default=None)
+    passing = [
+        item for item in free if chances.p_value(item.added.key, _surprise(last, item)) * len(last.joints) <= NAMELESS
+    ]
+    best = max(passing, key=lambda item: evidence(last, item), default=None)
     nameless = best is not None and evidence(last, best) > DECISIVE
     verdict = MISSING if acting else ADEQUATE
     if (nameless or still) and not (acting and removed is not None and removed >= ENOUGH and not nameless):
         verdict = UNEXPLAINED_JOINT
     shape = None
     if verdict == UNEXPLAINED_JOINT and free:
-        top = best if best is not None else max(free, key=lambda one: evidence(last, one))
+        top = best if best is not None else max(free, key=lambda item: evidence(last, item))
         shape = _shape(last, top, is_clear=nameless)
-    return Judged(verdict, before, after, start, end, removed, shape)
+    return JointVerdict(verdict, before, after, start, end, removed, shape)
 
 
-def _removed(start: float, end: float, bins: JointBins, after: Agreement | None) -> float | None:
+def _removed(start: float, end: float, bins: JointBins, after: ReplicateTest | None) -> float | None:
     """Share of the excess over the floor that is gone."""
     if after is None:
         return None
@@ -101,20 +172,20 @@ def _removed(start: float, end: float, bins: JointBins, after: Agreement | None)
     return (start**2 - end**2) / (start**2 - min(floor2, end**2))
 
 
-def _free(last: Fit, scan: Scan, joint: int) -> tuple[list[Trial], Familywise]:
-    """Free forms at a joint, and their chances under flips of runs' signs."""
-    found = free_trials(last, joint)
-    return found, family(Scan(last, tuple(found), {}, {}, scan.leverage))
+def _free(last: Fit, scan: ScoreTable, joint: int) -> tuple[list[ScoreTest], SignFlips]:
+    """FreeForm forms at a joint, and their chances under flips of runs' signs."""
+    scores = free_form_scores(last, joint)
+    return scores, sign_flips(ScoreTable(last, tuple(scores), {}, {}, scan.leverage))
 
 
-def _surprise(solved: Fit, trial: Trial) -> float:
-    return float(surprise(trial.statistic / solved.scale, trial.width))
+def _surprise(solved: Fit, trial: ScoreTest) -> float:
+    return float(minus_log10_p(trial.statistic / solved.scale, trial.width))
 
 
-def _shape(solved: Fit, trial: Trial, *, is_clear: bool = True) -> Unexplained:
+def _shape(solved: Fit, trial: ScoreTest, *, is_clear: bool = True) -> Unexplained:
     """The free form for people."""
     free = trial.added.effect
-    assert isinstance(free, Free) and trial.added.joint is not None
+    assert isinstance(free, FreeForm) and trial.added.joint is not None
     knots, values, errors = knot_values(solved, trial)
     unit = solved.model.robot.joint(trial.added.joint).position_unit
     peak = float(knots[int(np.argmax(np.abs(values)))])
@@ -130,7 +201,7 @@ def _shape(solved: Fit, trial: Trial, *, is_clear: bool = True) -> Unexplained:
     )
 
 
-#: Free forms that are a family's own, and so no competitors of its effects.
+#: FreeForm forms that are a family's own, and so no competitors of its effects.
 OWN = {
     Family.SPEED: {"s f(v)"},
     Family.LOAD: {"s f(load)"},
@@ -142,7 +213,7 @@ OWN = {
 }
 
 
-def competes(first: Fit, joint: int, named: Sequence[Contender]) -> Unexplained | None:
+def competing_form(first: Fit, joint: int, named: Sequence[EvaluatedCandidate]) -> Unexplained | None:
     """A free form in another variable that explains a joint decisively better than what was named there.
 
     Parameters
@@ -154,15 +225,15 @@ def competes(first: Fit, joint: int, named: Sequence[Contender]) -> Unexplained 
     named
         What was named there.
     """
-    own = set[str]().union(*(OWN.get(one.trial.added.effect.family, set()) for one in named))
-    others = [one for one in free_trials(first, joint) if one.added.effect.name not in own]
-    best = max(others, key=lambda one: evidence(first, one), default=None)
-    if best is None or evidence(first, best) <= sum(one.evidence for one in named) + DECISIVE:
+    families = set[str]().union(*(OWN.get(item.trial.added.effect.family, set()) for item in named))
+    forms = [item for item in free_form_scores(first, joint) if item.added.effect.name not in families]
+    best = max(forms, key=lambda item: evidence(first, item), default=None)
+    if best is None or evidence(first, best) <= sum(item.evidence for item in named) + DECISIVE:
         return None
     return _shape(first, best)
 
 
-def nearest(solved: Fit, joint: int) -> Unexplained | None:
+def nearest_form(solved: Fit, joint: int) -> Unexplained | None:
     """The free form that comes nearest to what a system with loads leaves of a joint."""
-    best = max(free_trials(solved, joint), key=lambda one: evidence(solved, one), default=None)
+    best = max(free_form_scores(solved, joint), key=lambda one: evidence(solved, one), default=None)
     return None if best is None else _shape(solved, best, is_clear=evidence(solved, best) > DECISIVE)

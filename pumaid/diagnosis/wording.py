@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 
+from pumaid.diagnosis.candidates import Suspect
 from pumaid.diagnosis.design import ages
 from pumaid.diagnosis.feasible import Lap
-from pumaid.diagnosis.suspect import Suspect
 from pumaid.effect_spec import EffectTerm
 from pumaid.effects import Trace
 from pumaid.robot import Robot

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pumaid.dataset import Dataset
-from pumaid.diagnosis.budget import budget
+from pumaid.diagnosis.residual_budget import budget
 from pumaid.effect_spec import check_known
 from pumaid.errors import Note
 from pumaid.estimation.evaluate import NOTHING, Groups, Judge, Tally, rmse, together

@@ -7,11 +7,10 @@ from dataclasses import replace
 
 from pumaid.dataset import Dataset
 from pumaid.design.prior import Setup, prior_robots
-from pumaid.diagnosis.contender import DECISIVE, evidence
 from pumaid.diagnosis.deciding import deciding, showing
-from pumaid.diagnosis.refine import refined, trials_at
 from pumaid.diagnosis.rehearsal import rehearsed, solved, usual
-from pumaid.diagnosis.scan import Projector, Trial
+from pumaid.diagnosis.score_test import Projector, ScoreTest, refine_shape, scores_at
+from pumaid.diagnosis.stepwise import DECISIVE, evidence
 from pumaid.effect_spec import EffectTerm, at_one_joint, known_effect
 from pumaid.effects import Effect, Scope
 from pumaid.errors import ModelError, Note, Where
@@ -176,17 +175,17 @@ def _told_apart(
     return found, notes
 
 
-def _best(system: Fit, projector: Projector, choice: EffectChoice) -> Trial:
+def _best(system: Fit, projector: Projector, choice: EffectChoice) -> ScoreTest:
     """The effect at its best shape on what there is."""
     robot, effect = system.model.robot, _law(choice)
     rows = [row for row in system.joints if row.bins.joint == choice.joint] or list(system.joints[:1])
     grid = [dict(choice.shape)] if choice.shape else list(effect.grid(robot, rows[0].bins.extent(rows[0].drawn)))
     every = max(1, len(grid) // _SHAPES)
     some = [EffectTerm(effect, choice.joint, dict(shape)) for shape in (grid[::every] or [{}])]
-    found = [one for one in trials_at(projector, some) if one is not None]
+    found = [one for one in scores_at(projector, some) if one is not None]
     if not found:
         raise _undecided(f"{_name(choice)} leaves no trace in these runs that the model does not absorb")
-    return refined(projector, max(found, key=lambda one: one.statistic))
+    return refine_shape(projector, max(found, key=lambda one: one.statistic))
 
 
 def _undecided(what: str, mend: str | None = None) -> ModelError:

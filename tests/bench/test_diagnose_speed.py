@@ -9,9 +9,9 @@ import pytest
 from searches import design
 
 from pumaid.dataset import Dataset
+from pumaid.diagnosis.diagnose import diagnose
 from pumaid.estimation.estimate import identify
 from pumaid.simulation import Bench, Hidden, table1
-from pumaid.verbs.diagnose import diagnose
 
 #: What hides -> the effects that may be named for it; nothing: none may.
 HIDDEN = {

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 import worlds
 
+from pumaid.diagnosis.candidates import Suspect
 from pumaid.diagnosis.curves import SLOWEST, Trial, curve
-from pumaid.diagnosis.suspect import Suspect
 from pumaid.effects import Effect, Family, Trace
 from pumaid.effects.base import Parameter, Shape
 from pumaid.records import Samples

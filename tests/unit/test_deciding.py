@@ -10,12 +10,11 @@ import numpy as np
 import pytest
 
 from pumaid.diagnosis import deciding as module
-from pumaid.diagnosis.contender import evidence
 from pumaid.diagnosis.deciding import deciding, showing
 from pumaid.diagnosis.feasible import ahead, laps
 from pumaid.diagnosis.prospect import Duel, Prospect
-from pumaid.diagnosis.refine import refined, trials_at
-from pumaid.diagnosis.scan import Projector
+from pumaid.diagnosis.score_test import Projector, refine_shape, scores_at
+from pumaid.diagnosis.stepwise import evidence
 from pumaid.effect_spec import EffectTerm
 from pumaid.effects import catalogue
 from pumaid.estimation.fit import loaded
@@ -67,8 +66,8 @@ def trial(solved, name: str):
     """An effect at joint 3 at its best shape."""
     effect, row, projector = catalogue()[name], solved.row(JOINT), Projector(solved)
     grid = SHAPES.get(name) or effect.grid(PUMA, row.bins.extent(row.drawn))
-    found = [one for one in trials_at(projector, [EffectTerm(effect, JOINT, dict(shape)) for shape in grid]) if one]
-    return refined(projector, max(found, key=lambda one: one.statistic))
+    found = [one for one in scores_at(projector, [EffectTerm(effect, JOINT, dict(shape)) for shape in grid]) if one]
+    return refine_shape(projector, max(found, key=lambda one: one.statistic))
 
 
 @cache

@@ -7,20 +7,20 @@ import pytest
 from scipy import stats
 from searches import LEVER, Din, Lab, design, lever, pendulum
 
-from pumaid.diagnosis.agreement import Agreement, agreement
+from pumaid.diagnosis.verdict import ReplicateTest, replicate_test
 from pumaid.estimation.noise import noise_of
 from pumaid.joint_bins import JointBins
 
 DIN = Din(spread=0.01, correlation=0.6, level=0.006)
 
 
-def shared(field: JointBins, misfit: np.ndarray) -> Agreement | None:
-    """Agreement, whitened by the noise that the repeats show."""
-    return agreement(field, misfit, noise_of(field, misfit).whiten(field, misfit))
+def shared(field: JointBins, misfit: np.ndarray) -> ReplicateTest | None:
+    """ReplicateTest, whitened by the noise that the repeats show."""
+    return replicate_test(field, misfit, noise_of(field, misfit).whiten(field, misfit))
 
 
-def of(lab: Lab, seed: int, pattern: float = 0.0, din: Din = DIN) -> Agreement:
-    """Agreement of noise about a course of the position (A) that every run repeats."""
+def of(lab: Lab, seed: int, pattern: float = 0.0, din: Din = DIN) -> ReplicateTest:
+    """ReplicateTest of noise about a course of the position (A) that every run repeats."""
     field = lab.bins()[0]
     drawn = din.draw(np.random.default_rng(seed), field.lengths)
     return shared(field, drawn + pattern * np.sin(4.0 * field.samples.position[:, 0]))
@@ -86,9 +86,9 @@ def test_too_few_pairs_say_nothing():
     """Of three pairs every flip that matters comes up one time in eight."""
     lab = Lab.of(LEVER, design(LEVER, postures=1, speeds=(0.5,), repeats=3))
     field = lab.bins()[0]
-    assert len(field.pairs) == 4 and agreement(field, np.ones(len(field)), np.ones(len(field))) is not None
+    assert len(field.pairs) == 4 and replicate_test(field, np.ones(len(field)), np.ones(len(field))) is not None
     short = lab.bins(lab.runs[:4])[0]
-    assert len(short.pairs) < 4 and agreement(short, np.ones(len(short)), np.ones(len(short))) is None
+    assert len(short.pairs) < 4 and replicate_test(short, np.ones(len(short)), np.ones(len(short))) is None
 
 
 def test_repeats_are_compared_at_the_same_place():

@@ -10,10 +10,9 @@ import pytest
 from scipy import stats
 from searches import Din, Lab, lever, pendulum
 
-from pumaid.diagnosis.familywise import Familywise, family
-from pumaid.diagnosis.scan import Scan, scan, surprise
-from pumaid.diagnosis.settling import settling
-from pumaid.diagnosis.variants import build
+from pumaid.diagnosis.candidates import candidate_columns, settling
+from pumaid.diagnosis.score_test import ScoreTable, minus_log10_p, score_candidates
+from pumaid.diagnosis.sign_flip import SignFlips, sign_flips
 from pumaid.effect_spec import EffectTerm
 
 NOISES = {"normal": Din(), "heavy": Din(is_heavy=True), "levels": Din(correlation=0.8, level=0.02)}
@@ -24,10 +23,10 @@ DRAWS = 150
 ALONE = (("viscous_power", 1), ("spring", 1), ("warmup", 1), ("load_friction", 1))
 
 
-def seen(found: Scan, chances: Familywise) -> float:
+def seen(found: ScoreTable, chances: SignFlips) -> float:
     """Chance of the best candidate of a scan."""
     best = found.best().items()
-    return min(chances.p_value(k, float(surprise(v.statistic / found.solved.scale, v.width))) for k, v in best)
+    return min(chances.p_value(k, float(minus_log10_p(v.statistic / found.solved.scale, v.width))) for k, v in best)
 
 
 @cache
@@ -36,10 +35,10 @@ def settled(lab: Lab) -> tuple[EffectTerm, ...]:
     return settling(lab.bins())
 
 
-def clean(lab: Lab, kind: str, seed: int) -> Scan:
+def clean(lab: Lab, kind: str, seed: int) -> ScoreTable:
     """Every effect tried where nothing is missing."""
     solved = lab.fitted(lab.noisy(seed, NOISES[kind]), settled(lab))
-    return scan(solved, build(solved))
+    return score_candidates(solved, candidate_columns(solved))
 
 
 @cache
@@ -47,7 +46,7 @@ def judged(name: str, kind: str, seed: int) -> tuple[float, list[float]]:
     """Chance of the best of the catalogue in one clean experiment, and of each effect that is looked at alone."""
     found = clean(LABS[name](), kind, seed)
     ones = [replace(found, trials=tuple(t for t in found.trials if t.added.key == key)) for key in ALONE]
-    return seen(found, family(found)), [seen(one, family(one, flips=299)) for one in ones]
+    return seen(found, sign_flips(found)), [seen(one, sign_flips(one, flips=299)) for one in ones]
 
 
 def chances(name: str, kind: str, draws: int) -> tuple[np.ndarray, np.ndarray]:
@@ -116,7 +115,7 @@ def test_flips_are_what_a_loop_over_flips_gives():
     """Handicaps and the sorted largest, of each candidate's best shape, one flip and one variant after the other."""
     found = clean(pendulum(), "normal", 3)
     found = replace(found, trials=found.trials[::9])
-    fast = family(found, flips=40)
+    fast = sign_flips(found, flips=40)
     signs = np.random.default_rng(20_261).choice([-1.0, 1.0], size=(40, len(found.leverage)))
     best: dict = {}
     for trial in found.trials:
@@ -137,7 +136,7 @@ def test_flips_are_what_a_loop_over_flips_gives():
 def test_p_value_and_threshold_are_two_sides_of_one_coin():
     """What lies a little beyond the threshold has a chance below the level, what lies below it one above."""
     found = clean(lever(), "normal", 0)
-    chance = family(found)
+    chance = sign_flips(found)
     for key in chance.handicaps:
         needed = chance.threshold(key, 0.05)
         assert chance.p_value(key, needed + 1e-6) <= 0.05 + 1e-3 < 0.06
@@ -148,7 +147,7 @@ def test_p_value_and_threshold_are_two_sides_of_one_coin():
 def test_every_effect_has_the_same_chance_of_an_alarm():
     """Handicaps balance: over flips none of the candidates is the largest much more often than its share."""
     found = clean(pendulum(), "normal", 1)
-    chance = family(found)
+    chance = sign_flips(found)
     levels = [
         np.mean(chance.largest >= chance.threshold(key, 0.05) - chance.handicaps[key]) for key in chance.handicaps
     ]
@@ -163,8 +162,8 @@ def test_strong_effects_keep_numbers_finite():
     row = solved.row(2)
     column = row.bins.samples.direction * row.bins.samples.time
     rows = (solved.row(1), replace(row, residual=row.noise.whiten(row.bins, 0.1 * column)))
-    found = scan(replace(solved, rows=rows), build(solved))
-    chance = family(found)
+    found = score_candidates(replace(solved, rows=rows), candidate_columns(solved))
+    chance = sign_flips(found)
     assert np.all(np.isfinite(chance.largest)) and np.all(np.isfinite(list(chance.handicaps.values())))
     assert seen(found, chance) == pytest.approx(1e-3)
 
@@ -172,5 +171,5 @@ def test_strong_effects_keep_numbers_finite():
 def test_nothing_to_try_is_no_alarm():
     """A catalogue that the model absorbs whole has no chance to be wrong."""
     found = clean(lever(), "normal", 0)
-    chance = family(replace(found, trials=()))
+    chance = sign_flips(replace(found, trials=()))
     assert chance.handicaps == {} and chance.p_value(("spring", 1), 0.0) == 1.0

@@ -7,7 +7,7 @@ import pytest
 from scipy.linalg import block_diag
 from searches import LEVER, Lab, design, lever, pendulum, roots
 
-from pumaid.diagnosis.folds import Falls, falls, groups_of, postures_of
+from pumaid.diagnosis.cross_validation import FoldLosses, leave_out, posture_folds, replicate_folds
 from pumaid.effect_spec import EffectTerm
 from pumaid.effects import catalogue
 from pumaid.estimation.fit import Fit
@@ -51,9 +51,9 @@ def test_falls_are_those_of_refits_without_the_runs(shapes):
     """Fold by fold, shapes chosen anew without it."""
     lab = Lab.of(LEVER, design(LEVER), Hidden("stribeck", 1, {"a": 0.1, "velocity": 0.3, "exponent": 1.0}))
     solved = lab.fitted(lab.noisy(1))
-    folds = groups_of(solved, [1])
+    folds = replicate_folds(solved, [1])
     expected = [brute(solved, shapes, fold) for fold in folds]
-    np.testing.assert_allclose(falls(solved, shapes, folds).falls, expected, rtol=1e-3, atol=1e-2)
+    np.testing.assert_allclose(leave_out(solved, shapes, folds).falls, expected, rtol=1e-3, atol=1e-2)
 
 
 def test_falls_of_an_effect_in_several_joints():
@@ -62,9 +62,9 @@ def test_falls_of_an_effect_in_several_joints():
     solved = lab.fitted(lab.noisy(1))
     bent = [EffectTerm(catalogue()["flexibility"], 2, {})]
     assert all(np.any(bent[0].linear(solved.model.robot, row.bins.samples)) for row in solved.joints)
-    folds = groups_of(solved, [1, 2])[::6]
+    folds = replicate_folds(solved, [1, 2])[::6]
     expected = [brute(solved, bent, fold) for fold in folds]
-    np.testing.assert_allclose(falls(solved, bent, folds).falls, expected, rtol=1e-3, atol=1e-2)
+    np.testing.assert_allclose(leave_out(solved, bent, folds).falls, expected, rtol=1e-3, atol=1e-2)
 
 
 def test_rmse_of_runs_left_out_is_that_of_samples():
@@ -74,7 +74,7 @@ def test_rmse_of_runs_left_out_is_that_of_samples():
     row, squares, count = solved.row(1), np.zeros(2), 0.0
     root = block_diag(*roots(row.bins, row.noise))
     designs = (row.plain, np.column_stack([row.plain, SPRING[0].linear(solved.model.robot, row.bins.samples)]))
-    for _, runs in groups_of(solved, [1]):
+    for _, runs in replicate_folds(solved, [1]):
         out = np.isin(row.bins.run, runs)
         for place, whole in enumerate(designs):
             size = np.linalg.norm(whole, axis=0) + 1e-300
@@ -83,7 +83,7 @@ def test_rmse_of_runs_left_out_is_that_of_samples():
             left = row.misfit[out] - whole[out] @ fitted
             squares[place] += float(row.bins.count[out] @ (left**2 + row.bins.inside[out]))
         count += float(row.bins.count[out].sum())
-    found = falls(solved, SPRING, groups_of(solved, [1]))
+    found = leave_out(solved, SPRING, replicate_folds(solved, [1]))
     np.testing.assert_allclose([found.before, found.after], np.sqrt(squares / count), rtol=1e-4)
     assert found.after < found.before
 
@@ -91,7 +91,7 @@ def test_rmse_of_runs_left_out_is_that_of_samples():
 def test_repeated_runs_leave_together():
     """Else a run's twin would tell what is missing in it; every run leaves once."""
     solved = lever().fitted(lever().noisy(0))
-    folds = groups_of(solved, [1])
+    folds = replicate_folds(solved, [1])
     assert sorted(run for _, runs in folds for run in runs) == list(range(32))
     for _, runs in folds:  # a single joint has one posture: both "postures" of the design are the same to it
         assert len(runs) == 4 and len({solved.row(1).bins.runs[k].speed for k in runs}) == 1
@@ -100,7 +100,7 @@ def test_repeated_runs_leave_together():
 def test_postures_leave_whole():
     """All runs of a posture, whatever speed and direction."""
     solved = pendulum().fitted(pendulum().noisy(0))
-    folds = postures_of(solved, [1])
+    folds = posture_folds(solved, [1])
     assert [len(runs) for _, runs in folds] == [12, 12, 12]
     for _, runs in folds:
         assert len({tuple(np.round(solved.row(1).bins.runs[k].posture[1:], 6)) for k in runs}) == 1
@@ -113,7 +113,7 @@ def test_what_the_other_runs_do_not_show_is_not_guessed():
     field = solved.row(1).bins
     second = float(field.samples.time[field.first[1]])
     step = [EffectTerm(catalogue()["friction_step"], 1, {"time": second - 0.5})]
-    found = falls(solved, step, [(1, (0,))])
+    found = leave_out(solved, step, [(1, (0,))])
     assert found.falls[0] == pytest.approx(0.0, abs=1e-6)
 
 
@@ -121,7 +121,7 @@ def test_steadiness_is_students_t():
     """Mean over its standard error; nothing can be said of one fold, nor of folds that are all alike."""
     values = np.array([3.0, 1.0, 2.5, -0.5])
     expected = values.mean() / (values.std(ddof=1) / 2.0)
-    assert Falls(values, 1.0, 0.9).steadiness == pytest.approx(expected)
-    assert Falls(values[:1], 1.0, 0.9).steadiness == 0.0
-    assert Falls(np.zeros(4), 1.0, 1.0).steadiness == 0.0
-    assert Falls(values, 1.0, 0.9).total == pytest.approx(6.0)
+    assert FoldLosses(values, 1.0, 0.9).steadiness == pytest.approx(expected)
+    assert FoldLosses(values[:1], 1.0, 0.9).steadiness == 0.0
+    assert FoldLosses(np.zeros(4), 1.0, 1.0).steadiness == 0.0
+    assert FoldLosses(values, 1.0, 0.9).total == pytest.approx(6.0)

@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 from searches import LEVER, Din, Lab, design, left, lever, pendulum, roots, with_current
 
-from pumaid.diagnosis.contender import evidence
-from pumaid.diagnosis.freeform import FORMS, forms, free_trials, hats, knot_values, variable
-from pumaid.diagnosis.scan import scan
-from pumaid.diagnosis.variants import build
-from pumaid.diagnosis.verdict import judged
+from pumaid.diagnosis.candidates import candidate_columns
+from pumaid.diagnosis.free_form import FORMS, forms, free_form_scores, hats, knot_values, variable
+from pumaid.diagnosis.score_test import score_candidates
+from pumaid.diagnosis.stepwise import evidence
+from pumaid.diagnosis.verdict import joint_verdict
 from pumaid.estimation.fit import Fit
 
 
@@ -66,7 +66,7 @@ HIDDEN = {
 def test_the_right_variable_wins(name):
     """Of all forms the one that made the current has the most evidence, beyond what decides that it is no noise."""
     solved = hiding(lever(), HIDDEN[name])
-    ranked = sorted(free_trials(solved, 1), key=lambda one: -evidence(solved, one))
+    ranked = sorted(free_form_scores(solved, 1), key=lambda one: -evidence(solved, one))
     assert ranked[0].added.effect.name == name
     assert evidence(solved, ranked[0]) > 10.0
 
@@ -75,7 +75,7 @@ def test_the_right_variable_wins(name):
 def test_a_bump_is_found_in_its_place(place):
     """A patch of friction 0.25 rad wide: the largest knot is within a knot of it, its height within a third."""
     solved = hiding(lever(), lambda q, s, v, t, travel: 0.06 * s * bump(q, place, 0.25))
-    (found,) = [one for one in free_trials(solved, 1) if one.added.effect.name == "s f(q)"]
+    (found,) = [one for one in free_form_scores(solved, 1) if one.added.effect.name == "s f(q)"]
     knots, values, errors = knot_values(solved, found)
     peak = int(np.argmax(np.abs(values)))
     assert abs(knots[peak] - place) <= 0.75 * (knots[1] - knots[0])
@@ -87,7 +87,7 @@ def test_statistic_is_the_fall_of_the_square():
     """Of every form, against a dense refit with all its hats, in directions that the base model leaves alone."""
     solved = hiding(lever(), HIDDEN["s f(q)"])
     row = solved.row(1)
-    for found in free_trials(solved, 1):
+    for found in free_form_scores(solved, 1):
         columns = found.added.linear(solved.model.robot, row.bins.samples)
         whole = np.column_stack([row.plain, columns, row.misfit])
         parts = [
@@ -115,7 +115,9 @@ def test_a_nameless_patch_is_unexplained_and_drawn():
     verdicts = []
     for current in (HIDDEN["s f(q)"], lambda q, s, v, t, travel: 0.0 * q):
         solved = hiding(lever(), current)
-        verdicts.append(judged(solved, solved, scan(solved, build(solved)), joint=1, acting=False))
+        verdicts.append(
+            joint_verdict(solved, solved, score_candidates(solved, candidate_columns(solved)), joint=1, acting=False)
+        )
     assert [one.verdict for one in verdicts] == ["unexplained", "adequate"]
     assert verdicts[0].shape.form == "s f(q)" and abs(verdicts[0].shape.peak + 0.6) < 0.25
     assert verdicts[1].shape is None

@@ -10,7 +10,7 @@ from scipy import stats
 from searches import LEVER, Din, Lab, design, lever, pendulum
 from worlds import PENDULUM
 
-from pumaid.diagnosis.limits import limits, needed
+from pumaid.diagnosis.detection_limit import detection_limits, needed
 from pumaid.diagnosis.stepwise import Step, Stepwise
 from pumaid.effect_spec import EffectTerm
 from pumaid.effects import catalogue
@@ -34,7 +34,7 @@ def look(lab: Lab, seed: int, added: EffectTerm | None = None, size: float = 0.0
 
 def told(step: Step) -> dict:
     """All limits of a look."""
-    return limits(step.scan, step.catalogue, step.family, periodic=catalogue()["ripple"])
+    return detection_limits(step.scan, step.catalogue, step.family, periodic=catalogue()["ripple"])
 
 
 @pytest.mark.parametrize("name", ["spring", *[pytest.param(name, marks=pytest.mark.slow) for name in MORE]])

@@ -11,10 +11,18 @@ from scipy.optimize import least_squares, nnls
 from searches import LEVER, Lab, design, left, lever, pendulum, roots
 from worlds import PENDULUM
 
-from pumaid.diagnosis.contender import misfit_with
-from pumaid.diagnosis.refine import at, refined, trials_at
-from pumaid.diagnosis.scan import Projector, Trial, scan, surprise, trial_of
-from pumaid.diagnosis.variants import build
+from pumaid.diagnosis.candidates import candidate_columns
+from pumaid.diagnosis.score_test import (
+    Projector,
+    ScoreTest,
+    minus_log10_p,
+    refine_shape,
+    score_at,
+    score_candidates,
+    score_of,
+    scores_at,
+)
+from pumaid.diagnosis.stepwise import misfit_with
 from pumaid.effect_spec import EffectTerm
 from pumaid.effects import Scope, catalogue
 from pumaid.estimation.fit import Fit
@@ -49,7 +57,7 @@ def gain(solved: Fit, added: EffectTerm, kept: np.ndarray) -> float:
 def test_statistic_is_the_fall_of_the_square(lab):
     """Of every effect at every joint, at one of its shapes, against a dense refit with what physics allows of it."""
     solved = solved_of(lab())
-    trials = scan(solved, build(solved)).trials
+    trials = score_candidates(solved, candidate_columns(solved)).trials
     chosen = {trial.added.key: trial for trial in trials}
     assert len(chosen) >= 14 * len(solved.joints)
     for trial in chosen.values():
@@ -62,7 +70,7 @@ def test_statistic_is_close_to_the_whole_refit_where_ratios_of_gains_are_free():
     lab = Lab.of(PENDULUM, design(PENDULUM, postures=3), Hidden("spring", 1, {"a": 0.05}))
     solved = solved_of(lab)
     added = EffectTerm(catalogue()["spring"], 1, {})
-    trial = at(Projector(solved), added)
+    trial = score_at(Projector(solved), added)
     again = lab.fitted(lab.noisy(1), [added], noises=solved.noises)
     assert trial.statistic > 100.0
     assert trial.statistic == pytest.approx(solved.square - again.square, rel=0.05)
@@ -73,7 +81,7 @@ def test_information_and_sizes_are_those_of_the_refit():
     """Parameters and their covariance are those of dense least squares over base and candidate."""
     solved = solved_of(Lab.of(LEVER, design(LEVER), HIDDEN))
     for name, shape in (("stribeck", {"velocity": 0.3, "exponent": 1.0}), ("ripple", {"frequency": 9.0})):
-        trial = at(Projector(solved), EffectTerm(catalogue()[name], 1, shape))
+        trial = score_at(Projector(solved), EffectTerm(catalogue()[name], 1, shape))
         base, columns, target = stacked(solved, trial.added)
         whole = np.column_stack([base[:, np.any(base, axis=0)], columns])
         inverse, width = np.linalg.pinv(whole), columns.shape[1]
@@ -85,7 +93,7 @@ def test_information_and_sizes_are_those_of_the_refit():
 def test_scores_of_runs_add_up_to_the_gain():
     """Runs' scores are one row a run of all joints; their sum, squared in the information's measure, is the gain."""
     solved = solved_of(pendulum())
-    trial = at(Projector(solved), EffectTerm(catalogue()["position_friction"], 2, {"harmonic": 2.0}))
+    trial = score_at(Projector(solved), EffectTerm(catalogue()["position_friction"], 2, {"harmonic": 2.0}))
     total = trial.scores.sum(axis=0)
     assert len(trial.scores) == sum(len(row.bins.runs) for row in solved.joints)
     assert trial.statistic == pytest.approx(float(total @ np.linalg.solve(trial.information, total)))
@@ -94,7 +102,7 @@ def test_scores_of_runs_add_up_to_the_gain():
 def test_what_the_model_absorbs_is_no_candidate():
     """A load that no posture changes is gravity's own; an effect without data (no temperatures) is set aside, too."""
     solved = solved_of(lever())
-    found = scan(solved, build(solved))
+    found = score_candidates(solved, candidate_columns(solved))
     names = {trial.added.effect.name for trial in found.trials}
     assert ("thermal_friction", 1) in found.absorbed and "thermal_friction" not in names
     assert all(share < 1e-5 for share in found.absorbed.values())
@@ -104,8 +112,8 @@ def test_what_the_model_absorbs_is_no_candidate():
 def test_every_effect_is_tried_or_said_not_to_be():
     """Each effect of the catalogue that is no part of every model is tried, absorbed, excluded, or has a spectrum."""
     solved = solved_of(pendulum())
-    tried = build(solved)
-    found = scan(solved, tried)
+    tried = candidate_columns(solved)
+    found = score_candidates(solved, tried)
     seen = {trial.added.key for trial in found.trials} | set(found.absorbed) | set(tried.excluded)
     for effect in catalogue().values():
         if effect.base or effect.periodic is not None:
@@ -121,7 +129,7 @@ def test_what_the_model_has_is_not_tried_again():
         EffectTerm(catalogue()["spring"], 1, {}),
         EffectTerm(catalogue()["position_friction"], 1, {"harmonic": 2.0}),
     ]
-    tried = build(lab.fitted(lab.noisy(1), inside))
+    tried = candidate_columns(lab.fitted(lab.noisy(1), inside))
     keys = {one.added.key for one in tried.variants}
     assert ("spring", 1) not in keys and ("spring", 2) in keys
     is_repeatable = catalogue()["position_friction"].is_repeatable
@@ -139,7 +147,7 @@ def test_a_mirrored_effect_is_not_added(lab):
     found = []
     for sign in (side, -side):
         rows = (replace(row, residual=row.residual + 3.0 * sign * column), *solved.joints[1:])
-        found.append(at(Projector(replace(solved, rows=rows)), added))
+        found.append(score_at(Projector(replace(solved, rows=rows)), added))
     assert abs(side) == 1.0
     assert found[0].statistic > 100.0 and found[0].sizes[0] * side > 0.0
     assert found[1].statistic == 0.0 and found[1].sizes[0] == 0.0
@@ -156,7 +164,7 @@ def test_of_two_signed_parameters_the_wrong_one_is_held_at_zero():
         if np.all(plain < 0.0):
             continue
         scores = A * y[:, None]
-        trial = trial_of(added, scores, A.T @ A, share=np.ones(2), signs=np.ones(2))
+        trial = score_of(added, scores, A.T @ A, share=np.ones(2), signs=np.ones(2))
         bounded, rest = nnls(A, y)
         assert trial.statistic == pytest.approx(float(y @ y) - rest**2, abs=1e-9)
         np.testing.assert_allclose(trial.sizes, bounded, atol=1e-9)
@@ -168,20 +176,22 @@ def test_of_two_signed_parameters_the_wrong_one_is_held_at_zero():
 def test_surprise_is_the_tail_of_chi_square(freedoms):
     """-log10 of the chance where it can be told in numbers; beyond, it still rises as the tail's expansion does."""
     for value in (0.1, 1.0, 5.0, 50.0, 500.0):
-        assert float(surprise(value, freedoms)) == pytest.approx(-np.log10(stats.chi2.sf(value, freedoms)), rel=1e-9)
-    around = surprise(np.linspace(990.0, 1010.0, 50), freedoms)
+        assert float(minus_log10_p(value, freedoms)) == pytest.approx(
+            -np.log10(stats.chi2.sf(value, freedoms)), rel=1e-9
+        )
+    around = minus_log10_p(np.linspace(990.0, 1010.0, 50), freedoms)
     assert np.all(np.diff(around) > 0.0) and np.ptp(np.diff(around)) < 1e-4  # no step where the expansion takes over
     far = 1e5
     shape = far / 2.0 + (1.0 - freedoms / 2.0) * np.log(far / 2.0)
     constant = {1: np.log(np.pi) / 2.0, 2: 0.0, 3: np.log(np.pi) / 2.0 - np.log(2.0)}[freedoms]
     expected = (shape + constant) / np.log(10.0)
-    assert float(surprise(far, freedoms)) == pytest.approx(expected, rel=1e-6)
+    assert float(minus_log10_p(far, freedoms)) == pytest.approx(expected, rel=1e-6)
 
 
 def test_leverage_restores_the_spread_of_fitted_scores():
     """Scores of runs that were fitted are too small by the share of the runs that parameters use up, on average."""
     solved = solved_of(lever())
-    found = scan(solved, build(solved, [catalogue()["spring"]]))
+    found = score_candidates(solved, candidate_columns(solved, [catalogue()["spring"]]))
     assert np.all((found.leverage >= 1.0) & (found.leverage <= 2.0))
     used = np.trace(solved.row(1).jacobian @ solved.inverse @ solved.row(1).jacobian.T)
     np.testing.assert_allclose(found.leverage, 1.0 / np.sqrt(1.0 - used / 32.0))
@@ -190,7 +200,7 @@ def test_leverage_restores_the_spread_of_fitted_scores():
 def test_misfit_with_an_effect_is_that_of_the_refit():
     """What is left in A, bin by bin, against a dense weighted refit."""
     solved = solved_of(Lab.of(LEVER, design(LEVER), HIDDEN))
-    trial = at(Projector(solved), EffectTerm(catalogue()["stribeck"], 1, {"velocity": 0.3, "exponent": 1.0}))
+    trial = score_at(Projector(solved), EffectTerm(catalogue()["stribeck"], 1, {"velocity": 0.3, "exponent": 1.0}))
     base, columns, target = stacked(solved, trial.added)
     move = np.linalg.pinv(np.column_stack([base, columns])) @ target
     row = solved.row(1)
@@ -198,10 +208,10 @@ def test_misfit_with_an_effect_is_that_of_the_refit():
     np.testing.assert_allclose(misfit_with(solved, trial)[1], row.misfit - plain @ move, atol=1e-7)
 
 
-def best(solved: Fit, name: str) -> tuple[Trial, Trial]:
+def best(solved: Fit, name: str) -> tuple[ScoreTest, ScoreTest]:
     """An effect at joint 1 at the best point of its grid, and refined."""
-    found = scan(solved, build(solved, [catalogue()[name]])).best()[name, 1]
-    return found, refined(Projector(solved), found)
+    found = score_candidates(solved, candidate_columns(solved, [catalogue()[name]])).best()[name, 1]
+    return found, refine_shape(Projector(solved), found)
 
 
 def test_refining_finds_the_best_of_a_dense_grid():
@@ -210,7 +220,7 @@ def test_refining_finds_the_best_of_a_dense_grid():
     grid, found = best(solved, "stribeck")
     points = [{"velocity": v, "exponent": d} for v in np.geomspace(0.05, 2.0, 40) for d in np.linspace(0.5, 2.0, 16)]
     effect = catalogue()["stribeck"]
-    dense = [one for one in trials_at(Projector(solved), [EffectTerm(effect, 1, p) for p in points]) if one is not None]
+    dense = [one for one in scores_at(Projector(solved), [EffectTerm(effect, 1, p) for p in points]) if one is not None]
     highest = max(one.statistic for one in dense)
     assert found.statistic >= grid.statistic
     assert found.statistic > highest - 0.05

@@ -11,7 +11,7 @@ from scipy.optimize import least_squares
 from searches import LEVER, Lab, design, left, lever, pendulum, roots, whitened
 from worlds import STANFORD
 
-from pumaid.diagnosis.settling import settling
+from pumaid.diagnosis.candidates import settling
 from pumaid.effect_spec import EffectTerm
 from pumaid.effects import Scope, catalogue
 from pumaid.estimation.fit import Fit, at_bins, design_of, misfit_at

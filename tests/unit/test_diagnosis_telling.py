@@ -5,8 +5,8 @@ from __future__ import annotations
 import pytest
 from searches import LEVER, Din, Lab, design
 
+from pumaid.diagnosis.diagnose import rival_name, sizes
 from pumaid.diagnosis.stepwise import Stepwise
-from pumaid.diagnosis.telling import rival_name, sizes
 from pumaid.simulation import Hidden
 
 

@@ -11,13 +11,13 @@ from searches import LEVER, Din, Lab, design, lever
 
 from pumaid.dataset import Dataset
 from pumaid.diagnosis import stepwise
-from pumaid.diagnosis.transfer import transfer
+from pumaid.diagnosis.cross_validation import confirmed_share
+from pumaid.diagnosis.diagnose import diagnose
 from pumaid.effect_spec import EffectTerm
 from pumaid.effects import catalogue
 from pumaid.estimation.fit import Fit, elsewhere
 from pumaid.records import DOUBTFUL, UNEXPLAINED_JOINT, Transfer
 from pumaid.simulation import Hidden
-from pumaid.verbs.diagnose import diagnose
 
 SPRING = EffectTerm(catalogue()["spring"], 1, {})
 HELD = design(LEVER, postures=1, speeds=(0.4, 0.8), repeats=1, seed=9)
@@ -40,7 +40,7 @@ def judged(seed: int, *, is_sprung: bool) -> tuple[Transfer | None, Fit, tuple]:
     """A spring fitted to runs that have it, held against others."""
     solved = sprung().fitted(sprung().noisy(seed), [SPRING])
     held = sprung().bins(later(is_sprung).noisy(1000 + seed))
-    return transfer(solved, SPRING, held), solved, held
+    return confirmed_share(solved, SPRING, held), solved, held
 
 
 def test_share_is_that_of_least_squares_over_all_runs():
@@ -77,8 +77,8 @@ def test_runs_that_cannot_show_it_say_nothing():
     """A spring in noise far larger than itself."""
     solved = sprung().fitted(sprung().noisy(1), [SPRING])
     loud = sprung().fitted(lever().noisy(1, Din(spread=2.0, level=1.0)), [SPRING])
-    assert transfer(loud, SPRING, sprung().bins(later(True).noisy(5, Din(spread=2.0, level=1.0)))) is None
-    assert transfer(solved, SPRING, ()) is None
+    assert confirmed_share(loud, SPRING, sprung().bins(later(True).noisy(5, Din(spread=2.0, level=1.0)))) is None
+    assert confirmed_share(solved, SPRING, ()) is None
 
 
 def diagnosis():

@@ -13,9 +13,8 @@ from menus import arm
 from pumaid.dataset import Dataset
 from pumaid.design.plan import plan
 from pumaid.design.prior import Setup, prior_robots
-from pumaid.diagnosis.refine import at
 from pumaid.diagnosis.rehearsal import rehearsed, solved, usual
-from pumaid.diagnosis.scan import Projector
+from pumaid.diagnosis.score_test import Projector, score_at
 from pumaid.effect_spec import EffectTerm
 from pumaid.effects import catalogue
 from pumaid.errors import ModelError
@@ -77,7 +76,7 @@ def statistic(name: str, hidden: Hidden, made: Plan, seed: int) -> float:
     system = solved(robot, rehearsed(truth, made, seed=seed).runs)
     shapes = [one.name for one in law.shapes(robot, hidden.joint or 0)]
     shape = {shape: WAIST if shape == "waist" else hidden.values[shape] for shape in shapes}
-    return at(Projector(system), EffectTerm(law, hidden.joint, shape)).statistic / system.scale
+    return score_at(Projector(system), EffectTerm(law, hidden.joint, shape)).statistic / system.scale
 
 
 def promised(found: Plan) -> float:

@@ -14,7 +14,7 @@ import worlds
 from ladders import ARM, RIPPLE, STRIBECK, experiment, ladder, model
 from test_budget import KINDS
 
-from pumaid.diagnosis.budget import POINTS_TO
+from pumaid.diagnosis.residual_budget import POINTS_TO
 from pumaid.effects import catalogue
 from pumaid.errors import Note, Where
 from pumaid.records import Budget, BudgetPart, Combination, Comparison, JointScore, Limit, NextRun

@@ -47,7 +47,7 @@ def opened(folder: Path) -> Session:
 
 def diagnosed(session: Session) -> Diagnosis:
     """What the program says is missing."""
-    from pumaid.verbs.diagnose import diagnose
+    from pumaid.diagnosis.diagnose import diagnose
 
     return diagnose(session.estimate, session.dataset, session.robot)
 

@@ -1,14 +1,14 @@
-"""What these data could not have shown: the size at which each effect would have been found."""
+"""Detection limits: the size at which each effect would have been found in these data."""
 
 from __future__ import annotations
 
 import numpy as np
 from scipy import special
 
-from pumaid.diagnosis.contender import LEVEL, WORTH, rmse
-from pumaid.diagnosis.familywise import GROSS, PERIODIC, Familywise
-from pumaid.diagnosis.scan import Scan, Trial
-from pumaid.diagnosis.variants import Catalogue
+from pumaid.diagnosis.candidates import CandidateColumns
+from pumaid.diagnosis.score_test import ScoreTable, ScoreTest
+from pumaid.diagnosis.sign_flip import GROSS, PERIODIC, SignFlips
+from pumaid.diagnosis.stepwise import LEVEL, WORTH, rmse
 from pumaid.effects import Effect, Scope
 from pumaid.records import Limit
 from pumaid.robot import Robot
@@ -25,7 +25,9 @@ WAVE = 0.5
 FAINT = "the fitted model absorbs all of it in these runs"
 
 
-def limits(scan: Scan, catalogue: Catalogue, family: Familywise, *, periodic: Effect | None) -> dict[Key, Limit]:
+def detection_limits(
+    scan: ScoreTable, catalogue: CandidateColumns, family: SignFlips, *, periodic: Effect | None
+) -> dict[Key, Limit]:
     """The detection limit of every effect at every joint, in the unit of its first parameter.
 
     With information S of the parameter, all else refitted, a size a shifts the score by a sqrt(S) standard deviations;
@@ -41,8 +43,8 @@ def limits(scan: Scan, catalogue: Catalogue, family: Familywise, *, periodic: Ef
         key = trial.added.key
         kinds[key] = trial.added.effect
         sizes.setdefault(key, []).append(max(_size(trial, family, scan), worth.size(trial) + _margin(trial, scan)))
-    for key, some in sizes.items():
-        out[key] = _limit(robot, kinds[key], key, float(np.median(some)))
+    for key, values in sizes.items():
+        out[key] = _limit(robot, kinds[key], key, float(np.median(values)))
     for joint, spectrum in scan.spectra.items():
         if periodic is not None:
             threshold = family.threshold((periodic.name, joint), LEVEL)
@@ -50,9 +52,9 @@ def limits(scan: Scan, catalogue: Catalogue, family: Familywise, *, periodic: Ef
             size = shift * float(np.sqrt(scan.solved.scale / np.median(spectrum.information)))
             least = worth.error[joint] * float(np.sqrt(2.0 * WORTH / WAVE))
             out[periodic.name, joint] = _limit(robot, periodic, (periodic.name, joint), max(size, least))
-    known = {variant.added.key: variant.added.effect for variant in catalogue.variants}
+    effects = {variant.added.key: variant.added.effect for variant in catalogue.variants}
     for key in scan.absorbed:
-        out[key] = Limit(*key, "", None, "", _faint(known[key]))
+        out[key] = Limit(*key, "", None, "", _faint(effects[key]))
     for key, why in catalogue.excluded.items():
         out[key] = Limit(*key, "", None, "", why)
     return out
@@ -61,13 +63,13 @@ def limits(scan: Scan, catalogue: Catalogue, family: Familywise, *, periodic: Ef
 class _Worth:
     """Sizes with which effects lower the error of some joint by the share `WORTH`."""
 
-    def __init__(self, scan: Scan, catalogue: Catalogue) -> None:
+    def __init__(self, scan: ScoreTable, catalogue: CandidateColumns) -> None:
         rows, self.catalogue = scan.solved.joints, catalogue
         self.error = {row.bins.joint: rmse(row.bins.count, row.bins.inside, row.misfit) for row in rows}
         self.shares = {row.bins.joint: row.bins.count / row.bins.count.sum() for row in rows}
-        self.places = {id(one.added): one for one in catalogue.variants}
+        self.places = {id(candidate.added): candidate for candidate in catalogue.variants}
 
-    def size(self, trial: Trial) -> float:
+    def size(self, trial: ScoreTest) -> float:
         """Of the first parameter; what the model absorbs of it takes no error away."""
         place, best = self.places[id(trial.added)], 0.0
         columns = self.catalogue.wide if place.is_wide else self.catalogue.local
@@ -87,13 +89,13 @@ def needed(surprise: float, freedoms: int, *, runs: float, gross: float = GROSS)
     more = float(special.ndtri(POWER))
     threshold, surely = (float(special.chdtri(freedoms, 10.0**-alarm)) for alarm in (min(surprise, gross), gross))
     rest = 1.0 - threshold / runs
-    most = float(np.sqrt(surely)) + more
+    upper = float(np.sqrt(surely)) + more
     if rest <= 0.0:
-        return most
-    return min((more + float(np.sqrt(more**2 - rest * (more**2 - threshold)))) / rest, most)
+        return upper
+    return min((more + float(np.sqrt(more**2 - rest * (more**2 - threshold)))) / rest, upper)
 
 
-def _size(trial: Trial, family: Familywise, scan: Scan) -> float:
+def _size(trial: ScoreTest, family: SignFlips, scan: ScoreTable) -> float:
     if trial.information[0, 0] <= 0.0:
         return float("inf")
     variance = scan.solved.scale / float(trial.information[0, 0])  # the effect's other parameters zero
@@ -102,14 +104,14 @@ def _size(trial: Trial, family: Familywise, scan: Scan) -> float:
     return needed(threshold, trial.width, runs=_runs(trial, scan), gross=gross) * float(np.sqrt(variance))
 
 
-def _margin(trial: Trial, scan: Scan) -> float:
+def _margin(trial: ScoreTest, scan: ScoreTable) -> float:
     """By how much a fitted size must be expected above a threshold to pass it with `POWER`."""
     if trial.information[0, 0] <= 0.0:
         return float("inf")
     return float(special.ndtri(POWER)) * float(np.sqrt(scan.solved.scale / trial.information[0, 0]))
 
 
-def _runs(trial: Trial, scan: Scan) -> float:
+def _runs(trial: ScoreTest, scan: ScoreTable) -> float:
     """Runs, each telling as much as any other, that would flip like these: by their scores' fourth moment."""
     squares = trial.scores[:, 0] ** 2
     alike = float(NORMAL * squares.sum() ** 2 / np.sum(squares**2)) if squares.any() else 1.0

@@ -1,4 +1,4 @@
-"""One error rate for the whole catalogue: how good the best candidate looks where nothing is missing."""
+"""Family-wise chance by sign flips: how good the best candidate looks where nothing is missing."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from pumaid.diagnosis.scan import Scan, Trial, surprise
+from pumaid.diagnosis.score_test import ScoreTable, ScoreTest, minus_log10_p
 from pumaid.maths.rank import pseudo_inverse
 
 Floats = NDArray[np.float64]
@@ -33,7 +33,7 @@ AT_ONCE = 128
 
 
 @dataclass(frozen=True, eq=False, slots=True)
-class Familywise:
+class SignFlips:
     """How surprising the best of a catalogue is where nothing is missing.
 
     Attributes
@@ -69,7 +69,7 @@ class Familywise:
         return min(self.handicaps.get(key, 0.0) + self._beyond[level], self.gross(key))
 
 
-def family(scan: Scan, *, periodic: str | None = None, flips: int = FLIPS) -> Familywise:
+def sign_flips(scan: ScoreTable, *, periodic: str | None = None, flips: int = FLIPS) -> SignFlips:
     """Flip the signs of whole runs' scores and keep the best shape of each candidate each time.
 
     Candidates with many shapes (all frequencies of a ripple) are handicapped by what these gain in the flips, so that
@@ -91,13 +91,13 @@ def family(scan: Scan, *, periodic: str | None = None, flips: int = FLIPS) -> Fa
     """
     rng = np.random.default_rng(SEED)
     signs = rng.choice([-1.0, 1.0], size=(flips, len(scan.leverage))) * scan.leverage
-    scale, found = scan.solved.scale, dict[Key, Floats]()
-    by_width: dict[int, list[Trial]] = {}
+    scale, surprises = scan.solved.scale, dict[Key, Floats]()
+    by_width: dict[int, list[ScoreTest]] = {}
     for trial in scan.trials:
         by_width.setdefault(trial.width, []).append(trial)
     for width, trials in by_width.items():
         for key, best in _best(trials, signs, width=width).items():
-            found[key] = np.maximum(found.get(key, 0.0), surprise(best / scale, width))
+            surprises[key] = np.maximum(surprises.get(key, 0.0), minus_log10_p(best / scale, width))
     before = 0
     for row in scan.solved.joints:
         runs = slice(before, before + len(row.bins.runs))
@@ -105,15 +105,15 @@ def family(scan: Scan, *, periodic: str | None = None, flips: int = FLIPS) -> Fa
         spectrum = scan.spectra.get(row.bins.joint)
         if spectrum is not None and periodic is not None:
             best = spectrum.highest(signs[:, runs])
-            found[periodic, row.bins.joint] = surprise(best / scale, PERIODIC)
-    if not found:
-        return Familywise({}, np.zeros(flips))
-    handicaps = {key: float(np.quantile(seen, BALANCED)) for key, seen in found.items()}
-    largest = np.max([seen - handicaps[key] for key, seen in found.items()], axis=0)
-    return Familywise(handicaps, np.sort(largest), _lone(scan))
+            surprises[periodic, row.bins.joint] = minus_log10_p(best / scale, PERIODIC)
+    if not surprises:
+        return SignFlips({}, np.zeros(flips))
+    handicaps = {key: float(np.quantile(drawn, BALANCED)) for key, drawn in surprises.items()}
+    largest = np.max([drawn - handicaps[key] for key, drawn in surprises.items()], axis=0)
+    return SignFlips(handicaps, np.sort(largest), _lone(scan))
 
 
-def _lone(scan: Scan) -> frozenset[Key]:
+def _lone(scan: ScoreTable) -> frozenset[Key]:
     """Candidates whose best shape shows in a few runs; none where the noise is not known from repeated runs."""
     if not all(row.noise.from_replicates for row in scan.solved.joints):
         return frozenset()
@@ -126,23 +126,23 @@ def alike(scores: Floats) -> float:
     return float(squares.sum() ** 2 / np.sum(squares**2)) if squares.any() else 0.0
 
 
-def _best(trials: Sequence[Trial], signs: Floats, *, width: int) -> dict[Key, Floats]:
+def _best(trials: Sequence[ScoreTest], signs: Floats, *, width: int) -> dict[Key, Floats]:
     """(B,) largest statistic in each flip of each candidate's trials, all of one width."""
     out: dict[Key, Floats] = {}
     for start in range(0, len(trials), AT_ONCE):
-        some = trials[start : start + AT_ONCE]
-        for trial, seen in zip(some, _statistics(some, signs, width=width).T, strict=True):
-            out[trial.added.key] = np.maximum(out.get(trial.added.key, 0.0), seen)
+        batch = trials[start : start + AT_ONCE]
+        for trial, drawn in zip(batch, _statistics(batch, signs, width=width).T, strict=True):
+            out[trial.added.key] = np.maximum(out.get(trial.added.key, 0.0), drawn)
     return out
 
 
-def _statistics(trials: Sequence[Trial], signs: Floats, *, width: int) -> Floats:
+def _statistics(trials: Sequence[ScoreTest], signs: Floats, *, width: int) -> Floats:
     """(B, trials) statistic of trials of one width in each flip."""
     total = (signs @ np.concatenate([trial.scores for trial in trials], axis=1)).reshape(len(signs), len(trials), width)
     inverse = np.array([pseudo_inverse(trial.information)[0] for trial in trials])
     if width > 1:
         return np.asarray(np.einsum("btw,btw->bt", np.einsum("btw,twv->btv", total, inverse), total))
-    one = total[:, :, 0]
+    single = total[:, :, 0]
     # Of the sign that the physics does not allow nothing would be made.
-    allowed = one * np.array([trial.signs[0] for trial in trials]) >= 0.0
-    return np.where(allowed, one**2 * inverse[:, 0, 0], 0.0)
+    allowed = single * np.array([trial.signs[0] for trial in trials]) >= 0.0
+    return np.where(allowed, single**2 * inverse[:, 0, 0], 0.0)

@@ -1,4 +1,4 @@
-"""Shapes without a name: what is left as a free function of one variable, compared by the same evidence as effects."""
+"""FreeForm forms: what is left as a free function of one variable, compared by the same evidence as effects."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from pumaid.diagnosis.scan import Projector, Trial, trial_of
+from pumaid.diagnosis.score_test import Projector, ScoreTest, score_of
 from pumaid.effect_spec import EffectTerm
 from pumaid.effects.base import NO_SHAPE, Effect, Family, Parameter
 from pumaid.estimation.fit import Fit
@@ -26,7 +26,7 @@ ABSORBED = 1e-4
 
 
 @dataclass(frozen=True, slots=True)
-class Form:
+class FormSpec:
     """A free form: its name, variable, unit (``{unit}`` is rad or m) and what multiplies it (1, s or v)."""
 
     name: str
@@ -36,18 +36,18 @@ class Form:
 
 
 FORMS = (
-    Form("f(q)", "q", "{unit}", "1"),
-    Form("s f(q)", "q", "{unit}", "s"),
-    Form("v f(q)", "q", "{unit}", "v"),
-    Form("s f(v)", "v", "{unit}/s", "s"),
-    Form("s f(load)", "load", "A", "s"),
-    Form("s f(t)", "t", "s", "s"),
-    Form("f(t)", "t", "s", "1"),
-    Form("s f(travel)", "travel", "{unit}", "s"),
+    FormSpec("f(q)", "q", "{unit}", "1"),
+    FormSpec("s f(q)", "q", "{unit}", "s"),
+    FormSpec("v f(q)", "q", "{unit}", "v"),
+    FormSpec("s f(v)", "v", "{unit}/s", "s"),
+    FormSpec("s f(load)", "load", "A", "s"),
+    FormSpec("s f(t)", "t", "s", "s"),
+    FormSpec("f(t)", "t", "s", "1"),
+    FormSpec("s f(travel)", "travel", "{unit}", "s"),
 )
 
 
-class Free(Effect):
+class FreeForm(Effect):
     """A free function of one variable, as hat functions; no physics, so not in the catalogue."""
 
     title = "A free function"
@@ -55,7 +55,7 @@ class Free(Effect):
     family = Family.SUSPECT
     needs_loads: ClassVar[bool] = True
 
-    def __init__(self, form: Form, knots: Floats) -> None:
+    def __init__(self, form: FormSpec, knots: Floats) -> None:
         self.form, self.knots = form, knots
 
     @property
@@ -76,16 +76,16 @@ class Free(Effect):
 
 def variable(samples: Samples, name: str) -> Floats:
     """(M,) values of a form's variable."""
-    own = samples.joint - 1
+    column = samples.joint - 1
     if name == "load":
         return np.zeros(len(samples)) if samples.loads is None else samples.loads.own
-    found = {
-        "q": samples.position[:, own],
-        "v": np.abs(samples.velocity[:, own]),
+    variables = {
+        "q": samples.position[:, column],
+        "v": np.abs(samples.velocity[:, column]),
         "t": samples.time,
         "travel": samples.travel,
     }
-    return found[name]
+    return variables[name]
 
 
 def hats(x: Floats, knots: Floats) -> Floats:
@@ -98,7 +98,7 @@ def hats(x: Floats, knots: Floats) -> Floats:
     return out
 
 
-def forms(field: JointBins) -> Iterable[Free]:
+def forms(field: JointBins) -> Iterable[FreeForm]:
     """Every form that the runs of a joint can show."""
     for form in FORMS:
         x = variable(field.samples, form.variable)
@@ -110,19 +110,19 @@ def forms(field: JointBins) -> Iterable[Free]:
             speeds = np.array(field.speeds)
             knots = speeds if len(speeds) <= KNOTS["v"] else np.quantile(speeds, np.linspace(0.0, 1.0, KNOTS["v"]))
         if len(knots) > 1:
-            yield Free(form, knots)
+            yield FreeForm(form, knots)
 
 
-def free_trials(solved: Fit, joint: int) -> list[Trial]:
+def free_form_scores(solved: Fit, joint: int) -> list[ScoreTest]:
     """Every free form at one joint, tried on a system with loads."""
     row, projector, out = solved.row(joint), Projector(solved), []
     for free in forms(row.bins):
         added = EffectTerm(free, joint, NO_SHAPE)
         columns = added.linear(solved.model.robot, row.bins.samples)
-        scores, left, raw = projector.scores({joint: row.noise.whiten(row.bins, columns)})
-        share = np.divide(np.diagonal(left), raw, out=np.zeros(len(raw)), where=raw > 0)
-        kept = np.flatnonzero(share > ABSORBED)
-        trial = _ranked(added, scores, left, kept)
+        scores, information, raw = projector.scores({joint: row.noise.whiten(row.bins, columns)})
+        share = np.divide(np.diagonal(information), raw, out=np.zeros(len(raw)), where=raw > 0)
+        visible = np.flatnonzero(share > ABSORBED)
+        trial = _ranked(added, scores, information, visible)
         if trial is not None:
             out.append(trial)
     return out
@@ -135,7 +135,7 @@ DRAWN = 0.1
 FLAT = 1e-3
 
 
-def _ranked(added: EffectTerm, scores: Floats, left: Floats, kept: NDArray[np.int64]) -> Trial | None:
+def _ranked(added: EffectTerm, scores: Floats, left: Floats, kept: NDArray[np.int64]) -> ScoreTest | None:
     """The trial in the directions of the hats that the model does not absorb."""
     if len(kept) < 2:
         return None
@@ -146,18 +146,18 @@ def _ranked(added: EffectTerm, scores: Floats, left: Floats, kept: NDArray[np.in
     turn = np.zeros((len(left), int(good.sum())))
     turn[kept] = vectors[:, good]
     width = turn.shape[1]
-    return trial_of(added, scores @ turn, turn.T @ left @ turn, share=np.ones(width), signs=np.zeros(width))
+    return score_of(added, scores @ turn, turn.T @ left @ turn, share=np.ones(width), signs=np.zeros(width))
 
 
-def knot_values(solved: Fit, trial: Trial) -> tuple[Floats, Floats, Floats]:
+def knot_values(solved: Fit, trial: ScoreTest) -> tuple[Floats, Floats, Floats]:
     """Knots, values there (A, as a current in the direction of motion where the form says so) and standard errors."""
     free = trial.added.effect
-    assert isinstance(free, Free) and trial.added.joint is not None
+    assert isinstance(free, FreeForm) and trial.added.joint is not None
     row, projector = solved.row(trial.added.joint), Projector(solved)
     columns = trial.added.linear(solved.model.robot, row.bins.samples)
-    scores, left, raw = projector.scores({trial.added.joint: row.noise.whiten(row.bins, columns)})
+    scores, information, raw = projector.scores({trial.added.joint: row.noise.whiten(row.bins, columns)})
     unit = np.divide(1.0, np.sqrt(raw), out=np.zeros_like(raw), where=raw > 0.0)
-    values, vectors = np.linalg.eigh(left * np.outer(unit, unit))
+    values, vectors = np.linalg.eigh(information * np.outer(unit, unit))
     good = values > DRAWN
     inverse = unit[:, None] * ((vectors[:, good] / values[good]) @ vectors[:, good].T) * unit
     return free.knots, inverse @ scores.sum(axis=0), np.sqrt(np.diagonal(inverse) * solved.scale)
