@@ -188,7 +188,8 @@ class _Search:
 
     def run(self) -> None:
         """Take the residual apart until nothing in it is more than noise."""
-        signs = np.random.default_rng(SEED).choice([-1.0, 1.0], (FLIPS, len(self.bins.runs)))
+        rng = np.random.default_rng(SEED)
+        signs = rng.choice([-1.0, 1.0], (FLIPS, len(self.bins.runs)))
         for _ in range(MOST_TAKEN + MOST_SMALL):
             best = self._largest(self._tried(signs))
             if best is None:

@@ -161,8 +161,9 @@ def test_strong_effects_keep_numbers_finite():
     solved = lab.fitted(lab.noisy(0))
     row = solved.row(2)
     column = row.bins.samples.direction * row.bins.samples.time
-    rows = (solved.row(1), replace(row, residual=row.noise.whiten(row.bins, 0.1 * column)))
-    found = score_candidates(replace(solved, rows=rows), candidate_columns(solved))
+    strong = replace(solved)
+    strong.__dict__["by_bin"] = {1: solved.row(1), 2: replace(row, residual=row.noise.whiten(row.bins, 0.1 * column))}
+    found = score_candidates(strong, candidate_columns(solved))
     chance = sign_flips(found)
     assert np.all(np.isfinite(chance.largest)) and np.all(np.isfinite(list(chance.handicaps.values())))
     assert seen(found, chance) == pytest.approx(1e-3)

@@ -18,6 +18,11 @@ from pumaid.simulation import Hidden
 CELLS = 256
 
 
+def waves_of(row, **more):
+    """The spectrum of what a fit leaves of a joint."""
+    return spectrum(row.bins, row.noise, row.residual, **more)
+
+
 @cache
 def lab(amplitude: float = 0.0, frequency: float = 40.0, repeats: int = 2) -> Lab:
     """A lever with fine bins whose motor may have a ripple."""
@@ -57,7 +62,7 @@ def nearest(found: Spectrum, frequency: float) -> int:
 def test_scores_are_those_of_dense_waves(amplitude):
     """Cosine and sine parts at five frequencies, within 3 % of the scores' own size (the grid's leak)."""
     row = row_of(lab(amplitude))
-    found = spectrum(row)
+    found = waves_of(row)
     for place in np.linspace(0, len(found.frequency) - 1, 5).astype(int):
         total, size = found.scores[:, place].sum(), np.sqrt(found.information[place])
         expected = dense(row, float(found.frequency[place]))[0]
@@ -67,7 +72,7 @@ def test_scores_are_those_of_dense_waves(amplitude):
 def test_statistics_are_the_fall_of_the_square():
     """At the eight highest, within 6 % (the ends of runs and what the base model absorbs are left out)."""
     row = row_of(lab(0.02))
-    found = spectrum(row)
+    found = waves_of(row)
     statistic = found.statistic()
     for place in np.argsort(-statistic)[:8]:
         assert statistic[place] == pytest.approx(dense(row, float(found.frequency[place]))[1], rel=0.06, abs=0.3)
@@ -75,7 +80,7 @@ def test_statistics_are_the_fall_of_the_square():
 
 def test_the_peak_is_at_the_ripple():
     """Its frequency within a step, though its amplitude is that of the noise of a bin."""
-    found = spectrum(row_of(lab(0.01)))
+    found = waves_of(row_of(lab(0.01)))
     step = found.frequency[1] - found.frequency[0]
     assert abs(found.frequency[int(found.statistic().argmax())] - 40.0) <= step
     assert found.statistic().max() > 100.0
@@ -84,7 +89,7 @@ def test_the_peak_is_at_the_ripple():
 def test_frequencies_go_from_three_periods_to_two_cells_a_period():
     """Closer than two fifths of a resolution, so that no peak falls between."""
     row = row_of(lab())
-    found, way = spectrum(row), np.ptp(row.bins.samples.position[:, 0])
+    found, way = waves_of(row), np.ptp(row.bins.samples.position[:, 0])
     width = way / (np.median(row.bins.lengths) - 1)
     assert found.frequency[0] == pytest.approx(3.0 * 2.0 * np.pi / way, rel=0.2)
     assert 0.85 * np.pi / width < found.frequency[-1] < np.pi / width
@@ -97,7 +102,7 @@ def test_in_noise_each_frequency_is_chi_square_of_two():
     values = []
     for seed in range(12):
         row = row_of(some, seed)
-        values.append(spectrum(row).statistic() / float(row.residual @ row.residual) * len(row.residual))
+        values.append(waves_of(row).statistic() / float(row.residual @ row.residual) * len(row.residual))
     values = np.concatenate(values)
     assert values.mean() == pytest.approx(2.0, rel=0.05)
     assert values.var() == pytest.approx(4.0, rel=0.15)
@@ -105,7 +110,7 @@ def test_in_noise_each_frequency_is_chi_square_of_two():
 
 def test_flips_are_of_whole_runs():
     """The highest of all frequencies under given signs is what a loop over runs and frequencies gives."""
-    found = spectrum(row_of(lab()))
+    found = waves_of(row_of(lab()))
     rng = np.random.default_rng(0)
     signs = rng.choice([-1.0, 1.0], size=(5, len(found.scores))) * 1.1
     expected = []
@@ -121,7 +126,7 @@ def test_of_few_runs_pieces_are_flipped():
     for amplitude in (0.0, 0.02):
         some = lab(amplitude, 90.0)
         runs = some.noisy(0, Din(level=0.0))[:2]
-        one = spectrum(solved_row(some, runs))
+        one = waves_of(solved_row(some, runs))
         assert one.is_pieces and len(one.scores) >= 12
         highest = one.highest(np.ones((199, 2)))
         found.append(float(np.mean(highest >= one.statistic().max())))
@@ -132,4 +137,4 @@ def test_of_few_runs_pieces_are_flipped():
 def test_runs_of_few_cells_have_no_frequencies():
     """Four bins a run show nothing that a fit has not taken."""
     some = Lab.of(LEVER, design(LEVER, speeds=(1.0,)), bins=4)
-    assert spectrum(some.fitted(some.noisy(0)).row(1)) is None
+    assert waves_of(some.fitted(some.noisy(0)).row(1)) is None

@@ -55,7 +55,7 @@ def test_share_is_that_of_least_squares_over_all_runs():
     inverse = np.linalg.pinv(columns / size, rcond=1e-9)
     assert found is not None
     assert found.share - 1.0 == pytest.approx((inverse @ target)[-1] / size[-1], abs=1e-6)
-    weights = inverse[-1][len(fitted.field) :] / size[-1]
+    weights = inverse[-1][len(fitted.bins) :] / size[-1]
     spread = np.eye(len(row.bins)) + row.jacobian @ solved.inverse @ row.jacobian.T
     assert found.std_error == pytest.approx(np.sqrt(solved.scale * weights @ spread @ weights), rel=1e-4)
     assert found.lost == pytest.approx(

@@ -19,6 +19,11 @@ from pumaid.model import Model
 WAVE, NOISE = 90.0, 0.02
 
 
+def waves_of(row, **more):
+    """The spectrum of what a fit leaves of a joint."""
+    return spectrum(row.bins, row.noise, row.residual, **more)
+
+
 @cache
 def row(kind: str, runs: int, amplitude: float, seed: int = 0, apart: float = 0.0) -> FitRow:
     """Runs there and back with such a wave and noise, 300 bins each, and what the base model leaves of them.
@@ -46,7 +51,7 @@ def by_hand(one: FitRow, frequency: float) -> np.ndarray:
 def test_scores_of_strokes_are_products_with_the_waves():
     """Every 20th frequency: within 3 % of the largest, what sharing out to the grid costs at its top."""
     one = row("stroke", 12, 0.05)
-    found = spectrum(one)
+    found = waves_of(one)
     direct = np.array([by_hand(one, frequency) for frequency in found.frequency[::20]]).T
     assert np.abs(found.scores[:, ::20] - direct).max() < 0.03 * np.abs(found.scores).max()
 
@@ -54,7 +59,7 @@ def test_scores_of_strokes_are_products_with_the_waves():
 def test_information_of_strokes_is_half_the_square_of_both_waves():
     """Mean of the squares of whitened cosine and sine, within 3 %."""
     one = row("stroke", 12, 0.05)
-    found = spectrum(one)
+    found = waves_of(one)
     for frequency, information in zip(found.frequency[10::40], found.information[10::40], strict=True):
         angle = frequency * one.bins.samples.position[:, 0]
         wave = one.noise.whiten(one.bins, np.column_stack([np.cos(angle), np.sin(angle)]))
@@ -65,7 +70,7 @@ def test_information_of_strokes_is_half_the_square_of_both_waves():
 @pytest.mark.parametrize("runs", [1, 3, 12])
 def test_a_wave_is_found_where_it_is(kind, runs):
     """Within half a resolution, its size within 20 % (7 by the grid, the rest noise), and no flip comes near."""
-    found = spectrum(row(kind, runs, 0.05))
+    found = waves_of(row(kind, runs, 0.05))
     top = int(np.argmax(found.statistic()))
     assert found.frequency[top] == pytest.approx(WAVE, abs=np.pi / 3.0)
     assert np.abs(found.scores.sum(axis=0)[top]) / found.information[top] == pytest.approx(0.05, rel=0.2)
@@ -75,7 +80,7 @@ def test_a_wave_is_found_where_it_is(kind, runs):
 
 def test_runs_in_places_far_apart_are_one_course():
     """Runs of 3 rad at 0 and at 20 rad: found to a tenth of what the whole way resolves, at its full size."""
-    found = spectrum(row("constant", 12, 0.05, apart=20.0))
+    found = waves_of(row("constant", 12, 0.05, apart=20.0))
     top = int(np.argmax(found.statistic()))
     assert found.frequency[top] == pytest.approx(WAVE, abs=0.2 * np.pi / 23.0 + 0.5 * np.diff(found.frequency[:2])[0])
     assert np.abs(found.scores.sum(axis=0)[top]) / found.information[top] == pytest.approx(0.05, rel=0.15)
@@ -83,6 +88,6 @@ def test_runs_in_places_far_apart_are_one_course():
 
 def test_beside_a_wave_that_is_known_there_is_no_other():
     """The highest of what is left lies two resolutions of a run away from it at least."""
-    found = spectrum(row("stroke", 12, 0.05), known=[WAVE])
+    found = waves_of(row("stroke", 12, 0.05), known=[WAVE])
     top = found.frequency[int(np.argmax(found.statistic()))]
     assert abs(top - WAVE) >= 2.0 * 2.0 * np.pi / 3.0
