@@ -34,8 +34,6 @@ class Log:
         (N, E) columns that the user asked for besides, in the log's own units, NaN where not a number; or None.
     starts_clock
         Whether the clock starts anew here: samples before belong to another recording.
-    begins_part
-        Whether a part of the file begins here that may be read by itself; every file's first sample begins one.
     """
 
     origin: str
@@ -47,7 +45,6 @@ class Log:
     temperature: Floats | None = None
     starts_clock: bool = False
     extra: Floats | None = None
-    begins_part: bool = False
 
     def __post_init__(self) -> None:
         n_samples, n_joints = self.position.shape
