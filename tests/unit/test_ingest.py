@@ -16,12 +16,11 @@ import pytest
 from motion_worlds import World, make, robot
 
 from pumaid.dataset import Dataset
-from pumaid.effect_spec import terms_of
 from pumaid.errors import LogError
 from pumaid.io.log_writer import write_log
 from pumaid.io.paths import expand
 from pumaid.preprocessing import ingest as module
-from pumaid.preprocessing.executors import dask_workers, local_processes
+from pumaid.preprocessing.executors import dask_workers, in_order, local_processes
 from pumaid.preprocessing.ingest import ingest
 
 WORLD = World(motions=4, rate=200.0)
@@ -90,16 +89,16 @@ def killed(path: Path, *, parent: int, victim: Path, **more: object) -> module.F
 def test_a_killed_worker_loses_nothing(paths, expected, monkeypatch) -> None:
     """Its file, and those that nobody can read any more, are read by this process."""
     original = module.read_file
-    monkeypatch.setattr(module, "terms_of", partial(victimised, parent=os.getpid(), victim=paths[3]))
+    monkeypatch.setattr(module, "in_order", partial(victimised, parent=os.getpid(), victim=paths[3]))
     with ProcessPoolExecutor(2) as executor:
         assert_equal(ingest(paths, ARM, executor=(executor, 2)), expected)
     assert module.read_file is original
 
 
 def victimised(work, tasks, executor, *, workers, parent, victim):
-    """As `terms_of`, with workers that die of one file."""
+    """As `in_order`, with workers that die of one file."""
 
-    return terms_of(partial(killed, parent=parent, victim=victim, **work.keywords), tasks, executor, workers=workers)
+    return in_order(partial(killed, parent=parent, victim=victim, **work.keywords), tasks, executor, workers=workers)
 
 
 def test_recordings_are_counted_through_the_files(paths, expected) -> None:
