@@ -129,24 +129,23 @@ def _plan_for(robot: Robot, options: PlanOptions, tell: Callable[[str], None]) -
     """The runs that show an effect, or tell it from a rival."""
     from dataclasses import replace
 
-    from pumaid.effect_spec import at_one_joint, parse_effect
+    from pumaid.diagnosis.plan_for_effect import plan_for_effect
+    from pumaid.effect_spec import parse_effect
     from pumaid.experiment import read_dataset, recipe_path
-    from pumaid.verbs.decide import decide
 
     assert options.wanted is not None
     wanted = parse_effect(options.wanted, robot, option="--for")
     rival = None if options.against is None else parse_effect(options.against, robot, option="--against")
-    at_one_joint(wanted, robot, "--for")  # what is refused is refused before the work
     logs = read_dataset(options.logs, recipe_path(options.recipe), robot=robot)[1] if options.logs else None
-    whole = replace(options, wanted=None, against=None, size=None, logs=())
-    return decide(
+    alone = replace(options, wanted=None, against=None, size=None, logs=())
+    return plan_for_effect(
         robot,
         wanted,
         against=rival,
         size=options.size,
-        ground=None if logs is not None else make_plan(robot, whole, None, tell=tell),
-        logs=logs,
-        estimate=_prior(robot, options),
+        whole=lambda: make_plan(robot, alone, None, tell=tell),
+        dataset=logs,
+        prior=_prior(robot, options),
         seed=options.seed,
         tell=tell,
     )

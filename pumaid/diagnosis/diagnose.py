@@ -14,8 +14,8 @@ from pumaid.diagnosis.candidates import Suspect
 from pumaid.diagnosis.cross_validation import leave_out, posture_folds
 from pumaid.diagnosis.curves import Trial as Drawn
 from pumaid.diagnosis.curves import curve
-from pumaid.diagnosis.deciding import deciding
 from pumaid.diagnosis.detection_limit import detection_limits
+from pumaid.diagnosis.discrimination import deciding
 from pumaid.diagnosis.residual_budget import budget
 from pumaid.diagnosis.stepwise import LEVEL, Accepted, EvaluatedCandidate, Step, Stepwise, misfit_with, silent
 from pumaid.diagnosis.verdict import JointVerdict, competing_form, joint_verdict, nearest_form

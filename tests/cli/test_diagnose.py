@@ -22,8 +22,8 @@ from click.testing import CliRunner, Result
 import pumaid
 from pumaid.cli import group
 from pumaid.cli.additions import Typed, named
-from pumaid.cli.deciding import deciding
 from pumaid.diagnosis.document import read_diagnosis, write_diagnosis
+from pumaid.diagnosis.plan_for_effect import plan_of_findings as deciding
 from pumaid.io.log_writer import write_log
 from pumaid.io.plan_file import read_plan, write_plan
 from pumaid.io.recipe import shipped_recipes

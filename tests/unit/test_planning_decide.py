@@ -13,7 +13,7 @@ from menus import arm
 from pumaid.dataset import Dataset
 from pumaid.design.plan import plan
 from pumaid.design.prior import Setup, prior_robots
-from pumaid.diagnosis.rehearsal import rehearsed, solved, usual
+from pumaid.diagnosis.plan_for_effect import plan_for_effect, rehearsed, solved_on, usual
 from pumaid.diagnosis.score_test import Projector, score_at
 from pumaid.effect_spec import EffectTerm
 from pumaid.effects import catalogue
@@ -21,7 +21,6 @@ from pumaid.errors import ModelError
 from pumaid.robot import EffectChoice, Joint, Robot
 from pumaid.simulation import Bench, Hidden, draw
 from pumaid.trajectory import Plan
-from pumaid.verbs.decide import decide
 
 #: Its upright first joint feels a tilt of the base.
 TURRET = Robot(
@@ -73,7 +72,7 @@ def statistic(name: str, hidden: Hidden, made: Plan, seed: int) -> float:
     # How strongly an upright joint feels a tilt is its ratio of gains: the promise is for this robot's.
     drawn = usual_one if hidden.effect == "tilt" else draw(robot, seed)
     truth = replace(drawn, hidden=(hidden,), noise=usual_one.noise)
-    system = solved(robot, rehearsed(truth, made, seed=seed).runs)
+    system = solved_on(robot, rehearsed(truth, made, seed=seed).runs)
     shapes = [one.name for one in law.shapes(robot, hidden.joint or 0)]
     shape = {shape: WAIST if shape == "waist" else hidden.values[shape] for shape in shapes}
     return score_at(Projector(system), EffectTerm(law, hidden.joint, shape)).statistic / system.scale
@@ -91,7 +90,7 @@ def test_added_runs_show_what_they_promise(name, effect, joint, size):
     """Over some experiments with the effect its separation rises by half to twice of what the added runs promise."""
     hidden, seeds = sized(name, effect, joint, size), SEEDS[: 12 // ARMS[name].n_joints]
     wanted = EffectChoice(effect, joint, {"waist": WAIST} if effect == "tilt" else {})
-    found = decide(ARMS[name], wanted, ground=ground(name), seed=3, size=size)
+    found = plan_for_effect(ARMS[name], wanted, whole=lambda: ground(name), seed=3, size=size)
     each = np.array([[statistic(name, hidden, made, seed) for made in (ground(name), found)] for seed in seeds])
     raised = np.sqrt(max(np.mean(each[:, 1] - each[:, 0]), 0.0))
     # Of several parameters the promise is for the least visible; all together show more.
@@ -102,7 +101,7 @@ def test_added_runs_show_what_they_promise(name, effect, joint, size):
 def test_added_runs_come_on_top():
     """Without logs the plan is the experiment, then the runs, with their reason; it lasts as long as both."""
     found, base = (
-        decide(ARMS["pendulum"], EffectChoice("stribeck", 2), ground=ground("pendulum"), seed=3),
+        plan_for_effect(ARMS["pendulum"], EffectChoice("stribeck", 2), whole=lambda: ground("pendulum"), seed=3),
         ground("pendulum"),
     )
     assert found.motions[: len(base.motions)] == base.motions
@@ -122,7 +121,7 @@ def logs(seed: int) -> Dataset:
 def test_with_logs_only_the_runs_are_planned(rival):
     """With logs the plan holds the runs alone, within limits, for the joint that was asked of."""
     robot = ARMS["pendulum"]
-    found = decide(robot, EffectChoice("stribeck", 2), against=rival, logs=logs(6301), seed=3, size=0.05)
+    found = plan_for_effect(robot, EffectChoice("stribeck", 2), against=rival, dataset=logs(6301), seed=3, size=0.05)
     assert 0 < len(found.motions) < len(ground("pendulum").motions)
     assert {motion.joint for motion in found.motions} == {2}
     assert max(motion.velocity for motion in found.motions) <= robot.joint(2).max_velocity
@@ -133,7 +132,9 @@ def test_with_logs_only_the_runs_are_planned(rival):
 def test_rivals_are_told_apart_by_new_runs(first, second):
     """The rival takes the joint of what it rivals, and the runs promise a separation of either from the other."""
     wanted = EffectChoice(first, 1)
-    found = decide(ARMS["pendulum"], wanted, against=EffectChoice(second, None), ground=ground("pendulum"), seed=3)
+    found = plan_for_effect(
+        ARMS["pendulum"], wanted, against=EffectChoice(second, None), whole=lambda: ground("pendulum"), seed=3
+    )
     assert f"tells {first}@1 from {second}@1" in found.assumptions[-1]
     apart = [float(one) for one in re.findall(r"by ([\d.]+) (?:standard|if)", found.assumptions[-1])]
     assert min(apart) > 1.0
@@ -143,7 +144,7 @@ def test_rivals_are_told_apart_by_new_runs(first, second):
 def test_what_no_run_shows_is_said(effect, joint):
     """Inertia, what begins at an instant, and a tilt that both level axes absorb: refused with what might help."""
     with pytest.raises(ModelError) as caught:
-        decide(ARMS["pendulum"], EffectChoice(effect, joint), ground=ground("pendulum"), seed=3)
+        plan_for_effect(ARMS["pendulum"], EffectChoice(effect, joint), whole=lambda: ground("pendulum"), seed=3)
     assert caught.value.slug == "plan-undecided"
     assert effect in caught.value.what and caught.value.mend
 
@@ -163,7 +164,7 @@ def test_what_no_run_shows_is_said(effect, joint):
 def test_wrong_effects_are_refused(wanted, rival, slug, words):
     """A misspelt name, a joint that is missing, absent or too much, a rival that is the effect itself."""
     with pytest.raises(ModelError) as caught:
-        decide(ARMS["pendulum"], wanted, against=rival, ground=ground("pendulum"), seed=3)
+        plan_for_effect(ARMS["pendulum"], wanted, against=rival, whole=lambda: ground("pendulum"), seed=3)
     assert caught.value.slug == slug
     assert words in str(caught.value)
 
@@ -171,7 +172,7 @@ def test_wrong_effects_are_refused(wanted, rival, slug, words):
 def test_a_joint_along_gravity_has_no_friction_by_load():
     """What needs weight is refused at an upright joint, with the reason."""
     with pytest.raises(ModelError) as caught:
-        decide(TURRET, EffectChoice("load_friction", 1), ground=ground("turret"), seed=3)
+        plan_for_effect(TURRET, EffectChoice("load_friction", 1), whole=lambda: ground("turret"), seed=3)
     assert caught.value.slug == "effect-not-here"
     assert "direction of gravity" in caught.value.what
 
@@ -180,8 +181,13 @@ def test_size_is_heard_where_there_is_a_rival():
     """What is rehearsed has the size that is asked for: a large effect is told by the runs already, a small one not."""
     robot, base = ARMS["pendulum"], ground("pendulum")
     large, small = (
-        decide(
-            robot, EffectChoice("stribeck", 2), against=EffectChoice("viscous_power", 2), ground=base, seed=3, size=one
+        plan_for_effect(
+            robot,
+            EffectChoice("stribeck", 2),
+            against=EffectChoice("viscous_power", 2),
+            whole=lambda: base,
+            seed=3,
+            size=one,
         )
         for one in (1.0, 0.01)
     )
@@ -193,7 +199,9 @@ def test_size_is_heard_where_there_is_a_rival():
 def test_a_size_of_nothing_is_refused(size):
     """Nothing, and what is no number."""
     with pytest.raises(ModelError, match="plan-impossible"):
-        decide(ARMS["pendulum"], EffectChoice("spring", 1), ground=ground("pendulum"), seed=3, size=size)
+        plan_for_effect(
+            ARMS["pendulum"], EffectChoice("spring", 1), whole=lambda: ground("pendulum"), seed=3, size=size
+        )
 
 
 def test_usual_sizes_are_none_where_there_is_nothing_of_the_kind():

@@ -141,11 +141,11 @@ def _show(diagnosis: Diagnosis, robot: Robot, *, units: str, model: Path | None)
 
 def _write_plan(path: Path, diagnosis: Diagnosis, robot: Robot) -> None:
     """Write the runs that would decide, as often as it takes."""
-    from pumaid.cli.deciding import deciding
+    from pumaid.diagnosis.plan_for_effect import plan_of_findings
     from pumaid.io.plan_file import write_plan
     from pumaid.reporting.formatting import plural
 
-    made = deciding(diagnosis.findings, robot)
+    made = plan_of_findings(diagnosis.findings, robot)
     if not made.motions:
         remark(f"there is nothing that more runs would decide: {path} is not written")
         return

@@ -1,0 +1,258 @@
+"""Plans for one effect: the runs that show it or tell it from a rival, and the deciding runs of a diagnosis."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from pumaid.dataset import Dataset, Run
+from pumaid.design.prior import Setup, prior_robots
+from pumaid.diagnosis.discrimination import SHAPES, deciding, showing
+from pumaid.diagnosis.score_test import Projector, ScoreTest, refine_shape, scores_at
+from pumaid.diagnosis.stepwise import DECISIVE, evidence
+from pumaid.effect_spec import EffectTerm, at_one_joint, known_effect
+from pumaid.effects import Scope
+from pumaid.errors import ModelError, Note, Where
+from pumaid.estimation.fit import Fit, loaded
+from pumaid.estimation.gls import fit_with_replicates
+from pumaid.joint_bins import COARSE, joint_bins
+from pumaid.model import Model
+from pumaid.records import Estimate, Finding, NextRun
+from pumaid.robot import EffectChoice, Robot
+from pumaid.simulation import Bench
+from pumaid.simulation.hidden import LAWS, Hidden, sized
+from pumaid.simulation.truth import Truth
+from pumaid.trajectory import Plan, Posture, duration
+from pumaid.units import number
+
+#: Sets of runs at most: what takes more is no plan.
+_MOST_SETS = 12
+#: Sizes of an effect, SI.
+_LEAST, _LARGEST = 1e-12, 1e9
+#: Samples a second and bins a run of a rehearsal.
+_RATE, _BINS = 50.0, 60
+
+
+def plan_for_effect(
+    robot: Robot,
+    wanted: EffectChoice,
+    *,
+    against: EffectChoice | None = None,
+    size: float | None = None,
+    whole: Callable[[], Plan] | None = None,
+    dataset: Dataset | None = None,
+    prior: Estimate | None = None,
+    seed: int = 0,
+    tell: Callable[[str], None] = lambda _: None,
+) -> Plan:
+    """Plan the runs after which an effect is seen, if it is there, or told from a rival.
+
+    Runs are chosen as the deciding run of a diagnosis is. Without logs an experiment is rehearsed on a virtual robot
+    first, and the runs come on top of it.
+
+    Parameters
+    ----------
+    robot
+        The arm.
+    wanted
+        Effect and joint; shapes where they are known.
+    against
+        What it must be told from; none: it must be seen at all.
+    size
+        Of the effect's first parameter, SI, others in proportion; else such that it shows at a usual robot.
+    whole
+        Makes the experiment that is rehearsed; needed without `dataset`.
+    dataset
+        Runs that were made.
+    prior
+        An earlier model: the robot on which is rehearsed.
+    seed
+        Of the virtual robot.
+    tell
+        Called with a word on what is done.
+
+    Returns
+    -------
+    plan
+        The runs: on top of the whole experiment without logs, alone with logs; `assumptions` say what they tell.
+
+    Raises
+    ------
+    ModelError [plan-undecided]
+        No runs within the limits show it, or tell the two apart.
+    ModelError [plan-impossible]
+        A size out of range.
+    ModelError [unknown-effect], [effect-joint], [effect-not-here]
+        There is no such effect, or not at that joint.
+    """
+    effect = at_one_joint(wanted, robot, "--for")
+    rival = None if against is None else at_one_joint(_beside(against, effect), robot, "--against")
+    (truth, *_) = prior_robots(robot, estimate=prior, setup=Setup(), seed=seed).robots
+    hidden = _of_size(robot, effect, usual(truth, effect), size)
+    base = None
+    if dataset is None:
+        if whole is None:
+            raise ValueError("without logs there must be an experiment to rehearse")
+        base = whole()
+        tell("rehearsing the experiment on a virtual robot")
+        shown = truth if rival is None or hidden is None else truth.hiding([hidden])
+        dataset = rehearsed(shown, base, seed=seed)
+    solved = solved_on(robot, [run for run in dataset.runs if not run.heldout])
+    tell("choosing runs")
+    notes: tuple[Note, ...] = ()
+    title = f"shows {_name(effect)}"
+    if rival is None:
+        next_run = _shown(solved, effect, {} if hidden is None else hidden.values)
+    else:
+        title = f"tells {_name(effect)} from {_name(rival)}"
+        next_run, notes = _told_apart(solved, effect, rival, with_logs=base is None)
+    return _plan(base or Plan(robot.name, ()), next_run, robot, title=title, notes=notes)
+
+
+def rehearsed(truth: Truth, plan: Plan, *, seed: int) -> Dataset:
+    """The fitted runs of a plan as a virtual robot would make them."""
+    fitted = replace(plan, motions=tuple(motion for motion in plan.motions if motion.purpose == "fit"))
+    return Dataset(Bench(truth, fitted, rate=_RATE, bins=_BINS).runs(np.random.default_rng([seed, 5])))
+
+
+def solved_on(robot: Robot, runs: Sequence[Run]) -> Fit:
+    """The base model fitted to runs, as diagnosis starts from it."""
+    return loaded(fit_with_replicates(Model.of_runs(robot, runs), joint_bins(robot, runs, most=COARSE)))
+
+
+def usual(truth: Truth, wanted: EffectChoice) -> Hidden | None:
+    """An effect with sizes that show at a robot and do not rule it; None where the simulator has no such effect."""
+    if wanted.effect not in LAWS:
+        return None
+    try:
+        return sized([Hidden(wanted.effect, wanted.joint, dict(wanted.shape))], truth)[0]
+    except ModelError:
+        return None
+
+
+def _beside(rival: EffectChoice, wanted: EffectChoice) -> EffectChoice:
+    """A rival at the joint of what it rivals where it names none."""
+    arm_wide = known_effect(rival.effect, Where(field=f"--against {rival.effect}")).scope is Scope.ARM
+    return rival if rival.joint is not None or arm_wide else replace(rival, joint=wanted.joint)
+
+
+def _of_size(robot: Robot, wanted: EffectChoice, usual_size: Hidden | None, size: float | None) -> Hidden | None:
+    """The effect at a usual robot, of the size that is asked for."""
+    if size is None:
+        return usual_size
+    if not _LEAST <= abs(size) <= _LARGEST:
+        what, mend = f"no arm has an effect of the size {size:g}", f"give a number from {_LEAST:g} to {_LARGEST:g}"
+        raise ModelError("plan-impossible", what, Where(field=f"--for {wanted.effect}"), mend)
+    law = known_effect(wanted.effect, Where())
+    first, shapes = (
+        law.parameters(robot, wanted.joint or 0)[0].name,
+        {s.name for s in law.shapes(robot, wanted.joint or 0)},
+    )
+    values = {} if usual_size is None else usual_size.values
+    share = size / values[first] if values.get(first) else 1.0
+    scaled = {name: value if name in shapes else share * value for name, value in values.items()}
+    return Hidden(wanted.effect, wanted.joint, {**scaled, first: size})
+
+
+def _shown(solved: Fit, wanted: EffectChoice, values: Mapping[str, float]) -> NextRun:
+    """The runs that show an effect of these sizes and shapes."""
+    robot, law = solved.model.robot, known_effect(wanted.effect, Where())
+    shapes = {shape.name for shape in law.shapes(robot, wanted.joint or 0)}
+    shape = {name: value for name, value in {**values, **wanted.shape}.items() if name in shapes}
+    size = values.get(law.parameters(robot, wanted.joint or 0)[0].name)
+    next_run = showing(solved, law, wanted.joint, size=size, shape=shape)
+    if next_run is None or not next_run.motions:
+        of = "" if size is None else f" of the size {number(size, 3)}"
+        raise _undecided(f"no run within the limits shows {_name(wanted)}{of}")
+    return next_run
+
+
+def _told_apart(
+    solved: Fit, wanted: EffectChoice, rival: EffectChoice, *, with_logs: bool
+) -> tuple[NextRun, tuple[Note, ...]]:
+    """The runs that tell an effect from a rival, and a note where the runs before them do already."""
+    projector = Projector(solved)
+    first, second = (_best_trial(solved, projector, choice) for choice in (wanted, rival))
+    lead = evidence(solved, first) - evidence(solved, second)
+    notes: tuple[Note, ...] = ()
+    if lead > DECISIVE:
+        text = (
+            f"the runs before these tell {_name(wanted)} of this size from {_name(rival)} already (evidence"
+            f" {number(lead, 3)}, decisive from {DECISIVE:g}); a smaller one needs more"
+        )
+        notes = (Note("plan-decided", text),)
+    next_run = deciding(solved, first, second)
+    if not next_run.motions:
+        of = " of the size that these logs have of them" if with_logs else ""
+        mend = "plan without --logs for the size that you look for" if with_logs else None
+        raise _undecided(f"no run within the limits tells {_name(wanted)} from {_name(rival)}{of}", mend)
+    return next_run, notes
+
+
+def _best_trial(solved: Fit, projector: Projector, choice: EffectChoice) -> ScoreTest:
+    """The effect at its best shape on the runs so far."""
+    robot, law = solved.model.robot, known_effect(choice.effect, Where())
+    rows = [row for row in solved.joints if row.bins.joint == choice.joint] or list(solved.joints[:1])
+    grid = [dict(choice.shape)] if choice.shape else list(law.grid(robot, rows[0].bins.extent(rows[0].drawn)))
+    terms = [EffectTerm(law, choice.joint, dict(shape)) for shape in (grid[:: max(1, len(grid) // SHAPES)] or [{}])]
+    trials = [trial for trial in scores_at(projector, terms) if trial is not None]
+    if not trials:
+        raise _undecided(f"{_name(choice)} leaves no trace in these runs that the model does not absorb")
+    return refine_shape(projector, max(trials, key=lambda trial: trial.statistic))
+
+
+def _undecided(what: str, mend: str | None = None) -> ModelError:
+    usual_mend = "widen limits or speeds in the recipe, look for a larger effect, or add a sensor"
+    return ModelError("plan-undecided", what, mend=mend or usual_mend)
+
+
+def _name(choice: EffectChoice) -> str:
+    return choice.effect if choice.joint is None else f"{choice.effect}@{choice.joint}"
+
+
+def _plan(base: Plan, next_run: NextRun, robot: Robot, *, title: str, notes: tuple[Note, ...]) -> Plan:
+    """The runs as often as it takes, on top of the experiment that was rehearsed."""
+    sets = min(next_run.repeats or 1, _MOST_SETS)
+    motions = (*base.motions, *(tuple(next_run.motions) * sets))
+    holds = dict.fromkeys((motion.joint, motion.hold) for motion in next_run.motions)
+    reasons = [Posture(joint, hold, (), f"{title}: {next_run.text}") for joint, hold in holds]
+    times = f"made {sets} times" if sets > 1 else "made once"
+    return replace(
+        base,
+        motions=motions,
+        postures=(*base.postures, *reasons),
+        duration=duration(robot, replace(base, motions=motions)),
+        efficiency=None,
+        assumptions=(
+            *base.assumptions,
+            f"A set of {len(next_run.motions)} runs, {times}, {title}: {next_run.text}.",
+        ),
+        notes=(*base.notes, *notes),
+    )
+
+
+def plan_of_findings(findings: Iterable[Finding], robot: Robot) -> Plan:
+    """The deciding runs of all findings that have rivals; a set is run through before it is repeated.
+
+    Parameters
+    ----------
+    findings
+        With or without a next run.
+    robot
+        For the time that it takes.
+
+    Returns
+    -------
+    plan
+        Without motions where there is nothing to decide.
+    """
+    motions, reasons = [], []
+    for finding in findings:
+        run = finding.next_run
+        if run is not None and run.motions:
+            motions += list(run.motions) * (run.repeats or 1)
+            reasons.append(f"tells {finding.effect} from {', '.join(finding.rivals)}: {run.text}")
+    plan = Plan(robot=robot.name, motions=tuple(motions), assumptions=tuple(reasons))
+    return replace(plan, duration=duration(robot, plan)) if motions else plan
