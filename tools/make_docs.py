@@ -15,6 +15,8 @@ import shutil
 import subprocess
 import sys
 import tempfile
+from collections import Counter
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -62,28 +64,54 @@ An effect of your own is one file: [contributing.md](contributing.md).
 
 Look-alikes are effects that data may not separate from it; `pumaid diagnose` says whether yours do.
 """
+#: Commands from which on an option is explained once for all.
+SEVERAL = 3
 SESSION = re.compile(r"```console\n(.*?)```", re.DOTALL)
 
 
 def commands_page() -> str:
-    """The manual's page of commands."""
+    """The manual's page of commands: options of several commands once, then each command with its own."""
     context = click.Context(group, info_name="pumaid")
-    names = group.list_commands(context)
-    return "\n".join([HEAD, *(_section(name, group.get_command(context, name)) for name in names)])
+    commands = {name: command for name in group.list_commands(context) if (command := group.get_command(context, name))}
+    uses = Counter(line for command in commands.values() for line in _options(command))
+    shared = [line for line, count in uses.items() if count >= SEVERAL]
+    sections = [_section(name, command, shared) for name, command in commands.items()]
+    return "\n".join([HEAD, "Options of several commands:", "", *shared, "", *sections])
 
 
-def _section(name: str, command: click.Command | None) -> str:
-    assert command is not None
+def _options(command: click.Command) -> list[str]:
+    """A line for each option of a command."""
+    context = click.Context(command)
+    records = [option.get_help_record(context) for option in command.get_params(context) if option.name != "help"]
+    return [f"- `{row[0]}`: {' '.join(row[1].split())}" for row in records if row and row[1]]
+
+
+def _section(name: str, command: click.Command, shared: Sequence[str]) -> str:
     context = click.Context(command, info_name=f"pumaid {name}")
     told, _, example = inspect.cleandoc(command.help or "").partition("\b\n")
     lines = [line for line in inspect.cleandoc(example).splitlines() if line.strip() and line.strip() != "Example:"]
     prose = [" ".join(part.split("\n")) for part in told.strip().split("\n\n")]
     usage = " ".join(command.collect_usage_pieces(context))
-    options = [option for option in command.get_params(context) if option.name != "help"]
-    rows = [row for option in options if (row := option.get_help_record(context)) and row[1]]
-    table = [f"- `{left}`: {' '.join(right.split())}" for left, right in rows]
+    options = _options(command)
+    names = [re.findall(r"--[\w-]+", line.split("`")[1])[0] for line in options if line in shared]
+    also = [f"Also {', '.join(f'`{word}`' for word in names)}.", ""] if names else []
     shown = ["```sh", *(line.strip() for line in lines), "```"]
-    return "\n".join([f"## {name}", "", f"`pumaid {name} {usage}`", "", "\n\n".join(prose), "", *shown, "", *table, ""])
+    rows = [line for line in options if line not in shared]
+    return "\n".join(
+        [
+            f"## {name}",
+            "",
+            f"`pumaid {name} {usage}`",
+            "",
+            "\n\n".join(prose),
+            "",
+            *shown,
+            "",
+            *rows,
+            *[""] * bool(rows),
+            *also,
+        ]
+    )
 
 
 def effects_page() -> str:
@@ -100,8 +128,8 @@ def effects_page() -> str:
 
 def _effect(effect: dict[str, Any]) -> str:
     """The section of one effect."""
-    prose = [" ".join(part.split("\n")) for part in effect["physics"].split("\n\n")]
-    lines = [f"## {effect['effect']}", "", "\n\n".join(prose), ""]
+    physics = " ".join(effect["physics"].split("\n\n")[0].split("\n"))
+    lines = [f"## {effect['effect']}", "", physics, ""]
     lines += [_number(item) for item in merged(effect["parameters"])]
     lines += [_number(item) for item in merged(effect["shapes"])] + [""]
     lines += [f"Not at a {kind} joint: {reason}." for kind, reason in effect["not_at"].items()]
