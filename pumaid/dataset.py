@@ -107,8 +107,6 @@ class Run:
         Number of the recording: runs with the same number share one clock.
     heldout
         Whether the plan keeps this run for judging only.
-    last_origin
-        File of `last_row` where a run goes on into another file, else empty.
     acceleration_noise
         Variance of the noise of a bin's acceleration in a stroke, (rad/s2)2 or (m/s2)2; zero where it is not known.
     stamp_error
@@ -131,7 +129,6 @@ class Run:
     bins: Bins
     clock: int = 0
     heldout: bool = False
-    last_origin: str = ""
     stamp_error: float = 0.0
     acceleration_noise: float = 0.0
 
@@ -153,8 +150,8 @@ class Reject:
     """A stretch of a log that is no run, with the reason.
 
     `reason` is a slug (``ramp``, ``rest``, ``several-joints`` ...), `text` a sentence with the figures; `joints` those
-    that moved. `bins` are kept where something moved, so that a model can be compared there too. `last_origin` is the
-    file of `last_row` where that is another one, else empty; `clock` is as of a `Run`.
+    that moved. `bins` are kept where something moved, so that a model can be compared there too; `clock` is as of a
+    `Run`.
     """
 
     origin: str
@@ -167,7 +164,6 @@ class Reject:
     text: str
     samples: int
     bins: Means | None = None
-    last_origin: str = ""
     clock: int = 0
 
 

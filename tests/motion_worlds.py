@@ -277,7 +277,7 @@ def score(truth: Truth, dataset) -> Score:
     rows = []
     for run in dataset.runs:
         first = offsets[run.origin] + run.first_row - 2
-        last = offsets[run.last_origin or run.origin] + run.last_row - 2
+        last = offsets[run.origin] + run.last_row - 2
         (constant if run.kind == "constant" else stroke)[first : last + 1] = run.joint
         if run.kind == "constant":
             part = slice(first, last + 1)

@@ -36,7 +36,7 @@ class Campaign:
         for run in runs:
             for key in ((run.joint, run.clock), (0, run.clock)):
                 begun[key] = min(run.start, begun.get(key, run.start))
-        before = {(reject.last_origin or reject.origin, reject.last_row + 1): reject for reject in rejects}
+        before = {(reject.origin, reject.last_row + 1): reject for reject in rejects}
         ramps = [(run, before.get((run.origin, run.first_row))) for run in runs]
         leads = {(run.origin, run.first_row): _lead(run, ramp) for run, ramp in ramps if ramp is not None}
         return cls(begun, leads)

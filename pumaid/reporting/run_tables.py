@@ -110,8 +110,7 @@ def rejects_table(dataset: Dataset) -> Table:
     names = relative_names([reject.origin for reject in dataset.rejects])
     rows = []
     for reject in dataset.rejects:
-        last = f"{reject.last_row} of {reject.last_origin}" if reject.last_origin else str(reject.last_row)
-        where = [names[reject.origin], f"{reject.first_row}–{last}", f"{reject.start:.2f}"]
+        where = [names[reject.origin], f"{reject.first_row}–{reject.last_row}", f"{reject.start:.2f}"]
         rows.append([*where, reject.reason, reject.text])
     return Table("Stretches not used", ("file", "rows", "start (s)", "reason", "why"), rows, words=(0, 1, 3, 4))
 

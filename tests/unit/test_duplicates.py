@@ -29,7 +29,7 @@ def logs(tmp_path) -> Path:
 
 
 def read(logs: Path, *, trust: bool = False):
-    """The evidence of a folder."""
+    """The dataset of a folder."""
     paths = expand([logs])
     return ingest(paths, ARM, trust=trust)
 
