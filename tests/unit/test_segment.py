@@ -51,11 +51,12 @@ def test_one_trapezoid_is_one_run():
     assert reasons(dataset) == ["rest", "ramp", "ramp", "rest"]
 
 
-def test_triangle_gives_the_current_back():
-    """Least squares on a run's triangle returns the current's constants, and no residual."""
+def test_bins_give_the_current_back():
+    """Least squares on a run's bins returns the current's constants, and all samples are in them."""
     (run,) = segment([log()], ARM).runs
-    columns, target = run.triangle.rows()
-    np.testing.assert_allclose(np.linalg.solve(columns[:3], target[:3]), [2.0, 3.0, 1.0], atol=1e-7)
+    q = run.bins.position[:, 1]
+    columns = np.column_stack([np.cos(q), np.sin(q), np.ones(len(q))])
+    np.testing.assert_allclose(np.linalg.lstsq(columns, run.bins.current, rcond=None)[0], [2.0, 3.0, 1.0], atol=1e-4)
     assert run.samples == run.bins.count.sum()
 
 
@@ -80,13 +81,6 @@ def test_runs_of_many_turns_keep_a_fast_ripple():
     own = run.bins.position[:, 1]
     assert len(run.bins) == pytest.approx(256 * np.ptp(own) / (2.0 * np.pi), rel=0.02)
     assert 2.0 * np.mean(run.bins.current * np.cos(100.0 * own)) == pytest.approx(np.sinc(100 / 256), rel=0.03)
-
-
-def test_a_slide_has_no_sine():
-    """A prismatic joint's cosine and sine columns are zero."""
-    (run,) = segment([log(joint=3, speed=0.1)], ARM).runs
-    assert run.joint == 3
-    np.testing.assert_array_equal(run.triangle.factor[:, :2], 0.0)
 
 
 def test_a_triangle_of_speed_is_a_stroke():
@@ -129,7 +123,6 @@ def test_missing_current_is_left_out():
     current[300:310, 1] = np.nan
     dataset = segment([changed(one, current=current)], ARM)
     assert {reject.reason: reject.samples for reject in dataset.rejects}["no-current"] == 10
-    assert np.isfinite(dataset.runs[0].triangle.factor).all()
     assert np.isfinite(dataset.runs[0].bins.current).all()
     dead = changed(one, current=np.full_like(current, np.nan))
     assert segment([dead], ARM).runs == ()
