@@ -86,7 +86,7 @@ def _reject_entry(reject: Reject) -> dict[str, Any]:
 def _place(record: Run | Reject) -> dict[str, Any]:
     return {
         "file": record.origin,
-        "last_file": record.last_origin or record.origin,
+        "last_file": record.origin,
         "first_row": record.first_row,
         "last_row": record.last_row,
     }

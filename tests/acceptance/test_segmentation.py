@@ -32,7 +32,7 @@ def test_samples_kept_are_the_right_ones(name):
 
 @pytest.mark.parametrize("rate", [125.0, 1000.0])
 def test_strokes_carry_friction_and_inertia_without_bias(rate):
-    """Over strokes of many seeds, friction and inertia come back to a few percent from the triangles alone."""
+    """Over strokes of many seeds, friction and inertia come back to a few percent from the bins alone."""
     world = World(strokes=True, rate=rate, motions=24, plateau=(1.5, 4.0))
     found = [size for seed in range(20_001, 20_005) for size in _of_strokes(world, make(world, seed).logs)[0]]
     viscous, inertia = np.mean(found, axis=0)
@@ -62,18 +62,23 @@ def _of_strokes(world, logs):
     dataset, found = segment(logs, robot(world)), []
     for joint in (1, 2, 3):
         rows = [_stroke_rows(run) for run in dataset.of_joint(joint)]
-        columns, target = np.vstack([a for a, _ in rows]), np.concatenate([b for _, b in rows])
-        found.append(np.linalg.lstsq(columns, target, rcond=None)[0][4:])
+        normal, target = sum(a for a, _ in rows), sum(b for _, b in rows)
+        found.append(np.linalg.lstsq(normal, target, rcond=None)[0][4:])
     return found, dataset.notes
 
 
 def _stroke_rows(run):
-    """A stroke's triangle over cos, sin, forward, backward, velocity, acceleration."""
-    columns, target = run.triangle.rows()
-    spread = np.zeros((5, 6))
-    spread[0, 0] = spread[1, 1] = spread[3, 4] = spread[4, 5] = 1.0
-    spread[2, 2 if run.speed > 0 else 3] = 1.0
-    return columns @ spread, target
+    """A stroke's normal equations over cos, sin, forward, backward, velocity, acceleration, by its bins."""
+    bins, joint = run.bins, run.joint - 1
+    columns = np.zeros((len(bins), 6))
+    columns[:, 0], columns[:, 1] = np.cos(bins.position[:, joint]), np.sin(bins.position[:, joint])
+    columns[:, 2 if run.speed > 0 else 3] = 1.0
+    columns[:, 4], columns[:, 5] = bins.velocity, bins.acceleration
+    weighted = columns.T * bins.count
+    normal = weighted @ columns
+    # Noise in a regressor adds its square.
+    normal[5, 5] -= bins.count.sum() * run.acceleration_noise
+    return normal, weighted @ bins.current
 
 
 def _arm(n_joints: int) -> Robot:
