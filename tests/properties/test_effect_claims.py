@@ -92,21 +92,3 @@ def test_row_by_row(arm, kind):
     some = {(effect.name, number): columns for effect, number, columns in columns_of(robot, part)}
     for effect, number, columns in columns_of(robot, samples):
         assert np.allclose(some[effect.name, number], columns[chosen], rtol=1e-12, atol=1e-12)
-
-
-@SETTINGS
-@given(ARMS, st.sampled_from(["constant", "stroke"]))
-def test_in_triangle_is_true(arm, kind):
-    """Columns said to lie in a run's triangle do: cos, sin, one, and for strokes velocity and acceleration."""
-    rng = np.random.default_rng(arm[1])
-    robot = random_arm(arm[0], rng)
-    samples = moving(robot, rng, kind)
-    own = samples.joint - 1
-    q, turns = samples.position[:, own], float(robot.is_revolute[own])
-    basis = np.column_stack([turns * np.cos(q), turns * np.sin(q), np.ones(40)])
-    if kind == "stroke":
-        basis = np.column_stack([basis, samples.velocity[:, own], samples.acceleration])
-    for effect, _, columns in columns_of(robot, samples):
-        if effect.in_triangle:
-            inside = basis @ np.linalg.lstsq(basis, columns, rcond=1e-12)[0]
-            assert np.allclose(inside, columns, atol=1e-9 * max(1.0, np.abs(columns).max(initial=0.0)))

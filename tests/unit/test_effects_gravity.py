@@ -113,6 +113,7 @@ def _turn(vector: np.ndarray) -> np.ndarray:
 
 def columns(name: str, world: World, seen: Samples, **given) -> np.ndarray:
     """Columns of an effect, its owner the moving joint unless it is given."""
+    given = {"shape": {"waist": 1.0}} | given if name == "tilt" else given
     return catalogue()[name].columns(world.robot, seen, **({"number": seen.joint} | given))
 
 
