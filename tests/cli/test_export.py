@@ -116,15 +116,12 @@ def test_wrong_usage(arm, arguments, said):
 
 
 def test_bad_input(arm):
-    """No model, another recipe, constants for another arm, an effect that is not here: one message, exit code 3."""
-    text = Path("results/model.json").read_text()
-    Path("other.json").write_text(text.replace('"stribeck"', '"my_own"'))
+    """No model, another recipe, constants for another arm: one message, exit code 3."""
     tries = {
         "file-not-readable": ["none.json", "--format", "c"],
         "model-damaged": ["recipe.yaml", "--format", "c"],
         "model-other-recipe": ["results/model.json", "--format", "c", "--recipe", "ur5e"],
         "torque-constants": ["results/model.json", "--format", "urdf", "--torque-constants", "1,2,3"],
-        "unknown-effect": ["other.json", "--format", "c"],
     }
     for slug, arguments in tries.items():
         done = run("export", *arguments)

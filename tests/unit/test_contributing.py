@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+from pathlib import Path
 
 import jinja2
 import numpy as np
@@ -134,3 +135,11 @@ def test_an_export_is_one_file(added):
     added(pumaid.exports.formats, FORM)
     context = report_contexts.small()
     assert export(context.estimate, context.robot, form="dummy").files[".txt"].startswith("[[1.0")
+
+
+def test_the_page_names_each():
+    """The page walks through each kind, each within a screenful of forty lines but for the effect's table."""
+    text = (Path(__file__).parents[2] / "docs" / "contributing.md").read_text(encoding="utf-8")
+    parts = dict(part.partition("\n")[::2] for part in text.split("\n## ")[1:])
+    assert {"An effect", "A log format", "A report section", "An export", "The noise of a run"} <= set(parts)
+    assert all(len(part.splitlines()) <= 40 for name, part in parts.items() if name != "An effect")
