@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -221,6 +222,12 @@ class Fit:
         """Joint (from 1) -> the fit at its bins."""
         return {row.joint: self.at(row.bins, row.design, self.noise(row.joint)) for row in self.rows}
 
+    def with_rows(self, rows: Mapping[int, FitRow]) -> Fit:
+        """The same fit with some joints' rows by bin replaced."""
+        found = replace(self)
+        found.__dict__["by_bin"] = self.by_bin | dict(rows)
+        return found
+
     @property
     def joints(self) -> tuple[FitRow, ...]:
         """The fit at the bins of each joint, base first."""
@@ -292,14 +299,11 @@ def at_bins(fitted: Fit, bins: JointBins) -> Fit:
     bins = _loaded(fitted, bins)
     design = design_of(fitted.model, bins, fitted)
     noise = noises.noise_of(bins, bins.current - design @ (fitted.factors(bins.joint) * fitted.values))
-    other = replace(fitted)
-    other.__dict__["by_bin"] = fitted.by_bin | {bins.joint: fitted.at(bins, design, noise)}
+    other = fitted.with_rows({bins.joint: fitted.at(bins, design, noise)})
     prior = prior_rows(fitted.held, np.sqrt(fitted.pull))
     inverse, _ = rank.pseudo_inverse(other.information() + prior.T @ prior)
     linear = replace(fitted.solution.linear, inverse=inverse)
-    found = replace(fitted, solution=replace(fitted.solution, linear=linear))
-    found.__dict__["by_bin"] = other.by_bin
-    return found
+    return replace(fitted, solution=replace(fitted.solution, linear=linear)).with_rows(other.by_bin)
 
 
 def elsewhere(fitted: Fit, bins: JointBins) -> FitRow:
@@ -311,10 +315,8 @@ def elsewhere(fitted: Fit, bins: JointBins) -> FitRow:
 
 def loaded(fitted: Fit) -> Fit:
     """The same fit, the bins of which have loads by it, for candidates that need them."""
-    found = replace(fitted)
     rows = {joint: replace(row, bins=_loaded(fitted, row.bins)) for joint, row in fitted.by_bin.items()}
-    found.__dict__["by_bin"] = rows
-    return found
+    return fitted.with_rows(rows)
 
 
 def _loaded(fitted: Fit, bins: JointBins) -> JointBins:

@@ -38,8 +38,8 @@ def brute(solved: Fit, shapes: list[EffectTerm], fold: tuple[int, tuple[int, ...
         base, columns, target = dense(solved, added)
         whole = np.column_stack([base, columns])
         size = np.linalg.norm(whole, axis=0) + 1e-300
-        fitted = np.linalg.lstsq(whole[~out] / size, target[~out], rcond=1e-9)[0] / size
-        plain = np.linalg.lstsq(base[~out] / size[: base.shape[1]], target[~out], rcond=1e-9)[0]
+        fitted = np.linalg.lstsq(whole[~out] / size, target[~out], rcond=1e-3)[0] / size
+        plain = np.linalg.lstsq(base[~out] / size[: base.shape[1]], target[~out], rcond=1e-3)[0]
         before = target - base @ (plain / size[: base.shape[1]])
         after = target - whole @ fitted
         squares.append((float(after[~out] @ after[~out]), float(before[out] @ before[out] - after[out] @ after[out])))
@@ -79,7 +79,7 @@ def test_rmse_of_runs_left_out_is_that_of_samples():
         for place, whole in enumerate(designs):
             size = np.linalg.norm(whole, axis=0) + 1e-300
             white = root[np.ix_(~out, ~out)]
-            fitted = np.linalg.lstsq(white @ whole[~out] / size, white @ row.misfit[~out], rcond=1e-9)[0] / size
+            fitted = np.linalg.lstsq(white @ whole[~out] / size, white @ row.misfit[~out], rcond=1e-3)[0] / size
             left = row.misfit[out] - whole[out] @ fitted
             squares[place] += float(row.bins.count[out] @ (left**2 + row.bins.inside[out]))
         count += float(row.bins.count[out].sum())
