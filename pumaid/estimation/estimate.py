@@ -15,7 +15,7 @@ from pumaid.errors import LogError, Where
 from pumaid.estimation import warnings
 from pumaid.estimation.covariance import fit_covariance, interval, recursion_covariance
 from pumaid.estimation.evaluate import Judge, rmse
-from pumaid.estimation.fit import Fit
+from pumaid.estimation.fit import Fit, run_of
 from pumaid.estimation.gls import Progress
 from pumaid.estimation.identifiability import Sheet, determined
 from pumaid.estimation.nonlinear import EffectFit, Ends, fit_effects
@@ -81,7 +81,7 @@ def identify(
     fitted = found.fit
     assert fitted.first is not None
     first = recursion_covariance(
-        fitted.first.system, fitted.first.solution.values, fitted.first.solution.gains, runs=fitted.run_of
+        fitted.first.system, fitted.first.solution.values, fitted.first.solution.gains, runs=run_of(fitted.first.rows)
     )
     final = first if recursive else fit_covariance(fitted)
     of_recursion = Sheet.of_recursion(fitted, runs, first)

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from pumaid.dataset import Dataset, Means, Run
 from pumaid.gravity_load import along, loads
-from pumaid.joint_bins import COARSE, JointBins, joined, joint_bins
+from pumaid.joint_bins import JointBins, joined, joint_bins
 from pumaid.maths.splits import told_apart
 from pumaid.model import Model
 from pumaid.records import TOGETHER, Campaign, Estimate, OutsideScore, RunScore, Samples
@@ -85,19 +85,18 @@ class Judge:
         return np.nan_to_num(self.model.factors(self.estimate.scales, joint))
 
     def tallies(self, runs: Sequence[Run]) -> list[Tally]:
-        """The sums of each run, over bins that are no finer than they need be."""
-        fine = {term.joint for term in self.model.effects if term.effect.periodic is not None}
+        """The sums of each run."""
         out: dict[int, Tally] = {}
         for joint in sorted({run.joint for run in runs}):
             own = [n for n, run in enumerate(runs) if run.joint == joint]
-            found = self.judged([runs[n] for n in own], most=None if joint in fine else COARSE)
+            found = self.judged([runs[n] for n in own])
             out |= dict(zip(own, (tally for tally, _ in found), strict=True))
         return [out[n] for n in range(len(runs))]
 
-    def judged(self, runs: Sequence[Run], *, most: int | None = None) -> list[tuple[Tally, Floats]]:
-        """The sums of each of some runs of one joint, and its regressor (M, p) at its bins, `most` of a run."""
+    def judged(self, runs: Sequence[Run]) -> list[tuple[Tally, Floats]]:
+        """The sums of each of some runs of one joint, and its regressor (M, p) at its bins."""
         robot = self.model.robot
-        (bins,) = joint_bins(robot, runs, most=most, campaign=self.campaign, is_settled=False)
+        (bins,) = joint_bins(robot, runs, campaign=self.campaign, is_settled=False)
         nodes, _ = bins.nodes
         known = None
         if self.model.needs_loads():

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -213,9 +213,7 @@ class Fit:
     @property
     def run_of(self) -> Counts:
         """(N,) number of the run that each equation belongs to."""
-        before = np.cumsum([0, *[len(row.bins.runs) for row in self.rows]])
-        parts = zip(before, self.rows, strict=False)
-        return np.concatenate([n + np.repeat(np.arange(len(r.bins.runs)), r.target.shape[1]) for n, r in parts])
+        return run_of(self.rows)
 
     @cached_property
     def by_bin(self) -> dict[int, FitRow]:
@@ -262,19 +260,27 @@ class Start:
 
     Attributes
     ----------
-    levels
-        Variances by joint (from 1).
+    rows, levels
+        Its rows, and variances by joint (from 1).
     system, solution
-        Its whitened rows and its result, with the least squares over all rows there.
+        The rows whitened, and its result, with the least squares over all rows there.
     absorbed
         By column (from 0) that the recursion leaves open: the ratios (i, j) of gains (joints from 1) whose loads it
         absorbs.
     """
 
+    rows: tuple[Row, ...]
     levels: dict[int, Levels]
     system: Bilinear
     solution: JointSolution
     absorbed: dict[int, list[tuple[int, int]]]
+
+
+def run_of(rows: Sequence[Row]) -> Counts:
+    """(N,) number of the run that each equation of some rows belongs to."""
+    before = np.cumsum([0, *[len(row.bins.runs) for row in rows]])
+    parts = zip(before, rows, strict=False)
+    return np.concatenate([n + np.repeat(np.arange(len(r.bins.runs)), r.target.shape[1]) for n, r in parts])
 
 
 def rmse_by_joint(fitted: Fit) -> dict[int, float]:

@@ -158,7 +158,7 @@ def fit_bins(
         start.take(row, limit)
     system, gains = system_of(rows, start.levels, owners), start.paper.gains
     solution = fit_bilinear(system, start.paper.values, gains, limit=reach_of(model, limit, gains), most_steps=0)
-    first = Start(dict(start.levels), system, solution, _absorbed(start.paper, start.is_load))
+    first = Start(rows, dict(start.levels), system, solution, _absorbed(start.paper, start.is_load))
     held, levels = priors(model, limit, is_tight=True), dict(start.levels)
     pull = np.zeros(len(gains.edges))
     if not recursive:

@@ -356,9 +356,10 @@ def _freedoms(fitted: Fit, solution: JointSolution, errors: Clustered) -> Floats
     poor = out < FEWEST_FREEDOMS
     gains, start = solution.gains, 0
     first = fitted.first
-    variances = first.levels if first is not None and solution is first.solution else fitted.levels
+    is_first = first is not None and solution is first.solution
+    variances, rows = (first.levels, first.rows) if first is not None and is_first else (fitted.levels, fitted.rows)
     joints = np.array([*fitted.system.owners, *(_above(gains, edge) for edge in gains.edges)])
-    for row in fitted.rows:
+    for row in rows:
         stop = start + row.target.size
         chosen = np.flatnonzero(poor & (joints == row.joint - 1))
         if len(chosen):
