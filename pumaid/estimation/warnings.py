@@ -18,7 +18,7 @@ from pumaid.estimation.fit import Fit, FitRow
 from pumaid.estimation.gls import fit_bins
 from pumaid.estimation.nonlinear import EffectFit
 from pumaid.estimation.rows import reduced
-from pumaid.joint_bins import JointBins
+from pumaid.joint_bins import JointBins, joint_bins
 from pumaid.model import Model
 from pumaid.preprocessing.options import STROKE
 from pumaid.preprocessing.replicates import Pair
@@ -145,7 +145,12 @@ def of_runs(fitted: Fit) -> list[Note]:
         odd = [n for n in steady if left[n] > ODD * usual]
         if usual > 0.0 and 0 < len(odd) <= MOST_ODD * len(steady):
             found.append(_odd_runs([row.bins.runs[n] for n in odd], left[odd], usual, of=len(steady)))
-        sizes = [] if odd else _outliers(row.bins)
+        if not odd:
+            sizes = _outliers(joint_bins(fitted.model.robot, row.bins.runs, is_settled=False)[0])
+        elif len(odd) > MOST_ODD * len(steady):
+            sizes = [usual, float(np.sqrt(np.mean(left[steady] ** 2)))]
+        else:
+            sizes = []
         if sizes and sizes[1] > SEEN * math.sqrt(row.bins.mean_square):
             shown = f"{number(sizes[1])} A (RMS), where half of the time it is {number(sizes[0])} A"
             text = f"the noise of joint {row.joint}'s current is mostly outliers: {shown}"

@@ -462,7 +462,7 @@ def _columns(log: dict[Any, Any], arm: Arm) -> Iterator[Fault]:
         try:
             places = [{"joint": k + 1, "joint0": k, "name": name} for k, name in enumerate(arm.names)]
             columns = {template.format(**place) for place in places if "." not in template and "[" not in template}
-        except (AttributeError, ValueError, LookupError):
+        except (AttributeError, TypeError, ValueError, LookupError):
             continue
         shared = next((column for column in sorted(columns) if taken[column]), None)
         taken.update(columns)
