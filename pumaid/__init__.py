@@ -37,7 +37,7 @@ _NAMES = {
     "pumaid.verbs.compare": "compare",
     "pumaid.diagnosis.diagnose": "diagnose",
     "pumaid.preprocessing.segment": "segment",
-    "pumaid.verbs.simulate": "simulate",
+    "pumaid.simulation.session": "simulate",
 }
 _HOMES = {name: module for module, names in _NAMES.items() for name in names.split()}
 

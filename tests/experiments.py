@@ -19,7 +19,7 @@ from pumaid.model import Model
 from pumaid.preprocessing.segment import segment
 from pumaid.records import Estimate
 from pumaid.simulation import Bench, Noise, Truth, table1
-from pumaid.verbs.simulate import simulate
+from pumaid.simulation.session import simulate
 
 #: Experiments of which intervals are judged, and of which errors are compared with the least possible.
 EXPERIMENTS, COMPARED = 100, 200

@@ -14,7 +14,7 @@ from pumaid.model import Model
 from pumaid.records import Estimate, JointFit, Samples
 from pumaid.records.estimate import Value
 from pumaid.robot import EffectChoice, Robot
-from pumaid.simulation.draw import draw
+from pumaid.simulation.random_robot import draw
 from tests.worlds import CRANE, arm, random_arm
 
 #: Effects that no posture and velocity determine; the contract of docs/export.md.

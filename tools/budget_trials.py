@@ -26,7 +26,7 @@ from pumaid.io.recipe import read_recipe, shipped_recipes
 from pumaid.records import Budget
 from pumaid.robot import Robot
 from pumaid.simulation import Bench, Truth, draw, table1
-from pumaid.simulation.hidden import Hidden, sized
+from pumaid.simulation.hidden_effects import Hidden
 from pumaid.trajectory import Motion, Plan
 from pumaid.verbs.compare import compare
 
@@ -138,7 +138,7 @@ def hidden(truth: Truth, effect: str, joint: int, *, seed: int) -> tuple[list[Be
     values = {"friction_step": {"time": 1500.0}}.get(effect, {})
     values |= {"time_constant": 1500.0} if effect in ("warmup", "torque_constant_drift") else {}
     try:
-        (one,) = sized((Hidden(effect, where, values),), truth)
+        (one,) = truth.hiding([Hidden(effect, where, values)]).hidden
     except PumaidError:
         return None
     bare = replace(truth.with_noise(0.0), hidden=(one,))

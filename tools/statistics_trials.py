@@ -28,7 +28,7 @@ from pumaid.io.recipe import read_recipe, shipped_recipes
 from pumaid.model import Model
 from pumaid.records import UNEXPLAINED_JOINT, Campaign
 from pumaid.simulation import Bench, Truth, draw, table1
-from pumaid.simulation.hidden import Hidden
+from pumaid.simulation.hidden_effects import Hidden
 
 #: First seed of the clean experiments, and of those with a hidden effect.
 CLEAN, HIDDEN = 610_000, 620_000

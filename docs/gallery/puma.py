@@ -10,14 +10,14 @@ from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
+from pumaid.simulation.mujoco_engine import RigidArm
 
 from pumaid.io.log_writer import write_log
 from pumaid.records import Log
 from pumaid.robot import Joint, Robot
 from pumaid.simulation import table1
-from pumaid.simulation.links import Links
-from pumaid.simulation.physics.rigid import Rigid
-from pumaid.simulation.truth import Noise, Truth
+from pumaid.simulation.gravity import Links
+from pumaid.simulation.virtual_robot import Noise, Truth
 
 Floats = NDArray[np.float64]
 
@@ -62,9 +62,9 @@ class Arm:
     speed: Floats
     seed: int
 
-    def engine(self) -> Rigid:
+    def engine(self) -> RigidArm:
         """The arm in MuJoCo: dry friction falls from rest to motion, on the shafts of the motors."""
-        return Rigid(self.truth, step=TICK, grip=lambda v: 1.0 + self.stribeck * np.exp(-np.abs(v) / self.speed))
+        return RigidArm(self.truth, step=TICK, grip=lambda v: 1.0 + self.stribeck * np.exp(-np.abs(v) / self.speed))
 
 
 def recipe(*, coupled: bool = True) -> Robot:
@@ -120,7 +120,7 @@ class Drive:
     def step(self, current: Floats) -> Floats:
         """Give (6,) A for a tick; what the drives gave of it."""
         given = np.clip(current, -MOST, MOST)
-        self.engine.advance(given, TICK)
+        self.engine.advance(given)
         before, self.position = self.position, self._encoder()
         self.velocity = self.velocity + TICK / FILTER * ((self.position - before) / TICK - self.velocity)
         return given

@@ -11,8 +11,17 @@ from numpy.typing import NDArray
 
 from pumaid.design.collision import Collision
 from pumaid.robot import Joint, Robot
-from pumaid.simulation.ranges import QUICKEST_SLIDE, QUICKEST_TURN, span
-from pumaid.trajectory import Motion, Plan, accelerations, cruise, duration, highest_speeds
+from pumaid.trajectory import (
+    QUICKEST_SLIDE,
+    QUICKEST_TURN,
+    Motion,
+    Plan,
+    accelerations,
+    cruise,
+    duration,
+    highest_speeds,
+    span,
+)
 from pumaid.units import factor
 
 Floats = NDArray[np.float64]

@@ -14,9 +14,8 @@ from pumaid.design.prior import Prior
 from pumaid.errors import Note, Where
 from pumaid.preprocessing.options import DEFAULTS
 from pumaid.robot import Robot
-from pumaid.simulation.ranges import span
 from pumaid.structure import Structure
-from pumaid.trajectory import Motion, Posture, highest_speeds
+from pumaid.trajectory import Motion, Posture, highest_speeds, span
 from pumaid.units import factor, number
 
 #: A posture serves a parameter whose error grows by this factor without it; from the second on it is lost.
@@ -96,14 +95,14 @@ def weight_notes(prior: Prior, promised: dict[str, float]) -> list[Note]:
         return []
     hint = "A payload {:g} mm off the axis shows it: --payload {},{:g},0,0"
     share = promised[name] / abs(float(np.median([t.parameters()[name] for t in prior.robots])))
-    if truth.gain is None:
+    if truth.known is not None:
         text = (
             f"{name} cannot be identified with the weight that this arm has: its predicted error is"
             f" {number(share, 2)} times its value. {hint.format(1e3 * _LEVER, 0.5, _LEVER)}"
         )
         return [Note("plan-needs-weight", text, Where(joint=n))] if share >= _WEAK else []
     moments = [
-        np.hypot(t.constants.x[-1], t.constants.y[-1]) / abs(t.gain[-1]) for t in prior.robots if t.gain is not None
+        np.hypot(t.constants.x[-1], t.constants.y[-1]) / abs(t.masses[1][-1]) for t in prior.robots if t.known is None
     ]
     least = max(float(np.median(moments)) * share / _WEAK, _LEAST)
     text = (

@@ -15,7 +15,7 @@ from pumaid.design.candidate_runs import JointCandidates, Sweep, seconds_of
 from pumaid.effects import catalogue
 from pumaid.records import Samples
 from pumaid.robot import Robot
-from pumaid.simulation.truth import Noise, Truth
+from pumaid.simulation.virtual_robot import Noise, Truth
 from pumaid.structure import Structure
 from pumaid.trajectory import Motion, cruise
 

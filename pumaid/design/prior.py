@@ -11,10 +11,9 @@ from numpy.typing import NDArray
 from pumaid.errors import ModelError
 from pumaid.records import NOT_IDENTIFIABLE, Estimate
 from pumaid.robot import Robot
-from pumaid.simulation.draw import draw
-from pumaid.simulation.links import Links
-from pumaid.simulation.recursion import Constants, constants
-from pumaid.simulation.truth import Friction, Noise, Truth
+from pumaid.simulation.gravity import Constants, Links, constants
+from pumaid.simulation.random_robot import draw
+from pumaid.simulation.virtual_robot import Friction, Noise, Truth
 from pumaid.units import factor, number
 
 Floats = NDArray[np.float64]
@@ -100,7 +99,7 @@ class Setup:
 
 def _gain(truth: Truth) -> Floats:
     """(J,) A/(N m) or A/N; where only constants in A are known, the last motor's is a usual one."""
-    if truth.gain is not None:
+    if truth.gain is not None and truth.known is None:
         return truth.gain
     usual = draw(truth.robot, 0).gain
     assert usual is not None

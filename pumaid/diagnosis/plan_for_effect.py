@@ -22,8 +22,8 @@ from pumaid.model import Model
 from pumaid.records import Estimate, Finding, NextRun
 from pumaid.robot import EffectChoice, Robot
 from pumaid.simulation import Bench
-from pumaid.simulation.hidden import LAWS, Hidden, sized
-from pumaid.simulation.truth import Truth
+from pumaid.simulation.hidden_effects import LAWS, Hidden
+from pumaid.simulation.virtual_robot import Truth
 from pumaid.trajectory import Plan, Posture, duration
 from pumaid.units import number
 
@@ -127,7 +127,7 @@ def usual(truth: Truth, wanted: EffectChoice) -> Hidden | None:
     if wanted.effect not in LAWS:
         return None
     try:
-        return sized([Hidden(wanted.effect, wanted.joint, dict(wanted.shape))], truth)[0]
+        return truth.hiding([Hidden(wanted.effect, wanted.joint, dict(wanted.shape))]).hidden[0]
     except ModelError:
         return None
 

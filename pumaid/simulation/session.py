@@ -2,28 +2,133 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 
 import numpy as np
 from numpy.typing import NDArray
 
+from pumaid.errors import ModelError, Where
 from pumaid.records import Log
-from pumaid.simulation.heat import STEP, Heat
-from pumaid.simulation.hidden import Instants, State, bent, delays
-from pumaid.simulation.noise import coloured, correlation
-from pumaid.simulation.physics.bodies import Bodies
-from pumaid.simulation.physics.march import Course, March
-from pumaid.simulation.seams import Rehearsal, groups, led
-from pumaid.simulation.timing import Stretch, first_starts, stretches
-from pumaid.simulation.truth import Truth
-from pumaid.trajectory import Plan
+from pumaid.robot import Robot
+from pumaid.simulation.controller import Controller
+from pumaid.simulation.hidden_effects import (
+    AMBIENT,
+    RISE,
+    TEMPERATURE_STEP,
+    WARMING_TIME,
+    ArmState,
+    JointState,
+    delays,
+    whole,
+)
+from pumaid.simulation.monte_carlo import first_starts
+from pumaid.simulation.mujoco_engine import RigidArm
+from pumaid.simulation.random_robot import draw
+from pumaid.simulation.virtual_robot import Truth
+from pumaid.trajectory import Plan, Trapezoid, trapezoids
 
 Floats = NDArray[np.float64]
 
-#: What moves the robot.
-BUILTIN, MUJOCO = "builtin", "mujoco"
-#: Most samples of a batch.
-CHUNK = 16384
+#: Hz of a log: slower, and a run of a few seconds would leave a sample or none; no drive that is logged is faster.
+SLOWEST, FASTEST = 1.0, 1000.0
+#: Hz: the controller works at the log's rate, but not slower than this; slower ones let the speed waver.
+CONTROL = 200.0
+#: rad or m, A: an arm that is farther away, or a motor that draws more, is not held by its controller.
+_FARTHEST, _MOST = 1e3, 1e6
+
+
+def simulate(
+    robot: Robot,
+    plan: Plan,
+    *,
+    seed: int = 0,
+    truth: Truth | None = None,
+    rate: float = 250.0,
+    noise: float | None = None,
+    runs_per_file: int = 40,
+    has_velocity: bool = True,
+    has_temperature: bool = False,
+) -> Iterator[Log]:
+    """A virtual robot executes a plan, motion by motion, and logs what a real one would.
+
+    It goes to each motion's start with all joints at once, rests, runs, rests, all in closed loop under the controller
+    of the paper's experiment. Motors carry gravity, friction by direction, and the inertia of links that push each
+    other (MuJoCo); joints at rest are held by stiction, too. Logs have the steps of encoders and sensors, noise that is
+    correlated from sample to sample and a level for each run.
+
+    Parameters
+    ----------
+    robot
+        J joints.
+    plan
+        Motions in the order of their execution.
+    seed
+        Same seed, same robot and same noise.
+    truth
+        The virtual robot; drawn from `seed` where not given.
+    rate
+        Samples a second, 1 to 1000.
+    noise
+        A, standard deviation of every joint's noise; 0 leaves out noise and quantisation. The truth's own where not
+        given.
+    runs_per_file
+        Planned motions in one file.
+    has_velocity
+        Whether the log has velocities.
+    has_temperature
+        Whether the log has the motors' temperatures; it has them anyway where something hidden depends on them.
+
+    Returns
+    -------
+    logs
+        Batches in order of time, one a movement; batches of one file share their `origin` (``session_01`` ...).
+
+    Raises
+    ------
+    ModelError [plan-misfit]
+        The plan is for another number of joints, or has a speed that is none.
+    ModelError [rate-impossible]
+        The rate is below 1 Hz or above 1000 Hz.
+    ModelError [physics-wrong]
+        A motor's inertia counts against its gain.
+    ModelError [simulation-diverged]
+        While the logs are read: the controller does not hold this arm.
+
+    Examples
+    --------
+    >>> from pumaid.simulation import table1
+    >>> truth = table1.puma560()
+    >>> first = next(simulate(truth.robot, table1.experiment(), truth=truth, seed=1))
+    >>> first.origin, first.current.shape[1]
+    ('session_01', 6)
+    """
+    if not SLOWEST <= rate <= FASTEST:
+        mend = f"give a rate of {SLOWEST:g} to {FASTEST:g} Hz"
+        raise ModelError("rate-impossible", f"a log cannot have {rate:g} samples a second", mend=mend)
+    for number, motion in enumerate(plan.motions, start=1):
+        if len(motion.hold) != robot.n_joints or not 1 <= motion.joint <= robot.n_joints:
+            raise ModelError(
+                "plan-misfit",
+                f"run {number} of the plan moves joint {motion.joint} of {len(motion.hold)}; "
+                f"{robot.name} has {robot.n_joints} joints",
+                Where(field=f"runs[{number}]"),
+                "take a plan made for this robot: pumaid plan",
+            )
+        if not 0.0 < motion.velocity < math.inf:
+            what = f"run {number} of the plan has the speed {motion.velocity:g}"
+            raise ModelError("plan-misfit", what, Where(field=f"runs[{number}].velocity"), "speeds are positive")
+    truth = draw(robot, seed) if truth is None else truth
+    session = Session(
+        truth if noise is None else truth.with_noise(noise),
+        plan,
+        np.random.default_rng([seed, 2]),
+        rate=rate,
+        runs_per_file=runs_per_file,
+        has_velocity=has_velocity,
+        has_temperature=has_temperature,
+    )
+    return session.logs()
 
 
 class Session:
@@ -37,16 +142,8 @@ class Session:
         What it executes.
     rng
         Source of noise and of where stiction leaves the joints before the first run.
-    rate
-        Samples a second.
-    runs_per_file
-        Planned motions in one file.
-    has_velocity
-        Whether the log has velocities.
-    has_temperature
-        Whether the log has the motors' temperatures.
-    physics
-        ``"builtin"``, or ``"mujoco"``: rigid-body dynamics.
+    rate, runs_per_file, has_velocity, has_temperature
+        As for `simulate`.
     """
 
     def __init__(
@@ -59,91 +156,111 @@ class Session:
         runs_per_file: int = 40,
         has_velocity: bool = True,
         has_temperature: bool = False,
-        physics: str = BUILTIN,
     ) -> None:
         self.truth, self.plan, self.rng, self.rate = truth, plan, rng, rate
         self.runs_per_file, self.has_velocity = runs_per_file, has_velocity
+        self.has_temperature = has_temperature or truth.hides("thermal_friction")
         n = truth.robot.n_joints
-        self._first = first_starts(truth.robot, plan, rate=rate)
+        self.movements = list(trapezoids(truth.robot, plan))
+        ends = np.cumsum([self._samples(movement) for movement in self.movements]) / rate
+        starts = [
+            end - self._samples(movement) / rate + movement.lead
+            for movement, end in zip(self.movements, ends, strict=True)
+            if movement.motion is not None
+        ]
+        self._first = first_starts(plan, np.array(starts), n_joints=n)
         self._delays = delays(truth.hidden, n)
-        self._heat = _heat(truth, plan) if has_temperature or truth.has_warmth else None
-        self._phi = correlation(truth.noise, rate)
-        self._noise = rng.standard_normal(n)
-        self._settled = rng.uniform(-1.0, 1.0, n)
-        self._march = March(truth, self._first, rate=rate)
-        self._bodies = self._rigid() if physics == MUJOCO else None
-        self._read = self._march.drive(truth.inertia).read
-        self._sample = 0
         self._late = np.zeros((0, n))
+        self._noise, settled = rng.standard_normal(n), rng.uniform(-1.0, 1.0, n)
+        self._ticks = math.ceil(CONTROL / rate - 1e-9)
+        period = 1.0 / (rate * self._ticks)
+        self._arm = RigidArm(truth, step=period)
+        self._controller = Controller(truth, period=period)
+        self._arm.state.first = self._first
+        self._arm.place(self.movements[0].start)
+        self._controller.start(self._arm.reading, self._arm.load + 0.8 * settled * truth.coulomb)
+        weight = truth.gravity_current(np.array([motion.hold for motion in plan.motions], dtype=float))
+        self._usual = np.sqrt(np.mean(weight**2, axis=0)) + truth.coulomb
+
+    def _samples(self, movement: Trapezoid) -> int:
+        """Every movement, with its rests, is a whole number of samples."""
+        return max(1, math.ceil(movement.seconds * self.rate - 1e-9))
 
     def logs(self) -> Iterator[Log]:
-        """Batches of at most `CHUNK` samples, none across two stretches; `origin` names the file.
+        """Samples of one movement after the other; `origin` names the file.
 
-        A stretch is a run with its rests, or a move between postures.
+        Raises
+        ------
+        ModelError [simulation-diverged]
+            The controller does not hold this arm.
         """
-        row, file_number = 2, -1
-        for stretch, course in self._courses():
-            number = stretch.index // self.runs_per_file
-            if number != file_number:
-                row, file_number = 2, number
-            for log in self._logged(course, origin=f"session_{number + 1:02d}", row=row):
-                row += len(log)
-                yield log
-
-    def _rigid(self) -> Bodies:
-        postures = np.unique([motion.hold for motion in self.plan.motions], axis=0)
-        return Bodies(self.truth, self._first, rate=self.rate, postures=postures)
-
-    def _courses(self) -> Iterator[tuple[Stretch, Course]]:
-        every = list(stretches(self.truth.robot, self.plan))
-        warm = self._heat if self.truth.has_warmth else None
-        if self._bodies is not None:
-            yield from zip(every, self._bodies.courses(every, self._settled, warm), strict=True)
-            return
-        counts = np.array([stretch.samples(self.rate) for stretch in every])
-        begin = (np.cumsum(counts) - counts) / self.rate
-        rehearsal = Rehearsal(self.truth, every, begin, self._march, rate=self.rate)
-        seams = rehearsal.seams(self._settled, warm)
-        rising = rehearsal.rising(seams)
-        for part in groups(every, self.rate):
-            warmth = seams.warmth[part], rising[part]
-            courses, _ = self._march.run(every[part], begin[part], rest=seams.rest(part), warmth=warmth)
-            for k, course in enumerate(courses, start=part.start):
-                yield every[k], led(course, seams.position[k + 1], seams.current[k + 1], rate=self.rate)
-
-    def _logged(self, course: Course, *, origin: str, row: int) -> Iterator[Log]:
-        """What the log has of a stretch: through encoders and sensors, with noise."""
-        count = len(course.position)
-        time = np.round((self._sample + np.arange(count)) / self.rate, 9)
-        temperature = None if self._heat is None else self._heat.warmed(course.current, 1.0 / self.rate)
-        current = self._delayed(self._bent(course, time)) + self._noise_of(count)
+        sample, row, origin = 0, 2, ""
         step = self.truth.noise.current_step
-        for first in range(0, count, CHUNK):
-            part = slice(first, min(first + CHUNK, count))
+        for movement in self.movements:
+            name = f"session_{(movement.number - 1) // self.runs_per_file + 1:02d}"
+            row, origin = (row, origin) if name == origin else (2, name)
+            with np.errstate(all="ignore"):  # what overflows is told below, once
+                position, velocity, current, temperature = self._execute(movement)
+            count = len(position)
+            time = np.round((sample + np.arange(count)) / self.rate, 9)
+            self._check(time, position, current, origin)
+            current = self._delayed(self._bent(time, position, velocity, current)) + self._noise_of(count)
             yield Log(
                 origin=origin,
-                rows=np.arange(row + part.start, row + part.stop, dtype=np.int64),
-                time=time[part],
-                position=self._read(course.position[part]),
+                rows=np.arange(row, row + count, dtype=np.int64),
+                time=time,
+                position=position,
                 # Rounded so that the bytes of a log do not depend on how a machine orders its additions.
-                velocity=np.round(course.velocity[part], 9) if self.has_velocity else None,
-                current=np.round(current[part] / step) * step if step > 0 else current[part],
-                temperature=None if temperature is None else np.round(np.round(temperature[part] / STEP) * STEP, 6),
-                starts_clock=self._sample == 0 and first == 0,
+                velocity=np.round(velocity, 9) if self.has_velocity else None,
+                current=np.round(current / step) * step if step > 0 else current,
+                temperature=np.round(temperature, 6) if self.has_temperature else None,
+                starts_clock=sample == 0,
             )
-        self._sample += count
+            sample, row = sample + count, row + count
 
-    def _bent(self, course: Course, time: Floats) -> Floats:
+    def _execute(self, movement: Trapezoid) -> tuple[Floats, Floats, Floats, Floats]:
+        """(N, J) positions and velocities by the encoders, currents, and temperatures by their sensors."""
+        arm, controller, state, n = self._arm, self._controller, self._arm.state, self.truth.robot.n_joints
+        count, ticks = self._samples(movement), self._ticks
+        targets, limits = controller.limits(movement, count * ticks)
+        # Tuned for the lighter end: too large a J swings, too small a one only lags.
+        inertia = np.minimum(*(np.diag(arm.inertia(place)) for place in (movement.start, movement.end)))
+        controller.tune(self.truth.masses[1] * inertia)
+        out, currents = np.zeros((3, count, n)), np.zeros((count * ticks + 2, n))
+        currents[0] = controller.current
+        warming = -np.expm1(-arm.step / WARMING_TIME) if self.has_temperature else 0.0
+        for tick in range(count * ticks):
+            current = controller.command(arm.reading, targets[tick], limits[tick])
+            currents[tick + 1] = current
+            if tick % ticks == 0:
+                out[:, tick // ticks] = controller.position, controller.velocity, state.temperature
+            arm.advance(current)
+            if warming:
+                wanted = AMBIENT + RISE * (current / self._usual) ** 2
+                state.temperature = state.temperature + warming * (wanted - state.temperature)
+        currents[-1] = currents[-2]
+        # A sensor averages: over the periods before and after the instant.
+        drawn = 0.25 * (currents[:-2] + 2.0 * currents[1:-1] + currents[2:])[::ticks]
+        position, velocity, temperature = out
+        return position, velocity, drawn, np.round(temperature / TEMPERATURE_STEP) * TEMPERATURE_STEP
+
+    def _check(self, time: Floats, position: Floats, current: Floats, origin: str) -> None:
+        """Whether the arm stays where an arm can be."""
+        far = ~(np.abs(position) <= _FARTHEST) | ~(np.abs(current) <= _MOST)
+        if far.any():
+            row, j = np.argwhere(far)[0]
+            joint = self.truth.robot.joint(int(j) + 1)
+            what = f"joint {joint.number} ({joint.name}) ran away at {time[row]:.3g} s of {origin}"
+            mend = "make smaller what is out of proportion: hidden effects, coupling, or an edited truth"
+            raise ModelError("simulation-diverged", what, Where(joint=joint.number), mend)
+
+    def _bent(self, time: Floats, position: Floats, velocity: Floats, current: Floats) -> Floats:
         """(N, J) A after the laws of the whole current."""
         if not self.truth.hidden:
-            return course.current
-        nothing = np.zeros_like(course.current)
-        arm = Instants(time, self._first, course.position, course.velocity, nothing, nothing, nothing)
-        out, truth = course.current.copy(), self.truth
-        for j in range(out.shape[1]):
-            state = State(j + 1, arm, nothing, truth.weight, truth.friction.current, np.ones(out.shape[1]))
-            out[:, j] = bent(truth.hidden, state, out[:, j])
-        return out
+            return current
+        arm = ArmState(time, self._first, position, velocity, *[np.zeros_like(current)] * 3)
+        joints = [JointState(arm, j + 1, 1.0) for j in range(current.shape[1])]
+        return np.column_stack([whole(self.truth.hidden, joint, current[:, joint.joint - 1]) for joint in joints])
 
     def _delayed(self, current: Floats) -> Floats:
         """(N, J) A as they are stamped, late; the session's first sample stands for all before it."""
@@ -151,11 +268,11 @@ class Session:
             return current
         longest = int(np.ceil(np.max(self._delays) * self.rate)) + 1
         before = self._late if len(self._late) else np.tile(current[:1], (longest, 1))
-        whole, out = np.concatenate([before, current]), current.copy()
+        joined, out = np.concatenate([before, current]), current.copy()
         places = len(before) + np.arange(len(current))
         for j in np.flatnonzero(self._delays):
-            out[:, j] = np.interp(places - self._delays[j] * self.rate, np.arange(len(whole)), whole[:, j])
-        self._late = whole[-longest:]
+            out[:, j] = np.interp(places - self._delays[j] * self.rate, np.arange(len(joined)), joined[:, j])
+        self._late = joined[-longest:]
         return out
 
     def _noise_of(self, count: int) -> Floats:
@@ -163,12 +280,6 @@ class Session:
         levels = noise.level_std * self.rng.standard_normal(len(noise.std))
         if not np.any(noise.std > 0):
             return np.zeros((count, len(levels)))
-        found = coloured(self.rng, (count, len(levels)), phi=self._phi, start=self._noise)
-        self._noise = found[-1]
-        return noise.sample_std * found + levels
-
-
-def _heat(truth: Truth, plan: Plan) -> Heat:
-    """Cold motors, each of a size for its Coulomb friction and for the weight that it carries in the plan."""
-    weight = truth.gravity_current(np.array([motion.hold for motion in plan.motions], dtype=float))
-    return Heat.cold(np.sqrt(np.mean(weight**2, axis=0)) + truth.coulomb)
+        series = noise.series(self.rng, (count, len(levels)), rate=self.rate, start=self._noise)
+        self._noise = series[-1]
+        return noise.sample_std * series + levels

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from pumaid.robot import Joint, Robot
-from pumaid.simulation.recursion import Constants
-from pumaid.simulation.truth import Friction, Noise, Truth
+from pumaid.simulation.gravity import Constants
+from pumaid.simulation.virtual_robot import Friction, Noise, Truth
 from pumaid.trajectory import Motion, Plan, Posture
 from pumaid.units import factor
 

@@ -15,8 +15,8 @@ from pumaid.io.recipe import read_recipe, shipped_recipes
 from pumaid.preprocessing.segment import segment
 from pumaid.robot import Robot
 from pumaid.simulation import Session, draw
-from pumaid.simulation.physics.joints import inertia
-from pumaid.simulation.record import as_json
+from pumaid.simulation.mujoco_engine import RigidArm
+from pumaid.simulation.truth_file import as_json
 from pumaid.trajectory import Motion, Plan
 
 #: Arms and sessions on which nothing was chosen.
@@ -47,7 +47,8 @@ def inertias(rate: float, step: float | None) -> tuple[np.ndarray, np.ndarray]:
         if step is not None:
             truth = replace(truth, noise=replace(truth.noise, counts=np.full(2, 1.0 / step)))
         logs = Session(truth, strokes_and_runs(), np.random.default_rng(seed), rate=rate).logs()
-        found, known = identify(segment(logs, pendulums()), pendulums()), inertia(truth)
+        found = identify(segment(logs, pendulums()), pendulums())
+        known = truth.gain * np.diag(RigidArm(truth, step=0.001).inertia(np.full(2, 0.4)))
         for value in found.values:
             if value.name.startswith("inertia.") and value.value is not None:
                 off = value.value - known[value.joint - 1]

@@ -14,9 +14,9 @@ from pumaid.preprocessing.hold_out import match_with_plan
 from pumaid.preprocessing.segment import segment
 from pumaid.robot import Robot
 from pumaid.simulation import Bench, draw
+from pumaid.simulation.session import simulate
 from pumaid.structure import minimal
 from pumaid.trajectory import Plan
-from pumaid.verbs.simulate import simulate
 
 pytestmark = pytest.mark.slow
 

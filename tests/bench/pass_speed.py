@@ -25,7 +25,7 @@ from pathlib import Path
 from pumaid.io.log_writer import write_log
 from pumaid.io.recipe import shipped_recipes
 from pumaid.simulation import table1
-from pumaid.verbs.simulate import simulate
+from pumaid.simulation.session import simulate
 
 ROOT = Path(__file__).parents[2]
 LOG = ROOT / "bench" / "log.csv"

@@ -21,12 +21,12 @@ from pumaid.io.log_writer import write_log
 from pumaid.io.recipe import read_recipe, shipped_recipes
 from pumaid.records import Log
 from pumaid.robot import Robot
-from pumaid.simulation.draw import draw
-from pumaid.simulation.physics.mjcf import mjcf
-from pumaid.simulation.truth import Friction, Truth
+from pumaid.simulation.mujoco_engine import mjcf
+from pumaid.simulation.random_robot import draw
+from pumaid.simulation.session import simulate
+from pumaid.simulation.virtual_robot import Friction, Truth
 from pumaid.trajectory import Motion, Plan
 from pumaid.units import factor
-from pumaid.verbs.simulate import simulate
 
 Floats = NDArray[np.float64]
 
@@ -110,7 +110,7 @@ def experiment(robot: Robot, laps: int) -> Plan:
 def session(truth: Truth, rows: int) -> list[Log]:
     """At least so many rows of the experiment, in rigid-body physics."""
     plan = experiment(truth.robot, math.ceil(rows / (RATE * LAP)))
-    return list(simulate(truth.robot, plan, seed=SEED, truth=truth, rate=RATE, runs_per_file=10**9, physics="mujoco"))
+    return list(simulate(truth.robot, plan, seed=SEED, truth=truth, rate=RATE, runs_per_file=10**9))
 
 
 def in_torque(truth: Truth, logs: list[Log]) -> Rows:

@@ -12,7 +12,7 @@ import pytest
 from pumaid.io.log_writer import write_log
 from pumaid.io.recipe import shipped_recipes
 from pumaid.simulation import table1
-from pumaid.verbs.simulate import simulate
+from pumaid.simulation.session import simulate
 
 #: Twice the paper's experiment takes 2700 s of robot time; at this rate and thrice (as other names of the same files)
 #: that is two million rows of 19 columns.

@@ -11,7 +11,7 @@ import peers
 import pytest
 
 from pumaid.io.recipe import read_recipe
-from pumaid.simulation.truth import Truth
+from pumaid.simulation.virtual_robot import Truth
 
 
 @pytest.fixture(scope="module")

@@ -15,7 +15,7 @@ import pumaid
 from pumaid.cli import group
 from pumaid.io.log_writer import write_log
 from pumaid.io.recipe import shipped_recipes
-from pumaid.simulation.draw import draw
+from pumaid.simulation.random_robot import draw
 from pumaid.trajectory import Plan
 
 

@@ -13,7 +13,7 @@ from pumaid.dataset import Dataset, FileFacts
 from pumaid.estimation.estimate import identify
 from pumaid.records import Budget
 from pumaid.simulation import Bench, Truth, table1
-from pumaid.simulation.hidden import Hidden, sized
+from pumaid.simulation.hidden_effects import Hidden
 from pumaid.trajectory import Motion, Plan
 from pumaid.verbs.compare import compare
 
@@ -41,7 +41,7 @@ TRACES = {
 def hiding(effect: str, *, size: float, **values: float) -> Truth:
     """The PUMA with an effect in joint 3, `size` times what would show at once."""
     bare = table1.puma560()
-    (one,) = sized((Hidden(effect, JOINT, values),), bare)
+    (one,) = bare.hiding([Hidden(effect, JOINT, values)]).hidden
     kept = {key: value * (size if key in AMPLITUDES else 1.0) for key, value in one.values.items()}
     return replace(bare, hidden=(Hidden(effect, JOINT, kept),))
 

@@ -9,6 +9,7 @@ from functools import cache
 import numpy as np
 import pytest
 from menus import arm, motions_of, names, prior, small_set
+from paper_recursion import gravity_current
 
 from pumaid.design.candidate_runs import home, speeds, sweeps, top_speed
 from pumaid.design.exchange import ContinuousDesign, Criterion, continuous_design
@@ -23,9 +24,7 @@ from pumaid.design.information import (
 from pumaid.design.planner import Objective
 from pumaid.robot import Joint, Robot
 from pumaid.simulation import Noise, draw, table1
-from pumaid.simulation.ranges import span
-from pumaid.simulation.recursion import gravity_current
-from pumaid.trajectory import Motion
+from pumaid.trajectory import Motion, span
 from pumaid.units import factor
 
 ROBOTS, WIDTH = 3, 5

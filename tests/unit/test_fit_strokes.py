@@ -18,7 +18,7 @@ from pumaid.preprocessing.segment import segment
 from pumaid.records import Campaign
 from pumaid.robot import EffectChoice
 from pumaid.simulation import Session, draw
-from pumaid.simulation.hidden import parse
+from pumaid.simulation.hidden_effects import parse
 from pumaid.trajectory import Motion, Plan
 
 PENDULUM = read_recipe(shipped_recipes()["pendulum2"])

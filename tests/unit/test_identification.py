@@ -16,7 +16,7 @@ from pumaid.model import Model
 from pumaid.records import Campaign
 from pumaid.robot import EffectChoice
 from pumaid.simulation import Bench
-from pumaid.simulation.hidden import parse
+from pumaid.simulation.hidden_effects import parse
 from pumaid.trajectory import Plan
 from pumaid.verbs.compare import compare
 

@@ -8,17 +8,16 @@ from functools import cache
 
 import numpy as np
 import pytest
+from paper_recursion import gravity_current
 
 from pumaid.design.candidate_runs import top_speed
 from pumaid.design.plan import plan
 from pumaid.errors import Faults, ModelError
 from pumaid.io.recipe import read_recipe, shipped_recipes
 from pumaid.robot import Joint, Robot
-from pumaid.simulation.draw import draw
-from pumaid.simulation.ranges import span
-from pumaid.simulation.recursion import gravity_current
+from pumaid.simulation.random_robot import draw
 from pumaid.structure import minimal
-from pumaid.trajectory import Motion, Plan
+from pumaid.trajectory import Motion, Plan, span
 
 ARMS = ("puma560", "stanford", "pendulum2")
 

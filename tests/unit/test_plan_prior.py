@@ -18,7 +18,7 @@ from pumaid.io.recipe import read_recipe, shipped_recipes
 from pumaid.io.recipe_template import with_gravity
 from pumaid.robot import Joint, Robot
 from pumaid.simulation import Bench, draw, table1
-from pumaid.simulation.links import Links
+from pumaid.simulation.gravity import Links
 
 #: Upright it hides all that its first link weighs.
 TURRET = Robot("turret", (Joint(1, "turn", "revolute"), Joint(2, "nod", "revolute", alpha=np.pi / 2, a=0.2)))

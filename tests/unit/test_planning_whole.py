@@ -19,7 +19,7 @@ from pumaid.estimation.estimate import identify
 from pumaid.records import Estimate
 from pumaid.robot import Box, Joint, Robot, Safety, Sphere
 from pumaid.simulation import Bench, draw, table1
-from pumaid.simulation.links import Links
+from pumaid.simulation.gravity import Links
 
 DEG = np.pi / 180.0
 

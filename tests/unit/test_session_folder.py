@@ -10,8 +10,8 @@ import pytest
 from pumaid.errors import ResultError
 from pumaid.io.recipe import read_recipe, shipped_recipes
 from pumaid.io.session import read_truth, write_session
+from pumaid.simulation.session import simulate
 from pumaid.trajectory import Motion, Plan
-from pumaid.verbs.simulate import simulate
 
 ARM = read_recipe(shipped_recipes()["pendulum2"])
 MOTION = Motion(1, (0.0, 0.3), -0.5, 0.5, 0.5)

@@ -12,11 +12,12 @@ from scipy.optimize import brentq
 
 from pumaid.errors import ModelError
 from pumaid.robot import Joint, Robot
-from pumaid.simulation import Bench, Hidden, Session, draw, record, table1
-from pumaid.simulation.heat import curve
-from pumaid.simulation.hidden import LAWS, Instants, parse
-from pumaid.simulation.timing import REST
-from pumaid.trajectory import Motion, Plan
+from pumaid.simulation import Bench, Hidden, Session, draw, table1
+from pumaid.simulation import truth_file as record
+from pumaid.simulation.hidden_effects import LAWS, ArmState, parse
+from pumaid.simulation.monte_carlo import warming
+from pumaid.simulation.mujoco_engine import RigidArm
+from pumaid.trajectory import REST, Motion, Plan
 
 PUMA = table1.puma560().with_noise(0.0)
 #: Joint 2's motor counts along its motion, joint 3's against it.
@@ -37,6 +38,8 @@ ARM = Robot(
     ),
 )
 HEAVY = draw(ARM, 3).with_noise(0.0)
+#: A s2/rad that each joint moves near the plan's postures.
+INERTIA = HEAVY.gain * np.diag(RigidArm(HEAVY, step=0.005).inertia(np.array([0.4, 0.0, 0.7])))
 HEAVY_PLAN = Plan(
     "three joints",
     (Motion(2, (0.4, 0.0, 0.7), -1.5, 1.5, 0.9), Motion(1, (0.0, 0.6, -0.5), 1.2, -1.2, 0.7)),
@@ -54,7 +57,7 @@ def session(truth, plan=PLAN, **options) -> dict[str, np.ndarray]:
     }
 
 
-def ideal(plan: Plan, n_joints: int) -> Instants:
+def ideal(plan: Plan, n_joints: int) -> ArmState:
     """The plan's motions one after the other at 100 Hz, each a rest of 0.4 s and a trapezoid of 3.75 rad/s2."""
     time, position, velocity, acceleration, travel, first = [], [], [], [], [], np.full(n_joints, np.nan)
     clock = 0.0
@@ -76,7 +79,7 @@ def ideal(plan: Plan, n_joints: int) -> Instants:
     whole = np.concatenate(time)
     first = np.where(np.isnan(first), np.nanmin(first), first)
     parts = (np.concatenate(some) for some in (position, velocity, acceleration, travel))
-    return Instants(whole, first, *parts, np.tile(curve(whole)[:, None], n_joints))
+    return ArmState(whole, first, *parts, np.tile(warming(whole)[:, None], n_joints))
 
 
 def static(truth, plan=PLAN) -> dict[str, np.ndarray]:
@@ -305,12 +308,12 @@ def test_thermal_friction_follows_the_logged_temperature():
     plan = replace(PLAN, motions=PLAN.motions * 40)
     found = session(replace(PUMA, hidden=(Hidden("thermal_friction", 2, {"a": -0.02}),)), plan)
     above, v = found["temperature"][:, 1] - 25.0, found["velocity"][:, 1]
-    cruising = (np.abs(v) > 0.498) & (np.abs(v) < 0.502) & (np.abs(found["position"][:, 1]) < 0.6)
+    steady = np.abs(np.gradient(v)) < 1e-5
+    cruising = steady & (np.abs(v) > 0.49) & (np.abs(v) < 0.51)
     added = found["current"][:, 1] - PUMA.gravity_current(found["position"])[:, 1] - PUMA.friction.current(2, v)
-    # The temperatures that friction follows come from a rehearsal, within 0.4 degC of the logged ones; a changing
-    # speed draws two milliamperes.
     wanted = -0.02 * np.sign(v) * above
-    assert added[cruising] == pytest.approx(wanted[cruising], abs=0.02 * 0.45 + 0.002)
+    # Temperatures are logged in steps of 0.1 degC; a changing speed draws a milliampere or two.
+    assert np.quantile(np.abs(added - wanted)[cruising], 0.999) < 0.02 * 0.06 + 0.002
     assert 3.0 < np.max(above) < 60.0
 
 
@@ -370,23 +373,23 @@ def test_other_joints_are_left_alone():
 
 @pytest.mark.parametrize("effect", sorted(set(LAWS) - {"inertia", "thermal_friction"}))
 def test_bench_hides_the_same(effect):
-    """Runs without logs carry the hidden current that logs carry at the same positions."""
+    """Runs without dynamics carry the hidden current that MuJoCo's closed loop carries at the same positions."""
     truth = HEAVY.hiding([Hidden(effect, None if effect in ("tilt", "payload") else 2, {})])
     log = session(truth, HEAVY_PLAN)
     for run in Bench(truth, HEAVY_PLAN, rate=100.0).runs(np.random.default_rng(0)):
         j, v = run.joint - 1, log["velocity"]
-        k, slips = np.abs(v[:, j] / run.speed - 1.0) < 0.03, np.abs(np.delete(v, j, axis=1)).max(axis=1) > 1e-6
-        # What a changing speed draws is no part of a run; the log's velocity is that of the interval before.
+        alone = np.abs(np.delete(v, j, axis=1)).max(axis=1) < (5e-5 if effect == "coupling" else 1e-3)
+        kept = (np.abs(v[:, j] / run.speed - 1.0) < 0.02) & alone
         rising = 100.0 * np.diff(v[:, j], append=0.0)
-        q, i = log["position"][k, j], (log["current"][:, j] - truth.inertia[j] * rising)[k]
+        whole_inertia = INERTIA[j]
+        q, i = log["position"][kept, j], (log["current"][:, j] - whole_inertia * rising)[kept]
         order = np.argsort(q)
         wanted = np.interp(run.bins.position[:, j], q[order], i[order])
-        # The bench keeps its speed to the letter; in closed loop it wavers by a percent or two where the load is steep,
-        # which is 0.01 A of friction. Where another joint gives way, its friction is in this joint's motor, too.
-        slipped = np.append(log["position"][k & slips & (effect == "coupling"), j], np.inf)
-        alone = np.abs(run.bins.position[:, j, None] - slipped).min(axis=1) > 0.1
-        assert np.mean(alone) > 0.3
-        assert run.bins.current[alone][4:-4] == pytest.approx(wanted[alone][4:-4], abs=0.015)
+        near = np.abs(run.bins.position[:, j, None] - q).min(axis=1) < 0.02
+        assert np.mean(near) > 0.3
+        # The links of a drive that sags gain and lose speed, which the bench does not know.
+        close = 0.03 if effect == "flexibility" else 0.015
+        assert run.bins.current[near][4:-4] == pytest.approx(wanted[near][4:-4], abs=close)
 
 
 def test_truth_remembers():

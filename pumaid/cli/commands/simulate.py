@@ -20,16 +20,18 @@ if TYPE_CHECKING:
 def _real(robot: Robot, truth: Path | None, *, hide: tuple[str, ...], noise: float | None, seed: int) -> Truth:
     """The virtual robot that the options describe."""
     from pumaid.io.session import read_truth
-    from pumaid.simulation import hidden, record, table1
-    from pumaid.simulation.draw import draw
+    from pumaid.simulation import table1
+    from pumaid.simulation.hidden_effects import parse
+    from pumaid.simulation.random_robot import draw
+    from pumaid.simulation.truth_file import as_json, from_json
 
     if truth is None:
         real = draw(robot, seed)
     else:
         is_paper = str(truth) == "table1"
-        real = record.from_json(record.as_json(table1.puma560()) if is_paper else read_truth(truth), robot)
+        real = from_json(as_json(table1.puma560()) if is_paper else read_truth(truth), robot)
     if hide:
-        real = real.hiding([hidden.parse(text, robot) for text in hide])
+        real = real.hiding([parse(text, robot) for text in hide])
     return real if noise is None else real.with_noise(noise)
 
 
@@ -56,13 +58,6 @@ def _real(robot: Robot, truth: Path | None, *, hide: tuple[str, ...], noise: flo
     help="Physics that the robot has: stribeck@3:a=0.2,velocity=0.1 ...; repeatable.",
 )
 @options.effects_option
-@click.option(
-    "--physics",
-    type=click.Choice(["builtin", "mujoco"]),
-    default="builtin",
-    show_default=True,
-    help="Joints by themselves, or rigid bodies (needs pumaid[mujoco]).",
-)
 @click.option("--rate", type=float, default=250.0, show_default=True, metavar="HZ", help="Samples a second.")
 @click.option("--noise", type=click.FloatRange(min=0), metavar="A", help="Noise of every current; 0 for none at all.")
 @click.option(
@@ -93,7 +88,6 @@ def command(
     output: Path | None,
     truth: Path | None,
     hide: tuple[str, ...],
-    physics: str,
     rate: float,
     noise: float | None,
     form: str,
@@ -113,7 +107,6 @@ def command(
     Example:
       pumaid simulate recipe.yaml --plan plan.yaml -o logs/ --seed 7
       pumaid simulate --hide stribeck@3:a=0.2 --hide spring@2 -o hidden/
-      pumaid simulate --physics mujoco -o rigid/
       pumaid simulate -o - | pumaid identify -
     """
     from pumaid.experiment import experiment_folder, read_robot
@@ -121,8 +114,8 @@ def command(
     from pumaid.io.session import write_session
     from pumaid.reporting.documents import session_document
     from pumaid.reporting.run_tables import session_table
-    from pumaid.simulation.record import as_json as as_json_truth
-    from pumaid.verbs.simulate import simulate
+    from pumaid.simulation.session import simulate
+    from pumaid.simulation.truth_file import as_json as as_json_truth
 
     if noise is not None and not math.isfinite(noise):
         raise click.BadParameter(f"{noise} is no noise", param_hint="--noise")
@@ -143,7 +136,6 @@ def command(
         runs_per_file=runs_per_file,
         has_velocity=not no_velocity,
         has_temperature=temperature,
-        physics=physics,
     )
     with progress("simulating", total=made.duration or None) as step:
         files = write_session(

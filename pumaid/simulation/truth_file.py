@@ -11,10 +11,9 @@ from numpy.typing import NDArray
 from pumaid import __version__
 from pumaid.errors import ModelError, Where
 from pumaid.robot import Robot
-from pumaid.simulation.hidden import LAWS, Hidden
-from pumaid.simulation.links import Links
-from pumaid.simulation.recursion import Constants
-from pumaid.simulation.truth import Friction, Noise, Truth
+from pumaid.simulation.gravity import Constants, Links
+from pumaid.simulation.hidden_effects import LAWS, Hidden
+from pumaid.simulation.virtual_robot import Friction, Noise, Truth
 
 Floats = NDArray[np.float64]
 
@@ -42,8 +41,9 @@ def as_json(truth: Truth, *, seed: int | None = None) -> dict[str, Any]:
     seed
         Of the session, where it is known.
     """
-    links, friction, noise = truth.links, truth.friction, truth.noise
-    known, digits = truth.constants, 17 if links is None else _DIGITS
+    friction, noise = truth.friction, truth.noise
+    links, gain = truth.masses if truth.known is None else (None, None)
+    worth, digits = truth.constants, 17 if links is None else _DIGITS
     return {
         "kind": "truth",
         "format": FORMAT,
@@ -52,11 +52,11 @@ def as_json(truth: Truth, *, seed: int | None = None) -> dict[str, Any]:
         "recipe": {"file": truth.robot.origin, "sha256": truth.robot.digest},
         "seed": truth.seed if seed is None else seed,
         "parameters": {name: _short(value, digits) for name, value in _seen(truth).items()},
-        "gain": None if truth.gain is None else truth.gain.tolist(),
+        "gain": None if gain is None else gain.tolist(),
         "mass": None if links is None else links.mass.tolist(),
         "centre": None if links is None else links.centre.tolist(),
         "constants": {
-            part: [_short(value, digits) for value in getattr(known, part).tolist()]
+            part: [_short(value, digits) for value in getattr(worth, part).tolist()]
             for part in ("x", "y", "mass", "ratio")
         },
         "friction": {

@@ -6,10 +6,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pumaid.robot import Robot
-from pumaid.simulation.links import Links, gravity_load
-from pumaid.simulation.ranges import anywhere
-from pumaid.simulation.truth import Friction, Noise, Truth
-from pumaid.trajectory import accelerations, highest_speeds
+from pumaid.simulation.gravity import Links, gravity_load, lengthwise
+from pumaid.simulation.virtual_robot import Friction, Noise, Truth
+from pumaid.trajectory import accelerations, highest_speeds, span
 
 Floats = NDArray[np.float64]
 
@@ -69,9 +68,7 @@ def draw(robot: Robot, seed: int) -> Truth:
 
 def _links(robot: Robot, rng: np.random.Generator) -> Links:
     n = robot.n_joints
-    along = np.zeros((n, 3))
-    for i, after in enumerate(robot.joints[1:]):
-        along[i] = [after.a, -after.d * np.sin(after.alpha), after.d * np.cos(after.alpha)]
+    along = lengthwise(robot)
     length = np.linalg.norm(along, axis=1)
     shortest = _SHORTEST * (np.sum(length) or 1.0)
     size = np.maximum(length, shortest)
@@ -87,7 +84,7 @@ def _shortened(values: Floats) -> Floats:
 
 def _capacity(robot: Robot, links: Links, rng: np.random.Generator) -> Floats:
     """(J,) rated load: the greatest that gravity asks in any of many postures, with something to spare."""
-    load = np.max(np.abs(gravity_load(robot, links, anywhere(robot, 400, rng))), axis=0)
+    load = np.max(np.abs(gravity_load(robot, links, _anywhere(robot, 400, rng))), axis=0)
     # Rounding of right angles is no load, and a motor sized for it would turn it into amperes.
     load[load < 1e-9 * np.sum(links.mass) * np.linalg.norm(robot.gravity)] = 0.0
     # A joint that never lifts (parallel to gravity) still has a motor: one for a tenth of the kind's greatest load.
@@ -97,6 +94,14 @@ def _capacity(robot: Robot, links: Links, rng: np.random.Generator) -> Floats:
             largest = np.max(load[kinds == kind])
             load = np.where(kinds == kind, np.maximum(load, 0.1 * largest if largest > 0 else 1.0), load)
     return load * rng.uniform(1.3, 2.2, robot.n_joints)
+
+
+def _anywhere(robot: Robot, count: int, rng: np.random.Generator) -> Floats:
+    """(count, J) positions: turning joints at any angle, sliding joints where a plan may move them."""
+    share = rng.uniform(-np.pi, np.pi, (count, robot.n_joints)) / np.pi
+    ends = np.array([(-np.pi, np.pi) if joint.is_revolute else span(joint) for joint in robot.joints])
+    middle, half = 0.5 * ends.sum(axis=1), 0.5 * np.diff(ends, axis=1)[:, 0]
+    return np.asarray(middle + half * share)
 
 
 def _friction(robot: Robot, sign: Floats, rng: np.random.Generator) -> Friction:

@@ -9,10 +9,8 @@ from numpy.typing import NDArray
 
 from pumaid.dataset import Bins, Run
 from pumaid.errors import ModelError, Where
-from pumaid.simulation.heat import curve
-from pumaid.simulation.hidden import Instants, delays
-from pumaid.simulation.noise import coloured, correlation
-from pumaid.simulation.truth import Truth
+from pumaid.simulation.hidden_effects import AMBIENT, RISE, WARMING_TIME, ArmState, delays
+from pumaid.simulation.virtual_robot import Truth
 from pumaid.trajectory import Motion, Plan, Trapezoid, run_times, trapezoids
 
 Floats = NDArray[np.float64]
@@ -62,7 +60,6 @@ class Bench:
 
     def __init__(self, truth: Truth, plan: Plan, *, rate: float = 100.0, bins: int = 60) -> None:
         self.truth, self.plan, self.rate = truth, plan, rate
-        self._phi = correlation(truth.noise, rate)
         starts = run_times(truth.robot, plan)[:, 0]
         self._first = first_starts(plan, starts, n_joints=truth.robot.n_joints)
         runs = [trapezoid for trapezoid in trapezoids(truth.robot, plan) if trapezoid.motion is not None]
@@ -80,7 +77,8 @@ class Bench:
         if quiet:
             errors, levels = np.zeros(self.samples), np.zeros(len(self._runs))
         else:
-            errors, levels = coloured(rng, (self.samples,), phi=self._phi), rng.standard_normal(len(self._runs))
+            errors = noise.series(rng, (self.samples,), rate=self.rate, start=rng.standard_normal())
+            levels = rng.standard_normal(len(self._runs))
         out, first = [], 0
         for prepared, level in zip(self._runs, levels, strict=True):
             last, j = first + len(prepared.position), prepared.motion.joint - 1
@@ -122,8 +120,8 @@ class Bench:
         position[:, j] = own - speed * delays(truth.hidden, truth.robot.n_joints)[j]
         velocity, travel = np.zeros_like(position), np.zeros_like(position)
         velocity[:, j], travel[:, j] = speed, np.abs(position[:, j] - motion.start)
-        warm = np.tile(curve(time)[:, None], truth.robot.n_joints)
-        at = Instants(time, self._first, position, velocity, np.zeros_like(position), travel, warm)
+        warm = np.tile(warming(time)[:, None], truth.robot.n_joints)
+        at = ArmState(time, self._first, position, velocity, np.zeros_like(position), travel, warm)
         return truth.current(motion.joint, at)
 
     def _gravity(self, motion: Motion, own: Floats) -> Floats:
@@ -149,7 +147,7 @@ class Bench:
             acceleration=np.zeros(len(count)),
             current=np.zeros(len(count)),
             variance=np.zeros(len(count)),
-            temperature=curve(mean_time) if self.truth.has_warmth else np.full(len(count), np.nan),
+            temperature=warming(mean_time) if self.truth.hides("thermal_friction") else np.full(len(count), np.nan),
         )
 
     @staticmethod
@@ -177,6 +175,11 @@ class Bench:
             bins=replace(bins, current=mean, variance=np.maximum(square - mean**2, 0.0)),
             heldout=motion.purpose == "heldout",
         )
+
+
+def warming(time: Floats) -> Floats:
+    """(N,) degC of a motor that draws a third of its usual current from 0 s on."""
+    return np.asarray(AMBIENT - RISE / 3.0 * np.expm1(-time / WARMING_TIME))
 
 
 def first_starts(plan: Plan, starts: Floats, *, n_joints: int) -> Floats:

@@ -6,10 +6,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from paper_recursion import gravity_current
 
 from pumaid.robot import Joint, Robot
-from pumaid.simulation.links import Links, gravity_load
-from pumaid.simulation.recursion import constants, gravity_current
+from pumaid.simulation.gravity import Links, constants, gravity_load
 
 #: Relative to the largest load: sums of some dozen products in double precision, with a margin of a thousand.
 EXACT = 1e-11

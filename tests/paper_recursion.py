@@ -14,56 +14,9 @@ from numpy.typing import NDArray
 
 from pumaid.kinematics import link_rotation
 from pumaid.robot import Robot
-from pumaid.simulation.links import Links
+from pumaid.simulation.gravity import Constants
 
 Floats = NDArray[np.float64]
-
-
-@dataclass(frozen=True, eq=False, slots=True)
-class Constants:
-    """What gravity is worth in amperes, as in the paper's Table I.
-
-    Attributes
-    ----------
-    x, y
-        (J,) k*_ix, k*_iy of revolute links, A s2/m; not used of prismatic ones.
-    mass
-        (J,) m^*_i of prismatic links, A s2/m; not used of revolute ones.
-    ratio
-        (J-1,) eta_i / eta_{i+1}.
-    """
-
-    x: Floats
-    y: Floats
-    mass: Floats
-    ratio: Floats
-
-
-def constants(robot: Robot, links: Links, gain: Floats) -> Constants:
-    """Constants of an arm whose masses are known: (13)-(15), (21), (22).
-
-    Parameters
-    ----------
-    robot
-        J joints.
-    links
-        Masses and centres.
-    gain
-        (J,) eta: current per load, A/(N m) or A/N.
-    """
-    n = robot.n_joints
-    outer_mass = np.cumsum(links.mass[::-1])[::-1]
-    k = links.mass[:, None] * links.centre
-    for i in range(n - 2, -1, -1):
-        after = robot.joints[i + 1]
-        turn = link_rotation(after.alpha, after.theta)
-        if after.is_revolute:
-            s = np.array([after.a, -after.d * np.sin(after.alpha), after.d * np.cos(after.alpha)])
-            # R [0, 0, k_z] does not depend on the joint's angle: z of frame i+1 is fixed in frame i.
-            k[i] += outer_mass[i + 1] * s + turn[:, 2] * k[i + 1, 2]
-        else:
-            k[i] += outer_mass[i + 1] * np.array([after.a, 0.0, 0.0]) + turn @ k[i + 1]
-    return Constants(gain * k[:, 0], gain * k[:, 1], gain * outer_mass, gain[:-1] / gain[1:])
 
 
 @dataclass(frozen=True, eq=False, slots=True)

@@ -1,0 +1,507 @@
+"""Physics that a virtual robot has and the paper's model has not: one table of laws, and how a user names them.
+
+Nothing here is shared with the effects that a model is fitted with: the laws are written a second time, most of them
+exactly where the model has a linear form, and gravity comes from the virtual arm's own masses.
+"""
+
+from __future__ import annotations
+
+import difflib
+import math
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from enum import Enum
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pumaid.errors import ModelError, Where
+from pumaid.robot import Robot
+
+Floats = NDArray[np.float64]
+
+#: degC of the room, in which every motor begins; s in which a motor comes within 1/e of its last temperature; degC
+#: above the room of a motor that draws its usual current for good; degC, resolution of the sensor.
+AMBIENT, WARMING_TIME, RISE, TEMPERATURE_STEP = 25.0, 600.0, 30.0, 0.1
+#: SI; no value of a law is larger on any arm, and farther on currents overflow.
+GREATEST = 1e9
+#: s; no current is logged later.
+LATEST = 1.0
+#: Significant digits of values that are not given.
+_DIGITS = 4
+
+
+@dataclass(frozen=True, slots=True)
+class Hidden:
+    """One hidden effect: its name in the catalogue of effects, its joint (from 1; None for all), its values (SI, A)."""
+
+    effect: str
+    joint: int | None = None
+    values: Mapping[str, float] = field(default_factory=dict)
+
+
+@dataclass(eq=False, slots=True)
+class ArmState:
+    """The whole arm at N instants, or at one (then without the first axis of all shapes).
+
+    Attributes
+    ----------
+    time
+        (N,) s of the session.
+    first
+        (J,) s of the session at which each joint's first run begins.
+    position, velocity, acceleration
+        (N, J) rad or m and their derivatives.
+    travel
+        (N, J) rad or m since each joint left its last rest.
+    temperature
+        (N, J) degC of the motors.
+    load, across
+        (N, J) A that the weight draws; A that its moment across the axis would draw if it lay along it.
+    friction
+        (N, J) A of Coulomb and viscous friction.
+    """
+
+    time: Floats
+    first: Floats
+    position: Floats
+    velocity: Floats
+    acceleration: Floats
+    travel: Floats
+    temperature: Floats
+    load: Floats = field(default_factory=lambda: np.zeros(0))
+    across: Floats = field(default_factory=lambda: np.zeros(0))
+    friction: Floats = field(default_factory=lambda: np.zeros(0))
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class JointState:
+    """One joint (from 1); `side` is +1 where its motor counts its current along the joint's motion, else -1."""
+
+    arm: ArmState
+    joint: int
+    side: float
+
+    def of(self, quantity: str, joint: float | None = None) -> Floats:
+        """(N,) values of a quantity of the arm at this joint, or at another."""
+        column: Floats = getattr(self.arm, quantity)[..., int(joint or self.joint) - 1]
+        return column
+
+    @property
+    def time(self) -> Floats:
+        """(N,) s since the joint's first run began."""
+        return np.asarray(self.arm.time - self.arm.first[self.joint - 1])
+
+    @property
+    def position(self) -> Floats:
+        """(N,) rad or m."""
+        return self.of("position")
+
+    @property
+    def speed(self) -> Floats:
+        """(N,) rad/s or m/s, not negative."""
+        return np.abs(self.of("velocity"))
+
+    @property
+    def opposing(self) -> Floats:
+        """(N,) direction of a current that overcomes friction: +1, -1, 0 at rest."""
+        return np.asarray(self.side * np.sign(self.of("velocity")))
+
+
+@dataclass(frozen=True, slots=True)
+class Typical:
+    """What is usual of one joint of a virtual arm, so that an effect can be given a size that shows.
+
+    Attributes
+    ----------
+    joint
+        From 1.
+    coulomb
+        A, mean of both directions.
+    speed, acceleration
+        The highest that a plan uses, rad/s or m/s and rad/s2 or m/s2.
+    half_span
+        Half of what a plan lets it travel, rad or m.
+    load, peak_load
+        A of gravity: root mean square and greatest over many postures.
+    across
+        A: the same root mean square of the moment across the axis.
+    coulomb_before
+        A: Coulomb friction of the joint before it (of joint 2 for joint 1).
+    last_mass, reach
+        kg of the last link, m of the whole arm.
+    """
+
+    joint: int
+    coulomb: float
+    speed: float
+    acceleration: float
+    half_span: float
+    load: float
+    peak_load: float
+    across: float
+    coulomb_before: float
+    last_mass: float
+    reach: float
+
+
+class Kind(Enum):
+    """How an effect acts."""
+
+    FRICTION = "opposes the motion, by a size in A"
+    LOAD = "draws a current whatever the motion"
+    BODY = "changes what weighs, or where it stands"
+    CURRENT = "changes the motor's whole current"
+    CLOCK = "stamps the current late"
+
+
+class Reach(Enum):
+    """Whose effect it is, and which currents it changes."""
+
+    JOINT = "joint"  # a joint's, in its own current
+    CAUSE = "cause"  # a joint's, in any current
+    ARM = "arm"  # the whole arm's
+
+
+@dataclass(frozen=True, slots=True)
+class Law:
+    """One law.
+
+    Attributes
+    ----------
+    kind
+        How it acts.
+    keys
+        Names of its values, those of the catalogue's parameters and shapes.
+    usual
+        Values, in the order of `keys`, that show at a joint like that but do not rule it.
+    current
+        (N,) A by the joint's state and the values (and by the whole current before them, of a law that changes it);
+        none for laws of bodies and clocks, which the virtual robot knows itself.
+    reach
+        Whose it is.
+    letters
+        Other names of the keys: the letters of the catalogue's equations.
+    needs_masses
+        Whether constants in amperes do not do.
+    """
+
+    kind: Kind
+    keys: tuple[str, ...]
+    usual: Callable[[Typical], tuple[float, ...]]
+    current: Callable[..., Floats] | None = None
+    reach: Reach = Reach.JOINT
+    letters: Mapping[str, str] = field(default_factory=dict)
+    needs_masses: bool = False
+
+
+def _counterbalance(at: JointState, a: float, length: float, angle: float) -> Floats:
+    """A constant force along a cylinder from a foot at distance 1 to a lever of length c: force times lever arm."""
+    turned = at.position - angle
+    along = np.stack([length * np.cos(turned) - 1.0, length * np.sin(turned)])
+    along = along / np.sqrt(along[0] ** 2 + along[1] ** 2)
+    return np.asarray(a * (np.cos(turned) * along[1] - np.sin(turned) * along[0]))
+
+
+def _load_friction(at: JointState, drive: float, back: float) -> Floats:
+    load = at.of("load")
+    return np.asarray(np.abs(load) * np.where(load * at.opposing > 0, drive, back))
+
+
+def _coupling(at: JointState, cause: int, c: float) -> Floats:
+    return np.asarray(c * (at.of("load", cause) + at.of("friction", cause)))
+
+
+def _waves(at: JointState, cos: float, sin: float, frequency: float) -> Floats:
+    return np.asarray(cos * np.cos(frequency * at.position) + sin * np.sin(frequency * at.position))
+
+
+#: Name of the effect -> law; those of the whole current in the order in which they act.
+LAWS = {
+    "stribeck": Law(
+        Kind.FRICTION,
+        ("a", "velocity", "exponent"),
+        lambda joint: (0.4 * joint.coulomb, 0.2 * joint.speed, 1.0),
+        lambda at, a, velocity, exponent: a * np.exp(-((at.speed / velocity) ** exponent)),
+        letters={"v_s": "velocity", "d": "exponent"},
+    ),
+    "viscous_power": Law(
+        Kind.FRICTION,
+        ("b", "exponent"),
+        # As much as Coulomb friction at the highest speed: all but a tenth of it passes for viscous friction.
+        lambda joint: (joint.coulomb / joint.speed**0.4, 0.4),
+        lambda at, b, exponent: b * at.speed**exponent,
+        letters={"p": "exponent"},
+    ),
+    "load_friction": Law(Kind.FRICTION, ("drive", "back"), lambda joint: (0.15, 0.1), _load_friction),
+    "side_load_friction": Law(
+        Kind.FRICTION,
+        ("mu",),
+        lambda joint: (0.4 * joint.coulomb / joint.across,),
+        lambda at, mu: mu * at.of("across"),
+        needs_masses=True,
+    ),
+    "position_friction": Law(
+        Kind.FRICTION,
+        ("cos", "sin", "harmonic"),
+        lambda joint: (0.25 * joint.coulomb, 0.2 * joint.coulomb, 2.0),
+        _waves,
+        letters={"a": "cos", "b": "sin", "k": "harmonic"},
+    ),
+    "ripple": Law(
+        Kind.LOAD,
+        ("cos", "sin", "frequency"),
+        # Twenty waves over the span: slow enough for any log, fast enough to be no gravity.
+        lambda joint: (0.15 * joint.coulomb, 0.1 * joint.coulomb, float(round(20 * np.pi / joint.half_span))),
+        _waves,
+        letters={"a": "cos", "b": "sin", "f": "frequency"},
+    ),
+    "spring": Law(Kind.LOAD, ("a",), lambda joint: (joint.coulomb / joint.half_span,), lambda at, a: a * at.position),
+    "counterbalance": Law(
+        Kind.LOAD,
+        ("a", "length", "angle"),
+        lambda joint: (joint.coulomb, 0.6, 0.5),
+        _counterbalance,
+        letters={"c": "length", "p": "angle"},
+    ),
+    "presliding": Law(
+        Kind.FRICTION,
+        ("a", "travel"),
+        lambda joint: (0.6 * joint.coulomb, 0.08 * joint.half_span),
+        lambda at, a, travel: -a * np.exp(-at.of("travel") / travel),
+        letters={"x_s": "travel"},
+    ),
+    "inertia": Law(
+        Kind.LOAD,
+        ("J",),
+        lambda joint: (0.5 * joint.coulomb / joint.acceleration,),
+        lambda at, J: at.side * J * at.of("acceleration"),
+    ),
+    "delay": Law(Kind.CLOCK, ("dt",), lambda joint: (0.04,)),
+    "warmup": Law(
+        Kind.FRICTION,
+        ("a", "time_constant"),
+        lambda joint: (0.4 * joint.coulomb, 600.0),
+        lambda at, a, time_constant: a * np.exp(-at.time / time_constant),
+        letters={"T": "time_constant"},
+    ),
+    "friction_step": Law(
+        Kind.FRICTION,
+        ("a", "time"),
+        lambda joint: (0.3 * joint.coulomb, 600.0),
+        lambda at, a, time: a * (at.time > time),
+        letters={"t_0": "time"},
+    ),
+    # Grease thins: a twentieth of the friction is gone with every degree of the first ten.
+    "thermal_friction": Law(
+        Kind.FRICTION,
+        ("a",),
+        lambda joint: (-0.05 * joint.coulomb,),
+        lambda at, a: a * (at.of("temperature") - AMBIENT),
+    ),
+    "tilt": Law(Kind.BODY, ("x", "y"), lambda joint: (0.04, -0.03), reach=Reach.ARM),
+    "zero_offset": Law(Kind.BODY, ("delta",), lambda joint: (0.06,), reach=Reach.CAUSE),
+    "payload": Law(
+        Kind.BODY,
+        ("mass", "x", "y", "z", "time"),
+        lambda joint: (joint.last_mass, 0.0, 0.03 * joint.reach, 0.05 * joint.reach, 600.0),
+        reach=Reach.ARM,
+        letters={"t_0": "time"},
+        needs_masses=True,
+    ),
+    "flexibility": Law(Kind.BODY, ("c",), lambda joint: (0.08 / joint.peak_load,), reach=Reach.CAUSE),
+    "coupling": Law(
+        Kind.LOAD,
+        ("c", "on"),
+        # On the motor before: a drive passes through the joints before its own.
+        lambda joint: (0.4 * joint.coulomb_before / joint.load, float(joint.joint - 1 if joint.joint > 1 else 2)),
+        _coupling,
+        reach=Reach.CAUSE,
+        letters={"m": "on"},
+    ),
+    "torque_constant_drift": Law(
+        Kind.CURRENT,
+        ("a", "time_constant"),
+        lambda joint: (0.15, 600.0),
+        lambda at, current, a, time_constant: (
+            current * (1.0 + a * (1.0 - np.exp(-np.maximum(at.time, 0.0) / time_constant)))
+        ),
+        letters={"T": "time_constant"},
+    ),
+    "torque_droop": Law(
+        Kind.CURRENT,
+        ("a",),
+        lambda joint: (0.3 / (joint.peak_load + joint.coulomb) ** 2,),
+        lambda at, current, a: current + a * current**3,
+    ),
+    "saturation": Law(
+        Kind.CURRENT,
+        ("limit",),
+        lambda joint: (0.75 * joint.peak_load + joint.coulomb,),
+        lambda at, current, limit: np.clip(current, -limit, limit),
+        letters={"i_lim": "limit"},
+    ),
+}
+
+
+def added(hidden: Sequence[Hidden], at: JointState, kind: Kind) -> Iterator[Floats]:
+    """(N,) A of each hidden friction (its size) or load that the joint has.
+
+    Parameters
+    ----------
+    hidden
+        With all their values, see `sized`.
+    at
+        The joint.
+    kind
+        `Kind.FRICTION` or `Kind.LOAD`.
+    """
+    for effect in hidden:
+        law, values = LAWS[effect.effect], effect.values
+        if law.kind is not kind or law.current is None:
+            continue
+        if law.reach is Reach.CAUSE:
+            if at.joint == int(values["on"]):
+                yield law.current(at, effect.joint, values["c"])
+        elif effect.joint in (None, at.joint):
+            yield law.current(at, *(values[key] for key in law.keys))
+
+
+def whole(hidden: Sequence[Hidden], at: JointState, current: Floats) -> Floats:
+    """(N,) A that laws of the whole current make of a joint's current (N,) A, in the order of the table."""
+    for name, law in LAWS.items():
+        for effect in hidden:
+            if effect.effect == name and law.kind is Kind.CURRENT and effect.joint in (None, at.joint):
+                assert law.current is not None
+                current = law.current(at, current, *(effect.values[key] for key in law.keys))
+    return current
+
+
+def values_of(hidden: Sequence[Hidden], effect: str, key: str, *, n_joints: int) -> Floats:
+    """(J,) sums of one value of an effect over the joints that have it, such as ``delta`` of ``zero_offset``."""
+    out = np.zeros(n_joints)
+    for chosen in hidden:
+        if chosen.effect == effect:
+            out[slice(None) if chosen.joint is None else chosen.joint - 1] += chosen.values[key]
+    return out
+
+
+def delays(hidden: Sequence[Hidden], n_joints: int) -> Floats:
+    """(J,) s by which each joint's current is stamped late.
+
+    Raises
+    ------
+    ModelError [hide-wrong]
+        It is early, or later than `LATEST`.
+    """
+    late = values_of(hidden, "delay", "dt", n_joints=n_joints)
+    if not np.all((late >= 0.0) & (late <= LATEST)):
+        what = f"a current cannot be logged {float(late[np.argmax(np.abs(late))]):g} s late"
+        raise ModelError("hide-wrong", what, Where(field="--hide delay"), f"give dt from 0 to {LATEST:g} s")
+    return late
+
+
+def sized(hidden: Sequence[Hidden], usual: Sequence[Typical], *, has_masses: bool) -> tuple[Hidden, ...]:
+    """Hidden effects with all their values, one a joint where an effect of joints names none.
+
+    Parameters
+    ----------
+    hidden
+        As named by a user; values that are missing follow from the arm: a part of the joint's Coulomb friction, of its
+        load, of its speed.
+    usual
+        Of every joint of the arm.
+    has_masses
+        Whether the arm's masses are known.
+
+    Raises
+    ------
+    ModelError [hide-wrong]
+        The effect needs masses and the arm has only constants; or weight, and the joint carries none.
+    """
+    out: list[Hidden] = []
+    for effect in hidden:
+        law, place = LAWS[effect.effect], Where(field=f"--hide {effect.effect}")
+        if law.needs_masses and not has_masses:
+            what = f"the arm is known by its constants in amperes alone, and {effect.effect} needs its masses"
+            raise ModelError("hide-wrong", what, place, "leave out --truth table1")
+        all_joints = effect.joint is None and law.reach is not Reach.ARM
+        joints = [joint.joint for joint in usual] if all_joints else [effect.joint]
+        full = [_complete(replace(effect, joint=joint), usual[(joint or len(usual)) - 1]) for joint in joints]
+        finite = [each_effect for each_effect in full if all(map(math.isfinite, each_effect.values.values()))]
+        if not finite:
+            what = f"joint {effect.joint} carries no weight, and {effect.effect} follows the weight"
+            raise ModelError("hide-wrong", what, place, "name a joint that carries weight")
+        out += finite
+    return tuple(out)
+
+
+def _complete(effect: Hidden, joint: Typical) -> Hidden:
+    law = LAWS[effect.effect]
+    try:
+        usual = law.usual(joint)
+    except ZeroDivisionError:
+        usual = (math.nan,) * len(law.keys)
+    rounded = {key: float(f"{value:.{_DIGITS}g}") for key, value in zip(law.keys, usual, strict=True)}
+    return replace(effect, values={**rounded, **effect.values})
+
+
+def parse(text: str, robot: Robot) -> Hidden:
+    """A hidden effect as the command line writes it: ``EFFECT[@JOINT][:key=value,...]``.
+
+    Parameters
+    ----------
+    text
+        ``stribeck@3:a=0.1,velocity=0.2``; the joint is a number from 1, a joint's name or ``all``; the letter of the
+        catalogue's equation (``v_s``) stands for its key, too.
+    robot
+        Its joints.
+
+    Returns
+    -------
+    hidden
+        With the values that the text names and no other, see `sized`.
+
+    Raises
+    ------
+    ModelError [hide-wrong]
+        No such effect, joint or value; the nearest right one is named.
+    """
+    head, _, tail = text.partition(":")
+    name, _, joint = head.partition("@")
+    if name not in LAWS:
+        raise _refusal(text, f"{name!r} is no effect that simulate can hide", name, list(LAWS))
+    law = LAWS[name]
+    number = _joint(text, joint, robot)
+    if law.reach is Reach.ARM and number is not None:
+        raise _refusal(text, f"{name} belongs to the whole arm", "", [f"--hide {name}"])
+    values = {}
+    for part in filter(None, tail.split(",")):
+        word, _, value = part.partition("=")
+        key = law.letters.get(word, word)
+        if key not in law.keys:
+            raise _refusal(text, f"{name} has no value {word!r}", word, [*law.keys, *law.letters])
+        try:
+            values[key] = float(value)
+        except ValueError:
+            raise _refusal(text, f"{word} is {value!r}, which is no number", "", list(law.keys)) from None
+        if not abs(values[key]) <= GREATEST:
+            what, mend = f"{word} is {value}, not a finite number up to {GREATEST:g}", f"give {word} a smaller number"
+            raise ModelError("hide-wrong", what, Where(field=f"--hide {text}"), mend)
+    return Hidden(name, number, values)
+
+
+def _joint(text: str, joint: str, robot: Robot) -> int | None:
+    if joint in ("", "all"):
+        return None
+    names = {axis.name: axis.number for axis in robot.joints}
+    number = names.get(joint) or (int(joint) if joint.isdecimal() else 0)
+    if not 1 <= number <= robot.n_joints:
+        raise _refusal(text, f"{robot.name} has no joint {joint!r}", joint, [*names, *map(str, names.values())])
+    return number
+
+
+def _refusal(text: str, what: str, word: str, choices: list[str]) -> ModelError:
+    near = difflib.get_close_matches(word, choices, n=1)
+    mend = f"did you mean {near[0]}?" if near else f"known: {', '.join(choices)}"
+    return ModelError("hide-wrong", what, Where(field=f"--hide {text}"), mend)

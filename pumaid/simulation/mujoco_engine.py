@@ -1,0 +1,302 @@
+"""A virtual arm of rigid bodies in MuJoCo, driven by motor currents, with friction and hidden effects of its own."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from pumaid.errors import ModelError, Where
+from pumaid.simulation.gravity import lengthwise
+from pumaid.simulation.hidden_effects import AMBIENT, ArmState, JointState, Kind, added, values_of
+from pumaid.simulation.virtual_robot import Truth
+from pumaid.trajectory import accelerations
+
+Floats = NDArray[np.float64]
+
+#: A link is taken for a solid cylinder of its length, its radius this share of that; at least this share of the reach.
+_RADIUS, _SHORTEST = 0.25, 0.08
+#: Dry friction is held this stiffly: a loaded joint at rest creeps by some 1e-6 rad/s.
+_HARD = "0.9999 0.9999 0.001 0.5 2"
+#: A motor whose truth has no inertia gets one that draws this share of its Coulomb friction in a ramp.
+_LEAST_INERTIA = 0.3
+#: rad/s or m/s: slower joints are held by stiction.
+STILL = 1e-4
+#: Rounds in which an arm with sagging drives is put to rest.
+_ROUNDS = 8
+
+
+def mjcf(truth: Truth, *, step: float = 0.001) -> str:
+    """The arm of a virtual robot as MJCF text; every joint's position is the one that the recipe measures.
+
+    Body ``link<k>`` carries joint ``joint<k>`` about (along) its z axis, frames being those of the recipe (modified
+    Denavit-Hartenberg). Masses and centres are the truth's, inertia tensors those of solid cylinders of the links'
+    lengths, ``armature`` the motors' inertia. Dry friction is ``frictionloss``, half the sum of both directions'
+    Coulomb terms; where gears couple joints it is that of tendons ``shaft<k>``. A hidden tilt turns gravity, hidden
+    inertia is the motor's. What differs between directions, viscous friction, stiction and everything else that is
+    hidden are left to whoever steps the model: see `RigidArm`.
+
+    Parameters
+    ----------
+    truth
+        The robot (`pumaid.simulation.draw`).
+    step
+        s of the engine's steps.
+
+    Raises
+    ------
+    ModelError [physics-wrong]
+        A motor's inertia counts against its gain.
+
+    Examples
+    --------
+    >>> from pumaid.simulation import draw, table1
+    >>> text = mjcf(draw(table1.robot(), 3))
+    >>> text.count("<body")
+    6
+    """
+    links, gain = truth.masses
+    armature, dry = motor_inertia(truth) / gain, truth.coulomb / np.abs(gain)
+    if np.any(armature < 0):
+        j = int(np.argmin(armature)) + 1
+        what = f"inertia and gain of joint {j} have opposite signs"
+        raise ModelError("physics-wrong", what, Where(joint=j), "give both the sign with which the motor counts")
+    tensors, coupled, along = _tensors(truth), bool(truth.robot.coupling), lengthwise(truth.robot)
+    held_by = f'solimpfriction="{_HARD}" solreffriction="{_text([2 * step])} 1"'
+    lines = []
+    for k, joint in enumerate(truth.robot.joints):
+        place = along[k - 1] if k else [joint.a, -joint.d * np.sin(joint.alpha), joint.d * np.cos(joint.alpha)]
+        turn = (Rotation.from_rotvec([joint.alpha, 0, 0]) * Rotation.from_rotvec([0, 0, joint.theta])).as_quat()
+        T = tensors[k]
+        inertia = [T[0, 0], T[1, 1], T[2, 2], T[0, 1], T[0, 2], T[1, 2]]
+        kind = "hinge" if joint.is_revolute else "slide"
+        friction = "" if coupled else f' frictionloss="{_text([dry[k]])}" {held_by}'
+        lines += [
+            f'<body name="link{k + 1}" pos="{_text(place)}" quat="{_text(turn[[3, 0, 1, 2]])}">',
+            f'<inertial pos="{_text(links.centre[k])}" mass="{_text([links.mass[k]])}"'
+            f' fullinertia="{_text(inertia)}"/>',
+            f'<joint name="joint{k + 1}" type="{kind}" axis="0 0 1" armature="{_text([armature[k]])}"{friction}/>',
+        ]
+    body = "\n".join([*lines, *["</body>"] * truth.robot.n_joints])
+    return (
+        f'<mujoco model="arm">\n<compiler angle="radian" autolimits="false"/>\n'
+        f'<option timestep="{_text([step])}" gravity="{_text(truth.gravity())}" integrator="implicitfast"'
+        f' iterations="50" tolerance="1e-12"><flag autoreset="disable"/></option>\n<worldbody>\n{body}\n</worldbody>\n'
+        f"{_tendons(truth, dry, held_by) if coupled else ''}</mujoco>\n"
+    )
+
+
+def _tendons(truth: Truth, dry: Floats, held_by: str) -> str:
+    """Shafts of coupled motors, with the friction that acts on them; the inertia of rotors stays at their joints."""
+    lines = []
+    for k, row in enumerate(truth.robot.shaft_speeds):
+        turned = "".join(f'<joint joint="joint{j + 1}" coef="{_text([row[j]])}"/>' for j in np.flatnonzero(row))
+        lines.append(f'<fixed name="shaft{k + 1}" frictionloss="{_text([dry[k]])}" {held_by}>{turned}</fixed>')
+    return "<tendon>\n" + "\n".join(lines) + "\n</tendon>\n"
+
+
+def _tensors(truth: Truth) -> Floats:
+    """(J, 3, 3) kg m2 about the centres of mass: solid cylinders that lie along the links."""
+    along = lengthwise(truth.robot)
+    length = np.linalg.norm(along, axis=1)
+    shortest = _SHORTEST * (float(np.sum(length)) or 1.0)
+    # A link without length (a wrist's) is as long as it is thick, along its own axis.
+    unit = np.where(length[:, None] > 1e-9, along / np.maximum(length, 1e-9)[:, None], [0.0, 0.0, 1.0])
+    size = np.maximum(length, shortest)
+    radius = np.maximum(_RADIUS * size, 0.5 * shortest)
+    axial, across = 0.5 * radius**2, (3 * radius**2 + size**2) / 12
+    outer = unit[:, :, None] * unit[:, None, :]
+    shape = across[:, None, None] * (np.eye(3) - outer) + axial[:, None, None] * outer
+    return np.asarray(truth.masses[0].mass[:, None, None] * shape)
+
+
+def _text(values: object) -> str:
+    return " ".join(repr(float(value)) for value in np.asarray(values, dtype=float))
+
+
+def motor_inertia(truth: Truth) -> Floats:
+    """(J,) A s2/rad or A s2/m of the motors, signed as they count, hidden inertia included; never none."""
+    least = truth.sides * _LEAST_INERTIA * np.maximum(truth.coulomb, 0.1) / accelerations(truth.robot)
+    visible = np.where(truth.inertia == 0, least, truth.inertia)
+    return visible + np.sign(visible) * values_of(truth.hidden, "inertia", "J", n_joints=len(visible))
+
+
+class RigidArm:
+    """A virtual arm in MuJoCo that is driven by motor currents, in amperes and SI, signs as in the logs.
+
+    The engine solves the arm's dynamics and its dry friction (as a constraint: a joint at rest stays there until the
+    motor's surplus passes the break-away level, `Truth.breakaway` times Coulomb friction). Coulomb friction that
+    differs between directions is its mean and a constant push; viscous friction is by direction. Where the recipe's
+    gears couple joints, motors and their friction act on shafts, which push all joints that turn them. Hidden loads and
+    friction act at the joints; a payload is a body that comes at its time; what stands elsewhere than the encoders
+    tell (an offset, a drive that sags) is in `reading`.
+
+    Parameters
+    ----------
+    truth
+        The robot.
+    step
+        s of the engine's steps.
+    grip
+        Velocity of the shafts (J,) -> (J,) times Coulomb friction: the dry friction that the engine holds against them.
+        Where not given, `Truth.breakaway` at rest and 1 in motion.
+
+    Attributes
+    ----------
+    model, data
+        MuJoCo's own ``MjModel`` and ``MjData``, open to anybody.
+    state
+        What hidden effects depend on; its `time`, `first` and `temperature` are set by whoever steps the arm.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from pumaid.simulation import draw, table1
+    >>> truth = draw(table1.robot(), 3)
+    >>> arm = RigidArm(truth, step=0.004)
+    >>> arm.place(np.zeros(6))
+    >>> for _ in range(250):  # a second of holding the arm against its weight
+    ...     arm.advance(truth.gravity_current(arm.position[None])[0])
+    >>> bool(np.max(np.abs(arm.position)) < 1e-5)
+    True
+    """
+
+    def __init__(self, truth: Truth, *, step: float, grip: Callable[[Floats], Floats] | None = None) -> None:
+        self.truth, self.step, n = truth, step, truth.robot.n_joints
+        friction, self._gain = truth.friction, truth.masses[1]
+        self._uneven = 0.5 * (friction.coulomb_plus + friction.coulomb_minus)
+        self._grip = grip or (lambda v: np.where(np.abs(v) < STILL, truth.breakaway, 1.0))
+        self._shafts = truth.robot.shaft_speeds if truth.robot.coupling else None
+        self._offset = values_of(truth.hidden, "zero_offset", "delta", n_joints=n)
+        self._sag = truth.sides * values_of(truth.hidden, "flexibility", "c", n_joints=n)
+        self._payloads = [hidden.values for hidden in truth.hidden if hidden.effect == "payload"]
+        self._acting = [hidden for hidden in truth.hidden if hidden.effect != "inertia"]
+        self._needs_across, self._needs_friction = truth.hides("side_load_friction"), truth.hides("coupling")
+        self._left, zero = np.zeros(n), np.zeros(n)
+        self.state = ArmState(np.zeros(()), zero, zero, zero, zero, zero, np.full(n, AMBIENT), zero, zero, zero)
+        self._joints = [JointState(self.state, j + 1, float(truth.sides[j])) for j in range(n)]
+        self._extra = np.zeros(n)
+        self._build(truth)
+
+    def _build(self, truth: Truth) -> None:
+        """The engine's model of the arm with these masses."""
+        mujoco = _engine()
+        self.model = mujoco.MjModel.from_xml_string(mjcf(truth, step=self.step))
+        self.data = mujoco.MjData(self.model)
+        self._begin, self._finish = mujoco.mj_step1, mujoco.mj_step2
+        self._dry = self.model.dof_frictionloss if self._shafts is None else self.model.tendon_frictionloss
+        self._position, self._velocity, self._bias = self.data.qpos, self.data.qvel, self.data.qfrc_bias
+
+    @property
+    def position(self) -> Floats:
+        """(J,) rad or m of the joints, exact."""
+        return np.array(self._position)
+
+    @property
+    def velocity(self) -> Floats:
+        """(J,) rad/s or m/s of the joints, exact."""
+        return np.array(self._velocity)
+
+    @property
+    def shaft_velocity(self) -> Floats:
+        """(J,) rad/s or m/s at which the motors turn, geared to their joints; the joints' own where none is coupled."""
+        return self.velocity if self._shafts is None else np.asarray(self._shafts @ self._velocity)
+
+    @property
+    def load(self) -> Floats:
+        """(J,) A that weight and Coriolis forces take of the motors now."""
+        torque = self._bias if self._shafts is None else self._bias @ np.linalg.inv(self._shafts)
+        return np.asarray(self._gain * torque)
+
+    @property
+    def reading(self) -> Floats:
+        """(J,) rad or m that exact encoders tell: where the motors stand, not the links."""
+        return self._position - self._offset + self._sag * self.load
+
+    def place(self, reading: Floats) -> None:
+        """Put the arm at rest where exact encoders tell `reading` (J,)."""
+        self._velocity[:] = 0.0
+        self._position[:] = reading + self._offset
+        for _ in range(_ROUNDS):
+            self._begin(self.model, self.data)
+            self._position[:] = reading + self._offset - self._sag * self.load
+        self._left = reading.copy()
+        self._look()
+
+    def advance(self, current: Floats) -> None:
+        """Let the motors' currents (J,), A, act for a step."""
+        friction, v = self.truth.friction, self.shaft_velocity
+        lost = self._uneven + friction.viscous_plus * np.maximum(v, 0.0) + friction.viscous_minus * np.minimum(v, 0.0)
+        torque = (current - lost - self._extra) / self._gain
+        self.data.qfrc_applied[:] = torque if self._shafts is None else torque @ self._shafts
+        self._finish(self.model, self.data)
+        self.state.time = self.state.time + self.step
+        if self._payloads and self.state.time - np.min(self.state.first) > self._payloads[0]["time"]:
+            self._take(self._payloads.pop(0))
+        self._look()
+
+    def _look(self) -> None:
+        """Friction and loads where the arm is now; friction knows the weight of a step before."""
+        v = self.shaft_velocity
+        dry = self.truth.coulomb * self._grip(v)
+        if self._acting:
+            self._set_state(v)
+            dry = dry + self._hidden(Kind.FRICTION)
+        self._dry[:] = np.maximum(dry / np.abs(self._gain), 0.0)
+        self._begin(self.model, self.data)
+        if self._acting:
+            self.state.load = self.load
+            self._extra = self._hidden(Kind.LOAD)
+
+    def _set_state(self, velocity: Floats) -> None:
+        state = self.state
+        rests = np.abs(velocity) < STILL
+        state.position, state.velocity, state.load = self.reading, np.where(rests, 0.0, velocity), self.load
+        self._left[rests] = state.position[rests]
+        state.travel = np.abs(state.position - self._left)
+        if self._needs_friction:
+            state.friction = self.truth.friction.currents(state.velocity)
+        if self._needs_across:
+            state.across = self._across()
+
+    def _hidden(self, kind: Kind) -> Floats:
+        """(J,) A of hidden friction (its size) or of hidden loads."""
+        return np.array([sum(added(self._acting, joint, kind), 0.0) for joint in self._joints])
+
+    def _across(self) -> Floats:
+        """(J,) A: what the weight's moment across each turning joint's axis would draw if it lay along it."""
+        data, bodies = self.data, slice(1, len(self._gain) + 1)
+        weight = self.model.body_subtreemass[bodies, None] * self.model.opt.gravity
+        moment = np.cross(data.subtree_com[bodies] - data.xanchor, weight)
+        return np.linalg.norm(np.cross(data.xaxis, moment), axis=1) * np.abs(self._gain) * self.truth.robot.is_revolute
+
+    def _take(self, payload: Mapping[str, float]) -> None:
+        """The last link is heavier from now on."""
+        links, gain = self.truth.masses
+        links = links.loaded(payload["mass"], [payload[key] for key in "xyz"])
+        self.truth = replace(self.truth, links=links, gain=gain)
+        position, velocity = self.position, self.velocity
+        self._build(self.truth)
+        self._position[:], self._velocity[:] = position, velocity
+
+    def inertia(self, position: Floats) -> Floats:
+        """(J, J) kg m2 (kg, kg m): mass matrix at `position` (J,), motors' inertia included."""
+        mujoco, n = _engine(), self.model.nv
+        data, out = mujoco.MjData(self.model), np.zeros((n, n))
+        data.qpos[:] = position
+        mujoco.mj_forward(self.model, data)
+        for row, unit in zip(out, np.eye(n), strict=True):
+            mujoco.mj_mulM(self.model, data, row, unit)
+        return out
+
+
+def _engine() -> Any:
+    """The module ``mujoco``, which writes no file about arms that are out of control."""
+    import mujoco
+
+    mujoco.set_mju_user_warning(lambda _: None)
+    return mujoco

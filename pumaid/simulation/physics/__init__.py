@@ -1,1 +1,0 @@
-"""What moves a virtual robot: its own joint-by-joint physics, or a rigid-body engine's."""
