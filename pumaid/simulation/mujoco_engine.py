@@ -22,6 +22,9 @@ Floats = NDArray[np.float64]
 _RADIUS, _SHORTEST = 0.25, 0.08
 #: Dry friction is held this stiffly: a loaded joint at rest creeps by some 1e-6 rad/s.
 _HARD = "0.9999 0.9999 0.001 0.5 2"
+#: A robot that is known by its constants in amperes has fictitious masses; they are made so much lighter, and gravity
+#: so much larger: the same weights, and hardly any inertia but the motors'. kg m2 below which the engine takes none.
+_LIGHT, _LEAST = 1e-4, 1e-9
 #: A motor whose truth has no inertia gets one that draws this share of its Coulomb friction in a ramp.
 _LEAST_INERTIA = 0.3
 #: rad/s or m/s: slower joints are held by stiction.
@@ -65,7 +68,9 @@ def mjcf(truth: Truth, *, step: float = 0.001) -> str:
         j = int(np.argmin(armature)) + 1
         what = f"inertia and gain of joint {j} have opposite signs"
         raise ModelError("physics-wrong", what, Where(joint=j), "give both the sign with which the motor counts")
-    tensors, coupled, along = _tensors(truth), bool(truth.robot.coupling), lengthwise(truth.robot)
+    light = 1.0 if truth.known is None else _LIGHT
+    tensors, gravity = light * _tensors(truth) + _LEAST * np.eye(3), np.asarray(truth.gravity()) / light
+    coupled, along = bool(truth.robot.coupling), lengthwise(truth.robot)
     held_by = f'solimpfriction="{_HARD}" solreffriction="{_text([2 * step])} 1"'
     lines = []
     for k, joint in enumerate(truth.robot.joints):
@@ -77,14 +82,14 @@ def mjcf(truth: Truth, *, step: float = 0.001) -> str:
         friction = "" if coupled else f' frictionloss="{_text([dry[k]])}" {held_by}'
         lines += [
             f'<body name="link{k + 1}" pos="{_text(place)}" quat="{_text(turn[[3, 0, 1, 2]])}">',
-            f'<inertial pos="{_text(links.centre[k])}" mass="{_text([links.mass[k]])}"'
+            f'<inertial pos="{_text(links.centre[k])}" mass="{_text([light * links.mass[k]])}"'
             f' fullinertia="{_text(inertia)}"/>',
             f'<joint name="joint{k + 1}" type="{kind}" axis="0 0 1" armature="{_text([armature[k]])}"{friction}/>',
         ]
     body = "\n".join([*lines, *["</body>"] * truth.robot.n_joints])
     return (
         f'<mujoco model="arm">\n<compiler angle="radian" autolimits="false"/>\n'
-        f'<option timestep="{_text([step])}" gravity="{_text(truth.gravity())}" integrator="implicitfast"'
+        f'<option timestep="{_text([step])}" gravity="{_text(gravity)}" integrator="implicitfast"'
         f' iterations="50" tolerance="1e-12"><flag autoreset="disable"/></option>\n<worldbody>\n{body}\n</worldbody>\n'
         f"{_tendons(truth, dry, held_by) if coupled else ''}</mujoco>\n"
     )

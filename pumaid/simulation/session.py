@@ -33,7 +33,7 @@ Floats = NDArray[np.float64]
 #: Hz of a log: slower, and a run of a few seconds would leave a sample or none; no drive that is logged is faster.
 SLOWEST, FASTEST = 1.0, 1000.0
 #: Hz: the controller works at the log's rate, but not slower than this; slower ones let the speed waver.
-CONTROL = 200.0
+CONTROL = 250.0
 #: rad or m, A: an arm that is farther away, or a motor that draws more, is not held by its controller.
 _FARTHEST, _MOST = 1e3, 1e6
 

@@ -51,7 +51,7 @@ def test_memory_does_not_grow_with_the_log(tmp_path: Path, ending: str) -> None:
     """600 000 rows more (90 MB of numbers) cost less than 90 MiB more: runs are kept, samples are not."""
     robot = Robot("arm", tuple(Joint(k, f"j{k}", "revolute") for k in range(1, 7)))
     peaks = []
-    for n_rows in (300_000, 900_000):
+    for n_rows in (600_000, 1_200_000):
         path = tmp_path / f"{n_rows}.{ending}"
         write_log(path, batches(n_rows), robot)
         rows, memory = peak(path)

@@ -109,7 +109,7 @@ def test_the_part_grows_with_the_effect():
 def test_the_ripple_has_the_frequency_that_was_hidden():
     """Cycles a turn are the phase per radian that was hidden, to a tenth."""
     hidden = hiding("ripple", size=0.6).hidden[0]
-    assert told("ripple", 0.6).part("fast").cycles[0] == pytest.approx(hidden["frequency"], abs=0.1)
+    assert told("ripple", 0.6).part("fast").cycles[0] == pytest.approx(hidden.values["frequency"], abs=0.1)
 
 
 @pytest.mark.slow
