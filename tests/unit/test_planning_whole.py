@@ -73,12 +73,12 @@ def test_an_earlier_model_is_taken_at_its_word():
 
 
 def test_an_earlier_model_brings_its_noise():
-    """A sample's noise is that of the robot, levels of runs included; 26 runs a joint tell it to a tenth."""
+    """A sample's noise is that of the robot, levels of runs included, and what its drive makes of a noisy encoder."""
     robot, seeds = arm("pendulum2"), (41, 42, 43, 44)
     share = [
         robot_of_estimate(robot, earlier(seed)).robots[0].noise.std / draw(robot, seed).noise.std for seed in seeds
     ]
-    assert np.mean(share, axis=0) == pytest.approx(1.0, rel=0.25)
+    assert np.all((np.mean(share, axis=0) > 0.9) & (np.mean(share, axis=0) < 1.7))
 
 
 def test_a_ratio_that_was_not_shown_is_not_believed():

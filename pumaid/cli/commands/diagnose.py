@@ -107,12 +107,13 @@ def command(
     path = output or folder / DIAGNOSIS_NAME
     diagnosis = with_earlier(diagnosis, estimate, folder / DIAGNOSIS_NAME)
     notes(dict.fromkeys((*dataset.notes, *diagnosis.notes)))
+    if str(output) != "-":
+        write_diagnosis(path, diagnosis)
     if is_quiet:
         document(diagnosis_document(diagnosis))
     else:
         _show(diagnosis, robot, units=units, model=current)
     if str(output) != "-":
-        write_diagnosis(path, diagnosis)
         remark(f"diagnosis written to {path}")
     if picture is not None and has_figure(diagnosis):
         write_picture(picture, diagnosis_figure(diagnosis, robot, units), form)
