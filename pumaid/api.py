@@ -20,7 +20,9 @@ from pumaid.robot import EffectChoice, Robot
 if TYPE_CHECKING:
     import pandas as pd
 
-    from pumaid.records import Comparison, Diagnosis, Estimate, Value
+    from pumaid.diagnosis.records import Diagnosis
+    from pumaid.estimate import Estimate, Value
+    from pumaid.estimation.comparison import Comparison
 
 #: Files, folders and globs of logs.
 Logs = str | PathLike[str] | Sequence[str | PathLike[str]]
@@ -344,7 +346,7 @@ class Identified(Answer):
         write_model(Path(path), self.record)
 
     def _compared(self, dataset: Dataset) -> Comparison:
-        from pumaid.verbs.compare import compare
+        from pumaid.diagnosis.compare import compare
 
         return compare(self.record, dataset, self.robot)
 

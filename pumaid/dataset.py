@@ -6,8 +6,8 @@ import hashlib
 import json
 import zipfile
 import zlib
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import asdict, dataclass, fields
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import asdict, dataclass, field, fields, replace
 from itertools import accumulate, pairwise
 from pathlib import Path
 from typing import Any, BinaryIO, TypeVar
@@ -18,6 +18,92 @@ from numpy.typing import NDArray
 from pumaid.errors import Note, Where
 
 Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Log:
+    """N consecutive samples of one file; a long file is a sequence of these.
+
+    Attributes
+    ----------
+    origin
+        The file's name as the user knows it.
+    rows
+        (N,) row of each sample as an editor counts lines of the file (header is row 1).
+    time
+        (N,) s, strictly rising within a file.
+    position, velocity
+        (N, J) rad or m and rad/s or m/s; `velocity` is None where the file has none, and NaN in samples without it.
+    current
+        (N, J) A; NaN in samples without it, and a whole column where the log lacks that joint.
+    temperature
+        (N, J) degC, or None.
+    extra
+        (N, E) columns that the user asked for besides, in the log's own units, NaN where not a number; or None.
+    starts_clock
+        Whether the clock starts anew here: samples before belong to another recording.
+    """
+
+    origin: str
+    rows: NDArray[np.int64]
+    time: Floats
+    position: Floats
+    velocity: Floats | None
+    current: Floats
+    temperature: Floats | None = None
+    starts_clock: bool = False
+    extra: Floats | None = None
+
+    def __post_init__(self) -> None:
+        n_samples, n_joints = self.position.shape
+        for name in ("velocity", "current", "temperature"):
+            values = getattr(self, name)
+            if values is not None and values.shape != (n_samples, n_joints):
+                raise ValueError(f"{name} is {values.shape}, position is {(n_samples, n_joints)}")
+        if self.extra is not None and len(self.extra) != n_samples:
+            raise ValueError(f"extra has {len(self.extra)} rows for {n_samples} samples")
+        if self.time.shape != (n_samples,) or self.rows.shape != (n_samples,):
+            raise ValueError(f"time is {self.time.shape} and rows {self.rows.shape} for {n_samples} samples")
+
+    def __len__(self) -> int:
+        return len(self.time)
+
+    def part(self, index: slice | NDArray[np.int64]) -> Log:
+        """Some of the samples, by their numbers."""
+
+        def of(values: Floats | None) -> Floats | None:
+            return None if values is None else values[index]
+
+        return replace(
+            self,
+            rows=self.rows[index],
+            time=self.time[index],
+            position=self.position[index],
+            velocity=of(self.velocity),
+            current=self.current[index],
+            temperature=of(self.temperature),
+            extra=of(self.extra),
+            starts_clock=False,
+        )
+
+    @classmethod
+    def joined(cls, logs: Sequence[Log]) -> Log:
+        """Consecutive batches of one file as one; a quantity that some of them lack is NaN there."""
+        if len(logs) == 1:
+            return logs[0]
+
+        def together(name: str) -> Any:
+            values = [getattr(log, name) for log in logs]
+            width = next((value.shape[1:] for value in values if value is not None), None)
+            if width is None:
+                return None
+            nothing = (np.full((len(log), *width), np.nan) for log in logs)
+            return np.concatenate([n if v is None else v for n, v in zip(nothing, values, strict=True)])
+
+        names = ("rows", "time", "position", "velocity", "current", "temperature", "extra")
+        return replace(logs[0], **{name: together(name) for name in names})
+
+
 Counts = NDArray[np.int64]
 Kept = TypeVar("Kept", "Bins", "Means")
 
@@ -366,3 +452,48 @@ def _known_mean(values: Floats, starts: Counts, count: Counts) -> Floats:
     total = np.add.reduceat(weight, starts, axis=0)
     sums = np.add.reduceat(np.nan_to_num(values) * weight, starts, axis=0)
     return np.divide(sums, total, out=np.full(sums.shape, np.nan), where=total > 0)
+
+
+@dataclass(frozen=True, slots=True)
+class Campaign:
+    """What only all runs together tell.
+
+    Attributes
+    ----------
+    begun
+        (joint from 1, or 0 for the whole arm; clock) -> s on that clock at which it first moved.
+    leads
+        (file, first row) of a run -> rad or m that its joint had travelled before, while it sped up.
+    """
+
+    begun: Mapping[tuple[int, int], float] = field(default_factory=dict)
+    leads: Mapping[tuple[str, int], float] = field(default_factory=dict)
+
+    @classmethod
+    def of(cls, runs: Iterable[Run], rejects: Iterable[Reject] = ()) -> Campaign:
+        """Of all runs of the logs, held-out ones too, and of what is no run."""
+        runs = tuple(runs)
+        begun: dict[tuple[int, int], float] = {}
+        for run in runs:
+            for key in ((run.joint, run.clock), (0, run.clock)):
+                begun[key] = min(run.start, begun.get(key, run.start))
+        before = {(reject.origin, reject.last_row + 1): reject for reject in rejects}
+        ramps = [(run, before.get((run.origin, run.first_row))) for run in runs]
+        leads = {(run.origin, run.first_row): _lead(run, ramp) for run, ramp in ramps if ramp is not None}
+        return cls(begun, leads)
+
+    def since(self, joint: int, clock: int, time: Floats) -> Floats:
+        """(M,) s since `joint` (0: any joint) first moved, at (M,) s on a clock; as they are where it never did."""
+        return time - self.begun.get((joint, clock), 0.0)
+
+    def lead(self, run: Run) -> float:
+        """What the joint had travelled (rad or m) since it last stood or turned back when `run` began; 0 if unknown."""
+        return self.leads.get((run.origin, run.first_row), 0.0)
+
+
+def _lead(run: Run, ramp: Reject) -> float:
+    """From the farthest that a ramp reaches back."""
+    if ramp.joints != (run.joint,) or ramp.bins is None:
+        return 0.0
+    back = run.direction * (run.span[0] - ramp.bins.position[:, run.joint - 1])
+    return max(float(back.max()), 0.0)

@@ -14,8 +14,9 @@ from numpy.typing import NDArray
 from pumaid.effects import Effect, Scope, catalogue
 from pumaid.effects.base import Shape
 from pumaid.errors import ModelError, Where
-from pumaid.records import Estimate, Samples
+from pumaid.estimate import Estimate
 from pumaid.robot import EffectChoice, Robot
+from pumaid.samples import Samples
 
 Floats = NDArray[np.float64]
 

@@ -16,15 +16,15 @@ from pumaid.errors import ModelError, PumaidError, ResultError, Where
 
 if TYPE_CHECKING:
     from pumaid.dataset import Dataset
+    from pumaid.estimate import Estimate
     from pumaid.io.paths import LogPath
     from pumaid.preprocessing.options import SegmentOptions
-    from pumaid.records import Estimate
     from pumaid.robot import Robot
 
 #: The dataset that commands share, in the results folder.
 DATASET_NAME = "dataset.npz"
 #: What of the package makes a dataset; while pumaid is worked on its version stays the same and these files do not.
-_SOURCES = ("dataset.py", "units.py", "maths", "io", "preprocessing", "records")
+_SOURCES = ("dataset.py", "samples.py", "units.py", "maths", "io", "preprocessing")
 #: What ``--heldout`` is given for postures instead of files.
 POSTURE = "posture"
 

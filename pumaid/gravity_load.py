@@ -9,7 +9,7 @@ from pumaid.effects import catalogue
 from pumaid.joint_bins import swept
 from pumaid.kinematics import axes
 from pumaid.model import Model
-from pumaid.records import Loads, Samples
+from pumaid.samples import Loads, Samples
 
 Floats = NDArray[np.float64]
 Counts = NDArray[np.int64]

@@ -12,14 +12,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pumaid.dataset import Bins, Run, coarser
+from pumaid.dataset import Bins, Campaign, Run, coarser
 from pumaid.kinematics import apart
 from pumaid.maths.alike import grouped
 from pumaid.preprocessing.differentiate import acceleration
 from pumaid.preprocessing.options import CONSTANT
 from pumaid.preprocessing.replicates import replicates
-from pumaid.records import Campaign, Extent, Loads, Samples
 from pumaid.robot import Robot
+from pumaid.samples import Extent, Loads, Samples
 
 Floats = NDArray[np.float64]
 Counts = NDArray[np.int64]

@@ -13,11 +13,12 @@ from numpy.typing import NDArray
 from pumaid.dataset import Run
 from pumaid.effect_spec import Column, EffectTerm, terms_of
 from pumaid.effects import Effect, Scope, catalogue
+from pumaid.estimate import Estimate
 from pumaid.joint_bins import SAME_POSTURE, JointBins, swept
 from pumaid.kinematics import apart
 from pumaid.preprocessing.options import STROKE
-from pumaid.records import Estimate, Loads, Samples
 from pumaid.robot import Robot
+from pumaid.samples import Loads, Samples
 from pumaid.structure import Structure, minimal
 
 Floats = NDArray[np.float64]

@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 from pumaid.effects import catalogue
 from pumaid.maths import rank
 from pumaid.maths.recursion import Recursion
-from pumaid.records import Samples
 from pumaid.robot import Joint, Robot
+from pumaid.samples import Samples
 
 Floats = NDArray[np.float64]
 

@@ -10,8 +10,8 @@ from scipy.signal import lfilter
 
 from pumaid.dataset import Run
 from pumaid.diagnosis.residual_budget import budget
+from pumaid.estimation.comparison import Budget
 from pumaid.joint_bins import joint_bins
-from pumaid.records import Budget
 
 #: A: noise of a sample, correlated by `PHI` from one to the next, and level of a run.
 NOISE, LEVEL, PHI = 0.02, 0.01, 0.8

@@ -1,9 +1,9 @@
 """What the house may cost as a whole; a room gives before another takes."""
 
 CEILINGS = {
-    "lines": 39750,
-    "statements": 20780,
-    "modules": 226,
+    "lines": 39610,
+    "statements": 20770,
+    "modules": 222,
     "import depth": 14,
     "lines of tests and tools": 31960,
     "words of documents": 30000,

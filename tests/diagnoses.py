@@ -6,9 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from pumaid.errors import Note, Where
-from pumaid.io.recipe import read_recipe, shipped_recipes
-from pumaid.records import (
+from pumaid.diagnosis.records import (
     Binned,
     Candidate,
     Curve,
@@ -21,6 +19,8 @@ from pumaid.records import (
     Size,
     Unexplained,
 )
+from pumaid.errors import Note, Where
+from pumaid.io.recipe import read_recipe, shipped_recipes
 from pumaid.robot import Robot
 from pumaid.trajectory import Motion
 

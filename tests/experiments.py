@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from pumaid.dataset import Dataset
+from pumaid.estimate import Estimate
 from pumaid.estimation.estimate import identify
 from pumaid.estimation.fit import Fit
 from pumaid.estimation.gls import fit_bins
@@ -17,7 +18,6 @@ from pumaid.io.log_writer import write_log
 from pumaid.joint_bins import joint_bins
 from pumaid.model import Model
 from pumaid.preprocessing.segment import segment
-from pumaid.records import Estimate
 from pumaid.simulation import Bench, Noise, Truth, table1
 from pumaid.simulation.session import simulate
 

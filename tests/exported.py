@@ -8,12 +8,12 @@ import numpy as np
 
 from pumaid.effect_spec import expanded, terms_of
 from pumaid.effects import catalogue
+from pumaid.estimate import Estimate, JointFit, Value
 from pumaid.gravity_load import loads
 from pumaid.io.recipe import read_recipe, shipped_recipes
 from pumaid.model import Model
-from pumaid.records import Estimate, JointFit, Samples
-from pumaid.records.estimate import Value
 from pumaid.robot import EffectChoice, Robot
+from pumaid.samples import Samples
 from pumaid.simulation.random_robot import draw
 from tests.worlds import CRANE, arm, random_arm
 

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from pumaid.records import Estimate, JointFit, Value
+from pumaid.estimate import Estimate, JointFit, Value
 from pumaid.results.history import Errors, Ladder, Rung, keep
 from pumaid.robot import EffectChoice, Joint, Robot
 

@@ -14,7 +14,7 @@ from itertools import pairwise
 import numpy as np
 from scipy.signal import lfilter
 
-from pumaid.records import Log
+from pumaid.dataset import Log
 from pumaid.robot import Joint, Robot
 
 #: What every case changes in a plain world; thresholds were chosen on seeds 0 to 2 and are judged on others.

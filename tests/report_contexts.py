@@ -9,11 +9,11 @@ import worlds
 
 import pumaid
 from pumaid.dataset import Dataset, FileFacts, Reject
+from pumaid.diagnosis.compare import compare
 from pumaid.errors import Note, Where
-from pumaid.records import Estimate, JointFit, Value
+from pumaid.estimate import Estimate, JointFit, Value
 from pumaid.reporting.context import ReportContext
 from pumaid.robot import Robot
-from pumaid.verbs.compare import compare
 
 #: A name that would break a page, a LaTeX file or a Markdown table which did not escape it.
 HOSTILE = "<script>alert('1')</script> & 50% \\arm_{x} | \"quoted\""

@@ -15,13 +15,13 @@ from worlds import PENDULUM, TURN, arm
 
 from pumaid.dataset import Dataset, Run
 from pumaid.effect_spec import EffectTerm
+from pumaid.estimate import Estimate
 from pumaid.estimation.estimate import identify
 from pumaid.estimation.fit import Fit, loaded
 from pumaid.estimation.gls import fit_bins, refit
 from pumaid.estimation.noise import Noise, noise_of
 from pumaid.joint_bins import COARSE, JointBins, joint_bins
 from pumaid.model import Model
-from pumaid.records import Estimate
 from pumaid.robot import Robot
 from pumaid.simulation import Bench, Hidden, Truth, draw
 from pumaid.trajectory import Motion, Plan

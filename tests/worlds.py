@@ -12,11 +12,11 @@ from dataclasses import replace
 import numpy as np
 
 from pumaid.dataset import Bins, Dataset, Means, Run
+from pumaid.estimate import Estimate
 from pumaid.estimation.fit import Fit
 from pumaid.estimation.gls import fit_bins
 from pumaid.joint_bins import joint_bins
 from pumaid.model import Model
-from pumaid.records import Estimate
 from pumaid.robot import Joint, Robot
 from pumaid.simulation import Bench, Truth, draw, table1
 from pumaid.trajectory import Motion, Plan

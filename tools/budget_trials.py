@@ -19,16 +19,16 @@ import numpy as np
 from blind_world.statistics import Share
 
 from pumaid.dataset import Dataset, FileFacts
+from pumaid.diagnosis.compare import compare
 from pumaid.diagnosis.residual_budget import FALSE_ALARM
 from pumaid.errors import PumaidError
+from pumaid.estimation.comparison import Budget
 from pumaid.estimation.estimate import identify
 from pumaid.io.recipe import read_recipe, shipped_recipes
-from pumaid.records import Budget
 from pumaid.robot import Robot
 from pumaid.simulation import Bench, Truth, draw, table1
 from pumaid.simulation.hidden_effects import Hidden
 from pumaid.trajectory import Motion, Plan
-from pumaid.verbs.compare import compare
 
 #: First seed of the noise-only experiments, and of the others.
 NOISE_ONLY, HIDDEN = 910_000, 920_000

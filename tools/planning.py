@@ -24,8 +24,8 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 import numpy as np
 
 from pumaid import identify, plan, segment, simulate
+from pumaid.estimate import Estimate
 from pumaid.io.recipe import read_recipe, shipped_recipes
-from pumaid.records import Estimate
 from pumaid.robot import Robot
 from pumaid.simulation import table1
 from pumaid.trajectory import Plan, duration

@@ -18,15 +18,15 @@ import numpy as np
 from blind_world.statistics import Share
 from budget_trials import DESIGNS, plan
 
-from pumaid.dataset import Dataset
+from pumaid.dataset import Campaign, Dataset
 from pumaid.diagnosis.detection_limit import detection_limits
 from pumaid.diagnosis.diagnose import Account
+from pumaid.diagnosis.records import UNEXPLAINED_JOINT
 from pumaid.diagnosis.score_test import minus_log10_p
 from pumaid.diagnosis.stepwise import LEVEL, Step, Stepwise
 from pumaid.effects import catalogue
 from pumaid.io.recipe import read_recipe, shipped_recipes
 from pumaid.model import Model
-from pumaid.records import UNEXPLAINED_JOINT, Campaign
 from pumaid.simulation import Bench, Truth, draw, table1
 from pumaid.simulation.hidden_effects import Hidden
 

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from pumaid.simulation.mujoco_engine import RigidArm
 
 from pumaid.io.log_writer import write_log
-from pumaid.records import Log
+from pumaid.dataset import Log
 from pumaid.robot import Joint, Robot
 from pumaid.simulation import table1
 from pumaid.simulation.gravity import Links

@@ -12,7 +12,8 @@ from pumaid.cli.progress import progress
 
 if TYPE_CHECKING:
     from pumaid.dataset import Dataset
-    from pumaid.records import Diagnosis, Estimate, Finding
+    from pumaid.diagnosis.records import Diagnosis, Finding
+    from pumaid.estimate import Estimate
     from pumaid.robot import EffectChoice, Robot
 
 #: Share by which an addition may raise the error of the fitted runs: by rounding, not more.
@@ -92,7 +93,7 @@ def choice_of(found: Finding) -> EffectChoice:
 def reopened(estimate: Estimate) -> tuple[EffectChoice, ...]:
     """The effects of a model as they were chosen: shapes that were fitted are open again."""
     from pumaid.effects import catalogue
-    from pumaid.records import GIVEN
+    from pumaid.estimate import GIVEN
 
     given = {value.name for value in estimate.values if value.state == GIVEN}
 
@@ -149,8 +150,8 @@ def added(
     diagnosis, estimate
         The last ones; what was added stands in the diagnosis' `applied`.
     """
+    from pumaid.diagnosis.records import ADD
     from pumaid.estimation.estimate import identify
-    from pumaid.records import ADD
     from pumaid.reporting.diagnosis_text import left_out_sentence, step_sentence
     from pumaid.results.history import keep
 

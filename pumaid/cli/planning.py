@@ -11,7 +11,7 @@ import rich_click as click
 
 if TYPE_CHECKING:
     from pumaid.design.prior import Setup
-    from pumaid.records import Estimate
+    from pumaid.estimate import Estimate
     from pumaid.robot import Robot
     from pumaid.trajectory import Plan
 

@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 
 from pumaid.design.candidate_runs import JointCandidates, Sweep, seconds_of
 from pumaid.effects import catalogue
-from pumaid.records import Samples
 from pumaid.robot import Robot
+from pumaid.samples import Samples
 from pumaid.simulation.virtual_robot import Noise, Truth
 from pumaid.structure import Structure
 from pumaid.trajectory import Motion, cruise

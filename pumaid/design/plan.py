@@ -20,7 +20,7 @@ from pumaid.design.information import absent_names, existing_names, parameter_na
 from pumaid.design.planner import Planner, Request
 from pumaid.design.prior import Setup, prior_robots
 from pumaid.errors import Faults, ModelError, Note, PumaidError
-from pumaid.records import Estimate
+from pumaid.estimate import Estimate
 from pumaid.robot import Robot
 from pumaid.structure import minimal
 from pumaid.trajectory import Plan, duration

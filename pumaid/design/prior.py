@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pumaid.errors import ModelError
-from pumaid.records import NOT_IDENTIFIABLE, Estimate
+from pumaid.estimate import NOT_IDENTIFIABLE, Estimate
 from pumaid.robot import Robot
 from pumaid.simulation.gravity import Constants, Links, constants
 from pumaid.simulation.random_robot import draw

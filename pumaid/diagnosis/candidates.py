@@ -15,8 +15,8 @@ from pumaid.effects.base import NO_SHAPE, Family, Parameter, Shape
 from pumaid.estimation.fit import Fit, FitRow
 from pumaid.joint_bins import JointBins, distinct
 from pumaid.preprocessing.options import CONSTANT
-from pumaid.records import Extent, Samples
 from pumaid.robot import Robot
+from pumaid.samples import Extent, Samples
 
 Floats = NDArray[np.float64]
 

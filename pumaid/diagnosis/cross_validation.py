@@ -8,12 +8,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from pumaid.diagnosis.records import Transfer
 from pumaid.diagnosis.score_test import Projector
 from pumaid.effect_spec import EffectTerm, columns_each
 from pumaid.estimation.fit import Fit, elsewhere
 from pumaid.joint_bins import JointBins
 from pumaid.maths.rank import FLAT, pseudo_inverse
-from pumaid.records import Transfer
 
 Floats = NDArray[np.float64]
 

@@ -10,10 +10,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pumaid.diagnosis.candidates import Suspect
+from pumaid.diagnosis.records import Binned, Curve, Line
 from pumaid.effects import Effect, Family
 from pumaid.joint_bins import SAME_SPEED
-from pumaid.records import Binned, Curve, Line, Loads, Samples
 from pumaid.robot import Robot
+from pumaid.samples import Loads, Samples
 
 Floats = NDArray[np.float64]
 

@@ -6,11 +6,11 @@ import numpy as np
 from scipy import special
 
 from pumaid.diagnosis.candidates import CandidateColumns
+from pumaid.diagnosis.records import Limit
 from pumaid.diagnosis.score_test import ScoreTable, ScoreTest
 from pumaid.diagnosis.sign_flip import GROSS, PERIODIC, SignFlips
 from pumaid.diagnosis.stepwise import LEVEL, WORTH, rmse
 from pumaid.effects import Effect, Scope
-from pumaid.records import Limit
 from pumaid.robot import Robot
 
 Key = tuple[str, int | None]

@@ -9,37 +9,22 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pumaid import __version__
-from pumaid.dataset import Dataset, Run
+from pumaid.dataset import Campaign, Dataset, Run
 from pumaid.diagnosis.candidates import Suspect
 from pumaid.diagnosis.cross_validation import leave_out, posture_folds
 from pumaid.diagnosis.curves import Trial as Drawn
 from pumaid.diagnosis.curves import curve
 from pumaid.diagnosis.detection_limit import detection_limits
 from pumaid.diagnosis.discrimination import deciding
-from pumaid.diagnosis.residual_budget import budget
-from pumaid.diagnosis.stepwise import LEVEL, Accepted, EvaluatedCandidate, Step, Stepwise, misfit_with, silent
-from pumaid.diagnosis.verdict import JointVerdict, competing_form, joint_verdict, nearest_form
-from pumaid.effect_spec import EffectTerm, check_known, terms_of
-from pumaid.effects import Effect, catalogue
-from pumaid.errors import LogError, Note, Where
-from pumaid.estimation.fit import Fit, misfit_at
-from pumaid.estimation.noise import FEWEST_PAIRS
-from pumaid.joint_bins import JointBins, distinct
-from pumaid.maths.rank import pseudo_inverse
-from pumaid.model import Model
-from pumaid.preprocessing.hold_out import held_out_otherwise
-from pumaid.preprocessing.options import CONSTANT
-from pumaid.records import (
+from pumaid.diagnosis.records import (
     ABSENT,
     ADD,
     ADEQUATE,
     DOUBTFUL,
     UNEXPLAINED_JOINT,
-    Campaign,
     Candidate,
     Curve,
     Diagnosis,
-    Estimate,
     Finding,
     JointDiagnosis,
     Limit,
@@ -47,6 +32,20 @@ from pumaid.records import (
     Size,
     Unexplained,
 )
+from pumaid.diagnosis.residual_budget import budget
+from pumaid.diagnosis.stepwise import LEVEL, Accepted, EvaluatedCandidate, Step, Stepwise, misfit_with, silent
+from pumaid.diagnosis.verdict import JointVerdict, competing_form, joint_verdict, nearest_form
+from pumaid.effect_spec import EffectTerm, check_known, terms_of
+from pumaid.effects import Effect, catalogue
+from pumaid.errors import LogError, Note, Where
+from pumaid.estimate import Estimate
+from pumaid.estimation.fit import Fit, misfit_at
+from pumaid.estimation.noise import FEWEST_PAIRS
+from pumaid.joint_bins import JointBins, distinct
+from pumaid.maths.rank import pseudo_inverse
+from pumaid.model import Model
+from pumaid.preprocessing.hold_out import held_out_otherwise
+from pumaid.preprocessing.options import CONSTANT
 from pumaid.results.model_file import check_same_recipe, model_digest
 from pumaid.robot import Robot
 from pumaid.units import number

@@ -13,13 +13,14 @@ from pumaid.design.candidate_runs import Sweep, home, postures, speeds, sweeps, 
 from pumaid.design.collision import Collision
 from pumaid.design.exchange import Exchange
 from pumaid.diagnosis.candidates import Suspect
+from pumaid.diagnosis.records import NextRun
 from pumaid.diagnosis.score_test import ABSORBED, ScoreTest
 from pumaid.diagnosis.stepwise import DECISIVE, evidence
 from pumaid.effect_spec import EffectTerm, columns_each
 from pumaid.effects import Effect, Trace
 from pumaid.estimation.fit import Fit, FitRow, with_loads
-from pumaid.records import NextRun, Samples
 from pumaid.robot import Robot
+from pumaid.samples import Samples
 from pumaid.trajectory import Motion, cruise
 from pumaid.units import deviations, factor, number
 

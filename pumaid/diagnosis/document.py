@@ -7,8 +7,9 @@ from pathlib import Path
 from typing import Any
 
 from pumaid import __version__
+from pumaid.diagnosis.records import Diagnosis
+from pumaid.estimate import Estimate
 from pumaid.io.write import write_file
-from pumaid.records import Diagnosis, Estimate
 from pumaid.results.documents import (
     Refusals,
     Unfit,

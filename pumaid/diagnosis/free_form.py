@@ -14,8 +14,8 @@ from pumaid.effect_spec import EffectTerm
 from pumaid.effects.base import NO_SHAPE, Effect, Family, Parameter
 from pumaid.estimation.fit import Fit
 from pumaid.joint_bins import JointBins
-from pumaid.records import Samples
 from pumaid.robot import Robot
+from pumaid.samples import Samples
 
 Floats = NDArray[np.float64]
 

@@ -10,16 +10,17 @@ import numpy as np
 from pumaid.dataset import Dataset, Run
 from pumaid.design.prior import Setup, prior_robots
 from pumaid.diagnosis.discrimination import SHAPES, deciding, showing
+from pumaid.diagnosis.records import Finding, NextRun
 from pumaid.diagnosis.score_test import Projector, ScoreTest, refine_shape, scores_at
 from pumaid.diagnosis.stepwise import DECISIVE, evidence
 from pumaid.effect_spec import EffectTerm, at_one_joint, known_effect
 from pumaid.effects import Scope
 from pumaid.errors import ModelError, Note, Where
+from pumaid.estimate import Estimate
 from pumaid.estimation.fit import Fit, loaded
 from pumaid.estimation.gls import fit_with_replicates
 from pumaid.joint_bins import COARSE, joint_bins
 from pumaid.model import Model
-from pumaid.records import Estimate, Finding, NextRun
 from pumaid.robot import EffectChoice, Robot
 from pumaid.simulation import Bench
 from pumaid.simulation.hidden_effects import LAWS, Hidden

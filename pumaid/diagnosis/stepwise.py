@@ -8,10 +8,11 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from pumaid.dataset import Run
+from pumaid.dataset import Campaign, Run
 from pumaid.diagnosis.candidates import CandidateColumns, candidate_columns, settling
 from pumaid.diagnosis.cross_validation import FoldLosses, confirmed_share, leave_out, replicate_folds
 from pumaid.diagnosis.periodogram import Spectrum, spectrum
+from pumaid.diagnosis.records import Transfer
 from pumaid.diagnosis.score_test import (
     Projector,
     ScoreTable,
@@ -29,7 +30,6 @@ from pumaid.estimation.gls import fit_bins, refit
 from pumaid.estimation.noise import Noise, noise_of
 from pumaid.joint_bins import COARSE, FINE, JointBins, joint_bins
 from pumaid.model import Model
-from pumaid.records import Campaign, Transfer
 
 Floats = NDArray[np.float64]
 Key = tuple[str, int | None]

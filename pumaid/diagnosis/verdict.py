@@ -9,13 +9,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pumaid.diagnosis.free_form import FreeForm, free_form_scores, knot_values
+from pumaid.diagnosis.records import ADEQUATE, MISSING, UNEXPLAINED_JOINT, Unexplained
 from pumaid.diagnosis.score_test import ScoreTable, ScoreTest, minus_log10_p
 from pumaid.diagnosis.sign_flip import SignFlips, sign_flips
 from pumaid.diagnosis.stepwise import DECISIVE, EvaluatedCandidate, evidence, rmse
 from pumaid.effects import Family
 from pumaid.estimation.fit import Fit
 from pumaid.joint_bins import JointBins
-from pumaid.records import ADEQUATE, MISSING, UNEXPLAINED_JOINT, Unexplained
 
 Floats = NDArray[np.float64]
 

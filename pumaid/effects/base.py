@@ -15,8 +15,8 @@ from numpy.typing import NDArray
 
 from pumaid.effects.formula import columns, printed
 from pumaid.kinematics import axes
-from pumaid.records import Extent, Samples
 from pumaid.robot import Joint, Robot
+from pumaid.samples import Extent, Samples
 
 Floats = NDArray[np.float64]
 NO_SHAPE: Mapping[str, float] = {}

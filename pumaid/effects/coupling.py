@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 from pumaid.effects.base import Effect, Family, Parameter, Scope, Shape, Trace, load_refusal
-from pumaid.records import Extent
 from pumaid.robot import Robot
+from pumaid.samples import Extent
 
 
 class Coupling(Effect):

@@ -25,8 +25,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pumaid.records import Loads, Samples
 from pumaid.robot import Robot
+from pumaid.samples import Loads, Samples
 
 Floats = NDArray[np.float64]
 

@@ -8,8 +8,8 @@ import numpy as np
 
 from pumaid.effects.base import NO_SHAPE, Effect, Family, Floats, Parameter, Scope, Trace
 from pumaid.kinematics import axes
-from pumaid.records import Samples
 from pumaid.robot import Robot
+from pumaid.samples import Samples
 
 #: Columns below this share of g are rounding of rotations by right angles, not levers.
 ROUNDING = 1e-13

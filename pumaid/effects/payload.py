@@ -20,8 +20,8 @@ from pumaid.effects.base import (
 )
 from pumaid.effects.formula import loads_of
 from pumaid.kinematics import axes, origins
-from pumaid.records import Extent, Samples
 from pumaid.robot import Robot
+from pumaid.samples import Extent, Samples
 
 
 class Payload(Effect):

@@ -19,8 +19,8 @@ import numpy as np
 from pumaid.effects.base import Effect, Family, Scope, Trace
 from pumaid.effects.formula import FUNCTIONS, QUANTITIES, columns, filled, names_in
 from pumaid.errors import ModelError, PumaidError, Where
-from pumaid.records import Extent, Loads, Samples
 from pumaid.robot import Joint, Robot
+from pumaid.samples import Extent, Loads, Samples
 
 #: The group of entry points that is searched.
 GROUP = "pumaid.effects"

@@ -7,8 +7,8 @@ from collections.abc import Mapping
 import numpy as np
 
 from pumaid.effects.base import Effect, Family, Parameter, Shape, Trace
-from pumaid.records import Extent
 from pumaid.robot import Robot
+from pumaid.samples import Extent
 
 #: Harmonics that a search begins with.
 HARMONICS = (1, 2, 3)

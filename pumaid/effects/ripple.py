@@ -7,8 +7,8 @@ from collections.abc import Mapping
 import numpy as np
 
 from pumaid.effects.base import Effect, Family, Parameter, Shape, Trace
-from pumaid.records import Extent
 from pumaid.robot import Robot
+from pumaid.samples import Extent
 
 #: Periods a turn of the motor: its eccentricity, a wave generator's two lobes, the usual counts of poles and slots.
 PER_TURN = (1, 2, 6, 12)

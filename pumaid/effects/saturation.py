@@ -7,8 +7,8 @@ from collections.abc import Mapping
 import numpy as np
 
 from pumaid.effects.base import Effect, Family, Parameter, Shape, Trace
-from pumaid.records import Extent
 from pumaid.robot import Robot
+from pumaid.samples import Extent
 
 #: Limits that a search begins with, as shares of the largest predicted current.
 SHARES = (0.6, 0.7, 0.8, 0.88, 0.94, 0.97, 0.985)

@@ -7,8 +7,8 @@ from collections.abc import Mapping
 import numpy as np
 
 from pumaid.effects.base import Effect, Family, Parameter, Shape, Trace
-from pumaid.records import Extent
 from pumaid.robot import Robot
+from pumaid.samples import Extent
 
 #: Starting speeds of the fall, from below the slowest run (where all but it are past the fall) to near the fastest.
 STARTS = 6

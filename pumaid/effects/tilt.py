@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 from pumaid.effects.base import NO_SHAPE, Effect, Family, Parameter, Scope, Shape, Trace, load_refusal
-from pumaid.records import Extent
 from pumaid.robot import Robot
+from pumaid.samples import Extent
 
 #: Ratios of gains at which a search begins: those of neighbours on published arms, of either sign.
 RATIOS = (-3.0, -1.0, -0.3, 0.3, 1.0, 3.0)

@@ -7,8 +7,8 @@ from collections.abc import Mapping
 import numpy as np
 
 from pumaid.effects.base import Effect, Family, Parameter, Shape, Trace
-from pumaid.records import Extent
 from pumaid.robot import Robot
+from pumaid.samples import Extent
 
 #: Time constants that a search begins with, as shares of the campaign's duration.
 SHARES = (0.08, 0.15, 0.3, 0.6, 1.2)

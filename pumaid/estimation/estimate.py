@@ -9,9 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pumaid import __version__
-from pumaid.dataset import Dataset, Run
+from pumaid.dataset import Campaign, Dataset, Run
 from pumaid.effect_spec import Column, EffectTerm, expanded
 from pumaid.errors import LogError, Where
+from pumaid.estimate import GIVEN, IDENTIFIED, NOT_IDENTIFIABLE, Estimate, JointFit, Value
 from pumaid.estimation import warnings
 from pumaid.estimation.covariance import fit_covariance, interval, recursion_covariance
 from pumaid.estimation.evaluate import Judge, rmse
@@ -23,7 +24,6 @@ from pumaid.estimation.profile import Profile
 from pumaid.estimation.reasons import Facts
 from pumaid.model import DELAY, Model
 from pumaid.preprocessing.replicates import Pair, noise_floor, pairs
-from pumaid.records import GIVEN, IDENTIFIED, NOT_IDENTIFIABLE, Campaign, Estimate, JointFit, Value
 from pumaid.robot import EffectChoice, Robot
 
 Floats = NDArray[np.float64]

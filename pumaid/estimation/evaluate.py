@@ -9,13 +9,15 @@ from typing import TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from pumaid.dataset import Dataset, Means, Run
+from pumaid.dataset import Campaign, Dataset, Means, Run
+from pumaid.estimate import Estimate
+from pumaid.estimation.comparison import TOGETHER, OutsideScore, RunScore
 from pumaid.gravity_load import along, loads
 from pumaid.joint_bins import JointBins, joined, joint_bins
 from pumaid.maths.splits import told_apart
 from pumaid.model import Model
-from pumaid.records import TOGETHER, Campaign, Estimate, OutsideScore, RunScore, Samples
 from pumaid.robot import Robot
+from pumaid.samples import Samples
 
 Floats = NDArray[np.float64]
 

@@ -23,7 +23,7 @@ from pumaid.joint_bins import JointBins
 from pumaid.maths import rank
 from pumaid.maths.recursion import Gains
 from pumaid.model import DELAY, Model
-from pumaid.records import Samples
+from pumaid.samples import Samples
 
 Floats = NDArray[np.float64]
 Counts = NDArray[np.int64]

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from pumaid.dataset import Run
 from pumaid.effect_spec import Column
 from pumaid.effects import Scope
+from pumaid.estimate import IDENTIFIED, NOT_IDENTIFIABLE, Combination, Value
 from pumaid.estimation import reasons
 from pumaid.estimation.bilinear import RATIO_KNOWN, Bilinear, JointSolution
 from pumaid.estimation.covariance import Clustered, completed, interval, two_sided
@@ -21,7 +22,7 @@ from pumaid.estimation.reasons import Facts, Reason
 from pumaid.estimation.rows import Row
 from pumaid.maths.recursion import LARGEST_RATIO, Gains
 from pumaid.model import DELAY, Model
-from pumaid.records import IDENTIFIED, NOT_IDENTIFIABLE, Combination, Samples, Value
+from pumaid.samples import Samples
 
 Floats = NDArray[np.float64]
 Absorbed = dict[int, list[tuple[int, int]]]

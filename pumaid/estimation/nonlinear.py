@@ -8,7 +8,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from pumaid.dataset import Run
+from pumaid.dataset import Campaign, Run
 from pumaid.effect_spec import EffectTerm, columns_each, scale_of, terms_of
 from pumaid.effects import Scope
 from pumaid.effects.base import Family, Shape
@@ -18,7 +18,6 @@ from pumaid.estimation.gls import Progress, eased, fit_bins, refit, releveled, w
 from pumaid.estimation.rows import plausible
 from pumaid.joint_bins import COARSE, FINE, JointBins, extent, joint_bins
 from pumaid.model import Model
-from pumaid.records import Campaign
 from pumaid.robot import EffectChoice
 from pumaid.units import number
 

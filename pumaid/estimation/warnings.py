@@ -13,6 +13,7 @@ from pumaid.dataset import Run
 from pumaid.effects import Trace
 from pumaid.effects.base import load_refusal
 from pumaid.errors import Note, Where
+from pumaid.estimate import Estimate, JointFit, Value
 from pumaid.estimation.covariance import two_sided
 from pumaid.estimation.fit import Fit, FitRow
 from pumaid.estimation.gls import fit_bins
@@ -22,7 +23,6 @@ from pumaid.joint_bins import JointBins, joint_bins
 from pumaid.model import Model
 from pumaid.preprocessing.options import STROKE
 from pumaid.preprocessing.replicates import Pair
-from pumaid.records import Estimate, JointFit, Value
 from pumaid.robot import Robot
 from pumaid.units import number
 

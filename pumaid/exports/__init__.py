@@ -11,10 +11,10 @@ from types import MappingProxyType
 
 from pumaid import __version__
 from pumaid.effect_spec import check_known, check_parameters
+from pumaid.estimate import Estimate
 from pumaid.exports.base import Exported, Form, Subject, identifier
 from pumaid.exports.equivalent_bodies import Bodies, bodies, constants_of
 from pumaid.exports.formulas import Formulas
-from pumaid.records import Estimate
 from pumaid.results.model_file import check_same_recipe
 from pumaid.robot import Robot
 

@@ -12,11 +12,11 @@ from numpy.typing import NDArray
 from pumaid.effect_spec import EffectTerm, terms_of
 from pumaid.effects import catalogue
 from pumaid.effects.formula import OF_MOTION, at_rest, filled, names_in
+from pumaid.estimate import NOT_IDENTIFIABLE, Estimate
 from pumaid.gravity_load import felt_ratios, loads
 from pumaid.model import Model
-from pumaid.records import Estimate, Samples
-from pumaid.records.estimate import NOT_IDENTIFIABLE
 from pumaid.robot import Robot
+from pumaid.samples import Samples
 from pumaid.structure import minimal
 
 Floats = NDArray[np.float64]

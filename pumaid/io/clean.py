@@ -9,10 +9,10 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
+from pumaid.dataset import Log
 from pumaid.errors import LogError, Note, Where
 from pumaid.io.columns import Columns
 from pumaid.io.row_faults import Intervals, RowFaults
-from pumaid.records import Log
 from pumaid.robot import Robot
 
 Floats = NDArray[np.float64]

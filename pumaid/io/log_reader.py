@@ -7,13 +7,12 @@ from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import Any, cast
 
-from pumaid.dataset import FileFacts
+from pumaid.dataset import FileFacts, Log
 from pumaid.errors import LogError, Note, Where
 from pumaid.io.clean import Cleaner
 from pumaid.io.columns import check_extra, resolve
 from pumaid.io.log_formats import HEAD_BYTES, LogSource, log_format
 from pumaid.io.paths import STDIN, LogPath, local_copy
-from pumaid.records import Log
 from pumaid.robot import Robot
 from pumaid.units import UNITS
 

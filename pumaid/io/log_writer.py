@@ -14,11 +14,11 @@ import pyarrow.parquet as pq
 from numpy.typing import NDArray
 from pyarrow import csv as arrow_csv
 
+from pumaid.dataset import Log
 from pumaid.errors import ResultError, Where
 from pumaid.io.columns import QUANTITIES, factor_of, time_factor
 from pumaid.io.paths import STDIN
 from pumaid.io.write import replacing
-from pumaid.records import Log
 from pumaid.robot import Robot
 
 Floats = NDArray[np.float64]

@@ -10,12 +10,12 @@ from itertools import groupby
 from pathlib import Path
 from typing import Any
 
+from pumaid.dataset import Log
 from pumaid.errors import ModelError, ResultError, Where
 from pumaid.io.log_formats import endings
 from pumaid.io.log_writer import write_log
 from pumaid.io.paths import STDIN
 from pumaid.io.write import locked, write_file
-from pumaid.records import Log
 from pumaid.robot import Robot
 
 TRUTH_NAME = "truth.json"

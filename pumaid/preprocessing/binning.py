@@ -10,13 +10,12 @@ from typing import TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from pumaid.dataset import Bins, Means, Reject, Run
+from pumaid.dataset import Bins, Log, Means, Reject, Run
 from pumaid.preprocessing.differentiate import slopes
 from pumaid.preprocessing.options import LARGEST, STROKE, SegmentOptions
 from pumaid.preprocessing.parallel import Filtered, filtered_stroke
 from pumaid.preprocessing.reasons import reason_text
 from pumaid.preprocessing.stretches import Piece, Stretch
-from pumaid.records import Log
 from pumaid.robot import Robot
 
 Floats = NDArray[np.float64]

@@ -10,9 +10,9 @@ from numpy.typing import NDArray
 
 from pumaid.dataset import Dataset, Run
 from pumaid.errors import LogError, Note, Where
+from pumaid.estimate import Estimate
 from pumaid.kinematics import apart
 from pumaid.preprocessing.options import STROKE
-from pumaid.records import Estimate
 from pumaid.trajectory import Motion, Plan
 
 Floats = NDArray[np.float64]

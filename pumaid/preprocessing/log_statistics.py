@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from pumaid.records import Log
+from pumaid.dataset import Log
 from pumaid.robot import Robot
 
 Floats = NDArray[np.float64]

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
+from pumaid.dataset import Log
 from pumaid.preprocessing.options import SegmentOptions
 from pumaid.preprocessing.stretches import Piece
-from pumaid.records import Log
 from pumaid.robot import Robot
 from pumaid.units import number
 

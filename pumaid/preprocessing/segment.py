@@ -6,13 +6,12 @@ from collections.abc import Callable, Iterable
 
 import numpy as np
 
-from pumaid.dataset import Dataset, Reject, Run
+from pumaid.dataset import Dataset, Log, Reject, Run
 from pumaid.preprocessing import clock
 from pumaid.preprocessing.binning import records
 from pumaid.preprocessing.options import DEFAULTS, SegmentOptions
 from pumaid.preprocessing.room import OF_REJECTS, OF_RUNS, Room
 from pumaid.preprocessing.stretches import Piece, Stretch, stretches
-from pumaid.records import Log
 from pumaid.robot import Robot
 
 __all__ = ["SegmentOptions", "Segmenter", "segment"]

@@ -8,13 +8,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from pumaid.dataset import Log
 from pumaid.preprocessing.clock import sampling_times
 from pumaid.preprocessing.constant_velocity import ConstantVelocity, constant_velocities
 from pumaid.preprocessing.differentiate import Ticks, usual_step
 from pumaid.preprocessing.movement import REST, SEVERAL, Motion, Movement, motion_of, movements
 from pumaid.preprocessing.options import BOTH, CONSTANT, LARGEST, STROKE, SegmentOptions
 from pumaid.preprocessing.stroke import Smooth, sliding, smooth
-from pumaid.records import Log
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]

@@ -4,20 +4,20 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from pumaid.effects import Scope, catalogue
-from pumaid.records import (
+from pumaid.diagnosis.records import (
     ADD,
     ADEQUATE,
     UNEXPLAINED_JOINT,
     Candidate,
     Diagnosis,
-    Estimate,
     Finding,
     JointDiagnosis,
     Limit,
     Transfer,
     Unexplained,
 )
+from pumaid.effects import Scope, catalogue
+from pumaid.estimate import Estimate
 from pumaid.reporting.formatting import (
     amperes,
     in_unit,

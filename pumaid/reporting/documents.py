@@ -10,13 +10,7 @@ from typing import Any
 
 from pumaid import __version__
 from pumaid.dataset import Dataset, Reject, Run
-from pumaid.records import (
-    TOGETHER,
-    Budget,
-    BudgetPart,
-    Comparison,
-    RunScore,
-)
+from pumaid.estimation.comparison import TOGETHER, Budget, BudgetPart, Comparison, RunScore
 from pumaid.reporting.run_tables import by_reason, samples_read
 from pumaid.reporting.text import BUDGET_LIMITS, part_sentence, part_share
 from pumaid.results.history import History, Ladder, Rung

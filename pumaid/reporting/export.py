@@ -9,7 +9,7 @@ from typing import Any
 
 import pandas as pd
 
-from pumaid.records import Estimate
+from pumaid.estimate import Estimate
 from pumaid.reporting.context import ReportContext
 from pumaid.reporting.figures.style import INLINE
 from pumaid.reporting.formatting import in_unit

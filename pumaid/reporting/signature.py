@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pumaid.effects import Effect, Family, Scope
-from pumaid.records import Loads, Samples
 from pumaid.robot import Joint, Robot
+from pumaid.samples import Loads, Samples
 
 Floats = NDArray[np.float64]
 

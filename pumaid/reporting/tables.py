@@ -6,22 +6,10 @@ from collections.abc import Iterable, Sequence
 
 import numpy as np
 
+from pumaid.diagnosis.records import ABSENT, ADD, UNSEEN, Candidate, Diagnosis, Finding, Limit, Unexplained
 from pumaid.effects import catalogue
-from pumaid.records import (
-    ABSENT,
-    ADD,
-    IDENTIFIED,
-    UNSEEN,
-    Candidate,
-    Comparison,
-    Diagnosis,
-    Estimate,
-    Finding,
-    JointFit,
-    Limit,
-    Unexplained,
-    Value,
-)
+from pumaid.estimate import IDENTIFIED, Estimate, JointFit, Value
+from pumaid.estimation.comparison import Comparison
 from pumaid.reporting.diagnosis_text import bare, label, times_text, variable_name
 from pumaid.reporting.formatting import in_unit, listed, percent, posture_text, relative_names, speed_text, with_error
 from pumaid.reporting.table import Cell, Table

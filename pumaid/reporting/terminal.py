@@ -2,15 +2,8 @@
 
 from __future__ import annotations
 
-from pumaid.records import (
-    ADEQUATE,
-    UNEXPLAINED_JOINT,
-    Budget,
-    BudgetPart,
-    Comparison,
-    Diagnosis,
-    JointDiagnosis,
-)
+from pumaid.diagnosis.records import ADEQUATE, UNEXPLAINED_JOINT, Diagnosis, JointDiagnosis
+from pumaid.estimation.comparison import Budget, BudgetPart, Comparison
 from pumaid.reporting import diagnosis_text as sentences
 from pumaid.reporting.table import Paragraph, Table
 from pumaid.reporting.tables import candidate_table, deciding_runs_table, limit_table, shape_table

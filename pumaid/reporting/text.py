@@ -9,15 +9,8 @@ from dataclasses import replace
 import numpy as np
 
 from pumaid.errors import Note
-from pumaid.records import (
-    IDENTIFIED,
-    NOT_IDENTIFIABLE,
-    Budget,
-    BudgetPart,
-    Comparison,
-    JointScore,
-    Value,
-)
+from pumaid.estimate import IDENTIFIED, NOT_IDENTIFIABLE, Value
+from pumaid.estimation.comparison import Budget, BudgetPart, Comparison, JointScore
 from pumaid.reporting.context import ReportContext
 from pumaid.reporting.formatting import amperes, joint_title, joint_titles, listed, percent, plural
 from pumaid.results.history import Ladder, Rung

@@ -11,8 +11,8 @@ from pathlib import Path
 from typing import Any
 
 from pumaid.errors import Note, PumaidError, ResultError, Where
+from pumaid.estimate import Estimate, JointFit
 from pumaid.io.write import locked, write_file
-from pumaid.records import Estimate, JointFit
 from pumaid.results.documents import as_text, digest_of, plain, read_document
 from pumaid.results.model_file import REFUSALS, estimate_from, model_document
 from pumaid.robot import EffectChoice, Robot

@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 
 from pumaid import __version__
 from pumaid.errors import ModelError, Note, Where
+from pumaid.estimate import NOT_IDENTIFIABLE, Combination, Estimate, JointFit, Value
 from pumaid.io.write import write_file
-from pumaid.records import NOT_IDENTIFIABLE, Combination, Estimate, JointFit, Value
 from pumaid.results.documents import (
     FORMAT,
     Refusals,

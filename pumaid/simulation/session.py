@@ -8,8 +8,8 @@ from collections.abc import Iterator
 import numpy as np
 from numpy.typing import NDArray
 
+from pumaid.dataset import Log
 from pumaid.errors import ModelError, Where
-from pumaid.records import Log
 from pumaid.robot import Robot
 from pumaid.simulation.controller import Controller
 from pumaid.simulation.hidden_effects import (

@@ -10,9 +10,9 @@ from experiments import EXPERIMENTS, coverage, losses
 
 from pumaid.dataset import Dataset
 from pumaid.design.plan import plan
+from pumaid.estimate import Estimate
 from pumaid.estimation.estimate import identify
 from pumaid.io.recipe import read_recipe, shipped_recipes
-from pumaid.records import Estimate
 from pumaid.simulation import Bench, Noise, Truth, draw, table1
 
 #: Four binomial standard deviations of as many experiments below 95 %.

@@ -10,8 +10,8 @@ import pytest
 
 from pumaid.effects.gravity import Gravity
 from pumaid.io.recipe import read_recipe, shipped_recipes
-from pumaid.records import Samples
 from pumaid.robot import Joint, Robot
+from pumaid.samples import Samples
 
 pin = pytest.importorskip("pinocchio", reason="the engine is pinocchio (pip install pumaid[test])")
 

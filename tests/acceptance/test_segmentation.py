@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 from motion_worlds import INERTIA, SCENARIOS, VISCOUS, World, make, robot, score
 
+from pumaid.dataset import Log
 from pumaid.preprocessing.segment import segment
-from pumaid.records import Log
 from pumaid.robot import Joint, Robot
 
 SEEDS = (20_001, 20_002)

@@ -14,8 +14,8 @@ from pumaid.errors import PumaidError
 from pumaid.io.recipe import read_recipe, shipped_recipes
 from pumaid.io.urdf_recipe import TOLERANCE, UrdfRecipe, recipe_from_urdf
 from pumaid.kinematics import axes, origins
-from pumaid.records import Samples
 from pumaid.robot import Robot
+from pumaid.samples import Samples
 
 pytest.importorskip("pinocchio", reason="the independent reader is pinocchio (pip install pumaid[test])")
 pytest.importorskip("example_robot_data", reason="example-robot-data brings the URDFs (pip install pumaid[test])")

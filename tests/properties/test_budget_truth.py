@@ -10,12 +10,12 @@ import pytest
 import worlds
 
 from pumaid.dataset import Dataset, FileFacts
+from pumaid.diagnosis.compare import compare
+from pumaid.estimation.comparison import Budget
 from pumaid.estimation.estimate import identify
-from pumaid.records import Budget
 from pumaid.simulation import Bench, Truth, table1
 from pumaid.simulation.hidden_effects import Hidden
 from pumaid.trajectory import Motion, Plan
-from pumaid.verbs.compare import compare
 
 #: Seeds of these experiments; development used others.
 SEEDS = 8_000

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from worlds import course, random_arm
 
 from pumaid.effects import Scope, catalogue
-from pumaid.records import Loads, Samples
+from pumaid.samples import Loads, Samples
 
 FIELDS = ("position", "velocity", "acceleration", "direction", "time", "elapsed", "travel", "temperature", "run")
 LOADS = ("own", "others", "slopes", "tilts", "across", "drawn")

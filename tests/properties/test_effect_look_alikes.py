@@ -10,7 +10,7 @@ import pytest
 from pumaid.effects import Effect, Scope, catalogue
 from pumaid.gravity_load import loads
 from pumaid.model import Model
-from pumaid.records import Extent, Samples
+from pumaid.samples import Extent, Samples
 from pumaid.simulation import table1
 
 ROBOT = table1.robot()

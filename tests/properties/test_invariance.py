@@ -11,8 +11,8 @@ from hypothesis import strategies as st
 from worlds import CRANE, dataset, drawn, experiment
 
 from pumaid.dataset import Dataset, Run
+from pumaid.estimate import Estimate
 from pumaid.estimation.estimate import identify
-from pumaid.records import Estimate
 
 TRUTH = drawn(CRANE)
 RUNS = dataset(TRUTH, experiment(CRANE)).runs

@@ -9,7 +9,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from pumaid.errors import PumaidError
-from pumaid.records import Combination, Estimate, JointFit, Value
+from pumaid.estimate import Combination, Estimate, JointFit, Value
 from pumaid.results.documents import as_text
 from pumaid.results.model_file import model_document, read_model
 from pumaid.robot import EffectChoice

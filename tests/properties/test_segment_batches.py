@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 from motion_worlds import World, make, robot, score
 
+from pumaid.dataset import Log
 from pumaid.preprocessing.segment import SegmentOptions, segment
-from pumaid.records import Log
 
 
 def batches(logs, size):

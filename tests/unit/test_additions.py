@@ -10,7 +10,7 @@ from searches import lever
 import pumaid.estimation.estimate as verb
 from pumaid.cli.additions import added
 from pumaid.dataset import Dataset
-from pumaid.records import ADD, Diagnosis, Finding
+from pumaid.diagnosis.records import ADD, Diagnosis, Finding
 
 
 def stretched(estimate, factor):

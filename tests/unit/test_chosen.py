@@ -10,8 +10,8 @@ from worlds import PENDULUM, dataset, drawn, experiment
 
 from pumaid.effect_spec import check_parameters
 from pumaid.errors import ModelError
+from pumaid.estimate import Estimate
 from pumaid.estimation.estimate import identify
-from pumaid.records import Estimate
 from pumaid.robot import EffectChoice
 
 #: Twice the same effect at one joint, one of the whole arm, one with shapes that are fitted.

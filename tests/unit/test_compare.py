@@ -10,10 +10,10 @@ import worlds
 
 import pumaid
 from pumaid.dataset import Dataset, FileFacts, Means, Reject, Run
+from pumaid.diagnosis.compare import compare
 from pumaid.errors import ModelError
-from pumaid.records import UNEXPLAINED, Comparison
+from pumaid.estimation.comparison import UNEXPLAINED, Comparison
 from pumaid.robot import Robot
-from pumaid.verbs.compare import compare
 
 TURN = np.pi / 2
 

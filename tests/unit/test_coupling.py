@@ -8,12 +8,12 @@ import worlds
 
 import pumaid
 from pumaid.dataset import Dataset, Means, Reject
+from pumaid.diagnosis.compare import compare
 from pumaid.effects import catalogue
 from pumaid.errors import Faults, RecipeError
 from pumaid.io.recipe import read_recipe
-from pumaid.records import Samples
 from pumaid.robot import Joint, Robot
-from pumaid.verbs.compare import compare
+from pumaid.samples import Samples
 
 GEARS = (-62.6, 107.8, -53.7, 76.0, 71.9, 76.7)
 RATIOS = {(5, 4): 0.0139, (6, 4): -0.013, (6, 5): 0.18}

@@ -12,7 +12,7 @@ from pumaid.diagnosis.candidates import Suspect
 from pumaid.diagnosis.curves import SLOWEST, Trial, curve
 from pumaid.effects import Effect, Family, Trace
 from pumaid.effects.base import Parameter, Shape
-from pumaid.records import Samples
+from pumaid.samples import Samples
 
 
 class Falling(Effect):

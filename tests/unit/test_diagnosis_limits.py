@@ -11,10 +11,10 @@ from searches import LEVER, Din, Lab, design, lever, pendulum
 from worlds import PENDULUM
 
 from pumaid.diagnosis.detection_limit import detection_limits, needed
+from pumaid.diagnosis.records import Limit
 from pumaid.diagnosis.stepwise import Step, Stepwise
 from pumaid.effect_spec import EffectTerm
 from pumaid.effects import catalogue
-from pumaid.records import Limit
 
 DIN = Din(spread=0.01, correlation=0.5, level=0.004)
 #: Effects with one shape, so that the limit is not a median over shapes.

@@ -9,9 +9,9 @@ import pytest
 from searches import LEVER, Din, Lab, covariance, design, lever
 from worlds import course, run_of
 
+from pumaid.dataset import Campaign
 from pumaid.estimation.noise import Noise, noise_of
 from pumaid.joint_bins import JointBins, joint_bins
-from pumaid.records import Campaign
 
 #: Draws of noise over which an estimate's mean is taken.
 DRAWS = 60

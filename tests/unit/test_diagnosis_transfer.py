@@ -13,10 +13,10 @@ from pumaid.dataset import Dataset
 from pumaid.diagnosis import stepwise
 from pumaid.diagnosis.cross_validation import confirmed_share
 from pumaid.diagnosis.diagnose import diagnose
+from pumaid.diagnosis.records import DOUBTFUL, UNEXPLAINED_JOINT, Transfer
 from pumaid.effect_spec import EffectTerm
 from pumaid.effects import catalogue
 from pumaid.estimation.fit import Fit, elsewhere
-from pumaid.records import DOUBTFUL, UNEXPLAINED_JOINT, Transfer
 from pumaid.simulation import Hidden
 
 SPRING = EffectTerm(catalogue()["spring"], 1, {})

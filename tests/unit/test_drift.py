@@ -7,10 +7,10 @@ import pandas as pd
 import pytest
 from faulty import good
 
+from pumaid.dataset import Log
 from pumaid.estimation.estimate import identify
 from pumaid.io.recipe import read_recipe, shipped_recipes
 from pumaid.preprocessing.segment import segment
-from pumaid.records import Log
 
 PENDULUM = read_recipe(shipped_recipes()["pendulum2"])
 

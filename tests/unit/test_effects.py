@@ -11,8 +11,8 @@ from worlds import CRANE, PENDULUM, STANFORD
 
 import pumaid.effects
 from pumaid.effects import Effect, Scope, Trace, catalogue
-from pumaid.records import Extent, Loads, Samples
 from pumaid.robot import Joint, Robot
+from pumaid.samples import Extent, Loads, Samples
 
 NAMES = sorted(catalogue())
 #: What units are made of; powers follow their letter.

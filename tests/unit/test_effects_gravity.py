@@ -11,8 +11,8 @@ from worlds import CRANE, PENDULUM, STANFORD
 from pumaid.effects import catalogue
 from pumaid.gravity_load import loads
 from pumaid.model import Model
-from pumaid.records import Samples
 from pumaid.robot import Robot
+from pumaid.samples import Samples
 from pumaid.simulation import table1
 
 mujoco = pytest.importorskip("mujoco", reason="the engine is mujoco (pip install pumaid[test])")

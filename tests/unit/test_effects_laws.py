@@ -9,7 +9,7 @@ import pytest
 from worlds import PENDULUM
 
 from pumaid.effects import Trace, catalogue
-from pumaid.records import Extent, Loads, Samples
+from pumaid.samples import Extent, Loads, Samples
 
 COUNT = 50
 

@@ -68,7 +68,7 @@ def test_the_manuals_example_is_an_effect(written):
     velocity = np.zeros_like(seen.velocity)
     velocity[:, 0] = speeds
     current = effect.columns(
-        ARM, pumaid.records.Samples(1, seen.position, velocity, direction=np.ones(len(seen))), shape={"speed": 0.5}
+        ARM, pumaid.Samples(1, seen.position, velocity, direction=np.ones(len(seen))), shape={"speed": 0.5}
     )
     assert speeds[current[:, 0].argmax()] == pytest.approx(0.5, abs=0.05)
 

@@ -7,7 +7,7 @@ from functools import cache
 import numpy as np
 import pytest
 
-from pumaid.dataset import Dataset
+from pumaid.dataset import Campaign, Dataset
 from pumaid.effect_spec import expanded
 from pumaid.estimation.estimate import identify
 from pumaid.estimation.fit import Fit
@@ -15,7 +15,6 @@ from pumaid.estimation.nonlinear import fit_effects
 from pumaid.io.recipe import read_recipe, shipped_recipes
 from pumaid.model import Model
 from pumaid.preprocessing.segment import segment
-from pumaid.records import Campaign
 from pumaid.robot import EffectChoice
 from pumaid.simulation import Session, draw
 from pumaid.simulation.hidden_effects import parse

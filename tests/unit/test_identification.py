@@ -8,17 +8,16 @@ import numpy as np
 import pytest
 from worlds import CRANE, PENDULUM, course, drawn, experiment, run_of
 
-from pumaid.dataset import Dataset
+from pumaid.dataset import Campaign, Dataset
+from pumaid.diagnosis.compare import compare
 from pumaid.effect_spec import terms_of
 from pumaid.errors import Where
 from pumaid.estimation.estimate import identify
 from pumaid.model import Model
-from pumaid.records import Campaign
 from pumaid.robot import EffectChoice
 from pumaid.simulation import Bench
 from pumaid.simulation.hidden_effects import parse
 from pumaid.trajectory import Plan
-from pumaid.verbs.compare import compare
 
 JOINT = 2
 SPEEDS = (0.05, 0.1, 0.2, 0.4, 0.7, 1.0)

@@ -9,7 +9,7 @@ import pytest
 
 from pumaid.gravity_load import along, loads
 from pumaid.model import Model
-from pumaid.records import Samples
+from pumaid.samples import Samples
 from pumaid.simulation import table1
 from tests.worlds import STANFORD
 

@@ -10,11 +10,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from pumaid.dataset import Log
 from pumaid.errors import LogError, Note
 from pumaid.preprocessing.ingest import ingest
 from pumaid.preprocessing.log_checks import findings
 from pumaid.preprocessing.log_statistics import LogStatistics
-from pumaid.records import Log
 from pumaid.robot import Joint, LogFormat, Robot
 
 REAL = Path(os.environ.get("PUMAID_REAL_DATA", Path(__file__).parents[3] / "shared" / "data"))

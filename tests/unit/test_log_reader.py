@@ -19,6 +19,7 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
+from pumaid.dataset import Log
 from pumaid.errors import LogError, ResultError
 from pumaid.io import formats
 from pumaid.io.formats import csv_text
@@ -26,7 +27,6 @@ from pumaid.io.log_formats import log_formats
 from pumaid.io.log_reader import LogReader
 from pumaid.io.log_writer import write_log
 from pumaid.io.paths import expand
-from pumaid.records import Log
 from pumaid.robot import Joint, LogFormat, Robot
 
 

@@ -10,10 +10,10 @@ import worlds
 from faulty import csv, good, invoke, make, slugs_of
 
 from pumaid.errors import ModelError
+from pumaid.estimate import Value
 from pumaid.estimation.fit import rmse_by_joint
 from pumaid.estimation.nonlinear import check_better
 from pumaid.estimation.warnings import odd_gains, odd_inertia
-from pumaid.records.estimate import Value
 
 
 def notes(folder: Path, tables) -> str:

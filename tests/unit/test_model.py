@@ -12,7 +12,7 @@ from pumaid.dataset import Dataset
 from pumaid.estimation.estimate import identify
 from pumaid.joint_bins import joint_bins
 from pumaid.model import Model
-from pumaid.records import Samples
+from pumaid.samples import Samples
 
 #: A name as interfaces.md has it.
 NAME = re.compile(r"gravity\.l\d\.(x|y|mass)|(coulomb|viscous)\.j\d\.(plus|minus)|inertia\.j\d\.J\d*")

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from pumaid.errors import Faults, ModelError, Note, ResultError, Where
-from pumaid.records import Combination, Estimate, JointFit, Value
+from pumaid.estimate import Combination, Estimate, JointFit, Value
 from pumaid.results.documents import as_text, digest_of, heading, plain
 from pumaid.results.model_file import check_same_recipe, model_document, read_model, write_model
 from pumaid.robot import EffectChoice, Joint, Robot

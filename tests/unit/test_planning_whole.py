@@ -15,8 +15,8 @@ from pumaid.design.plan import plan
 from pumaid.design.planner import Made, Planner, Request
 from pumaid.design.prior import random_robots, robot_of_estimate
 from pumaid.errors import ModelError
+from pumaid.estimate import Estimate
 from pumaid.estimation.estimate import identify
-from pumaid.records import Estimate
 from pumaid.robot import Box, Joint, Robot, Safety, Sphere
 from pumaid.simulation import Bench, draw, table1
 from pumaid.simulation.gravity import Links

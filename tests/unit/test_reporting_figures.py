@@ -20,6 +20,7 @@ from motion_worlds import World, make, robot
 from test_reporting_tables import ARM, PLAN, RUNS
 
 from pumaid.dataset import Dataset
+from pumaid.diagnosis.compare import compare
 from pumaid.errors import ResultError
 from pumaid.io.recipe import read_recipe, shipped_recipes
 from pumaid.preprocessing.segment import segment
@@ -30,7 +31,6 @@ from pumaid.reporting.page import all_figures
 from pumaid.reporting.text import PART_NAMES
 from pumaid.robot import Box, Joint, Robot, Safety, Sphere
 from pumaid.trajectory import Motion, Plan, Posture, run_times
-from pumaid.verbs.compare import compare
 
 PUMA = diagnoses.PUMA
 

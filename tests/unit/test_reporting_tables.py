@@ -13,11 +13,9 @@ from ladders import ladder
 from motion_worlds import World, make, robot
 
 from pumaid.dataset import Dataset
+from pumaid.diagnosis.records import Limit
+from pumaid.estimate import Combination
 from pumaid.preprocessing.segment import segment
-from pumaid.records import (
-    Combination,
-    Limit,
-)
 from pumaid.reporting import run_tables, tables
 from pumaid.reporting.table import Cell, Table
 from pumaid.robot import Joint, Robot

@@ -14,10 +14,12 @@ import worlds
 from ladders import ARM, RIPPLE, STRIBECK, experiment, ladder, model
 from test_budget import KINDS
 
+from pumaid.diagnosis.records import Limit, NextRun
 from pumaid.diagnosis.residual_budget import POINTS_TO
 from pumaid.effects import catalogue
 from pumaid.errors import Note, Where
-from pumaid.records import Budget, BudgetPart, Combination, Comparison, JointScore, Limit, NextRun
+from pumaid.estimate import Combination
+from pumaid.estimation.comparison import Budget, BudgetPart, Comparison, JointScore
 from pumaid.reporting import diagnosis_text, text
 from pumaid.reporting.documents import budget_document, comparison_document
 from pumaid.reporting.formatting import in_unit, percent, posture_text, relative_names, with_error

@@ -5,10 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from pumaid.dataset import Bins, coarser
+from pumaid.dataset import Bins, Log, coarser
 from pumaid.errors import PumaidError
 from pumaid.preprocessing.segment import SegmentOptions, segment
-from pumaid.records import Log
 from pumaid.robot import Joint, Robot
 
 ARM = Robot("arm", (Joint(1, "base", "revolute"), Joint(2, "arm", "revolute"), Joint(3, "slide", "prismatic")))

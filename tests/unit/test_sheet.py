@@ -7,14 +7,13 @@ import pytest
 from scipy import stats
 from worlds import CRANE, STANFORD, dataset, drawn, experiment, fit_runs, only, puma, truth_in_units
 
-from pumaid.dataset import Dataset
+from pumaid.dataset import Campaign, Dataset
 from pumaid.estimation.covariance import recursion_covariance
 from pumaid.estimation.estimate import identify
 from pumaid.estimation.identifiability import Sheet, _gradient
 from pumaid.joint_bins import samples_of
 from pumaid.maths.recursion import Gains
 from pumaid.model import Model
-from pumaid.records import Campaign
 from pumaid.robot import Joint, Robot
 from pumaid.simulation import Bench, table1
 

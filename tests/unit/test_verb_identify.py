@@ -24,8 +24,8 @@ from worlds import (
 
 from pumaid.dataset import Dataset, Reject
 from pumaid.errors import LogError
+from pumaid.estimate import Estimate
 from pumaid.estimation.estimate import identify
-from pumaid.records import Estimate
 from pumaid.simulation import Bench, Truth, table1
 
 #: Relative to the value or, where that is smaller, to 0.001 in SI, to 1 for a ratio of gains (the paper's eta_5/eta_6

@@ -14,10 +14,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pumaid.dataset import Dataset
+from pumaid.diagnosis.records import Diagnosis
 from pumaid.errors import PumaidError
+from pumaid.estimate import Estimate
 from pumaid.estimation.estimate import identify
 from pumaid.experiment import read_dataset
-from pumaid.records import Diagnosis, Estimate
 from pumaid.robot import EffectChoice, Robot
 
 Floats = NDArray[np.float64]

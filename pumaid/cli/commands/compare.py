@@ -71,6 +71,7 @@ def command(
     spare_inputs([picture], read_files(logs, recipe, model) if picture else [])
     estimate = read_known_model(model)
     robot, dataset = read_dataset(logs, recipe, trust=trust, heldout=heldout, reading=reading)
+    from pumaid.diagnosis.compare import compare
     from pumaid.reporting.context import ReportContext
     from pumaid.reporting.documents import comparison_document
     from pumaid.reporting.figures.residuals import overview_figure
@@ -78,7 +79,6 @@ def command(
     from pumaid.reporting.terminal import budget_parts
     from pumaid.reporting.text import is_above_floor
     from pumaid.results.documents import heading
-    from pumaid.verbs.compare import compare
 
     check_model(estimate, robot, (recipe, logs))
     comparison = compare(estimate, dataset, robot)

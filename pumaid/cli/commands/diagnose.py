@@ -20,8 +20,8 @@ from pumaid.cli.output import (
 )
 
 if TYPE_CHECKING:
+    from pumaid.diagnosis.records import Diagnosis
     from pumaid.experiment import Reading
-    from pumaid.records import Diagnosis
     from pumaid.robot import Robot
 
 

@@ -139,10 +139,10 @@ def _story(
     units: str,
 ) -> ReportContext:
     """What the report tells of: the model on the logs, and the models before it."""
+    from pumaid.diagnosis.compare import compare
     from pumaid.experiment import check_model, read_known_model
     from pumaid.reporting.context import ReportContext
     from pumaid.results.history import ladder_of
-    from pumaid.verbs.compare import compare
 
     estimate = read_known_model(source)
     robot, dataset = read()

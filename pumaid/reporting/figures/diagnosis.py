@@ -12,8 +12,8 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from numpy.typing import NDArray
 
+from pumaid.diagnosis.records import Binned, Curve, Diagnosis, Finding, JointDiagnosis, Unexplained
 from pumaid.errors import ResultError
-from pumaid.records import Binned, Curve, Diagnosis, Finding, JointDiagnosis, Unexplained
 from pumaid.reporting.diagnosis_text import form_sentence, label, place, variable_name
 from pumaid.reporting.figures.style import BACKWARD, FORWARD, GREY, INK, Drawing, direction_handles, panels, zero_line
 from pumaid.reporting.formatting import in_unit, joint_title, listed, shortened

@@ -15,12 +15,8 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 from numpy.typing import NDArray
 
-from pumaid.records import (
-    TOGETHER,
-    UNEXPLAINED,
-    JointScore,
-    Value,
-)
+from pumaid.estimate import Value
+from pumaid.estimation.comparison import TOGETHER, UNEXPLAINED, JointScore
 from pumaid.reporting.context import ReportContext
 from pumaid.reporting.figures.style import (
     AREAS,

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 
-from pumaid.records import UNEXPLAINED_JOINT, Diagnosis, Finding
+from pumaid.diagnosis.records import UNEXPLAINED_JOINT, Diagnosis, Finding
 from pumaid.reporting import diagnosis_text as text
 from pumaid.reporting.context import ReportContext
 from pumaid.reporting.figures.diagnosis import finding_figures, shape_figures

@@ -12,11 +12,12 @@ from pumaid.dataset import Dataset
 from pumaid.diagnosis.residual_budget import budget
 from pumaid.effect_spec import check_known
 from pumaid.errors import Note
+from pumaid.estimate import Estimate
+from pumaid.estimation.comparison import TOGETHER, UNEXPLAINED, Budget, Comparison, JointScore, RunScore
 from pumaid.estimation.evaluate import NOTHING, Groups, Judge, Tally, rmse, together
 from pumaid.joint_bins import joint_bins
 from pumaid.preprocessing.hold_out import held_out_otherwise
 from pumaid.preprocessing.replicates import noise_floor, pairs
-from pumaid.records import TOGETHER, UNEXPLAINED, Budget, Comparison, Estimate, JointScore, RunScore
 from pumaid.results.model_file import check_same_recipe
 from pumaid.robot import Robot
 
