@@ -20,13 +20,16 @@ def estimates(tmp_path_factory):
 
 @pytest.mark.slow
 def test_every_value_lies_in_its_interval_as_often_as_promised(estimates):
-    """Of all 95 % intervals of 15 experiments 93-97.5 % hold the value of the table (some 37 values each)."""
+    """Of all 95 % intervals of 15 experiments 93-97.5 % hold the value of the table (some 37 values each).
+
+    Inertia has no row in the table.
+    """
     known = table1.puma560().parameters()
     hits = [
         value.ci95[0] <= known[value.name] <= value.ci95[1]
         for estimate in estimates
         for value in estimate.values
-        if value.ci95 is not None
+        if value.ci95 is not None and value.name in known
     ]
     assert len(hits) > 500
     assert 0.93 <= np.mean(hits) <= 0.975

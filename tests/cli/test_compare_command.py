@@ -50,8 +50,9 @@ def test_prints_error_by_joint_and_the_worst_runs(arm):
     done = run("compare", "results/model.json", "logs", "--worst", "2")
     assert done.exit_code == 0, done.stderr
     assert "noise floor" in done.stdout and "outside runs" in done.stdout
-    worst = done.stdout.split("Runs with the largest error")[1]
-    assert re.findall(r"^ ?(\d)  ", worst, re.MULTILINE) == ["1", "2"]
+    worst = done.stdout.split("Runs with the largest error")[1].split("Sorted by")[0]
+    rows = re.findall(r"^ ?(\d)  ", worst, re.MULTILINE)  # a table wider than the terminal goes on below itself
+    assert rows in (["1", "2"], ["1", "2"] * 2)
 
 
 def test_says_where_the_error_lives(arm):
