@@ -24,8 +24,8 @@ Binned = TypeVar("Binned", Bins, Means)
 
 #: Ticks on either side of the straight lines through a run's own ticks.
 HALF = 2
-#: Bins of a stroke, which is smoothed, at most.
-MOST_OF_STROKE = 128
+#: Bins of a stroke at most.
+MOST_OF_STROKE = 512
 #: Turns from which a run gets more bins, so that a ripple of 100 waves a turn is not averaged away, and the turns up to
 #: which it does.
 MANY_TURNS, MOST_TURNS = 2.0, 64.0
