@@ -24,8 +24,6 @@ MOST_APART = 2.5
 #: The same of the currents of a stroke in which some are missing: of fewer, averages leave hardly more rows than there
 #: are columns, and have larger errors than the blunt corners of plain samples make.
 FEWEST_OF_SOME = 32
-#: Share of the largest acceleration, and errors of it, by which averaging once more changes it only at a corner.
-CORNER, CORNER_ERRORS = 0.02, 4.0
 #: Samples between which noise is looked for.
 _LAGS = (1, 2, 3, 5)
 
@@ -34,7 +32,7 @@ _LAGS = (1, 2, 3, 5)
 class Filtered:
     """A stroke through one filter: (N,) times (s), position, velocity, acceleration and current (A), and plain current.
 
-    Where the acceleration has no corner, the current is the plain one: a ripple faster than the filter stays in it.
+    A ripple that is faster than the filter stays in the current.
 
     `noise` is the variance of a position's noise (rad2 or m2), and `curvature` the weights by positions with which an
     acceleration is made.
@@ -94,17 +92,19 @@ def filtered_stroke(course: Smooth, position: Floats, current: Floats) -> Filter
         rows = at[right] - at[right - 1] < MOST_APART * step
     noise, curvature = _variance(q), np.convolve(kernel, _CURVE) / step**2
     plain = known[inner]
-    current = np.where(_is_at_corner(blunt[:, 2], kernel, noise * float(curvature @ curvature)), blunt[:, 3], plain)
+    current = blunt[:, 3] + _without_motion(plain - blunt[:, 3], blunt[:, 1:3], kernel)
     q, velocity, acceleration, _ = blunt[rows].T
     return Filtered(even[inner][rows], q, velocity, acceleration, current[rows], plain[rows], noise, curvature)
 
 
-def _is_at_corner(acceleration: Floats, kernel: Floats, variance: float) -> NDArray[np.bool_]:
-    """(N,) where (N,) averaged accelerations with errors of a `variance` are blunt: averaged again, they change."""
-    half = len(kernel) // 2
-    twice = np.convolve(np.pad(acceleration, half, mode="edge"), kernel, mode="valid")
-    least = max(CORNER * float(np.abs(acceleration).max()), CORNER_ERRORS * variance**0.5)
-    return np.asarray(np.abs(acceleration - twice) > least)
+def _without_motion(fast: Floats, motion: Floats, kernel: Floats) -> Floats:
+    """(N,) of a current what the filter took out, less what follows (N, 2) velocity and acceleration and their corners.
+
+    Regressed on the motion it gives nothing, so that least squares returns what it returns of filtered currents.
+    """
+    blunter = np.convolve(np.pad(motion[:, 1], len(kernel) // 2, mode="edge"), kernel, mode="valid")
+    columns = np.column_stack([np.ones(len(fast)), motion, blunter])
+    return np.asarray(fast - columns @ np.linalg.lstsq(columns, fast, rcond=None)[0])
 
 
 def _sums(values: Floats, stencil: Floats) -> Floats:
