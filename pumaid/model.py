@@ -225,10 +225,6 @@ class Model:
         held = [(joint, np.array(posture)) for joint, posture in self.stroke_postures]
         return run.kind == STROKE and _group(held, run.joint, run.posture) is None
 
-    def touched(self, joint: int) -> bool:
-        """Whether a chosen effect may act on `joint`."""
-        return any(term.touches(joint) for term in self.effects)
-
     def needs_loads(self) -> bool:
         """Whether a chosen effect is made from the fitted loads."""
         return any(term.effect.needs_loads for term in self.effects)

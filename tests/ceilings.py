@@ -1,8 +1,8 @@
 """What the house may cost as a whole; a room gives before another takes."""
 
 CEILINGS = {
-    "lines": 39610,
-    "statements": 20770,
+    "lines": 39605,
+    "statements": 20768,
     "modules": 222,
     "import depth": 14,
     "lines of tests and tools": 31960,

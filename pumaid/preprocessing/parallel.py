@@ -92,18 +92,20 @@ def filtered_stroke(course: Smooth, position: Floats, current: Floats) -> Filter
         rows = at[right] - at[right - 1] < MOST_APART * step
     noise, curvature = _variance(q), np.convolve(kernel, _CURVE) / step**2
     plain = known[inner]
-    current = blunt[:, 3] + _without_motion(plain - blunt[:, 3], blunt[:, 1:3], kernel)
+    current = blunt[:, 3] + _without_motion(plain - blunt[:, 3], blunt[:, :3], kernel)
     q, velocity, acceleration, _ = blunt[rows].T
     return Filtered(even[inner][rows], q, velocity, acceleration, current[rows], plain[rows], noise, curvature)
 
 
 def _without_motion(fast: Floats, motion: Floats, kernel: Floats) -> Floats:
-    """(N,) of a current what the filter took out, less what follows (N, 2) velocity and acceleration and their corners.
+    """(N,) of a current what the filter took out, less what follows the (N, 3) motion and its corners.
 
-    Regressed on the motion it gives nothing, so that least squares returns what it returns of filtered currents.
+    Regressed on weight, friction and inertia it gives nothing: least squares returns what it does of filtered currents.
     """
-    blunter = np.convolve(np.pad(motion[:, 1], len(kernel) // 2, mode="edge"), kernel, mode="valid")
-    columns = np.column_stack([np.ones(len(fast)), motion, blunter])
+    position, velocity, acceleration = motion.T
+    blunter = np.convolve(np.pad(acceleration, len(kernel) // 2, mode="edge"), kernel, mode="valid")
+    weight = [np.cos(position), np.sin(position)]
+    columns = np.column_stack([np.ones(len(fast)), *weight, velocity, acceleration, blunter])
     return np.asarray(fast - columns @ np.linalg.lstsq(columns, fast, rcond=None)[0])
 
 

@@ -128,11 +128,6 @@ def row_order(row: tuple[str, str]) -> tuple[int, tuple[str, str]]:
     return (_ORDER.index(first) if first in _ORDER else len(_ORDER), row)
 
 
-def row_label(row: tuple[str, str]) -> str:
-    """What a row of the parameter table is called, without its unit."""
-    return _labels(row)[0]
-
-
 def _labels(row: tuple[str, str]) -> tuple[str, str]:
     if row[0] == "gain_ratio" and row[1]:
         return f"ηᵢ/ηᵢ₊{row[1].translate(_SUBSCRIPTS)}", rf"$\eta_i/\eta_{{i+{row[1]}}}$"
