@@ -7,6 +7,6 @@ CEILINGS = {
     "import depth": 14,
     "lines of tests and tools": 31960,
     "words of documents": 30000,
-    "class names with two meanings": 13,
+    "class names with two meanings": 0,
     "variables named by a pronoun": 402,
 }

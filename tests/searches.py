@@ -19,7 +19,7 @@ from pumaid.estimate import Estimate
 from pumaid.estimation.estimate import identify
 from pumaid.estimation.fit import Fit, loaded
 from pumaid.estimation.gls import fit_bins, refit
-from pumaid.estimation.noise import Noise, noise_of
+from pumaid.estimation.noise import NoiseModel, noise_of
 from pumaid.joint_bins import COARSE, JointBins, joint_bins
 from pumaid.model import Model
 from pumaid.robot import Robot
@@ -110,7 +110,7 @@ class Lab:
         return joint_bins(self.robot, self.runs if runs is None else runs, most=COARSE)
 
     def fitted(
-        self, runs: Sequence[Run], added: Sequence[EffectTerm] = (), noises: Mapping[int, Noise] | None = None
+        self, runs: Sequence[Run], added: Sequence[EffectTerm] = (), noises: Mapping[int, NoiseModel] | None = None
     ) -> Fit:
         """The base model with `added`, fitted to the bins and weighted by what repeated runs differ by."""
         model = self.model.with_effects([term.searched(self.robot) for term in added])
@@ -138,7 +138,7 @@ def pendulum() -> Lab:
     return Lab.of(PENDULUM, design(PENDULUM, postures=3, speeds=(0.3, 0.6, 1.2)))
 
 
-def covariance(bins: JointBins, noise: Noise) -> np.ndarray:
+def covariance(bins: JointBins, noise: NoiseModel) -> np.ndarray:
     """(N, N) A2 that `noise` states, element by element."""
     out = np.zeros((len(bins), len(bins)))
     for a in range(len(bins)):
@@ -150,7 +150,7 @@ def covariance(bins: JointBins, noise: Noise) -> np.ndarray:
     return out
 
 
-def roots(bins: JointBins, noise: Noise) -> list[np.ndarray]:
+def roots(bins: JointBins, noise: NoiseModel) -> list[np.ndarray]:
     """Of each run, the inverse of the Cholesky factor of the covariance that `noise` states."""
     found = []
     for run in range(len(bins.runs)):
@@ -161,7 +161,7 @@ def roots(bins: JointBins, noise: Noise) -> list[np.ndarray]:
     return found
 
 
-def whitened(bins: JointBins, noise: Noise, values: np.ndarray) -> np.ndarray:
+def whitened(bins: JointBins, noise: NoiseModel, values: np.ndarray) -> np.ndarray:
     """Values times these roots, run by run."""
     parts = np.split(values, bins.first[1:])
     return np.concatenate([root @ part for root, part in zip(roots(bins, noise), parts, strict=True)])

@@ -27,7 +27,7 @@ Document = Mapping[str, Any]
 
 
 @dataclass(frozen=True, slots=True)
-class Step:
+class DemoStep:
     """A command that was run: its line, what it printed with ``--json``, s that it took, and what it showed."""
 
     line: str
@@ -36,7 +36,7 @@ class Step:
     sentence: str
 
 
-def story(folder: Path, *, robot: str, seed: int) -> Iterator[Step]:
+def story(folder: Path, *, robot: str, seed: int) -> Iterator[DemoStep]:
     """Run the commands one after the other; what a step shows decides what the next ones are.
 
     None of them opens ``logs/truth.json``, in which the robot's secret lies.
@@ -74,7 +74,7 @@ def hidden(*, seed: int, joints: int) -> str:
     return f"{KINDS[seed % len(KINDS)]}@{1 + seed * 7 // len(KINDS) % joints}"
 
 
-def run(words: list[str], sentence: Callable[[Document], str] = lambda answer: "") -> Step:
+def run(words: list[str], sentence: Callable[[Document], str] = lambda answer: "") -> DemoStep:
     """Run ``pumaid`` with some words and ``--json``, in this process.
 
     Parameters
@@ -109,7 +109,7 @@ def run(words: list[str], sentence: Callable[[Document], str] = lambda answer: "
         what = f"'{line}' left with exit code {code}: {first}"
         raise ResultError("step-failed", what, Where(), "run the line yourself to see all that it says")
     answer = json.loads(out.getvalue())
-    return Step(line, answer, time.monotonic() - start, sentence(answer))
+    return DemoStep(line, answer, time.monotonic() - start, sentence(answer))
 
 
 def findings(answer: Document) -> list[Document]:

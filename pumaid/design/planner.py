@@ -76,7 +76,7 @@ class Request:
 
 
 @dataclass(frozen=True, eq=False, slots=True)
-class Objective:
+class PlanObjective:
     """The criterion of a plan whose passes are of K kinds: candidate l in passes of kind k is number ``k L + l``.
 
     `times` says how often each kind of pass is made.
@@ -125,7 +125,7 @@ class Made:
     """
 
     motions: tuple[Motion, ...]
-    objective: Objective
+    objective: PlanObjective
     counts: Counts
     judged: Floats
     coverage: Coverage
@@ -336,7 +336,7 @@ class Planner:
         often = np.asarray(times, dtype=float)[:, None]
         _, block = np.unique(1000 * candidates.joint + candidates.hold, return_inverse=True)
         blocks = np.concatenate([kind * (block.max() + 1) + block for kind in range(len(times))])
-        objective = Objective(candidates, self.criterion, tuple(times))
+        objective = PlanObjective(candidates, self.criterion, tuple(times))
         return Exchange(objective, (often * candidates.seconds).ravel(), blocks, (often * away).ravel(), budget)
 
     def _chosen(self, required: Counts, coverage: Coverage, optimum: ContinuousDesign, *, allowed: float) -> Made:
@@ -352,7 +352,7 @@ class Planner:
             required=least,
             tell=lambda value: self.tell(f"exchanging runs: error {number(math.exp(value), 3)}"),
         )
-        objective = Objective(candidates, self.criterion, coverage.times)
+        objective = PlanObjective(candidates, self.criterion, coverage.times)
         rng = np.random.default_rng([self.seed, 4])
         judged = self._judged(objective, counts, rng)
         passes = []
@@ -366,7 +366,7 @@ class Planner:
         efficiency = math.exp(optimum.bound - objective.value(counts))
         return Made(motions, objective, counts, judged, coverage, efficiency)
 
-    def _judged(self, objective: Objective, counts: Counts, rng: np.random.Generator) -> Floats:
+    def _judged(self, objective: PlanObjective, counts: Counts, rng: np.random.Generator) -> Floats:
         """(J, J) for each joint a free posture, one that no fit uses where there is one."""
         candidates, out = objective.candidates, []
         chosen = np.flatnonzero(counts.reshape(len(objective.times), -1).any(axis=0))

@@ -36,7 +36,7 @@ def detection_limits(
     is the median over shapes that can be seen.
     """
     robot, out = scan.solved.model.robot, dict[Key, Limit]()
-    worth = _Worth(scan, catalogue)
+    worth = _WorthwhileSize(scan, catalogue)
     sizes: dict[Key, list[float]] = {}
     kinds: dict[Key, Effect] = {}
     for trial in scan.trials:
@@ -60,7 +60,7 @@ def detection_limits(
     return out
 
 
-class _Worth:
+class _WorthwhileSize:
     """Sizes with which effects lower the error of some joint by the share `WORTH`."""
 
     def __init__(self, scan: ScoreTable, catalogue: CandidateColumns) -> None:

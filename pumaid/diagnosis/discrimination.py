@@ -58,7 +58,7 @@ _WAYS_OUT = {
 
 
 @dataclass(frozen=True, slots=True)
-class Candidate:
+class CandidateSweep:
     """A sweep in a posture (J,), rad or m; `is_new` where no run so far was made in it."""
 
     sweep: Sweep
@@ -286,7 +286,7 @@ def _columns(solved: Fit, row: FitRow, terms: Sequence[EffectTerm], *, is_ahead:
 class Chosen:
     """A set of candidates: how often each is made (each `REPLICATES` times that), and its gains (D, 1)."""
 
-    candidates: dict[Candidate, int]
+    candidates: dict[CandidateSweep, int]
     gains: Floats
 
     @property
@@ -298,7 +298,7 @@ class Chosen:
 
 
 @dataclass(frozen=True, eq=False, slots=True)
-class _Worth:
+class _WorstSeparation:
     """Objective of the exchange: the smallest gain of a set, new postures counting less; its negative is made small."""
 
     separations: Sequence[Separation]
@@ -343,7 +343,9 @@ def _best_set(
         return None
     joint = np.array([candidate.sweep.joint for candidate in tried])
     runs = [runs_ahead(solved, tried, np.flatnonzero(joint == j), bins=bins) for j in np.unique(joint)]
-    worth = _Worth(separations(runs, len(tried)), np.array([1.0 / CAUTION if c.is_new else 1.0 for c in tried]))
+    worth = _WorstSeparation(
+        separations(runs, len(tried)), np.array([1.0 / CAUTION if c.is_new else 1.0 for c in tried])
+    )
     none, ones = np.zeros(len(tried), dtype=np.int64), np.ones(len(tried))
     exchange = Exchange(worth, ones, np.arange(len(tried)), 0.0 * ones, budget=float(PICKED), limit=PICKED)
     greedy = exchange.filled(none)
@@ -394,7 +396,7 @@ def explored(solved: Fit) -> Robot:
     return replace(robot, joints=tuple(joints))
 
 
-def candidates(solved: Fit, joint: int) -> list[Candidate]:
+def candidates(solved: Fit, joint: int) -> list[CandidateSweep]:
     """What a joint (from 1) can do: at every speed a wide and a narrow sweep, in postures of the data and new ones."""
     robot, field = explored(solved), solved.row(joint).bins
     slowest = min(abs(run.speed) for run in field.runs)
@@ -413,7 +415,7 @@ def candidates(solved: Fit, joint: int) -> list[Candidate]:
     holds[:, joint - 1] = home(robot)[joint - 1]
     free = usable(Collision(robot), holds, ways)
     return [
-        Candidate(way, tuple(hold.tolist()), k >= len(held))
+        CandidateSweep(way, tuple(hold.tolist()), k >= len(held))
         for k, hold in enumerate(holds)
         for way, is_free in zip(ways, free[k], strict=True)
         if is_free
@@ -430,7 +432,7 @@ def _wide_and_narrow(ways: Sequence[Sweep]) -> list[Sweep]:
     return list(out)
 
 
-def runs_ahead(solved: Fit, tried: Sequence[Candidate], numbers: Counts, *, bins: int) -> RunsAhead:
+def runs_ahead(solved: Fit, tried: Sequence[CandidateSweep], numbers: Counts, *, bins: int) -> RunsAhead:
     """The runs of candidates of one joint as rows of the fit, nothing measured.
 
     Noise is that of the run of the data that is nearest in speed, at the new length of bins.

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import fft
 
-from pumaid.estimation.noise import Noise
+from pumaid.estimation.noise import NoiseModel
 from pumaid.joint_bins import JointBins
 
 Floats = NDArray[np.float64]
@@ -84,7 +84,7 @@ class Spectrum:
 
 def spectrum(
     bins: JointBins,
-    noise: Noise,
+    noise: NoiseModel,
     white: Floats,
     *,
     scale: float = 1.0,

@@ -27,7 +27,7 @@ from pumaid.effect_spec import EffectTerm, marked
 from pumaid.effects import Effect, catalogue
 from pumaid.estimation.fit import Fit, at_bins, loaded
 from pumaid.estimation.gls import fit_bins, refit
-from pumaid.estimation.noise import Noise, noise_of
+from pumaid.estimation.noise import NoiseModel, noise_of
 from pumaid.joint_bins import COARSE, FINE, JointBins, joint_bins
 from pumaid.model import Model
 
@@ -318,7 +318,7 @@ class Stepwise:
         """The effect that is looked for by a periodogram."""
         return next((effect for effect in self.effects if effect.periodic is not None), None)
 
-    def solved(self, added: Sequence[EffectTerm], noises: dict[int, Noise] | None = None) -> Fit:
+    def solved(self, added: Sequence[EffectTerm], noises: dict[int, NoiseModel] | None = None) -> Fit:
         """The model with `added`, on the finest bins of joints that have a periodic effect, else on coarse ones."""
         if self._first is None:
             self._first = fit_bins(self.model, self._coarse)

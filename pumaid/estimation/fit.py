@@ -16,7 +16,7 @@ from pumaid.estimation.bilinear import (
     JointSolution,
     prior_rows,
 )
-from pumaid.estimation.noise import Levels, Noise
+from pumaid.estimation.noise import Levels, NoiseModel
 from pumaid.estimation.rows import Row, reduced
 from pumaid.gravity_load import along
 from pumaid.joint_bins import JointBins
@@ -48,7 +48,7 @@ class FitRow:
     """
 
     bins: JointBins
-    noise: Noise
+    noise: NoiseModel
     acting: Counts
     slim: Floats
     residual: Floats
@@ -206,7 +206,7 @@ class Fit:
         return 0.0 if pair[0] is None or pair[1] is None else float(np.sign(pair[0] - pair[1]))
 
     @property
-    def noises(self) -> dict[int, Noise]:
+    def noises(self) -> dict[int, NoiseModel]:
         """By joint."""
         return {row.bins.joint: row.noise for row in self.joints}
 
@@ -235,13 +235,13 @@ class Fit:
         """The fit at the bins of `joint` (from 1)."""
         return self.by_bin[joint]
 
-    def noise(self, joint: int) -> Noise:
+    def noise(self, joint: int) -> NoiseModel:
         """Of the bins of `joint` (from 1)."""
         row = next(row for row in self.rows if row.joint == joint)
         found = row.inner.scaled(self.levels[joint], row.is_stroke)
         return replace(found, from_replicates=joint in self.from_replicates)
 
-    def at(self, bins: JointBins, design: Floats, noise: Noise) -> FitRow:
+    def at(self, bins: JointBins, design: Floats, noise: NoiseModel) -> FitRow:
         """The fit at any bins of a joint, (N, p) `design` of which is by its model.
 
         Loads of effects that need them are those of the fit.

@@ -26,7 +26,7 @@ from pumaid.estimation.fit import (
     design_of,
     with_loads,
 )
-from pumaid.estimation.noise import Levels, Noise
+from pumaid.estimation.noise import Levels, NoiseModel
 from pumaid.estimation.rows import Row, floored, inner_noise, levels_of, limits, priors, reach_of, system_of
 from pumaid.joint_bins import JointBins
 from pumaid.maths import rank
@@ -168,7 +168,7 @@ def fit_bins(
     return Fit(model, rows, assigned, levels, tuple(start.weak), system, solution, pull, held, limit, first)
 
 
-def _row(model: Model, bins: JointBins, before: Fit | None, *, noise: Noise | None = None) -> Row:
+def _row(model: Model, bins: JointBins, before: Fit | None, *, noise: NoiseModel | None = None) -> Row:
     design = design_of(model, bins, before)
     inner, slow = (noise, 1.0) if noise is not None else inner_noise(bins, design)
     return Row.of(bins, design, inner, slow=slow)
@@ -217,7 +217,7 @@ def refit(
     model: Model,
     *,
     bins: Sequence[JointBins] | None = None,
-    noise: Mapping[int, Noise] | None = None,
+    noise: Mapping[int, NoiseModel] | None = None,
     is_renewed: bool = False,
 ) -> Fit:
     """The joint fit of another model, from where `before` ended and with its variances: a quick one.

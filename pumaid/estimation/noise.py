@@ -33,7 +33,7 @@ CALMEST, LOUDEST, LOUD_TO = -3.0, 14.0, 0.02
 
 
 @dataclass(frozen=True, eq=False, slots=True)
-class Noise:
+class NoiseModel:
     """Noise of one joint.
 
     Attributes
@@ -79,7 +79,7 @@ class Noise:
         out[:-1] -= np.where(later[1:], rho[1:] * scaled[1:], 0.0)
         return np.asarray(out)
 
-    def at(self, bins: JointBins, speeds: Floats, steps: Floats) -> Noise:
+    def at(self, bins: JointBins, speeds: Floats, steps: Floats) -> NoiseModel:
         """Of other runs of the joint of `bins`: correlation decays with time, slow noise keeps its density.
 
         Parameters
@@ -95,7 +95,9 @@ class Noise:
         ratio = steps / np.maximum(bins.step[near], 1e-12)
         fresh = np.where(rho > 0.0, rho, 0.0) ** ratio
         density = spread**2 * (1.0 + rho) / (1.0 - rho) / ratio
-        return Noise(fresh, np.sqrt(density * (1.0 - fresh) / (1.0 + fresh)), self.level[near], self.from_replicates)
+        return NoiseModel(
+            fresh, np.sqrt(density * (1.0 - fresh) / (1.0 + fresh)), self.level[near], self.from_replicates
+        )
 
     def decorrelated(self, bins: JointBins, values: Floats) -> Floats:
         """(N, ...) values times the inverse root of the covariance without the level that a run shares."""
@@ -110,7 +112,7 @@ class Noise:
         out /= (self.spread * fresh)[run][wide]
         return out
 
-    def plain(self, bins: JointBins) -> tuple[Noise, float]:
+    def plain(self, bins: JointBins) -> tuple[NoiseModel, float]:
         """White noise of a sample alike in all runs of a joint, and how many times its density slow noise has.
 
         To estimate parameters nothing is whitened within runs: that would lift the band in which what a model lacks,
@@ -119,17 +121,17 @@ class Noise:
         count = bins.sums(bins.count) / bins.lengths
         sample = float(np.average(self.spread**2 * count, weights=bins.lengths))
         slow = self.spread**2 * count * (1.0 + self.correlation) / (1.0 - self.correlation)
-        white = Noise(np.zeros(len(count)), np.sqrt(sample / count), np.zeros(len(count)))
+        white = NoiseModel(np.zeros(len(count)), np.sqrt(sample / count), np.zeros(len(count)))
         return white, float(np.average(slow / sample, weights=bins.lengths))
 
-    def scaled(self, levels: Levels, is_stroke: NDArray[np.bool_]) -> Noise:
+    def scaled(self, levels: Levels, is_stroke: NDArray[np.bool_]) -> NoiseModel:
         """The same as the variances say that a whole fit leaves of runs that were whitened by it."""
         loud = np.where(is_stroke, levels.loud, 1.0)
         return replace(self, spread=self.spread * np.sqrt(levels.sample * loud), level=np.sqrt(levels.level * loud))
 
 
 @lru_cache(maxsize=16)  # the same for all columns that are tried
-def _levelled(noise: Noise, bins: JointBins) -> tuple[Floats, Floats]:
+def _levelled(noise: NoiseModel, bins: JointBins) -> tuple[Floats, Floats]:
     """(N,) a level that a run shares, with the noise of its bins taken out, and what of it whitening takes away."""
     ones = noise.decorrelated(bins, np.ones(len(bins)))
     length2 = bins.sums(ones * ones)
@@ -137,7 +139,7 @@ def _levelled(noise: Noise, bins: JointBins) -> tuple[Floats, Floats]:
     return ones, ones * shrink[bins.run]
 
 
-def inside_runs(bins: JointBins, residual: Floats, *, lost: Floats, enough: NDArray[np.bool_]) -> Noise:
+def inside_runs(bins: JointBins, residual: Floats, *, lost: Floats, enough: NDArray[np.bool_]) -> NoiseModel:
     """Correlation and spread of bins from (N,) what each run leaves beside a fit of its own; no level.
 
     Parameters
@@ -165,10 +167,10 @@ def inside_runs(bins: JointBins, residual: Floats, *, lost: Floats, enough: NDAr
             told = some[enough[some]]
             if sum(len(pieces[k]) for k in told) >= FEWEST_BINS:
                 correlation[some], spread[some] = _moments([pieces[k] for k in told], lost[told])
-    return Noise(correlation, np.maximum(spread, floor), np.zeros(len(pieces)))
+    return NoiseModel(correlation, np.maximum(spread, floor), np.zeros(len(pieces)))
 
 
-def noise_of(bins: JointBins, residual: Floats) -> Noise:
+def noise_of(bins: JointBins, residual: Floats) -> NoiseModel:
     """Estimate the noise from differences of repeated runs, else from the residual (N,) of a fit itself.
 
     Differences are taken at the nearest bins, so that interpolation does not smooth the noise.
@@ -193,7 +195,7 @@ def noise_of(bins: JointBins, residual: Floats) -> Noise:
     rho, sd = correlation[owners], spread[owners]
     by_bins = sd**2 * _shared(rho, lengths)
     level = float(np.sqrt(max(float(np.mean(means**2 - by_bins)), 0.0)))
-    return Noise(correlation, np.maximum(spread, floor), np.full(len(bins.runs), level), paired)
+    return NoiseModel(correlation, np.maximum(spread, floor), np.full(len(bins.runs), level), paired)
 
 
 def _difference(bins: JointBins, residual: Floats, pair: tuple[int, int]) -> Floats:

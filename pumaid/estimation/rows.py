@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from pumaid.effect_spec import scale_of
 from pumaid.estimation import noise as noises
 from pumaid.estimation.bilinear import Bilinear
-from pumaid.estimation.noise import Levels, Noise
+from pumaid.estimation.noise import Levels, NoiseModel
 from pumaid.joint_bins import JointBins
 from pumaid.maths.recursion import LARGEST_RATIO, Gains
 from pumaid.model import DELAY, Model
@@ -64,7 +64,7 @@ class Row:
 
     bins: JointBins
     design: Floats
-    inner: Noise
+    inner: NoiseModel
     ones: Floats
     regressors: Floats
     target: Floats
@@ -74,7 +74,7 @@ class Row:
 
     @classmethod
     def of(
-        cls, bins: JointBins, design: Floats, inner: Noise, *, moved: Floats | None = None, slow: float = 1.0
+        cls, bins: JointBins, design: Floats, inner: NoiseModel, *, moved: Floats | None = None, slow: float = 1.0
     ) -> Row:
         """Whitened and reduced; `moved` is (N, P)."""
         p, more = design.shape[1], np.zeros((len(bins), 0)) if moved is None else moved
@@ -223,7 +223,7 @@ def _without_noise(upper: Floats, noise: Floats) -> Floats:
     return out
 
 
-def inner_noise(bins: JointBins, design: Floats) -> tuple[Noise, float]:
+def inner_noise(bins: JointBins, design: Floats) -> tuple[NoiseModel, float]:
     """White noise inside runs, by what each leaves beside its own fit, and how many times more slow noise there is."""
     wide = np.column_stack([design, bins.harmonic])
     _, lost, own = reduced(bins, wide, bins.current[:, None])

@@ -36,7 +36,7 @@ _SUM, _PRODUCT, _MINUS, _POWER, _NAME = range(5)
 
 
 @dataclass(frozen=True, slots=True)
-class Dialect:
+class LanguageSyntax:
     """A language of source code.
 
     Attributes
@@ -105,7 +105,7 @@ def number(value: float) -> str:
     return repr(float(value))
 
 
-def context(subject: Subject, dialect: Dialect, *, left_out: tuple[Lack, ...]) -> dict[str, Any]:
+def context(subject: Subject, dialect: LanguageSyntax, *, left_out: tuple[Lack, ...]) -> dict[str, Any]:
     """What a template of source code is filled with.
 
     Parameters

@@ -40,7 +40,7 @@ _FOREIGN = {
 }
 
 
-class Column(NamedTuple):
+class LogColumn(NamedTuple):
     """A column of a log: its name, and the unit of time (s, ms, us, ns) where the file itself states one."""
 
     name: str
@@ -87,7 +87,7 @@ class LogSource(ABC):
         """Whether a file with these first `HEAD_BYTES` bytes is of this format."""
 
     @abstractmethod
-    def schema(self) -> Sequence[Column]:
+    def schema(self) -> Sequence[LogColumn]:
         """The columns in the file's order."""
 
     @abstractmethod

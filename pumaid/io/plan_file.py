@@ -122,11 +122,11 @@ Number = Annotated[int, Field(strict=True), AfterValidator(_joint_number)]
 Position = Annotated[Finite, AfterValidator(_position)]
 
 
-class _Form(BaseModel):
+class _PlanForm(BaseModel):
     model_config = FORM
 
 
-class RunForm(_Form):
+class RunForm(_PlanForm):
     """One entry of `runs`."""
 
     joint: Number
@@ -137,7 +137,7 @@ class RunForm(_Form):
     purpose: Literal["fit", "heldout"] = "fit"
 
 
-class PostureForm(_Form):
+class PostureForm(_PlanForm):
     """One entry of `postures`."""
 
     joint: Number
@@ -146,7 +146,7 @@ class PostureForm(_Form):
     why: str = ""
 
 
-class NoteForm(_Form):
+class NoteForm(_PlanForm):
     """One entry of `notes`."""
 
     note: str
@@ -154,13 +154,13 @@ class NoteForm(_Form):
     where: Any = None
 
 
-class UnitsForm(_Form):
+class UnitsForm(_PlanForm):
     """The block `units`."""
 
     angle: Literal["deg", "rad"]
 
 
-class PlanForm(_Form):
+class PlanForm(_PlanForm):
     """The whole file; only kind, format and runs are needed."""
 
     kind: Literal["plan"]

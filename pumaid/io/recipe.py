@@ -10,7 +10,7 @@ from pumaid.errors import RecipeError, Where
 from pumaid.io.forms import Wording, refuse, shown, validated
 from pumaid.io.recipe_schema import (
     EXAMPLES,
-    Arm,
+    ArmForm,
     JointForm,
     LogForm,
     RecipeForm,
@@ -54,7 +54,7 @@ def read_recipe(path: Path) -> Robot:
     if isinstance(data.get("kind"), str):
         what = f"this is a {data['kind']} file, not a recipe"
         raise RecipeError("recipe-bad-value", what, where, "give the robot's recipe")
-    arm = Arm.of(data)
+    arm = ArmForm.of(data)
     form, faults = validated(RecipeForm, data, wording=WORDING, context=arm)
     paths = {fault.path for fault in faults}
     faults += [fault for fault in faults_between(data, arm) if fault.path not in paths]

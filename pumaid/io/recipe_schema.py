@@ -61,7 +61,7 @@ _COLUMN = "write {joint} (counts from 1), {joint0} (from 0) or {name} where the 
 
 
 @dataclass(frozen=True)
-class Arm:
+class ArmForm:
     """What a value is checked against: the joints' names and types, the unit of angles and whether it is stated."""
 
     names: tuple[str, ...]
@@ -70,7 +70,7 @@ class Arm:
     is_stated: bool
 
     @classmethod
-    def of(cls, data: dict[str, Any]) -> Arm:
+    def of(cls, data: dict[str, Any]) -> ArmForm:
         """From a recipe's plain data, whatever it holds."""
         joints = [joint if isinstance(joint, dict) else {} for joint in listed(data, "joints")]
         names = (joint.get("name") for joint in joints)
@@ -95,8 +95,8 @@ def mapped(data: Any, key: str) -> dict[Any, Any]:
     return value if isinstance(value, dict) else {}
 
 
-def _arm(info: ValidationInfo) -> Arm:
-    return cast(Arm, info.context)
+def _arm(info: ValidationInfo) -> ArmForm:
+    return cast(ArmForm, info.context)
 
 
 def _is_rail(info: ValidationInfo) -> bool:
@@ -418,7 +418,7 @@ class RecipeForm(_Form):
     licence: Texts = ""
 
 
-def faults_between(data: dict[str, Any], arm: Arm) -> Iterator[Fault]:
+def faults_between(data: dict[str, Any], arm: ArmForm) -> Iterator[Fault]:
     """Faults that show only when two values are seen together; wrong types are the form's concern."""
     joints = [joint if isinstance(joint, dict) else {} for joint in listed(data, "joints")]
     yield from _repeated(arm.names, "joints", "name")
@@ -454,7 +454,7 @@ def _repeated(names: tuple[str, ...], *path: str) -> Iterator[Fault]:
             yield Fault((*block, index, key), "recipe-bad-value", what, "give each its own name")
 
 
-def _columns(log: dict[Any, Any], arm: Arm) -> Iterator[Fault]:
+def _columns(log: dict[Any, Any], arm: ArmForm) -> Iterator[Fault]:
     """Columns that two quantities take."""
     taken = Counter([str(log.get("time", "t"))])
     for key in ("position", "velocity", "current", "temperature"):
@@ -475,7 +475,7 @@ def _columns(log: dict[Any, Any], arm: Arm) -> Iterator[Fault]:
         yield Fault(("log", "units", "position"), "recipe-bad-value", what, mend)
 
 
-def _effects(data: dict[str, Any], arm: Arm) -> Iterator[Fault]:
+def _effects(data: dict[str, Any], arm: ArmForm) -> Iterator[Fault]:
     """The same effect twice at a joint."""
     seen = set()
     for index, choice in enumerate(listed(data, "effects")):

@@ -119,7 +119,7 @@ class UrdfJoint:
 
 
 @dataclass(frozen=True)
-class Urdf:
+class UrdfFile:
     """A robot: its links by name, its joints in the file's order, the file and the SHA-256 of its bytes."""
 
     name: str
@@ -183,7 +183,7 @@ class Urdf:
         return sorted(moving, key=lambda joint: -self.reach[joint.child])
 
 
-def read_urdf(path: Path) -> Urdf:
+def read_urdf(path: Path) -> UrdfFile:
     """Read a URDF; ``-`` is standard input.
 
     Raises
@@ -201,7 +201,9 @@ def read_urdf(path: Path) -> Urdf:
     links = [element.get("name", "").strip() for element in robot.findall("link")]
     joints = [_joint(element, file) for element in robot.iterfind("joint") if isinstance(element, Element)]
     faults = [*_unnamed(robot, file), *_structure(links, joints)]
-    urdf = Urdf(robot.get("name", ""), tuple(links), tuple(joints), file, digest=hashlib.sha256(content).hexdigest())
+    urdf = UrdfFile(
+        robot.get("name", ""), tuple(links), tuple(joints), file, digest=hashlib.sha256(content).hexdigest()
+    )
     faults = faults or list(_circle(urdf))
     if faults:
         raise_together(sorted(faults, key=lambda fault: fault.where.line or 0))
@@ -285,7 +287,7 @@ def _structure(links: Sequence[str], joints: Sequence[UrdfJoint]) -> Iterator[Pu
             yield refusal(joint.file, what, "a link hangs on one joint; a URDF holds no closed loops", line=line)
 
 
-def _circle(urdf: Urdf) -> Iterator[PumaidError]:
+def _circle(urdf: UrdfFile) -> Iterator[PumaidError]:
     """A joint of which going outward never ends: its link hangs on no root."""
     if not urdf.links:
         yield refusal(urdf.file, "there is no link", "give the arm's URDF")
@@ -329,7 +331,7 @@ class ArmChain:
         return tuple(joint for joint in self.path if joint.moves)
 
 
-def arm_chain(urdf: Urdf, *, base: str | None = None, tip: str | None = None) -> ArmChain:
+def arm_chain(urdf: UrdfFile, *, base: str | None = None, tip: str | None = None) -> ArmChain:
     """The arm in a URDF.
 
     With `tip`, all that lies between it and `base`. Without, the line of most moving joints from `base`, cut where it
@@ -381,11 +383,11 @@ def arm_chain(urdf: Urdf, *, base: str | None = None, tip: str | None = None) ->
     )
 
 
-def _which(urdf: Urdf, what: str, mend: str) -> RecipeError:
+def _which(urdf: UrdfFile, what: str, mend: str) -> RecipeError:
     return RecipeError("urdf-which-chain", what, Where(file=urdf.file), mend)
 
 
-def _root(urdf: Urdf, tip: str | None) -> str:
+def _root(urdf: UrdfFile, tip: str | None) -> str:
     if tip is not None:
         path = urdf.path_to(tip)
         return path[0].parent if path else tip
@@ -396,7 +398,7 @@ def _root(urdf: Urdf, tip: str | None) -> str:
     return roots[0]
 
 
-def _longest(urdf: Urdf, base: str) -> str:
+def _longest(urdf: UrdfFile, base: str) -> str:
     """The tip of the one longest chain from `base`."""
     tip, is_clear, _ = _walk(urdf, base)
     if is_clear:
@@ -417,7 +419,7 @@ def _longest(urdf: Urdf, base: str) -> str:
     raise _which(urdf, what, f"say which one: {told}{more}")
 
 
-def _walk(urdf: Urdf, start: str) -> tuple[str, bool, int]:
+def _walk(urdf: UrdfFile, start: str) -> tuple[str, bool, int]:
     """Where the longest chain ends or splits, whether it is clear which chain that is, and its number of joints."""
     link, count = start, 0
     while ahead := urdf.next(link):
@@ -432,7 +434,7 @@ def _walk(urdf: Urdf, start: str) -> tuple[str, bool, int]:
     return link, True, count
 
 
-def _refuse_unusable(urdf: Urdf, base: str, path: Sequence[UrdfJoint]) -> None:
+def _refuse_unusable(urdf: UrdfFile, base: str, path: Sequence[UrdfJoint]) -> None:
     for joint in path:
         if joint.kind in FREE:
             what = f"joint {joint.name} is {joint.kind}; a recipe's joints turn or slide"

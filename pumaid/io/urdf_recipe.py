@@ -17,9 +17,18 @@ from pydantic import ValidationError
 
 from pumaid.errors import Note, RecipeError, Where
 from pumaid.io.recipe import RECIPE_NAME, read_recipe
-from pumaid.io.recipe_schema import FASTEST, FASTEST_RAIL, LONGEST_LINK, LONGEST_RAIL, SLOWEST, WIDEST, Arm, JointForm
+from pumaid.io.recipe_schema import (
+    FASTEST,
+    FASTEST_RAIL,
+    LONGEST_LINK,
+    LONGEST_RAIL,
+    SLOWEST,
+    WIDEST,
+    ArmForm,
+    JointForm,
+)
 from pumaid.io.recipe_template import remarked
-from pumaid.io.urdf import ArmChain, Urdf, UrdfJoint, arm_chain, read_urdf
+from pumaid.io.urdf import ArmChain, UrdfFile, UrdfJoint, arm_chain, read_urdf
 from pumaid.kinematics import DhChain, SerialChain, axes, modified_dh, origins, placement, straightened
 from pumaid.robot import Joint, Robot
 from pumaid.units import factor, number
@@ -88,7 +97,7 @@ class UrdfRecipe:
 
     text: str
     robot: Robot
-    urdf: Urdf
+    urdf: UrdfFile
     chain: ArmChain
     base: Floats
     agreement: Agreement
@@ -215,7 +224,7 @@ def _name(joint: UrdfJoint, number_: int, taken: Sequence[str]) -> str:
     """The URDF's name where a recipe can hold it."""
     data = {"type": "revolute", "alpha": 0.0, "a": 0.0, "name": joint.name}
     try:
-        JointForm.model_validate(data, context=Arm((), frozenset(), "rad", True))
+        JointForm.model_validate(data, context=ArmForm((), frozenset(), "rad", True))
         name = joint.name
     except ValidationError:
         name = f"joint{number_}"
@@ -276,7 +285,7 @@ def _counted(joints: Sequence[UrdfJoint]) -> str:
     return f"{len(joints)} moving joint{'s' * (len(joints) > 1)} ({_listed([joint.name for joint in joints])})"
 
 
-def _head(urdf: Urdf, chain: ArmChain, dh: DhChain, *, is_bent: bool) -> dict[str, str]:
+def _head(urdf: UrdfFile, chain: ArmChain, dh: DhChain, *, is_bent: bool) -> dict[str, str]:
     """The recipe's texts about where it is from."""
     file, base, tip = (
         "".join(letter if letter.isprintable() else "?" for letter in text)

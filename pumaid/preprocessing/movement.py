@@ -22,7 +22,7 @@ SLIP, SLIP_SHARE = 0.25, 0.25
 
 
 @dataclass(frozen=True, eq=False, slots=True)
-class Motion:
+class JointMovement:
     """What every joint does at each of K ticks.
 
     `velocity` (K, J) rad/s or m/s; `code` (K,) is `REST`, +joint or -joint by direction, or `SEVERAL`;
@@ -57,7 +57,7 @@ class Movement:
         return self.before in ends_of_motion and self.after in ends_of_motion
 
 
-def motion_of(ticks: Ticks, options: SegmentOptions) -> Motion:
+def motion_of(ticks: Ticks, options: SegmentOptions) -> JointMovement:
     """Tell rest, one joint and several apart at every tick.
 
     A joint moves where its speed is surely above `rest_speed` and above `held_share` of the fastest joint's; the line
@@ -75,7 +75,7 @@ def motion_of(ticks: Ticks, options: SegmentOptions) -> Motion:
     fastest, count = speed.argmax(axis=1), moving.sum(axis=1)
     signed = np.where(velocity[np.arange(len(speed)), fastest] > 0, 1, -1) * (fastest + 1)
     code = np.where(count == 0, REST, np.where(count == 1, signed, SEVERAL)).astype(np.int64)
-    return Motion(ticks, velocity, _without_slips(code, ticks, options), moving)
+    return JointMovement(ticks, velocity, _without_slips(code, ticks, options), moving)
 
 
 def _without_slips(code: NDArray[np.int64], ticks: Ticks, options: SegmentOptions) -> NDArray[np.int64]:

@@ -12,7 +12,7 @@ from pumaid.dataset import Log
 from pumaid.preprocessing.clock import sampling_times
 from pumaid.preprocessing.constant_velocity import ConstantVelocity, constant_velocities
 from pumaid.preprocessing.differentiate import Ticks, usual_step
-from pumaid.preprocessing.movement import REST, SEVERAL, Motion, Movement, motion_of, movements
+from pumaid.preprocessing.movement import REST, SEVERAL, JointMovement, Movement, motion_of, movements
 from pumaid.preprocessing.options import BOTH, CONSTANT, LARGEST, STROKE, SegmentOptions
 from pumaid.preprocessing.stroke import Smooth, sliding, smooth
 
@@ -76,7 +76,7 @@ class Stretch:
     pieces: tuple[Piece, ...]
     time: Floats
     stamp_error: float = 0.0
-    motion: Motion | None = None
+    motion: JointMovement | None = None
     last: int = 0
 
 
@@ -131,7 +131,7 @@ def _cut(log: Log, index: Ints, options: SegmentOptions) -> Stretch:
     return replace(whole, pieces=tuple(_joined(_disjoint(pieces))))
 
 
-def _of_movement(whole: Stretch, motion: Motion, movement: Movement, options: SegmentOptions) -> list[Piece]:
+def _of_movement(whole: Stretch, motion: JointMovement, movement: Movement, options: SegmentOptions) -> list[Piece]:
     """Runs and left-out pieces of a movement of one joint."""
     start, stop = _bounds(motion, movement)
     joint, position = movement.joint, whole.log.position[:, movement.joint - 1]
@@ -157,7 +157,7 @@ def _of_movement(whole: Stretch, motion: Motion, movement: Movement, options: Se
     return [Piece(start, stop, (joint,), reason=reason, figure=way)]
 
 
-def _bounds(motion: Motion, movement: Movement) -> tuple[int, int]:
+def _bounds(motion: JointMovement, movement: Movement) -> tuple[int, int]:
     edges = motion.ticks.edges
     return int(edges[movement.start]), int(edges[movement.stop])
 
@@ -168,7 +168,7 @@ def _is_long(time: Floats, position: Floats, run: ConstantVelocity, options: Seg
     return is_far and time[last] - time[first] >= options.min_duration and run.stop - first >= options.min_samples
 
 
-def _unless_drifting(motion: Motion, piece: Piece, options: SegmentOptions) -> Piece:
+def _unless_drifting(motion: JointMovement, piece: Piece, options: SegmentOptions) -> Piece:
     """The piece, or its rejection because a held joint went too far."""
     ticks = motion.ticks
     low, high = np.searchsorted(ticks.edges, [piece.start, piece.stop])
@@ -182,7 +182,7 @@ def _unless_drifting(motion: Motion, piece: Piece, options: SegmentOptions) -> P
     return Piece(piece.start, piece.stop, joints, reason="drift-of-held-joint", figure=float(drift[worst]))
 
 
-def _of_stroke(whole: Stretch, motion: Motion, movement: Movement, options: SegmentOptions) -> list[Piece]:
+def _of_stroke(whole: Stretch, motion: JointMovement, movement: Movement, options: SegmentOptions) -> list[Piece]:
     """A movement from rest to rest as a stroke between its ends, in which friction may not slide yet."""
     low, high = bounds = _bounds(motion, movement)
     joint, ticks = movement.joint, motion.ticks

@@ -21,7 +21,7 @@ from pumaid.design.information import (
     run_moments,
     standard_errors,
 )
-from pumaid.design.planner import Objective
+from pumaid.design.planner import PlanObjective
 from pumaid.robot import Joint, Robot
 from pumaid.simulation import Noise, draw, table1
 from pumaid.trajectory import Motion, span
@@ -209,7 +209,7 @@ def test_no_enumerated_design_beats_the_bound():
 
 def test_falls_rank_as_exact_values_do():
     """One more of a candidate lowers the value by about what the slope says, the more exactly the less it is."""
-    objective = Objective(small_set("pendulum2"), criterion_of("pendulum2", 0.0), (2, 1))
+    objective = PlanObjective(small_set("pendulum2"), criterion_of("pendulum2", 0.0), (2, 1))
     counts = np.full(2 * len(objective.candidates), 3)
     numbers = np.arange(0, len(counts), 7)
     falls = objective.value(counts) - objective.values_with(counts, numbers)

@@ -10,7 +10,7 @@ from searches import LEVER, Din, Lab, covariance, design, lever
 from worlds import course, run_of
 
 from pumaid.dataset import Campaign
-from pumaid.estimation.noise import Noise, noise_of
+from pumaid.estimation.noise import NoiseModel, noise_of
 from pumaid.joint_bins import JointBins, joint_bins
 
 #: Draws of noise over which an estimate's mean is taken.
@@ -25,10 +25,10 @@ def uneven() -> JointBins:
     return joint_bins(LEVER, runs, campaign=Campaign.of(runs))[0]
 
 
-STATED = Noise(
+STATED = NoiseModel(
     np.array([0.6, 0.3, 0.9, 0.0]), np.array([0.02, 0.01, 0.03, 0.05]), np.full(4, 0.04), from_replicates=True
 )
-NO_LEVEL = Noise(STATED.correlation, STATED.spread, np.zeros(4), from_replicates=True)
+NO_LEVEL = NoiseModel(STATED.correlation, STATED.spread, np.zeros(4), from_replicates=True)
 
 
 @pytest.mark.parametrize("stated", [STATED, NO_LEVEL])
@@ -53,7 +53,7 @@ def test_columns_are_whitened_each_for_itself():
     np.testing.assert_allclose(STATED.whiten(uneven(), values), np.column_stack(alone), rtol=1e-12)
 
 
-def estimates(lab: Lab, din: Din, pattern: float = 0.0) -> list[Noise]:
+def estimates(lab: Lab, din: Din, pattern: float = 0.0) -> list[NoiseModel]:
     """What is found in pure noise of a known kind, on a course of the position (A) that every run repeats."""
     (one,) = lab.bins()
     same = pattern * np.sin(5.0 * one.samples.position[:, 0])

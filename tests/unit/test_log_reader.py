@@ -599,7 +599,7 @@ def test_other_compressions_are_named(tmp_path: Path, packed: Callable[[bytes], 
 
 DUMMY = """
 import numpy as np
-from pumaid.io.log_formats import Batch, Column, LogSource
+from pumaid.io.log_formats import Batch, LogColumn, LogSource
 
 class LinesLog(LogSource):
     endings = (".lines",)
@@ -610,7 +610,7 @@ class LinesLog(LogSource):
 
     def schema(self):
         self.names, *self.rows = self.path.read_text()[6:].splitlines()
-        return [Column(name, "ms" if name == "t" else "") for name in self.names.split()]
+        return [LogColumn(name, "ms" if name == "t" else "") for name in self.names.split()]
 
     def batches(self, names):
         columns = self.names.split()

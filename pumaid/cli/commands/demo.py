@@ -38,7 +38,7 @@ def command(*, folder: Path, robot: str, seed: int, as_json: bool) -> None:
     if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
         what = f"{folder} is there already and is not empty"
         raise ResultError("demo-in-the-way", what, Where(file=str(folder)), "name another folder: pumaid demo FOLDER")
-    steps: list[demo.Step] = []
+    steps: list[demo.DemoStep] = []
     with progress("demo") as step:
         for done in demo.story(folder, robot=robot, seed=seed):
             steps.append(done)

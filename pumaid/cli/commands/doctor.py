@@ -60,7 +60,7 @@ def _self_check(tell: Callable[[str], None]) -> tuple[bool, str]:
     from pumaid.cli import demo
     from pumaid.errors import ResultError
 
-    steps: list[demo.Step] = []
+    steps: list[demo.DemoStep] = []
     with tempfile.TemporaryDirectory() as scratch:
         try:
             for step in demo.story(Path(scratch) / "demo", robot=ARM, seed=SEED):

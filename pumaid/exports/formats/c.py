@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 from pumaid.exports.base import Form, Subject, rendered
-from pumaid.exports.source_code import Dialect, context
+from pumaid.exports.source_code import LanguageSyntax, context
 
 #: How each function of a formula is called.
 FUNCTIONS = {"sin": "sin", "cos": "cos", "exp": "exp", "sqrt": "sqrt", "abs": "fabs", "max": "fmax"} | {
@@ -36,6 +36,6 @@ class C(Form):
 
     def texts(self, subject: Subject) -> dict[str, str]:
         values = context(
-            subject, Dialect(FUNCTIONS, "call", _quantities, ("{", "}", ",")), left_out=self.left_out(subject)
+            subject, LanguageSyntax(FUNCTIONS, "call", _quantities, ("{", "}", ",")), left_out=self.left_out(subject)
         )
         return {suffix: rendered(f"model{suffix}", **values) for suffix in self.suffixes}

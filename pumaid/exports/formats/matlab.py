@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 from pumaid.exports.base import Form, Subject, rendered
-from pumaid.exports.source_code import Dialect, context
+from pumaid.exports.source_code import LanguageSyntax, context
 
 #: How each function of a formula is called.
 FUNCTIONS = {name: name for name in ("sin", "cos", "exp", "sqrt", "abs", "sign", "max")}
@@ -33,6 +33,6 @@ class Matlab(Form):
 
     def texts(self, subject: Subject) -> dict[str, str]:
         values = context(
-            subject, Dialect(FUNCTIONS, "^", _quantities, ("[", "]", ";")), left_out=self.left_out(subject)
+            subject, LanguageSyntax(FUNCTIONS, "^", _quantities, ("[", "]", ";")), left_out=self.left_out(subject)
         )
         return {".m": rendered("model.m.txt", **values)}

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from pumaid.errors import LogError, Note, Where
 from pumaid.io.arrow import floats
-from pumaid.io.log_formats import Batch, Column, LogSource
+from pumaid.io.log_formats import Batch, LogColumn, LogSource
 
 #: Words that mean "no number"; what C, MATLAB, Excel and pandas print for it.
 _NO_NUMBER = ("", " ", "nan", "na", "n/a", "#n/a", "null", "none", "-nan", "-nan(ind)", "1.#qnan", "-1.#ind", "1.#inf")
@@ -67,7 +67,7 @@ class CsvLog(LogSource):
         """Text holds no zero bytes, unless it is UTF-16; what gzip holds is looked at when it is read."""
         return head.startswith((_GZIP, codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)) or b"\0" not in head
 
-    def schema(self) -> Sequence[Column]:
+    def schema(self) -> Sequence[LogColumn]:
         """The names of the header line.
 
         Raises
@@ -83,7 +83,7 @@ class CsvLog(LogSource):
         with self._opened() as stream:
             text = io.TextIOWrapper(stream, self._encoding, errors="replace")
             self._dialect = _dialect(_head_lines(text), self.name)
-        return [Column(name) for name in self._dialect.header]
+        return [LogColumn(name) for name in self._dialect.header]
 
     def batches(self, names: Sequence[str]) -> Iterator[Batch]:
         """As `LogSource`; empty lines and comments are passed over, and a last row that is cut off is left out.

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from pumaid.errors import LogError, Where
 from pumaid.io.arrow import floats
-from pumaid.io.log_formats import Batch, Column, LogSource
+from pumaid.io.log_formats import Batch, LogColumn, LogSource
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -30,13 +30,14 @@ class ParquetLog(LogSource):
         """By the bytes with which every Parquet file begins."""
         return head.startswith(b"PAR1")
 
-    def schema(self) -> Sequence[Column]:
+    def schema(self) -> Sequence[LogColumn]:
         """The names; time stamps and durations have a unit of their own."""
         import pyarrow as pa
 
         self._file = self._opened()
         return [
-            Column(field.name, field.type.unit if _is_time(pa, field.type) else "") for field in self._file.schema_arrow
+            LogColumn(field.name, field.type.unit if _is_time(pa, field.type) else "")
+            for field in self._file.schema_arrow
         ]
 
     def batches(self, names: Sequence[str]) -> Iterator[Batch]:

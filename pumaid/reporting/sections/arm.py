@@ -11,7 +11,7 @@ from pumaid.reporting.run_tables import axes_table
 from pumaid.reporting.sections import Section
 
 
-class Arm(Section):
+class ArmSection(Section):
     """The DH table and the skeleton."""
 
     order = 10
