@@ -37,7 +37,7 @@ class Hit:
 
 
 @dataclass(frozen=True, slots=True)
-class _Shape:
+class _Body:
     """A geometry of the MuJoCo model: its number, its link (0 for the base), how it is named, its extent (m)."""
 
     number: int
@@ -69,7 +69,7 @@ class Collision:
 
     def __init__(self, robot: Robot) -> None:
         self.robot, self.safety = robot, robot.safety or Safety()
-        self._pairs: list[tuple[_Shape, _Shape]] = []
+        self._pairs: list[tuple[_Body, _Body]] = []
         if robot.safety is not None:
             self._build()
             self._refuse_what_always_touches()
@@ -151,15 +151,15 @@ class Collision:
             link = f"link {sphere.link}" if sphere.link else "the base"
             label = f"sphere {number} of {link}" if number else "the tip"
             extent = float(np.linalg.norm(sphere.centre)) + sphere.radius
-            shapes.append(_Shape(self._model.geom(f"s{number}").id, sphere.link, label, extent))
+            shapes.append(_Body(self._model.geom(f"s{number}").id, sphere.link, label, extent))
         for number, box in enumerate(safety.boxes):
-            shapes.append(_Shape(self._model.geom(f"b{number}").id, 0, f"the box '{box.name}'", 0.0, is_box=True))
+            shapes.append(_Body(self._model.geom(f"b{number}").id, 0, f"the box '{box.name}'", 0.0, is_box=True))
         self._pairs = [
             (outer, inner) for outer in shapes for inner in shapes if self._may_meet(outer, inner, tip=shapes[0])
         ]
         self._reach = np.array([self._lever(outer, inner) for outer, inner in self._pairs])
 
-    def _may_meet(self, outer: _Shape, inner: _Shape, *, tip: _Shape) -> bool:
+    def _may_meet(self, outer: _Body, inner: _Body, *, tip: _Body) -> bool:
         """Whether a pair is checked: spheres of moving links with boxes, and with spheres of links not adjacent."""
         if outer.is_box or outer.link == 0:
             return False
@@ -169,7 +169,7 @@ class Collision:
         is_stated = self.safety.tool is not None or tip not in (outer, inner)
         return is_stated and outer.link > inner.link + 1 and (inner.link, outer.link) not in self.safety.ignore
 
-    def _lever(self, outer: _Shape, inner: _Shape) -> Floats:
+    def _lever(self, outer: _Body, inner: _Body) -> Floats:
         """(J,) m a rad, or m a m: how far each joint takes the outer shape at most, seen from the inner one."""
         out = np.zeros(self.robot.n_joints)
         length = outer.extent
@@ -195,7 +195,7 @@ class Collision:
         if faults:
             raise faults[0] if len(faults) == 1 else Faults(faults)
 
-    def _fault(self, outer: _Shape, inner: _Shape) -> RecipeError:
+    def _fault(self, outer: _Body, inner: _Body) -> RecipeError:
         margin = 1e3 * self.safety.margin
         what = (
             f"{outer.label} is nearer to {inner.label} than the margin of {margin:.0f} mm in all of {_DRAWN} random"

@@ -106,7 +106,7 @@ def budget(
     samples, square = float(bins.count.sum()), float(bins.count @ residual**2)
     inside = _inside(bins, residual) if mean_square is None else max(mean_square * samples - square, 0.0)
     total = (square + inside) / samples if mean_square is None else mean_square
-    search = _Search(bins, at, residual, inside, is_fitted=is_fitted)
+    search = _TermSearch(bins, at, residual, inside, is_fitted=is_fitted)
     if total > ROUNDING**2:
         search.run()
     return Budget(
@@ -162,7 +162,7 @@ class Dependence:
     chance: float = 1.0
 
 
-class _Search:
+class _TermSearch:
     """The residual of one joint while it is taken apart."""
 
     def __init__(

@@ -278,7 +278,7 @@ class EffectFit:
     fit: Fit
     ranges: Mapping[tuple[int, str], Ends] = field(default_factory=dict)
     is_settled: bool = True
-    search: Search | None = None
+    search: ShapeSearch | None = None
 
     @property
     def shapes(self) -> tuple[Point, ...]:
@@ -334,7 +334,7 @@ def fit_effects(
     if not choices:
         return EffectFit(fit_bins(model, bins, recursive=recursive, progress=progress))
     tell = progress or (lambda joint, text: None)
-    work = Search(model, bins, wanted)
+    work = ShapeSearch(model, bins, wanted)
     before, moving = rmse_by_joint(work.fit), {one.joint for one in bins}
     for place, term in enumerate(wanted):
         free = _free(term, model)
@@ -398,7 +398,7 @@ def _free(term: EffectTerm, model: Model) -> list[str]:
     return [name for name in term.shapes(model.robot) if name not in term.shape]
 
 
-class Search:
+class ShapeSearch:
     """A fit that grows: `terms` by place, and the `fit` of those so far."""
 
     def __init__(self, model: Model, bins: Sequence[JointBins], wanted: Sequence[EffectTerm]) -> None:

@@ -47,7 +47,7 @@ WORDING = Wording(
 
 
 @dataclass(frozen=True, slots=True)
-class _Arm:
+class _PlannedArm:
     """The robot of a plan, and the plan's unit of angles."""
 
     robot: Robot
@@ -72,8 +72,8 @@ class _Arm:
                 raise refusal("plan-wrong", what, "stay inside the limits, or correct them in the recipe")
 
 
-def _arm(info: ValidationInfo) -> _Arm:
-    return cast(_Arm, info.context)
+def _arm(info: ValidationInfo) -> _PlannedArm:
+    return cast(_PlannedArm, info.context)
 
 
 def _joint_number(joint: int, info: ValidationInfo) -> int:
@@ -122,11 +122,11 @@ Number = Annotated[int, Field(strict=True), AfterValidator(_joint_number)]
 Position = Annotated[Finite, AfterValidator(_position)]
 
 
-class _PlanForm(BaseModel):
+class _PlanEntry(BaseModel):
     model_config = FORM
 
 
-class RunForm(_PlanForm):
+class RunForm(_PlanEntry):
     """One entry of `runs`."""
 
     joint: Number
@@ -137,7 +137,7 @@ class RunForm(_PlanForm):
     purpose: Literal["fit", "heldout"] = "fit"
 
 
-class PostureForm(_PlanForm):
+class PostureForm(_PlanEntry):
     """One entry of `postures`."""
 
     joint: Number
@@ -146,7 +146,7 @@ class PostureForm(_PlanForm):
     why: str = ""
 
 
-class NoteForm(_PlanForm):
+class NoteForm(_PlanEntry):
     """One entry of `notes`."""
 
     note: str
@@ -154,13 +154,13 @@ class NoteForm(_PlanForm):
     where: Any = None
 
 
-class UnitsForm(_PlanForm):
+class UnitsForm(_PlanEntry):
     """The block `units`."""
 
     angle: Literal["deg", "rad"]
 
 
-class PlanForm(_PlanForm):
+class PlanForm(_PlanEntry):
     """The whole file; only kind, format and runs are needed."""
 
     kind: Literal["plan"]
@@ -218,7 +218,7 @@ def read_plan(path: Path, robot: Robot) -> Plan:
         raise ModelError("plan-wrong", what, Where(file=name, line=1), "make one with: pumaid plan")
     units = data.get("units")
     angle = units.get("angle") if isinstance(units, dict) else "rad"
-    arm = _Arm(robot, angle if angle in ("deg", "rad") else "rad")
+    arm = _PlannedArm(robot, angle if angle in ("deg", "rad") else "rad")
     form, faults = validated(PlanForm, data, wording=WORDING, context=arm)
     if angle != arm.angle:  # limits in an unknown unit mean nothing
         faults = [fault for fault in faults if fault.path[:1] == ("units",)]
@@ -227,7 +227,7 @@ def read_plan(path: Path, robot: Robot) -> Plan:
     return _plan(form, arm)
 
 
-def _plan(form: PlanForm, arm: _Arm) -> Plan:
+def _plan(form: PlanForm, arm: _PlannedArm) -> Plan:
     robot = arm.robot
     scales = [arm.scale(joint) for joint in robot.joints]
 
@@ -264,7 +264,7 @@ def _csv_document(path: Path, robot: Robot) -> Document:
         what = f"{path} is not CSV text: {error}"
         raise ModelError("file-not-readable", what, Where(file=str(path)), "save it as UTF-8") from error
     header = [name.strip() for name in rows[0]] if rows else []
-    arm = _Arm(robot, "rad" if any(name.endswith("_rad") for name in header) else "deg")
+    arm = _PlannedArm(robot, "rad" if any(name.endswith("_rad") for name in header) else "deg")
     holds = [f"hold{joint.number}_{arm.unit(joint)}" for joint in robot.joints]
     needed = ["joint", *holds, "from", "to", "velocity"]
     lines: dict[tuple[str | int, ...], int] = {(): 1}
@@ -324,7 +324,7 @@ def plan_text(plan: Plan, robot: Robot, *, format: str = "yaml", angle: str = "d
     angle
         ``"deg"`` or ``"rad"``: unit of angles. Lengths are in m, predicted errors in SI.
     """
-    arm = _Arm(robot, angle)
+    arm = _PlannedArm(robot, angle)
     return _csv(plan, arm) if format == "csv" else _yaml(plan, arm)
 
 
@@ -367,14 +367,14 @@ def _number(value: float) -> str:
     return "0" if text == "-0" else text
 
 
-def _numbers(motion: Motion, arm: _Arm) -> tuple[list[str], list[str]]:
+def _numbers(motion: Motion, arm: _PlannedArm) -> tuple[list[str], list[str]]:
     """Held positions, and start, end and speed, in the plan's units."""
     scale = arm.scale(arm.robot.joint(motion.joint))
     own = [_number(value / scale) for value in (motion.start, motion.end, motion.velocity)]
     return _held(motion.hold, arm), own
 
 
-def _held(hold: Sequence[float], arm: _Arm) -> list[str]:
+def _held(hold: Sequence[float], arm: _PlannedArm) -> list[str]:
     return [_number(value / arm.scale(joint)) for value, joint in zip(hold, arm.robot.joints, strict=True)]
 
 
@@ -385,7 +385,7 @@ def _text(value: str) -> str:
     return value if plain and value.lower() not in words else json.dumps(value, ensure_ascii=False)
 
 
-def _yaml(plan: Plan, arm: _Arm) -> str:
+def _yaml(plan: Plan, arm: _PlannedArm) -> str:
     angle = arm.angle
     lines = [
         "# Runs to be executed in this order. One joint moves from `from` to `to` at the speed `velocity`",
@@ -424,7 +424,7 @@ def _yaml(plan: Plan, arm: _Arm) -> str:
     return "\n".join(lines) + "\n"
 
 
-def _csv(plan: Plan, arm: _Arm) -> str:
+def _csv(plan: Plan, arm: _PlannedArm) -> str:
     out = io.StringIO()
     writer = csv.writer(out, lineterminator="\n")
     holds = [f"hold{joint.number}_{arm.unit(joint)}" for joint in arm.robot.joints]

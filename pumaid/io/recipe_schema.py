@@ -305,7 +305,7 @@ Signs = Annotated[list[Finite], AfterValidator(_signs)]
 GearRatio = Annotated[Finite, within(1e-3, 1e5, unit="", mend="write motor turns per joint turn, such as 101")]
 
 
-class _Form(BaseModel):
+class _StrictForm(BaseModel):
     model_config = FORM
 
     @model_validator(mode="before")
@@ -317,7 +317,7 @@ class _Form(BaseModel):
         return {key: value for key, value in data.items() if value is not None or key not in _BLOCKS}
 
 
-class JointForm(_Form):
+class JointForm(_StrictForm):
     """One entry of `joints`."""
 
     type: Literal["revolute", "prismatic"]
@@ -331,13 +331,13 @@ class JointForm(_Form):
     gear_ratio: GearRatio | None = None
 
 
-class FileUnits(_Form):
+class FileUnits(_StrictForm):
     """The block `units`."""
 
     angle: Literal["rad", "deg"] = "rad"
 
 
-class LogUnits(_Form):
+class LogUnits(_StrictForm):
     """The block `log.units`."""
 
     time: Annotated[str, _unit_of("time")] = "s"
@@ -349,14 +349,14 @@ class LogUnits(_Form):
     temperature: Annotated[str, _unit_of("temperature")] = "degC"
 
 
-class LogSigns(_Form):
+class LogSigns(_StrictForm):
     """The block `log.signs`."""
 
     position: Signs | None = None
     current: Signs | None = None
 
 
-class LogForm(_Form):
+class LogForm(_StrictForm):
     """The block `log`."""
 
     time: Template = "t"
@@ -368,7 +368,7 @@ class LogForm(_Form):
     signs: LogSigns = LogSigns()
 
 
-class EffectForm(_Form):
+class EffectForm(_StrictForm):
     """One entry of `effects`."""
 
     effect: Annotated[Words, AfterValidator(_effect_name)]
@@ -376,7 +376,7 @@ class EffectForm(_Form):
     shape: dict[str, Finite] = {}
 
 
-class BoxForm(_Form):
+class BoxForm(_StrictForm):
     """One entry of `safety.boxes`."""
 
     name: Words | None = None
@@ -384,7 +384,7 @@ class BoxForm(_Form):
     max: Point
 
 
-class SphereForm(_Form):
+class SphereForm(_StrictForm):
     """One entry of `safety.spheres`."""
 
     link: Link
@@ -392,7 +392,7 @@ class SphereForm(_Form):
     radius: Annotated[Length, Field(gt=0)]
 
 
-class SafetyForm(_Form):
+class SafetyForm(_StrictForm):
     """The block `safety`."""
 
     tool: Point | None = None
@@ -402,7 +402,7 @@ class SafetyForm(_Form):
     ignore: list[Annotated[list[Link], Field(min_length=2, max_length=2), AfterValidator(_apart)]] = []
 
 
-class RecipeForm(_Form):
+class RecipeForm(_StrictForm):
     """The whole file."""
 
     name: Words

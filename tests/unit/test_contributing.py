@@ -37,7 +37,7 @@ class Dummy(Effect):
 LOG_FORMAT = '''
 """Numbers behind a line with their names."""
 import numpy as np
-from pumaid.io.log_formats import Batch, Column, LogSource
+from pumaid.io.log_formats import Batch, LogColumn, LogSource
 
 class DummyLog(LogSource):
     """DUMMY, names, rows of numbers."""
@@ -49,7 +49,7 @@ class DummyLog(LogSource):
 
     def schema(self):
         self._names = self.path.read_text().splitlines()[1].split()
-        return [Column(name) for name in self._names]
+        return [LogColumn(name) for name in self._names]
 
     def batches(self, names):
         rows = np.loadtxt(self.path, skiprows=2)
