@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import csv
 import io
-import json
-import re
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -17,7 +15,7 @@ from pumaid import __version__
 from pumaid.errors import ModelError, Note, Where
 from pumaid.io.forms import FORM, Fault, Finite, Wording, refusal, refuse, shown, validated
 from pumaid.io.write import write_file
-from pumaid.io.yaml_file import Document, file_name, nearest, read_bytes, read_yaml
+from pumaid.io.yaml_file import Document, file_name, nearest, read_bytes, read_yaml, yaml_text
 from pumaid.robot import Joint, Robot
 from pumaid.trajectory import Motion, Plan, Posture
 from pumaid.units import factor, number
@@ -378,13 +376,6 @@ def _held(hold: Sequence[float], arm: _PlannedArm) -> list[str]:
     return [_number(value / arm.scale(joint)) for value, joint in zip(hold, arm.robot.joints, strict=True)]
 
 
-def _text(value: str) -> str:
-    """As YAML: plain where that is safe, else in JSON's quotes, which YAML reads too."""
-    plain = re.fullmatch(r"[A-Za-z][\w./()-]*(?: [\w./()-]+)*", value) is not None
-    words = {"true", "false", "yes", "no", "on", "off", "null", "y", "n"}
-    return value if plain and value.lower() not in words else json.dumps(value, ensure_ascii=False)
-
-
 def _yaml(plan: Plan, arm: _PlannedArm) -> str:
     angle = arm.angle
     lines = [
@@ -392,7 +383,7 @@ def _yaml(plan: Plan, arm: _PlannedArm) -> str:
         f"# ({angle} and {angle}/s, m and m/s if it slides); the others stay at `hold` (its own entry is ignored).",
         "kind: plan",
         f"format: {PLAN_FORMAT}",
-        f"robot: {_text(plan.robot)}",
+        f"robot: {yaml_text(plan.robot)}",
         f"units: {{angle: {angle}}}",
         f"seed: {plan.seed}",
         f"duration: {plan.duration:.1f}  # s, moves between postures included",
@@ -409,15 +400,15 @@ def _yaml(plan: Plan, arm: _PlannedArm) -> str:
         )
     postures = [
         f"- {{joint: {posture.joint}, hold: [{', '.join(_held(posture.hold, arm))}],"
-        f" serves: [{', '.join(posture.serves)}], why: {_text(posture.why)}}}"
+        f" serves: [{', '.join(posture.serves)}], why: {yaml_text(posture.why)}}}"
         for posture in plan.postures
     ]
     sections = {
         "postures:": postures,
         "expected_std_errors:  # SI, rad": [f"{name}: {value:.3g}" for name, value in plan.expected.items()],
-        "unseen:": [f"{name}: {_text(why)}" for name, why in plan.unseen.items()],
-        "assumptions:": [f"- {_text(sentence)}" for sentence in plan.assumptions],
-        "notes:": [f"- {{note: {_text(note.slug)}, text: {_text(note.text)}}}" for note in plan.notes],
+        "unseen:": [f"{name}: {yaml_text(why)}" for name, why in plan.unseen.items()],
+        "assumptions:": [f"- {yaml_text(sentence)}" for sentence in plan.assumptions],
+        "notes:": [f"- {{note: {yaml_text(note.slug)}, text: {yaml_text(note.text)}}}" for note in plan.notes],
     }
     for title, entries in sections.items():
         lines += [title, *(f"  {entry}" for entry in entries)] if entries else []

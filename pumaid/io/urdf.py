@@ -11,41 +11,19 @@ from functools import cached_property
 from pathlib import Path
 from shlex import quote
 from xml.etree import ElementTree
-from xml.parsers import expat
 
 from pumaid.errors import PumaidError, RecipeError, Where
 from pumaid.io.forms import raise_together
 from pumaid.io.yaml_file import file_name, nearest, read_bytes
 
-#: Types of a URDF's joints: those that a recipe can state, and those that move otherwise or not at all.
-SERIAL, FREE = ("revolute", "continuous", "prismatic"), ("floating", "planar")
-TYPES = (*SERIAL, "fixed", *FREE)
+#: Types of a URDF's joints.
+TYPES = ("revolute", "continuous", "prismatic", "fixed", "floating", "planar")
 #: Most bytes of a URDF, and most joints of a recipe.
-MAX_BYTES, MOST_JOINTS = 20_000_000, 50
+MAX_BYTES, MAX_JOINTS = 20_000_000, 50
 #: A joint farther than this (m) from the one before, or angles beyond this (rad), are in another unit.
 FARTHEST, WIDEST_ANGLE = 20.0, 4.0 * math.pi
 #: Most chains that a message lists.
 LISTED = 8
-
-
-class Element(ElementTree.Element):
-    """An XML element that knows the line on which it starts."""
-
-    line = 0
-
-    def first(self, tag: str) -> Element | None:
-        """The first element of that name directly below."""
-        return next((child for child in self if child.tag == tag and isinstance(child, Element)), None)
-
-    def text_of(self, tag: str, word: str, default: str = "") -> str:
-        """An attribute of the first element of that name below."""
-        child = self.first(tag)
-        return default if child is None else child.get(word, default).strip()
-
-
-def refusal(file: str, what: str, mend: str, *, line: int | None = None, slug: str = "urdf-refused") -> RecipeError:
-    """The error of a URDF that cannot be used."""
-    return RecipeError(slug, what[:200], Where(file=file, line=line), mend)
 
 
 @dataclass(frozen=True, slots=True)
@@ -60,7 +38,7 @@ class UrdfJoint:
     parent: str
     child: str
     follows: str
-    element: Element
+    element: ElementTree.Element
     file: str
 
     @property
@@ -80,7 +58,7 @@ class UrdfJoint:
         xyz, rpy = self._numbers("origin", "xyz", "0 0 0"), self._numbers("origin", "rpy", "0 0 0")
         if math.hypot(*xyz) > FARTHEST or max(map(abs, rpy)) > WIDEST_ANGLE:
             what = f"an origin {math.hypot(*xyz):g} m away, turned by up to {max(map(abs, rpy)):g} rad"
-            raise self._refusal("origin", what, "lengths of a URDF are in m, angles in rad")
+            raise self.refusal(what, "lengths of a URDF are in m, angles in rad")
         return xyz, rpy
 
     @property
@@ -89,33 +67,31 @@ class UrdfJoint:
         axis = self._numbers("axis", "xyz", "1 0 0")
         size = math.hypot(*axis)
         if not 1e-9 < size < math.inf:
-            raise self._refusal("axis", f"the axis {axis} has no direction", 'write it as xyz="0 0 1"')
+            raise self.refusal(f"the axis {axis} has no direction", 'write it as xyz="0 0 1"')
         return [value / size for value in axis]
 
-    @property
-    def limits(self) -> tuple[float | None, float | None, float | None]:
-        """Lower and upper limit (rad or m) and highest speed (a second), None where not given or infinite."""
-        texts = [self.element.text_of("limit", word, "inf") for word in ("lower", "upper", "velocity")]
-        low, high, speed = (
-            None if text.lstrip("+-").lower() in ("inf", "infinity") else self._numbers("limit", word, text, count=1)[0]
-            for word, text in zip(("lower", "upper", "velocity"), texts, strict=True)
-        )
-        return low, high, speed
+    def limit(self, word: str) -> float | None:
+        """The limit lower, upper or velocity (rad or m, a second); None where not given or infinite."""
+        text = _attribute(self.element, "limit", word) or "inf"
+        if text.lstrip("+-").lower() in ("inf", "infinity"):
+            return None
+        return self._numbers("limit", word, text, count=1)[0]
 
     def _numbers(self, tag: str, word: str, default: str, *, count: int = 3) -> list[float]:
-        text = self.element.text_of(tag, word, default)
+        text = default if self.element.find(tag) is None else _attribute(self.element, tag, word, default)
         try:
             values = [float(part) for part in text.split() if "_" not in text]  # Python alone reads 1_000
         except ValueError:
             values = []
         if len(values) != count or not all(map(math.isfinite, values)):
             wanted = f"{count} finite numbers" if count > 1 else "a finite number"
-            raise self._refusal(tag, f'{word}="{text[:60]}" is not {wanted}', "write them with a point, in m and rad")
+            what = f'{word}="{text[:60]}" of <{tag}> is not {wanted}'
+            raise self.refusal(what, "write them with a point, in m and rad")
         return values
 
-    def _refusal(self, tag: str, what: str, mend: str) -> RecipeError:
-        line = (self.element.first(tag) or self.element).line
-        return RecipeError("urdf-refused", what, Where(self.file, line, field=f"joint {self.name}, {tag}"), mend)
+    def refusal(self, what: str, mend: str) -> RecipeError:
+        """The error of a joint that cannot be used."""
+        return RecipeError("urdf-refused", what[:200], Where(self.file, field=f"joint {self.name}"), mend)
 
 
 @dataclass(frozen=True)
@@ -161,10 +137,6 @@ class UrdfFile:
             below += [joint.child for joint in self.carried[link]]
         return below
 
-    def moving_below(self, link: str) -> list[UrdfJoint]:
-        """Moving joints outward of a link."""
-        return [joint for part in self.below(link) for joint in self.carried[part] if joint.moves]
-
     def path_to(self, link: str) -> list[UrdfJoint]:
         """Joints from the root to a link."""
         path: list[UrdfJoint] = []
@@ -195,108 +167,99 @@ def read_urdf(path: Path) -> UrdfFile:
     """
     content, file = read_bytes(path, kind=RecipeError, most=MAX_BYTES), file_name(path)
     robot = _parsed(content, file)
-    if robot.tag != "robot":
-        raise refusal(file, f"the file holds <{robot.tag[:40]}>, not <robot>", "give the arm's URDF", line=robot.line)
-    _refuse_xacro(robot, file)
-    links = [element.get("name", "").strip() for element in robot.findall("link")]
-    joints = [_joint(element, file) for element in robot.iterfind("joint") if isinstance(element, Element)]
-    faults = [*_unnamed(robot, file), *_structure(links, joints)]
-    urdf = UrdfFile(
-        robot.get("name", ""), tuple(links), tuple(joints), file, digest=hashlib.sha256(content).hexdigest()
+    links = tuple(element.get("name", "").strip() for element in robot.findall("link"))
+    joints = tuple(
+        UrdfJoint(
+            element.get("name", "").strip(),
+            element.get("type", "").strip(),
+            _attribute(element, "parent", "link"),
+            _attribute(element, "child", "link"),
+            _attribute(element, "mimic", "joint"),
+            element,
+            file,
+        )
+        for element in robot.findall("joint")
     )
-    faults = faults or list(_circle(urdf))
+    urdf = UrdfFile(robot.get("name", ""), links, joints, file, hashlib.sha256(content).hexdigest())
+    faults = list(_faults(urdf)) or list(_circles(urdf))
     if faults:
-        raise_together(sorted(faults, key=lambda fault: fault.where.line or 0))
+        raise_together(faults)
     return urdf
 
 
-def _parsed(content: bytes, file: str) -> Element:
-    """The outermost element; document types, and with them entities, are refused."""
-    parser, builder = expat.ParserCreate(), ElementTree.TreeBuilder(element_factory=Element)
+class _Builder(ElementTree.TreeBuilder):
+    """Refuses document types, and with them entities."""
 
-    def start(tag: str, attributes: dict[str, str]) -> None:
-        element = builder.start(tag, attributes)
-        assert isinstance(element, Element)
-        element.line = parser.CurrentLineNumber
+    def doctype(self, name: str, *_: object) -> None:
+        raise ValueError(f"the file has a document type: take the line <!DOCTYPE {name[:40]} ...> away")
 
-    def refuse_document_type(*_: object) -> None:
-        mend = "take the line <!DOCTYPE ...> away, and write entities out"
-        raise refusal(file, "the file has a document type", mend, line=parser.CurrentLineNumber)
 
-    parser.StartElementHandler, parser.EndElementHandler = start, builder.end
-    parser.StartDoctypeDeclHandler = refuse_document_type
+def _parsed(content: bytes, file: str) -> ElementTree.Element:
+    """The element <robot>, tags without namespaces."""
+
+    def refusal(what: str, mend: str, line: int | None = None) -> RecipeError:
+        return RecipeError("urdf-refused", what[:200], Where(file=file, line=line), mend)
+
     try:
-        parser.Parse(content, True)
-        root = builder.close()
-    except expat.ExpatError as error:
-        what = f"this is not XML: {expat.ErrorString(error.code)}"
-        raise refusal(file, what, "every tag must be closed and quoted", line=error.lineno) from error
+        robot = ElementTree.fromstring(content, ElementTree.XMLParser(target=_Builder()))
+    except ElementTree.ParseError as error:
+        raise refusal(f"this is not XML: {error}", "every tag must be closed and quoted", error.position[0]) from error
     except (LookupError, ValueError) as error:  # an encoding that Python lacks, or that does not fit the bytes
-        raise refusal(file, f"the text cannot be read: {error}", "save the file as UTF-8", line=1) from error
-    assert isinstance(root, Element)
-    return root
-
-
-def _refuse_xacro(robot: Element, file: str) -> None:
+        raise refusal(f"the text cannot be read: {error}", "save the file as plain UTF-8") from error
     for element in robot.iter():
+        space, _, tag = element.tag.rpartition("}")
         macro = next((text for text in element.attrib.values() if "${" in text or "$(" in text), None)
-        if element.tag.startswith("xacro:") or macro is not None:
-            what = f"this is a xacro file, not a URDF: {macro or '<' + element.tag + '>'}"
+        if space.endswith("xacro") or macro is not None:
             mend = "run: xacro FILE > arm.urdf   (with ROS 2: ros2 run xacro xacro FILE), then give arm.urdf"
-            raise refusal(file, what, mend, line=getattr(element, "line", None))
+            raise refusal(f"this is a xacro file, not a URDF: {macro or f'<{tag}>'}", mend)
+        element.tag = tag
+    if robot.tag != "robot":
+        raise refusal(f"the file holds <{robot.tag[:40]}>, not <robot>", "give the arm's URDF")
+    return robot
 
 
-def _joint(element: Element, file: str) -> UrdfJoint:
-    name, kind = element.get("name", "").strip(), element.get("type", "").strip()
-    parent, child = element.text_of("parent", "link"), element.text_of("child", "link")
-    return UrdfJoint(name, kind, parent, child, element.text_of("mimic", "joint"), element, file)
+def _attribute(element: ElementTree.Element, tag: str, word: str, default: str = "") -> str:
+    """An attribute of the first element of that name below."""
+    child = element.find(tag)
+    return default if child is None else child.get(word, default).strip()
 
 
-def _unnamed(robot: Element, file: str) -> Iterator[PumaidError]:
-    """Links and joints without a name, or with one that stands twice."""
-    for tag in ("link", "joint"):
-        first: dict[str, int] = {}
-        for element in robot:
-            name, line = element.get("name", "").strip(), getattr(element, "line", 0)
-            if element.tag == tag and not name:
-                yield refusal(file, f"a {tag} has no name", f'write <{tag} name="...">', line=line)
-            elif element.tag == tag and first.setdefault(name, line) != line:
-                what = f"the {tag} {name} stands on line {first[name]} too"
-                yield refusal(file, what, f"give each {tag} its own name", line=line)
-
-
-def _structure(links: Sequence[str], joints: Sequence[UrdfJoint]) -> Iterator[PumaidError]:
-    """Joints of unknown types, between links that are not there, and links that two joints carry."""
-    known, carriers = set(links), Counter(joint.child for joint in joints)
-    if not links and joints:
-        yield refusal(joints[0].file, "there is no link", "give the arm's URDF")
-    for joint in joints:
-        line = joint.element.line
+def _faults(urdf: UrdfFile) -> Iterator[PumaidError]:
+    """Links and joints without a name of their own, of unknown types, and ends of joints that are no links."""
+    for tag, names in (("link", urdf.links), ("joint", [joint.name for joint in urdf.joints])):
+        for name, count in Counter(names).items():
+            if not name or count > 1:
+                what = f"the name {name} is of {count} {tag}s" if name else f"a {tag} has no name"
+                yield RecipeError("urdf-refused", what[:200], Where(urdf.file), f"give each {tag} its own name")
+    links, carriers = set(urdf.links), Counter(joint.child for joint in urdf.joints)
+    for joint in urdf.joints:
         if joint.kind not in TYPES:
-            near = nearest(joint.kind, TYPES)
-            mend = f"did you mean {near}?" if near else f"one of {', '.join(TYPES)}"
-            yield refusal(joint.file, f"joint {joint.name} has type '{joint.kind[:40]}'", mend, line=line)
+            yield joint.refusal(f"joint {joint.name} has type '{joint.kind[:40]}'", _meant(joint.kind, TYPES))
         for tag, link in (("parent", joint.parent), ("child", joint.child)):
-            if link not in known:
-                near = nearest(link, known) if len(known) < 10_000 else None
-                mend = f"did you mean {near}?" if near else f'write <{tag} link="..."/> with the name of a link'
-                what = f"joint {joint.name} has the {tag} '{link[:40]}', which is no link"
-                yield refusal(joint.file, what, mend, line=line)
-        if carriers[joint.child] > 1 and joint.child in known:
+            if link not in links:
+                yield joint.refusal(
+                    f"joint {joint.name} has the {tag} '{link[:40]}', which is no link", _meant(link, urdf.links)
+                )
+        if carriers[joint.child] > 1 and joint.child in links:
             what = f"joint {joint.name} carries link {joint.child}, as another joint does"
-            yield refusal(joint.file, what, "a link hangs on one joint; a URDF holds no closed loops", line=line)
+            yield joint.refusal(what, "a link hangs on one joint; a URDF holds no closed loops")
 
 
-def _circle(urdf: UrdfFile) -> Iterator[PumaidError]:
+def _circles(urdf: UrdfFile) -> Iterator[PumaidError]:
     """A joint of which going outward never ends: its link hangs on no root."""
     if not urdf.links:
-        yield refusal(urdf.file, "there is no link", "give the arm's URDF")
+        yield RecipeError("urdf-refused", "there is no link", Where(urdf.file), "give the arm's URDF")
     grounded = set(urdf.below(*urdf.roots))
-    for joint in urdf.joints:
-        if joint.child not in grounded:
-            what = f"joint {joint.name} closes a circle of links at {joint.child}"
-            yield refusal(urdf.file, what, "one of its joints must hang on the base", line=joint.element.line)
-            return
+    circle = next((joint for joint in urdf.joints if joint.child not in grounded), None)
+    if circle is not None:
+        what = f"joint {circle.name} closes a circle of links at {circle.child}"
+        yield circle.refusal(what, "one of its joints must hang on the base")
+
+
+def _meant(word: str, names: Sequence[str]) -> str:
+    near = nearest(word, names) if len(names) < 10_000 else None
+    more = " ..." if len(names) > LISTED else ""
+    return f"did you mean {near}?" if near else f"there are {', '.join(names[:LISTED])}{more}"
 
 
 @dataclass(frozen=True, slots=True)
@@ -305,24 +268,17 @@ class ArmChain:
 
     Attributes
     ----------
-    before
-        Joints from the URDF's root to `base`, outward.
-    path
-        Joints from `base` to `tip`, outward.
-    end
-        Moving joints that the last joint carries: a gripper or hand.
-    beside
-        Other moving joints that the arm carries.
-    elsewhere
-        Moving joints that it does not carry.
+    before, path
+        Joints from the URDF's root to `base`, and from `base` to `tip`, outward.
+    carried, elsewhere
+        Other moving joints: those that the arm carries (a gripper, a camera), and those that it does not.
     """
 
     base: str
     tip: str
     before: tuple[UrdfJoint, ...]
     path: tuple[UrdfJoint, ...]
-    end: tuple[UrdfJoint, ...]
-    beside: tuple[UrdfJoint, ...]
+    carried: tuple[UrdfJoint, ...]
     elsewhere: tuple[UrdfJoint, ...]
 
     @property
@@ -342,10 +298,8 @@ def arm_chain(urdf: UrdfFile, *, base: str | None = None, tip: str | None = None
     ----------
     urdf
         The robot.
-    base
-        The link to start at; the root where not given.
-    tip
-        The link to end at.
+    base, tip
+        The links to start and end at; without `base` the root.
 
     Raises
     ------
@@ -354,48 +308,35 @@ def arm_chain(urdf: UrdfFile, *, base: str | None = None, tip: str | None = None
     """
     for word, link in (("--base", base), ("--tip", tip)):
         if link is not None and link not in urdf.links:
-            near = nearest(link, urdf.links) if len(urdf.links) < 10_000 else None
-            more = " ..." if len(urdf.links) > LISTED else ""
-            mend = f"did you mean {near}?" if near else f"links are {', '.join(urdf.links[:LISTED])}{more}"
-            raise _which(urdf, f"{word} {link}: there is no such link", mend)
+            raise _which(urdf, f"{word} {link}: there is no such link", _meant(link, urdf.links))
     if base is None:
-        base = _root(urdf, tip)
-    end = _longest(urdf, base) if tip is None else tip
-    before, whole = urdf.path_to(base), urdf.path_to(end)
+        roots = [next((joint.parent for joint in urdf.path_to(tip)), tip)] if tip is not None else urdf.roots
+        if len(roots) > 1:
+            what = f"{len(roots)} links hang on no joint: {', '.join(roots[:LISTED])}"
+            raise _which(urdf, what, "say where the arm starts, with --base LINK")
+        base = roots[0]
+    tip = _longest(urdf, base) if tip is None else tip
+    before, whole = urdf.path_to(base), urdf.path_to(tip)
     if whole[: len(before)] != before:
         mend = f"--base must lie on the way to it: {' > '.join(joint.parent for joint in whole)}"
-        raise _which(urdf, f"no joints lead outward from {base} to {end}", mend)
+        raise _which(urdf, f"no joints lead outward from {base} to {tip}", mend)
     path = whole[len(before) :]
     _refuse_unusable(urdf, base, path)
-    moving = [joint for joint in path if joint.moves]
     taken = {joint.name for joint in path}
-    carried = [joint for joint in urdf.moving_below(moving[0].child) if joint.name not in taken]
-    beyond = {joint.name for joint in urdf.moving_below(moving[-1].child)}
-    known = taken | {joint.name for joint in carried}
+    outward = set(urdf.below(next(joint.child for joint in path if joint.moves)))
+    rest = [joint for joint in urdf.joints if joint.moves and joint.name not in taken]
     return ArmChain(
         base,
-        end,
+        tip,
         before=tuple(before),
         path=tuple(path),
-        end=tuple(joint for joint in carried if joint.name in beyond),
-        beside=tuple(joint for joint in carried if joint.name not in beyond),
-        elsewhere=tuple(joint for joint in urdf.joints if joint.moves and joint.name not in known),
+        carried=tuple(joint for joint in rest if joint.parent in outward),
+        elsewhere=tuple(joint for joint in rest if joint.parent not in outward),
     )
 
 
 def _which(urdf: UrdfFile, what: str, mend: str) -> RecipeError:
     return RecipeError("urdf-which-chain", what, Where(file=urdf.file), mend)
-
-
-def _root(urdf: UrdfFile, tip: str | None) -> str:
-    if tip is not None:
-        path = urdf.path_to(tip)
-        return path[0].parent if path else tip
-    roots = urdf.roots
-    if len(roots) > 1:
-        what = f"{len(roots)} links hang on no joint: {', '.join(roots[:LISTED])}"
-        raise _which(urdf, what, "say where the arm starts, with --base LINK")
-    return roots[0]
 
 
 def _longest(urdf: UrdfFile, base: str) -> str:
@@ -410,13 +351,12 @@ def _longest(urdf: UrdfFile, base: str) -> str:
             chains.append((start, end, count + 1))
             starts += [] if is_clear else [end]
     chains.sort(key=lambda chain: -chain[2])
-    told = "; ".join(
-        f"--base {quote(start)} --tip {quote(end)} ({count} joint{'s' * (count > 1)})"
-        for start, end, count in chains[:LISTED]
-    )
+    listed = [
+        f"--base {quote(start)} --tip {quote(end)} ({count} joint{'s' * (count > 1)})" for start, end, count in chains
+    ]
     more = f"; {len(chains) - LISTED} more" if len(chains) > LISTED else ""
     what = f"below {base} several chains of joints are as long as one another"
-    raise _which(urdf, what, f"say which one: {told}{more}")
+    raise _which(urdf, what, f"say which one: {'; '.join(listed[:LISTED])}{more}")
 
 
 def _walk(urdf: UrdfFile, start: str) -> tuple[str, bool, int]:
@@ -436,7 +376,7 @@ def _walk(urdf: UrdfFile, start: str) -> tuple[str, bool, int]:
 
 def _refuse_unusable(urdf: UrdfFile, base: str, path: Sequence[UrdfJoint]) -> None:
     for joint in path:
-        if joint.kind in FREE:
+        if joint.kind in ("floating", "planar"):
             what = f"joint {joint.name} is {joint.kind}; a recipe's joints turn or slide"
             raise _which(urdf, what, f"start behind it: --base {quote(joint.child)}")
         if joint.follows:
@@ -446,6 +386,6 @@ def _refuse_unusable(urdf: UrdfFile, base: str, path: Sequence[UrdfJoint]) -> No
     if count == 0:
         mend = "name links that moving joints connect, with --base and --tip"
         raise _which(urdf, f"no joint moves outward of {base}", mend)
-    if count > MOST_JOINTS:
-        mend = "take a part of it, with --base and --tip"
-        raise _which(urdf, f"{count} joints in a line; a recipe holds {MOST_JOINTS}", mend)
+    if count > MAX_JOINTS:
+        what = f"{count} joints in a line; a recipe holds {MAX_JOINTS}"
+        raise _which(urdf, what, "take a part of it, with --base and --tip")

@@ -10,6 +10,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,6 +30,7 @@ from pumaid.io.recipe_schema import (
 )
 from pumaid.io.recipe_template import remarked
 from pumaid.io.urdf import ArmChain, UrdfFile, UrdfJoint, arm_chain, read_urdf
+from pumaid.io.yaml_file import yaml_text
 from pumaid.kinematics import DhChain, SerialChain, axes, modified_dh, origins, placement, straightened
 from pumaid.robot import Joint, Robot
 from pumaid.units import factor, number
@@ -47,12 +49,11 @@ LISTED = 6
 ROUNDINGS = ((9, 2.5e-9), (14, 1e-12))
 _STEP = math.pi / 12.0
 _GRIPPER = re.compile(r"grip|finger|jaw|claw|thumb", re.IGNORECASE)
-_YAML_WORDS = ("true", "false", "null", "yes", "no", "on", "off", "y", "n")
 
 _BODY = """\
 # Frames: modified Denavit-Hartenberg parameters derived from the axes of the URDF. Every z points as the URDF's axis
 # does, so positions, zeros and limits are the URDF's own.
-# The base is {base}.
+# The base (frame 0) is {base}.
 # Gravity pulls along -z of the URDF's root link; where that does not stand upright, put another vector here.
 # {agrees} axes agree with the URDF's within {tolerance:g} rad and m in {postures} random postures.
 name: {name}
@@ -63,16 +64,11 @@ joints:
 {joints}"""
 
 
-@dataclass(frozen=True, slots=True)
-class Agreement:
+class Agreement(NamedTuple):
     """Farthest that any axis is off in any posture: in direction (rad), and in place (m, across the axis)."""
 
     direction: float
     place: float
-
-    def within(self, tolerance: float) -> bool:
-        """Whether both are at most this (rad and m)."""
-        return self.direction <= tolerance and self.place <= tolerance
 
 
 @dataclass(frozen=True, slots=True)
@@ -140,14 +136,14 @@ def recipe_from_urdf(path: Path, *, base: str | None = None, tip: str | None = N
         text = _text(head, dh, joints, gravity=gravity, rounding=(decimals, snap))
         robot = _read_back(text)
         off = agreement(robot, usable, dh.base)
-        if off.within(TOLERANCE) and np.linalg.norm(np.array(robot.gravity) - gravity) <= TOLERANCE * FREE_FALL:
+        if max(off) <= TOLERANCE and np.linalg.norm(np.array(robot.gravity) - gravity) <= TOLERANCE * FREE_FALL:
             break
     else:
         what = f"the recipe's axes differ from the URDF's by {off.direction:.1e} rad and {off.place:.1e} m"
         raise RecipeError("urdf-not-derived", what, Where(file=urdf.file), "please report it, with the URDF")
     off = agreement(robot, stated, dh.base)
-    if not off.within(TOLERANCE):
-        notes += _note_on_bent(chain, bent, off)
+    if max(off) > TOLERANCE:
+        notes.append(_note_on_bent(chain, bent, off))
     return UrdfRecipe(text, robot, urdf, chain, dh.base, off, (*_notes_on_chain(chain), *notes))
 
 
@@ -201,18 +197,30 @@ def _read_back(text: str) -> Robot:
 def _joints(chain: ArmChain) -> tuple[list[Joint], list[Note]]:
     """Names, kinds, limits and speeds of the arm's joints, and notes on those that are missing or unusable."""
     joints: list[Joint] = []
-    lacking: dict[str, list[str]] = {"limits": [], "highest speed": []}
     notes = []
-    for number_, stated in enumerate(chain.moving, start=1):
-        name = _name(stated, number_, [joint.name for joint in joints])
+    for count, stated in enumerate(chain.moving, start=1):
+        name = _name(stated.name, count, [joint.name.lower() for joint in joints])
         if name != stated.name:
             text = f"no recipe can name a joint {stated.name!r}; it is called {name}"
-            notes.append(Note("urdf-incomplete", text, Where(joint=number_)))
+            notes.append(Note("urdf-incomplete", text, Where(joint=count)))
         kind = "prismatic" if stated.kind == "prismatic" else "revolute"
-        joint = Joint(number_, name, kind, limits=_limits(stated), max_velocity=_speed(stated))
-        lacking["limits"] += [name] * (joint.limits is None and stated.kind != "continuous")
-        lacking["highest speed"] += [name] * (joint.max_velocity is None)
-        joints.append(joint)
+        farthest, slowest, fastest = (
+            (LONGEST_RAIL, 1e-9, FASTEST_RAIL) if kind == "prismatic" else (WIDEST, SLOWEST, FASTEST)
+        )
+        low, high, speed = (stated.limit(word) for word in ("lower", "upper", "velocity"))
+        limits = None
+        if stated.kind != "continuous" and low is not None and high is not None and -farthest <= low < high <= farthest:
+            limits = low, high
+        speed = speed if speed is not None and slowest <= speed <= fastest else None
+        joints.append(Joint(count, name, kind, limits=limits, max_velocity=speed))
+    lacking = {
+        "limits": [
+            joint.name
+            for joint, stated in zip(joints, chain.moving, strict=True)
+            if joint.limits is None and stated.kind != "continuous"
+        ],
+        "highest speed": [joint.name for joint in joints if joint.max_velocity is None],
+    }
     for what, names in lacking.items():
         if names:
             text = f"the URDF states no usable {what} of {_listed(names)}: put the arm's own into the recipe"
@@ -220,43 +228,30 @@ def _joints(chain: ArmChain) -> tuple[list[Joint], list[Note]]:
     return joints, notes
 
 
-def _name(joint: UrdfJoint, number_: int, taken: Sequence[str]) -> str:
+def _name(name: str, count: int, taken: Sequence[str]) -> str:
     """The URDF's name where a recipe can hold it."""
-    data = {"type": "revolute", "alpha": 0.0, "a": 0.0, "name": joint.name}
+    data = {"type": "revolute", "alpha": 0.0, "a": 0.0, "name": name}
     try:
         JointForm.model_validate(data, context=ArmForm((), frozenset(), "rad", True))
-        name = joint.name
     except ValidationError:
-        name = f"joint{number_}"
-    while name.lower() in {other.lower() for other in taken}:
+        name = f"joint{count}"
+    while name.lower() in taken:
         name += "_"
     return name
-
-
-def _limits(joint: UrdfJoint) -> tuple[float, float] | None:
-    low, high, _ = joint.limits
-    farthest = LONGEST_RAIL if joint.kind == "prismatic" else WIDEST
-    if joint.kind == "continuous" or low is None or high is None or not low < high:
-        return None
-    return (low, high) if max(abs(low), abs(high)) <= farthest else None
-
-
-def _speed(joint: UrdfJoint) -> float | None:
-    speed = joint.limits[2]
-    slowest, fastest = (1e-9, FASTEST_RAIL) if joint.kind == "prismatic" else (SLOWEST, FASTEST)
-    return speed if speed is not None and slowest <= speed <= fastest else None
 
 
 def _notes_on_chain(chain: ArmChain) -> list[Note]:
     """Which joints were not taken, and whether the last one should have been."""
     notes = []
-    carried, last = [*chain.end, *chain.beside], chain.moving[-1]
-    if carried:
-        text = f"left out, and carried by the arm: {_counted(carried)}; hold them still, their weight is the arm's"
+    if chain.carried:
+        text = (
+            f"left out, and carried by the arm: {_counted(chain.carried)}; hold them still, their weight is the arm's"
+        )
         notes.append(Note("urdf-left-out", text))
     if chain.elsewhere:
         text = f"left out, and not carried by the arm: {_counted(chain.elsewhere)}"
         notes.append(Note("urdf-left-out", text))
+    last = chain.moving[-1]
     if len(chain.moving) > 1 and _GRIPPER.search(f"{last.name} {last.child}"):
         text = f"the last joint, {last.name}, may be a gripper's: leave it out with --tip {shlex.quote(last.parent)}"
         notes.append(Note("urdf-left-out", text))
@@ -266,14 +261,14 @@ def _notes_on_chain(chain: ArmChain) -> list[Note]:
     return notes
 
 
-def _note_on_bent(chain: ArmChain, bent: dict[int, float], off: Agreement) -> list[Note]:
+def _note_on_bent(chain: ArmChain, bent: dict[int, float], off: Agreement) -> Note:
     degree = factor("deg")
     turned = [f"{chain.moving[joint - 1].name} by {number(angle / degree, 2)} deg" for joint, angle in bent.items()]
     text = (
         f"nearly parallel axes were made parallel, for their common normal lies anywhere: {', '.join(turned)}; no axis"
         f" is off by more than {number(off.direction / degree, 2)} deg and {number(off.place * 1e3, 2)} mm"
     )
-    return [Note("urdf-made-parallel", text)]
+    return Note("urdf-made-parallel", text)
 
 
 def _listed(names: Sequence[str]) -> str:
@@ -291,14 +286,14 @@ def _head(urdf: UrdfFile, chain: ArmChain, dh: DhChain, *, is_bent: bool) -> dic
         "".join(letter if letter.isprintable() else "?" for letter in text)
         for text in (Path(urdf.file).name, chain.base, chain.tip)
     )
-    name = urdf.name.strip() if urdf.name.strip() and urdf.name.isprintable() else "arm"
     given = "-" if file == "standard input" else file
+    x, z, place = (", ".join(_decimal(value, 7) for value in dh.base[:3, column]) for column in (0, 2, 3))
     return {
         "origin": shlex.join(["pumaid", "init", "--urdf", given, "--base", base, "--tip", tip]),
-        "base": f"link {base}, {_frame(dh.base)}",
+        "base": f"in link {base} at ({place}) m, its x along ({x}) and z along ({z})",
         "agrees": "Nearly parallel axes were made parallel; then all" if is_bent else "All",
-        "name": _quoted(name[:200]),
-        "source": _quoted(f"URDF {file}, links {base} to {tip}; SHA-256 {urdf.digest}"),
+        "name": yaml_text(urdf.name[:200] if urdf.name.strip() and urdf.name.isprintable() else "arm"),
+        "source": yaml_text(f"URDF {file}, links {base} to {tip}; SHA-256 {urdf.digest}"),
     }
 
 
@@ -309,28 +304,27 @@ def _text(
     decimals, snap = rounding
     lines = []
     for joint, theta, alpha, a, d in zip(joints, dh.theta, dh.alpha, dh.a, dh.d, strict=True):
-        words = [
-            f"name: {_quoted(joint.name)}",
-            f"type: {joint.kind}",
-            f"theta: {_angle(theta, decimals, snap)}",
-            f"alpha: {_angle(alpha, decimals, snap)}",
-            f"a: {_decimal(a, decimals)}",
-            f"d: {_decimal(d, decimals)}",
-        ]
-        words += [] if joint.limits is None else [f"limits: [{', '.join(_decimal(v, 12) for v in joint.limits)}]"]
-        words += [] if joint.max_velocity is None else [f"max_velocity: {_decimal(joint.max_velocity, 12)}"]
-        lines.append(f"  - {{{', '.join(words)}}}\n")
+        words = {
+            "name": yaml_text(joint.name),
+            "type": joint.kind,
+            "theta": _angle(theta, decimals, snap),
+            "alpha": _angle(alpha, decimals, snap),
+            "a": _decimal(a, decimals),
+            "d": _decimal(d, decimals),
+        }
+        if joint.limits is not None:
+            words["limits"] = f"[{', '.join(_decimal(value, 12) for value in joint.limits)}]"
+        if joint.max_velocity is not None:
+            words["max_velocity"] = _decimal(joint.max_velocity, 12)
+        lines.append(f"  - {{{', '.join(f'{key}: {word}' for key, word in words.items())}}}\n")
     down = ", ".join(_decimal(value, decimals - 2) for value in gravity)
-    texts = {key: text for key, text in head.items() if key != "origin"}
-    body = _BODY.format(gravity=down, joints="".join(lines), tolerance=TOLERANCE, postures=POSTURES, **texts)
+    body = _BODY.format(gravity=down, joints="".join(lines), tolerance=TOLERANCE, postures=POSTURES, **head)
     return remarked(body, len(joints), origin=head["origin"])
 
 
 def _decimal(value: float, decimals: int) -> str:
     """A bare number without exponent and trailing zeros."""
-    text = f"{value:.{decimals}f}".rstrip("0")
-    text += "0" if text.endswith(".") else ""
-    return "0.0" if float(text) == 0.0 else text
+    return np.format_float_positional(round(value, decimals) + 0.0, trim="0")
 
 
 def _angle(value: float, decimals: int, snap: float) -> str:
@@ -341,24 +335,3 @@ def _angle(value: float, decimals: int, snap: float) -> str:
     part = Fraction(12 if steps == -12 else steps, 12)
     times = {1: "", -1: "-"}.get(part.numerator, f"{part.numerator}*")
     return "0" if steps == 0 else f"{times}pi" + (f"/{part.denominator}" if part.denominator > 1 else "")
-
-
-def _quoted(text: str) -> str:
-    """Printable text as YAML reads it back: bare where that is safe."""
-    if re.fullmatch(r"[A-Za-z][A-Za-z0-9_-]*", text) and text.lower() not in _YAML_WORDS:
-        return text
-    escaped = text.replace("\\", "\\\\").replace('"', '\\"')
-    return f'"{escaped}"'
-
-
-def _frame(base: Floats) -> str:
-    """Where frame 0 stands in its link, in words; turns (rad) and shifts (m) below 1e-7 are round-off."""
-    degree = factor("deg")
-    tilt = math.acos(min(1.0, float(base[2, 2])))
-    turned, shift = math.atan2(float(base[1, 0]), float(base[0, 0])), float(base[:3, 3] @ base[:3, 2])
-    moves = [
-        (tilt, f"tilted by {number(tilt / degree)} deg so that z is parallel to the first joint's"),
-        (turned, f"turned by {number(turned / degree)} deg about z"),
-        (shift, f"shifted by {number(shift)} m along z"),
-    ]
-    return ", ".join(text for size, text in moves if abs(size) > 1e-7) or "its own axes"

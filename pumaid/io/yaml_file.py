@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import difflib
+import json
+import re
 import sys
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
@@ -43,6 +45,13 @@ def nearest(word: object, known: Iterable[str]) -> str | None:
     by_lower = {name.lower(): name for name in known}
     close = difflib.get_close_matches(str(word).lower(), by_lower, n=1, cutoff=0.6)
     return by_lower[close[0]] if close else None
+
+
+def yaml_text(text: str) -> str:
+    """A text as YAML: bare where that is safe, else in JSON's quotes, which YAML reads too."""
+    is_plain = re.fullmatch(r"[A-Za-z][\w./()-]*(?: [\w./()-]+)*", text, re.ASCII) is not None
+    words = {"true", "false", "yes", "no", "on", "off", "null", "y", "n"}
+    return text if is_plain and text.lower() not in words else json.dumps(text, ensure_ascii=False)
 
 
 def file_name(path: Path) -> str:

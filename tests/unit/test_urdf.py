@@ -175,7 +175,7 @@ def test_a_gripper_of_two_fingers_is_cut(chosen) -> None:
     for inside in ({}, {"f2": '<mimic joint="f1"/>'}):
         found = chosen(*arm, inside=inside)
         assert names(found.moving) == ["j1", "j2"]
-        assert names(found.end) == ["f1", "f2"]
+        assert names(found.carried) == ["f1", "f2"]
 
 
 def test_a_hand_of_three_fingers_is_cut(chosen) -> None:
@@ -189,7 +189,7 @@ def test_a_camera_beside_the_arm_is_left_out(chosen) -> None:
     """The one longer branch is the arm; what it carries besides and what it does not is told apart."""
     found = chosen(("wheel", "base", "w"), ("j1", "base", "a"), ("pan", "a", "p"), ("j2", "a", "b"), ("j3", "b", "c"))
     assert names(found.moving) == ["j1", "j2", "j3"]
-    assert (names(found.beside), names(found.elsewhere), names(found.end)) == (["pan"], ["wheel"], [])
+    assert (names(found.carried), names(found.elsewhere)) == (["pan"], ["wheel"])
 
 
 def test_two_arms_are_asked_for(chosen) -> None:
@@ -239,7 +239,7 @@ def test_a_mobile_base_is_left_behind_with_base(chosen) -> None:
 def test_following_joints_at_the_end_are_cut(chosen) -> None:
     """The arm ends before a joint that moves with another."""
     found = chosen(("j1", "base", "a"), ("j2", "a", "b"), inside={"j2": '<mimic joint="j1"/>'})
-    assert (names(found.moving), names(found.end)) == (["j1"], ["j2"])
+    assert (names(found.moving), names(found.carried)) == (["j1"], ["j2"])
 
 
 def test_a_misspelt_link_is_told_the_nearest(refusal) -> None:

@@ -112,7 +112,7 @@ def _facts(made: UrdfRecipe) -> dict[str, object]:
         }
         for joint, stated in zip(robot.joints, chain.moving, strict=True)
     ]
-    left_out = {"carried": (*chain.end, *chain.beside), "elsewhere": chain.elsewhere}
+    left_out = {"carried": chain.carried, "elsewhere": chain.elsewhere}
     return {
         "file": made.urdf.file,
         "sha256": made.urdf.digest,
