@@ -216,10 +216,14 @@ def _without_noise(upper: Floats, noise: Floats) -> Floats:
     """
     out = upper.copy()
     for column in np.flatnonzero(noise.any(axis=0)):
-        if column < upper.shape[1]:
-            own = upper[:, column, column]
-            share = np.divide(noise[:, column], own**2, out=np.zeros(len(own)), where=own != 0.0)
-            out[:, column, column] = own * (1.0 - np.minimum(share, MOST_NOISE))
+        # Beyond the span of the columns before it: where these depend on one another, a triangle's diagonal is less.
+        left, singular, _ = np.linalg.svd(upper[:, :, :column], full_matrices=False)
+        basis = left * (singular > FLAT * np.maximum(singular[:, :1], 1e-300))[:, None, :]
+        values = upper[:, :, column, None]
+        beyond = (values - basis @ (basis.transpose(0, 2, 1) @ values))[:, :, 0]
+        square = np.sum(beyond**2, axis=1)
+        share = np.divide(noise[:, column], square, out=np.zeros(len(square)), where=square > 0.0)
+        out[:, :, column] -= np.minimum(share, MOST_NOISE)[:, None] * beyond
     return out
 
 
