@@ -193,8 +193,6 @@ class Run:
         Number of the recording: runs with the same number share one clock.
     heldout
         Whether the plan keeps this run for judging only.
-    acceleration_noise
-        Variance of the noise of a bin's acceleration in a stroke, (rad/s2)2 or (m/s2)2; zero where it is not known.
     stamp_error
         RMS (s) by which time stamps are not when samples were taken; zero where they are, or where no motion tells.
     """
@@ -216,7 +214,6 @@ class Run:
     clock: int = 0
     heldout: bool = False
     stamp_error: float = 0.0
-    acceleration_noise: float = 0.0
 
     @property
     def direction(self) -> int:

@@ -23,8 +23,6 @@ Counts = NDArray[np.int64]
 
 #: Singular values of a run's own columns below this share of its largest are rounding.
 FLAT = 1e-10
-#: Share of a column of acceleration's own noise that is taken out at most; and sine below which a column is one.
-MOST_NOISE, ALIKE = 0.9, 1e-9
 #: Runs that are reduced at once.
 AT_ONCE = 500
 #: Share of the range that is physical by which a parameter is uncertain before any data.
@@ -80,12 +78,7 @@ class Row:
         p, more = design.shape[1], np.zeros((len(bins), 0)) if moved is None else moved
         parts = [bins.harmonic, more, design, np.ones(len(bins)), bins.current]
         table = inner.decorrelated(bins, np.column_stack(parts))
-        order, noise = _noisy_last(bins, design)
-        noise = np.pad(noise / inner.spread[:, None] ** 2, ((0, 0), (table.shape[1] - 2 - p, 0)))
-        columns = np.append(np.arange(table.shape[1] - 2 - p), table.shape[1] - 2 - p + order)
-        found, counts, _ = reduced(bins, table[:, columns], table[:, -2:], noise=noise)
-        small = np.empty_like(found)
-        small[:, :, columns], small[:, :, -2:] = found[:, :, : len(columns)], found[:, :, -2:]
+        small, counts, _ = reduced(bins, table[:, :-2], table[:, -2:])
         through = None if moved is None else small[:, :, -2 - p - more.shape[1] : -2 - p]
         return cls(
             bins, design, inner, small[:, :, -2], small[:, :, -2 - p : -2], small[:, :, -1], counts, through, slow
@@ -128,21 +121,7 @@ class Row:
         return np.concatenate([self.regressors, self.target[:, :, None]], axis=2)
 
 
-def _noisy_last(bins: JointBins, design: Floats) -> tuple[Counts, Floats]:
-    """An order of columns in which those that are accelerations stand last, and (R, p) their noise's summed squares."""
-    stroke = np.array([run.acceleration_noise for run in bins.runs]) * bins.is_stroke
-    pulled = bins.samples.acceleration * bins.is_stroke[bins.run]
-    square = bins.sums(pulled**2)
-    size = np.sqrt(np.maximum(bins.sums(design**2) * square[:, None], 1e-300))
-    alike = np.abs(bins.sums(design * pulled[:, None])) > (1.0 - ALIKE) * size
-    noise = np.where(alike & (square > 0.0)[:, None], (stroke * bins.lengths)[:, None], 0.0)
-    noisy = noise.any(axis=0)
-    return np.argsort(noisy, kind="stable"), noise[:, np.argsort(noisy, kind="stable")]
-
-
-def reduced(
-    bins: JointBins, design: Floats, others: Floats, *, noise: Floats | None = None
-) -> tuple[Floats, Counts, Floats]:
+def reduced(bins: JointBins, design: Floats, others: Floats) -> tuple[Floats, Counts, Floats]:
     """Columns of each run along the directions that its design spans.
 
     Parameters
@@ -153,9 +132,6 @@ def reduced(
         (N, p).
     others
         (N, q) what else is wanted along these directions; the last is what the run's own fit explains.
-    noise
-        (R, p) sums of squares that noise of its own adds to columns, which stand behind all that have none: without
-        it, their parameters would come out too small.
 
     Returns
     -------
@@ -168,10 +144,9 @@ def reduced(
     """
     live = np.flatnonzero(design.any(axis=0))
     size = np.linalg.norm(design[:, live], axis=0)
-    scaled = None if noise is None else noise[:, live] / size**2
     table, m = np.column_stack([design[:, live] / size, others]), len(live)
     chunks = [(start, min(start + AT_ONCE, len(bins.runs))) for start in range(0, len(bins.runs), AT_ONCE)]
-    parts = [_reduced(bins, table, kind=(m, scaled), part=part) for part in chunks]
+    parts = [_reduced(bins, table, m, part=part) for part in chunks]
     counts = np.concatenate([counts for _, counts, _ in parts])
     k = max(int(counts.max()), 1)
     small = np.zeros((len(bins.runs), k, design.shape[1] + others.shape[1]))
@@ -184,47 +159,19 @@ def reduced(
     return small, counts, own
 
 
-def _reduced(
-    bins: JointBins, table: Floats, *, kind: tuple[int, Floats | None], part: tuple[int, int]
-) -> tuple[Floats, Counts, Floats]:
+def _reduced(bins: JointBins, table: Floats, m: int, *, part: tuple[int, int]) -> tuple[Floats, Counts, Floats]:
     """`reduced` of runs from one number to another of (N, m + q) scaled columns."""
-    m, noise = kind
     first, lengths = bins.first[part[0] : part[1]], bins.lengths[part[0] : part[1]]
     here = np.arange(first[0], first[-1] + lengths[-1])
     padded = np.zeros((len(first), max(int(lengths.max()), 1), table.shape[1]))
     padded[bins.run[here] - part[0], here - first[bins.run[here] - part[0]]] = table[here]
     upper: Floats = np.asarray(np.linalg.qr(padded, mode="r"))
-    if noise is not None:
-        upper = _without_noise(upper, noise[part[0] : part[1]])
     left, singular, right = np.linalg.svd(upper[:, :, :m], full_matrices=False)
     kept = singular > FLAT * np.maximum(singular[:, :1], 1e-300)
     along = np.where(kept[:, :, None], left.transpose(0, 2, 1) @ upper[:, :, m:], 0.0)
     small = np.concatenate([np.where(kept, singular, 0.0)[:, :, None] * right, along], axis=2)
     shares = np.divide(along[:, :, -1], singular, out=np.zeros_like(singular), where=kept)
     return small, kept.sum(axis=1), np.einsum("rkm,rk->rm", right, shares)
-
-
-def _without_noise(upper: Floats, noise: Floats) -> Floats:
-    """(R, k, q) triangles that columns would leave without noise of their own, of summed squares (R, m).
-
-    Noise in a regressor makes its parameter too small, by the noise's share of what it has beyond the others; of that
-    share more than `MOST_NOISE` is not given back.
-
-    Source
-    ------
-    W. A. Fuller, Measurement Error Models (1987), section 1.2: the reliability ratio.
-    """
-    out = upper.copy()
-    for column in np.flatnonzero(noise.any(axis=0)):
-        # Beyond the span of the columns before it: where these depend on one another, a triangle's diagonal is less.
-        left, singular, _ = np.linalg.svd(upper[:, :, :column], full_matrices=False)
-        basis = left * (singular > FLAT * np.maximum(singular[:, :1], 1e-300))[:, None, :]
-        values = upper[:, :, column, None]
-        beyond = (values - basis @ (basis.transpose(0, 2, 1) @ values))[:, :, 0]
-        square = np.sum(beyond**2, axis=1)
-        share = np.divide(noise[:, column], square, out=np.zeros(len(square)), where=square > 0.0)
-        out[:, :, column] -= np.minimum(share, MOST_NOISE)[:, None] * beyond
-    return out
 
 
 def inner_noise(bins: JointBins, design: Floats) -> tuple[NoiseModel, float]:

@@ -112,11 +112,11 @@ def _run(stretch: Stretch, piece: Piece, log: Log, *, usable: Ints, robot: Robot
     posture = part.position.mean(axis=0)
     posture[joint - 1] = np.nan
     warmth = np.nan if part.temperature is None else part.temperature[:, joint - 1]
-    filtered, noise = _filtered(piece, log), 0.0
+    filtered = _filtered(piece, log)
     if filtered is None:
         bins = bins_of_run(part, joint, motion, most=_most(measured, options, turns=turns))
     else:
-        bins, noise = bins_of_stroke(log, joint, filtered)
+        bins = bins_of_stroke(log, joint, filtered)
     return Run(
         joint=joint,
         kind=piece.kind,
@@ -133,7 +133,6 @@ def _run(stretch: Stretch, piece: Piece, log: Log, *, usable: Ints, robot: Robot
         samples=len(part),
         bins=bins,
         stamp_error=stretch.stamp_error,
-        acceleration_noise=noise,
     )
 
 
@@ -193,8 +192,8 @@ def _filtered(piece: Piece, log: Log) -> Filtered | None:
     return filtered_stroke(piece.course, log.position[:, joint], current)
 
 
-def bins_of_stroke(log: Log, joint: int, filtered: Filtered) -> tuple[Bins, float]:
-    """Bins of a stroke whose motion and current went through one filter, and the variance of accelerations' noise.
+def bins_of_stroke(log: Log, joint: int, filtered: Filtered) -> Bins:
+    """Bins of a stroke whose motion and current went through one filter.
 
     Parameters
     ----------
@@ -211,19 +210,19 @@ def bins_of_stroke(log: Log, joint: int, filtered: Filtered) -> tuple[Bins, floa
     before = np.clip(np.searchsorted(log.time, time, side="right") - 1, 0, len(log) - 1)
     position = np.column_stack([np.interp(time, log.time, column) for column in log.position.T])
     position[:, own] = _means(filtered.position, starts, count)
-    current = _means(filtered.current, starts, count)
-    bins = Bins(
+    current, velocity = _means(filtered.current, starts, count), _means(filtered.velocity, starts, count)
+    acceleration = filtered.calibrated(position[:, own], velocity, _means(filtered.acceleration, starts, count))
+    return Bins(
         count=count,
         time=time,
         position=position,
-        velocity=_means(filtered.velocity, starts, count),
-        acceleration=_means(filtered.acceleration, starts, count),
+        velocity=velocity,
+        acceleration=acceleration,
         current=current,
         variance=_means((filtered.plain - np.repeat(current, count)) ** 2, starts, count),
         temperature=np.full(len(starts), np.nan) if log.temperature is None else log.temperature[before, own],
         extra=None if log.extra is None else log.extra[before],
     )
-    return bins, filtered.acceleration_noise(round(len(filtered.time) / len(starts)))
 
 
 def bins_of_all_joints(log: Log, rate: tuple[Floats, Floats], *, most: int) -> Means:

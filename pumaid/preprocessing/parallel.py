@@ -24,6 +24,8 @@ MOST_APART = 2.5
 #: The same of the currents of a stroke in which some are missing: of fewer, averages leave hardly more rows than there
 #: are columns, and have larger errors than the blunt corners of plain samples make.
 FEWEST_OF_SOME = 32
+#: Largest share of an acceleration's own course, beyond weight and friction, that is taken for noise.
+MOST_NOISE = 0.9
 #: Samples between which noise is looked for.
 _LAGS = (1, 2, 3, 5)
 
@@ -47,10 +49,21 @@ class Filtered:
     noise: float
     curvature: Floats
 
-    def acceleration_noise(self, count: int) -> float:
-        """Variance of the noise of the mean of `count` accelerations, (rad/s2)2 or (m/s2)2."""
+    def calibrated(self, position: Floats, velocity: Floats, acceleration: Floats) -> Floats:
+        """(B,) means of accelerations, at (B,) means of the motion, less the share of them that is noise.
+
+        Noise in a regressor makes its parameter too small by its share of what the regressor has beyond the others.
+
+        Source
+        ------
+        R. J. Carroll et al., Measurement Error in Nonlinear Models, 2nd ed. (2006), ch. 4: regression calibration.
+        """
+        count = round(len(self.time) / len(position))
         weights = np.convolve(self.curvature, np.full(count, 1.0 / count))
-        return self.noise * float(weights @ weights)
+        columns = np.column_stack([np.ones(len(position)), np.cos(position), np.sin(position), velocity])
+        beyond = acceleration - columns @ np.linalg.lstsq(columns, acceleration, rcond=None)[0]
+        noise, square = self.noise * float(weights @ weights) * len(beyond), float(beyond @ beyond)
+        return acceleration - min(noise / square, MOST_NOISE) * beyond if square > 0.0 else acceleration
 
 
 def filtered_stroke(course: Smooth, position: Floats, current: Floats) -> Filtered | None:

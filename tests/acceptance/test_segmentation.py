@@ -75,10 +75,7 @@ def _stroke_rows(run):
     columns[:, 2 if run.speed > 0 else 3] = 1.0
     columns[:, 4], columns[:, 5] = bins.velocity, bins.acceleration
     weighted = columns.T * bins.count
-    normal = weighted @ columns
-    # Noise in a regressor adds its square.
-    normal[5, 5] -= bins.count.sum() * run.acceleration_noise
-    return normal, weighted @ bins.current
+    return weighted @ columns, weighted @ bins.current
 
 
 def _arm(n_joints: int) -> Robot:

@@ -47,12 +47,10 @@ def stroke(rate: float, seed: int, *, count: float = 1e-5, jitter: float = 0.0, 
     return time[start:stop], q[start:stop], current[start:stop], found.within(start, stop)
 
 
-def solved(q, motion, current, noise: float = 0.0) -> np.ndarray:
-    """(5,) least squares by cosine, sine, one, velocity and acceleration, the last without its own noise."""
-    columns = np.column_stack([np.cos(q), np.sin(q), np.ones(len(q)), *motion, current])
-    upper = np.linalg.qr(columns, mode="r")
-    upper[4, 4] *= 1.0 - noise * len(q) / upper[4, 4] ** 2
-    return np.linalg.solve(upper[:5, :5], upper[:5, 5])
+def solved(q, motion, current) -> np.ndarray:
+    """(5,) least squares by cosine, sine, one, velocity and acceleration."""
+    columns = np.column_stack([np.cos(q), np.sin(q), np.ones(len(q)), *motion])
+    return np.linalg.lstsq(columns, current, rcond=None)[0]
 
 
 def bias(rate: float, **conditions: float) -> np.ndarray:
@@ -63,8 +61,8 @@ def bias(rate: float, **conditions: float) -> np.ndarray:
         good = np.isfinite(current)
         raw = solved(q[good], [found.velocity[good], found.acceleration[good]], current[good])
         same = filtered_stroke(found, q, current)
-        motion = [same.velocity, same.acceleration]
-        errors.append([solved(same.position, motion, same.current, same.acceleration_noise(1)), raw])
+        motion = [same.velocity, same.calibrated(same.position, same.velocity, same.acceleration)]
+        errors.append([solved(same.position, motion, same.current), raw])
     return (np.mean(errors, axis=0) - TRUTH) / TRUTH
 
 
