@@ -12,9 +12,8 @@ from numpy.typing import NDArray
 from pumaid.effect_spec import EffectTerm
 from pumaid.effects import Effect, Scope, catalogue
 from pumaid.effects.base import NO_SHAPE, Family, Parameter, Shape
-from pumaid.estimation.fit import Fit, FitRow
-from pumaid.joint_bins import JointBins, distinct
-from pumaid.preprocessing.options import CONSTANT
+from pumaid.estimation.fit import Fit
+from pumaid.joint_bins import JointBins, extent
 from pumaid.robot import Robot
 from pumaid.samples import Extent, Samples
 
@@ -72,48 +71,41 @@ def candidate_columns(solved: Fit, effects: Sequence[Effect] | None = None) -> C
     effects
         What to try; all that are no part of every model where not given.
     """
-    tried = [
-        candidate
-        for candidate in (effects or catalogue().values())
-        if not candidate.base and candidate.periodic is None
-    ]
+    robot, joints = solved.model.robot, [row.bins.joint for row in solved.joints]
     variants: list[CandidateShape] = []
     excluded: dict[tuple[str, int | None], str] = {}
-    local: dict[int, list[Floats]] = {row.bins.joint: [] for row in solved.joints}
-    wide: dict[int, list[Floats]] = {row.bins.joint: [] for row in solved.joints}
-    width = dict.fromkeys([*local, 0], 0)
+    columns: dict[tuple[bool, int], list[Floats]] = {(is_wide, k): [] for is_wide in (False, True) for k in joints}
+    width = dict.fromkeys([*joints, 0], 0)
     extents = {row.bins.joint: row.bins.extent(row.drawn) for row in solved.joints}
-    whole = _whole(solved, extents)
-    for effect in tried:
+    everywhere = extent([row.bins for row in solved.joints], 0)
+    for effect in effects or catalogue().values():
         for owner in _owners(solved, effect):
-            why = None if owner is None else effect.applies(solved.model.robot, owner)
-            if why is None and _present(solved, effect, owner):
-                continue
+            why = None if owner is None else effect.applies(robot, owner)
             if why is not None:
                 excluded[effect.name, owner] = why
+            if why is not None or _is_present(solved, effect, owner):
                 continue
-            extent = extents.get(owner or 0) or whole
-            shapes = effect.grid(solved.model.robot, extent)
-            place = owner if effect.scope is Scope.JOINT and owner is not None else 0
-            rows = [row for row in solved.joints if place in (0, row.bins.joint)]
-            blocks = [_columns(solved, effect, owner, row=row, shapes=shapes) for row in rows]
-            for row, columns in zip(rows, blocks, strict=True):
-                (wide if place == 0 else local)[row.bins.joint] += columns
-            count = blocks[0][0].shape[1] if blocks[0] else 0
+            shapes = effect.grid(robot, extents.get(owner or 0, everywhere))
+            place = owner or 0 if effect.scope is Scope.JOINT else 0
+            for row in (row for row in solved.joints if place in (0, row.bins.joint)):
+                made = effect.columns_each(robot, row.bins.samples, number=owner or 0, shapes=shapes)
+                columns[place == 0, row.bins.joint] += made
+            count = made[0].shape[1] if shapes else 0
             for shape in shapes:
                 numbers = tuple(range(width[place], width[place] + count))
                 variants.append(CandidateShape(EffectTerm(effect, owner, dict(shape)), numbers, place == 0))
                 width[place] += count
-    return CandidateColumns(tuple(variants), _stacked(local, solved), _stacked(wide, solved), excluded)
-
-
-def _columns(
-    solved: Fit, effect: Effect, owner: int | None, *, row: FitRow, shapes: Sequence[Mapping[str, float]]
-) -> list[Floats]:
-    return effect.columns_each(solved.model.robot, row.bins.samples, number=owner or 0, shapes=shapes)
+    local, wide = (
+        {row.bins.joint: _stacked(columns[is_wide, row.bins.joint], len(row.bins)) for row in solved.joints}
+        for is_wide in (False, True)
+    )
+    return CandidateColumns(tuple(variants), local, wide, excluded)
 
 
 def _owners(solved: Fit, effect: Effect) -> Iterable[int | None]:
+    """Joints at which an effect is tried, None for the whole arm."""
+    if effect.base or effect.periodic is not None:
+        return ()
     if effect.scope is Scope.ARM:
         return (None,)
     if effect.scope is Scope.CAUSE:
@@ -121,40 +113,16 @@ def _owners(solved: Fit, effect: Effect) -> Iterable[int | None]:
     return [row.bins.joint for row in solved.joints]
 
 
-def _present(solved: Fit, effect: Effect, owner: int | None) -> bool:
+def _is_present(solved: Fit, effect: Effect, owner: int | None) -> bool:
     """Whether the model has the effect there already, and only once is possible."""
-    if effect.is_repeatable:
-        return False
-    inside = any(term.key == (effect.name, owner) for term in solved.model.effects)
-    chosen = {(column.effect, column.owner or None) for column in solved.model.columns}
-    return inside or (effect.name, owner) in chosen
+    chosen = {term.key for term in solved.model.effects}
+    chosen |= {(column.effect, column.owner or None) for column in solved.model.columns}
+    return not effect.is_repeatable and (effect.name, owner) in chosen
 
 
-def _whole(solved: Fit, extents: dict[int, Extent]) -> Extent:
-    """Of all joints together, for what acts in several."""
-    joints = list(extents.values())
-    elapsed = sorted(float(row.bins.samples.elapsed[k]) for row in solved.joints for k in row.bins.first)
-    return Extent(
-        joint=None,
-        speeds=distinct([speed for extent in joints for speed in extent.speeds]),
-        position=(min(extent.position[0] for extent in joints), max(extent.position[1] for extent in joints)),
-        finest=min(extent.finest for extent in joints),
-        travel=max(extent.travel for extent in joints),
-        starts=tuple(elapsed),
-        duration=max(float(row.bins.samples.elapsed.max()) for row in solved.joints),
-        current=max(extent.current for extent in joints),
-        postures=max(extent.postures for extent in joints),
-    )
-
-
-def _stacked(parts: dict[int, list[Floats]], solved: Fit) -> dict[int, Floats]:
-    return {row.bins.joint: _together(parts[row.bins.joint], len(row.bins)) for row in solved.joints}
-
-
-def _together(columns: list[Floats], bins: int) -> Floats:
-    """(bins, V) all columns, nothing where one is not known."""
-    out = np.column_stack(columns) if columns else np.zeros((bins, 0))
-    return out if np.isfinite(out).all() else np.nan_to_num(out)
+def _stacked(columns: list[Floats], bins: int) -> Floats:
+    """(bins, V) all columns, nothing where a value is not known."""
+    return np.nan_to_num(np.column_stack(columns)) if columns else np.zeros((bins, 0))
 
 
 #: What the column is multiplied by, in the order of the shape ``times``.
@@ -207,15 +175,14 @@ class Suspect(Effect):
         return np.asarray((x * factor)[:, None])
 
 
-#: s in which the transient of a position controller dies down; two of them span what servo drives do (bandwidths of 3
-#: to 10 Hz).
-SETTLING_TIMES = (0.025,)
+#: s in which the transient of a position controller dies down (servo drives have bandwidths of 3 to 10 Hz).
+SETTLING_TIME = 0.025
 #: Speeds beyond which the transients of single speeds are not told apart but scaled with speed.
 MOST_SPEEDS = 6
 
 
 class Settling(Effect):
-    """s b exp(-t/T), t the time since the run began: one for each speed and each T of `SETTLING_TIMES`.
+    """s b exp(-t/T), t the time since the run began, T `SETTLING_TIME`: one b for each speed.
 
     Inertia makes it: at the end of a ramp the speed is off by a few tenths of a per cent, and to mend that in some tens
     of milliseconds draws more than friction does. It is no finding, since every arm has it.
@@ -236,9 +203,7 @@ class Settling(Effect):
 
     def parameters(self, robot: Robot, number: int) -> tuple[Parameter, ...]:
         groups = 2 if len(self.speeds) > MOST_SPEEDS else len(self.speeds)
-        return tuple(
-            Parameter(f"b{k}", "A", "at the start of a run", f"b{k}") for k in range(groups * len(SETTLING_TIMES))
-        )
+        return tuple(Parameter(f"b{k}", "A", "at the start of a run", f"b{k}") for k in range(groups))
 
     def columns(
         self, robot: Robot, samples: Samples, *, number: int | None = None, shape: Mapping[str, float] = NO_SHAPE
@@ -250,16 +215,11 @@ class Settling(Effect):
         else:
             nearest = np.abs(v[:, None] - self.speeds[None, :]).argmin(axis=1)
             groups = [(nearest == k).astype(float) for k in range(len(self.speeds))]
-        return np.column_stack(
-            [samples.direction * group * np.exp(-since / T) for T in SETTLING_TIMES for group in groups]
-        )
+        fading = samples.direction * np.exp(-since / SETTLING_TIME)
+        return np.column_stack([group * fading for group in groups])
 
 
-def settling(every: Sequence[JointBins]) -> tuple[EffectTerm, ...]:
-    """One for each joint that has runs at constant speed."""
-    out = []
-    for bins in every:
-        steady = [abs(run.speed) for run in bins.runs if run.kind == CONSTANT]
-        if len(steady) == len(bins.runs):
-            out.append(EffectTerm(Settling(bins.speeds), bins.joint, NO_SHAPE))
-    return tuple(out)
+def settling(bins: Sequence[JointBins]) -> tuple[EffectTerm, ...]:
+    """One for each joint of which all runs are at constant speed."""
+    steady = [item for item in bins if not item.is_stroke.any()]
+    return tuple(EffectTerm(Settling(item.speeds), item.joint, NO_SHAPE) for item in steady)

@@ -117,15 +117,21 @@ def free_form_scores(solved: Fit, joint: int) -> list[ScoreTest]:
     """Every free form at one joint, tried on a system with loads."""
     row, projector, out = solved.row(joint), Projector(solved), []
     for free in forms(row.bins):
-        added = EffectTerm(free, joint, NO_SHAPE)
-        columns = added.linear(solved.model.robot, row.bins.samples)
-        scores, information, raw = projector.scores({joint: row.noise.whiten(row.bins, columns)})
+        term = EffectTerm(free, joint, NO_SHAPE)
+        scores, information, raw = _hat_scores(projector, term)
         share = np.divide(np.diagonal(information), raw, out=np.zeros(len(raw)), where=raw > 0)
-        visible = np.flatnonzero(share > ABSORBED)
-        trial = _ranked(added, scores, information, visible)
+        trial = _in_visible_directions(term, scores, information, np.flatnonzero(share > ABSORBED))
         if trial is not None:
             out.append(trial)
     return out
+
+
+def _hat_scores(projector: Projector, term: EffectTerm) -> tuple[Floats, Floats, Floats]:
+    """(R, K) scores, (K, K) information and (K,) squares of the hats of a form."""
+    row = projector.solved.row(term.number)
+    columns = term.linear(projector.solved.model.robot, row.bins.samples)
+    scores, information, raw = projector.scores({term.number: row.noise.whiten(row.bins, columns)}, [columns.shape[1]])
+    return scores, information[0], raw
 
 
 #: Combinations of hats of which the model absorbs more than all but this share are not drawn: their sizes are told with
@@ -135,27 +141,27 @@ DRAWN = 0.1
 FLAT = 1e-3
 
 
-def _ranked(added: EffectTerm, scores: Floats, left: Floats, kept: NDArray[np.int64]) -> ScoreTest | None:
-    """The trial in the directions of the hats that the model does not absorb."""
-    if len(kept) < 2:
+def _in_visible_directions(
+    term: EffectTerm, scores: Floats, information: Floats, visible: NDArray[np.int64]
+) -> ScoreTest | None:
+    """The trial in the directions of the `visible` hats that the model does not absorb."""
+    if len(visible) < 2:
         return None
-    values, vectors = np.linalg.eigh(left[np.ix_(kept, kept)])
+    values, vectors = np.linalg.eigh(information[np.ix_(visible, visible)])
     good = values > FLAT * values[-1]
     if not good.any():
         return None
-    turn = np.zeros((len(left), int(good.sum())))
-    turn[kept] = vectors[:, good]
+    turn = np.zeros((len(information), int(good.sum())))
+    turn[visible] = vectors[:, good]
     width = turn.shape[1]
-    return score_of(added, scores @ turn, turn.T @ left @ turn, share=np.ones(width), signs=np.zeros(width))
+    return score_of(term, scores @ turn, turn.T @ information @ turn, share=np.ones(width), signs=np.zeros(width))
 
 
 def knot_values(solved: Fit, trial: ScoreTest) -> tuple[Floats, Floats, Floats]:
     """Knots, values there (A, as a current in the direction of motion where the form says so) and standard errors."""
     free = trial.added.effect
-    assert isinstance(free, FreeForm) and trial.added.joint is not None
-    row, projector = solved.row(trial.added.joint), Projector(solved)
-    columns = trial.added.linear(solved.model.robot, row.bins.samples)
-    scores, information, raw = projector.scores({trial.added.joint: row.noise.whiten(row.bins, columns)})
+    assert isinstance(free, FreeForm)
+    scores, information, raw = _hat_scores(Projector(solved), trial.added)
     unit = np.divide(1.0, np.sqrt(raw), out=np.zeros_like(raw), where=raw > 0.0)
     values, vectors = np.linalg.eigh(information * np.outer(unit, unit))
     good = values > DRAWN

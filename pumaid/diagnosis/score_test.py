@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy import special
 
-from pumaid.diagnosis.candidates import CandidateColumns, CandidateShape
+from pumaid.diagnosis.candidates import CandidateColumns
 from pumaid.diagnosis.periodogram import Spectrum
 from pumaid.effect_spec import EffectTerm, columns_each
 from pumaid.estimation.fit import Fit, FitRow
@@ -31,7 +31,7 @@ LEAST_FREEDOM = 0.25
 
 @dataclass(frozen=True, eq=False, slots=True)
 class ScoreTest:
-    """One variant's score statistic.
+    """One candidate's score statistic, with one shape.
 
     Attributes
     ----------
@@ -66,27 +66,26 @@ class ScoreTest:
 
     @property
     def freedoms(self) -> int:
-        """Parameters and searched shapes."""
-        return self.width + self.searched
+        """Parameters, and shapes over which the best was taken."""
+        return self.width + len(self.added.shape)
 
-    @property
-    def searched(self) -> int:
-        """Shapes over which the best was taken."""
-        return len(self.added.shape)
+    def surprise(self, scale: float) -> float:
+        """-log10 of the chance of this statistic alone; `scale` is the variance of a whitened residual."""
+        return float(minus_log10_p(self.statistic / scale, self.width))
 
 
 @dataclass(frozen=True, eq=False, slots=True)
 class ScoreTable:
-    """A catalogue tried on a solved system.
+    """All candidates scored beside one fit.
 
     Attributes
     ----------
     solved
         The model so far.
     trials
-        Every variant that the model does not absorb.
+        Every candidate and shape that the model does not absorb.
     absorbed
-        Share that is left of those which it does, by (effect, joint), the largest over shapes.
+        Effect and joint of those that it absorbs in every shape.
     spectra
         By joint: scores of all frequencies of a periodic effect.
     leverage
@@ -95,7 +94,7 @@ class ScoreTable:
 
     solved: Fit
     trials: tuple[ScoreTest, ...]
-    absorbed: dict[tuple[str, int | None], float]
+    absorbed: frozenset[tuple[str, int | None]]
     spectra: dict[int, Spectrum]
     leverage: Floats
 
@@ -110,126 +109,82 @@ class ScoreTable:
 
 
 class Projector:
-    """What is left of candidates' columns beyond a solved system."""
+    """What is left of candidates' columns beyond a fit."""
 
     def __init__(self, solved: Fit) -> None:
         self.solved = solved
-        ends = np.cumsum([0, *[len(row.bins.runs) for row in solved.joints]])
-        self.runs = {
-            row.bins.joint: slice(int(a), int(b)) for row, a, b in zip(solved.joints, ends[:-1], ends[1:], strict=True)
-        }
-        self.total = int(ends[-1])
-        self.own_scores = np.zeros((self.total, len(solved.inverse)))
+        self.runs: dict[int, slice] = {}
+        self.total = 0
         for row in solved.joints:
-            self.own_scores[self.runs[row.bins.joint], row.acting] = row.bins.sums(row.slim * row.residual[:, None])
+            self.runs[row.bins.joint] = slice(self.total, self.total + len(row.bins.runs))
+            self.total += len(row.bins.runs)
 
-    def scores(self, white: dict[int, Floats]) -> tuple[Floats, Floats, Floats]:
-        """Scores by run, information and what was there before the projection.
+    @cached_property
+    def base_scores(self) -> Floats:
+        """(R, P) score of each run for the fit's parameters."""
+        out = np.zeros((self.total, len(self.solved.inverse)))
+        for row in self.solved.joints:
+            out[self.runs[row.bins.joint], row.acting] = row.bins.sums(row.slim * row.residual[:, None])
+        return out
+
+    def crossed(self, white: dict[int, Floats]) -> Floats:
+        """(P, V) products of the fit's derivatives with whitened columns (N, V) by joint."""
+        out = np.zeros((len(self.solved.inverse), next(iter(white.values())).shape[1]))
+        for joint, columns in white.items():
+            row = self.solved.row(joint)
+            out[row.acting] += row.slim.T @ columns
+        return out
+
+    def scores(self, white: dict[int, Floats], widths: Sequence[int]) -> tuple[Floats, list[Floats], Floats]:
+        """Scores and information of candidates' columns, side by side, beyond the fit.
 
         Parameters
         ----------
         white
             Joint -> (N, V) whitened columns; joints that are absent have zero.
+        widths
+            Columns (m) of each candidate, V in all.
 
         Returns
         -------
         scores
             (R, V) of all joints' runs.
-        gram
-            (V, V) among themselves.
+        information
+            (m, m) of each candidate.
         raw
-            (V,) squares of the columns.
+            (V,) squares of the columns before the projection.
         """
-        scores, cross, turned = self._beyond(white)
-        gram = np.sum([columns.T @ columns for columns in white.values()], axis=0)
-        return scores, gram - cross.T @ turned, np.diagonal(gram).copy()
-
-    def apart(self, white: dict[int, Floats], widths: Sequence[int]) -> tuple[Floats, list[Floats], Floats]:
-        """The same of columns that lie side by side in parts: information within each part, none between parts.
-
-        Parameters
-        ----------
-        white
-            Joint -> (N, V) whitened columns.
-        widths
-            Columns of each part, V in all.
-
-        Returns
-        -------
-        scores
-            (R, V).
-        grams
-            (m, m) of each part.
-        raw
-            (V,).
-        """
-        scores, cross, turned = self._beyond(white)
-        columns = list(white.values())
-        bands = [np.sum([_band(block, block, k) for block in columns], axis=0) for k in range(max(widths))]
-        information = [np.asarray(band - _band(cross, turned, k)) for k, band in enumerate(bands)]
-        starts = np.cumsum([0, *widths[:-1]])
-        return scores, [_square(information, int(start), m) for start, m in zip(starts, widths, strict=True)], bands[0]
-
-    def crossed(self, white: dict[int, Floats]) -> Floats:
-        """(P, V) products of the system's derivatives with whitened columns (N, V) by joint."""
-        width = next(iter(white.values())).shape[1]
-        out = np.zeros((self.own_scores.shape[1], width))
-        for row in self.solved.joints:
-            if row.bins.joint in white:
-                out[row.acting] += row.slim.T @ white[row.bins.joint]
-        return out
-
-    def _beyond(self, white: dict[int, Floats]) -> tuple[Floats, Floats, Floats]:
-        """(R, V) scores, (P, V) products with the system's derivatives, and (P, V) the parameters that these make."""
         cross = self.crossed(white)
-        scores, turned = np.zeros((self.total, cross.shape[1])), self.solved.inverse @ cross
-        for row in self.solved.joints:
-            if row.bins.joint in white:
-                scores[self.runs[row.bins.joint]] += row.bins.sums(white[row.bins.joint] * row.residual[:, None])
-        return scores - self.own_scores @ turned, cross, turned
+        turned = self.solved.inverse @ cross
+        scores = np.zeros((self.total, cross.shape[1]))
+        for joint, columns in white.items():
+            row = self.solved.row(joint)
+            scores[self.runs[joint]] += row.bins.sums(columns * row.residual[:, None])
+        information, raw = [], np.zeros(cross.shape[1])
+        for stop, width in zip(np.cumsum(widths), widths, strict=True):
+            part = slice(int(stop) - width, int(stop))
+            gram = np.sum([columns[:, part].T @ columns[:, part] for columns in white.values()], axis=0)
+            raw[part] = np.diagonal(gram)
+            information.append(gram - cross[:, part].T @ turned[:, part])
+        return scores - self.base_scores @ turned, information, raw
 
-    def trials(
-        self, variants: Sequence[CandidateShape], white: dict[int, Floats]
-    ) -> tuple[list[ScoreTest], dict[tuple[str, int | None], float]]:
-        """Every variant of one kind; those that the model absorbs apart, with the share that is left."""
-        out: list[ScoreTest] = []
-        lost: dict[tuple[str, int | None], float] = {}
-        if not variants:
-            return out, lost
-        scores, remaining, raw = self.apart(white, [len(variant.columns) for variant in variants])
-        for variant, information in zip(variants, remaining, strict=True):
-            numbers = np.array(variant.columns)
-            before = raw[numbers]
-            share = np.divide(np.diagonal(information), before, out=np.zeros(len(numbers)), where=before > 0)
-            signs = self.solved.signs(variant.added)
-            trial = score_of(variant.added, scores[:, numbers], information, share=share, signs=signs)
-            if trial is None:
-                key = variant.added.key
-                lost[key] = max(lost.get(key, 0.0), float(share.max(initial=0.0)))
-            else:
-                out.append(trial)
-        keys = {trial.added.key for trial in out}
-        return out, {key: share for key, share in lost.items() if key not in keys}
-
-
-def _band(first: Floats, second: Floats, apart: int) -> Floats:
-    """(V - apart,) products of each column of (N, V) with the one that stands `apart` columns further in another."""
-    width = first.shape[1] - apart
-    return np.einsum("nv,nv->v", first[:, :width], second[:, apart:])
-
-
-def _square(bands: Sequence[Floats], start: int, width: int) -> Floats:
-    """(width, width) symmetric matrix whose diagonal, and lines beside it, stand in `bands` from `start` on."""
-    out = np.empty((width, width))
-    for i, j in itertools.combinations_with_replacement(range(width), 2):
-        out[i, j] = out[j, i] = bands[j - i][start + i]
-    return out
+    def tests(
+        self, terms: Sequence[EffectTerm], white: dict[int, Floats], width: Sequence[int]
+    ) -> list[ScoreTest | None]:
+        """The score test of each candidate, whose columns (`width` of each) lie side by side; None where absorbed."""
+        scores, informations, raw = self.scores(white, width)
+        out = []
+        for term, information, stop in zip(terms, informations, np.cumsum(width), strict=True):
+            part = slice(int(stop) - len(information), int(stop))
+            share = np.divide(np.diagonal(information), raw[part], out=np.zeros(len(information)), where=raw[part] > 0)
+            out.append(score_of(term, scores[:, part], information, share=share, signs=self.solved.signs(term)))
+        return out
 
 
 def score_of(
     added: EffectTerm, scores: Floats, information: Floats, *, share: Floats, signs: Floats
 ) -> ScoreTest | None:
-    """The score statistic of one variant in the directions that the model does not absorb; None where there is none.
+    """The score statistic of one candidate in the directions that the model does not absorb; None where there is none.
 
     A parameter whose sign is not that of the physics is held at zero, the others fitted anew.
     """
@@ -256,29 +211,26 @@ def score_of(
 
 
 def score_candidates(solved: Fit, catalogue: CandidateColumns) -> ScoreTable:
-    """Score every variant of a catalogue.
+    """Score every candidate of a catalogue in every shape.
 
     Source
     ------
     C. R. Rao, Proc. Camb. Phil. Soc. 44 (1948) 50-57, the score test; whitened, so of generalised least squares.
     """
     projector = Projector(solved)
-    trials: list[ScoreTest] = []
-    absorbed: dict[tuple[str, int | None], float] = {}
-    for row in solved.joints:
-        joint = row.bins.joint
-        variants = [
-            candidate for candidate in catalogue.variants if not candidate.is_wide and candidate.added.joint == joint
+    trials: list[ScoreTest | None] = []
+    for joint in (*(row.bins.joint for row in solved.joints), None):
+        columns = catalogue.wide if joint is None else {joint: catalogue.local[joint]}
+        chosen = [
+            item for item in catalogue.variants if item.is_wide == (joint is None) and joint in (None, item.added.joint)
         ]
-        white = {joint: row.noise.whiten(row.bins, catalogue.local[joint])}
-        scored, lost = projector.trials(variants, white)
-        trials += scored
-        absorbed |= lost
-    wide = [candidate for candidate in catalogue.variants if candidate.is_wide]
-    white = {row.bins.joint: row.noise.whiten(row.bins, catalogue.wide[row.bins.joint]) for row in solved.joints}
-    scored, lost = projector.trials(wide, white)
+        white = {k: solved.row(k).noise.whiten(solved.row(k).bins, values) for k, values in columns.items()}
+        if chosen:
+            trials += projector.tests([item.added for item in chosen], white, [len(item.columns) for item in chosen])
+    scored = tuple(trial for trial in trials if trial is not None)
+    absorbed = {item.added.key for item in catalogue.variants} - {trial.added.key for trial in scored}
     leverage = np.concatenate([_leverage(row, solved) for row in solved.joints])
-    return ScoreTable(solved, (*trials, *scored), absorbed | lost, {}, leverage)
+    return ScoreTable(solved, scored, frozenset(absorbed), {}, leverage)
 
 
 def _leverage(row: FitRow, solved: Fit) -> Floats:
@@ -290,14 +242,10 @@ def _leverage(row: FitRow, solved: Fit) -> Floats:
 
 def minus_log10_p(statistic: Floats | float, freedoms: int) -> Floats:
     """-log10 of the chance of at least `statistic` under chi-square, also far out in the tail."""
-    if freedoms == 1:
-        return np.asarray(-(special.log_ndtr(-np.sqrt(statistic)) + np.log(2.0)) / np.log(10.0))
-    if freedoms == 2:
-        return np.asarray(np.asarray(statistic) / (2.0 * np.log(10.0)))
-    half, x = freedoms / 2.0, np.maximum(np.asarray(statistic, dtype=float) / 2.0, 1e-12)
-    tail = special.gammaincc(half, x)
-    far = (half - 1.0) * np.log(x) - x - special.gammaln(half) + np.log1p((half - 1.0) / np.maximum(x, FAR))
-    return np.asarray(-np.where(x > FAR, far, np.log(np.maximum(tail, 1e-300))) / np.log(10.0))
+    half, x = freedoms / 2.0, np.asarray(statistic, dtype=float) / 2.0
+    tail, beyond = np.maximum(special.gammaincc(half, x), 1e-300), np.maximum(x, FAR)
+    far = (half - 1.0) * np.log(beyond) - beyond - special.gammaln(half) + np.log1p((half - 1.0) / beyond)
+    return np.asarray(-np.where(x > FAR, far, np.log(tail)) / np.log(10.0))
 
 
 #: Evaluations of one search.
@@ -378,11 +326,4 @@ def scores_at(projector: Projector, shapes: Sequence[EffectTerm]) -> list[ScoreT
     if not white:
         return [None] * len(shapes)
     width = next(iter(white.values())).shape[1] // len(shapes)
-    scores, remaining, raw = projector.apart(white, [width] * len(shapes))
-    out = []
-    for number, (term, information) in enumerate(zip(shapes, remaining, strict=True)):
-        columns_of = slice(number * width, (number + 1) * width)
-        share = np.divide(np.diagonal(information), raw[columns_of], out=np.zeros(width), where=raw[columns_of] > 0)
-        signs = solved.signs(term)
-        out.append(score_of(term, scores[:, columns_of], information, share=share, signs=signs))
-    return out
+    return projector.tests(shapes, white, [width] * len(shapes))

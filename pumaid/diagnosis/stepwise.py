@@ -125,7 +125,7 @@ def evaluate(
         Chances under the flips.
     """
     tried = (*shapes, trial.added)
-    chance = family.p_value(trial.added.key, float(minus_log10_p(grid.statistic / on.scale, grid.width)))
+    chance = family.p_value(trial.added.key, grid.surprise(on.scale))
     before, after = _errors(on, trial)
     joints = sorted(after)
     return EvaluatedCandidate(
@@ -405,13 +405,10 @@ class Stepwise:
 
     def _close(self, seen: ScoreTable, chances: SignFlips) -> list[Pair]:
         """Candidates worth a close look, on the grid and with refined shapes, periodic ones at their peaks."""
-        scale = seen.solved.scale
-
-        def chance(trial: ScoreTest) -> float:
-            return chances.p_value(trial.added.key, float(minus_log10_p(trial.statistic / scale, trial.width)))
-
         grid = sorted(seen.best().values(), key=lambda one: -evidence(seen.solved, one))
-        near = [trial for trial in grid if chance(trial) <= FAR] or grid[:1]
+        near = [
+            trial for trial in grid if chances.p_value(trial.added.key, trial.surprise(seen.solved.scale)) <= FAR
+        ] or grid[:1]
         projector = Projector(seen.solved)
         pairs = [(trial, refine_shape(projector, trial)) for trial in near[:LEADERS]]
         pairs += [pair for joint in seen.spectra for pair in self._peak(seen, joint, chances)]
@@ -460,7 +457,7 @@ class Stepwise:
             tried = candidate_columns(solved, self.effects)
             table, chances = score_candidates(solved, tried), self.steps[-1].family
             current = self._again(table, self.added[place])
-            if current is None or chances.p_value(current.added.key, _surprise(table, current)) > LEVEL:
+            if current is None or chances.p_value(current.added.key, current.surprise(solved.scale)) > LEVEL:
                 del self.added[place], self.accepted[place - first]
                 continue
             allowed = [term for term in table.best().values() if self._denial(term.added) is None]
@@ -477,7 +474,3 @@ class Stepwise:
         if added.effect.periodic is not None and added.joint is not None:
             solved = self._at_finest(solved, added.joint)
         return score_at(Projector(solved), added)
-
-
-def _surprise(seen: ScoreTable, trial: ScoreTest) -> float:
-    return float(minus_log10_p(trial.statistic / seen.solved.scale, trial.width))

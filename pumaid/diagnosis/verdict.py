@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 
 from pumaid.diagnosis.free_form import FreeForm, free_form_scores, knot_values
 from pumaid.diagnosis.records import ADEQUATE, MISSING, UNEXPLAINED_JOINT, Unexplained
-from pumaid.diagnosis.score_test import ScoreTable, ScoreTest, minus_log10_p
-from pumaid.diagnosis.sign_flip import SignFlips, sign_flips
+from pumaid.diagnosis.score_test import ScoreTable, ScoreTest
+from pumaid.diagnosis.sign_flip import sign_flips
 from pumaid.diagnosis.stepwise import DECISIVE, EvaluatedCandidate, evidence, rmse
 from pumaid.effects import Family
 from pumaid.estimation.fit import Fit
@@ -146,9 +146,12 @@ def joint_verdict(first: Fit, last: Fit, scan: ScoreTable, *, joint: int, acting
     end = rmse(b.bins.count, b.bins.inside, b.misfit)
     removed = _removed(start, end, b.bins, after)
     still = after is not None and after.p_value * len(last.joints) <= REPEATS
-    free, chances = _free(last, scan, joint)
+    free = free_form_scores(last, joint)
+    chances = sign_flips(ScoreTable(last, tuple(free), frozenset(), {}, scan.leverage))
     passing = [
-        item for item in free if chances.p_value(item.added.key, _surprise(last, item)) * len(last.joints) <= NAMELESS
+        item
+        for item in free
+        if chances.p_value(item.added.key, item.surprise(last.scale)) * len(last.joints) <= NAMELESS
     ]
     best = max(passing, key=lambda item: evidence(last, item), default=None)
     nameless = best is not None and evidence(last, best) > DECISIVE
@@ -170,16 +173,6 @@ def _removed(start: float, end: float, bins: JointBins, after: ReplicateTest | N
     if start**2 <= EXCESS * floor2:
         return None
     return (start**2 - end**2) / (start**2 - min(floor2, end**2))
-
-
-def _free(last: Fit, scan: ScoreTable, joint: int) -> tuple[list[ScoreTest], SignFlips]:
-    """FreeForm forms at a joint, and their chances under flips of runs' signs."""
-    scores = free_form_scores(last, joint)
-    return scores, sign_flips(ScoreTable(last, tuple(scores), {}, {}, scan.leverage))
-
-
-def _surprise(solved: Fit, trial: ScoreTest) -> float:
-    return float(minus_log10_p(trial.statistic / solved.scale, trial.width))
 
 
 def _shape(solved: Fit, trial: ScoreTest, *, is_clear: bool = True) -> Unexplained:
