@@ -240,7 +240,7 @@ def outside_table(comparison: Comparison, robot: Robot) -> Table | None:
         rmse = [amount(None if score is None else score.rmse) for score in group]
         rows.append([f"{joint} {robot.joint(joint).name}", f"{total:,}", *rmse])
     header = ("joint", "samples", *(reason.replace("-", " ") for reason in reasons))
-    caption = "The model has no inertia there, so accelerations add to the error."
+    caption = "Predicted without inertia, so accelerations add to the error."
     return Table("RMSE (A) outside runs, by reason", header, rows, caption=caption)
 
 

@@ -196,6 +196,14 @@ def test_errors_outside_runs_have_a_column_a_reason(context):
     assert tables.outside_table(replace(context.comparison, outside=()), context.robot) is None
 
 
+@pytest.mark.parametrize("shares", [{"gravity": 0.9}, {"gravity": 0.8, "inertia": 0.1}])
+def test_outside_runs_nothing_is_said_of_the_models_inertia(context, shares):
+    """Predictions outside runs leave inertia out, whether the model has it at that joint or not."""
+    joints = tuple(replace(score, shares=shares) for score in context.comparison.joints)
+    caption = tables.outside_table(replace(context.comparison, joints=joints), context.robot).caption
+    assert caption == "Predicted without inertia, so accelerations add to the error."
+
+
 # Diagnosis
 
 
