@@ -288,7 +288,7 @@ class Identified(Answer):
         units
             ``"rad"`` or ``"deg"``.
         """
-        from pumaid.reporting.export import parameters_frame
+        from pumaid.reporting.documents import parameters_frame
 
         return parameters_frame(self.record, units)
 
@@ -302,7 +302,7 @@ class Identified(Answer):
     def diagnose(self, logs: Logs | None = None, **options: Any) -> Answer:
         """Which physical effect the model misses, as `Diagnosis`."""
         from pumaid.diagnosis.diagnose import diagnose
-        from pumaid.reporting.terminal import diagnosis_parts
+        from pumaid.reporting.tables import diagnosis_parts
 
         dataset = self.dataset if logs is None else self._arm.dataset(logs, **options)
         diagnosis: Diagnosis = diagnose(self.record, dataset, self.robot)

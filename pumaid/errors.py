@@ -2,11 +2,20 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterable
 from dataclasses import dataclass, fields
 
 #: Exit codes of the command line (interfaces: 0 done, 1 asks for attention, 2 misuse, 3 bad input, 4 our bug).
 EXIT_DONE, EXIT_ATTENTION, EXIT_USAGE, EXIT_BAD_INPUT, EXIT_BUG = range(5)
+
+#: Control characters but for tab and line end, and letters that turn the direction of writing or end a line unseen.
+_CONTROL = re.compile("[\x00-\x08\x0b-\x1f\x7f-\x9f\u061c\u200e\u200f\u2028-\u202e\u2066-\u2069]")
+
+
+def visible(text: str) -> str:
+    """The text with control characters as Python writes them (``\\x1b``), so that they do not steer a terminal."""
+    return _CONTROL.sub(lambda match: ascii(match[0])[1:-1], text)
 
 
 @dataclass(frozen=True, slots=True)

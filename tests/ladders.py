@@ -42,7 +42,7 @@ def ladder(n_models: int, n_joints: int, *, heldout: bool = True, floor: bool = 
         effects += added
         rmse = 0.01 + 0.1 * 0.5**number
         told = Errors(rmse, 1.1 * rmse if heldout else None, 0.01 if floor else None)
-        fit = JointFit(1, 9, 300, told.fitted, told.noise_floor, heldout_runs=2, heldout=told.heldout)
+        fit = JointFit(1, 9, 300, told.rmse, told.noise_floor, heldout_runs=2, heldout=told.heldout)
         joints = tuple(replace(fit, joint=joint) for joint in range(1, n_joints + 1))
         rungs.append(Rung(number, "", f"{number}", number - 1 or None, effects, added, (), joints, told))
     return Ladder("arm", "", {}, tuple(rungs))

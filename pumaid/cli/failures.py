@@ -82,7 +82,7 @@ def _leave(code: int, message: str) -> None:
 
 def _coloured(message: str) -> str:
     """The words ``error[slug]`` in red; click strips the colour where standard error is no terminal."""
-    from pumaid.reporting.visible import visible
+    from pumaid.errors import visible
 
     head, mark, rest = visible(message).partition("]: ")
     return click.style(head + "]", fg="red", bold=True) + ": " + rest if mark else head

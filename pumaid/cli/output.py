@@ -12,8 +12,7 @@ import rich_click as click
 from click.exceptions import Exit
 
 from pumaid import __version__
-from pumaid.errors import EXIT_ATTENTION, Note, ResultError, Where
-from pumaid.reporting.visible import visible
+from pumaid.errors import EXIT_ATTENTION, Note, ResultError, Where, visible
 
 
 def say(text: str = "") -> None:

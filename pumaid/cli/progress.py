@@ -6,7 +6,7 @@ import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
-from pumaid.reporting.visible import visible
+from pumaid.errors import visible
 
 Step = Callable[[float, str], None]
 

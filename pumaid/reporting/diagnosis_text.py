@@ -65,12 +65,17 @@ def place(finding: Finding | Candidate | Limit, robot: Robot) -> str:
     return title[0].lower() + title[1:]
 
 
-def _at(finding: Finding | Candidate | Limit, robot: Robot) -> str:
+def _at(finding: Finding, robot: Robot) -> str:
     return f"{'of' if finding.joint is None else 'at'} {place(finding, robot)}"
 
 
 def _capital(text: str) -> str:
     return text[:1].upper() + text[1:]
+
+
+def bare(unit: str) -> str:
+    """A unit word; empty for a number without unit."""
+    return "" if unit == "1" else unit
 
 
 # Findings
@@ -92,17 +97,20 @@ def applied_title(finding: Finding, robot: Robot) -> str:
 
 def finding_sentences(finding: Finding, diagnosis: Diagnosis, robot: Robot, *, units: str = "rad") -> list[str]:
     """What the effect is, what it explains, how sure that is, and how large it is."""
-    effect = catalogue().get(finding.effect)
-    out = [effect_sentence(finding.effect)] if effect else []
+    effect, out = catalogue().get(finding.effect), []
+    if effect is not None:
+        out.append(f"{effect.title}." + (f" Current: {effect.equation}." if effect.equation else ""))
     joint = next((item for item in diagnosis.joints if item.joint == finding.joint), None)
     is_applied = any(finding is item for item in diagnosis.applied)
     if joint is not None and not is_applied and (effect is None or effect.scope is Scope.JOINT):
         out.append(floor_sentence(joint))
-    if finding.rmse_heldout_before is not None and finding.rmse_heldout_after is not None:
-        out.append(heldout_sentence(finding.rmse_heldout_before, finding.rmse_heldout_after))
+    before, after = finding.rmse_heldout_before, finding.rmse_heldout_after
+    if before is not None and after is not None:
+        less = f" ({percent(1.0 - after / before)} less)" if 0.0 < after < before else ""
+        out.append(f"RMSE of runs that were not fitted: {amperes(before)} without it, {amperes(after)} with it{less}.")
     if finding.transfer is not None and finding.transfer.is_clear:
         out.append(transfer_sentence(finding.transfer))
-    out.append(p_value_sentence(finding.p_value))
+    out.append(f"p = {number(finding.p_value, 2)} over all effects and joints (family-wise).")
     reasons = [
         candidate.reason
         for item in diagnosis.joints
@@ -112,36 +120,21 @@ def finding_sentences(finding: Finding, diagnosis: Diagnosis, robot: Robot, *, u
     if finding.verdict != ADD and reasons:
         out.append(f"Doubtful: {reasons[0].rstrip('.')}.")
     size = size_sentence(finding, robot, units)
-    return [*out, *([size] if size else [])]
-
-
-def effect_sentence(effect: str) -> str:
-    """What an effect of the catalogue is, with its current."""
-    entry = catalogue()[effect]
-    return f"{entry.title}." + (f" Current: {entry.equation}." if entry.equation else "")
+    return [*out, size] if size else out
 
 
 def is_at_floor(joint: JointDiagnosis) -> bool:
     """Whether a joint's RMSE is no larger than its noise floor."""
-    if joint.rmse is None or joint.noise_floor is None:
-        return False
-    return joint.rmse <= AT_FLOOR * joint.noise_floor
+    return joint.rmse is not None and joint.noise_floor is not None and joint.rmse <= AT_FLOOR * joint.noise_floor
 
 
 def floor_sentence(joint: JointDiagnosis) -> str:
-    """A joint's RMSE against its noise floor."""
-    if joint.rmse is None:
-        return f"Joint {joint.joint} never moves alone in these logs, so its error is unknown."
-    if joint.noise_floor is None:
-        return f"RMSE of the model: {amperes(joint.rmse)}; no run is repeated, so the noise floor is unknown."
-    words = f"RMSE of the model: {amperes(joint.rmse)}, noise floor: {amperes(joint.noise_floor)}"
+    """The RMSE of a joint that has runs against its noise floor."""
+    words = f"RMSE of the model: {amperes(joint.rmse)}"
+    if joint.rmse is None or joint.noise_floor is None:
+        return f"{words}; no run is repeated, so the noise floor is unknown."
+    words += f", noise floor: {amperes(joint.noise_floor)}"
     return words + ("." if is_at_floor(joint) else f" (ratio {number(joint.rmse / joint.noise_floor, 2)}).")
-
-
-def heldout_sentence(before: float, after: float) -> str:
-    """RMSE (A) of runs that no fit used, before and after the effect is added."""
-    change = f" ({percent(1.0 - after / before)} less)" if 0.0 < after < before else ""
-    return f"RMSE of runs that were not fitted: {amperes(before)} without it, {amperes(after)} with it{change}."
 
 
 def transfer_sentence(transfer: Transfer) -> str:
@@ -150,30 +143,7 @@ def transfer_sentence(transfer: Transfer) -> str:
     words = f"The held-out runs confirm {share} of the predicted effect"
     if transfer.is_denied:
         return f"{words}: it is another effect, or of another form, although it fits the other runs."
-    if transfer.is_partial:
-        return f"{words}: another effect acts as well, or instead."
-    return f"{words}."
-
-
-def p_value_sentence(p: float) -> str:
-    """How sure a finding is."""
-    return f"p = {number(p, 2)} over all effects and joints: chance alone gives this in {odds(p)} data sets."
-
-
-def odds(p: float) -> str:
-    """A probability in words.
-
-    Examples
-    --------
-    >>> odds(0.0033), odds(0.04), odds(0.3), odds(1e-9)
-    ('one of 300', 'one of 25', '3 of 10', 'less than one of a million')
-    """
-    if p < 1e-6:
-        return "less than one of a million"
-    if p >= 0.15:
-        return f"{min(max(round(10 * p), 1), 10)} of 10"
-    digits = 1 if p <= 0.01 else 2
-    return f"one of {int(float(f'{1.0 / p:.{digits - 1}e}')):,}"
+    return f"{words}: another effect acts as well, or instead." if transfer.is_partial else f"{words}."
 
 
 def size_sentence(finding: Finding | Candidate, robot: Robot, units: str = "rad") -> str:
@@ -188,11 +158,6 @@ def size_sentence(finding: Finding | Candidate, robot: Robot, units: str = "rad"
         return f"Shape: {shape}." if shape else ""
     joiner = ", " if finding.effect.startswith(SUSPECT) else ", with "
     return f"Size: {listed(sizes)}{joiner + shape if shape else ''}."
-
-
-def bare(unit: str) -> str:
-    """A unit word; empty for a number without unit."""
-    return "" if unit == "1" else unit
 
 
 def shape_text(finding: Finding | Candidate, robot: Robot, units: str = "rad") -> str:
@@ -231,11 +196,11 @@ def times_text(count: int) -> str:
 def step_sentence(finding: Finding, before: Estimate, after: Estimate, *, robot: Robot, number: int) -> str:
     """What adding an effect did to the joint that it changed most; `number` of the step from 1."""
     both = [(old, new) for old, new in zip(before.joints, after.joints, strict=True) if old.rmse and new.rmse]
-    head = f"{number}. Added {label(finding.effect)} {_at(finding, robot)}"
+    words = f"{number}. Added {label(finding.effect)} {_at(finding, robot)}."
     if not both:
-        return f"{head}."
+        return words
     old, new = min(both, key=lambda pair: (pair[1].rmse or 0.0) / (pair[0].rmse or 1.0))
-    words = f"{head}. Joint {new.joint}: RMSE {amperes(old.rmse)} -> {amperes(new.rmse)}"
+    words += f" Joint {new.joint}: RMSE {amperes(old.rmse)} -> {amperes(new.rmse)}"
     if old.heldout is not None and new.heldout is not None:
         words += f", hold-out {amperes(old.heldout)} -> {amperes(new.heldout)}"
     if new.noise_floor is not None and (new.rmse or 0.0) >= BELOW_FLOOR * new.noise_floor:
@@ -306,55 +271,39 @@ def variable_name(shape: Unexplained) -> str:
 
 
 def other_sentences(diagnosis: Diagnosis, robot: Robot) -> list[str]:
-    """Joints that lack something, without a finding or a shape of their own."""
+    """Joints without a finding or a shape of their own, suspected columns, and effects that were added before."""
     named = {finding.joint for finding in diagnosis.findings}
-    rest = [
-        joint
-        for joint in diagnosis.joints
-        if joint.verdict not in (ADEQUATE, UNEXPLAINED_JOINT) and joint.joint not in named
-    ]
-    quiet = [joint.joint for joint in rest if diagnosis.findings and is_at_floor(joint)]
     pointer = " The findings above act there too." if diagnosis.findings else ""
-    out = [
-        f"{joint_title(robot, joint.joint)}: something is missing. {floor_sentence(joint)}{pointer}"
-        for joint in rest
-        if joint.joint not in quiet
-    ]
-    if quiet:
-        out.append(f"{joint_titles(robot, quiet)}: RMSE at the noise floor, but the findings above act there too.")
-    return out
+    is_clean = all(joint.verdict == ADEQUATE and joint.rmse is not None for joint in diagnosis.joints)
+    groups: dict[str, list[int]] = {}
+    for joint in diagnosis.joints:
+        if joint.rmse is None:
+            text = "never moved alone in these logs, so not diagnosed."
+        elif joint.verdict == ADEQUATE:
+            text = "nothing is missing that these data can show."
+        elif diagnosis.findings and is_at_floor(joint):
+            text = "RMSE at the noise floor, but the findings above act there too."
+        else:
+            text = f"something is missing. {floor_sentence(joint)}{pointer}"
+        if joint.verdict != UNEXPLAINED_JOINT and joint.joint not in named and not is_clean:
+            groups.setdefault(text, []).append(joint.joint)
+    out = [f"{joint_titles(robot, joints)}: {text}" for text, joints in groups.items()]
+    applied = [_named(replace(finding, rivals=()), robot) for finding in diagnosis.applied]
+    out += _suspect_sentences(diagnosis)
+    return [*out, *([f"Added after an earlier diagnosis: {listed(applied)}."] if applied else [])]
 
 
-def adequate_sentences(diagnosis: Diagnosis, robot: Robot) -> list[str]:
-    """Joints that lack nothing, where others do; joints that could not be diagnosed."""
-    fine = [joint.joint for joint in diagnosis.joints if joint.verdict == ADEQUATE and joint.rmse is not None]
-    still = [joint.joint for joint in diagnosis.joints if joint.rmse is None]
-    out = []
-    if fine and len(fine) < len(diagnosis.joints):
-        out.append(f"{joint_titles(robot, fine)}: nothing is missing that these data can show.")
-    if still:
-        out.append(f"{joint_titles(robot, still)}: never moved alone in these logs, so not diagnosed.")
-    return out
-
-
-def suspect_sentences(diagnosis: Diagnosis) -> list[str]:
+def _suspect_sentences(diagnosis: Diagnosis) -> list[str]:
     """Of suspected columns that no finding names: whether any current depends on them."""
     named = {name for finding in diagnosis.findings for name in (finding.effect, *finding.rivals)}
-    testable: dict[str, bool] = {}
-    for limit in (limit for joint in diagnosis.joints for limit in joint.limits):
-        if limit.effect.startswith(SUSPECT) and limit.effect not in named:
-            testable[limit.effect] = testable.get(limit.effect, False) or limit.size is not None
+    limits = [limit for joint in diagnosis.joints for limit in joint.limits if limit.effect.startswith(SUSPECT)]
+    testable = {limit.effect for limit in limits if limit.size is not None}
     verdicts = {
         True: "no joint's current depends on it, as far as these runs can show.",
         False: "not testable, because it hardly varies in these runs or is not a number.",
     }
-    return [f"Column {name.removeprefix(SUSPECT)}: {verdicts[can]}" for name, can in testable.items()]
-
-
-def applied_sentences(diagnosis: Diagnosis, robot: Robot) -> list[str]:
-    """Effects of earlier diagnoses that the model has."""
-    names = [_named(replace(finding, rivals=()), robot) for finding in diagnosis.applied]
-    return [f"Added after an earlier diagnosis: {listed(names)}."] if names else []
+    columns = dict.fromkeys(limit.effect for limit in limits if limit.effect not in named)
+    return [f"Column {name.removeprefix(SUSPECT)}: {verdicts[name in testable]}" for name in columns]
 
 
 def weaknesses(diagnosis: Diagnosis, robot: Robot) -> list[str]:

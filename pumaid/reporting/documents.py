@@ -1,23 +1,29 @@
-"""JSON documents of runs, comparisons and histories, and the runs as CSV; SI, angles in rad."""
+"""Records for other programs: entries of JSON documents, and tables of numbers; SI, angles in rad where not stated."""
 
 from __future__ import annotations
 
 import csv
 import io
-import math
+import json
 from collections.abc import Sequence
 from typing import Any
 
+import pandas as pd
+
 from pumaid import __version__
 from pumaid.dataset import Dataset, Reject, Run
-from pumaid.estimation.comparison import TOGETHER, Budget, BudgetPart, Comparison, RunScore
+from pumaid.estimate import Estimate
+from pumaid.estimation.comparison import TOGETHER, Budget, BudgetPart, Comparison, JointScore, RunScore
+from pumaid.reporting.formatting import in_unit
 from pumaid.reporting.run_tables import by_reason, samples_read
+from pumaid.reporting.table import Table
+from pumaid.reporting.tables import parameter_table
 from pumaid.reporting.text import BUDGET_LIMITS, part_sentence, part_share
 from pumaid.results.history import History, Ladder, Rung
 from pumaid.robot import Robot
 
-#: Entries of a joint's fit in a history.
-_FIT_ENTRIES = ("joint", "runs", "samples", "rmse", "heldout", "heldout_runs", "noise_floor")
+#: Forms of a table, with their suffix.
+TABLE_FORMS = {"text": "txt", "csv": "csv", "parquet": "parquet", "latex": "tex", "markdown": "md", "json": "json"}
 
 #: Columns of the runs as CSV; for prismatic joints m stands in place of rad.
 CSV_HEADER = (
@@ -26,19 +32,25 @@ CSV_HEADER = (
 )  # fmt: skip
 
 
+def _entries(record: object, names: str) -> dict[str, Any]:
+    """Attributes of a record by name."""
+    return {name: getattr(record, name) for name in names.split()}
+
+
 # Runs
 
 
 def segments_document(dataset: Dataset, robot: Robot) -> dict[str, Any]:
-    """Runs, stretches left out and sums for JSON; SI, angles in rad."""
+    """Runs, stretches left out and sums for JSON."""
     rejected = by_reason(dataset.rejects)
+    names = "reason text start duration samples joints"
     return {
         "samples": samples_read(dataset),
         "kept": sum(run.samples for run in dataset.runs),
         "runs": [_run_entry(index, run, robot) for index, run in enumerate(dataset.runs, 1)],
         "left_out": {reason: sum(reject.samples for reject in rejects) for reason, rejects in rejected.items()},
-        "rejects": [_reject_entry(reject) for reject in dataset.rejects],
-        "notes": [note.as_json() for note in dataset.notes],
+        "rejects": [_entries(reject, names) | _place(reject) for reject in dataset.rejects],
+        "notes": dataset.notes,
     }
 
 
@@ -47,130 +59,135 @@ def runs_csv(dataset: Dataset, robot: Robot) -> str:
     out = io.StringIO()
     writer = csv.writer(out, lineterminator="\n")
     writer.writerow([*CSV_HEADER, *(f"q{joint.number}" for joint in robot.joints)])
+    names = "run file last_file first_row last_row start duration joint name kind span speed ripple samples"
     for index, run in enumerate(dataset.runs, 1):
         entry = _run_entry(index, run, robot)
-        values = [entry[key] for key in ("run", "file", "last_file", "first_row", "last_row", "start", "duration")]
-        values += [entry["joint"], entry["name"], entry["kind"], *entry["span"], entry["speed"], entry["ripple"]]
-        values += [entry["samples"], entry["temperature"], entry["heldout"], *entry["posture"]]
-        writer.writerow(["" if value is None else value for value in values])
+        row: list[Any] = []
+        for name in [*names.split(), "temperature", "heldout", "posture"]:
+            row += entry[name] if name in ("span", "posture") else [entry[name]]
+        writer.writerow(["" if value is None or value != value else value for value in row])
     return out.getvalue()
 
 
 def _run_entry(index: int, run: Run, robot: Robot) -> dict[str, Any]:
-    names = ("clock", "start", "duration", "speed", "ripple", "samples", "heldout", "kind")
-    return (
-        _place(run)
-        | {name: getattr(run, name) for name in names}
-        | {
-            "run": index,
-            "joint": run.joint,
-            "name": robot.joint(run.joint).name,
-            "posture": [_finite(value) for value in run.posture],
-            "span": list(run.span),
-            "temperature": _finite(run.temperature),
-        }
-    )
-
-
-def _reject_entry(reject: Reject) -> dict[str, Any]:
-    names = ("reason", "text", "start", "duration", "samples")
-    return {name: getattr(reject, name) for name in names} | {"joints": list(reject.joints)} | _place(reject)
+    names = "clock joint kind start duration span speed ripple samples temperature heldout posture"
+    return {"run": index, "name": robot.joint(run.joint).name} | _place(run) | _entries(run, names)
 
 
 def _place(record: Run | Reject) -> dict[str, Any]:
-    return {
-        "file": record.origin,
-        "last_file": record.origin,
-        "first_row": record.first_row,
-        "last_row": record.last_row,
-    }
+    return {"file": record.origin, "last_file": record.origin} | _entries(record, "first_row last_row")
 
 
-def _finite(value: float) -> float | None:
-    return float(value) if math.isfinite(value) else None
+def runs_frame(comparison: Comparison) -> pd.DataFrame:
+    """One row a run: where it lies and how the model does on it, postures in columns ``q1`` to ``qJ``."""
+    rows = []
+    for score in comparison.runs:
+        run = score.run
+        file = run.origin.encode("utf-8", "backslashreplace").decode("utf-8")  # a name may be none of UTF-8
+        row = {"joint": run.joint, "file": file, "start_s": run.start, "duration_s": run.duration}
+        row |= _entries(run, "kind speed samples")
+        row |= {"rmse_A": score.rmse, "bias_A": score.bias, "largest_A": score.largest, "explained": score.explained}
+        row |= {"heldout": run.heldout, "undetermined": score.undetermined}
+        rows.append(row | {f"q{number}": position for number, position in enumerate(run.posture, start=1)})
+    return pd.DataFrame(rows)
+
+
+# Parameters
+
+
+def parameters_frame(estimate: Estimate, units: str = "rad") -> pd.DataFrame:
+    """One row a parameter, with angles of values and column `unit` in `units` (``rad`` or ``deg``).
+
+    Columns name, symbol, joint, unit, value, std_error, ci_low, ci_high, dof, state, reason, next_run; empty where a
+    parameter is not identifiable.
+    """
+    rows: list[dict[str, Any]] = []
+    for value in estimate.values:
+        scale, unit = in_unit(value.unit, units)
+        low, high = value.ci95 if value.ci95 is not None else (None, None)
+        amounts = {"value": value.value, "std_error": value.std_error, "ci_low": low, "ci_high": high}
+        scaled = {key: None if amount is None else scale * amount for key, amount in amounts.items()}
+        head = _entries(value, "name symbol joint") | {"unit": unit}
+        rows.append(head | scaled | _entries(value, "dof state reason next_run"))
+    numbers = ["value", "std_error", "ci_low", "ci_high", "dof"]
+    return pd.DataFrame(rows).astype({**dict.fromkeys(numbers, "float64"), "joint": "Int64"})
+
+
+def parameters_as(estimate: Estimate, robot: Robot, form: str, *, units: str = "rad") -> bytes:
+    """The parameter table as a file's content, in one of `TABLE_FORMS`.
+
+    Text, LaTeX and Markdown look like the paper's Table I; CSV, Parquet and JSON hold one row a parameter.
+    """
+    if form in ("csv", "parquet", "json"):
+        return frame_as(parameters_frame(estimate, units), form)
+    return table_as(parameter_table(estimate, robot, units), form)
+
+
+def frame_as(frame: pd.DataFrame, form: str) -> bytes:
+    """A frame as a file's content: ``csv``, ``parquet`` or ``json``."""
+    if form == "parquet":
+        return bytes(frame.to_parquet(index=False))
+    if form == "json":
+        records = json.loads(frame.to_json(orient="records", double_precision=15))
+        return (json.dumps(records, indent=2, ensure_ascii=False) + "\n").encode("utf-8")
+    return frame.to_csv(index=False, lineterminator="\n").encode("utf-8")
+
+
+def table_as(table: Table, form: str) -> bytes:
+    """A table as a file's content: ``text``, ``latex`` or ``markdown``."""
+    text: str = getattr(table, form)()
+    return text.encode("utf-8")
 
 
 # Comparison
 
 
 def comparison_document(comparison: Comparison) -> dict[str, Any]:
-    """The entries of a comparison's JSON document after its heading; SI."""
-    joints = []
-    for score in comparison.joints:
-        joints.append(
-            {
-                "joint": score.joint,
-                "samples": score.samples,
-                "rmse": score.rmse,
-                "bias": score.bias,
-                "explained": score.explained,
-                "noise_floor": score.noise_floor,
-                "noise_floor_reason": score.noise_floor_reason,
-                "current_rms": score.rms,
-                "shares": {**score.shares},
-                "not_told_apart": [name.split(TOGETHER) for name in score.shares if TOGETHER in name],
-                "heldout": None if score.heldout is None else {"rmse": score.heldout, "runs": score.heldout_runs},
-                "undetermined_runs": score.undetermined,
-                "budget": budget_document(score.budget),
-                "runs": [_run_document(item) for item in comparison.of_joint(score.joint)],
-            }
-        )
-    heldout = None if comparison.heldout is None else {"rmse": comparison.heldout}
+    """The entries of a comparison's JSON document after its heading."""
     return {
-        "joints": joints,
+        "joints": [_joint_document(score, comparison) for score in comparison.joints],
         "rmse": comparison.rmse,
-        "heldout": heldout,
-        "outside": [
-            {"joint": o.joint, "reason": o.reason, "samples": o.samples, "rmse": o.rmse, "bias": o.bias}
-            for o in comparison.outside
-        ],
+        "heldout": None if comparison.heldout is None else {"rmse": comparison.heldout},
+        "outside": [_entries(score, "joint reason samples rmse bias") for score in comparison.outside],
         "notes": comparison.notes,
+    }
+
+
+def _joint_document(score: JointScore, comparison: Comparison) -> dict[str, Any]:
+    names = "joint samples rmse bias explained noise_floor noise_floor_reason shares"
+    return _entries(score, names) | {
+        "current_rms": score.rms,
+        "not_told_apart": [name.split(TOGETHER) for name in score.shares if TOGETHER in name],
+        "heldout": None if score.heldout is None else {"rmse": score.heldout, "runs": score.heldout_runs},
+        "undetermined_runs": score.undetermined,
+        "budget": budget_document(score.budget),
+        "runs": [_run_document(item) for item in comparison.of_joint(score.joint)],
     }
 
 
 def _run_document(score: RunScore) -> dict[str, Any]:
     run = score.run
-    names = ("rmse", "bias", "largest", "explained", "undetermined", "reason")
-    return {name: getattr(score, name) for name in names} | {
-        "file": run.origin,
-        "start": run.start,
-        "duration": run.duration,
-        "rows": [run.first_row, run.last_row],
-        "kind": run.kind,
-        "velocity": run.speed,
-        "posture": run.posture,
-        "samples": run.samples,
-        "heldout": run.heldout,
-    }
+    place = {"file": run.origin, "rows": [run.first_row, run.last_row], "velocity": run.speed}
+    names = "rmse bias largest explained undetermined reason"
+    return _entries(score, names) | place | _entries(run, "start duration kind posture samples heldout")
 
 
 def budget_document(budget: Budget | None) -> dict[str, Any] | None:
-    """A joint's budget in the comparison's JSON document; SI. None where the joint has no runs."""
+    """A joint's budget in the comparison's JSON document; None where the joint has no runs."""
     if budget is None:
         return None
-    return {
-        "mean_square": budget.mean_square,
-        "noise": budget.noise,
-        "floor": budget.floor,
-        "runs": budget.runs,
-        "replicates": budget.replicates,
+    return _entries(budget, "mean_square noise floor runs replicates") | {
         "parts": [_part_document(budget, part) for part in budget.parts],
         "limits": {slug: BUDGET_LIMITS[slug] for slug in budget.limits},
     }
 
 
 def _part_document(budget: Budget, part: BudgetPart) -> dict[str, Any]:
-    return {
-        "name": part.name,
-        "mean_square": part.mean_square,
+    return _entries(part, "name mean_square p_value against cycles points_to") | {
         "share": part_share(budget, part),
-        "p_value": part.p_value,
         "more_than_noise": part.is_more,
-        "against": part.against,
-        "cycles": part.cycles,
         "cycles_per": part.per or None,
         "cycles_per_motor_turn": part.gearing,
-        "points_to": part.points_to,
         "text": part_sentence(budget, part) if part.is_more else None,
     }
 
@@ -179,20 +196,12 @@ def _part_document(budget: Budget, part: BudgetPart) -> dict[str, Any]:
 
 
 def history_document(history: History) -> dict[str, Any]:
-    """The entries of a history's JSON document after its heading; SI."""
-    return {
-        "folder": history.folder,
-        "current": history.current,
-        "ladders": [_ladder_document(ladder) for ladder in history.ladders],
-        "notes": history.notes,
-    }
+    """The entries of a history's JSON document after its heading."""
+    return _entries(history, "folder current notes") | {"ladders": [_ladder_document(item) for item in history.ladders]}
 
 
 def _ladder_document(ladder: Ladder) -> dict[str, Any]:
-    return {
-        "robot": ladder.robot,
-        "recipe": ladder.recipe,
-        "logs": ladder.logs,
+    return _entries(ladder, "robot recipe logs") | {
         "apart": ladder.apart or None,
         "path": [rung.number for rung in ladder.path],
         "models": [_rung_document(rung) for rung in ladder.rungs],
@@ -200,20 +209,10 @@ def _ladder_document(ladder: Ladder) -> dict[str, Any]:
 
 
 def _rung_document(rung: Rung) -> dict[str, Any]:
-    return {
-        "model": rung.number,
-        "file": rung.file,
-        "sha256": rung.digest,
-        "from": rung.parent,
-        "current": rung.is_current,
-        "effects": rung.effects,
-        "added": rung.added,
-        "removed": rung.removed,
-        "rmse": rung.whole.fitted,
-        "heldout": rung.whole.heldout,
-        "noise_floor": rung.whole.noise_floor,
-        "joints": [{name: getattr(fit, name) for name in _FIT_ENTRIES} for fit in rung.joints],
-    }
+    head = {"model": rung.number, "sha256": rung.digest, "from": rung.parent, "current": rung.is_current}
+    joints = [_entries(fit, "joint runs samples rmse heldout heldout_runs noise_floor") for fit in rung.joints]
+    whole = _entries(rung.whole, "rmse heldout noise_floor")
+    return head | _entries(rung, "file effects added removed") | whole | {"joints": joints}
 
 
 def session_document(robot: str, seed: int, files: Sequence[tuple[str, int, float, float]]) -> dict[str, object]:

@@ -9,7 +9,6 @@ from pathlib import PurePath
 
 import numpy as np
 
-from pumaid.dataset import Run
 from pumaid.robot import Robot
 from pumaid.units import factor, number
 
@@ -99,6 +98,11 @@ def plural(count: int, word: str) -> str:
     return f"{count} {word}{'' if count == 1 else 's'}"
 
 
+def letters(index: int) -> str:
+    """A short name by its number from 0: a, b, ... z, aa, bb, ..."""
+    return chr(ord("a") + index % 26) * (index // 26 + 1)
+
+
 def listed(words: Sequence[str], last: str = "and") -> str:
     """``a, b and c``."""
     return f" {last} ".join([", ".join(words[:-1]), words[-1]] if len(words) > 1 else words)
@@ -114,12 +118,6 @@ def joint_titles(robot: Robot, joints: Sequence[int]) -> str:
     """Several joints (from 1): ``Joints 1 (waist) and 3 (elbow)``."""
     names = [joint_title(robot, joint).removeprefix("Joint ") for joint in joints]
     return f"Joint{'s' * (len(joints) > 1)} {listed(names)}"
-
-
-def speed_text(run: Run, robot: Robot, angle: str = "rad") -> str:
-    """A run's signed speed with its unit."""
-    scale, unit = in_unit(f"{robot.joint(run.joint).position_unit}/s", angle)
-    return f"{number(run.speed * scale, 3)} {unit}"
 
 
 def posture_text(robot: Robot, positions: Sequence[float], angle: str = "rad", *, moving: int = 0) -> str:

@@ -1,4 +1,4 @@
-"""The report as one self-contained HTML page; its sections are found by looking into ``sections/``."""
+"""The report: one self-contained HTML page, whose sections are found by looking into ``sections/``, and its files."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import functools
 import importlib
 import inspect
 import pkgutil
-from collections.abc import Mapping
+from collections.abc import Iterable, Iterator, Mapping
 
 import jinja2
 from markupsafe import Markup
@@ -14,8 +14,10 @@ from markupsafe import Markup
 from pumaid import __version__
 from pumaid.reporting import sections
 from pumaid.reporting.context import ReportContext
-from pumaid.reporting.figures.style import DARK, Drawing
+from pumaid.reporting.documents import TABLE_FORMS, frame_as, parameters_as, runs_frame, table_as
+from pumaid.reporting.figures.style import DARK, INLINE, Drawing
 from pumaid.reporting.sections import Section
+from pumaid.reporting.tables import comparison_table
 
 
 @functools.cache
@@ -71,3 +73,21 @@ def page(context: ReportContext, *, inline: Mapping[str, str] | None = None) -> 
     return environment.get_template("page.html").render(
         robot=context.robot.name, sections=shown, parts=parts, version=__version__, dark=DARK
     )
+
+
+def report_files(context: ReportContext, forms: Iterable[str]) -> Iterator[tuple[str, bytes]]:
+    """Tables, figures in some `forms` and the page, which comes last: relative name and content; nothing is written."""
+    for form in ("csv", "parquet", "latex", "markdown"):
+        content = parameters_as(context.estimate, context.robot, form, units=context.units)
+        yield f"tables/parameters.{TABLE_FORMS[form]}", content
+    for form in ("latex", "markdown"):
+        table = comparison_table(context.comparison, context.robot)
+        yield f"tables/comparison.{TABLE_FORMS[form]}", table_as(table, form)
+    for form in ("csv", "parquet"):
+        yield f"tables/runs.{form}", frame_as(runs_frame(context.comparison), form)
+    inline = {}
+    for drawing in all_figures(context):
+        files = drawing.files([*forms, INLINE])
+        inline[drawing.name] = files.pop(INLINE).decode("utf-8")
+        yield from ((f"figures/{drawing.name}.{form}", content) for form, content in files.items())
+    yield "report.html", page(context, inline=inline).encode("utf-8")

@@ -3,16 +3,23 @@
 from __future__ import annotations
 
 import math
-import string
 from collections import Counter
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from pumaid.dataset import Dataset, Reject, Run
-from pumaid.reporting.formatting import duration, in_unit, plural, posture_text, relative_names
-from pumaid.reporting.table import Cell, Table
+from pumaid.reporting.formatting import (
+    duration,
+    in_unit,
+    letters,
+    listed,
+    plural,
+    posture_text,
+    relative_names,
+)
+from pumaid.reporting.table import Row, Table
 from pumaid.robot import Robot
 from pumaid.trajectory import Motion, Plan
 from pumaid.units import number
@@ -42,16 +49,14 @@ def run_table(dataset: Dataset, robot: Robot, *, units: str = "rad") -> Table:
     unit = " or ".join(dict.fromkeys(in_unit(kind, units)[1] for kind in kinds)) or units
     names = relative_names([run.origin for run in dataset.runs])
     has_strokes = any(run.kind == "stroke" for run in dataset.runs)
-    rows: list[list[Cell | str]] = []
+    rows: list[Row] = []
     for index, run in enumerate(dataset.runs, start=1):
         joint = robot.joint(run.joint)
         scale = in_unit(joint.position_unit, units)[0]
-        head = Cell(str(index), mark="*" if run.heldout else "")
-        time = f"{run.start:.2f} – {run.start + run.duration:.2f}"
         low, high, speed = (number(value * scale, 4) for value in (*run.span, run.speed))
-        row: list[Cell | str] = [head, names[run.origin], time, f"{run.joint} {joint.name}"]
-        row += [posture_text(robot, run.posture.tolist(), units), f"{low} to {high}", speed, str(run.samples)]
-        rows.append([*row, *([run.kind] if has_strokes else [])])
+        row = [f"{index} *" if run.heldout else str(index), names[run.origin], run_time(run)]
+        row += [f"{run.joint} {joint.name}", posture_text(robot, run.posture.tolist(), units), f"{low} to {high}"]
+        rows.append([*row, speed, str(run.samples), *([run.kind] if has_strokes else [])])
     header = ["run", "file", "time (s)", "joint", "other joints at", f"range ({unit})", f"speed ({unit}/s)", "samples"]
     header += ["kind"] if has_strokes else []
     notes = [("*", "held out for validation")] if any(run.heldout for run in dataset.runs) else []
@@ -60,11 +65,16 @@ def run_table(dataset: Dataset, robot: Robot, *, units: str = "rad") -> Table:
     return Table(title, header, rows, notes, caption, words=(1, 3, 4, 8))
 
 
+def run_time(run: Run) -> str:
+    """Start and end of a run (s)."""
+    return f"{run.start:.2f} – {run.start + run.duration:.2f}"
+
+
 def counted_runs(runs: Sequence[Run]) -> str:
     """``12 runs at constant speed and 3 strokes from rest to rest``."""
     strokes = sum(run.kind == "stroke" for run in runs)
-    words = [f"{plural(len(runs) - strokes, 'run')} at constant speed"] * (len(runs) > strokes or not strokes)
-    return " and ".join([*words, *[f"{plural(strokes, 'stroke')} from rest to rest"] * (strokes > 0)])
+    words = [f"{plural(len(runs) - strokes, 'run')} at constant speed"] if len(runs) > strokes or not strokes else []
+    return listed(words + ([f"{plural(strokes, 'stroke')} from rest to rest"] if strokes else []))
 
 
 def runs_by_joint_table(dataset: Dataset, robot: Robot, *, units: str = "rad") -> Table:
@@ -115,6 +125,15 @@ def rejects_table(dataset: Dataset) -> Table:
     return Table("Stretches not used", ("file", "rows", "start (s)", "reason", "why"), rows, words=(0, 1, 3, 4))
 
 
+def file_table(dataset: Dataset) -> Table:
+    """The files that were read."""
+    rows = []
+    for facts in dataset.files:
+        times = [f"{number(1e3 * facts.interval, 3)} ms", f"{number(facts.last_time - facts.first_time, 4)} s"]
+        rows.append([facts.name, f"{facts.rows:,}", *times, facts.digest[:12]])
+    return Table("Logs", ("file", "rows", "sample time", "duration", "SHA-256"), rows, words=(0, 4))
+
+
 def by_reason(rejects: Iterable[Reject]) -> dict[str, list[Reject]]:
     """Rejects by reason, the reason with most samples first."""
     groups: dict[str, list[Reject]] = {}
@@ -153,27 +172,16 @@ def axes_table(robot: Robot, units: str = "deg") -> Table:
 
 @dataclass(frozen=True, slots=True)
 class PlannedPosture:
-    """One posture of the other joints in which a joint is moved.
+    """One posture of the other joints in which `joint` (from 1) is moved.
 
-    Attributes
-    ----------
-    joint, letter
-        The moving joint from 1, and a letter: 3A is joint 3's first posture in the plan.
-    motions
-        Its runs, in order.
-    serves
-        Parameters that it identifies.
+    `letter`: 3A is joint 3's first posture in the plan; `motions`: its runs, in order; `serves`: parameters that it
+    identifies.
     """
 
     joint: int
     letter: str
     motions: tuple[Motion, ...]
     serves: tuple[str, ...]
-
-    @property
-    def name(self) -> str:
-        """``3A``."""
-        return f"{self.joint}{self.letter}"
 
     @property
     def span(self) -> tuple[float, float]:
@@ -185,11 +193,6 @@ class PlannedPosture:
     def fitted(self) -> int:
         """Runs for fitting; the rest is for validation."""
         return sum(motion.purpose == "fit" for motion in self.motions)
-
-    @property
-    def replicates(self) -> int:
-        """How often the most repeated run is made."""
-        return max(Counter(self.motions).values())
 
 
 def posture_key(joint: int, hold: Sequence[float]) -> tuple[int, tuple[float, ...]]:
@@ -206,21 +209,9 @@ def planned_postures(plan: Plan) -> list[PlannedPosture]:
     counts: Counter[int] = Counter()
     postures = []
     for key, motions in groups.items():
-        postures.append(PlannedPosture(key[0], _letter(counts[key[0]]), tuple(motions), serves.get(key, ())))
+        postures.append(PlannedPosture(key[0], letters(counts[key[0]]).upper(), tuple(motions), serves.get(key, ())))
         counts[key[0]] += 1
     return sorted(postures, key=lambda posture: posture.joint)
-
-
-def _letter(index: int) -> str:
-    """A, B, ... Z, AA, AB ... from 0."""
-    letters = string.ascii_uppercase
-    return letters[index] if index < 26 else _letter(index // 26 - 1) + letters[index % 26]
-
-
-def posture_letters(plan: Plan) -> list[str]:
-    """The letter of the posture of each run of a plan."""
-    letters = {posture_key(p.joint, p.motions[0].hold): p.letter for p in planned_postures(plan)}
-    return [letters[posture_key(motion.joint, motion.hold)] for motion in plan.motions]
 
 
 def plan_tables(plan: Plan, robot: Robot) -> list[Table]:
@@ -231,8 +222,8 @@ def plan_tables(plan: Plan, robot: Robot) -> list[Table]:
             f"Predicted standard errors are on average {number(1.0 / plan.efficiency, 3)} times those of the best"
             " conceivable runs in this time (without moves between postures, repeats or held-out runs)."
         )
-    lines += [f"Not identifiable: {name}: {reason}." for name, reason in plan.unseen.items()]
-    lines += [f"Assumed: {sentence}." for sentence in plan.assumptions]
+    lines += [f"Not identifiable: {name}: {reason.rstrip('.')}." for name, reason in plan.unseen.items()]
+    lines += [f"Assumed: {sentence.rstrip('.')}." for sentence in plan.assumptions]
     tables = [_motion_table(plan, robot)]
     if plan.postures:
         rows = [
@@ -240,19 +231,17 @@ def plan_tables(plan: Plan, robot: Robot) -> list[Table]:
             for posture in plan.postures
         ]
         tables.append(Table("Postures", ("joint", "other joints at (deg, m)", "purpose"), rows, words=(0, 1, 2)))
-    if plan.expected:
-        tables.append(_expected_table(plan, robot))
-    notes = [("-", line.replace("..", ".")) for line in lines]
-    last = tables[-1]
-    return [*tables[:-1], Table(last.title, last.header, last.rows, notes, last.caption, last.words)]
+    tables += [_expected_table(plan, robot)] if plan.expected else []
+    return [*tables[:-1], replace(tables[-1], notes=[("-", line) for line in lines])]
 
 
 def _motion_table(plan: Plan, robot: Robot) -> Table:
     rows = []
     for joint in robot.joints:
+        name = f"{joint.number} {joint.name}"
         motions = [motion for motion in plan.motions if motion.joint == joint.number]
         if not motions:
-            rows.append([f"{joint.number} {joint.name}", "0", "-", "-", "0", "0"])
+            rows.append([name, "0", "-", "-", "0", "0"])
             continue
         fitted = [motion for motion in motions if motion.purpose == "fit"]
         scale, unit = in_unit(joint.position_unit, "deg")
@@ -261,7 +250,6 @@ def _motion_table(plan: Plan, robot: Robot) -> Table:
         postures = {posture_key(motion.joint, motion.hold) for motion in fitted}
         span = f"{min(ends) + 0.0:.4g} to {max(ends) + 0.0:.4g} {unit}"
         counts = [str(len(fitted)), str(len(motions) - len(fitted))]
-        name = f"{joint.number} {joint.name}"
         rows.append([name, str(len(postures)), span, f"{', '.join(speeds)} {unit}/s", *counts])
     heldout = sum(motion.purpose == "heldout" for motion in plan.motions)
     title = f"{plan.robot}: {len(plan.motions)} runs, {heldout} of them held out, {duration(plan.duration)}"

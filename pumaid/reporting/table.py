@@ -9,15 +9,18 @@ from dataclasses import dataclass, replace
 from html import escape
 from typing import Literal
 
+from rich.cells import cell_len
 from rich.console import Console, ConsoleOptions, RenderableType
-from rich.measure import Measurement
 from rich.table import Table as RichTable
 from rich.text import Text
 
-from pumaid.reporting.visible import visible
+from pumaid.errors import visible
 
 #: Width of text in a pipe or file, and of notes and sentences on a terminal (characters).
 WIDTH = 100
+
+#: Characters to which a column of words is narrowed before a table is split.
+NARROW = 18
 
 #: Tone of a cell -> its style on a terminal: plain, not distinguishable from zero, not identifiable, no such
 #: quantity, above what noise explains.
@@ -48,6 +51,9 @@ class Cell:
         return f"{value}{error}" + (f" {self.mark}" if self.mark and not stacked else "")
 
 
+Row = Sequence[Cell | str]
+
+
 @dataclass(frozen=True)
 class Table:
     """A table.
@@ -70,7 +76,7 @@ class Table:
 
     title: str
     header: Sequence[str]
-    rows: Sequence[Sequence[Cell | str]]
+    rows: Sequence[Row]
     notes: Sequence[tuple[str, str]] = ()
     caption: str = ""
     words: Sequence[int] = (0,)
@@ -84,7 +90,7 @@ class Table:
         """The same table with only the columns `chosen` (from 0)."""
         rows = [[row[column] for column in chosen] for row in self.rows]
         words = [place for place, column in enumerate(chosen) if column in self.words]
-        return Table(self.title, [self.header[column] for column in chosen], rows, self.notes, self.caption, words)
+        return replace(self, header=[self.header[column] for column in chosen], rows=rows, words=words)
 
     def text(self, width: int = WIDTH) -> str:
         """The table as plain text at most `width` characters wide."""
@@ -100,7 +106,7 @@ class Table:
         if self.title:
             yield Text(visible(self.title), style="bold")
         if self.rows:
-            yield from self._body(console, options)
+            yield from self._parts(options.max_width)
         if self.caption:
             yield Paragraph(self.caption, style="dim")
         indent = max((len(mark) for mark, _ in self.notes), default=0) + 2
@@ -108,21 +114,14 @@ class Table:
             lines = textwrap.wrap(visible(text), min(options.max_width, WIDTH) - indent - 1) or [""]
             yield Text(f"{mark:>{indent}} " + f"\n{'':{indent + 1}}".join(lines))
 
-    def _body(self, console: Console, options: ConsoleOptions) -> Iterator[RenderableType]:
-        def fits(table: RichTable) -> bool:
-            return Measurement.get(console, options.update(max_width=10_000), table).maximum <= options.max_width
-
-        def least(part: Table) -> RichTable:
-            narrow = [min(len(cell.text), 18) for row in part.cells for cell in row]
-            return part._drawn(stacked=True, limit=max(narrow, default=18))
-
-        flat = self._drawn(stacked=False)
-        if fits(flat):
-            yield flat
+    def _parts(self, room: int) -> Iterator[RichTable | Text]:
+        """The rows on lines of `room` characters."""
+        if self._width(stacked=False) <= room:
+            yield self._drawn(stacked=False)
             return
-        parts: list[list[int]] = [[0]]
+        parts = [[0]]
         for column in range(1, len(self.header)):
-            if len(parts[-1]) > 1 and not fits(least(self.columns([*parts[-1], column]))):
+            if len(parts[-1]) > 1 and self.columns([*parts[-1], column])._width(stacked=True) > room:
                 parts.append([0])
             parts[-1].append(column)
         for number, chosen in enumerate(parts):
@@ -132,21 +131,26 @@ class Table:
             rows = [row for row in part.cells if number == 0 or any(cell.text for cell in row[1:])]
             yield replace(part, rows=rows)._drawn(stacked=True)
 
-    def _drawn(self, *, stacked: bool, limit: int | None = None) -> RichTable:
-        """The rows for the terminal; `limit` cuts the cells of words, to see how narrow the table can be."""
+    def _width(self, *, stacked: bool) -> int:
+        """Characters of a line; `stacked` words need `NARROW` at most, because they are wrapped."""
+        width = 2 * len(self.header) - 2
+        for column, head in enumerate(self.header):
+            texts = [visible(row[column].lines(stacked=stacked)) for row in self.cells]
+            longest = max((cell_len(line) for text in texts for line in text.split("\n")), default=0)
+            is_wrapped = stacked and column in self.words
+            width += max(cell_len(head), min(longest, NARROW) if is_wrapped else longest)
+        return width
+
+    def _drawn(self, *, stacked: bool) -> RichTable:
         drawn = RichTable(box=None, pad_edge=False, padding=(0, 2, 0, 0), header_style="bold")
         for column, head in enumerate(self.header):
             is_left = column in self.words
             justify: Literal["left", "right"] = "left" if is_left else "right"
             drawn.add_column(Text(head), justify=justify, overflow="fold", no_wrap=not (is_left and stacked))
         for row in self.cells:
-            texts = []
-            for column, cell in enumerate(row):
-                cut = limit if column in self.words else None
-                text = Text(visible(cell.lines(stacked=stacked))[:cut], style=TONES[cell.tone])
-                if cell.error:
-                    text.stylize("dim", text.plain.find("±"))
-                texts.append(text)
+            texts = [Text(visible(cell.lines(stacked=stacked)), style=TONES[cell.tone]) for cell in row]
+            for text in texts:
+                text.highlight_regex(r"±\S+|± \S+", "dim")
             drawn.add_row(*texts)
         return drawn
 
@@ -165,12 +169,11 @@ class Table:
         lines += ["", *(f"- {escaped(mark)}: {escaped(text)}" for mark, text in self.notes)] if self.notes else []
         return "\n".join(lines) + "\n"
 
-    def latex(self, label: str = "") -> str:
-        """The table in LaTeX for the booktabs package, notes below it; `label` is for ``\\ref``."""
+    def latex(self) -> str:
+        """The table in LaTeX for the booktabs package, notes below it."""
         aligned = "".join("l" if column in self.words else "r" for column in range(len(self.header)))
         lines = [r"% needs \usepackage{booktabs}", r"\begin{table}", r"\centering"]
         lines += [rf"\caption{{{_tex(self.title)}}}"] if self.title else []
-        lines += [rf"\label{{{label}}}"] if label else []
         lines += [rf"\begin{{tabular}}{{{aligned}}}", r"\toprule", " & ".join(map(_tex, self.header)) + r" \\"]
         lines += [r"\midrule", *(" & ".join(map(_tex_cell, row)) + r" \\" for row in self.cells)]
         lines += [r"\bottomrule", r"\end{tabular}"]

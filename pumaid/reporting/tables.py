@@ -1,20 +1,44 @@
-"""Every table of a model, a comparison, a diagnosis and a history, as a function of their records."""
+"""Tables of a model, a comparison, a diagnosis and a history, and what the terminal shows of the last three."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 
-from pumaid.diagnosis.records import ABSENT, ADD, UNSEEN, Candidate, Diagnosis, Finding, Limit, Unexplained
+from pumaid.diagnosis.records import (
+    ABSENT,
+    ADD,
+    ADEQUATE,
+    UNEXPLAINED_JOINT,
+    UNSEEN,
+    Candidate,
+    Diagnosis,
+    Finding,
+    Limit,
+    Unexplained,
+)
 from pumaid.effects import catalogue
-from pumaid.estimate import IDENTIFIED, Estimate, JointFit, Value
-from pumaid.estimation.comparison import Comparison
+from pumaid.estimate import IDENTIFIED, Estimate, Value
+from pumaid.estimation.comparison import Budget, Comparison
+from pumaid.reporting import diagnosis_text as sentences
 from pumaid.reporting.diagnosis_text import bare, label, times_text, variable_name
-from pumaid.reporting.formatting import in_unit, listed, percent, posture_text, relative_names, speed_text, with_error
-from pumaid.reporting.table import Cell, Table
-from pumaid.reporting.text import changes, is_above_floor, is_structural
-from pumaid.results.history import Errors, Ladder
+from pumaid.reporting.formatting import in_unit, letters, listed, percent, posture_text, relative_names, with_error
+from pumaid.reporting.run_tables import run_time
+from pumaid.reporting.table import Cell, Paragraph, Row, Table
+from pumaid.reporting.text import (
+    BUDGET_CAPTION,
+    PART_NAMES,
+    budget_limit_sentences,
+    budget_sentence,
+    changes,
+    is_above_floor,
+    is_noise_only,
+    is_structural,
+    noise_only_sentence,
+    part_share,
+)
+from pumaid.results.history import Ladder
 from pumaid.robot import Robot
 from pumaid.units import deviations, number
 
@@ -45,6 +69,10 @@ VERDICTS = {ADD: "add", ABSENT: "absent", UNSEEN: "not testable"}
 _VERDICT_TONES = {ADD: "alarm", ABSENT: "absent", UNSEEN: "unknown"}
 
 NONE = Cell("-", tone="absent")
+EMPTY = Paragraph("")
+
+#: Characters of a bar that is the whole residual; what fills it for noise and for a significant part.
+BUDGET_BAR, NOISE, SIGNIFICANT = 40, "░", "█"
 
 
 def amount(value: float | None, tone: str = "") -> Cell:
@@ -56,17 +84,15 @@ class Marks:
     """Letters of the notes below a table, one a reason."""
 
     def __init__(self) -> None:
-        self.letters: dict[str, str] = {}
+        self._letters: dict[str, str] = {}
 
     def letter(self, text: str | None) -> str:
-        """The letter of a note (a to z, then aa, ab ...); none for no text."""
-        count = len(self.letters)
-        first = chr(ord("a") + count // 26 - 1) if count >= 26 else ""
-        return self.letters.setdefault(text, first + chr(ord("a") + count % 26)) if text else ""
+        """The letter of a note; none for no text."""
+        return self._letters.setdefault(text, letters(len(self._letters))) if text else ""
 
     def notes(self) -> list[tuple[str, str]]:
         """(letter, text) pairs."""
-        return [(letter, text) for text, letter in self.letters.items()]
+        return [(letter, text) for text, letter in self._letters.items()]
 
 
 # A model
@@ -80,7 +106,7 @@ def parameter_table(estimate: Estimate, robot: Robot, units: str = "rad") -> Tab
             rows.setdefault(row_of(value), {})[value.joint] = value
     marks, structural = Marks(), dict[str, str]()
     gravity = float(np.linalg.norm(robot.gravity))
-    body: list[list[Cell | str]] = []
+    body: list[Row] = []
     for key in sorted(rows, key=row_order):
         scale = gravity if key[0] == "gravity" else 1.0
         names = ["A" if key[0] == "gravity" else in_unit(value.unit, units)[1] for value in rows[key].values()]
@@ -95,7 +121,7 @@ def parameter_table(estimate: Estimate, robot: Robot, units: str = "rad") -> Tab
     body.append(["runs", *(str(fit.runs) for fit in estimate.joints)])
     extra = dict.fromkeys(effect for effect, name in rows if (effect, name) not in _ORDER)
     legend = [f"g = {number(gravity, 6)} m/s2", *(f"{e}: {catalogue()[e].title}" for e in extra if e in catalogue())]
-    legend += ["n/i: not identifiable from these logs"] if marks.letters else []
+    legend += ["n/i: not identifiable from these logs"] if marks.notes() else []
     caption = f"In units of each joint's motor current. {'; '.join(legend)}.{_arm_wide(estimate, units)}"
     notes = [*marks.notes(), *((mark, reason) for reason, mark in structural.items())]
     header = ["link", *(str(joint.number) for joint in robot.joints)]
@@ -150,7 +176,7 @@ def _value_cell(value: Value | None, units: str, marks: Marks, *, scale: float =
 
 def combination_table(estimate: Estimate, units: str = "rad") -> Table | None:
     """Linear combinations that are identified although their terms are not; None where there is none."""
-    rows: list[list[Cell | str]] = []
+    rows: list[Row] = []
     for combination in estimate.combinations:
         text, error = with_error(combination.value, combination.std_error)
         rows.append([combination.text, _sum(combination.terms), Cell(text, error), combination.unit])
@@ -176,7 +202,7 @@ def _sum(terms: dict[str, float]) -> str:
 def comparison_table(comparison: Comparison, robot: Robot) -> Table:
     """The model's error by joint, against the noise floor."""
     has_heldout = any(score.heldout is not None for score in comparison.joints)
-    rows: list[list[Cell | str]] = []
+    rows: list[Row] = []
     for score in comparison.joints:
         tone = "alarm" if is_above_floor(score.rmse, score.noise_floor) else ""
         name = f"{score.joint} {robot.joint(score.joint).name}"
@@ -209,13 +235,14 @@ def _bias(bias: float | None, rmse: float | None) -> Cell:
 def worst_runs_table(comparison: Comparison, robot: Robot, *, count: int = 5, units: str = "rad") -> Table:
     """The `count` runs with the largest error, with file and seconds."""
     marks = Marks()
-    rows: list[list[Cell | str]] = []
+    rows: list[Row] = []
     worst = comparison.worst(count)
     names = relative_names([score.run.origin for score in worst])
     for rank, score in enumerate(worst, start=1):
         run, mark = score.run, marks.letter(score.reason)
+        scale, unit = in_unit(f"{robot.joint(run.joint).position_unit}/s", units)
         where = [f"{run.joint} {robot.joint(run.joint).name}", names[run.origin]]
-        where += [f"{run.start:.2f} – {run.start + run.duration:.2f}", speed_text(run, robot, units)]
+        where += [run_time(run), f"{number(run.speed * scale, 3)} {unit}"]
         rmse = Cell(number(score.rmse, 3), mark=mark, tone="unknown" if mark else "")
         posture = posture_text(robot, run.posture.tolist(), units)
         rows.append([str(rank), *where, rmse, _bias(score.bias, score.rmse), posture])
@@ -233,7 +260,7 @@ def outside_table(comparison: Comparison, robot: Robot) -> Table | None:
     for score in comparison.outside:
         samples[score.reason] = samples.get(score.reason, 0) + score.samples
     reasons = sorted(samples, key=lambda reason: -samples[reason])
-    rows: list[list[Cell | str]] = []
+    rows: list[Row] = []
     for joint in sorted({joint for joint, _ in scores}):
         group = [scores.get((joint, reason)) for reason in reasons]
         total = sum(score.samples for score in group if score is not None)
@@ -250,7 +277,7 @@ def outside_table(comparison: Comparison, robot: Robot) -> Table | None:
 def candidate_table(diagnosis: Diagnosis, robot: Robot) -> Table | None:
     """Candidates that explain more than their parameters cost; None where none does."""
     marks = Marks()
-    rows: list[list[Cell | str]] = []
+    rows: list[Row] = []
     for item in _candidates(diagnosis):
         mark = marks.letter(item.reason) if item.verdict != ADD else ""
         joint = f"{item.joint} {robot.joint(item.joint).name}" if item.joint else "arm"
@@ -283,37 +310,23 @@ def _candidates(diagnosis: Diagnosis) -> list[Candidate]:
 
 def limit_table(diagnosis: Diagnosis, robot: Robot, *, units: str = "rad", joints: Sequence[int] = ()) -> Table | None:
     """Detection limit of each effect at `joints` (from 1; all where empty); None where none is known."""
-    chosen = [joint for joint in diagnosis.joints if not joints or joint.joint in joints]
-    limits = [limit for joint in chosen for limit in joint.limits]
+    limits = [limit for joint in diagnosis.joints if not joints or joint.joint in joints for limit in joint.limits]
     if not limits:
         return None
-    marks = Marks()
+    marks, rows, order = Marks(), list[Row](), list(catalogue())
     columns = sorted({limit.joint or 0 for limit in limits}, key=lambda joint: (joint == 0, joint))
-    sized = {(limit.joint or 0, limit.effect, limit.parameter, limit.unit): limit for limit in limits}
-    unsized = {(limit.joint or 0, limit.effect): limit for limit in limits if limit.size is None}
-    rows: list[list[Cell | str]] = []
-    for effect, parameter, unit in _limit_rows(limits):
-        scale, shown = in_unit(bare(unit), units)
-        row = [sized.get((n, effect, parameter, unit), unsized.get((n, effect))) for n in columns]
-        cells = [_limit_cell(limit, scale, marks) for limit in row]
-        rows.append([effect, f"{parameter} ({shown})" if shown else parameter, *cells])
+    effects = {limit.effect for limit in limits}
+    for effect in sorted(effects, key=lambda name: (order.index(name) if name in order else len(order), name)):
+        group = sorted((limit for limit in limits if limit.effect == effect), key=lambda limit: limit.size is not None)
+        sized = dict.fromkeys((limit.parameter, limit.unit) for limit in group if limit.size is not None)
+        for key in sized or [(group[0].parameter, group[0].unit)]:
+            scale, unit = in_unit(bare(key[1]), units)
+            at = {item.joint or 0: item for item in group if item.size is None or (item.parameter, item.unit) == key}
+            cells = [_limit_cell(at.get(joint), scale, marks) for joint in columns]
+            rows.append([effect, f"{key[0]} ({unit})" if unit else key[0], *cells])
     names = [f"{joint} {robot.joint(joint).name}" if joint else "arm" for joint in columns]
     caption = "Smallest size that is detected with a probability of 80 %."
     return Table("Detection limits", ("effect", "size of", *names), rows, marks.notes(), caption, (0, 1))
-
-
-def _limit_rows(limits: Iterable[Limit]) -> list[tuple[str, str, str]]:
-    """Effect, parameter and unit of the rows: what has a size at some joint, else one row to say why not."""
-    rows: dict[str, dict[tuple[str, str], bool]] = {}
-    for limit in limits:
-        sizes = rows.setdefault(limit.effect, {})
-        sizes[limit.parameter, limit.unit] = sizes.get((limit.parameter, limit.unit), False) or limit.size is not None
-    order = {name: place for place, name in enumerate(catalogue())}
-    out = []
-    for effect in sorted(rows, key=lambda name: (order.get(name, len(order)), name)):
-        with_size = [key for key, has_size in rows[effect].items() if has_size]
-        out += [(effect, *key) for key in with_size or list(rows[effect])[:1]]
-    return out
 
 
 def _limit_cell(limit: Limit | None, scale: float, marks: Marks) -> Cell:
@@ -349,7 +362,7 @@ def shape_table(shape: Unexplained, units: str = "rad") -> Table:
     """Free-form means of a residual in bins of one variable, with a bar each."""
     scale, unit = in_unit(shape.unit, units)
     largest = float(np.nanmax(np.abs(shape.means), initial=0.0)) or 1.0
-    rows: list[list[Cell | str]] = []
+    rows: list[Row] = []
     for centre, mean, error in zip(shape.centres, shape.means, shape.errors, strict=True):
         bar = "#" * round(BAR * abs(float(mean)) / largest)
         text, deviation = with_error(float(mean), float(error) if np.isfinite(error) else None)
@@ -363,24 +376,18 @@ def shape_table(shape: Unexplained, units: str = "rad") -> Table:
 # The history of models
 
 
-def joint_errors(fit: JointFit) -> Errors:
-    """The errors of one joint's fit."""
-    return Errors(fit.rmse, fit.heldout, fit.noise_floor)
-
-
 def history_table(ladder: Ladder) -> Table:
     """One row a model: what it adds to the one it was made from, and the whole arm's errors."""
     has_heldout = any(fit.heldout is not None for rung in ladder.rungs for fit in rung.joints)
-    rows: list[list[Cell | str]] = []
+    rows: list[Row] = []
     for rung in ladder.rungs:
-        errors = rung.whole
-        mark = "*" if rung.is_current else ""
-        row: list[Cell | str] = [Cell(str(rung.number), mark=mark), str(rung.parent or "")]
-        row += [", ".join(changes(rung)), amount(errors.fitted)]
-        row += [amount(errors.heldout)] if has_heldout else []
-        is_judged = errors.fitted is not None and errors.noise_floor
-        ratio = f"{errors.fitted / errors.noise_floor:.2f}" if is_judged else NONE  # type: ignore[operator]
-        rows.append([*row, amount(errors.noise_floor), ratio])
+        errors, ratio = rung.whole, NONE
+        if errors.rmse is not None and errors.noise_floor:
+            ratio = Cell(f"{errors.rmse / errors.noise_floor:.2f}")
+        head: Row = [Cell(str(rung.number), mark="*" if rung.is_current else ""), str(rung.parent or "")]
+        heldout = [amount(errors.heldout)] if has_heldout else []
+        floor = amount(errors.noise_floor)
+        rows.append([*head, ", ".join(changes(rung)), amount(errors.rmse), *heldout, floor, ratio])
     header = ["model", "from", "change", "RMSE (A)", *(["hold-out (A)"] if has_heldout else [])]
     caption = "RMSE of the whole arm's fitted runs. Noise floor: from the differences of repeated runs."
     if not has_heldout:
@@ -392,16 +399,71 @@ def history_table(ladder: Ladder) -> Table:
     return Table(title, [*header, "noise floor (A)", "RMSE / floor"], rows, notes, caption, (0, 1, 2))
 
 
-def history_joint_tables(ladder: Ladder) -> list[Table]:
-    """One row a joint, one column a model: RMSE of fitted runs, and of held-out runs if there are any."""
-    last = ladder.rungs[-1].joints
-    header = ["joint", *(str(rung.number) for rung in ladder.rungs), "noise floor (A)"]
-    tables = []
-    for name, title in (("fitted", "RMSE (A) of fitted runs"), ("heldout", "RMSE (A) of held-out runs")):
-        rows: list[list[Cell | str]] = []
-        for place, fit in enumerate(last):
-            errors = [getattr(joint_errors(rung.joints[place]), name) for rung in ladder.rungs]
-            rows.append([str(fit.joint), *map(amount, errors), amount(fit.noise_floor)])
-        has_values = any(cell is not NONE for row in rows for cell in row[1:-1])
-        tables += [Table(f"{title}, by joint and model", header, rows)] if has_values or name == "fitted" else []
-    return tables
+def history_joint_table(ladder: Ladder) -> Table:
+    """One row a joint, one column a model: RMSE of fitted runs, then of held-out runs where there are any."""
+    rows: list[Row] = []
+    for kind, name in (("fitted", "rmse"), ("held out", "heldout")):
+        for fits in zip(*(rung.joints for rung in ladder.rungs), strict=True):
+            errors = [getattr(fit, name) for fit in fits]
+            if any(error is not None for error in errors):
+                rows.append([str(fits[-1].joint), kind, *map(amount, errors), amount(fits[-1].noise_floor)])
+    header = ["joint", "runs", *(str(rung.number) for rung in ladder.rungs), "noise floor (A)"]
+    return Table("RMSE (A) by joint and model", header, rows, words=(0, 1))
+
+
+# On the terminal
+
+
+def diagnosis_parts(diagnosis: Diagnosis, robot: Robot, *, units: str = "rad") -> list[Paragraph | Table]:
+    """Sentences of a diagnosis, then the tables behind them; angles in `units` (``rad`` or ``deg``)."""
+    parts: list[Paragraph | Table] = [Paragraph(sentences.headline(diagnosis, robot), style="bold")]
+    for count, finding in enumerate(diagnosis.findings, start=1):
+        parts += [EMPTY, Paragraph(f"{count}. {sentences.finding_title(finding, robot)}", style="bold")]
+        texts = sentences.finding_sentences(finding, diagnosis, robot, units=units)
+        parts += [Paragraph(text, 3) for text in [*texts, sentences.decision_sentence(finding)] if text]
+        if finding.command:
+            parts += [Paragraph("Add it with:", 3), Paragraph(finding.command, 5, is_command=True)]
+    for joint in diagnosis.joints:
+        if joint.verdict == UNEXPLAINED_JOINT:
+            parts += [EMPTY, Paragraph(sentences.unexplained_title(joint, robot), style="bold")]
+            parts += [Paragraph(text, 3) for text in sentences.unexplained_sentences(joint, units)]
+            parts += [shape_table(joint.unexplained, units)] if joint.unexplained is not None else []
+    others = sentences.other_sentences(diagnosis, robot)
+    parts += [EMPTY, *map(Paragraph, others)] if others else []
+    limits = sentences.weaknesses(diagnosis, robot)
+    parts += [EMPTY, Paragraph("Limits of this diagnosis:")] if limits else []
+    parts += [Paragraph(f"- {text}", 2) for text in limits]
+    quiet = [joint.joint for joint in diagnosis.joints if joint.verdict == ADEQUATE]
+    tables = [candidate_table(diagnosis, robot)]
+    tables += [deciding_runs_table(finding, robot, units) for finding in diagnosis.findings]
+    tables += [limit_table(diagnosis, robot, units=units, joints=quiet)] if quiet else []
+    for table in tables:
+        parts += [] if table is None else [EMPTY, table]
+    return parts
+
+
+def budget_parts(comparison: Comparison, robot: Robot) -> list[Paragraph]:
+    """A sentence and bars for each joint whose residual is more than noise, then the other joints."""
+    parts = []
+    for score in comparison.joints:
+        if score.budget is not None and not is_noise_only(score.budget):
+            parts += [Paragraph(budget_sentence(score, robot)), Paragraph(budget_bars(score.budget), 2), EMPTY]
+    parts += [Paragraph(BUDGET_CAPTION, style="dim"), EMPTY] if parts else []
+    noise_only, limits = noise_only_sentence(comparison, robot), budget_limit_sentences(comparison, robot)
+    parts += [Paragraph(noise_only)] if noise_only else []
+    parts += [Paragraph("What these runs cannot separate:")] if limits else []
+    parts += [Paragraph(f"- {text}", 2) for text in limits]
+    return [EMPTY, Paragraph("Residual budget", style="bold"), *parts] if parts else []
+
+
+def budget_bars(budget: Budget) -> str:
+    """Each part of a residual with its share and a bar, a line each."""
+    parts = [part for part in budget.parts if part.mean_square > 0.0]
+    width = max((len(PART_NAMES[part.name]) for part in parts), default=0)
+    lines = []
+    for part in parts:
+        share = part_share(budget, part)
+        mark = NOISE if part.name.startswith("noise") or not part.is_more else SIGNIFICANT
+        bar = mark * max(round(BUDGET_BAR * share), 1)
+        lines.append(f"{PART_NAMES[part.name]:<{width}}  {100.0 * share:5.1f} %  {bar}")
+    return "\n".join(lines)

@@ -6,14 +6,12 @@ import re
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
 
-import numpy as np
-
 from pumaid.errors import Note
 from pumaid.estimate import IDENTIFIED, NOT_IDENTIFIABLE, Value
 from pumaid.estimation.comparison import Budget, BudgetPart, Comparison, JointScore
 from pumaid.reporting.context import ReportContext
 from pumaid.reporting.formatting import amperes, joint_title, joint_titles, listed, percent, plural
-from pumaid.results.history import Ladder, Rung
+from pumaid.results.history import Rung
 from pumaid.robot import EffectChoice, Robot
 from pumaid.units import number
 
@@ -22,12 +20,14 @@ from pumaid.units import number
 ATTENTION = 1.25
 #: RMSE over noise floor up to which a joint is at the floor, and below which the floor holds more than noise.
 AT_FLOOR, BELOW_FLOOR = 1.1, 0.8
+#: RMSE over noise floor up to which a verdict holds.
+FLOOR_VERDICTS = {
+    BELOW_FLOOR: "below the floor, so repeated runs differ by something that the model follows (drift, warm-up)",
+    AT_FLOOR: "at the floor, nothing missing that repeated runs can show",
+    ATTENTION: "little above the floor",
+}
 #: A: errors below this are round-off.
 ROUNDING = 1e-7
-#: Predictions that vary by less than this share of the RMSE are one current.
-CONSTANT = 0.2
-
-EFFECT_NAMES = {"gravity": "gravity", "coulomb": "Coulomb friction", "viscous": "viscous friction"}
 
 #: Parts of the residual budget, as in legends.
 PART_NAMES = {
@@ -109,9 +109,7 @@ def is_structural(value: Value) -> bool:
 
 
 def merge_notes(notes: Iterable[Note]) -> list[Note]:
-    """Notes, each once; the same note of several joints becomes one.
-
-    Notes are the same when slug and place (but for the joint) agree, and the text behind ``joint N`` at its beginning.
+    """Notes, each once; those of several joints that differ only in ``joint N`` at their beginning become one.
 
     Examples
     --------
@@ -120,20 +118,17 @@ def merge_notes(notes: Iterable[Note]) -> list[Note]:
     >>> print(*merge_notes(two))
     note[few-runs]: each of joints 2 and 3 has 1 run: its errors are too small
     """
-    groups: dict[tuple[object, ...], list[Note]] = {}
+    groups: dict[tuple[Note, str], list[Note]] = {}
     for note in dict.fromkeys(notes):
         rest = re.sub(rf"^joint {note.where.joint}(?=[ :])", "", note.text, flags=re.IGNORECASE)
         is_of_joint = note.where.joint is not None and rest != note.text
-        key: tuple[object, ...] = (note.slug, replace(note.where, joint=None), rest) if is_of_joint else (note,)
-        groups.setdefault(key, []).append(note)
+        shared = replace(note, text="", where=replace(note.where, joint=None)) if is_of_joint else note
+        groups.setdefault((shared, rest), []).append(note)
     merged = []
-    for key, group in groups.items():
-        note = group[0]
-        if len(group) > 1:
-            joints, rest = listed([str(other.where.joint) for other in group]), str(key[-1])
-            text = f"joints {joints}{rest}" if rest.startswith(":") else f"each of joints {joints}{rest}"
-            note = Note(note.slug, text, replace(note.where, joint=None))
-        merged.append(note)
+    for (shared, rest), group in groups.items():
+        joints = listed([str(note.where.joint) for note in group])
+        text = f"joints {joints}{rest}" if rest.startswith(":") else f"each of joints {joints}{rest}"
+        merged.append(replace(shared, text=text) if len(group) > 1 else group[0])
     return merged
 
 
@@ -155,13 +150,10 @@ def parameters_sentence(context: ReportContext) -> str:
     values = [value for value in context.estimate.values if not is_structural(value)]
     identified = sum(value.state == IDENTIFIED for value in values)
     unknown = sum(value.state == NOT_IDENTIFIABLE for value in values)
-    words = f"{identified} of {len(values)} parameters are identified"
-    if unknown:
-        words += f"; {unknown} {'is' if unknown == 1 else 'are'} not identifiable (reasons below the table)"
+    words = f"Identified parameters: {identified} of {len(values)}"
+    words += f"; not identifiable: {unknown} (reasons below the table)" if unknown else ""
     sums = len(context.estimate.combinations)
-    if sums:
-        words += f", but {plural(sums, 'combination')} of parameters {'is' if sums == 1 else 'are'}"
-    return words + "."
+    return words + (f"; identified combinations of these: {sums}." if sums else ".")
 
 
 def joint_sentence(context: ReportContext, score: JointScore) -> str:
@@ -169,11 +161,14 @@ def joint_sentence(context: ReportContext, score: JointScore) -> str:
     title = context.title(score.joint)
     if score.rmse is None:
         return f"{title} never moves alone in these logs, so its error is unknown."
-    words = f"{title}: {_explained(context, score)}; RMSE {amperes(score.rmse)}"
-    if score.noise_floor is not None:
+    words = f"{title}: {_explained(score.explained)}; RMSE {amperes(score.rmse)}, noise floor "
+    if score.noise_floor is None:
+        words += "unknown (no repeated run)."
+    else:
         ratio = (score.rmse - ROUNDING) / max(score.noise_floor, ROUNDING)
-        words += f", noise floor {amperes(score.noise_floor)}: {_floor_verdict(ratio)}"
-    words += "."
+        above = f"{number(ratio, 2)} times the floor, so the model lacks something"
+        verdict = next((text for limit, text in FLOOR_VERDICTS.items() if ratio <= limit), above)
+        words += f"{amperes(score.noise_floor)}: {verdict}."
     if score.heldout is not None and score.heldout_runs < score.runs:
         words += f" Hold-out RMSE ({plural(score.heldout_runs, 'run')}): {amperes(score.heldout)}."
     if score.undetermined:
@@ -181,48 +176,12 @@ def joint_sentence(context: ReportContext, score: JointScore) -> str:
     return words
 
 
-def _explained(context: ReportContext, score: JointScore) -> str:
-    if (score.rms or 0.0) <= ROUNDING:
-        return "no current was measured"
-    if score.explained is None:
+def _explained(share: float | None) -> str:
+    if share is None:
         return "the measured current is constant"
-    predicted = np.concatenate([run.predicted for run in context.comparison.of_joint(score.joint)])
-    if float(np.ptp(predicted)) <= CONSTANT * (score.rmse or 0.0):
-        return "the predicted current is the same in all runs, so there is no variation to explain"
-    if score.explained < 0.0:
-        return "the model is worse than a constant current"
-    return f"the model explains {percent(score.explained)} of the current's variance"
-
-
-def _floor_verdict(ratio: float) -> str:
-    if ratio < BELOW_FLOOR:
-        return "below the floor, so repeated runs differ by something that the model follows (drift, warm-up)"
-    if ratio <= AT_FLOOR:
-        return "at the floor, nothing missing that repeated runs can show"
-    if ratio <= ATTENTION:
-        return "little above the floor"
-    return f"{number(ratio, 2)} times the floor, so the model lacks something"
-
-
-def still_sentence(context: ReportContext) -> str | None:
-    """Which joints never move alone; None where all do."""
-    still = [str(score.joint) for score in context.comparison.joints if score.rmse is None]
-    if not still:
-        return None
-    return f"Joint{'s' * (len(still) > 1)} {listed(still)} never move{'s' * (len(still) == 1)} alone in these logs."
-
-
-def noise_sentence(context: ReportContext) -> str | None:
-    """Which joints have no noise floor; None where all have one."""
-    scores = [score for score in context.comparison.joints if score.rmse is not None]
-    blind = [str(score.joint) for score in scores if score.noise_floor is None]
-    if not blind:
-        return None
-    which = "any joint" if len(blind) == len(scores) else f"joint{'s' * (len(blind) > 1)} {listed(blind, 'or')}"
-    return (
-        f"No run of {which} is repeated, so the noise floor is unknown:"
-        " repeat a few runs (same posture, speed and direction)."
-    )
+    if share < 0.0:
+        return "the model is no better than a constant current"
+    return f"the model explains {percent(share)} of the current's variance"
 
 
 # Residual budget
@@ -256,31 +215,23 @@ def is_noise_only(budget: Budget) -> bool:
 
 def part_sentence(budget: Budget, part: BudgetPart) -> str:
     """What a part says of the residual, without a full stop."""
-    share = share_text(part_share(budget, part))
     if part.name == "fast" and part.is_more:
-        waves = [_wave(part, index) for index in range(min(len(part.cycles), MOST_RIPPLES))]
-        waves += [f"{len(part.cycles) - MOST_RIPPLES} more"] if len(part.cycles) > MOST_RIPPLES else []
+        motor = [f" ({number(turns, 3)} a motor turn)" for turns in part.gearing] or [""] * len(part.cycles)
+        waves = [number(cycles, 4) + turns for cycles, turns in zip(part.cycles, motor, strict=True)]
+        more = [f"{len(waves) - MOST_RIPPLES} more"] if len(waves) > MOST_RIPPLES else []
         size = " whose amplitude changes along the run" if "size" in part.against else ""
-        return f"{share} is ripple over position{size}: {listed(waves)} cycles per {part.per}"
-    if part.name == "unassigned":
-        return f"{share} {_unassigned(budget, part)}"
-    if part.name.startswith("noise"):
-        return f"{share} is {PART_NAMES[part.name]}"
-    patterns = [PATTERNS[part.name, variable] for variable in part.against]
-    return f"{share} {'; part of it '.join(patterns)}" if patterns else share
-
-
-def _wave(part: BudgetPart, index: int) -> str:
-    cycles = number(part.cycles[index], 4)
-    return f"{cycles} ({number(part.gearing[index], 3)} a motor turn)" if part.gearing else cycles
-
-
-def _unassigned(budget: Budget, part: BudgetPart) -> str:
-    if part.is_more:
-        return "repeats from run to run but matches no known pattern"
-    if "few-runs" in budget.limits:
-        return "is slow within runs: noise or missing physics (too few runs to separate them)"
-    return "differs from run to run: noise or missing physics (repeated runs would separate them)"
+        words = f"is ripple over position{size}: {listed(waves[:MOST_RIPPLES] + more)} cycles per {part.per}"
+    elif part.name == "unassigned" and part.is_more:
+        words = "repeats from run to run but matches no known pattern"
+    elif part.name == "unassigned" and "few-runs" in budget.limits:
+        words = "is slow within runs: noise or missing physics (too few runs to separate them)"
+    elif part.name == "unassigned":
+        words = "differs from run to run: noise or missing physics (repeated runs would separate them)"
+    elif part.name.startswith("noise"):
+        words = f"is {PART_NAMES[part.name]}"
+    else:
+        words = "; part of it ".join(PATTERNS[part.name, variable] for variable in part.against)
+    return f"{share_text(part_share(budget, part))} {words}".rstrip()
 
 
 def budget_sentence(score: JointScore, robot: Robot) -> str:
@@ -288,49 +239,40 @@ def budget_sentence(score: JointScore, robot: Robot) -> str:
     budget = score.budget
     if budget is None:
         return f"{joint_title(robot, score.joint)} never moves alone in these logs."
-    words = [part_sentence(budget, part) for part in significant_parts(budget)]
-    unassigned = budget.part("unassigned")
-    words += [part_sentence(budget, unassigned)] if unassigned.mean_square > 0.0 and not unassigned.is_more else []
+    parts, unassigned = significant_parts(budget), budget.part("unassigned")
+    if unassigned.mean_square > 0.0 and not unassigned.is_more:
+        parts.append(unassigned)
+    words = [part_sentence(budget, part) for part in parts]
     noise = share_text(budget.noise / budget.mean_square if budget.mean_square > 0.0 else 1.0)
     is_judged = budget.replicates > 0 and "few-runs" not in budget.limits
     words += [f"{noise} is noise" + ("" if is_judged else ", as far as these runs can show")]
-    effects = list(dict.fromkeys(effect for part in significant_parts(budget) for effect in part.points_to))
+    effects = list(dict.fromkeys(effect for part in parts if part.is_more for effect in part.points_to))
     similar = f" Effects with this pattern: {listed(effects, 'or')}." if effects else ""
     return f"{joint_title(robot, score.joint)}, RMSE {amperes(score.rmse)}: {'; '.join(words)}.{similar}"
 
 
-def noise_only_sentence(comparison: Comparison, robot: Robot) -> str | None:
-    """Which joints' residuals are noise alone; None where none is."""
-    joints = [s.joint for s in comparison.joints if s.budget is not None and is_noise_only(s.budget)]
-    if not joints:
-        return None
-    moving = sum(score.budget is not None for score in comparison.joints)
-    who = "All joints" if len(joints) == moving > 1 else joint_titles(robot, joints)
-    return f"{who}: the residual is noise, as far as these runs can show."
+def noise_only_sentence(comparison: Comparison, robot: Robot) -> str:
+    """Which joints' residuals are noise alone; empty where none is."""
+    joints = [joint for joint, budget in _budgets(comparison).items() if is_noise_only(budget)]
+    who = _who(joints, comparison, robot)
+    return f"{who}: the residual is noise, as far as these runs can show." if joints else ""
 
 
-def budget_limit_sentences(comparison: Comparison) -> list[str]:
+def budget_limit_sentences(comparison: Comparison, robot: Robot) -> list[str]:
     """What the runs cannot separate, without a full stop; one sentence for all joints that lack the same."""
-    joints: dict[str, list[str]] = {}
-    for score in comparison.joints:
-        for slug in score.budget.limits if score.budget is not None else ():
-            joints.setdefault(slug, []).append(str(score.joint))
-    moving = sum(score.budget is not None for score in comparison.joints)
     out = []
     for slug, text in BUDGET_LIMITS.items():
-        names = joints.get(slug, [])
-        who = "all joints" if len(names) == moving > 1 else f"joint{'s' * (len(names) > 1)} {listed(names)}"
-        out += [f"{who}: {text}"] if names else []
+        joints = [joint for joint, budget in _budgets(comparison).items() if slug in budget.limits]
+        out += [f"{_who(joints, comparison, robot)}: {text}"] if joints else []
     return out
 
 
-def budget_verdict(context: ReportContext) -> str:
-    """Whether any joint's residual is more than noise."""
-    scores = [score for score in context.comparison.joints if score.budget is not None]
-    joints = [score.joint for score in scores if score.budget and significant_parts(score.budget)]
-    if joints:
-        return f"{joint_titles(context.robot, joints)}: the residual is more than noise, so some physics is missing."
-    return noise_sentence(context) or "No joint's residual is more than noise."
+def _budgets(comparison: Comparison) -> dict[int, Budget]:
+    return {score.joint: score.budget for score in comparison.joints if score.budget is not None}
+
+
+def _who(joints: Sequence[int], comparison: Comparison, robot: Robot) -> str:
+    return "All joints" if len(joints) == len(_budgets(comparison)) > 1 else joint_titles(robot, joints)
 
 
 # History of models
@@ -351,23 +293,8 @@ def effect_list(effects: Sequence[EffectChoice], n_joints: int) -> list[str]:
 
 def changes(rung: Rung) -> list[str]:
     """What a model adds to the one it was made from (``+ stribeck@3``) and what it removes."""
-    if rung.parent is None:
-        return ["base model", *(f"+ {name}" for name in effect_list(rung.effects, len(rung.joints)))]
-    words = [f"+ {name}" for name in effect_list(rung.added, len(rung.joints))]
-    words += [f"− {name}" for name in effect_list(rung.removed, len(rung.joints))]
+    is_first = rung.parent is None
+    words = ["base model"] if is_first else []
+    words += [f"+ {name}" for name in effect_list(rung.effects if is_first else rung.added, len(rung.joints))]
+    words += [f"− {name}" for name in effect_list(rung.removed, len(rung.joints)) if not is_first]
     return words or ["fitted again"]
-
-
-def history_sentence(ladder: Ladder) -> str:
-    """How the error changed from the first model to the current one."""
-    path = ladder.path
-    first, last = path[0].whole, path[-1].whole
-    if len(path) == 1:
-        words = f"The current model is the first one; {plural(len(ladder.rungs) - 1, 'other model')} were tried."
-    else:
-        steps = plural(len(path) - 1, "step")
-        words = f"In {steps} the RMSE of fitted runs went from {amperes(first.fitted)} to {amperes(last.fitted)}"
-        if first.heldout is not None and last.heldout is not None:
-            words += f", the hold-out RMSE from {amperes(first.heldout)} to {amperes(last.heldout)}"
-        words += "."
-    return words + (f" Noise floor: {amperes(last.noise_floor)}." if last.noise_floor is not None else "")

@@ -30,7 +30,7 @@ _NAME = re.compile(r"(\d+)-.*\.json")
 class Errors:
     """RMSE (A) of the fitted and of the held-out runs, and the noise floor (A); None where not known."""
 
-    fitted: float | None
+    rmse: float | None
     heldout: float | None
     noise_floor: float | None
 

@@ -9,7 +9,7 @@ import diagnoses
 import pytest
 from rich.console import Console
 
-from pumaid.reporting.terminal import diagnosis_parts
+from pumaid.reporting.tables import diagnosis_parts
 
 GOLD = Path(__file__).with_name("gold")
 TOLD = {"rich": diagnoses.rich(), "clean": diagnoses.clean()}

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 import report_contexts
 
-from pumaid.reporting.export import parameters_as
+from pumaid.reporting.documents import parameters_as
 
 GOLD = Path(__file__).with_name("gold")
 

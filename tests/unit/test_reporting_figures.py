@@ -180,7 +180,7 @@ def test_steps_stand_at_the_errors_with_their_names():
     path = ladder(3, 1)
     with styled():
         axes = model.history(path).axes[0]
-    fitted = np.array([rung.whole.fitted for rung in path.rungs])
+    fitted = np.array([rung.whole.rmse for rung in path.rungs])
     heights = [line.get_ydata() for line in axes.lines]
     assert any(np.allclose(line, [*fitted, fitted[-1]]) for line in heights)
     assert any(np.allclose(line, 1.1 * np.array([*fitted, fitted[-1]])) for line in heights)

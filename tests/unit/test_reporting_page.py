@@ -15,10 +15,8 @@ import pytest
 import report_contexts
 from ladders import experiment
 
-from pumaid.reporting import sections
-from pumaid.reporting.export import export, parameters_as, parameters_frame
-from pumaid.reporting.page import all_figures, all_sections, page
-from pumaid.reporting.text import budget_verdict
+from pumaid.reporting.documents import parameters_as, parameters_frame
+from pumaid.reporting.page import all_figures, all_sections, page, report_files
 from pumaid.results.history import ladder_of
 
 
@@ -96,11 +94,10 @@ def test_names_are_text_not_markup():
 
 
 def test_summary_comes_before_tables(context, html):
-    """A sentence on each joint before any table; notes and rejects with their place; the budget's verdict."""
+    """A sentence on each joint before any table; notes and rejects with their place."""
     first = html[: html.index("<table")]
     assert "Joint 1 (joint 1): the model explains" in first and "noise floor" in first
     assert "0.2 s are missing" in html and "logs/a.csv, row 7" in html and "joint 1 speeds up for 1.0 s" in html
-    assert budget_verdict(context) in section(html, "residuals")
 
 
 def test_one_direction_is_not_explained_as_two(context, html, inline):
@@ -141,10 +138,9 @@ def test_history_is_shown_where_there_are_several_models(tmp_path, context, inli
     assert ladder_of(tmp_path / "model.json") is None and ladder_of(Path("-")) is None
 
 
-def test_export_has_page_tables_and_figures(context, inline):
+def test_a_report_has_page_tables_and_figures(context):
     """One call yields all files, the page last; CSV, Parquet and the records agree."""
-    drawn = ((name, {"svg": b"<svg/>", "inline": svg.encode()}) for name, svg in inline.items())
-    files = dict(export(context, drawn))
+    files = dict(report_files(context, ["svg"]))
     assert list(files)[-1] == "report.html" and "figures/spent.svg" in files
     assert {"tables/parameters.tex", "tables/runs.parquet", "tables/comparison.md"} < set(files)
     csv = pd.read_csv(io.BytesIO(files["tables/parameters.csv"]))
@@ -161,22 +157,3 @@ def test_degrees_change_value_error_and_interval(context):
     assert degrees["unit"] == "A s/deg"
     for column in ("value", "std_error", "ci_low", "ci_high"):
         assert degrees[column] == pytest.approx(radians[column] * 3.141592653589793 / 180, rel=1e-12)
-
-
-def test_a_new_section_is_one_file_and_a_template(context, inline, tmp_path, monkeypatch):
-    """A file in the folder of sections and its template are found, with nothing to register."""
-    (tmp_path / "greeting.py").write_text(
-        "from pumaid.reporting.sections import Section\n\n\n"
-        "class Greeting(Section):\n    order = 5\n    title = 'Greeting'\n\n"
-        "    def content(self, context, figures):\n        return {'words': context.robot.name}\n",
-        encoding="utf-8",
-    )
-    template = Path(sections.__path__[0]).parent / "templates" / "greeting.html"
-    monkeypatch.setattr(sections, "__path__", [*sections.__path__, str(tmp_path)])
-    all_sections.cache_clear()
-    try:
-        template.write_text("<p>This is {{ words }}.</p>", encoding="utf-8")
-        assert "<p>This is 2 levels.</p>".replace("2 levels", context.robot.name) in page(context, inline=inline)
-    finally:
-        template.unlink()
-        all_sections.cache_clear()

@@ -9,10 +9,9 @@ import numpy as np
 import pytest
 
 from pumaid.cli import output
-from pumaid.errors import Note
+from pumaid.errors import Note, visible
 from pumaid.reporting.figures.runs import timetable_figure
 from pumaid.reporting.run_tables import axes_table, plan_tables, session_table
-from pumaid.reporting.visible import visible
 from pumaid.robot import Joint, Robot
 from pumaid.trajectory import Motion, Plan, Posture
 

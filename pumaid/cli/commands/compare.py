@@ -75,8 +75,7 @@ def command(
     from pumaid.reporting.context import ReportContext
     from pumaid.reporting.documents import comparison_document
     from pumaid.reporting.figures.residuals import overview_figure
-    from pumaid.reporting.tables import comparison_table, outside_table, worst_runs_table
-    from pumaid.reporting.terminal import budget_parts
+    from pumaid.reporting.tables import budget_parts, comparison_table, outside_table, worst_runs_table
     from pumaid.reporting.text import is_above_floor
     from pumaid.results.documents import heading
 

@@ -127,8 +127,7 @@ def command(
 
 def _show(diagnosis: Diagnosis, robot: Robot, *, units: str, model: Path | None) -> None:
     """What was found; before it the ladder that ends at the file `model`, where effects were added."""
-    from pumaid.reporting.tables import history_table
-    from pumaid.reporting.terminal import diagnosis_parts
+    from pumaid.reporting.tables import diagnosis_parts, history_table
     from pumaid.results.history import ladder_of
 
     steps = None if model is None or not diagnosis.applied else ladder_of(model)

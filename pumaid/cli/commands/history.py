@@ -38,7 +38,7 @@ def command(*, folder: Path, results: Path | None, restore: int | None, picture:
     """
     from pumaid.reporting.documents import history_document
     from pumaid.reporting.figures.model import history_figure
-    from pumaid.reporting.tables import history_joint_tables, history_table
+    from pumaid.reporting.tables import history_joint_table, history_table
     from pumaid.results.documents import heading
     from pumaid.results.history import read_history
 
@@ -56,7 +56,7 @@ def command(*, folder: Path, results: Path | None, restore: int | None, picture:
         document(heading("history") | history_document(history))
     else:
         first, *others = history.ladders
-        tables(history_table(first), *history_joint_tables(first), *map(history_table, others))
+        tables(history_table(first), history_joint_table(first), *map(history_table, others))
 
 
 def _unknown(history: History) -> list[Note]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -74,34 +75,26 @@ def command(
     near = logs or ((str(model.parent.parent / "logs"),) if model and str(model) != "-" else ("logs",))
     home = experiment_folder(recipe, near)
     source = model or home / "results" / "model.json"
-    _check_stdout(form, output, as_json=as_json)
+    if as_json and (form is not None or str(output) == "-"):
+        raise click.UsageError("--json tells which files a report wrote; --table and -o - want standard output too.")
     chosen, where = _forms(forms), logs or (str(home / "logs"),)
     inputs = read_files(near if form else where, recipe, source, source.parent / "diagnosis.json")
     spare_inputs([output], inputs)
     if form is not None:
-        _table(source, near, recipe=recipe, form=form, units=units, output=output)
+        _write([(output or Path("-"), _table(source, near, recipe=recipe, form=form, units=units))], "table")
         return
     read = partial(read_dataset, where, recipe, trust=trust, heldout=heldout, reading=reading, results=results)
-    told = _story(source, read, place=(recipe, where), units=units)
+    context = _context(source, read, place=(recipe, where), units=units)
     folder = results or home / "results"
-    made = _made(told, folder, figures=figures or folder / "figures", forms=chosen, page=output)
-    spare_inputs([path for path, _ in made], inputs)
-    _write(made)
-    remark(f"report written to {made[-1][0]}")
-    remark(f"{len(made) - 1} tables and figures written to {folder}")
+    files = _files(context, folder, figures=figures or folder / "figures", forms=chosen, page=output)
+    spare_inputs([path for path, _ in files], inputs)
+    _write(files, "report")
+    remark(f"{len(files) - 1} tables and figures written to {folder}")
     if as_json:
         from pumaid.results.documents import heading
 
-        files = {"files": [str(path) for path, _ in made]}
-        document(heading("report", robot=told.robot, logs=told.comparison.logs) | files)
-
-
-def _check_stdout(form: str | None, output: Path | None, *, as_json: bool) -> None:
-    """Refuse two things that both want standard output."""
-    if as_json and form is not None:
-        raise click.UsageError("--json tells what a report wrote, --table prints a table: for JSON give --table json.")
-    if as_json and str(output) == "-":
-        raise click.UsageError("--json and -o - both want standard output; give one of them.")
+        head = heading("report", robot=context.robot, logs=context.comparison.logs)
+        document(head | {"files": [str(path) for path, _ in files]})
 
 
 def _forms(text: str) -> list[str]:
@@ -113,33 +106,27 @@ def _forms(text: str) -> list[str]:
     return list(dict.fromkeys(forms))
 
 
-def _table(
-    source: Path, near: Sequence[str], *, recipe: Path | None, form: str, units: str, output: Path | None
-) -> None:
+def _table(source: Path, near: Sequence[str], *, recipe: Path | None, form: str, units: str) -> bytes:
     """Only the parameter table."""
     from pumaid.experiment import check_model, read_known_model, read_robot
-    from pumaid.io.write import write_file
-    from pumaid.reporting.export import parameters_as
+    from pumaid.reporting.documents import parameters_as
 
     estimate, robot = read_known_model(source), read_robot(recipe, near)
     check_model(estimate, robot, (recipe, near))
-    made = parameters_as(estimate, robot, form, units=units)
-    if output is None or str(output) == "-":
-        content(made)
-    else:
-        write_file(output, made)
-        remark(f"table written to {output}")
+    return parameters_as(estimate, robot, form, units=units)
 
 
-def _story(
+def _context(
     source: Path,
     read: Callable[[], tuple[Robot, Dataset]],
     *,
     place: tuple[Path | None, Sequence[str]],
     units: str,
 ) -> ReportContext:
-    """What the report tells of: the model on the logs, and the models before it."""
+    """The model on the logs, the models before it, and the diagnosis beside it unless that cannot be used."""
     from pumaid.diagnosis.compare import compare
+    from pumaid.diagnosis.document import DIAGNOSIS_NAME, read_diagnosis, stale
+    from pumaid.errors import Note, ResultError
     from pumaid.experiment import check_model, read_known_model
     from pumaid.reporting.context import ReportContext
     from pumaid.results.history import ladder_of
@@ -149,58 +136,45 @@ def _story(
     check_model(estimate, robot, place)
     comparison = compare(estimate, dataset, robot)
     notes((*dataset.notes, *estimate.notes, *comparison.notes))
-    told = ReportContext(robot, estimate, dataset, comparison, units, ladder=ladder_of(source))
-    return _diagnosed(told, source.parent)
-
-
-def _diagnosed(told: ReportContext, results: Path) -> ReportContext:
-    """The story with the diagnosis that stands beside the model; one that cannot be read is told and left out."""
-    from dataclasses import replace
-
-    from pumaid.diagnosis.document import DIAGNOSIS_NAME, read_diagnosis, stale
-    from pumaid.errors import Note, ResultError
-
-    path = results / DIAGNOSIS_NAME
+    context = ReportContext(robot, estimate, dataset, comparison, units, ladder=ladder_of(source))
+    path = source.parent / DIAGNOSIS_NAME
     if not path.is_file():
-        return told
+        return context
     try:
-        found = read_diagnosis(path)
+        diagnosis = read_diagnosis(path)
+        if len(diagnosis.joints) != robot.n_joints:
+            what = f"{path} is of an arm with {len(diagnosis.joints)} joints, this one has {robot.n_joints}"
+            raise ResultError("diagnosis-damaged", what)
     except ResultError as error:
         notes([Note("diagnosis-damaged", f"{error.what}; the page leaves it out", error.where)])
-        return told
-    if len(found.joints) != told.robot.n_joints:
-        what = f"{path} is of an arm with {len(found.joints)} joints, this one has {told.robot.n_joints}"
-        notes([Note("diagnosis-damaged", f"{what}; the page leaves it out")])
-        return told
-    return replace(told, diagnosis=found, stale=stale(found, told.estimate, told.comparison.logs))
+        return context
+    return replace(context, diagnosis=diagnosis, stale=stale(diagnosis, estimate, comparison.logs))
 
 
-def _made(
-    told: ReportContext, folder: Path, *, figures: Path, forms: Sequence[str], page: Path | None
+def _files(
+    context: ReportContext, folder: Path, *, figures: Path, forms: Sequence[str], page: Path | None
 ) -> list[tuple[Path, bytes]]:
     """Every file with its content, the page last; nothing is written."""
-    from pumaid.reporting.export import export
-    from pumaid.reporting.figures.style import INLINE
-    from pumaid.reporting.page import all_figures
+    from pumaid.reporting.page import report_files
 
-    made: list[tuple[Path, bytes]] = []
-    drawn = ((drawing.name, drawing.files([*forms, INLINE])) for drawing in all_figures(told))
+    files: list[tuple[Path, bytes]] = []
     with progress("drawing") as step:
-        for number, (name, data) in enumerate(export(told, drawn)):
+        for number, (name, data) in enumerate(report_files(context, forms)):
             step(number, name)
             part, _, rest = name.partition("/")
             place = figures / rest if part == "figures" else folder / name
-            made.append((page or place if name == "report.html" else place, data))
-    return made
+            files.append((page or place if name == "report.html" else place, data))
+    return files
 
 
-def _write(made: Sequence[tuple[Path, bytes]]) -> None:
-    """Write everything or nothing; the page, if it goes to standard output, once the rest is written."""
+def _write(files: Sequence[tuple[Path, bytes]], what: str) -> None:
+    """Write the files, or print the one that goes to standard output; say where the last went."""
     from pumaid.io.write import write_file
 
-    for path, data in made:
-        if str(path) != "-":
+    for path, data in files:
+        if str(path) == "-":
+            content(data)
+        else:
             write_file(path, data)
-    page, told = made[-1]
-    if str(page) == "-":
-        content(told)
+    if str(files[-1][0]) != "-":
+        remark(f"{what} written to {files[-1][0]}")

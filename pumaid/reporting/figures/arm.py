@@ -221,7 +221,7 @@ def _title(axes: Axes, robot: Robot, posture: PlannedPosture) -> None:
     heldout = len(posture.motions) - posture.fitted
     counts = [f"{posture.fitted} fit"] * (posture.fitted > 0) + [f"{heldout} hold-out"] * (heldout > 0)
     serves = f"\nfor {', '.join(posture.serves)}" if posture.serves else ""
-    name = f"{posture.name} {robot.joint(posture.joint).name}"
+    name = f"{posture.joint}{posture.letter} {robot.joint(posture.joint).name}"
     title = f"{shortened(name, 34)}\n{low} to {high} {unit}, {', '.join(counts)}{shortened(serves, 38)}"
     axes.set_title(title, fontsize=7.5, fontweight="normal")
 

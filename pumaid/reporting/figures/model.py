@@ -15,7 +15,7 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 from numpy.typing import NDArray
 
-from pumaid.estimate import Value
+from pumaid.estimate import JointFit, Value
 from pumaid.estimation.comparison import TOGETHER, UNEXPLAINED, JointScore
 from pumaid.reporting.context import ReportContext
 from pumaid.reporting.figures.style import (
@@ -29,8 +29,8 @@ from pumaid.reporting.figures.style import (
     text_colour,
 )
 from pumaid.reporting.formatting import amperes, in_unit, shortened
-from pumaid.reporting.tables import joint_errors, row_of
-from pumaid.reporting.text import EFFECT_NAMES, changes, is_structural
+from pumaid.reporting.tables import row_of
+from pumaid.reporting.text import changes, is_structural
 from pumaid.results.history import Errors, Ladder, Rung
 from pumaid.units import number
 
@@ -39,6 +39,7 @@ Floats = NDArray[np.float64]
 #: Effect -> colour of its share; other effects take the rest of the palette in turn.
 EFFECT_COLOURS = dict(zip(("gravity", "coulomb", "viscous", "inertia"), AREAS, strict=False))
 OTHER_COLOURS = AREAS[4:]
+EFFECT_NAMES = {"coulomb": "Coulomb friction", "viscous": "viscous friction"}
 
 #: Share of a bar with room for its number.
 ROOM = 0.15
@@ -230,14 +231,14 @@ def history(ladder: Ladder, *, width: float = 7.2) -> Figure:
     figure = Figure(figsize=(width, 3.6 + 1.35 * rows), layout="constrained")
     grid = figure.add_gridspec(1 + rows, columns, height_ratios=[3.1, *[1.35] * rows])
     main = figure.add_subplot(grid[0, :])
-    whole = [rung.whole for rung in path] if len(joints) != 1 else [joint_errors(r.joints[joints[0] - 1]) for r in path]
+    whole = [rung.whole if len(joints) != 1 else rung.joints[joints[0] - 1] for rung in path]
     _steps(main, whole, width=2.4)
     main.set_xticks(np.arange(len(path)) + 0.5, _model_labels(path, int(LETTERS * width / len(path))))
     main.set_ylabel("RMSE (A)")
     main.set_title(f"{shortened(ladder.robot)}: error of each model", pad=10)
     for place, joint in enumerate(joints if rows else []):
         axes = figure.add_subplot(grid[1 + place // columns, place % columns])
-        _steps(axes, [joint_errors(rung.joints[joint - 1]) for rung in path], width=1.6)
+        _steps(axes, [rung.joints[joint - 1] for rung in path], width=1.6)
         axes.set_xticks(np.arange(len(path)) + 0.5, [str(rung.number) for rung in path])
         axes.set_title(f"joint {joint} (A)", fontsize=9, fontweight="normal")
         axes.locator_params(axis="y", nbins=3)
@@ -250,9 +251,9 @@ def history(ladder: Ladder, *, width: float = 7.2) -> Figure:
     return figure
 
 
-def _steps(axes: Axes, errors: Sequence[Errors], *, width: float) -> None:
+def _steps(axes: Axes, errors: Sequence[Errors | JointFit], *, width: float) -> None:
     edges, largest = np.arange(len(errors) + 1), 0.0
-    for name, colour, dash in (("noise_floor", GREY, "-"), ("heldout", BACKWARD, "--"), ("fitted", FORWARD, "-")):
+    for name, colour, dash in (("noise_floor", GREY, "-"), ("heldout", BACKWARD, "--"), ("rmse", FORWARD, "-")):
         values = np.array([np.nan if (x := getattr(error, name)) is None else x for error in errors], dtype=float)
         if np.isnan(values).all():
             continue

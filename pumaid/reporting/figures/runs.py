@@ -20,7 +20,7 @@ from pumaid.dataset import Dataset, Reject, Run
 from pumaid.reporting.context import ReportContext
 from pumaid.reporting.figures.style import BACKWARD, FAINT, FORWARD, GREY, INK, PALETTE, TINT, Drawing
 from pumaid.reporting.formatting import in_unit
-from pumaid.reporting.run_tables import by_reason, counted_runs, posture_letters, samples_read
+from pumaid.reporting.run_tables import by_reason, counted_runs, planned_postures, samples_read
 from pumaid.robot import Robot
 from pumaid.trajectory import Plan
 
@@ -167,7 +167,8 @@ def timetable(plan: Plan, robot: Robot, times: Floats) -> Figure:
     strips = figure.subplots(robot.n_joints, 1, squeeze=False, sharex=True)[:, 0]
     minutes = np.asarray(times, dtype=float).reshape(-1, 2) / 60.0
     last = float(minutes.max(initial=0.0)) or 1.0
-    letters = posture_letters(plan)
+    by_motion = {motion: posture.letter for posture in planned_postures(plan) for motion in posture.motions}
+    letters = [by_motion[motion] for motion in plan.motions]
     for axes, joint in zip(strips, robot.joints, strict=True):
         numbers = [k for k, motion in enumerate(plan.motions) if motion.joint == joint.number]
         scale, unit = in_unit(joint.position_unit, "deg")

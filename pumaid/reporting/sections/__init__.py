@@ -3,11 +3,15 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from typing import ClassVar
 
 from pumaid.reporting.context import ReportContext
 from pumaid.reporting.figures.style import Drawing
+
+#: Figures of a section by name; what its template sees by name.
+Figures = Mapping[str, Drawing]
+Content = dict[str, object]
 
 
 class Section(ABC):
@@ -19,10 +23,8 @@ class Section(ABC):
 
     Attributes
     ----------
-    order
-        Place on the page.
-    title
-        Its heading.
+    order, title
+        Place on the page and heading.
 
     Examples
     --------
@@ -46,18 +48,10 @@ class Section(ABC):
         """Whether there is anything to show in this section."""
         return True
 
-    def figures(self, context: ReportContext) -> Sequence[Drawing]:
+    def figures(self, context: ReportContext) -> list[Drawing]:
         """The figures of this section."""
-        return ()
+        return []
 
     @abstractmethod
-    def content(self, context: ReportContext, figures: Mapping[str, Drawing]) -> dict[str, object]:
-        """What the template sees: names and their values; text is escaped there.
-
-        Parameters
-        ----------
-        context
-            What the report is made from.
-        figures
-            The section's own figures by name.
-        """
+    def content(self, context: ReportContext, figures: Figures) -> Content:
+        """What the template sees, with the section's `figures`; text is escaped there."""

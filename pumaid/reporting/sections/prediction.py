@@ -2,25 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-
 from pumaid.reporting.context import ReportContext
 from pumaid.reporting.figures.residuals import current_figures
 from pumaid.reporting.figures.style import Drawing
-from pumaid.reporting.sections import Section
+from pumaid.reporting.sections import Content, Figures, Section
 from pumaid.reporting.tables import comparison_table
 
 
 class Prediction(Section):
     """The paper's Fig. 4 for each joint."""
 
-    order = 40
-    title = "Model against measurement"
+    order, title = 40, "Model against measurement"
 
-    def figures(self, context: ReportContext) -> Sequence[Drawing]:
+    def figures(self, context: ReportContext) -> list[Drawing]:
         return current_figures(context)
 
-    def content(self, context: ReportContext, figures: Mapping[str, Drawing]) -> dict[str, object]:
+    def content(self, context: ReportContext, figures: Figures) -> Content:
         ways = {(score.run.joint, score.run.direction) for score in context.comparison.runs}
         return {
             "both_ways": any((joint, -1) in ways and (joint, 1) in ways for joint in context.moving()),

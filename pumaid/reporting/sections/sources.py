@@ -2,30 +2,25 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-
 from pumaid.effects import catalogue
 from pumaid.reporting.context import ReportContext
-from pumaid.reporting.figures.style import Drawing
-from pumaid.reporting.sections import Section
+from pumaid.reporting.sections import Content, Figures, Section
 from pumaid.reporting.table import Table
 
 
 class Sources(Section):
     """What is needed to repeat the identification."""
 
-    order = 90
-    title = "Sources and versions"
+    order, title = 90, "Sources and versions"
 
-    def content(self, context: ReportContext, figures: Mapping[str, Drawing]) -> dict[str, object]:
+    def content(self, context: ReportContext, figures: Figures) -> Content:
         titles: dict[str, list[str]] = {}
         for name in dict.fromkeys(name.split(".")[0] for name in context.estimate.names):
             if name in catalogue():
                 titles.setdefault(catalogue()[name].source, []).append(catalogue()[name].title)
-        fitted = context.estimate.logs
+        fitted, compared = context.estimate.logs, context.comparison.logs
         rows = [["recipe", context.robot.origin or "in memory", context.robot.digest or "-"]]
         rows += [["fitted log", name, digest] for name, digest in fitted.items()]
-        compared = {name: digest for name, digest in context.comparison.logs.items() if digest not in fitted.values()}
-        rows += [["compared log", name, digest] for name, digest in compared.items()]
+        rows += [["compared log", name, digest] for name, digest in compared.items() if digest not in fitted.values()]
         inputs = Table("Inputs", ("kind", "file", "SHA-256"), rows, words=(0, 1, 2))
         return {"sources": titles, "inputs": inputs, "model_version": context.estimate.version}
