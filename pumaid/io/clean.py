@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
-from dataclasses import dataclass, field
+from collections import Counter, defaultdict
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,7 +13,6 @@ from numpy.typing import NDArray
 from pumaid.dataset import Log
 from pumaid.errors import LogError, Note, Where
 from pumaid.io.columns import Columns
-from pumaid.io.row_faults import Intervals, RowFaults
 from pumaid.robot import Robot
 
 Floats = NDArray[np.float64]
@@ -22,19 +22,49 @@ Rows = NDArray[np.int64]
 ABSURD = 1e6
 #: s; three thousand years, so that seconds since 1970 pass and nanoseconds taken for seconds do not.
 ABSURD_TIME = 1e11
+#: A log with a larger share of bad rows is not one with faults but a faulty one.
+MAX_BAD = 0.05
 #: Rows that are looked at behind a step back of time, and rows that a recording has at least before it starts anew.
 _BEHIND, _FEWEST_BEFORE = 20, 50
 #: A jump is a wrap if what remains of it without the turn is within this share of a turn (or within the joint's speed).
 _WRAP_SHARE = 0.02
 #: rad/s; taken as the fastest possible where the recipe gives no maximum: a turn within a quarter second.
 _FASTEST = 8.0 * math.pi
+#: Columns that a note names, and intervals from which the median is taken: enough for any jitter, few enough to hold.
+_NAMED, _PROBE = 6, 100_000
+#: A gap is this many median intervals: one or two lost packets are jitter, five are a hole ...
+_GAP_INTERVALS = 5.0
+#: ... and at least this long (s): shorter ones are within what a ramp of an arm takes, and harm no mean.
+_GAP_SECONDS = 0.05
+#: s, and share of the median: times between samples that vary by more (RMS) blur where an arm speeds up and slows down.
+_JITTER_SECONDS, _JITTER_SHARE = 0.005, 0.1
+#: What the absence of a quantity means where a part of its numbers, and where all are absent.
+_ABSENCE = {
+    "velocity": ("speeds are taken from position there", "these velocities are derived from position"),
+    "current": (
+        "these samples show nothing of their joints, and are not fitted",
+        "the runs of these joints show no current and are not identified",
+    ),
+}
 
 
-@dataclass(eq=False, slots=True)
+@dataclass(slots=True)
+class Tally:
+    """How many rows have a fault, and the first of them."""
+
+    count: int = 0
+    first: int = 0
+
+    def add(self, rows: Rows) -> None:
+        """Count (N,) rows."""
+        self.first = self.first or int(rows[0]) if len(rows) else self.first
+        self.count += len(rows)
+
+
 class Cleaner:
-    """Turns the batches of one file into logs.
+    """Turns the batches of one file into logs, and counts what is worth a note.
 
-    Attributes
+    Parameters
     ----------
     robot, columns, name
         What the numbers mean, and the file's name for messages.
@@ -44,29 +74,45 @@ class Cleaner:
         Seconds in one unit of the file's time where the file itself states it, else None.
     follows
         Last time of the file before (s), None if there is none: a first time beyond it continues that clock.
-    faults, intervals
-        What was found so far that is worth a note.
+
+    Attributes
+    ----------
+    n_rows
+        Rows read, bad ones included.
     first_time, last_time
         s, of the samples so far.
     """
 
-    robot: Robot
-    columns: Columns
-    name: str
-    n_extra: int = 0
-    time_factor: float | None = None
-    follows: float | None = None
-    first_time: float = math.nan
-    last_time: float = math.nan
-    faults: RowFaults = field(init=False)
-    intervals: Intervals = field(default_factory=Intervals)
-    _clock_start: float = math.nan
-    _clock_rows: int = 0
-    _last: Floats | None = None
-    _turns: Floats = field(init=False)
+    def __init__(
+        self,
+        robot: Robot,
+        columns: Columns,
+        name: str,
+        *,
+        n_extra: int = 0,
+        time_factor: float | None = None,
+        follows: float | None = None,
+    ) -> None:
+        self.robot, self.columns, self.name, self.n_extra, self.follows = robot, columns, name, n_extra, follows
+        self._factors = columns.factors.copy()
+        self._factors[0] = time_factor or columns.factors[0]
+        self.n_rows, self._n_bad, self._n_repeated = 0, 0, 0
+        self.first_time = self.last_time = math.nan
+        self._clock_start, self._clock_rows = math.nan, 0
+        self._last: Floats | None = None
+        self._turns = np.zeros(robot.n_joints)
+        self._restarts: list[Note] = []
+        self._bad: dict[str, Tally] = defaultdict(Tally)
+        self._unknown: Counter[int] = Counter()
+        self._ties = Tally()
+        self._wraps: dict[int, Tally] = defaultdict(Tally)
+        self._steps = np.zeros(0)
+        self._long = np.zeros((3, 0))
 
-    def __post_init__(self) -> None:
-        self.faults, self._turns = RowFaults(self.name, self.columns), np.zeros(self.robot.n_joints)
+    @property
+    def interval(self) -> float:
+        """Median of the first times between samples, s."""
+        return float(np.median(self._steps)) if len(self._steps) else math.nan
 
     def take(self, rows: Rows, table: Floats) -> Iterator[Log]:
         """Logs from the next batch: rows (N,), values (C, N) as the file holds them, which are changed in place.
@@ -76,34 +122,24 @@ class Cleaner:
         LogError [time-not-rising]
             Time goes back and what follows is no new recording.
         """
-        factors = self.columns.factors.copy()
-        factors[0] = self.time_factor or factors[0]
-        table *= factors[:, None]
+        table *= self._factors[:, None]
         rows, table = self._without_bad(rows, table)
         starts_clock = False
         while len(rows):
-            end = self._step_back(rows, table)
+            last = table[0, 0] if self._last is None else self._last[0]
+            back = np.flatnonzero(np.diff(table[0], prepend=last) < 0)
+            end = int(back[0]) if len(back) else len(rows)
             log = self._log(rows[:end], table[:, :end], starts_clock=starts_clock)
             if log is not None:
                 yield log
-            if end == len(rows):
-                return
-            starts_clock = self._restarted(rows[end:], table[0, end:])
             rows, table = rows[end:], table[:, end:]
-
-    def notes(self) -> list[Note]:
-        """What a user is told of the file's rows.
-
-        Raises
-        ------
-        LogError [no-current, bad-samples, clock-too-coarse]
-            There is no current at all, too many rows are bad, or time stands still.
-        """
-        return [*self.faults.notes(), *self.intervals.notes(self.name)]
+            if len(rows):
+                self._restart(rows, table[0])
+                starts_clock = True
 
     def _without_bad(self, rows: Rows, table: Floats) -> tuple[Rows, Floats]:
-        """Rows whose time, positions and known velocities and currents are what an arm can have."""
-        self.faults.n_rows += len(rows)
+        """Rows whose time, positions and measured velocities and currents are what an arm can have."""
+        self.n_rows += len(rows)
         limits = np.full((len(table), 1), ABSURD)
         limits[0] = ABSURD_TIME
         if len(rows) and (table.min(axis=1) >= -limits[:, 0]).all() and (table.max(axis=1) <= limits[:, 0]).all():
@@ -117,23 +153,16 @@ class Cleaner:
             at = places[quantity][:, 1]
             table[at] = np.where(np.isfinite(table[at]) & (good[at] | (quantity == "extra")), table[at], np.nan)
             good[at] = True
-        for quantity in ("velocity", "current"):
-            for index in places[quantity][:, 1]:
-                good[index] |= ~is_number[index]
-                self.faults.unknown(quantity, index, int(np.count_nonzero(~is_number[index])))
+        for index in (*places["velocity"][:, 1], *places["current"][:, 1]):
+            good[index] |= ~is_number[index]
+            self._unknown[int(index)] += int(np.count_nonzero(~is_number[index]))
         is_good = good.all(axis=0)
-        if is_good.all():
-            return rows, table
-        self.faults.left_out(rows, good)
+        self._n_bad += int(np.count_nonzero(~is_good))
+        for index in np.flatnonzero(~good.all(axis=1)):
+            self._bad[self.columns.names[index]].add(rows[~good[index]])
         return rows[is_good], table[:, is_good]
 
-    def _step_back(self, rows: Rows, table: Floats) -> int:
-        """How many rows come before the first step back of time; all, if there is none."""
-        last = table[0, 0] if self._last is None else self._last[0]
-        back = np.flatnonzero(np.diff(table[0], prepend=last) < 0)
-        return int(back[0]) if len(back) else len(rows)
-
-    def _restarted(self, rows: Rows, time: Floats) -> bool:
+    def _restart(self, rows: Rows, time: Floats) -> None:
         """Begin another recording at a row whose time steps back, if what follows looks like one.
 
         Raises
@@ -150,21 +179,19 @@ class Cleaner:
             what = f"time goes back from {before:.9g} s to {time[0]:.9g} s"
             mend = f"sort the file by {column}, or split it there if two recordings were joined"
             raise LogError("time-not-rising", what, Where(file=self.name, row=int(rows[0]), column=column), mend)
-        self.faults.restart(int(rows[0]), float(time[0]), before)
+        text = f"time starts anew at {time[0]:.6g} s after {before:.6g} s: taken for another recording"
+        self._restarts.append(Note("clock-restarts", text, Where(file=self.name, row=int(rows[0]))))
         self._last, self._clock_start, self._clock_rows = None, math.nan, 0
         self._turns[:] = 0.0
-        return True
 
     def _log(self, rows: Rows, table: Floats, *, starts_clock: bool) -> Log | None:
-        """The samples of rows whose time rises; of rows that share a time the first is kept."""
+        """The samples of rows whose time rises; of rows that share a time the first stays."""
+        if len(rows):
+            rows, table = self._without_ties(rows, table)
         if not len(rows):
             return None
-        rows, table = self._without_ties(rows, table)
-        if not len(rows):
-            return None
-        before = self._last
-        self._last = table[:, -1].copy()
-        self.intervals.take(rows, table[0], None if before is None else float(before[0]))
+        before, self._last = self._last, table[:, -1].copy()
+        self._count_steps(rows, table[0], None if before is None else float(before[0]))
         self._unwrap(rows, table, before)
         if math.isnan(self.first_time):
             self.first_time = float(table[0, 0])
@@ -194,8 +221,21 @@ class Cleaner:
             return rows, table
         measured = slice(len(table) - len(self.columns.places["extra"]))
         is_same = np.all((table[measured] == before[measured]) | np.isnan(table[measured]), axis=0)
-        self.faults.tied(rows[is_tied], n_repeated=int(np.count_nonzero(is_tied & is_same)))
+        self._ties.add(rows[is_tied])
+        self._n_repeated += int(np.count_nonzero(is_tied & is_same))
         return rows[~is_tied], table[:, ~is_tied]
+
+    def _count_steps(self, rows: Rows, time: Floats, before: float | None) -> None:
+        """Take in the times between samples; those that may be gaps are held until the median stands."""
+        steps = np.diff(time, prepend=time[0] if before is None else before)
+        first = before is None
+        if len(self._steps) < _PROBE:
+            self._steps = np.concatenate([self._steps, steps[first:][: _PROBE - len(self._steps)]])
+        is_long = steps > _GAP_SECONDS
+        if is_long.any():
+            self._long = np.hstack([self._long, [rows[is_long], time[is_long] - steps[is_long], steps[is_long]]])
+            if len(self._steps) == _PROBE:
+                self._long = self._long[:, self._long[2] > _GAP_INTERVALS * self.interval]
 
     def _unwrap(self, rows: Rows, table: Floats, before: Floats | None) -> None:
         """Take whole turns out of jumps that no motion explains, in place."""
@@ -213,7 +253,7 @@ class Cleaner:
             explained = np.maximum(_WRAP_SHARE * math.tau, np.minimum(1.2 * fastest * seconds, math.pi / 2))
             is_wrap = (turns != 0) & (rest <= explained) & (np.abs(jump) > 2.0 * fastest * seconds)
             if is_wrap.any():
-                self.faults.wrapped(int(joint), rows[is_wrap])
+                self._wraps[int(joint)].add(rows[is_wrap])
             total = self._turns[joint] - np.cumsum(np.where(is_wrap, turns, 0.0))
             table[column] += total * math.tau
             self._turns[joint] = total[-1]
@@ -225,3 +265,94 @@ class Cleaner:
         places = self.columns.places[quantity]
         values[places[:, 0]] = table[places[:, 1]]
         return values.T
+
+    def notes(self) -> list[Note]:
+        """What is worth a note about the file's rows.
+
+        Raises
+        ------
+        LogError [no-current, bad-samples, clock-too-coarse]
+            There is no current at all, too many rows are bad, or time stands still.
+        """
+        rows = [*self._restarts, *self._bad_rows(), *self._absent(), *self._tied_rows(), *self._wrapped_joints()]
+        return rows + self._uneven_times()
+
+    def _bad_rows(self) -> list[Note]:
+        currents = self.columns.places["current"][:, 1]
+        if self.n_rows and len(currents) and all(self._unknown[int(index)] == self.n_rows for index in currents):
+            names = [self.columns.names[index] for index in currents]
+            what = f"the currents of {self.name} are empty ({_listed(names)})"
+            raise LogError("no-current", what, Where(file=self.name, column=names[0]), "record the motor currents")
+        if not self._n_bad:
+            return []
+        counts = [f"{name} in {bad.count} (first in row {bad.first})" for name, bad in self._bad.items()]
+        text = f"{self._n_bad} of {self.n_rows} rows have no number or an absurd one: {_listed(counts, '; ')}"
+        row = min(bad.first for bad in self._bad.values())
+        if self._n_bad <= MAX_BAD * self.n_rows:
+            return [Note("bad-samples", f"{text}; these rows are left out", Where(file=self.name, row=row))]
+        mend = "check units and columns in the recipe's log block; leave out what was not measured"
+        without = max((self._unknown[int(index)] for index in currents), default=0)
+        if self._n_bad + without >= (1.0 - MAX_BAD) * self.n_rows and without > MAX_BAD * self.n_rows:
+            mend = "positions and currents stand in different rows: join them by time (pandas.merge_asof does it)"
+        column = max(self._bad, key=lambda name: self._bad[name].count)
+        raise LogError("bad-samples", text, Where(file=self.name, row=row, column=column), mend)
+
+    def _absent(self) -> list[Note]:
+        notes, where = [], Where(file=self.name)
+        for quantity, (of_part, of_all) in _ABSENCE.items():
+            counts = {self.columns.names[at]: self._unknown[int(at)] for at in self.columns.places[quantity][:, 1]}
+            empty = [name for name, count in counts.items() if count == self.n_rows > 0]
+            partly = [f"{name} in {count}" for name, count in counts.items() if 0 < count < self.n_rows]
+            if empty:
+                notes.append(Note(f"{quantity}-absent", f"column {_listed(empty)} is empty: {of_all}", where))
+            if partly:
+                text = f"there is no {quantity} in some of {self.n_rows} rows ({_listed(partly)}): {of_part}"
+                notes.append(Note(f"{quantity}-absent", text, where))
+        return notes
+
+    def _tied_rows(self) -> list[Note]:
+        count, n_changed = self._ties.count, self._ties.count - self._n_repeated
+        if not count:
+            return []
+        where = Where(file=self.name, row=self._ties.first, column=self.columns.names[0])
+        text = f"{count} of {self.n_rows} rows have the time of the row before (first in row {self._ties.first})"
+        if n_changed > 0.5 * self.n_rows:
+            what = f"{text}, so the samples cannot be told apart in time"
+            raise LogError("clock-too-coarse", what, where, "write the time with more digits")
+        more = f"; {n_changed} of them hold other values: the clock is coarser than the sampling" if n_changed else ""
+        return [Note("time-repeated", f"{text} and are left out{more}", where)]
+
+    def _wrapped_joints(self) -> list[Note]:
+        if not self._wraps:
+            return []
+        named = ", ".join(f"joint {joint + 1} ({self._wraps[joint].count} times)" for joint in sorted(self._wraps))
+        joint = min(self._wraps, key=lambda joint: self._wraps[joint].first)
+        where = Where(file=self.name, row=self._wraps[joint].first, joint=joint + 1)
+        return [Note("position-wraps", f"position jumps by a whole turn and is taken as continuous: {named}", where)]
+
+    def _uneven_times(self) -> list[Note]:
+        """A note if times jitter, and one if there are gaps."""
+        notes, median = [], self.interval
+        limit = max(_GAP_INTERVALS * median, _GAP_SECONDS)
+        even = self._steps[self._steps <= limit]
+        jitter = float(np.sqrt(np.mean((even - median) ** 2))) if len(even) else 0.0
+        if jitter > max(_JITTER_SECONDS, _JITTER_SHARE * median):
+            text = (
+                f"times between samples vary by {1e3 * jitter:.2g} ms RMS about {1e3 * median:.3g} ms: where the"
+                " stamps and not the samples are uneven, speeds and friction come out wrong"
+            )
+            notes.append(Note("clock-jitter", text, Where(file=self.name)))
+        rows, starts, seconds = self._long[:, self._long[2] > limit]
+        if len(rows):
+            more = f" ... ({len(rows)} in all, the longest {seconds.max():.3g} s)" if len(rows) > 1 else ""
+            text = (
+                f"samples are missing: {seconds[0]:.3g} s at {starts[0]:.6g} s{more}; the median interval is"
+                f" {median:.4g} s and no run crosses a gap"
+            )
+            notes.append(Note("gaps", text, Where(file=self.name, row=int(rows[0]))))
+        return notes
+
+
+def _listed(words: Sequence[str], separator: str = ", ") -> str:
+    more = len(words) - _NAMED
+    return separator.join(words[:_NAMED]) + (f" and {more} more columns" if more > 0 else "")

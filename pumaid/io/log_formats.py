@@ -9,13 +9,16 @@ from abc import ABC, abstractmethod
 from collections.abc import Iterator, Sequence
 from functools import cache
 from pathlib import Path
-from typing import ClassVar, NamedTuple
+from typing import TYPE_CHECKING, ClassVar, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from pumaid.errors import LogError, Note, Where
 from pumaid.io import formats
+
+if TYPE_CHECKING:
+    import pyarrow as pa
 
 #: Bytes of a file's beginning by which its format is recognised.
 HEAD_BYTES = 1 << 16
@@ -101,15 +104,31 @@ class LogSource(ABC):
         """
 
 
+def floats(column: pa.Array) -> NDArray[np.float64]:
+    """A column of float64 as (N,) numbers, NaN where it has none.
+
+    Arrow's own ``to_numpy`` loads pandas, which takes longer than a million rows: so the numbers are taken as they lie
+    in memory.
+    """
+    if not len(column):
+        return np.zeros(0)
+    validity, numbers = column.buffers()
+    values = np.frombuffer(numbers, dtype=np.float64, count=len(column), offset=8 * column.offset)
+    if not column.null_count:
+        return values
+    bits = np.unpackbits(np.frombuffer(validity, dtype=np.uint8), bitorder="little")
+    return np.where(bits[column.offset : column.offset + len(column)], values, np.nan)
+
+
 @cache
 def log_formats() -> tuple[type[LogSource], ...]:
     """All formats, those that recognise files by themselves first."""
-    found = []
+    classes = []
     for module in pkgutil.iter_modules(formats.__path__):
         contents = vars(importlib.import_module(f"{formats.__name__}.{module.name}")).values()
-        classes = [item for item in contents if inspect.isclass(item) and issubclass(item, LogSource)]
-        found += [item for item in classes if not inspect.isabstract(item)]
-    return tuple(sorted(found, key=lambda item: item.is_fallback))
+        sources = [item for item in contents if inspect.isclass(item) and issubclass(item, LogSource)]
+        classes += [item for item in sources if not inspect.isabstract(item)]
+    return tuple(sorted(classes, key=lambda item: item.is_fallback))
 
 
 def endings() -> tuple[str, ...]:
@@ -125,12 +144,10 @@ def log_format(head: bytes, name: str) -> type[LogSource]:
     LogError [not-a-log]
         There is none.
     """
-    is_known = [item for item in log_formats() if not item.is_fallback and item.sniff(head)]
-    foreign = [what for magic, what in _FOREIGN.items() if head.startswith(magic)]
-    found = is_known or ([] if foreign else [item for item in log_formats() if item.sniff(head)])
-    if not found:
-        what = foreign[0] if foreign else "binary data"
-        raise LogError(
-            "not-a-log", f"{name} is {what}, not CSV or Parquet", Where(file=name), "export it as one of them"
-        )
-    return found[0]
+    sure = [item for item in log_formats() if not item.is_fallback and item.sniff(head)]
+    foreign = next((what for magic, what in _FOREIGN.items() if head.startswith(magic)), None)
+    fitting = sure or ([] if foreign else [item for item in log_formats() if item.sniff(head)])
+    if not fitting:
+        what = f"{name} is {foreign or 'binary data'}, not CSV or Parquet"
+        raise LogError("not-a-log", what, Where(file=name), "export it as one of them")
+    return fitting[0]

@@ -83,7 +83,9 @@ class LogReader:
         check_extra(headers, self.extra)
 
     def _samples(self, file: Path, name: str) -> Iterator[Log]:
-        state, digest = _state(file), _digest(file)
+        before = file.stat()
+        with file.open("rb") as stream:
+            digest = hashlib.file_digest(cast(Any, stream), "sha256").hexdigest()
         source = log_source(file, name)
         schema = source.schema()
         columns = resolve([column.name for column in schema], self._robot, name, extra=self.extra)
@@ -99,42 +101,28 @@ class LogReader:
         for rows, values in source.batches(columns.names):
             yield from cleaner.take(rows, values)
         notes = [*columns.notes, *cleaner.notes(), *source.notes]
-        if not cleaner.faults.n_rows:
+        if not cleaner.n_rows:
             notes.append(Note("empty-log", "the log has a header but no row", Where(file=name)))
-        if _state(file) != state:  # the digest is of something else
+        after = file.stat()
+        if (after.st_size, after.st_mtime_ns) != (
+            before.st_size,
+            before.st_mtime_ns,
+        ):  # the digest is of another content
             what, mend = f"{name} changed while it was read", "read it again when the recording has ended"
             raise LogError("unreadable-log", what, Where(file=name), mend)
-        times = (cleaner.intervals.median, cleaner.first_time, cleaner.last_time)
-        self.files = (*self.files, FileFacts(name, digest, cleaner.faults.n_rows, *times))
+        times = (cleaner.interval, cleaner.first_time, cleaner.last_time)
+        self.files = (*self.files, FileFacts(name, digest, cleaner.n_rows, *times))
         self.notes = (*self.notes, *notes)
 
 
 def log_source(file: Path, name: str) -> LogSource:
-    """A plain file as a log of the format that its first bytes show.
-
-    Parameters
-    ----------
-    file
-        On this machine.
-    name
-        For messages.
+    """A file on this machine as a log of the format that its first bytes show; `name` is for messages.
 
     Raises
     ------
     LogError [not-a-log]
-        It is of no known format.
+        It is of no format that is read.
     """
     with file.open("rb") as stream:
         head = stream.read(HEAD_BYTES)
     return log_format(head, name)(file, name)
-
-
-def _state(file: Path) -> tuple[int, int]:
-    """Size and time of change (ns)."""
-    state = file.stat()
-    return state.st_size, state.st_mtime_ns
-
-
-def _digest(file: Path) -> str:
-    with file.open("rb") as stream:
-        return hashlib.file_digest(cast(Any, stream), "sha256").hexdigest()

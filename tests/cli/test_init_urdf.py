@@ -44,7 +44,12 @@ def test_the_recipe_says_where_it_is_from(init) -> None:
     run(init("--urdf", "arm.urdf", "-o", "-"))
     text = run(init("--urdf", "arm.urdf", "-o", "-")).stdout
     assert hashlib.sha256(ARM.encode()).hexdigest() in text
-    for piece in ("pumaid init --urdf arm.urdf --base l0 --tip l4", "# The base (frame 0) is in link l0", "# log:", "# effects:"):
+    for piece in (
+        "pumaid init --urdf arm.urdf --base l0 --tip l4",
+        "# The base (frame 0) is in link l0",
+        "# log:",
+        "# effects:",
+    ):
         assert piece in text
     assert "alpha: -pi/2" in text
     assert not Path("recipe.yaml").exists()

@@ -336,7 +336,7 @@ def test_some_bad_rows_are_left_out_and_told(tmp_path: Path) -> None:
     assert len(log) == 296 and not set(range(10, 14)) & set(log.rows.tolist())
     (note,) = reader.notes
     assert note.slug == "bad-samples" and "4 of 300 rows" in note.text
-    assert "q2 in 2 (rows 11, 13); i2 in 2 (rows 10, 12)" in note.text
+    assert "q2 in 2 (first in row 11); i2 in 2 (first in row 10)" in note.text
 
 
 def test_garbage_in_other_columns_never_matters(tmp_path: Path) -> None:

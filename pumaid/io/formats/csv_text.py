@@ -16,8 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pumaid.errors import LogError, Note, Where
-from pumaid.io.arrow import floats
-from pumaid.io.log_formats import Batch, LogColumn, LogSource
+from pumaid.io.log_formats import Batch, LogColumn, LogSource, floats
 
 #: Words that mean "no number"; what C, MATLAB, Excel and pandas print for it.
 _NO_NUMBER = ("", " ", "nan", "na", "n/a", "#n/a", "null", "none", "-nan", "-nan(ind)", "1.#qnan", "-1.#ind", "1.#inf")
@@ -191,14 +190,14 @@ class CsvLog(LogSource):
             raise LogError("ragged-row", what, Where(file=self.name, row=ragged[0][0]), mend)
 
     def _unreadable(self, message: str) -> LogError:
-        found = _BAD_CELL.search(message)
-        if found is None:
+        match = _BAD_CELL.search(message)
+        if match is None:
             what = f"{self.name} is no table in lines: {message.splitlines()[0][:150]}"
             return LogError(
                 "not-a-log", what, Where(file=self.name), "export it as CSV, a line a sample, or as Parquet"
             )
-        column, text = self._dialect.header[int(found[1])], found[3].rstrip("'").strip()[:30]
-        row = int(found[2]) if found[2] else None
+        column, text = self._dialect.header[int(match[1])], match[3].rstrip("'").strip()[:30]
+        row = int(match[2]) if match[2] else None
         mend = "write numbers as 1234.5 or 1.2e-3, without units or separators; leave cells without a number empty"
         if row == self._dialect.header_line + 1:
             mend = f"row {row} looks like units: delete it and name the units in the recipe's log block"
@@ -273,8 +272,8 @@ def _dialect(lines: list[str], name: str) -> Dialect:
         There is no line, or numbers have no line of names above them.
     """
     written = [number for number, line in enumerate(lines) if line.strip()]
-    told = re.fullmatch(r"\"?sep=(.)\"?", lines[written[0]].strip(), re.IGNORECASE) if written else None
-    written = written[1:] if told else written
+    separator = re.fullmatch(r"\"?sep=(.)\"?", lines[written[0]].strip(), re.IGNORECASE) if written else None
+    written = written[1:] if separator else written
     numbers = [n for n in written if not _is_comment(lines[n]) and _numeric_share(lines[n]) > 0.5]
     above = [n for n in written if not numbers or n < numbers[0]]
     if not written or (not (above := _uncommented(lines, above) or above[-1:]) and not numbers):
@@ -287,7 +286,7 @@ def _dialect(lines: list[str], name: str) -> Dialect:
         )
     place = above[-1] if body else above[0]
     title = lines[place].lstrip("#% ")
-    delimiter = told[1] if told else _delimiter([title, *body])
+    delimiter = separator[1] if separator else _delimiter([title, *body])
     if body and len(above) > 1 and len(cells(lines[above[-2]], delimiter)) == len(cells(title, delimiter)) > 1:
         place = above[-2]  # what stands between names and numbers may be units, which no reader may pass over
         title = lines[place]
