@@ -49,7 +49,7 @@ _ABSENCE = {
 
 
 @dataclass(slots=True)
-class Tally:
+class RowCount:
     """How many rows have a fault, and the first of them."""
 
     count: int = 0
@@ -102,10 +102,10 @@ class Cleaner:
         self._last: Floats | None = None
         self._turns = np.zeros(robot.n_joints)
         self._restarts: list[Note] = []
-        self._bad: dict[str, Tally] = defaultdict(Tally)
+        self._bad: dict[str, RowCount] = defaultdict(RowCount)
         self._unknown: Counter[int] = Counter()
-        self._ties = Tally()
-        self._wraps: dict[int, Tally] = defaultdict(Tally)
+        self._ties = RowCount()
+        self._wraps: dict[int, RowCount] = defaultdict(RowCount)
         self._steps = np.zeros(0)
         self._long = np.zeros((3, 0))
 
