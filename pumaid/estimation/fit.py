@@ -82,6 +82,13 @@ class FitRow:
         count = self.bins.count
         return float(np.sqrt(count @ (self.misfit**2 + self.bins.inside_left(self.drawn)) / count.sum()))
 
+    def by_run(self) -> tuple[Floats, Floats]:
+        """(R,) RMS (A) of the samples about each run's own mean residual, and (R,) that mean (A)."""
+        bins, samples = self.bins, self.bins.sums(self.bins.count)
+        level = bins.sums(bins.count * self.misfit) / samples
+        squares = bins.count * ((self.misfit - level[bins.run]) ** 2 + bins.inside_left(self.drawn))
+        return np.sqrt(bins.sums(squares) / samples), level
+
 
 @dataclass(frozen=True, eq=False)
 class Fit:

@@ -37,8 +37,11 @@ SEEN, MOST = 1e-3, 0.5
 FEWEST, BETTER = 8, 2.0
 #: How much worse than all others the runs of a file must be met by what meets those, to be the one that is wrong.
 DISOWNED = 4.0
-#: Multiple of the usual run's noise that makes a run odd, and share of the runs that may be: more are another matter.
-ODD, MOST_ODD = 5.0, 0.2
+#: Multiple of what the model leaves of the usual run that makes a run odd, the chance that any run of a joint is by
+#: noise, and share of the runs that may be: more are another matter.
+ODD, FAMILYWISE, MOST_ODD = 5.0, 1e-3, 0.2
+#: Standard deviation of normal values over the median of their deviations.
+SCATTER = 1.4826
 #: Multiple of the usual variance inside a bin beyond which their mean is one of outliers.
 SPIKY = 10.0
 #: Bins from which a run's own outliers are told, and samples of a bin from which its variance has a shape of its own.
@@ -130,33 +133,49 @@ def of_misfit(fitted: Fit, joints: Sequence[JointFit]) -> list[Note]:
 
 
 def of_runs(fitted: Fit) -> list[Note]:
-    """Notes on single runs that are far noisier than the others of their joint, and on noise that is mostly outliers.
+    """Notes on single runs that the model meets far worse than the others of their joint, and on noise of outliers.
 
-    Both pass for noise everywhere else: they make intervals wide, and what they move is told by nothing.
+    Both pass for noise everywhere else: they make intervals wide, and no other note tells what they move. Where the
+    model misses a whole joint no run is named.
+
+    Source
+    ------
+    F. R. Hampel, J. Am. Stat. Assoc. 69 (1974) 383-393: the median and the deviation from it, here of logarithms.
     """
-    found = []
-    for row in fitted.rows:
+    notes = []
+    for row in fitted.joints:
+        bins = row.bins
         # What accelerates leaves more, by all that a change of speed does.
-        steady = np.flatnonzero(~row.is_stroke)
+        steady = np.flatnonzero(~bins.is_stroke)
         if len(steady) < FEWEST:
             continue
-        left = np.sqrt(_inside(row.bins)[0])
-        usual = float(np.median(left[steady]))
-        odd = [n for n in steady if left[n] > ODD * usual]
-        if usual > 0.0 and 0 < len(odd) <= MOST_ODD * len(steady):
-            found.append(_odd_runs([row.bins.runs[n] for n in odd], left[odd], usual, of=len(steady)))
-        if not odd:
-            sizes = _outliers(joint_bins(fitted.model.robot, row.bins.runs, is_settled=False)[0])
-        elif len(odd) > MOST_ODD * len(steady):
-            sizes = [usual, float(np.sqrt(np.mean(left[steady] ** 2)))]
+        rms, level = row.by_run()
+        size, usual = math.sqrt(bins.mean_square), float(np.median(rms[steady]))
+        noise = float(np.median(np.sqrt(_inside(bins)[0][steady])))
+        is_met = usual > 0.0 and float(np.median(np.hypot(rms, level)[steady])) <= FAR * noise
+        odd = steady[_outlying(rms[steady], least=max(ODD * usual, SEEN * size))] if is_met else steady[:0]
+        if 0 < len(odd) <= MOST_ODD * len(steady):
+            notes.append(_odd_runs([bins.runs[n] for n in odd], rms[odd], usual, of=len(steady)))
+            continue
+        if len(odd):
+            sizes = [usual, float(np.sqrt(np.mean(rms[steady] ** 2)))]
         else:
-            sizes = []
-        if sizes and sizes[1] > SEEN * math.sqrt(row.bins.mean_square):
+            sizes = _outliers(joint_bins(fitted.model.robot, bins.runs, is_settled=False)[0])
+        if sizes and sizes[1] > SEEN * size:
             shown = f"{number(sizes[1])} A (RMS), where half of the time it is {number(sizes[0])} A"
-            text = f"the noise of joint {row.joint}'s current is mostly outliers: {shown}"
+            text = f"the noise of joint {bins.joint}'s current is mostly outliers: {shown}"
             advice = "those that are not there both ways move friction and gravity; look at the samples"
-            found.append(Note("current-spikes", f"{text}; {advice}", Where(joint=row.joint)))
-    return found
+            notes.append(Note("current-spikes", f"{text}; {advice}", Where(joint=bins.joint)))
+    return notes
+
+
+def _outlying(rms: Floats, *, least: float) -> NDArray[np.bool_]:
+    """(n,) runs whose RMS (A) is beyond `least` and beyond what the others' scatter lets any of n be by chance."""
+    logs = np.log(np.maximum(rms, np.finfo(float).tiny))
+    off = logs - np.median(logs)
+    scatter = max(SCATTER * float(np.median(np.abs(off))), np.finfo(float).eps)
+    chance = np.array([two_sided(size, len(rms) - 1) for size in off / scatter])
+    return (rms > least) & (chance * len(rms) < FAMILYWISE)
 
 
 def _beside_harmonics(bins: JointBins) -> tuple[Floats, NDArray[np.int64]]:
@@ -195,12 +214,12 @@ def _outliers(bins: JointBins) -> list[float]:
     return []
 
 
-def _odd_runs(odd: Sequence[Run], left: Floats, usual: float, *, of: int) -> Note:
+def _odd_runs(odd: Sequence[Run], rms: Floats, usual: float, *, of: int) -> Note:
     first, joint = odd[0], odd[0].joint
     which = f"1 of {of} runs of joint {joint} is" if len(odd) == 1 else f"{len(odd)} of {of} runs of joint {joint} are"
-    sizes = f"{number(float(np.sqrt(np.mean(left**2))))} A (RMS), in half of the runs by {number(usual)} A"
+    sizes = f"{number(float(np.sqrt(np.mean(rms**2))))} A (RMS), of half of the runs no more than {number(usual)} A"
     text = (
-        f"{which} not like the others: inside, the current leaves its course by {sizes}; the first begins at"
+        f"{which} not like the others: the model leaves {sizes}; the first begins at"
         f" {number(first.start)} s. Did the arm touch something? It moves the numbers, and no interval knows of it"
     )
     return Note("run-stands-out", text, Where(file=first.origin, row=first.first_row, joint=joint))

@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 import pytest
 import worlds
 from faulty import csv, good, invoke, make, slugs_of
@@ -14,6 +15,7 @@ from pumaid.estimate import Value
 from pumaid.estimation.fit import rmse_by_joint
 from pumaid.estimation.nonlinear import check_better
 from pumaid.estimation.warnings import odd_gains, odd_inertia
+from pumaid.io.recipe import shipped_recipes
 
 
 def notes(folder: Path, tables) -> str:
@@ -155,3 +157,32 @@ def test_a_fit_with_more_effects_that_is_worse_is_refused():
     with pytest.raises(ModelError, match="the fit with payload misses joint 2") as refused:
         check_better(sizes | {2: sizes[2] / 2.0}, fitted, ["payload"])
     assert refused.value.slug == "effects-astray" and refused.value.where.joint == 2
+
+
+@pytest.fixture(scope="module")
+def plan_of_joint_2(tmp_path_factory) -> Path:
+    """The runs of joint 2 of the plan that is proposed for a UR10e: a few long ones among many short ones."""
+    whole = tmp_path_factory.mktemp("plan") / "plan.yaml"
+    assert invoke("plan", "ur10e", "-o", str(whole)).exit_code == 0
+    lines = whole.read_text(encoding="utf-8").splitlines(keepends=True)
+    whole.write_text("".join(line for line in lines if "{joint:" not in line or "{joint: 2" in line), encoding="utf-8")
+    return whole
+
+
+@pytest.mark.parametrize("seed", [1, 2])
+def test_a_missing_spring_accuses_no_run(tmp_path, plan_of_joint_2, seed):
+    """Where the model lacks a spring no long run stands out; with it in the model, one that met something does."""
+    (tmp_path / "recipe.yaml").write_text(shipped_recipes()["ur10e"].read_text(encoding="utf-8"), encoding="utf-8")
+    logs = tmp_path / "logs"
+    command = ["simulate", str(tmp_path / "recipe.yaml"), "--plan", str(plan_of_joint_2), "-o", str(logs)]
+    assert invoke(*command, "--hide", "spring@2", "--seed", str(seed), "--runs-per-file", "100").exit_code == 0
+    without = invoke("identify", str(logs))
+    assert "model-misses" in slugs_of(without.stderr) and "run-stands-out" not in slugs_of(without.stderr)
+    assert slugs_of(invoke("identify", str(logs), "--add", "spring@2").stderr) == {"joint-at-rest"}
+    (log,) = logs.glob("*.parquet")
+    table = pd.read_parquet(log)
+    position, current = (next(name for name in table if name.startswith(mark) and "2" in name) for mark in ("q", "i"))
+    fast = np.flatnonzero(np.abs(np.gradient(table[position], 0.004)) > 1.5)
+    table.loc[fast[40] : fast[40] + 100, current] += 0.8
+    table.to_parquet(log, index=False)
+    assert "run-stands-out" in slugs_of(invoke("identify", str(logs), "--add", "spring@2").stderr)
