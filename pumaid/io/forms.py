@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
@@ -121,11 +120,6 @@ def shown(value: Any) -> str:
     text = f"the list {value}" if isinstance(value, list) else str(value)
     text = f"the text '{value}'" if isinstance(value, str) else text
     return text if len(text) <= 80 else f"{text[:77]}..."
-
-
-def is_number(value: Any) -> bool:
-    """Whether a value is a finite number."""
-    return isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)
 
 
 _TYPES = {"string": "text", "float": "a number", "list": "a list", "int": "a whole number"}

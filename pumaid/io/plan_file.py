@@ -299,7 +299,7 @@ def _csv_run(row: dict[str, str], holds: Sequence[str]) -> dict[str, Any]:
     return entries | {"hold": [cell(name) for name in holds], "purpose": row.get("purpose") or "fit"}
 
 
-def write_plan(path: Path, plan: Plan, robot: Robot, *, format: str = "yaml", angle: str = "deg") -> None:
+def write_plan(path: Path, plan: Plan, robot: Robot, *, format: str = "yaml") -> None:
     """Write a plan atomically; arguments as for `plan_text`.
 
     Raises
@@ -307,11 +307,11 @@ def write_plan(path: Path, plan: Plan, robot: Robot, *, format: str = "yaml", an
     ResultError [cannot-write]
         The system refuses.
     """
-    write_file(path, plan_text(plan, robot, format=format, angle=angle))
+    write_file(path, plan_text(plan, robot, format=format))
 
 
-def plan_text(plan: Plan, robot: Robot, *, format: str = "yaml", angle: str = "deg") -> str:
-    """A plan as the text of its file.
+def plan_text(plan: Plan, robot: Robot, *, format: str = "yaml") -> str:
+    """A plan as the text of its file, in deg and m.
 
     Parameters
     ----------
@@ -319,45 +319,84 @@ def plan_text(plan: Plan, robot: Robot, *, format: str = "yaml", angle: str = "d
         The plan and the arm that it is for.
     format
         ``"yaml"``, or ``"csv"``: a row a run, units in the columns' names, without the reasons and the forecast.
-    angle
-        ``"deg"`` or ``"rad"``: unit of angles. Lengths are in m, predicted errors in SI.
     """
-    arm = _PlannedArm(robot, angle)
+    arm = _PlannedArm(robot, "deg")
     return _csv(plan, arm) if format == "csv" else _yaml(plan, arm)
 
 
 def plan_document(plan: Plan, robot: Robot) -> dict[str, Any]:
     """A plan as the document of ``--json``: angles in rad, SI otherwise."""
     return {
+        **_entries(plan, _PlannedArm(robot, "rad")),
+        "pumaid": __version__,
+        "recipe": {"file": robot.origin, "sha256": robot.digest},
+        "notes": [note.as_json() for note in plan.notes],
+    }
+
+
+def _entries(plan: Plan, arm: _PlannedArm) -> dict[str, Any]:
+    """What a plan's document holds, positions in the unit of `arm`."""
+
+    def scaled(hold: Sequence[float]) -> list[float]:
+        return [value / arm.scale(joint) for value, joint in zip(hold, arm.robot.joints, strict=True)]
+
+    runs = []
+    for motion in plan.motions:
+        scale = arm.scale(arm.robot.joint(motion.joint))
+        ends = {"from": motion.start / scale, "to": motion.end / scale, "velocity": motion.velocity / scale}
+        runs.append({"joint": motion.joint, "hold": scaled(motion.hold), **ends, "purpose": motion.purpose})
+    return {
         "kind": "plan",
         "format": PLAN_FORMAT,
-        "pumaid": __version__,
         "robot": plan.robot,
-        "recipe": {"file": robot.origin, "sha256": robot.digest},
-        "units": {"angle": "rad"},
+        "units": {"angle": arm.angle},
         "seed": plan.seed,
         "duration": plan.duration,
         "efficiency": plan.efficiency,
-        "runs": [
-            {
-                "joint": motion.joint,
-                "hold": list(motion.hold),
-                "from": motion.start,
-                "to": motion.end,
-                "velocity": motion.velocity,
-                "purpose": motion.purpose,
-            }
-            for motion in plan.motions
-        ],
+        "runs": runs,
         "postures": [
-            {"joint": posture.joint, "hold": list(posture.hold), "serves": list(posture.serves), "why": posture.why}
+            {
+                "joint": posture.joint,
+                "hold": scaled(posture.hold),
+                "serves": list(posture.serves),
+                "why": posture.why,
+            }
             for posture in plan.postures
         ],
         "expected_std_errors": dict(plan.expected),
         "unseen": dict(plan.unseen),
         "assumptions": list(plan.assumptions),
-        "notes": [note.as_json() for note in plan.notes],
     }
+
+
+def _yaml(plan: Plan, arm: _PlannedArm) -> str:
+    entries = _entries(plan, arm)
+    entries["duration"] = round(plan.duration, 1)
+    entries["efficiency"] = None if plan.efficiency is None else round(plan.efficiency, 3)
+    entries["expected_std_errors"] = {name: float(f"{value:.3g}") for name, value in plan.expected.items()}
+    entries["notes"] = [{"note": note.slug, "text": note.text} for note in plan.notes]
+    lines = [
+        "# Runs to be executed in this order. One joint moves from `from` to `to` at the speed `velocity` (in deg/s, or",
+        "# m/s if it slides); the others stay at `hold` (its own entry is ignored). expected_std_errors are in SI,",
+        "# duration in s; efficiency is the error of the best conceivable runs in this time, as a share of these'.",
+    ]
+    for key, value in entries.items():
+        if isinstance(value, list) and value:
+            lines += [f"{key}:", *(f"  - {_flow(entry)}" for entry in value)]
+        elif isinstance(value, dict) and value and key != "units":
+            lines += [f"{key}:", *(f"  {name}: {_flow(entry)}" for name, entry in value.items())]
+        elif value not in (None, [], {}):
+            lines.append(f"{key}: {_flow(value)}")
+    return "\n".join(lines) + "\n"
+
+
+def _flow(value: Any) -> str:
+    """A value in YAML's flow style."""
+    if isinstance(value, dict):
+        return "{" + ", ".join(f"{key}: {_flow(entry)}" for key, entry in value.items()) + "}"
+    if isinstance(value, list):
+        return "[" + ", ".join(map(_flow, value)) + "]"
+    return yaml_text(value) if isinstance(value, str) else _number(value)
 
 
 def _number(value: float) -> str:
@@ -365,63 +404,13 @@ def _number(value: float) -> str:
     return "0" if text == "-0" else text
 
 
-def _numbers(motion: Motion, arm: _PlannedArm) -> tuple[list[str], list[str]]:
-    """Held positions, and start, end and speed, in the plan's units."""
-    scale = arm.scale(arm.robot.joint(motion.joint))
-    own = [_number(value / scale) for value in (motion.start, motion.end, motion.velocity)]
-    return _held(motion.hold, arm), own
-
-
-def _held(hold: Sequence[float], arm: _PlannedArm) -> list[str]:
-    return [_number(value / arm.scale(joint)) for value, joint in zip(hold, arm.robot.joints, strict=True)]
-
-
-def _yaml(plan: Plan, arm: _PlannedArm) -> str:
-    angle = arm.angle
-    lines = [
-        "# Runs to be executed in this order. One joint moves from `from` to `to` at the speed `velocity`",
-        f"# ({angle} and {angle}/s, m and m/s if it slides); the others stay at `hold` (its own entry is ignored).",
-        "kind: plan",
-        f"format: {PLAN_FORMAT}",
-        f"robot: {yaml_text(plan.robot)}",
-        f"units: {{angle: {angle}}}",
-        f"seed: {plan.seed}",
-        f"duration: {plan.duration:.1f}  # s, moves between postures included",
-    ]
-    if plan.efficiency is not None:
-        remark = "error of the best conceivable runs in this time, as a share of these'"
-        lines.append(f"efficiency: {plan.efficiency:.3f}  # {remark}")
-    lines.append("runs:")
-    for motion in plan.motions:
-        held, (start, end, velocity) = _numbers(motion, arm)
-        lines.append(
-            f"  - {{joint: {motion.joint}, hold: [{', '.join(held)}], from: {start}, to: {end},"
-            f" velocity: {velocity}, purpose: {motion.purpose}}}"
-        )
-    postures = [
-        f"- {{joint: {posture.joint}, hold: [{', '.join(_held(posture.hold, arm))}],"
-        f" serves: [{', '.join(posture.serves)}], why: {yaml_text(posture.why)}}}"
-        for posture in plan.postures
-    ]
-    sections = {
-        "postures:": postures,
-        "expected_std_errors:  # SI, rad": [f"{name}: {value:.3g}" for name, value in plan.expected.items()],
-        "unseen:": [f"{name}: {yaml_text(why)}" for name, why in plan.unseen.items()],
-        "assumptions:": [f"- {yaml_text(sentence)}" for sentence in plan.assumptions],
-        "notes:": [f"- {{note: {yaml_text(note.slug)}, text: {yaml_text(note.text)}}}" for note in plan.notes],
-    }
-    for title, entries in sections.items():
-        lines += [title, *(f"  {entry}" for entry in entries)] if entries else []
-    return "\n".join(lines) + "\n"
-
-
 def _csv(plan: Plan, arm: _PlannedArm) -> str:
     out = io.StringIO()
     writer = csv.writer(out, lineterminator="\n")
     holds = [f"hold{joint.number}_{arm.unit(joint)}" for joint in arm.robot.joints]
     writer.writerow(["run", "joint", *holds, "from", "to", "velocity", "unit", "purpose"])
-    for count, motion in enumerate(plan.motions, start=1):
-        held, own = _numbers(motion, arm)
-        unit = arm.unit(arm.robot.joint(motion.joint))
-        writer.writerow([count, motion.joint, *held, *own, unit, motion.purpose])
+    for count, run in enumerate(_entries(plan, arm)["runs"], start=1):
+        numbers = map(_number, (*run["hold"], run["from"], run["to"], run["velocity"]))
+        unit = arm.unit(arm.robot.joint(run["joint"]))
+        writer.writerow([count, run["joint"], *numbers, unit, run["purpose"]])
     return out.getvalue()

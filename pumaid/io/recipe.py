@@ -56,8 +56,8 @@ def read_recipe(path: Path) -> Robot:
         raise RecipeError("recipe-bad-value", what, where, "give the robot's recipe")
     arm = ArmForm.of(data)
     form, faults = validated(RecipeForm, data, wording=WORDING, context=arm)
-    paths = {fault.path for fault in faults}
-    faults += [fault for fault in faults_between(data, arm) if fault.path not in paths]
+    if form is not None:
+        faults = list(faults_between(form, arm.names))
     if faults or document.doubled or form is None:
         degrees = [fault for fault in faults if fault.slug == "recipe-angle-unit"]
         refuse(name, document, [fault for fault in faults if fault not in degrees[1:]], wording=WORDING)

@@ -5,14 +5,13 @@ from __future__ import annotations
 import math
 import re
 import string
-from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from typing import Annotated, Any, Literal, cast
+from typing import Annotated, Any, Literal, Self, cast
 
 from pydantic import AfterValidator, BaseModel, BeforeValidator, Field, ValidationInfo, model_validator
 
-from pumaid.io.forms import FORM, Fault, Finite, is_number, refusal, within
+from pumaid.io.forms import FORM, Fault, Finite, refusal, within
 from pumaid.units import UNITS, factor
 
 #: Longest link and rail (m), and fastest rail (m/s); larger numbers are in millimetres.
@@ -52,10 +51,6 @@ EXAMPLES = {
     "radius": "the sphere's radius, m",
     "ignore": "[[4, 6]], pairs of links",
 }
-_BLOCKS = (
-    *("units", "log", "signs", "effects", "shape", "coupling", "source", "notes", "licence"),
-    *("safety", "boxes", "spheres", "ignore"),
-)
 _PI = re.compile(r"\s*([+-]?)\s*(?:(\d+(?:\.\d*)?)\s*\*?\s*)?pi\s*(?:/\s*(\d+(?:\.\d*)?))?\s*")
 _COLUMN = "write {joint} (counts from 1), {joint0} (from 0) or {name} where the joint goes, such as q{joint}"
 
@@ -72,27 +67,16 @@ class ArmForm:
     @classmethod
     def of(cls, data: dict[str, Any]) -> ArmForm:
         """From a recipe's plain data, whatever it holds."""
-        joints = [joint if isinstance(joint, dict) else {} for joint in listed(data, "joints")]
-        names = (joint.get("name") for joint in joints)
-        units = mapped(data, "units")
+        entries, units = data.get("joints"), data.get("units")
+        joints = [joint if isinstance(joint, dict) else {} for joint in (entries if isinstance(entries, list) else [])]
+        names = [joint.get("name") for joint in joints]
+        units = units if isinstance(units, dict) else {}
         return cls(
             tuple(name if isinstance(name, str) else f"joint{k}" for k, name in enumerate(names, start=1)),
             frozenset(str(joint.get("type")) for joint in joints),
             str(units.get("angle", "rad")),
             "angle" in units,
         )
-
-
-def listed(data: Any, key: str) -> list[Any]:
-    """The list under a key; empty where there is none."""
-    value = data.get(key) if isinstance(data, dict) else None
-    return value if isinstance(value, list) else []
-
-
-def mapped(data: Any, key: str) -> dict[Any, Any]:
-    """The mapping under a key; empty where there is none."""
-    value = data.get(key) if isinstance(data, dict) else None
-    return value if isinstance(value, dict) else {}
 
 
 def _arm(info: ValidationInfo) -> ArmForm:
@@ -228,12 +212,6 @@ def _effect_name(name: str) -> str:
     return name
 
 
-def _text_or_texts(text: Any) -> Any:
-    if not all(isinstance(line, str) for line in (text if isinstance(text, list) else [text])):
-        raise refusal("recipe-bad-value", "this is neither text nor a list of texts", 'put the text in quotes: "..."')
-    return text
-
-
 def _link(link: int, info: ValidationInfo) -> int:
     n_joints = len(_arm(info).names)
     if not 0 <= link <= n_joints:
@@ -298,7 +276,6 @@ Angle = Annotated[Finite, BeforeValidator(_pi), AfterValidator(_plausible)]
 Length = Annotated[Finite, within(0, LONGEST_LINK, unit="m", mend="lengths are in metres; divide by 1000")]
 Words = Annotated[str, Field(strict=True, max_length=200), AfterValidator(_printable)]
 Template = Annotated[Words, AfterValidator(_template)]
-Texts = Annotated[Any, BeforeValidator(_text_or_texts)]
 Point = Annotated[list[Length], Field(min_length=3, max_length=3)]
 Link = Annotated[int, Field(strict=True), AfterValidator(_link)]
 Signs = Annotated[list[Finite], AfterValidator(_signs)]
@@ -310,11 +287,11 @@ class _StrictForm(BaseModel):
 
     @model_validator(mode="before")
     @classmethod
-    def _leave_out_empty_blocks(cls, data: Any) -> Any:
-        """A block whose lines are all commented out reads as empty, and means its default."""
+    def _leave_out_empty(cls, data: Any) -> Any:
+        """What is empty, as a block whose lines are all commented out, means its default; a quantity may be null."""
         if not isinstance(data, dict):
             return data
-        return {key: value for key, value in data.items() if value is not None or key not in _BLOCKS}
+        return {key: value for key, value in data.items() if value is not None or key in ("velocity", "temperature")}
 
 
 class JointForm(_StrictForm):
@@ -329,6 +306,16 @@ class JointForm(_StrictForm):
     limits: Annotated[list[Angle], Field(min_length=2, max_length=2), AfterValidator(_in_order)] | None = None
     max_velocity: Annotated[Angle, Field(gt=0)] | None = None
     gear_ratio: GearRatio | None = None
+
+    @model_validator(mode="after")
+    def _has_constants(self) -> Self:
+        needed = "d" if self.type == "revolute" else "theta"
+        if getattr(self, needed) is None:
+            mend = f"add {needed}: 0 if it is zero; only the offset of the joint's own motion may be left out"
+            raise refusal(
+                "recipe-bad-key", f"a {self.type} joint has a constant {needed}, and the key is missing", mend
+            )
+        return self
 
 
 class FileUnits(_StrictForm):
@@ -383,6 +370,14 @@ class BoxForm(_StrictForm):
     min: Point
     max: Point
 
+    @model_validator(mode="after")
+    def _has_inside(self) -> Self:
+        for axis, low, high in zip("xyz", self.min, self.max, strict=True):
+            if low >= high:
+                what = f"along {axis} the box reaches from {low:g} to {high:g} m, so it has no inside"
+                raise refusal("recipe-bad-value", what, "write the lower corner as min and the upper as max")
+        return self
+
 
 class SphereForm(_StrictForm):
     """One entry of `safety.spheres`."""
@@ -413,91 +408,54 @@ class RecipeForm(_StrictForm):
     effects: list[EffectForm] = []
     safety: SafetyForm | None = None
     coupling: dict[Annotated[str, AfterValidator(_coupling)], Finite] = {}
-    source: Texts = ""
-    notes: Texts = ""
-    licence: Texts = ""
+    source: Any = ""
+    notes: Any = ""
+    licence: Any = ""
 
 
-def faults_between(data: dict[str, Any], arm: ArmForm) -> Iterator[Fault]:
-    """Faults that show only when two values are seen together; wrong types are the form's concern."""
-    joints = [joint if isinstance(joint, dict) else {} for joint in listed(data, "joints")]
-    yield from _repeated(arm.names, "joints", "name")
-    for index, joint in enumerate(joints):
-        needed = {"revolute": "d", "prismatic": "theta"}.get(str(joint.get("type")))
-        if needed is not None and joint.get(needed) is None:
-            mend = f"add {needed}: 0 if it is zero; only the offset of the joint's own motion may be left out"
-            what = f"a {joint['type']} joint has a constant {needed}, and the key is missing"
-            yield Fault(("joints", index, needed), "recipe-bad-key", what, mend)
-    yield from _columns(mapped(data, "log"), arm)
-    yield from _effects(data, arm)
-    yield from _boxes(data.get("safety"))
-    pairs = {key: pair for key in mapped(data, "coupling") if (pair := coupled(key)) is not None}
-    for key, pair in pairs.items():
-        first = next(other for other in pairs if pairs[other] == pair)
-        if key != first:
-            what = f"{first} and {key} couple the same joints"
+def faults_between(form: RecipeForm, names: tuple[str, ...]) -> Iterator[Fault]:
+    """Faults that show only when two values are seen together; `names` are the joints'."""
+    yield from _repeated(names, "joints")
+    yield from _columns(form.log, names)
+    choices = [(choice.effect, choice.joint, choice.shape) for choice in form.effects]
+    for index, choice in enumerate(choices):
+        if choice in choices[:index]:
+            yield Fault(("effects", index), "recipe-bad-value", f"{choice[0]} is given twice", "remove one")
+    if form.safety is not None:
+        boxes = [box.name or f"box {k}" for k, box in enumerate(form.safety.boxes, start=1)]
+        yield from _repeated(boxes, "safety", "boxes")
+    pairs = [pair for key in form.coupling if (pair := coupled(key)) is not None]
+    for key, pair in zip(form.coupling, pairs, strict=True):
+        if pairs.count(pair) > 1 and key != f"r{pair[0]}{pair[1]}":
+            what = f"{key} couples joints that another key couples"
             yield Fault(("coupling", key), "recipe-bad-value", what, "take one away")
-    for number in sorted({number for pair in pairs.values() for number in pair}):
-        if number <= len(joints) and joints[number - 1].get("gear_ratio") is None:
+    for number in sorted({number for pair in pairs for number in pair}):
+        if form.joints[number - 1].gear_ratio is None:
             what = f"joint {number} takes part in coupling, and has no gear ratio"
             path = ("joints", number - 1, "gear_ratio")
             yield Fault(path, "recipe-bad-key", what, "add gear_ratio: motor turns per joint turn")
 
 
-def _repeated(names: tuple[str, ...], *path: str) -> Iterator[Fault]:
+def _repeated(names: Sequence[str], *path: str) -> Iterator[Fault]:
     """Names that stand twice in a list."""
-    *block, key = path
-    first: dict[str, int] = {}
-    for index, name in enumerate(names):
-        if first.setdefault(name.lower(), index) != index:
-            what = f"{block[-1]} {first[name.lower()] + 1} and {index + 1} are both named {name[:60]}"
-            yield Fault((*block, index, key), "recipe-bad-value", what, "give each its own name")
+    lower = [name.lower() for name in names]
+    for index, name in enumerate(lower):
+        if name in lower[:index]:
+            what = f"{path[-1]} {lower.index(name) + 1} and {index + 1} are both named {names[index][:60]}"
+            yield Fault((*path, index, "name"), "recipe-bad-value", what, "give each its own name")
 
 
-def _columns(log: dict[Any, Any], arm: ArmForm) -> Iterator[Fault]:
+def _columns(log: LogForm, names: tuple[str, ...]) -> Iterator[Fault]:
     """Columns that two quantities take."""
-    taken = Counter([str(log.get("time", "t"))])
+    taken = {log.time}
     for key in ("position", "velocity", "current", "temperature"):
-        template = log.get(key, LogForm.model_fields[key].default)
-        try:
-            places = [{"joint": k + 1, "joint0": k, "name": name} for k, name in enumerate(arm.names)]
-            columns = {template.format(**place) for place in places if "." not in template and "[" not in template}
-        except (AttributeError, TypeError, ValueError, LookupError):
-            continue
-        shared = next((column for column in sorted(columns) if taken[column]), None)
-        taken.update(columns)
-        if shared is not None:
-            what = f"{key} takes column {shared}, which another quantity has already"
+        template = getattr(log, key) or ""
+        columns = {template.format(joint=k + 1, joint0=k, name=name) for k, name in enumerate(names) if template}
+        shared = sorted(columns & taken)
+        taken |= columns
+        if shared:
+            what = f"{key} takes column {shared[0]}, which another quantity has already"
             yield Fault(("log", key), "recipe-bad-value", what, "give each quantity its own columns")
-    units = mapped(log, "units")
-    if units.get("position") == "rev" and "velocity" not in units:
+    if log.units.position == "rev" and log.units.velocity is None:
         what, mend = "position is in rev, and the unit of velocity is missing", "add velocity: rpm, deg/s or rad/s"
         yield Fault(("log", "units", "position"), "recipe-bad-value", what, mend)
-
-
-def _effects(data: dict[str, Any], arm: ArmForm) -> Iterator[Fault]:
-    """The same effect twice at a joint."""
-    seen = set()
-    for index, choice in enumerate(listed(data, "effects")):
-        if isinstance(choice, dict):
-            joint = choice.get("joint", "all")
-            number = arm.names.index(joint) + 1 if joint in arm.names else joint
-            key = f"{choice.get('effect')} at joint {number} {choice.get('shape')}"
-            if key in seen:
-                what = f"{choice.get('effect')} at joint {joint} is given twice"
-                yield Fault(("effects", index), "recipe-bad-value", what, "remove one")
-            seen.add(key)
-
-
-def _boxes(safety: Any) -> Iterator[Fault]:
-    """Boxes of one name, and turned inside out."""
-    boxes = [box if isinstance(box, dict) else {} for box in listed(safety, "boxes")]
-    names = [box.get("name") for box in boxes]
-    words = tuple(name if isinstance(name, str) else f"box {k}" for k, name in enumerate(names, start=1))
-    yield from _repeated(words, "safety", "boxes", "name")
-    for index, box in enumerate(boxes):
-        for axis, least, most in zip("xyz", listed(box, "min"), listed(box, "max"), strict=False):
-            if is_number(least) and is_number(most) and least >= most:
-                what = f"along {axis} the box reaches from {least:g} to {most:g} m, so it has no inside"
-                mend = "write the lower corner as min and the upper as max"
-                yield Fault(("safety", "boxes", index), "recipe-bad-value", what, mend)

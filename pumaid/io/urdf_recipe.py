@@ -230,7 +230,7 @@ def _joints(chain: ArmChain) -> tuple[list[Joint], list[Note]]:
 
 def _name(name: str, count: int, taken: Sequence[str]) -> str:
     """The URDF's name where a recipe can hold it."""
-    data = {"type": "revolute", "alpha": 0.0, "a": 0.0, "name": name}
+    data = {"type": "revolute", "alpha": 0.0, "a": 0.0, "d": 0.0, "name": name}
     try:
         JointForm.model_validate(data, context=ArmForm((), frozenset(), "rad", True))
     except ValidationError:

@@ -81,7 +81,7 @@ def test_a_recipe_states_the_coupling(tmp_path):
         ("{r74: 0.1}", "recipe-bad-value", "no joint 7"),
         ("{wrist: 0.1}", "recipe-bad-key", "does not name two joints"),
         ("{r1210: 0.1}", "recipe-bad-key", "does not name two joints"),
-        ("{r54: 0.1, r5_4: 0.1}", "recipe-bad-value", "r54 and r5_4"),
+        ("{r54: 0.1, r5_4: 0.1}", "recipe-bad-value", "r5_4 couples joints that another key couples"),
         ("{r54: fast}", "recipe-bad-value", "not a number"),
     ],
 )

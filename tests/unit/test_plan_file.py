@@ -32,6 +32,12 @@ runs:
   - {joint: 2, hold: [0.2, 0], from: 60, to: -60, velocity: 30, purpose: heldout}
   - {joint: 2, hold: [0.2, 0], from: -60, to: 60, velocity: 30}
 """
+RADIANS = """\
+kind: plan
+format: 1
+units: {angle: rad}
+runs: [{joint: 2, hold: [0.2, 0], from: 1, to: -1, velocity: 0.5}]
+"""
 
 
 @cache
@@ -66,10 +72,9 @@ def faults(folder: Path, text: str, name: str = "plan.yaml") -> list[PumaidError
     return list(caught.value.faults) if isinstance(caught.value, Faults) else [caught.value]
 
 
-@pytest.mark.parametrize("angle", ["deg", "rad"])
-def test_yaml_round_trip(tmp_path, angle):
+def test_yaml_round_trip(tmp_path):
     """All that a plan holds comes back, positions to ten digits."""
-    write_plan(tmp_path / "p" / "plan.yaml", full(), ROBOT, angle=angle)
+    write_plan(tmp_path / "p" / "plan.yaml", full(), ROBOT)
     found = read_plan(tmp_path / "p" / "plan.yaml", ROBOT)
     for one, other in zip(found.motions, full().motions, strict=True):
         numbers = [(*m.hold, m.start, m.end, m.velocity) for m in (one, other)]
@@ -101,6 +106,8 @@ def test_hand_written_plan_is_read(tmp_path):
     assert found.motions[1].velocity == pytest.approx(np.radians(30))
     assert found.motions[0].hold == pytest.approx((0.0, np.radians(30)))
     assert found.notes == ()
+    (run,) = read(tmp_path, RADIANS).motions
+    assert (run.start, run.end) == (1.0, -1.0)
 
 
 def test_other_robots_name_is_noted(tmp_path):
