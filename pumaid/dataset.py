@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-import hashlib
 import json
 import zipfile
 import zlib
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, fields, replace
-from itertools import accumulate, pairwise
 from pathlib import Path
 from typing import Any, BinaryIO, TypeVar
 
@@ -18,6 +16,11 @@ from numpy.typing import NDArray
 from pumaid.errors import Note, Where
 
 Floats = NDArray[np.float64]
+Counts = NDArray[np.int64]
+Binned = TypeVar("Binned", "Bins", "Means")
+
+#: Fields of a log with a value a sample.
+_SAMPLED = ("rows", "time", "position", "velocity", "current", "temperature", "extra")
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -45,7 +48,7 @@ class Log:
     """
 
     origin: str
-    rows: NDArray[np.int64]
+    rows: Counts
     time: Floats
     position: Floats
     velocity: Floats | None
@@ -68,44 +71,24 @@ class Log:
     def __len__(self) -> int:
         return len(self.time)
 
-    def part(self, index: slice | NDArray[np.int64]) -> Log:
+    def part(self, index: slice | Counts) -> Log:
         """Some of the samples, by their numbers."""
-
-        def of(values: Floats | None) -> Floats | None:
-            return None if values is None else values[index]
-
-        return replace(
-            self,
-            rows=self.rows[index],
-            time=self.time[index],
-            position=self.position[index],
-            velocity=of(self.velocity),
-            current=self.current[index],
-            temperature=of(self.temperature),
-            extra=of(self.extra),
-            starts_clock=False,
-        )
+        arrays = {name: values[index] for name in _SAMPLED if (values := getattr(self, name)) is not None}
+        return replace(self, **arrays, starts_clock=False)
 
     @classmethod
     def joined(cls, logs: Sequence[Log]) -> Log:
         """Consecutive batches of one file as one; a quantity that some of them lack is NaN there."""
         if len(logs) == 1:
             return logs[0]
-
-        def together(name: str) -> Any:
-            values = [getattr(log, name) for log in logs]
-            width = next((value.shape[1:] for value in values if value is not None), None)
-            if width is None:
-                return None
-            nothing = (np.full((len(log), *width), np.nan) for log in logs)
-            return np.concatenate([n if v is None else v for n, v in zip(nothing, values, strict=True)])
-
-        names = ("rows", "time", "position", "velocity", "current", "temperature", "extra")
-        return replace(logs[0], **{name: together(name) for name in names})
-
-
-Counts = NDArray[np.int64]
-Kept = TypeVar("Kept", "Bins", "Means")
+        arrays: dict[str, Any] = {}
+        for name in _SAMPLED:
+            parts = [getattr(log, name) for log in logs]
+            width = next((part.shape[1:] for part in parts if part is not None), None)
+            if width is not None:
+                empty = (np.full((len(log), *width), np.nan) for log in logs)
+                arrays[name] = np.concatenate([e if p is None else p for e, p in zip(empty, parts, strict=True)])
+        return replace(logs[0], **arrays)
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -130,7 +113,7 @@ class Bins:
         (M, E) means of the columns `Dataset.extra`, in the log's own units, NaN where not a number; None without.
     """
 
-    count: NDArray[np.int64]
+    count: Counts
     time: Floats
     position: Floats
     velocity: Floats
@@ -151,7 +134,7 @@ class Means:
     `position` is in rad or m, `velocity` in rad/s or m/s, `current` in A, NaN where not measured.
     """
 
-    count: NDArray[np.int64]
+    count: Counts
     time: Floats
     position: Floats
     velocity: Floats
@@ -182,7 +165,7 @@ class Run:
     speed
         Mean velocity, signed, rad/s or m/s.
     ripple
-        RMS of velocity about its mean (constant) in the same unit; what the measured speed was worth.
+        RMS of velocity about its mean in the same unit; what the measured speed was worth.
     temperature
         Mean of the moving joint, degC, NaN where not measured.
     samples
@@ -291,7 +274,7 @@ _DAMAGES: tuple[type[Exception], ...] = (
 def save_dataset(sink: BinaryIO, dataset: Dataset, made_from: Mapping[str, Any]) -> None:
     """Write a dataset as plain numpy arrays (npz, nothing pickled).
 
-    Each field of runs and rejects is an array over all of them, each field of their bins one over all bins.
+    Each field of the bins is one array over all bins; everything else is JSON, in the array `about`.
 
     Parameters
     ----------
@@ -308,9 +291,21 @@ def save_dataset(sink: BinaryIO, dataset: Dataset, made_from: Mapping[str, Any])
         "notes": [{"slug": note.slug, "text": note.text, "where": asdict(note.where)} for note in dataset.notes],
         "extra": dataset.extra,
     }
-    arrays = {"about": np.array(json.dumps(about))}
-    arrays |= _as_arrays("runs", dataset.runs, Bins) | _as_arrays("rejects", dataset.rejects, Means)
-    np.savez(sink, digest=_digest(arrays), **arrays)  # type: ignore[arg-type]
+    arrays = {}
+    for name, records in (("runs", dataset.runs), ("rejects", dataset.rejects)):
+        about[name] = [_plain(record) for record in records]
+        bins = [record.bins for record in records if record.bins is not None]
+        for item in fields(bins[0]) if bins else ():
+            if getattr(bins[0], item.name) is not None:
+                arrays[f"{name}.{item.name}"] = np.concatenate([getattr(part, item.name) for part in bins])
+    text = json.dumps(about, default=np.ndarray.tolist).encode()
+    np.savez(sink, about=np.frombuffer(text, np.uint8), **arrays)  # type: ignore[arg-type]
+
+
+def _plain(record: Run | Reject) -> dict[str, Any]:
+    """The record's fields; of its bins the number, -1 where it has none."""
+    values = {item.name: getattr(record, item.name) for item in fields(record)}
+    return values | {"bins": -1 if record.bins is None else len(record.bins)}
 
 
 def load_dataset(path: Path) -> tuple[Dataset, dict[str, Any]]:
@@ -329,16 +324,20 @@ def load_dataset(path: Path) -> tuple[Dataset, dict[str, Any]]:
     Raises
     ------
     ValueError
-        It is no such file, or not as it was written.
+        It is no such file, or damaged.
     """
     try:
         with path.open("rb") as stream, np.load(stream, allow_pickle=False) as archive:
             arrays = dict(archive)
-        if not np.array_equal(arrays.pop("digest"), _digest(arrays)):
-            raise ValueError("its content is not what was written")
-        about = json.loads(str(arrays["about"]))
-        runs = tuple(Run(**values) for values in _as_values("runs", arrays, Bins))
-        rejects = tuple(Reject(**values) for values in _as_values("rejects", arrays, Means))
+        about = json.loads(arrays.pop("about").tobytes())
+        runs = tuple(
+            Run(**values | {"posture": np.array(values["posture"]), "span": tuple(values["span"])}, bins=bins)
+            for values, bins in _with_bins("runs", about["runs"], arrays, Bins)
+        )
+        rejects = tuple(
+            Reject(**values | {"joints": tuple(values["joints"])}, bins=bins)
+            for values, bins in _with_bins("rejects", about["rejects"], arrays, Means)
+        )
         files = tuple(FileFacts(**facts) for facts in about["files"])
         notes = tuple(Note(note["slug"], note["text"], Where(**note["where"])) for note in about["notes"])
         return Dataset(runs, rejects, files, notes, tuple(about["extra"])), about["made_from"]
@@ -348,106 +347,49 @@ def load_dataset(path: Path) -> tuple[Dataset, dict[str, Any]]:
         raise ValueError(f"it cannot be read ({type(error).__name__})") from error
 
 
-def _digest(arrays: Mapping[str, NDArray[Any]]) -> NDArray[np.uint8]:
-    """(32,) SHA-256 over names, types, shapes and content."""
-    whole = hashlib.sha256()
-    for name, values in sorted(arrays.items()):
-        whole.update(f"{name} {values.dtype} {values.shape} ".encode())
-        whole.update(values.tobytes())
-    return np.frombuffer(whole.digest(), dtype=np.uint8)
-
-
-def _as_arrays(name: str, records: Sequence[Run | Reject], kind: type[Bins | Means]) -> dict[str, Any]:
-    """Field -> array over all records or bins; `bins` holds how many each record has, -1 where it has none."""
-    arrays: dict[str, Any] = {}
-    for item in fields(records[0]) if records else ():
-        values = [getattr(record, item.name) for record in records]
-        if item.name == "bins":
-            arrays[f"{name}.bins"] = np.array([-1 if bins is None else len(bins) for bins in values])
-            columns = {
-                part.name: [getattr(bins, part.name) for bins in values if bins is not None] for part in fields(kind)
-            }
-            arrays |= {
-                f"{name}.bins.{part}": np.concatenate(column)
-                for part, column in columns.items()
-                if column and column[0] is not None
-            }
-        elif item.name == "joints":
-            arrays[f"{name}.joints"] = np.array([" ".join(map(str, joints)) for joints in values])
-        else:
-            arrays[f"{name}.{item.name}"] = np.array(values)
-    return arrays
-
-
-def _as_values(name: str, arrays: Mapping[str, NDArray[Any]], kind: type[Bins | Means]) -> Iterator[dict[str, Any]]:
-    """Field -> value of each record, one after the other."""
-    if f"{name}.bins" not in arrays:
-        return
-    plain = {key.removeprefix(f"{name}."): values for key, values in arrays.items() if key.startswith(f"{name}.")}
-    columns = {key.removeprefix("bins."): plain.pop(key) for key in list(plain) if key.startswith("bins.")}
-    counts = plain.pop("bins").tolist()
-    lists = {key: list(values) if key == "posture" else values.tolist() for key, values in plain.items()}
+def _with_bins(
+    name: str, records: Sequence[dict[str, Any]], arrays: Mapping[str, NDArray[Any]], kind: type[Binned]
+) -> Iterator[tuple[dict[str, Any], Any]]:
+    """The other fields of each record, and its bins."""
     first = 0
-    for number, count in enumerate(counts):
-        record = {key: values[number] for key, values in lists.items()}
-        bins = {key: values[first : first + count] for key, values in columns.items()}
-        record["bins"] = kind(**bins) if count >= 0 else None
+    columns = {key.removeprefix(f"{name}."): values for key, values in arrays.items() if key.startswith(f"{name}.")}
+    for values in records:
+        count = values.pop("bins")
+        bins = {key: column[first : first + count] for key, column in columns.items()}
+        yield values, kind(**bins) if count >= 0 else None
         first += max(count, 0)
-        if name == "runs":
-            record["span"] = tuple(record["span"])
-        else:
-            record["joints"] = tuple(map(int, record["joints"].split()))
-        yield record
 
 
-def coarser(parts: list[Kept], most: int) -> Kept:
-    """The bins of consecutive pieces as one set of at most `most`."""
-    whole = parts[0] if len(parts) == 1 else _together(parts)
-    if len(whole) <= most:
-        return whole
-    count, starts = whole.count, spans(whole.time, most)
+def coarser(bins: Binned, size: int) -> Binned:
+    """The same in at most `size` bins."""
+    if len(bins) <= size:
+        return bins
+    count, starts = bins.count, spans(bins.time, size)
     total = np.add.reduceat(count, starts)
-    names = [item.name for item in fields(whole) if item.name not in ("count", "extra")]
-    given = [getattr(whole, name) for name in names]
-    # All columns at once: each call of numpy costs as much as the sums of one of them.
-    table = np.concatenate([values.T if values.ndim > 1 else values[None] for values in given])
-    means = np.add.reduceat(table * count, starts, axis=1) / total
-    borders = accumulate((values.shape[1] if values.ndim > 1 else 1 for values in given), initial=0)
-    found: dict[str, Any] = {
-        name: np.ascontiguousarray(means[low:high].T) if values.ndim > 1 else means[low]
-        for name, values, (low, high) in zip(names, given, pairwise(borders), strict=True)
-    }
-    if isinstance(whole, Bins):
-        spread = whole.current - np.repeat(found["current"], np.diff(starts, append=len(count)))
-        found["variance"] = found["variance"] + np.add.reduceat(spread * spread * count, starts) / total
-        if whole.extra is not None:
-            found["extra"] = _known_mean(whole.extra, starts, count)
-    return type(whole)(**found, count=total)
+    columns: dict[str, Any] = {}
+    for item in fields(bins):
+        values = getattr(bins, item.name)
+        if item.name == "extra":
+            columns["extra"] = None if values is None else finite_means(values, starts, count)
+        elif item.name != "count":
+            columns[item.name] = (np.add.reduceat(values.T * count, starts, axis=-1) / total).T
+    if isinstance(bins, Bins):
+        spread = bins.current - np.repeat(columns["current"], np.diff(starts, append=len(count)))
+        columns["variance"] = columns["variance"] + np.add.reduceat(spread * spread * count, starts) / total
+    return type(bins)(**columns, count=total)
 
 
-def _together(parts: list[Kept]) -> Kept:
-    """Consecutive bins as one set."""
-    columns = ([getattr(part, item.name) for part in parts] for item in fields(parts[0]))
-    joined: list[Any] = [None if any(one is None for one in column) else np.concatenate(column) for column in columns]
-    return type(parts[0])(*joined)
+def spans(time: Floats, size: int) -> Counts:
+    """Where at most `size` equal spans of (M,) rising times begin, those without an instant left out."""
+    return np.unique(np.searchsorted(time, time[0] + np.arange(size) * ((time[-1] - time[0]) / size)))
 
 
-def spans(time: Floats, most: int) -> Counts:
-    """Where at most `most` equal spans of (M,) rising times begin, those without an instant left out."""
-    borders = time[0] + np.arange(most) * ((time[-1] - time[0]) / most)
-    return _each_once(np.searchsorted(time, borders))
-
-
-def _each_once(rising: Counts) -> Counts:
-    """Rising numbers without repeats."""
-    return rising[np.append(True, rising[1:] != rising[:-1])]
-
-
-def _known_mean(values: Floats, starts: Counts, count: Counts) -> Floats:
-    """(M, E) means of bins of `count` samples each, those without a number left out."""
-    weight = np.where(np.isfinite(values), count[:, None], 0)
+def finite_means(values: Floats, starts: Counts, count: Counts | None = None) -> Floats:
+    """(M,) or (M, E) means of the numbers from each start on, weighted by `count`; NaN where there are none."""
+    good = np.isfinite(values)
+    weight = np.where(good, 1 if count is None else count[:, None], 0)
     total = np.add.reduceat(weight, starts, axis=0)
-    sums = np.add.reduceat(np.nan_to_num(values) * weight, starts, axis=0)
+    sums = np.add.reduceat(np.where(good, values, 0.0) * weight, starts, axis=0)
     return np.divide(sums, total, out=np.full(sums.shape, np.nan), where=total > 0)
 
 

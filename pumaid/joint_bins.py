@@ -437,4 +437,4 @@ def _sloped(run: Run) -> Run:
 
 
 def _thinned(run: Run, most: int | None) -> Run:
-    return run if most is None or len(run.bins) <= most else replace(run, bins=coarser([run.bins], most))
+    return run if most is None or len(run.bins) <= most else replace(run, bins=coarser(run.bins, most))

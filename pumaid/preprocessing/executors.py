@@ -7,77 +7,22 @@ import multiprocessing
 import os
 import signal
 import threading
-from collections import deque
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from concurrent.futures import BrokenExecutor, CancelledError, Executor, Future, ProcessPoolExecutor
+from collections.abc import Iterator, Mapping, Sequence
+from concurrent.futures import Executor, ProcessPoolExecutor
 from contextlib import ExitStack, contextmanager
-from typing import Any, TypeVar
+from typing import Any
 
 from pumaid import __version__
 from pumaid.errors import LogError, Where
-
-Task = TypeVar("Task")
-Result = TypeVar("Result")
 
 #: Processes at most where nobody says how many.
 MOST_PROCESSES = 8
 #: Bytes of logs for which one more process is started (it takes some 30 ms).
 BYTES_A_PROCESS = 8 << 20
-#: Files a process that may be read ahead of the one whose turn it is: memory stays bounded.
-AHEAD = 3
 #: s to wait for a scheduler.
 PATIENCE = 10
 #: The address that asks for Dask workers on this machine.
 LOCAL = "local"
-
-
-def in_order(
-    work: Callable[[Task], Result], tasks: Iterable[Task], executor: Executor | None, *, workers: int = 1
-) -> Iterator[Result]:
-    """Results of tasks in the order of the tasks.
-
-    A task whose worker dies is done in this process.
-
-    Parameters
-    ----------
-    work
-        What is done with a task; what it raises is raised here.
-    tasks
-        In the order of their results.
-    executor
-        Does the work; this process does it where there is none.
-    workers
-        Of the executor.
-    """
-    if executor is None:
-        yield from map(work, tasks)
-        return
-    waiting: deque[tuple[Task, Future[Result] | None]] = deque()
-    for task in tasks:
-        waiting.append((task, _submitted(executor, work, task)))
-        if len(waiting) >= AHEAD * workers:
-            yield _result(work, *waiting.popleft())
-    while waiting:
-        yield _result(work, *waiting.popleft())
-
-
-def _submitted(executor: Executor, work: Callable[[Task], Result], task: Task) -> Future[Result] | None:
-    try:
-        return executor.submit(work, task)
-    except (BrokenExecutor, RuntimeError):  # its workers died, or the connection to them
-        return None
-
-
-def _result(work: Callable[[Task], Result], task: Task, future: Future[Result] | None) -> Result:
-    if future is None:
-        return work(task)
-    try:
-        return future.result()
-    except Exception as error:
-        is_lost = isinstance(error, BrokenExecutor | CancelledError)
-        if is_lost or type(error).__module__.startswith("distributed."):
-            return work(task)
-        raise
 
 
 @contextmanager
@@ -155,9 +100,8 @@ def dask_workers(address: str, jobs: int = 0) -> Iterator[tuple[Executor, int]]:
             versions = client.get_versions(packages=["pumaid"])
         except (OSError, ValueError, TypeError) as error:
             what = f"no scheduler answers at {address}: {(str(error) or type(error).__name__).splitlines()[0][:200]}"
-            raise LogError(
-                "no-cluster", what, where, "start one with 'dask scheduler', or give --dask local"
-            ) from error
+            mend = "start one with 'dask scheduler', or give --dask local"
+            raise LogError("no-cluster", what, where, mend) from error
         if address != LOCAL:
             _check_versions({"the scheduler": versions["scheduler"], **versions["workers"]}, where)
         yield client.get_executor(pure=False), max(1, len(versions["workers"]))

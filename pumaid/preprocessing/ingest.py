@@ -2,27 +2,33 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import Executor
+from collections import deque
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from concurrent.futures import BrokenExecutor, CancelledError, Executor, Future
 from dataclasses import dataclass, replace
 from functools import partial
+from typing import TypeVar
 
-from pumaid.dataset import Dataset, FileFacts, Reject, Run
+from pumaid.dataset import Dataset, FileFacts, Log, Reject, Run
 from pumaid.errors import Faults, LogError, Note, PumaidError, Where
 from pumaid.io.log_reader import LogReader
 from pumaid.io.paths import LogPath
 from pumaid.preprocessing import clock
-from pumaid.preprocessing.executors import in_order
 from pumaid.preprocessing.log_checks import findings
 from pumaid.preprocessing.log_statistics import LogStatistics
 from pumaid.preprocessing.options import DEFAULTS, SegmentOptions
-from pumaid.preprocessing.replicates import duplicates
-from pumaid.preprocessing.room import OF_REJECTS, OF_RUNS, Room
-from pumaid.preprocessing.segment import Segmenter
+from pumaid.preprocessing.segment import REJECT_BINS, RUN_BINS, BoundedRecords, segment
 from pumaid.robot import Robot
+
+Task = TypeVar("Task")
+Result = TypeVar("Result")
 
 #: Notes of one kind that are printed in full; a campaign of a thousand files may have one in each.
 MOST_ALIKE = 3
+#: Files a worker that may be read ahead of the one whose turn it is: memory stays bounded.
+AHEAD = 3
+#: Copies of files that are named.
+MOST_NAMED = 5
 
 
 @dataclass(frozen=True, slots=True)
@@ -88,31 +94,64 @@ def ingest(
     LogReader(paths, robot, extra=extra).check_extra()
     work = partial(read_file, robot=robot, options=options, extra=tuple(extra))
     results = in_order(work, paths, executor[0], workers=executor[1])
-    return _checked(_merged(_counted(results, progress), robot, trust=trust), trust=trust)
+    return _merged(_counted(results, progress), robot, trust=trust)
 
 
 def read_file(path: LogPath, *, robot: Robot, options: SegmentOptions, extra: tuple[str, ...] = ()) -> FileResult:
-    """Read and segment one file.
+    """Read and segment one file; parameters and errors as of `ingest`."""
+    reader, sums = LogReader((path,), robot, extra=extra), LogStatistics(robot)
+    dataset = segment(_watched(reader, sums), robot, options=options)
+    dataset = replace(dataset, files=tuple(reader.files), notes=tuple(reader.notes), extra=tuple(reader.extra))
+    return FileResult(dataset, sums, tuple(item for item in findings(sums) if isinstance(item, LogError)))
+
+
+def _watched(logs: Iterable[Log], sums: LogStatistics) -> Iterator[Log]:
+    for log in logs:
+        sums.take(log)
+        yield log
+
+
+def in_order(
+    work: Callable[[Task], Result], tasks: Iterable[Task], executor: Executor | None, *, workers: int = 1
+) -> Iterator[Result]:
+    """Results of tasks in the order of the tasks; a task whose worker dies is done in this process.
 
     Parameters
     ----------
-    path, robot, options, extra
-        As of `ingest`.
-
-    Raises
-    ------
-    LogError, or Faults of it
-        The file cannot be read.
+    work
+        What is done with a task; what it raises is raised here.
+    tasks
+        In the order of their results.
+    executor
+        Does the work; this process does it where there is none.
+    workers
+        Of the executor.
     """
-    reader = LogReader((path,), robot, extra=extra)
-    segmenter, sums = Segmenter(robot, options), LogStatistics(robot)
-    for log in reader:
-        sums.take(log)
-        segmenter.add(log)
-    runs, rejects = segmenter.close()
-    dataset = Dataset(runs, rejects, reader.files, reader.notes, reader.extra)
-    faults = tuple(item for item in findings(sums) if isinstance(item, LogError))
-    return FileResult(dataset, sums, faults)
+    if executor is None:
+        yield from map(work, tasks)
+        return
+    waiting: deque[tuple[Task, Future[Result] | None]] = deque()
+    for task in tasks:
+        try:
+            waiting.append((task, executor.submit(work, task)))
+        except (BrokenExecutor, RuntimeError):  # its workers died, or the connection to them
+            waiting.append((task, None))
+        if len(waiting) >= AHEAD * workers:
+            yield _result(work, *waiting.popleft())
+    while waiting:
+        yield _result(work, *waiting.popleft())
+
+
+def _result(work: Callable[[Task], Result], task: Task, future: Future[Result] | None) -> Result:
+    if future is None:
+        return work(task)
+    try:
+        return future.result()
+    except Exception as error:
+        is_lost = isinstance(error, BrokenExecutor | CancelledError)
+        if is_lost or type(error).__module__.startswith("distributed."):
+            return work(task)
+        raise
 
 
 def _counted(results: Iterator[FileResult], progress: Callable[[int], None]) -> Iterator[FileResult]:
@@ -123,7 +162,7 @@ def _counted(results: Iterator[FileResult], progress: Callable[[int], None]) -> 
 
 def _merged(results: Iterator[FileResult], robot: Robot, *, trust: bool) -> Dataset:
     """The files' results as one dataset; recordings are counted through all files."""
-    runs, rejects = Room[Run](OF_RUNS), Room[Reject](OF_REJECTS)
+    runs, rejects = BoundedRecords[Run](RUN_BINS), BoundedRecords[Reject](REJECT_BINS)
     files: list[FileFacts] = []
     notes: list[Note] = []
     faults: list[LogError] = []
@@ -148,26 +187,34 @@ def _merged(results: Iterator[FileResult], robot: Robot, *, trust: bool) -> Data
     of_all = findings(total)
     # What all logs show needs no message a file; what one file shows may drown in the others.
     first_of_each = {fault.slug: fault for fault in reversed(faults)}
-    found = [item for item in of_all if isinstance(item, LogError)] or [
+    refused = [item for item in of_all if isinstance(item, LogError)] or [
         fault for fault in faults if first_of_each[fault.slug] is fault
     ]
     doubts = [item for item in of_all if isinstance(item, Note)]
-    notes = [*_merged_notes(notes), *_refused(found, trust=trust), *doubts, *clock.notes(runs.records)]
+    notes = [*_merged_notes(notes), *_refused(refused, trust=trust), *doubts, *clock.notes(runs.records)]
+    notes += _refused(list(_copies(files)), trust=trust)
     return Dataset(tuple(runs.records), tuple(rejects.records), tuple(files), tuple(notes), extra)
 
 
-def _starts_clock(before: Sequence[FileFacts], here: Sequence[FileFacts]) -> bool:
+def _starts_clock(before: Sequence[FileFacts], following: Sequence[FileFacts]) -> bool:
     """Whether the times of the next file do not follow those of the files before."""
     last = [facts.last_time for facts in before if facts.rows]
-    first = [facts.first_time for facts in here if facts.rows]
+    first = [facts.first_time for facts in following if facts.rows]
     return bool(last and first) and not first[0] > last[-1]
 
 
-def _checked(dataset: Dataset, *, trust: bool) -> Dataset:
-    """The dataset with notes on what is in the logs twice; a copy of a file is refused."""
-    found = list(duplicates(dataset))
-    faults = _refused([item for item in found if isinstance(item, LogError)], trust=trust)
-    return replace(dataset, notes=(*dataset.notes, *faults, *(item for item in found if isinstance(item, Note))))
+def _copies(files: Sequence[FileFacts]) -> Iterator[LogError]:
+    """Files that are the same, byte for byte: counted as two they make errors too small by the root of two."""
+    first: dict[str, str] = {}
+    copies = {
+        facts.name: first[facts.digest]
+        for facts in files
+        if facts.rows and facts.digest and first.setdefault(facts.digest, facts.name) != facts.name
+    }
+    more = f" (and {len(copies) - MOST_NAMED} more such files)" if len(copies) > MOST_NAMED else ""
+    for copy, original in list(copies.items())[:MOST_NAMED]:
+        what = f"{copy} is a copy of {original}{more}: counted twice, errors would come out too small"
+        yield LogError("log-doubled", what, Where(file=copy), "leave one of the two out")
 
 
 def _refused(faults: Sequence[PumaidError], *, trust: bool) -> list[Note]:

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from pumaid.dataset import Log
+from pumaid.dataset import Log, finite_means
 from pumaid.robot import Robot
 
 Floats = NDArray[np.float64]
@@ -183,7 +183,7 @@ class LogStatistics:
             if known.any():
                 self._sum_current(j, log.current[:last, j][known], window[known])
         middle = 0.5 * (log.position[edges[1:]] + log.position[edges[:-1]])
-        self._sum_directions(speed, moves, middle, _known_means(log.current[:last], edges))
+        self._sum_directions(speed, moves, middle, finite_means(log.current[:last], edges[:-1]))
 
     def _sum_velocity(self, log: Log, edges: Ints, moved: Floats, usable: Bools) -> None:
         assert log.velocity is not None
@@ -274,14 +274,6 @@ def _groups(window: Ints) -> tuple[Ints, Ints]:
     """Where (N,) rising window numbers change, from 0 on, and how many samples each window has."""
     starts = np.concatenate([[0], np.flatnonzero(np.diff(window)) + 1])
     return starts, np.diff(starts, append=len(window))
-
-
-def _known_means(values: Floats, edges: Ints) -> Floats:
-    """(W, J) means of the windows' numbers, NaN where there is none."""
-    known = np.isfinite(values)
-    count = np.add.reduceat(known, edges[:-1], axis=0, dtype=np.int64)
-    sums = np.add.reduceat(np.where(known, values, 0.0), edges[:-1], axis=0)
-    return np.divide(sums, count, out=np.full(sums.shape, np.nan), where=count > 0)
 
 
 def _counted(values: Floats, *, most: int) -> dict[float, int]:

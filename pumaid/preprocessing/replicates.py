@@ -1,16 +1,14 @@
-"""Runs that repeat one another, the noise floor that they show, and measurements that are in the logs twice."""
+"""Runs that repeat one another, and the noise floor that they show."""
 
 from __future__ import annotations
 
-from collections import Counter
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from pumaid.dataset import Dataset, Run
-from pumaid.errors import LogError, Note, Where
+from pumaid.dataset import Run
 from pumaid.maths.alike import Numbers, grouped, marked, near
 
 Floats = NDArray[np.float64]
@@ -22,12 +20,6 @@ SAME_POSITION = 0.01
 SAME_SPEED = 0.03
 #: Share of the shorter run's travel that two replicates must have in common.
 OVERLAP = 0.8
-#: Bins by which a run is told from every other, fewest and most.
-FEWEST, MOST = 8, 32
-#: Share of the noise by which a copy in another form may differ; noise that is arithmetic's, as a share of the current.
-COPIED, NOISELESS = 0.02, 1e-6
-#: Copies of files that are named.
-MOST_NAMED = 5
 
 
 def replicates(runs: Sequence[Run]) -> list[list[int]]:
@@ -186,59 +178,3 @@ def _inside(a: _Course, b: _Course, smooth: Floats) -> float:
     inner = (b.q[1:] - b.q[:-1]) ** 2 * (along * (ours + theirs) + ours * theirs)
     spread = float(np.mean((harmonic * width) ** 2) + np.mean(inner)) / 12.0
     return max(variance - spread * (1.0 - 1.0 / float(b.count.mean()) ** 2), 0.0)
-
-
-def duplicates(dataset: Dataset) -> Iterator[LogError | Note]:
-    """Measurements that are in the logs twice: counted as two they make errors too small by the root of two.
-
-    Parameters
-    ----------
-    dataset
-        With the digests of its files.
-
-    Yields
-    ------
-    LogError [log-doubled]
-        Two files are the same, byte for byte.
-    Note [runs-doubled]
-        Runs are the same down to their noise, though the files are not: one was written anew in another form, or a
-        part of one was added to another.
-    """
-    first: dict[str, str] = {}
-    copies = {
-        facts.name: first[facts.digest]
-        for facts in dataset.files
-        if facts.rows and facts.digest and first.setdefault(facts.digest, facts.name) != facts.name
-    }
-    for copy, original in list(copies.items())[:MOST_NAMED]:
-        more = f" (and {len(copies) - MOST_NAMED} more such files)" if len(copies) > MOST_NAMED else ""
-        what = f"{copy} is a copy of {original}{more}: counted twice, errors would come out too small"
-        yield LogError("log-doubled", what, Where(file=copy), "leave one of the two out")
-    pairs = Counter((first.origin, again.origin) for first, again in _equal_runs(dataset.runs))
-    for (original, again), count in sorted(pairs.items()):
-        if again != original and copies.get(again, again) == copies.get(original, original):
-            continue
-        where = f"in {original}" if original == again else f"in {original} and in {again}"
-        runs = "1 run is" if count == 1 else f"{count} runs are"
-        text = f"{runs} there twice, {where}, equal down to the noise: counted twice, errors come out too small"
-        yield Note("runs-doubled", f"{text}; leave one of the two out", Where(file=again))
-
-
-def _equal_runs(runs: Sequence[Run]) -> Iterator[tuple[Run, Run]]:
-    """Pairs of runs that are one measurement, the earlier first."""
-    groups: dict[tuple[int, str, int, int], list[Run]] = {}
-    for run in runs:
-        if len(run.bins) >= FEWEST:
-            groups.setdefault((run.joint, run.kind, len(run.bins), run.samples), []).append(run)
-    for group in groups.values():
-        table = np.array([run.bins.current[:MOST] for run in group])
-        # Third differences leave nothing of gravity's course, and of independent noise 20 times its variance.
-        noise = np.sqrt(np.mean(np.diff(table, n=3, axis=1) ** 2, axis=1) / 20.0)
-        noise[noise < NOISELESS * np.abs(table).max(axis=1)] = 0.0
-        # Of currents in coarse steps the means of two runs may well be equal.
-        levels = np.array([len(np.unique(row)) for row in table])
-        noise[levels < max(FEWEST, table.shape[1] // 2)] = 0.0
-        for k, run in enumerate(group):
-            equal = (np.abs(table[:k] - table[k]) <= COPIED * noise[k]).all(axis=1) & (noise[k] > 0.0)
-            if equal.any():
-                yield group[int(np.argmax(equal))], run

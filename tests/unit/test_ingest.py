@@ -19,9 +19,10 @@ from pumaid.dataset import Dataset
 from pumaid.errors import LogError
 from pumaid.io.log_writer import write_log
 from pumaid.io.paths import expand
+from pumaid.preprocessing import executors
 from pumaid.preprocessing import ingest as module
-from pumaid.preprocessing.executors import dask_workers, in_order, local_processes
-from pumaid.preprocessing.ingest import ingest
+from pumaid.preprocessing.executors import dask_workers, local_processes
+from pumaid.preprocessing.ingest import in_order, ingest
 
 WORLD = World(motions=4, rate=200.0)
 ARM = robot(WORLD)
@@ -123,6 +124,17 @@ def test_what_cannot_be_meant_is_refused_unless_trusted(tmp_path) -> None:
     assert "time-unit" in [note.slug for note in ingest([path], ARM, trust=True).notes]
 
 
+def test_a_copy_of_a_file_is_refused(paths, tmp_path) -> None:
+    """It says which of the two; --trust takes both, and says it all the same."""
+    original, copy = tmp_path / "day.parquet", tmp_path / "day (copy).parquet"
+    for path in (original, copy):
+        path.write_bytes(paths[0].read_bytes())
+    with pytest.raises(LogError) as refused:
+        ingest([original, copy], ARM)
+    assert refused.value.slug == "log-doubled" and f"{copy} is a copy of {original}" in refused.value.what
+    assert [note.slug for note in ingest([original, copy], ARM, trust=True).notes].count("log-doubled") == 1
+
+
 def test_notes_of_one_kind_do_not_flood(tmp_path) -> None:
     """Of eight files with gaps of their own three are told in full, and how many more there are."""
     for number in range(8):
@@ -160,9 +172,10 @@ def test_dask_workers_leave_the_same(paths, expected) -> None:
         assert_equal(ingest(paths, ARM, executor=executor), expected)
 
 
-def test_no_scheduler_is_one_message() -> None:
+def test_no_scheduler_is_one_message(monkeypatch) -> None:
     """An address at which nobody listens."""
     pytest.importorskip("distributed")
+    monkeypatch.setattr(executors, "PATIENCE", 0.5)
     with pytest.raises(LogError) as refused, dask_workers("tcp://127.0.0.1:9"):
         pass
     assert refused.value.slug == "no-cluster" and "tcp://127.0.0.1:9" in str(refused.value)

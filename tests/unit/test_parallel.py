@@ -11,8 +11,7 @@ from worlds import CRANE, course, run_of
 from pumaid.dataset import Dataset
 from pumaid.estimation.estimate import identify
 from pumaid.preprocessing.options import SegmentOptions
-from pumaid.preprocessing.parallel import filtered_stroke
-from pumaid.preprocessing.stroke import sliding, smooth
+from pumaid.preprocessing.strokes import filtered_stroke, sliding, smooth
 
 #: A by cosine, sine, one, rad/s and rad/s2; A of noise.
 TRUTH, SIGMA = np.array([3.0, 0.5, 1.0, 0.4, 0.6]), 0.02

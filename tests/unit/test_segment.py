@@ -180,13 +180,6 @@ def test_another_arms_logs_are_refused():
         segment([log()], Robot("one", ARM.joints[:1]))
 
 
-def test_progress_ends_with_all_samples():
-    """The last call says every sample."""
-    done = []
-    segment([log()], ARM, progress=done.append)
-    assert done[-1] == len(log())
-
-
 def test_temperature_is_kept():
     """A run's temperature is its joint's mean."""
     one = log()
@@ -210,7 +203,7 @@ def test_joining_bins_keeps_sums_and_spread():
     current = np.random.default_rng(5).standard_normal(600).cumsum()
     single, zero, time = np.ones(600, dtype=np.int64), np.zeros(600), np.arange(600) / 100.0
     fine = Bins(single, time, np.zeros((600, 2)), zero, zero, current, zero, np.full(600, 30.0))
-    joined = coarser([fine], 10)
+    joined = coarser(fine, 10)
     assert joined.count.sum() == 600
     np.testing.assert_allclose(np.average(joined.current, weights=joined.count), current.mean())
     blocks = np.array_split(current, np.cumsum(joined.count)[:-1])

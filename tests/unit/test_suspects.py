@@ -123,4 +123,4 @@ def test_joined_cells_weigh_what_is_known():
     zero, count = np.zeros(2), np.array([1, 3])
     extra = np.array([[10.0, np.nan], [20.0, 20.0]])
     fine = Bins(count, np.array([0.0, 0.1]), zero[:, None], zero, zero, zero, zero, zero, extra)
-    np.testing.assert_allclose(coarser([fine], 1).extra, [[17.5, 20.0]])
+    np.testing.assert_allclose(coarser(fine, 1).extra, [[17.5, 20.0]])

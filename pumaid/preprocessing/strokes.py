@@ -1,33 +1,92 @@
-"""Parallel filtering: what smooths a stroke's motion smooths its current, so that corners are blunt in both alike."""
+"""Movements from rest to rest: smoothed motion, where friction slides, and the same filter for the current."""
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from pumaid.preprocessing.differentiate import averaging_kernel, cubic_window
-from pumaid.preprocessing.stroke import Smooth
+from pumaid.preprocessing.differentiate import averaging_kernel, cubic_window, derivatives
+from pumaid.preprocessing.options import SegmentOptions
 
 Floats = NDArray[np.float64]
 
+#: s; shortest and longest span of the local cubics; longer ones are calmer, and blunter at the acceleration's corners.
+SHORTEST_FIT, LONGEST_FIT = 0.04, 0.4
+#: Share of the movement's mean acceleration below which the noise of the smoothed one should stay.
+CALM = 0.1
+#: Share of a movement that a local cubic may span.
+LARGEST_SHARE = 0.15
 #: By the step, a velocity and what makes plain samples as blunt as it and as a second difference are: all three have
 #: the same second moment, a sixth of a squared step.
 _RATE = np.array([1.0, -14.0, 0.0, 14.0, -1.0]) / 24.0
 _LEVEL = np.array([1.0, 10.0, 1.0]) / 12.0
 _CURVE = np.array([1.0, -2.0, 1.0])
-#: Samples below which a stroke, or what a cut left of it, is not averaged.
-FEWEST = 16
+#: Samples below which a stroke is not filtered; with some currents missing, averages of fewer leave too few rows.
+FEWEST, FEWEST_OF_SOME = 16, 32
 #: Mean steps between currents from which there is a hole between two of them.
 MOST_APART = 2.5
-#: The same of the currents of a stroke in which some are missing: of fewer, averages leave hardly more rows than there
-#: are columns, and have larger errors than the blunt corners of plain samples make.
-FEWEST_OF_SOME = 32
 #: Largest share of an acceleration's own course, beyond weight and friction, that is taken for noise.
 MOST_NOISE = 0.9
 #: Samples between which noise is looked for.
 _LAGS = (1, 2, 3, 5)
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class SmoothedMotion:
+    """Samples [start, stop) of a movement: `time` (s), `velocity` and `acceleration`, (stop - start,) each.
+
+    Times are those at which samples were taken, which stamps need not be; `window` (s) is what each cubic spanned.
+    """
+
+    start: int
+    stop: int
+    time: Floats
+    velocity: Floats
+    acceleration: Floats
+    window: float
+
+    def within(self, start: int, stop: int) -> SmoothedMotion:
+        """The same for fewer samples."""
+        part = slice(start - self.start, stop - self.start)
+        return SmoothedMotion(start, stop, self.time[part], self.velocity[part], self.acceleration[part], self.window)
+
+
+def smooth(time: Floats, position: Floats, *, bounds: tuple[int, int], noise: float) -> SmoothedMotion:
+    """Velocity and acceleration of a movement.
+
+    Parameters
+    ----------
+    time, position
+        (N,) s and rad or m of a stretch without gaps.
+    bounds
+        First sample of the movement and the one behind its last.
+    noise
+        Standard deviation of one sample's position (rad or m).
+    """
+    start, stop = bounds
+    duration = max(1e-9, float(time[stop - 1] - time[start]))
+    interval = duration / max(1, stop - start)
+    # From rest to rest over `way`: a triangle of speed has acceleration 4 way / duration^2.
+    wanted = max(1e-12, CALM * 4.0 * abs(float(position[stop - 1] - position[start])) / duration**2)
+    # A local cubic's acceleration has the noise sqrt(720 interval) / span^2.5, per noise of a sample.
+    span = (noise * math.sqrt(720.0 * interval) / wanted) ** 0.4
+    window = min(max(span, SHORTEST_FIT, 7.0 * interval), max(LONGEST_FIT, 7.0 * interval), LARGEST_SHARE * duration)
+    margin = math.ceil(window / interval) + 3
+    low, high = max(0, start - margin), min(len(time), stop + margin)
+    velocity, acceleration = derivatives(time[low:high], position[low:high], window)
+    return SmoothedMotion(low, high, time[low:high], velocity, acceleration, window).within(start, stop)
+
+
+def sliding(smoothed: SmoothedMotion, direction: int, options: SegmentOptions) -> tuple[int, int]:
+    """Samples [start, stop) between which the speed stays above the share of its peak that `options` ask for."""
+    speed = direction * smoothed.velocity
+    fast = np.flatnonzero(speed > max(options.rest_speed, options.low_speed_share * float(speed.max(initial=0.0))))
+    if not len(fast):
+        return smoothed.start, smoothed.start
+    return smoothed.start + int(fast[0]), smoothed.start + int(fast[-1]) + 1
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -66,7 +125,7 @@ class Filtered:
         return acceleration - min(noise / square, MOST_NOISE) * beyond if square > 0.0 else acceleration
 
 
-def filtered_stroke(course: Smooth, position: Floats, current: Floats) -> Filtered | None:
+def filtered_stroke(smoothed: SmoothedMotion, position: Floats, current: Floats) -> Filtered | None:
     """A stroke's motion and current, averaged over the same spans; None where its samples are too few.
 
     An acceleration from positions that are smoothed is blunt at its corners where the current is not: regressed on
@@ -75,8 +134,8 @@ def filtered_stroke(course: Smooth, position: Floats, current: Floats) -> Filter
 
     Parameters
     ----------
-    course
-        The smoothed motion at N samples while the joint slides one way; steps of time may be uneven.
+    smoothed
+        The motion at N samples while the joint slides one way; steps of time may be uneven.
     position, current
         (N,) rad or m, and A, which may be no number.
 
@@ -85,17 +144,17 @@ def filtered_stroke(course: Smooth, position: Floats, current: Floats) -> Filter
     M. Gautier, Dynamic identification of robots with power model, ICRA 1997: parallel filtering, here by the kernel
     of A. Savitzky and M. J. E. Golay's second derivative.
     """
-    time, is_good = course.time, np.isfinite(current)
+    time, is_good = smoothed.time, np.isfinite(current)
     at = time[is_good]
     if len(at) < (FEWEST if len(at) == len(time) else FEWEST_OF_SOME):
         return None
     # As many instants as there are currents: what were made up between them would be smoother than they are.
     even = np.linspace(at[0], at[-1], len(at))
     step = float(even[1] - even[0])
-    q, known = np.interp(even, time, position), np.interp(even, at, current[is_good])
-    kernel = averaging_kernel(min(cubic_window(course.window, step), len(at) // 4 * 2 + 1))
+    q, sampled = np.interp(even, time, position), np.interp(even, at, current[is_good])
+    kernel = averaging_kernel(min(cubic_window(smoothed.window, step), len(at) // 4 * 2 + 1))
     ends = (len(kernel) + 3) // 2
-    series = [_sums(q, _LEVEL), _sums(q, _RATE) / step, _sums(q, _CURVE) / step**2, _sums(known, _LEVEL)]
+    series = [_sums(q, _LEVEL), _sums(q, _RATE) / step, _sums(q, _CURVE) / step**2, _sums(sampled, _LEVEL)]
     blunt = _averaged(np.column_stack(series), kernel)
     inner = slice(ends, len(at) - ends)
     rows = np.ones(len(blunt), dtype=np.bool_)
@@ -104,7 +163,7 @@ def filtered_stroke(course: Smooth, position: Floats, current: Floats) -> Filter
         right = np.clip(np.searchsorted(at, even[inner]), 1, len(at) - 1)
         rows = at[right] - at[right - 1] < MOST_APART * step
     noise, curvature = _variance(q), np.convolve(kernel, _CURVE) / step**2
-    plain = known[inner]
+    plain = sampled[inner]
     current = blunt[:, 3] + _without_motion(plain - blunt[:, 3], blunt[:, :3], kernel)
     q, velocity, acceleration, _ = blunt[rows].T
     return Filtered(even[inner][rows], q, velocity, acceleration, current[rows], plain[rows], noise, curvature)
@@ -130,9 +189,7 @@ def _sums(values: Floats, stencil: Floats) -> Floats:
 
 def _averaged(values: Floats, kernel: Floats) -> Floats:
     """(N - w + 1, c) means of (N, c) values by a symmetric kernel (w,)."""
-    size = 1 << (len(values) + len(kernel) - 2).bit_length()
-    spectrum = np.fft.rfft(values, size, axis=0) * np.fft.rfft(kernel, size)[:, None]
-    return np.asarray(np.fft.irfft(spectrum, size, axis=0)[len(kernel) - 1 : len(values)])
+    return np.column_stack([np.convolve(column, kernel, mode="valid") for column in values.T])
 
 
 def _variance(position: Floats) -> float:
@@ -140,10 +197,9 @@ def _variance(position: Floats) -> float:
 
     Rounding at a steady speed is a tone, which differences at one lag may enlarge; the least of several lags is taken.
     """
-    found = [
-        float(np.mean((position[3 * lag :] - position[: -3 * lag] - 3.0 * (b - a)) ** 2)) / 20.0
-        for lag in _LAGS
-        if len(position) > 3 * lag + 1
-        for a, b in [(position[lag : -2 * lag], position[2 * lag : -lag])]
-    ]
-    return min(found, default=0.0)
+    variances = []
+    for lag in _LAGS:
+        if len(position) > 3 * lag + 1:
+            inner = position[2 * lag : -lag] - position[lag : -2 * lag]
+            variances.append(float(np.mean((position[3 * lag :] - position[: -3 * lag] - 3.0 * inner) ** 2)) / 20.0)
+    return min(variances, default=0.0)
