@@ -12,7 +12,7 @@ from pumaid.dataset import Dataset, Log, Reject, Run, coarser
 from pumaid.preprocessing import clock
 from pumaid.preprocessing.binning import records
 from pumaid.preprocessing.options import DEFAULTS, SegmentOptions
-from pumaid.preprocessing.stretches import Stretch, stretches
+from pumaid.preprocessing.stretches import Piece, Stretch, stretches
 from pumaid.robot import Robot
 
 __all__ = ["SegmentOptions", "segment"]
@@ -130,13 +130,18 @@ class _Segmenter:
         cut, context = (size, 0) if ends else _place_to_cut(parts, size)
         for stretch in parts:
             low, high = np.searchsorted(stretch.index, [self._context, cut])
-            for piece in stretch.pieces:
-                part = piece.within(int(low), int(high))
-                if part.stop > part.start:
-                    for record in records(stretch, part, self._robot, options=self._options, clock=self._clock):
-                        self.runs.add(record) if isinstance(record, Run) else self.rejects.add(record)
+            pieces = (piece.within(int(low), int(high)) for piece in stretch.pieces)
+            for piece in (piece for piece in pieces if piece.stop > piece.start):
+                self._record(stretch, piece)
         self._context = context
         self._batches = [log.part(slice(cut - context, None))] if cut < len(log) else []
+
+    def _record(self, stretch: Stretch, piece: Piece) -> None:
+        for record in records(stretch, piece, self._robot, options=self._options, clock=self._clock):
+            if isinstance(record, Run):
+                self.runs.add(record)
+            else:
+                self.rejects.add(record)
 
 
 def _place_to_cut(parts: list[Stretch], size: int) -> tuple[int, int]:
