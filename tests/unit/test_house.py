@@ -349,7 +349,7 @@ def test_only_the_command_line_catches_everything():
     In others, what the code of users' own effects and the libraries of object stores raise becomes a refusal, and a
     task whose worker died is done again.
     """
-    others = ["pumaid/effects/plugins.py", "pumaid/io/paths.py", "pumaid/preprocessing/executors.py"]
+    others = ["pumaid/effects/plugins.py", "pumaid/io/paths.py", "pumaid/preprocessing/ingest.py"]
     assert list(offenders(broad)) == ["pumaid/cli/failures.py", *others]
 
 
