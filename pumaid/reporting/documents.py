@@ -64,7 +64,7 @@ def runs_csv(dataset: Dataset, robot: Robot) -> str:
         entry = _run_entry(index, run, robot)
         row: list[Any] = []
         for name in [*names.split(), "temperature", "heldout", "posture"]:
-            row += entry[name] if name in ("span", "posture") else [entry[name]]
+            row += list(entry[name]) if name in ("span", "posture") else [entry[name]]
         writer.writerow(["" if value is None or value != value else value for value in row])
     return out.getvalue()
 
