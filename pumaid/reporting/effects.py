@@ -1,15 +1,20 @@
-"""What is known of an effect, as plain values: for the command line, other programs and the manual."""
+"""What an effect says of itself, as plain values, and its signature: its current against what it depends on."""
 
 from __future__ import annotations
 
 import inspect
 import math
-from collections.abc import Iterable
+from dataclasses import dataclass
 from typing import Any
 
-from pumaid.effects import Effect, Parameter, Scope, Shape
-from pumaid.reporting.signature import Signature, signature
+import numpy as np
+from numpy.typing import NDArray
+
+from pumaid.effects import Effect, Family, Parameter, Scope, Shape
 from pumaid.robot import Joint, Robot
+from pumaid.samples import Loads, Samples
+
+Floats = NDArray[np.float64]
 
 #: Three turning joints, a slide, two turning joints: any arm's kinds of joints, none of them upright.
 ARM = Robot(
@@ -38,9 +43,9 @@ def facts(effect: Effect) -> dict[str, Any]:
     `owner` of a parameter is ``revolute``, ``prismatic`` or ``arm``; `not_at` tells why the effect cannot act at one of
     them; bounds that are not there are None.
     """
-    owners = {"arm": 0} if effect.scope is Scope.ARM else {"revolute": TURNING, "prismatic": SLIDING}
-    refusals = {kind: effect.applies(ARM, number) for kind, number in owners.items()}
-    acts = {kind: number for kind, number in owners.items() if refusals[kind] is None}
+    numbers = {"arm": 0} if effect.scope is Scope.ARM else {"revolute": TURNING, "prismatic": SLIDING}
+    refusals = {kind: effect.applies(ARM, number) for kind, number in numbers.items()}
+    owners = [(kind, number) for kind, number in numbers.items() if refusals[kind] is None]
     return {
         "effect": effect.name,
         "title": effect.title,
@@ -53,13 +58,31 @@ def facts(effect: Effect) -> dict[str, Any]:
         "seen_in": effect.seen_in,
         "look_alikes": list(effect.look_alikes),
         "physics": inspect.cleandoc(type(effect).__doc__ or ""),
-        "parameters": list(_parameters(effect, acts)),
-        "shapes": list(_shapes(effect, acts)),
-        "not_at": {kind: _any_joint(kind, reason) for kind, reason in refusals.items() if reason is not None},
+        "parameters": [
+            {"owner": kind, "symbol": parameter.symbol.format(n="N")} | _numbers(parameter, number)
+            for kind, number in owners
+            for parameter in effect.parameters(ARM, number)
+        ],
+        "shapes": [
+            {"owner": kind, "is_searched": shape.is_searched} | _numbers(shape, number)
+            for kind, number in owners
+            for shape in effect.shapes(ARM, number)
+        ],
+        "not_at": {
+            kind: reason.replace(f"joint {numbers[kind]}", "the joint") for kind, reason in refusals.items() if reason
+        },
         "source": effect.source,
         "command": command(effect),
-        "signature": _drawn(signature(effect)),
+        "signature": signature(effect).as_json(),
     }
+
+
+def _numbers(item: Parameter | Shape, number: int) -> dict[str, Any]:
+    """What a parameter and a shape have in common, at joint `number` of the arm."""
+    low, high = (limit if math.isfinite(limit) else None for limit in (item.low, item.high))
+    unit = item.unit.format(unit=ARM.joint(number or TURNING).position_unit)
+    head = {"name": item.name, "unit": unit, "meaning": item.meaning}
+    return head | {"low": low, "high": high, "example": item.example}
 
 
 def command(effect: Effect) -> str:
@@ -68,8 +91,7 @@ def command(effect: Effect) -> str:
         return ""
     if effect.scope is Scope.ARM:
         return f"pumaid identify logs/ --add {effect.name}"
-    needed = [shape for shape in effect.shapes(ARM, TURNING) if shape.name == "on"]
-    shape = "".join(f":{one.name}={TURNING - 1:d}" for one in needed)
+    shape = "".join(f":{shape.name}={TURNING - 1}" for shape in effect.shapes(ARM, TURNING) if shape.name == "on")
     return f"pumaid identify logs/ --add {effect.name}@{TURNING}{shape}"
 
 
@@ -88,48 +110,185 @@ def bounds(low: float | None, high: float | None) -> str:
     return f"{high:g} or less" if low is None else f"{low:g} to {high:g}"
 
 
-def merged(found: list[dict[str, Any]]) -> list[dict[str, Any]]:
-    """Parameters or shapes, those that a revolute and a prismatic joint have alike told once for ``any``."""
+def merged(items: list[dict[str, Any]]) -> list[dict[str, Any]]:
+    """Parameters or shapes; those that a revolute and a prismatic joint have alike stand once, of ``any``."""
     alike: dict[str, dict[str, Any]] = {}
-    for one in found:
-        same = repr({key: value for key, value in one.items() if key != "owner"})
-        alike[same] = one | ({"owner": "any"} if same in alike else {})
+    for item in items:
+        key = repr({name: value for name, value in item.items() if name != "owner"})
+        alike[key] = item | ({"owner": "any"} if key in alike else {})
     return list(alike.values())
 
 
-def _parameters(effect: Effect, acts: dict[str, int]) -> Iterable[dict[str, Any]]:
-    for kind, number in acts.items():
-        unit = ARM.joint(number or TURNING).position_unit
-        for one in effect.parameters(ARM, number):
-            yield {"owner": kind, "symbol": one.symbol.format(n="N")} | _common(one, unit)
+# Signatures
+
+#: Two level axes, one beyond the other: each carries a load, the first also the second's.
+HANGING = Robot(
+    "two hanging links",
+    (
+        Joint(1, "hip", "revolute", alpha=np.pi / 2, a=0.0, gear_ratio=60.0),
+        Joint(2, "knee", "revolute", a=0.4, gear_ratio=60.0),
+    ),
+)
+
+#: A: amplitudes of gravity's current in the hip by its own link and by the knee's, and in the knee.
+LOADS = (1.4, 0.6, 0.8)
+
+#: Values of what is not varied: rad, rad/s, rad, s, degC, rad/s2.
+CONSTANT = {"position": 0.6, "speed": 0.5, "travel": 1e3, "time": 1e6, "temperature": 35.0, "acceleration": 1.0}
+
+#: Variable -> unit and range.
+RANGES: dict[str, tuple[str, float, float]] = {
+    "speed": ("rad/s", 0.01, 1.0),
+    "load": ("A", -2.0, 2.0),
+    "predicted current": ("A", -4.0, 4.0),
+    "travel": ("rad", 0.0, 0.4),
+    "time": ("s", 0.0, 3600.0),
+    "temperature": ("degC", 10.0, 50.0),
+    "acceleration": ("rad/s2", -2.0, 2.0),
+    "position": ("rad", -2.6, 2.6),
+}
+
+#: Family of an effect -> its variable; others depend on position.
+VARIABLES = {
+    Family.SPEED: "speed",
+    Family.LOAD: "load",
+    Family.CURRENT: "predicted current",
+    Family.START: "travel",
+    Family.TIME: "time",
+    Family.PAYLOAD: "time",
+    Family.TEMPERATURE: "temperature",
+    Family.MOTION: "acceleration",
+    Family.DIRECTION: "speed",
+}
+
+#: Points of a curve; range in multiples of a shape's example; periods of a ripple; share below which nothing varies.
+POINTS, MULTIPLE, PERIODS, FLAT = 161, 4.0, 3.0, 1e-9
 
 
-def _shapes(effect: Effect, acts: dict[str, int]) -> Iterable[dict[str, Any]]:
-    for kind, number in acts.items():
-        unit = ARM.joint(number or TURNING).position_unit
-        for one in effect.shapes(ARM, number):
-            yield {"owner": kind, "is_searched": one.is_searched} | _common(one, unit)
+@dataclass(frozen=True, eq=False, slots=True)
+class Signature:
+    """An effect's current at the examples of its parameters and shapes.
+
+    `variable` and `unit` of `values` (M,); `forward` and `backward` (M,) A; `text`: the examples in words.
+    """
+
+    variable: str
+    unit: str
+    values: Floats
+    forward: Floats
+    backward: Floats
+    text: str
+
+    def as_json(self) -> dict[str, Any]:
+        """As a JSON object, with every fourth point: one every fifth letter of the plot of the command line."""
+        curves = {name: getattr(self, name)[::4] for name in ("values", "forward", "backward")}
+        return {"variable": self.variable, "unit": self.unit, **curves, "at": self.text}
+
+    @property
+    def is_same_both_ways(self) -> bool:
+        """Whether the direction of motion makes no difference."""
+        size = float(np.abs(self.forward).max(initial=0.0))
+        return bool(np.allclose(self.forward, self.backward, atol=FLAT * max(size, 1e-300)))
 
 
-def _common(one: Parameter | Shape, unit: str) -> dict[str, Any]:
-    low, high = (limit if math.isfinite(limit) else None for limit in (one.low, one.high))
-    told = {"name": one.name, "unit": one.unit.format(unit=unit), "meaning": one.meaning}
-    return told | {"low": low, "high": high, "example": one.example}
+def signature(effect: Effect) -> Signature:
+    """The current of `effect` against the variable of its family, or the first other one in which it varies."""
+    first = VARIABLES.get(effect.family, "position")
+    curves = [_against(effect, variable) for variable in dict.fromkeys((first, "position", *RANGES))]
+    return next((curve for curve in curves if _varies(curve)), curves[0])
 
 
-def _any_joint(kind: str, reason: str) -> str:
-    """A reason that names a joint of `ARM`, said of any joint of its kind."""
-    number = {"revolute": TURNING, "prismatic": SLIDING}.get(kind)
-    return reason.replace(f"joint {number}", "the joint")
+def _varies(curve: Signature) -> bool:
+    spread = max(float(np.ptp(curve.forward)), float(np.ptp(curve.backward)))
+    return spread > FLAT * max(float(np.abs([curve.forward, curve.backward]).max()), 1e-300)
 
 
-def _drawn(shown: Signature) -> dict[str, Any]:
-    step = 4  # a fifth of a letter's width in the plot of the command line
-    return {
-        "variable": shown.variable,
-        "unit": shown.unit,
-        "values": shown.values[::step],
-        "forward": shown.forward[::step],
-        "backward": shown.backward[::step],
-        "at": shown.text,
-    }
+def _against(effect: Effect, variable: str) -> Signature:
+    """The signature against one variable, in the joint in which the effect's current is largest."""
+    joints = [joint.number for joint in HANGING.joints]
+    is_of_arm = effect.scope is Scope.ARM
+    owner = 0 if is_of_arm else next((n for n in joints if effect.applies(HANGING, n) is None), 1)
+    shapes, parameters = effect.shapes(HANGING, owner), effect.parameters(HANGING, owner)
+    shape = {item.name: item.example for item in shapes}
+    unit, low, high = RANGES[variable]
+    scales = [item.example for item in shapes if item.unit == unit]
+    if scales and variable != "position":
+        high = MULTIPLE * scales[0] * (0.5 if low < 0.0 else 1.0)
+        low = -high if low < 0.0 else 0.0
+    if effect.periodic and variable == "position":
+        high = PERIODS * np.pi / shape[effect.periodic]
+        low = -high
+    values = np.linspace(low, high, POINTS)
+    example = np.array([item.example for item in parameters])
+    ways: list[Floats] = []
+    for way in (1.0, -1.0):
+        currents = [
+            effect.columns(HANGING, _samples(joint, variable, values, way=way), number=owner, shape=shape) @ example
+            for joint in (joints if is_of_arm or effect.scope is Scope.CAUSE else [owner])
+        ]
+        ways.append(max(currents, key=lambda current: float(np.abs(current).max())))
+    items = [(item.name, item.example, item.unit) for item in parameters]
+    items += [(item.name, item.example, item.unit) for item in shapes]
+    texts = [f"{name} = {value:.3g} {word.format(unit='rad')}" for name, value, word in items]
+    return Signature(variable, unit, values, ways[0], ways[1], ", ".join(text.removesuffix(" 1") for text in texts))
+
+
+def _samples(joint: int, variable: str, values: Floats, *, way: float) -> Samples:
+    """Samples in which one variable takes `values` and the rest is constant."""
+    signals = {name: np.full(len(values), value) for name, value in CONSTANT.items()}
+    if variable in signals:
+        signals[variable] = values
+    position = np.full((len(values), HANGING.n_joints), 0.4)
+    position[:, joint - 1] = signals["position"]
+    velocity = np.zeros_like(position)
+    velocity[:, joint - 1] = way * signals["speed"]
+    return Samples(
+        joint,
+        position,
+        velocity,
+        acceleration=signals["acceleration"],
+        direction=np.full(len(values), way),
+        time=signals["time"],
+        elapsed=signals["time"],
+        travel=signals["travel"],
+        temperature=signals["temperature"],
+        run=np.zeros(len(values)),
+        loads=_loads(joint, position, variable, values),
+    )
+
+
+def _loads(joint: int, position: Floats, variable: str, values: Floats) -> Loads:
+    """Gravity's currents of the two links; the varied one as it is varied."""
+    hip, beyond, knee = LOADS
+    first, second = position[:, 0], position.sum(axis=1)
+    owners = np.column_stack([hip * np.cos(first) + beyond * np.cos(second), knee * np.cos(second)])
+    slope_beyond = -beyond * np.sin(second)
+    slopes = np.column_stack([-hip * np.sin(first) + slope_beyond, slope_beyond])
+    if joint == 2:
+        slopes = np.repeat(-knee * np.sin(second)[:, None], 2, axis=1)
+    load = values if variable == "load" else owners[:, joint - 1]
+    drawn = values if variable == "predicted current" else load
+    tilts = np.column_stack([np.zeros(len(load)), -slopes[:, 0]])  # the axes point along -y
+    gains = np.array([1.0, beyond / knee]) if joint == 1 else np.array([knee / beyond, 1.0])
+    return Loads(load, owners, slopes, tilts, np.abs(load), drawn, gains)
+
+
+def sketch(curve: Signature, *, width: int = 60, height: int = 11) -> str:
+    """A signature as a plot of `width` letters and `height` lines: o forward, x backward, * where both are."""
+    both = np.array([curve.forward, curve.backward])
+    low, high = min(float(both.min()), 0.0), max(float(both.max()), 0.0)
+    low, high = (low, high) if high > low else (-1.0, 1.0)
+    columns = np.linspace(0, len(curve.values) - 1, width).round().astype(int)
+    forward, backward = ((high - both[:, columns]) / (high - low) * (height - 1)).round().astype(int)
+    zero = round(high / (high - low) * (height - 1))
+    grid = np.full((height, width), " ")
+    grid[zero] = "-"
+    grid[backward, range(width)] = "x"
+    grid[forward, range(width)] = np.where(forward == backward, "*", "o")
+    labels = {zero: "0", 0: f"{high:.3g}", height - 1: f"{low:.3g}"}
+    margin = max(map(len, labels.values()))
+    lines = [f"{labels.get(number, ''):>{margin}} |{''.join(line).rstrip()}" for number, line in enumerate(grid)]
+    first, last = f"{curve.values[0]:.3g}", f"{curve.values[-1]:.3g}"
+    axis = f"{f'{curve.variable} ({curve.unit})':^{max(width - len(first) - len(last), 1)}}"
+    ways = "* both directions" if curve.is_same_both_ways else "o forward, x backward, * both"
+    return "\n".join([f"{'A':>{margin}}  {ways}", *lines, f"{'':>{margin}}  {first}{axis}{last}"])

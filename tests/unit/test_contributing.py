@@ -21,7 +21,7 @@ from pumaid.exports import every_form, export
 from pumaid.io.log_formats import log_formats
 from pumaid.io.log_reader import LogReader
 from pumaid.io.recipe import read_recipe, shipped_recipes
-from pumaid.reporting.page import all_sections, page
+from pumaid.reporting.page import all_figures, all_sections, page
 
 EFFECT = '''
 """A dummy."""
@@ -126,8 +126,9 @@ def test_a_report_section_is_one_file_and_its_template(added, tmp_path, monkeypa
     package = jinja2.PackageLoader
     both = lambda name: jinja2.ChoiceLoader([package(name), jinja2.FileSystemLoader(tmp_path)])  # noqa: E731
     monkeypatch.setattr(jinja2, "PackageLoader", both)
-    text = page(report_contexts.small())
-    assert "Dummy section" in text and f"This is {report_contexts.small().robot.name}." in text
+    context = report_contexts.small()
+    text = page(context, inline={drawing.name: "<svg/>" for drawing in all_figures(context)})
+    assert "Dummy section" in text and f"This is {context.robot.name}." in text
 
 
 def test_an_export_is_one_file(added):

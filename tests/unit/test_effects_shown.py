@@ -12,8 +12,7 @@ from click.testing import CliRunner
 
 from pumaid.cli import group
 from pumaid.effects import catalogue
-from pumaid.reporting.effects import facts, merged
-from pumaid.reporting.signature import signature, sketch
+from pumaid.reporting.effects import facts, merged, signature, sketch
 
 NAMES = sorted(catalogue())
 PAGE = (Path(__file__).parents[2] / "docs" / "effects.md").read_text(encoding="utf-8")

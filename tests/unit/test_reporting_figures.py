@@ -21,7 +21,6 @@ from test_reporting_tables import ARM, PLAN, RUNS
 
 from pumaid.dataset import Dataset
 from pumaid.diagnosis.compare import compare
-from pumaid.errors import ResultError
 from pumaid.io.recipe import read_recipe, shipped_recipes
 from pumaid.preprocessing.segment import segment
 from pumaid.reporting.context import ReportContext
@@ -56,7 +55,7 @@ def only(context, keep):
 # Forms
 
 
-@pytest.mark.parametrize("name", ["arm", "spent", "residual_j1", "campaign"])
+@pytest.mark.parametrize("name", ["spent", "residual_j1"])
 def test_files_are_what_their_suffix_says(figures, name):
     """PNG, SVG and PDF begin as their kind does, and are the same bytes when drawn again."""
     files = figures[name].files(["png", "svg", "pdf"])
@@ -77,7 +76,7 @@ def test_inline_figures_fit_the_page(figures):
     assert "M 1.23 2.34" in inlined(plain, Drawing("x", "t", "", Figure)) and "0.36012 A" in plain
 
 
-@pytest.mark.parametrize("count", [5, 400, 5000])
+@pytest.mark.parametrize("count", [5, 5000])
 def test_dots_are_visible_in_png(count):
     """Five dots are five spots, thousands cover the line they stand on."""
     figure = Figure(figsize=(4.0, 1.0), dpi=100)
@@ -90,12 +89,6 @@ def test_dots_are_visible_in_png(count):
     dark = np.asarray(canvas.buffer_rgba())[:, :, 0].min(axis=0) < 128
     spots = int(np.count_nonzero(np.diff(dark.astype(int)) == 1))
     assert spots == 5 if count == 5 else dark.sum() > 0.85 * len(dark)
-
-
-def test_names_are_no_formula():
-    """A name with dollars is written out."""
-    robot_ = replace(ARM, name=r"$\foo{}$")
-    assert rb">$\foo{}$" in arm.posture_figure(PLAN, robot_).files(["inline"])["inline"]
 
 
 # Model and residuals
@@ -115,12 +108,12 @@ def test_shares_stand_in_the_bars(context, figures):
     )
 
 
-@pytest.mark.parametrize("name", ["current_j1", "residual_j1", "campaign"])
-def test_legends_name_the_directions_of_the_runs(context, figures, name):
+def test_legends_name_the_directions_of_the_runs(context, figures):
     """Where no run goes backward, no legend speaks of backward."""
-    assert "backward" in figures[name].inline()
     ahead = {drawing.name: drawing for drawing in all_figures(only(context, lambda run: run.direction > 0))}
-    assert "forward" in ahead[name].inline() and "backward" not in ahead[name].inline()
+    for name in ("current_j1", "residual_j1", "campaign"):
+        both, forward = ([text.get_text() for text in made[name].draw().legends[0].texts] for made in (figures, ahead))
+        assert {"forward", "backward"} <= set(both) and "forward" in forward and "backward" not in forward
 
 
 def test_residuals_are_drawn_against_what_varies(context):
@@ -138,7 +131,7 @@ def test_residuals_are_drawn_against_what_varies(context):
 def test_budget_bars_fill_their_row(context):
     """Each joint's bars reach from 0 to the whole residual, and the legend names only what is there."""
     with styled():
-        figure = residuals.budget(context)
+        figure = residuals.budget_figure(context).draw()
     for row in range(2):
         bars = [bar for bar in figure.axes[0].patches if round(bar.get_y() + bar.get_height() / 2.0) == row]
         assert sum(bar.get_width() for bar in bars) == pytest.approx(1.0)
@@ -149,7 +142,7 @@ def test_budget_bars_fill_their_row(context):
 def test_overview_has_all_variables(context):
     """The figure of ``compare`` has the budget on top, the current, and the residual against what varies."""
     with styled():
-        titles = {axes.get_title(loc="left") for axes in residuals.overview(context).axes}
+        titles = {axes.get_title(loc="left") for axes in residuals.overview_figure(context).draw().axes}
     expected = {f"residual by {word}" for word in ("position", "speed", "gravity current")}
     assert expected | {"measured (dots), predicted"} <= titles
     assert any(title.endswith("residual budget") for title in titles)
@@ -165,7 +158,7 @@ def test_logs_without_runs_draw_no_empty_figure(context):
 # History
 
 
-@pytest.mark.parametrize(("n_models", "n_joints"), [(1, 1), (2, 2), (6, 6), (12, 7)])
+@pytest.mark.parametrize(("n_models", "n_joints"), [(1, 1), (12, 7)])
 def test_history_has_a_panel_a_joint(n_models, n_joints):
     """One panel for the arm, and one a joint where there are several; of twelve models the ends are shown."""
     with styled():
@@ -190,35 +183,23 @@ def test_steps_stand_at_the_errors_with_their_names():
 # Diagnosis
 
 
-def finding_axes(finding, *, units="rad"):
-    """Axes of a finding's figure."""
-    with styled():
-        return diagnosis.draw_curve(finding, finding.curves[0], PUMA, units=units).axes
-
-
 def test_before_and_after_have_one_scale():
     """The residual with the effect is seen against the one without it, in the unit asked for."""
-    above, below = finding_axes(diagnoses.stribeck(), units="deg")
+    finding = diagnoses.stribeck()
+    with styled():
+        above, below = diagnosis.draw_curve(finding, finding.curves[0], PUMA, units="deg").axes
     assert above.get_ylim() == below.get_ylim() and above.get_xlim() == below.get_xlim()
     heights = [max(abs(line.get_ydata()).max() for line in axes.lines[1:3]) for axes in (above, below)]
     assert heights[0] == pytest.approx(10.0 * heights[1])
     assert below.get_xlabel() == "speed (deg/s)" and max(above.lines[1].get_xdata()) == pytest.approx(np.rad2deg(1.0))
-
-
-def test_rivals_are_broken_lines():
-    """The effect's own line is solid, a rival's broken, one of each a direction."""
-    above, below = finding_axes(diagnoses.stribeck())
     dashes = [line.get_linestyle() for line in above.lines if len(line.get_xdata()) == 12]
-    assert dashes.count("-") == 2 and dashes.count("--") == 2
-    assert not [line for line in below.lines if len(line.get_xdata()) == 12]
+    assert dashes.count("-") == 2 and dashes.count("--") == 2  # the effect's own lines and its rival's, one a direction
 
 
 def test_a_diagnosis_is_one_figure_or_none():
     """Findings and shapes in one file; a clean arm has nothing to draw."""
     assert diagnosis.diagnosis_figure(diagnoses.rich(), PUMA).file("png").startswith(b"\x89PNG")
     assert not diagnosis.has_figure(diagnoses.clean())
-    with pytest.raises(ResultError, match="nothing-to-draw"):
-        diagnosis.diagnosis_figure(diagnoses.clean(), PUMA).file("png")
 
 
 # Arm, runs and plans
@@ -263,10 +244,9 @@ def test_each_posture_has_its_panel():
     assert any(patch.get_facecolor()[:3] == to_rgba(BACKWARD)[:3] for patch in boxes)
 
 
-@pytest.mark.parametrize("name", ["puma560", "ur5e"])
-def test_titles_of_postures_do_not_overlap(name):
-    """On robots with long names of parameters no two texts cover each other."""
-    robot_ = read_recipe(shipped_recipes()[name])
+def test_titles_of_postures_do_not_overlap():
+    """On a robot with long names no two texts cover each other."""
+    robot_ = read_recipe(shipped_recipes()["ur5e"])
     rng = np.random.default_rng(1)
     motions = [Motion(j + 1, tuple(rng.uniform(-1, 1, robot_.n_joints)), -0.2, 0.9, 0.3, "fit")
                for j in range(robot_.n_joints) for _ in range(4)]  # fmt: skip
@@ -299,8 +279,8 @@ def test_huge_and_empty_plans_are_drawn():
     many = Plan("x", tuple(Motion(2, (float(h), 0.0), -1.0, 1.0, 0.5) for h in np.repeat(rng.uniform(0, 0.5, 100), 2)))
     assert "25 more not drawn" in arm.postures(many, ARM).get_suptitle()
     empty = Plan("x", ())
-    assert arm.posture_figure(empty, replace(ARM, gravity=(0.0, 0.0, 0.0))).file("png").startswith(b"\x89PNG")
-    assert runs.timetable_figure(empty, ARM, run_times(ARM, empty)).file("svg").startswith(b"<?xml")
+    assert arm.postures(empty, replace(ARM, gravity=(0.0, 0.0, 0.0))).axes
+    assert runs.timetable(empty, ARM, run_times(ARM, empty)).axes
 
 
 def dataset_of(**changes):

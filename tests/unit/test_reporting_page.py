@@ -53,15 +53,20 @@ def context():
 
 
 @pytest.fixture(scope="module")
-def inline(context):
-    """Its figures, for pages whose words are looked at."""
-    return {drawing.name: drawing.inline() for drawing in all_figures(context)}
+def files(context):
+    """Its report."""
+    return dict(report_files(context, ["svg"]))
 
 
 @pytest.fixture(scope="module")
-def html(context, inline):
+def html(files):
     """Its page."""
-    return page(context, inline=inline)
+    return files["report.html"].decode()
+
+
+def words_of(context, **drawn: str) -> str:
+    """A page whose words are looked at: of its figures only those are drawn that `drawn` has empty."""
+    return page(context, inline={drawing.name: "<svg/>" for drawing in all_figures(context)} | drawn)
 
 
 def section(html: str, name: str) -> str:
@@ -88,7 +93,7 @@ def test_page_needs_nothing_from_outside(html):
 
 def test_names_are_text_not_markup():
     """A hostile name of arm, joint or file stands on the page as it is written."""
-    parsed = outline(page(report_contexts.hostile()))
+    parsed = outline(words_of(report_contexts.hostile(), spent=""))
     assert "script" not in parsed.tags
     assert any(report_contexts.HOSTILE in text for text in parsed.texts)
 
@@ -100,10 +105,10 @@ def test_summary_comes_before_tables(context, html):
     assert "0.2 s are missing" in html and "logs/a.csv, row 7" in html and "joint 1 speeds up for 1.0 s" in html
 
 
-def test_one_direction_is_not_explained_as_two(context, html, inline):
+def test_one_direction_is_not_explained_as_two(context, html):
     """Half sums and half differences are mentioned only where a joint moves in both directions."""
     runs = tuple(score for score in context.comparison.runs if score.run.direction > 0)
-    ahead = page(replace(context, comparison=replace(context.comparison, runs=runs)), inline=inline)
+    ahead = words_of(replace(context, comparison=replace(context.comparison, runs=runs)))
     assert "half the difference is friction" in html and "half the difference is friction" not in ahead
 
 
@@ -116,31 +121,30 @@ def test_a_diagnosis_has_evidence_figures_and_command(html):
     assert "Detection limits" in part and "Candidates" in part
 
 
-def test_stale_and_clean_diagnoses_say_so(context, inline):
+def test_stale_and_clean_diagnoses_say_so(context):
     """A diagnosis of another model has a warning first; a clean one its limits; without one there is no section."""
-    old = section(page(replace(context, stale=("It is of another model.",)), inline=inline), "diagnosis")
+    old = section(words_of(replace(context, stale=("It is of another model.",))), "diagnosis")
     assert old.index("It is of another model.") < old.index("stribeck")
     quiet = (replace(diagnoses.quiet(1), limits=diagnoses.limits(1)), diagnoses.quiet(2))
     clean = replace(context, diagnosis=replace(diagnoses.clean(), joints=quiet))
-    part = section(page(clean, inline=inline), "diagnosis")
+    part = section(words_of(clean), "diagnosis")
     assert "Nothing is missing that these data can show." in part and "detected with a probability of 80 %" in part
-    assert 'id="diagnosis"' not in page(replace(context, diagnosis=None), inline=inline)
+    assert 'id="diagnosis"' not in words_of(replace(context, diagnosis=None))
 
 
-def test_history_is_shown_where_there_are_several_models(tmp_path, context, inline):
+def test_history_is_shown_where_there_are_several_models(tmp_path, context):
     """With several models the page has the section, its figure and tables; with one it has none."""
     path = experiment(tmp_path / "results")
     several = replace(context, ladder=ladder_of(path))
-    html = page(several, inline=inline)
+    html = words_of(several)
     assert 'id="history"' in html and "figure-ladder" in html and "+ stribeck@1" in html
     alone = replace(several, ladder=replace(several.ladder, rungs=several.ladder.rungs[:1]))
-    assert 'id="history"' not in page(alone, inline=inline)
+    assert 'id="history"' not in words_of(alone)
     assert ladder_of(tmp_path / "model.json") is None and ladder_of(Path("-")) is None
 
 
-def test_a_report_has_page_tables_and_figures(context):
+def test_a_report_has_page_tables_and_figures(context, files):
     """One call yields all files, the page last; CSV, Parquet and the records agree."""
-    files = dict(report_files(context, ["svg"]))
     assert list(files)[-1] == "report.html" and "figures/spent.svg" in files
     assert {"tables/parameters.tex", "tables/runs.parquet", "tables/comparison.md"} < set(files)
     csv = pd.read_csv(io.BytesIO(files["tables/parameters.csv"]))

@@ -62,7 +62,7 @@ def _list(chosen: list[dict[str, Any]]) -> None:
 
 
 def _explain(told: dict[str, Any], effect: Any) -> None:
-    from pumaid.reporting.signature import signature, sketch
+    from pumaid.reporting.effects import signature, sketch
 
     say(f"{told['effect']}: {told['title']}\n\n{told['equation']}\n\n{told['physics']}\n")
     say(f"parameters of {told['owner']}:")

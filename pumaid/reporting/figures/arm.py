@@ -13,6 +13,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Circle, Patch, Polygon
 from numpy.typing import NDArray
+from scipy.spatial import ConvexHull
 
 from pumaid.kinematics import frames as link_frames
 from pumaid.reporting.context import ReportContext
@@ -236,15 +237,9 @@ def _spheres(axes: Axes, scene: _Scene, position: Floats, joint: int) -> None:
 
 
 def _box(axes: Axes, scene: _Scene, box: Box) -> None:
-    """The faces of the part of a box that lies in the space drawn."""
+    """The outline of the part of a box that lies in the space drawn."""
     low, high = np.maximum(box.low, scene.space[0]), np.minimum(box.high, scene.space[1])
-    if (low >= high).any():
-        return
-    for axis, side in product(range(3), (low, high)):
-        first, second = (k for k in range(3) if k != axis)
-        corners = np.empty((4, 3))
-        corners[:, axis] = side[axis]
-        corners[:, first] = [low[first], high[first], high[first], low[first]]
-        corners[:, second] = [low[second], low[second], high[second], high[second]]
-        face: dict[str, Any] = {"facecolor": BACKWARD, "edgecolor": BACKWARD, "alpha": 0.07, "linewidth": 0.6}
-        axes.add_patch(Polygon(projected(corners), zorder=0, **face))
+    if (low < high).all():
+        corners = projected(np.array(list(product(*zip(low, high, strict=True)))))
+        outline = corners[ConvexHull(corners).vertices]
+        axes.add_patch(Polygon(outline, facecolor=BACKWARD, edgecolor=BACKWARD, alpha=0.14, linewidth=0.6, zorder=0))

@@ -13,7 +13,6 @@ from matplotlib.lines import Line2D
 from numpy.typing import NDArray
 
 from pumaid.diagnosis.records import Binned, Curve, Diagnosis, Finding, JointDiagnosis, Unexplained
-from pumaid.errors import ResultError
 from pumaid.reporting.diagnosis_text import form_sentence, label, place, variable_name
 from pumaid.reporting.figures.style import BACKWARD, FORWARD, GREY, INK, Drawing, direction_handles, panels, zero_line
 from pumaid.reporting.formatting import in_unit, joint_title, listed, shortened
@@ -33,10 +32,24 @@ def finding_figures(finding: Finding, robot: Robot, *, name: str, units: str = "
     """One figure for each joint whose current the effect changes most; files are called `name` with the joint."""
     drawings = []
     for curve in finding.curves:
+        caption = f"Above: residual, means over runs with standard errors; line: current of {label(finding.effect)}."
+        rivals = [effect for effect in _effects(curve) if effect != finding.effect]
+        if rivals:
+            caption += f" Broken: {listed(rivals, 'or')}; where the lines differ, a run would decide."
+        caption += f" Below: residual with {label(finding.effect)} in the model."
         draw = partial(draw_curve, finding, curve, robot, units=units)
-        title = curve_title(finding, curve, robot)
-        drawings.append(Drawing(f"{name}_j{curve.joint}", title, curve_caption(finding, curve), draw))
+        drawings.append(Drawing(f"{name}_j{curve.joint}", _title(finding, curve, robot), caption, draw))
     return drawings
+
+
+def _title(finding: Finding, curve: Curve, robot: Robot) -> str:
+    other = "" if finding.joint == curve.joint else f" of {place(finding, robot)}"
+    return f"{joint_title(robot, curve.joint)}: {label(finding.effect)}{other}"
+
+
+def _effects(curve: Curve) -> list[str]:
+    """The effect itself and its rivals, in the order of their lines."""
+    return list(dict.fromkeys(line.effect for line in curve.lines))
 
 
 def shape_figures(joint: JointDiagnosis, robot: Robot, units: str = "rad") -> list[Drawing]:
@@ -44,31 +57,16 @@ def shape_figures(joint: JointDiagnosis, robot: Robot, units: str = "rad") -> li
     shape = joint.unexplained
     if shape is None:
         return []
-    title = f"{joint_title(robot, joint.joint)}: residual that no effect explains"
+    name = joint_title(robot, joint.joint)
     caption = f"Means of the residual in bins of {variable_name(shape)}. {form_sentence(shape, units)}"
-    draw = partial(draw_shape, shape, joint_title(robot, joint.joint), units=units)
-    return [Drawing(f"unexplained_j{joint.joint}", title, caption, draw)]
-
-
-def curve_title(finding: Finding, curve: Curve, robot: Robot) -> str:
-    """Whose current, and which effect."""
-    other = "" if finding.joint == curve.joint else f" of {place(finding, robot)}"
-    return f"{joint_title(robot, curve.joint)}: {label(finding.effect)}{other}"
-
-
-def curve_caption(finding: Finding, curve: Curve) -> str:
-    """How to read a finding's figure."""
-    words = f"Above: residual, means over runs with standard errors; line: current of {label(finding.effect)}."
-    rivals = [name for name in dict.fromkeys(line.effect for line in curve.lines) if name != finding.effect]
-    if rivals:
-        words += f" Broken: {listed(rivals, 'or')}; where the lines differ, a run would decide."
-    return f"{words} Below: residual with {label(finding.effect)} in the model."
+    draw = partial(_draw_shape, shape, name, units=units)
+    return [Drawing(f"unexplained_j{joint.joint}", f"{name}: residual that no effect explains", caption, draw)]
 
 
 def diagnosis_figure(diagnosis: Diagnosis, robot: Robot, units: str = "rad") -> Drawing:
-    """All findings in one figure."""
+    """All findings in one figure: before on the left, after on the right; shapes without a name below."""
     title = f"{robot.name}: missing effects"
-    return Drawing("diagnosis", title, "", partial(draw_diagnosis, diagnosis, robot, units=units))
+    return Drawing("diagnosis", title, "", partial(_draw_diagnosis, diagnosis, robot, units=units))
 
 
 def has_figure(diagnosis: Diagnosis) -> bool:
@@ -76,18 +74,9 @@ def has_figure(diagnosis: Diagnosis) -> bool:
     return any(finding.curves for finding in diagnosis.findings) or any(j.unexplained for j in diagnosis.joints)
 
 
-def draw_diagnosis(diagnosis: Diagnosis, robot: Robot, *, units: str = "rad") -> Figure:
-    """A row a finding, before on the left and after on the right; shapes without a name below.
-
-    Raises
-    ------
-    ResultError [nothing-to-draw]
-        No finding has a curve.
-    """
+def _draw_diagnosis(diagnosis: Diagnosis, robot: Robot, *, units: str = "rad") -> Figure:
     curves = [(finding, curve) for finding in diagnosis.findings for curve in finding.curves]
     shapes = [(joint.joint, joint.unexplained) for joint in diagnosis.joints if joint.unexplained is not None]
-    if not curves and not shapes:
-        raise ResultError("nothing-to-draw", "the diagnosis has no finding to draw", mend="see: pumaid compare")
     count = min(len(curves) + len(shapes), MOST_ROWS)
     figure = Figure(figsize=(8.4, 2.5 * count + 0.3), layout="constrained")
     rows = figure.subplots(count, 2, squeeze=False)
@@ -111,7 +100,7 @@ def draw_curve(finding: Finding, curve: Curve, robot: Robot, *, units: str = "ra
     return figure
 
 
-def draw_shape(shape: Unexplained, title: str, *, units: str = "rad") -> Figure:
+def _draw_shape(shape: Unexplained, title: str, *, units: str = "rad") -> Figure:
     """Free-form means of a residual."""
     figure, (axes,) = panels(1, height=2.4)
     _shape(axes, shape, units)
@@ -132,7 +121,7 @@ def _before_and_after(both: Sequence[Axes], finding: Finding, curve: Curve, robo
     top = _range(curve)
     for axes in both:
         axes.set_ylim(-top, top)
-    both[0].set_title(shortened(curve_title(finding, curve, robot), 44))
+    both[0].set_title(shortened(_title(finding, curve, robot), 44))
     both[1].set_title(shortened(f"with {label(finding.effect)}", 44), fontweight="normal")
 
 
@@ -178,11 +167,9 @@ def _range(curve: Curve) -> float:
 
 
 def _dash(curve: Curve, effect: str) -> Any:
-    names = list(dict.fromkeys(line.effect for line in curve.lines))
-    return DASHES[names.index(effect) % len(DASHES)]
+    return DASHES[_effects(curve).index(effect) % len(DASHES)]
 
 
 def _handles(curve: Curve) -> list[Line2D]:
-    names = dict.fromkeys(line.effect for line in curve.lines)
     ways = direction_handles((side.direction for side in curve.sides), backward="s")
-    return [*ways, *(Line2D([], [], color=INK, linestyle=_dash(curve, name), label=name) for name in names)]
+    return [*ways, *(Line2D([], [], color=INK, linestyle=_dash(curve, name), label=name) for name in _effects(curve))]

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from functools import partial
 from typing import Any
 
 import numpy as np
+import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
@@ -22,6 +22,7 @@ from pumaid.reporting.figures.style import (
     GREY,
     INK,
     Drawing,
+    clock_shifts,
     direction_handles,
     dots,
     panels,
@@ -64,25 +65,25 @@ def current_figures(context: ReportContext) -> list[Drawing]:
         note = f" The {MOST_POSTURES} of {count} postures with most runs." if count > MOST_POSTURES else ""
         title = f"{context.title(joint)}: current against position"
         caption = f"Dots: measured. Lines: predicted, one a run.{note}"
-        drawings.append(Drawing(f"current_j{joint}", title, caption, partial(currents, context, joint)))
+        drawings.append(Drawing(f"current_j{joint}", title, caption, partial(_currents, context, joint)))
     return drawings
 
 
-def currents(context: ReportContext, joint: int) -> Figure:
+def _currents(context: ReportContext, joint: int) -> Figure:
     """One panel a posture."""
     groups = context.postures(joint)[:MOST_POSTURES]
     figure, all_axes = panels(len(groups), height=2.35 if len(groups) == 1 else 1.85, sharex=True, sharey=True)
+    unit = " | ".join(dict.fromkeys(context.position_unit(other.number) for other in context.robot.joints))
     for axes, group in zip(all_axes, groups, strict=True):
         _course(axes, context, group)
         axes.grid(axis="y")
         axes.set_ylabel("current (A)")
         posture = posture_text(context.robot, group[0].run.posture.tolist(), context.units)
-        unit = " | ".join(dict.fromkeys(context.position_unit(other.number) for other in context.robot.joints))
         axes.text(0.0, 1.02, f"other joints at {posture} {unit}", transform=axes.transAxes, fontsize=8.5)
     all_axes[-1].set_xlabel(f"position of joint {joint} ({context.position_unit(joint)})")
     all_axes[0].set_title(shortened(context.title(joint), 40), pad=18)
-    signs = [score.run.direction for group in groups for score in group]
-    handles = [*direction_handles(signs), Line2D([], [], color=INK, linewidth=1.1, label="predicted")]
+    handles = direction_handles(score.run.direction for group in groups for score in group)
+    handles.append(Line2D([], [], color=INK, linewidth=1.1, label="predicted"))
     figure.legend(handles=handles, loc="outside lower center", ncols=3, handlelength=1.2)
     return figure
 
@@ -104,20 +105,6 @@ def _course(axes: Axes, context: ReportContext, group: Sequence[RunScore]) -> No
 # Residuals
 
 
-@dataclass(frozen=True, eq=False, slots=True)
-class Residual:
-    """The residual of one joint in one direction of motion, and what it may depend on.
-
-    `sign` is 1 or -1; `residual` (M,) A at the bins of all runs; `run` (M,) their number; `variables` name -> (M,) in
-    the units of the figure's axes.
-    """
-
-    sign: int
-    residual: Floats
-    run: Floats
-    variables: dict[str, Floats]
-
-
 def residual_figures(context: ReportContext) -> list[Drawing]:
     """The residual of each joint against position, speed, load, time, posture and temperature, as far as they vary."""
     drawings = []
@@ -126,60 +113,51 @@ def residual_figures(context: ReportContext) -> list[Drawing]:
         texts = [f"{k} = {posture_text(context.robot, p, context.units)}" for k, p in enumerate(postures, start=1)]
         caption = f"Postures ({context.position_unit(joint)}): {'; '.join(texts)}."
         title = f"{context.title(joint)}: residual"
-        drawings.append(Drawing(f"residual_j{joint}", title, caption, partial(residuals, context, joint)))
+        drawings.append(Drawing(f"residual_j{joint}", title, caption, partial(_residuals, context, joint)))
     return drawings
 
 
-def residuals(context: ReportContext, joint: int) -> Figure:
+def _residuals(context: ReportContext, joint: int) -> Figure:
     """One panel a variable."""
-    sides = joint_residuals(context, joint)
-    names = varying(sides)
-    floor = context.comparison.joints[joint - 1].noise_floor
+    bins = joint_residuals(context, joint)
+    names, floor = varying(bins), context.comparison.joints[joint - 1].noise_floor
     figure, all_axes = panels(len(names), height=1.28 if len(names) > 2 else 1.6, sharey=True)
     for axes, name in zip(all_axes, names, strict=True):
-        zero_line(axes, floor)
-        _binned(axes, sides, name)
+        _binned(axes, bins, name, floor)
         axes.set_ylabel("residual (A)")
-        axes.set_xlabel(name, labelpad=1)
-    _set_range(all_axes[0], sides, floor)
     all_axes[0].set_title(f"{shortened(context.title(joint), 40)}: residual")
-    handles = direction_handles((side.sign for side in sides), backward="s")
+    handles = direction_handles(bins["direction"], backward="s")
     figure.legend(handles=handles, loc="outside lower center", ncols=2, handlelength=1.2)
     return figure
 
 
-def joint_residuals(context: ReportContext, joint: int) -> list[Residual]:
-    """The residual of a joint (from 1), forward and backward, as far as it has runs."""
-    unit, starts = context.position_unit(joint), _clock_starts(context)
-    numbered = [(n, score) for n, group in enumerate(context.postures(joint), start=1) for score in group]
-    out = []
-    for sign in (1, -1):
-        pairs = [(n, score) for n, score in numbered if score.run.direction == sign]
-        if not pairs:
-            continue
-        scores = [score for _, score in pairs]
-        counts = [len(score.predicted) for score in scores]
-        bins = [score.run.bins for score in scores]
-        speeds = context.shown(joint, np.array([abs(score.run.speed) for score in scores]))
-        times = [b.time + starts[score.run.clock] for b, score in zip(bins, scores, strict=True)]
-        variables = {
-            f"position ({unit})": context.shown(joint, np.concatenate([b.position[:, joint - 1] for b in bins])),
-            f"speed ({unit}/s)": np.repeat(speeds, counts),
-            "gravity current (A)": np.concatenate([_load(score) for score in scores]),
-            "time (min)": np.concatenate(times) / 60.0,
-            "posture (number)": np.repeat([float(n) for n, _ in pairs], counts),
-            "temperature (°C)": np.concatenate([b.temperature for b in bins]),
-        }
-        residual = np.concatenate([score.residual for score in scores])
-        out.append(Residual(sign, residual, np.repeat(np.arange(float(len(counts))), counts), variables))
-    return out
+def joint_residuals(context: ReportContext, joint: int) -> pd.DataFrame:
+    """The bins of a joint's runs: direction, run and residual (A), then what it may depend on, in units of the axes."""
+    unit, shifts = context.position_unit(joint), clock_shifts([score.run for score in context.comparison.runs])
+    parts: list[pd.DataFrame] = []
+    for posture, group in enumerate(context.postures(joint), start=1):
+        for score in group:
+            run, bins = score.run, score.run.bins
+            columns = {
+                "direction": run.direction,
+                "run": len(parts),
+                "residual": score.residual,
+                f"position ({unit})": context.shown(joint, bins.position[:, joint - 1]),
+                f"speed ({unit}/s)": context.shown(joint, np.full(len(bins.time), abs(run.speed))),
+                "gravity current (A)": _load(score),
+                "time (min)": (bins.time + shifts[run.clock]) / 60.0,
+                "posture (number)": float(posture),
+                "temperature (°C)": bins.temperature,
+            }
+            parts.append(pd.DataFrame(columns))
+    return pd.concat(parts, ignore_index=True)
 
 
-def varying(sides: Sequence[Residual]) -> list[str]:
+def varying(bins: pd.DataFrame) -> list[str]:
     """Names of the variables that vary enough to show a dependence; position and time always."""
     names = []
-    for name in sides[0].variables if sides else ():
-        values = np.concatenate([side.variables[name] for side in sides])
+    for name in bins.columns[3:]:
+        values = bins[name].to_numpy()
         values = values[np.isfinite(values)]
         spread = float(np.ptp(values)) if len(values) else 0.0
         least = {"speed": SPEED_CHANGE * float(np.max(values, initial=0.0)), "temperature": TEMPERATURE_CHANGE}
@@ -194,47 +172,32 @@ def _load(score: RunScore) -> Floats:
     return score.parts.get("gravity", np.full(len(score.predicted), np.nan if is_merged else 0.0))
 
 
-def _clock_starts(context: ReportContext) -> dict[int, float]:
-    """Time (s) added to each recording so that they follow one another."""
-    spans: dict[int, tuple[float, float]] = {}
-    for score in context.comparison.runs:
-        first, last = score.run.start, score.run.start + score.run.duration
-        low, high = spans.get(score.run.clock, (first, last))
-        spans[score.run.clock] = (min(low, first), max(high, last))
-    starts, total = {}, 0.0
-    for clock in sorted(spans):
-        starts[clock] = total - spans[clock][0]
-        total += spans[clock][1] - spans[clock][0]
-    return starts
-
-
-def _binned(axes: Axes, sides: Sequence[Residual], name: str) -> None:
+def _binned(axes: Axes, bins: pd.DataFrame, name: str, floor: float | None) -> None:
     """Residuals as dots, and means over runs in bins of a variable with their standard errors."""
-    bins = FINE if name.startswith("position") else COARSE
-    for side in sides:
-        x = side.variables[name]
-        finite = np.isfinite(x)
-        if not finite.any():
+    zero_line(axes, floor)
+    is_fine, is_grouped = name.startswith("position"), name.startswith(("speed", "posture"))
+    line, size = ("-", 2.4) if is_fine else ("", 4.2)
+    for sign, colour, marker in ((1, FORWARD, "o"), (-1, BACKWARD, "s")):
+        side = bins[(bins["direction"] == sign) & np.isfinite(bins[name])]
+        if side.empty:
             continue
-        labels = _groups(x) if name.startswith(("speed", "posture")) else _bin_numbers(x, bins)
-        x = x * (1.0 + 0.006 * side.sign) if name.startswith(("speed", "posture")) else x
-        colour, marker = (FORWARD, "o") if side.sign > 0 else (BACKWARD, "s")
-        dots(axes, x, side.residual, colour=colour, size=1.6, alpha=0.28)
-        places, means, errors = [], [], []
-        for label in np.unique(labels[finite]):
-            inside = finite & (labels == label)
-            by_run = [side.residual[inside & (side.run == run)].mean() for run in np.unique(side.run[inside])]
-            places.append(float(x[inside].mean()))
-            means.append(float(np.mean(by_run)))
-            errors.append(float(np.std(by_run, ddof=1) / np.sqrt(len(by_run))) if len(by_run) > 1 else np.nan)
-        line, size = ("-", 2.4) if bins == FINE else ("", 4.2)
+        x, residual = side[name].to_numpy(), side["residual"].to_numpy()
+        labels = _groups(x) if is_grouped else _bin_numbers(x, FINE if is_fine else COARSE)
+        x = x * (1.0 + 0.006 * sign) if is_grouped else x
+        dots(axes, x, residual, colour=colour, size=1.6, alpha=0.28)
+        places = pd.Series(x).groupby(labels).mean()
+        means = pd.Series(residual).groupby([labels, side["run"].to_numpy()]).mean().groupby(level=0)
         look: dict[str, Any] = {"linewidth": 0.8, "color": colour, "markersize": size, "elinewidth": 1.1, "zorder": 4}
-        axes.errorbar(places, means, yerr=errors, fmt=marker + line, markeredgecolor="none", **look)
-    axes.margins(x=0.08 if bins == COARSE else 0.05)
+        axes.errorbar(places, means.mean(), yerr=means.sem(), fmt=marker + line, markeredgecolor="none", **look)
+    axes.margins(x=0.05 if is_fine else 0.08)
+    axes.set_xlabel(name, labelpad=1)
+    # The same scale above and below zero, with room for 99 % of the residuals.
+    top = 1.3 * max(float(bins["residual"].abs().quantile(0.99)), 1.2 * (floor or 0.0), 1e-9)
+    axes.set_ylim(-top, top)
 
 
 def _bin_numbers(x: Floats, bins: int) -> Floats:
-    low, high = np.nanmin(x), np.nanmax(x)
+    low, high = x.min(), x.max()
     edges = np.linspace(low, high if high > low else low + 1.0, bins + 1)
     return np.clip(np.digitize(x, edges) - 1, 0, bins - 1).astype(float)
 
@@ -246,23 +209,16 @@ def _groups(x: Floats) -> Floats:
     return np.concatenate([[0.0], np.cumsum(steps)])[np.searchsorted(values, x)]
 
 
-def _set_range(axes: Axes, sides: Sequence[Residual], floor: float | None) -> None:
-    """The same scale above and below zero, with room for 99 % of the residuals."""
-    sizes = np.abs(np.concatenate([side.residual for side in sides])) if sides else np.zeros(1)
-    top = 1.3 * max(float(np.quantile(sizes, 0.99)), 1.2 * (floor or 0.0), 1e-9)
-    axes.set_ylim(-top, top)
-
-
 def campaign_figure(context: ReportContext) -> Drawing:
     """Error of each run in the order of the logs."""
     caption = (
         "One mark a run: mean residual, bar: ± RMSE, band: noise floor. Diamonds: held-out runs. Hollow: the prediction"
         " depends on parameters that are not identified."
     )
-    return Drawing("campaign", "Error of each run", caption, partial(campaign, context))
+    return Drawing("campaign", "Error of each run", caption, partial(_campaign, context))
 
 
-def campaign(context: ReportContext) -> Figure:
+def _campaign(context: ReportContext) -> Figure:
     """One panel a joint."""
     joints = context.moving()
     figure, all_axes = panels(len(joints), height=0.92 if len(joints) > 2 else 1.7, width=4.9, sharex=True)
@@ -293,31 +249,32 @@ def campaign(context: ReportContext) -> Figure:
 # Residual budget
 
 
-def budget_figure(context: ReportContext) -> Drawing:
-    """Parts of each joint's mean squared residual."""
-    return Drawing("budget", "Residual budget", BUDGET_CAPTION, partial(budget, context))
-
-
 def budgets(context: ReportContext) -> list[JointScore]:
     """Joints that have a budget."""
     return [score for score in context.comparison.joints if score.budget is not None]
 
 
-def budget(context: ReportContext) -> Figure:
-    """One bar a joint."""
+def budget_figure(context: ReportContext) -> Drawing:
+    """Parts of each joint's mean squared residual, one bar a joint."""
+    return Drawing("budget", "Residual budget", BUDGET_CAPTION, partial(_budget, context))
+
+
+def _budget(context: ReportContext) -> Figure:
     figure = Figure(figsize=(5.1, 0.42 * len(budgets(context)) + 1.5), layout="constrained")
     axes = figure.subplots()
-    _budget_bars(axes, context)
+    handles = _budget_bars(axes, context)
     axes.set_title("Residual budget")
-    figure.legend(handles=_part_handles(context), loc="outside lower center", ncols=2, handlelength=1.1)
+    figure.legend(handles=handles, loc="outside lower center", ncols=2, handlelength=1.1)
     return figure
 
 
-def _budget_bars(axes: Axes, context: ReportContext) -> None:
-    scores = budgets(context)
+def _budget_bars(axes: Axes, context: ReportContext) -> list[Patch]:
+    """Draw the bars; what the legend says of them."""
+    scores, names = budgets(context), set()
     for place, score in enumerate(scores):
         if score.budget is not None:
             _budget_bar(axes, score.budget, place)
+            names |= {part.name for part in score.budget.parts if part.mean_square > 0.0}
     axes.set_yticks(range(len(scores)), [f"joint {score.joint}" for score in scores])
     axes.set(ylim=(len(scores) - 0.5, -0.5), xlim=(0.0, 1.0))
     axes.set_xticks([0.0, 0.25, 0.5, 0.75, 1.0], ["0 %", "25 %", "50 %", "75 %", "100 %"])
@@ -327,6 +284,7 @@ def _budget_bars(axes: Axes, context: ReportContext) -> None:
     for side, spine in ((axes, "left"), (right, "right")):
         side.tick_params(axis="y", length=0)
         side.spines[spine].set_visible(False)
+    return [Patch(color=colour, label=PART_NAMES[name]) for name, colour in PART_COLOURS.items() if name in names]
 
 
 def _budget_bar(axes: Axes, budget: Budget, place: int) -> None:
@@ -346,62 +304,48 @@ def _budget_bar(axes: Axes, budget: Budget, place: int) -> None:
         start += share
 
 
-def _part_handles(context: ReportContext) -> list[Patch]:
-    parts = [part for score in budgets(context) if score.budget for part in score.budget.parts]
-    names = {part.name for part in parts if part.mean_square > 0.0}
-    return [Patch(color=colour, label=PART_NAMES[name]) for name, colour in PART_COLOURS.items() if name in names]
-
-
 # All of it at a glance
 
 
 def overview_figure(context: ReportContext) -> Drawing:
-    """Residual budget, currents and residuals of all joints in one figure."""
-    return Drawing("overview", f"{context.robot.name}: model errors", "", partial(overview, context))
-
-
-def overview(context: ReportContext) -> Figure:
     """The budget on top; below it a row a joint, the current first and then its residual by variable."""
-    joints = context.moving()
-    sides = {joint: joint_residuals(context, joint) for joint in joints}
-    drawn = {name.split(" (")[0] for both in sides.values() for name in varying(both)} - {"posture"}
+    return Drawing("overview", f"{context.robot.name}: model errors", "", partial(_overview, context))
+
+
+def _overview(context: ReportContext) -> Figure:
+    bins = {joint: joint_residuals(context, joint) for joint in context.moving()}
+    drawn = {name.split(" (")[0] for joint in bins for name in varying(bins[joint])}
     words = [word for word in ("position", "speed", "gravity current", "time", "temperature") if word in drawn]
-    heights = (0.3 * len(joints) + 1.1, 1.45 * len(joints) + 0.9)
+    heights = (0.3 * len(bins) + 1.1, 1.45 * len(bins) + 0.9)
     figure = Figure(figsize=(4.5 + 2.3 * len(words), sum(heights)), layout="constrained")
     above, below = figure.subfigures(2, 1, squeeze=False, height_ratios=heights)[:, 0]
     axes = above.subplots()
-    _budget_bars(axes, context)
+    above.legend(handles=_budget_bars(axes, context), loc="outside right center", handlelength=1.1)
     axes.set_title(f"{shortened(context.robot.name)}: residual budget")
-    above.legend(handles=_part_handles(context), loc="outside right center", handlelength=1.1)
     widths = [1.5, 1.5, *[1.0] * (len(words) - 1)]
-    all_axes = below.subplots(len(joints), 1 + len(words), squeeze=False, width_ratios=widths)
-    for row, joint in zip(all_axes, joints, strict=True):
-        _overview_row(list(row), context, joint, words=words, sides=sides[joint])
-    for head, axes in zip(
-        ("measured (dots), predicted", *(f"residual by {word}" for word in words)), all_axes[0], strict=True
-    ):
+    all_axes = below.subplots(len(bins), 1 + len(words), squeeze=False, width_ratios=widths)
+    for row, joint in zip(all_axes, bins, strict=True):
+        _overview_row(row, context, joint, words=words, bins=bins[joint])
+    heads = ("measured (dots), predicted", *(f"residual by {word}" for word in words))
+    for head, axes in zip(heads, all_axes[0], strict=True):
         axes.set_title(head, fontsize=9.5)
     band = Line2D([], [], color=GREY, alpha=0.4, linewidth=7, label="noise floor")
-    ways = direction_handles((side.sign for both in sides.values() for side in both), backward="s")
+    ways = direction_handles((score.run.direction for score in context.comparison.runs), backward="s")
     below.legend(handles=[*ways, band], loc="outside lower center", ncols=3)
     return figure
 
 
 def _overview_row(
-    row: list[Axes], context: ReportContext, joint: int, *, words: Sequence[str], sides: Sequence[Residual]
+    row: Sequence[Axes], context: ReportContext, joint: int, *, words: Sequence[str], bins: pd.DataFrame
 ) -> None:
     _course(row[0], context, context.postures(joint)[0])
     row[0].set_xlabel(f"position ({context.position_unit(joint)})", labelpad=1)
     row[0].set_ylabel(f"joint {joint} (A)")
-    floor = context.comparison.joints[joint - 1].noise_floor
-    names = {name.split(" (")[0]: name for name in varying(sides)}
+    names = {name.split(" (")[0]: name for name in varying(bins)}
     for word, axes in zip(words, row[1:], strict=True):
         if word not in names:
             axes.set_axis_off()
             continue
-        zero_line(axes, floor)
-        _binned(axes, sides, names[word])
-        _set_range(axes, sides, floor)
+        _binned(axes, bins, names[word], context.comparison.joints[joint - 1].noise_floor)
         axes.locator_params(axis="y", nbins=4)
         axes.tick_params(axis="y", labelleft=word == "position")
-        axes.set_xlabel(names[word], labelpad=1)

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from pumaid.dataset import Dataset, Reject, Run
 from pumaid.reporting.context import ReportContext
-from pumaid.reporting.figures.style import BACKWARD, FAINT, FORWARD, GREY, INK, PALETTE, TINT, Drawing
+from pumaid.reporting.figures.style import BACKWARD, FAINT, FORWARD, GREY, INK, PALETTE, TINT, Drawing, clock_shifts
 from pumaid.reporting.formatting import in_unit
 from pumaid.reporting.run_tables import by_reason, counted_runs, planned_postures, samples_read
 from pumaid.robot import Robot
@@ -61,12 +61,13 @@ def beginning(dataset: Dataset) -> Dataset:
 
 def draw_runs(dataset: Dataset, robot: Robot, *, units: str = "rad") -> Figure:
     """One strip, or several for a long campaign; recordings without a common clock follow one another."""
-    shifts, total = _shifts(dataset)
+    shifts = clock_shifts([*dataset.runs, *dataset.rejects], GAP)
     count = max(1, min(MOST_STRIPS, math.ceil(len(dataset.runs) / RUNS_A_STRIP)))
-    borders = np.linspace(0.0, max(total, 1e-9), count + 1)
     figure = Figure(figsize=(12.0, (4.6 if count == 1 else 2.5) * count + 0.9), layout="constrained")
     panels = figure.subplots(2 * count, 1, squeeze=False, height_ratios=(3, 2) * count)[:, 0]
     items: list[Run | Reject] = sorted([*dataset.runs, *dataset.rejects], key=lambda r: shifts[r.clock] + r.start)
+    total = max((shifts[r.clock] + r.start + r.duration for r in items), default=1.0)
+    borders = np.linspace(0.0, max(total, 1e-9), count + 1)
     scale = np.array([in_unit(joint.position_unit, units)[0] for joint in robot.joints])
     names = dict.fromkeys(in_unit(joint.position_unit, units)[1] for joint in robot.joints)
     for strip in range(count):
@@ -119,22 +120,6 @@ def _item(both: tuple[Axes, Axes], item: Run | Reject, *, shift: float, scale: F
         below.plot(time, position[:, joint - 1], dash, **look)
         if is_run:
             above.fill_between(time, 0.0, velocity[:, joint - 1], color=colour, alpha=0.18, linewidth=0)
-
-
-def _shifts(dataset: Dataset) -> tuple[dict[int, float], float]:
-    """Time (s) added to each clock so that recordings follow one another from 0, and their end."""
-    spans: dict[int, tuple[float, float]] = {}
-    items: list[Run | Reject] = [*dataset.runs, *dataset.rejects]
-    for item in items:
-        low, high = spans.get(item.clock, (math.inf, -math.inf))
-        spans[item.clock] = (min(low, item.start), max(high, item.start + item.duration))
-    gap = GAP * sum(high - low for low, high in spans.values())
-    shifts, at = {}, 0.0
-    for clock in sorted(spans):
-        low, high = spans[clock]
-        shifts[clock] = at - low
-        at += high - low + gap
-    return shifts, at - gap if spans else 1.0
 
 
 def _run_handles(dataset: Dataset, robot: Robot) -> list[Patch]:

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import io
+import math
 import re
-from collections.abc import Callable, Iterable, Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Iterable, Sequence
+from contextlib import AbstractContextManager
 from dataclasses import dataclass
 from html import escape
 from typing import Any
@@ -18,6 +19,8 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import PathPatch
 from matplotlib.path import Path
 from numpy.typing import NDArray
+
+from pumaid.dataset import Reject, Run
 
 Floats = NDArray[np.float64]
 
@@ -99,11 +102,9 @@ class Drawing:
         return self.file(INLINE).decode("utf-8")
 
 
-@contextmanager
-def styled() -> Iterator[None]:
+def styled() -> AbstractContextManager[None]:
     """Draw with these looks inside."""
-    with mpl.rc_context(_RC):
-        yield
+    return mpl.rc_context(_RC)
 
 
 def _saved(figure: Figure, form: str, title: str) -> bytes:
@@ -121,8 +122,7 @@ def _saved(figure: Figure, form: str, title: str) -> bytes:
 def inlined(svg: str, drawing: Drawing) -> str:
     """An SVG document as an element of a page: its ids begin with the drawing's name, its colours are the page's."""
     body = re.sub(r"<(metadata|style)\b.*?</\1>", "", svg[svg.index("<svg") :], flags=re.DOTALL)
-    for before, after in (('id="', 'id="'), ('href="#', 'href="#'), ("url(#", "url(#")):
-        body = re.sub(rf"(?<![\w-]){re.escape(before)}", f"{after}{drawing.name}-", body)
+    body = re.sub(r'(?<![\w-])(id="|href="#|url\(#)', rf"\g<1>{drawing.name}-", body)
     body = re.sub(r"<[^>]+>", lambda tag: re.sub(r"(\.\d\d)\d+(?=[\s\"])", r"\1", tag[0]), body)
     for light in DARK:
         body = body.replace(light, f"var(--c{light[1:]}, {light})")
@@ -180,3 +180,17 @@ def zero_line(axes: Axes, floor: float | None = None) -> None:
 def text_colour(background: str) -> str:
     """Colour of text on an area."""
     return "#1b1e23" if background in PALE else "white"
+
+
+def clock_shifts(items: Iterable[Run | Reject], gap: float = 0.0) -> dict[int, float]:
+    """Time (s) added to each clock so that recordings follow one another from 0, `gap` as a share of all between."""
+    spans: dict[int, tuple[float, float]] = {}
+    for item in items:
+        low, high = spans.get(item.clock, (math.inf, -math.inf))
+        spans[item.clock] = (min(low, item.start), max(high, item.start + item.duration))
+    pause = gap * sum(high - low for low, high in spans.values())
+    shifts, at = {}, 0.0
+    for clock, (low, high) in sorted(spans.items()):
+        shifts[clock] = at - low
+        at += high - low + pause
+    return shifts
