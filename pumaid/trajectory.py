@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -83,6 +83,20 @@ class Plan:
     efficiency: float | None = None
     assumptions: tuple[str, ...] = ()
     notes: tuple[Note, ...] = ()
+
+
+@dataclass(frozen=True, slots=True)
+class NextRun:
+    """The run that would decide, in words and as motions that a plan can hold.
+
+    `separation` is the weighted misfit (in standard deviations) that one such set of runs would show between two
+    rivals; `repeats` how often the set must be run for nine chances in ten; None where no feasible run separates them.
+    """
+
+    text: str
+    motions: tuple[Motion, ...] = ()
+    separation: float | None = None
+    repeats: int | None = None
 
 
 _DEG = factor("deg")
@@ -198,6 +212,16 @@ class Trapezoid:
         """s from the start between which the speed is kept; the same instant twice where it never is."""
         first, last = self.ramp + SETTLING, self.duration - self.ramp - SETTLING
         return (first, last) if last > first else (0.5 * self.duration,) * 2
+
+
+def in_words(robot: Robot, position: Sequence[float] | Floats, *, moving: int | None = None) -> str:
+    """Joint positions (J,) for people, without that of the joint `moving` (from 1): ``90 deg, 0.1 m``."""
+    places = [
+        f"{value / _DEG + 0.0:.4g} deg" if joint.is_revolute else f"{value:.4g} m"
+        for joint, value in zip(robot.joints, position, strict=True)
+        if joint.number != moving
+    ]
+    return ", ".join(places)
 
 
 def trapezoids(robot: Robot, plan: Plan) -> Iterator[Trapezoid]:

@@ -15,14 +15,13 @@ from pumaid.diagnosis.records import (
     JointDiagnosis,
     Limit,
     Line,
-    NextRun,
     Size,
     Unexplained,
 )
 from pumaid.errors import Note, Where
 from pumaid.io.recipe import read_recipe, shipped_recipes
 from pumaid.robot import Robot
-from pumaid.trajectory import Motion
+from pumaid.trajectory import Motion, NextRun
 
 PUMA: Robot = replace(read_recipe(shipped_recipes()["puma560"]), name="PUMA 560")
 HOLD = (0.0, -1.57, 0.0, 0.5, 0.0, 0.0)

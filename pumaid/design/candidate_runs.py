@@ -69,6 +69,19 @@ class Sweep:
         return tuple(Motion(self.joint, hold, start, end, self.speed, purpose) for start, end in ways)
 
 
+@dataclass(frozen=True, slots=True)
+class CandidateSweep:
+    """A sweep in a posture (J,), rad or m; `is_new` where it is known that no run so far was made in it."""
+
+    sweep: Sweep
+    hold: tuple[float, ...]
+    is_new: bool = False
+
+    def motions(self) -> tuple[Motion, ...]:
+        """Its runs."""
+        return self.sweep.motions(self.hold)
+
+
 @dataclass(frozen=True, eq=False, slots=True)
 class JointCandidates:
     """Candidates of one joint: K postures (K, J), C sweeps, and which sweep is free of collisions where (K, C)."""
@@ -77,6 +90,10 @@ class JointCandidates:
     holds: Floats
     sweeps: tuple[Sweep, ...]
     usable: Bools
+
+    def candidate(self, hold: int, sweep: int, *, is_new: bool = False) -> CandidateSweep:
+        """A sweep in a posture, both by their numbers from 0."""
+        return CandidateSweep(self.sweeps[sweep], tuple(self.holds[hold].tolist()), is_new)
 
 
 def home(robot: Robot) -> Floats:

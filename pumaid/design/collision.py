@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from pumaid.errors import Faults, RecipeError, Where
 from pumaid.robot import Robot, Safety, Sphere
-from pumaid.units import factor
+from pumaid.trajectory import in_words
 
 Floats = NDArray[np.float64]
 
@@ -102,14 +102,10 @@ class Collision:
 
     def describe(self, hit: Hit) -> str:
         """One sentence: what comes near to what, and at which joint positions."""
-        places = [
-            f"{value / factor('deg') + 0.0:.4g} deg" if joint.is_revolute else f"{value:.4g} m"
-            for joint, value in zip(self.robot.joints, hit.position, strict=True)
-        ]
         margin = 1e3 * self.safety.margin
         return (
             f"{hit.first} comes nearer to {hit.second} than the margin of {margin:.0f} mm where the joints are at"
-            f" {', '.join(places)}"
+            f" {in_words(self.robot, hit.position)}"
         )
 
     def distances(self, position: Floats) -> Floats:

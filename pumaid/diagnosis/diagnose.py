@@ -15,7 +15,6 @@ from pumaid.diagnosis.cross_validation import leave_out, posture_folds
 from pumaid.diagnosis.curves import Trial as Drawn
 from pumaid.diagnosis.curves import curve
 from pumaid.diagnosis.detection_limit import detection_limits
-from pumaid.diagnosis.discrimination import deciding
 from pumaid.diagnosis.records import (
     ABSENT,
     ADD,
@@ -28,13 +27,12 @@ from pumaid.diagnosis.records import (
     Finding,
     JointDiagnosis,
     Limit,
-    NextRun,
     Size,
     Unexplained,
 )
 from pumaid.diagnosis.residual_budget import budget
 from pumaid.diagnosis.stepwise import LEVEL, Accepted, EvaluatedCandidate, Step, Stepwise, misfit_with, silent
-from pumaid.diagnosis.verdict import JointVerdict, competing_form, joint_verdict, nearest_form
+from pumaid.diagnosis.verdict import JointVerdict, competing_form, joint_verdict, nearest_form, next_run
 from pumaid.effect_spec import EffectTerm, check_known, terms_of
 from pumaid.effects import Effect, catalogue
 from pumaid.errors import LogError, Note, Where
@@ -48,6 +46,7 @@ from pumaid.preprocessing.hold_out import held_out_otherwise
 from pumaid.preprocessing.options import CONSTANT
 from pumaid.results.model_file import check_same_recipe, model_digest
 from pumaid.robot import Robot
+from pumaid.trajectory import NextRun
 from pumaid.units import number
 
 Floats = NDArray[np.float64]
@@ -227,7 +226,7 @@ class Account:
     def _next(self, one: Accepted) -> NextRun | None:
         """The run that would tell it from its first rival."""
         rival = next((item for item in one.rivals if item.on is one.contender.on), None)
-        return None if rival is None else deciding(rival.on, one.contender.trial, rival.trial)
+        return None if rival is None else next_run(rival.on, one.contender.trial, rival.trial)
 
     def _curves(self, one: Accepted) -> tuple[Curve, ...]:
         """What is left before and after in the joints that it changes most."""

@@ -8,11 +8,12 @@ from dataclasses import replace
 import numpy as np
 
 from pumaid.dataset import Dataset, Run
+from pumaid.design.discrimination import SHAPES, showing
 from pumaid.design.prior import Setup, prior_robots
-from pumaid.diagnosis.discrimination import SHAPES, deciding, showing
-from pumaid.diagnosis.records import Finding, NextRun
+from pumaid.diagnosis.records import Finding
 from pumaid.diagnosis.score_test import Projector, ScoreTest, refine_shape, scores_at
 from pumaid.diagnosis.stepwise import DECISIVE, evidence
+from pumaid.diagnosis.verdict import next_run
 from pumaid.effect_spec import EffectTerm, at_one_joint, known_effect
 from pumaid.effects import Scope
 from pumaid.errors import ModelError, Note, Where
@@ -25,7 +26,7 @@ from pumaid.robot import EffectChoice, Robot
 from pumaid.simulation import Bench
 from pumaid.simulation.hidden_effects import LAWS, Hidden
 from pumaid.simulation.virtual_robot import Truth
-from pumaid.trajectory import Plan, Posture, duration
+from pumaid.trajectory import NextRun, Plan, Posture, duration
 from pumaid.units import number
 
 #: Sets of runs at most: what takes more is no plan.
@@ -50,8 +51,8 @@ def plan_for_effect(
 ) -> Plan:
     """Plan the runs after which an effect is seen, if it is there, or told from a rival.
 
-    Runs are chosen as the deciding run of a diagnosis is. Without logs an experiment is rehearsed on a virtual robot
-    first, and the runs come on top of it.
+    Runs are chosen as the deciding run of a diagnosis is. Without logs the plan is an experiment, rehearsed on a
+    virtual robot, with the runs on top of it; with logs it is the runs alone.
 
     Parameters
     ----------
@@ -65,28 +66,15 @@ def plan_for_effect(
         Of the effect's first parameter, SI, others in proportion; else such that it shows at a usual robot.
     whole
         Makes the experiment that is rehearsed; needed without `dataset`.
-    dataset
-        Runs that were made.
-    prior
-        An earlier model: the robot on which is rehearsed.
-    seed
-        Of the virtual robot.
-    tell
-        Called with a word on what is done.
-
-    Returns
-    -------
-    plan
-        The runs: on top of the whole experiment without logs, alone with logs; `assumptions` say what they tell.
+    dataset, prior
+        Runs that were made; an earlier model, for the robot on which is rehearsed.
+    seed, tell
+        Of the virtual robot; called with a word on what is done.
 
     Raises
     ------
-    ModelError [plan-undecided]
-        No runs within the limits show it, or tell the two apart.
-    ModelError [plan-impossible]
-        A size out of range.
-    ModelError [unknown-effect], [effect-joint], [effect-not-here]
-        There is no such effect, or not at that joint.
+    ModelError [plan-undecided], [plan-impossible], [unknown-effect], [effect-joint], [effect-not-here]
+        No runs within the limits show it, or tell the two apart; a size out of range; no such effect, or not there.
     """
     effect = at_one_joint(wanted, robot, "--for")
     rival = None if against is None else at_one_joint(_beside(against, effect), robot, "--against")
@@ -105,11 +93,11 @@ def plan_for_effect(
     notes: tuple[Note, ...] = ()
     title = f"shows {_name(effect)}"
     if rival is None:
-        next_run = _shown(solved, effect, {} if hidden is None else hidden.values)
+        runs = _shown(solved, effect, {} if hidden is None else hidden.values)
     else:
         title = f"tells {_name(effect)} from {_name(rival)}"
-        next_run, notes = _told_apart(solved, effect, rival, with_logs=base is None)
-    return _plan(base or Plan(robot.name, ()), next_run, robot, title=title, notes=notes)
+        runs, notes = _told_apart(solved, effect, rival, with_logs=base is None)
+    return _plan(base or Plan(robot.name, ()), runs, robot, title=title, notes=notes)
 
 
 def rehearsed(truth: Truth, plan: Plan, *, seed: int) -> Dataset:
@@ -139,19 +127,16 @@ def _beside(rival: EffectChoice, wanted: EffectChoice) -> EffectChoice:
     return rival if rival.joint is not None or arm_wide else replace(rival, joint=wanted.joint)
 
 
-def _of_size(robot: Robot, wanted: EffectChoice, usual_size: Hidden | None, size: float | None) -> Hidden | None:
+def _of_size(robot: Robot, wanted: EffectChoice, typical: Hidden | None, size: float | None) -> Hidden | None:
     """The effect at a usual robot, of the size that is asked for."""
     if size is None:
-        return usual_size
+        return typical
     if not _LEAST <= abs(size) <= _LARGEST:
         what, mend = f"no arm has an effect of the size {size:g}", f"give a number from {_LEAST:g} to {_LARGEST:g}"
         raise ModelError("plan-impossible", what, Where(field=f"--for {wanted.effect}"), mend)
-    law = known_effect(wanted.effect, Where())
-    first, shapes = (
-        law.parameters(robot, wanted.joint or 0)[0].name,
-        {s.name for s in law.shapes(robot, wanted.joint or 0)},
-    )
-    values = {} if usual_size is None else usual_size.values
+    effect, joint = known_effect(wanted.effect, Where()), wanted.joint or 0
+    first, shapes = effect.parameters(robot, joint)[0].name, {shape.name for shape in effect.shapes(robot, joint)}
+    values = {} if typical is None else typical.values
     share = size / values[first] if values.get(first) else 1.0
     scaled = {name: value if name in shapes else share * value for name, value in values.items()}
     return Hidden(wanted.effect, wanted.joint, {**scaled, first: size})
@@ -159,15 +144,15 @@ def _of_size(robot: Robot, wanted: EffectChoice, usual_size: Hidden | None, size
 
 def _shown(solved: Fit, wanted: EffectChoice, values: Mapping[str, float]) -> NextRun:
     """The runs that show an effect of these sizes and shapes."""
-    robot, law = solved.model.robot, known_effect(wanted.effect, Where())
-    shapes = {shape.name for shape in law.shapes(robot, wanted.joint or 0)}
-    shape = {name: value for name, value in {**values, **wanted.shape}.items() if name in shapes}
-    size = values.get(law.parameters(robot, wanted.joint or 0)[0].name)
-    next_run = showing(solved, law, wanted.joint, size=size, shape=shape)
-    if next_run is None or not next_run.motions:
+    robot, effect, joint = solved.model.robot, known_effect(wanted.effect, Where()), wanted.joint or 0
+    names = [shape.name for shape in effect.shapes(robot, joint)]
+    shape = {name: value for name, value in {**values, **wanted.shape}.items() if name in names}
+    size = values.get(effect.parameters(robot, joint)[0].name)
+    shown = showing(solved, effect, wanted.joint, size=size, shape=shape)
+    if shown is None or not shown.motions:
         of = "" if size is None else f" of the size {number(size, 3)}"
         raise _undecided(f"no run within the limits shows {_name(wanted)}{of}")
-    return next_run
+    return shown
 
 
 def _told_apart(
@@ -184,12 +169,12 @@ def _told_apart(
             f" {number(lead, 3)}, decisive from {DECISIVE:g}); a smaller one needs more"
         )
         notes = (Note("plan-decided", text),)
-    next_run = deciding(solved, first, second)
-    if not next_run.motions:
+    runs = next_run(solved, first, second)
+    if not runs.motions:
         of = " of the size that these logs have of them" if with_logs else ""
         mend = "plan without --logs for the size that you look for" if with_logs else None
         raise _undecided(f"no run within the limits tells {_name(wanted)} from {_name(rival)}{of}", mend)
-    return next_run, notes
+    return runs, notes
 
 
 def _best_trial(solved: Fit, projector: Projector, choice: EffectChoice) -> ScoreTest:
@@ -213,12 +198,12 @@ def _name(choice: EffectChoice) -> str:
     return choice.effect if choice.joint is None else f"{choice.effect}@{choice.joint}"
 
 
-def _plan(base: Plan, next_run: NextRun, robot: Robot, *, title: str, notes: tuple[Note, ...]) -> Plan:
+def _plan(base: Plan, added: NextRun, robot: Robot, *, title: str, notes: tuple[Note, ...]) -> Plan:
     """The runs as often as it takes, on top of the experiment that was rehearsed."""
-    sets = min(next_run.repeats or 1, _MOST_SETS)
-    motions = (*base.motions, *(tuple(next_run.motions) * sets))
-    holds = dict.fromkeys((motion.joint, motion.hold) for motion in next_run.motions)
-    reasons = [Posture(joint, hold, (), f"{title}: {next_run.text}") for joint, hold in holds]
+    sets = min(added.repeats or 1, _MOST_SETS)
+    motions = (*base.motions, *(tuple(added.motions) * sets))
+    holds = dict.fromkeys((motion.joint, motion.hold) for motion in added.motions)
+    reasons = [Posture(joint, hold, (), f"{title}: {added.text}") for joint, hold in holds]
     times = f"made {sets} times" if sets > 1 else "made once"
     return replace(
         base,
@@ -228,14 +213,14 @@ def _plan(base: Plan, next_run: NextRun, robot: Robot, *, title: str, notes: tup
         efficiency=None,
         assumptions=(
             *base.assumptions,
-            f"A set of {len(next_run.motions)} runs, {times}, {title}: {next_run.text}.",
+            f"A set of {len(added.motions)} runs, {times}, {title}: {added.text}.",
         ),
         notes=(*base.notes, *notes),
     )
 
 
 def plan_of_findings(findings: Iterable[Finding], robot: Robot) -> Plan:
-    """The deciding runs of all findings that have rivals; a set is run through before it is repeated.
+    """The deciding runs of all findings that have rivals, a set before it is repeated; no motions where there are none.
 
     Parameters
     ----------
@@ -243,11 +228,6 @@ def plan_of_findings(findings: Iterable[Finding], robot: Robot) -> Plan:
         With or without a next run.
     robot
         For the time that it takes.
-
-    Returns
-    -------
-    plan
-        Without motions where there is nothing to decide.
     """
     motions, reasons = [], []
     for finding in findings:

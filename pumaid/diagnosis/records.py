@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from pumaid.errors import Note
 from pumaid.robot import EffectChoice
-from pumaid.trajectory import Motion
+from pumaid.trajectory import NextRun
 
 Floats = NDArray[np.float64]
 
@@ -68,20 +68,6 @@ class Transfer:
     def is_denied(self) -> bool:
         """Whether these runs show decidedly less than half of the effect, or are predicted decidedly worse."""
         return self.is_little or self.lost > MOST_LOST
-
-
-@dataclass(frozen=True, slots=True)
-class NextRun:
-    """The run that would decide, in words and as motions that a plan can hold.
-
-    `separation` is the weighted misfit (in standard deviations) that one such set of runs would show between two
-    rivals; `repeats` how often the set must be run for nine chances in ten; None where no feasible run separates them.
-    """
-
-    text: str
-    motions: tuple[Motion, ...] = ()
-    separation: float | None = None
-    repeats: int | None = None
 
 
 @dataclass(frozen=True, slots=True)

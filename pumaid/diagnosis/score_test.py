@@ -13,13 +13,11 @@ from scipy import special
 from pumaid.diagnosis.candidates import CandidateColumns
 from pumaid.diagnosis.periodogram import Spectrum
 from pumaid.effect_spec import EffectTerm, columns_each
-from pumaid.estimation.fit import Fit, FitRow
+from pumaid.estimation.fit import ABSORBED, Fit, FitRow
 from pumaid.maths.rank import pseudo_inverse
 
 Floats = NDArray[np.float64]
 
-#: Share of a column's square below which the model absorbs it: what is left is rounding and creep of held positions.
-ABSORBED = 1e-5
 #: Condition beyond which two columns of one candidate are one: their sizes would be told with errors a hundred times
 #: those of their sum.
 SINGULAR = 1e4

@@ -8,6 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from pumaid.design.discrimination import FittedEffect, deciding
+from pumaid.diagnosis.candidates import Suspect
 from pumaid.diagnosis.free_form import FreeForm, free_form_scores, knot_values
 from pumaid.diagnosis.records import ADEQUATE, MISSING, UNEXPLAINED_JOINT, Unexplained
 from pumaid.diagnosis.score_test import ScoreTable, ScoreTest
@@ -16,6 +18,7 @@ from pumaid.diagnosis.stepwise import DECISIVE, EvaluatedCandidate, evidence, rm
 from pumaid.effects import Family
 from pumaid.estimation.fit import Fit
 from pumaid.joint_bins import JointBins
+from pumaid.trajectory import NextRun
 
 Floats = NDArray[np.float64]
 
@@ -230,3 +233,13 @@ def nearest_form(solved: Fit, joint: int) -> Unexplained | None:
     """The free form that comes nearest to what a system with loads leaves of a joint."""
     best = max(free_form_scores(solved, joint), key=lambda one: evidence(solved, one), default=None)
     return None if best is None else _shape(solved, best, is_clear=evidence(solved, best) > DECISIVE)
+
+
+def next_run(solved: Fit, chosen: ScoreTest, rival: ScoreTest) -> NextRun:
+    """The feasible runs that tell two effects apart, both tested on `solved`; without motions where there are none."""
+    effects = [FittedEffect(test.added, test.sizes, test.statistic) for test in (chosen, rival)]
+    for effect in (test.added.effect for test in (chosen, rival)):
+        if isinstance(effect, Suspect):
+            return NextRun(f"change {effect.column} on purpose while all else is repeated: no plan of motions can")
+    lead = evidence(solved, chosen) - evidence(solved, rival)
+    return deciding(solved, (effects[0], effects[1]), lead=lead, decisive=DECISIVE)

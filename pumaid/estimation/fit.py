@@ -28,6 +28,9 @@ from pumaid.samples import Samples
 Floats = NDArray[np.float64]
 Counts = NDArray[np.int64]
 
+#: Share of a column's square below which the model absorbs it: what is left is rounding and creep of held positions.
+ABSORBED = 1e-5
+
 
 @dataclass(frozen=True, eq=False)
 class FitRow:

@@ -9,9 +9,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from pumaid.diagnosis.discrimination import Separation, candidates, deciding, runs_ahead, showing
+from pumaid.design.discrimination import FittedEffect, Separation, candidates, runs_ahead, showing
 from pumaid.diagnosis.score_test import Projector, refine_shape, scores_at
 from pumaid.diagnosis.stepwise import DECISIVE, evidence
+from pumaid.diagnosis.verdict import next_run as deciding
 from pumaid.effect_spec import EffectTerm
 from pumaid.effects import catalogue
 from pumaid.estimation.fit import loaded
@@ -119,8 +120,8 @@ def test_gain_is_what_least_squares_leaves():
     """A gain is what a dense fit of the rival to data and forecast leaves, less what one to the data leaves."""
     _, solved = measured()
     truth, rival = trial(solved, "stribeck"), trial(solved, "viscous_power")
-    runs = runs_ahead(solved, candidates(solved, JOINT), np.array([0]), bins=40)
-    rows = [solved.row(JOINT), runs.row]
+    ahead = runs_ahead(solved, candidates(solved, JOINT), np.array([0]), bins=40)
+    rows = [solved.row(JOINT), ahead[0]]
     first, other = (
         [row.noise.whiten(row.bins, one.added.linear(solved.model.robot, row.bins.samples)) for row in rows]
         for one in (truth, rival)
@@ -135,7 +136,9 @@ def test_gain_is_what_least_squares_leaves():
         return float(np.sum((y - design @ np.linalg.lstsq(design, y, rcond=1e-9)[0]) ** 2))
 
     scale = (solved.square - truth.statistic) / (solved.size - solved.rank)
-    found = Separation(solved, [runs], 1, truth=truth, rival=[rival.added]).gains(np.ones((1, 1)))
+    found = Separation(
+        solved, [ahead], 1, pair=(FittedEffect(truth.added, truth.sizes, truth.statistic), [rival.added])
+    ).gains(np.ones((1, 1)))
     assert found[0] == pytest.approx((left(2) - left(1)) / scale, rel=2e-3)  # a ridge stands for what no run shows
 
 
@@ -158,7 +161,7 @@ def test_chosen_runs_decide_sooner_than_others():
         motions, solved = measured(seed=seed)
         found = deciding(solved, trial(solved, "stribeck"), trial(solved, "viscous_power")).motions
         rng, tried = np.random.default_rng(seed), candidates(solved, JOINT)
-        some = [motion for k in rng.integers(len(tried), size=len(found) // 2) for motion in tried[k].motions]
+        some = [motion for k in rng.integers(len(tried), size=len(found) // 2) for motion in tried[k].motions()]
         again = [motions[k] for k in rng.permutation(len(motions))[: len(found)]]
         every = [system(runs_of(STRIBECK, [*motions, *more], seed)) for more in (found, some, again)]
         leads.append([gap(one, "stribeck", "viscous_power") for one in every])

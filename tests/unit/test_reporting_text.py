@@ -14,7 +14,7 @@ import worlds
 from ladders import ARM, RIPPLE, STRIBECK, experiment, model
 from test_budget import KINDS
 
-from pumaid.diagnosis.records import Limit, NextRun
+from pumaid.diagnosis.records import Limit
 from pumaid.diagnosis.residual_budget import POINTS_TO
 from pumaid.effects import catalogue
 from pumaid.errors import Note, Where
@@ -28,6 +28,7 @@ from pumaid.reporting.tables import NOISE, SIGNIFICANT, budget_bars, budget_part
 from pumaid.results.documents import as_text
 from pumaid.results.history import keep, read_history
 from pumaid.robot import EffectChoice
+from pumaid.trajectory import NextRun
 
 PUMA = diagnoses.PUMA
 

@@ -4,24 +4,31 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy import special
 
-from pumaid.design.candidate_runs import Sweep, home, postures, speeds, sweeps, top_speed, usable
+from pumaid.design.candidate_runs import (
+    CandidateSweep,
+    JointCandidates,
+    Sweep,
+    home,
+    postures,
+    speeds,
+    sweeps,
+    top_speed,
+    usable,
+)
 from pumaid.design.collision import Collision
 from pumaid.design.exchange import Exchange
-from pumaid.diagnosis.candidates import Suspect
-from pumaid.diagnosis.records import NextRun
-from pumaid.diagnosis.score_test import ABSORBED, ScoreTest
-from pumaid.diagnosis.stepwise import DECISIVE, evidence
 from pumaid.effect_spec import EffectTerm, columns_each
 from pumaid.effects import Effect, Trace
-from pumaid.estimation.fit import Fit, FitRow, with_loads
+from pumaid.estimation.fit import ABSORBED, Fit, FitRow, with_loads
 from pumaid.robot import Robot
 from pumaid.samples import Samples
-from pumaid.trajectory import Motion, cruise
+from pumaid.trajectory import Motion, NextRun, cruise, in_words
 from pumaid.units import deviations, factor, number
 
 Floats = NDArray[np.float64]
@@ -57,29 +64,21 @@ _WAYS_OUT = {
 }
 
 
-@dataclass(frozen=True, slots=True)
-class CandidateSweep:
-    """A sweep in a posture (J,), rad or m; `is_new` where no run so far was made in it."""
+class FittedEffect(NamedTuple):
+    """An effect with its (m,) parameters, and the score statistic of the data for it."""
 
-    sweep: Sweep
-    hold: tuple[float, ...]
-    is_new: bool
-
-    @property
-    def motions(self) -> tuple[Motion, ...]:
-        """Its runs."""
-        return self.sweep.motions(self.hold)
+    term: EffectTerm
+    sizes: Floats
+    statistic: float = 0.0
 
 
-@dataclass(frozen=True, eq=False, slots=True)
-class RunsAhead:
-    """Runs of one joint that are not made yet: a row without measurements, and (R,) the candidate of each run."""
-
-    row: FitRow
-    owner: Counts
+#: An effect that is taken for true, and the shapes with which its rival is fitted; none: the model alone is.
+Pair = tuple[FittedEffect, Sequence[EffectTerm]]
+#: Runs of a joint that are not made yet, as a row of the fit, and (R,) the candidate of each.
+RunsAhead = tuple[FitRow, Counts]
 
 
-def deciding(solved: Fit, chosen: ScoreTest, rival: ScoreTest) -> NextRun:
+def deciding(fit: Fit, rivals: tuple[FittedEffect, FittedEffect], *, lead: float, decisive: float) -> NextRun:
     """The feasible runs after which it is soonest decided which of two effects acts.
 
     Each effect is fitted, with any of its shapes and with the whole model, to the data and to what the other predicts
@@ -87,40 +86,42 @@ def deciding(solved: Fit, chosen: ScoreTest, rival: ScoreTest) -> NextRun:
 
     Parameters
     ----------
-    solved
+    fit
         The model without either.
-    chosen, rival
-        Both effects, tried on `solved`, at their best shapes.
+    rivals
+        Both at their best shapes.
+    lead, decisive
+        The first one's evidence less the second's so far, and the lead that decides.
 
     Returns
     -------
     next_run
-        With motions that a plan can hold; without, where no run within the limits decides.
+        Without motions where no run within the limits decides.
 
     Source
     ------
     A. C. Atkinson and V. V. Fedorov, The design of experiments for discriminating between two rival models, Biometrika
     62 (1975) 57-70, with the data so far in both fits.
     """
-    terms = (chosen.added, rival.added)
-    if any(isinstance(term.effect, Suspect) for term in terms):
-        return NextRun(_why_not(terms))
-    shapes = [_shapes(solved, term) for term in terms]
-    lead = evidence(solved, chosen) - evidence(solved, rival)
+    terms = [effect.term for effect in rivals]
+    first, second = (_shapes(fit, term) for term in terms)
 
-    def separations(runs: Sequence[RunsAhead], count: int) -> list[Separation]:
-        pairs = ((chosen, shapes[1]), (rival, shapes[0]))
-        return [Separation(solved, runs, count, truth=truth, rival=other) for truth, other in pairs]
+    def chance(gains: Floats) -> Floats:
+        return _chance(gains, lead, decisive)
 
-    best = _best_set(solved, terms, separations, enough=lambda gains: bool(_chance(gains, lead)[0] >= PROMISED))
+    pairs = [(rivals[0], second), (rivals[1], first)]
+    best = _best_set(fit, pairs, enough=lambda gains: bool(chance(gains)[0] >= PROMISED))
     if best is None or best.gains.max() < LEAST**2:
-        return NextRun(_why_not(terms))
-    chances = _chance(best.gains * np.arange(1, MOST_REPEATS + 1), lead)
+        shared = [trace for trace in _WAYS_OUT if all(trace in term.effect.trace for term in terms)]
+        way_out = _WAYS_OUT[shared[0] if shared else Trace.DIRECTION]
+        return NextRun(f"no run within the limits tells {' and '.join(_names(terms))} apart; {way_out}")
+    chances = chance(best.gains * np.arange(1, MOST_REPEATS + 1))
     sure = np.flatnonzero(chances >= PROMISED)
-    apart = np.sqrt(best.gains[:, 0])
-    text = f"{_in_words(solved.model.robot, best, terms)}: {_names(terms)} would then differ by"
-    first, second = (f"{deviations(a)} {{}}if it is {_name(t, terms)}" for a, t in zip(apart, terms, strict=True))
-    text = f"{text} {first.format('standard deviations ')}, by {second.format('')}"
+    apart, (chosen, rival) = np.sqrt(best.gains[:, 0]), _names(terms)
+    text = (
+        f"{_in_words(fit.model.robot, best, terms)}: {chosen} and {rival} would then differ by"
+        f" {deviations(apart[0])} standard deviations if it is {chosen}, by {deviations(apart[1])} if it is {rival}"
+    )
     if not len(sure):
         once, often = (100.0 * float(chances[k]) for k in (0, -1))
         text += f"; they decide with a chance of {once:.0f} %, made {MOST_REPEATS} times with {often:.0f} %"
@@ -128,18 +129,18 @@ def deciding(solved: Fit, chosen: ScoreTest, rival: ScoreTest) -> NextRun:
 
 
 def showing(
-    solved: Fit,
+    fit: Fit,
     effect: Effect,
     joint: int | None,
     *,
     size: float | None = None,
     shape: Mapping[str, float] | None = None,
 ) -> NextRun | None:
-    """The feasible runs that show an effect best which the data cannot show.
+    """The feasible runs that show an effect best which the data cannot show; None where no such run shows it.
 
     Parameters
     ----------
-    solved
+    fit
         The model without it.
     effect, joint
         What may be missing, and where (from 1; None: the whole arm).
@@ -147,30 +148,18 @@ def showing(
         Of its first parameter, others in the proportion of the effect's examples; the example's where not given.
     shape
         Where it is known; else one from the middle of the effect's grid.
-
-    Returns
-    -------
-    next_run
-        None where no feasible run shows an effect of this size, nor any an instant that has passed.
     """
-    robot = solved.model.robot
+    robot = fit.model.robot
     examples = np.array([parameter.example for parameter in effect.parameters(robot, joint or 0)])
-    if isinstance(effect, Suspect) or not examples.size or effect.applies(robot, joint or 0) is not None:
+    if not examples.size or effect.applies(robot, joint or 0) is not None:
         return None
     sizes = examples if size is None or examples[0] == 0.0 else examples * size / examples[0]
-    grid = _grid(solved, effect, joint) or [{item.name: item.example for item in effect.shapes(robot, joint or 0)}]
+    grid = _grid(fit, effect, joint) or [{item.name: item.example for item in effect.shapes(robot, joint or 0)}]
     term = EffectTerm(effect, joint, {**grid[len(grid) // 2], **(shape or {})})
-    if "time" in term.shape:
+    if "time" in term.shape:  # an instant that has passed
         return None
-    none = np.zeros((len(sizes), len(sizes)))
-    trials = [
-        ScoreTest(term, 0.0, none, sizes=part, scores=none, visible=0.0, signs=none[0]) for part in np.diag(sizes)
-    ]
-
-    def separations(runs: Sequence[RunsAhead], count: int) -> list[Separation]:
-        return [Separation(solved, runs, count, truth=trial, rival=()) for trial in trials]
-
-    best = _best_set(solved, [term], separations, enough=lambda gains: bool(gains.min() >= FOUND**2))
+    pairs = [(FittedEffect(term, part), ()) for part in np.diag(sizes)]
+    best = _best_set(fit, pairs, enough=lambda gains: bool(gains.min() >= FOUND**2))
     gain = 0.0 if best is None else float(best.gains.min())
     if best is None or MOST_REPEATS * gain < FOUND**2:
         return None
@@ -179,21 +168,21 @@ def showing(
     return NextRun(text, best.motions, apart, int(np.ceil(FOUND**2 / gain)))
 
 
-def _shapes(solved: Fit, term: EffectTerm) -> list[EffectTerm]:
-    """The term's own shape and those of its effect's grid, evenly thinned."""
-    grid = _grid(solved, term.effect, term.joint)
+def _shapes(fit: Fit, term: EffectTerm) -> list[EffectTerm]:
+    """The term's shape and those of its effect's grid, evenly thinned."""
+    grid = _grid(fit, term.effect, term.joint)
     thinned = np.linspace(0, len(grid) - 1, min(len(grid), SHAPES)).round().astype(int)
     return [term, *(EffectTerm(term.effect, term.joint, {**term.shape, **grid[k]}) for k in thinned)]
 
 
-def _grid(solved: Fit, effect: Effect, joint: int | None) -> Sequence[Mapping[str, float]]:
-    rows = [row for row in solved.joints if row.bins.joint == joint]
+def _grid(fit: Fit, effect: Effect, joint: int | None) -> Sequence[Mapping[str, float]]:
+    rows = [row for row in fit.joints if row.bins.joint == joint]
     if not rows or effect.periodic is not None:
         return ()
-    return effect.grid(solved.model.robot, rows[0].bins.extent(rows[0].drawn))
+    return effect.grid(fit.model.robot, rows[0].bins.extent(rows[0].drawn))
 
 
-def _chance(gains: Floats, lead: float) -> Floats:
+def _chance(gains: Floats, lead: float, decisive: float) -> Floats:
     """(M,) chance that one of two effects is decisively ahead after gains (2, M), where `lead` is the first's so far.
 
     Where the first is true its lead grows by a normal variate of mean g and variance 4 g, else it falls so; which is
@@ -201,55 +190,42 @@ def _chance(gains: Floats, lead: float) -> Floats:
     """
     believed = float(np.clip(lead, -BELIEVED, BELIEVED))
     leads, first = np.array([[believed], [-believed]]), special.expit(0.5 * believed)
-    sure = special.ndtr((leads + gains - DECISIVE) / (2.0 * np.sqrt(gains) + 1e-6))
+    sure = special.ndtr((leads + gains - decisive) / (2.0 * np.sqrt(gains) + 1e-6))
     return np.asarray(np.array([first, 1.0 - first]) @ sure)
 
 
 class Separation:
-    """How far a rival stays from what an effect predicts, fitted to the data and to L candidates.
+    """How far a rival stays from what an effect predicts, fitted to the data and to `count` candidates' runs."""
 
-    Parameters
-    ----------
-    solved
-        The model so far.
-    runs
-        Candidates' runs, by joint.
-    count
-        L.
-    truth
-        The effect that is taken for true.
-    rival
-        The other effect with S shapes; none: the model alone is fitted.
-    """
-
-    def __init__(
-        self, solved: Fit, runs: Sequence[RunsAhead], count: int, *, truth: ScoreTest, rival: Sequence[EffectTerm]
-    ) -> None:
-        self.scale = (solved.square - truth.statistic) / max(solved.size - solved.rank, 1)
-        self.width, self.shapes = len(solved.inverse), len(rival)
-        cross = sum(row.jacobian.T @ _columns(solved, row, [truth.added]) for row in solved.joints)
-        turned = solved.inverse @ cross
+    def __init__(self, fit: Fit, runs: Sequence[RunsAhead], count: int, *, pair: Pair) -> None:
+        truth, rival = pair
+        self.scale = (fit.square - truth.statistic) / max(fit.size - fit.rank, 1)
+        self.width, self.shapes = len(fit.inverse), len(rival)
+        cross = sum(row.jacobian.T @ _columns(fit, row, [truth.term]) for row in fit.joints)
+        turned = fit.inverse @ cross
         # Products of the columns [Jacobian, what is to be explained, rival's columns] of the data and each candidate.
-        tables = [np.column_stack([r.jacobian, r.residual, _columns(solved, r, rival)]) for r in solved.joints]
+        tables = [np.column_stack([r.jacobian, r.residual, _columns(fit, r, rival)]) for r in fit.joints]
         self.data = np.sum([table.T @ table for table in tables], axis=0)
         self.data[self.width, self.width] = 0.0
         self.grams = np.zeros((count, *self.data.shape))
-        for part in runs:
-            row = part.row
-            beyond = _columns(solved, row, [truth.added], is_ahead=True) - row.jacobian @ turned
-            table = np.column_stack(
-                [row.jacobian, beyond @ truth.sizes, _columns(solved, row, rival, is_ahead=True)]
-            ).reshape(len(part.owner), -1, len(self.data))
-            for owner in np.unique(part.owner):
-                flat = table[part.owner == owner].reshape(-1, len(self.data))
-                self.grams[owner] = flat.T @ flat
+        for row, owner in runs:
+            beyond = _columns(fit, row, [truth.term], is_ahead=True) - row.jacobian @ turned
+            rivals = _columns(fit, row, rival, is_ahead=True)
+            table = np.column_stack([row.jacobian, beyond @ truth.sizes, rivals]).reshape(
+                len(owner), -1, len(self.data)
+            )
+            for candidate in np.unique(owner):
+                flat = table[owner == candidate].reshape(-1, len(self.data))
+                self.grams[candidate] = flat.T @ flat
 
     def gains(self, counts: Floats) -> Floats:
         """(M,) twice the log likelihood that the rival loses when candidates are made `counts` (M, L) times."""
-        squares = np.concatenate([self._left(part) for part in np.array_split(np.vstack([0 * counts[:1], counts]), 8)])
+        squares = np.concatenate(
+            [self._squares(part) for part in np.array_split(np.vstack([0 * counts[:1], counts]), 8)]
+        )
         return np.asarray(np.maximum(squares[1:] - squares[0], 0.0) / self.scale)
 
-    def _left(self, counts: Floats) -> Floats:
+    def _squares(self, counts: Floats) -> Floats:
         """(M,) least sum of squares of the rival over its shapes, less that of the data before any fit."""
         p, used = self.width, np.flatnonzero(counts.any(axis=0))
         total = self.data + np.tensordot(counts[:, used], self.grams[used], axes=1)
@@ -271,7 +247,7 @@ class Separation:
         return np.asarray(square - explained.max(axis=1))
 
 
-def _columns(solved: Fit, row: FitRow, terms: Sequence[EffectTerm], *, is_ahead: bool = False) -> Floats:
+def _columns(fit: Fit, row: FitRow, terms: Sequence[EffectTerm], *, is_ahead: bool = False) -> Floats:
     """(N, V) whitened columns of an effect with several shapes."""
     samples = row.bins.samples
     if not terms:
@@ -279,7 +255,7 @@ def _columns(solved: Fit, row: FitRow, terms: Sequence[EffectTerm], *, is_ahead:
     if is_ahead and "time" in terms[0].shape:  # what changed at an instant that has passed stays changed
         long = np.full(len(samples), np.inf)
         samples = replace(samples, time=long, elapsed=long)
-    return row.noise.whiten(row.bins, columns_each(terms, solved.model.robot, samples))
+    return row.noise.whiten(row.bins, columns_each(terms, fit.model.robot, samples))
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -294,7 +270,7 @@ class Chosen:
         """All runs in rounds, so that replicates lie apart in time."""
         rounds = range(REPLICATES * max(self.candidates.values()))
         made = [(c, REPLICATES * count) for c, count in self.candidates.items()]
-        return tuple(motion for k in rounds for c, count in made if count > k for motion in c.motions)
+        return tuple(motion for k in rounds for c, count in made if count > k for motion in c.motions())
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -308,33 +284,26 @@ class _WorstSeparation:
         """(D, M) of M sets (M, C)."""
         return np.array([part.gains(REPLICATES * np.atleast_2d(counts).astype(float)) for part in self.separations])
 
-    def _worth(self, counts: Counts) -> Floats:
+    def _values(self, counts: Counts) -> Floats:
         share = counts @ self.caution / np.maximum(counts.sum(axis=1), 1)
-        return np.asarray(self.gains(counts).min(axis=0) * share)
+        return np.asarray(-self.gains(counts).min(axis=0) * share)
 
     def value(self, counts: Counts) -> float:
-        return -float(self._worth(counts[None])[0])
+        return float(self._values(counts[None])[0])
 
     def values_with(self, counts: Counts, candidates: Counts) -> Floats:
-        return -self._worth(counts + np.eye(len(counts), dtype=np.int64)[candidates])
+        return self._values(counts + np.eye(len(counts), dtype=np.int64)[candidates])
 
     def falls(self, counts: Counts) -> Floats:
         return self.value(counts) - self.values_with(counts, np.arange(len(counts)))
 
 
-def _best_set(
-    solved: Fit,
-    terms: Sequence[EffectTerm],
-    separations: Callable[[Sequence[RunsAhead], int], list[Separation]],
-    *,
-    enough: Callable[[Floats], bool],
-) -> Chosen | None:
-    """The best set of candidates in which some effects act, made at the begin of a new recording; or None."""
-    joints = [
-        r.bins.joint for r in solved.joints if any(np.any(t.linear(solved.model.robot, r.bins.samples)) for t in terms)
-    ]
-    tried = [candidate for joint in joints for candidate in candidates(solved, joint)]
-    bins = _bins_for(solved, terms)
+def _best_set(fit: Fit, pairs: Sequence[Pair], *, enough: Callable[[Floats], bool]) -> Chosen | None:
+    """The best set of candidates in which the true effects act, made at the begin of a new recording; or None."""
+    terms, robot = [truth.term for truth, _ in pairs], fit.model.robot
+    moved = [r.bins.joint for r in fit.joints if any(np.any(t.linear(robot, r.bins.samples)) for t in terms)]
+    tried = [candidate for joint in moved for candidate in candidates(fit, joint)]
+    bins = _bins_for(fit, terms)
     limit = max(TRIED * BINS // bins, 32)
     if len(tried) > limit:
         rng = np.random.default_rng(len(tried))
@@ -342,50 +311,42 @@ def _best_set(
     if not tried:
         return None
     joint = np.array([candidate.sweep.joint for candidate in tried])
-    runs = [runs_ahead(solved, tried, np.flatnonzero(joint == j), bins=bins) for j in np.unique(joint)]
-    worth = _WorstSeparation(
-        separations(runs, len(tried)), np.array([1.0 / CAUTION if c.is_new else 1.0 for c in tried])
-    )
+    runs = [runs_ahead(fit, tried, np.flatnonzero(joint == j), bins=bins) for j in np.unique(joint)]
+    separations = [Separation(fit, runs, len(tried), pair=pair) for pair in pairs]
+    worst = _WorstSeparation(separations, np.array([1.0 / CAUTION if c.is_new else 1.0 for c in tried]))
     none, ones = np.zeros(len(tried), dtype=np.int64), np.ones(len(tried))
-    exchange = Exchange(worth, ones, np.arange(len(tried)), 0.0 * ones, budget=float(PICKED), limit=PICKED)
+    exchange = Exchange(worst, ones, np.arange(len(tried)), 0.0 * ones, budget=float(PICKED), limit=PICKED)
     greedy = exchange.filled(none)
     best = tried[int(np.argmax(greedy))]
     alike = [k for k, c in enumerate(tried) if (c.sweep.joint, c.hold) == (best.sweep.joint, best.hold)]
     alike.sort(key=lambda k: tried[k].sweep.speed)
     # Candidates chosen one by one miss what tells something only together, such as the slowest and the fastest.
     extremes = np.bincount([alike[0], alike[-1]], minlength=len(tried))
-    counts = min((exchange.exchanged(start, required=none) for start in (greedy, extremes)), key=worth.value)
+    counts = min((exchange.exchanged(start, required=none) for start in (greedy, extremes)), key=worst.value)
     while counts.sum() > 1:
         places = np.flatnonzero(counts).tolist()
-        fewer = min((counts - np.eye(len(counts), dtype=np.int64)[k] for k in places), key=worth.value)
-        if not enough(worth.gains(fewer)):
+        fewer = min((counts - np.eye(len(counts), dtype=np.int64)[k] for k in places), key=worst.value)
+        if not enough(worst.gains(fewer)):
             break
         counts = fewer
-    chosen = {tried[k]: int(counts[k]) for k in np.flatnonzero(counts).tolist()}
-    return Chosen(chosen, worth.gains(counts))
+    return Chosen({tried[k]: int(counts[k]) for k in np.flatnonzero(counts).tolist()}, worst.gains(counts))
 
 
-def _ageing(term: EffectTerm) -> bool:
-    """Whether an effect comes and goes with every recording, unlike what changed for good at an instant."""
-    return Trace.TIME in term.effect.trace and "time" not in term.shape
-
-
-def _bins_for(solved: Fit, terms: Sequence[EffectTerm]) -> int:
+def _bins_for(fit: Fit, terms: Sequence[EffectTerm]) -> int:
     """Bins a run that show all effects, periodic ones too."""
-    out = BINS
+    waves = [0.0]
     for term in terms:
         if term.effect.periodic is not None and term.joint is not None:
-            width = np.ptp(solved.row(term.joint).bins.samples.position[:, term.joint - 1])
-            waves = float(term.shape[term.effect.periodic] * width / (2.0 * np.pi))
-            out = max(out, int(np.clip(A_WAVE * waves, BINS, MOST_BINS)))
-    return out
+            width = np.ptp(fit.row(term.joint).bins.samples.position[:, term.joint - 1])
+            waves.append(float(term.shape[term.effect.periodic] * width / (2.0 * np.pi)))
+    return int(np.clip(A_WAVE * max(waves), BINS, MOST_BINS))
 
 
-def explored(solved: Fit) -> Robot:
+def explored(fit: Fit) -> Robot:
     """The arm, with the range and the highest speed that the data show where the recipe states none."""
-    robot = solved.model.robot
-    position = np.vstack([row.bins.samples.position for row in solved.joints])
-    fastest = {row.bins.joint: max(abs(run.speed) for run in row.bins.runs) for row in solved.joints}
+    robot = fit.model.robot
+    position = np.vstack([row.bins.samples.position for row in fit.joints])
+    fastest = {row.bins.joint: max(abs(run.speed) for run in row.bins.runs) for row in fit.joints}
     joints = []
     for joint in robot.joints:
         limits = joint.limits
@@ -396,16 +357,15 @@ def explored(solved: Fit) -> Robot:
     return replace(robot, joints=tuple(joints))
 
 
-def candidates(solved: Fit, joint: int) -> list[CandidateSweep]:
+def candidates(fit: Fit, joint: int) -> list[CandidateSweep]:
     """What a joint (from 1) can do: at every speed a wide and a narrow sweep, in postures of the data and new ones."""
-    robot, field = explored(solved), solved.row(joint).bins
-    slowest = min(abs(run.speed) for run in field.runs)
+    robot, bins = explored(fit), fit.row(joint).bins
+    slowest = min(abs(run.speed) for run in bins.runs)
     shares = np.geomspace(min(SLOW, SLOWER * slowest / top_speed(robot, joint)), 1.0, SPEEDS)
     ways = _wide_and_narrow(sweeps(robot, joint, speeds(robot, joint, shares.tolist())))
-    groups = sorted(field.postures, key=lambda group: (-len(group), group[0]))[:MEASURED]
-    held = np.round(field.samples.position[field.first[[group[0] for group in groups]]], 4)
-    bounds = np.transpose([arm.limits or (-np.inf, np.inf) for arm in robot.joints])
-    held = np.clip(held, *bounds)
+    groups = sorted(bins.postures, key=lambda group: (-len(group), group[0]))[:MEASURED]
+    held = np.round(bins.samples.position[bins.first[[group[0] for group in groups]]], 4)
+    held = np.clip(held, *np.transpose([arm.limits or (-np.inf, np.inf) for arm in robot.joints]))
     moved = [arm.number for arm in robot.joints if arm.limits is not None and arm.number != joint]
     rng = np.random.default_rng([41, joint])
     drawn = postures(robot, joint, varied=moved, count=DRAWN, rng=rng)[-DRAWN:] if moved else held[:0]
@@ -413,41 +373,27 @@ def candidates(solved: Fit, joint: int) -> list[CandidateSweep]:
     drawn[:, still] = held[0, still]
     holds = np.vstack([held, drawn])
     holds[:, joint - 1] = home(robot)[joint - 1]
-    free = usable(Collision(robot), holds, ways)
-    return [
-        CandidateSweep(way, tuple(hold.tolist()), k >= len(held))
-        for k, hold in enumerate(holds)
-        for way, is_free in zip(ways, free[k], strict=True)
-        if is_free
-    ]
+    table = JointCandidates(joint, holds, ways, usable(Collision(robot), holds, ways))
+    return [table.candidate(k, c, is_new=k >= len(held)) for k, c in np.argwhere(table.usable).tolist()]
 
 
-def _wide_and_narrow(ways: Sequence[Sweep]) -> list[Sweep]:
+def _wide_and_narrow(ways: Sequence[Sweep]) -> tuple[Sweep, ...]:
     """Of each speed the widest sweep and the one whose runs last nearest to two seconds."""
     out: dict[Sweep, None] = {}
     for speed in sorted({way.speed for way in ways}):
         same = [way for way in ways if way.speed == speed]
         out[max(same, key=lambda way: way.high - way.low)] = None
         out[min(same, key=lambda way: abs((way.high - way.low) / way.speed - 2.0))] = None
-    return list(out)
+    return tuple(out)
 
 
-def runs_ahead(solved: Fit, tried: Sequence[CandidateSweep], numbers: Counts, *, bins: int) -> RunsAhead:
-    """The runs of candidates of one joint as rows of the fit, nothing measured.
+def runs_ahead(fit: Fit, tried: Sequence[CandidateSweep], numbers: Counts, *, bins: int) -> RunsAhead:
+    """The runs of the candidates `numbers`, all of one joint, with so many bins each, nothing measured.
 
     Noise is that of the run of the data that is nearest in speed, at the new length of bins.
-
-    Parameters
-    ----------
-    solved
-        The data so far.
-    tried, numbers
-        Candidates, and which of them: all of one joint.
-    bins
-        Of each run.
     """
-    robot, joint = explored(solved), tried[int(numbers[0])].sweep.joint
-    motions = [(k, motion) for k in numbers.tolist() for motion in tried[k].motions]
+    robot, joint = explored(fit), tried[int(numbers[0])].sweep.joint
+    motions = [(k, motion) for k in numbers.tolist() for motion in tried[k].motions()]
     ends = np.array([cruise(robot, motion)[0] for _, motion in motions])
     speed = np.array([motion.velocity for _, motion in motions])
     sign = np.where(ends[:, 1] >= ends[:, 0], 1.0, -1.0)
@@ -458,10 +404,8 @@ def runs_ahead(solved: Fit, tried: Sequence[CandidateSweep], numbers: Counts, *,
     velocity = np.zeros_like(position)
     velocity[:, joint - 1] = np.repeat(sign * speed, bins)
     passed = (gone / speed[:, None]).ravel()
-    old = solved.row(joint)
-    measured = old.bins.samples.temperature[np.isfinite(old.bins.samples.temperature)]
-    coldest = measured.min() if len(measured) else np.nan
-    extra = old.bins.samples.extra
+    before = fit.row(joint).bins.samples
+    measured = before.temperature[np.isfinite(before.temperature)]
     samples = Samples(
         joint,
         position,
@@ -471,17 +415,17 @@ def runs_ahead(solved: Fit, tried: Sequence[CandidateSweep], numbers: Counts, *,
         time=passed,
         elapsed=passed,
         travel=gone.ravel(),
-        temperature=np.full(len(position), coldest),
+        temperature=np.full(len(position), measured.min() if len(measured) else np.nan),
         run=np.repeat(np.arange(float(len(motions))), bins),
-        extra=None if extra is None else np.zeros((len(position), extra.shape[1])),
+        extra=None if before.extra is None else np.zeros((len(position), before.extra.shape[1])),
     )
     step = gone[:, -1] / share[-1] / speed / bins
-    return RunsAhead(_row(solved, samples, step), np.array([k for k, _ in motions]))
+    return _row(fit, samples, step), np.array([k for k, _ in motions])
 
 
-def _row(solved: Fit, samples: Samples, step: Floats) -> FitRow:
+def _row(fit: Fit, samples: Samples, step: Floats) -> FitRow:
     """Runs without measurements, whose bins last `step` (R,) s, as a row of the fit."""
-    old, nothing, runs = solved.row(samples.joint), np.zeros(len(samples)), len(step)
+    old, nothing, runs = fit.row(samples.joint), np.zeros(len(samples)), len(step)
     count = len(samples) // runs
     bins = replace(
         old.bins,
@@ -495,30 +439,16 @@ def _row(solved: Fit, samples: Samples, step: Floats) -> FitRow:
         groups=(),
         postures=(),
     )
-    bins = replace(bins, samples=with_loads(solved, samples, bins.lengths))
+    bins = replace(bins, samples=with_loads(fit, samples, bins.lengths))
     speed = np.abs(samples.velocity[::count, samples.joint - 1])
-    design = np.hstack([solved.model.along(bins.samples, bins.lengths), solved.model.beyond(bins.samples)])
-    return replace(solved.at(bins, design, old.noise.at(old.bins, speed, step)), residual=nothing, misfit=nothing)
+    design = np.hstack([fit.model.along(bins.samples, bins.lengths), fit.model.beyond(bins.samples)])
+    return replace(fit.at(bins, design, old.noise.at(old.bins, speed, step)), residual=nothing, misfit=nothing)
 
 
-def _why_not(terms: Sequence[EffectTerm]) -> str:
-    """Why no run decides, and what would."""
-    suspect = next((term.effect for term in terms if isinstance(term.effect, Suspect)), None)
-    if suspect is not None:
-        return f"change {suspect.column} on purpose while all else is repeated: no plan of motions can"
-    shared = [trace for trace in _WAYS_OUT if all(trace in term.effect.trace for term in terms)]
-    out = _WAYS_OUT[shared[0]] if shared else "another payload or a wider span might"
-    return f"no run within the limits tells {_names(terms)} apart; {out}"
-
-
-def _names(terms: Sequence[EffectTerm]) -> str:
-    return " and ".join(_name(term, terms) for term in terms)
-
-
-def _name(term: EffectTerm, terms: Sequence[EffectTerm]) -> str:
-    """With its joint where the other's is another."""
-    differ = len({other.joint for other in terms}) > 1 and term.joint is not None
-    return f"{term.effect.name} at joint {term.joint}" if differ else term.effect.name
+def _names(terms: Sequence[EffectTerm]) -> list[str]:
+    """With their joints where these differ."""
+    differ = len({term.joint for term in terms}) > 1
+    return [f"{t.effect.name} at joint {t.joint}" if differ and t.joint is not None else t.effect.name for t in terms]
 
 
 def _in_words(robot: Robot, best: Chosen, terms: Sequence[EffectTerm]) -> str:
@@ -534,14 +464,10 @@ def _in_words(robot: Robot, best: Chosen, terms: Sequence[EffectTerm]) -> str:
         ]
         text = f"joint {joint} both ways at {' and '.join(ways)}"
         if robot.n_joints > 1:
-            places = [
-                f"{value / factor('deg') + 0.0:.4g} deg" if arm.is_revolute else f"{value:.4g} m"
-                for arm, value in zip(robot.joints, hold, strict=True)
-                if arm.number != joint
-            ]
-            text += f" with the others at [{', '.join(places)}]"
+            text += f" with the others at [{in_words(robot, hold, moving=joint)}]"
             text += ", a new posture: check that its way is free" if made[0][0].is_new else ""
         parts.append(text)
-    is_ageing = any(_ageing(term) for term in terms)
+    # Unlike what changed for good at an instant, some effects come and go with every recording.
+    is_ageing = any(Trace.TIME in term.effect.trace and "time" not in term.shape for term in terms)
     when = "let the arm cool, then as the first runs of a new recording " if is_ageing else ""
     return f"{when}run {', then '.join(parts)}"
