@@ -52,7 +52,7 @@ def _plain(function: Callable) -> Callable:
     return apply
 
 
-KNOWN = {name: _plain(getattr(np, name)) for name in ("sin", "cos", "exp", "sqrt", "abs", "sign", "cross")}
+KNOWN = {name: _plain(getattr(np, name)) for name in ("sin", "cos", "exp", "sqrt", "abs", "sign", "cross", "power")}
 KNOWN |= {"max": _plain(np.maximum), "min": _plain(np.minimum), "numel": lambda one: one.values.size}
 KNOWN |= {"zeros": lambda rows, width: Table(np.zeros(rows if width == 1 else (rows, width))), "literal": Table}
 KNOWN |= {"dot": _plain(lambda one, other: np.sum(one * other)), "struct": SimpleNamespace, "copied": deepcopy}

@@ -7,13 +7,14 @@ import importlib
 import inspect
 import pkgutil
 from collections.abc import Mapping
+from dataclasses import replace
 from types import MappingProxyType
 
 from pumaid import __version__
 from pumaid.effect_spec import check_known, check_parameters
 from pumaid.estimate import Estimate
 from pumaid.exports.base import Exported, Form, Subject, identifier
-from pumaid.exports.equivalent_bodies import Bodies, bodies, constants_of
+from pumaid.exports.equivalent_bodies import bodies, constants_of
 from pumaid.exports.formulas import Formulas
 from pumaid.results.model_file import check_same_recipe
 from pumaid.robot import Robot
@@ -25,13 +26,13 @@ __all__ = ["Exported", "Form", "Subject", "every_form", "export"]
 def every_form() -> Mapping[str, Form]:
     """Every form by its name."""
     folder = importlib.import_module(f"{__name__}.formats")
-    found: dict[str, Form] = {}
+    forms: dict[str, Form] = {}
     for info in pkgutil.iter_modules(folder.__path__):
         module = importlib.import_module(f"{folder.__name__}.{info.name}")
         for member in vars(module).values():
             if inspect.isclass(member) and issubclass(member, Form) and member.__module__ == module.__name__:
-                found[info.name] = member()
-    return MappingProxyType(found)
+                forms[info.name] = member()
+    return MappingProxyType(forms)
 
 
 def export(
@@ -73,20 +74,18 @@ def export(
     check_same_recipe(estimate, robot)
     check_known(estimate.effects)
     check_parameters(estimate, robot)
-    chosen, told = every_form()[form], Formulas.of(estimate, robot)
-    held: Bodies | None = None
-    remarks: tuple[str, ...] = ()
+    chosen, formulas = every_form()[form], Formulas.of(estimate, robot)
+    version = estimate.version or __version__
+    subject = Subject(formulas, identifier(name or robot.name), None, version)
     if chosen.has_bodies:
-        torques, remarks = constants_of(told, torque_constants or {})
-        held = bodies(told, torques)
-        remarks = (*remarks, *held.remarks)
-    subject = Subject(told, identifier(name or robot.name), held, estimate.version or __version__, remarks)
+        torques, remarks = constants_of(formulas, torque_constants or {})
+        chain = bodies(formulas, torques)
+        subject = replace(subject, bodies=chain, remarks=(*remarks, *chain.remarks))
     return Exported(
         form=form,
-        title=chosen.title,
         name=subject.name,
         files=chosen.texts(subject),
         left_out=chosen.left_out(subject),
-        undetermined=told.undetermined,
-        remarks=remarks,
+        undetermined=formulas.undetermined,
+        remarks=subject.remarks,
     )

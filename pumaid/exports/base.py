@@ -2,16 +2,13 @@
 
 from __future__ import annotations
 
-import functools
 import keyword
 import re
 import unicodedata
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any, ClassVar
-
-import jinja2
+from typing import ClassVar
 
 from pumaid.exports.equivalent_bodies import Bodies
 from pumaid.exports.formulas import Formulas, Lack
@@ -41,11 +38,6 @@ class Subject:
     version: str
     remarks: tuple[str, ...] = ()
 
-    @property
-    def robot(self) -> str:
-        """The arm's name."""
-        return self.formulas.robot.name
-
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Exported:
@@ -53,10 +45,8 @@ class Exported:
 
     Attributes
     ----------
-    form, title
-        ``c`` ... and in a line what it is.
-    name
-        What functions and files are called.
+    form, name
+        ``c`` ..., and what functions and files are called.
     files
         Suffix (``.h``) -> text, in the order in which they are written.
     left_out
@@ -68,7 +58,6 @@ class Exported:
     """
 
     form: str
-    title: str
     name: str
     files: Mapping[str, str]
     left_out: tuple[Lack, ...]
@@ -83,20 +72,12 @@ class Form(ABC):
     ----------
     title
         A line for people.
-    suffixes
-        Of the files that it writes.
     has_bodies
         Whether it writes masses, and so needs torque constants.
     """
 
     title: ClassVar[str]
-    suffixes: ClassVar[tuple[str, ...]]
     has_bodies: ClassVar[bool] = False
-
-    @property
-    def name(self) -> str:
-        """The file's name."""
-        return type(self).__module__.rsplit(".", 1)[-1]
 
     @abstractmethod
     def texts(self, subject: Subject) -> dict[str, str]:
@@ -105,24 +86,6 @@ class Form(ABC):
     def left_out(self, subject: Subject) -> tuple[Lack, ...]:
         """What is not in the files."""
         return subject.formulas.left_out
-
-
-@functools.cache
-def templates() -> jinja2.Environment:
-    """The templates of source code, in ``exports/templates``; nothing is escaped, so names go in as comments only."""
-    return jinja2.Environment(
-        loader=jinja2.PackageLoader("pumaid.exports"),
-        autoescape=False,
-        trim_blocks=True,
-        lstrip_blocks=True,
-        keep_trailing_newline=True,
-        undefined=jinja2.StrictUndefined,
-    )
-
-
-def rendered(template: str, **values: Any) -> str:
-    """A template of this room with `values`."""
-    return templates().get_template(template).render(**values)
 
 
 #: Words that are no name in C or MATLAB; Python's own are asked of Python.
@@ -140,13 +103,7 @@ LONGEST = 40
 
 
 def identifier(text: str) -> str:
-    """A lower-case name of letters, digits and underscores, close to `text`; ``arm`` where nothing is left of it.
-
-    Parameters
-    ----------
-    text
-        Any text, such as a robot's name.
-    """
+    """A lower-case name of letters, digits and underscores, close to `text`; ``arm`` where nothing is left of it."""
     plain = unicodedata.normalize("NFKD", text).encode("ascii", "ignore").decode()
     name = re.sub(r"[^a-z0-9]+", "_", plain.lower()).strip("_")[:LONGEST].strip("_")
     if not name:

@@ -4,10 +4,9 @@ from __future__ import annotations
 
 import itertools
 import math
-import re
 from collections.abc import Mapping
+from contextlib import suppress
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
@@ -32,10 +31,6 @@ DENSITY = 2700.0
 POSTURES, SEED = 200, 0
 #: Share of a joint's load below which a difference is rounding.
 ROUNDING = 1e-9
-#: What a list of numbers is made of; anything else is the name of a file.
-NUMBERS = re.compile(r"[\d\s.,;=:eE+-]*")
-#: What is said where they cannot be read.
-_MEND = "write as many numbers as the arm has joints (k1,k2,...), or JOINT=NUMBER, or name a file that holds them"
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -71,16 +66,16 @@ class Bodies:
     remarks: tuple[str, ...]
 
 
-def bodies(told: Formulas, torques: Floats) -> Bodies:
+def bodies(formulas: Formulas, torques: Floats) -> Bodies:
     """Bodies with the model's weight.
 
     A link's first moment, lengths taken out again, fixes mass times centre of mass; the mass is chosen so that the
     centre lies on the link, and such that what a slide carries is what its own load says. Where torque constants
-    contradict the identified ratios, each joint's own link keeps its load in its own joint and the rest is told.
+    contradict the identified ratios, each joint's own link keeps its load in its own joint and the rest is reported.
 
     Parameters
     ----------
-    told
+    formulas
         The model.
     torques
         (J,) torque constants, N m/A or N/A, none zero.
@@ -94,13 +89,13 @@ def bodies(told: Formulas, torques: Floats) -> Bodies:
     ------
     S.-K. Lin, eq. (13)-(15), solved for m_i c_i.
     """
-    robot = told.robot
-    wanted = told.moments * torques[:, None]
-    carried, hidden = _carried(told, torques)
+    robot = formulas.robot
+    wanted = formulas.moments * torques[:, None]
+    carried, hidden = _carried(formulas, torques)
     masses, centres = _links(robot, wanted, carried=carried, free=_unfelt(robot))
-    plus, minus = told.coulomb[:, 0] * torques, told.coulomb[:, 1] * torques
-    rise = told.viscous.mean(axis=1) * torques
-    remarks = [*hidden, *_disagreements(told, torques), *_off(told, torques, masses, centres=centres)]
+    plus, minus = formulas.coulomb[:, 0] * torques, formulas.coulomb[:, 1] * torques
+    rise = formulas.viscous.mean(axis=1) * torques
+    remarks = [*hidden, *_disagreements(formulas, torques), *_off(formulas, torques, masses, centres=centres)]
     for joint in np.flatnonzero((plus < minus) | (rise < 0.0)) + 1:
         remarks.append(f"friction of joint {joint} pushes along the motion with this torque constant: it is cut at 0")
     return Bodies(
@@ -139,18 +134,18 @@ def _unfelt(robot: Robot) -> NDArray[np.bool_]:
     return np.array([f"gravity.l{joint.number}.x" in absent for joint in robot.joints])
 
 
-def _carried(told: Formulas, torques: Floats) -> tuple[Floats, list[str]]:
+def _carried(formulas: Formulas, torques: Floats) -> tuple[Floats, list[str]]:
     """(J,) kg that each slide carries, NaN where that is free; and what is to be said."""
-    robot, said = told.robot, []
+    robot, said = formulas.robot, []
     out = np.full(robot.n_joints, np.nan)
     structure = minimal(robot)
     z = axes(robot.alphas, robot.dh_angles(np.zeros((1, robot.n_joints))))[0, :, :, 2]
-    lacking = {lack.name for lack in told.undetermined}
+    lacking = {lack.name for lack in formulas.undetermined}
     last = 0.0
     for joint in reversed([joint.number for joint in robot.joints if not joint.is_revolute]):
-        i, mass = joint - 1, told.moments[joint - 1, 0] * torques[joint - 1]
+        i, mass = joint - 1, formulas.moments[joint - 1, 0] * torques[joint - 1]
         if joint in structure.embodied:
-            mass = -0.5 * told.coulomb[i].sum() * torques[i] / float(z[i] @ np.array(robot.gravity))
+            mass = -0.5 * formulas.coulomb[i].sum() * torques[i] / float(z[i] @ np.array(robot.gravity))
             if mass <= last:
                 said.append(f"joint {joint}: its load is part of its Coulomb friction and cannot be told as a mass")
                 continue
@@ -175,17 +170,17 @@ def _links(robot: Robot, wanted: Floats, *, carried: Floats, free: NDArray[np.bo
     turns = robot.is_revolute
     largest = float(np.abs(wanted[turns]).max(initial=0.0)) / 0.3
     least = LIGHTEST * (max(largest, float(np.nanmax(carried, initial=0.0))) or 1.0)
-    most = _most(carried)
+    heaviest = _most(carried)
     masses, centres = np.zeros(n), np.zeros((n, 3))
     k = np.zeros(3)  # the constant first moment about the joint beyond, in the frame beyond
     for i in reversed(range(n)):
         rest, step = (np.zeros(3), 0.0) if i == n - 1 else _moved(robot, i + 1, k, beyond=float(masses[i + 1 :].sum()))
         need = wanted[i] - rest[:2]
         if turns[i] and not free[i]:
-            masses[i] = min(max(least, float(np.hypot(*need)) / max(REACH, step)), most[i])
+            masses[i] = min(max(least, float(np.hypot(*need)) / max(REACH, step)), heaviest[i])
             centres[i, :2] = need / masses[i]
         elif turns[i] or np.isnan(carried[i]):
-            masses[i] = min(least, most[i])
+            masses[i] = min(least, heaviest[i])
         else:
             masses[i] = carried[i] - masses[i + 1 :].sum()
         k = masses[i] * centres[i] + rest
@@ -226,11 +221,11 @@ def _mount(g: Floats) -> Floats:
     return np.eye(3) + skew + skew @ skew / (1.0 + cosine)
 
 
-def _disagreements(told: Formulas, torques: Floats) -> list[str]:
+def _disagreements(formulas: Formulas, torques: Floats) -> list[str]:
     """Neighbours whose torque constants contradict the identified ratio of their gains."""
     out = []
     for i in range(len(torques) - 1):
-        ratio, given = told.ratios[i, i + 1], torques[i + 1] / torques[i]
+        ratio, given = formulas.ratios[i, i + 1], torques[i + 1] / torques[i]
         if ratio != 0.0 and abs(given - ratio) > ROUNDING * abs(ratio):
             way = " (of the other sign)" if given * ratio < 0.0 else ""
             out.append(
@@ -240,13 +235,13 @@ def _disagreements(told: Formulas, torques: Floats) -> list[str]:
     return out
 
 
-def _off(told: Formulas, torques: Floats, masses: Floats, *, centres: Floats) -> list[str]:
+def _off(formulas: Formulas, torques: Floats, masses: Floats, *, centres: Floats) -> list[str]:
     """Joints in which the bodies weigh something else than the model says, with how much."""
-    robot = told.robot
+    robot = formulas.robot
     span = np.where(robot.is_revolute, np.pi, 0.5)
     rng = np.random.default_rng(SEED)
     position = rng.uniform(-span, span, (POSTURES, robot.n_joints))
-    wanted = told.weight(position) * torques
+    wanted = formulas.weight(position) * torques
     off = weight_of(robot, position, masses=masses, centres=centres) - wanted
     hides = {joint - 1 for joint in minimal(robot).embodied}
     scale = max(float(np.abs(wanted).max()), REACH * float(masses.sum() * np.linalg.norm(robot.gravity)))
@@ -263,58 +258,29 @@ def _off(told: Formulas, torques: Floats, masses: Floats, *, centres: Floats) ->
 
 
 def read_constants(text: str, joints: int) -> dict[int, float]:
-    """Torque constants as a user gives them.
-
-    Parameters
-    ----------
-    text
-        ``k1,k2,...`` of all joints, ``2=31.5`` of some of them, or the name of a file that holds either, separated by
-        commas, blanks or line ends, with comments after ``#``.
-    joints
-        How many the arm has.
-
-    Returns
-    -------
-    constants
-        Joint (from 1) -> N m/A, or N/A of a slide; none is zero.
+    """Joint (from 1) -> N m/A, or N/A of a slide, from ``k1,k2,...`` of all joints or ``2=31.5,...`` of some of them.
 
     Raises
     ------
     ModelError [torque-constants]
-        It is neither, or not of this arm.
+        It is neither, or not of this arm, or a constant is zero.
     """
-    path, where = Path(text), Where(field=f"--torque-constants {text}")
-    if not NUMBERS.fullmatch(text):
-        if not path.is_file():
-            raise ModelError("torque-constants", f"there is no file {text}", where, _MEND)
-        text = re.sub(r"#.*", "", path.read_text(encoding="utf-8", errors="replace"))
-        where = Where(file=str(path))
-    words = [word for word in re.split(r"[\s,;]+", re.sub(r"\s*[=:]\s*", "=", text)) if word]
-    found: dict[int, float] = {}
-    for place, word in enumerate(words, start=1):
-        joint, named, value = word.rpartition("=")
-        number = _number(joint) if named else float(place)
-        constant = _number(value)
-        if not (1 <= number <= joints and number == int(number)) or int(number) in found:
-            what = f"{word!r} is of no joint from 1 to {joints}, or of one that was given before"
-            raise ModelError("torque-constants", what, where, _MEND)
-        if not math.isfinite(constant) or constant == 0.0:
-            raise ModelError("torque-constants", f"{word!r} is no torque constant", where, _MEND)
-        found[int(number)] = constant
-    if not found or (all("=" not in word for word in words) and len(found) != joints):
-        what = f"there are {len(found)} torque constants for {joints} joints"
-        raise ModelError("torque-constants", what, where, _MEND)
-    return found
+    words = text.split(",")
+    constants: dict[int, float] = {}
+    with suppress(ValueError):
+        for place, word in enumerate(words, start=1):
+            joint, is_named, value = word.rpartition("=")
+            constants[int(joint) if is_named else place] = float(value)
+    is_complete = len(constants) == len(words) and ("=" in text or len(words) == joints)
+    are_numbers = all(math.isfinite(value) and value != 0.0 for value in constants.values())
+    if not (is_complete and are_numbers and set(constants) <= set(range(1, joints + 1))):
+        what = f"{text!r} is not one torque constant a joint, none of them zero, for {joints} joints"
+        mend = "write as many numbers as the arm has joints (k1,k2,...), or JOINT=NUMBER,... for some of them"
+        raise ModelError("torque-constants", what, Where(field="--torque-constants"), mend)
+    return constants
 
 
-def _number(word: str) -> float:
-    try:
-        return float(word)
-    except ValueError:
-        return math.nan
-
-
-def constants_of(told: Formulas, given: Mapping[int, float]) -> tuple[Floats, tuple[str, ...]]:
+def constants_of(formulas: Formulas, given: Mapping[int, float]) -> tuple[Floats, tuple[str, ...]]:
     """(J,) torque constants of all joints, and what is to be said of them.
 
     A joint that is not in `given` gets its constant from the nearest that has one, by the identified ratio of gains.
@@ -323,38 +289,38 @@ def constants_of(told: Formulas, given: Mapping[int, float]) -> tuple[Floats, tu
 
     Parameters
     ----------
-    told
+    formulas
         The model, whose ratios are K_j / K_i = eta_i / eta_j.
     given
         Joint (from 1) -> constant.
     """
-    n = told.robot.n_joints
+    n = formulas.robot.n_joints
     out = np.full(n, np.nan)
     for joint, value in given.items():
         out[joint - 1] = value
-    _spread(out, told.ratios)
+    _spread(out, formulas.ratios)
     free = []
     for joint in range(n):
         if np.isnan(out[joint]):
             group = np.full(n, np.nan)
             group[joint] = 1.0
-            _spread(group, told.ratios)
-            own = np.isfinite(group) & np.isnan(out)
-            opposing = np.nansum(np.where(own, group, 0.0) * (told.coulomb[:, 0] - told.coulomb[:, 1]))
-            out[own] = group[own] / np.abs(group[own]).max() * (-1.0 if opposing < 0.0 else 1.0)
-            free.append([int(k) + 1 for k in np.flatnonzero(own)])
+            _spread(group, formulas.ratios)
+            tied = np.isfinite(group) & np.isnan(out)
+            opposing = np.nansum(np.where(tied, group, 0.0) * (formulas.coulomb[:, 0] - formulas.coulomb[:, 1]))
+            out[tied] = group[tied] / np.abs(group[tied]).max() * (-1.0 if opposing < 0.0 else 1.0)
+            free.append([int(k) + 1 for k in np.flatnonzero(tied)])
     return out, tuple(_said(free, given, joints=n))
 
 
 def _spread(constants: Floats, ratios: Floats) -> None:
     """Fill in, outward from joints that are known, those that a ratio ties to one of them; nearest first."""
     n = len(constants)
-    pairs = [(known, joint) for known in range(n) for joint in range(n) if known != joint]
+    pairs = sorted(itertools.permutations(range(n), 2), key=lambda pair: abs(pair[0] - pair[1]))
     for _ in range(n):
-        for known, joint in sorted(pairs, key=lambda pair: abs(pair[0] - pair[1])):
-            ratio = ratios[min(known, joint), max(known, joint)]
-            if np.isfinite(constants[known]) and np.isnan(constants[joint]) and ratio != 0.0:
-                constants[joint] = constants[known] * (ratio if joint > known else 1.0 / ratio)
+        for source, joint in pairs:
+            ratio = ratios[min(source, joint), max(source, joint)]
+            if np.isfinite(constants[source]) and np.isnan(constants[joint]) and ratio != 0.0:
+                constants[joint] = constants[source] * (ratio if joint > source else 1.0 / ratio)
 
 
 def _said(free: list[list[int]], given: Mapping[int, float], *, joints: int) -> list[str]:

@@ -84,13 +84,14 @@ class Formulas:
     @classmethod
     def of(cls, estimate: Estimate, robot: Robot) -> Formulas:
         """The formulas of a model; effects that have none are listed."""
-        known = dict(zip(estimate.names, estimate.solution.tolist(), strict=True))
-        moments = np.array([_moment(known, joint.number, joint.is_revolute) for joint in robot.joints])
+        solution = dict(zip(estimate.names, estimate.solution.tolist(), strict=True))
+        moments = np.array([_moment(solution, joint.number, joint.is_revolute) for joint in robot.joints])
         heavy = np.asarray(moments.any(axis=1))
         beyond = np.triu(np.ones_like(estimate.scales, dtype=bool)) & heavy & robot.is_revolute[:, None]
-        told = np.asarray((np.isfinite(estimate.scales) | ~beyond).all(axis=1))
-        every = terms_of(estimate.effects)
-        lacks = [Lack(spoken(one), why) for one in every if (why := why_left_out(one, robot)) is not None]
+        has_ratios = np.asarray((np.isfinite(estimate.scales) | ~beyond).all(axis=1))
+        effects = terms_of(estimate.effects)
+        reasons = {spoken(effect): why_left_out(effect, robot) for effect in effects}
+        lacks = [Lack(name, reason) for name, reason in reasons.items() if reason is not None]
         if estimate.stroke_postures:
             lacks.append(Lack("inertia", catalogue()["inertia"].left_out))
         return cls(
@@ -99,10 +100,10 @@ class Formulas:
             moments=moments,
             ratios=np.nan_to_num(estimate.scales),
             felt=np.array([felt_ratios(heavy, estimate.scales, i) for i in range(robot.n_joints)]),
-            coulomb=_pairs(known, "coulomb", robot),
-            viscous=_pairs(known, "viscous", robot),
+            coulomb=_pairs(solution, "coulomb", robot),
+            viscous=_pairs(solution, "viscous", robot),
             shaft=robot.shaft_speeds,
-            terms=tuple(term for one in every for term in _terms(robot, one, known, told=told)),
+            terms=tuple(term for effect in effects for term in _terms(robot, effect, solution, has_ratios=has_ratios)),
             left_out=tuple(lacks),
             undetermined=tuple(_undetermined(estimate, robot)),
         )
@@ -110,10 +111,6 @@ class Formulas:
     def uses(self, quantity: str) -> bool:
         """Whether a term is made from `quantity` (``across``, ``slope``, ``tilt``)."""
         return any(re.search(rf"\b{quantity}(_\w+)?\b", term.formula) for term in self.terms)
-
-    def of_joint(self, joint: int, *, is_friction: bool) -> tuple[Term, ...]:
-        """The terms of joint `joint` (from 1)."""
-        return tuple(term for term in self.terms if term.joint == joint and term.is_friction == is_friction)
 
     def predicted(self, position: Floats, velocity: Floats) -> Floats:
         """(N, J) A by the model itself, not by these formulas, without what is left out.
@@ -125,15 +122,15 @@ class Formulas:
         """
         model = Model.of_estimate(self.robot, self.estimate)
         lost = {lack.name for lack in self.left_out}
-        places = {place for place, one in enumerate(model.effects) if spoken(one) in lost}
+        places = {place for place, effect in enumerate(model.effects) if spoken(effect) in lost}
         gone = np.array([column.place in places for column in model.columns], dtype=bool)
         estimate = replace(self.estimate, solution=np.where(gone, 0.0, self.estimate.solution))
         out = np.empty_like(position)
         driving = velocity @ self.shaft.T
         for number in range(1, self.robot.n_joints + 1):
             samples = _instants(number, position, velocity, driving=driving[:, number - 1])
-            known = loads(model, samples, solution=estimate.solution, scales=estimate.scales)
-            out[:, number - 1] = model.predict(estimate, replace(samples, loads=known))
+            at = loads(model, samples, solution=estimate.solution, scales=estimate.scales)
+            out[:, number - 1] = model.predict(estimate, replace(samples, loads=at))
         return out
 
     def weight(self, position: Floats) -> Floats:
@@ -142,8 +139,8 @@ class Formulas:
         out = np.empty_like(position)
         for number in range(1, self.robot.n_joints + 1):
             samples = _instants(number, position, np.zeros_like(position), driving=np.ones(len(position)))
-            known = loads(model, samples, solution=self.estimate.solution, scales=self.estimate.scales)
-            out[:, number - 1] = known.own
+            at = loads(model, samples, solution=self.estimate.solution, scales=self.estimate.scales)
+            out[:, number - 1] = at.own
         return out
 
 
@@ -164,47 +161,51 @@ def _instants(joint: int, position: Floats, velocity: Floats, *, driving: Floats
     )
 
 
-def spoken(one: EffectTerm) -> str:
+def spoken(term: EffectTerm) -> str:
     """``stribeck@3``, with ``_2`` for the second time at a joint."""
-    return f"{one.effect.name}{one.mark}" + (f"@{one.number}" if one.number else "")
+    return f"{term.effect.name}{term.mark}" + (f"@{term.number}" if term.number else "")
 
 
-def why_left_out(one: EffectTerm, robot: Robot) -> str | None:
+def why_left_out(term: EffectTerm, robot: Robot) -> str | None:
     """Why an effect is left out, or None where posture and velocities determine it."""
-    effect = one.effect
+    effect = term.effect
     if effect.left_out or not effect.formula:
         return effect.left_out or "it states no formula"
-    known = {part.name for part in effect.parameters(robot, one.number)} | set(one.shapes(robot))
-    more = sorted(names_in(effect.formula) - OF_MOTION - known)
+    constants = {part.name for part in effect.parameters(robot, term.number)} | set(term.shapes(robot))
+    more = sorted(names_in(effect.formula) - OF_MOTION - constants)
     return f"it depends on more than posture and velocities: {', '.join(more)}" if more else None
 
 
-def _moment(known: Mapping[str, float], link: int, turns: bool) -> tuple[float, float]:
+def _moment(solution: Mapping[str, float], link: int, turns: bool) -> tuple[float, float]:
     parts = ("x", "y") if turns else ("mass", "")
-    first, second = (known.get(f"gravity.l{link}.{part}", 0.0) for part in parts)
+    first, second = (solution.get(f"gravity.l{link}.{part}", 0.0) for part in parts)
     return first, second
 
 
-def _pairs(known: Mapping[str, float], effect: str, robot: Robot) -> Floats:
+def _pairs(solution: Mapping[str, float], effect: str, robot: Robot) -> Floats:
     ways = ("plus", "minus")
-    return np.array([[known.get(f"{effect}.j{joint.number}.{way}", 0.0) for way in ways] for joint in robot.joints])
+    return np.array([[solution.get(f"{effect}.j{joint.number}.{way}", 0.0) for way in ways] for joint in robot.joints])
 
 
-def _terms(robot: Robot, one: EffectTerm, known: Mapping[str, float], *, told: NDArray[np.bool_]) -> Iterator[Term]:
-    """An effect's terms; another joint's load that is not `told` counts as none, as in the model."""
-    parts = [part for part in one.parts(robot, 0) if part.shape is None]
-    names = [parameter.name for parameter in one.effect.parameters(robot, one.number)]
-    values = {name: known.get(part.name, 0.0) for name, part in zip(names, parts, strict=True)} | dict(one.shape)
-    for joint in range(1, robot.n_joints + 1):
-        formula = one.effect.formula_in(robot, one.number, joint) if one.touches(joint) else ""
-        if not formula or why_left_out(one, robot) is not None:
-            continue
-        is_unknown = one.number and joint != one.number and not told[one.number - 1]
-        named = {"load_owner": 0.0 if is_unknown else f"load_{one.number}", "slope_owner": f"slope_{one.number}"}
-        hold, friction = at_rest(filled(formula, values | named | {"joint": float(joint)}))
+def _terms(
+    robot: Robot, term: EffectTerm, solution: Mapping[str, float], *, has_ratios: NDArray[np.bool_]
+) -> Iterator[Term]:
+    """An effect's terms; the load of another joint with an unknown ratio counts as none, as in the model."""
+    if why_left_out(term, robot) is not None:
+        return
+    effect, owner = term.effect, term.number
+    parts = [part for part in term.parts(robot, 0) if part.shape is None]
+    names = [parameter.name for parameter in effect.parameters(robot, owner)]
+    values: dict[str, float | str] = dict(term.shape)
+    values |= {name: solution.get(part.name, 0.0) for name, part in zip(names, parts, strict=True)}
+    for joint in filter(term.touches, range(1, robot.n_joints + 1)):
+        is_unknown = owner and joint != owner and not has_ratios[owner - 1]
+        values["load_owner"] = 0.0 if is_unknown else f"load_{owner}"
+        constants = values | {"slope_owner": f"slope_{owner}", "joint": float(joint)}
+        hold, friction = at_rest(filled(effect.formula_in(robot, owner, joint) or "0.0", constants))
         for text, is_friction in ((hold, False), (friction, True)):
             if text != "0.0":
-                yield Term(joint, spoken(one), text, is_friction)
+                yield Term(joint, spoken(term), text, is_friction)
 
 
 def _undetermined(estimate: Estimate, robot: Robot) -> Iterator[Lack]:

@@ -32,10 +32,14 @@ def bodies_of(subject: Subject) -> Bodies:
     return subject.bodies
 
 
-def written(root: ET.Element, subject: Subject, *, left_out: tuple[Lack, ...], told: Iterable[str]) -> str:
+def written(root: ET.Element, subject: Subject, *, left_out: tuple[Lack, ...], remark: str) -> str:
     """A whole XML file, with a comment at its head that says what it is and what is not in it."""
     lines = [*head(subject, left_out), ""]
-    lines += [part for line in told for part in textwrap.wrap(commented(line), WIDTH, subsequent_indent="    ")]
+    lines += [
+        part
+        for line in (*subject.remarks, remark)
+        for part in textwrap.wrap(commented(line), WIDTH, subsequent_indent="    ")
+    ]
     ET.indent(root)
     comment = "\n".join(f"  {line}".rstrip() for line in lines)
     return f'<?xml version="1.0" encoding="utf-8"?>\n<!--\n{comment}\n-->\n{ET.tostring(root, encoding="unicode")}\n'
@@ -43,19 +47,19 @@ def written(root: ET.Element, subject: Subject, *, left_out: tuple[Lack, ...], t
 
 def weights_only(subject: Subject) -> tuple[Lack, ...]:
     """What a chain of masses with friction leaves out of a model."""
-    told, held = subject.formulas, bodies_of(subject)
-    lacks = {one.name: one for one in told.left_out}
-    for term in told.terms:
+    formulas, held = subject.formulas, bodies_of(subject)
+    lacks = {lack.name: lack for lack in formulas.left_out}
+    for term in formulas.terms:
         lacks.setdefault(term.effect, Lack(term.effect, _PHYSICS))
     uneven = [
-        f"{off:.3g} {'N m' if told.robot.joint(joint).is_revolute else 'N'} at joint {joint}"
+        f"{off:.3g} {'N m' if formulas.robot.joint(joint).is_revolute else 'N'} at joint {joint}"
         for joint, (off, both) in enumerate(zip(held.uneven, held.friction, strict=True), start=1)
         if off > 0.005 * max(both, 1e-300)
     ]
-    if uneven or (told.viscous[:, 0] != told.viscous[:, 1]).any():
+    if uneven or (formulas.viscous[:, 0] != formulas.viscous[:, 1]).any():
         off = f"; Coulomb friction of each is off it by {', '.join(uneven)}" if uneven else ""
         lacks["direction"] = Lack("direction of friction", f"the mean of forward and backward is written{off}")
-    if (told.shaft != 0).sum() > len(told.shaft):
+    if (formulas.shaft != 0).sum() > len(formulas.shaft):
         lacks["shaft"] = Lack("coupled gears", "friction follows each joint's own velocity, not its motor shaft's")
     lacks["inertia"] = Lack("inertia", "moments of inertia are made up (balls of aluminium); no current showed them")
     return tuple(lacks.values())

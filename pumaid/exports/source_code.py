@@ -1,17 +1,18 @@
-"""Formulas in the syntax of other languages, and what the templates of source code are filled with."""
+"""Forms of source code: formulas in the syntax of another language, and what its templates are filled with."""
 
 from __future__ import annotations
 
 import ast
 import textwrap
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass
-from typing import Any
+from collections.abc import Mapping
+from pathlib import PurePath
+from typing import Any, ClassVar
 
+import jinja2
 import numpy as np
 from numpy.typing import NDArray
 
-from pumaid.exports.base import Subject, commented
+from pumaid.exports.base import Form, Subject, commented
 from pumaid.exports.formulas import Lack, Term
 
 Floats = NDArray[np.float64]
@@ -19,162 +20,136 @@ Floats = NDArray[np.float64]
 #: Width of text in comments.
 WIDTH = 108
 
-_OPERATORS: dict[type[ast.AST], tuple[str, int]] = {
-    ast.Add: ("+", 0),
-    ast.Sub: ("-", 0),
-    ast.Mult: ("*", 1),
-    ast.Div: ("/", 1),
-    ast.Pow: ("**", 3),
-    ast.Gt: (">", 0),
-    ast.Lt: ("<", 0),
-    ast.GtE: (">=", 0),
-    ast.LtE: ("<=", 0),
-    ast.Eq: ("==", 0),
-}
-#: How tightly a sum, a product, a minus sign, a power and a name bind.
-_SUM, _PRODUCT, _MINUS, _POWER, _NAME = range(5)
 
-
-@dataclass(frozen=True, slots=True)
-class LanguageSyntax:
-    """A language of source code.
+class SourceForm(Form):
+    """A form of source code.
 
     Attributes
     ----------
-    functions
-        Name of a function in a formula -> its name in the language, or a text with ``{}`` for the argument.
+    templates
+        Of its files, in ``exports/templates``; the file's suffix is the first of the template's.
+    names
+        Functions and quantities of a formula -> their text in the language: ``{i}`` is the term's joint; ``load_`` is
+        that of all ``load_M``, ``{m}`` being M. Others keep their names.
     power
-        ``call`` for ``pow(x, y)``, else the operator.
-    quantities
-        From a joint (from 1) and the number of joints to the text of each quantity of a formula; others keep their
-        names.
+        The function x, y -> x to the power y; empty where the language writes ``**``.
+    first
+        Index of the first joint.
     brackets
-        What stands around, between the entries and between the rows of a table.
+        What stands around the rows of a table, and between them.
     """
 
-    functions: Mapping[str, str]
-    power: str
-    quantities: Callable[[int, int], Mapping[str, str]]
-    brackets: tuple[str, str, str]
+    templates: ClassVar[tuple[str, ...]]
+    names: ClassVar[Mapping[str, str]]
+    power: ClassVar[str] = ""
+    first: ClassVar[int] = 0
+    brackets: ClassVar[tuple[str, str, str]] = ("[", "]", ",")
 
-    def text(self, term: Term, joints: int) -> str:
-        """A term's formula."""
-        return self._node(ast.parse(term.formula, mode="eval").body, self.quantities(term.joint, joints))[0]
+    def texts(self, subject: Subject) -> dict[str, str]:
+        formulas, robot = subject.formulas, subject.formulas.robot
+        tables = {
+            "twist": np.column_stack([np.cos(robot.alphas), np.sin(robot.alphas)]),
+            "theta": np.array([joint.theta for joint in robot.joints]),
+            "d": np.array([joint.d for joint in robot.joints]),
+            "g": np.array(robot.gravity, dtype=float),
+        }
+        fields = ("moments", "ratios", "felt", "coulomb", "viscous", "shaft")
+        tables |= {name: getattr(formulas, name) for name in fields}
+        start, end, _ = self.brackets
+        joints = range(1, robot.n_joints + 1)
+        frictions = [(joint, self._terms(subject, joint, is_friction=True)) for joint in joints]
+        values: dict[str, Any] = {name: self._table(table) for name, table in tables.items()} | {
+            "name": subject.name,
+            "NAME": subject.name.upper(),
+            "n": robot.n_joints,
+            "title": title(subject),
+            "head": head(subject, self.left_out(subject)),
+            "turns": f"{start}{', '.join(str(int(joint.is_revolute)) for joint in robot.joints)}{end}",
+            "geared": bool((formulas.shaft != np.eye(robot.n_joints)).any()),
+            "holds": [term for joint in joints for term in self._terms(subject, joint, is_friction=False)],
+            "frictions": [(joint, terms) for joint, terms in frictions if terms],
+            "uses_slope": formulas.uses("slope"),
+            "uses_tilt": formulas.uses("tilt"),
+            "uses_across": formulas.uses("across"),
+        }
+        # Nothing is escaped: names go into comments only.
+        loader = jinja2.PackageLoader("pumaid.exports")
+        environment = jinja2.Environment(
+            loader=loader,
+            autoescape=False,
+            trim_blocks=True,
+            lstrip_blocks=True,
+            keep_trailing_newline=True,
+            undefined=jinja2.StrictUndefined,
+        )
+        return {PurePath(name).suffixes[0]: environment.get_template(name).render(values) for name in self.templates}
 
-    def table(self, values: Floats) -> str:
+    def _terms(self, subject: Subject, joint: int, *, is_friction: bool) -> list[dict[str, Any]]:
+        """The terms of a joint that are there only in motion, or the other ones."""
+        terms = [term for term in subject.formulas.terms if term.joint == joint and term.is_friction == is_friction]
+        return [{"joint": joint, "effect": term.effect, "text": self._text(term)} for term in terms]
+
+    def _text(self, term: Term) -> str:
+        tree = _Translation(self, term.joint).visit(ast.parse(term.formula, mode="eval"))
+        return ast.unparse(tree)
+
+    def _table(self, values: Floats) -> str:
         """Numbers, none rounded, rows on lines of their own."""
         start, end, between = self.brackets
         if values.ndim == 1:
-            return f"{start}{', '.join(map(number, values))}{end}"
-        rows = [", ".join(map(number, row)) for row in values]
+            return f"{start}{', '.join(map(repr, values.tolist()))}{end}"
+        rows = [", ".join(map(repr, row)) for row in values.tolist()]
         inner = [f"{start}{row}{end}" for row in rows] if between == "," else rows
         return f"{start}\n    " + f"{between}\n    ".join(inner) + f"\n{end}"
 
-    def _node(self, node: ast.expr, named: Mapping[str, str]) -> tuple[str, int]:
-        """Text and how tightly it binds."""
 
-        def inside(part: ast.expr, needed: int) -> str:
-            text, rank = self._node(part, named)
-            return text if rank >= needed else f"({text})"
+class _Translation(ast.NodeTransformer):
+    """Puts the language's names and powers into the formula of a joint."""
 
-        if isinstance(node, ast.Constant) and isinstance(node.value, int | float):
-            return number(node.value), _NAME
-        if isinstance(node, ast.Name):
-            return named.get(node.id, node.id), _NAME
-        if isinstance(node, ast.UnaryOp) and isinstance(node.op, ast.USub):
-            return f"-{inside(node.operand, _POWER)}", _MINUS
-        if isinstance(node, ast.Call) and isinstance(node.func, ast.Name):
-            arguments = ", ".join(self._node(argument, named)[0] for argument in node.args)
-            call = self.functions[node.func.id]
-            return call.replace("{}", arguments) if "{}" in call else f"{call}({arguments})", _NAME
-        if isinstance(node, ast.Compare):
-            sign, _ = _OPERATORS[type(node.ops[0])]
-            return f"({inside(node.left, _SUM)} {sign} {inside(node.comparators[0], _SUM)})", _NAME
-        if not isinstance(node, ast.BinOp):
-            raise ValueError(f"no formula has {ast.unparse(node)}")
-        sign, rank = _OPERATORS[type(node.op)]
-        if rank < _POWER:
-            return f"{inside(node.left, rank)} {sign} {inside(node.right, rank + 1)}", rank
-        if self.power == "call":
-            return f"pow({inside(node.left, _SUM)}, {inside(node.right, _SUM)})", _NAME
-        return f"{inside(node.left, _NAME)} {self.power} {inside(node.right, _NAME)}", _POWER
+    def __init__(self, form: SourceForm, joint: int) -> None:
+        self.form, self.joint = form, joint
 
+    def visit_Name(self, node: ast.Name) -> ast.expr:
+        first, names = self.form.first, self.form.names
+        head, _, number = node.id.rpartition("_")
+        text, m = (names[f"{head}_"], int(number)) if number.isdigit() else (names.get(node.id, node.id), 1)
+        return ast.Name(text.format(i=self.joint - 1 + first, m=m - 1 + first))
 
-def number(value: float) -> str:
-    """A number that each of the languages reads as exactly this double."""
-    return repr(float(value))
+    def visit_Constant(self, node: ast.Constant) -> ast.expr:
+        assert isinstance(node.value, int | float)
+        return ast.Constant(float(node.value))  # C divides integers as integers
 
+    def visit_UnaryOp(self, node: ast.UnaryOp) -> ast.expr:
+        self.generic_visit(node)
+        return node.operand.operand if isinstance(node.operand, ast.UnaryOp) else node  # C reads -- as a decrement
 
-def context(subject: Subject, dialect: LanguageSyntax, *, left_out: tuple[Lack, ...]) -> dict[str, Any]:
-    """What a template of source code is filled with.
-
-    Parameters
-    ----------
-    subject
-        The model.
-    dialect
-        The language.
-    left_out
-        What the form does not hold, for the head.
-    """
-    told, robot = subject.formulas, subject.formulas.robot
-    n = robot.n_joints
-    alphas = robot.alphas
-    tables = {
-        "twist": np.column_stack([np.cos(alphas), np.sin(alphas)]),
-        "theta": np.array([joint.theta for joint in robot.joints]),
-        "d": np.array([joint.d for joint in robot.joints]),
-        "g": np.array(robot.gravity, dtype=float),
-        "moments": told.moments,
-        "ratios": told.ratios,
-        "felt": told.felt,
-        "coulomb": told.coulomb,
-        "viscous": told.viscous,
-        "shaft": told.shaft,
-    }
-
-    def written(joint: int, *, is_friction: bool) -> list[dict[str, Any]]:
-        terms = told.of_joint(joint, is_friction=is_friction)
-        return [{"joint": joint, "effect": term.effect, "text": dialect.text(term, n)} for term in terms]
-
-    start, end, _ = dialect.brackets
-    joints = range(1, n + 1)
-    frictions = [(joint, written(joint, is_friction=True)) for joint in joints]
-    return {name: dialect.table(values) for name, values in tables.items()} | {
-        "name": subject.name,
-        "NAME": subject.name.upper(),
-        "n": n,
-        "title": title(subject),
-        "head": head(subject, left_out),
-        "turns": f"{start}{', '.join(str(int(joint.is_revolute)) for joint in robot.joints)}{end}",
-        "geared": bool((told.shaft != np.eye(n)).any()),
-        "holds": [term for joint in joints for term in written(joint, is_friction=False)],
-        "frictions": [(joint, terms) for joint, terms in frictions if terms],
-        "uses_slope": told.uses("slope"),
-        "uses_tilt": told.uses("tilt"),
-        "uses_across": told.uses("across"),
-        "uses_felt": told.uses("tilt") or told.uses("across"),
-    }
+    def visit_BinOp(self, node: ast.BinOp) -> ast.expr:
+        self.generic_visit(node)
+        is_call = self.form.power and isinstance(node.op, ast.Pow)
+        return ast.Call(ast.Name(self.form.power), [node.left, node.right], []) if is_call else node
 
 
 def title(subject: Subject) -> str:
     """A line: which arm, by which program."""
-    return commented(f"{subject.robot}: motor currents of gravity and friction, by pumaid {subject.version}.")
+    name = subject.formulas.robot.name
+    return commented(f"{name}: motor currents of gravity and friction, by pumaid {subject.version}.")
 
 
 def head(subject: Subject, left_out: tuple[Lack, ...]) -> list[str]:
     """Lines for the head of a file: the model, its joints, what is left out, what the data did not tell."""
-    told = subject.formulas
-    digest = told.estimate.recipe_digest[:12]
-    lines = [title(subject), f"Recipe {commented(told.robot.origin)} (SHA-256 {digest})." if digest else "", ""]
-    lines.append("Joints: " + ", ".join(f"{joint.number} {commented(joint.name)}" for joint in told.robot.joints) + ".")
-    effects = dict.fromkeys(term.effect for term in told.terms)
-    lines += ["Beyond gravity, Coulomb and viscous friction: " + (", ".join(effects) if effects else "nothing") + "."]
-    lines += ["", *listed("Left out:", left_out, nothing="Nothing of the model is left out.")]
-    lines += ["", *listed("Not determined by the data, and so of the size that disturbs least:", told.undetermined)]
+    formulas = subject.formulas
+    digest = formulas.estimate.recipe_digest[:12]
+    lines = [title(subject), f"Recipe {commented(formulas.robot.origin)} (SHA-256 {digest})." if digest else "", ""]
+    lines.append(
+        "Joints: " + ", ".join(f"{n} {commented(joint.name)}" for n, joint in enumerate(formulas.robot.joints, 1)) + "."
+    )
+    effects = ", ".join(dict.fromkeys(term.effect for term in formulas.terms)) or "nothing"
+    lines += [f"Beyond gravity, Coulomb and viscous friction: {effects}.", ""]
+    lines += ["Left out:" if left_out else "Nothing of the model is left out.", *_listed(left_out), ""]
+    start = "Not determined by the data, and so of the size that disturbs least:"
+    lines += [start if formulas.undetermined else "Every parameter was determined.", *_listed(formulas.undetermined)]
     return [part for line in lines for part in (textwrap.wrap(line, WIDTH, subsequent_indent="    ") or [""])]
 
 
-def listed(start: str, lacks: tuple[Lack, ...], *, nothing: str = "Every parameter was determined.") -> list[str]:
-    """A heading and a line for each of `lacks`."""
-    return [start, *(f"  {commented(one.name)}: {commented(one.reason)}" for one in lacks)] if lacks else [nothing]
+def _listed(lacks: tuple[Lack, ...]) -> list[str]:
+    return [f"  {commented(lack.name)}: {commented(lack.reason)}" for lack in lacks]

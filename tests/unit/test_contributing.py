@@ -73,7 +73,7 @@ from pumaid.exports.base import Form
 
 class Dummy(Form):
     """The ratios alone."""
-    title, suffixes = "ratios as text", (".txt",)
+    title = "ratios as text"
 
     def texts(self, subject):
         return {".txt": repr(subject.formulas.ratios.tolist())}

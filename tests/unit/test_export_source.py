@@ -76,18 +76,8 @@ def test_c_needs_nothing_but_the_mathematical_functions(tmp_path):
     subprocess.run([GCC, *FLAGS, "-c", "arm.c"], cwd=tmp_path, check=True)
     lines = subprocess.run(["nm", "arm.o"], cwd=tmp_path, capture_output=True, text=True, check=True).stdout.split("\n")
     asked = {line.split()[-1] for line in lines if " U " in line}
-    assert asked <= {
-        "sin",
-        "cos",
-        "sincos",
-        "exp",
-        "pow",
-        "sqrt",
-        "fabs",
-        "fmax",
-        "_GLOBAL_OFFSET_TABLE_",
-        "__stack_chk_fail",
-    }
+    allowed = "sin cos sincos exp pow sqrt fabs fmax _GLOBAL_OFFSET_TABLE_ __stack_chk_fail"
+    assert asked <= set(allowed.split())
     assert [line for line in lines if line[17:18] in ("d", "D", "b", "B", "C")] == []
 
 
@@ -161,9 +151,9 @@ def test_json_says_enough_to_draw_it(name, rich):
     """A small evaluator that follows the document's own words finds the currents, and the reference is right."""
     robot, estimate, position, velocity, wanted = case(name, rich)
     document = json.loads(export(estimate, robot, form="json").files[".json"])
-    found = np.array([current(document, q, qd) for q, qd in zip(position[:4], velocity[:4], strict=True)])
+    found = np.array([current(document, q, qd) for q, qd in zip(position[:2], velocity[:2], strict=True)])
     # Slopes are taken by differences there: 1e-9 is what a central difference of step 1e-5 leaves.
-    assert np.allclose(found, wanted[:4], atol=(1e-9 if rich else EXACT) * np.abs(wanted).max())
+    assert np.allclose(found, wanted[:2], atol=(1e-9 if rich else EXACT) * np.abs(wanted).max())
     for row in document["reference"]:
         q, qd = np.array([row["q"]]), np.array([row["qd"]])
         assert np.allclose(row["current"], predicted(robot, estimate, q, velocity=qd)[0], rtol=1e-12, atol=1e-14)

@@ -17,22 +17,16 @@ if TYPE_CHECKING:
 #: One file a form; listed, not imported, so that help waits for nothing.
 FORMS = sorted(info.name for info in pkgutil.iter_modules([str(Path(__file__).parents[2] / "exports" / "formats")]))
 
+TORQUE_CONSTANTS = (
+    "N m/A (of a slide N/A) of all joints, or some as JOINT=K; urdf and mjcf only. Default: by the ratios."
+)
+
 
 @click.command()
 @options.model_argument
 @click.option("--format", "form", type=click.Choice(FORMS), required=True, help="What to write; see docs/export.md.")
-@options.output_option(
-    "The file, without its ending for c (two files); - for standard output. Default: named after the robot, beside the"
-    " model."
-)
-@click.option("--name", help="What functions are called. Default: the file's name, or the robot's.")
-@click.option(
-    "--torque-constants",
-    "constants",
-    metavar="K,K,...",
-    help="N m/A (of a slide N/A) of every joint, or of some as JOINT=K, or a file of them; urdf and mjcf only. What is"
-    " not given follows from the identified ratios.",
-)
+@options.output_option("The file; - for standard output. Default: named after the robot, beside the model.")
+@click.option("--torque-constants", "constants", metavar="K,K,...", help=TORQUE_CONSTANTS)
 @click.option("--force", is_flag=True, help="Replace files that are there already.")
 @options.recipe_option
 @options.effects_option
@@ -42,7 +36,6 @@ def command(
     model: Path,
     form: str,
     output: Path | None,
-    name: str | None,
     constants: str | None,
     force: bool,
     recipe: Path | None,
@@ -50,8 +43,7 @@ def command(
 ) -> None:
     """Write a model for other programs: gravity and friction in C, Python, MATLAB or JSON, or as URDF or MJCF.
 
-    The recipe is looked for beside the model, beside its folder, and here. What the form does not hold, and what the
-    data did not tell, stands at the head of each file and on standard error.
+    What the form does not hold and the data do not tell stands at the head of each file and on standard error.
 
     \b
     Example:
@@ -59,74 +51,57 @@ def command(
       pumaid export results/model.json --format python -o arm.py
       pumaid export results/model.json --format urdf --torque-constants 2=31.5 -o arm.urdf
     """
-    from pumaid.cli.output import content, document, spare_inputs
+    from pumaid.cli.output import content, document, remark, spare_inputs
     from pumaid.experiment import check_model, read_files, read_known_model, read_robot
     from pumaid.exports import every_form, export
     from pumaid.exports.equivalent_bodies import read_constants
     from pumaid.results.documents import heading
 
+    to_pipe = output is not None and str(output) == "-"
     if constants is not None and not every_form()[form].has_bodies:
         raise click.UsageError(f"--torque-constants is for forms with masses, such as urdf; {form} is in ampere.")
-    to_pipe = output is not None and str(output) == "-"
     if to_pipe and (form == "c" or as_json):
         raise click.UsageError("Two files cannot go to standard output." if form == "c" else "--json prints itself.")
     estimate = read_known_model(model)
     robot = read_robot(recipe, [str(model)])
     check_model(estimate, robot, (recipe, [str(model)]))
-    stem = "" if output is None or to_pipe or output.is_dir() else output.stem
-    found = export(
-        estimate,
-        robot,
-        form=form,
-        name=name or stem,
-        torque_constants=None if constants is None else read_constants(constants, robot.n_joints),
-    )
+    name = "" if output is None or to_pipe or output.is_dir() else output.stem
+    torques = None if constants is None else read_constants(constants, robot.n_joints)
+    exported = export(estimate, robot, form=form, name=name, torque_constants=torques)
     if to_pipe:
-        content("".join(found.files.values()).rstrip("\n") + "\n")
-        _tell(found)
-        return
-    files = _places(found, output, home=Path() if str(model) == "-" else model.parent)
-    spare_inputs(files, read_files([str(model)], recipe, model, Path(constants) if constants else None))
-    _write(files, force=force)
-    if as_json:
-        named = {"form": form, "name": found.name, "files": [str(path) for path in files]}
-        lacks = {"left_out": found.left_out, "undetermined": found.undetermined, "remarks": found.remarks}
-        document(heading("export", robot=robot, logs=estimate.logs) | named | lacks)
-    _tell(found)
+        content("".join(exported.files.values()).rstrip("\n") + "\n")
+    else:
+        files = _places(exported, output, home=Path() if str(model) == "-" else model.parent)
+        spare_inputs(files, read_files([str(model)], recipe, model))
+        _write(files, force=force)
+        if as_json:
+            facts = {"form": form, "name": exported.name, "files": [str(path) for path in files]}
+            facts |= {name: getattr(exported, name) for name in ("left_out", "undetermined", "remarks")}
+            document(heading("export", robot=robot, logs=estimate.logs) | facts)
+    for text in (*exported.remarks, *(f"left out: {lack.name}: {lack.reason}" for lack in exported.left_out)):
+        remark(text)
+    for lack in exported.undetermined:
+        remark(f"not determined by the data: {lack.name}: {lack.reason}")
 
 
-def _places(found: Exported, output: Path | None, *, home: Path) -> dict[Path, str]:
+def _places(exported: Exported, output: Path | None, *, home: Path) -> dict[Path, str]:
     """Where each file goes."""
     folder = home if output is None else output
     if output is None or output.is_dir():
-        return {folder / f"{found.name}{suffix}": text for suffix, text in found.files.items()}
-    if len(found.files) == 1:
-        return {output: next(iter(found.files.values()))}
-    bare = output.with_suffix("") if output.suffix in found.files else output
-    return {bare.with_name(bare.name + suffix): text for suffix, text in found.files.items()}
+        return {folder / f"{exported.name}{suffix}": text for suffix, text in exported.files.items()}
+    if len(exported.files) == 1:
+        return {output: next(iter(exported.files.values()))}
+    bare = output.with_suffix("") if output.suffix in exported.files else output
+    return {bare.with_name(bare.name + suffix): text for suffix, text in exported.files.items()}
 
 
 def _write(files: Mapping[Path, str], *, force: bool) -> None:
     """Refuse before the first is written; what is made is whole."""
     from pumaid.cli.output import remark
-    from pumaid.errors import ResultError, Where
-    from pumaid.io.write import write_file
+    from pumaid.io.write import refuse_to_replace, write_file
 
-    for path in files:
-        if path.exists() and not force:
-            mend = "write elsewhere with -o FILE, or replace it with --force"
-            raise ResultError("file-exists", f"{path} is there already", Where(file=str(path)), mend)
+    for path in files if not force else ():
+        refuse_to_replace(path)
     for path, text in files.items():
         write_file(path, text)
     remark(f"written: {', '.join(map(str, files))}")
-
-
-def _tell(found: Exported) -> None:
-    """What is not in it, and what is uncertain of what is."""
-    from pumaid.cli.output import remark
-
-    for text in found.remarks:
-        remark(text)
-    for heading, lacks in (("left out", found.left_out), ("not determined by the data", found.undetermined)):
-        for lack in lacks:
-            remark(f"{heading}: {lack.name}: {lack.reason}")

@@ -8,7 +8,6 @@ import numpy as np
 
 from pumaid.effects.formula import filled
 from pumaid.exports.base import Form, Subject
-from pumaid.exports.formulas import Lack
 from pumaid.results.documents import as_text
 from pumaid.robot import Robot
 
@@ -44,41 +43,40 @@ class Json(Form):
     """A dictionary with the constants, the formulas and what they mean."""
 
     title = "JSON dictionary: constants and formulas, with postures and currents to check a program by"
-    suffixes = (".json",)
 
     def texts(self, subject: Subject) -> dict[str, str]:
-        told, robot = subject.formulas, subject.formulas.robot
+        formulas, robot = subject.formulas, subject.formulas.robot
         ways = np.random.default_rng(0)
         position = ways.uniform(-1.0, 1.0, (POSTURES, robot.n_joints)) * np.where(robot.is_revolute, np.pi, 1.0)
         velocity = ways.uniform(-1.0, 1.0, (POSTURES, robot.n_joints))
-        current = told.predicted(position, velocity)
+        current = formulas.predicted(position, velocity)
         document: dict[str, Any] = {
             "kind": "currents",
             "format": 1,
             "pumaid": subject.version,
             "robot": robot.name,
             "recipe": {"file": robot.origin, "sha256": robot.digest},
-            "logs": told.estimate.logs,
+            "logs": formulas.estimate.logs,
             "meaning": MEANING,
             "joints": [_joint(robot, number) for number in range(1, robot.n_joints + 1)],
             "gravity": robot.gravity,
-            "moments": told.moments,
-            "ratios": told.ratios,
-            "felt": told.felt,
-            "coulomb": told.coulomb,
-            "viscous": told.viscous,
-            "shaft": told.shaft,
+            "moments": formulas.moments,
+            "ratios": formulas.ratios,
+            "felt": formulas.felt,
+            "coulomb": formulas.coulomb,
+            "viscous": formulas.viscous,
+            "shaft": formulas.shaft,
             "terms": [
                 {
-                    "joint": one.joint,
-                    "effect": one.effect,
-                    "friction": one.is_friction,
-                    "formula": filled(one.formula, SIGNED),
+                    "joint": term.joint,
+                    "effect": term.effect,
+                    "friction": term.is_friction,
+                    "formula": filled(term.formula, SIGNED),
                 }
-                for one in told.terms
+                for term in formulas.terms
             ],
-            "left_out": _listed(self.left_out(subject)),
-            "undetermined": _listed(told.undetermined),
+            "left_out": self.left_out(subject),
+            "undetermined": formulas.undetermined,
             "reference": [
                 {"q": q, "qd": qd, "current": i} for q, qd, i in zip(position, velocity, current, strict=True)
             ],
@@ -87,10 +85,6 @@ class Json(Form):
 
 
 def _joint(robot: Robot, number: int) -> dict[str, Any]:
-    one = robot.joint(number)
-    facts = {"joint": number, "name": one.name, "type": one.kind, "theta": one.theta, "alpha": one.alpha}
-    return facts | {"a": one.a, "d": one.d, "limits": one.limits, "max_velocity": one.max_velocity}
-
-
-def _listed(lacks: tuple[Lack, ...]) -> list[dict[str, str]]:
-    return [{"name": one.name, "reason": one.reason} for one in lacks]
+    joint = robot.joint(number)
+    fields = ("name", "theta", "alpha", "a", "d", "limits", "max_velocity")
+    return {"joint": number, "type": joint.kind} | {name: getattr(joint, name) for name in fields}

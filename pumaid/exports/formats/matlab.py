@@ -2,37 +2,28 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from typing import ClassVar
 
-from pumaid.exports.base import Form, Subject, rendered
-from pumaid.exports.source_code import LanguageSyntax, context
-
-#: How each function of a formula is called.
-FUNCTIONS = {name: name for name in ("sin", "cos", "exp", "sqrt", "abs", "sign", "max")}
+from pumaid.exports.source_code import SourceForm
 
 
-def _quantities(joint: int, joints: int) -> Mapping[str, str]:
-    named = {
-        "q": f"q({joint})",
-        "v": "abs(v)",
-        "shaft": "v",
-        "load": f"load({joint})",
-        "drawn": f"(load({joint}) + base)",
-    }
-    named |= {f"load_{m}": f"load({m})" for m in range(1, joints + 1)}
-    named |= {f"slope_{m}": f"slope(c, z, moment, {joint}, {m})" for m in range(1, joints + 1)}
-    named |= {"across": f"across(c, z, moment, {joint})"}
-    return named | {f"tilt_{axis}": f"tilt(c, z, moment, {joint}, {n})" for n, axis in enumerate("xy", start=1)}
-
-
-class Matlab(Form):
+class Matlab(SourceForm):
     """Runs in Octave as well, and needs no toolbox."""
 
     title = "MATLAB function file (Octave too): gravity, friction and their sum of one posture"
-    suffixes = (".m",)
-
-    def texts(self, subject: Subject) -> dict[str, str]:
-        values = context(
-            subject, LanguageSyntax(FUNCTIONS, "^", _quantities, ("[", "]", ";")), left_out=self.left_out(subject)
-        )
-        return {".m": rendered("model.m.txt", **values)}
+    templates = ("model.m.txt",)
+    names: ClassVar = {
+        "q": "q({i})",
+        "v": "abs(v)",
+        "shaft": "v",
+        "load": "load({i})",
+        "drawn": "(load({i}) + base)",
+        "load_": "load({m})",
+        "slope_": "slope(c, z, moment, {i}, {m})",
+        "across": "across(c, z, moment, {i})",
+        "tilt_x": "tilt(c, z, moment, {i}, 1)",
+        "tilt_y": "tilt(c, z, moment, {i}, 2)",
+    }
+    power = "power"
+    first = 1
+    brackets = ("[", "]", ";")

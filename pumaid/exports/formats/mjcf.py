@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from pumaid.exports.base import Form, Subject
 from pumaid.exports.formulas import Lack
 from pumaid.exports.robot_xml import bodies_of, spaced, weights_only, written, xml_name
+from pumaid.kinematics import link_rotation
 from pumaid.robot import Joint
 
 Floats = NDArray[np.float64]
@@ -19,7 +20,6 @@ class Mjcf(Form):
     """A motor's control is its current: its gear is the torque constant."""
 
     title = "MJCF for MuJoCo: masses with the model's weight, mean friction, limits, motors driven in ampere"
-    suffixes = (".xml",)
     has_bodies = True
 
     def left_out(self, subject: Subject) -> tuple[Lack, ...]:
@@ -33,23 +33,22 @@ class Mjcf(Form):
         )
         ET.SubElement(root, "option", gravity=spaced([0.0, 0.0, -float(np.linalg.norm(robot.gravity))]))
         world = ET.SubElement(root, "worldbody")
-        parent = ET.SubElement(world, "body", name="base", quat=spaced(quaternion(held.mount)))
+        parent = ET.SubElement(world, "body", name="base", xyaxes=_axes(held.mount))
         for joint in robot.joints:
             parent = _body(parent, joint, subject)
         actuators = ET.SubElement(root, "actuator")
         for joint, torque in zip(robot.joints, held.torques, strict=True):
             name = xml_name(joint.name)
             ET.SubElement(actuators, "motor", name=name, joint=name, gear=spaced([torque]))
-        told = (*subject.remarks, "Motors take their current in A; their gear is the torque constant in N m/A (N/A).")
-        return {".xml": written(root, subject, left_out=self.left_out(subject), told=told)}
+        remark = "Motors take their current in A; their gear is the torque constant in N m/A (N/A)."
+        return {".xml": written(root, subject, left_out=self.left_out(subject), remark=remark)}
 
 
 def _body(parent: ET.Element, joint: Joint, subject: Subject) -> ET.Element:
     held, i = bodies_of(subject), joint.number - 1
-    a, b = 0.5 * joint.alpha, 0.5 * joint.theta
-    turn = [np.cos(a) * np.cos(b), np.sin(a) * np.cos(b), -np.sin(a) * np.sin(b), np.cos(a) * np.sin(b)]
+    turn = _axes(link_rotation(joint.alpha, joint.theta))
     place = [joint.a, -joint.d * np.sin(joint.alpha), joint.d * np.cos(joint.alpha)]
-    body = ET.SubElement(parent, "body", name=f"link{joint.number}", pos=spaced(place), quat=spaced(turn))
+    body = ET.SubElement(parent, "body", name=f"link{joint.number}", pos=spaced(place), xyaxes=turn)
     size = spaced([held.inertias[i]] * 3)
     ET.SubElement(body, "inertial", pos=spaced(held.centres[i]), mass=spaced([held.masses[i]]), diaginertia=size)
     facts = {"name": xml_name(joint.name), "type": "hinge" if joint.is_revolute else "slide", "axis": "0 0 1"}
@@ -60,10 +59,6 @@ def _body(parent: ET.Element, joint: Joint, subject: Subject) -> ET.Element:
     return body
 
 
-def quaternion(rotation: Floats) -> Floats:
-    """(4,) w, x, y, z of a rotation (3, 3) by less than half a turn, or by half a turn about x."""
-    w = 0.5 * np.sqrt(max(1.0 + float(np.trace(rotation)), 0.0))
-    if w < 1e-9:
-        return np.array([0.0, 1.0, 0.0, 0.0])
-    skew = rotation - rotation.T
-    return np.array([w, skew[2, 1] / (4 * w), skew[0, 2] / (4 * w), skew[1, 0] / (4 * w)])
+def _axes(rotation: Floats) -> str:
+    """The x and y axes of a rotation (3, 3)."""
+    return spaced([*rotation[:, 0], *rotation[:, 1]])

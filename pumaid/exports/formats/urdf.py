@@ -23,18 +23,17 @@ class Urdf(Form):
     """Gravity has no place in URDF: a fixed joint turns the base so that it is along -z of the world."""
 
     title = "URDF: masses with the model's weight, mean friction, the recipe's geometry and limits"
-    suffixes = (".urdf",)
     has_bodies = True
 
     def left_out(self, subject: Subject) -> tuple[Lack, ...]:
-        told = [*weights_only(subject)]
-        told.append(Lack("size of gravity", f"set {_size(subject):.6g} m/s2 along -z in the program that reads it"))
+        lacks = [*weights_only(subject)]
+        lacks.append(Lack("size of gravity", f"set {_size(subject):.6g} m/s2 along -z in the program that reads it"))
         if any(joint.limits is None or joint.max_velocity is None for joint in subject.formulas.robot.joints):
             reason = (
                 f"limits that the recipe does not give are written as {NO_LIMIT:g}; a joint that turns is continuous"
             )
-            told.append(Lack("limits", reason))
-        return (*told, Lack("effort", f"no current limit is known, so effort is written as {NO_LIMIT:g}"))
+            lacks.append(Lack("limits", reason))
+        return (*lacks, Lack("effort", f"no current limit is known, so effort is written as {NO_LIMIT:g}"))
 
     def texts(self, subject: Subject) -> dict[str, str]:
         robot, held = subject.formulas.robot, bodies_of(subject)
@@ -54,8 +53,8 @@ class Urdf(Form):
             ET.SubElement(inertial, "mass", value=spaced([held.masses[i]]))
             size = spaced([held.inertias[i]])
             ET.SubElement(inertial, "inertia", ixx=size, ixy="0", ixz="0", iyy=size, iyz="0", izz=size)
-        told = (*subject.remarks, f"Gravity: 0 0 -{_size(subject)!r} m/s2 in the world.")
-        return {".urdf": written(root, subject, left_out=self.left_out(subject), told=told)}
+        remark = f"Gravity: 0 0 -{_size(subject)!r} m/s2 in the world."
+        return {".urdf": written(root, subject, left_out=self.left_out(subject), remark=remark)}
 
     def _joint(self, root: ET.Element, joint: Joint, subject: Subject) -> None:
         held, i = bodies_of(subject), joint.number - 1

@@ -5,6 +5,7 @@
 #include <stddef.h>
 
 #define N {{ NAME }}_JOINTS
+#define SIGN(x) (((x) > 0.0) - ((x) < 0.0))
 
 /* Geometry, modified Denavit-Hartenberg: which joints turn, cosine and sine of alpha, offsets of theta and d. */
 static const int TURNS[N] = {{ turns }};
@@ -17,7 +18,7 @@ static const double GRAVITY[3] = {{ g }};
 static const double MOMENT[N][2] = {{ moments }};
 /* Gains: link j counts RATIO[i][j] times in joint i. */
 static const double RATIO[N][N] = {{ ratios }};
-{% if uses_felt %}
+{% if uses_tilt or uses_across %}
 /* The same for moments across an axis, which an upright joint counts in the gain of the next one. */
 static const double FELT[N][N] = {{ felt }};
 {% endif %}
@@ -177,7 +178,7 @@ static void resist(const double q[N], const double qd[N], const double toward[N]
 {% else %}
         const double v = qd[i];
 {% endif %}
-        double way = toward ? toward[i] : (double)(v > 0.0) - (double)(v < 0.0);
+        double way = toward ? toward[i] : SIGN(v);
         if (way > 1.0)
             way = 1.0;
         if (way < -1.0)
