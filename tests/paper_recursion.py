@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from pumaid.kinematics import link_rotation
 from pumaid.robot import Robot
-from pumaid.simulation.gravity import Constants
+from pumaid.simulation.virtual_robot import Constants
 
 Floats = NDArray[np.float64]
 

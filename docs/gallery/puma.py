@@ -16,8 +16,7 @@ from pumaid.io.log_writer import write_log
 from pumaid.dataset import Log
 from pumaid.robot import Joint, Robot
 from pumaid.simulation import table1
-from pumaid.simulation.gravity import Links
-from pumaid.simulation.virtual_robot import Noise, Truth
+from pumaid.simulation.virtual_robot import BREAKAWAY, Links, Noise, Truth
 
 Floats = NDArray[np.float64]
 
@@ -99,6 +98,7 @@ def arm(seed: int) -> Arm:
         links=links,
         gain=gain,
         inertia=near(ROTOR) * GEARS**2 * gain,
+        breakaway=np.full(6, BREAKAWAY),
         seed=seed,
     )
     return Arm(truth, rng.uniform(0.2, 0.4, 6), rng.uniform(2.0, 5.0, 6) * DEG, seed)

@@ -95,14 +95,16 @@ def weight_notes(prior: Prior, promised: dict[str, float]) -> list[Note]:
         return []
     hint = "A payload {:g} mm off the axis shows it: --payload {},{:g},0,0"
     share = promised[name] / abs(float(np.median([t.parameters()[name] for t in prior.robots])))
-    if truth.known is not None:
+    if truth.given_constants is not None:
         text = (
             f"{name} cannot be identified with the weight that this arm has: its predicted error is"
             f" {number(share, 2)} times its value. {hint.format(1e3 * _LEVER, 0.5, _LEVER)}"
         )
         return [Note("plan-needs-weight", text, Where(joint=n))] if share >= _WEAK else []
     moments = [
-        np.hypot(t.constants.x[-1], t.constants.y[-1]) / abs(t.masses[1][-1]) for t in prior.robots if t.known is None
+        np.hypot(t.constants.x[-1], t.constants.y[-1]) / abs(t.gain[-1])
+        for t in prior.robots
+        if t.given_constants is None
     ]
     least = max(float(np.median(moments)) * share / _WEAK, _LEAST)
     text = (

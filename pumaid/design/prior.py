@@ -11,9 +11,8 @@ from numpy.typing import NDArray
 from pumaid.errors import ModelError
 from pumaid.estimate import NOT_IDENTIFIABLE, Estimate
 from pumaid.robot import Robot
-from pumaid.simulation.gravity import Constants, Links, constants
 from pumaid.simulation.random_robot import draw
-from pumaid.simulation.virtual_robot import Friction, Noise, Truth
+from pumaid.simulation.virtual_robot import BREAKAWAY, Constants, Friction, Links, Noise, Truth, constants, links_of
 from pumaid.units import factor, number
 
 Floats = NDArray[np.float64]
@@ -77,7 +76,7 @@ class Setup:
         last = Links(np.append(np.zeros(n - 1), mass), np.vstack([np.zeros((n - 1, 3)), at]))
         more = constants(truth.robot, last, _gain(truth))
         loaded = Constants(bare.x + more.x, bare.y + more.y, bare.mass + more.mass, bare.ratio)
-        return replace(truth, links=None, gain=None, known=loaded)
+        return truth.with_constants(loaded)
 
     def sentences(self) -> tuple[str, ...]:
         """What must be done before the plan is run."""
@@ -99,11 +98,9 @@ class Setup:
 
 def _gain(truth: Truth) -> Floats:
     """(J,) A/(N m) or A/N; where only constants in A are known, the last motor's is a usual one."""
-    if truth.gain is not None and truth.known is None:
+    if truth.given_constants is None:
         return truth.gain
-    usual = draw(truth.robot, 0).gain
-    assert usual is not None
-    last = np.copysign(usual[-1], truth.friction.coulomb_plus[-1])
+    last = np.copysign(draw(truth.robot, 0).gain[-1], truth.friction.coulomb_plus[-1])
     return np.asarray(last * np.append(np.cumprod(truth.constants.ratio[::-1])[::-1], 1.0))
 
 
@@ -180,7 +177,10 @@ def robot_of_estimate(robot: Robot, estimate: Estimate) -> Prior:
     terms = ("coulomb", "plus"), ("coulomb", "minus"), ("viscous", "plus"), ("viscous", "minus")
     friction = Friction(*(np.array([values[f"{kind}.j{n}.{side}"] for n in joints]) for kind, side in terms))
     constants_of = Constants(gravity["x"], gravity["y"], gravity["mass"], ratio)
-    truth = Truth(robot=robot, friction=friction, noise=Noise(noise, level_share=share), known=constants_of)
+    inertia, breakaway = np.zeros(robot.n_joints), np.full(robot.n_joints, BREAKAWAY)
+    links, gain = links_of(robot, constants_of, inertia)
+    noise_of = Noise(noise, level_share=share)
+    truth = Truth(robot, friction, noise_of, links, gain, inertia, breakaway, given_constants=constants_of)
     sentences = [
         f"Parameters as of the earlier model; noise as its runs had it, {', '.join(number(s, 2) for s in noise)} A a"
         f" sample, {100.0 * share:.0f} % of the variance a level of each run."

@@ -5,12 +5,11 @@ MuJoCo, and hidden effects have a table of their own.
 """
 
 from pumaid.simulation import table1
-from pumaid.simulation.gravity import Constants, Links, gravity_load
 from pumaid.simulation.hidden_effects import Hidden
-from pumaid.simulation.monte_carlo import Bench, runs
+from pumaid.simulation.monte_carlo import Bench
 from pumaid.simulation.random_robot import draw
-from pumaid.simulation.session import Session, simulate
-from pumaid.simulation.virtual_robot import Friction, Noise, Truth
+from pumaid.simulation.session import simulate
+from pumaid.simulation.virtual_robot import Constants, Friction, Links, Noise, Truth, gravity_load
 
 __all__ = [
     "Bench",
@@ -19,11 +18,9 @@ __all__ = [
     "Hidden",
     "Links",
     "Noise",
-    "Session",
     "Truth",
     "draw",
     "gravity_load",
-    "runs",
     "simulate",
     "table1",
 ]

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import difflib
 import math
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from enum import Enum
 
@@ -21,8 +21,8 @@ from pumaid.robot import Robot
 Floats = NDArray[np.float64]
 
 #: degC of the room, in which every motor begins; s in which a motor comes within 1/e of its last temperature; degC
-#: above the room of a motor that draws its usual current for good; degC, resolution of the sensor.
-AMBIENT, WARMING_TIME, RISE, TEMPERATURE_STEP = 25.0, 600.0, 30.0, 0.1
+#: above the room of a motor that draws its usual current for good.
+AMBIENT, WARMING_TIME, RISE = 25.0, 600.0, 30.0
 #: SI; no value of a law is larger on any arm, and farther on currents overflow.
 GREATEST = 1e9
 #: s; no current is logged later.
@@ -37,41 +37,24 @@ class Hidden:
 
     effect: str
     joint: int | None = None
-    values: Mapping[str, float] = field(default_factory=dict)
+    values: dict[str, float] = field(default_factory=dict)
 
 
 @dataclass(eq=False, slots=True)
 class ArmState:
-    """The whole arm at N instants, or at one (then without the first axis of all shapes).
+    """The whole arm at N instants, or at one (then without the first axis of all shapes)."""
 
-    Attributes
-    ----------
-    time
-        (N,) s of the session.
-    first
-        (J,) s of the session at which each joint's first run begins.
-    position, velocity, acceleration
-        (N, J) rad or m and their derivatives.
-    travel
-        (N, J) rad or m since each joint left its last rest.
-    temperature
-        (N, J) degC of the motors.
-    load, across
-        (N, J) A that the weight draws; A that its moment across the axis would draw if it lay along it.
-    friction
-        (N, J) A of Coulomb and viscous friction.
-    """
-
-    time: Floats
-    first: Floats
-    position: Floats
+    time: Floats  # (N,) s of the session
+    first: Floats  # (J,) s of the session at which each joint's first run begins
+    position: Floats  # (N, J) rad or m, like its derivatives
     velocity: Floats
     acceleration: Floats
-    travel: Floats
-    temperature: Floats
-    load: Floats = field(default_factory=lambda: np.zeros(0))
+    travel: Floats  # (N, J) rad or m since each joint left its last rest
+    temperature: Floats  # (N, J) degC of the motors
+    load: Floats = field(default_factory=lambda: np.zeros(0))  # (N, J) A that the weight draws
+    # (N, J) A that the weight's moment across the axis would draw if it lay along it
     across: Floats = field(default_factory=lambda: np.zeros(0))
-    friction: Floats = field(default_factory=lambda: np.zeros(0))
+    friction: Floats = field(default_factory=lambda: np.zeros(0))  # (N, J) A of Coulomb and viscous friction
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -82,20 +65,15 @@ class JointState:
     joint: int
     side: float
 
-    def of(self, quantity: str, joint: float | None = None) -> Floats:
-        """(N,) values of a quantity of the arm at this joint, or at another."""
-        column: Floats = getattr(self.arm, quantity)[..., int(joint or self.joint) - 1]
+    def of(self, quantity: str) -> Floats:
+        """(N,) values of a quantity of the arm at this joint."""
+        column: Floats = getattr(self.arm, quantity)[..., self.joint - 1]
         return column
 
     @property
     def time(self) -> Floats:
         """(N,) s since the joint's first run began."""
         return np.asarray(self.arm.time - self.arm.first[self.joint - 1])
-
-    @property
-    def position(self) -> Floats:
-        """(N,) rad or m."""
-        return self.of("position")
 
     @property
     def speed(self) -> Floats:
@@ -110,39 +88,19 @@ class JointState:
 
 @dataclass(frozen=True, slots=True)
 class Typical:
-    """What is usual of one joint of a virtual arm, so that an effect can be given a size that shows.
+    """What is usual of one joint of a virtual arm, so that an effect can be given a size that shows."""
 
-    Attributes
-    ----------
-    joint
-        From 1.
-    coulomb
-        A, mean of both directions.
-    speed, acceleration
-        The highest that a plan uses, rad/s or m/s and rad/s2 or m/s2.
-    half_span
-        Half of what a plan lets it travel, rad or m.
-    load, peak_load
-        A of gravity: root mean square and greatest over many postures.
-    across
-        A: the same root mean square of the moment across the axis.
-    coulomb_before
-        A: Coulomb friction of the joint before it (of joint 2 for joint 1).
-    last_mass, reach
-        kg of the last link, m of the whole arm.
-    """
-
-    joint: int
-    coulomb: float
-    speed: float
-    acceleration: float
-    half_span: float
-    load: float
-    peak_load: float
-    across: float
-    coulomb_before: float
-    last_mass: float
-    reach: float
+    joint: int  # from 1
+    coulomb: float  # A, mean of both directions
+    speed: float  # the highest that a plan uses, rad/s or m/s
+    acceleration: float  # likewise, rad/s2 or m/s2
+    half_span: float  # of what a plan lets it travel, rad or m
+    load: float  # A of gravity, root mean square over many postures
+    peak_load: float  # A of gravity, the greatest
+    across: float  # A, root mean square of the moment across the axis
+    coulomb_before: float  # A, Coulomb friction of the joint before it (of joint 2 for joint 1)
+    last_mass: float  # kg of the last link
+    reach: float  # m of the whole arm
 
 
 class Kind(Enum):
@@ -155,14 +113,6 @@ class Kind(Enum):
     CLOCK = "stamps the current late"
 
 
-class Reach(Enum):
-    """Whose effect it is, and which currents it changes."""
-
-    JOINT = "joint"  # a joint's, in its own current
-    CAUSE = "cause"  # a joint's, in any current
-    ARM = "arm"  # the whole arm's
-
-
 @dataclass(frozen=True, slots=True)
 class Law:
     """One law.
@@ -172,16 +122,17 @@ class Law:
     kind
         How it acts.
     keys
-        Names of its values, those of the catalogue's parameters and shapes.
+        Names of its values, those of the catalogue's parameters and shapes. It acts in the current of the joint that
+        its value ``on`` names; without such a value in that of its joint.
     usual
         Values, in the order of `keys`, that show at a joint like that but do not rule it.
     current
         (N,) A by the joint's state and the values (and by the whole current before them, of a law that changes it);
-        none for laws of bodies and clocks, which the virtual robot knows itself.
-    reach
-        Whose it is.
+        none for laws of bodies and clocks, which the virtual robot applies itself.
     letters
         Other names of the keys: the letters of the catalogue's equations.
+    is_of_arm
+        Whether it is the whole arm's and not a joint's.
     needs_masses
         Whether constants in amperes do not do.
     """
@@ -190,14 +141,14 @@ class Law:
     keys: tuple[str, ...]
     usual: Callable[[Typical], tuple[float, ...]]
     current: Callable[..., Floats] | None = None
-    reach: Reach = Reach.JOINT
     letters: Mapping[str, str] = field(default_factory=dict)
+    is_of_arm: bool = False
     needs_masses: bool = False
 
 
 def _counterbalance(at: JointState, a: float, length: float, angle: float) -> Floats:
     """A constant force along a cylinder from a foot at distance 1 to a lever of length c: force times lever arm."""
-    turned = at.position - angle
+    turned = at.of("position") - angle
     along = np.stack([length * np.cos(turned) - 1.0, length * np.sin(turned)])
     along = along / np.sqrt(along[0] ** 2 + along[1] ** 2)
     return np.asarray(a * (np.cos(turned) * along[1] - np.sin(turned) * along[0]))
@@ -208,12 +159,9 @@ def _load_friction(at: JointState, drive: float, back: float) -> Floats:
     return np.asarray(np.abs(load) * np.where(load * at.opposing > 0, drive, back))
 
 
-def _coupling(at: JointState, cause: int, c: float) -> Floats:
-    return np.asarray(c * (at.of("load", cause) + at.of("friction", cause)))
-
-
 def _waves(at: JointState, cos: float, sin: float, frequency: float) -> Floats:
-    return np.asarray(cos * np.cos(frequency * at.position) + sin * np.sin(frequency * at.position))
+    angle = frequency * at.of("position")
+    return np.asarray(cos * np.cos(angle) + sin * np.sin(angle))
 
 
 #: Name of the effect -> law; those of the whole current in the order in which they act.
@@ -256,7 +204,12 @@ LAWS = {
         _waves,
         letters={"a": "cos", "b": "sin", "f": "frequency"},
     ),
-    "spring": Law(Kind.LOAD, ("a",), lambda joint: (joint.coulomb / joint.half_span,), lambda at, a: a * at.position),
+    "spring": Law(
+        Kind.LOAD,
+        ("a",),
+        lambda joint: (joint.coulomb / joint.half_span,),
+        lambda at, a: a * at.of("position"),
+    ),
     "counterbalance": Law(
         Kind.LOAD,
         ("a", "length", "angle"),
@@ -299,24 +252,23 @@ LAWS = {
         lambda joint: (-0.05 * joint.coulomb,),
         lambda at, a: a * (at.of("temperature") - AMBIENT),
     ),
-    "tilt": Law(Kind.BODY, ("x", "y"), lambda joint: (0.04, -0.03), reach=Reach.ARM),
-    "zero_offset": Law(Kind.BODY, ("delta",), lambda joint: (0.06,), reach=Reach.CAUSE),
+    "tilt": Law(Kind.BODY, ("x", "y"), lambda joint: (0.04, -0.03), is_of_arm=True),
+    "zero_offset": Law(Kind.BODY, ("delta",), lambda joint: (0.06,)),
     "payload": Law(
         Kind.BODY,
         ("mass", "x", "y", "z", "time"),
         lambda joint: (joint.last_mass, 0.0, 0.03 * joint.reach, 0.05 * joint.reach, 600.0),
-        reach=Reach.ARM,
         letters={"t_0": "time"},
+        is_of_arm=True,
         needs_masses=True,
     ),
-    "flexibility": Law(Kind.BODY, ("c",), lambda joint: (0.08 / joint.peak_load,), reach=Reach.CAUSE),
+    "flexibility": Law(Kind.BODY, ("c",), lambda joint: (0.08 / joint.peak_load,)),
     "coupling": Law(
         Kind.LOAD,
         ("c", "on"),
         # On the motor before: a drive passes through the joints before its own.
         lambda joint: (0.4 * joint.coulomb_before / joint.load, float(joint.joint - 1 if joint.joint > 1 else 2)),
-        _coupling,
-        reach=Reach.CAUSE,
+        lambda at, c, on: c * (at.of("load") + at.of("friction")),
         letters={"m": "on"},
     ),
     "torque_constant_drift": Law(
@@ -344,35 +296,22 @@ LAWS = {
 }
 
 
-def added(hidden: Sequence[Hidden], at: JointState, kind: Kind) -> Iterator[Floats]:
-    """(N,) A of each hidden friction (its size) or load that the joint has.
-
-    Parameters
-    ----------
-    hidden
-        With all their values, see `sized`.
-    at
-        The joint.
-    kind
-        `Kind.FRICTION` or `Kind.LOAD`.
-    """
+def added(hidden: Sequence[Hidden], at: JointState, kind: Kind) -> Floats | float:
+    """(N,) A of hidden friction (its size) or of hidden loads that the joint has; 0 where it has none."""
+    total: Floats | float = 0.0
     for effect in hidden:
         law, values = LAWS[effect.effect], effect.values
-        if law.kind is not kind or law.current is None:
-            continue
-        if law.reach is Reach.CAUSE:
-            if at.joint == int(values["on"]):
-                yield law.current(at, effect.joint, values["c"])
-        elif effect.joint in (None, at.joint):
-            yield law.current(at, *(values[key] for key in law.keys))
+        if law.kind is kind and law.current and values.get("on", effect.joint) in (None, at.joint):
+            cause = JointState(at.arm, effect.joint or at.joint, at.side)
+            total = total + law.current(cause, *(values[key] for key in law.keys))
+    return total
 
 
 def whole(hidden: Sequence[Hidden], at: JointState, current: Floats) -> Floats:
     """(N,) A that laws of the whole current make of a joint's current (N,) A, in the order of the table."""
     for name, law in LAWS.items():
         for effect in hidden:
-            if effect.effect == name and law.kind is Kind.CURRENT and effect.joint in (None, at.joint):
-                assert law.current is not None
+            if effect.effect == name and law.kind is Kind.CURRENT and law.current and effect.joint in (None, at.joint):
                 current = law.current(at, current, *(effect.values[key] for key in law.keys))
     return current
 
@@ -380,9 +319,9 @@ def whole(hidden: Sequence[Hidden], at: JointState, current: Floats) -> Floats:
 def values_of(hidden: Sequence[Hidden], effect: str, key: str, *, n_joints: int) -> Floats:
     """(J,) sums of one value of an effect over the joints that have it, such as ``delta`` of ``zero_offset``."""
     out = np.zeros(n_joints)
-    for chosen in hidden:
-        if chosen.effect == effect:
-            out[slice(None) if chosen.joint is None else chosen.joint - 1] += chosen.values[key]
+    for entry in hidden:
+        if entry.effect == effect:
+            out[slice(None) if entry.joint is None else entry.joint - 1] += entry.values[key]
     return out
 
 
@@ -425,10 +364,15 @@ def sized(hidden: Sequence[Hidden], usual: Sequence[Typical], *, has_masses: boo
         if law.needs_masses and not has_masses:
             what = f"the arm is known by its constants in amperes alone, and {effect.effect} needs its masses"
             raise ModelError("hide-wrong", what, place, "leave out --truth table1")
-        all_joints = effect.joint is None and law.reach is not Reach.ARM
-        joints = [joint.joint for joint in usual] if all_joints else [effect.joint]
-        full = [_complete(replace(effect, joint=joint), usual[(joint or len(usual)) - 1]) for joint in joints]
-        finite = [each_effect for each_effect in full if all(map(math.isfinite, each_effect.values.values()))]
+        is_for_all = effect.joint is None and not law.is_of_arm
+        joints = usual if is_for_all else [usual[(effect.joint or len(usual)) - 1]]
+        full = [
+            replace(
+                effect, joint=joint.joint if is_for_all else effect.joint, values=_usual(law, joint) | effect.values
+            )
+            for joint in joints
+        ]
+        finite = [entry for entry in full if all(map(math.isfinite, entry.values.values()))]
         if not finite:
             what = f"joint {effect.joint} carries no weight, and {effect.effect} follows the weight"
             raise ModelError("hide-wrong", what, place, "name a joint that carries weight")
@@ -436,31 +380,20 @@ def sized(hidden: Sequence[Hidden], usual: Sequence[Typical], *, has_masses: boo
     return tuple(out)
 
 
-def _complete(effect: Hidden, joint: Typical) -> Hidden:
-    law = LAWS[effect.effect]
+def _usual(law: Law, joint: Typical) -> dict[str, float]:
+    """Usual values by key; NaN where they follow from a weight and the joint carries none."""
     try:
         usual = law.usual(joint)
     except ZeroDivisionError:
         usual = (math.nan,) * len(law.keys)
-    rounded = {key: float(f"{value:.{_DIGITS}g}") for key, value in zip(law.keys, usual, strict=True)}
-    return replace(effect, values={**rounded, **effect.values})
+    return {key: float(f"{value:.{_DIGITS}g}") for key, value in zip(law.keys, usual, strict=True)}
 
 
 def parse(text: str, robot: Robot) -> Hidden:
-    """A hidden effect as the command line writes it: ``EFFECT[@JOINT][:key=value,...]``.
+    """A hidden effect as the command line writes it: ``EFFECT[@JOINT][:key=value,...]``, with no other values.
 
-    Parameters
-    ----------
-    text
-        ``stribeck@3:a=0.1,velocity=0.2``; the joint is a number from 1, a joint's name or ``all``; the letter of the
-        catalogue's equation (``v_s``) stands for its key, too.
-    robot
-        Its joints.
-
-    Returns
-    -------
-    hidden
-        With the values that the text names and no other, see `sized`.
+    The joint is a number from 1, a joint's name or ``all``; the letter of the catalogue's equation (``v_s``) stands for
+    its key, too.
 
     Raises
     ------
@@ -473,7 +406,7 @@ def parse(text: str, robot: Robot) -> Hidden:
         raise _refusal(text, f"{name!r} is no effect that simulate can hide", name, list(LAWS))
     law = LAWS[name]
     number = _joint(text, joint, robot)
-    if law.reach is Reach.ARM and number is not None:
+    if law.is_of_arm and number is not None:
         raise _refusal(text, f"{name} belongs to the whole arm", "", [f"--hide {name}"])
     values = {}
     for part in filter(None, tail.split(",")):

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
 
@@ -11,9 +11,8 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from pumaid.errors import ModelError, Where
-from pumaid.simulation.gravity import lengthwise
 from pumaid.simulation.hidden_effects import AMBIENT, ArmState, JointState, Kind, added, values_of
-from pumaid.simulation.virtual_robot import Truth
+from pumaid.simulation.virtual_robot import Truth, lengthwise
 from pumaid.trajectory import accelerations
 
 Floats = NDArray[np.float64]
@@ -34,21 +33,13 @@ _ROUNDS = 8
 
 
 def mjcf(truth: Truth, *, step: float = 0.001) -> str:
-    """The arm of a virtual robot as MJCF text; every joint's position is the one that the recipe measures.
+    """The arm of a virtual robot as MJCF text, with steps of `step` (s); joints are measured as in the recipe.
 
     Body ``link<k>`` carries joint ``joint<k>`` about (along) its z axis, frames being those of the recipe (modified
     Denavit-Hartenberg). Masses and centres are the truth's, inertia tensors those of solid cylinders of the links'
     lengths, ``armature`` the motors' inertia. Dry friction is ``frictionloss``, half the sum of both directions'
     Coulomb terms; where gears couple joints it is that of tendons ``shaft<k>``. A hidden tilt turns gravity, hidden
-    inertia is the motor's. What differs between directions, viscous friction, stiction and everything else that is
-    hidden are left to whoever steps the model: see `RigidArm`.
-
-    Parameters
-    ----------
-    truth
-        The robot (`pumaid.simulation.draw`).
-    step
-        s of the engine's steps.
+    inertia is the motor's. The rest is left to whoever steps the model: see `RigidArm`.
 
     Raises
     ------
@@ -62,13 +53,12 @@ def mjcf(truth: Truth, *, step: float = 0.001) -> str:
     >>> text.count("<body")
     6
     """
-    links, gain = truth.masses
-    armature, dry = motor_inertia(truth) / gain, truth.coulomb / np.abs(gain)
+    armature, dry = motor_inertia(truth) / truth.gain, truth.coulomb / np.abs(truth.gain)
     if np.any(armature < 0):
         j = int(np.argmin(armature)) + 1
         what = f"inertia and gain of joint {j} have opposite signs"
         raise ModelError("physics-wrong", what, Where(joint=j), "give both the sign with which the motor counts")
-    light = 1.0 if truth.known is None else _LIGHT
+    light = 1.0 if truth.given_constants is None else _LIGHT
     tensors, gravity = light * _tensors(truth) + _LEAST * np.eye(3), np.asarray(truth.gravity()) / light
     coupled, along = bool(truth.robot.coupling), lengthwise(truth.robot)
     held_by = f'solimpfriction="{_HARD}" solreffriction="{_text([2 * step])} 1"'
@@ -82,7 +72,7 @@ def mjcf(truth: Truth, *, step: float = 0.001) -> str:
         friction = "" if coupled else f' frictionloss="{_text([dry[k]])}" {held_by}'
         lines += [
             f'<body name="link{k + 1}" pos="{_text(place)}" quat="{_text(turn[[3, 0, 1, 2]])}">',
-            f'<inertial pos="{_text(links.centre[k])}" mass="{_text([light * links.mass[k]])}"'
+            f'<inertial pos="{_text(truth.links.centre[k])}" mass="{_text([light * truth.links.mass[k]])}"'
             f' fullinertia="{_text(inertia)}"/>',
             f'<joint name="joint{k + 1}" type="{kind}" axis="0 0 1" armature="{_text([armature[k]])}"{friction}/>',
         ]
@@ -116,7 +106,7 @@ def _tensors(truth: Truth) -> Floats:
     axial, across = 0.5 * radius**2, (3 * radius**2 + size**2) / 12
     outer = unit[:, :, None] * unit[:, None, :]
     shape = across[:, None, None] * (np.eye(3) - outer) + axial[:, None, None] * outer
-    return np.asarray(truth.masses[0].mass[:, None, None] * shape)
+    return np.asarray(truth.links.mass[:, None, None] * shape)
 
 
 def _text(values: object) -> str:
@@ -171,8 +161,8 @@ class RigidArm:
     """
 
     def __init__(self, truth: Truth, *, step: float, grip: Callable[[Floats], Floats] | None = None) -> None:
-        self.truth, self.step, n = truth, step, truth.robot.n_joints
-        friction, self._gain = truth.friction, truth.masses[1]
+        self.step, n = step, truth.robot.n_joints
+        friction, self._gain = truth.friction, truth.gain
         self._uneven = 0.5 * (friction.coulomb_plus + friction.coulomb_minus)
         self._grip = grip or (lambda v: np.where(np.abs(v) < STILL, truth.breakaway, 1.0))
         self._shafts = truth.robot.shaft_speeds if truth.robot.coupling else None
@@ -181,7 +171,7 @@ class RigidArm:
         self._payloads = [hidden.values for hidden in truth.hidden if hidden.effect == "payload"]
         self._acting = [hidden for hidden in truth.hidden if hidden.effect != "inertia"]
         self._needs_across, self._needs_friction = truth.hides("side_load_friction"), truth.hides("coupling")
-        self._left, zero = np.zeros(n), np.zeros(n)
+        self._departure, zero = np.zeros(n), np.zeros(n)
         self.state = ArmState(np.zeros(()), zero, zero, zero, zero, zero, np.full(n, AMBIENT), zero, zero, zero)
         self._joints = [JointState(self.state, j + 1, float(truth.sides[j])) for j in range(n)]
         self._extra = np.zeros(n)
@@ -189,7 +179,7 @@ class RigidArm:
 
     def _build(self, truth: Truth) -> None:
         """The engine's model of the arm with these masses."""
-        mujoco = _engine()
+        self.truth, mujoco = truth, _engine()
         self.model = mujoco.MjModel.from_xml_string(mjcf(truth, step=self.step))
         self.data = mujoco.MjData(self.model)
         self._begin, self._finish = mujoco.mj_step1, mujoco.mj_step2
@@ -229,7 +219,7 @@ class RigidArm:
         for _ in range(_ROUNDS):
             self._begin(self.model, self.data)
             self._position[:] = reading + self._offset - self._sag * self.load
-        self._left = reading.copy()
+        self._departure = reading.copy()
         self._look()
 
     def advance(self, current: Floats) -> None:
@@ -241,7 +231,9 @@ class RigidArm:
         self._finish(self.model, self.data)
         self.state.time = self.state.time + self.step
         if self._payloads and self.state.time - np.min(self.state.first) > self._payloads[0]["time"]:
-            self._take(self._payloads.pop(0))
+            position, velocity = self.position, self.velocity
+            self._build(replace(self.truth, links=self.truth.links.loaded(self._payloads.pop(0))))
+            self._position[:], self._velocity[:] = position, velocity
         self._look()
 
     def _look(self) -> None:
@@ -261,8 +253,8 @@ class RigidArm:
         state = self.state
         rests = np.abs(velocity) < STILL
         state.position, state.velocity, state.load = self.reading, np.where(rests, 0.0, velocity), self.load
-        self._left[rests] = state.position[rests]
-        state.travel = np.abs(state.position - self._left)
+        self._departure[rests] = state.position[rests]
+        state.travel = np.abs(state.position - self._departure)
         if self._needs_friction:
             state.friction = self.truth.friction.currents(state.velocity)
         if self._needs_across:
@@ -270,7 +262,7 @@ class RigidArm:
 
     def _hidden(self, kind: Kind) -> Floats:
         """(J,) A of hidden friction (its size) or of hidden loads."""
-        return np.array([sum(added(self._acting, joint, kind), 0.0) for joint in self._joints])
+        return np.array([added(self._acting, joint, kind) for joint in self._joints])
 
     def _across(self) -> Floats:
         """(J,) A: what the weight's moment across each turning joint's axis would draw if it lay along it."""
@@ -278,15 +270,6 @@ class RigidArm:
         weight = self.model.body_subtreemass[bodies, None] * self.model.opt.gravity
         moment = np.cross(data.subtree_com[bodies] - data.xanchor, weight)
         return np.linalg.norm(np.cross(data.xaxis, moment), axis=1) * np.abs(self._gain) * self.truth.robot.is_revolute
-
-    def _take(self, payload: Mapping[str, float]) -> None:
-        """The last link is heavier from now on."""
-        links, gain = self.truth.masses
-        links = links.loaded(payload["mass"], [payload[key] for key in "xyz"])
-        self.truth = replace(self.truth, links=links, gain=gain)
-        position, velocity = self.position, self.velocity
-        self._build(self.truth)
-        self._position[:], self._velocity[:] = position, velocity
 
     def inertia(self, position: Floats) -> Floats:
         """(J, J) kg m2 (kg, kg m): mass matrix at `position` (J,), motors' inertia included."""

@@ -6,8 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pumaid.robot import Robot
-from pumaid.simulation.gravity import Links, gravity_load, lengthwise
-from pumaid.simulation.virtual_robot import Friction, Noise, Truth
+from pumaid.simulation.virtual_robot import Friction, Links, Noise, Truth, gravity_load, lengthwise
 from pumaid.trajectory import accelerations, highest_speeds, span
 
 Floats = NDArray[np.float64]
@@ -38,13 +37,6 @@ def draw(robot: Robot, seed: int) -> Truth:
     Masses follow the links' lengths and fall outward; centres of mass lie along the link, off its axes. Each motor is
     sized for the greatest load that its joint meets, so that gravity, friction and noise are in the proportions of real
     arms whatever the arm's size; some motors count their current against the joint's direction.
-
-    Parameters
-    ----------
-    robot
-        Geometry, limits, gear ratios.
-    seed
-        Same seed, same robot.
     """
     rng, sticking = np.random.default_rng([seed, 1]), np.random.default_rng([seed, 1, 1])
     links = _links(robot, rng)
@@ -89,10 +81,9 @@ def _capacity(robot: Robot, links: Links, rng: np.random.Generator) -> Floats:
     load[load < 1e-9 * np.sum(links.mass) * np.linalg.norm(robot.gravity)] = 0.0
     # A joint that never lifts (parallel to gravity) still has a motor: one for a tenth of the kind's greatest load.
     kinds = robot.is_revolute
-    for kind in (True, False):
-        if np.any(kinds == kind):
-            largest = np.max(load[kinds == kind])
-            load = np.where(kinds == kind, np.maximum(load, 0.1 * largest if largest > 0 else 1.0), load)
+    for kind in np.unique(kinds):
+        largest = np.max(load[kinds == kind])
+        load = np.where(kinds == kind, np.maximum(load, 0.1 * largest if largest > 0 else 1.0), load)
     return load * rng.uniform(1.3, 2.2, robot.n_joints)
 
 

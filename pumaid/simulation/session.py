@@ -1,4 +1,4 @@
-"""A session: a virtual robot executes a plan in closed loop, and its log is written sample by sample."""
+"""A virtual robot executes a plan in closed loop, and what it does is logged sample by sample."""
 
 from __future__ import annotations
 
@@ -12,16 +12,7 @@ from pumaid.dataset import Log
 from pumaid.errors import ModelError, Where
 from pumaid.robot import Robot
 from pumaid.simulation.controller import Controller
-from pumaid.simulation.hidden_effects import (
-    AMBIENT,
-    RISE,
-    TEMPERATURE_STEP,
-    WARMING_TIME,
-    ArmState,
-    JointState,
-    delays,
-    whole,
-)
+from pumaid.simulation.hidden_effects import AMBIENT, RISE, WARMING_TIME, ArmState, JointState, delays, whole
 from pumaid.simulation.monte_carlo import first_starts
 from pumaid.simulation.mujoco_engine import RigidArm
 from pumaid.simulation.random_robot import draw
@@ -34,6 +25,8 @@ Floats = NDArray[np.float64]
 SLOWEST, FASTEST = 1.0, 1000.0
 #: Hz: the controller works at the log's rate, but not slower than this; slower ones let the speed waver.
 CONTROL = 250.0
+#: degC: resolution of the motors' temperatures.
+_TEMPERATURE_STEP = 0.1
 #: rad or m, A: an arm that is farther away, or a motor that draws more, is not held by its controller.
 _FARTHEST, _MOST = 1e3, 1e6
 
@@ -119,90 +112,71 @@ def simulate(
             what = f"run {number} of the plan has the speed {motion.velocity:g}"
             raise ModelError("plan-misfit", what, Where(field=f"runs[{number}].velocity"), "speeds are positive")
     truth = draw(robot, seed) if truth is None else truth
-    session = Session(
+    session = _Session(
         truth if noise is None else truth.with_noise(noise),
         plan,
-        np.random.default_rng([seed, 2]),
+        seed=seed,
         rate=rate,
         runs_per_file=runs_per_file,
         has_velocity=has_velocity,
-        has_temperature=has_temperature,
+        has_temperature=has_temperature or truth.hides("thermal_friction"),
     )
     return session.logs()
 
 
-class Session:
-    """A virtual robot at work; `logs` yields its samples in batches, in order of time.
-
-    Parameters
-    ----------
-    truth
-        The robot.
-    plan
-        What it executes.
-    rng
-        Source of noise and of where stiction leaves the joints before the first run.
-    rate, runs_per_file, has_velocity, has_temperature
-        As for `simulate`.
-    """
+class _Session:
+    """A virtual robot at work."""
 
     def __init__(
         self,
         truth: Truth,
         plan: Plan,
-        rng: np.random.Generator,
         *,
-        rate: float = 250.0,
-        runs_per_file: int = 40,
-        has_velocity: bool = True,
-        has_temperature: bool = False,
+        seed: int,
+        rate: float,
+        runs_per_file: int,
+        has_velocity: bool,
+        has_temperature: bool,
     ) -> None:
-        self.truth, self.plan, self.rng, self.rate = truth, plan, rng, rate
-        self.runs_per_file, self.has_velocity = runs_per_file, has_velocity
-        self.has_temperature = has_temperature or truth.hides("thermal_friction")
+        self._truth, self._rate, self._rng = truth, rate, np.random.default_rng([seed, 2])
+        self._runs_per_file, self._has_velocity, self._has_temperature = runs_per_file, has_velocity, has_temperature
         n = truth.robot.n_joints
-        self.movements = list(trapezoids(truth.robot, plan))
-        ends = np.cumsum([self._samples(movement) for movement in self.movements]) / rate
+        self._movements = list(trapezoids(truth.robot, plan))
+        ends = np.cumsum([self._samples(movement) for movement in self._movements]) / rate
         starts = [
             end - self._samples(movement) / rate + movement.lead
-            for movement, end in zip(self.movements, ends, strict=True)
+            for movement, end in zip(self._movements, ends, strict=True)
             if movement.motion is not None
         ]
         self._first = first_starts(plan, np.array(starts), n_joints=n)
         self._delays = delays(truth.hidden, n)
         self._late = np.zeros((0, n))
-        self._noise, settled = rng.standard_normal(n), rng.uniform(-1.0, 1.0, n)
+        self._noise, settled = self._rng.standard_normal(n), self._rng.uniform(-1.0, 1.0, n)
         self._ticks = math.ceil(CONTROL / rate - 1e-9)
         period = 1.0 / (rate * self._ticks)
         self._arm = RigidArm(truth, step=period)
         self._controller = Controller(truth, period=period)
         self._arm.state.first = self._first
-        self._arm.place(self.movements[0].start)
+        self._arm.place(self._movements[0].start)
         self._controller.start(self._arm.reading, self._arm.load + 0.8 * settled * truth.coulomb)
         weight = truth.gravity_current(np.array([motion.hold for motion in plan.motions], dtype=float))
         self._usual = np.sqrt(np.mean(weight**2, axis=0)) + truth.coulomb
 
     def _samples(self, movement: Trapezoid) -> int:
         """Every movement, with its rests, is a whole number of samples."""
-        return max(1, math.ceil(movement.seconds * self.rate - 1e-9))
+        return max(1, math.ceil(movement.seconds * self._rate - 1e-9))
 
     def logs(self) -> Iterator[Log]:
-        """Samples of one movement after the other; `origin` names the file.
-
-        Raises
-        ------
-        ModelError [simulation-diverged]
-            The controller does not hold this arm.
-        """
+        """Samples of one movement after the other; `origin` names the file."""
         sample, row, origin = 0, 2, ""
-        step = self.truth.noise.current_step
-        for movement in self.movements:
-            name = f"session_{(movement.number - 1) // self.runs_per_file + 1:02d}"
+        step = self._truth.noise.current_step
+        for movement in self._movements:
+            name = f"session_{(movement.number - 1) // self._runs_per_file + 1:02d}"
             row, origin = (row, origin) if name == origin else (2, name)
             with np.errstate(all="ignore"):  # what overflows is told below, once
                 position, velocity, current, temperature = self._execute(movement)
             count = len(position)
-            time = np.round((sample + np.arange(count)) / self.rate, 9)
+            time = np.round((sample + np.arange(count)) / self._rate, 9)
             self._check(time, position, current, origin)
             current = self._delayed(self._bent(time, position, velocity, current)) + self._noise_of(count)
             yield Log(
@@ -211,24 +185,24 @@ class Session:
                 time=time,
                 position=position,
                 # Rounded so that the bytes of a log do not depend on how a machine orders its additions.
-                velocity=np.round(velocity, 9) if self.has_velocity else None,
+                velocity=np.round(velocity, 9) if self._has_velocity else None,
                 current=np.round(current / step) * step if step > 0 else current,
-                temperature=np.round(temperature, 6) if self.has_temperature else None,
+                temperature=np.round(temperature, 6) if self._has_temperature else None,
                 starts_clock=sample == 0,
             )
             sample, row = sample + count, row + count
 
     def _execute(self, movement: Trapezoid) -> tuple[Floats, Floats, Floats, Floats]:
         """(N, J) positions and velocities by the encoders, currents, and temperatures by their sensors."""
-        arm, controller, state, n = self._arm, self._controller, self._arm.state, self.truth.robot.n_joints
+        arm, controller, state, n = self._arm, self._controller, self._arm.state, self._truth.robot.n_joints
         count, ticks = self._samples(movement), self._ticks
         targets, limits = controller.limits(movement, count * ticks)
         # Tuned for the lighter end: too large a J swings, too small a one only lags.
         inertia = np.minimum(*(np.diag(arm.inertia(place)) for place in (movement.start, movement.end)))
-        controller.tune(self.truth.masses[1] * inertia)
+        controller.tune(self._truth.gain * inertia)
         out, currents = np.zeros((3, count, n)), np.zeros((count * ticks + 2, n))
         currents[0] = controller.current
-        warming = -np.expm1(-arm.step / WARMING_TIME) if self.has_temperature else 0.0
+        warming = -np.expm1(-arm.step / WARMING_TIME) if self._has_temperature else 0.0
         for tick in range(count * ticks):
             current = controller.command(arm.reading, targets[tick], limits[tick])
             currents[tick + 1] = current
@@ -242,44 +216,44 @@ class Session:
         # A sensor averages: over the periods before and after the instant.
         drawn = 0.25 * (currents[:-2] + 2.0 * currents[1:-1] + currents[2:])[::ticks]
         position, velocity, temperature = out
-        return position, velocity, drawn, np.round(temperature / TEMPERATURE_STEP) * TEMPERATURE_STEP
+        return position, velocity, drawn, np.round(temperature / _TEMPERATURE_STEP) * _TEMPERATURE_STEP
 
     def _check(self, time: Floats, position: Floats, current: Floats, origin: str) -> None:
         """Whether the arm stays where an arm can be."""
         far = ~(np.abs(position) <= _FARTHEST) | ~(np.abs(current) <= _MOST)
         if far.any():
             row, j = np.argwhere(far)[0]
-            joint = self.truth.robot.joint(int(j) + 1)
+            joint = self._truth.robot.joint(int(j) + 1)
             what = f"joint {joint.number} ({joint.name}) ran away at {time[row]:.3g} s of {origin}"
             mend = "make smaller what is out of proportion: hidden effects, coupling, or an edited truth"
             raise ModelError("simulation-diverged", what, Where(joint=joint.number), mend)
 
     def _bent(self, time: Floats, position: Floats, velocity: Floats, current: Floats) -> Floats:
         """(N, J) A after the laws of the whole current."""
-        if not self.truth.hidden:
+        if not self._truth.hidden:
             return current
         arm = ArmState(time, self._first, position, velocity, *[np.zeros_like(current)] * 3)
         joints = [JointState(arm, j + 1, 1.0) for j in range(current.shape[1])]
-        return np.column_stack([whole(self.truth.hidden, joint, current[:, joint.joint - 1]) for joint in joints])
+        return np.column_stack([whole(self._truth.hidden, joint, current[:, joint.joint - 1]) for joint in joints])
 
     def _delayed(self, current: Floats) -> Floats:
         """(N, J) A as they are stamped, late; the session's first sample stands for all before it."""
         if not np.any(self._delays):
             return current
-        longest = int(np.ceil(np.max(self._delays) * self.rate)) + 1
+        longest = int(np.ceil(np.max(self._delays) * self._rate)) + 1
         before = self._late if len(self._late) else np.tile(current[:1], (longest, 1))
         joined, out = np.concatenate([before, current]), current.copy()
         places = len(before) + np.arange(len(current))
         for j in np.flatnonzero(self._delays):
-            out[:, j] = np.interp(places - self._delays[j] * self.rate, np.arange(len(joined)), joined[:, j])
+            out[:, j] = np.interp(places - self._delays[j] * self._rate, np.arange(len(joined)), joined[:, j])
         self._late = joined[-longest:]
         return out
 
     def _noise_of(self, count: int) -> Floats:
-        noise = self.truth.noise
-        levels = noise.level_std * self.rng.standard_normal(len(noise.std))
+        noise = self._truth.noise
+        levels = noise.level_std * self._rng.standard_normal(len(noise.std))
         if not np.any(noise.std > 0):
             return np.zeros((count, len(levels)))
-        series = noise.series(self.rng, (count, len(levels)), rate=self.rate, start=self._noise)
+        series = noise.series(self._rng, (count, len(levels)), rate=self._rate, start=self._noise)
         self._noise = series[-1]
         return noise.sample_std * series + levels

@@ -5,8 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from pumaid.robot import Joint, Robot
-from pumaid.simulation.gravity import Constants
-from pumaid.simulation.virtual_robot import Friction, Noise, Truth
+from pumaid.simulation.virtual_robot import BREAKAWAY, Constants, Friction, Noise, Truth, links_of
 from pumaid.trajectory import Motion, Plan, Posture
 from pumaid.units import factor
 
@@ -71,12 +70,13 @@ def puma560() -> Truth:
         np.array(_VISCOUS_PLUS) / _DEG,
         np.array(_VISCOUS_MINUS) / _DEG,
     )
-    known = Constants(
+    given = Constants(
         np.array(_K_X) / TABLE_GRAVITY, np.array(_K_Y) / TABLE_GRAVITY, np.zeros(6), np.array(_RATIO, dtype=float)
     )
     noise = Noise(np.array(_STD), current_step=_CURRENT_STEP, counts=np.full(6, _COUNTS))
     inertia = np.array([0.12, 0.15, -0.06, -0.03, -0.03, -0.02])
-    return Truth(robot=robot(), friction=friction, noise=noise, known=known, inertia=inertia)
+    links, gain = links_of(robot(), given, inertia)
+    return Truth(robot(), friction, noise, links, gain, inertia, np.full(6, BREAKAWAY), given_constants=given)
 
 
 def experiment(replicates: int = 1) -> Plan:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import fields
 from typing import Any
 
 import numpy as np
@@ -11,9 +12,8 @@ from numpy.typing import NDArray
 from pumaid import __version__
 from pumaid.errors import ModelError, Where
 from pumaid.robot import Robot
-from pumaid.simulation.gravity import Constants, Links
 from pumaid.simulation.hidden_effects import LAWS, Hidden
-from pumaid.simulation.virtual_robot import Friction, Noise, Truth
+from pumaid.simulation.virtual_robot import BREAKAWAY, Constants, Friction, Links, Noise, Truth, links_of
 
 Floats = NDArray[np.float64]
 
@@ -41,9 +41,9 @@ def as_json(truth: Truth, *, seed: int | None = None) -> dict[str, Any]:
     seed
         Of the session, where it is known.
     """
-    friction, noise = truth.friction, truth.noise
-    links, gain = truth.masses if truth.known is None else (None, None)
-    worth, digits = truth.constants, 17 if links is None else _DIGITS
+    has_masses = truth.given_constants is None
+    digits = _DIGITS if has_masses else 17
+    rounded = {name: _short(value, digits) for name, value in _identifiable(truth).items()}
     return {
         "kind": "truth",
         "format": FORMAT,
@@ -51,34 +51,30 @@ def as_json(truth: Truth, *, seed: int | None = None) -> dict[str, Any]:
         "robot": truth.robot.name,
         "recipe": {"file": truth.robot.origin, "sha256": truth.robot.digest},
         "seed": truth.seed if seed is None else seed,
-        "parameters": {name: _short(value, digits) for name, value in _seen(truth).items()},
-        "gain": None if gain is None else gain.tolist(),
-        "mass": None if links is None else links.mass.tolist(),
-        "centre": None if links is None else links.centre.tolist(),
+        "parameters": rounded,
+        "gain": truth.gain.tolist() if has_masses else None,
+        "mass": truth.links.mass.tolist() if has_masses else None,
+        "centre": truth.links.centre.tolist() if has_masses else None,
         "constants": {
-            part: [_short(value, digits) for value in getattr(worth, part).tolist()]
-            for part in ("x", "y", "mass", "ratio")
+            part: [_short(value, digits) for value in values] for part, values in _entries(truth.constants).items()
         },
-        "friction": {
-            "coulomb_plus": friction.coulomb_plus.tolist(),
-            "coulomb_minus": friction.coulomb_minus.tolist(),
-            "viscous_plus": friction.viscous_plus.tolist(),
-            "viscous_minus": friction.viscous_minus.tolist(),
-        },
+        "friction": _entries(truth.friction),
         "inertia": truth.inertia.tolist(),
         "breakaway": truth.breakaway.tolist(),
-        "hidden": [{"effect": one.effect, "joint": one.joint, "values": dict(one.values)} for one in truth.hidden],
-        "noise": {
-            "std": noise.std.tolist(),
-            "level_share": noise.level_share,
-            "correlation_time": noise.correlation_time,
-            "current_step": noise.current_step,
-            "counts": None if noise.counts is None else noise.counts.tolist(),
-        },
+        "hidden": [
+            {"effect": hidden.effect, "joint": hidden.joint, "values": dict(hidden.values)} for hidden in truth.hidden
+        ],
+        "noise": _entries(truth.noise),
     }
 
 
-def _seen(truth: Truth) -> dict[str, float]:
+def _entries(record: Friction | Noise | Constants) -> dict[str, Any]:
+    """A record's attributes by name, arrays as lists."""
+    values = {entry.name: getattr(record, entry.name) for entry in fields(record)}
+    return {name: value.tolist() if isinstance(value, np.ndarray) else value for name, value in values.items()}
+
+
+def _identifiable(truth: Truth) -> dict[str, float]:
     """The parameters as currents show them: what a slide carries in every posture is part of its Coulomb terms."""
     values, n = truth.parameters(), truth.robot.n_joints
     # Uneven multiples: no two joints stand alike in all of them.
@@ -114,59 +110,56 @@ def from_json(document: Mapping[str, Any], robot: Robot) -> Truth:
     if document.get("kind") != "truth" or document.get("format") != FORMAT:
         what = f"the document's kind is {document.get('kind')!r} and its format {document.get('format')!r}"
         raise ModelError("truth-wrong", what, mend="give a truth.json that pumaid simulate wrote")
-    n = robot.n_joints
+    n, given = robot.n_joints, None
+    inertia = _array(document, "inertia", (n,))
+    if document.get("mass") is not None:
+        links = Links(_array(document, "mass", (n,)), _array(document, "centre", (n, 3)))
+        gain = _array(document, "gain", (n,))
+    else:
+        part = _part(document, "constants")
+        x, y, mass = (_array(part, name, (n,)) for name in ("x", "y", "mass"))
+        given = Constants(x, y, mass, _array(part, "ratio", (n - 1,)))
+        links, gain = links_of(robot, given, inertia)
     friction, noise = _part(document, "friction"), _part(document, "noise")
-    has_links = document.get("mass") is not None
-    links = Links(_array(document, "mass", (n,)), _array(document, "centre", (n, 3))) if has_links else None
-    known = None
-    if links is None:
-        inner = _part(document, "constants")
-        x, y, mass = (_array(inner, name, (n,)) for name in ("x", "y", "mass"))
-        known = Constants(x, y, mass, _array(inner, "ratio", (n - 1,)))
-    sides = ("coulomb_plus", "coulomb_minus", "viscous_plus", "viscous_minus")
+    numbers = {name: float(_array(noise, name, ())) for name in ("level_share", "correlation_time", "current_step")}
+    counts = None if noise.get("counts") is None else _array(noise, "counts", (n,))
     return Truth(
         robot=robot,
-        friction=Friction(*(_array(friction, side, (n,)) for side in sides)),
-        noise=Noise(
-            _array(noise, "std", (n,)),
-            level_share=float(_array(noise, "level_share", ())),
-            correlation_time=float(_array(noise, "correlation_time", ())),
-            current_step=float(_array(noise, "current_step", ())),
-            counts=None if noise.get("counts") is None else _array(noise, "counts", (n,)),
-        ),
+        friction=Friction(*(_array(friction, entry.name, (n,)) for entry in fields(Friction))),
+        noise=Noise(_array(noise, "std", (n,)), **numbers, counts=counts),
         links=links,
-        gain=_array(document, "gain", (n,)) if has_links else None,
-        known=known,
-        inertia=_array(document, "inertia", (n,)),
+        gain=gain,
+        inertia=inertia,
+        # Truths of earlier versions have none.
+        breakaway=_array({"breakaway": [BREAKAWAY] * n, **document}, "breakaway", (n,)),
+        given_constants=given,
         hidden=tuple(_hidden(entry, n) for entry in document.get("hidden") or ()),
-        # Truths of earlier versions have none: the usual one.
-        breakaway=_array(document, "breakaway", (n,)) if "breakaway" in document else np.zeros(0),
     )
 
 
 def _hidden(entry: object, n_joints: int) -> Hidden:
-    inner = entry if isinstance(entry, Mapping) else {}
-    name, joint, values = inner.get("effect"), inner.get("joint"), inner.get("values")
-    is_known = name in LAWS and (joint is None or (isinstance(joint, int) and 1 <= joint <= n_joints))
-    if not is_known or not isinstance(values, Mapping) or set(values) != set(LAWS[str(name)].keys):
+    content = entry if isinstance(entry, Mapping) else {}
+    name, joint, values = content.get("effect"), content.get("joint"), content.get("values")
+    is_effect = name in LAWS and (joint is None or (isinstance(joint, int) and 1 <= joint <= n_joints))
+    if not is_effect or not isinstance(values, Mapping) or set(values) != set(LAWS[str(name)].keys):
         what = f"{str(entry)[:80]} is no hidden effect of this robot"
         raise ModelError("truth-wrong", what, Where(field="hidden"), f"known: {', '.join(LAWS)}")
     return Hidden(str(name), joint, {key: float(_array(values, key, ())) for key in values})
 
 
 def _part(document: Mapping[str, Any], name: str) -> Mapping[str, Any]:
-    found = document.get(name)
-    if not isinstance(found, Mapping):
+    part = document.get(name)
+    if not isinstance(part, Mapping):
         raise ModelError("truth-wrong", f"the entry {name} is missing", Where(field=name), "simulate anew")
-    return found
+    return part
 
 
 def _array(document: Mapping[str, Any], name: str, shape: tuple[int, ...]) -> Floats:
     try:
-        found = np.array(document.get(name), dtype=float)
+        values = np.array(document.get(name), dtype=float)
     except (TypeError, ValueError):
-        found = np.array(np.nan)
-    if found.shape != shape or not np.all(np.abs(found) <= _GREATEST):
+        values = np.array(np.nan)
+    if values.shape != shape or not np.all(np.abs(values) <= _GREATEST):
         what = f"{name} is not {' x '.join(str(size) for size in shape) or 'one'} finite numbers up to {_GREATEST:g}"
         raise ModelError("truth-wrong", what, Where(field=name), "is it the truth of another robot?")
-    return found
+    return values

@@ -1,16 +1,17 @@
-"""A virtual robot: everything about it that a real one keeps to itself, and a plausible one for a recipe."""
+"""A virtual robot: everything about it that a real one keeps to itself; its weight, and the currents that it draws."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from itertools import product
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from pumaid.kinematics import frames, link_rotation
 from pumaid.robot import Robot
-from pumaid.simulation.gravity import Constants, Links, constants, gravity_load, links_of, side_load
 from pumaid.simulation.hidden_effects import ArmState, Hidden, JointState, Kind, Typical, added, sized, values_of, whole
 from pumaid.trajectory import QUICKEST_SLIDE, QUICKEST_TURN, accelerations, highest_speeds, span
 
@@ -22,6 +23,121 @@ BREAKAWAY = 1.1
 _POSTURES, _NOTHING = 400, 1e-6
 #: Most rounds in which a sagging drive comes to rest, and A: a change that is none.
 _ROUNDS, _SETTLED = 30, 1e-10
+#: Of a robot that is known by constants in amperes alone: A/(N m), its middle motor's gain; m, the distance of a link's
+#: centre of mass from its axis, and the largest share of the motor's inertia that the mass adds there.
+_GAIN, _DISTANCE, _SWUNG = 0.1, 0.1, 0.05
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Links:
+    """The arm's masses."""
+
+    mass: Floats  # (J,) kg
+    centre: Floats  # (J, 3) m: each link's centre of mass in its frame (modified Denavit-Hartenberg)
+
+    def __post_init__(self) -> None:
+        if self.centre.shape != (len(self.mass), 3):
+            raise ValueError(f"centre is {self.centre.shape}, {len(self.mass)} masses need {(len(self.mass), 3)}")
+
+    def loaded(self, payload: Mapping[str, float]) -> Links:
+        """With ``mass`` (kg) more on the last link, at ``x``, ``y``, ``z`` (m, in its frame)."""
+        total, centre = self.mass.copy(), self.centre.copy()
+        total[-1] += payload["mass"]
+        place = np.array([payload[key] for key in "xyz"])
+        centre[-1] = (self.mass[-1] * centre[-1] + payload["mass"] * place) / total[-1]
+        return Links(total, centre)
+
+
+def gravity_load(robot: Robot, links: Links, position: Floats) -> Floats:
+    """(N, J) N m or N that each joint needs to hold the arm still at `position` (N, J): slope of the potential energy.
+
+    U = -sum_k m_k g . p_k. Turning joint i moves p_k by z_i x (p_k - o_i), sliding it moves p_k by z_i, for k >= i.
+    """
+    axis, arm, outer_mass = _outward(robot, links, position)
+    g = np.asarray(robot.gravity, dtype=float)
+    # g . (z x r) = (g x z) . r, and g x z is a product with one matrix.
+    turning = -np.einsum("nja,nja->nj", axis @ np.cross(g, np.eye(3)), arm)
+    sliding = -outer_mass * (axis @ g)
+    return np.where(robot.is_revolute, turning, sliding)
+
+
+def side_load(robot: Robot, links: Links, position: Floats) -> Floats:
+    """(N, J) N m: size of the weight's moment across each turning joint's axis, which bearings carry; 0 for sliding."""
+    axis, arm, _ = _outward(robot, links, position)
+    moment = np.cross(arm, np.broadcast_to(np.asarray(robot.gravity, dtype=float), arm.shape))
+    across = np.linalg.norm(np.cross(axis, moment), axis=2)
+    return np.where(robot.is_revolute, across, 0.0)
+
+
+def _outward(robot: Robot, links: Links, position: Floats) -> tuple[Floats, Floats, Floats]:
+    """(N, J, 3) axes, (N, J, 3) first moment of links i..n about origin i, kg m, and (J,) their mass."""
+    angles, displacements = robot.dh_angles(position), robot.dh_displacements(position)
+    rotations, origin = frames(robot.alphas, robot.lengths, offsets=displacements, thetas=angles)
+    centres = origin + np.einsum("njab,jb->nja", rotations, links.centre)
+    outer_mass = np.cumsum(links.mass[::-1])[::-1]
+    outer_moment = np.cumsum((links.mass[:, None] * centres)[:, ::-1], axis=1)[:, ::-1]
+    return rotations[..., 2], outer_moment - outer_mass[:, None] * origin, outer_mass
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Constants:
+    """What gravity is worth in amperes, as in the paper's Table I."""
+
+    x: Floats  # (J,) k*_ix of revolute links, A s2/m; not used of prismatic ones
+    y: Floats  # (J,) k*_iy, likewise
+    mass: Floats  # (J,) m*_i of prismatic links, A s2/m; not used of revolute ones
+    ratio: Floats  # (J-1,) eta_i / eta_{i+1}
+
+
+def constants(robot: Robot, links: Links, gain: Floats) -> Constants:
+    """Constants of an arm with these masses and gains (J,), A/(N m) or A/N: the paper's (13)-(15), (21), (22)."""
+    outer_mass = np.cumsum(links.mass[::-1])[::-1]
+    k = links.mass[:, None] * links.centre
+    for i in range(robot.n_joints - 2, -1, -1):
+        k[i] += _carried(robot, i, outer_mass[i + 1], k[i + 1])
+    return Constants(gain * k[:, 0], gain * k[:, 1], gain * outer_mass, gain[:-1] / gain[1:])
+
+
+def _carried(robot: Robot, i: int, outer_mass: float, k: Floats) -> Floats:
+    """(3,) kg m: what links beyond link i (from 0), of mass `outer_mass` and constants `k` (3,), add to its moment."""
+    after = robot.joints[i + 1]
+    turn = link_rotation(after.alpha, after.theta)
+    if after.is_revolute:
+        # R [0, 0, k_z] does not depend on the joint's angle: z of frame i+1 is fixed in frame i.
+        return np.asarray(outer_mass * lengthwise(robot)[i] + turn[:, 2] * k[2])
+    return np.asarray(outer_mass * np.array([after.a, 0.0, 0.0]) + turn @ k)
+
+
+def lengthwise(robot: Robot) -> Floats:
+    """(J, 3) m from each link's origin to the next, in its frame; zero for the last."""
+    out = np.zeros((robot.n_joints, 3))
+    for i, after in enumerate(robot.joints[1:]):
+        out[i] = [after.a, -after.d * np.sin(after.alpha), after.d * np.cos(after.alpha)]
+    return out
+
+
+def links_of(robot: Robot, given: Constants, inertia: Floats) -> tuple[Links, Floats]:
+    """Masses and gains (J,) of an arm that has these constants; of all that have, one with usual motors.
+
+    The inertia (J,) of its motors, A s2/rad or A s2/m, tells the sign of the gains; 0 where it is not known.
+    """
+    n = robot.n_joints
+    ratio = np.where(given.ratio == 0.0, 1e-12, given.ratio)
+    gain = np.append(np.cumprod(ratio[::-1])[::-1], 1.0) * (-1.0 if inertia[-1] < 0 else 1.0)
+    mass, moment, k, outer = np.zeros(n), np.zeros((n, 3)), np.zeros(3), 0.0
+    for i in range(n - 1, -1, -1):
+        carried = _carried(robot, i, outer, k) if i < n - 1 else np.zeros(3)
+        k, rotor = carried, abs(inertia[i] / gain[i])
+        if robot.joints[i].is_revolute:
+            moment[i, :2] = np.array([given.x[i], given.y[i]]) / gain[i] - carried[:2]
+            k = carried + moment[i]
+            size = float(np.linalg.norm(moment[i]))
+            mass[i] = max(size / _DISTANCE, size**2 / (_SWUNG * rotor) if rotor else 0.0, rotor, 1e-9)
+        else:
+            mass[i] = given.mass[i] / gain[i] - outer
+        outer += mass[i]
+    share = float(np.median(np.abs(gain))) / _GAIN
+    return Links(share * mass, moment / mass[:, None]), gain / share
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -49,27 +165,13 @@ class Friction:
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Noise:
-    """What is added to the currents.
+    """What is added to the currents."""
 
-    Attributes
-    ----------
-    std
-        (J,) A: standard deviation of a sample, levels included.
-    level_share
-        Share of the variance that is a constant of the run (no unit).
-    correlation_time
-        s: noise at two instants t apart is correlated by exp(-t / correlation_time); 0 is white.
-    current_step
-        A: resolution of the current sensor; 0 is none.
-    counts
-        (J,) encoder counts a rad or a metre; 0 is none.
-    """
-
-    std: Floats
-    level_share: float = 0.2
-    correlation_time: float = 0.02
-    current_step: float = 0.0
-    counts: Floats | None = None
+    std: Floats  # (J,) A: standard deviation of a sample, levels included
+    level_share: float = 0.2  # share of the variance that is a constant of the run
+    correlation_time: float = 0.02  # s: noise at two instants t apart is correlated by exp(-t / this); 0 is white
+    current_step: float = 0.0  # A: resolution of the current sensor; 0 is none
+    counts: Floats | None = None  # (J,) encoder counts a rad or a metre; 0 is none
 
     @property
     def level_std(self) -> Floats:
@@ -86,19 +188,7 @@ class Noise:
         return float(np.exp(-1.0 / (rate * self.correlation_time))) if self.correlation_time > 0 else 0.0
 
     def series(self, rng: np.random.Generator, shape: tuple[int, ...], *, rate: float, start: Floats | float) -> Floats:
-        """Stationary noise of unit variance along the first axis, of the first order.
-
-        Parameters
-        ----------
-        rng
-            Source of randomness.
-        shape
-            (N, ...) of the result.
-        rate
-            Samples a second.
-        start
-            The sample before the first, shaped as the other axes.
-        """
+        """(N, ...) stationary noise of unit variance and first order along the first axis, after a sample `start`."""
         from scipy.signal import lfilter  # it takes a second to import
 
         white, phi = rng.standard_normal(shape), self.correlation(rate)
@@ -110,59 +200,28 @@ class Noise:
 class Truth:
     """A virtual robot.
 
-    Attributes
-    ----------
-    robot
-        Geometry, limits, speeds.
-    friction, noise
-        Of every joint.
-    links, gain
-        Masses and centres of mass, and (J,) A/(N m) or A/N; where they are not given they follow from `known`.
-    known
-        The paper's constants in amperes, of a robot of which nothing else is known, or none.
-    inertia
-        (J,) A s2/rad or A s2/m: current per acceleration of the motor.
-    seed
-        From which it was drawn, or none.
-    hidden
-        Physics beyond the paper's model, with all values; see `hiding`.
-    breakaway
-        (J,) at least 1: a joint at rest moves only when its motor's surplus passes this times Coulomb friction.
+    A robot that is known by the paper's constants in amperes alone has them as `given_constants`, and masses and gains
+    that follow from them (`links_of`). Hidden effects have all their values; see `hiding`.
     """
 
     robot: Robot
     friction: Friction
     noise: Noise
-    links: Links | None = None
-    gain: Floats | None = None
-    known: Constants | None = None
-    inertia: Floats = field(default_factory=lambda: np.zeros(0))
-    seed: int | None = None
+    links: Links
+    gain: Floats  # (J,) A/(N m) or A/N
+    inertia: Floats  # (J,) A s2/rad or A s2/m: current per acceleration of the motor
+    # (J,) at least 1: a joint at rest moves only when its motor's surplus passes this times Coulomb friction.
+    breakaway: Floats
+    given_constants: Constants | None = None
+    seed: int | None = None  # from which it was drawn
     hidden: tuple[Hidden, ...] = ()
-    breakaway: Floats = field(default_factory=lambda: np.zeros(0))
-
-    def __post_init__(self) -> None:
-        if (self.links is None or self.gain is None) and self.known is None:
-            raise ValueError("a virtual robot needs either links and gain, or constants")
-        if len(self.inertia) != self.robot.n_joints:
-            object.__setattr__(self, "inertia", np.zeros(self.robot.n_joints))
-        if len(self.breakaway) != self.robot.n_joints:
-            object.__setattr__(self, "breakaway", np.full(self.robot.n_joints, BREAKAWAY))
-        if self.known is not None and self.links is None:
-            links, gain = links_of(self.robot, self.known, self.inertia)
-            object.__setattr__(self, "links", links)
-            object.__setattr__(self, "gain", gain)
-
-    @property
-    def masses(self) -> tuple[Links, Floats]:
-        """Masses and centres of mass; (J,) A/(N m) or A/N."""
-        assert self.links is not None and self.gain is not None
-        return self.links, self.gain
 
     @property
     def constants(self) -> Constants:
         """The paper's constants of this arm."""
-        return constants(self.robot, *self.masses) if self.known is None else self.known
+        if self.given_constants is not None:
+            return self.given_constants
+        return constants(self.robot, self.links, self.gain)
 
     @property
     def sides(self) -> Floats:
@@ -180,8 +239,7 @@ class Truth:
 
     def gravity_current(self, position: Floats) -> Floats:
         """(N, J) A that carry the weight at `position` (N, J), rad or m, nothing being hidden."""
-        links, gain = self.masses
-        return self._shared(gravity_load(self.robot, links, position)) * gain
+        return self._shared(gravity_load(self.robot, self.links, position)) * self.gain
 
     def _shared(self, load: Floats) -> Floats:
         """(N, J) what the motors carry, geared to their joints, of (N, J) loads of the joints (N m or N)."""
@@ -189,10 +247,10 @@ class Truth:
 
     def hiding(self, hidden: Sequence[Hidden]) -> Truth:
         """The same robot with other hidden effects; values that they do not name are made to show at this robot."""
-        return replace(self, hidden=sized(hidden, self.typical(), has_masses=self.known is None))
+        return replace(self, hidden=sized(hidden, self.typical(), has_masses=self.given_constants is None))
 
     def carried(self, position: Floats, elapsed: Floats) -> tuple[Floats, Floats]:
-        """A that the weight draws, and that its moments across the axes would draw, with hidden bodies and drives.
+        """(N, J) A that the weight draws and (N, J) A that its moments across the axes would, hidden bodies included.
 
         Parameters
         ----------
@@ -200,20 +258,13 @@ class Truth:
             (N, J) rad or m, as the encoders tell it.
         elapsed
             (N,) s since the arm's first run began.
-
-        Returns
-        -------
-        load, across
-            (N, J) A each.
         """
-        links, gain = self.masses
         arm = replace(self.robot, gravity=self.gravity())
-        bodies = [(links, np.ones(len(position), dtype=bool))]
+        bodies = [(self.links, np.ones(len(position), dtype=bool))]
         for hidden in self.hidden:
             if hidden.effect == "payload":
-                values, (last, there) = hidden.values, bodies[-1]
-                comes = elapsed > values["time"]
-                bodies += [(last.loaded(values["mass"], [values[key] for key in "xyz"]), there & comes)]
+                links, there = bodies[-1]
+                bodies.append((links.loaded(hidden.values), there & (elapsed > hidden.values["time"])))
         n = self.robot.n_joints
         offset = values_of(self.hidden, "zero_offset", "delta", n_joints=n)
         sag = self.sides * values_of(self.hidden, "flexibility", "c", n_joints=n)
@@ -221,13 +272,13 @@ class Truth:
         for _ in range(_ROUNDS if sag.any() else 1):
             before = load.copy()
             for body, there in bodies:
-                load[there] = self._shared(gravity_load(arm, body, link[there])) * gain
+                load[there] = self._shared(gravity_load(arm, body, link[there])) * self.gain
             link = position + offset - sag * load
             if np.max(np.abs(load - before), initial=0.0) < _SETTLED:
                 break
         if self.hides("side_load_friction"):
             for body, there in bodies:
-                across[there] = side_load(arm, body, link[there]) * np.abs(gain)
+                across[there] = side_load(arm, body, link[there]) * np.abs(self.gain)
         return load, across
 
     def gravity(self) -> tuple[float, float, float]:
@@ -239,24 +290,15 @@ class Truth:
     def current(self, joint: int, at: ArmState) -> Floats:
         """(N,) A of the motor of `joint` (from 1): gravity, friction, inertia and what is hidden; no stiction.
 
-        Parameters
-        ----------
-        joint
-            From 1.
-        at
-            The arm at N instants; its loads and friction are set to this robot's.
+        Loads and friction of the arm's state `at` are set to this robot's.
         """
         j = joint - 1
         at.load, at.across = self.carried(at.position, at.time - np.min(at.first))
         turning = self.robot.shaft_velocity(at.velocity)
         at.friction = self.friction.currents(turning)
-        out = at.load[:, j] + at.friction[:, j] + self.inertia[j] * at.acceleration[:, j]
         state = JointState(replace(at, velocity=turning), joint, float(self.sides[j]))
-        out = (
-            out
-            + state.opposing * sum(added(self.hidden, state, Kind.FRICTION))
-            + sum(added(self.hidden, state, Kind.LOAD))
-        )
+        out = at.load[:, j] + at.friction[:, j] + self.inertia[j] * at.acceleration[:, j]
+        out = out + state.opposing * added(self.hidden, state, Kind.FRICTION) + added(self.hidden, state, Kind.LOAD)
         return whole(self.hidden, state, out)
 
     def parameters(self) -> dict[str, float]:
@@ -268,29 +310,31 @@ class Truth:
                 values[f"gravity.l{n}.x"], values[f"gravity.l{n}.y"] = worth.x[j], worth.y[j]
             else:
                 values[f"gravity.l{n}.mass"] = worth.mass[j]
-            values[f"coulomb.j{n}.plus"] = self.friction.coulomb_plus[j]
-            values[f"coulomb.j{n}.minus"] = self.friction.coulomb_minus[j]
-            values[f"viscous.j{n}.plus"] = self.friction.viscous_plus[j]
-            values[f"viscous.j{n}.minus"] = self.friction.viscous_minus[j]
+            for kind, way in product(("coulomb", "viscous"), ("plus", "minus")):
+                values[f"{kind}.j{n}.{way}"] = getattr(self.friction, f"{kind}_{way}")[j]
             if n < self.robot.n_joints:
                 values[f"gain_ratio.{n}.{n + 1}"] = worth.ratio[j]
         return {name: float(value) for name, value in values.items()}
 
+    def with_constants(self, given: Constants) -> Truth:
+        """The same robot, known by these constants alone."""
+        links, gain = links_of(self.robot, given, self.inertia)
+        return replace(self, links=links, gain=gain, given_constants=given)
+
     def with_noise(self, std: float) -> Truth:
         """The same robot with `std` (A) as noise of every joint; 0 leaves none at all, nor any quantisation."""
         size = np.full(self.robot.n_joints, float(std))
-        noise = replace(self.noise, std=size) if std > 0 else Noise(size)
-        return replace(self, noise=noise)
+        return replace(self, noise=replace(self.noise, std=size) if std > 0 else Noise(size))
 
     def typical(self) -> tuple[Typical, ...]:
         """What is usual of every joint: of its friction, its speeds, and its loads over many postures."""
-        robot, (links, gain), coulomb = self.robot, self.masses, self.coulomb
+        robot, coulomb = self.robot, self.coulomb
         low, high = np.array([span(joint) for joint in robot.joints]).T
         rng = np.random.default_rng(0)
         postures = low + rng.random((_POSTURES, robot.n_joints)) * (high - low)
         load = self.gravity_current(postures)
         load[:, np.max(np.abs(load), axis=0) < _NOTHING * (np.max(np.abs(load)) or 1.0)] = 0.0
-        across = side_load(robot, links, postures) * np.abs(gain)
+        across = side_load(robot, self.links, postures) * np.abs(self.gain)
         quickest = np.where(robot.is_revolute, QUICKEST_TURN, QUICKEST_SLIDE)
         return tuple(
             Typical(
@@ -303,7 +347,7 @@ class Truth:
                 peak_load=float(np.max(np.abs(load[:, j]))),
                 across=float(np.sqrt(np.mean(across[:, j] ** 2))),
                 coulomb_before=float(coulomb[j - 1 if j else min(1, robot.n_joints - 1)]),
-                last_mass=float(links.mass[-1]),
+                last_mass=float(self.links.mass[-1]),
                 reach=float(sum(abs(joint.a) + abs(joint.d) for joint in robot.joints)) or 1.0,
             )
             for j in range(robot.n_joints)

@@ -14,7 +14,7 @@ from pumaid.estimation.estimate import identify
 from pumaid.io.recipe import read_recipe, shipped_recipes
 from pumaid.preprocessing.segment import segment
 from pumaid.robot import Robot
-from pumaid.simulation import Session, draw
+from pumaid.simulation import draw, simulate
 from pumaid.simulation.mujoco_engine import RigidArm
 from pumaid.simulation.truth_file import as_json
 from pumaid.trajectory import Motion, Plan
@@ -46,7 +46,7 @@ def inertias(rate: float, step: float | None) -> tuple[np.ndarray, np.ndarray]:
         truth = draw(pendulums(), seed)
         if step is not None:
             truth = replace(truth, noise=replace(truth.noise, counts=np.full(2, 1.0 / step)))
-        logs = Session(truth, strokes_and_runs(), np.random.default_rng(seed), rate=rate).logs()
+        logs = simulate(truth.robot, strokes_and_runs(), truth=truth, seed=seed, rate=rate)
         found = identify(segment(logs, pendulums()), pendulums())
         known = truth.gain * np.diag(RigidArm(truth, step=0.001).inertia(np.full(2, 0.4)))
         for value in found.values:
@@ -94,7 +94,7 @@ def slides(tmp_path_factory) -> list[float]:
     runs = plan(robot, minutes=8.0)
     for seed in SEEDS:
         truth = draw(robot, seed)
-        dataset = segment(Session(truth, runs, np.random.default_rng(seed), rate=200.0).logs(), robot)
+        dataset = segment(simulate(truth.robot, runs, truth=truth, seed=seed, rate=200.0), robot)
         assert {run.kind for run in dataset.runs if run.joint == 3} == {"constant", "stroke"}
         found, known = identify(dataset, robot), as_json(truth)["parameters"]
         for name, way in product(("coulomb", "viscous"), ("plus", "minus")):

@@ -16,7 +16,7 @@ from pumaid.io.recipe import read_recipe, shipped_recipes
 from pumaid.model import Model
 from pumaid.preprocessing.segment import segment
 from pumaid.robot import EffectChoice
-from pumaid.simulation import Session, draw
+from pumaid.simulation import draw, simulate
 from pumaid.simulation.hidden_effects import parse
 from pumaid.trajectory import Motion, Plan
 
@@ -38,7 +38,7 @@ def logged(seed: int) -> Dataset:
     """What a robot in closed loop logs of the plan, twice over, its joint 1 with Stribeck friction."""
     truth = draw(PENDULUM, seed).hiding((parse(f"stribeck@1:velocity={VELOCITY},exponent=1", PENDULUM),))
     plan = Plan(PENDULUM.name, tuple(2 * (motions(1) + motions(2))))
-    return segment(Session(truth, plan, np.random.default_rng(seed), rate=100.0).logs(), PENDULUM)
+    return segment(simulate(truth.robot, plan, truth=truth, seed=seed, rate=100.0), PENDULUM)
 
 
 def fitted(seed: int, kinds: tuple[str, ...]) -> Fit:

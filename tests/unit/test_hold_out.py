@@ -12,7 +12,7 @@ from pumaid.dataset import Dataset, Run
 from pumaid.errors import LogError
 from pumaid.io.paths import meant
 from pumaid.preprocessing.hold_out import hold_out, match_with_plan
-from pumaid.simulation import runs, table1
+from pumaid.simulation import Bench, table1
 from pumaid.trajectory import Motion, Plan
 
 HOLD = (0.0, -1.5, 0.5, 0.0, 0.0, 0.0)
@@ -30,7 +30,7 @@ PLAN = Plan(
 
 def planned() -> Dataset:
     """The plan's runs as found in logs: nothing is marked yet."""
-    found = runs(table1.puma560(), PLAN, np.random.default_rng(1))
+    found = Bench(table1.puma560(), PLAN).runs(np.random.default_rng(1))
     return Dataset(tuple(replace(run, heldout=False) for run in found))
 
 
@@ -119,7 +119,7 @@ def test_a_tour_and_its_part_are_told_apart():
     """Of two motions as fast, one over the span and one over a fifth of it, each run is the one whose way it goes."""
     tour, part = Motion(2, HOLD, -1.0, 1.0, 0.5), Motion(2, HOLD, 0.0, 0.4, 0.5)
     plan = Plan("PUMA 560", (part, tour, part, tour))
-    found = runs(table1.puma560(), plan, np.random.default_rng(2))
+    found = Bench(table1.puma560(), plan).runs(np.random.default_rng(2))
     assert match_with_plan(Dataset(tuple(found)), plan).notes == ()
 
 

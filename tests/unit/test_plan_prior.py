@@ -18,7 +18,7 @@ from pumaid.io.recipe import read_recipe, shipped_recipes
 from pumaid.io.recipe_template import with_gravity
 from pumaid.robot import Joint, Robot
 from pumaid.simulation import Bench, draw, table1
-from pumaid.simulation.gravity import Links
+from pumaid.simulation.virtual_robot import Links
 
 #: Upright it hides all that its first link weighs.
 TURRET = Robot("turret", (Joint(1, "turn", "revolute"), Joint(2, "nod", "revolute", alpha=np.pi / 2, a=0.2)))
@@ -91,7 +91,7 @@ def test_payload_is_part_of_the_last_link():
 def test_payload_on_amperes_is_that_on_masses(name):
     """Where only constants in amperes are known every joint feels the payload as it does where masses are known."""
     truth = draw(arm(name), 0)
-    bare = replace(truth, links=None, gain=None, known=truth.constants)
+    bare = truth.with_constants(truth.constants)
     q = np.random.default_rng(1).uniform(-2.0, 2.0, (20, truth.robot.n_joints))
     setup = Setup(payload=(0.5, 0.1, 0.03, 0.2))
     assert setup.loaded(bare).gravity_current(q) == pytest.approx(setup.loaded(truth).gravity_current(q), abs=1e-9)
@@ -102,7 +102,7 @@ def test_payload_on_a_sliding_joint_is_its_mass():
     robot = Robot("lift", (Joint(1, "nod", "revolute", alpha=1.5), Joint(2, "slide", "prismatic", alpha=1.0)))
     truth = draw(robot, 0)
     still = np.zeros((1, 2))
-    for truth_of in (truth, replace(truth, links=None, gain=None, known=truth.constants)):
+    for truth_of in (truth, truth.with_constants(truth.constants)):
         here, there = (Setup(payload=(2.0, x, 0.0, 0.0)).loaded(truth_of).gravity_current(still)[0] for x in (0.0, 0.3))
         assert here[1] == pytest.approx(there[1])
         more = here[1] - truth_of.gravity_current(still)[0, 1]

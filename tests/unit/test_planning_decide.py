@@ -207,7 +207,7 @@ def test_a_size_of_nothing_is_refused(size):
 def test_usual_sizes_are_none_where_there_is_nothing_of_the_kind():
     """A robot without masses has no load across its axes; a virtual robot knows no effect of a user's own."""
     truth = draw(TURRET, 1)
-    bare = replace(truth, links=None, gain=None, known=truth.constants)
+    bare = truth.with_constants(truth.constants)
     assert usual(bare, EffectChoice("side_load_friction", 2)) is None
     assert usual(truth, EffectChoice("own_effect", 2)) is None
     assert usual(truth, EffectChoice("side_load_friction", 2)).joint == 2

@@ -19,7 +19,7 @@ from pumaid.estimate import Estimate
 from pumaid.estimation.estimate import identify
 from pumaid.robot import Box, Joint, Robot, Safety, Sphere
 from pumaid.simulation import Bench, draw, table1
-from pumaid.simulation.gravity import Links
+from pumaid.simulation.virtual_robot import Links
 
 DEG = np.pi / 180.0
 

@@ -9,7 +9,7 @@ import pytest
 from paper_recursion import gravity_current
 
 from pumaid.robot import Joint, Robot
-from pumaid.simulation.gravity import Links, constants, gravity_load
+from pumaid.simulation.virtual_robot import Links, constants, gravity_load
 
 #: Relative to the largest load: sums of some dozen products in double precision, with a margin of a thousand.
 EXACT = 1e-11

@@ -10,11 +10,11 @@ import pytest
 
 from pumaid.errors import ModelError
 from pumaid.io.recipe import read_recipe, shipped_recipes
-from pumaid.simulation import Noise, Session, draw, table1
+from pumaid.simulation import Noise, draw, table1
 from pumaid.simulation import truth_file as record
 from pumaid.simulation.hidden_effects import parse
 from pumaid.simulation.session import CONTROL, simulate
-from pumaid.trajectory import Motion, Plan, cruise, run_trapezoid
+from pumaid.trajectory import Motion, Plan, cruise, run_trapezoid, trapezoids
 
 RATE = 200.0
 PUMA = table1.puma560()
@@ -30,7 +30,7 @@ SHORT = Plan(
 
 def session(truth=PUMA, plan=SHORT, seed=1, rate=RATE, **options) -> dict[str, np.ndarray]:
     """A whole session's arrays."""
-    logs = list(Session(truth, plan, np.random.default_rng(seed), rate=rate, **options).logs())
+    logs = list(simulate(truth.robot, plan, truth=truth, seed=seed, rate=rate, **options))
     names = ("time", "position", "velocity", "current")
     return {name: np.concatenate([getattr(log, name) for log in logs]) for name in names}
 
@@ -51,9 +51,8 @@ def test_robots_end_every_movement_at_rest():
     truth = draw(table1.robot(), 3)
     truth = replace(truth, noise=replace(truth.noise, std=np.zeros(6)))
     plan = replace(table1.experiment(), motions=table1.experiment().motions[::7])
-    session = Session(truth, plan, np.random.default_rng(1), rate=RATE)
-    logs = list(session.logs())
-    for movement, log in zip(session.movements, logs, strict=True):
+    logs = list(simulate(truth.robot, plan, truth=truth, seed=1, rate=RATE))
+    for movement, log in zip(trapezoids(truth.robot, plan), logs, strict=True):
         assert np.max(np.abs(log.velocity[-1])) < 1e-3
         assert np.max(np.abs(log.position[-1] - movement.end)) < 2.5e-3
     for before, after in pairwise(logs):
@@ -97,9 +96,7 @@ def test_noise_has_the_promised_size():
         replace(PUMA, noise=Noise(np.full(6, 0.1), level_share=0.5)),
         replace(SHORT, motions=SHORT.motions * 10),
     )
-    logs = [
-        list(Session(one, plan, np.random.default_rng(1), rate=RATE).logs()) for one in (truth, PUMA.with_noise(0.0))
-    ]
+    logs = [list(simulate(one.robot, plan, truth=one, seed=1, rate=RATE)) for one in (truth, PUMA.with_noise(0.0))]
     noise = [(noisy.current - quiet.current)[:, 5] for noisy, quiet in zip(*logs, strict=True)]
     levels, sizes = [one.mean() for one in noise], [one.var() for one in noise]
     # 39 levels know their variance to 23 % (one sigma); three sigmas are allowed. The noise knows its own to 3 %.
@@ -137,7 +134,7 @@ def test_same_seed_same_log():
 
 def test_files_share_one_clock():
     """Only the first batch starts a clock; rows begin at 2 in every file."""
-    logs = list(Session(PUMA, SHORT, np.random.default_rng(1), rate=RATE, runs_per_file=1).logs())
+    logs = list(simulate(PUMA.robot, SHORT, truth=PUMA, seed=1, rate=RATE, runs_per_file=1))
     assert [log.origin for log in logs] == ["session_01", "session_02", "session_02"]
     assert [log.starts_clock for log in logs] == [True, False, False]
     assert [int(log.rows[0]) for log in logs] == [2, 2, 2 + len(logs[1])]
@@ -145,7 +142,7 @@ def test_files_share_one_clock():
 
 def test_velocity_can_be_absent():
     """A log without velocities has none, not zeros."""
-    logs = Session(PUMA, SHORT, np.random.default_rng(1), rate=RATE, has_velocity=False).logs()
+    logs = simulate(PUMA.robot, SHORT, truth=PUMA, seed=1, rate=RATE, has_velocity=False)
     assert all(log.velocity is None for log in logs)
 
 

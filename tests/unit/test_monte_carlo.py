@@ -7,7 +7,7 @@ import pytest
 
 from pumaid.errors import ModelError
 from pumaid.joint_bins import joint_bins
-from pumaid.simulation import Bench, runs, table1
+from pumaid.simulation import Bench, table1
 from pumaid.trajectory import Motion, Plan
 
 PUMA, PAPER = table1.puma560(), table1.experiment()
@@ -43,8 +43,8 @@ def test_cells_are_means_of_the_samples():
 def test_held_out_runs_are_marked():
     """What the plan keeps for judging is marked in the runs."""
     motions = (Motion(2, (0.0,) * 6, -1.0, 1.0, 0.5), Motion(2, (0.0,) * 6, 1.0, -1.0, 0.5, "heldout"))
-    found = runs(PUMA, Plan("PUMA 560", motions), np.random.default_rng(0))
-    assert [(run.heldout, run.direction) for run in found] == [(False, 1), (True, -1)]
+    runs = Bench(PUMA, Plan("PUMA 560", motions)).runs(np.random.default_rng(0))
+    assert [(run.heldout, run.direction) for run in runs] == [(False, 1), (True, -1)]
 
 
 def test_levels_differ_between_runs_and_experiments():

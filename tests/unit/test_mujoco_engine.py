@@ -10,11 +10,11 @@ import pytest
 from pumaid.errors import ModelError
 from pumaid.io.recipe import read_recipe, shipped_recipes
 from pumaid.robot import Joint, Robot
-from pumaid.simulation import Links, Session, draw, table1
+from pumaid.simulation import Links, draw, simulate, table1
 from pumaid.simulation.hidden_effects import ArmState, Hidden
 from pumaid.simulation.mujoco_engine import RigidArm
 from pumaid.simulation.virtual_robot import Friction
-from pumaid.trajectory import Motion, Plan
+from pumaid.trajectory import Motion, Plan, trapezoids
 
 RATE = 250.0
 #: Arm -> where its joints are held; the Stanford arm's third slides.
@@ -31,9 +31,10 @@ def test_a_run_draws_gravity_friction_and_the_mass_matrix(name):
         low, high, speed = (-1.0, 1.0, 0.8) if robot.joint(joint).is_revolute else (0.4, 0.9, 0.15)
         motions += [Motion(joint, HOLDS[name], low, high, speed), Motion(joint, HOLDS[name], high, low, speed)]
     truth = draw(robot, 3).with_noise(0.0)
-    session = Session(truth, Plan(robot.name, tuple(motions)), np.random.default_rng(1), rate=RATE)
+    plan = Plan(robot.name, tuple(motions))
+    logs = simulate(robot, plan, truth=truth, seed=1, rate=RATE)
     arm = RigidArm(truth, step=0.004)
-    for movement, log in zip(session.movements, session.logs(), strict=True):
+    for movement, log in zip(trapezoids(robot, plan), logs, strict=True):
         if movement.motion is None:
             continue
         j, v = movement.motion.joint - 1, log.velocity[:, movement.motion.joint - 1]
