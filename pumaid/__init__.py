@@ -30,7 +30,7 @@ _NAMES = {
     "pumaid.io.log_reader": "LogReader",
     "pumaid.diagnosis.records": "Candidate Curve Diagnosis Finding JointDiagnosis Limit Size Unexplained",
     "pumaid.estimate": "Combination Estimate JointFit Value",
-    "pumaid.estimation.comparison": "Budget BudgetPart Comparison JointScore OutsideScore RunScore",
+    "pumaid.estimation.evaluate": "Budget BudgetPart Comparison JointScore OutsideScore RunScore",
     "pumaid.samples": "Samples",
     "pumaid.results.history": "Errors History Ladder Rung read_history",
     "pumaid.results.model_file": "read_model write_model",

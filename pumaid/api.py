@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
     from pumaid.diagnosis.records import Diagnosis
     from pumaid.estimate import Estimate, Value
-    from pumaid.estimation.comparison import Comparison
+    from pumaid.estimation.evaluate import Comparison
 
 #: Files, folders and globs of logs.
 Logs = str | PathLike[str] | Sequence[str | PathLike[str]]

@@ -13,8 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pumaid.dataset import Bins, Campaign, Run, coarser
-from pumaid.kinematics import apart
-from pumaid.maths.alike import grouped
+from pumaid.kinematics import apart, grouped
 from pumaid.preprocessing.differentiate import acceleration
 from pumaid.preprocessing.options import CONSTANT
 from pumaid.preprocessing.replicates import replicates

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from pumaid.effects import catalogue
 from pumaid.maths import rank
-from pumaid.maths.recursion import Recursion
+from pumaid.maths.bilinear import Recursion
 from pumaid.robot import Joint, Robot
 from pumaid.samples import Samples
 

@@ -10,7 +10,7 @@ from scipy.signal import lfilter
 
 from pumaid.dataset import Run
 from pumaid.diagnosis.residual_budget import budget
-from pumaid.estimation.comparison import Budget
+from pumaid.estimation.evaluate import Budget
 from pumaid.joint_bins import joint_bins
 
 #: A: noise of a sample, correlated by `PHI` from one to the next, and level of a run.

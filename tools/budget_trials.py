@@ -22,8 +22,8 @@ from pumaid.dataset import Dataset, FileFacts
 from pumaid.diagnosis.compare import compare
 from pumaid.diagnosis.residual_budget import FALSE_ALARM
 from pumaid.errors import PumaidError
-from pumaid.estimation.comparison import Budget
 from pumaid.estimation.estimate import identify
+from pumaid.estimation.evaluate import Budget
 from pumaid.io.recipe import read_recipe, shipped_recipes
 from pumaid.robot import Robot
 from pumaid.simulation import Bench, Truth, draw, table1

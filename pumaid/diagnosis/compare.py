@@ -13,8 +13,20 @@ from pumaid.diagnosis.residual_budget import budget
 from pumaid.effect_spec import check_known
 from pumaid.errors import Note
 from pumaid.estimate import Estimate
-from pumaid.estimation.comparison import TOGETHER, UNEXPLAINED, Budget, Comparison, JointScore, RunScore
-from pumaid.estimation.evaluate import NOTHING, Groups, Judge, Tally, rmse, together
+from pumaid.estimation.evaluate import (
+    NOTHING,
+    TOGETHER,
+    UNEXPLAINED,
+    Budget,
+    Comparison,
+    Groups,
+    JointScore,
+    Judge,
+    RunScore,
+    Tally,
+    rmse,
+    together,
+)
 from pumaid.joint_bins import joint_bins
 from pumaid.preprocessing.hold_out import held_out_otherwise
 from pumaid.preprocessing.replicates import noise_floor, pairs

@@ -11,7 +11,7 @@ from scipy import special
 
 from pumaid.diagnosis.budget_terms import CAUSES, POINTS_TO, RIPPLE, TERMS, BudgetTerm, BudgetVariables, fitted_columns
 from pumaid.diagnosis.periodogram import Spectrum, spectrum
-from pumaid.estimation.comparison import Budget, BudgetPart
+from pumaid.estimation.evaluate import Budget, BudgetPart
 from pumaid.estimation.noise import noise_of
 from pumaid.joint_bins import JointBins
 from pumaid.preprocessing.replicates import noise_floor, pairs

@@ -9,9 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import special
 
-from pumaid.estimation.bilinear import Bilinear
 from pumaid.estimation.fit import Fit
-from pumaid.maths.recursion import Gains
+from pumaid.maths.bilinear import Bilinear, Gains
 
 Floats = NDArray[np.float64]
 

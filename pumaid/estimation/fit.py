@@ -1,4 +1,4 @@
-"""A weighted fit of bins: the object of which every table, test and plan asks its question."""
+"""A weighted fit of bins, of which every table, test and plan asks its question; each joint's runs are rows of it."""
 
 from __future__ import annotations
 
@@ -11,17 +11,16 @@ from numpy.typing import NDArray
 
 from pumaid.effect_spec import EffectTerm
 from pumaid.estimation import noise as noises
-from pumaid.estimation.bilinear import (
-    Bilinear,
-    JointSolution,
-    prior_rows,
-)
 from pumaid.estimation.noise import Levels, NoiseModel
-from pumaid.estimation.rows import Row, reduced
 from pumaid.gravity_load import along
 from pumaid.joint_bins import JointBins
 from pumaid.maths import rank
-from pumaid.maths.recursion import Gains
+from pumaid.maths.bilinear import (
+    Bilinear,
+    Gains,
+    JointSolution,
+    prior_rows,
+)
 from pumaid.model import DELAY, Model
 from pumaid.samples import Samples
 
@@ -30,6 +29,160 @@ Counts = NDArray[np.int64]
 
 #: Share of a column's square below which the model absorbs it: what is left is rounding and creep of held positions.
 ABSORBED = 1e-5
+#: Singular values of a run's own columns below this share of its largest are rounding.
+FLAT = 1e-10
+#: Runs that are reduced at once.
+AT_ONCE = 500
+#: Bins of a run, beside twice the parameters of its own fit, from which correlation is read.
+FEWEST_BINS = 12
+
+
+@dataclass(frozen=True, eq=False)
+class Row:
+    """The runs of one joint: its bins, their design matrix, and both reduced to what a fit needs.
+
+    Attributes
+    ----------
+    bins
+        R runs, N bins.
+    design
+        (N, p) A per unit of each parameter, in the gain of the link's own joint.
+    inner
+        Noise of bins without the level that a run shares; a bin that it whitens has variance one.
+    ones, regressors, target
+        (R, k), (R, k, p), (R, k): each run's constant, design and current, whitened by `inner`, along the k directions
+        that its design and the first harmonic of the position span (what a model leaves there is noise); zero where a
+        run spans fewer.
+    counts
+        (R,) directions of each run.
+    moved
+        (R, k, P) likewise, what effects of the load change with parameters and ratios through the load; None where it
+        is not looked at.
+    slow
+        How many times the density of `inner` slow noise has inside runs.
+    """
+
+    bins: JointBins
+    design: Floats
+    inner: NoiseModel
+    ones: Floats
+    regressors: Floats
+    target: Floats
+    counts: Counts
+    moved: Floats | None = None
+    slow: float = 1.0
+
+    @classmethod
+    def of(
+        cls, bins: JointBins, design: Floats, inner: NoiseModel, *, moved: Floats | None = None, slow: float = 1.0
+    ) -> Row:
+        """Whitened and reduced; `moved` is (N, P)."""
+        p, more = design.shape[1], np.zeros((len(bins), 0)) if moved is None else moved
+        parts = [bins.harmonic, more, design, np.ones(len(bins)), bins.current]
+        table = inner.decorrelated(bins, np.column_stack(parts))
+        small, counts, _ = reduced(bins, table[:, :-2], table[:, -2:])
+        through = None if moved is None else small[:, :, -2 - p - more.shape[1] : -2 - p]
+        return cls(
+            bins, design, inner, small[:, :, -2], small[:, :, -2 - p : -2], small[:, :, -1], counts, through, slow
+        )
+
+    @property
+    def joint(self) -> int:
+        """From 1."""
+        return self.bins.joint
+
+    @property
+    def is_stroke(self) -> NDArray[np.bool_]:
+        """(R,) runs from rest to rest.
+
+        Their accelerations are smoothed differences of positions, and stand in for all that a change of speed does: in
+        them the model misses by far more than where nothing is accelerated.
+        """
+        return self.bins.is_stroke
+
+    def quiet_ones(self, levels: Levels) -> Floats:
+        """(R, k) constants of runs divided by how loud they are."""
+        return np.asarray(self.ones / np.sqrt(self._loud(levels))[:, None])
+
+    def whitened(self, levels: Levels, values: Floats) -> Floats:
+        """(R k, q) of (R, k, q) by what a whole fit leaves."""
+        quiet = values / np.sqrt(self._loud(levels))[:, None, None]
+        return noises.whiten(levels, self.quiet_ones(levels), quiet).reshape(self.target.size, -1)
+
+    def _loud(self, levels: Levels) -> Floats:
+        return np.where(self.is_stroke, levels.loud, 1.0)
+
+    @property
+    def stacked(self) -> Floats:
+        """(R k, p) regressors."""
+        return self.regressors.reshape(-1, self.regressors.shape[2])
+
+    @property
+    def joined(self) -> Floats:
+        """(R, k, p + 1): regressors and target side by side."""
+        return np.concatenate([self.regressors, self.target[:, :, None]], axis=2)
+
+
+def reduced(bins: JointBins, design: Floats, others: Floats) -> tuple[Floats, Counts, Floats]:
+    """Columns of each run along the directions that its design spans.
+
+    Parameters
+    ----------
+    bins
+        R runs, N bins.
+    design
+        (N, p).
+    others
+        (N, q) what else is wanted along these directions; the last is what the run's own fit explains.
+
+    Returns
+    -------
+    small
+        (R, k, p + q), zero where a run spans fewer than k.
+    counts
+        (R,) directions of each run.
+    own
+        (R, p) minimum-norm parameters of each run's own least squares.
+    """
+    live = np.flatnonzero(design.any(axis=0))
+    size = np.linalg.norm(design[:, live], axis=0)
+    table, m = np.column_stack([design[:, live] / size, others]), len(live)
+    chunks = [(start, min(start + AT_ONCE, len(bins.runs))) for start in range(0, len(bins.runs), AT_ONCE)]
+    parts = [_reduced(bins, table, m, part=part) for part in chunks]
+    counts = np.concatenate([counts for _, counts, _ in parts])
+    k = max(int(counts.max()), 1)
+    small = np.zeros((len(bins.runs), k, design.shape[1] + others.shape[1]))
+    columns = np.append(live, design.shape[1] + np.arange(others.shape[1]))
+    for (start, stop), (turned, _, _) in zip(chunks, parts, strict=True):
+        turned[:, :, :m] *= size
+        small[start:stop, : min(k, turned.shape[1]), columns] = turned[:, :k]
+    own = np.zeros((len(bins.runs), design.shape[1]))
+    own[:, live] = np.concatenate([alone for _, _, alone in parts]) / size
+    return small, counts, own
+
+
+def _reduced(bins: JointBins, table: Floats, m: int, *, part: tuple[int, int]) -> tuple[Floats, Counts, Floats]:
+    """`reduced` of runs from one number to another of (N, m + q) scaled columns."""
+    first, lengths = bins.first[part[0] : part[1]], bins.lengths[part[0] : part[1]]
+    here = np.arange(first[0], first[-1] + lengths[-1])
+    padded = np.zeros((len(first), max(int(lengths.max()), 1), table.shape[1]))
+    padded[bins.run[here] - part[0], here - first[bins.run[here] - part[0]]] = table[here]
+    upper: Floats = np.asarray(np.linalg.qr(padded, mode="r"))
+    left, singular, right = np.linalg.svd(upper[:, :, :m], full_matrices=False)
+    kept = singular > FLAT * np.maximum(singular[:, :1], 1e-300)
+    turned = np.where(kept[:, :, None], left.transpose(0, 2, 1) @ upper[:, :, m:], 0.0)
+    small = np.concatenate([np.where(kept, singular, 0.0)[:, :, None] * right, turned], axis=2)
+    shares = np.divide(turned[:, :, -1], singular, out=np.zeros_like(singular), where=kept)
+    return small, kept.sum(axis=1), np.einsum("rkm,rk->rm", right, shares)
+
+
+def inner_noise(bins: JointBins, design: Floats) -> tuple[NoiseModel, float]:
+    """White noise inside runs, by what each leaves beside its own fit, and how many times more slow noise there is."""
+    wide = np.column_stack([design, bins.harmonic])
+    _, lost, own = reduced(bins, wide, bins.current[:, None])
+    residual = bins.current - np.einsum("np,np->n", wide, own[bins.run])
+    enough = bins.lengths >= np.maximum(FEWEST_BINS, 2 * lost)
+    return noises.inside_runs(bins, residual, lost=np.asarray(lost, dtype=float), enough=enough).plain(bins)
 
 
 @dataclass(frozen=True, eq=False)

@@ -2,36 +2,42 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
+from pumaid.effect_spec import scale_of
 from pumaid.effects import Scope
 from pumaid.estimation import noise as noises
-from pumaid.estimation.bilinear import (
+from pumaid.estimation.fit import (
+    Fit,
+    Row,
+    Start,
+    design_of,
+    inner_noise,
+    with_loads,
+)
+from pumaid.estimation.noise import Levels, NoiseModel
+from pumaid.joint_bins import JointBins
+from pumaid.maths import rank
+from pumaid.maths.bilinear import (
+    LARGEST_RATIO,
     RATIO_SPREAD,
+    USUAL_RATIO,
     Bilinear,
+    Gains,
     JointSolution,
+    Recursion,
     fit_bilinear,
-    is_astray,
     prior_rows,
     restarted,
     spread_of,
 )
-from pumaid.estimation.fit import (
-    Fit,
-    Start,
-    design_of,
-    with_loads,
-)
-from pumaid.estimation.noise import Levels, NoiseModel
-from pumaid.estimation.rows import Row, floored, inner_noise, levels_of, limits, priors, reach_of, system_of
-from pumaid.joint_bins import JointBins
-from pumaid.maths import rank
-from pumaid.maths.recursion import USUAL_RATIO, Recursion
 from pumaid.model import DELAY, Model
+from pumaid.preprocessing.options import STROKE
 
 Floats = NDArray[np.float64]
 Counts = NDArray[np.int64]
@@ -41,6 +47,14 @@ Progress = Callable[[int, str], None]
 ROUNDS = 2
 #: Step of a numerical derivative, as a share of the value.
 STEP = 1e-4
+#: Share of the range that is physical by which a parameter is uncertain before any data.
+QUARTER = 0.25
+#: How much firmer than its prior a shape is held at a bound.
+TIGHT = 1e6
+#: s, beside half a step of the log: what filters of drives and a fieldbus put between a current and its position.
+LAG = 0.001
+#: Noise of a joint between runs, over that inside them, beyond which the recursion is taken to have gone astray.
+ASTRAY = 10.0
 
 
 def with_chain_rule(fitted: Fit) -> Fit:
@@ -320,3 +334,167 @@ def _refine(
         levels.update(levels_of(rows, levels, values, gains=gains, owners=owners, held=held))
         white = system_of(rows, levels, owners)
     return white, fit_bilinear(white, values, gains, limit=reach, spread=spread, held=held), spread
+
+
+def limits(rows: Sequence[Row], model: Model) -> Floats:
+    """(p,) standard error at which each parameter, acting in full, is as uncertain as all that its joint drew."""
+    drawn = {row.joint: float(np.sqrt(row.bins.mean_square)) for row in rows}
+    speed = {row.joint: max(abs(run.speed) for run in row.bins.runs) for row in rows}
+    pull = {row.joint: _hardest(row) for row in rows}
+    g = float(np.linalg.norm(model.robot.gravity))
+    full = {"gravity": dict.fromkeys(range(1, model.robot.n_joints + 1), g), "viscous": speed, "inertia": pull}
+    out = []
+    for index, column in enumerate(model.columns):
+        if column.place is not None:
+            out.append(_limit(model, rows, index))
+        elif column.effect == DELAY:
+            out.append(max((_delay(row) for row in rows if row.joint == column.owner), default=LAG))
+        else:
+            in_full = full.get(column.effect, {}).get(column.owner, 1.0) or 1.0
+            out.append(max(drawn.get(column.owner, max(drawn.values())), np.finfo(float).tiny) / in_full)
+    return np.array(out)
+
+
+def _hardest(row: Row) -> float:
+    """Largest acceleration of strokes, rad/s2 or m/s2."""
+    pulls = np.abs(row.bins.samples.acceleration)[row.is_stroke[row.bins.run]]
+    return float(pulls.max(initial=0.0))
+
+
+def _delay(row: Row) -> float:
+    """s, what a joint's delay in strokes may be before any data."""
+    steps = [run.duration / max(run.samples, 1) for run in row.bins.runs if run.kind == STROKE]
+    return 0.5 * float(np.mean(steps)) + LAG if steps else LAG
+
+
+def _limit(model: Model, rows: Sequence[Row], index: int) -> float:
+    """Of a parameter of an effect, from what a unit of it draws; of a shape, how far it may go."""
+    column = model.columns[index]
+    if column.shape is not None and column.place is not None:
+        term = model.effects[column.place]
+        return scale_of(term.shapes(model.robot)[column.shape], term.shape[column.shape])
+    return plausible([(row.bins, float(np.abs(row.design[:, index]).max())) for row in rows], column.span)
+
+
+def plausible(peaks: Sequence[tuple[JointBins, float]], span: float) -> float:
+    """The size that a parameter of an effect may have before any data.
+
+    Parameters
+    ----------
+    peaks
+        Joints, and the most (A) that a unit of it draws there.
+    span
+        From the lowest to the highest value that is physical.
+    """
+    tiny = np.finfo(float).tiny
+    each = [max(float(np.sqrt(bins.mean_square)), tiny) / peak for bins, peak in peaks if peak > 0.0]
+    return min(each + [QUARTER * span] * math.isfinite(span), default=1.0)
+
+
+def priors(model: Model, limit: Floats, *, is_tight: bool) -> Floats:
+    """(h, p) a prior for each parameter of effects, and each delay: before any data it may be as large as its limit.
+
+    The paper's parameters have none: what the data do not show of them is not identifiable. An effect's are held so
+    that a shape at which it looks like the paper's model does not let it, and with it that model, run off.
+
+    Parameters
+    ----------
+    model
+        The model.
+    limit
+        (p,) as `limits` gives it.
+    is_tight
+        Whether shapes that are best at a bound are kept there.
+    """
+    columns = [(index, column) for index, column in enumerate(model.columns) if _has_prior(model, index)]
+    out = np.zeros((len(columns), len(model.columns)))
+    for row, (index, column) in zip(out, columns, strict=True):
+        at_bound = column.place is not None and column.shape in model.effects[column.place].held
+        row[index] = (TIGHT if is_tight and at_bound else 1.0) / limit[index]
+    return out
+
+
+def _has_prior(model: Model, index: int) -> bool:
+    column = model.columns[index]
+    return column.place is not None or column.effect == DELAY
+
+
+def system_of(rows: Sequence[Row], levels: Mapping[int, Levels], owners: Counts) -> Bilinear:
+    """The rows whitened by each joint's own noise."""
+    stacked = np.vstack([row.whitened(levels[row.joint], row.joined) for row in rows])
+    number = np.concatenate([np.full(row.target.size, row.joint - 1) for row in rows])
+    return Bilinear(number, stacked[:, :-1], stacked[:, -1], owners)
+
+
+def levels_of(
+    rows: Sequence[Row],
+    levels: Mapping[int, Levels],
+    values: Floats,
+    *,
+    gains: Gains,
+    owners: Counts,
+    held: Floats,
+) -> dict[int, Levels]:
+    """Each joint's noise from what the fit leaves; without joints whose runs are too few to tell.
+
+    What priors keep from fitting is left here, too: they count as equations with the noise that `levels` has.
+    """
+    out = {}
+    for row in rows:
+        plain = Bilinear(np.full(row.target.size, row.joint - 1), row.stacked, row.target.ravel(), owners)
+        jacobian = plain.jacobian(gains, values)
+        edges = [len(values) + k for k, edge in enumerate(gains.edges) if gains.parent[edge] == row.joint - 1]
+        own = np.concatenate([np.flatnonzero(owners == row.joint - 1), edges]).astype(int)
+        residual = (plain.target - plain.scaled(gains) @ values).reshape(row.target.shape)
+        design = jacobian[:, own].reshape(*row.target.shape, -1)
+        prior = held[np.any(held[:, own[own < len(values)]], axis=1)] * np.sqrt(levels[row.joint].sample)
+        wide = np.hstack([prior, np.zeros((len(prior), len(gains.edges)))])[:, own]
+        estimated = _estimate(row, design, residual, prior=(wide, -prior @ values))
+        if estimated is not None:
+            out[row.joint] = floored(estimated, row)
+    return out
+
+
+def _estimate(row: Row, design: Floats, residual: Floats, *, prior: tuple[Floats, Floats]) -> Levels | None:
+    """Noise of a joint from (R, k, q) and (R, k), with (h, q) and (h,) equations of priors as one run more."""
+    extra, target = prior
+    if not len(extra):
+        return noises.estimate(row.ones, design, residual, counts=row.counts, is_loud=row.is_stroke)
+    longer = max(row.target.shape[1], len(extra))
+
+    def joined(values: Floats, last: Floats) -> Floats:
+        out = np.zeros((len(values) + 1, longer, *values.shape[2:]))
+        out[:-1, : values.shape[1]], out[-1, : len(last)] = values, last
+        return out
+
+    return noises.estimate(
+        joined(row.ones, np.zeros(len(extra))),
+        joined(design, extra),
+        joined(residual, target),
+        counts=np.append(row.counts, len(extra)),
+        is_loud=np.append(row.is_stroke, False) if row.is_stroke.any() and not row.is_stroke.all() else None,
+    )
+
+
+def floored(levels: Levels, row: Row) -> Levels:
+    """Never below what is rounding of the joint's current; and strokes as loud as all of them together are.
+
+    What strokes have beyond noise, a model's misfit, comes again in each: however many there are, it does not average
+    out, and they count as one. Strokes that are calmer (slow noise is less in short runs) lend that to no other run,
+    and are not believed more for it.
+    """
+    spread = float(np.median(row.inner.spread))
+    least = max(noises.EXACT**2 * row.bins.mean_square, np.finfo(float).tiny ** 0.5) / spread**2
+    loud = 1.0 + max(levels.loud - 1.0, 0.0) * max(int(np.count_nonzero(row.is_stroke)), 1)
+    return replace(levels, sample=max(levels.sample, least), loud=loud)
+
+
+def reach_of(model: Model, limit: Floats, gains: Gains) -> Floats:
+    """(p + edges,) standard errors that say nothing; what has a prior is never as uncertain as that."""
+    has_prior = np.array([_has_prior(model, index) for index in range(len(model.columns))], dtype=bool)
+    return np.concatenate([np.where(has_prior, 2.0 * limit, limit), np.full(len(gains.edges), LARGEST_RATIO)])
+
+
+def is_astray(levels: Mapping[int, Levels], inside: Mapping[int, Levels]) -> bool:
+    """Whether the recursion left some joint (from 1) with far more between runs than there is `inside` them."""
+    return any(levels[joint].sample > ASTRAY * own.sample for joint, own in inside.items())

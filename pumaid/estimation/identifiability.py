@@ -14,13 +14,11 @@ from pumaid.effect_spec import Column
 from pumaid.effects import Scope
 from pumaid.estimate import IDENTIFIED, NOT_IDENTIFIABLE, Combination, Value
 from pumaid.estimation import reasons
-from pumaid.estimation.bilinear import RATIO_KNOWN, Bilinear, JointSolution
 from pumaid.estimation.covariance import Clustered, completed, interval, two_sided
-from pumaid.estimation.fit import Fit
+from pumaid.estimation.fit import Fit, Row
 from pumaid.estimation.noise import freedoms
 from pumaid.estimation.reasons import Facts, Reason
-from pumaid.estimation.rows import Row
-from pumaid.maths.recursion import LARGEST_RATIO, Gains
+from pumaid.maths.bilinear import LARGEST_RATIO, RATIO_KNOWN, Bilinear, Gains, JointSolution
 from pumaid.model import DELAY, Model
 from pumaid.samples import Samples
 

@@ -14,8 +14,7 @@ from pumaid.effects import Scope
 from pumaid.effects.base import Family, Shape
 from pumaid.errors import ModelError, Where
 from pumaid.estimation.fit import Fit, rmse_by_joint, with_loads
-from pumaid.estimation.gls import Progress, eased, fit_bins, refit, releveled, with_chain_rule
-from pumaid.estimation.rows import plausible
+from pumaid.estimation.gls import Progress, eased, fit_bins, plausible, refit, releveled, with_chain_rule
 from pumaid.joint_bins import COARSE, FINE, JointBins, extent, joint_bins
 from pumaid.model import Model
 from pumaid.robot import EffectChoice

@@ -12,7 +12,7 @@ from pumaid.dataset import Run
 from pumaid.effect_spec import Column
 from pumaid.effects import Family, Scope
 from pumaid.joint_bins import SAME_POSTURE
-from pumaid.maths.alike import grouped, marked, near
+from pumaid.kinematics import grouped, marked, near
 from pumaid.model import Model
 from pumaid.units import number
 

@@ -15,10 +15,9 @@ from pumaid.effects.base import load_refusal
 from pumaid.errors import Note, Where
 from pumaid.estimate import Estimate, JointFit, Value
 from pumaid.estimation.covariance import two_sided
-from pumaid.estimation.fit import Fit, FitRow
+from pumaid.estimation.fit import Fit, FitRow, reduced
 from pumaid.estimation.gls import fit_bins
 from pumaid.estimation.nonlinear import EffectFit
-from pumaid.estimation.rows import reduced
 from pumaid.joint_bins import JointBins, joint_bins
 from pumaid.model import Model
 from pumaid.preprocessing.options import STROKE

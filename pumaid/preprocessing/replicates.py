@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pumaid.dataset import Run
-from pumaid.maths.alike import Numbers, grouped, marked, near
+from pumaid.kinematics import Numbers, grouped, marked, near
 
 Floats = NDArray[np.float64]
 

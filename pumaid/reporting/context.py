@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from pumaid.dataset import Dataset
 from pumaid.diagnosis.records import Diagnosis
 from pumaid.estimate import Estimate
-from pumaid.estimation.comparison import Comparison, RunScore
+from pumaid.estimation.evaluate import Comparison, RunScore
 from pumaid.reporting.formatting import in_unit, joint_title
 from pumaid.results.history import Ladder
 from pumaid.robot import Robot

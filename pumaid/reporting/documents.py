@@ -13,7 +13,7 @@ import pandas as pd
 from pumaid import __version__
 from pumaid.dataset import Dataset, Reject, Run
 from pumaid.estimate import Estimate
-from pumaid.estimation.comparison import TOGETHER, Budget, BudgetPart, Comparison, JointScore, RunScore
+from pumaid.estimation.evaluate import TOGETHER, Budget, BudgetPart, Comparison, JointScore, RunScore
 from pumaid.reporting.formatting import in_unit
 from pumaid.reporting.run_tables import by_reason, samples_read
 from pumaid.reporting.table import Table

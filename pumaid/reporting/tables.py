@@ -20,7 +20,7 @@ from pumaid.diagnosis.records import (
 )
 from pumaid.effects import catalogue
 from pumaid.estimate import IDENTIFIED, Estimate, Value
-from pumaid.estimation.comparison import Budget, Comparison
+from pumaid.estimation.evaluate import Budget, Comparison
 from pumaid.reporting import diagnosis_text as sentences
 from pumaid.reporting.diagnosis_text import bare, label, times_text, variable_name
 from pumaid.reporting.formatting import in_unit, letters, listed, percent, posture_text, relative_names, with_error

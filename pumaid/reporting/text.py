@@ -8,7 +8,7 @@ from dataclasses import replace
 
 from pumaid.errors import Note
 from pumaid.estimate import IDENTIFIED, NOT_IDENTIFIABLE, Value
-from pumaid.estimation.comparison import Budget, BudgetPart, Comparison, JointScore
+from pumaid.estimation.evaluate import Budget, BudgetPart, Comparison, JointScore
 from pumaid.reporting.context import ReportContext
 from pumaid.reporting.formatting import amperes, joint_title, joint_titles, listed, percent, plural
 from pumaid.results.history import Rung

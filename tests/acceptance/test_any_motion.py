@@ -9,10 +9,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from pumaid.estimation.bilinear import Bilinear, fit_bilinear
 from pumaid.io.recipe import read_recipe, shipped_recipes
+from pumaid.maths.bilinear import Bilinear, Recursion, fit_bilinear
 from pumaid.maths.rank import independent
-from pumaid.maths.recursion import Recursion
 
 #: s of simultaneous Fourier motion, cells a second, A of noise, A s/rad and A of friction.
 SECONDS, RATE, SIGMA = 60.0, 50.0, 0.02

@@ -11,8 +11,8 @@ import worlds
 
 from pumaid.dataset import Dataset, FileFacts
 from pumaid.diagnosis.compare import compare
-from pumaid.estimation.comparison import Budget
 from pumaid.estimation.estimate import identify
+from pumaid.estimation.evaluate import Budget
 from pumaid.simulation import Bench, Truth, table1
 from pumaid.simulation.hidden_effects import Hidden
 from pumaid.trajectory import Motion, Plan

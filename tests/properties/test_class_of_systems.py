@@ -13,8 +13,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy import optimize
 
-from pumaid.estimation.bilinear import Bilinear, fit_bilinear
-from pumaid.maths.recursion import Recursion
+from pumaid.maths.bilinear import Bilinear, Recursion, fit_bilinear
 
 SAMPLES = 40
 #: Relative; random 40-row blocks have condition numbers up to some hundreds a row, over up to seven rows.

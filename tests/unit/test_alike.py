@@ -5,8 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from pumaid.kinematics import apart
-from pumaid.maths.alike import grouped, marked, near
+from pumaid.kinematics import apart, grouped, marked, near
 
 
 @pytest.mark.parametrize("seed", range(5))

@@ -12,7 +12,7 @@ import pumaid
 from pumaid.dataset import Dataset, FileFacts, Means, Reject, Run
 from pumaid.diagnosis.compare import compare
 from pumaid.errors import ModelError
-from pumaid.estimation.comparison import UNEXPLAINED, Comparison
+from pumaid.estimation.evaluate import UNEXPLAINED, Comparison
 from pumaid.robot import Robot
 
 TURN = np.pi / 2

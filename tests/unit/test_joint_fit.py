@@ -5,8 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from pumaid.estimation.bilinear import Bilinear, fit_bilinear
-from pumaid.maths.recursion import Gains
+from pumaid.maths.bilinear import Bilinear, Gains, fit_bilinear
 
 RNG = np.random.default_rng(6)
 N, OWNERS = 30, np.array([0, 0, 1, 2, 3])

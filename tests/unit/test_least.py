@@ -7,7 +7,7 @@ import math
 import pytest
 from scipy import optimize
 
-from pumaid.maths.least import least
+from pumaid.estimation.noise import least
 
 COSTS = {
     "parabola": (lambda x: (x - 0.3) ** 2, (-1.0, 2.0)),

@@ -5,9 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from pumaid.estimation.bilinear import Bilinear
 from pumaid.estimation.covariance import recursion_covariance
-from pumaid.maths.recursion import Recursion
+from pumaid.maths.bilinear import Bilinear, Recursion
 
 OWNERS, RUNS, SIZE = np.array([0, 0, 1, 2]), 30, 4
 RNG = np.random.default_rng(10)

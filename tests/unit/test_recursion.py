@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from pumaid.maths.recursion import Gains, Recursion
+from pumaid.maths.bilinear import Gains, Recursion
 
 RNG = np.random.default_rng(4)
 

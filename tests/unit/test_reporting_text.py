@@ -19,7 +19,7 @@ from pumaid.diagnosis.residual_budget import POINTS_TO
 from pumaid.effects import catalogue
 from pumaid.errors import Note, Where
 from pumaid.estimate import Combination
-from pumaid.estimation.comparison import Budget, BudgetPart, Comparison, JointScore
+from pumaid.estimation.evaluate import Budget, BudgetPart, Comparison, JointScore
 from pumaid.reporting import diagnosis_text, text
 from pumaid.reporting.documents import budget_document, comparison_document
 from pumaid.reporting.formatting import in_unit, percent, posture_text, relative_names, with_error

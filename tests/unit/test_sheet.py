@@ -12,7 +12,7 @@ from pumaid.estimation.covariance import recursion_covariance
 from pumaid.estimation.estimate import identify
 from pumaid.estimation.identifiability import Sheet, _gradient
 from pumaid.joint_bins import samples_of
-from pumaid.maths.recursion import Gains
+from pumaid.maths.bilinear import Gains
 from pumaid.model import Model
 from pumaid.robot import Joint, Robot
 from pumaid.simulation import Bench, table1

@@ -7,7 +7,7 @@ from itertools import combinations
 import numpy as np
 import pytest
 
-from pumaid.maths.splits import told_apart
+from pumaid.estimation.evaluate import told_apart
 
 
 def gram(*directions: list[float]) -> np.ndarray:

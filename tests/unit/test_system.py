@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from worlds import CRANE, PENDULUM, STANFORD, dataset, drawn, experiment, fit_runs, only
 
-from pumaid.estimation.bilinear import RATIO_SPREAD
 from pumaid.estimation.gls import assign
+from pumaid.maths.bilinear import RATIO_SPREAD
 from pumaid.model import Model
 from pumaid.simulation import Bench
 from pumaid.trajectory import Motion, Plan

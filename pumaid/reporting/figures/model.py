@@ -16,7 +16,7 @@ from matplotlib.patches import Patch
 from numpy.typing import NDArray
 
 from pumaid.estimate import JointFit, Value
-from pumaid.estimation.comparison import TOGETHER, UNEXPLAINED, JointScore
+from pumaid.estimation.evaluate import TOGETHER, UNEXPLAINED, JointScore
 from pumaid.reporting.context import ReportContext
 from pumaid.reporting.figures.style import (
     AREAS,

@@ -14,7 +14,7 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 from numpy.typing import NDArray
 
-from pumaid.estimation.comparison import TOGETHER, Budget, JointScore, RunScore
+from pumaid.estimation.evaluate import TOGETHER, Budget, JointScore, RunScore
 from pumaid.reporting.context import ReportContext
 from pumaid.reporting.figures.style import (
     BACKWARD,
