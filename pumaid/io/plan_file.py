@@ -376,7 +376,7 @@ def _yaml(plan: Plan, arm: _PlannedArm) -> str:
     entries["expected_std_errors"] = {name: float(f"{value:.3g}") for name, value in plan.expected.items()}
     entries["notes"] = [{"note": note.slug, "text": note.text} for note in plan.notes]
     lines = [
-        "# Runs to be executed in this order. One joint moves from `from` to `to` at the speed `velocity` (in deg/s, or",
+        "# Runs to be executed in this order. One joint moves from `from` to `to` at speed `velocity` (in deg/s, or",
         "# m/s if it slides); the others stay at `hold` (its own entry is ignored). expected_std_errors are in SI,",
         "# duration in s; efficiency is the error of the best conceivable runs in this time, as a share of these'.",
     ]
