@@ -1,10 +1,13 @@
-"""Logs written as the recipe's `log` block names them: streamed, whole or not at all, same data same bytes."""
+"""Logs written as the recipe's `log` block names them: streamed, each file whole or not at all; simulated sessions."""
 
 from __future__ import annotations
 
+import json
+import os
+import re
 import sys
-from collections.abc import Iterable, Iterator
-from contextlib import ExitStack
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from itertools import chain, groupby
 from pathlib import Path
 from typing import Any, BinaryIO
 
@@ -15,35 +18,27 @@ from numpy.typing import NDArray
 from pyarrow import csv as arrow_csv
 
 from pumaid.dataset import Log
-from pumaid.errors import ResultError, Where
+from pumaid.errors import ModelError, ResultError, Where
 from pumaid.io.columns import QUANTITIES, factor_of, time_factor
-from pumaid.io.paths import STDIN
-from pumaid.io.write import replacing
+from pumaid.io.paths import STDIN, is_log
+from pumaid.io.write import locked, replacing, write_file
 from pumaid.robot import Robot
 
 Floats = NDArray[np.float64]
 
-#: Rows of a row group; fixed, so that the bytes do not depend on how the logs were cut.
-GROUP_ROWS = 65536
 #: Digits of a number in CSV: finer than any encoder or current sensor, half the size of all sixteen.
 DIGITS = 9
+TRUTH_NAME = "truth.json"
+#: What simulated logs are called; a truth beside them proves that they are.
+_SIMULATED = re.compile(r"session_\d+\.(csv|parquet)")
 
 
 def write_log(path: Path, logs: Iterable[Log], robot: Robot) -> None:
-    """Write samples as one log file in the recipe's columns, units and signs.
+    """Write samples, in order of time, as one log file in the recipe's columns, units and signs.
 
     The ending decides: ``.parquet`` keeps every bit, ``.csv`` nine digits (and the time to the nanosecond). ``-``
     writes CSV to standard output. Velocity, temperature and joints without a current are left out where the first log
     has none.
-
-    Parameters
-    ----------
-    path
-        The file; it appears when all is written.
-    logs
-        In order of time; taken one by one.
-    robot
-        Names the columns.
 
     Raises
     ------
@@ -51,7 +46,7 @@ def write_log(path: Path, logs: Iterable[Log], robot: Robot) -> None:
         The disk refuses, or the ending is neither ``.csv`` nor ``.parquet``.
     """
     path = Path(path)
-    parts = iter(_tables(logs, robot))
+    parts = _tables(logs, robot)
     if path == STDIN:
         _write_csv(sys.stdout.buffer, parts)
     elif path.suffix.lower() not in (".csv", ".parquet"):
@@ -64,16 +59,12 @@ def write_log(path: Path, logs: Iterable[Log], robot: Robot) -> None:
 
 
 def _write_parquet(sink: BinaryIO, parts: Iterator[pa.Table]) -> None:
-    with ExitStack() as stack:
-        writer: Any = None
-        for part in parts:
-            if writer is None:
-                # The dictionary would cost time and space: floats hardly ever repeat.
-                writer = pq.ParquetWriter(
-                    sink, part.schema, compression="zstd", use_dictionary=False, write_page_checksum=True
-                )
-                stack.enter_context(writer)
-            writer.write_table(part, row_group_size=GROUP_ROWS)
+    first = next(parts)
+    # The dictionary would cost time and space: floats hardly ever repeat.
+    options = {"compression": "zstd", "use_dictionary": False, "write_page_checksum": True}
+    with pq.ParquetWriter(sink, first.schema, **options) as writer:
+        for part in chain([first], parts):
+            writer.write_table(part)
 
 
 def _write_csv(sink: BinaryIO, parts: Iterator[pa.Table]) -> None:
@@ -81,24 +72,14 @@ def _write_csv(sink: BinaryIO, parts: Iterator[pa.Table]) -> None:
     for number, part in enumerate(parts):
         if number == 0:
             sink.write((",".join(_quoted(name) for name in part.schema.names) + "\n").encode())
-        rounded = [
-            pa.array(_to_billionths(part.column(0).to_numpy())),
-            *(_nulls(_short(c.to_numpy(), DIGITS)) for c in part.columns[1:]),
-        ]
-        arrow_csv.write_csv(pa.table(rounded, names=_numbered(rounded)), sink, options)
+        time, *columns = (column.to_numpy() for column in part.columns)
+        # Not-a-number becomes an empty cell.
+        rounded = [pa.array(_to_billionths(time)), *(pa.array(_short(v, DIGITS), from_pandas=True) for v in columns)]
+        arrow_csv.write_csv(pa.table(rounded, names=[str(k) for k in range(len(rounded))]), sink, options)
 
 
 def _quoted(name: str) -> str:
     return '"' + name.replace('"', '""') + '"' if set(name) & set(',"\n\r ') else name
-
-
-def _numbered(columns: list[Any]) -> list[str]:
-    return [str(k) for k in range(len(columns))]
-
-
-def _nulls(values: Floats) -> pa.Array:
-    """Not-a-number becomes an empty cell."""
-    return pa.array(values, from_pandas=True)
 
 
 def _to_billionths(time: Floats) -> Floats:
@@ -119,27 +100,14 @@ def _short(values: Floats, digits: int) -> Floats:
 
 
 def _tables(logs: Iterable[Log], robot: Robot) -> Iterator[pa.Table]:
-    """Tables of `GROUP_ROWS` rows (the last may be shorter), cut independently of the logs."""
+    """A table a log; without logs one without rows."""
+    nothing = np.zeros((0, robot.n_joints))
     names: list[tuple[str, int | None, str]] = []
-    pending: list[Floats] = []
-    held = 0
     for log in logs:
         names = names or _columns(log, robot)
-        pending.append(_table(log, robot, names))
-        held += len(log)
-        while held >= GROUP_ROWS:
-            whole = np.concatenate(pending, axis=1)
-            yield pa.table(list(whole[:, :GROUP_ROWS]), names=[name for _, _, name in names])
-            pending, held = [whole[:, GROUP_ROWS:]], held - GROUP_ROWS
-    if held or not names:
-        names = names or _columns(_nothing(robot), robot)
-        whole = np.concatenate(pending, axis=1) if pending else np.zeros((len(names), 0))
-        yield pa.table(list(whole), names=[name for _, _, name in names])
-
-
-def _nothing(robot: Robot) -> Log:
-    empty = np.zeros((0, robot.n_joints))
-    return Log("", np.zeros(0, dtype=np.int64), np.zeros(0), empty, empty, empty)
+        yield pa.table(list(_table(log, robot, names)), names=[name for _, _, name in names])
+    if not names:
+        yield from _tables([Log("", np.zeros(0, dtype=np.int64), np.zeros(0), nothing, nothing, nothing)], robot)
 
 
 def _columns(log: Log, robot: Robot) -> list[tuple[str, int | None, str]]:
@@ -165,3 +133,118 @@ def _table(log: Log, robot: Robot, columns: list[tuple[str, int | None, str]]) -
             values = getattr(log, quantity)
             row[:] = np.nan if values is None else values[:, joint - 1] / factor_of(robot, quantity, robot.joint(joint))
     return table
+
+
+def write_session(
+    folder: Path,
+    logs: Iterable[Log],
+    robot: Robot,
+    *,
+    truth: Mapping[str, Any],
+    form: str = "parquet",
+    force: bool = False,
+    progress: Callable[[float], None] = lambda seconds: None,
+) -> list[tuple[str, int, float, float]]:
+    """Write a virtual robot's logs, a file for each `origin`, and beside them in ``truth.json`` what the robot was.
+
+    Each file is written atomically; a session that is interrupted leaves the files written so far and the truth.
+
+    Parameters
+    ----------
+    folder
+        Where they go; ``-`` writes all of them as one CSV to standard output, without the truth.
+    logs, robot
+        In order of time; the arm names the columns.
+    truth
+        The document of ``truth.json``.
+    form
+        ``"parquet"`` or ``"csv"``.
+    force
+        Whether logs of an earlier simulation in the folder (``session_*`` beside a ``truth.json``) may be replaced.
+    progress
+        Called with the time (s) of the session up to which is written.
+
+    Returns
+    -------
+    files
+        Name, samples, first and last time (s) of each.
+
+    Raises
+    ------
+    ResultError [logs-in-the-way, cannot-write, results-busy]
+        The folder holds logs already (measured and simulated ones must not mix), the disk refuses, or another run does
+        not let go of the folder.
+    """
+    parts: list[tuple[int, float, float]] = []
+
+    def watched(batches: Iterable[Log]) -> Iterator[Log]:
+        for log in batches:
+            parts.append((len(log), float(log.time[0]), float(log.time[-1])))
+            progress(float(log.time[-1]))
+            yield log
+
+    if folder == STDIN:
+        write_log(folder, watched(logs), robot)
+        return []
+    files = []
+    with locked(folder):
+        for path in _replaced(folder, force):
+            path.unlink()
+        write_file(folder / TRUTH_NAME, json.dumps(truth, indent=2) + "\n")
+        for origin, batches in groupby(logs, key=lambda log: log.origin):
+            parts.clear()
+            write_log(folder / f"{origin}.{form}", watched(batches), robot)
+            files.append((f"{origin}.{form}", sum(part[0] for part in parts), parts[0][1], parts[-1][2]))
+    return files
+
+
+def read_truth(path: Path) -> dict[str, Any]:
+    """The document of a ``truth.json``.
+
+    Raises
+    ------
+    ModelError [file-not-readable]
+        There is no such file, or it is no JSON object.
+    """
+    try:
+        document = json.loads(path.read_text(encoding="utf-8"))
+    except (OSError, ValueError) as error:
+        reason, document = getattr(error, "strerror", None) or "it is no JSON", None
+    else:
+        reason = "it holds no JSON object"
+    if not isinstance(document, dict):
+        raise ModelError("file-not-readable", f"{path} cannot be read: {reason}", Where(str(path)), "give a truth.json")
+    return document
+
+
+def _replaced(folder: Path, force: bool) -> list[Path]:
+    """Files of an earlier simulation whose place a new one takes, the truth last.
+
+    Raises
+    ------
+    ResultError [logs-in-the-way]
+        There are others, or these may not be replaced.
+    """
+    if not folder.is_dir():
+        return []
+    truth = folder / TRUTH_NAME
+    try:
+        is_simulated = read_truth(truth).get("kind") == "truth"
+    except ModelError:
+        is_simulated = False
+    there = sorted(path for path in folder.rglob("*") if is_log(str(path.relative_to(folder))))
+    simulated = [
+        path
+        for path in there
+        if is_simulated and path.parent == folder and _SIMULATED.fullmatch(path.name) and path.is_file()
+    ]
+    foreign = [path for path in there if path not in simulated]
+    if not is_simulated and os.path.lexists(truth):
+        foreign.append(truth)
+    if foreign or (there and not force):
+        first = (foreign or there)[0]
+        why = "; no truth.json beside it says that it was simulated" if foreign else ""
+        what = f"{folder} holds logs already ({max(len(there), 1)}, such as {first.name}){why}"
+        mend = "write to another folder with -o" + ("" if foreign else ", or replace them with --force")
+        raise ResultError("logs-in-the-way", what, Where(file=str(first)), mend)
+    return [*simulated, *([truth] if is_simulated else [])]

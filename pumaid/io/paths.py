@@ -193,11 +193,11 @@ def _matching(
     logs = []
     for folder in filter(is_folder, names):
         inside = {os.path.relpath(name, folder): name for name in below(folder)}
-        logs += [inside[path] for path in sorted(filter(_is_log, inside), key=_order)]
+        logs += [inside[path] for path in sorted(filter(is_log, inside), key=_order)]
     return logs
 
 
-def _is_log(path: str) -> bool:
+def is_log(path: str) -> bool:
     """Whether a file is taken for a log because of where it lies in a folder that was named."""
     *folders, name = PurePath(path).parts
     is_hidden = any(part.startswith(".") for part in (*folders, name))

@@ -17,31 +17,23 @@ from pumaid.errors import ResultError, Where
 #: Longest wait for another process that writes to the same folder, and how often the lock is tried, s.
 PATIENCE, PAUSE = 20.0, 0.02
 
+_ELSEWHERE = "write elsewhere with -o"
 _MENDS = {
-    errno.ENOSPC: "free some space on that disk, or write elsewhere with -o",
-    errno.EDQUOT: "your disk quota is used up: free some space, or write elsewhere with -o",
-    errno.EROFS: "that disk is read-only: write elsewhere with -o",
-    errno.EACCES: "you may not write there: change the folder's permissions, or write elsewhere with -o",
-    errno.EPERM: "you may not write there: change the folder's permissions, or write elsewhere with -o",
+    errno.ENOSPC: f"free some space on that disk, or {_ELSEWHERE}",
+    errno.EDQUOT: f"your disk quota is used up: free some space, or {_ELSEWHERE}",
+    errno.EROFS: f"that disk is read-only: {_ELSEWHERE}",
+    errno.EACCES: f"you may not write there: change the folder's permissions, or {_ELSEWHERE}",
     errno.EISDIR: "a folder of that name is in the way: give a file name with -o",
-    errno.ENOTDIR: "a file stands where a folder is needed: write elsewhere with -o",
-    errno.EEXIST: "a file stands where a folder is needed: write elsewhere with -o",
+    errno.ENOTDIR: f"a file stands where a folder is needed: {_ELSEWHERE}",
+    errno.EEXIST: f"a file stands where a folder is needed: {_ELSEWHERE}",
     errno.ENAMETOOLONG: "give a shorter name with -o",
 }
 
 
 def write_file(path: Path, data: bytes | str) -> None:
-    """Write a file atomically; missing folders are made.
+    """Write a file atomically, missing folders with it; a device or a pipe (``/dev/stdout``) directly.
 
-    A device or a pipe (``/dev/stdout``) is written to directly.
-
-    Parameters
-    ----------
-    path
-        The file to write.
-    data
-        Bytes, or text to be encoded as UTF-8; surrogates (bytes of a file name that are not UTF-8) become backslash
-        escapes.
+    Text is encoded as UTF-8; surrogates (bytes of a file name that are not UTF-8) become backslash escapes.
 
     Raises
     ------
@@ -76,12 +68,8 @@ def refuse_to_replace(path: Path) -> None:
 def replacing(path: Path) -> Iterator[Path]:
     """A temporary path beside `path` that is renamed to it when the block ends without an error.
 
-    An error in the block leaves nothing behind. A symbolic link stays; the file that it points to is replaced.
-
-    Parameters
-    ----------
-    path
-        The file to write; missing folders are made.
+    An error in the block leaves nothing behind. A symbolic link stays; the file that it points to is replaced. Missing
+    folders are made.
 
     Raises
     ------
@@ -89,13 +77,14 @@ def replacing(path: Path) -> Iterator[Path]:
         The system refuses, in the block or at its end.
     """
     path = Path(path)
-    temporary: Path | None = None
+    target = Path(os.path.realpath(path))
+    temporary = target.with_name(f".{target.name[:80]}.{secrets.token_hex(6)}.part")
     try:
-        target = path.resolve()
+        if target.is_symlink():
+            raise OSError(errno.ELOOP, "links that lead to one another")
         target.parent.mkdir(parents=True, exist_ok=True)
         if target.is_dir():
             raise IsADirectoryError(errno.EISDIR, "is a folder")
-        temporary = target.with_name(f".{target.name[:80]}.{secrets.token_hex(6)}.part")
         yield temporary
         with temporary.open("rb+") as file:  # without this a power cut could leave an empty file under the new name
             os.fsync(file.fileno())
@@ -104,34 +93,22 @@ def replacing(path: Path) -> Iterator[Path]:
         temporary.replace(target)
     except OSError as error:
         raise _refusal(path, error) from error
-    except RuntimeError as error:  # Python before 3.13 raises it for a loop of symbolic links
-        if "loop" not in str(error).lower():
-            raise
-        raise _refusal(path, OSError(errno.ELOOP, str(error))) from error
     finally:
-        if temporary is not None:
-            with suppress(OSError):
-                temporary.unlink(missing_ok=True)
+        with suppress(OSError):
+            temporary.unlink(missing_ok=True)
 
 
 @contextmanager
 def locked(folder: Path, *, patience: float = PATIENCE) -> Iterator[None]:
     """Keep other processes of this program out of a folder during the block.
 
-    The folder itself is locked (flock), so no lock file remains, and the system releases the lock when a process ends.
-    Where the system has no such locks, or the folder cannot be made, the block runs without one.
-
-    Parameters
-    ----------
-    folder
-        Made if it is missing.
-    patience
-        Longest wait for another process, s.
+    The folder itself, made if it is missing, is locked (flock), so no lock file remains, and the system releases the
+    lock when a process ends. Where there are no such locks the block runs without one.
 
     Raises
     ------
     ResultError [results-busy]
-        Another process holds the lock for longer.
+        Another process holds the lock for longer than `patience` (s).
     """
     try:
         fcntl = importlib.import_module("fcntl")
@@ -165,13 +142,11 @@ def _locks(fcntl: object, handle: int) -> bool:
 
 
 def _is_stream(path: Path) -> bool:
-    if path.parts[:2] == ("/", "dev"):  # /dev/stdout may be a plain file that the shell holds open
-        return True
-    try:
+    """Whether it is a device or a pipe; /dev/stdout may be a plain file that the shell holds open."""
+    with suppress(OSError):
         mode = path.stat().st_mode
-    except (OSError, RuntimeError):
-        return False
-    return not (stat.S_ISREG(mode) or stat.S_ISDIR(mode))
+        return path.parts[:2] == ("/", "dev") or not (stat.S_ISREG(mode) or stat.S_ISDIR(mode))
+    return False
 
 
 def _refusal(path: Path, error: OSError) -> ResultError:

@@ -17,7 +17,7 @@ def small(*more: str) -> Result:
 def test_plan_writes_beside_the_recipe_and_shows_a_table(folder):
     """The plan's file, and what people want to know of it."""
     found = small()
-    assert (folder / "plan.yaml").read_text().splitlines()[2] == "kind: plan"
+    assert (folder / "plan.yaml").read_text().splitlines()[3] == "kind: plan"
     assert "Predicted standard errors" in found.stdout
     assert "hip" in found.stdout
     assert "plan written to plan.yaml" in found.stderr

@@ -245,20 +245,6 @@ def test_a_recipe_turns_units_and_signs(tmp_path: Path) -> None:
     assert log.current[0, 0] == -0.5
 
 
-@pytest.mark.parametrize("ending", ["csv", "parquet"])
-def test_the_bytes_do_not_depend_on_the_cut(tmp_path: Path, ending: str) -> None:
-    """The same samples in other batches make the same file."""
-    log = motion(3000)
-    parts = [
-        Log("p", log.rows[k : k + 7], log.time[k : k + 7], log.position[k : k + 7], None, log.current[k : k + 7])
-        for k in range(0, 3000, 7)
-    ]
-    write_log(tmp_path / f"a.{ending}", parts, arm())
-    write_log(tmp_path / f"b.{ending}", [joined(parts)], arm())
-    digests = {hashlib.sha256((tmp_path / f"{name}.{ending}").read_bytes()).hexdigest() for name in "ab"}
-    assert len(digests) == 1
-
-
 def test_a_broken_stream_writes_nothing(tmp_path: Path) -> None:
     """Half a log is no log."""
 

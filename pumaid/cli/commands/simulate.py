@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 def _real(robot: Robot, truth: Path | None, *, hide: tuple[str, ...], noise: float | None, seed: int) -> Truth:
     """The virtual robot that the options describe."""
-    from pumaid.io.session import read_truth
+    from pumaid.io.log_writer import read_truth
     from pumaid.simulation import table1
     from pumaid.simulation.hidden_effects import parse
     from pumaid.simulation.random_robot import draw
@@ -110,8 +110,8 @@ def command(
       pumaid simulate -o - | pumaid identify -
     """
     from pumaid.experiment import experiment_folder, read_robot
+    from pumaid.io.log_writer import write_session
     from pumaid.io.plan_file import PLAN_NAME, read_plan
-    from pumaid.io.session import write_session
     from pumaid.reporting.documents import session_document
     from pumaid.reporting.run_tables import session_table
     from pumaid.simulation.session import simulate
