@@ -5,7 +5,7 @@ from __future__ import annotations
 import difflib
 import itertools
 import math
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -91,11 +91,6 @@ class EffectTerm:
     def key(self) -> tuple[str, int | None]:
         """Effect's name and joint."""
         return self.effect.name, self.joint
-
-    @property
-    def choice(self) -> EffectChoice:
-        """As recipes and results have it."""
-        return EffectChoice(self.effect.name, self.joint, dict(self.shape))
 
     @property
     def number(self) -> int:
@@ -276,6 +271,23 @@ def parse_effect(text: str, robot: Robot, *, option: str = "--add") -> EffectCho
     choice = EffectChoice(effect.name, number, shape)
     _expanded(choice, robot, where)
     return choice
+
+
+def option_text(name: str, joint: int | None, shape: Mapping[str, float], *, fixed: Collection[str] = ()) -> str:
+    """An effect as ``--add`` reads it, ``ripple@2:frequency=58.2``; empty where the catalogue does not have it.
+
+    Parameters
+    ----------
+    name, joint, shape
+        The effect.
+    fixed
+        Shapes that are not to be fitted; of an effect that may stand at a joint several times all are told.
+    """
+    if name not in catalogue():
+        return ""
+    is_whole = catalogue()[name].is_repeatable
+    values = ",".join(f"{key}={value:.8g}" for key, value in shape.items() if is_whole or key in fixed)
+    return name + ("" if joint is None else f"@{joint}") + (f":{values}" if values else "")
 
 
 def chosen_by(robot: Robot, *, add: Iterable[str] = (), remove: Iterable[str] = ()) -> tuple[EffectChoice, ...]:

@@ -18,9 +18,9 @@ import numpy as np
 from blind_world.statistics import Share
 from budget_trials import DESIGNS, plan
 
-from pumaid.dataset import Campaign, Dataset
+from pumaid.dataset import Campaign
 from pumaid.diagnosis.detection_limit import detection_limits
-from pumaid.diagnosis.diagnose import Account
+from pumaid.diagnosis.diagnose import DiagnosisBuilder
 from pumaid.diagnosis.records import UNEXPLAINED_JOINT
 from pumaid.diagnosis.score_test import minus_log10_p
 from pumaid.diagnosis.stepwise import LEVEL, Step, Stepwise
@@ -61,10 +61,10 @@ def small() -> Truth:
     return draw(read_recipe(shipped_recipes()["pendulum2"]), 31)
 
 
-def searching(bench: Bench, seed: int) -> tuple[Stepwise, Dataset]:
+def searching(bench: Bench, seed: int) -> Stepwise:
     """A search on one experiment, not yet run."""
-    dataset, robot = Dataset(bench.runs(np.random.default_rng(seed))), bench.truth.robot
-    return Stepwise(Model.of_runs(robot, dataset.runs), dataset.runs, campaign=Campaign.of(dataset.runs)), dataset
+    runs = bench.runs(np.random.default_rng(seed))
+    return Stepwise(Model.of_runs(bench.truth.robot, runs), runs, campaign=Campaign.of(runs))
 
 
 def chances(step: Step, *, periodic: str = "ripple") -> dict[Key, float]:
@@ -92,9 +92,9 @@ def clean() -> Iterator[str]:
         for truth, count in ((small(), SMALL), (table1.puma560(), LARGE)):
             bench = Bench(truth, plan(truth.robot, design, CLEAN), rate=50.0, bins=120)
             for seed in range(CLEAN, CLEAN + count):
-                search, dataset = searching(bench, seed)
+                search = searching(bench, seed)
                 search.run()
-                verdicts = Account(search, dataset).verdicts.values()
+                verdicts = DiagnosisBuilder(search).verdicts.values()
                 found.append(bool(search.accepted))
                 strange.append(any(one.verdict == UNEXPLAINED_JOINT for one in verdicts))
                 smallest.append(min(chances(search.steps[0]).values()))
@@ -145,7 +145,7 @@ def hits() -> Iterator[str]:
     truth = small()
     motions = plan(truth.robot, LOOKED_AT[0], HIDDEN)
     quiet = Bench(truth, motions, rate=50.0, bins=120)
-    looks = [searching(quiet, HIDDEN + number)[0].look([]) for number in range(ANNOUNCED)]
+    looks = [searching(quiet, HIDDEN + number).look([]) for number in range(ANNOUNCED)]
     announced = [detection_limits(one.scan, one.catalogue, one.family, periodic=catalogue()["ripple"]) for one in looks]
     yield "| effect | limit | beyond chance | called missing | of any shape | at a third |"
     for place, (name, joint) in enumerate(EFFECTS):
@@ -159,7 +159,7 @@ def hits() -> Iterator[str]:
             for seed in seeds:
                 pick = int(np.random.default_rng(seed).integers(len(shapes))) if is_any else len(shapes) // 2
                 arm = hiding(truth, name, joint, size=share * limit, shape=shapes[pick].shape, seed=seed)
-                step = searching(Bench(arm, motions, rate=50.0, bins=120), seed)[0].look([])
+                step = searching(Bench(arm, motions, rate=50.0, bins=120), seed).look([])
                 named = [step.chosen, *step.rivals] if step.chosen is not None else []
                 beyond += chances(step).get((name, joint), 1.0) <= LEVEL
                 found += (name, joint) in [one.key for one in named]

@@ -31,16 +31,16 @@ class Typed:
     heldout: tuple[str, ...] = ()
     effects: tuple[Path, ...] = ()
 
-    def words(self) -> list[str]:
+    def words(self) -> str:
         """``pumaid identify`` with all of it, as a shell reads it."""
         words = ["pumaid", "identify", *self.logs]
         words += [] if self.recipe is None else ["--recipe", str(self.recipe)]
         for option, values in (("--heldout", self.heldout), ("--effects", self.effects)):
             words += [word for value in values for word in (option, str(value))]
-        return [shlex.quote(word) for word in words]
+        return shlex.join(words)
 
 
-def named(diagnosis: Diagnosis, estimate: Estimate, robot: Robot, *, typed: Typed) -> Diagnosis:
+def with_commands(diagnosis: Diagnosis, estimate: Estimate, robot: Robot, *, typed: Typed) -> Diagnosis:
     """The diagnosis with commands that can be pasted.
 
     Parameters
@@ -52,42 +52,30 @@ def named(diagnosis: Diagnosis, estimate: Estimate, robot: Robot, *, typed: Type
     typed
         What the user typed.
     """
-    given = {(one.effect, one.joint) for one in robot.effects} | {(one.effect, None) for one in robot.effects}
-    kept = [one for one in reopened(estimate) if not {(one.effect, one.joint), (one.effect, None)} & given]
-    head = typed.words() + [word for one in kept for word in ("--add", spelled(one))]
+    from pumaid.diagnosis.diagnose import IDENTIFY
+    from pumaid.effect_spec import option_text
 
-    def command(found: Finding) -> str:
-        return " ".join([*head, "--add", spelled(choice_of(found))]) if can_be_added(found) else ""
-
-    joints = tuple(
-        replace(joint, candidates=tuple(replace(one, command=command(one)) for one in joint.candidates))  # type: ignore[arg-type]
-        for joint in diagnosis.joints
-    )
-    findings = tuple(replace(found, command=command(found)) for found in diagnosis.findings)
-    return replace(diagnosis, joints=joints, findings=findings)
-
-
-def spelled(choice: EffectChoice) -> str:
-    """A choice as ``--add`` reads it: ``ripple@2:frequency=58.2``."""
-    shape = ",".join(f"{name}={value:.8g}" for name, value in choice.shape.items())
-    where = "" if choice.joint is None else f"@{choice.joint}"
-    return choice.effect + where + (f":{shape}" if shape else "")
+    in_recipe = {(choice.effect, choice.joint) for choice in robot.effects}
+    in_recipe |= {(name, None) for name, _ in in_recipe}
+    head = typed.words()
+    for choice in reopened(estimate):
+        if not {(choice.effect, choice.joint), (choice.effect, None)} & in_recipe:
+            head += f" --add {option_text(choice.effect, choice.joint, choice.shape, fixed=choice.shape)}"
+    joints = []
+    for joint in diagnosis.joints:
+        candidates = [replace(item, command=item.command.replace(IDENTIFY, head, 1)) for item in joint.candidates]
+        joints.append(replace(joint, candidates=tuple(candidates)))
+    findings = [replace(item, command=item.command.replace(IDENTIFY, head, 1)) for item in diagnosis.findings]
+    return replace(diagnosis, joints=tuple(joints), findings=tuple(findings))
 
 
-def can_be_added(found: Finding) -> bool:
-    """Whether a model can hold it: a suspected column is no effect of the catalogue."""
-    from pumaid.effects import catalogue
-
-    return found.effect in catalogue()
-
-
-def choice_of(found: Finding) -> EffectChoice:
+def choice_of(finding: Finding) -> EffectChoice:
     """A finding as an effect to be fitted: its shape is left open, but where the same effect may stand there twice."""
     from pumaid.effects import catalogue
     from pumaid.robot import EffectChoice
 
-    shape = dict(found.shape) if catalogue()[found.effect].is_repeatable else {}
-    return EffectChoice(found.effect, found.joint, shape)
+    shape = dict(finding.shape) if catalogue()[finding.effect].is_repeatable else {}
+    return EffectChoice(finding.effect, finding.joint, shape)
 
 
 def reopened(estimate: Estimate) -> tuple[EffectChoice, ...]:
@@ -96,15 +84,13 @@ def reopened(estimate: Estimate) -> tuple[EffectChoice, ...]:
     from pumaid.estimate import GIVEN
 
     given = {value.name for value in estimate.values if value.state == GIVEN}
-
-    def is_kept(one: EffectChoice, shape: str) -> bool:
-        where = "" if one.joint is None else f"j{one.joint}."
-        return catalogue()[one.effect].is_repeatable or f"{one.effect}.{where}{shape}" in given
-
-    return tuple(
-        replace(one, shape={name: value for name, value in one.shape.items() if is_kept(one, name)})
-        for one in estimate.effects
-    )
+    out = []
+    for choice in estimate.effects:
+        prefix = f"{choice.effect}." if choice.joint is None else f"{choice.effect}.j{choice.joint}."
+        is_whole = catalogue()[choice.effect].is_repeatable
+        shape = {name: value for name, value in choice.shape.items() if is_whole or prefix + name in given}
+        out.append(replace(choice, shape=shape))
+    return tuple(out)
 
 
 def diagnosed(
@@ -114,8 +100,8 @@ def diagnosed(
     from pumaid.diagnosis.diagnose import diagnose
 
     with progress("diagnosing") as step:
-        found = diagnose(estimate, dataset, robot, suspects=suspects, progress=lambda text: step(0.0, text))
-    return named(found, estimate, robot, typed=typed)
+        diagnosis = diagnose(estimate, dataset, robot, suspects=suspects, progress=lambda text: step(0.0, text))
+    return with_commands(diagnosis, estimate, robot, typed=typed)
 
 
 def added(
@@ -157,22 +143,22 @@ def added(
 
     keep(model, estimate, robot)
     done: list[Finding] = []
-    while new := [found for found in diagnosis.findings if found.verdict == ADD and _is_new(found, estimate)]:
-        for found in new[: MOST_ADDED - len(done)]:
+    while new := [item for item in diagnosis.findings if item.verdict == ADD and _is_new(item, estimate)]:
+        for finding in new[: MOST_ADDED - len(done)]:
             with progress("identifying", total=robot.n_joints) as step:
                 fresh = identify(
                     dataset,
                     robot,
-                    effects=(*reopened(estimate), choice_of(found)),
+                    effects=(*reopened(estimate), choice_of(finding)),
                     progress=lambda joint, text, step=step: step(robot.n_joints - joint, text),  # type: ignore[misc]
                 )
             if _error(fresh) > (1.0 + MAY_RISE) * _error(estimate):
-                tell(left_out_sentence(found, _error(estimate), _error(fresh), robot=robot))
-                current = diagnosis if found is new[0] else again(estimate)
+                tell(left_out_sentence(finding, _error(estimate), _error(fresh), robot=robot))
+                current = diagnosis if finding is new[0] else again(estimate)
                 return replace(current, applied=tuple(done)), estimate
             keep(model, fresh, robot)
-            done.append(found)
-            tell(step_sentence(found, estimate, fresh, robot=robot, number=len(done)))
+            done.append(finding)
+            tell(step_sentence(finding, estimate, fresh, robot=robot, number=len(done)))
             estimate = fresh
         diagnosis = again(estimate)
         if len(done) >= MOST_ADDED:
@@ -182,17 +168,18 @@ def added(
 
 def _error(estimate: Estimate) -> float:
     """RMSE (A) of all fitted samples of the arm."""
-    parts = [(one.samples, one.rmse) for one in estimate.joints if one.rmse is not None]
+    parts = [(joint.samples, joint.rmse) for joint in estimate.joints if joint.rmse is not None]
     total = sum(samples for samples, _ in parts)
     return (sum(samples * rmse**2 for samples, rmse in parts) / total) ** 0.5 if total else 0.0
 
 
-def _is_new(found: Finding, estimate: Estimate) -> bool:
-    """Whether the model can hold it besides what it holds."""
+def _is_new(finding: Finding, estimate: Estimate) -> bool:
+    """Whether the model can hold it besides what it holds; a suspected column is no effect of the catalogue."""
     from pumaid.effects import catalogue
 
-    there = {(one.effect, one.joint) for one in estimate.effects}
-    return can_be_added(found) and ((found.effect, found.joint) not in there or catalogue()[found.effect].is_repeatable)
+    effect = catalogue().get(finding.effect)
+    there = {(choice.effect, choice.joint) for choice in estimate.effects}
+    return effect is not None and (effect.is_repeatable or (finding.effect, finding.joint) not in there)
 
 
 def with_earlier(diagnosis: Diagnosis, estimate: Estimate, earlier: Path) -> Diagnosis:
@@ -212,10 +199,10 @@ def with_earlier(diagnosis: Diagnosis, estimate: Estimate, earlier: Path) -> Dia
         old = read_diagnosis(earlier)
     except ResultError:
         return diagnosis
-    there = {(one.effect, one.joint) for one in estimate.effects}
-    found = {
-        (one.effect, one.joint, tuple(one.shape.items())): one
-        for one in (*old.applied, *old.findings, *diagnosis.applied)
-        if (one.effect, one.joint) in there
+    there = {(choice.effect, choice.joint) for choice in estimate.effects}
+    applied = {
+        (item.effect, item.joint, tuple(item.shape.items())): item
+        for item in (*old.applied, *old.findings, *diagnosis.applied)
+        if (item.effect, item.joint) in there
     }
-    return replace(diagnosis, applied=tuple(found.values()))
+    return replace(diagnosis, applied=tuple(applied.values()))

@@ -9,6 +9,7 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
+from pumaid.dataset import Dataset
 from pumaid.effect_spec import EffectTerm
 from pumaid.effects import Effect, Scope, catalogue
 from pumaid.effects.base import NO_SHAPE, Family, Parameter, Shape
@@ -149,6 +150,16 @@ class Suspect(Effect):
 
     def __init__(self, column: str, place: int, *, middle: float, spread: float) -> None:
         self.column, self.place, self.middle, self.spread = column, place, middle, spread
+
+    @classmethod
+    def of(cls, dataset: Dataset, column: str) -> Suspect:
+        """A column that `dataset` carries, scaled by what it does in these runs."""
+        place = dataset.extra.index(column)
+        parts = [run.bins.extra[:, place] for run in dataset.runs if run.bins.extra is not None]
+        values = np.concatenate(parts) if parts else np.zeros(1)
+        values = values[np.isfinite(values)]
+        middle, spread = (float(values.mean()), float(values.std())) if len(values) else (0.0, 0.0)
+        return cls(column, place, middle=middle, spread=spread)
 
     @property
     def name(self) -> str:

@@ -4,17 +4,18 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from pumaid.diagnosis.candidates import Suspect
 from pumaid.diagnosis.records import Binned, Curve, Line
+from pumaid.effect_spec import EffectTerm
 from pumaid.effects import Effect, Family
-from pumaid.joint_bins import SAME_SPEED
+from pumaid.joint_bins import SAME_SPEED, at
 from pumaid.robot import Robot
-from pumaid.samples import Loads, Samples
+from pumaid.samples import Samples
 
 Floats = NDArray[np.float64]
 
@@ -46,17 +47,16 @@ VARIABLES = {
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Trial:
-    """An effect as it was fitted.
+    """An effect as it was fitted: `values` (p,) of its linear parameters, `misfit` (M,) A left with it."""
 
-    `number` owns it (None: the whole arm), `shape` are its nonlinear parameters, `values` (p,) its linear ones, `left`
-    (M,) A what the joint's cells keep with it, all else refitted.
-    """
-
-    effect: Effect
-    number: int | None
-    shape: dict[str, float]
+    term: EffectTerm
     values: Floats
-    left: Floats
+    misfit: Floats
+
+    @property
+    def effect(self) -> Effect:
+        """Without joint and shape."""
+        return self.term.effect
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -94,7 +94,7 @@ def curve(robot: Robot, samples: Samples, *, before: Floats, trials: Sequence[Tr
         A side for each direction of motion that was run.
     """
     main = trials[0]
-    axis = _axis(robot, samples, main, change=before - main.left)
+    axis = _axis(robot, samples, main, change=before - main.misfit)
     sides, lines = [], []
     for way in (1, -1):
         is_side = (samples.direction == way) & np.isfinite(axis.values)
@@ -103,10 +103,10 @@ def curve(robot: Robot, samples: Samples, *, before: Floats, trials: Sequence[Tr
         label = _labels(axis, is_side)
         places = _means(axis.values, label, samples.run)[0]
         mean = _means(before, label, samples.run)[0]
-        after, errors, runs = _means(main.left, label, samples.run)
+        after, errors, runs = _means(main.misfit, label, samples.run)
         sides.append(Binned(way, places, mean, after, errors, runs))
         for trial in trials:
-            change = _means(before - trial.left, label, samples.run)[0]
+            change = _means(before - trial.misfit, label, samples.run)[0]
             lines.append(_line(robot, samples, axis, trial, way=way, places=places, change=change))
     names = [trial.effect.name for trial in trials]
     lines.sort(key=lambda line: names.index(line.effect))
@@ -119,14 +119,16 @@ def _axis(robot: Robot, samples: Samples, trial: Trial, *, change: Floats) -> Ax
     position = samples.position[:, column]
     if isinstance(trial.effect, Suspect) and samples.extra is not None:
         return Axis(trial.effect.column, "", samples.extra[:, trial.effect.place], COARSE)
-    frequency = trial.shape.get(trial.effect.periodic or "", 0.0)
+    frequency = trial.term.shape.get(trial.effect.periodic or "", 0.0)
     if frequency > 0.0:
         period = 2.0 * math.pi / frequency
         return Axis("position within one period", unit, np.mod(position, period), FINE, period)
     word = VARIABLES.get(trial.effect.family, "")
     loads = samples.loads
     if word == "speed":
-        return Axis("speed", f"{unit}/s", _by_run(np.abs(samples.velocity[:, column]), samples.run), None)
+        label = np.unique(samples.run, return_inverse=True)[1]
+        speed = (np.bincount(label, np.abs(samples.velocity[:, column])) / np.bincount(label))[label]
+        return Axis("speed", f"{unit}/s", speed, None)
     if word == "position":
         return Axis("position", unit, position)
     if word == "travel":
@@ -145,26 +147,20 @@ def _axis(robot: Robot, samples: Samples, trial: Trial, *, change: Floats) -> Ax
     return Axis("what it adds", "A", change, COARSE)
 
 
-def _by_run(values: Floats, run: Floats) -> Floats:
-    """(M,) each value replaced by its run's mean."""
-    _, label = np.unique(run, return_inverse=True)
-    return np.asarray((np.bincount(label, values) / np.bincount(label))[label])
-
-
-def _labels(axis: Axis, here: NDArray[np.bool_]) -> Floats:
-    """(M,) number of each cell's bin, NaN outside `here`; bins of travel are narrow where the motion begins."""
-    label = np.full(len(here), np.nan)
-    values = axis.values[here]
+def _labels(axis: Axis, is_side: NDArray[np.bool_]) -> Floats:
+    """(M,) number of each cell's bin, NaN outside `is_side`; bins of travel are narrow where the motion begins."""
+    label = np.full(len(is_side), np.nan)
+    values = axis.values[is_side]
     if axis.bins is None:
         order = np.unique(values)
         starts = np.concatenate([[True], np.diff(order) > SAME_SPEED * order[1:]])
-        label[here] = np.cumsum(starts)[np.searchsorted(order, values)]
+        label[is_side] = np.cumsum(starts)[np.searchsorted(order, values)]
         return label
     low, high = (0.0, axis.period) if axis.period else (float(values.min()), float(values.max()))
     share = (values - low) / (high - low) if high > low else np.zeros(len(values))
     if axis.variable.startswith("travel"):
         share = np.sqrt(share)
-    label[here] = np.minimum(np.floor(share * axis.bins), axis.bins - 1)
+    label[is_side] = np.minimum(np.floor(share * axis.bins), axis.bins - 1)
     return label
 
 
@@ -186,7 +182,7 @@ def _line(
     robot: Robot, samples: Samples, axis: Axis, trial: Trial, *, way: int, places: Floats, change: Floats
 ) -> Line:
     """A smooth line over speed where the effect is the joint's own, else the binned change itself."""
-    is_local = trial.number in (None, samples.joint) and trial.effect.family is Family.SPEED
+    is_local = trial.term.joint in (None, samples.joint) and trial.effect.family is Family.SPEED
     if axis.variable != "speed" or not is_local:
         return Line(trial.effect.name, way, places, change)
     grid = np.linspace(SLOWEST * places.min(), FASTEST * places.max(), POINTS)
@@ -202,23 +198,10 @@ def _law(robot: Robot, samples: Samples, trial: Trial, *, way: int, speeds: Floa
     """(G,) A that the effect alone adds at these speeds, everything else as in the cell of middle speed."""
     ways = np.flatnonzero(samples.direction == way)
     middle = int(ways[np.argsort(np.abs(samples.velocity[ways, samples.joint - 1]))[len(ways) // 2]])
-    still = _repeated(samples, middle, len(speeds))
+    still = at(samples, np.full(len(speeds), middle))
     velocity = np.zeros_like(still.velocity)
     velocity[:, samples.joint - 1] = way * speeds
-    swept = replace(still, velocity=velocity)
-    return np.asarray(trial.effect.columns(robot, swept, number=trial.number, shape=trial.shape) @ trial.values)
-
-
-def _repeated(samples: Samples, cell: int, times: int) -> Samples:
-    """One cell, `times` times."""
-
-    def again(values: Floats | None) -> Floats | None:
-        return values if values is None or not len(values) else np.repeat(values[cell : cell + 1], times, axis=0)
-
-    names = [item.name for item in fields(Samples) if item.name not in ("joint", "loads")]
-    rest = {name: again(getattr(samples, name)) for name in names}
-    loads = samples.loads
-    if loads is not None:
-        parts = {item.name: again(getattr(loads, item.name)) for item in fields(Loads) if item.name != "gains"}
-        loads = Loads(**parts, gains=loads.gains)  # type: ignore[arg-type]
-    return Samples(samples.joint, **rest, loads=loads)  # type: ignore[arg-type]
+    columns = trial.effect.columns(
+        robot, replace(still, velocity=velocity), number=trial.term.joint, shape=trial.term.shape
+    )
+    return np.asarray(columns @ trial.values)

@@ -65,7 +65,7 @@ class _WorthwhileSize:
 
     def __init__(self, scan: ScoreTable, catalogue: CandidateColumns) -> None:
         rows, self.catalogue = scan.solved.joints, catalogue
-        self.error = {row.bins.joint: rmse(row.bins.count, row.bins.inside, row.misfit) for row in rows}
+        self.error = {row.bins.joint: rmse(row.bins, row.misfit) for row in rows}
         self.shares = {row.bins.joint: row.bins.count / row.bins.count.sum() for row in rows}
         self.places = {id(candidate.added): candidate for candidate in catalogue.variants}
 

@@ -6,7 +6,6 @@ from collections import Counter
 from collections.abc import Callable, Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
 from pumaid import __version__
 from pumaid.dataset import Campaign, Dataset, Run
@@ -26,74 +25,69 @@ from pumaid.diagnosis.records import (
     Diagnosis,
     Finding,
     JointDiagnosis,
-    Limit,
     Size,
     Unexplained,
 )
 from pumaid.diagnosis.residual_budget import budget
 from pumaid.diagnosis.stepwise import LEVEL, Accepted, EvaluatedCandidate, Step, Stepwise, misfit_with, silent
-from pumaid.diagnosis.verdict import JointVerdict, competing_form, joint_verdict, nearest_form, next_run
-from pumaid.effect_spec import EffectTerm, check_known, terms_of
-from pumaid.effects import Effect, catalogue
+from pumaid.diagnosis.verdict import competing_form, joint_verdict, nearest_form, next_run
+from pumaid.effect_spec import EffectTerm, check_known, option_text, terms_of
+from pumaid.effects import catalogue
 from pumaid.errors import LogError, Note, Where
 from pumaid.estimate import Estimate
-from pumaid.estimation.fit import Fit, misfit_at
+from pumaid.estimation.fit import misfit_at
 from pumaid.estimation.noise import FEWEST_PAIRS
-from pumaid.joint_bins import JointBins, distinct
+from pumaid.joint_bins import JointBins
 from pumaid.maths.rank import pseudo_inverse
 from pumaid.model import Model
 from pumaid.preprocessing.hold_out import held_out_otherwise
 from pumaid.preprocessing.options import CONSTANT
 from pumaid.results.model_file import check_same_recipe, model_digest
 from pumaid.robot import Robot
-from pumaid.trajectory import NextRun
 from pumaid.units import number
 
-Floats = NDArray[np.float64]
-
+#: How a command that adds an effect begins; whoever knows the logs puts them in.
+IDENTIFY = "pumaid identify LOGS"
 #: Cosine of two parameters' information beyond which only their sum, or difference, is told.
 TOGETHER = 0.95
 
 
-def rmse_at(solved: Fit, held: list[JointBins]) -> float:
-    """RMSE (A) of samples of runs that were not fitted."""
-    square, count = 0.0, 0.0
-    for bins in held:
-        square += float(bins.count @ (misfit_at(solved, bins) ** 2 + bins.inside))
-        count += float(bins.count.sum())
-    return float(np.sqrt(square / count))
+#: Candidates listed for a joint.
+LISTED = 5
+#: Postures from which leaving one out says whether a finding travels.
+POSTURES = 4
+#: Joints whose picture a finding of several joints carries.
+PICTURES = 2
+#: Runs at constant speed from which a joint's strokes are not needed.
+STEADY = 12
 
 
-def sizes(found: EvaluatedCandidate) -> tuple[Size, ...]:
-    """Parameters of a candidate with standard errors; of two that only their sum or difference is known of, that."""
-    robot, added = found.on.model.robot, found.trial.added
-    parameters = added.effect.parameters(robot, added.joint or 0)
-    covariance = pseudo_inverse(found.trial.information)[0] * found.on.scale
+def sizes(candidate: EvaluatedCandidate) -> tuple[Size, ...]:
+    """Parameters of a candidate with standard errors; of two of which only the sum or difference is known, that."""
+    trial, term = candidate.trial, candidate.trial.added
+    robot = candidate.on.model.robot
+    covariance = pseudo_inverse(trial.information)[0] * candidate.on.scale
     errors = np.sqrt(np.maximum(np.diagonal(covariance), 0.0))
-    unit = robot.joint(added.joint or 1).position_unit
+    unit = robot.joint(term.joint or 1).position_unit
     alone = tuple(
         Size(parameter.name, float(value), float(error), parameter.unit.format(unit=unit))
-        for parameter, value, error in zip(parameters, found.trial.sizes, errors, strict=True)
+        for parameter, value, error in zip(term.effect.parameters(robot, term.number), trial.sizes, errors, strict=True)
     )
     if len(alone) != 2 or alone[0].unit != alone[1].unit:
         return alone
-    information, (first, second) = found.trial.information, alone
-    alike = information[0, 1] / np.sqrt(max(information[0, 0] * information[1, 1], np.finfo(float).tiny))
-    if abs(alike) < TOGETHER:
+    information, (first, second) = trial.information, alone
+    cosine = information[0, 1] / np.sqrt(max(information[0, 0] * information[1, 1], np.finfo(float).tiny))
+    if abs(cosine) < TOGETHER:
         return alone
-    sign = float(np.sign(alike))
+    sign, word = float(np.sign(cosine)), "+" if cosine > 0.0 else "-"
     error = float(np.sqrt(covariance.trace() + 2.0 * sign * covariance[0, 1]))
-    word = "+" if sign > 0.0 else "-"
     return (Size(f"{first.name} {word} {second.name}", first.value + sign * second.value, error, first.unit),)
 
 
-def command(added: EffectTerm) -> str:
-    """What adds it."""
-    where = "" if added.joint is None else f"@{added.joint}"
-    if isinstance(added.effect, Suspect):
-        return ""
-    shape = ",".join(f"{name}={value:.6g}" for name, value in added.shape.items())
-    return f"pumaid identify LOGS --add {added.effect.name}{where}" + (f":{shape}" if shape else "")
+def command(term: EffectTerm) -> str:
+    """What adds it; empty for a suspected column, which is no effect of the catalogue."""
+    text = option_text(term.effect.name, term.joint, term.shape)
+    return text and f"{IDENTIFY} --add {text}"
 
 
 def rival_name(key: tuple[str, int | None], joint: int | None) -> str:
@@ -102,271 +96,212 @@ def rival_name(key: tuple[str, int | None], joint: int | None) -> str:
     return name if place == joint or place is None else f"{name}@{place}"
 
 
-def reason(found: EvaluatedCandidate, better: str | None = None) -> str:
+def reason(candidate: EvaluatedCandidate, better: str | None = None) -> str:
     """Why a candidate has the verdict that it has; `better` is what was chosen instead of it."""
-    if found.fault == "chance":
+    gain, transfer = 100.0 * candidate.gain, candidate.transfer
+    if candidate.fault == "chance":
         return "chance alone makes something as good in these data"
-    if found.fault == "heldout":
+    if candidate.fault == "heldout":
         return "it does not predict runs that were left out any better"
-    if found.fault == "denied" and found.transfer is not None:
-        if not found.transfer.is_little:
+    if candidate.fault == "denied" and transfer is not None:
+        if not transfer.is_little:
             return "with it runs that were held out are predicted decidedly worse"
-        share, error = (number(100.0 * part, 2) for part in (found.transfer.share, found.transfer.std_error))
+        share, error = (number(100.0 * part, 2) for part in (transfer.share, transfer.std_error))
         return f"of what it adds to runs that were held out these show only {share} ± {error} %"
-    if found.fault == "worth":
-        little = f"it would lower the error by {100.0 * found.gain:.1g} % only"
-        return little if found.gain > 0.0 else "it lowers no error"
-    gain = 100.0 * found.gain
+    if candidate.fault == "worth":
+        return f"it would lower the error by {gain:.1g} % only" if gain > 0.0 else "it lowers no error"
     if better is not None:
         return f"it would lower the error by {gain:.2g} %, but {better} explains the same and more"
     return f"it lowers the error by {gain:.2g} % and predicts runs that were left out"
 
 
-def weakened(field: JointBins, runs: Sequence[Run]) -> tuple[str, ...]:
+def weakened(bins: JointBins, runs: Sequence[Run]) -> tuple[str, ...]:
     """What makes a joint's diagnosis weaker than it could be."""
-    out = []
-    if len(field.pairs) < FEWEST_PAIRS:
-        few = {0: "no run is", 1: "only one run is"}
-        what = few.get(len(field.pairs), f"only {len(field.pairs)} runs are")
-        out.append(f"{what} repeated, so noise is told from missing physics by the residual alone")
-    if len(field.postures) == 1:
-        out.append("one posture only: what depends on the load cannot be told from what depends on the position")
-    speeds = distinct([abs(run.speed) for run in field.runs])
-    if len(speeds) < 3:
-        out.append(f"{len(speeds)} speed{'s' if len(speeds) > 1 else ''} only: effects of speed are absorbed")
-    elif len(speeds) == 3:
-        out.append("three speeds only: an effect of speed shows its height there, not its course between")
-    if len({run.direction for run in field.runs}) == 1:
-        out.append("one direction only: friction cannot be told from what pushes the same way in both")
-    if any(run.kind == "stroke" for run in field.runs):
-        out.append("strokes from rest to rest: speed, position and start of a run change together")
-    if len({run.joint for run in runs}) == 1:
-        out.append("one joint only: gravity's loads cannot be checked against other joints")
-    return tuple(out)
+    repeated = {0: "no run is", 1: "only one run is"}.get(len(bins.pairs), f"only {len(bins.pairs)} runs are")
+    speeds = len(bins.speeds)
+    claims = {
+        f"{repeated} repeated, so noise is told from missing physics by the residual alone": len(bins.pairs)
+        < FEWEST_PAIRS,
+        "one posture only: what depends on the load cannot be told from what depends on the position": len(
+            bins.postures
+        )
+        == 1,
+        f"{speeds} speed{'s' if speeds > 1 else ''} only: effects of speed are absorbed": speeds < 3,
+        "three speeds only: an effect of speed shows its height there, not its course between": speeds == 3,
+        "one direction only: friction cannot be told from what pushes the same way in both": len(
+            {run.direction for run in bins.runs}
+        )
+        == 1,
+        "strokes from rest to rest: speed, position and start of a run change together": bool(bins.is_stroke.any()),
+        "one joint only: gravity's loads cannot be checked against other joints": len({run.joint for run in runs}) == 1,
+    }
+    return tuple(text for text, holds in claims.items() if holds)
 
 
-Key = tuple[str, int | None]
-
-#: Candidates told a joint.
-TOLD = 5
-#: Postures from which leaving one out says whether a finding travels.
-POSTURES = 4
-#: Joints whose picture a finding of several joints carries.
-PICTURES = 2
-
-
-class Account:
+class DiagnosisBuilder:
     """Everything that a finished search has to say.
 
     Parameters
     ----------
     search
         After `Stepwise.run`.
-    dataset
-        All runs, held-out ones too.
     """
 
-    def __init__(self, search: Stepwise, dataset: Dataset) -> None:
-        self.search, self.dataset = search, dataset
-        self.states = [step.scan.solved for step in search.steps]
+    def __init__(self, search: Stepwise) -> None:
+        self.search, self.robot = search, search.model.robot
+        self.fits = [step.scan.solved for step in search.steps]
         last = search.steps[-1]
         self.limits = detection_limits(last.scan, last.catalogue, last.family, periodic=search.periodic)
-        self.verdicts = {row.bins.joint: self._judged(row.bins.joint) for row in self.states[0].joints}
         acting = {joint for item in search.accepted for joint in item.contender.after}
-        pairs = zip(search.accepted, search.transfers, strict=True)
-        partly = {joint for item, share in pairs if share and share.is_partial for joint in item.contender.after}
-        self.refuted = ({joint for item in search.denied for joint in item.after} - acting) | partly
-        self.shapeless = {joint: self._competes(joint) for joint in self.verdicts}
-
-    def _judged(self, joint: int) -> JointVerdict:
-        acting = any(joint in item.contender.after for item in self.search.accepted)
-        return joint_verdict(self.states[0], self.states[-1], self.search.steps[-1].scan, joint=joint, acting=acting)
+        self.verdicts = {
+            row.bins.joint: joint_verdict(
+                self.fits[0], self.fits[-1], last.scan, joint=row.bins.joint, acting=row.bins.joint in acting
+            )
+            for row in self.fits[0].joints
+        }
+        partly = [item.contender for item in search.accepted if item.transfer and item.transfer.is_partial]
+        self.refuted = {joint for item in search.denied for joint in item.after} - acting
+        self.refuted |= {joint for item in partly for joint in item.after}
 
     def findings(self) -> tuple[Finding, ...]:
         """What to add, in the order in which it was found."""
-        out = []
-        for place, item in enumerate(self.search.accepted):
-            candidate, added = item.contender, item.contender.trial.added
-            names = dict.fromkeys(rival_name(rival.key, added.joint) for rival in item.rivals if rival.key != added.key)
-            before, after = self._errors(place, candidate)
-            out.append(
-                Finding(
-                    effect=added.effect.name,
-                    joint=added.joint,
-                    shape=dict(added.shape),
-                    verdict=DOUBTFUL if self._is_denied(place) else ADD,
-                    rivals=tuple(names),
-                    p_value=candidate.p_value,
-                    text=reason(candidate),
-                    command=command(added),
-                    rmse_heldout_before=before,
-                    rmse_heldout_after=after,
-                    sizes=sizes(candidate),
-                    next_run=self._next(item),
-                    curves=self._curves(item),
-                    transfer=self.search.transfers[place],
-                )
+        return tuple(self._finding(place, item) for place, item in enumerate(self.search.accepted))
+
+    def _finding(self, place: int, item: Accepted) -> Finding:
+        candidate, term = item.contender, item.contender.trial.added
+        is_denied = item.transfer is not None and item.transfer.is_denied
+        before, after = self._errors(place, candidate)
+        rival = next((rival for rival in item.rivals if rival.on is candidate.on), None)
+        by_gain = sorted(candidate.after, key=lambda joint: candidate.after[joint] / candidate.before[joint])
+        return Finding(
+            effect=term.effect.name,
+            joint=term.joint,
+            shape=dict(term.shape),
+            verdict=DOUBTFUL if is_denied else ADD,
+            rivals=_rival_names(item.rivals, term),
+            p_value=candidate.p_value,
+            text=reason(candidate),
+            command=command(term),
+            rmse_heldout_before=before,
+            rmse_heldout_after=after,
+            sizes=sizes(candidate),
+            next_run=None if rival is None else next_run(rival.on, candidate.trial, rival.trial),
+            curves=tuple(self._curve(item, joint) for joint in by_gain[:PICTURES]),
+            transfer=item.transfer,
+        )
+
+    def _errors(self, place: int, candidate: EvaluatedCandidate) -> tuple[float | None, float | None]:
+        """RMSE (A) of runs that no fit saw, before and after addition `place`, in the joints where it acts."""
+        fitted = {row.bins.joint for row in self.fits[0].joints}
+        unseen = [bins for bins in self.search.heldout() if bins.joint in candidate.after]
+        if not unseen:
+            falls = candidate.falls
+            return (falls.before, falls.after) if falls is not None else (None, None)
+        unseen = [bins for bins in unseen if bins.joint in fitted]
+        samples = sum(float(bins.count.sum()) for bins in unseen)
+        errors = []
+        for fit in (self.fits[min(k, len(self.fits) - 1)] for k in (place, place + 1)):
+            squares = (
+                bins.count @ (misfit_at(fit, bins) ** 2 + bins.inside) for bins in unseen if bins.joint in fitted
             )
-        return tuple(out)
+            errors.append(float(np.sqrt(sum(squares) / samples)))
+        return errors[0], errors[1]
 
-    def _is_denied(self, number: int) -> bool:
-        """Whether runs held out deny addition `number`, which the search kept since it had been denied enough."""
-        share = self.search.transfers[number]
-        return share is not None and share.is_denied
-
-    def _errors(self, number: int, found: EvaluatedCandidate) -> tuple[float | None, float | None]:
-        """RMSE (A) of runs that no fit saw, before and after addition `number`, in the joints where it acts."""
-        held = [bins for bins in self.search.heldout(self.search.added) if bins.joint in found.after]
-        if held:
-            fitted = [bins for bins in held if any(row.bins.joint == bins.joint for row in self.states[0].joints)]
-            pair = [rmse_at(self.states[min(k, len(self.states) - 1)], fitted) for k in (number, number + 1)]
-            return pair[0], pair[1]
-        return (found.falls.before, found.falls.after) if found.falls is not None else (None, None)
-
-    def _next(self, one: Accepted) -> NextRun | None:
-        """The run that would tell it from its first rival."""
-        rival = next((item for item in one.rivals if item.on is one.contender.on), None)
-        return None if rival is None else next_run(rival.on, one.contender.trial, rival.trial)
-
-    def _curves(self, one: Accepted) -> tuple[Curve, ...]:
-        """What is left before and after in the joints that it changes most."""
-        candidate = one.contender
-        order = sorted(candidate.after, key=lambda joint: candidate.after[joint] / candidate.before[joint])
-        return tuple(self._curve(one, joint) for joint in order[:PICTURES])
-
-    def _curve(self, one: Accepted, joint: int) -> Curve:
-        row, drawn = one.contender.on.row(joint), []
-        for candidate in (one.contender, *one.rivals):
+    def _curve(self, item: Accepted, joint: int) -> Curve:
+        row, drawn = item.contender.on.row(joint), []
+        for candidate in (item.contender, *item.rivals):
             residual = misfit_with(candidate.on, candidate.trial).get(joint)
             if residual is not None and len(residual) == len(row.misfit):
-                added = candidate.trial.added
-                drawn.append(Drawn(added.effect, added.joint, dict(added.shape), candidate.trial.sizes, residual))
-        return curve(self.search.model.robot, row.bins.samples, before=row.misfit, trials=drawn)
+                drawn.append(Drawn(candidate.trial.added, candidate.trial.sizes, residual))
+        return curve(self.robot, row.bins.samples, before=row.misfit, trials=drawn)
 
-    def joints(self) -> tuple[JointDiagnosis, ...]:
-        """Every joint of the arm."""
-        return tuple(self._joint(joint.number) for joint in self.search.model.robot.joints)
-
-    def _joint(self, joint: int) -> JointDiagnosis:
+    def joint(self, joint: int) -> JointDiagnosis:
+        """What is wrong at one joint (from 1)."""
         judged = self.verdicts.get(joint)
         if judged is None:
             return JointDiagnosis(joint, ADEQUATE, f"joint {joint} never moves alone in these logs", None, None)
-        row, competitor = self.states[0].row(joint), self.shapeless[joint]
-        verdict = UNEXPLAINED_JOINT if competitor is not None or joint in self.refuted else judged.verdict
-        split = budget(
-            row.bins,
-            row.misfit,
-            self.search.model.robot.joint(joint),
-            load=None if row.bins.samples.loads is None else row.bins.samples.loads.own,
-        )
+        row, shape = self.fits[0].row(joint), self._shape(joint)
+        split = budget(row.bins, row.misfit, self.robot.joint(joint))
+        limits = sorted(self.limits.items(), key=lambda item: (item[0][0], item[0][1] or 0))
         return JointDiagnosis(
             joint=joint,
-            verdict=verdict,
+            verdict=UNEXPLAINED_JOINT if shape is not None or joint in self.refuted else judged.verdict,
             text="",
             rmse=judged.rmse,
             noise_floor=None if split.floor is None else float(np.sqrt(split.floor)),
             repeats=None if judged.before is None else (judged.before.share, judged.before.p_value),
             budget=split.by_name(),
             candidates=self._candidates(joint),
-            unexplained=competitor or judged.shape,
-            limits=tuple(limit for key, limit in sorted(self.limits.items(), key=_by_name) if _concerns(key, joint)),
+            unexplained=shape or judged.shape,
+            limits=tuple(limit for (_, place), limit in limits if place in (joint, None)),
             weakened=weakened(row.bins, self.search.runs),
         )
 
-    def _competes(self, joint: int) -> Unexplained | None:
+    def _shape(self, joint: int) -> Unexplained | None:
         """A shape without a name that explains a joint decisively better than what was named there.
 
         Where runs held out deny what could be named, or show not all of it, the shape nearest to what is left.
         """
         if joint in self.refuted:
-            return nearest_form(self.states[-1], joint)
+            return nearest_form(self.fits[-1], joint)
         named = [item.contender for item in self.search.accepted if item.contender.key[1] == joint]
-        if not named:
-            return None
-        return competing_form(self.states[0], joint, named)
+        return competing_form(self.fits[0], joint, named) if named else None
 
     def _candidates(self, joint: int) -> tuple[Candidate, ...]:
         """What was found, and what came near, at one joint."""
-        records: dict[Key, Candidate] = {}
         added = {item.contender.key: item.contender for item in self.search.accepted}
-        steps = [(step, step.chosen) for step in self.search.steps]
-        adding = {
-            candidate.key: step for step, candidate in steps if candidate is not None and candidate in added.values()
-        }
+        adding = {step.chosen.key: step for step in self.search.steps if step.chosen in added.values() and step.chosen}
+        records: dict[tuple[str, int | None], Candidate] = {}
         for step in self.search.steps:
             for candidate in step.contenders:
-                if joint in candidate.after and candidate.key not in records:  # what was added, as it was when it was
-                    records[candidate.key] = self._candidate(
-                        added.get(candidate.key, candidate), adding.get(candidate.key, step)
-                    )
-        denied = [
-            self._candidate(candidate, self.search.steps[0])
-            for candidate in self.search.denied
-            if joint in candidate.after
-        ]
-        rest = [
-            candidate
-            for candidate in records.values()
-            if all((candidate.effect, candidate.shape) != (d.effect, d.shape) for d in denied)
-        ]
-        order = sorted([*rest, *denied], key=lambda candidate: (candidate.verdict != ADD, -candidate.evidence))
-        return tuple(order[:TOLD])
+                key = candidate.key
+                if joint in candidate.after and key not in records:  # what was added, as it was when it was
+                    records[key] = self._candidate(added.get(key, candidate), adding.get(key, step))
+        denied = [self._candidate(item, self.search.steps[0]) for item in self.search.denied if joint in item.after]
+        names = [(item.effect, item.shape) for item in denied]
+        rest = [item for item in records.values() if (item.effect, item.shape) not in names]
+        order = sorted([*rest, *denied], key=lambda item: (item.verdict != ADD, -item.evidence))
+        return tuple(order[:LISTED])
 
-    def _candidate(self, one: EvaluatedCandidate, step: Step) -> Candidate:
-        added, accepted = one.trial.added, {item.contender.key for item in self.search.accepted}
-        is_rival = any(one.key == rival.key for rival in step.rivals)
-        is_denied = one.fault == "denied"
-        verdict = (
-            ADD if one.key in accepted and not is_denied else DOUBTFUL if is_rival or one.p_value <= LEVEL else ABSENT
-        )
-        like = step.rivals if step.chosen is one else ()
+    def _candidate(self, candidate: EvaluatedCandidate, step: Step) -> Candidate:
+        term, accepted = candidate.trial.added, {item.contender.key for item in self.search.accepted}
+        is_rival = any(candidate.key == rival.key for rival in step.rivals)
+        verdict = DOUBTFUL if is_rival or candidate.p_value <= LEVEL else ABSENT
+        if candidate.key in accepted and candidate.fault != "denied":
+            verdict = ADD
+        like = step.rivals if step.chosen is candidate else ()
         if is_rival and step.chosen is not None:
-            like = (step.chosen, *(other for other in step.rivals if other is not one))
-        rivals = [rival_name(other.key, added.joint) for other in like if other.key != one.key]
+            like = (step.chosen, *(rival for rival in step.rivals if rival is not candidate))
+        better = None if verdict == ADD or is_rival or step.chosen is None else step.chosen.key[0]
         return Candidate(
-            effect=added.effect.name,
-            joint=added.joint,
-            shape=dict(added.shape),
+            effect=term.effect.name,
+            joint=term.joint,
+            shape=dict(term.shape),
             verdict=verdict,
-            reason=reason(one, None if verdict == ADD or is_rival or step.chosen is None else step.chosen.key[0]),
-            p_value=one.p_value,
-            evidence=one.evidence,
-            rmse_after=min(one.after.values(), default=None),
-            rmse_heldout_before=one.falls.before if one.falls else None,
-            rmse_heldout_after=one.falls.after if one.falls else None,
-            posture_gain=self._travels(one),
-            sizes=sizes(one),
-            rivals=tuple(dict.fromkeys(rivals)),
-            command=command(added),
+            reason=reason(candidate, better),
+            p_value=candidate.p_value,
+            evidence=candidate.evidence,
+            rmse_after=min(candidate.after.values(), default=None),
+            rmse_heldout_before=candidate.falls.before if candidate.falls else None,
+            rmse_heldout_after=candidate.falls.after if candidate.falls else None,
+            posture_gain=_posture_gain(candidate),
+            sizes=sizes(candidate),
+            rivals=_rival_names(like, term),
+            command=command(term),
         )
 
-    def _travels(self, one: EvaluatedCandidate) -> float | None:
-        """Share of the error in postures left out that it takes away."""
-        folds = posture_folds(one.on, sorted(one.after))
-        if len(folds) < POSTURES * len(one.after) or one.falls is None:
-            return None
-        losses = leave_out(one.on, [one.trial.added], folds)
-        return 1.0 - losses.after / losses.before if losses.before > 0 else None
 
-    def notes(self) -> tuple[Note, ...]:
-        """What the whole diagnosis rests on."""
-        clocks = {run.clock for run in self.search.runs}
-        if len(clocks) == 1:
-            return ()
-        text = f"the logs have {len(clocks)} clocks, each starting anew: effects of time are judged within a clock only"
-        return (Note("several-clocks", text),)
+def _rival_names(rivals: Sequence[EvaluatedCandidate], term: EffectTerm) -> tuple[str, ...]:
+    return tuple(dict.fromkeys(rival_name(rival.key, term.joint) for rival in rivals if rival.key != term.key))
 
 
-def _by_name(item: tuple[Key, Limit]) -> tuple[str, int]:
-    return item[0][0], item[0][1] or 0
-
-
-def _concerns(key: Key, joint: int) -> bool:
-    return key[1] in (joint, None)
-
-
-#: Runs at constant speed from which a joint's strokes are not needed.
-STEADY = 12
+def _posture_gain(candidate: EvaluatedCandidate) -> float | None:
+    """Share of the error in postures left out that it takes away."""
+    folds = posture_folds(candidate.on, sorted(candidate.after))
+    if len(folds) < POSTURES * len(candidate.after) or candidate.falls is None:
+        return None
+    losses = leave_out(candidate.on, [candidate.trial.added], folds)
+    return 1.0 - losses.after / losses.before if losses.before > 0 else None
 
 
 def diagnose(
@@ -422,18 +357,20 @@ def diagnose(
         given=terms_of(estimate.effects),
         campaign=Campaign.of(dataset.runs),
         unseen=tuple(run for run in dataset.runs if run.heldout),
-        effects=[*catalogue().values(), *_suspects(dataset, suspects)],
+        effects=[*catalogue().values(), *(Suspect.of(dataset, name) for name in suspects)],
         tell=progress or silent,
     )
     search.run()
-    account = Account(search, dataset)
+    builder = DiagnosisBuilder(search)
+    clocks = len({run.clock for run in runs})
+    text = f"the logs have {clocks} clocks, each starting anew: effects of time are judged within a clock only"
     return Diagnosis(
         robot=robot.name,
-        joints=account.joints(),
-        findings=account.findings(),
+        joints=tuple(builder.joint(joint.number) for joint in robot.joints),
+        findings=builder.findings(),
         model=model_digest(estimate),
         logs={facts.name: facts.digest for facts in dataset.files},
-        notes=(*held_out_otherwise(estimate, dataset), *account.notes()),
+        notes=(*held_out_otherwise(estimate, dataset), *([Note("several-clocks", text)] if clocks > 1 else [])),
         recipe_digest=robot.digest,
         version=__version__,
     )
@@ -447,16 +384,3 @@ def _looked_at(runs: Sequence[Run]) -> tuple[Run, ...]:
     """
     steady = Counter(run.joint for run in runs if run.kind == CONSTANT)
     return tuple(run for run in runs if run.kind == CONSTANT or steady[run.joint] < STEADY)
-
-
-def _suspects(dataset: Dataset, names: Sequence[str]) -> list[Effect]:
-    """An effect for each suspected column, scaled by what it does in these runs."""
-    out: list[Effect] = []
-    for name in names:
-        place = dataset.extra.index(name)
-        columns = [run.bins.extra[:, place] for run in dataset.runs if run.bins.extra is not None]
-        values = np.concatenate(columns) if columns else np.zeros(1)
-        values = values[np.isfinite(values)]
-        middle, spread = (float(values.mean()), float(values.std())) if len(values) else (0.0, 0.0)
-        out.append(Suspect(name, place, middle=middle, spread=spread))
-    return out

@@ -88,7 +88,7 @@ def spectrum(
     white: Floats,
     *,
     scale: float = 1.0,
-    known: Sequence[float] = (),
+    without: Sequence[float] = (),
     fewest_periods: float = FEWEST_PERIODS,
 ) -> Spectrum | None:
     """Scores of cos(f q) and sin(f q) at all frequencies that the bins can show.
@@ -105,7 +105,7 @@ def spectrum(
         (N,) whitened residual.
     scale
         Variance of a whitened residual at these bins, as a share of that by which statistics are divided.
-    known
+    without
         Frequencies of waves that the model has.
     fewest_periods
         Lowest frequency, in periods over the longest run.
@@ -150,7 +150,7 @@ def spectrum(
         power = 1.0 - 2.0 * rho * _likeness(np.abs(np.diff(places)), frequency) + rho**2
         information += 0.5 * lengths[number] * power / (spread**2 * (1.0 - rho**2))
     turned = scores * np.exp(1j * frequency * low[usable].min())
-    for wave in known:
+    for wave in without:
         turned[:, np.abs(frequency - wave) < SAME * 2.0 * np.pi / way.max()] = 0.0
     return Spectrum(frequency, turned / scale, information / scale, len(field.runs) < FEWEST_RUNS)
 

@@ -9,7 +9,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pumaid.errors import Note
-from pumaid.robot import EffectChoice
 from pumaid.trajectory import NextRun
 
 Floats = NDArray[np.float64]
@@ -256,11 +255,6 @@ class Finding:
     next_run: NextRun | None = None
     curves: tuple[Curve, ...] = ()
     transfer: Transfer | None = None
-
-    @property
-    def choice(self) -> EffectChoice:
-        """As an effect to add."""
-        return EffectChoice(self.effect, self.joint, dict(self.shape))
 
 
 @dataclass(frozen=True, eq=False, slots=True)

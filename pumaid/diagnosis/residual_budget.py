@@ -234,7 +234,7 @@ class _TermSearch:
         noise = noise_of(alone, rough)
         done = [*self.small, *(item.frequency for item in self.taken if item.frequency)]
         white = noise.whiten(self.bins, rough)
-        waves = spectrum(self.bins, noise, white, known=done, fewest_periods=FEWEST_WAVES)
+        waves = spectrum(self.bins, noise, white, without=done, fewest_periods=FEWEST_WAVES)
         if waves is None:
             return []
         height = waves.statistic()

@@ -22,7 +22,7 @@ from pumaid.diagnosis.score_test import (
     score_at,
     score_candidates,
 )
-from pumaid.diagnosis.sign_flip import SignFlips, sign_flips
+from pumaid.diagnosis.sign_flip import PERIODIC, SignFlips, sign_flips
 from pumaid.effect_spec import EffectTerm, marked
 from pumaid.effects import Effect, catalogue
 from pumaid.estimation.fit import Fit, at_bins, loaded
@@ -37,8 +37,8 @@ Key = tuple[str, int | None]
 #: Family-wise chance of a finding where nothing is missing: with the chance of a shape without a name, at most one
 #: experiment in twenty is told that something is missing when nothing is.
 LEVEL = 0.03
-#: Chance beyond which a candidate is not worth leaving runs out for.
-NEAR = 0.2
+#: Chance beyond which a candidate is not worth leaving runs out for, and beyond which it is not looked at closely.
+NEAR, FAR = 0.2, 0.3
 #: Standard errors by which held-out error must fall.
 STEADY = 1.0
 #: Share by which an effect must lower the RMSE of some joint to be worth a parameter: far below what a user would mind,
@@ -50,6 +50,13 @@ DECISIVE = 10.0
 EXACT = 1e-9
 #: Share of a rival's statistic that may be left once the chosen effect is in: above, it explains something else.
 SAME = 0.5
+#: Shapes within this share are one where a joint may have an effect several times.
+ALIKE = 0.01
+#: Effects added at most, candidates looked at closely at a time, and looks for each addition allowed: what one look
+#: adds the next may drop, and so on without end.
+MOST_ADDED, LEADERS, LOOKS = 4, 10, 2
+#: Effects that runs held out may deny before what is left is called unexplained.
+MOST_DENIED = 4
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -60,10 +67,8 @@ class EvaluatedCandidate:
     ----------
     trial
         At its best shape.
-    shapes
-        All that were tried.
     on
-        The system that it was tried on.
+        The fit that it was tried on.
     p_value
         Family-wise.
     evidence
@@ -77,7 +82,6 @@ class EvaluatedCandidate:
     """
 
     trial: ScoreTest
-    shapes: tuple[EffectTerm, ...]
     on: Fit
     p_value: float
     evidence: float
@@ -116,7 +120,7 @@ def evaluate(
     Parameters
     ----------
     on
-        The system that it is tried on.
+        The fit that it is tried on.
     grid, trial
         Its best on the grid (what the flips were compared with), and refined.
     shapes
@@ -124,20 +128,16 @@ def evaluate(
     family
         Chances under the flips.
     """
-    tried = (*shapes, trial.added)
     chance = family.p_value(trial.added.key, grid.surprise(on.scale))
-    before, after = _errors(on, trial)
-    joints = sorted(after)
-    return EvaluatedCandidate(
-        trial=trial,
-        shapes=tried,
-        on=on,
-        p_value=chance,
-        evidence=evidence(on, trial),
-        falls=leave_out(on, tried, replicate_folds(on, joints)) if chance <= NEAR else None,
-        before=before,
-        after=after,
-    )
+    before, after = {}, {}
+    for joint, residual in misfit_with(on, trial).items():
+        row = on.row(joint)
+        before[joint] = rmse(row.bins, row.misfit)
+        after[joint] = rmse(row.bins, residual)
+    falls = None
+    if chance <= NEAR:
+        falls = leave_out(on, (*shapes, trial.added), replicate_folds(on, sorted(after)))
+    return EvaluatedCandidate(trial, on, chance, evidence(on, trial), falls, before, after)
 
 
 def evidence(on: Fit, trial: ScoreTest) -> float:
@@ -155,35 +155,26 @@ def evidence(on: Fit, trial: ScoreTest) -> float:
     return gain - trial.freedoms * float(np.log(max(sum(runs) / len(runs), 2.0)))
 
 
-def _errors(on: Fit, trial: ScoreTest) -> tuple[dict[int, float], dict[int, float]]:
-    """RMSE (A) of samples by joint in which the effect acts, without and with it, all else refitted."""
-    before, after = {}, {}
-    for joint, residual in misfit_with(on, trial).items():
-        row = on.row(joint)
-        before[joint] = rmse(row.bins.count, row.bins.inside, row.misfit)
-        after[joint] = rmse(row.bins.count, row.bins.inside, residual)
-    return before, after
-
-
 def misfit_with(on: Fit, trial: ScoreTest) -> dict[int, Floats]:
     """Joint in which an effect acts -> (N,) A that is left with it, all else refitted."""
     plain = {row.bins.joint: trial.added.linear(on.model.robot, row.bins.samples) for row in on.joints}
-    acting = {joint: C for joint, C in plain.items() if np.any(C)}
-    cross = np.zeros((len(on.inverse), trial.width))
-    for k, C in acting.items():
-        cross[on.row(k).acting] += on.row(k).slim.T @ on.row(k).noise.whiten(on.row(k).bins, C)
-    turned = on.inverse @ cross
-    lost = {k: on.row(k).bare @ turned[on.row(k).acting] for k in acting}
-    return {k: on.row(k).misfit - (C - lost[k]) @ trial.sizes for k, C in acting.items()}
+    acting = {joint: columns for joint, columns in plain.items() if np.any(columns)}
+    white = {joint: on.row(joint).noise.whiten(on.row(joint).bins, columns) for joint, columns in acting.items()}
+    turned = on.inverse @ Projector(on).crossed(white)
+    out = {}
+    for joint, columns in acting.items():
+        row = on.row(joint)
+        out[joint] = row.misfit - (columns - row.bare @ turned[row.acting]) @ trial.sizes
+    return out
 
 
-def rmse(count: Floats, inside: Floats, misfit: Floats) -> float:
-    """RMSE (A) of samples from bins."""
-    return float(np.sqrt(count @ (misfit**2 + inside) / count.sum()))
+def rmse(bins: JointBins, misfit: Floats) -> float:
+    """RMSE (A) of the samples in some bins."""
+    return float(np.sqrt(bins.count @ (misfit**2 + bins.inside) / bins.count.sum()))
 
 
 def rivals(
-    chosen: EvaluatedCandidate, others: Sequence[EvaluatedCandidate], after: Fit
+    chosen: EvaluatedCandidate, evaluated: Sequence[EvaluatedCandidate], after: Fit
 ) -> tuple[EvaluatedCandidate, ...]:
     """Those which these data cannot tell from `chosen`.
 
@@ -192,38 +183,23 @@ def rivals(
 
     Parameters
     ----------
-    chosen, others
+    chosen, evaluated
         All judged on one system.
     after
         The system with `chosen` in it.
     """
     out = []
-    for other in others:
+    for other in evaluated:
         if other.key == chosen.key or other.p_value > LEVEL or other.falls is None or other.fault == "denied":
             continue
-        added, bins = other.trial.added, after
-        if added.effect.periodic is not None and added.joint is not None:  # coarse bins do not show it
-            bins = at_bins(after, other.on.row(added.joint).bins)
-        remaining = score_at(Projector(bins), added)
-        if remaining is not None and remaining.statistic > SAME * other.trial.statistic:
-            continue
-        if chosen.evidence - other.evidence <= DECISIVE:
+        term, bins = other.trial.added, after
+        if term.effect.periodic is not None and term.joint is not None:  # coarse bins do not show it
+            bins = at_bins(after, other.on.row(term.joint).bins)
+        remaining = score_at(Projector(bins), term)
+        is_explained = remaining is None or remaining.statistic <= SAME * other.trial.statistic
+        if is_explained and chosen.evidence - other.evidence <= DECISIVE:
             out.append(other)
     return tuple(out)
-
-
-Pair = tuple[ScoreTest, ScoreTest]
-
-#: Effects that runs held out may deny before what is left is called unexplained.
-MOST_DENIED = 4
-#: Looks for each addition allowed: what one look adds the next may drop, and so on without end.
-LOOKS = 2
-#: Shapes within this share are one where a joint may have an effect several times.
-ALIKE = 0.01
-#: Effects added at most, and candidates looked at closely at a time.
-MOST_ADDED, LEADERS = 4, 10
-#: Chance beyond which a candidate is not looked at closely, unless nothing is nearer.
-FAR = 0.3
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -240,10 +216,11 @@ class Step:
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Accepted:
-    """An addition: as it was judged, and what these data cannot tell from it."""
+    """An addition as it was judged, what these data cannot tell from it, and how much of it runs held out show."""
 
     contender: EvaluatedCandidate
-    rivals: tuple[EvaluatedCandidate, ...]
+    rivals: tuple[EvaluatedCandidate, ...] = ()
+    transfer: Transfer | None = None
 
 
 def silent(text: str) -> None:
@@ -264,18 +241,14 @@ class Stepwise:
         That of all runs of the logs, also those that are not fitted.
     effects
         What may be added; every effect that is no part of each model where not given.
-    most
-        Additions at most.
     tell
         Called with a word on what is done.
     unseen
         Runs that are not fitted.
     added, steps, accepted
         What is in the model now (`given` first), each look, and why each addition was made.
-    transfers
-        How much of each addition runs held out show; None where they cannot.
     denied
-        What was added and of which they showed too little, so that it was looked for no more.
+        What was added and of which runs held out showed too little, so that it was looked for no more.
     """
 
     model: Model
@@ -283,52 +256,40 @@ class Stepwise:
     given: Sequence[EffectTerm] = ()
     campaign: Campaign | None = None
     effects: Sequence[Effect] = ()
-    most: int = MOST_ADDED
     tell: Callable[[str], None] = silent
     unseen: Sequence[Run] = ()
-    transfers: tuple[Transfer | None, ...] = ()
     denied: list[EvaluatedCandidate] = field(default_factory=list)
     added: list[EffectTerm] = field(default_factory=list)
     steps: list[Step] = field(default_factory=list)
     accepted: list[Accepted] = field(default_factory=list)
+    periodic: Effect | None = None
     _coarse: tuple[JointBins, ...] = ()
     _finest: tuple[JointBins, ...] = ()
-    _unseen: tuple[tuple[JointBins, JointBins], ...] = ()
     _first: Fit | None = None
 
     def __post_init__(self) -> None:
         self.effects = [effect for effect in (self.effects or tuple(catalogue().values())) if not effect.base]
+        self.periodic = next((effect for effect in self.effects if effect.periodic is not None), None)
         self.added = list(self.given)
-        self._coarse, self._finest = self._fields(self.runs)
-        self._unseen = tuple(zip(*self._fields(self.unseen), strict=True)) if self.unseen else ()
+        self._coarse, self._finest = (
+            joint_bins(self.model.robot, self.runs, most=most, campaign=self.campaign) for most in (COARSE, FINE)
+        )
 
-    def _fields(self, runs: Sequence[Run]) -> tuple[tuple[JointBins, ...], tuple[JointBins, ...]]:
-        """At coarse bins and at the finest."""
+    def heldout(self) -> tuple[JointBins, ...]:
+        """Bins of runs that are not fitted: the finest of joints that have a periodic effect, else coarse ones."""
+        if not self.unseen:
+            return ()
         robot, campaign = self.model.robot, self.campaign
-        coarse, finest = (joint_bins(robot, runs, most=limit, campaign=campaign) for limit in (COARSE, FINE))
-        return coarse, finest
-
-    def heldout(self, added: Sequence[EffectTerm]) -> tuple[JointBins, ...]:
-        """Of runs that are not fitted, at the finest bins of joints that have a periodic effect, else coarse."""
-        fine = {term.joint for term in added if term.effect.periodic is not None}
-        return tuple(b if a.joint in fine else a for a, b in self._unseen)
-
-    @property
-    def periodic(self) -> Effect | None:
-        """The effect that is looked for by a periodogram."""
-        return next((effect for effect in self.effects if effect.periodic is not None), None)
+        coarse, finest = (joint_bins(robot, self.unseen, most=most, campaign=campaign) for most in (COARSE, FINE))
+        return _chosen(coarse, finest, self.added)
 
     def solved(self, added: Sequence[EffectTerm], noises: dict[int, NoiseModel] | None = None) -> Fit:
         """The model with `added`, on the finest bins of joints that have a periodic effect, else on coarse ones."""
         if self._first is None:
             self._first = fit_bins(self.model, self._coarse)
-        fine = {addition.joint for addition in added if addition.effect.periodic is not None}
-        chosen = [b if a.joint in fine else a for a, b in zip(self._coarse, self._finest, strict=True)]
-        robot = self.model.robot
-        terms = marked([*settling(self._coarse), *(term.searched(robot) for term in added)])
-        fitted = refit(
-            self._first, self.model.with_effects([replace(t, fitted=()) for t in terms]), bins=chosen, noise=noises
-        )
+        terms = marked([*settling(self._coarse), *(term.searched(self.model.robot) for term in added)])
+        unsized = self.model.with_effects([replace(term, fitted=()) for term in terms])
+        fitted = refit(self._first, unsized, bins=_chosen(self._coarse, self._finest, added), noise=noises)
         if noises is None:
             noises = {row.bins.joint: noise_of(row.bins, row.misfit) for row in fitted.joints}
         elif not added:
@@ -340,12 +301,15 @@ class Stepwise:
         """Add until nothing passes, again without what runs held out deny; the final system."""
         while True:
             last = self._climb()
-            held = self.heldout(self.added)
-            self.transfers = tuple(confirmed_share(last, item.contender.trial.added, held) for item in self.accepted)
+            bins = self.heldout()
+            self.accepted = [
+                replace(item, transfer=confirmed_share(last, item.contender.trial.added, bins))
+                for item in self.accepted
+            ]
             refused = [
-                replace(item.contender, transfer=share)
-                for item, share in zip(self.accepted, self.transfers, strict=True)
-                if share is not None and share.is_denied
+                replace(item.contender, transfer=item.transfer)
+                for item in self.accepted
+                if item.transfer is not None and item.transfer.is_denied
             ]
             if not refused or len(self.denied) >= MOST_DENIED:
                 return last
@@ -355,122 +319,123 @@ class Stepwise:
     def _climb(self) -> Fit:
         """Add until nothing passes."""
         while True:
-            self.tell(f"looking for what is missing ({len(self.added) - len(self.given)} added)")
+            count = len(self.added) - len(self.given)
+            self.tell(f"looking for what is missing ({count} added)")
             step = self.look(self.added)
             self.steps.append(step)
-            is_full = len(self.added) - len(self.given) >= self.most
-            if step.chosen is None or is_full or len(self.steps) > LOOKS * self.most:
+            if step.chosen is None or count >= MOST_ADDED or len(self.steps) > LOOKS * MOST_ADDED:
                 return step.scan.solved
             self.added.append(step.chosen.trial.added)
             self.accepted.append(Accepted(step.chosen, step.rivals))
-            self._swap()
+            self._exchange()
 
     def look(self, added: Sequence[EffectTerm]) -> Step:
-        """ScoreTable with the noise that is left once the leading candidate is out, then judge the leaders."""
+        """Score all candidates with the noise that is left once the leading one is out, then judge the leaders."""
         solved = loaded(self.solved(added))
-        tried = candidate_columns(solved, self.effects)
-        table = score_candidates(solved, tried)
-        lead = max(table.best().values(), key=lambda item: evidence(solved, item), default=None)
+        columns = candidate_columns(solved, self.effects)
+        table = score_candidates(solved, columns)
+        lead = max(table.best().values(), key=lambda trial: evidence(solved, trial), default=None)
         if lead is not None and evidence(solved, lead) > DECISIVE:  # else it takes no noise with it
             solved = loaded(self.solved(added, self.solved([*added, lead.added]).noises))
-            table = score_candidates(solved, tried)
+            table = score_candidates(solved, columns)
         table = replace(table, spectra=self._spectra(solved))
         chances = sign_flips(table, periodic=self.periodic.name if self.periodic else None)
-        pairs = self._close(table, chances)
-        evaluated = [self._judged(table, tried, pair, chances) for pair in pairs]
+        evaluated = [self._judged(table, columns, pair, chances) for pair in self._leaders(table, chances)]
         evaluated.sort(key=lambda item: -item.evidence)
         chosen = next((item for item in evaluated if item.fault is None), None)
         like: tuple[EvaluatedCandidate, ...] = ()
         if chosen is not None:
             like = rivals(chosen, evaluated, loaded(self.solved([*added, chosen.trial.added])))
-        return Step(table, tried, chances, chosen, like, tuple(evaluated))
+        return Step(table, columns, chances, chosen, like, tuple(evaluated))
 
     def _spectra(self, solved: Fit) -> dict[int, Spectrum]:
         """Of what the solved system leaves, at the finest bins."""
         out: dict[int, Spectrum] = {}
-        for fine in self._finest if self.periodic is not None else ():
-            if self.periodic is None or self.periodic.applies(self.model.robot, fine.joint) is not None:
+        effect = self.periodic
+        for fine in self._finest if effect is not None else ():
+            if effect is None or effect.applies(self.model.robot, fine.joint) is not None:
                 continue
             on = at_bins(solved, fine)
+            terms = [*solved.model.effects, *(item.trial.added for item in self.denied)]
             frequencies = [
-                term.shape[term.effect.periodic]
-                for term in [*solved.model.effects, *(item.trial.added for item in self.denied)]
-                if term.effect.periodic and term.joint == fine.joint
+                term.shape[term.effect.periodic] for term in terms if term.effect.periodic and term.joint == fine.joint
             ]
             row = on.row(fine.joint)
-            waves = spectrum(row.bins, row.noise, row.residual, scale=on.scale / solved.scale, known=frequencies)
+            waves = spectrum(row.bins, row.noise, row.residual, scale=on.scale / solved.scale, without=frequencies)
             if waves is not None:
                 out[fine.joint] = waves
         return out
 
-    def _close(self, seen: ScoreTable, chances: SignFlips) -> list[Pair]:
+    def _leaders(self, table: ScoreTable, chances: SignFlips) -> list[tuple[ScoreTest, ScoreTest]]:
         """Candidates worth a close look, on the grid and with refined shapes, periodic ones at their peaks."""
-        grid = sorted(seen.best().values(), key=lambda one: -evidence(seen.solved, one))
-        near = [
-            trial for trial in grid if chances.p_value(trial.added.key, trial.surprise(seen.solved.scale)) <= FAR
-        ] or grid[:1]
-        projector = Projector(seen.solved)
-        pairs = [(trial, refine_shape(projector, trial)) for trial in near[:LEADERS]]
-        pairs += [pair for joint in seen.spectra for pair in self._peak(seen, joint, chances)]
+        solved = table.solved
+        grid = sorted(table.best().values(), key=lambda trial: -evidence(solved, trial))
+        near = [trial for trial in grid if chances.p_value(trial.added.key, trial.surprise(solved.scale)) <= FAR]
+        projector = Projector(solved)
+        pairs = [(trial, refine_shape(projector, trial)) for trial in (near or grid[:1])[:LEADERS]]
+        for joint, waves in table.spectra.items():
+            effect, statistic = self.periodic, waves.statistic()
+            surprise = float(minus_log10_p(statistic.max() / solved.scale, PERIODIC))
+            if effect is None or effect.periodic is None or chances.p_value((effect.name, joint), surprise) > FAR:
+                continue
+            frequency = float(waves.frequency[int(np.argmax(statistic))])
+            projector = Projector(self._at_finest(solved, joint))
+            trial = score_at(projector, EffectTerm(effect, joint, {effect.periodic: frequency}))
+            if trial is not None:
+                pairs.append((trial, refine_shape(projector, trial)))
         return pairs
-
-    def _peak(self, seen: ScoreTable, joint: int, chances: SignFlips) -> list[Pair]:
-        """The highest peak of a joint's spectrum, at the finest bins."""
-        effect, waves = self.periodic, seen.spectra[joint]
-        if effect is None or effect.periodic is None:
-            return []
-        statistic = waves.statistic()
-        highest = float(statistic.max())
-        if chances.p_value((effect.name, joint), float(minus_log10_p(highest / seen.solved.scale, 2))) > FAR:
-            return []
-        frequency = float(waves.frequency[int(np.argmax(statistic))])
-        projector = Projector(self._at_finest(seen.solved, joint))
-        trial = score_at(projector, EffectTerm(effect, joint, {effect.periodic: frequency}))
-        return [] if trial is None else [(trial, refine_shape(projector, trial))]
 
     def _at_finest(self, solved: Fit, joint: int) -> Fit:
         return at_bins(solved, next(bins for bins in self._finest if bins.joint == joint))
 
-    def _judged(self, seen: ScoreTable, tried: CandidateColumns, pair: Pair, chances: SignFlips) -> EvaluatedCandidate:
-        added = pair[1].added
-        on, shapes = seen.solved, [variant.added for variant in tried.variants if variant.added.key == added.key]
-        if added.effect.periodic is not None and added.joint is not None:
-            on, shapes = self._at_finest(on, added.joint), [pair[0].added]
+    def _judged(
+        self, table: ScoreTable, columns: CandidateColumns, pair: tuple[ScoreTest, ScoreTest], chances: SignFlips
+    ) -> EvaluatedCandidate:
+        term = pair[1].added
+        on, shapes = table.solved, [variant.added for variant in columns.variants if variant.added.key == term.key]
+        if term.effect.periodic is not None and term.joint is not None:
+            on, shapes = self._at_finest(on, term.joint), [pair[0].added]
         candidate = evaluate(on, *pair, shapes=shapes, family=chances)
-        return replace(candidate, transfer=self._denial(candidate.trial.added))
+        return replace(candidate, transfer=self._denial(term))
 
-    def _denial(self, added: EffectTerm) -> Transfer | None:
+    def _denial(self, term: EffectTerm) -> Transfer | None:
         """What runs held out said of an effect if they denied it; of this very shape where a joint may have several."""
-        for candidate in (candidate for candidate in self.denied if candidate.key == added.key):
+        for candidate in (candidate for candidate in self.denied if candidate.key == term.key):
             shape = candidate.trial.added.shape
-            if not added.effect.is_repeatable or all(np.isclose(added.shape[k], shape[k], rtol=ALIKE) for k in shape):
+            if not term.effect.is_repeatable or all(np.isclose(term.shape[k], shape[k], rtol=ALIKE) for k in shape):
                 return candidate.transfer
         return None
 
-    def _swap(self) -> None:
+    def _exchange(self) -> None:
         """Look at every earlier addition again, now that the later ones are in: drop it, or put a better one there."""
         first = len(self.given)
         place = first
         while place < len(self.added) - 1:
-            rest = [term for number, term in enumerate(self.added) if number != place]
-            solved = loaded(self.solved(rest, self.solved(self.added).noises))
-            tried = candidate_columns(solved, self.effects)
-            table, chances = score_candidates(solved, tried), self.steps[-1].family
-            current = self._again(table, self.added[place])
-            if current is None or chances.p_value(current.added.key, current.surprise(solved.scale)) > LEVEL:
+            current = self.added[place]
+            solved = loaded(
+                self.solved([*self.added[:place], *self.added[place + 1 :]], self.solved(self.added).noises)
+            )
+            columns = candidate_columns(solved, self.effects)
+            table, chances = score_candidates(solved, columns), self.steps[-1].family
+            on = solved
+            if current.effect.periodic is not None and current.joint is not None:
+                on = self._at_finest(solved, current.joint)
+            again = score_at(Projector(on), current)
+            if again is None or chances.p_value(current.key, again.surprise(solved.scale)) > LEVEL:
                 del self.added[place], self.accepted[place - first]
                 continue
-            allowed = [term for term in table.best().values() if self._denial(term.added) is None]
-            top = max(allowed, key=lambda term: evidence(solved, term), default=current)
-            if evidence(solved, top) > evidence(solved, current) + DECISIVE:
+            allowed = [trial for trial in table.best().values() if self._denial(trial.added) is None]
+            top = max(allowed, key=lambda trial: evidence(solved, trial), default=again)
+            if evidence(solved, top) > evidence(solved, again) + DECISIVE:
                 pair = (top, refine_shape(Projector(solved), top))
                 self.added[place] = pair[1].added
-                self.accepted[place - first] = Accepted(self._judged(table, tried, pair, chances), ())
+                self.accepted[place - first] = Accepted(self._judged(table, columns, pair, chances))
             place += 1
 
-    def _again(self, seen: ScoreTable, added: EffectTerm) -> ScoreTest | None:
-        """An addition tried on the model without it."""
-        solved = seen.solved
-        if added.effect.periodic is not None and added.joint is not None:
-            solved = self._at_finest(solved, added.joint)
-        return score_at(Projector(solved), added)
+
+def _chosen(
+    coarse: Sequence[JointBins], finest: Sequence[JointBins], added: Sequence[EffectTerm]
+) -> tuple[JointBins, ...]:
+    """The finest bins of joints that have a periodic effect, else coarse ones."""
+    fine = {term.joint for term in added if term.effect.periodic is not None}
+    return tuple(b if a.joint in fine else a for a, b in zip(coarse, finest, strict=True))

@@ -145,8 +145,7 @@ def joint_verdict(first: Fit, last: Fit, scan: ScoreTable, *, joint: int, acting
     """
     a, b = first.row(joint), last.row(joint)
     before, after = (replicate_test(item.bins, item.misfit, item.residual) for item in (a, b))
-    start = rmse(a.bins.count, a.bins.inside, a.misfit)
-    end = rmse(b.bins.count, b.bins.inside, b.misfit)
+    start, end = rmse(a.bins, a.misfit), rmse(b.bins, b.misfit)
     removed = _removed(start, end, b.bins, after)
     still = after is not None and after.p_value * len(last.joints) <= REPEATS
     free = free_form_scores(last, joint)

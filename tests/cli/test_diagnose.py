@@ -21,9 +21,10 @@ from click.testing import CliRunner, Result
 
 import pumaid
 from pumaid.cli import group
-from pumaid.cli.additions import Typed, named
+from pumaid.cli.additions import Typed, with_commands
 from pumaid.diagnosis.document import read_diagnosis, write_diagnosis
 from pumaid.diagnosis.plan_for_effect import plan_of_findings as deciding
+from pumaid.diagnosis.records import Diagnosis
 from pumaid.io.log_writer import write_log
 from pumaid.io.plan_file import read_plan, write_plan
 from pumaid.io.recipe import shipped_recipes
@@ -231,7 +232,9 @@ def test_commands_repeat_what_the_model_has(arm):
     held += (EffectChoice("ripple", 4, {"frequency": 58.0}),)
     estimate = replace(pumaid.read_model(Path("results/model.json")), effects=held)
     typed = Typed(("my logs/",), Path("arm.yaml"), ("day 2.csv",), (Path("brake.py"),))
-    found = named(diagnoses.rich(), estimate, robot, typed=typed).findings[0].command
+    finding = replace(diagnoses.stribeck(), command="pumaid identify LOGS --add stribeck@3")
+    diagnosis = with_commands(Diagnosis(robot.name, (), (finding,)), estimate, robot, typed=typed)
+    found = diagnosis.findings[0].command
     assert found == (
         "pumaid identify 'my logs/' --recipe arm.yaml --heldout 'day 2.csv' --effects brake.py"
         " --add warmup@2 --add ripple@4:frequency=58 --add stribeck@3"

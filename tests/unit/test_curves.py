@@ -10,6 +10,7 @@ import worlds
 
 from pumaid.diagnosis.candidates import Suspect
 from pumaid.diagnosis.curves import SLOWEST, Trial, curve
+from pumaid.effect_spec import EffectTerm
 from pumaid.effects import Effect, Family, Trace
 from pumaid.effects.base import Parameter, Shape
 from pumaid.samples import Samples
@@ -71,7 +72,10 @@ def test_bins_are_means_over_runs():
     samples = bins()
     before, after = np.random.default_rng(1).normal(size=(2, len(samples)))
     found = curve(
-        worlds.PENDULUM, samples, before=before, trials=[Trial(Falling(), 2, {"velocity": 0.2}, [0.1], after)]
+        worlds.PENDULUM,
+        samples,
+        before=before,
+        trials=[Trial(EffectTerm(Falling(), 2, {"velocity": 0.2}), [0.1], after)],
     )
     runs = [n for n in np.unique(samples.run) if samples.direction[samples.run == n][0] < 0]
     slow = [n for n in runs if abs(samples.velocity[samples.run == n, 1].mean()) < 0.2]
@@ -86,7 +90,7 @@ def test_line_over_speed_runs_through_what_is_left():
     """What the base model leaves of a law of speed lies on that law's line at every speed that was run."""
     samples, law = bins(), Falling()
     left = without_line(samples, 0.1 * law.columns(None, samples, shape={"velocity": 0.2})[:, 0])
-    trial = Trial(law, 2, {"velocity": 0.2}, np.array([0.1]), 0.0 * left)
+    trial = Trial(EffectTerm(law, 2, {"velocity": 0.2}), np.array([0.1]), 0.0 * left)
     found = curve(worlds.PENDULUM, samples, before=left, trials=[trial])
     for side, line in zip(found.sides, found.lines, strict=True):
         at = np.interp(side.centres, line.places, line.values)
@@ -97,7 +101,7 @@ def test_rivals_part_below_the_slowest_run():
     """Two scales that agree on the speeds run differ where nobody ran, and the picture goes there."""
     samples, law = bins(), Falling()
     left = without_line(samples, 0.1 * law.columns(None, samples, shape={"velocity": 0.2})[:, 0])
-    trials = [Trial(law, 2, {"velocity": scale}, np.array([0.1]), 0.0 * left) for scale in (0.2, 0.1)]
+    trials = [Trial(EffectTerm(law, 2, {"velocity": scale}), np.array([0.1]), 0.0 * left) for scale in (0.2, 0.1)]
     lines = curve(worlds.PENDULUM, samples, before=left, trials=trials).lines
     first, rival = lines[0], lines[2]
     gap = np.abs(np.interp(first.places, rival.places, rival.values) - first.values)
@@ -109,7 +113,7 @@ def test_a_ripple_is_folded_on_its_period():
     """Over one period the bins show the wave that many periods hide."""
     samples, shape = bins(bins=400), {"frequency": 40.0}
     wave = 0.05 * np.cos(40.0 * samples.position[:, 1])
-    trial = Trial(Waving(), 2, shape, np.array([0.05]), 0.0 * wave)
+    trial = Trial(EffectTerm(Waving(), 2, shape), np.array([0.05]), 0.0 * wave)
     found = curve(worlds.PENDULUM, samples, before=wave, trials=[trial])
     side = found.sides[0]
     assert found.period == pytest.approx(2 * np.pi / 40.0)
@@ -123,7 +127,7 @@ def test_a_suspect_is_drawn_against_itself():
     volts[samples.run == 0] = np.nan
     samples = replace(samples, extra=np.column_stack([0.0 * volts, volts]))
     suspect = Suspect("supply", 1, middle=30.0, spread=4.0)
-    trial = Trial(suspect, 2, {"times": 0.0}, np.array([0.1]), np.zeros(len(samples)))
+    trial = Trial(EffectTerm(suspect, 2, {"times": 0.0}), np.array([0.1]), np.zeros(len(samples)))
     found = curve(worlds.PENDULUM, samples, before=volts, trials=[trial])
     assert (found.variable, found.unit) == ("supply", "")
     assert found.sides[0].centres == pytest.approx(found.sides[0].before)
@@ -136,6 +140,6 @@ def test_one_direction_has_one_side():
     ahead = whole.direction > 0
     names = ("position", "velocity", "acceleration", "direction", "time", "travel", "temperature", "run")
     some = Samples(2, **{name: getattr(whole, name)[ahead] for name in names})
-    trial = Trial(Falling(), 2, {"velocity": 0.2}, np.array([0.1]), np.zeros(len(some)))
+    trial = Trial(EffectTerm(Falling(), 2, {"velocity": 0.2}), np.array([0.1]), np.zeros(len(some)))
     found = curve(worlds.PENDULUM, some, before=np.ones(len(some)), trials=[trial])
     assert [side.direction for side in found.sides] == [1] and len(found.lines) == 1

@@ -88,6 +88,6 @@ def test_runs_in_places_far_apart_are_one_course():
 
 def test_beside_a_wave_that_is_known_there_is_no_other():
     """The highest of what is left lies two resolutions of a run away from it at least."""
-    found = waves_of(row("stroke", 12, 0.05), known=[WAVE])
+    found = waves_of(row("stroke", 12, 0.05), without=[WAVE])
     top = found.frequency[int(np.argmax(found.statistic()))]
     assert abs(top - WAVE) >= 2.0 * 2.0 * np.pi / 3.0
