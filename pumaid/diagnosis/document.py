@@ -10,22 +10,11 @@ from pumaid import __version__
 from pumaid.diagnosis.records import Diagnosis
 from pumaid.estimate import Estimate
 from pumaid.io.write import write_file
-from pumaid.results.documents import (
-    Refusals,
-    Unfit,
-    as_text,
-    check_seal,
-    heading,
-    plain,
-    read_document,
-    record_from,
-    sealed,
-)
+from pumaid.results.documents import as_text, heading, plain, read_document, record_from, sealed
 from pumaid.results.model_file import model_digest
 
 #: Its name in a folder of results.
 DIAGNOSIS_NAME = "diagnosis.json"
-REFUSALS = Refusals("diagnosis", "diagnosis-damaged", "pumaid diagnose MODEL LOGS...")
 
 
 def diagnosis_document(diagnosis: Diagnosis) -> dict[str, Any]:
@@ -55,35 +44,21 @@ def read_diagnosis(path: Path) -> Diagnosis:
 
     Raises
     ------
-    ResultError [file-not-readable], [diagnosis-damaged], or Faults of several
-        It is no diagnosis that this version can read; the entry that is wrong is named.
+    ResultError [file-not-readable], [diagnosis-damaged]
+        It is no diagnosis that this version can read, or was changed.
     """
-    document = read_document(Path(path), REFUSALS)
-    try:
-        diagnosis = record_from(Diagnosis, _entries(document))
-    except Unfit as unfit:
-        raise REFUSALS.unfit(unfit.faults, str(path)) from None
-    check_seal(document, REFUSALS, str(path))
+    return read_document(Path(path), "diagnosis", _diagnosis)
+
+
+def _diagnosis(document: Mapping[str, Any]) -> Diagnosis:
+    """The record; entries that it names otherwise are renamed."""
+    joints = [
+        {**joint, "repeats": joint["repeats"] and tuple(joint["repeats"].values())} for joint in document["joints"]
+    ]
+    entries = {**document, "version": document["pumaid"], "joints": joints}
+    entries |= {"recipe_digest": document["recipe"]["sha256"], "model": document["model"]["sha256"]}
+    diagnosis: Diagnosis = record_from(Diagnosis, entries)
     return diagnosis
-
-
-def _entries(document: Mapping[str, Any]) -> dict[str, Any]:
-    """The document's entries, those that `Diagnosis` names otherwise renamed."""
-    entries = {**document, "version": document.get("pumaid")}
-    for name, entry in (("recipe_digest", "recipe"), ("model", "model")):
-        holder = document.get(entry)
-        entries[name] = holder.get("sha256") if isinstance(holder, dict) else holder
-    joints = document.get("joints")
-    if isinstance(joints, list):
-        entries["joints"] = [_joint(joint) for joint in joints]
-    return entries
-
-
-def _joint(entries: Any) -> Any:
-    repeats = entries.get("repeats") if isinstance(entries, dict) else None
-    if not isinstance(repeats, dict):
-        return entries
-    return {**entries, "repeats": [repeats.get("share"), repeats.get("p_value")]}
 
 
 def stale(diagnosis: Diagnosis, estimate: Estimate, logs: Mapping[str, str]) -> tuple[str, ...]:

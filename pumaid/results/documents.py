@@ -1,4 +1,4 @@
-"""Result documents: records as JSON text, and records read back from it with every entry checked."""
+"""Result documents: records as JSON text closed by a digest, and records read back from it."""
 
 from __future__ import annotations
 
@@ -7,32 +7,31 @@ import json
 import math
 import re
 import sys
-from collections import Counter
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from contextlib import nullcontext
-from dataclasses import MISSING, dataclass, fields, is_dataclass
+from dataclasses import fields, is_dataclass
 from functools import cache
 from pathlib import Path
 from types import UnionType
-from typing import Annotated, Any, TypeVar, Union, cast, get_args, get_origin, get_type_hints
+from typing import Any, TypeVar, Union, get_args, get_origin, get_type_hints
 
 import numpy as np
-from pydantic import AfterValidator, ConfigDict, Field, TypeAdapter, ValidationError, create_model
 
 from pumaid import __version__
-from pumaid.errors import Faults, Note, PumaidError, ResultError, Where
+from pumaid.errors import Note, ResultError, Where
 from pumaid.robot import Robot
 
 Record = TypeVar("Record")
 
 #: The format number that this version writes and reads.
 FORMAT = 1
-#: Most faults of one file that are listed; the others are counted.
-MOST_FAULTS = 5
+#: Kind of a document that is read -> slug of its refusals, and the command that makes one.
+_READ = {
+    "model": ("model-damaged", "pumaid identify LOGS..."),
+    "diagnosis": ("diagnosis-damaged", "pumaid diagnose MODEL LOGS..."),
+}
 #: Most bytes of a document.
 MOST_BYTES = 200 << 20
-#: Largest number that is accepted; its fourth power is still finite.
-LARGEST = 1e60
 
 #: Fields of records whose entry in a document has another name.
 _ENTRIES = {
@@ -41,10 +40,6 @@ _ENTRIES = {
     "NextRun": {"motions": "runs"},
     "JointDiagnosis": {"limits": "unseen"},
 }
-#: Fields that cannot be negative.
-_SIZES = frozenset(
-    ("std_error", "rmse", "noise_floor", "run_level", "heldout", "dof", "runs", "samples", "heldout_runs")
-)
 #: A list of nothing but numbers over several lines.
 _NUMBERS = re.compile(r"\[\n\s*((?:-?\d[^\[\]\"{}]*|null[^\[\]\"{}]*))\]")
 
@@ -105,199 +100,105 @@ def digest_of(document: Mapping[str, Any]) -> str:
 
 
 def sealed(document: Mapping[str, Any]) -> dict[str, Any]:
-    """A document in plain values with its digest, by which `check_seal` sees that it was edited."""
+    """A document in plain values with its digest, by which `read_document` sees that it was edited."""
     content = plain(document)
     return content | {"sha256": digest_of(content)}
 
 
-@dataclass(frozen=True, slots=True)
-class Refusals:
-    """Builds the errors of one `kind` of document (``"model"``), with `slug`; `command` makes such a file anew."""
+def read_document(path: Path, kind: str, build: Callable[[dict[str, Any]], Record]) -> Record:
+    """What `build` makes of a JSON document that `sealed` closed; ``-`` is standard input.
 
-    kind: str
-    slug: str
-    command: str
-
-    def damaged(self, what: str, where: Where) -> ResultError:
-        """The file as a whole cannot be used."""
-        return ResultError(self.slug, what, where, f"make it again with '{self.command}'")
-
-    def unfit(self, faults: list[tuple[str, str]], file: str) -> PumaidError:
-        """Faults of entries, (path, what), as one error or several; of many the others are counted."""
-        listed = faults[:MOST_FAULTS]
-        more = f" (and {len(faults) - MOST_FAULTS} more faults)" if len(faults) > MOST_FAULTS else ""
-        listed[-1] = (listed[-1][0], listed[-1][1] + more)
-        errors = [self.damaged(what, Where(file=file, field=path or None)) for path, what in listed]
-        return errors[0] if len(errors) == 1 else Faults(errors)
-
-
-def read_document(path: Path, refusals: Refusals) -> dict[str, Any]:
-    """Read a JSON document of a known kind and format; ``-`` is standard input.
+    Parameters
+    ----------
+    path
+        The file.
+    kind
+        ``"model"`` or ``"diagnosis"``.
+    build
+        From the document to a record; its entries are those that pumaid wrote, as the digest says.
 
     Raises
     ------
     ResultError [file-not-readable]
         There is no such file, or it may not be read.
-    ResultError [the kind's slug]
-        It is not such a document.
+    ResultError [the kind, -damaged]
+        It is not such a document, or was changed since it was written.
     """
     name = "standard input" if str(path) == "-" else str(path)
-    document = _parsed(_content(path, name, refusals), name, refusals)
-    kind, number = document.get("kind"), document.get("format")
-    if kind != refusals.kind:
-        what = f"{name} is not a {refusals.kind}: its kind is {kind!r}"
-        raise refusals.damaged(what, Where(file=name, field="kind"))
-    if number != FORMAT or isinstance(number, bool):
-        what = f"{name} has format {number!r}, and was written by pumaid {document.get('pumaid')};"
-        what += f" this pumaid ({__version__}) reads format {FORMAT}"
-        raise refusals.damaged(what, Where(file=name, field="format"))
-    return document
+    slug, command = _READ[kind]
+    data = _content(path, name, kind)
 
+    def damaged(what: str, field: str | None = None, line: int | None = None) -> ResultError:
+        is_log = name.lower().endswith((".csv", ".parquet"))
+        mend = "the model comes before the logs: MODEL LOGS..." if is_log else f"make it again with '{command}'"
+        return ResultError(slug, what, Where(file=name, field=field, line=line), mend)
 
-def _content(path: Path, name: str, refusals: Refusals) -> bytes:
-    try:
-        with nullcontext(sys.stdin.buffer) if str(path) == "-" else path.open("rb") as stream:
-            data = stream.read(MOST_BYTES + 1)
-    except OSError as error:
-        what = f"{name} cannot be read: {error.strerror or error}"
-        mend = f"check the path, or make it with '{refusals.command}'"
-        if path.is_dir():
-            inside = [file for file in (path / "model.json", path / "results" / "model.json") if file.is_file()]
-            mend = f"give a file: {inside[0] if inside else path / 'model.json'}"
-        raise ResultError("file-not-readable", what, Where(file=name), mend) from error
     if len(data) > MOST_BYTES:
-        raise refusals.damaged(f"{name} has more than {MOST_BYTES >> 20} MiB", Where(file=name))
-    return data
-
-
-def _parsed(data: bytes, name: str, refusals: Refusals) -> dict[str, Any]:
-    repeated: list[str] = []
-
-    def once(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
-        repeated.extend(key for key, count in Counter(key for key, _ in pairs).items() if count > 1)
-        return dict(pairs)
-
+        raise damaged(f"{name} has more than {MOST_BYTES >> 20} MiB")
     try:
-        document = json.loads(data.decode("utf-8-sig"), object_pairs_hook=once)
-        json.dumps(document, ensure_ascii=False).encode("utf-8")
-    except UnicodeEncodeError:
-        raise refusals.damaged(f"{name} holds half of a surrogate pair, such as \\ud800", Where(file=name)) from None
+        document = json.loads(data.decode("utf-8-sig"))
+        digest = digest_of(document) if isinstance(document, dict) else ""
     except (ValueError, RecursionError) as error:  # not UTF-8, not JSON, too many digits, too deep
         what = f"{name} is not JSON, or breaks off: {str(error)[:80]}"
-        if name.lower().endswith((".csv", ".parquet")):
-            mend = "the model comes before the logs: MODEL LOGS..."
-            raise ResultError(refusals.slug, what, Where(file=name), mend) from None
-        raise refusals.damaged(what, Where(file=name, line=getattr(error, "lineno", None))) from None
-    if not isinstance(document, dict):
-        raise refusals.damaged(f"{name} holds a {type(document).__name__}, not a document", Where(file=name))
-    if repeated:
-        key = _encodable(repeated[0])
-        raise refusals.damaged(f"the entry {key!r} is given twice", Where(file=name, field=key))
-    return document
-
-
-def check_seal(document: Mapping[str, Any], refusals: Refusals, file: str) -> None:
-    """Refuse a document that was edited after it was written; earlier versions wrote no digest.
-
-    Raises
-    ------
-    ResultError [the kind's slug]
-        Its digest is not that of its content.
-    """
-    if document.get("sha256", digest := digest_of(document)) != digest:
-        raise refusals.damaged(f"{file} was changed after pumaid wrote it", Where(file=file, field="sha256"))
-
-
-class Unfit(ValueError):
-    """Entries that do not fit a record: `faults` are (path, what)."""
-
-    def __init__(self, faults: list[tuple[str, str]]) -> None:
-        super().__init__("; ".join(f"{path}: {what}" for path, what in faults))
-        self.faults = faults
-
-
-def record_from(kind: type[Record], entries: object) -> Record:
-    """A record (a dataclass) from JSON entries; entries without a field are ignored.
-
-    Fields may be numbers, text, records, arrays (null is NaN there), and tuples and mappings of these.
-
-    Raises
-    ------
-    Unfit
-        Entries are missing, of a wrong type or impossible.
-    """
+        raise damaged(what, line=getattr(error, "lineno", None)) from None
+    if not isinstance(document, dict) or document.get("kind") != kind:
+        found = document.get("kind") if isinstance(document, dict) else type(document).__name__
+        raise damaged(f"{name} is not a {kind}: its kind is {found!r}", "kind")
+    number = document.get("format")
+    if number != FORMAT or isinstance(number, bool):
+        what = f"{name} has format {number!r}, and was written by pumaid {document.get('pumaid')!r}"
+        raise damaged(f"{what}; this pumaid ({__version__}) reads format {FORMAT}", "format")
+    if document.get("sha256") != digest:
+        raise damaged(f"{name} was changed after pumaid wrote it", "sha256")
     try:
-        return cast(Record, _adapter(cast(Any, kind)).validate_python(entries))
-    except ValidationError as error:
-        raise Unfit([(_path(fault["loc"]), _said(fault["msg"], fault["input"])) for fault in error.errors()]) from None
+        return build(document)
+    except (KeyError, TypeError, ValueError, AttributeError) as error:
+        raise damaged(f"{name} lacks entries of a {kind}: {error!r:.80}") from None
+
+
+def _content(path: Path, name: str, kind: str) -> bytes:
+    try:
+        with nullcontext(sys.stdin.buffer) if str(path) == "-" else path.open("rb") as stream:
+            return stream.read(MOST_BYTES + 1)
+    except OSError as error:
+        command = _READ[kind][1]
+        mend = f"check the path, or make it with '{command}'"
+        if path.is_dir():
+            files = [file for file in (path / f"{kind}.json", path / "results" / f"{kind}.json") if file.is_file()]
+            mend = f"give a file: {files[0] if files else path / f'{kind}.json'}"
+        what = f"{name} cannot be read: {error.strerror or error}"
+        raise ResultError("file-not-readable", what, Where(file=name), mend) from error
+
+
+def record_from(kind: Any, entry: Any) -> Any:
+    """A dataclass, or what a field of one holds, from its JSON entry; null is NaN where a number is asked for.
+
+    Raises
+    ------
+    KeyError, TypeError, ValueError
+        The entry is no such thing.
+    """
+    make, origin, inside = kind, get_origin(kind), get_args(kind)
+    if is_dataclass(kind):
+        return make(**{name: record_from(inner, entry[key]) for name, key, inner in _fields(make) if key in entry})
+    if origin in (Union, UnionType):
+        return None if entry is None else record_from(inside[0], entry)
+    if origin is np.ndarray:
+        array = np.array(entry, dtype=float)
+        array.setflags(write=False)
+        return array
+    if origin is tuple:
+        kinds = [inside[0]] * len(entry) if inside[-1] is Ellipsis else inside
+        return tuple(record_from(inner, item) for inner, item in zip(kinds, entry, strict=True))
+    if isinstance(entry, dict):
+        return {key: record_from(inside[1], item) for key, item in entry.items()}
+    if kind is float:
+        return math.nan if entry is None else float(entry)
+    return entry
 
 
 @cache
-def _adapter(kind: Any) -> TypeAdapter[Any]:
-    return TypeAdapter(_checked_type(kind))
-
-
-def _checked_type(kind: Any, least: float = -LARGEST) -> Any:
-    """The type of a record's field as pydantic checks it: numbers from `least`, lists for tuples and arrays."""
-    origin, inside = get_origin(kind), get_args(kind)
-    number = Annotated[float, Field(ge=least, le=LARGEST)]
-    if is_dataclass(kind):
-        make: Any = kind
-        return Annotated[_checked_record(kind), AfterValidator(lambda checked: make(**dict(checked)))]
-    if origin is np.ndarray:
-        return Annotated[list[Any], AfterValidator(_array)]
-    if origin in (Union, UnionType):
-        inner = next(part for part in inside if part is not type(None))
-        return Union[number if inner is float else _checked_type(inner, least), None]  # noqa: UP007 - of a computed type
-    if origin is tuple and inside[-1] is Ellipsis:
-        return Annotated[list[_checked_type(inside[0], least)], AfterValidator(tuple)]  # type: ignore[misc]
-    if origin is tuple:
-        length = Field(min_length=len(inside), max_length=len(inside))
-        return Annotated[list[_checked_type(inside[0], least)], length, AfterValidator(tuple)]  # type: ignore[misc]
-    if origin is not None:  # a mapping
-        return dict[str, _checked_type(inside[1], least)]  # type: ignore[misc]
-    if kind is float:
-        return Annotated[Union[number, None], AfterValidator(lambda value: math.nan if value is None else value)]  # noqa: UP007
-    return Annotated[int, Field(ge=max(least, -(2**53)), le=2**53)] if kind is int else kind
-
-
-def _checked_record(kind: Any) -> Any:
-    """The pydantic model of a dataclass."""
+def _fields(kind: Any) -> list[tuple[str, str, Any]]:
+    """Name, entry in documents and type of a dataclass's fields."""
     types, names = get_type_hints(kind), _ENTRIES.get(kind.__name__, {})
-    entries: dict[str, Any] = {}
-    for item in fields(kind):
-        least = 0.0 if item.name in _SIZES else 1.0 if item.name == "joint" else -LARGEST
-        default: Any = ... if item.default is MISSING else item.default
-        if item.default_factory is not MISSING:
-            default = item.default_factory()
-        field = Field(default, validation_alias=names.get(item.name))
-        entries[item.name] = (_checked_type(types[item.name], least), field)
-    return create_model(kind.__name__, __config__=ConfigDict(strict=True, extra="ignore"), **entries)
-
-
-def _array(values: list[Any]) -> np.ndarray[Any, Any]:
-    """A read-only array of numbers, null as NaN."""
-    try:
-        cells = np.array(values, dtype=object)
-    except ValueError:
-        raise ValueError("its rows differ in length") from None
-    numbers = [cell for cell in cells.flat if cell is not None]
-    if not all(isinstance(cell, int | float) and not isinstance(cell, bool) for cell in numbers):
-        raise ValueError("it is not an array of numbers")
-    if not all(abs(cell) <= LARGEST for cell in numbers):
-        raise ValueError(f"its numbers are not all within {LARGEST:g}")
-    array = cells.astype(float)
-    array.setflags(write=False)
-    return array
-
-
-def _path(steps: tuple[int | str, ...]) -> str:
-    """``("joints", 0, "rmse")`` -> ``joints[0].rmse``."""
-    return "".join(f"[{step}]" if isinstance(step, int) else f".{step}" for step in steps).lstrip(".")
-
-
-def _said(message: str, value: Any) -> str:
-    if message == "Field required":
-        return "an entry is missing"
-    short = re.sub(r"\d{20,}", lambda digits: f"{float(digits[0]):g}", message)
-    return f"{short[0].lower()}{short[1:]}, found {str(value)[:40]!r}"
+    return [(item.name, names.get(item.name, item.name), types[item.name]) for item in fields(kind)]

@@ -14,7 +14,7 @@ from pumaid.errors import Note, PumaidError, ResultError, Where
 from pumaid.estimate import Estimate, JointFit
 from pumaid.io.write import locked, write_file
 from pumaid.results.documents import as_text, digest_of, plain, read_document
-from pumaid.results.model_file import REFUSALS, estimate_from, model_document
+from pumaid.results.model_file import estimate_from, model_document
 from pumaid.robot import EffectChoice, Robot
 
 #: The current model in a results folder, and the folder beside it that holds all of them.
@@ -129,15 +129,6 @@ class History:
     notes: tuple[Note, ...] = ()
 
 
-@dataclass(frozen=True, slots=True)
-class Kept:
-    """Number and file of a model in the archive, and whether it was added now."""
-
-    number: int
-    path: Path
-    is_new: bool
-
-
 @dataclass(frozen=True, eq=False, slots=True)
 class Entry:
     """An archived model: its file, the digest of its content, its parent's, and that of its arm."""
@@ -156,7 +147,7 @@ class Entry:
         return self.arm, tuple(sorted(self.estimate.logs.values())), fitted
 
 
-def keep(path: Path, estimate: Estimate, robot: Robot) -> Kept:
+def keep(path: Path, estimate: Estimate, robot: Robot) -> Path:
     """Write the current model of an experiment, and archive it as ``models/NUMBER-EFFECTS.json`` beside it.
 
     Its parent is the model that was current where one of the two has all effects of the other, else (or where it is an
@@ -171,6 +162,11 @@ def keep(path: Path, estimate: Estimate, robot: Robot) -> Kept:
     robot
         The arm; models of the same arm stay comparable when only the recipe's effects change.
 
+    Returns
+    -------
+    path
+        Of the archived model.
+
     Raises
     ------
     ResultError [cannot-write], [results-busy]
@@ -180,9 +176,9 @@ def keep(path: Path, estimate: Estimate, robot: Robot) -> Kept:
     document = model_document(estimate)
     with locked(Path(path).parent / FOLDER):
         before = _archive_current(Path(path), robot.digest, arm)
-        kept = _archive(Path(path).parent / FOLDER, (document, estimate), arm=arm, before=before)
+        archived = _archive(Path(path).parent / FOLDER, (document, estimate), arm=arm, before=before)
         write_file(Path(path), as_text(document))
-    return kept
+    return archived
 
 
 def restore(results: Path, number: int) -> Path:
@@ -202,7 +198,7 @@ def restore(results: Path, number: int) -> Path:
             numbers = ", ".join(str(entry.number) for entry in entries)
             what = f"there is no model {number}; there are {numbers}"
             raise ResultError("no-history", what, Where(file=str(results / FOLDER)), "see: pumaid history")
-        document = read_document(chosen.path, REFUSALS)
+        document, _ = _read(chosen.path)
         document.pop(_LINK, None)
         write_file(results / CURRENT, as_text(document))
     return results / CURRENT
@@ -218,7 +214,7 @@ def read_history(results: Path) -> History:
     """
     entries, notes = _entries(results)
     try:
-        digest, why = digest_of(_read(results / CURRENT)[0]), "is not among the kept ones"
+        digest, why = _read(results / CURRENT)[0]["sha256"], "is not among the kept ones"
     except PumaidError as error:
         digest, why = "", "is missing" if error.slug == "file-not-readable" else "is damaged"
     current = next((entry for entry in entries if entry.digest == digest), None)
@@ -248,8 +244,7 @@ def _read(path: Path) -> tuple[dict[str, Any], Estimate]:
     if path.exists() and not path.is_file():
         what = f"{path} is not a plain file"
         raise ResultError("file-not-readable", what, Where(file=str(path)), "remove it from the results folder")
-    document = read_document(path, REFUSALS)
-    return document, estimate_from(document, str(path))
+    return read_document(path, "model", lambda document: (document, estimate_from(document)))
 
 
 def _archive_current(path: Path, recipe: str = "", arm: str = "") -> str | None:
@@ -261,26 +256,25 @@ def _archive_current(path: Path, recipe: str = "", arm: str = "") -> str | None:
         document, estimate = _read(path)
     except PumaidError:
         return None
-    _archive(
-        path.parent / FOLDER, (document, estimate), arm=arm if estimate.recipe_digest == recipe else "", before=None
-    )
-    return digest_of(document)
+    arm = arm if estimate.recipe_digest == recipe else ""
+    _archive(path.parent / FOLDER, (document, estimate), arm=arm, before=None)
+    return str(document["sha256"])
 
 
-def _archive(folder: Path, model: tuple[dict[str, Any], Estimate], *, arm: str, before: str | None) -> Kept:
-    """Put a model into the archive; `before` is the digest of the one that was current."""
+def _archive(folder: Path, model: tuple[dict[str, Any], Estimate], *, arm: str, before: str | None) -> Path:
+    """Put a model into the archive, once; `before` is the digest of the one that was current."""
     document, estimate = model
-    digest = digest_of(document)
+    digest = document["sha256"]
     entries, _ = _usable(folder)
     for entry in entries:
         if entry.digest == digest:
-            return Kept(entry.number, entry.path, is_new=False)
+            return entry.path
     number = 1 + max((_number(path) for path in folder.glob("*")), default=0)
     path = folder / f"{number:03d}-{_effects_word(estimate.effects)}.json"
     new = Entry(number, path, estimate, digest, parent=None, arm=arm or estimate.recipe_digest)
     parent = _parent(new, [entry for entry in entries if entry.key == new.key], before)
     write_file(path, as_text(document | {_LINK: {"number": number, "sha256": digest, "parent": parent, "arm": arm}}))
-    return Kept(number, path, is_new=True)
+    return path
 
 
 def _parent(new: Entry, others: Sequence[Entry], before: str | None) -> str | None:
@@ -337,7 +331,7 @@ def _usable(folder: Path) -> tuple[list[Entry], list[Note]]:
             if entry.number in entries or any(entry.digest == other.digest for other in entries.values()):
                 raise ResultError("model-skipped", "its model or number is there already", where)
         except PumaidError as error:
-            why = str(getattr(error, "faults", [error])[0].what).replace(str(path), "it")
+            why = error.what.replace(str(path), "it")
             notes.append(Note("model-skipped", f"{path.name} is passed over: {why}", where))
             continue
         entries[entry.number] = entry
@@ -352,7 +346,7 @@ def _entry(path: Path) -> Entry:
     link = document.get(_LINK)
     texts = {key: text for key, text in link.items() if isinstance(text, str)} if isinstance(link, dict) else {}
     arm = texts.get("arm") or estimate.recipe_digest
-    return Entry(_number(path), path, estimate, digest_of(document), parent=texts.get("parent"), arm=arm)
+    return Entry(_number(path), path, estimate, document["sha256"], parent=texts.get("parent"), arm=arm)
 
 
 def _ladder(group: Sequence[Entry], main: Entry, current: int | None) -> Ladder:

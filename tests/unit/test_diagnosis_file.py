@@ -68,22 +68,11 @@ def test_digest_of_a_model_is_that_of_its_file(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("change", "field"),
-    [
-        (lambda d: d["findings"][0].update(p_value="small"), "findings[0].p_value"),
-        (lambda d: d["joints"][2].pop("verdict"), "joints[2].verdict"),
-        (lambda d: d["joints"][4]["unexplained"].update(means=[1, "x"]), "joints[4].unexplained.means"),
-        (lambda d: d["findings"][0]["next_run"]["runs"][0].update(hold=3), "findings[0].next_run.runs[0].hold"),
-        (lambda d: d.update(format=2), "format"),
-        (lambda d: d.update(kind="model"), "kind"),
-        (lambda d: d["findings"].append(7), "findings[2]"),
-        (lambda d: d.pop("joints"), "joints"),
-    ],
+    ("entries", "field"), [({"format": 2}, "format"), ({"kind": "model"}, "kind"), ({"joints": []}, "sha256")]
 )
-def test_damage_is_told_with_its_place(tmp_path, change, field):
-    """A file that was edited is refused with the entry that is wrong, never with a failure of ours."""
-    document = diagnosis_document(diagnoses.rich())
-    change(document)
+def test_another_or_an_edited_document_is_refused(tmp_path, entries, field):
+    """The entry by which that is seen is named."""
+    document = diagnosis_document(diagnoses.rich()) | entries
     (tmp_path / "d.json").write_text(json.dumps(document), encoding="utf-8")
     with pytest.raises(ResultError) as refused:
         read_diagnosis(tmp_path / "d.json")
