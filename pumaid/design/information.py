@@ -4,14 +4,13 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
-from pumaid.design.candidate_runs import JointCandidates, Sweep, seconds_of
+from pumaid.design.candidate_runs import CandidateSweep, JointCandidates, seconds_of
 from pumaid.effects import catalogue
 from pumaid.robot import Robot
 from pumaid.samples import Samples
@@ -39,25 +38,22 @@ def gravity_names(robot: Robot) -> tuple[str, ...]:
     return (*names, *(f"gain_ratio.{i}.{i + 1}" for i in range(1, robot.n_joints)))
 
 
-def existing_names(robot: Robot, structure: Structure) -> tuple[str, ...]:
-    """Gravity parameters and gain ratios that the arm has."""
-    return tuple(name for name in gravity_names(robot) if name not in absent_names(structure))
-
-
 def absent_names(structure: Structure) -> dict[str, str]:
     """Name -> why no run on this arm can show it."""
     ratios = {f"gain_ratio.{i}.{j}": why for (i, j), why in structure.redundant.items()}
     return {**structure.absent, **ratios}
 
 
-def friction_names(joint: int) -> list[str]:
-    """Names of the four friction parameters of a joint (from 1)."""
-    return [f"{effect}.j{joint}.{sign}" for effect, sign in _FRICTION]
+def existing_names(robot: Robot, structure: Structure) -> tuple[str, ...]:
+    """Gravity parameters and gain ratios that the arm has."""
+    absent = absent_names(structure)
+    return tuple(name for name in gravity_names(robot) if name not in absent)
 
 
 def parameter_names(robot: Robot, names: Sequence[str]) -> tuple[str, ...]:
-    """Gravity parameters and ratios `names`, then every joint's friction."""
-    return (*names, *itertools.chain.from_iterable(friction_names(joint.number) for joint in robot.joints))
+    """Gravity parameters and ratios `names`, then the friction of every joint."""
+    friction = (f"{effect}.j{joint.number}.{side}" for joint in robot.joints for effect, side in _FRICTION)
+    return (*names, *friction)
 
 
 def gravity_slopes(truths: Sequence[Truth], *, joint: int, holds: Floats, names: Sequence[str]) -> Floats:
@@ -65,14 +61,10 @@ def gravity_slopes(truths: Sequence[Truth], *, joint: int, holds: Floats, names:
 
     Parameters
     ----------
-    truths
-        G prior robots of one geometry.
-    joint
-        The joint that runs (from 1).
-    holds
-        (K, J) postures, rad or m.
-    names
-        p gravity parameters and ratios.
+    truths, joint
+        G prior robots of one geometry, and the joint that runs (from 1).
+    holds, names
+        (K, J) postures, rad or m, and p gravity parameters and ratios.
 
     Returns
     -------
@@ -107,14 +99,8 @@ def gravity_slopes(truths: Sequence[Truth], *, joint: int, holds: Floats, names:
 def run_moments(span: tuple[float, float], seconds: float, noise: Noise, *, joint: int) -> Floats:
     """(3, 3) information (1/A2) of a run on its cos q, sin q and constant parts.
 
-    Samples are correlated (AR(1)), and all samples of a run share a random level.
-
-    Parameters
-    ----------
-    span, seconds
-        Positions (rad or m) between which the speed is constant, and how long that lasts.
-    noise, joint
-        Standard deviations of the joint (from 1).
+    Its speed is constant between two positions `span` (rad or m), for so many seconds. Samples are correlated (AR(1)),
+    and all samples of a run share a random level.
     """
     q = np.linspace(*span, _POINTS)
     parts = np.column_stack([np.cos(q), np.sin(q), np.ones(_POINTS)])
@@ -129,14 +115,7 @@ def run_moments(span: tuple[float, float], seconds: float, noise: Noise, *, join
 def run_information(motion: Motion, slopes: Floats, truths: Sequence[Truth]) -> Floats:
     """(G, K, p + 4, p + 4) information of a run in K postures on p gravity parameters and the joint's friction.
 
-    Parameters
-    ----------
-    motion
-        The run; its posture is not looked at.
-    slopes
-        (G, K, 3, p) of `gravity_slopes` in these postures.
-    truths
-        G prior robots.
+    `slopes` are those of `gravity_slopes` for G prior robots in these postures; that of `motion` is not looked at.
     """
     robot, (*batch, p) = truths[0].robot, slopes.shape
     span, seconds = cruise(robot, motion)
@@ -149,10 +128,9 @@ def run_information(motion: Motion, slopes: Floats, truths: Sequence[Truth]) -> 
     return np.asarray(np.swapaxes(design, -1, -2) @ moments[:, None] @ design)
 
 
-def _columns(robot: Robot, joint: int, names: Sequence[str]) -> Counts:
-    """Places of the parameters of which a joint's runs tell among all parameters."""
-    first = len(names) + 4 * (joint - 1)
-    return np.concatenate([np.arange(len(names)), np.arange(first, first + 4)])
+def _columns(joint: int, count: int) -> Counts:
+    """Places of the parameters of which a joint's runs tell: `count` gravity parameters and ratios, its friction."""
+    return np.append(np.arange(count), count + 4 * (joint - 1) + np.arange(4))
 
 
 @dataclass(frozen=True, eq=False)
@@ -168,9 +146,7 @@ class CandidateInformation:
     seconds
         (L,) s, rests included.
     squares
-        By joint (G, L_j, p_j p_j): information of each candidate for G robots.
-    columns
-        By joint (p_j,): which of `names` its candidates tell of.
+        (G, L, q q): information of each candidate for G robots on gravity, ratios and its joint's friction.
     names
         p: gravity parameters and ratios, then friction.
     """
@@ -180,63 +156,53 @@ class CandidateInformation:
     hold: Counts
     sweep: Counts
     seconds: Floats
-    squares: tuple[Floats, ...]
-    columns: tuple[Counts, ...]
+    squares: Floats
     names: tuple[str, ...]
 
     def __len__(self) -> int:
         return len(self.joint)
 
-    @cached_property
-    def _bounds(self) -> Counts:
-        return np.searchsorted(self.joint, np.arange(1, len(self.joints) + 2))
-
-    def _by_joint(self, values: Floats) -> list[Floats]:
-        return [values[a:b] for a, b in itertools.pairwise(self._bounds)]
+    def _parts(self) -> Iterator[tuple[slice, Counts]]:
+        """Candidates of each joint, and which of `names` they tell of."""
+        bounds = np.searchsorted(self.joint, np.arange(1, len(self.joints) + 2))
+        for joint, (first, end) in enumerate(itertools.pairwise(bounds), start=1):
+            yield slice(first, end), _columns(joint, len(self.names) - 4 * len(self.joints))
 
     def information(self, counts: Floats) -> Floats:
         """(G, p, p) of all candidates, each made `counts` (L,) times."""
-        out = np.zeros((len(self.squares[0]), len(self.names), len(self.names)))
-        for count, squares, columns in zip(self._by_joint(counts), self.squares, self.columns, strict=True):
-            used = np.flatnonzero(count)
-            total = count[used] @ squares[:, used]
+        out = np.zeros((len(self.squares), len(self.names), len(self.names)))
+        for rows, columns in self._parts():
+            used = rows.start + np.flatnonzero(counts[rows])
+            total = counts[used] @ self.squares[:, used]
             out[:, columns[:, None], columns] += total.reshape(-1, len(columns), len(columns))
         return out
 
     def each(self, candidates: Sequence[int]) -> Floats:
         """(N, G, p, p) information of N candidates."""
-        out = np.zeros((len(candidates), len(self.squares[0]), len(self.names), len(self.names)))
+        out = np.zeros((len(candidates), len(self.squares), len(self.names), len(self.names)))
+        parts = list(self._parts())
         for k, candidate in enumerate(candidates):
-            j = int(self.joint[candidate]) - 1
-            columns = self.columns[j]
-            square = self.squares[j][:, candidate - self._bounds[j]]
+            _, columns = parts[int(self.joint[candidate]) - 1]
+            square = self.squares[:, candidate]
             out[k][:, columns[:, None], columns] = square.reshape(-1, len(columns), len(columns))
         return out
 
     def products(self, slope: Floats) -> Floats:
         """(L,) trace of slope times information of each candidate, summed over the robots (G, p, p)."""
-        out = []
-        for squares, columns in zip(self.squares, self.columns, strict=True):
+        out = np.empty(len(self))
+        for rows, columns in self._parts():
             part = slope[:, columns[:, None], columns].reshape(len(slope), -1, 1)
-            out.append((squares @ part).sum(axis=0)[:, 0])
-        return np.concatenate(out)
+            out[rows] = (self.squares[:, rows] @ part).sum(axis=0)[:, 0]
+        return out
 
     def only(self, candidates: Counts) -> CandidateInformation:
         """These candidates, rising."""
-        keep = np.zeros(len(self), dtype=bool)
-        keep[candidates] = True
-        parts = zip(self._by_joint(keep.astype(float)), self.squares, strict=True)
-        squares = tuple(np.ascontiguousarray(all_of[:, kept_here > 0]) for kept_here, all_of in parts)
-        index = {name: getattr(self, name)[keep] for name in ("joint", "hold", "sweep", "seconds")}
-        return replace(self, squares=squares, **index)
+        index = {name: getattr(self, name)[candidates] for name in ("joint", "hold", "sweep", "seconds")}
+        return replace(self, squares=self.squares[:, candidates], **index)
 
-    def sweep_of(self, candidate: int) -> Sweep:
-        """The sweep of a candidate."""
-        return self.joints[int(self.joint[candidate]) - 1].sweeps[self.sweep[candidate]]
-
-    def hold_of(self, candidate: int) -> tuple[float, ...]:
-        """(J,) the posture of a candidate, rad or m."""
-        return tuple(self.joints[int(self.joint[candidate]) - 1].holds[self.hold[candidate]].tolist())
+    def candidate(self, number: int) -> CandidateSweep:
+        """A candidate by its number (from 0)."""
+        return self.joints[int(self.joint[number]) - 1].candidate(int(self.hold[number]), int(self.sweep[number]))
 
     def find(self, joint: int, hold: int, sweep: int) -> int | None:
         """The candidate of a joint (from 1), posture and sweep; None where it is not usable."""
@@ -247,16 +213,9 @@ class CandidateInformation:
 def candidate_information(
     truths: Sequence[Truth], joints: Sequence[JointCandidates], *, names: Sequence[str]
 ) -> CandidateInformation:
-    """The information of all usable candidates for G prior robots.
+    """The information of all usable candidates of every joint, in order, for G prior robots.
 
-    Parameters
-    ----------
-    truths
-        Prior robots.
-    joints
-        Candidates of every joint, in order.
-    names
-        Gravity parameters and ratios that the arm has.
+    `names` are the gravity parameters and ratios that the arm has.
     """
     robot, index, seconds, squares = truths[0].robot, [], [], []
     for part in joints:
@@ -267,37 +226,26 @@ def candidate_information(
         slopes = gravity_slopes(truths, joint=part.joint, holds=part.holds, names=names)
         width = slopes.shape[-1] + 4
         table = np.zeros((len(truths), len(part.holds), len(part.sweeps), width, width))
-        for k, sweep in enumerate(part.sweeps):
-            for motion in sweep.motions(tuple(part.holds[0].tolist())):
+        for k in range(len(part.sweeps)):
+            for motion in part.candidate(0, k).motions():
                 table[:, :, k] += run_information(motion, slopes, truths)
         squares.append(table[:, where[:, 0], where[:, 1]].reshape(len(truths), len(where), width**2))
     joint, hold, sweeps = np.concatenate(index).T
-    columns = tuple(_columns(robot, part.joint, names) for part in joints)
     names = parameter_names(robot, names)
     return CandidateInformation(
-        tuple(joints), joint, hold, sweeps, np.concatenate(seconds), tuple(squares), columns, names
+        tuple(joints), joint, hold, sweeps, np.concatenate(seconds), np.concatenate(squares, axis=1), names
     )
 
 
 def plan_information(truths: Sequence[Truth], motions: Iterable[Motion], *, names: Sequence[str]) -> Floats:
-    """(G, p, p) information of the runs of a plan that are to be fitted.
-
-    Parameters
-    ----------
-    truths
-        G prior robots.
-    motions
-        Runs; held-out ones do not count.
-    names
-        Gravity parameters and ratios that the arm has; friction follows them.
-    """
+    """(G, p, p) information, for G prior robots, of the runs that are to be fitted; of `names` and all friction."""
     robot, fitted = truths[0].robot, [motion for motion in motions if motion.purpose == "fit"]
     out = np.zeros((len(truths), *[len(parameter_names(robot, names))] * 2))
     for joint in sorted({motion.joint for motion in fitted}):
         runs = [motion for motion in fitted if motion.joint == joint]
         holds, which = np.unique([motion.hold for motion in runs], axis=0, return_inverse=True)
         slopes = gravity_slopes(truths, joint=joint, holds=holds, names=names)
-        columns = _columns(robot, joint, names)
+        columns = _columns(joint, len(names))
         for motion, hold in zip(runs, which, strict=True):
             out[:, columns[:, None], columns] += run_information(motion, slopes[:, [hold]], truths)[:, 0]
     return out

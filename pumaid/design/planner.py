@@ -398,7 +398,7 @@ class Planner:
 def _blocks(candidates: CandidateInformation, counts: Counts) -> list[Block]:
     """Candidates, each made `counts` (L,) times, gathered by joint and posture."""
     gathered: dict[tuple[int, tuple[float, ...]], list[Sweep]] = {}
-    for candidate in np.repeat(np.arange(len(counts)), counts).tolist():
-        key = int(candidates.joint[candidate]), candidates.hold_of(candidate)
-        gathered.setdefault(key, []).append(candidates.sweep_of(candidate))
+    for place in np.repeat(np.arange(len(counts)), counts).tolist():
+        candidate = candidates.candidate(place)
+        gathered.setdefault((candidate.sweep.joint, candidate.hold), []).append(candidate.sweep)
     return [Block(joint, hold, tuple(ways)) for (joint, hold), ways in gathered.items()]
