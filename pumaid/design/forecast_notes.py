@@ -7,9 +7,8 @@ from collections.abc import Sequence
 import numpy as np
 
 from pumaid.design.collision import Collision
-from pumaid.design.coverage import POSTURES, SPEEDS
 from pumaid.design.information import RATE, absent_names, gravity_names, gravity_slopes
-from pumaid.design.planner import Made, Planner
+from pumaid.design.planner import POSTURES, SPEEDS, Made, Planner
 from pumaid.design.prior import Prior
 from pumaid.errors import Note, Where
 from pumaid.preprocessing.options import DEFAULTS

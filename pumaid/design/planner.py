@@ -1,4 +1,8 @@
-"""From prior robots and a time budget to motions: coverage, then greedy choice and exchange, then the schedule."""
+"""From prior robots and a time budget to motions: coverage, then greedy choice and exchange, then the schedule.
+
+A coverage is what every joint gets whatever it tells, since diagnosis needs it: postures, speeds, whole ranges,
+replicates.
+"""
 
 from __future__ import annotations
 
@@ -21,7 +25,6 @@ from pumaid.design.candidate_runs import (
     usable,
 )
 from pumaid.design.collision import Collision
-from pumaid.design.coverage import COVERAGES, Coverage, cover
 from pumaid.design.exchange import POWERS, ContinuousDesign, Criterion, Exchange, continuous_design, rounded
 from pumaid.design.information import CandidateInformation, candidate_information, gravity_slopes
 from pumaid.design.prior import Prior
@@ -34,6 +37,10 @@ from pumaid.units import number
 Floats = NDArray[np.float64]
 Counts = NDArray[np.int64]
 
+#: Different speeds of a joint at least: three tell a straight line from a bend, the fourth which bend.
+SPEEDS = 4
+#: Postures of a joint where time is not short: what depends on load or place shows between them.
+POSTURES = 4
 #: s a joint that a pass takes about: longer budgets are filled with more passes, up to so many.
 _PASS, _MOST_PASSES = 200.0, 20
 #: s a joint where no time is given.
@@ -75,6 +82,52 @@ class Request:
     criterion: str = "geometric"
 
 
+@dataclass(frozen=True, slots=True)
+class Coverage:
+    """How much every joint gets at least.
+
+    Attributes
+    ----------
+    postures, whole
+        Postures; in how many of them it runs over the whole range at top speed. These come in every pass, the others in
+        every other one.
+    part
+        s of a run over part of the range.
+    judged
+        Sweeps a joint that are kept for judging.
+    share
+        Of the time, that it may take.
+    middle
+        Whether the first posture gets a middle speed beside the slow one.
+    passes
+        How often the arm is gone through.
+    """
+
+    postures: int
+    whole: int
+    part: float
+    judged: int
+    share: float
+    middle: bool = False
+    passes: int = 2
+
+    @property
+    def times(self) -> tuple[int, ...]:
+        """How often each of the two alternating kinds of pass is made."""
+        return (1,) if self.passes == 1 else ((self.passes + 1) // 2, self.passes // 2)
+
+
+#: The most first.
+COVERAGES = (
+    Coverage(4, 4, 2.0, 2, 0.4, middle=True),
+    Coverage(4, 2, 0.8, 2, 0.45, middle=True),
+    Coverage(4, 1, 0.8, 1, 0.6, middle=True),
+    Coverage(4, 1, 0.8, 1, 0.9),
+    Coverage(3, 1, 0.8, 1, 0.9),
+    Coverage(2, 1, 0.8, 1, 0.9),
+)
+
+
 @dataclass(frozen=True, eq=False, slots=True)
 class PlanObjective:
     """The criterion of a plan whose passes are of K kinds: candidate l in passes of kind k is number ``k L + l``.
@@ -101,27 +154,18 @@ class PlanObjective:
 
     def values_with(self, counts: Counts, candidates: Counts) -> Floats:
         """(N,) criterion with one more of each of N candidates."""
-        kind, lap = np.divmod(candidates, len(self.candidates))
-        added = np.asarray(self.times)[kind][:, None, None, None] * self.candidates.each(lap.tolist())
+        kind, number_in_pass = np.divmod(candidates, len(self.candidates))
+        added = np.asarray(self.times)[kind][:, None, None, None] * self.candidates.each(number_in_pass.tolist())
         return self.criterion.value(self.information(counts) + added)
 
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Made:
-    """A plan's motions and what they were chosen by.
+    """A plan's motions in order, and what they were chosen by.
 
-    Attributes
-    ----------
-    motions
-        In order.
-    objective, counts
-        The criterion, and (K L,) how often each candidate is made in a pass of each kind.
-    judged
-        (J, J) the posture in which each joint is judged, rad or m.
-    coverage
-        What every joint got at least.
-    efficiency
-        Best conceivable error in the same time as a share of this plan's (0..1).
+    `counts` (K L,) says how often each candidate of the objective is made in a pass of each kind, `judged` (J, J) the
+    posture in which each joint is judged; `efficiency` is the best conceivable error in the same time as a share of
+    this plan's (0..1).
     """
 
     motions: tuple[Motion, ...]
@@ -133,21 +177,7 @@ class Made:
 
 
 class Planner:
-    """Makes plans for one arm.
-
-    Parameters
-    ----------
-    prior
-        Prior robots.
-    names
-        Gravity parameters and ratios that the arm has.
-    request
-        What is asked for.
-    seed
-        Same seed, same plan.
-    tell
-        Called with a word on what is done.
-    """
+    """Makes plans for one arm whose gravity parameters and ratios are `names`; the same seed makes the same plan."""
 
     def __init__(
         self, prior: Prior, names: Sequence[str], *, request: Request, seed: int, tell: Callable[[str], None]
@@ -159,7 +189,7 @@ class Planner:
         joints = self._shortlist(np.random.default_rng([seed, 3]), max(_SHORTLIST, request.postures or 0))
         shares = sorted(request.shares or SHARES)
         self.candidates = candidate_information(
-            self.truths, [self._joint(joint.joint, joint.holds, shares) for joint in joints], names=names
+            self.truths, [self._candidates(joint.joint, joint.holds, shares) for joint in joints], names=names
         )
         # Runs for judging have speeds that no fitted run has.
         between = (math.sqrt(shares[-2] * shares[-1]), math.sqrt(shares[0] * shares[1]))
@@ -181,11 +211,11 @@ class Planner:
         self.tell("choosing runs")
         coverages, request = self._coverages(), self.request
         is_asked = request.postures is not None or request.passes is not None or request.shares is not None
-        usual, share = coverages[0 if is_asked else 1]
-        budget = request.seconds or max(_USUAL * self.robot.n_joints, self._least_seconds(usual) / share)
+        usual = coverages[0 if is_asked else 1]
+        budget = request.seconds or max(_USUAL * self.robot.n_joints, self._least_seconds(usual) / usual.share)
         optimum = self._optimum(budget)
-        fitting = (wanted for wanted, share in coverages if self._least_seconds(wanted) <= share * budget)
-        coverage = next(fitting, coverages[-1][0])
+        fitting = (wanted for wanted in coverages if self._least_seconds(wanted) <= wanted.share * budget)
+        coverage = next(fitting, coverages[-1])
         best: Made | None = None
         allowed = budget
         required = self._required(coverage, optimum)
@@ -198,7 +228,7 @@ class Planner:
                 break
             allowed += 0.99 * budget - lasting
         if best is None:
-            raise self._too_short(budget, coverages[-1][0])
+            raise self._too_short(budget, coverages[-1])
         return best
 
     def efficiency(self, promised: dict[str, float], seconds: float) -> float | None:
@@ -232,11 +262,10 @@ class Planner:
         matter = self._that_matter(joint, rng)
         rest = [number for number in range(1, self.robot.n_joints + 1) if number != joint]
         holds = postures(self.robot, joint, varied=matter or rest, count=_DRAWN if matter else _DRAWN_IDLE, rng=rng)
-        ways = sweeps(self.robot, joint, speeds(self.robot, joint, _LOOK))
-        ways = tuple(dict.fromkeys((ways[0], ways[-1])))
-        free = usable(self.collision, holds, ways)
-        if free.any():
-            return JointCandidates(joint, holds, ways, free)
+        table = self._candidates(joint, holds, _LOOK, only_extremes=True)
+        if table.usable.any():
+            return table
+        ways = table.sweeps
         start, end = holds[0].copy(), holds[0].copy()
         start[joint - 1], end[joint - 1] = ways[0].low, ways[0].high
         hit = self.collision.first_hit(start, end)
@@ -262,8 +291,12 @@ class Planner:
                 out.append(other)
         return out
 
-    def _joint(self, joint: int, holds: Floats, shares: Sequence[float]) -> JointCandidates:
+    def _candidates(
+        self, joint: int, holds: Floats, shares: Sequence[float], *, only_extremes: bool = False
+    ) -> JointCandidates:
         ways = sweeps(self.robot, joint, speeds(self.robot, joint, shares))
+        if only_extremes:
+            ways = tuple(dict.fromkeys((ways[0], ways[-1])))
         return JointCandidates(joint, holds, ways, usable(self.collision, holds, ways))
 
     def _judging(self, joint: int, shares: tuple[float, float]) -> tuple[Sweep, ...]:
@@ -295,18 +328,14 @@ class Planner:
         self.criterion = replace(self.criterion, counted=counted)
         return continuous_design(self.candidates, self.criterion, budget)
 
-    def _coverages(self) -> list[tuple[Coverage, float]]:
-        """What every joint may get at least, the most first, and what share of the time it may take."""
+    def _coverages(self) -> list[Coverage]:
+        """What every joint may get at least, the most first."""
         request, many = self.request, 2
         if request.seconds is not None:
             many = int(np.clip(round(request.seconds / (_PASS * self.robot.n_joints)), 2, _MOST_PASSES))
         passes = request.passes or many
-        out = [
-            (replace(coverage, postures=request.postures or coverage.postures, passes=passes), share)
-            for coverage, share in COVERAGES
-        ]
-        last, share = out[-1]
-        return out if request.passes else [*out, (replace(last, passes=1), share)]
+        out = [replace(item, postures=request.postures or item.postures, passes=passes) for item in COVERAGES]
+        return out if request.passes else [*out, replace(out[-1], passes=1)]
 
     def _least_seconds(self, coverage: Coverage) -> float:
         """s that a coverage takes, about."""
@@ -321,7 +350,7 @@ class Planner:
         background = _BACKGROUND * self.candidates.information(even if optimum is None else optimum.counts)
         # A share of the time is half that share of the criterion, a logarithm.
         haste = 0.5 * coverage.passes / (self.request.seconds or usual)
-        return cover(
+        return _cover(
             self.candidates,
             self.criterion,
             coverage,
@@ -402,3 +431,78 @@ def _blocks(candidates: CandidateInformation, counts: Counts) -> list[Block]:
         candidate = candidates.candidate(place)
         gathered.setdefault((candidate.sweep.joint, candidate.hold), []).append(candidate.sweep)
     return [Block(joint, hold, tuple(ways)) for (joint, hold), ways in gathered.items()]
+
+
+def _cover(
+    candidates: CandidateInformation,
+    criterion: Criterion,
+    coverage: Coverage,
+    *,
+    background: Floats,
+    opening: Floats,
+    all_speeds: bool,
+) -> Counts:
+    """(K L,) the candidates of a coverage for each kind of pass, in the postures that tell most.
+
+    Over the postures of a joint come at least four speeds, the slowest and one in the middle among them; `all_speeds`
+    asks for every speed of the candidates. Postures are compared on top of the information `background` (G, p, p);
+    `opening` (L,) is by how much the criterion could fall in the time that it takes to go to each one.
+    """
+    counts = np.zeros((len(coverage.times), len(candidates)), dtype=np.int64)
+    for joint in candidates.joints:
+        taken: set[int] = set()
+        for place, ways in enumerate(_covering(joint, coverage, all_speeds=all_speeds)):
+            options = [k for k in range(len(joint.holds)) if k not in taken and joint.usable[k, ways].any()]
+            options = [k for k in options if joint.usable[k, ways].all()] or options
+            if not options:
+                break
+            made = [[c for w in ways if (c := candidates.find(joint.joint, k, w)) is not None] for k in options]
+            gathered = np.array([candidates.each(sets).sum(axis=0) for sets in made])
+            values = criterion.value(background + sum(coverage.times) * gathered)
+            values = values + opening[[sets[0] for sets in made]]
+            best = int(np.argmin(rounded(values)))
+            taken.add(options[best])
+            kinds = len(coverage.times) if place < coverage.whole else 1
+            counts[:kinds, made[best]] += 1
+            background = background + sum(coverage.times[:kinds]) * gathered[best]
+    return counts.ravel()
+
+
+def _covering(joint: JointCandidates, coverage: Coverage, *, all_speeds: bool) -> list[list[int]]:
+    """The sweeps (numbers) of each posture of a joint."""
+    at = sorted({sweep.speed for sweep in joint.sweeps})
+    slower = _spread(at[:-1])
+    count = max(1, math.ceil(((len(at) if all_speeds else SPEEDS) - 1) / coverage.postures))
+    out = []
+    for place in range(coverage.postures):
+        # The first posture gets one speed more, so that slow and middle come in every pass.
+        more = int(coverage.middle)
+        turns = range(place * count + min(place, more), (place + 1) * count + more)
+        chosen = dict.fromkeys(slower[turn % len(slower)] for turn in turns) if slower else {}
+        ways = [_part(joint.sweeps, speed, coverage.part, place=place) for speed in chosen]
+        if place < coverage.whole or not ways:
+            ways.append(_tour(joint.sweeps, place))
+        out.append(ways)
+    return out
+
+
+def _spread(rising: Sequence[float]) -> list[float]:
+    """Slowest first, then from the middle, so that a few of them lie far apart."""
+    half = (len(rising) + 1) // 2
+    pairs = zip(rising[:half], [*rising[half:], None], strict=False)
+    return [speed for pair in pairs for speed in pair if speed is not None]
+
+
+def _tour(ways: Sequence[Sweep], place: int) -> int:
+    """The widest sweep at the highest speed, up first and down first in turns."""
+    order = sorted(range(len(ways)), key=lambda c: (-ways[c].speed, ways[c].low - ways[c].high, c))
+    first = ways[order[0]]
+    alike = [c for c in order if (ways[c].speed, ways[c].low, ways[c].high) == (first.speed, first.low, first.high)]
+    return alike[place % len(alike)]
+
+
+def _part(ways: Sequence[Sweep], speed: float, seconds: float, *, place: int) -> int:
+    """The sweep at this speed that lasts nearest to `seconds`; parts above and below home take turns."""
+    off = {c: abs(math.log((way.high - way.low) / speed / seconds)) for c, way in enumerate(ways) if way.speed == speed}
+    alike = [c for c, distance in off.items() if distance <= min(off.values()) + 1e-9]
+    return alike[place % len(alike)]
