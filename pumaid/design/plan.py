@@ -1,32 +1,44 @@
-"""Plan an experiment, or say what a given plan promises."""
+"""Plan an experiment, or say what a given plan promises, with what the user should know of it."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from typing import NamedTuple
 
+import numpy as np
+
+from pumaid.design.collision import Collision
 from pumaid.design.exchange import POWERS
-from pumaid.design.forecast_notes import (
-    collision_notes,
-    conditions,
-    lack_notes,
-    posture_reasons,
-    tight_notes,
-    tilt_notes,
-    unusable_notes,
-    weight_notes,
+from pumaid.design.information import (
+    RATE,
+    absent_names,
+    existing_names,
+    gravity_names,
+    gravity_slopes,
+    parameter_names,
+    predicted_errors,
 )
-from pumaid.design.information import absent_names, existing_names, parameter_names, predicted_errors
-from pumaid.design.planner import Planner, Request
-from pumaid.design.prior import Setup, prior_robots
-from pumaid.errors import Faults, ModelError, Note, PumaidError
+from pumaid.design.planner import POSTURES, SPEEDS, Made, Planner, Request
+from pumaid.design.prior import Prior, Setup, prior_robots
+from pumaid.errors import Faults, ModelError, Note, PumaidError, Where
 from pumaid.estimate import Estimate
+from pumaid.preprocessing.options import DEFAULTS
 from pumaid.robot import Robot
-from pumaid.structure import minimal
-from pumaid.trajectory import Plan, duration
+from pumaid.structure import Structure, minimal
+from pumaid.trajectory import Motion, Plan, Posture, duration, highest_speeds, span, trapezoids
+from pumaid.units import factor, number
 
 #: Minutes of a plan, and postures a joint or passes, at most.
 _LONGEST, _MOST = 1440.0, 200
+#: A posture serves a parameter whose error grows by this factor without it; from the second on it is lost.
+_SERVES, _LOST = 1.15, 1e3
+#: Parameters that are named of a posture, at most.
+_NAMED = 3
+#: A standard error above this share of a ratio leaves it unknown.
+_WEAK = 0.5
+#: m off its axis at which a payload is suggested, and kg m that it has at least.
+_LEVER, _LEAST = 0.1, 0.02
 
 
 def plan(
@@ -40,14 +52,12 @@ def plan(
     prior: Estimate | None = None,
     setup: Setup | None = None,
     seed: int = 0,
-    tell: Callable[[str], None] | None = None,
+    tell: Callable[[str], None] = lambda _: None,
 ) -> Plan:
     """Plan runs that show every parameter which the arm has, as well as the time allows, within its limits.
 
-    One joint moves at a time, at constant speed, with the others held. Runs are chosen such that the predicted
-    standard errors are small: first a coverage that every joint gets in any case (postures, speeds, whole ranges,
-    replicates), then what tells most for its time, then exchanges. Some runs of each joint are kept for judging
-    (``heldout``).
+    First comes what every joint gets in any case (postures, speeds, whole ranges, replicates, runs ``heldout`` for
+    judging), then the runs that make the predicted standard errors smallest for their time, with exchanges.
 
     Parameters
     ----------
@@ -55,80 +65,35 @@ def plan(
         Geometry, limits, highest speeds, what must not be struck.
     minutes
         Time that the robot may take, moves included; about four a joint where not given.
-    speeds
-        Shares (0..1] of each joint's top speed, three or more.
-    postures_per_joint
-        At least so many.
-    replicates
-        Passes over the arm.
+    speeds, postures_per_joint, replicates
+        Shares (0..1] of each joint's top speed, three or more; at least so many postures; passes over the arm.
     criterion
         ``"geometric"``: the geometric mean of the errors; ``"worst"``: nearly the worst, as a share of its usual size.
-    prior
-        An earlier model of the arm; else several robots drawn from the geometry are planned for at once.
-    setup
-        A tilted base, a payload.
-    seed
-        Same seed, same plan.
-    tell
-        Called with a word on what is done.
-
-    Returns
-    -------
-    plan
-        Motions with purpose, postures with their reasons, expected standard errors, what stays unseen, duration.
+    prior, setup
+        An earlier model of the arm, else several robots drawn from the geometry are planned for at once; tilt, payload.
+    seed, tell
+        Same seed, same plan; `tell` is called with a word on what is done.
 
     Raises
     ------
-    ModelError [plan-too-short]
-        The least experiment that shows everything takes longer than `minutes`.
-    ModelError [plan-impossible]
-        A number out of range, or an unknown criterion.
-    ModelError [plan-unsafe]
-        Nothing can be run, or reached, without striking what must not be struck.
-
-    Source
-    ------
-    S.-K. Lin, on persistently exciting runs; Corollary 4 for what exists.
+    ModelError [plan-too-short], [plan-impossible], [plan-unsafe]
+        The least experiment takes longer; a number or criterion out of range; nothing can be run without a collision.
 
     Examples
     --------
     >>> from pumaid.simulation import table1
-    >>> experiment = plan(table1.robot(), minutes=12, seed=1)
-    >>> experiment.unseen["gravity.l1.x"][:20]
+    >>> plan(table1.robot(), minutes=12, seed=1).unseen["gravity.l1.x"][:20]
     'joint 1 (waist) turn'
     """
     _check(minutes, speeds, {"postures": postures_per_joint, "replicates": replicates}, criterion)
-    setup = setup or Setup()
-    arm = setup.robot(robot)
-    structure, assumed = minimal(arm), prior_robots(arm, estimate=prior, setup=setup, seed=seed)
-    names = existing_names(arm, structure)
-    request = Request(
-        None if minutes is None else 60.0 * minutes,
-        None if speeds is None else tuple(speeds),
-        postures_per_joint,
-        replicates,
-        criterion,
-    )
-    planner = Planner(assumed, names, request=request, seed=seed, tell=tell or _silent)
+    case = _case(robot, prior, setup, seed)
+    seconds, shares = None if minutes is None else 60.0 * minutes, None if speeds is None else tuple(speeds)
+    request = Request(seconds, shares, postures_per_joint, replicates, criterion)
+    planner = Planner(case.prior, case.names, request=request, seed=seed, tell=tell)
     made = planner.made()
-    promised = predicted_errors(assumed.robots, made.motions, names)
-    return Plan(
-        robot=robot.name,
-        motions=made.motions,
-        postures=posture_reasons(planner, made),
-        expected=promised,
-        unseen={**absent_names(structure), **_dark(arm, names, promised)},
-        duration=duration(arm, Plan(robot=robot.name, motions=made.motions)),
-        seed=seed,
-        efficiency=made.efficiency,
-        assumptions=(*setup.sentences(), *assumed.sentences, *conditions(arm)),
-        notes=(
-            *tight_notes(made, postures_per_joint),
-            *unusable_notes(arm, made.motions),
-            *weight_notes(assumed, promised),
-            *tilt_notes(arm, structure),
-        ),
-    )
+    reasons = posture_reasons(planner, made)
+    bare = Plan(robot.name, made.motions, reasons, seed=seed, efficiency=made.efficiency)
+    return _with_forecast(bare, case, notes=tight_notes(made, postures_per_joint))
 
 
 def check_plan(
@@ -138,64 +103,63 @@ def check_plan(
     prior: Estimate | None = None,
     setup: Setup | None = None,
     seed: int = 0,
-    tell: Callable[[str], None] | None = None,
+    tell: Callable[[str], None] = lambda _: None,
 ) -> Plan:
     """The same runs with what they promise, and notes on all that asks for attention.
 
     Parameters
     ----------
-    robot
-        The arm.
-    given
-        A plan by `plan`, edited or written by hand.
+    robot, given
+        The arm, and a plan by `plan`, edited or written by hand.
     prior, setup, seed, tell
         As for `plan`.
-
-    Returns
-    -------
-    plan
-        With expected errors, what stays unseen, duration, and its share of what could be had in that time.
-
-    Raises
-    ------
-    ModelError [plan-unsafe]
-        The arm can run nowhere without striking something.
     """
+    case = _case(robot, prior, setup, seed)
+    checked = _with_forecast(given, case, notes=[*collision_notes(case.arm, given), *lack_notes(case.arm, given)])
+    tell("comparing with the best conceivable experiment")
+    planner = Planner(case.prior, case.names, request=Request(checked.duration), seed=seed, tell=lambda _: None)
+    notes, absent = checked.notes, absent_names(case.structure)
+    if dark := [name for name in checked.unseen if name not in absent]:
+        mend = "add postures in which the outer links' load differs, or other speeds; compare with: pumaid plan"
+        notes = (*notes, Note("plan-dark", f"no run of this plan shows {', '.join(dark)}; {mend}"))
+    return replace(checked, efficiency=planner.efficiency(checked.expected, checked.duration), notes=notes)
+
+
+class _Case(NamedTuple):
+    """An arm as it stands, what it can show, and the robots that it may be."""
+
+    arm: Robot
+    structure: Structure
+    prior: Prior
+    names: tuple[str, ...]
+    setup: Setup
+
+
+def _case(robot: Robot, estimate: Estimate | None, setup: Setup | None, seed: int) -> _Case:
     setup = setup or Setup()
     arm = setup.robot(robot)
-    structure, assumed = minimal(arm), prior_robots(arm, estimate=prior, setup=setup, seed=seed)
-    names = existing_names(arm, structure)
-    promised, lasting = predicted_errors(assumed.robots, given.motions, names), duration(arm, given)
-    dark = _dark(arm, names, promised)
-    (tell or _silent)("comparing with the best conceivable experiment")
-    planner = Planner(assumed, names, request=Request(seconds=lasting), seed=seed, tell=_silent)
-    mend = "add postures in which the outer links' load differs, or other speeds; compare with: pumaid plan"
-    hidden = [Note("plan-dark", f"no run of this plan shows {', '.join(dark)}; {mend}")] if dark else []
+    structure = minimal(arm)
+    prior = prior_robots(arm, estimate=estimate, setup=setup, seed=seed)
+    return _Case(arm, structure, prior, existing_names(arm, structure), setup)
+
+
+def _with_forecast(bare: Plan, case: _Case, *, notes: Sequence[Note]) -> Plan:
+    """A plan with its expected errors, what stays unseen, its duration, assumptions and notes."""
+    promised = predicted_errors(case.prior.robots, bare.motions, case.names)
+    dark = [name for name in parameter_names(case.arm, case.names) if name not in promised]
     return replace(
-        given,
+        bare,
         expected=promised,
-        unseen={**absent_names(structure), **dark},
-        duration=lasting,
-        efficiency=planner.efficiency(promised, lasting),
-        assumptions=(*setup.sentences(), *assumed.sentences, *conditions(arm)),
+        unseen={**absent_names(case.structure), **dict.fromkeys(dark, "no run of this plan shows it")},
+        duration=duration(case.arm, bare),
+        assumptions=(*case.setup.sentences(), *case.prior.sentences, *conditions(case.arm)),
         notes=(
-            *collision_notes(arm, given.motions),
-            *unusable_notes(arm, given.motions),
-            *lack_notes(arm, given.motions),
-            *hidden,
-            *weight_notes(assumed, promised),
-            *tilt_notes(arm, structure),
+            *notes,
+            *unusable_notes(case.arm, bare),
+            *weight_notes(case.prior, promised),
+            *tilt_notes(case.arm, case.structure),
         ),
     )
-
-
-def _silent(_: str) -> None:
-    """Nobody listens."""
-
-
-def _dark(robot: Robot, names: Sequence[str], promised: dict[str, float]) -> dict[str, str]:
-    """Parameters that no run of a plan shows."""
-    return {name: "no run of this plan shows it" for name in parameter_names(robot, names) if name not in promised}
 
 
 def _check(
@@ -220,3 +184,183 @@ def _check(
     errors: list[PumaidError] = [ModelError("plan-impossible", what, mend=mend) for what, mend in faults]
     if errors:
         raise errors[0] if len(errors) == 1 else Faults(errors)
+
+
+def posture_reasons(planner: Planner, made: Made) -> tuple[Posture, ...]:
+    """Every posture of a plan with the parameters that it serves; those for judging come last of each joint."""
+    candidates, out = made.objective.candidates, list[Posture]()
+    counts = made.counts.reshape(len(made.objective.times), -1)
+    before = planner.criterion.errors(made.objective.information(made.counts))
+    for joint in planner.robot.joints:
+        label = f"joint {joint.number} ({joint.name})"
+        slopes = gravity_slopes(
+            planner.truths, joint=joint.number, holds=candidates.joints[joint.number - 1].holds, names=planner.names
+        )
+        carries = bool(np.any(np.abs(slopes) > 1e-9))
+        rows = candidates.joint == joint.number
+        for hold in np.unique(candidates.hold[rows & counts.any(axis=0)]).tolist():
+            in_posture = rows & (candidates.hold == hold)
+            rest = np.where(in_posture, 0, counts).ravel()
+            after = planner.criterion.errors(made.objective.information(rest))
+            rises = _rises(candidates.names, np.median(after / before, axis=0), gravity_names(planner.robot))
+            why = f"{label} carries no weight that can be told from friction: its runs are for friction"
+            if carries:
+                why = _loss(rises) if rises else "adds a load that differs from that of the other postures"
+            place = tuple(candidates.joints[joint.number - 1].holds[hold].tolist())
+            out.append(Posture(joint.number, place, tuple(rises), why))
+        why = f"{label} is judged here, at speeds that no fit uses"
+        out.append(Posture(joint.number, tuple(made.judged[joint.number - 1].tolist()), (), why))
+    return tuple(out)
+
+
+def _rises(names: Sequence[str], growth: np.ndarray, gravity: Sequence[str]) -> dict[str, float]:
+    """Gravity parameters and ratios whose error grows, and by which factor, the worst first."""
+    table = {name: float(g) for name, g in zip(names, growth, strict=True) if name in gravity and g >= _SERVES}
+    return dict(sorted(table.items(), key=lambda item: (-round(item[1], 6), item[0]))[:_NAMED])
+
+
+def _loss(rises: dict[str, float]) -> str:
+    parts = []
+    if lost := [name for name, growth in rises.items() if growth >= _LOST]:
+        parts.append(f"without it {', '.join(lost)} could not be identified")
+    if worse := [f"{name} {growth:.2g} times" for name, growth in rises.items() if growth < _LOST]:
+        parts.append(f"without it the error of {', '.join(worse)} as large")
+    return "; ".join(parts)
+
+
+def tight_notes(made: Made, asked: int | None) -> list[Note]:
+    """What had to be given up: replicates, postures."""
+    short = []
+    if made.coverage.passes < 2:
+        short.append("no run is made twice, so nothing separates noise from what a model misses")
+    if made.coverage.postures < min(POSTURES, asked or POSTURES):
+        short.append(f"joints run in {made.coverage.postures} postures only")
+    fitted = [motion for motion in made.motions if motion.purpose == "fit"]
+    counts = {joint: len({m.hold for m in fitted if m.joint == joint}) for joint in {m.joint for m in fitted}}
+    if few := [f"joint {joint} in {count}" for joint, count in counts.items() if count < (asked or 0)]:
+        short.append(f"fewer than {asked} postures differ and are free: {', '.join(few)}")
+    if not short:
+        return []
+    return [Note("plan-tight", f"the plan is thin: {'; '.join(short)}; more time (--minutes) or range helps")]
+
+
+def weight_notes(prior: Prior, promised: dict[str, float]) -> list[Note]:
+    """How much weight the last link needs off its axis for the last gain ratio to be seen."""
+    truth = prior.robots[0]
+    n = truth.robot.n_joints
+    name = f"gain_ratio.{n - 1}.{n}"
+    if name not in promised or not truth.robot.joint(n).is_revolute:
+        return []
+    hint = "A payload {:g} mm off the axis shows it: --payload {},{:g},0,0"
+    share = promised[name] / abs(float(np.median([t.parameters()[name] for t in prior.robots])))
+    if truth.given_constants is not None:
+        text = (
+            f"{name} cannot be identified with the weight that this arm has: its predicted error is"
+            f" {number(share, 2)} times its value. {hint.format(1e3 * _LEVER, 0.5, _LEVER)}"
+        )
+        return [Note("plan-needs-weight", text, Where(joint=n))] if share >= _WEAK else []
+    moments = [
+        np.hypot(t.constants.x[-1], t.constants.y[-1]) / abs(t.gain[-1])
+        for t in prior.robots
+        if t.given_constants is None
+    ]
+    least = max(float(np.median(moments)) * share / _WEAK, _LEAST)
+    text = (
+        f"{name} is seen only if link {n} has about {number(least, 2)} kg m (mass times distance) or more off its axis;"
+        f" a bare flange often has less. {hint.format(1e3 * _LEVER, number(least / _LEVER, 2), _LEVER)}"
+    )
+    return [Note("plan-needs-weight", text, Where(joint=n))]
+
+
+def tilt_notes(robot: Robot, structure: Structure) -> list[Note]:
+    """That a tilted base would show what an upright one hides, where it would."""
+    first = next((joint for joint in robot.joints if joint.is_revolute), None)
+    hidden = absent_names(structure)
+    if first is None or not np.any(robot.gravity) or not any(f".l{first.number}." in name for name in hidden):
+        return []
+    text = (
+        f"{', '.join(hidden)} cannot be seen while joint {first.number} ({first.name}) turns about the vertical. With"
+        " the base tilted they can: --tilt 10,0 plans for 10 deg about the base's x axis"
+    )
+    return [Note("plan-needs-tilt", text, Where(joint=first.number))]
+
+
+def unusable_notes(robot: Robot, given: Plan) -> list[Note]:
+    """Runs that are too short or too slow to be found in a log; one note a joint."""
+    out = []
+    for joint in robot.joints:
+        numbers = [k for k, m in enumerate(given.motions, start=1) if m.joint == joint.number and _is_lost(m)]
+        if not numbers:
+            continue
+        unit = "rad" if joint.is_revolute else "m"
+        text = (
+            f"{len(numbers)} run(s) of joint {joint.number} ({joint.name}) will not be found in the logs: a run must go"
+            f" over {DEFAULTS.min_travel:g} {unit} or more, faster than {DEFAULTS.rest_speed:g} {unit}/s; the first is"
+            f" run {numbers[0]}. Give it more room (its limits in the recipe) or speed"
+        )
+        out.append(Note("plan-unusable", text, Where(joint=joint.number, field=f"runs[{numbers[0]}]")))
+    return out
+
+
+def _is_lost(motion: Motion) -> bool:
+    return abs(motion.end - motion.start) < DEFAULTS.min_travel or motion.velocity <= DEFAULTS.rest_speed
+
+
+def collision_notes(robot: Robot, given: Plan) -> list[Note]:
+    """Runs, and moves between them, that strike something."""
+    collision, out = Collision(robot), list[Note]()
+    for step in trapezoids(robot, given):
+        if (hit := collision.first_hit(step.start, step.end)) is None:
+            continue
+        way = f"the move from run {step.number - 1} to run" if step.motion is None else "run"
+        text = f"{way} {step.number}: {collision.describe(hit)}"
+        joint = None if step.motion is None else step.motion.joint
+        out.append(Note("plan-strikes", text, Where(joint=joint, field=f"runs[{step.number}]")))
+    return out
+
+
+def lack_notes(robot: Robot, given: Plan) -> list[Note]:
+    """What diagnosis would miss: postures, speeds, replicates, runs for judging."""
+    out = []
+    for joint in robot.joints:
+        runs = [motion for motion in given.motions if motion.joint == joint.number]
+        fitted = [motion for motion in runs if motion.purpose == "fit"]
+        faults = []
+        if (count := len({_others(motion) for motion in fitted})) < POSTURES and robot.n_joints > 1:
+            faults.append(f"{count} of {POSTURES} postures")
+        if (count := len({round(motion.velocity, 4) for motion in fitted})) < SPEEDS:
+            faults.append(f"{count} of {SPEEDS} speeds")
+        if len({(_others(m), m.start, m.end, m.velocity) for m in fitted}) == len(fitted):
+            faults.append("no run is made twice")
+        if not runs:
+            faults = ["it never runs"]
+        elif len(runs) == len(fitted):
+            faults.append("no run is kept for judging")
+        if faults:
+            text = f"joint {joint.number} ({joint.name}): {'; '.join(faults)}"
+            out.append(Note("plan-lacks", text, Where(joint=joint.number)))
+    return out
+
+
+def _others(motion: Motion) -> tuple[float, ...]:
+    """Where the joints that do not move are held."""
+    return tuple(round(value, 4) for k, value in enumerate(motion.hold, start=1) if k != motion.joint)
+
+
+def conditions(robot: Robot) -> list[str]:
+    """What a forecast takes for granted of limits, speeds and surroundings."""
+    out = [f"{RATE:g} samples a second; ramps reach the highest speed in 0.4 s."]
+    if robot.safety is None:
+        out.append(
+            "The recipe states no boxes and no spheres (block safety): collisions are not checked. Look at each posture"
+            " before it is run."
+        )
+    for joint in robot.joints:
+        unit = "deg" if joint.is_revolute else "m"
+        if joint.limits is None:
+            low, high = (end / factor(unit) for end in span(joint))
+            out.append(f"Joint {joint.number} ({joint.name}) states no limits: {low:.4g}..{high:.4g} {unit} taken.")
+        if joint.max_velocity is None:
+            top = highest_speeds(robot)[joint.number - 1] / factor(unit)
+            out.append(f"Joint {joint.number} ({joint.name}) states no max_velocity: {top:.3g} {unit}/s taken.")
+    return out
