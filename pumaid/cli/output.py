@@ -105,15 +105,14 @@ def spare_inputs(places: Iterable[Path | None], read: Iterable[Path | None]) -> 
         A place is one of the files.
     """
     context = click.get_current_context(silent=True)
-    own = () if context is None else context.meta.get("pumaid.effects", ())
-    inputs = [path for path in (*read, *own) if path is not None and str(path) != "-"]
+    effects = () if context is None else context.meta.get("pumaid.effects", ())
+    inputs = [path for path in (*read, *effects) if path is not None and str(path) != "-"]
     for place in places:
         taken = [] if place is None or str(place) == "-" else [path for path in inputs if _is_same(place, path)]
         if taken:
             what = f"{place} is an input (log, recipe, plan, model ...), which a result must not replace"
             also = "" if taken[0] == place else f": it is {taken[0]}"
-            mend = "write to another file"
-            raise ResultError("output-is-input", what + also, Where(file=str(place)), mend)
+            raise ResultError("output-is-input", what + also, Where(file=str(place)), "write to another file")
 
 
 def _is_same(one: Path, other: Path) -> bool:

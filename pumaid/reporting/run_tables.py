@@ -48,7 +48,6 @@ def run_table(dataset: Dataset, robot: Robot, *, units: str = "rad") -> Table:
     kinds = [robot.joint(joint).position_unit for joint in sorted({run.joint for run in dataset.runs})]
     unit = " or ".join(dict.fromkeys(in_unit(kind, units)[1] for kind in kinds)) or units
     names = relative_names([run.origin for run in dataset.runs])
-    has_strokes = any(run.kind == "stroke" for run in dataset.runs)
     rows: list[Row] = []
     for index, run in enumerate(dataset.runs, start=1):
         joint = robot.joint(run.joint)
@@ -56,13 +55,14 @@ def run_table(dataset: Dataset, robot: Robot, *, units: str = "rad") -> Table:
         low, high, speed = (number(value * scale, 4) for value in (*run.span, run.speed))
         row = [f"{index} *" if run.heldout else str(index), names[run.origin], run_time(run)]
         row += [f"{run.joint} {joint.name}", posture_text(robot, run.posture.tolist(), units), f"{low} to {high}"]
-        rows.append([*row, speed, str(run.samples), *([run.kind] if has_strokes else [])])
-    header = ["run", "file", "time (s)", "joint", "other joints at", f"range ({unit})", f"speed ({unit}/s)", "samples"]
-    header += ["kind"] if has_strokes else []
+        rows.append([*row, speed, str(run.samples), run.kind])
+    head = ("run", "file", "time (s)", "joint", "other joints at", f"range ({unit})", f"speed ({unit}/s)")
     notes = [("*", "held out for validation")] if any(run.heldout for run in dataset.runs) else []
-    caption = "A stroke's speed is its mean speed." if has_strokes else ""
+    caption = "A stroke's speed is its mean speed."
     title = f"{robot.name}: {counted_runs(dataset.runs)}"
-    return Table(title, header, rows, notes, caption, words=(1, 3, 4, 8))
+    table = Table(title, (*head, "samples", "kind"), rows, notes, caption, words=(1, 3, 4, 8))
+    has_strokes = any(run.kind == "stroke" for run in dataset.runs)
+    return table if has_strokes else replace(table.columns(range(8)), caption="")
 
 
 def run_time(run: Run) -> str:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -23,7 +24,16 @@ from pumaid.estimate import IDENTIFIED, Estimate, Value
 from pumaid.estimation.evaluate import Budget, Comparison
 from pumaid.reporting import diagnosis_text as sentences
 from pumaid.reporting.diagnosis_text import bare, label, times_text, variable_name
-from pumaid.reporting.formatting import in_unit, letters, listed, percent, posture_text, relative_names, with_error
+from pumaid.reporting.formatting import (
+    in_unit,
+    joint_titles,
+    letters,
+    listed,
+    percent,
+    posture_text,
+    relative_names,
+    with_error,
+)
 from pumaid.reporting.run_tables import run_time
 from pumaid.reporting.table import Cell, Paragraph, Row, Table
 from pumaid.reporting.text import (
@@ -107,7 +117,7 @@ def parameter_table(estimate: Estimate, robot: Robot, units: str = "rad") -> Tab
     marks, structural = Marks(), dict[str, str]()
     gravity = float(np.linalg.norm(robot.gravity))
     body: list[Row] = []
-    for key in sorted(rows, key=row_order):
+    for key in sorted(rows, key=_row_order):
         scale = gravity if key[0] == "gravity" else 1.0
         names = ["A" if key[0] == "gravity" else in_unit(value.unit, units)[1] for value in rows[key].values()]
         unit = " | ".join(dict.fromkeys(name for name in names if name))
@@ -148,8 +158,8 @@ def row_of(value: Value) -> tuple[str, str]:
     return parts[0], "" if step == 1 else str(step)
 
 
-def row_order(row: tuple[str, str]) -> tuple[int, tuple[str, str]]:
-    """Sort key of rows: those of the paper first, in its order."""
+def _row_order(row: tuple[str, str]) -> tuple[int, tuple[str, str]]:
+    """Rows of the paper first, in its order."""
     first = ("gain_ratio", "") if row[0] == "gain_ratio" else row
     return (_ORDER.index(first) if first in _ORDER else len(_ORDER), row)
 
@@ -174,26 +184,19 @@ def _value_cell(value: Value | None, units: str, marks: Marks, *, scale: float =
     return Cell(text, error, tone="weak" if is_weak else "")
 
 
-def combination_table(estimate: Estimate, units: str = "rad") -> Table | None:
+def combination_table(estimate: Estimate) -> Table | None:
     """Linear combinations that are identified although their terms are not; None where there is none."""
     rows: list[Row] = []
     for combination in estimate.combinations:
-        text, error = with_error(combination.value, combination.std_error)
-        rows.append([combination.text, _sum(combination.terms), Cell(text, error), combination.unit])
+        largest = max(map(abs, combination.terms.values()), default=0.0)
+        terms = {name: weight for name, weight in combination.terms.items() if abs(weight) >= SMALLEST_TERM * largest}
+        words = " ".join(f"{'−' if x < 0 else '+'} {number(abs(x), 4)}·{name}" for name, x in terms.items())
+        value = Cell(*with_error(combination.value, combination.std_error))
+        rows.append([combination.text, words.removeprefix("+ "), value, combination.unit])
     caption = f"Weights in SI units; those below {SMALLEST_TERM:g} of the largest are left out."
     title = "Identified combinations of parameters"
     header = ("meaning", "combination", "value", "unit")
     return Table(title, header, rows, caption=caption, words=(0, 1, 3)) if rows else None
-
-
-def _sum(terms: dict[str, float]) -> str:
-    largest = max((abs(weight) for weight in terms.values()), default=0.0)
-    out = ""
-    for name, weight in terms.items():
-        if abs(weight) >= SMALLEST_TERM * largest > 0.0:
-            sign = (" − " if weight < 0 else " + ") if out else ("−" if weight < 0 else "")
-            out += f"{sign}{number(abs(weight), 4)}·{name}"
-    return out
 
 
 # A comparison
@@ -201,30 +204,27 @@ def _sum(terms: dict[str, float]) -> str:
 
 def comparison_table(comparison: Comparison, robot: Robot) -> Table:
     """The model's error by joint, against the noise floor."""
-    has_heldout = any(score.heldout is not None for score in comparison.joints)
     rows: list[Row] = []
     for score in comparison.joints:
         tone = "alarm" if is_above_floor(score.rmse, score.noise_floor) else ""
-        name = f"{score.joint} {robot.joint(score.joint).name}"
-        row: list[Cell | str] = [name, str(score.runs), amount(score.rmse, tone)]
-        row += [amount(score.noise_floor), _bias(score.bias, score.rmse)]
-        row += [NONE if score.explained is None else percent(score.explained)]
-        rows.append([*row, *([amount(score.heldout)] if has_heldout else [])])
+        head: Row = [f"{score.joint} {robot.joint(score.joint).name}", str(score.runs), amount(score.rmse, tone)]
+        explained = NONE if score.explained is None else percent(score.explained)
+        floor, bias = amount(score.noise_floor), _bias(score.bias, score.rmse)
+        rows.append([*head, floor, bias, explained, amount(score.heldout)])
     if comparison.rmse is not None:
         runs = str(sum(score.runs for score in comparison.joints))
-        heldout = [amount(comparison.heldout)] if has_heldout else []
-        rows.append(["all", runs, amount(comparison.rmse), "", "", "", *heldout])
-    header = ["joint", "runs", "RMSE (A)", "noise floor (A)", "bias (A)", "explained"]
+        rows.append(["all", runs, amount(comparison.rmse), "", "", "", amount(comparison.heldout)])
     reasons = dict.fromkeys(s.noise_floor_reason for s in comparison.joints if s.noise_floor_reason and s.runs)
     notes = [("-", reason) for reason in reasons if reason]
-    still = [str(score.joint) for score in comparison.joints if not score.runs]
+    still = [score.joint for score in comparison.joints if not score.runs]
     if still:
-        notes.append(("-", f"joint{'s' * (len(still) > 1)} {listed(still)}: never moving alone in these logs"))
+        notes.append(("-", f"{joint_titles(robot, still)}: never moving alone in these logs"))
     caption = "Noise floor: from the differences of repeated runs. Explained: share of the current's variance."
-    if has_heldout:
-        header.append("hold-out (A)")
-        caption += " Hold-out: RMSE of runs that were not fitted."
-    return Table("Model against measurement", header, rows, notes, caption)
+    header = ["joint", "runs", "RMSE (A)", "noise floor (A)", "bias (A)", "explained", "hold-out (A)"]
+    table = Table("Model against measurement", header, rows, notes, caption)
+    if all(score.heldout is None for score in comparison.joints):
+        return table.columns(range(6))
+    return replace(table, caption=f"{caption} Hold-out: RMSE of runs that were not fitted.")
 
 
 def _bias(bias: float | None, rmse: float | None) -> Cell:
@@ -378,25 +378,23 @@ def shape_table(shape: Unexplained, units: str = "rad") -> Table:
 
 def history_table(ladder: Ladder) -> Table:
     """One row a model: what it adds to the one it was made from, and the whole arm's errors."""
-    has_heldout = any(fit.heldout is not None for rung in ladder.rungs for fit in rung.joints)
     rows: list[Row] = []
     for rung in ladder.rungs:
         errors, ratio = rung.whole, NONE
         if errors.rmse is not None and errors.noise_floor:
             ratio = Cell(f"{errors.rmse / errors.noise_floor:.2f}")
         head: Row = [Cell(str(rung.number), mark="*" if rung.is_current else ""), str(rung.parent or "")]
-        heldout = [amount(errors.heldout)] if has_heldout else []
-        floor = amount(errors.noise_floor)
-        rows.append([*head, ", ".join(changes(rung)), amount(errors.rmse), *heldout, floor, ratio])
-    header = ["model", "from", "change", "RMSE (A)", *(["hold-out (A)"] if has_heldout else [])]
-    caption = "RMSE of the whole arm's fitted runs. Noise floor: from the differences of repeated runs."
-    if not has_heldout:
-        caption += " No run was held out, so nothing shows how the models do on new runs."
-    if ladder.apart:
-        caption = f"Not comparable with the models above: {ladder.apart}. {caption}"
+        amounts = map(amount, (errors.rmse, errors.heldout, errors.noise_floor))
+        rows.append([*head, ", ".join(changes(rung)), *amounts, ratio])
+    caption = f"Not comparable with the models above: {ladder.apart}. " if ladder.apart else ""
+    caption += "RMSE of the whole arm's fitted runs. Noise floor: from the differences of repeated runs."
+    header = ("model", "from", "change", "RMSE (A)", "hold-out (A)", "noise floor (A)", "RMSE / floor")
     notes = [("*", "current model, results/model.json")] if any(rung.is_current for rung in ladder.rungs) else []
-    title = f"{ladder.robot}: error of each model"
-    return Table(title, [*header, "noise floor (A)", "RMSE / floor"], rows, notes, caption, (0, 1, 2))
+    table = Table(f"{ladder.robot}: error of each model", header, rows, notes, caption, (0, 1, 2))
+    if any(fit.heldout is not None for rung in ladder.rungs for fit in rung.joints):
+        return table
+    caption += " No run was held out, so nothing shows how the models do on new runs."
+    return replace(table.columns((0, 1, 2, 3, 5, 6)), caption=caption)
 
 
 def history_joint_table(ladder: Ladder) -> Table:
@@ -428,8 +426,8 @@ def diagnosis_parts(diagnosis: Diagnosis, robot: Robot, *, units: str = "rad") -
             parts += [EMPTY, Paragraph(sentences.unexplained_title(joint, robot), style="bold")]
             parts += [Paragraph(text, 3) for text in sentences.unexplained_sentences(joint, units)]
             parts += [shape_table(joint.unexplained, units)] if joint.unexplained is not None else []
-    others = sentences.other_sentences(diagnosis, robot)
-    parts += [EMPTY, *map(Paragraph, others)] if others else []
+    texts = sentences.other_sentences(diagnosis, robot)
+    parts += [EMPTY, *map(Paragraph, texts)] if texts else []
     limits = sentences.weaknesses(diagnosis, robot)
     parts += [EMPTY, Paragraph("Limits of this diagnosis:")] if limits else []
     parts += [Paragraph(f"- {text}", 2) for text in limits]

@@ -87,7 +87,7 @@ def command(
     if as_json or str(output) == "-":
         document(model_document(estimate))
     else:
-        sums = combination_table(estimate, units)
+        sums = combination_table(estimate)
         tables(parameter_table(estimate, robot, units), sums and sums.columns([0, 2, 3]))
     if str(output) != "-":
         remark(f"model written to {path}")

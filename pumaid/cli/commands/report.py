@@ -21,7 +21,17 @@ if TYPE_CHECKING:
     from pumaid.robot import Robot
 
 TABLES = ("text", "csv", "parquet", "latex", "markdown", "json")
+TABLE_HELP = f"Only the parameter table: {', '.join(TABLES)}."
 FIGURES = ("png", "svg", "pdf")
+
+
+def _forms(context: click.Context, option: click.Parameter, text: str) -> list[str]:
+    """``png,svg`` as a list."""
+    forms = [word.strip().lower() for word in text.split(",") if word.strip()]
+    wrong = [word for word in forms if word not in FIGURES]
+    if wrong:
+        raise click.BadParameter(f"'{wrong[0]}' is none of {', '.join(FIGURES)}", context, option)
+    return list(dict.fromkeys(forms))
 
 
 @click.command()
@@ -31,13 +41,9 @@ FIGURES = ("png", "svg", "pdf")
 @options.effects_option
 @options.output_option("The page or table; - for standard output. Default: report.html in the results folder.")
 @options.results_option
-@click.option(
-    "--table", "form", type=click.Choice(TABLES), metavar="FORM", help=f"Only the parameter table: {', '.join(TABLES)}."
-)
-@click.option(
-    "--figures", type=click.Path(path_type=Path), metavar="FOLDER", help="Where figures go; else results/figures."
-)
-@click.option("--format", "forms", default="png,svg,pdf", show_default=True, help="Forms of the figures; '' for none.")
+@click.option("--table", "form", type=click.Choice(TABLES), metavar="FORM", help=TABLE_HELP)
+@click.option("--figures", type=click.Path(path_type=Path), metavar="FOLDER", help="Figures; default results/figures.")
+@click.option("--format", "forms", default="png,svg,pdf", show_default=True, callback=_forms, help="Of figures; or ''.")
 @options.units_option
 @options.heldout_option
 @options.trust_option
@@ -52,7 +58,7 @@ def command(
     results: Path | None,
     form: str | None,
     figures: Path | None,
-    forms: str,
+    forms: list[str],
     units: str,
     heldout: tuple[str, ...],
     trust: bool,
@@ -70,40 +76,33 @@ def command(
       pumaid report --table latex > table.tex
       pumaid report --figures paper/ --format pdf
     """
-    from pumaid.experiment import experiment_folder, read_dataset, read_files
+    from pumaid.experiment import experiment_folder, read_dataset
 
-    near = logs or ((str(model.parent.parent / "logs"),) if model and str(model) != "-" else ("logs",))
-    home = experiment_folder(recipe, near)
-    source = model or home / "results" / "model.json"
     if as_json and (form is not None or str(output) == "-"):
         raise click.UsageError("--json tells which files a report wrote; --table and -o - want standard output too.")
-    chosen, where = _forms(forms), logs or (str(home / "logs"),)
-    inputs = read_files(near if form else where, recipe, source, source.parent / "diagnosis.json")
-    spare_inputs([output], inputs)
+    near = logs or ((str(model.parent.parent / "logs"),) if model and str(model) != "-" else ("logs",))
+    home = experiment_folder(recipe, near)
+    source, where = model or home / "results" / "model.json", logs or (str(home / "logs"),)
+    inputs = _inputs(output, where, recipe, source)
     if form is not None:
-        _write([(output or Path("-"), _table(source, near, recipe=recipe, form=form, units=units))], "table")
+        _write([(output or Path("-"), _table(source, where, recipe=recipe, form=form, units=units))], "table")
         return
     read = partial(read_dataset, where, recipe, trust=trust, heldout=heldout, reading=reading, results=results)
     context = _context(source, read, place=(recipe, where), units=units)
-    folder = results or home / "results"
-    files = _files(context, folder, figures=figures or folder / "figures", forms=chosen, page=output)
+    files = _files(context, results or home / "results", figures=figures, forms=forms, page=output)
     spare_inputs([path for path, _ in files], inputs)
     _write(files, "report")
-    remark(f"{len(files) - 1} tables and figures written to {folder}")
     if as_json:
-        from pumaid.results.documents import heading
-
-        head = heading("report", robot=context.robot, logs=context.comparison.logs)
-        document(head | {"files": [str(path) for path, _ in files]})
+        _print_json(context, files)
 
 
-def _forms(text: str) -> list[str]:
-    """``png,svg`` as a list."""
-    forms = [word.strip().lower() for word in text.split(",") if word.strip()]
-    wrong = [word for word in forms if word not in FIGURES]
-    if wrong:
-        raise click.BadParameter(f"'{wrong[0]}' is none of {', '.join(FIGURES)}", param_hint="--format")
-    return list(dict.fromkeys(forms))
+def _inputs(output: Path | None, logs: Sequence[str], recipe: Path | None, model: Path) -> Sequence[Path | None]:
+    """What the report is made from, after a look that `output` is not among it."""
+    from pumaid.experiment import read_files
+
+    inputs = read_files(logs, recipe, model, model.parent / "diagnosis.json")
+    spare_inputs([output], inputs)
+    return inputs
 
 
 def _table(source: Path, near: Sequence[str], *, recipe: Path | None, form: str, units: str) -> bytes:
@@ -152,7 +151,7 @@ def _context(
 
 
 def _files(
-    context: ReportContext, folder: Path, *, figures: Path, forms: Sequence[str], page: Path | None
+    context: ReportContext, folder: Path, *, figures: Path | None, forms: Sequence[str], page: Path | None
 ) -> list[tuple[Path, bytes]]:
     """Every file with its content, the page last; nothing is written."""
     from pumaid.reporting.page import report_files
@@ -162,13 +161,13 @@ def _files(
         for number, (name, data) in enumerate(report_files(context, forms)):
             step(number, name)
             part, _, rest = name.partition("/")
-            place = figures / rest if part == "figures" else folder / name
+            place = figures / rest if figures and part == "figures" else folder / name
             files.append((page or place if name == "report.html" else place, data))
     return files
 
 
 def _write(files: Sequence[tuple[Path, bytes]], what: str) -> None:
-    """Write the files, or print the one that goes to standard output; say where the last went."""
+    """Write the files, or print the one that goes to standard output."""
     from pumaid.io.write import write_file
 
     for path, data in files:
@@ -176,5 +175,13 @@ def _write(files: Sequence[tuple[Path, bytes]], what: str) -> None:
             content(data)
         else:
             write_file(path, data)
-    if str(files[-1][0]) != "-":
-        remark(f"{what} written to {files[-1][0]}")
+    more = f", with {len(files) - 1} tables and figures" if len(files) > 1 else ""
+    if more or str(files[-1][0]) != "-":
+        remark(f"{what} written to {files[-1][0]}{more}")
+
+
+def _print_json(context: ReportContext, files: Sequence[tuple[Path, bytes]]) -> None:
+    from pumaid.results.documents import heading
+
+    head = heading("report", robot=context.robot, logs=context.comparison.logs)
+    document(head | {"files": [str(path) for path, _ in files]})

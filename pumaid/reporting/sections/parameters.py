@@ -20,6 +20,6 @@ class Parameters(Section):
     def content(self, context: ReportContext, figures: Figures) -> Content:
         return {
             "table": parameter_table(context.estimate, context.robot, context.units),
-            "sums": combination_table(context.estimate, context.units),
+            "sums": combination_table(context.estimate),
             "figures": list(figures.values()),
         }
