@@ -61,12 +61,6 @@ def test_text_is_never_wider_than_asked(width):
     assert "a reason" in text and "How to read it." in text
 
 
-def test_errors_stand_beside_values_where_there_is_room():
-    """Beside at 200 characters, below at 80, where a seven-joint table is not split."""
-    assert "-0.12345 ± 0.00067" in WIDE.text(200)
-    assert WIDE.text(80).count("link") == 1
-
-
 def test_long_words_are_wrapped_not_cut():
     """A path wider than its column goes on in the next line."""
     path = "logs/" + "x" * 90 + "/end.csv"
@@ -108,15 +102,6 @@ def test_parameters_are_the_papers_numbers(paper):
     assert row(table, "λ₂⁺")[0].text == "λ₂⁺ (A s/deg)"
 
 
-def test_unidentifiable_and_structurally_absent_differ(paper):
-    """What other runs could show is n/i with a letter; what no motion of the arm shows is a dash."""
-    table = tables.parameter_table(paper.estimate, paper.robot)
-    ratio = row(table, "ηᵢ/ηᵢ₊₁")
-    assert (ratio[5].text, ratio[5].tone) == ("n/i", "unknown")
-    assert dict(table.notes)[ratio[5].mark] == "link 6 is light. To identify it: add a payload"
-    assert row(table, "k_x")[1].text == "-" and dict(table.notes)["-"] == "joint 1 carries no weight"
-
-
 def test_parameters_of_the_whole_arm_stand_below(paper):
     """Parameters without a joint have their error and unit, or the reason why they have none."""
     tilt = replace(paper.estimate.values[0], name="tilt.x", joint=None, value=0.0123, std_error=0.0011, unit="rad")
@@ -154,12 +139,6 @@ def test_combinations_leave_out_round_off(paper):
     table = tables.combination_table(replace(paper.estimate, combinations=(terms,)))
     assert table.cells[0][1].text == "9.800·a − 4.900·b"
     assert tables.combination_table(paper.estimate) is None
-
-
-def test_letters_go_on_after_z():
-    """More than 26 reasons still have different letters."""
-    marks = tables.Marks()
-    assert len({marks.letter(f"reason {n}") for n in range(60)}) == 60
 
 
 # Comparison
@@ -207,17 +186,6 @@ def test_outside_runs_nothing_is_said_of_the_models_inertia(context, shares):
 # Diagnosis
 
 
-def test_candidates_are_shown_with_their_evidence():
-    """Verdict, p and errors of what explains more than it costs; reasons stand below, each once."""
-    table = tables.candidate_table(diagnoses.rich(), PUMA)
-    texts = [[cell.text for cell in cells] for cells in table.cells]
-    assert [cells[:2] for cells in texts] == [["3 elbow", "stribeck"], ["3 elbow", "viscous_power"], ["arm", "tilt"]]
-    assert texts[0][3:] == ["0.0033", "41.3", "0.0152", "0.0330 → 0.0155", "viscous_power"]
-    assert table.cells[0][2].tone == "alarm" and table.cells[2][2].mark == "a"
-    assert ("a", "the error on runs left out does not fall") in table.notes
-    assert tables.candidate_table(diagnoses.clean(), PUMA) is None
-
-
 def test_detection_limits_have_a_row_an_effect_and_unit():
     """Sizes per rad and per m have rows of their own; what is not detectable has a reason; the arm its column."""
     table = tables.limit_table(diagnoses.clean(), PUMA)
@@ -235,15 +203,6 @@ def test_detection_limits_have_a_row_an_effect_and_unit():
         ["tilt", "x (rad)", "", "", "0.10"],
         ["tilt", "y (rad)", "", "", "0.20"],
     ]
-
-
-def test_deciding_runs_are_rows():
-    """Each run with ends, speed and held joints in the unit asked for; how often is said below."""
-    table = tables.deciding_runs_table(diagnoses.stribeck(), PUMA, "deg")
-    texts = [cell.text for cell in table.cells[0]]
-    assert texts[1:] == ["3 elbow", "-68.8 deg", "68.8 deg", "2.86 deg/s", "[0 -90 – 29 0 0]"]
-    assert "run twice, they decide with a probability of 90 %" in table.caption
-    assert tables.deciding_runs_table(diagnoses.tilt(), PUMA) is None
 
 
 def test_history_shows_held_out_errors_where_there_are_any():

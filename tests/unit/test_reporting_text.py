@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from dataclasses import replace
 
 import budgets
@@ -11,7 +10,7 @@ import numpy as np
 import pytest
 import report_contexts
 import worlds
-from ladders import ARM, RIPPLE, STRIBECK, experiment, model
+from ladders import RIPPLE, STRIBECK
 from test_budget import KINDS
 
 from pumaid.diagnosis.records import Limit
@@ -21,12 +20,9 @@ from pumaid.errors import Note, Where
 from pumaid.estimate import Combination
 from pumaid.estimation.evaluate import Budget, BudgetPart, Comparison, JointScore
 from pumaid.reporting import diagnosis_text, text
-from pumaid.reporting.documents import budget_document, comparison_document
 from pumaid.reporting.formatting import in_unit, percent, posture_text, relative_names, with_error
-from pumaid.reporting.table import Paragraph, Table
-from pumaid.reporting.tables import NOISE, SIGNIFICANT, budget_bars, budget_parts, diagnosis_parts, shape_table
-from pumaid.results.documents import as_text
-from pumaid.results.history import keep, read_history
+from pumaid.reporting.table import Paragraph
+from pumaid.reporting.tables import NOISE, SIGNIFICANT, budget_bars, budget_parts, shape_table
 from pumaid.robot import EffectChoice
 from pumaid.trajectory import NextRun
 
@@ -74,12 +70,10 @@ def test_units_of_angles_change_with_their_numbers(unit, shown, scale):
     assert in_unit(unit, "rad") == (1.0, unit)
 
 
-@pytest.mark.parametrize(
-    ("share", "words"), [(0.5, "50 %"), (0.99998, "99.998 %"), (-1e-9, "0 %"), (None, "unknown"), (-0.2, "-20 %")]
-)
-def test_percentages_show_what_is_missing(share, words):
+def test_percentages_show_what_is_missing():
     """Near 100 % there are enough digits to see the rest."""
-    assert percent(share) == words
+    shares = (0.5, 0.99998, -1e-9, None, -0.2)
+    assert [percent(share) for share in shares] == ["50 %", "99.998 %", "0 %", "unknown", "-20 %"]
 
 
 def test_names_lose_shared_folders_only():
@@ -151,18 +145,6 @@ def test_parameters_are_counted(context):
     assert "not identifiable: 1 " in words and "combinations of these: 1." in words
 
 
-def test_comparison_document_has_the_fixed_entries(context):
-    """The JSON document of a comparison holds what users rely on, and is plain JSON."""
-    document = json.loads(as_text(comparison_document(context.comparison)))
-    joint = document["joints"][0]
-    assert {"joint", "rmse", "noise_floor", "bias", "explained", "runs"} <= set(joint)
-    assert {"file", "start", "velocity", "posture", "rmse", "bias"} <= set(joint["runs"][0])
-    assert joint["runs"][0]["posture"][0] is None  # the moving joint's own
-    assert document["rmse"] == context.comparison.rmse
-    assert document["heldout"] == {"rmse": context.comparison.heldout}
-    assert sum(run["heldout"] for joint in document["joints"] for run in joint["runs"]) == 1
-
-
 # Residual budget
 
 
@@ -232,16 +214,6 @@ def test_the_terminal_shows_each_joint_once(rippled):
     assert budget_parts(Comparison("arm", (score(None, 1),), ()), worlds.PENDULUM) == []
 
 
-def test_budget_document_adds_up(rippled):
-    """The parts of the JSON entry add up to the mean square, shares to 1; a ripple says its cycles and per what."""
-    document = json.loads(as_text(budget_document(rippled) | {"kind": "x", "format": 1}))
-    assert sum(part["mean_square"] for part in document["parts"]) == pytest.approx(document["mean_square"])
-    assert sum(part["share"] for part in document["parts"]) == pytest.approx(1.0)
-    ripple = next(part for part in document["parts"] if part["name"] == "fast")
-    assert ripple["cycles"][0] == pytest.approx(37.3, abs=0.1) and ripple["cycles_per"] == "turn"
-    assert budget_document(None) is None
-
-
 # History
 
 
@@ -259,39 +231,7 @@ def test_effects_are_written_as_they_are_typed(effects, words):
     assert text.effect_list(effects, 3) == words
 
 
-def test_a_removal_is_a_change(tmp_path):
-    """What a model lacks of the one it was made from is named with a minus."""
-    path = experiment(tmp_path / "results")
-    keep(path, model(RIPPLE, rmse=0.02), ARM)
-    assert text.changes(read_history(path.parent).ladders[0].rungs[3]) == ["− stribeck@1"]
-
-
 # Diagnosis
-
-
-def test_a_clean_arm_is_one_sentence():
-    """Nothing missing is said as what these data can show, not as a fact."""
-    words = diagnosis_text.headline(diagnoses.clean(), PUMA)
-    assert words == "PUMA 560: nothing is missing that these data can show."
-    assert diagnosis_text.other_sentences(diagnoses.clean(), PUMA) == []
-
-
-def test_titles_name_rivals_and_doubt():
-    """What these data do not separate stands in the title; what misses a gate may be missing, with the gate."""
-    diagnosis = diagnoses.rich()
-    first, second = diagnosis.findings
-    title = diagnosis_text.finding_title(first, PUMA)
-    assert title == "Joint 3 (elbow): stribeck is missing (these data do not separate it from viscous_power)"
-    assert diagnosis_text.finding_title(second, PUMA) == "The whole arm: tilt may be missing"
-    sentences = diagnosis_text.finding_sentences(second, diagnosis, PUMA)
-    assert "Doubtful: the error on runs left out does not fall." in sentences
-
-
-def test_sizes_are_in_the_unit_asked_for():
-    """Angles in degrees with their errors; currents stay."""
-    assert "x = 1.20 ± 0.23 deg" in diagnosis_text.size_sentence(diagnoses.tilt(), PUMA, "deg")
-    words = diagnosis_text.size_sentence(diagnoses.stribeck(), PUMA, "deg")
-    assert "velocity 6.875 deg/s" in words and "a = 0.120 ± 0.011 A" in words
 
 
 def test_effects_outside_the_catalogue_have_their_name():
@@ -347,14 +287,6 @@ def test_limits_of_a_diagnosis_are_said_once():
     assert "the noise floor is unknown" in diagnosis_text.floor_sentence(fourth)
 
 
-def test_deciding_runs_are_offered_only_where_they_exist():
-    """A finding whose rivals no feasible run separates says so, and offers no plan."""
-    stuck = replace(diagnoses.stribeck(), next_run=NextRun("no run within the limits separates them"))
-    assert diagnosis_text.decision_sentence(stuck) == "No run within the limits separates them."
-    assert "--plan FILE" in diagnosis_text.decision_sentence(diagnoses.stribeck())
-    assert diagnosis_text.decision_sentence(diagnoses.tilt()) == ""
-
-
 def test_a_long_command_can_be_pasted():
     """A command longer than the line goes on behind a backslash."""
     command = "pumaid identify " + " ".join(f"logs/session_{n:02d}.csv" for n in range(9)) + " --add stribeck@3"
@@ -377,11 +309,3 @@ def test_an_added_effect_is_reported_at_the_joint_that_it_changed():
     )
     drifted = replace(after, joints=(*after.joints[:3], replace(new, noise_floor=0.1)))
     assert "floor" not in diagnosis_text.step_sentence(diagnoses.tilt(), before, drifted, robot=PUMA, number=2)
-
-
-def test_a_diagnosis_is_shown_with_sentences_before_tables():
-    """The headline first, then the findings with their commands, the tables last."""
-    parts = diagnosis_parts(diagnoses.rich(), PUMA)
-    kinds = [isinstance(part, Table) for part in parts if not (isinstance(part, Paragraph) and not part.text)]
-    assert kinds[-3:] == [True] * 3 and sum(kinds) == 4
-    assert any(isinstance(part, Paragraph) and part.is_command for part in parts)
