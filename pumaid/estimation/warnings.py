@@ -74,24 +74,10 @@ DELAYED, LATE = 3.0, ("coulomb", "viscous", "inertia")
 
 
 def notes_on(
-    found: EffectFit, runs: Sequence[Run], estimate: Estimate, *, robot: Robot, repeated: Mapping[int, Sequence[Pair]]
+    result: EffectFit, runs: Sequence[Run], estimate: Estimate, *, robot: Robot, repeated: Mapping[int, Sequence[Pair]]
 ) -> list[Note]:
-    """All that there is to be said of a fit.
-
-    Parameters
-    ----------
-    found
-        The fit.
-    runs
-        That were fitted.
-    estimate
-        What was found.
-    robot
-        The arm.
-    repeated
-        Joint -> its runs that repeat one another.
-    """
-    fitted, values = found.fit, estimate.values
+    """All notes on a fit of `runs` and on what was estimated; `repeated` maps a joint to its runs that repeat."""
+    fitted, values = result.fit, estimate.values
     return [
         *of_misfit(fitted, estimate.joints),
         *of_runs(fitted),
@@ -102,33 +88,37 @@ def notes_on(
         *odd_friction(values, robot.n_joints),
         *odd_gains(values, robot.n_joints),
         *odd_inertia(values, robot.n_joints),
-        *of_effects(found, runs),
+        *of_effects(result, runs),
     ]
 
 
-def of_misfit(fitted: Fit, joints: Sequence[JointFit]) -> list[Note]:
+def of_misfit(fitted: Fit, joints: Sequence[JointFit]) -> Iterator[Note]:
     """A note for each joint whose current the model does not explain, with the file that is to blame if one is.
 
     Noise is what is left of each run by its own harmonic, or what repeated runs differ by if that is less.
-
-    Parameters
-    ----------
-    fitted
-        The fit of all joints.
-    joints
-        How well it does, and what repeated runs differ by.
     """
-    found = []
-    known = {fit.joint: fit for fit in joints}
-    for one in fitted.rows:
-        row, misses = fitted.row(one.joint), known[one.joint].rmse or 0.0
+    by_joint = {fit.joint: fit for fit in joints}
+    for system in fitted.rows:
+        row, joint = fitted.row(system.joint), by_joint[system.joint]
+        misses, size = joint.rmse or 0.0, math.sqrt(row.bins.mean_square)
         squares, samples = _inside(row.bins)
-        floor, inside = known[one.joint].noise_floor, float(np.sqrt(np.average(squares, weights=samples)))
-        noise = inside if floor is None else min(inside, floor)
-        size = math.sqrt(row.bins.mean_square)
-        if misses > max(FAR * noise, SEEN * size) or (misses > MOST * size and len(row.bins.runs) >= FEWEST):
-            found.append(_note(row, one.design, misses, noise))
-    return found
+        inside = float(np.sqrt(np.average(squares, weights=samples)))
+        noise = inside if joint.noise_floor is None else min(inside, joint.noise_floor)
+        is_far = misses > max(FAR * noise, SEEN * size)
+        if not is_far and not (misses > MOST * size and len(row.bins.runs) >= FEWEST):
+            continue
+        text = f"the model misses the current of joint {row.bins.joint} by {number(misses)} A (RMS)"
+        name, evidence = _disagreement(row, system.design)
+        if name is not None:
+            why = f"{text}, since the logs disagree: {evidence}"
+            advice = "is one of them another arm's, or was payload, zero, unit or a column's name another one?"
+            yield Note("logs-disagree", f"{why}; {advice}", Where(file=name, joint=row.bins.joint))
+        else:
+            advice = (
+                "its intervals may not hold the truth; 'pumaid diagnose' tells what is missing, if no column is wrong"
+            )
+            why = f"{text}, where noise is {number(noise)} A: {advice}"
+            yield Note("model-misses", why, Where(joint=row.bins.joint))
 
 
 def of_runs(fitted: Fit) -> list[Note]:
@@ -182,16 +172,16 @@ def _beside_harmonics(bins: JointBins) -> tuple[Floats, NDArray[np.int64]]:
     v, stroke = bins.samples.velocity[:, bins.joint - 1], bins.is_stroke[bins.run]
     motion = [np.ones(len(v)), stroke * v, stroke * bins.samples.acceleration]
     design = np.column_stack([bins.harmonic, *motion])
-    _, terms, own = reduced(bins, design, bins.current[:, None])
-    return bins.current - np.einsum("np,np->n", design, own[bins.run]), terms
+    _, terms, parameters = reduced(bins, design, bins.current[:, None])
+    return bins.current - np.einsum("np,np->n", design, parameters[bins.run]), terms
 
 
 def _inside(bins: JointBins) -> tuple[Floats, Floats]:
     """(R,) A2 of a sample that each run's own first harmonic leaves, and (R,) its samples."""
-    left, terms = _beside_harmonics(bins)
-    inside = bins.inside_left(bins.current - left)
+    residual, terms = _beside_harmonics(bins)
+    inside = bins.inside_left(bins.current - residual)
     samples = bins.sums(bins.count)
-    return bins.sums(bins.count * (left**2 + inside)) / np.maximum(samples - terms, 1.0), samples
+    return bins.sums(bins.count * (residual**2 + inside)) / np.maximum(samples - terms, 1.0), samples
 
 
 def _outliers(bins: JointBins) -> list[float]:
@@ -200,10 +190,11 @@ def _outliers(bins: JointBins) -> list[float]:
     Each run is judged by itself, since its speed says how quickly what the model lacks comes and goes.
     """
     long = np.flatnonzero(~bins.is_stroke & (bins.lengths >= ENOUGH))
-    counts, inside, left = (np.split(v, bins.first[1:]) for v in (bins.count, bins.inside, _beside_harmonics(bins)[0]))
+    series = (bins.count, bins.inside, _beside_harmonics(bins)[0])
+    counts, inside, residual = (np.split(values, bins.first[1:]) for values in series)
     full = [inside[n] for n in long if np.median(counts[n]) >= FULL]
     # Third differences leave nothing of a load's course, and of independent noise 20 times its variance.
-    between = [np.diff(left[n], n=3) ** 2 / 20.0 for n in long]
+    between = [np.diff(residual[n], n=3) ** 2 / 20.0 for n in long]
     for squares, of_mean in ((full, 1.0), (between, ONE_FREEDOM)):
         usual = np.array([np.median(part) for part in squares])
         mean = np.array([np.mean(part) for part in squares])
@@ -224,71 +215,42 @@ def _odd_runs(odd: Sequence[Run], rms: Floats, usual: float, *, of: int) -> Note
     return Note("run-stands-out", text, Where(file=first.origin, row=first.first_row, joint=joint))
 
 
-def _note(row: FitRow, design: Floats, misses: float, noise: float) -> Note:
-    joint = row.bins.joint
-    text = f"the model misses the current of joint {joint} by {number(misses)} A (RMS)"
-    advice = "payload, zero, unit or a column's name another one?"
-    stranger = max(_strangers(row, design), default=None)
-    if stranger is not None:
-        _, name, own, others = stranger
-        told = f"what meets all other runs to {number(others)} A misses those of {name} by {number(own)} A"
-        why = f"{text}, since the logs disagree: {told}; is it another arm's, or was {advice}"
-        return Note("logs-disagree", why, Where(file=name, joint=joint))
-    odd = max(_odd_files(row, design), default=None)
-    if odd is None:
-        advice = "its intervals may not hold the truth; 'pumaid diagnose' tells what is missing, if no column is wrong"
-        told = f"where noise is {number(noise)} A"
-        return Note("model-misses", f"{text}, {told}: {advice}", Where(joint=joint))
-    _, name, before, after = odd
-    told = f"the runs of {name} alone would be met to {number(after)} A instead of {number(before)} A"
-    why = f"{text}, since the logs disagree: {told}; are they, or the others, another arm's, or was {advice}"
-    return Note("logs-disagree", why, Where(file=name, joint=joint))
-
-
-def _strangers(row: FitRow, design: Floats) -> Iterator[tuple[float, str, float, float]]:
-    """Files that all others disown: by how much, name, RMS (A) of their runs and of all others by what meets those."""
+def _disagreement(row: FitRow, design: Floats) -> tuple[str | None, str]:
+    """The file that what meets all other runs misses by most, else that corrections of its own help most; and why."""
     origins = np.array([run.origin for run in row.bins.runs])
+    disowned, corrected = list[tuple[float, str, str]](), list[tuple[float, str, str]]()
     for name in dict.fromkeys(origins.tolist()):
-        own, others = np.flatnonzero(origins == name), np.flatnonzero(origins != name)
-        if len(others) >= FEWEST:
-            theirs = _in_halves(row, design, others)
-            ours = _left(row, design, others, own)
-            if ours > DISOWNED * theirs:
-                yield ours / theirs, name, ours, theirs
+        inside, outside = np.flatnonzero(origins == name), np.flatnonzero(origins != name)
+        if len(outside) >= FEWEST:
+            rest, missed = _in_halves(row, design, outside), _left(row, design, outside, inside)
+            why = f"what meets all other runs to {number(rest)} A misses those of {name} by {number(missed)} A"
+            disowned += [(missed / rest, name, why)] if missed > DISOWNED * rest else []
+        if len(outside) and len(inside) >= FEWEST:
+            bins = np.isin(row.bins.run, inside)
+            squares = row.misfit[bins] ** 2 + row.bins.inside[bins]
+            before = float(np.sqrt(np.average(squares, weights=row.bins.count[bins])))
+            after = _in_halves(row, design, inside)
+            why = f"the runs of {name} alone would be met to {number(after)} A instead of {number(before)} A"
+            corrected += [(before / after, name, why)] if before > BETTER * after else []
+    worst = max(disowned or corrected, default=None)
+    return (None, "") if worst is None else worst[1:]
 
 
-def _odd_files(row: FitRow, design: Floats) -> Iterator[tuple[float, str, float, float]]:
-    """Files that corrections of their own would meet far better: by how much, name, RMS (A) before and after."""
-    origins = np.array([run.origin for run in row.bins.runs])
-    for name in dict.fromkeys(origins.tolist()):
-        own = np.flatnonzero(origins == name)
-        if FEWEST <= len(own) < len(origins):
-            here = np.isin(row.bins.run, own)
-            squares = row.misfit[here] ** 2 + row.bins.inside[here]
-            before = float(np.sqrt(np.average(squares, weights=row.bins.count[here])))
-            after = _in_halves(row, design, own)
-            if before > BETTER * after:
-                yield before / after, name, before, after
-
-
-def _in_halves(row: FitRow, design: Floats, own: NDArray[np.int64]) -> float:
-    """RMS (A) of some runs by corrections of their own.
-
-    These are found from one half of the runs and judged on the other, so that noise gains nothing.
-    """
+def _in_halves(row: FitRow, design: Floats, runs: NDArray[np.int64]) -> float:
+    """RMS (A) of some runs by corrections from one half of them, judged on the other, so that noise gains nothing."""
     # Neighbouring runs go to and fro: pairs of them keep both directions in each half.
-    first = np.isin(np.arange(len(own)) % 4, (0, 3))
-    halves = [_left(row, design, own[part], own[~part]) for part in (first, ~first)]
+    first = np.isin(np.arange(len(runs)) % 4, (0, 3))
+    halves = [_left(row, design, runs[part], runs[~part]) for part in (first, ~first)]
     return float(np.sqrt(np.mean(np.square(halves))))
 
 
-def _left(row: FitRow, design: Floats, seen: NDArray[np.int64], judged: NDArray[np.int64]) -> float:
-    """RMS (A) of some runs once what others show is taken out."""
-    bins, (known, there) = row.bins, (np.isin(row.bins.run, some) for some in (seen, judged))
-    weight = np.sqrt(bins.count[known])
-    correction = np.linalg.lstsq(design[known] * weight[:, None], row.misfit[known] * weight, rcond=_RCOND)[0]
-    left = row.misfit[there] - design[there] @ correction
-    return float(np.sqrt(np.average(left**2 + bins.inside[there], weights=bins.count[there])))
+def _left(row: FitRow, design: Floats, fitted: NDArray[np.int64], judged: NDArray[np.int64]) -> float:
+    """RMS (A) of some runs once what other runs show is taken out."""
+    bins, (source, target) = row.bins, (np.isin(row.bins.run, runs) for runs in (fitted, judged))
+    weight = np.sqrt(bins.count[source])
+    correction = np.linalg.lstsq(design[source] * weight[:, None], row.misfit[source] * weight, rcond=_RCOND)[0]
+    residual = row.misfit[target] - design[target] @ correction
+    return float(np.sqrt(np.average(residual**2 + bins.inside[target], weights=bins.count[target])))
 
 
 def of_drift(joints: Sequence[JointFit], repeated: Mapping[int, Sequence[Pair]]) -> Iterator[Note]:
@@ -296,114 +258,94 @@ def of_drift(joints: Sequence[JointFit], repeated: Mapping[int, Sequence[Pair]])
 
     The same whichever way the joint moved, a sensor's zero or a load changed; with the motion, friction; in proportion,
     a gain.
-
-    Parameters
-    ----------
-    joints
-        What their repeats differ by.
-    repeated
-        Joint -> its runs that repeat one another.
     """
     for fit in joints:
         last = [pair for pair in repeated[fit.joint] if pair.is_last]
         ways = np.array([pair.first.direction for pair in last], dtype=float)
         if min(np.count_nonzero(ways > 0), np.count_nonzero(ways < 0)) < FEWEST_REPEATS // 2:
             continue
-        drawn = np.array([_mean(pair.first) for pair in last])
+        drawn = np.array([np.average(pair.first.bins.current, weights=pair.first.bins.count) for pair in last])
         changes = [np.ones(len(last)), ways, drawn]
         if np.linalg.cond(np.column_stack([*changes[:2], drawn / max(float(np.abs(drawn).max()), 1e-12)])) > ALIKE:
             del changes[2]
         matters = max(CHANGE * (fit.noise_floor or 0.0), SEEN * float(np.sqrt(np.mean(drawn**2))))
-        yield from _found(fit.joint, np.column_stack(changes), np.array([pair.more for pair in last]), matters=matters)
+        design, more = np.column_stack(changes), np.array([pair.more for pair in last])
+        yield from _of_changes(fit.joint, design, more, matters=matters)
 
 
-def _found(joint: int, design: Floats, change: Floats, *, matters: float) -> Iterator[Note]:
+def _of_changes(joint: int, design: Floats, change: Floats, *, matters: float) -> Iterator[Note]:
     """Of (n,) changes (A), by (n, k) what they may go with, those that are more than what matters (A, RMS)."""
     inverse, freedoms = np.linalg.inv(design.T @ design), len(change) - design.shape[1]
     sizes = inverse @ design.T @ change
-    left = float(np.sum((change - design @ sizes) ** 2)) / max(freedoms, 1)
-    errors = np.sqrt(np.maximum(left * np.diag(inverse), 1e-300))
+    variance = float(np.sum((change - design @ sizes) ** 2)) / max(freedoms, 1)
+    errors = np.sqrt(np.maximum(variance * np.diag(inverse), 1e-300))
     for (unit, goes, cause), size, error, column in zip(KINDS, sizes, errors, design.T, strict=False):
         moved = abs(size) * float(np.sqrt(np.mean(column**2)))
         if two_sided(size / error, freedoms) >= CHANCE or moved <= matters:
             continue
         factor = 100.0 if unit == "%" else 1.0
         shown = f"{number(factor * abs(float(size)))} ± {number(factor * float(error))} {unit}"
-        told = f"{shown} {'more' if size > 0 else 'less'} {goes}"
-        text = f"joint {joint} draws {told} in the last of {len(change)} repeated runs than in the first of them"
-        advice = f"{cause}: the numbers are a mean of before and after"
-        yield Note("repeats-differ", f"{text}; {advice}", Where(joint=joint))
-
-
-def _mean(run: Run) -> float:
-    """Mean current (A) of a run."""
-    return float(np.average(run.bins.current, weights=run.bins.count))
+        drawn = f"{shown} {'more' if size > 0 else 'less'} {goes}"
+        text = f"joint {joint} draws {drawn} in the last of {len(change)} repeated runs than in the first of them"
+        yield Note("repeats-differ", f"{text}; {cause}: the numbers are a mean of before and after", Where(joint=joint))
 
 
 def of_delays(fitted: Fit, runs: Sequence[Run], values: Sequence[Value]) -> list[Note]:
     """A note for each joint with nothing but strokes whose numbers are others if its current comes late, or early.
 
     A fit in which such joints may be late tells by how much: half a millisecond matters where strokes are short.
-
-    Parameters
-    ----------
-    fitted, runs
-        The fit, and what it is of.
-    values
-        What was found.
     """
     alone = sorted({run.joint for run in runs} - {run.joint for run in runs if run.kind != STROKE})
     if not alone:
         return []
-    model, found = Model.of_runs(fitted.model.robot, runs, all_delays=True), []
+    model, notes = Model.of_runs(fitted.model.robot, runs, all_delays=True), []
     free = fit_bins(model, [row.bins for row in fitted.rows])
-    others = dict(zip(model.names, zip(free.values, np.sqrt(np.diag(free.inverse)), strict=False), strict=True))
+    late = dict(zip(model.names, zip(free.values, np.sqrt(np.diag(free.inverse)), strict=False), strict=True))
     for joint in alone:
-        own = [value for value in values if value.joint == joint and value.name.split(".")[0] in LATE]
-        off = {value.name: _off(value, *others[value.name]) for value in own}
-        worst = max(own, key=lambda value: off[value.name], default=None)
-        if worst is None or off[worst.name] <= DELAYED:
+        off = {
+            value: abs(late[value.name][0] - value.value) / float(np.hypot(value.std_error, late[value.name][1]))
+            for value in values
+            if value.joint == joint and value.name.split(".")[0] in LATE and value.value is not None and value.std_error
+        }
+        worst = max(off, key=lambda value: off[value], default=None)
+        if worst is None or off[worst] <= DELAYED:
             continue
-        other = f"{worst.name} is {number(others[worst.name][0])}, not {number(worst.value or 0.0)} {worst.unit}"
+        other = f"{worst.name} is {number(late[worst.name][0])}, not {number(worst.value or 0.0)} {worst.unit}"
         text = f"joint {joint} has strokes only, which look as if its current came late, or early: if so, {other}"
-        found.append(Note("strokes-late", f"{text}; runs at constant speed tell", Where(joint=joint)))
-    return found
+        notes.append(Note("strokes-late", f"{text}; runs at constant speed tell", Where(joint=joint)))
+    return notes
 
 
-def _off(value: Value, other: float, error: float) -> float:
-    """Standard errors of both by which another value is off."""
-    if value.value is None or not value.std_error:
-        return 0.0
-    return abs(other - value.value) / float(np.hypot(value.std_error, error))
-
-
-def odd_friction(values: Sequence[Value], n_joints: int) -> list[Note]:
-    """Viscous terms that are surely of the sign opposite to their joint's Coulomb friction."""
-    known = {
+def _by_name(values: Sequence[Value]) -> dict[str, tuple[float, float, tuple[float, float], str]]:
+    """Name -> value, error, interval and unit of what was identified."""
+    return {
         value.name: (value.value, value.std_error, value.ci95, value.unit)
         for value in values
         if value.value is not None and value.std_error is not None and value.ci95 is not None
     }
-    notes = []
+
+
+def odd_friction(values: Sequence[Value], n_joints: int) -> Iterator[Note]:
+    """Viscous terms that are surely of the sign opposite to their joint's Coulomb friction."""
+    identified = _by_name(values)
     for joint, (side, way) in itertools.product(range(1, n_joints + 1), (("plus", "forward"), ("minus", "backward"))):
-        if f"viscous.j{joint}.{side}" not in known:
+        if f"viscous.j{joint}.{side}" not in identified:
             continue
-        slope, error, (low, high), unit = known[f"viscous.j{joint}.{side}"]
+        slope, error, (low, high), unit = identified[f"viscous.j{joint}.{side}"]
         # Friction opposes motion, so the Coulomb terms tell the sign in which the motor counts its current.
         signs = {1.0: f"coulomb.j{joint}.plus", -1.0: f"coulomb.j{joint}.minus"}
-        motor = sum(sign * known[name][0] for sign, name in signs.items() if name in known)
+        motor = sum(sign * identified[name][0] for sign, name in signs.items() if name in identified)
         if motor * slope < 0 and not low <= 0.0 <= high:
             text = (
                 f"friction of joint {joint} falls with speed going {way} ({number(slope)} ± {number(error, 2)} {unit}),"
                 " which viscous friction does not: something else changed with the speed, or Stribeck friction reigns"
             )
-            notes.append(Note("friction-falls-with-speed", text, Where(joint=joint)))
-    return notes
+            yield Note("friction-falls-with-speed", text, Where(joint=joint))
 
 
-def odd_inertia(values: Sequence[Value], n_joints: int) -> list[Note]:
+def odd_inertia(values: Sequence[Value], n_joints: int) -> Iterator[Note]:
     """Inertias that are surely below zero, by the way in which their joint's motor counts its friction."""
-    ways, notes = _ways(values, n_joints), []
+    ways = _ways(values, n_joints)
     for value in values:
         if not value.name.startswith("inertia.j") or value.value is None or not value.std_error:
             continue
@@ -413,79 +355,65 @@ def odd_inertia(values: Sequence[Value], n_joints: int) -> list[Note]:
                 f"inertia of joint {joint} comes out below zero ({number(value.value)} ± {number(value.std_error, 2)}"
                 f" {value.unit}, and friction says which way is up): its current or position is late or smoothed"
             )
-            notes.append(Note("inertia-negative", text, Where(joint=joint)))
-    return notes
+            yield Note("inertia-negative", text, Where(joint=joint))
 
 
 def _ways(values: Sequence[Value], n_joints: int) -> dict[int, float]:
     """Joint -> 1.0 or -1.0, the sign in which its motor surely counts what opposes motion."""
-    known = {value.name: value for value in values if value.ci95 is not None and value.value is not None}
-    ways: dict[int, float] = {}
+    identified, ways = _by_name(values), dict[int, float]()
     for joint in range(1, n_joints + 1):
-        forth, back = known.get(f"coulomb.j{joint}.plus"), known.get(f"coulomb.j{joint}.minus")
-        if forth and back and (forth.ci95[0] > back.ci95[1] or back.ci95[0] > forth.ci95[1]):  # type: ignore[index]
-            ways[joint] = math.copysign(1.0, forth.value - back.value)  # type: ignore[operator]
+        forth, back = identified.get(f"coulomb.j{joint}.plus"), identified.get(f"coulomb.j{joint}.minus")
+        if forth and back and (forth[2][0] > back[2][1] or back[2][0] > forth[2][1]):
+            ways[joint] = math.copysign(1.0, forth[0] - back[0])
     return ways
 
 
-def odd_gains(values: Sequence[Value], n_joints: int) -> list[Note]:
+def odd_gains(values: Sequence[Value], n_joints: int) -> Iterator[Note]:
     """Gain ratios whose sign is surely not that by which the two motors count their friction."""
-    known = {value.name: value for value in values if value.ci95 is not None and value.value is not None}
-    ways = _ways(values, n_joints)
-    notes = []
+    identified, ways = _by_name(values), _ways(values, n_joints)
     for joint in range(1, n_joints):
-        ratio, pair = known.get(f"gain_ratio.{joint}.{joint + 1}"), (ways.get(joint, 0.0), ways.get(joint + 1, 0.0))
-        if ratio is None or ratio.std_error is None or not pair[0] * pair[1]:
+        ratio, pair = (
+            identified.get(f"gain_ratio.{joint}.{joint + 1}"),
+            (ways.get(joint, 0.0), ways.get(joint + 1, 0.0)),
+        )
+        if ratio is None or ratio[0] * pair[0] * pair[1] >= -SURELY * ratio[1] or not pair[0] * pair[1]:
             continue
-        if ratio.value * pair[0] * pair[1] < -SURELY * ratio.std_error:  # type: ignore[operator]
-            same = "the same way" if pair[0] == pair[1] else "opposite ways"
-            load = f"by the load that joints {joint} and {joint + 1} share, their gains have the ratio"
-            text = f"{load} {number(ratio.value or 0.0)}, but by friction the two motors count their currents {same}"
-            mend = "a sign in the DH table (alpha, or theta's or d's), of a position or of gravity is not the arm's"
-            notes.append(Note("gain-sign", f"{text}: {mend}", Where(joint=joint)))
-    return notes
+        same = "the same way" if pair[0] == pair[1] else "opposite ways"
+        load = f"by the load that joints {joint} and {joint + 1} share, their gains have the ratio"
+        text = f"{load} {number(ratio[0])}, but by friction the two motors count their currents {same}"
+        mend = "a sign in the DH table (alpha, or theta's or d's), of a position or of gravity is not the arm's"
+        yield Note("gain-sign", f"{text}: {mend}", Where(joint=joint))
 
 
-def of_fit(fitted: Fit, robot: Robot) -> list[Note]:
+def of_fit(fitted: Fit, robot: Robot) -> Iterator[Note]:
     """Joints with few runs, and loads that are part of friction."""
-    notes = []
     for joint in sorted(fitted.weak):
         runs = len(fitted.row(joint).bins.runs)
-        notes.append(
-            Note(
-                "few-runs",
-                f"joint {joint} has {runs} run{'s' if runs > 1 else ''} only: its intervals rest on the noise inside"
-                " runs and leave out what a repeated run would differ by",
-                Where(joint=joint),
-            )
+        text = (
+            f"joint {joint} has {runs} run{'s' if runs > 1 else ''} only: its intervals rest on the noise inside runs"
         )
+        yield Note("few-runs", f"{text} and leave out what a repeated run would differ by", Where(joint=joint))
     for joint in fitted.model.structure.embodied:
-        notes.append(
-            Note(
-                "load-in-coulomb",
-                f"the constant load of prismatic joint {joint} ({robot.joint(joint).name}) is part of its Coulomb"
-                " terms",
-                Where(joint=joint),
-            )
-        )
-    return notes
+        name = f"prismatic joint {joint} ({robot.joint(joint).name})"
+        text = f"the constant load of {name} is part of its Coulomb terms"
+        yield Note("load-in-coulomb", text, Where(joint=joint))
 
 
-def of_gears(fitted: Fit, robot: Robot) -> list[Note]:
+def of_gears(fitted: Fit, robot: Robot) -> Iterator[Note]:
     """Loads that the recipe's gears (`coupling`) pass to motors of other joints, where the model leaves them out."""
     if not robot.coupling:
-        return []
+        return
     # Power is the same on either side: what motors carry of the joints' loads, by joint and motor.
     share = np.linalg.inv(robot.shaft_speeds)
-    fitted_ones = {(one.joint, one.shape.get("on")) for one in fitted.model.effects}
-    told, parallel = [], []
+    modelled = {(term.joint, term.shape.get("on")) for term in fitted.model.effects}
+    passed, parallel = [], []
     for joint, motor in itertools.product(range(1, robot.n_joints + 1), sorted(row.joint for row in fitted.rows)):
         part = float(share[joint - 1, motor - 1])
         if joint <= motor or abs(part) < SMALLEST_PART or load_refusal(robot, joint) is not None:
             continue
-        if (joint, float(motor)) in fitted_ones:
+        if (joint, float(motor)) in modelled:
             continue
-        told.append(
+        passed.append(
             f"motor {motor} carries {number(part, 2)} of joint {joint}'s load (--add coupling@{joint}:on={motor})"
         )
         if joint == motor + 1 and abs(math.sin(robot.joint(joint).alpha)) < PARALLEL:
@@ -493,27 +421,25 @@ def of_gears(fitted: Fit, robot: Robot) -> list[Note]:
                 f"axes {motor} and {joint} are parallel, so no log tells this from gain_ratio.{motor}.{joint}, of which"
                 f" what is found is {number(1.0 + part, 3)} times the ratio of the motors' gains"
             )
-    if not told:
-        return []
-    text = (
-        f"by the recipe's gears (coupling) {'; '.join(told)}; this model leaves that out, gravity and ratios take it up"
-    )
-    return [Note("load-through-gears", "; ".join([text, *parallel]), Where())]
+    if passed:
+        text = f"by the recipe's gears (coupling) {'; '.join(passed)}"
+        text = f"{text}; this model leaves that out, gravity and ratios take it up"
+        yield Note("load-through-gears", "; ".join([text, *parallel]), Where())
 
 
-def of_effects(found: EffectFit, runs: Sequence[Run]) -> list[Note]:
+def of_effects(result: EffectFit, runs: Sequence[Run]) -> Iterator[Note]:
     """Effects that did not settle, shapes at a bound, and effects of time over several recordings."""
-    notes, effects = [], found.fit.model.effects
-    if not found.is_settled:
-        names = ", ".join(dict.fromkeys(one.effect.name for one in effects))
+    effects = result.fit.model.effects
+    if not result.is_settled:
+        names = ", ".join(dict.fromkeys(term.effect.name for term in effects))
         text = f"the fit with {names} still moved when it was stopped: two of its effects may stand for one another"
-        notes.append(Note("effects-not-settled", text, Where()))
-    for one, shape in ((effect, name) for effect in effects for name in effect.held):
-        text = f"{shape} of {one.effect.name} is best at its bound, {number(one.shape[shape])}"
-        notes.append(Note("shape-at-bound", f"{text}: these data do not show where it is", Where(joint=one.joint)))
-    timed = [one.effect.name for one in effects if Trace.TIME in one.effect.trace]
+        yield Note("effects-not-settled", text, Where())
+    for term in effects:
+        for shape in term.held:
+            text = f"{shape} of {term.effect.name} is best at its bound, {number(term.shape[shape])}"
+            yield Note("shape-at-bound", f"{text}: these data do not show where it is", Where(joint=term.joint))
+    timed = [term.effect.name for term in effects if Trace.TIME in term.effect.trace]
     clocks = len({run.clock for run in runs})
     if timed and clocks > 1:
         text = f"the logs have {clocks} clocks: {timed[0]} counts its time anew in each"
-        notes.append(Note("several-clocks", text, Where()))
-    return notes
+        yield Note("several-clocks", text, Where())
