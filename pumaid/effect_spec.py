@@ -103,8 +103,8 @@ class EffectTerm:
 
     def searched(self, robot: Robot) -> EffectTerm:
         """The same with all shapes that it has fitted, as far as these have derivatives."""
-        known = self.shapes(robot)
-        return replace(self, fitted=tuple(name for name in known if known[name].is_searched and name in self.shape))
+        shapes = self.shapes(robot)
+        return replace(self, fitted=tuple(name for name in shapes if shapes[name].is_searched and name in self.shape))
 
     def touches(self, joint: int) -> bool:
         """Whether it may act on the current of `joint` (from 1)."""
@@ -129,7 +129,7 @@ class EffectTerm:
                 scope=effect.scope,
                 span=parameter.high - parameter.low,
             )
-        for shape in (one for one in effect.shapes(robot, number) if one.name in self.fitted):
+        for shape in (fitted for fitted in effect.shapes(robot, number) if fitted.name in self.fitted):
             yield Column(
                 name=f"{effect.name}.{letter}{shape.name}{self.mark}",
                 symbol=shape.name + self.mark,
@@ -153,14 +153,14 @@ class EffectTerm:
         """(M, p) A per unit of each of `parts`."""
         linear = self.linear(robot, samples)
         size = np.abs(linear).max(axis=0, initial=0.0)
-        found = [np.where(size > ROUNDING * size.max(initial=0.0), linear, 0.0)]
+        columns = [np.where(size > ROUNDING * size.max(initial=0.0), linear, 0.0)]
         for name, facts in self.shapes(robot).items() if self.fitted else ():
             if name in self.fitted:
                 low, high = step_of(facts, self.shape[name])
                 ends = [self.linear(robot, samples, {**self.shape, name: end}) for end in (low, high)]
                 rise = (ends[1] - ends[0]) @ (np.array(self.sizes) if self.sizes else np.zeros(linear.shape[1]))
-                found.append((rise / (high - low))[:, None])
-        return np.hstack(found)
+                columns.append((rise / (high - low))[:, None])
+        return np.hstack(columns)
 
     def at(self, shape: Mapping[str, float], sizes: Sequence[float] = ()) -> EffectTerm:
         """The same with other shapes, and derivatives at other sizes."""
@@ -169,11 +169,11 @@ class EffectTerm:
 
 def columns_each(terms: Sequence[EffectTerm], robot: Robot, samples: Samples) -> Floats:
     """(M, k p) of one effect with each of k shapes, side by side; what they share is computed once."""
-    one = terms[0]
-    if len(terms) == 1 or not one.touches(samples.joint):
-        return np.column_stack([each.linear(robot, samples) for each in terms])
-    found = one.effect.columns_each(robot, samples, number=one.number, shapes=[each.shape for each in terms])
-    return np.nan_to_num(np.column_stack(found))
+    first = terms[0]
+    if len(terms) == 1 or not first.touches(samples.joint):
+        return np.column_stack([term.linear(robot, samples) for term in terms])
+    columns = first.effect.columns_each(robot, samples, number=first.number, shapes=[term.shape for term in terms])
+    return np.nan_to_num(np.column_stack(columns))
 
 
 def scale_of(shape: Shape, value: float) -> float:
@@ -192,7 +192,7 @@ def step_of(shape: Shape, value: float) -> tuple[float, float]:
 
 def terms_of(choices: Sequence[EffectChoice]) -> tuple[EffectTerm, ...]:
     """Choices as a model has them: the second time at a joint is marked ``_2``."""
-    return marked([EffectTerm(catalogue()[one.effect], one.joint, dict(one.shape)) for one in choices])
+    return marked([EffectTerm(catalogue()[choice.effect], choice.joint, dict(choice.shape)) for choice in choices])
 
 
 def marked(terms: Sequence[EffectTerm]) -> tuple[EffectTerm, ...]:
@@ -213,13 +213,13 @@ def check_parameters(estimate: Estimate, robot: Robot) -> None:
     ModelError [effect-changed]
         One of its effects lacks, or has, a parameter or shape that the model knows otherwise.
     """
-    every = terms_of(estimate.effects)
-    for number, term in enumerate(every, start=1):
+    listed_terms = terms_of(estimate.effects)
+    for number, term in enumerate(listed_terms, start=1):
         (name, joint), shapes = term.key, set(term.shapes(robot))
         prefix = f"{name}.j{joint}." if joint else f"{name}."
-        alike = [replace(other, fitted=tuple(shapes)) for other in every if other.key == term.key]
+        alike = [replace(other, fitted=tuple(shapes)) for other in listed_terms if other.key == term.key]
         parts = [part for other in alike for part in other.parts(robot, 0)]
-        listed = {known for known in estimate.names if known.startswith(prefix)}
+        listed = {parameter for parameter in estimate.names if parameter.startswith(prefix)}
         differ = {part.name for part in parts if part.shape is None} - listed
         differ |= listed - {part.name for part in parts}
         differ |= shapes.symmetric_difference(term.shape)
@@ -307,10 +307,10 @@ def chosen_by(robot: Robot, *, add: Iterable[str] = (), remove: Iterable[str] = 
     ModelError [effect-not-there], [effect-not-here], [effect-twice] and those of `parse_effect`
         A choice is wrong, cannot act there, is in the model already, or cannot be taken out.
     """
-    kept = expanded(robot.effects, robot)
+    choices = expanded(robot.effects, robot)
     for text in remove:
-        kept = _without(kept, text, robot)
-    return expanded([*kept, *(parse_effect(text, robot) for text in add)], robot)
+        choices = _without(choices, text, robot)
+    return expanded([*choices, *(parse_effect(text, robot) for text in add)], robot)
 
 
 def expanded(choices: Sequence[EffectChoice], robot: Robot) -> tuple[EffectChoice, ...]:
@@ -356,15 +356,15 @@ def known_effect(name: str, where: Where) -> Effect:
     ModelError [unknown-effect], [effect-twice]
         There is none, or every model has it.
     """
-    known = catalogue()
-    if name not in known:
-        near = difflib.get_close_matches(name, known, n=1)
+    effects = catalogue()
+    if name not in effects:
+        near = difflib.get_close_matches(name, effects, n=1)
         mend = f"did you mean {near[0]}?" if near else f"pumaid effects lists the names; {OWN}"
-        what = f"there is no effect {name} in the catalogue: {', '.join(known)}"
+        what = f"there is no effect {name} in the catalogue: {', '.join(effects)}"
         raise ModelError("unknown-effect", what, where, mend)
-    if known[name].base:
+    if effects[name].base:
         raise ModelError("effect-twice", f"{name} is in every model already", where, "leave it out")
-    return known[name]
+    return effects[name]
 
 
 def check_known(effects: Iterable[EffectChoice]) -> None:
@@ -398,19 +398,19 @@ def _without(choices: Sequence[EffectChoice], text: str, robot: Robot) -> tuple[
     if text.strip() == ALL:
         return ()
     named = parse_effect(text, robot, option="--remove")
-    kept = tuple(
+    rest = tuple(
         choice
         for choice in choices
         if choice.effect != named.effect
         or named.joint not in (None, choice.joint)
         or (named.shape and dict(named.shape) != dict(choice.shape))
     )
-    if len(kept) == len(choices):
-        there = ", ".join(f"{one.effect}@{one.joint}" if one.joint else one.effect for one in choices)
+    if len(rest) == len(choices):
+        there = ", ".join(f"{other.effect}@{other.joint}" if other.joint else other.effect for other in choices)
         mend = f"the recipe switches on: {there}" if there else "the recipe switches no effect on; leave it out"
         what = f"the model would not have {text} anyway"
         raise ModelError("effect-not-there", what, Where(field=f"--remove {text}"), mend)
-    return kept
+    return rest
 
 
 def _expanded(choice: EffectChoice, robot: Robot, where: Where) -> list[EffectChoice]:
@@ -436,19 +436,19 @@ def _expanded(choice: EffectChoice, robot: Robot, where: Where) -> list[EffectCh
 
 
 def _check_name(effect: Effect, robot: Robot, number: int, *, key: str, where: Where) -> None:
-    known = [one.name for one in effect.shapes(robot, number)]
-    if key not in known:
-        near = difflib.get_close_matches(key, known, n=1)
-        listed = f"known: {', '.join(known)}" if known else f"{effect.name} has no shape: leave it out"
+    names = [shape.name for shape in effect.shapes(robot, number)]
+    if key not in names:
+        near = difflib.get_close_matches(key, names, n=1)
+        listed = f"known: {', '.join(names)}" if names else f"{effect.name} has no shape: leave it out"
         mend = f"did you mean {near[0]}?" if near else listed
         raise ModelError("effect-shape", f"{effect.name} has no shape called {key}", where, mend)
 
 
 def _check_shape(effect: Effect, robot: Robot, number: int, *, shape: Mapping[str, float], where: Where) -> None:
-    known = {one.name: one for one in effect.shapes(robot, number)}
+    shapes = {facts.name: facts for facts in effect.shapes(robot, number)}
     for name, value in shape.items():
         _check_name(effect, robot, number, key=name, where=where)
-        low, high = known[name].low, known[name].high
+        low, high = shapes[name].low, shapes[name].high
         if not low <= value <= high:
             what = f"{name} of {effect.name} is {value:g}"
             raise ModelError("effect-shape", what, where, f"write a number from {low:g} to {high:g}")

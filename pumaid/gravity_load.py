@@ -21,13 +21,14 @@ def along(model: Model, samples: Samples, sizes: Counts, *, solution: Floats, sc
 
     def table(knots: Samples) -> Floats:
         nonlocal gains
-        found = loads(model, knots, solution=solution, scales=scales)
-        gains = found.gains
-        return np.column_stack([found.own, found.across**2, found.tilts, found.others, found.slopes])
+        at_knots = loads(model, knots, solution=solution, scales=scales)
+        gains = at_knots.gains
+        return np.column_stack([at_knots.own, at_knots.across**2, at_knots.tilts, at_knots.others, at_knots.slopes])
 
-    own, across, tilts, others, slopes = np.split(swept(samples, sizes, table, turns=turns), [1, 2, 4, 4 + n], axis=1)
-    drawn = own[:, 0] + _friction(model, samples, solution)
-    return Loads(own[:, 0], others, slopes, tilts, np.sqrt(np.maximum(across[:, 0], 0.0)), drawn, gains)
+    values = swept(samples, sizes, table, turns=turns)
+    load, across, tilts, elsewhere, slopes = np.split(values, [1, 2, 4, 4 + n], axis=1)
+    drawn = load[:, 0] + _friction(model, samples, solution)
+    return Loads(load[:, 0], elsewhere, slopes, tilts, np.sqrt(np.maximum(across[:, 0], 0.0)), drawn, gains)
 
 
 def loads(model: Model, samples: Samples, *, solution: Floats, scales: Floats) -> Loads:
@@ -58,15 +59,15 @@ def loads(model: Model, samples: Samples, *, solution: Floats, scales: Floats) -
     moments, weights = _moments(model, frames, samples=samples, solution=solution)
     turns = robot.is_revolute
     heavy = np.abs(moments).max(axis=(0, 2)) > 0
-    others = np.einsum("mkp,mjp,kj->mk", levers, moments, _counted(scales, heavy), optimize=True)
-    others[:, ~turns] = (-(z @ g) * weights)[:, ~turns]
-    known = np.nan_to_num(scales[i])
-    parts = moments * known[None, :, None]
+    elsewhere = np.einsum("mkp,mjp,kj->mk", levers, moments, _counted(scales, heavy), optimize=True)
+    elsewhere[:, ~turns] = (-(z @ g) * weights)[:, ~turns]
+    ratios = np.nan_to_num(scales[i])
+    parts = moments * ratios[None, :, None]
     parts[:, :i] = 0.0
     h = parts.sum(axis=1)
-    own = np.einsum("mk,mk->m", levers[:, i], h) if turns[i] else others[:, i]
+    load = np.einsum("mk,mk->m", levers[:, i], h) if turns[i] else elsewhere[:, i]
     slopes = np.column_stack(
-        [_slope(i, m, z=z, parts=parts, weights=weights * known, g=g, turns=turns) for m in range(len(turns))]
+        [_slope(i, m, z=z, parts=parts, weights=weights * ratios, g=g, turns=turns) for m in range(len(turns))]
     )
     turned = [np.cross(g, axis) for axis in np.eye(3)[:2]]
     felt = np.einsum("mjk,j->mk", moments, felt_ratios(heavy, scales, i))
@@ -77,8 +78,8 @@ def loads(model: Model, samples: Samples, *, solution: Floats, scales: Floats) -
     else:
         tilts = np.column_stack([-(z[:, i] @ way) * weights[i] for way in turned])
         across = np.zeros(len(samples))
-    drawn = own + _friction(model, samples, solution)
-    return Loads(own, others, slopes, tilts, across, drawn, _gains(scales, i))
+    drawn = load + _friction(model, samples, solution)
+    return Loads(load, elsewhere, slopes, tilts, across, drawn, _gains(scales, i))
 
 
 def _moments(model: Model, frames: Floats, *, samples: Samples, solution: Floats) -> tuple[Floats, Floats]:
@@ -129,16 +130,16 @@ def _slope(i: int, m: int, *, z: Floats, parts: Floats, weights: Floats, g: Floa
 def _friction(model: Model, samples: Samples, solution: Floats) -> Floats:
     """(M,) what the base model adds to gravity: friction, and inertia of strokes."""
     total = np.zeros(len(samples))
-    own = [column for column in model.columns if column.owner == samples.joint and column.place is None]
-    for name in dict.fromkeys(column.effect for column in own):
+    owned = [column for column in model.columns if column.owner == samples.joint and column.place is None]
+    for name in dict.fromkeys(column.effect for column in owned):
         effect = catalogue()[name]
         if not effect.base or name == "gravity":
             continue
-        found = effect.columns(model.robot, samples, number=samples.joint)
+        columns = effect.columns(model.robot, samples, number=samples.joint)
         symbols = [parameter.name for parameter in effect.parameters(model.robot, samples.joint)]
         for column, value in zip(model.columns, solution, strict=True):
             if column.effect == name and column.owner == samples.joint:
-                total += found[:, symbols.index(column.name.rsplit(".", 1)[1])] * value
+                total += columns[:, symbols.index(column.name.rsplit(".", 1)[1])] * value
     return total
 
 

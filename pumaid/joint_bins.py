@@ -127,8 +127,8 @@ class JointBins:
         order = np.argsort(q[b], kind="stable")
         there = q[b][order]
         right = np.clip(np.searchsorted(there, q[a]), 0, len(there) - 1)
-        left = np.maximum(right - 1, 0)
-        nearest = np.where(np.abs(there[right] - q[a]) < np.abs(q[a] - there[left]), right, left)
+        before = np.maximum(right - 1, 0)
+        nearest = np.where(np.abs(there[right] - q[a]) < np.abs(q[a] - there[before]), right, before)
         width = np.median(np.abs(np.diff(q[a]))) if len(there) > 1 and len(q[a]) > 1 else np.inf
         shared = np.abs(there[nearest] - q[a]) <= width
         if np.count_nonzero(shared) <= 2:
@@ -158,7 +158,7 @@ class JointBins:
         They match the first five moments of as many equal steps as the bin has samples, so that a ripple with two bins
         a period is not averaged away, and a bin of three samples or fewer is exact.
         """
-        n, own = self.count, self.joint - 1
+        n, moving = self.count, self.joint - 1
         spread = np.sqrt(np.maximum(3.0 * n**2 - 7.0, 0.0) / 20.0)
         side = np.divide(n**2 - 1.0, 24.0 * spread**2, out=np.zeros(len(n)), where=spread > 0)
         weights = np.column_stack([side, 1.0 - 2.0 * side, side])
@@ -168,10 +168,10 @@ class JointBins:
         }
         ahead = ahead.ravel()
         stroke = np.repeat(self.is_stroke[self.run], 3)
-        moved = three["velocity"][:, own] * ahead
-        three["velocity"][:, own] += np.where(stroke, three["acceleration"] * ahead, 0.0)
+        moved = three["velocity"][:, moving] * ahead
+        three["velocity"][:, moving] += np.where(stroke, three["acceleration"] * ahead, 0.0)
         three["acceleration"] = three["acceleration"] + np.repeat(self._jerk(), 3) * ahead
-        three["position"][:, own] += moved
+        three["position"][:, moving] += moved
         three["time"] += ahead
         three["elapsed"] += ahead
         three["travel"] = np.maximum(three["travel"] + three["direction"] * moved, 0.0)
@@ -196,12 +196,12 @@ class JointBins:
         """(N,) A2 of variance inside bins that a prediction (N,) leaves; `own` is its own variance there, by default
         that of its straight line from bin to bin."""
         parts = [np.split(values, self.first[1:]) for values in (drawn, self.current - drawn)]
-        rise, left = (
-            np.concatenate([np.gradient(one) if len(one) > 1 else 0.0 * one for one in part]) for part in parts
+        rise, slope = (
+            np.concatenate([np.gradient(piece) if len(piece) > 1 else 0.0 * piece for piece in part]) for part in parts
         )
         wide = (1.0 - 1.0 / self.count**2) / 12.0
-        found = self.inside - (rise**2 * wide if own is None else own) - 2.0 * rise * left * wide
-        return np.where(found > ROUNDED * self.inside, found, 0.0)
+        remaining = self.inside - (rise**2 * wide if own is None else own) - 2.0 * rise * slope * wide
+        return np.where(remaining > ROUNDED * self.inside, remaining, 0.0)
 
     def _sample_step(self) -> Floats:
         """(N,) s between samples of the run of each bin."""
@@ -214,9 +214,9 @@ class JointBins:
         """(N,) slope of the acceleration of strokes."""
         out = np.zeros(len(self))
         for start, size, is_stroke in zip(self.first, self.lengths, self.is_stroke, strict=True):
-            here = slice(start, start + size)
+            span = slice(start, start + size)
             if is_stroke and size > 1:
-                out[here] = np.gradient(self.samples.acceleration[here], self.samples.time[here])
+                out[span] = np.gradient(self.samples.acceleration[span], self.samples.time[span])
         return out
 
 
@@ -246,12 +246,12 @@ def joint_bins(
     campaign = campaign or Campaign.of(runs)
     out = []
     for joint in sorted({run.joint for run in runs}):
-        own = [run for run in runs if run.joint == joint]
-        kept = [_settled(run) for run in own] if is_settled else own
+        joint_runs = [run for run in runs if run.joint == joint]
+        settled = [_settled(run) for run in joint_runs] if is_settled else joint_runs
         turn = 2.0 * np.pi if robot.joint(joint).is_revolute else np.inf
-        limits = [most and int(most * max(abs(run.span[1] - run.span[0]) / turn, 1.0)) for run in kept]
-        thin = [_thinned(_sloped(run), limit) for run, limit in zip(kept, limits, strict=True)]
-        out.append(_joined(joint, tuple(own), thin, campaign))
+        limits = [most and int(most * max(abs(run.span[1] - run.span[0]) / turn, 1.0)) for run in settled]
+        thin = [_thinned(_sloped(run), limit) for run, limit in zip(settled, limits, strict=True)]
+        out.append(_joined(joint, tuple(joint_runs), thin, campaign))
     return tuple(out)
 
 
@@ -285,13 +285,13 @@ def samples_of(run: Run, campaign: Campaign, *, is_held: bool = False) -> Sample
     is_held
         Whether the other joints stand at the run's mean posture throughout.
     """
-    bins, own = run.bins, run.joint - 1
+    bins, moving = run.bins, run.joint - 1
     velocity, position = run.velocity, bins.position
     if run.kind == CONSTANT:
-        velocity[:, own] = run.speed
+        velocity[:, moving] = run.speed
     if is_held:
         position = np.tile(run.posture, (len(bins), 1))
-        position[:, own] = bins.position[:, own]
+        position[:, moving] = bins.position[:, moving]
     return Samples(
         run.joint,
         position,
@@ -300,7 +300,7 @@ def samples_of(run: Run, campaign: Campaign, *, is_held: bool = False) -> Sample
         direction=np.full(len(bins), float(run.direction)),
         time=campaign.since(run.joint, run.clock, bins.time),
         elapsed=campaign.since(0, run.clock, bins.time),
-        travel=campaign.lead(run) + np.abs(bins.position[:, own] - run.span[0]),
+        travel=campaign.lead(run) + np.abs(bins.position[:, moving] - run.span[0]),
         temperature=bins.temperature,
         run=np.zeros(len(bins)),
         extra=bins.extra,
@@ -310,22 +310,22 @@ def samples_of(run: Run, campaign: Campaign, *, is_held: bool = False) -> Sample
 def joined(many: Sequence[Samples]) -> Samples:
     """Samples of one joint one after another, without loads; `run` counts them from 0."""
     parts = {name: [getattr(samples, name) for samples in many] for name in SERIES}
-    known: dict[str, Any] = {
-        name: np.concatenate(part) for name, part in parts.items() if all(one is not None for one in part)
+    series: dict[str, Any] = {
+        name: np.concatenate(part) for name, part in parts.items() if all(values is not None for values in part)
     }
     run = np.repeat(np.arange(float(len(many))), [len(samples) for samples in many])
-    return replace(many[0], **known | {"run": run}, loads=None)
+    return replace(many[0], **series | {"run": run}, loads=None)
 
 
 def at(samples: Samples, rows: Counts) -> Samples:
     """The instants `rows` of some samples."""
     parts = {name: getattr(samples, name) for name in SERIES}
-    known = {name: part[rows] for name, part in parts.items() if part is not None and len(part)}
+    series = {name: part[rows] for name, part in parts.items() if part is not None and len(part)}
     if samples.loads is None:
-        return Samples(samples.joint, **known)
+        return Samples(samples.joint, **series)
     loads = {item.name: getattr(samples.loads, item.name) for item in fields(Loads)}
     chosen = {name: part if name == "gains" else part[rows] for name, part in loads.items()}
-    return Samples(samples.joint, **known, loads=Loads(**chosen))
+    return Samples(samples.joint, **series, loads=Loads(**chosen))
 
 
 def swept(samples: Samples, sizes: Counts, table: Callable[[Samples], Floats], *, turns: bool) -> Floats:
@@ -349,14 +349,14 @@ def swept(samples: Samples, sizes: Counts, table: Callable[[Samples], Floats], *
         (M, F); columns with a NaN in a run are NaN in all of it.
     """
     starts = np.concatenate([[0], np.cumsum(sizes)[:-1]]).astype(np.int64)
-    own = samples.joint - 1
+    moving = samples.joint - 1
     places = np.linspace(0.0, 2.0 * np.pi, PLACES, endpoint=False) if turns else np.linspace(-1.0, 1.0, PLACES)
     knots = at(samples, np.repeat(starts, PLACES))
     position = knots.position.copy()
-    position[:, own] = np.tile(places, len(sizes))
+    position[:, moving] = np.tile(places, len(sizes))
     asked = table(replace(knots, position=position))
     parts = np.linalg.pinv(_harmonics(places, turns)) @ asked.reshape(len(sizes), PLACES, -1)
-    basis, out = _harmonics(samples.position[:, own], turns), np.empty((len(samples), asked.shape[1]))
+    basis, out = _harmonics(samples.position[:, moving], turns), np.empty((len(samples), asked.shape[1]))
     for start, size, part in zip(starts, sizes, parts, strict=True):
         out[start : start + size] = basis[start : start + size] @ part
     return out
@@ -371,19 +371,19 @@ def _harmonics(q: Floats, turns: bool) -> Floats:
 
 def extent(bins: Sequence[JointBins], joint: int) -> Extent:
     """What the runs of `joint` (from 1) cover, or those of all joints (0)."""
-    own = [one.extent() for one in bins if joint in (0, one.joint)] or [one.extent() for one in bins]
-    starts = [float(one.samples.elapsed[k]) for one in bins for k in one.first]
-    ends = [float(one.samples.elapsed.max()) for one in bins]
+    extents = [part.extent() for part in bins if joint in (0, part.joint)] or [part.extent() for part in bins]
+    starts = [float(part.samples.elapsed[k]) for part in bins for k in part.first]
+    ends = [float(part.samples.elapsed.max()) for part in bins]
     return Extent(
         joint=joint or None,
-        speeds=distinct([speed for one in own for speed in one.speeds]),
-        position=(min(one.position[0] for one in own), max(one.position[1] for one in own)),
-        finest=min(one.finest for one in own),
-        travel=max(one.travel for one in own),
-        starts=own[0].starts if joint and len(own) == 1 else tuple(sorted(starts)),
-        duration=own[0].duration if joint and len(own) == 1 else max(ends),
-        current=max(one.current for one in own),
-        postures=max(one.postures for one in own),
+        speeds=distinct([speed for part in extents for speed in part.speeds]),
+        position=(min(part.position[0] for part in extents), max(part.position[1] for part in extents)),
+        finest=min(part.finest for part in extents),
+        travel=max(part.travel for part in extents),
+        starts=extents[0].starts if joint and len(extents) == 1 else tuple(sorted(starts)),
+        duration=extents[0].duration if joint and len(extents) == 1 else max(ends),
+        current=max(part.current for part in extents),
+        postures=max(part.postures for part in extents),
     )
 
 
@@ -422,17 +422,17 @@ def _settled(run: Run) -> Run:
     if run.kind != CONSTANT or len(run.bins) < FEWEST_SETTLED:
         return run
     lost, since = min(SETTLING, MOST_SETTLING * run.duration), run.bins.time - run.start
-    kept = (since >= lost) & (since <= run.duration - lost)
+    is_settled = (since >= lost) & (since <= run.duration - lost)
     values: dict[str, Any] = {item.name: getattr(run.bins, item.name) for item in dataclasses.fields(Bins)}
-    return replace(run, bins=Bins(**{name: value[kept] for name, value in values.items() if value is not None}))
+    return replace(run, bins=Bins(**{name: value[is_settled] for name, value in values.items() if value is not None}))
 
 
 def _sloped(run: Run) -> Run:
     """A run at constant speed with the acceleration that its positions show, before its bins are made coarser."""
     if run.kind != CONSTANT:
         return run
-    found = acceleration(run.bins.time, run.bins.position[:, run.joint - 1])
-    return replace(run, bins=replace(run.bins, acceleration=found))
+    slope = acceleration(run.bins.time, run.bins.position[:, run.joint - 1])
+    return replace(run, bins=replace(run.bins, acceleration=slope))
 
 
 def _thinned(run: Run, most: int | None) -> Run:

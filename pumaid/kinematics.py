@@ -333,32 +333,32 @@ def grouped(count: int, alike: Callable[[int, Numbers], NDArray[np.bool_]]) -> I
     >>> list(grouped(5, lambda first, others: np.abs(values[others] - values[first]) < 0.15))
     [[0, 2], [1, 3], [4]]
     """
-    left = np.arange(count, dtype=np.int64)
-    while len(left):
-        own = alike(int(left[0]), left)
-        own[0] = True
-        yield left[own].tolist()
-        left = left[~own]
+    remaining = np.arange(count, dtype=np.int64)
+    while len(remaining):
+        members = alike(int(remaining[0]), remaining)
+        members[0] = True
+        yield remaining[members].tolist()
+        remaining = remaining[~members]
 
 
-def near(postures: Floats, first: int, others: Numbers, *, within: float) -> Numbers:
+def near(postures: Floats, first: int, numbers: Numbers, *, within: float) -> Numbers:
     """Those of some postures that are one's neighbours, whole turns taken out.
 
     Parameters
     ----------
     postures
         (N, J) rad or m; where one is NaN it is near any.
-    first, others
+    first, numbers
         The one's number, and (n,) numbers.
     within
         How far apart (rad or m) they may be at each joint.
     """
     # Joint after joint: of thousands of postures few are left for the second.
     for column in postures.T:
-        if not len(others):
+        if not len(numbers):
             break
-        others = others[~(apart(column[first], column[others]) > within)]
-    return others
+        numbers = numbers[~(apart(column[first], column[numbers]) > within)]
+    return numbers
 
 
 def marked(others: Numbers, chosen: Numbers) -> NDArray[np.bool_]:

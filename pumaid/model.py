@@ -93,12 +93,12 @@ class Model:
     @classmethod
     def of_estimate(cls, robot: Robot, estimate: Estimate) -> Model:
         """The model that `estimate` is a fit of, with the derivatives by shapes that it fitted."""
-        known = dict(zip(estimate.names, estimate.solution, strict=True))
+        values = dict(zip(estimate.names, estimate.solution, strict=True))
         effects = []
         for term in terms_of(estimate.effects):
             parts = list(replace(term, fitted=tuple(term.shape)).parts(robot, 0))
-            fitted = tuple(part.shape for part in parts if part.shape is not None and part.name in known)
-            sizes = tuple(float(known[part.name]) for part in parts if part.shape is None)
+            fitted = tuple(part.shape for part in parts if part.shape is not None and part.name in values)
+            sizes = tuple(float(values[part.name]) for part in parts if part.shape is None)
             effects.append(replace(term, fitted=fitted, sizes=sizes))
         return cls(robot, estimate.stroke_postures, effects)
 
@@ -187,14 +187,16 @@ class Model:
                 continue
             if (links or not is_link) and (column.owner == moving or (is_link and column.owner > moving)):
                 owners.setdefault(column.effect, set()).add(column.owner)
-        found = {name: catalogue()[name].columns_of(self.robot, samples, sorted(own)) for name, own in owners.items()}
+        columns = {
+            name: catalogue()[name].columns_of(self.robot, samples, sorted(links)) for name, links in owners.items()
+        }
         for index, column in enumerate(self._base):
             if column.owner not in owners.get(column.effect, ()):
                 continue
             parameters = catalogue()[column.effect].parameters(self.robot, column.owner)
             names = [parameter.name for parameter in parameters]
             position = 0 if column.group is not None else names.index(column.name.rsplit(".", 1)[1])
-            values = found[column.effect][column.owner][:, position]
+            values = columns[column.effect][column.owner][:, position]
             out[:, index] = values if column.group is None else np.where(groups == column.group, values, 0.0)
         return out
 

@@ -70,19 +70,19 @@ def _of_geometry(joints: tuple[Joint, ...], pull: tuple[float, float, float], se
     embodied: list[int] = []
     for row in reversed(range(n)):
         rows, sign = _random_rows(robot, row, rng)
-        matrix, own, roots = recursion.design(row, rows)
+        matrix, owned, roots = recursion.design(row, rows)
         friction = np.column_stack([sign > 0, sign < 0]).astype(float)
         sure = rank.independent(np.hstack([friction, _cleaned(matrix)]), first=2)[2:]
-        constant = bool(rows[:, own].any()) and not sure[: len(own)].any()
+        constant = bool(rows[:, owned].any()) and not sure[: len(owned)].any()
         if constant and not robot.joint(row + 1).is_revolute:
             embodied.append(row + 1)
-        for column, is_sure in zip(own, sure[: len(own)], strict=True):
+        for column, is_sure in zip(owned, sure[: len(owned)], strict=True):
             recursion.values[column] = truth[column] if is_sure else 0.0
             if not is_sure:
                 link = row + 1
-                name = gravity.parameters(robot, link)[column - own[0]].name
+                name = gravity.parameters(robot, link)[column - owned[0]].name
                 absent[f"gravity.l{link}.{name}"] = _why_absent(robot, link, constant)
-        for root, is_sure in zip(roots, sure[len(own) :], strict=True):
+        for root, is_sure in zip(roots, sure[len(owned) :], strict=True):
             if is_sure:
                 recursion.gains.merge(row, root, float(rng.uniform(0.5, 2.0)))
     redundant = {

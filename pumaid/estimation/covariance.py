@@ -61,24 +61,24 @@ def clustered(
     lent = np.zeros((p, p))
     trace, squares, gram = np.zeros(p), np.zeros(p), np.zeros((p, p, p))
     for start in range(0, len(jacobians), AT_ONCE):
-        some = slice(start, start + AT_ONCE)
-        scores[some], own, pull, out = _turned(jacobians[some], residuals[some], inverse)
-        alone[some] = np.sum(out**2, axis=1)
+        block = slice(start, start + AT_ONCE)
+        scores[block], squared, pull, out = _turned(jacobians[block], residuals[block], inverse)
+        alone[block] = np.sum(out**2, axis=1)
         lent += np.einsum("rkp,rkq->pq", out, out)
         for contrast, u in enumerate(pull):
             turned = u @ inverse
             crossed = np.sum(u * turned, axis=1)
-            trace[contrast] += np.sum(own[:, contrast] - crossed)
-            squares[contrast] += np.sum(own[:, contrast] ** 2) - 2.0 * np.sum(own[:, contrast] * crossed)
+            trace[contrast] += np.sum(squared[:, contrast] - crossed)
+            squares[contrast] += np.sum(squared[:, contrast] ** 2) - 2.0 * np.sum(squared[:, contrast] * crossed)
             gram[contrast] += u.T @ turned
     squares += np.sum(gram * gram.transpose(0, 2, 1), axis=(1, 2))
-    found = trace.copy()
+    by_residuals = trace.copy()
     for group in _groups(kin, len(jacobians)):
         borrowed = alone[group].sum(axis=0)
         trace += borrowed
         squares += borrowed**2 / max(1, len(group) - 1)
     # Where next to nothing of a variance comes from residuals, they tell nothing of how well it is known.
-    shown = (squares > 0) & (found > FITTED_ALONE * trace)
+    shown = (squares > 0) & (by_residuals > FITTED_ALONE * trace)
     return Clustered(scores.T @ scores + lent, np.divide(trace**2, squares, out=np.zeros(p), where=shown))
 
 
@@ -102,15 +102,15 @@ def completed(working: Floats, errors: Floats, poor: NDArray[np.bool_]) -> Float
         return errors
     size = np.sqrt(np.maximum(np.diag(working), 0.0))
     size = np.where(size > 0.0, size, 1.0)
-    scaled, known = working / np.outer(size, size), errors[np.ix_(good, good)]
+    scaled, certain = working / np.outer(size, size), errors[np.ix_(good, good)]
     slope = scaled[np.ix_(poor, good)] @ np.linalg.pinv(scaled[np.ix_(good, good)], rcond=1e-10, hermitian=True)
     rest = scaled[np.ix_(poor, poor)] - slope @ scaled[np.ix_(good, poor)]
     slope *= size[poor][:, None] / size[good]
-    whole = slope @ known @ slope.T + rest * np.outer(size[poor], size[poor])
+    whole = slope @ certain @ slope.T + rest * np.outer(size[poor], size[poor])
     whole[np.diag_indices_from(whole)] += np.maximum(np.diag(working)[poor] - np.diag(whole), 0.0)
     out = np.empty_like(errors)
-    out[np.ix_(good, good)], out[np.ix_(poor, poor)] = known, 0.5 * (whole + whole.T)
-    out[np.ix_(poor, good)] = slope @ known
+    out[np.ix_(good, good)], out[np.ix_(poor, poor)] = certain, 0.5 * (whole + whole.T)
+    out[np.ix_(poor, good)] = slope @ certain
     out[np.ix_(good, poor)] = out[np.ix_(poor, good)].T
     return out
 
@@ -129,7 +129,7 @@ def _turned(
     """
     p = len(inverse)
     out = np.zeros((len(jacobians), max(map(len, jacobians)), p))
-    scores, own = np.zeros((len(jacobians), p)), np.zeros((len(jacobians), p))
+    scores, squared = np.zeros((len(jacobians), p)), np.zeros((len(jacobians), p))
     pull = np.zeros((p, len(jacobians), p))  # how each run's J' A J M pulls a contrast
     for alike in _by_length(jacobians):
         J = np.array([jacobians[number] for number in alike])
@@ -141,9 +141,9 @@ def _turned(
         scores[alike] = np.einsum("rkp,rk->rp", J, np.einsum("rkl,rl->rk", A, e)) @ inverse
         out[alike, : J.shape[1]] = _times(vectors.transpose(0, 2, 1) @ J, inverse) * is_alone[:, :, None]
         a = _times(A @ J, inverse)
-        own[alike] = np.sum(a**2, axis=1)
+        squared[alike] = np.sum(a**2, axis=1)
         pull[:, alike] = (J.transpose(0, 2, 1) @ a).transpose(2, 0, 1)
-    return scores, own, pull, out
+    return scores, squared, pull, out
 
 
 def _by_length(blocks: Sequence[Floats]) -> list[list[int]]:
@@ -177,12 +177,12 @@ def fit_covariance(fitted: Fit) -> Clustered:
     solution, inverse = fitted.solution, fitted.inverse
     kin = np.repeat([row.joint for row in fitted.rows], [len(row.bins.runs) for row in fitted.rows])
     jacobians, residuals = ([values[rows] for rows in order] for values in (solution.jacobian, solution.residual))
-    found = clustered(jacobians, residuals, inverse, kin=kin)
+    errors = clustered(jacobians, residuals, inverse, kin=kin)
     # What rests on the prior of a ratio or shape is as uncertain as the prior says: no run's residual shows that.
     p = len(solution.values)
     ratios, shapes = inverse[:, p:], inverse[:, :p] @ fitted.held.T
     added = (ratios * fitted.pull) @ ratios.T + shapes @ shapes.T
-    return Clustered(found.covariance + added, found.freedoms)
+    return Clustered(errors.covariance + added, errors.freedoms)
 
 
 def recursion_covariance(system: Bilinear, values: Floats, gains: Gains, *, runs: NDArray[np.int64]) -> Clustered:
@@ -211,25 +211,25 @@ def recursion_covariance(system: Bilinear, values: Floats, gains: Gains, *, runs
     residual = system.target - system.scaled(gains) @ values
     covariance, freedoms = np.zeros((size, size)), np.zeros(size)
     for row in reversed(range(gains.n_rows)):
-        here = np.flatnonzero(system.row == row)
-        own = np.concatenate(
+        equations = np.flatnonzero(system.row == row)
+        columns = np.concatenate(
             [np.flatnonzero(system.owners == row), [p + k for k, e in enumerate(edges) if gains.parent[e] == row]]
         ).astype(int)
-        if len(here) == 0 or len(own) == 0:
+        if len(equations) == 0 or len(columns) == 0:
             continue
-        J = jacobian[here]
-        scale = np.linalg.norm(J[:, own], axis=0)
-        unit = np.divide(J[:, own], scale, out=np.zeros((len(here), len(own))), where=scale > 0)
+        J = jacobian[equations]
+        scale = np.linalg.norm(J[:, columns], axis=0)
+        unit = np.divide(J[:, columns], scale, out=np.zeros((len(equations), len(columns))), where=scale > 0)
         back = np.divide(1.0, scale, out=np.zeros_like(scale), where=scale > 0)
         inverse = back[:, None] * np.linalg.pinv(unit.T @ unit, rcond=ROUNDING, hermitian=True) * back
-        outer = np.setdiff1d(np.arange(size), own)
-        carry = -inverse @ J[:, own].T @ J[:, outer]
-        numbers = [here[runs[here] == run] for run in np.unique(runs[here])]
-        alone = clustered([jacobian[n][:, own] for n in numbers], [residual[n] for n in numbers], inverse)
+        outer = np.setdiff1d(np.arange(size), columns)
+        carry = -inverse @ J[:, columns].T @ J[:, outer]
+        numbers = [equations[runs[equations] == run] for run in np.unique(runs[equations])]
+        alone = clustered([jacobian[n][:, columns] for n in numbers], [residual[n] for n in numbers], inverse)
         outer_covariance = covariance[np.ix_(outer, outer)]
         crossed = carry @ outer_covariance
-        covariance[np.ix_(own, own)] = alone.covariance + crossed @ carry.T
-        covariance[np.ix_(own, outer)] = crossed
-        covariance[np.ix_(outer, own)] = crossed.T
-        freedoms[own] = alone.freedoms
+        covariance[np.ix_(columns, columns)] = alone.covariance + crossed @ carry.T
+        covariance[np.ix_(columns, outer)] = crossed
+        covariance[np.ix_(outer, columns)] = crossed.T
+        freedoms[columns] = alone.freedoms
     return Clustered(covariance, freedoms)

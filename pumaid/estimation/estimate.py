@@ -77,8 +77,8 @@ def identify(
         raise _no_runs(dataset)
     model, campaign = Model.of_runs(robot, runs), Campaign.of(dataset.runs, dataset.rejects)
     choices = tuple(choice for choice in choices if not _is_there(choice, model))
-    found = fit_effects(model, runs, choices, campaign=campaign, recursive=recursive, progress=progress)
-    fitted = found.fit
+    result = fit_effects(model, runs, choices, campaign=campaign, recursive=recursive, progress=progress)
+    fitted = result.fit
     assert fitted.first is not None
     first = recursion_covariance(
         fitted.first.system, fitted.first.solution.values, fitted.first.solution.gains, runs=run_of(fitted.first.rows)
@@ -86,21 +86,21 @@ def identify(
     final = first if recursive else fit_covariance(fitted)
     of_recursion = Sheet.of_recursion(fitted, runs, first)
     sheet = of_recursion if recursive else Sheet.of(fitted, runs, final)
-    sheet = replace(sheet, profiles=_profiles(found, sheet))
+    sheet = replace(sheet, profiles=_profiles(result, sheet))
     shown, model = sheet.values(), fitted.model
-    told = np.array([column.effect != DELAY or column.place is not None for column in model.columns], dtype=bool)
+    is_shown = np.array([column.effect != DELAY or column.place is not None for column in model.columns], dtype=bool)
     is_shape = np.array([column.shape is not None for column in model.columns], dtype=bool)
     repeated = {joint: pairs([run for run in runs if run.joint == joint]) for joint in range(1, robot.n_joints + 1)}
     estimate = Estimate(
         robot=robot.name,
-        joints=tuple(_joint_fit(fitted, runs, joint, repeated=own) for joint, own in repeated.items()),
-        values=(*shown, *_held(found, choices, shown)),
-        names=tuple(name for name, is_told in zip(model.names, told, strict=True) if is_told),
-        solution=np.where(is_shape, 0.0, fitted.values)[told],
-        covariance=final.covariance[: len(told), : len(told)][np.ix_(told, told)],
+        joints=tuple(_joint_fit(fitted, runs, joint, repeated=repeats) for joint, repeats in repeated.items()),
+        values=(*shown, *_held(result, choices, shown)),
+        names=tuple(name for name, is_told in zip(model.names, is_shown, strict=True) if is_told),
+        solution=np.where(is_shape, 0.0, fitted.values)[is_shown],
+        covariance=final.covariance[: len(is_shown), : len(is_shown)][np.ix_(is_shown, is_shown)],
         scales=fitted.scales(),
-        blind=sheet.blind()[told],
-        effects=tuple(replace(choice, shape=shape) for choice, shape in zip(choices, found.shapes, strict=True)),
+        blind=sheet.blind()[is_shown],
+        effects=tuple(replace(choice, shape=shape) for choice, shape in zip(choices, result.shapes, strict=True)),
         combinations=determined(sheet, shown),
         stroke_postures=model.stroke_postures,
         recursive=of_recursion.values(),
@@ -111,7 +111,7 @@ def identify(
         version=__version__,
     )
     estimate = _with_errors(estimate, robot, dataset)
-    notes = warnings.notes_on(found, runs, estimate, robot=robot, repeated=repeated)
+    notes = warnings.notes_on(result, runs, estimate, robot=robot, repeated=repeated)
     return replace(estimate, notes=(*dataset.notes, *notes))
 
 
@@ -123,10 +123,10 @@ def _is_there(choice: EffectChoice, model: Model) -> bool:
 def _no_runs(dataset: Dataset) -> LogError:
     number = len(dataset.runs) or len(dataset.rejects)
     what = ("run{}, all held out" if dataset.runs else "stretch{} left out").format
-    kept = f"{number} {what('' if number == 1 else 's' if dataset.runs else 'es')}"
+    count = f"{number} {what('' if number == 1 else 's' if dataset.runs else 'es')}"
     return LogError(
         "no-runs",
-        f"there is no run to fit ({kept})",
+        f"there is no run to fit ({count})",
         Where(file=dataset.files[0].name if dataset.files else None),
         "see why with: pumaid segment LOGS --rejects",
     )
@@ -135,19 +135,19 @@ def _no_runs(dataset: Dataset) -> LogError:
 def _held(found: EffectFit, choices: Sequence[EffectChoice], values: Sequence[Value]) -> list[Value]:
     """Shapes without a derivative: given ones, and instants and whole numbers that were looked for."""
     model, out = found.fit.model, []
-    known = {value.name for value in values if value.state == IDENTIFIED}
-    for place, (choice, one) in enumerate(zip(choices, model.effects, strict=True)):
-        shows = any(column.name in known for column in model.columns if column.place == place)
-        for column in _every_shape(one, model, place):
+    identified = {value.name for value in values if value.state == IDENTIFIED}
+    for place, (choice, term) in enumerate(zip(choices, model.effects, strict=True)):
+        shows = any(column.name in identified for column in model.columns if column.place == place)
+        for column in _every_shape(term, model, place):
             name = column.shape or ""
             bare = Value(column.name, column.symbol, column.owner or None, column.unit)
             if name in choice.shape:
                 out.append(replace(bare, value=choice.shape[name], state=GIVEN))
-            elif name not in one.fitted and shows:
+            elif name not in term.fitted and shows:
                 ends = found.ranges.get((place, name))
-                out.append(replace(bare, value=one.shape[name], ci95=ends, state=IDENTIFIED))
-            elif name not in one.fitted:
-                why = f"no size of {one.effect.name} shows in these data"
+                out.append(replace(bare, value=term.shape[name], ci95=ends, state=IDENTIFIED))
+            elif name not in term.fitted:
+                why = f"no size of {term.effect.name} shows in these data"
                 out.append(replace(bare, state=NOT_IDENTIFIABLE, reason=why))
     return out
 
@@ -163,13 +163,13 @@ def _profiles(found: EffectFit, sheet: Sheet) -> dict[int, Ends]:
     wide = np.array([interval(0.0, 1.0, freedom)[1] for freedom in sheet.freedoms])
     with np.errstate(divide="ignore", invalid="ignore"):
         reach = np.where(inverse > 0, wide * np.sqrt(np.diag(sheet.covariance) / inverse), 0.0)
-    for place, one in enumerate(model.effects):
+    for place, term in enumerate(model.effects):
         columns = {n: column for n, column in enumerate(model.columns) if column.place == place}
         lost = any(n in sheet.confounded for n in columns)
-        if found.search is None or lost or not one.fitted or one.held or not all(reach[n] > 0 for n in columns):
+        if found.search is None or lost or not term.fitted or term.held or not all(reach[n] > 0 for n in columns):
             continue
         linear = [n for n, column in columns.items() if column.shape is None]
-        best = one.at(found.shapes[place])
+        best = term.at(found.shapes[place])
         profile = Profile(found.search.without(place), best, found.fit.limit[linear])
         for n, column in columns.items():
             if column.shape is not None:
@@ -179,7 +179,7 @@ def _profiles(found: EffectFit, sheet: Sheet) -> dict[int, Ends]:
         names = profile.ground.fit.model.names
         same = {model.names.index(name): n for n, name in enumerate(names) if name in model.names}
         before = profile.others(reach[[*same, *range(len(model.names), len(reach))]])
-        moved = {n: tuple(before[k]) for n, k in same.items() if model.columns[n].owner == one.number}
+        moved = {n: tuple(before[k]) for n, k in same.items() if model.columns[n].owner == term.number}
         out |= {n: ends for n, ends in moved.items() if n not in out}
     return out
 
@@ -189,35 +189,35 @@ def _ends(columns: Sequence[int], ends: Floats) -> dict[int, Ends]:
 
 
 def _every_shape(one: EffectTerm, model: Model, place: int) -> list[Column]:
-    every = replace(one, fitted=tuple(one.shapes(model.robot)))
-    return [column for column in every.parts(model.robot, place) if column.shape is not None]
+    whole = replace(one, fitted=tuple(one.shapes(model.robot)))
+    return [column for column in whole.parts(model.robot, place) if column.shape is not None]
 
 
 def _joint_fit(fitted: Fit, runs: Sequence[Run], joint: int, *, repeated: Sequence[Pair]) -> JointFit:
-    own = [run for run in runs if run.joint == joint]
-    if not own:
+    joint_runs = [run for run in runs if run.joint == joint]
+    if not joint_runs:
         return JointFit(joint, 0, 0, None, None, f"joint {joint} never moves alone in these logs")
     floor, why = noise_floor(repeated)
     return JointFit(
         joint=joint,
-        runs=len(own),
-        samples=sum(run.samples for run in own),
+        runs=len(joint_runs),
+        samples=sum(run.samples for run in joint_runs),
         rmse=fitted.row(joint).rmse,
         noise_floor=floor,
         noise_floor_reason=why,
         run_level=None if joint in fitted.weak else float(np.sqrt(fitted.levels[joint].level)),
         posture_groups=Facts.of(joint, runs).postures,
-        kinds={kind: sum(run.kind == kind for run in own) for kind in sorted({run.kind for run in own})},
+        kinds={kind: sum(run.kind == kind for run in joint_runs) for kind in sorted({run.kind for run in joint_runs})},
     )
 
 
 def _with_errors(estimate: Estimate, robot: Robot, dataset: Dataset) -> Estimate:
     """With the error over all samples of the runs, and on those that the plan keeps for judging."""
     tallies = Judge.of(robot, estimate, dataset).tallies(dataset.runs)
-    kept = [tally for tally in tallies if tally.run.heldout]
+    heldout = [tally for tally in tallies if tally.run.heldout]
     joints = []
     for fit in estimate.joints:
-        own = [tally for tally in kept if tally.run.joint == fit.joint]
+        judged = [tally for tally in heldout if tally.run.joint == fit.joint]
         fits = [tally for tally in tallies if tally.run.joint == fit.joint and not tally.run.heldout]
-        joints.append(replace(fit, rmse=rmse(fits), heldout_runs=len(own), heldout=rmse(own)))
-    return replace(estimate, joints=tuple(joints), heldout=rmse(kept))
+        joints.append(replace(fit, rmse=rmse(fits), heldout_runs=len(judged), heldout=rmse(judged)))
+    return replace(estimate, joints=tuple(joints), heldout=rmse(heldout))

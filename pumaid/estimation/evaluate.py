@@ -322,9 +322,9 @@ class Judge:
         """The sums of each run."""
         out: dict[int, Tally] = {}
         for joint in sorted({run.joint for run in runs}):
-            own = [n for n, run in enumerate(runs) if run.joint == joint]
-            found = self.judged([runs[n] for n in own])
-            out |= dict(zip(own, (tally for tally, _ in found), strict=True))
+            numbers = [n for n, run in enumerate(runs) if run.joint == joint]
+            judged = self.judged([runs[n] for n in numbers])
+            out |= dict(zip(numbers, (tally for tally, _ in judged), strict=True))
         return [out[n] for n in range(len(runs))]
 
     def judged(self, runs: Sequence[Run]) -> list[tuple[Tally, Floats]]:
@@ -332,12 +332,12 @@ class Judge:
         robot = self.model.robot
         (bins,) = joint_bins(robot, runs, campaign=self.campaign, is_settled=False)
         nodes, _ = bins.nodes
-        known = None
+        gravity = None
         if self.model.needs_loads():
-            known = along(
+            gravity = along(
                 self.model, nodes, 3 * bins.lengths, solution=self.estimate.solution, scales=self.estimate.scales
             )
-        fine = np.hstack([self.model.along_nodes(bins), self.model.beyond(replace(nodes, loads=known))])
+        fine = np.hstack([self.model.along_nodes(bins), self.model.beyond(replace(nodes, loads=gravity))])
         rows = bins.averaged(fine)
         return list(zip(self._tallies(bins, fine, rows), np.split(rows, bins.first[1:]), strict=True))
 
@@ -347,13 +347,14 @@ class Judge:
         drawn = fine @ weights
         misfit = bins.current - rows @ weights
         inside = bins.inside_left(rows @ weights, bins.variance(drawn))
-        products = {}
-        for name, own in self.effects().items():
-            part, along_part = rows[:, own] @ weights[own], fine[:, own] @ weights[own]
+        products, effects = {}, self.effects()
+        for name, columns in effects.items():
+            part, along_part = rows[:, columns] @ weights[columns], fine[:, columns] @ weights[columns]
             varies = 0.25 * (bins.variance(drawn + along_part) - bins.variance(drawn - along_part))
             products[name] = bins.sums(count * (bins.current * part + varies))
-        off = np.array([(rows[:, own] * factors[own]) @ self.estimate.blind[own] for own in self.effects().values()])
-        off = off * np.sqrt(count)[None, :, None]
+        scaled, blind = rows * factors, self.estimate.blind
+        off = np.array([scaled[:, columns] @ blind[columns] for columns in effects.values()])
+        off *= np.sqrt(count)[None, :, None]
         sums = np.column_stack(
             [
                 bins.sums(count),
@@ -383,8 +384,8 @@ class Judge:
     def _loaded(self, samples: Samples) -> Samples:
         if not self.model.needs_loads():
             return samples
-        known = loads(self.model, samples, solution=self.estimate.solution, scales=self.estimate.scales)
-        return replace(samples, loads=known)
+        gravity = loads(self.model, samples, solution=self.estimate.solution, scales=self.estimate.scales)
+        return replace(samples, loads=gravity)
 
     def effects(self) -> dict[str, NDArray[np.bool_]]:
         """Effect -> (p,) which parameters are its own, in the model's order."""
@@ -419,7 +420,8 @@ class Judge:
     def score(self, tally: Tally, rows: Floats, *, mean: float, groups: Groups, is_fitted: bool) -> RunScore:
         """A run's figures and its prediction at bins, whose regressor `rows` (M, p) is, in parts by `groups`."""
         run, weights = tally.run, self.scaled(tally.run.joint)
-        single = {name: rows[:, own] @ weights[own] for name, own in self.effects().items() if rows[:, own].any()}
+        acting = {name: columns for name, columns in self.effects().items() if rows[:, columns].any()}
+        single = {name: rows[:, columns] @ weights[columns] for name, columns in acting.items()}
         parts = together(single, groups)
         predicted = rows @ weights
         about = tally.current_squares - 2.0 * mean * tally.current_total + tally.samples * mean**2
@@ -470,16 +472,15 @@ class Judge:
             if reject.bins is not None
         ]
         stretches.sort(key=lambda stretch: stretch[:2])
-        seen = [self._moving(bins, joint) for joint, _, bins, _ in stretches]
-        many = [
-            self._ramp(bins, joint, keep, clock) for (joint, _, bins, clock), keep in zip(stretches, seen, strict=True)
-        ]
-        found: dict[tuple[int, str], list[tuple[Floats, Floats]]] = {}
-        for (joint, reason, bins, _), keep, rows in zip(stretches, seen, self.rows(many), strict=True):
+        moving = [self._moving(bins, joint) for joint, _, bins, _ in stretches]
+        pairs = zip(stretches, moving, strict=True)
+        many = [self._ramp(bins, joint, keep, clock) for (joint, _, bins, clock), keep in pairs]
+        residuals: dict[tuple[int, str], list[tuple[Floats, Floats]]] = {}
+        for (joint, reason, bins, _), keep, rows in zip(stretches, moving, self.rows(many), strict=True):
             residual = bins.current[keep, joint - 1] - rows @ self.scaled(joint)
-            found.setdefault((joint, reason), []).append((bins.count[keep].astype(float), residual))
+            residuals.setdefault((joint, reason), []).append((bins.count[keep].astype(float), residual))
         out = []
-        for (joint, reason), pieces in found.items():
+        for (joint, reason), pieces in residuals.items():
             counts = np.concatenate([count for count, _ in pieces])
             residual = np.concatenate([values for _, values in pieces])
             if counts.sum() > 0:
@@ -533,9 +534,9 @@ def together(parts: Mapping[str, Part], groups: Groups) -> dict[str, Part]:
     """
     out: dict[str, Part] = {}
     for group in groups:
-        own = [parts[name] for name in group if name in parts]
-        if own:
-            out[TOGETHER.join(group)] = sum(own[1:], start=own[0])
+        members = [parts[name] for name in group if name in parts]
+        if members:
+            out[TOGETHER.join(group)] = sum(members[1:], start=members[0])
     return out
 
 
@@ -569,15 +570,15 @@ def told_apart(gram: Floats, limit: float) -> list[tuple[int, ...]]:
     >>> told_apart(np.array([[1.0, -1.0, 0.0], [-1.0, 1.0, 0.0], [0.0, 0.0, 0.0]]), 0.1)
     [(0, 1), (2,)]
     """
-    left, groups = list(range(len(gram))), []
+    open_terms, groups = list(range(len(gram))), []
     for size in range(1, LARGEST_GROUP + 1):
-        ranked = sorted((_off(gram, group), group) for group in combinations(left, size))
+        ranked = sorted((_off(gram, group), group) for group in combinations(open_terms, size))
         for off, group in ranked:
-            if off <= limit and set(group) <= set(left):
+            if off <= limit and set(group) <= set(open_terms):
                 groups.append(group)
-                left = [term for term in left if term not in group]
-    if left:
-        groups.append(tuple(left))
+                open_terms = [term for term in open_terms if term not in group]
+    if open_terms:
+        groups.append(tuple(open_terms))
     return sorted(groups)
 
 

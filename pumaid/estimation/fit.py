@@ -156,31 +156,31 @@ def reduced(bins: JointBins, design: Floats, others: Floats) -> tuple[Floats, Co
     for (start, stop), (turned, _, _) in zip(chunks, parts, strict=True):
         turned[:, :, :m] *= size
         small[start:stop, : min(k, turned.shape[1]), columns] = turned[:, :k]
-    own = np.zeros((len(bins.runs), design.shape[1]))
-    own[:, live] = np.concatenate([alone for _, _, alone in parts]) / size
-    return small, counts, own
+    parameters = np.zeros((len(bins.runs), design.shape[1]))
+    parameters[:, live] = np.concatenate([alone for _, _, alone in parts]) / size
+    return small, counts, parameters
 
 
 def _reduced(bins: JointBins, table: Floats, m: int, *, part: tuple[int, int]) -> tuple[Floats, Counts, Floats]:
     """`reduced` of runs from one number to another of (N, m + q) scaled columns."""
     first, lengths = bins.first[part[0] : part[1]], bins.lengths[part[0] : part[1]]
-    here = np.arange(first[0], first[-1] + lengths[-1])
+    rows = np.arange(first[0], first[-1] + lengths[-1])
     padded = np.zeros((len(first), max(int(lengths.max()), 1), table.shape[1]))
-    padded[bins.run[here] - part[0], here - first[bins.run[here] - part[0]]] = table[here]
+    padded[bins.run[rows] - part[0], rows - first[bins.run[rows] - part[0]]] = table[rows]
     upper: Floats = np.asarray(np.linalg.qr(padded, mode="r"))
-    left, singular, right = np.linalg.svd(upper[:, :, :m], full_matrices=False)
-    kept = singular > FLAT * np.maximum(singular[:, :1], 1e-300)
-    turned = np.where(kept[:, :, None], left.transpose(0, 2, 1) @ upper[:, :, m:], 0.0)
-    small = np.concatenate([np.where(kept, singular, 0.0)[:, :, None] * right, turned], axis=2)
-    shares = np.divide(turned[:, :, -1], singular, out=np.zeros_like(singular), where=kept)
-    return small, kept.sum(axis=1), np.einsum("rkm,rk->rm", right, shares)
+    basis, singular, right = np.linalg.svd(upper[:, :, :m], full_matrices=False)
+    is_spanned = singular > FLAT * np.maximum(singular[:, :1], 1e-300)
+    turned = np.where(is_spanned[:, :, None], basis.transpose(0, 2, 1) @ upper[:, :, m:], 0.0)
+    small = np.concatenate([np.where(is_spanned, singular, 0.0)[:, :, None] * right, turned], axis=2)
+    shares = np.divide(turned[:, :, -1], singular, out=np.zeros_like(singular), where=is_spanned)
+    return small, is_spanned.sum(axis=1), np.einsum("rkm,rk->rm", right, shares)
 
 
 def inner_noise(bins: JointBins, design: Floats) -> tuple[NoiseModel, float]:
     """White noise inside runs, by what each leaves beside its own fit, and how many times more slow noise there is."""
     wide = np.column_stack([design, bins.harmonic])
-    _, lost, own = reduced(bins, wide, bins.current[:, None])
-    residual = bins.current - np.einsum("np,np->n", wide, own[bins.run])
+    _, lost, parameters = reduced(bins, wide, bins.current[:, None])
+    residual = bins.current - np.einsum("np,np->n", wide, parameters[bins.run])
     enough = bins.lengths >= np.maximum(FEWEST_BINS, 2 * lost)
     return noises.inside_runs(bins, residual, lost=np.asarray(lost, dtype=float), enough=enough).plain(bins)
 
@@ -303,13 +303,13 @@ class Fit:
 
     def scales(self) -> Floats:
         """(J, J) eta_i / eta_j of links as the fit has them; NaN where unknown, 0 below the diagonal."""
-        known = self.gains.scales()
-        n = len(known)
+        ratios = self.gains.scales()
+        n = len(ratios)
         out = np.zeros((n, n))
         for i in range(n):
             for j in range(i, n):
                 unit = int(self.assigned[j])
-                out[i, j] = known[i, unit] if unit >= i else np.nan
+                out[i, j] = ratios[i, unit] if unit >= i else np.nan
         return out
 
     def factors(self, joint: int) -> Floats:
@@ -353,19 +353,19 @@ class Fit:
 
     def place_of(self, term: EffectTerm) -> int:
         """Place of an effect in the model."""
-        return [(one.key, one.shape) for one in self.model.effects].index((term.key, term.shape))
+        return [(effect.key, effect.shape) for effect in self.model.effects].index((term.key, term.shape))
 
     def signs(self, term: EffectTerm) -> Floats:
         """(p,) sign that each parameter of an effect must have at this arm; 0 where either is possible."""
-        found = np.array(term.effect.signs(term.shape), dtype=float)
-        if len(found) == 0:
+        signs = np.array(term.effect.signs(term.shape), dtype=float)
+        if len(signs) == 0:
             return np.zeros(len(term.effect.parameters(self.model.robot, term.number)))
-        return found * (self._side(term.number) if term.effect.opposes_motion else 1.0)
+        return signs * (self._side(term.number) if term.effect.opposes_motion else 1.0)
 
     def _side(self, joint: int) -> float:
         """+1 where friction of `joint` draws current along the motion, -1 where it counts backwards, else 0."""
-        known = dict(zip(self.model.names, self.values, strict=True))
-        pair = [known.get(f"coulomb.j{joint}.{way}") for way in ("plus", "minus")]
+        values = dict(zip(self.model.names, self.values, strict=True))
+        pair = [values.get(f"coulomb.j{joint}.{way}") for way in ("plus", "minus")]
         return 0.0 if pair[0] is None or pair[1] is None else float(np.sign(pair[0] - pair[1]))
 
     @property
@@ -385,9 +385,9 @@ class Fit:
 
     def with_rows(self, rows: Mapping[int, FitRow]) -> Fit:
         """The same fit with some joints' rows by bin replaced."""
-        found = replace(self)
-        found.__dict__["by_bin"] = self.by_bin | dict(rows)
-        return found
+        copy = replace(self)
+        copy.__dict__["by_bin"] = self.by_bin | dict(rows)
+        return copy
 
     @property
     def joints(self) -> tuple[FitRow, ...]:
@@ -401,8 +401,8 @@ class Fit:
     def noise(self, joint: int) -> NoiseModel:
         """Of the bins of `joint` (from 1)."""
         row = next(row for row in self.rows if row.joint == joint)
-        found = row.inner.scaled(self.levels[joint], row.is_stroke)
-        return replace(found, from_replicates=joint in self.from_replicates)
+        noise = row.inner.scaled(self.levels[joint], row.is_stroke)
+        return replace(noise, from_replicates=joint in self.from_replicates)
 
     def at(self, bins: JointBins, design: Floats, noise: NoiseModel) -> FitRow:
         """The fit at any bins of a joint, (N, p) `design` of which is by its model.
@@ -510,10 +510,10 @@ def design_of(model: Model, bins: JointBins, before: Fit | None = None) -> Float
 
 def _late(bins: JointBins, design: Floats) -> Floats:
     """(N,) A a second of delay in strokes: minus the slope by time of what each stroke's own fit predicts."""
-    own = reduced(bins, design, bins.current[:, None])[2]
-    drawn, out = np.einsum("np,np->n", design, own[bins.run]), np.zeros(len(bins))
+    parameters = reduced(bins, design, bins.current[:, None])[2]
+    drawn, out = np.einsum("np,np->n", design, parameters[bins.run]), np.zeros(len(bins))
     for start, size, is_stroke in zip(bins.first, bins.lengths, bins.is_stroke, strict=True):
-        here = slice(start, start + size)
+        span = slice(start, start + size)
         if is_stroke and size > 2:
-            out[here] = -np.gradient(drawn[here], bins.samples.time[here])
+            out[span] = -np.gradient(drawn[span], bins.samples.time[span])
     return out

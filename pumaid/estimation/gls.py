@@ -110,8 +110,8 @@ def _moved_through_loads(fitted: Fit, bins: JointBins) -> Floats:
     for k, edge in enumerate(edges):
         size = fitted.gains.edge[edge]
         step = STEP * max(abs(size), STEP)
-        some = [fitted.gains.with_edge(edge, size + way * step) for way in (1.0, -1.0)]
-        rise = [drawn(replace(fitted, solution=replace(fitted.solution, gains=gains))) for gains in some]
+        stepped = [fitted.gains.with_edge(edge, size + way * step) for way in (1.0, -1.0)]
+        rise = [drawn(replace(fitted, solution=replace(fitted.solution, gains=gains))) for gains in stepped]
         out[:, len(values) + k] = (rise[0] - rise[1]) / (2.0 * step)
     return out
 
@@ -124,7 +124,7 @@ def assign(model: Model, moving: Sequence[int]) -> Counts:
     turns = model.robot.is_revolute
     rows = [joint - 1 for joint in moving]
     felt_by = [[row for row in rows if row == link or (row < link and turns[row])] for link in range(len(turns))]
-    return np.array([max(some, default=-1) for some in felt_by])
+    return np.array([max(joints, default=-1) for joints in felt_by])
 
 
 def owners_of(model: Model, assigned: Counts) -> Counts:
@@ -163,7 +163,7 @@ def fit_bins(
     S.-K. Lin, Theorem 1, for the recursion; the refinement is maximum likelihood for the same system.
     """
     tell = progress or (lambda joint, text: None)
-    rows = tuple(_row(model, one, before) for one in sorted(bins, key=lambda one: -one.joint))
+    rows = tuple(_row(model, joint, before) for joint in sorted(bins, key=lambda joint: -joint.joint))
     assigned = assign(model, [row.joint for row in rows])
     owners = owners_of(model, assigned)
     limit, start = limits(rows, model), _Beginning(model, owners)
@@ -203,11 +203,11 @@ class _Beginning:
         """Solve one row; every later row that has data must have been taken."""
         design, _, _ = self.joint.design(row.joint - 1, row.stacked)
         design = design.reshape(*row.target.shape, -1)
-        found = noises.estimate(row.ones, design, row.target, counts=row.counts, is_loud=row.is_stroke)
-        if found is None:
+        levels = noises.estimate(row.ones, design, row.target, counts=row.counts, is_loud=row.is_stroke)
+        if levels is None:
             self.weak.append(row.joint)
-            found = Levels(row.slow, 0.0, max(int(row.bins.lengths.sum() - row.counts.sum()) // 4, 1))
-        self.levels[row.joint] = floored(found, row)
+            levels = Levels(row.slow, 0.0, max(int(row.bins.lengths.sum() - row.counts.sum()) // 4, 1))
+        self.levels[row.joint] = floored(levels, row)
         white = row.whitened(self.levels[row.joint], row.joined)
         self.paper.take(row.joint - 1, white[:, :-1], white[:, -1], limit=limit)
         self.joint.take(row.joint - 1, white[:, :-1], white[:, -1], limit=limit, spread=RATIO_SPREAD)
@@ -249,25 +249,25 @@ def refit(
     is_renewed
         Whether the noise inside runs is estimated anew, by what the other model leaves of each.
     """
-    chosen = [row.bins for row in before.rows] if bins is None else sorted(bins, key=lambda one: -one.joint)
+    chosen = [row.bins for row in before.rows] if bins is None else sorted(bins, key=lambda part: -part.joint)
     known_noise = dict(noise or {})
     if noise is None and bins is None and not is_renewed:
         known_noise = {row.joint: row.inner for row in before.rows}
-    rows = tuple(_row(model, one, before, noise=known_noise.get(one.joint)) for one in chosen)
+    rows = tuple(_row(model, part, before, noise=known_noise.get(part.joint)) for part in chosen)
     levels = dict(before.levels)
-    if noise is not None:
-        levels = {joint: Levels(1.0, float(one.level[0]) ** 2, levels[joint].freedoms) for joint, one in noise.items()}
+    for joint, part in (noise or {}).items():
+        levels[joint] = Levels(1.0, float(part.level[0]) ** 2, levels[joint].freedoms)
     owners = owners_of(model, before.assigned)
     limit = limits(rows, model)
-    known = dict(zip(before.model.names, before.values, strict=True))
-    values = np.array([0.0 if c.shape else known.get(c.name, 0.0) for c in model.columns])
+    start = dict(zip(before.model.names, before.values, strict=True))
+    values = np.array([0.0 if c.shape else start.get(c.name, 0.0) for c in model.columns])
     white, gains, held = system_of(rows, levels, owners), before.gains, priors(model, limit, is_tight=True)
     with np.errstate(divide="ignore"):
         spread = 1.0 / np.sqrt(before.pull)
     solution = fit_bilinear(white, values, gains, limit=reach_of(model, limit, gains), spread=spread, held=held)
-    found = replace(before, model=model, rows=rows, levels=levels, system=white, solution=solution)
-    repeated = frozenset(joint for joint, one in (noise or {}).items() if one.from_replicates)
-    return replace(found, held=held, limit=limit, from_replicates=repeated)
+    result = replace(before, model=model, rows=rows, levels=levels, system=white, solution=solution)
+    repeated = frozenset(joint for joint, part in (noise or {}).items() if part.from_replicates)
+    return replace(result, held=held, limit=limit, from_replicates=repeated)
 
 
 def fit_with_replicates(model: Model, bins: Sequence[JointBins]) -> Fit:
@@ -279,8 +279,8 @@ def fit_with_replicates(model: Model, bins: Sequence[JointBins]) -> Fit:
 def releveled(fitted: Fit) -> Fit:
     """With each joint's noise as it is now that effects are in the model; the next fit is weighted by it."""
     owners = owners_of(fitted.model, fitted.assigned)
-    found = levels_of(fitted.rows, fitted.levels, fitted.values, gains=fitted.gains, owners=owners, held=fitted.held)
-    return replace(fitted, levels=fitted.levels | found)
+    levels = levels_of(fitted.rows, fitted.levels, fitted.values, gains=fitted.gains, owners=owners, held=fitted.held)
+    return replace(fitted, levels=fitted.levels | levels)
 
 
 def _unstretch(start: Recursion, row: int, *, is_load: NDArray[np.bool_]) -> None:
@@ -387,8 +387,8 @@ def plausible(peaks: Sequence[tuple[JointBins, float]], span: float) -> float:
         From the lowest to the highest value that is physical.
     """
     tiny = np.finfo(float).tiny
-    each = [max(float(np.sqrt(bins.mean_square)), tiny) / peak for bins, peak in peaks if peak > 0.0]
-    return min(each + [QUARTER * span] * math.isfinite(span), default=1.0)
+    sizes = [max(float(np.sqrt(bins.mean_square)), tiny) / peak for bins, peak in peaks if peak > 0.0]
+    return min(sizes + [QUARTER * span] * math.isfinite(span), default=1.0)
 
 
 def priors(model: Model, limit: Floats, *, is_tight: bool) -> Floats:
@@ -444,11 +444,11 @@ def levels_of(
         plain = Bilinear(np.full(row.target.size, row.joint - 1), row.stacked, row.target.ravel(), owners)
         jacobian = plain.jacobian(gains, values)
         edges = [len(values) + k for k, edge in enumerate(gains.edges) if gains.parent[edge] == row.joint - 1]
-        own = np.concatenate([np.flatnonzero(owners == row.joint - 1), edges]).astype(int)
+        columns = np.concatenate([np.flatnonzero(owners == row.joint - 1), edges]).astype(int)
         residual = (plain.target - plain.scaled(gains) @ values).reshape(row.target.shape)
-        design = jacobian[:, own].reshape(*row.target.shape, -1)
-        prior = held[np.any(held[:, own[own < len(values)]], axis=1)] * np.sqrt(levels[row.joint].sample)
-        wide = np.hstack([prior, np.zeros((len(prior), len(gains.edges)))])[:, own]
+        design = jacobian[:, columns].reshape(*row.target.shape, -1)
+        prior = held[np.any(held[:, columns[columns < len(values)]], axis=1)] * np.sqrt(levels[row.joint].sample)
+        wide = np.hstack([prior, np.zeros((len(prior), len(gains.edges)))])[:, columns]
         estimated = _estimate(row, design, residual, prior=(wide, -prior @ values))
         if estimated is not None:
             out[row.joint] = floored(estimated, row)
@@ -497,4 +497,4 @@ def reach_of(model: Model, limit: Floats, gains: Gains) -> Floats:
 
 def is_astray(levels: Mapping[int, Levels], inside: Mapping[int, Levels]) -> bool:
     """Whether the recursion left some joint (from 1) with far more between runs than there is `inside` them."""
-    return any(levels[joint].sample > ASTRAY * own.sample for joint, own in inside.items())
+    return any(levels[joint].sample > ASTRAY * level.sample for joint, level in inside.items())

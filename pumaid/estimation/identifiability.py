@@ -278,7 +278,7 @@ class Lost:
         effects = np.array([n for n, c in enumerate(columns) if c.place is not None and c.shape is None], dtype=int)
         rest = np.array([n for n, c in enumerate(columns) if c.place is None], dtype=int)
         rest = np.concatenate([rest, np.arange(len(columns), jacobian.shape[1])])
-        size, scale = (np.linalg.norm(jacobian[:, some], axis=0) for some in (effects, rest))
+        size, scale = (np.linalg.norm(jacobian[:, numbers], axis=0) for numbers in (effects, rest))
         effects, size, scale = effects[size > 0], size[size > 0], np.where(scale > 0, scale, 1.0)
         if not len(effects):
             return cls(effects, rest, size, np.zeros((0, 0)), np.zeros((0, len(rest))))
@@ -304,9 +304,9 @@ def confounded(fitted: Fit) -> dict[int, tuple[str, ...]]:
         reach = 1.0 / np.max(np.abs(way / lost.size) / fitted.limit[lost.effects])
         effects = [int(n) for n, part in zip(lost.effects, np.abs(way), strict=True) if part > PART_OF]
         moved = np.abs(taken) * reach > MOVED * error[lost.rest]
-        others = [int(n) for n, is_moved in zip(lost.rest, moved, strict=True) if is_moved]
-        for some, partners in ((effects, others or effects), (others, effects)):
-            out |= {n: tuple(dict.fromkeys((*out.get(n, ()), *(names[k] for k in partners if k != n)))) for n in some}
+        rest = [int(n) for n, is_moved in zip(lost.rest, moved, strict=True) if is_moved]
+        for group, partners in ((effects, rest or effects), (rest, effects)):
+            out |= {n: tuple(dict.fromkeys((*out.get(n, ()), *(names[k] for k in partners if k != n)))) for n in group}
     return out
 
 
@@ -363,11 +363,12 @@ def _freedoms(fitted: Fit, solution: JointSolution, errors: Clustered) -> Floats
         chosen = np.flatnonzero(poor & (joints == row.joint - 1))
         if len(chosen):
             levels = variances[row.joint]
-            own: Floats | float = float(levels.freedoms)
+            estimated: Floats | float = float(levels.freedoms)
             if row.joint not in fitted.weak:
                 J = solution.jacobian[start:stop].reshape(*row.target.shape, -1)
-                own = freedoms(levels, ones=row.quiet_ones(levels), jacobian=J, inverse=solution.linear.inverse)[chosen]
-            out[chosen] = np.clip(own, 1.0, float(levels.freedoms))
+                inverse, ones = solution.linear.inverse, row.quiet_ones(levels)
+                estimated = freedoms(levels, ones=ones, jacobian=J, inverse=inverse)[chosen]
+            out[chosen] = np.clip(estimated, 1.0, float(levels.freedoms))
         start = stop
     return out
 
@@ -411,16 +412,16 @@ SHARE = 1e-9
 def determined(sheet: Sheet, values: Sequence[Value]) -> tuple[Combination, ...]:
     """Sums of parameters that the data determine although a term of theirs, of `values`, is not or far less well."""
     errors = {value.name: math.inf if value.std_error is None else value.std_error for value in values}
-    found: list[Combination] = []
+    sums: list[Combination] = []
     for row in sorted(sheet.fitted.rows, key=lambda row: row.joint):
         candidates = [*_friction(sheet, row), *_loads(sheet, row)]
-        found += [
+        sums += [
             sum_
             for sum_ in (_sum(sheet, row, *item) for item in candidates if _matters(sheet, row, item[0]))
             if any(abs(weight) * errors[name] > WORTH * sum_.std_error for name, weight in sum_.terms.items())
         ]
-    found += _of_effects(sheet)
-    return tuple(sum_ for sum_ in found if math.isfinite(sum_.value))
+    sums += _of_effects(sheet)
+    return tuple(sum_ for sum_ in sums if math.isfinite(sum_.value))
 
 
 def _of_effects(sheet: Sheet) -> Iterable[Combination]:
@@ -429,18 +430,18 @@ def _of_effects(sheet: Sheet) -> Iterable[Combination]:
         return
     lost, model = Lost.of(sheet.fitted), sheet.fitted.model
     for place, term in enumerate(model.effects):
-        own = np.array([model.columns[n].place == place for n in lost.effects], dtype=bool)
-        if not np.any(lost.ways[:, own]) or not own.any():
+        members = np.array([model.columns[n].place == place for n in lost.effects], dtype=bool)
+        if not np.any(lost.ways[:, members]) or not members.any():
             continue
-        _, sizes, right = np.linalg.svd(lost.ways[:, own])
+        _, sizes, right = np.linalg.svd(lost.ways[:, members])
         for weights in right[np.count_nonzero(sizes > SHARE * sizes[0]) :]:
             whole = np.zeros(len(sheet.covariance))
-            whole[lost.effects[own]] = weights * lost.size[own]
+            whole[lost.effects[members]] = weights * lost.size[members]
             whole /= np.abs(whole).sum() * np.sign(whole[np.argmax(np.abs(whole))])
             where = f" of joint {term.number}" if term.number else ""
             row = next(row for row in sheet.fitted.rows if term.touches(row.joint))
             text = f"{term.effect.name}{where}: what does not pass for the rest of the model"
-            yield _sum(sheet, row, whole, text, unit=model.columns[int(lost.effects[own][0])].unit)
+            yield _sum(sheet, row, whole, text, unit=model.columns[int(lost.effects[members][0])].unit)
 
 
 def _matters(sheet: Sheet, row: Row, weights: Floats) -> bool:
@@ -484,15 +485,15 @@ def _loads(sheet: Sheet, row: Row) -> Iterable[tuple[Floats, str]]:
     if not model.robot.joint(row.joint).is_revolute:
         return
     gravity = np.array([column.effect == "gravity" for column in model.columns])
-    every = np.nan_to_num(np.array([run.posture for run in row.bins.runs]))
+    held = np.nan_to_num(np.array([run.posture for run in row.bins.runs]))
     postures = row.bins.postures[:MOST_POSTURES]
     for number, group in enumerate(postures, start=1):
-        position = np.tile(every[group[0]], (2, 1))
+        position = np.tile(held[group[0]], (2, 1))
         position[:, row.joint - 1] = [0.0, math.pi / 2.0]
         samples = Samples(row.joint, position, np.zeros_like(position), np.zeros(2), np.ones(2))
         which = f" (posture {number})" if len(postures) > 1 else ""
-        here = np.full(2, row.joint - 1)
-        load = Bilinear(here, model.base(samples) * gravity, np.zeros(2), sheet.fitted.system.owners)
+        joints = np.full(2, row.joint - 1)
+        load = Bilinear(joints, model.base(samples) * gravity, np.zeros(2), sheet.fitted.system.owners)
         weights = load.jacobian(sheet.gains, sheet.numbers)
         yield weights[0], f"weight felt by joint {row.joint} at position 0{which}"
         yield weights[1], f"weight felt by joint {row.joint} a quarter turn on{which}"

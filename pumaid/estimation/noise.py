@@ -90,8 +90,8 @@ class NoiseModel:
         speeds, steps
             (R,) of the other runs, rad/s or m/s, and s that their bins last.
         """
-        seen = np.array([abs(run.speed) for run in bins.runs])
-        near = np.argmin(np.abs(np.log(seen[None, :] / speeds[:, None])), axis=1)
+        measured = np.array([abs(run.speed) for run in bins.runs])
+        near = np.argmin(np.abs(np.log(measured[None, :] / speeds[:, None])), axis=1)
         rho, spread = self.correlation[near], self.spread[near]
         ratio = steps / np.maximum(bins.step[near], 1e-12)
         fresh = np.where(rho > 0.0, rho, 0.0) ** ratio
@@ -160,14 +160,14 @@ def inside_runs(bins: JointBins, residual: Floats, *, lost: Floats, enough: NDAr
     correlation, spread = np.zeros(len(pieces)), np.full(len(pieces), within)
     for is_stroke in (False, True):
         members = np.flatnonzero(bins.is_stroke == is_stroke)
-        told = members[enough[members]]
-        if len(told):
-            correlation[members], spread[members] = _moments([pieces[k] for k in told], lost[told])
+        long_enough = members[enough[members]]
+        if len(long_enough):
+            correlation[members], spread[members] = _moments([pieces[k] for k in long_enough], lost[long_enough])
         for group in _alike(bins.step[members]):
-            some = members[group]
-            told = some[enough[some]]
-            if sum(len(pieces[k]) for k in told) >= FEWEST_BINS:
-                correlation[some], spread[some] = _moments([pieces[k] for k in told], lost[told])
+            alike = members[group]
+            long_enough = alike[enough[alike]]
+            if sum(len(pieces[k]) for k in long_enough) >= FEWEST_BINS:
+                correlation[alike], spread[alike] = _moments([pieces[k] for k in long_enough], lost[long_enough])
     return NoiseModel(correlation, np.maximum(spread, floor), np.zeros(len(pieces)))
 
 
@@ -309,10 +309,10 @@ def estimate(
     """
     flat = design.reshape(-1, design.shape[2])
     size = np.linalg.norm(flat, axis=0)
-    left, singular, _ = np.linalg.svd(flat / np.where(size > 0, size, 1.0), full_matrices=False)
-    kept = singular > 1e-9 * max(float(singular[0]), 1e-300)
-    basis = left[:, kept].reshape(*design.shape[:2], -1)
-    freedoms = int(counts.sum()) - int(kept.sum())
+    vectors, singular, _ = np.linalg.svd(flat / np.where(size > 0, size, 1.0), full_matrices=False)
+    is_spanned = singular > 1e-9 * max(float(singular[0]), 1e-300)
+    basis = vectors[:, is_spanned].reshape(*design.shape[:2], -1)
+    freedoms = int(counts.sum()) - int(is_spanned.sum())
     if freedoms < FEWEST_FREEDOMS:
         return None
     likelihood = _Likelihood.of(ones, np.concatenate([basis, target[:, :, None]], axis=2), freedoms)
@@ -323,8 +323,8 @@ def estimate(
     def cost(log: float) -> float:
         return likelihood.quieted(loud, float(np.exp(log))).best()[0] + rows * log
 
-    found, worth = least(cost, (CALMEST, LOUDEST), within=LOUD_TO)
-    times = 1.0 if cost(0.0) <= worth + 1e-9 else float(np.exp(found))
+    log_times, worth = least(cost, (CALMEST, LOUDEST), within=LOUD_TO)
+    times = 1.0 if cost(0.0) <= worth + 1e-9 else float(np.exp(log_times))
     return replace(likelihood.quieted(loud, times).best()[1], loud=times)
 
 
@@ -363,8 +363,8 @@ class _Likelihood:
         grid = centre + np.linspace(-10.0, 14.0, 25)
         best = int(np.argmin(self._profile(np.exp(grid), gram)[0]))
         low, high = grid[max(best - 1, 0)], grid[min(best + 1, len(grid) - 1)]
-        found, worth = least(cost, (float(low), float(high)))
-        ratio = float(np.exp(found))
+        log_ratio, worth = least(cost, (float(low), float(high)))
+        ratio = float(np.exp(log_ratio))
         if self._profile(np.zeros(1), gram)[0][0] <= worth + 1e-9:
             ratio = 0.0
         (worth,), (sample,) = self._profile(np.array([ratio]), gram)
@@ -376,8 +376,8 @@ class _Likelihood:
         pulled = (self.along * (ratios[:, None] / (1.0 + stretch))[:, :, None]).transpose(0, 2, 1)
         shrunk = gram - pulled @ self.along
         info, cross, square = shrunk[:, :-1, :-1], shrunk[:, :-1, -1], shrunk[:, -1, -1]
-        told = np.sum(cross * np.linalg.solve(info, cross[:, :, None])[:, :, 0], axis=1)
-        sample = np.maximum(square - told, 1e-30 * gram[-1, -1] + 1e-300) / self.freedoms
+        explained = np.sum(cross * np.linalg.solve(info, cross[:, :, None])[:, :, 0], axis=1)
+        sample = np.maximum(square - explained, 1e-30 * gram[-1, -1] + 1e-300) / self.freedoms
         cost = self.freedoms * np.log(sample) + np.sum(np.log1p(stretch), axis=1) + np.linalg.slogdet(info)[1]
         return cost, sample
 
@@ -409,8 +409,8 @@ def freedoms(levels: Levels, *, ones: Floats, jacobian: Floats, inverse: Floats)
     by_level = along[:, :, None] * along[:, None, :]
     flat = jacobian.reshape(-1, p)
     size = np.linalg.norm(flat, axis=0)
-    left, singular, _ = np.linalg.svd(flat / np.where(size > 0, size, 1.0), full_matrices=False)
-    basis = left[:, singular > 1e-9 * max(float(singular[0]), 1e-300)].reshape(n_runs, k, -1)
+    vectors, singular, _ = np.linalg.svd(flat / np.where(size > 0, size, 1.0), full_matrices=False)
+    basis = vectors[:, singular > 1e-9 * max(float(singular[0]), 1e-300)].reshape(n_runs, k, -1)
     parts = [by_sample, by_level]
     info = np.zeros((2, 2))
     for a, first in enumerate(parts):
@@ -429,10 +429,10 @@ def freedoms(levels: Levels, *, ones: Floats, jacobian: Floats, inverse: Floats)
 def _trace(first: Floats, second: Floats, basis: Floats) -> float:
     """trace(P A P B) with P = I - basis basis' and A, B block diagonal by run."""
     plain = float(np.einsum("rij,rji->", first, second))
-    seen = float(np.einsum("rip,rij,rjk,rkp->", basis, first, second, basis))
+    crossed = float(np.einsum("rip,rij,rjk,rkp->", basis, first, second, basis))
     a = np.einsum("rip,rij,rjq->pq", basis, first, basis)
     b = np.einsum("rip,rij,rjq->pq", basis, second, basis)
-    return plain - 2.0 * seen + float(np.sum(a * b.T))
+    return plain - 2.0 * crossed + float(np.sum(a * b.T))
 
 
 #: Share of an interval at which a golden section stands.

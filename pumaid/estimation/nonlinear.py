@@ -86,8 +86,8 @@ class Linearised:
 
     def gains(self, terms: Sequence[EffectTerm]) -> Floats:
         """(k,) fall of the weighted squares by one effect with each of k shapes."""
-        found = self._products(terms)
-        return np.array([self._solved(term, each).gain for term, each in zip(terms, found, strict=True)])
+        products = self._products(terms)
+        return np.array([self._solved(term, product).gain for term, product in zip(terms, products, strict=True)])
 
     def added(self, term: EffectTerm, *, limits: Floats | None = None) -> Refit:
         """An effect added, its linear parameters held by priors as in every fit.
@@ -112,30 +112,30 @@ class Linearised:
                 table = row.bins.averaged(table)
             white, width = row.noise.whiten(row.bins, table), table.shape[1] // len(terms)
             for place, parts in enumerate(out):
-                own = slice(place * width, (place + 1) * width)
-                column, seen = white[:, own], np.zeros((total, width))
-                seen[row.acting] = row.slim.T @ column
-                here = [column.T @ column, column.T @ row.residual, seen]
-                parts[:3] = [a + b if a.size else b for a, b in zip(parts[:3], here, strict=True)]
-                peaks[place].append(np.abs(table[:, own]).max(axis=0))
-        return [(gram, cross, seen, np.array(peak)) for (gram, cross, seen, _), peak in zip(out, peaks, strict=True)]
+                block = slice(place * width, (place + 1) * width)
+                column, overlap = white[:, block], np.zeros((total, width))
+                overlap[row.acting] = row.slim.T @ column
+                parts_here = [column.T @ column, column.T @ row.residual, overlap]
+                parts[:3] = [a + b if a.size else b for a, b in zip(parts[:3], parts_here, strict=True)]
+                peaks[place].append(np.abs(table[:, block]).max(axis=0))
+        return [(parts[0], parts[1], parts[2], np.array(peak)) for parts, peak in zip(out, peaks, strict=True)]
 
     def _solved(
         self, term: EffectTerm, products: tuple[Floats, Floats, Floats, Floats], *, limits: Floats | None = None
     ) -> Refit:
-        gram, cross, seen, peaks = products
-        turned = self.fit.inverse @ seen
-        left, raw = gram - seen.T @ turned, np.diag(gram)
+        gram, cross, overlap, peaks = products
+        turned = self.fit.inverse @ overlap
+        beyond, raw = gram - overlap.T @ turned, np.diag(gram)
         size = np.sqrt(np.where(raw > 0, raw, 1.0))
         if limits is None:
             spans = [column.span for column in replace(term, fitted=()).parts(self.fit.model.robot, 0)]
             bins = [row.bins for row in self.rows]
-            each = [list(zip(bins, peaks[:, k].tolist(), strict=True)) for k in range(len(spans))]
-            limits = np.array([plausible(some, span) for some, span in zip(each, spans, strict=True)])
-        scaled = left / np.outer(size, size) + np.diag((1.0 / np.maximum(limits * size, NOTHING)) ** 2)
+            by_column = [list(zip(bins, peaks[:, k].tolist(), strict=True)) for k in range(len(spans))]
+            limits = np.array([plausible(by_joint, span) for by_joint, span in zip(by_column, spans, strict=True)])
+        scaled = beyond / np.outer(size, size) + np.diag((1.0 / np.maximum(limits * size, NOTHING)) ** 2)
         values, vectors = np.linalg.eigh(scaled)
-        kept = values > NOTHING
-        half = (vectors[:, kept] / np.sqrt(values[kept])) / size[:, None]
+        positive = values > NOTHING
+        half = (vectors[:, positive] / np.sqrt(values[positive])) / size[:, None]
         solution = half @ (half.T @ cross)
         return Refit(float(solution @ cross), solution, half, -turned)
 
@@ -215,9 +215,9 @@ def _closer(ground: Linearised, term: EffectTerm, grid: list[Point], scored: Flo
     best = grid[int(np.argmax(scored))]
     for name, value in best.items():
         if term.shapes(robot)[name].unit == "s":
-            known = sorted(point[name] for point in grid)
-            place = known.index(value)
-            low, high = known[max(place - 1, 0)], known[min(place + 1, len(known) - 1)]
+            instants = sorted(point[name] for point in grid)
+            place = instants.index(value)
+            low, high = instants[max(place - 1, 0)], instants[min(place + 1, len(instants) - 1)]
             starts = [t for t in facts.starts if t <= low][-1:] + [t for t in facts.starts if low <= t]
             stop = next((n for n, t in enumerate(starts) if t > high), len(starts) - 1)
             near = term.effect.grid(robot, replace(facts, starts=tuple(starts[: stop + 1])))
@@ -238,20 +238,20 @@ def _refined(ground: Linearised, term: EffectTerm, start: Point, shapes: Sequenc
     # What it brings takes as long to load as an identification; most have no shapes to look for together.
     from scipy import optimize
 
-    found = optimize.minimize(
+    optimum = optimize.minimize(
         lambda step: -ground.added(term.at(at(step))).gain,
         np.zeros(len(names)),
         method="L-BFGS-B",
         bounds=bounds,
         options={"eps": NUDGE, "ftol": ENOUGH},
     )
-    return at(found.x), -float(found.fun)
+    return at(optimum.x), -float(optimum.fun)
 
 
 def _range(shape: Shape, grid: Sequence[Point], scored: Floats, *, starts: Sequence[float]) -> Ends:
     """Lowest and highest value of a shape that the data do not exclude; an instant lies anywhere between two starts."""
-    kept = [point[shape.name] for point, gain in zip(grid, scored, strict=True) if gain >= scored.max() - WITHIN]
-    low, high = min(kept), max(kept)
+    likely = [point[shape.name] for point, gain in zip(grid, scored, strict=True) if gain >= scored.max() - WITHIN]
+    low, high = min(likely), max(likely)
     if shape.unit == "s":
         low = max((start for start in starts if start <= low), default=low)
         high = min((start for start in starts if start >= high), default=high)
@@ -334,7 +334,7 @@ def fit_effects(
         return EffectFit(fit_bins(model, bins, recursive=recursive, progress=progress))
     tell = progress or (lambda joint, text: None)
     work = ShapeSearch(model, bins, wanted)
-    before, moving = rmse_by_joint(work.fit), {one.joint for one in bins}
+    before, moving = rmse_by_joint(work.fit), {part.joint for part in bins}
     for place, term in enumerate(wanted):
         free = _free(term, model)
         if free and not any(term.touches(joint) for joint in moving):
@@ -358,9 +358,9 @@ def bins_for(
     """The bins that a fit with these effects needs: the finest at joints that have a periodic one."""
     fine = {term.joint for term in terms if term.effect.periodic is not None}
     out: list[JointBins] = []
-    for most, chosen in ((COARSE, False), (FINE, True)):
-        some = [run for run in runs if (run.joint in fine) == chosen]
-        out += joint_bins(model.robot, some, most=most, campaign=campaign, is_settled=False) if some else ()
+    for limit, chosen in ((COARSE, False), (FINE, True)):
+        part = [run for run in runs if (run.joint in fine) == chosen]
+        out += joint_bins(model.robot, part, most=limit, campaign=campaign, is_settled=False) if part else ()
     return tuple(sorted(out, key=lambda one: one.joint))
 
 
@@ -422,17 +422,17 @@ class ShapeSearch:
         """
         shapes = term.shapes(self.model.robot)
         for _ in range(2 if term.effect.family in SLOW else 1):
-            found = search_shape(self.without(place, term, at_nodes=False), term, free)
-            self.ranges |= {(place, name): ends for name, ends in found.ranges.items()}
-            self.terms[place] = found.term
+            best = search_shape(self.without(place, term, at_nodes=False), term, free)
+            self.ranges |= {(place, name): ends for name, ends in best.ranges.items()}
+            self.terms[place] = best.term
             self.fit = releveled(refit(self.fit, self.now(), is_renewed=True))
         fitted = tuple(name for name in free if shapes[name].is_searched)
         self.terms[place] = replace(self.terms[place], fitted=fitted, sizes=self._sizes(place))
 
     def without(self, place: int, term: EffectTerm | None = None, *, at_nodes: bool = True) -> Linearised:
         """The fit of all effects but the one at `place`, where that one (or `term`) may act."""
-        others = [self.terms[other] for other in sorted(self.terms) if other != place]
-        fitted = refit(self.fit, self.model.with_effects(others))
+        rest = [self.terms[other] for other in sorted(self.terms) if other != place]
+        fitted = refit(self.fit, self.model.with_effects(rest))
         return Linearised(fitted, term or self.terms[place], at_nodes=at_nodes, whole=self.fit)
 
     def _sizes(self, place: int) -> tuple[float, ...]:

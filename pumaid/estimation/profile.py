@@ -69,8 +69,8 @@ class Profile:
         reach
             (p,) how many standard errors each interval reaches.
         """
-        values = np.array([found.values for _, found in self.path])
-        errors = np.array([np.linalg.norm(found.half, axis=1) for _, found in self.path])
+        values = np.array([refit.values for _, refit in self.path])
+        errors = np.array([np.linalg.norm(refit.half, axis=1) for _, refit in self.path])
         return self._envelope(values, errors, reach)
 
     def others(self, reach: Floats) -> Floats:
@@ -82,23 +82,23 @@ class Profile:
             (P,) how many standard errors each interval reaches.
         """
         fitted = self.ground.fit
-        known = np.concatenate([fitted.values, [fitted.gains.edge[edge] for edge in fitted.gains.edges]])
-        own = np.diag(fitted.inverse)
-        values = np.array([known + found.shift @ found.values for _, found in self.path])
-        errors = [np.sqrt(own + np.sum((found.shift @ found.half) ** 2, axis=1)) for _, found in self.path]
+        start = np.concatenate([fitted.values, [fitted.gains.edge[edge] for edge in fitted.gains.edges]])
+        variances = np.diag(fitted.inverse)
+        values = np.array([start + refit.shift @ refit.values for _, refit in self.path])
+        errors = [np.sqrt(variances + np.sum((refit.shift @ refit.half) ** 2, axis=1)) for _, refit in self.path]
         return self._envelope(values, np.array(errors), reach)
 
     def _envelope(self, values: Floats, errors: Floats, reach: Floats) -> Floats:
         """(P, 2) lowest and highest ends of intervals at (K, P) values, narrower where the likelihood is lower."""
-        gains = np.array([found.gain for _, found in self.path])
-        left = reach**2 - (gains.max() - gains)[:, None]
-        widths = np.where(left > 0.0, np.sqrt(np.maximum(left, 0.0)) * errors, -np.inf)
+        gains = np.array([refit.gain for _, refit in self.path])
+        remaining = reach**2 - (gains.max() - gains)[:, None]
+        widths = np.where(remaining > 0.0, np.sqrt(np.maximum(remaining, 0.0)) * errors, -np.inf)
         return np.column_stack([np.min(values - widths, axis=0), np.max(values + widths, axis=0)])
 
     def _at(self, shape: Point) -> tuple[Point, Refit]:
-        found = shape, self.ground.added(self.term.at(shape), limits=self.limits)
-        self.path.append(found)
-        return found
+        point = shape, self.ground.added(self.term.at(shape), limits=self.limits)
+        self.path.append(point)
+        return point
 
     def _walk(self, name: str, best: tuple[Point, Refit], *, stride: float, rise: float) -> float:
         """The end of an interval on one side: where the squares have risen by `rise`, or a bound."""
@@ -106,24 +106,24 @@ class Profile:
         (shape, before), step = best, stride
         for _ in range(MOST_STEPS):
             value = min(max(shape[name] + step, facts.low), facts.high)
-            there, found = self._best(name, value, shape)
-            lost, earlier = best[1].gain - found.gain, best[1].gain - before.gain
+            there, refit = self._best(name, value, shape)
+            lost, earlier = best[1].gain - refit.gain, best[1].gain - before.gain
             if lost >= rise:
                 share = (np.sqrt(rise) - np.sqrt(max(earlier, 0.0))) / (np.sqrt(lost) - np.sqrt(max(earlier, 0.0)))
                 return float(shape[name] + share * (value - shape[name]))
             if value in (facts.low, facts.high):
                 return value
-            shape, before, step = there, found, step * GROWTH
+            shape, before, step = there, refit, step * GROWTH
         return shape[name]
 
     def _best(self, name: str, value: float, before: Point) -> tuple[Point, Refit]:
         """The place with this value at which the other fitted shapes are best, from those of the step before."""
-        every = self.term.shapes(self.ground.fit.model.robot)
-        others = [every[other] for other in self.term.fitted if other != name]
-        found = self._at(before | {name: value})
-        for other in itertools.chain(others, others if len(others) > 1 else ()):
-            found = self._along(other, found)
-        return found
+        facts = self.term.shapes(self.ground.fit.model.robot)
+        free = [facts[other] for other in self.term.fitted if other != name]
+        point = self._at(before | {name: value})
+        for other in itertools.chain(free, free if len(free) > 1 else ()):
+            point = self._along(other, point)
+        return point
 
     def _along(self, shape: Shape, start: tuple[Point, Refit]) -> tuple[Point, Refit]:
         """The best place along one shape near `start`."""

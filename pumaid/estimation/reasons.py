@@ -47,12 +47,12 @@ class Facts:
     @classmethod
     def of(cls, joint: int, runs: Sequence[Run]) -> Facts:
         """Of the runs in which `joint` (from 1) moves."""
-        own = [run for run in runs if run.joint == joint]
-        speeds = {sign: tuple(sorted(abs(run.speed) for run in own if run.direction == sign)) for sign in (1, -1)}
-        strokes = sum(run.kind == "stroke" for run in own)
-        held = np.array([run.posture[joint:] for run in own])
-        sets = _postures(held.tobytes(), len(own)) if own else 0
-        return cls(joint, len(own), speeds, sets, strokes)
+        moving = [run for run in runs if run.joint == joint]
+        speeds = {sign: tuple(sorted(abs(run.speed) for run in moving if run.direction == sign)) for sign in (1, -1)}
+        strokes = sum(run.kind == "stroke" for run in moving)
+        held = np.array([run.posture[joint:] for run in moving])
+        sets = _postures(held.tobytes(), len(moving)) if moving else 0
+        return cls(joint, len(moving), speeds, sets, strokes)
 
     def has_one_speed(self, sign: int) -> bool:
         """Whether all runs in direction `sign` have practically one speed."""
@@ -88,15 +88,15 @@ def of_column(
     """
     if column.place is not None:
         return _of_effect(model, column, facts, partners)
-    own = facts[column.owner]
-    if own.runs == 0:
+    covered = facts[column.owner]
+    if covered.runs == 0:
         return NO_RUNS
     if column.effect in ("coulomb", "viscous"):
-        return _friction(model, column, own=own, partners=partners)
+        return _friction(model, column, own=covered, partners=partners)
     if column.effect == "gravity":
         if not model.robot.joint(column.owner).is_revolute and any(name.startswith("coulomb") for name in partners):
             return ONE_LOAD
-        return UPRIGHT if lever < LEAST_LEVER else _gravity(column, own, partners)
+        return UPRIGHT if lever < LEAST_LEVER else _gravity(column, covered, partners)
     shared = some(partners) or "nothing that these runs vary"
     return Reason(f"only determined together with {shared}", "repeat its runs in another posture and at other speeds")
 
@@ -121,17 +121,17 @@ def _of_effect(model: Model, column: Column, facts: dict[int, Facts], partners: 
     """Of a parameter of a chosen effect."""
     if column.scope in (Scope.JOINT, Scope.LINK) and facts[column.owner].runs == 0:
         return NO_RUNS
-    own = [name for name in partners if name.split(".")[0] == column.effect]
-    others = [name for name in partners if name not in own]
+    same = [name for name in partners if name.split(".")[0] == column.effect]
+    rest = [name for name in partners if name not in same]
     effect = model.effects[column.place or 0].effect
     more = MORE.get(effect.family, MORE[Family.POSITION])
     if column.shape is not None:
-        one = model.effects[column.place or 0]
-        best = f"best at its bound, {number(one.shape[column.shape])}" if column.shape in one.held else ""
+        term = model.effects[column.place or 0]
+        best = f"best at its bound, {number(term.shape[column.shape])}" if column.shape in term.held else ""
         return Reason(best or "these data fit nearly as well with any value of it that is physical", more)
     if not partners:
         return Reason("nothing in these runs depends on it", more)
-    return Reason(f"these data could not tell it from {some(others or own)}", more)
+    return Reason(f"these data could not tell it from {some(rest or same)}", more)
 
 
 #: Share of its full lever below which a weight is as good as not felt: an axis within two degrees of upright.

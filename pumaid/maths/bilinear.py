@@ -89,7 +89,7 @@ class Gains:
         if self.root(row) != self.root(other):
             return np.nan
         down, up = self.path(other), self.path(row)
-        product = [math.prod(self.edge[k] for k in one if k not in rest) for one, rest in ((down, up), (up, down))]
+        product = [math.prod(self.edge[k] for k in way if k not in rest) for way, rest in ((down, up), (up, down))]
         return product[0] / product[1] if product[1] else np.nan
 
     def scales(self) -> Floats:
@@ -163,8 +163,8 @@ class Recursion:
         roots
             First row of the cluster behind each nu.
         """
-        own = np.flatnonzero(self.owners == row)
-        columns, roots = [rows[:, own]], []
+        owned = np.flatnonzero(self.owners == row)
+        columns, roots = [rows[:, owned]], []
         outward = {self.gains.root(other) for other in range(row + 1, self.gains.n_rows)}
         for root in sorted(outward):
             weights = np.zeros(len(self.owners))
@@ -177,7 +177,7 @@ class Recursion:
             if np.linalg.norm(nu) > floor:
                 columns.append(nu[:, None])
                 roots.append(root)
-        return np.hstack(columns), own, roots
+        return np.hstack(columns), owned, roots
 
     def take(
         self, row: int, rows: Floats, target: Floats, *, limit: Floats | None = None, spread: float | None = None
@@ -189,25 +189,25 @@ class Recursion:
         a prior standard deviation of ratios about `USUAL_RATIO` (rows whitened), for a start that no weakly shown ratio
         spoils: then a nu that cannot be told joins all the same, with that ratio.
         """
-        matrix, own, roots = self.design(row, rows)
+        matrix, owned, roots = self.design(row, rows)
         if spread is not None:
-            prior = np.hstack([np.zeros((len(roots), len(own))), np.eye(len(roots)) / spread])
+            prior = np.hstack([np.zeros((len(roots), len(owned))), np.eye(len(roots)) / spread])
             matrix = np.vstack([matrix, prior])
             target = np.concatenate([target, np.full(len(roots), USUAL_RATIO / spread)])
         if limit is not None:
-            limit = np.concatenate([limit[own], np.full(len(roots), LARGEST_RATIO)])
+            limit = np.concatenate([limit[owned], np.full(len(roots), LARGEST_RATIO)])
         whole = rank.solve(matrix, target, limit=limit)
         sure = whole.determined
-        told = np.append(np.ones(len(own), dtype=bool), sure[len(own) :])
-        if told.all():
+        is_shown = np.append(np.ones(len(owned), dtype=bool), sure[len(owned) :])
+        if is_shown.all():
             solution = whole
         else:
-            rest = target if spread is None else target - USUAL_RATIO * matrix[:, ~told].sum(axis=1)
-            solution = rank.solve(matrix[:, told], rest, limit=None if limit is None else limit[told])
-        self.values[own] = solution.values[: len(own)]
-        self.undetermined[own] = ~sure[: len(own)]
-        ratios = iter(solution.values[len(own) :])
-        for root, is_told in zip(roots, told[len(own) :], strict=True):
+            rest = target if spread is None else target - USUAL_RATIO * matrix[:, ~is_shown].sum(axis=1)
+            solution = rank.solve(matrix[:, is_shown], rest, limit=None if limit is None else limit[is_shown])
+        self.values[owned] = solution.values[: len(owned)]
+        self.undetermined[owned] = ~sure[: len(owned)]
+        ratios = iter(solution.values[len(owned) :])
+        for root, is_told in zip(roots, is_shown[len(owned) :], strict=True):
             if is_told or spread is not None:
                 self.gains.merge(row, root, float(next(ratios)) if is_told else USUAL_RATIO)
             if not is_told:
@@ -263,13 +263,13 @@ class Bilinear:
         """
         numbers, regressors, targets = list[NDArray[np.int64]](), list[Floats](), list[Floats]()
         for row in np.unique(self.row):
-            here = self.row == row
-            rows, target = self.regressors[here], self.target[here]
-            own = np.flatnonzero(rows.any(axis=0))
-            if len(rows) > len(own) + 1:
-                upper: Floats = np.asarray(np.linalg.qr(np.column_stack([rows[:, own], target]), mode="r"))
+            is_row = self.row == row
+            rows, target = self.regressors[is_row], self.target[is_row]
+            live = np.flatnonzero(rows.any(axis=0))
+            if len(rows) > len(live) + 1:
+                upper: Floats = np.asarray(np.linalg.qr(np.column_stack([rows[:, live], target]), mode="r"))
                 rows, target = np.zeros((len(upper), rows.shape[1])), upper[:, -1]
-                rows[:, own] = upper[:, :-1]
+                rows[:, live] = upper[:, :-1]
             numbers.append(np.full(len(rows), row))
             regressors.append(rows)
             targets.append(target)
@@ -280,10 +280,10 @@ class Bilinear:
         scaled, edges = self.scaled(gains), gains.edges
         # The way from an owner to a row by an edge: from the owner up to its lower end, and from its upper end on;
         # where it does not lead there one of the two is unknown, and counts as zero.
-        known = np.nan_to_num(gains.scales())
+        scales = np.nan_to_num(gains.scales())
         parts = (self.regressors * values) @ (self.owners[:, None] == np.arange(gains.n_rows))
         uppers = [up for up in gains.parent if up is not None]
-        return np.hstack([scaled, known[:, uppers][self.row] * (parts @ known[edges].T)])
+        return np.hstack([scaled, scales[:, uppers][self.row] * (parts @ scales[edges].T)])
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -407,10 +407,10 @@ def spread_of(white: Bilinear, values: Floats, gains: Gains) -> Floats:
     jacobian, out = white.jacobian(gains, values), []
     for number, edge in enumerate(gains.edges):
         row = gains.parent[edge]
-        here = white.row == row
-        own = np.flatnonzero(white.owners == row)
-        columns = np.column_stack([jacobian[here][:, own], jacobian[here][:, len(values) + number]])
-        alone = rank.solve(columns, white.target[here])
+        is_row = white.row == row
+        owned = np.flatnonzero(white.owners == row)
+        columns = np.column_stack([jacobian[is_row][:, owned], jacobian[is_row][:, len(values) + number]])
+        alone = rank.solve(columns, white.target[is_row])
         error = float(np.sqrt(alone.inverse[-1, -1])) if alone.determined[-1] else np.inf
         shown = error < RATIO_KNOWN or abs(gains.edge[edge]) > RATIO_SIGNIFICANT * error
         out.append(np.inf if shown else RATIO_SPREAD)
@@ -437,8 +437,8 @@ def restarted(white: Bilinear, values: Floats, gains: Gains, *, limit: Floats, h
     for number, ratio in itertools.product(range(len(gains.edges)), (None, *OTHER_RATIOS)):
         edge = gains.edges[number]
         tried = best.gains.with_edge(edge, -best.gains.edge[edge] if ratio is None else ratio)
-        known = rank.solve(white.scaled(tried), white.target, limit=limit[: len(values)]).values
-        found = fit_bilinear(white, known, tried, limit=limit, spread=spread, held=held)
-        if found.residual @ found.residual < BETTER * (best.residual @ best.residual):
-            best = found
+        start = rank.solve(white.scaled(tried), white.target, limit=limit[: len(values)]).values
+        refined = fit_bilinear(white, start, tried, limit=limit, spread=spread, held=held)
+        if refined.residual @ refined.residual < BETTER * (best.residual @ best.residual):
+            best = refined
     return best.values, best.gains

@@ -79,14 +79,14 @@ def solve(
     inverse_scale = np.divide(1.0, norms, out=np.zeros_like(norms), where=norms > 0)
     if limit is not None:
         inverse_scale = np.where(norms > 0, limit, 0.0)
-    left, singular, right = np.linalg.svd(rows * inverse_scale, full_matrices=len(rows) < len(norms))
+    basis, singular, right = np.linalg.svd(rows * inverse_scale, full_matrices=len(rows) < len(norms))
     full = np.zeros(len(norms))
     full[: len(singular)] = singular
-    seen = full > (tolerance * full[0] if limit is None else max(1.0, ROUNDING * full[0]))
-    kept = np.flatnonzero(seen)
-    half = inverse_scale[:, None] * (right[kept].T / full[kept])
-    values = half @ (left[:, kept].T @ target)
-    return Solution(values, half @ half.T, right[~seen].T, norms)
+    is_shown = full > (tolerance * full[0] if limit is None else max(1.0, ROUNDING * full[0]))
+    shown = np.flatnonzero(is_shown)
+    half = inverse_scale[:, None] * (right[shown].T / full[shown])
+    values = half @ (basis[:, shown].T @ target)
+    return Solution(values, half @ half.T, right[~is_shown].T, norms)
 
 
 def independent(rows: Floats, *, first: int = 0, tolerance: float = RELATIVE_TOLERANCE) -> NDArray[np.bool_]:
@@ -111,9 +111,9 @@ def independent(rows: Floats, *, first: int = 0, tolerance: float = RELATIVE_TOL
 
 def _range(rows: Floats, tolerance: float) -> tuple[Floats, Floats, Floats]:
     """Orthonormal basis of the columns' span, the columns in that basis, and the singular values."""
-    left, singular, _ = np.linalg.svd(rows, full_matrices=False)
-    kept = singular > tolerance * singular[0]
-    basis = left[:, kept]
+    vectors, singular, _ = np.linalg.svd(rows, full_matrices=False)
+    is_shown = singular > tolerance * singular[0]
+    basis = vectors[:, is_shown]
     return basis, basis.T @ rows, singular
 
 
@@ -124,6 +124,6 @@ def pseudo_inverse(information: Floats) -> tuple[Floats, int]:
     size = np.sqrt(np.maximum(np.diagonal(information), 0.0))
     unit = np.divide(1.0, size, out=np.zeros_like(size), where=size > FAINT * size.max(initial=0.0))
     values, vectors = np.linalg.eigh(information * unit[:, None] * unit[None, :])
-    kept = values > FLAT * values[-1]
-    half = vectors[:, kept] / np.sqrt(values[kept])
-    return (unit[:, None] * half) @ (half.T * unit[None, :]), int(np.count_nonzero(kept))
+    is_shown = values > FLAT * values[-1]
+    half = vectors[:, is_shown] / np.sqrt(values[is_shown])
+    return (unit[:, None] * half) @ (half.T * unit[None, :]), int(np.count_nonzero(is_shown))
