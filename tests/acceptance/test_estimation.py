@@ -39,7 +39,7 @@ def test_other_arms_intervals_hold(name, seed):
     """So they do on drawn arms, one with a prismatic joint, whose experiment is the planner's."""
     robot = read_recipe(shipped_recipes()[name])
     truth = draw(robot, seed)
-    ours, _ = coverage(truth, Bench(truth, plan(robot, seed=seed, replicates=1), rate=50.0))
+    ours, _ = coverage(truth, Bench(truth, plan(robot, minutes=12, seed=seed, replicates=1), rate=50.0))
     assert 0.93 <= np.mean(list(ours.values())) <= 0.97
     assert min(ours.values()) > LEAST
 

@@ -42,7 +42,7 @@ def from_logs(robot: Robot, made: Plan, seed: int) -> tuple[Dataset, np.ndarray]
 def test_truth_is_found_through_logs(name, seeds):
     """Parameters of robots that no tuning saw lie as far from the truth as their standard errors say."""
     robot = arm(name)
-    made = plan(robot, minutes=25, seed=9)
+    made = plan(robot, minutes=12, seed=9)
     off = np.concatenate([from_logs(robot, made, seed)[1] for seed in seeds])
     # Three robots of some 38 parameters, correlated in pairs, know their RMS to an eighth; intervals of some twenty
     # degrees of freedom leave 5 to 7 % beyond 2 standard errors, give or take 2.
