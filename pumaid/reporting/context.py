@@ -23,20 +23,10 @@ SAME_POSTURE = 0.03
 
 @dataclass(frozen=True, eq=False, slots=True)
 class ReportContext:
-    """Inputs of figures and sections.
+    """Inputs of figures and sections; `ladder`: the models of the experiment that can be compared with this one.
 
-    Attributes
-    ----------
-    robot, estimate, dataset, comparison
-        The arm, its model, the logs and the model's errors on them.
-    units
-        ``"rad"`` or ``"deg"``: unit of angles in tables and figures.
-    diagnosis
-        The missing effects, if a diagnosis was made.
-    stale
-        Sentences on why the diagnosis may not apply to this model and these logs.
-    ladder
-        The models of the experiment that can be compared with this one, if they were kept.
+    `units` is ``"rad"`` or ``"deg"``, the unit of angles; `stale` are sentences on why the diagnosis may not apply to
+    this model and these logs.
     """
 
     robot: Robot

@@ -38,15 +38,7 @@ def all_figures(context: ReportContext) -> list[Drawing]:
 
 
 def page(context: ReportContext, *, inline: Mapping[str, str] | None = None) -> str:
-    """The report as an HTML document without outside references.
-
-    Parameters
-    ----------
-    context
-        What it is made from; the same context gives the same page.
-    inline
-        Figures by name as SVG elements, if they are drawn already.
-    """
+    """The report as an HTML document without outside references; `inline`: figures by name that are drawn already."""
     environment = jinja2.Environment(
         loader=jinja2.PackageLoader("pumaid.reporting"),
         autoescape=True,

@@ -56,22 +56,10 @@ Row = Sequence[Cell | str]
 
 @dataclass(frozen=True)
 class Table:
-    """A table.
+    """A table with (C,) column heads and (R, C) cells; plain strings become cells.
 
-    Attributes
-    ----------
-    title
-        What it shows.
-    header
-        (C,) column heads with units.
-    rows
-        (R, C) cells; plain strings become cells.
-    notes
-        (mark, text) pairs that explain marked cells.
-    caption
-        One or two sentences on how to read it, or empty.
-    words
-        Columns (from 0) that hold words: aligned left, and wrapped where the terminal is narrow.
+    `notes` are (mark, text) pairs that explain marked cells, `caption` says how to read it; columns (from 0) of `words`
+    are aligned left, and wrapped where the terminal is narrow.
     """
 
     title: str

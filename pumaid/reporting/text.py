@@ -6,10 +6,10 @@ import re
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
 
+from pumaid.dataset import Dataset
 from pumaid.errors import Note
-from pumaid.estimate import IDENTIFIED, NOT_IDENTIFIABLE, Value
+from pumaid.estimate import IDENTIFIED, NOT_IDENTIFIABLE, Estimate, Value
 from pumaid.estimation.evaluate import Budget, BudgetPart, Comparison, JointScore
-from pumaid.reporting.context import ReportContext
 from pumaid.reporting.formatting import amperes, joint_title, joint_titles, listed, percent, plural
 from pumaid.results.history import Rung
 from pumaid.robot import EffectChoice, Robot
@@ -135,9 +135,9 @@ def merge_notes(notes: Iterable[Note]) -> list[Note]:
 # Model and comparison
 
 
-def data_sentence(context: ReportContext) -> str:
+def data_sentence(dataset: Dataset) -> str:
     """What the logs contain."""
-    runs, files = context.dataset.runs, context.dataset.files
+    runs, files = dataset.runs, dataset.files
     strokes, heldout = sum(run.kind == "stroke" for run in runs), sum(run.heldout for run in runs)
     words = plural(len(runs), "run") + (f" in {plural(len(files), 'file')}" if files else "")
     words += f", {number(sum(run.duration for run in runs), 3)} s of motion of a single joint"
@@ -145,20 +145,20 @@ def data_sentence(context: ReportContext) -> str:
     return words + (f"; {plural(heldout, 'run')} held out for validation." if heldout else ".")
 
 
-def parameters_sentence(context: ReportContext) -> str:
+def parameters_sentence(estimate: Estimate) -> str:
     """How many parameters are identified."""
-    values = [value for value in context.estimate.values if not is_structural(value)]
+    values = [value for value in estimate.values if not is_structural(value)]
     identified = sum(value.state == IDENTIFIED for value in values)
     unknown = sum(value.state == NOT_IDENTIFIABLE for value in values)
     words = f"Identified parameters: {identified} of {len(values)}"
     words += f"; not identifiable: {unknown} (reasons below the table)" if unknown else ""
-    sums = len(context.estimate.combinations)
+    sums = len(estimate.combinations)
     return words + (f"; identified combinations of these: {sums}." if sums else ".")
 
 
-def joint_sentence(context: ReportContext, score: JointScore) -> str:
+def joint_sentence(score: JointScore, robot: Robot) -> str:
     """How well the model predicts one joint's current, and whether something is missing."""
-    title = context.title(score.joint)
+    title = joint_title(robot, score.joint)
     if score.rmse is None:
         return f"{title} never moves alone in these logs, so its error is unknown."
     words = f"{title}: {_explained(score.explained)}; RMSE {amperes(score.rmse)}, noise floor "

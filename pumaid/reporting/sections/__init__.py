@@ -15,25 +15,11 @@ Content = dict[str, object]
 
 
 class Section(ABC):
-    """One section of the page.
+    """One section of the page, with its place on it and its heading.
 
     Sections are found by looking into this folder and sorted by `order`, with gaps for new ones. The template is
     ``templates/<file name>.html``; it sees `content`. Tables stand in it as ``{{ table }}``, figures as
     ``{{ figure(drawing) }}``.
-
-    Attributes
-    ----------
-    order, title
-        Place on the page and heading.
-
-    Examples
-    --------
-    >>> class Greeting(Section):
-    ...     order = 5
-    ...     title = "Greeting"
-    ...
-    ...     def content(self, context, figures):
-    ...         return {"words": f"This is {context.robot.name}."}
     """
 
     order: ClassVar[int]

@@ -19,7 +19,7 @@ class Summary(Section):
 
     def content(self, context: ReportContext, figures: Figures) -> Content:
         return {
-            "sentences": [data_sentence(context), parameters_sentence(context)],
-            "joints": [joint_sentence(context, score) for score in context.comparison.joints],
+            "sentences": [data_sentence(context.dataset), parameters_sentence(context.estimate)],
+            "joints": [joint_sentence(score, context.robot) for score in context.comparison.joints],
             "shares": figures.get("spent"),
         }
