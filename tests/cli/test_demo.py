@@ -7,8 +7,9 @@ import json
 import pytest
 from click.testing import CliRunner
 
-from pumaid.cli import demo, group
-from pumaid.cli.demo import run
+from pumaid.cli import group
+from pumaid.cli.commands import demo
+from pumaid.cli.commands.demo import run
 from pumaid.errors import ResultError
 
 

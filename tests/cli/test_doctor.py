@@ -8,7 +8,7 @@ import pytest
 from command import run
 
 from pumaid import __version__
-from pumaid.cli import demo
+from pumaid.cli.commands import demo
 from pumaid.effects import catalogue
 
 

@@ -57,7 +57,7 @@ def command(recipe: Path | None, *, quick: bool, as_json: bool) -> None:
 
 def _self_check(tell: Callable[[str], None]) -> tuple[bool, str]:
     """Whether the demo ends as it must, and how it ended."""
-    from pumaid.cli import demo
+    from pumaid.cli.commands import demo
     from pumaid.errors import ResultError
 
     steps: list[demo.DemoStep] = []
@@ -68,9 +68,9 @@ def _self_check(tell: Callable[[str], None]) -> tuple[bool, str]:
                 steps.append(step)
         except ResultError as error:
             return False, error.what
-    named = next(demo.findings(step.answer) for step in steps if step.answer["kind"] == "diagnosis")
+    diagnosis = next(step.answer for step in steps if step.answer["kind"] == "diagnosis")
     hidden = demo.hidden(seed=SEED, joints=2)
-    is_found = any(demo.place(finding) == hidden for finding in named)
+    is_found = any(demo.place(finding) == hidden for finding in demo.findings(diagnosis))
     return is_found, f"the hidden {hidden} is {'found' if is_found else 'not found'}"
 
 

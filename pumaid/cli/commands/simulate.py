@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import rich_click as click
 
@@ -17,22 +17,22 @@ if TYPE_CHECKING:
     from pumaid.simulation import Truth
 
 
-def _real(robot: Robot, truth: Path | None, *, hide: tuple[str, ...], noise: float | None, seed: int) -> Truth:
+def _virtual_robot(robot: Robot, truth: Path | None, *, hide: tuple[str, ...], noise: float | None, seed: int) -> Truth:
     """The virtual robot that the options describe."""
     from pumaid.io.log_writer import read_truth
-    from pumaid.simulation import table1
+    from pumaid.simulation import draw, table1
     from pumaid.simulation.hidden_effects import parse
-    from pumaid.simulation.random_robot import draw
     from pumaid.simulation.truth_file import as_json, from_json
 
+    if noise is not None and not math.isfinite(noise):
+        raise click.BadParameter(f"{noise} is no noise", param_hint="--noise")
     if truth is None:
-        real = draw(robot, seed)
+        virtual = draw(robot, seed)
     else:
-        is_paper = str(truth) == "table1"
-        real = from_json(as_json(table1.puma560()) if is_paper else read_truth(truth), robot)
+        virtual = from_json(as_json(table1.puma560()) if str(truth) == "table1" else read_truth(truth), robot)
     if hide:
-        real = real.hiding([parse(text, robot) for text in hide])
-    return real if noise is None else real.with_noise(noise)
+        virtual = virtual.hiding([parse(text, robot) for text in hide])
+    return virtual if noise is None else virtual.with_noise(noise)
 
 
 @click.command()
@@ -69,7 +69,7 @@ def _real(robot: Robot, truth: Path | None, *, hide: tuple[str, ...], noise: flo
     help="Form of the log files.",
 )
 @click.option("--no-velocity", is_flag=True, help="Leave velocities out of the logs.")
-@click.option("--temperature", is_flag=True, help="Write the motors' temperatures, too.")
+@click.option("--temperature", "has_temperature", is_flag=True, help="Write the motors' temperatures, too.")
 @click.option(
     "--runs-per-file",
     type=click.IntRange(min=1),
@@ -88,15 +88,13 @@ def command(
     output: Path | None,
     truth: Path | None,
     hide: tuple[str, ...],
-    rate: float,
     noise: float | None,
     form: str,
     no_velocity: bool,
-    temperature: bool,
-    runs_per_file: int,
     force: bool,
     seed: int,
     as_json: bool,
+    **logging: Any,
 ) -> None:
     """Let a virtual robot execute a plan in closed loop and write logs as a real one would.
 
@@ -117,34 +115,23 @@ def command(
     from pumaid.simulation.session import simulate
     from pumaid.simulation.truth_file import as_json as as_json_truth
 
-    if noise is not None and not math.isfinite(noise):
-        raise click.BadParameter(f"{noise} is no noise", param_hint="--noise")
     if as_json and str(output) == "-":
         raise click.UsageError("--json prints a document, and -o - a log: standard output holds one of them.")
     folder = output or experiment_folder(recipe) / "logs"
     spare_inputs([folder / "truth.json"] if str(folder) != "-" else [], [truth])
     robot = read_robot(recipe)
-    made = read_plan(plan_path or experiment_folder(recipe) / PLAN_NAME, robot)
-    notes(note for note in made.notes if note.slug == "plan-other-robot")
-    real = _real(robot, truth, hide=hide, noise=noise, seed=seed)
-    logs = simulate(
-        robot,
-        made,
-        seed=seed,
-        truth=real,
-        rate=rate,
-        runs_per_file=runs_per_file,
-        has_velocity=not no_velocity,
-        has_temperature=temperature,
-    )
-    with progress("simulating", total=made.duration or None) as step:
+    plan = read_plan(plan_path or experiment_folder(recipe) / PLAN_NAME, robot)
+    notes(note for note in plan.notes if note.slug == "plan-other-robot")
+    virtual = _virtual_robot(robot, truth, hide=hide, noise=noise, seed=seed)
+    logs = simulate(robot, plan, seed=seed, truth=virtual, has_velocity=not no_velocity, **logging)
+    with progress("simulating", total=plan.duration or None) as step:
         files = write_session(
             folder,
             logs,
             robot,
             form=form,
             force=force,
-            truth=as_json_truth(real, seed=seed),
+            truth=as_json_truth(virtual, seed=seed),
             progress=lambda seconds: step(seconds, f"{seconds:.0f} s of robot time"),
         )
     if str(folder) == "-":
