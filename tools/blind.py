@@ -27,8 +27,8 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 from blind_world.arms import KINDS
 from blind_world.case import SIZES, Case, cases
-from blind_world.page import page
 from blind_world.score import judged
+from blind_world.tables import page
 
 GROUPS = ("effect", "clean", "outside", "pair", "thin")
 

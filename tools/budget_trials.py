@@ -16,7 +16,7 @@ from dataclasses import replace
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 import numpy as np
-from blind_world.statistics import Share
+from blind_world.tables import interval
 
 from pumaid.dataset import Dataset, FileFacts
 from pumaid.diagnosis.compare import compare
@@ -125,8 +125,8 @@ def false_alarms() -> Iterator[str]:
                         continue
                     flagged.append(is_told)
                     chances.append(min(part.p_value for part in found.parts if part.p_value is not None))
-        rare = Share(sum(chance <= FALSE_ALARM for chance in chances), len(chances))
-        told = Share(sum(flagged), len(flagged))
+        rare = interval(sum(chance <= FALSE_ALARM for chance in chances), len(chances))
+        told = interval(sum(flagged), len(flagged))
         yield f"| {design} | {rare} | {told} | {np.median(chances):.2f} | {sum(astray)} of {len(astray)} |"
     yield f"Parts add up to the whole within {gap:.1e} of it."
 

@@ -15,7 +15,7 @@ from dataclasses import dataclass, replace
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 import numpy as np
-from blind_world.statistics import Share
+from blind_world.tables import interval
 from budget_trials import DESIGNS, plan
 
 from pumaid.dataset import Campaign
@@ -100,7 +100,7 @@ def clean() -> Iterator[str]:
                 smallest.append(min(chances(search.steps[0]).values()))
                 theory.append(textbook(search.steps[0]) <= LEVEL)
         both = [a or b for a, b in zip(found, strange, strict=True)]
-        shares = [str(Share(sum(some), len(some))) for some in (found, strange, both, theory)]
+        shares = [interval(sum(some), len(some)) for some in (found, strange, both, theory)]
         told.append(f"| {design} | {' | '.join(shares)} |")
         spread.append(f"| {design} | {' | '.join(_below(smallest))} |")
         every += smallest
@@ -113,7 +113,7 @@ def clean() -> Iterator[str]:
 
 def _below(seen: Sequence[float]) -> Iterator[str]:
     for level in QUANTILES:
-        yield str(Share(int(np.sum(np.array(seen) <= level)), len(seen)))
+        yield interval(int(np.sum(np.array(seen) <= level)), len(seen))
 
 
 def shown(step: Step, name: str, joint: int) -> list[Shown]:
@@ -163,7 +163,7 @@ def hits() -> Iterator[str]:
                 named = [step.chosen, *step.rivals] if step.chosen is not None else []
                 beyond += chances(step).get((name, joint), 1.0) <= LEVEL
                 found += (name, joint) in [one.key for one in named]
-            bins += [str(Share(beyond, count)), str(Share(found, count))] if not bins else [str(Share(found, count))]
+            bins += [interval(beyond, count), interval(found, count)] if not bins else [interval(found, count)]
         yield f"| {name}@{joint} | {limit:.4g} {announced[0][name, joint].unit} | {' | '.join(bins)} |"
 
 

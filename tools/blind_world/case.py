@@ -5,7 +5,7 @@ from __future__ import annotations
 import itertools
 import zlib
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -101,7 +101,6 @@ class Experiment:
     noncentrality: tuple[float, ...]
     state: State
     noise: np.ndarray[Any, np.dtype[np.float64]]
-    skipped: tuple[str, ...] = field(default=())
 
 
 def cases(seeds: Sequence[int], kinds: Sequence[str] = tuple(KINDS), clean: int = 200) -> Iterator[Case]:

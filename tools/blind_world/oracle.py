@@ -55,7 +55,6 @@ class Oracle:
         run, held = world.motion.run, world.heldout
         own = np.where(run >= 0, world.joint_of[run], -1)
         self.joints = [np.flatnonzero((own == j) & ~held[run]) for j in range(world.arm.n)]
-        self.judged = [np.flatnonzero((own == j) & held[run]) for j in range(world.arm.n)]
         self.columns = [self.base(j, rows) for j, rows in enumerate(self.joints)]
         self.white = [self.whitened(j, self.joints[j], block) for j, block in enumerate(self.columns)]
         gram = sum(block.T @ block for block in self.white)
@@ -105,14 +104,6 @@ class Oracle:
             size += float(white @ white)
             along += self.white[joint].T @ white
         return max(size - float(np.square(self.root.T @ along).sum()), 0.0)
-
-    def share_seen(self, signature: Mapping[int, Floats]) -> float:
-        """Share of the signature's whitened square that the base model leaves."""
-        whole = sum(
-            float(np.square(self.whitened(joint, self.joints[joint], values)).sum())
-            for joint, values in signature.items()
-        )
-        return self.noncentrality(signature) / whole if whole > 0 else 0.0
 
     def felt(self, current: Floats) -> dict[int, Floats]:
         """Currents (N, J) at the rows of each joint's fitted runs."""

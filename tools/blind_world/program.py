@@ -66,10 +66,9 @@ def heldout_rmse(estimate: Estimate) -> Floats:
     return np.array([np.nan if joint.heldout is None else joint.heldout for joint in estimate.joints])
 
 
-def spans(session: Session, *, are_heldout: bool) -> list[tuple[int, float, float]]:
-    """Joint (from 0), first and last time (s) of every held-out, or every fitted, run that the program found."""
-    runs = [run for run in session.dataset.runs if run.heldout == are_heldout]
-    return [(run.joint - 1, run.start, run.start + run.duration) for run in runs]
+def heldout_spans(session: Session) -> list[tuple[int, float, float]]:
+    """Joint (from 0), first and last time (s) of every held-out run that the program found."""
+    return [(run.joint - 1, run.start, run.start + run.duration) for run in session.dataset.runs if run.heldout]
 
 
 def fitted_rmse(estimate: Estimate) -> Floats:

@@ -134,7 +134,6 @@ def _said(experiment: Experiment, diagnosis: Any) -> dict[str, Any]:
         "verdicts": [verdicts.get(joint + 1, "") for joint in range(experiment.world.arm.n)],
         "sets": [1 + len(finding.rivals) for finding in added],
         "unexplained": any(verdicts.get(joint) == "unexplained" for joint in felt),
-        "unexplained_elsewhere": any(v == "unexplained" for joint, v in verdicts.items() if joint not in felt),
         "needless": sum(all(row[k] == "no" for row in ranks) for k in range(len(added))),
         "later": bool(ranks) and any(one != "no" for row in ranks for one in row[1:]),
         "named": [("first" if "first" in row else "set" if "set" in row else "no") for row in ranks],
@@ -151,7 +150,7 @@ def _after(experiment: Experiment, session: program.Session, diagnosis: Any) -> 
     felt = sorted({joint for hidden, _ in experiment.hidden for joint in hidden.felt}) or range(experiment.world.arm.n)
     best = true_rmse(experiment, session)[list(felt)]
     before = program.heldout_rmse(session.estimate)[list(felt)]
-    out: dict[str, Any] = {"before": _ratio(before, best), "ramps_kept": _ramps_kept(experiment, session)}
+    out: dict[str, Any] = {"before": _ratio(before, best)}
     added = _added(diagnosis)
     if not added:
         return out | {"after": out["before"]}
@@ -177,7 +176,7 @@ def true_rmse(experiment: Experiment, session: program.Session) -> Floats:
     effects = [applied(world, [pair], world.resting).current - base for pair in experiment.hidden]
     values, amplitudes = oracle.fit(measured, effects, base)
     squares, counts = np.zeros(world.arm.n), np.zeros(world.arm.n)
-    for joint, first, last in program.spans(session, are_heldout=True):
+    for joint, first, last in program.heldout_spans(session):
         rows = _rows(first, last)
         miss = (measured - base)[rows, joint] - oracle.base(joint, rows) @ values
         miss -= sum((a * one[rows, joint] for a, one in zip(amplitudes, effects, strict=True)), np.zeros(len(rows)))
@@ -190,17 +189,6 @@ def true_rmse(experiment: Experiment, session: program.Session) -> Floats:
 def _rows(first: float, last: float) -> NDArray[np.int64]:
     """Rows of the log from one instant (s) to another."""
     return np.arange(round(first * RATE), round(last * RATE) + 1)
-
-
-def _ramps_kept(experiment: Experiment, session: program.Session) -> float:
-    """RMS of the current of acceleration in the program's fitted runs over the noise there; of the worst joint."""
-    world = experiment.world
-    squares, counts = np.zeros(world.arm.n), np.zeros(world.arm.n)
-    for joint, first, last in program.spans(session, are_heldout=False):
-        kept = world.inertial[_rows(first, last)]
-        squares[joint] += kept @ kept
-        counts[joint] += len(kept)
-    return float(np.max(np.sqrt(squares / np.maximum(counts, 1)) / world.noise.sigma))
 
 
 def _reproduced(experiment: Experiment, diagnosis: Any) -> dict[str, Any]:

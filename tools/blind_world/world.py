@@ -118,20 +118,12 @@ class World:
         return State(self.motion.torque * self.arm.gain + self.sign * drag, self.motion.position)
 
     @cached_property
-    def inertial(self) -> Floats:
-        """(N,) A: what acceleration draws in the joint that moves; zero between strokes."""
-        on = np.flatnonzero(self.motion.moving >= 0)
-        own = self.joint_of[self.motion.moving[on]]
-        out = np.zeros(len(self.motion))
-        out[on] = (self.motion.torque[on, own] - self.motion.load[on]) * self.arm.gain[own]
-        return out
-
-    @cached_property
     def resting(self) -> State:
         """The base without what acceleration draws in the joint that moves."""
         on = np.flatnonzero(self.motion.moving >= 0)
+        moving = self.joint_of[self.motion.moving[on]]
         current = self.base.current.copy()
-        current[on, self.joint_of[self.motion.moving[on]]] -= self.inertial[on]
+        current[on, moving] -= (self.motion.torque[on, moving] - self.motion.load[on]) * self.arm.gain[moving]
         return replace(self.base, current=current)
 
 
