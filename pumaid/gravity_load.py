@@ -23,7 +23,7 @@ def along(model: Model, samples: Samples, sizes: Counts, *, solution: Floats, sc
         nonlocal gains
         at_knots = loads(model, knots, solution=solution, scales=scales)
         gains = at_knots.gains
-        return np.column_stack([at_knots.own, at_knots.across**2, at_knots.tilts, at_knots.others, at_knots.slopes])
+        return np.column_stack([at_knots.moving, at_knots.across**2, at_knots.tilts, at_knots.by_joint, at_knots.slopes])
 
     values = swept(samples, sizes, table, turns=turns)
     load, across, tilts, elsewhere, slopes = np.split(values, [1, 2, 4, 4 + n], axis=1)

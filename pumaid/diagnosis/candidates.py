@@ -181,7 +181,7 @@ class Suspect(Effect):
         if samples.extra is None or self.spread <= 0.0:
             return np.zeros((len(samples), 1))
         x = np.nan_to_num((samples.extra[:, self.place] - self.middle) / self.spread)
-        load = np.zeros(len(samples)) if samples.loads is None else samples.loads.own
+        load = np.zeros(len(samples)) if samples.loads is None else samples.loads.moving
         factor = (np.ones(len(samples)), samples.direction, load)[int(shape.get("times", 0.0))]
         return np.asarray((x * factor)[:, None])
 

@@ -140,7 +140,10 @@ def _axis(robot: Robot, samples: Samples, trial: Trial, *, change: Floats) -> Ax
     if word == "load" and loads is not None:
         across = "side" in trial.effect.name
         return Axis(
-            "moment across the axis" if across else "gravity load", "A", loads.across if across else loads.own, COARSE
+            "moment across the axis" if across else "gravity load",
+            "A",
+            loads.across if across else loads.moving,
+            COARSE,
         )
     if word == "current" and loads is not None:
         return Axis("predicted current", "A", loads.drawn, COARSE)

@@ -78,7 +78,7 @@ def variable(samples: Samples, name: str) -> Floats:
     """(M,) values of a form's variable."""
     column = samples.joint - 1
     if name == "load":
-        return np.zeros(len(samples)) if samples.loads is None else samples.loads.own
+        return np.zeros(len(samples)) if samples.loads is None else samples.loads.moving
     variables = {
         "q": samples.position[:, column],
         "v": np.abs(samples.velocity[:, column]),

@@ -100,7 +100,7 @@ def budget(
     Resampling-Based Multiple Testing (1993), for many tests at once.
     """
     if load is None and bins.samples.loads is not None:
-        load = bins.samples.loads.own
+        load = bins.samples.loads.moving
     at = BudgetVariables.of(bins, load, is_revolute=joint.is_revolute)
     floor = noise_floor(pairs(bins.runs))[0] if floor is None else floor
     samples, square = float(bins.count.sum()), float(bins.count @ residual**2)

@@ -63,7 +63,7 @@ def friction_velocity(robot: Robot, samples: Samples) -> Floats:
 
 def _load_owner(robot: Robot, samples: Samples, owner: int) -> Floats:
     loads = loads_of(samples)
-    return loads.own if owner == samples.joint else np.nan_to_num(loads.others[:, owner - 1])
+    return loads.moving if owner == samples.joint else np.nan_to_num(loads.by_joint[:, owner - 1])
 
 
 #: Name in a formula -> (M,) values at instants of one moving joint, given the owner of the parameters (from 1).
@@ -81,7 +81,7 @@ QUANTITIES: Mapping[str, Callable[[Robot, Samples, int], Any]] = {
         np.isnan(samples.temperature), REFERENCE, samples.temperature
     ),
     "joint": lambda robot, samples, owner: samples.joint,
-    "load": lambda robot, samples, owner: loads_of(samples).own,
+    "load": lambda robot, samples, owner: loads_of(samples).moving,
     "drawn": lambda robot, samples, owner: loads_of(samples).drawn,
     "across": lambda robot, samples, owner: loads_of(samples).across,
     "tilt_x": lambda robot, samples, owner: loads_of(samples).tilts[:, 0],

@@ -140,7 +140,7 @@ class Formulas:
         for number in range(1, self.robot.n_joints + 1):
             samples = _instants(number, position, np.zeros_like(position), driving=np.ones(len(position)))
             at = loads(model, samples, solution=self.estimate.solution, scales=self.estimate.scales)
-            out[:, number - 1] = at.own
+            out[:, number - 1] = at.moving
         return out
 
 

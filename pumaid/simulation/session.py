@@ -45,17 +45,15 @@ def simulate(
 ) -> Iterator[Log]:
     """A virtual robot executes a plan, motion by motion, and logs what a real one would.
 
-    It goes to each motion's start with all joints at once, rests, runs, rests, all in closed loop under the controller
-    of the paper's experiment. Motors carry gravity, friction by direction, and the inertia of links that push each
-    other (MuJoCo); joints at rest are held by stiction, too. Logs have the steps of encoders and sensors, noise that is
-    correlated from sample to sample and a level for each run.
+    It goes to each motion's start with all joints at once, rests, runs, rests, in closed loop under the controller of
+    the paper's experiment. Logs have the steps of encoders and sensors, noise that is correlated from sample to sample
+    and a level for each run. They come in order of time, one a movement; those of one file share their `origin`
+    (``session_01`` ...).
 
     Parameters
     ----------
-    robot
-        J joints.
-    plan
-        Motions in the order of their execution.
+    robot, plan
+        J joints, and motions in the order of their execution.
     seed
         Same seed, same robot and same noise.
     truth
@@ -63,39 +61,35 @@ def simulate(
     rate
         Samples a second, 1 to 1000.
     noise
-        A, standard deviation of every joint's noise; 0 leaves out noise and quantisation. The truth's own where not
-        given.
+        A, standard deviation of every joint's noise; 0 leaves out noise and quantisation. The truth's where not given.
     runs_per_file
         Planned motions in one file.
-    has_velocity
-        Whether the log has velocities.
-    has_temperature
-        Whether the log has the motors' temperatures; it has them anyway where something hidden depends on them.
-
-    Returns
-    -------
-    logs
-        Batches in order of time, one a movement; batches of one file share their `origin` (``session_01`` ...).
+    has_velocity, has_temperature
+        Whether the log has them; temperatures it has anyway where something hidden depends on them.
 
     Raises
     ------
-    ModelError [plan-misfit]
-        The plan is for another number of joints, or has a speed that is none.
-    ModelError [rate-impossible]
-        The rate is below 1 Hz or above 1000 Hz.
-    ModelError [physics-wrong]
-        A motor's inertia counts against its gain.
+    ModelError [plan-misfit], [rate-impossible], [physics-wrong]
+        The plan is for another number of joints or has a speed that is none; the rate is none; a motor's inertia counts
+        against its gain.
     ModelError [simulation-diverged]
         While the logs are read: the controller does not hold this arm.
-
-    Examples
-    --------
-    >>> from pumaid.simulation import table1
-    >>> truth = table1.puma560()
-    >>> first = next(simulate(truth.robot, table1.experiment(), truth=truth, seed=1))
-    >>> first.origin, first.current.shape[1]
-    ('session_01', 6)
     """
+    _check_plan(robot, plan, rate)
+    truth = draw(robot, seed) if truth is None else truth
+    session = _Session(
+        truth if noise is None else truth.with_noise(noise),
+        plan,
+        seed=seed,
+        rate=rate,
+        runs_per_file=runs_per_file,
+        has_velocity=has_velocity,
+        has_temperature=has_temperature or truth.hides("thermal_friction"),
+    )
+    return session.logs()
+
+
+def _check_plan(robot: Robot, plan: Plan, rate: float) -> None:
     if not SLOWEST <= rate <= FASTEST:
         mend = f"give a rate of {SLOWEST:g} to {FASTEST:g} Hz"
         raise ModelError("rate-impossible", f"a log cannot have {rate:g} samples a second", mend=mend)
@@ -111,17 +105,6 @@ def simulate(
         if not 0.0 < motion.velocity < math.inf:
             what = f"run {number} of the plan has the speed {motion.velocity:g}"
             raise ModelError("plan-misfit", what, Where(field=f"runs[{number}].velocity"), "speeds are positive")
-    truth = draw(robot, seed) if truth is None else truth
-    session = _Session(
-        truth if noise is None else truth.with_noise(noise),
-        plan,
-        seed=seed,
-        rate=rate,
-        runs_per_file=runs_per_file,
-        has_velocity=has_velocity,
-        has_temperature=has_temperature or truth.hides("thermal_friction"),
-    )
-    return session.logs()
 
 
 class _Session:

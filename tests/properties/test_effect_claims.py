@@ -13,7 +13,7 @@ from pumaid.effects import Scope, catalogue
 from pumaid.samples import Loads, Samples
 
 FIELDS = ("position", "velocity", "acceleration", "direction", "time", "elapsed", "travel", "temperature", "run")
-LOADS = ("own", "others", "slopes", "tilts", "across", "drawn")
+LOADS = ("moving", "by_joint", "slopes", "tilts", "across", "drawn")
 ARMS = st.tuples(st.text("RP", min_size=1, max_size=6), st.integers(0, 2**32 - 1))
 SETTINGS = settings(max_examples=25, deadline=None)
 

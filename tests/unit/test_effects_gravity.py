@@ -266,6 +266,6 @@ def test_coupling(m, on):
             energy[row, k] = data.energy[0]
     carried = (energy[0] - energy[1]) / (2.0 * step) * world.gains[on - 1]
     ratio = c * world.gains[on - 1] / world.gains[m - 1]
-    predicted = seen.loads.own + ratio * columns("coupling", world, seen, number=m, shape={"on": on})[:, 0]
+    predicted = seen.loads.moving + ratio * columns("coupling", world, seen, number=m, shape={"on": on})[:, 0]
     assert np.allclose(predicted, carried, atol=1e-6)  # the difference quotient's own rounding
     assert not columns("coupling", world, seen, number=m, shape={"on": on - 1}).any()

@@ -48,8 +48,8 @@ def test_loads_and_slopes_are_those_of_the_regressor(robot, joint):
     model, scales, solution, own = arm(robot)
     samples = instants(robot, joint)
     found = loads(model, samples, solution=solution, scales=scales)
-    assert np.allclose(found.own, own(samples), atol=1e-12)
-    assert np.allclose(found.others[:, joint - 1], found.own, atol=1e-12)
+    assert np.allclose(found.moving, own(samples), atol=1e-12)
+    assert np.allclose(found.by_joint[:, joint - 1], found.moving, atol=1e-12)
     for k, step in enumerate(np.eye(robot.n_joints) * STEP):
         ends = [own(replace(samples, position=samples.position + sign * step)) for sign in (1, -1)]
         assert np.allclose((ends[0] - ends[1]) / (2 * STEP), found.slopes[:, k], atol=1e-6)
@@ -65,7 +65,7 @@ def test_unknown_ratio_hides_another_joints_load_and_its_gain():
     scales = scales.copy()
     scales[1, 2:] = np.nan
     found = loads(model, instants(PUMA, 3), solution=solution, scales=scales)
-    assert np.isnan(found.others[:, 1]).all() and np.isfinite(found.own).all()
+    assert np.isnan(found.by_joint[:, 1]).all() and np.isfinite(found.moving).all()
     assert np.isnan(found.gains[1]) and np.isfinite(found.gains[2:]).all()
 
 
@@ -87,6 +87,6 @@ def test_loads_along_runs_are_the_loads(robot, joint):
     samples, sizes = swung(robot, joint)
     ours = along(model, samples, sizes, solution=solution, scales=scales)
     theirs = loads(model, samples, solution=solution, scales=scales)
-    for name in ("own", "others", "slopes", "tilts", "across", "drawn", "gains"):
+    for name in ("moving", "by_joint", "slopes", "tilts", "across", "drawn", "gains"):
         np.testing.assert_allclose(getattr(ours, name), getattr(theirs, name), atol=1e-12, err_msg=name)
     np.testing.assert_allclose(model.along(samples, sizes), model.regressor(samples), atol=1e-12)

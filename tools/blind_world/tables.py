@@ -15,6 +15,8 @@ from blind_world.outside import OUTSIDE
 Record = dict[str, Any]
 Test = Callable[[Record], object]
 
+OUTCOMES = ("first", "set", "wrong", "missed")
+
 
 def page(records: list[Record]) -> str:
     """All tables of the records of a file of results."""
@@ -136,10 +138,8 @@ def by_size(records: list[Record]) -> str:
     groups[f"thin, {THIN_SIZE:g} x"] = of_group(records, "thin")
     rows = []
     for name_of_group, of_size in groups.items():
-        outcomes = (
-            share(of_size, lambda record, name=name: record["outcome"] == name)
-            for name in ("first", "set", "wrong", "missed")
-        )
+        counts = Counter(record["outcome"] for record in of_size)
+        outcomes = (interval(counts[name], len(of_size)) for name in OUTCOMES)
         errors = [
             [record[when] for record in of_size if record[when] is not None and np.isfinite(record[when])]
             for when in ("before", "after")
@@ -161,8 +161,7 @@ def by_effect(records: list[Record]) -> str:
         cells = []
         for size in SIZES:
             counts = Counter(record["outcome"] for record in run if record["size"] == size)
-            names = ("first", "set", "wrong", "missed")
-            cells.append(" / ".join(str(counts[outcome]) for outcome in names) if counts else "-")
+            cells.append(" / ".join(str(counts[outcome]) for outcome in OUTCOMES) if counts else "-")
         high = of_group(run, "effect", least=2.0)
         right = f"{sum(map(right_or_pair, high))}/{len(high)}"
         reasons = {record["reason"] for record in of_effect if record["outcome"] == "skipped"}
