@@ -162,7 +162,7 @@ class RigidArm:
 
     def __init__(self, truth: Truth, *, step: float, grip: Callable[[Floats], Floats] | None = None) -> None:
         self.step, n = step, truth.robot.n_joints
-        friction, self._gain = truth.friction, truth.gain
+        friction, self._gain, self._coulomb = truth.friction, truth.gain, truth.coulomb
         self._uneven = 0.5 * (friction.coulomb_plus + friction.coulomb_minus)
         self._grip = grip or (lambda v: np.where(np.abs(v) < STILL, truth.breakaway, 1.0))
         self._shafts = truth.robot.shaft_speeds if truth.robot.coupling else None
@@ -239,7 +239,7 @@ class RigidArm:
     def _look(self) -> None:
         """Friction and loads where the arm is now; friction knows the weight of a step before."""
         v = self.shaft_velocity
-        dry = self.truth.coulomb * self._grip(v)
+        dry = self._coulomb * self._grip(v)
         if self._acting:
             self._set_state(v)
             dry = dry + self._hidden(Kind.FRICTION)

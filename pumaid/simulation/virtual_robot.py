@@ -35,10 +35,6 @@ class Links:
     mass: Floats  # (J,) kg
     centre: Floats  # (J, 3) m: each link's centre of mass in its frame (modified Denavit-Hartenberg)
 
-    def __post_init__(self) -> None:
-        if self.centre.shape != (len(self.mass), 3):
-            raise ValueError(f"centre is {self.centre.shape}, {len(self.mass)} masses need {(len(self.mass), 3)}")
-
     def loaded(self, payload: Mapping[str, float]) -> Links:
         """With ``mass`` (kg) more on the last link, at ``x``, ``y``, ``z`` (m, in its frame)."""
         total, centre = self.mass.copy(), self.centre.copy()

@@ -134,7 +134,11 @@ def test_a_taken_name_is_refused(written, name):
         ("[:, None] ** 2", "", "(24,)"),
         ("return samples.position[:", "return samples.temperature[:, None] * samples.position[:", "not all finite"),
         ("return samples.position[:", "samples.position[0] = 0\n        return samples.position[:", "read-only"),
-        ("return samples.position[:", "return samples.loads.moving[:, None] * samples.position[:", "needs_loads = True"),
+        (
+            "return samples.position[:",
+            "return samples.loads.moving[:, None] * samples.position[:",
+            "needs_loads = True",
+        ),
         ("    def parameters", '    look_alikes = ("nobody",)\n    def parameters', "nobody"),
         ("    def parameters", "    base = True\n    def parameters", "base"),
         ("    def parameters", "    def grid(self, robot, extent):\n        return ()\n    def parameters", "grid"),

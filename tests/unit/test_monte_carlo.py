@@ -13,31 +13,20 @@ from pumaid.trajectory import Motion, Plan
 PUMA, PAPER = table1.puma560(), table1.experiment()
 
 
-def dense(run, truth) -> tuple[np.ndarray, np.ndarray]:
-    """Regressors and noise-free current of a run's samples, from the truth alone, at 1000 positions of its span."""
-    q = np.linspace(*run.span, 1000)
-    position = np.tile(np.nan_to_num(run.posture), (1000, 1))
-    position[:, run.joint - 1] = q
-    current = truth.gravity_current(position)[:, run.joint - 1]
-    current = current + truth.friction.current(run.joint, np.full(1000, run.speed))
-    return np.column_stack([np.cos(q), np.sin(q), np.ones(1000)]), current
-
-
 def test_noise_free_bins_hold_the_truth():
-    """Every run's bins are fitted by the cosine, sine and constant of the truth's own current."""
+    """Bins have all samples of a run, and are fitted by the cosine, sine and constant of the truth's current."""
     truth = PUMA.with_noise(0.0)
     for run in Bench(truth, PAPER).runs(np.random.default_rng(0))[::7]:
+        assert run.bins.count.sum() == run.samples
         (bins,) = joint_bins(truth.robot, [run])
         columns = np.column_stack([bins.harmonic, np.ones(len(bins))])
-        found = np.linalg.lstsq(columns, bins.current, rcond=None)[0]
-        regressors, current = dense(run, truth)
-        assert np.max(np.abs(regressors @ found - current)) < 1e-8
-
-
-def test_cells_are_means_of_the_samples():
-    """Bins hold all samples of a run, none twice."""
-    for run in Bench(PUMA, PAPER, rate=50.0).runs(np.random.default_rng(2))[::9]:
-        assert run.bins.count.sum() == run.samples
+        fitted = np.linalg.lstsq(columns, bins.current, rcond=None)[0]
+        q = np.linspace(*run.span, 1000)
+        position = np.tile(np.nan_to_num(run.posture), (1000, 1))
+        position[:, run.joint - 1] = q
+        current = truth.gravity_current(position)[:, run.joint - 1]
+        current += truth.friction.current(run.joint, np.full(1000, run.speed))
+        assert np.max(np.abs(np.column_stack([np.cos(q), np.sin(q), np.ones(1000)]) @ fitted - current)) < 1e-8
 
 
 def test_held_out_runs_are_marked():
@@ -51,7 +40,9 @@ def test_levels_differ_between_runs_and_experiments():
     """Two experiments on one bench differ, by the noise that the truth states."""
     bench, rng = Bench(PUMA, PAPER), np.random.default_rng(8)
     first, second = bench.runs(rng), bench.runs(rng)
-    means = np.array([[run.bins.current.mean() for run in some if run.joint == 2] for some in (first, second)])
+    means = np.array(
+        [[run.bins.current.mean() for run in experiment if run.joint == 2] for experiment in (first, second)]
+    )
     # 20 differences of two levels, each of variance 2 x 0.2 x std^2, know their size to 16 %; three sigmas.
     assert np.std(means[0] - means[1]) == pytest.approx(np.sqrt(0.4) * PUMA.noise.std[1], rel=0.5)
 

@@ -86,11 +86,14 @@ def test_friction_stops_a_joint_for_good():
     assert abs(arm.velocity[0]) < 1e-6
 
 
+def frictionless(truth):
+    """The same arm without friction."""
+    return replace(truth, friction=Friction(*np.zeros((4, truth.robot.n_joints))))
+
+
 def test_links_push_each_other():
     """A joint without friction next to one that is driven follows the mass matrix's cross term."""
-    truth, place = draw(table1.robot(), 3), np.array(HOLDS["puma560"])
-    nothing = np.zeros(6)
-    truth = replace(truth, friction=Friction(nothing, nothing, nothing, nothing))
+    truth, place = frictionless(draw(table1.robot(), 3)), np.array(HOLDS["puma560"])
     arm = RigidArm(truth, step=0.0005)
     arm.place(place)
     pushed = truth.gravity_current(place[None])[0]
@@ -122,16 +125,16 @@ def test_joint_4_turns_the_motors_behind_it():
     velocity, still = np.zeros((2, 6)), np.zeros((2, 6))
     velocity[:, 3] = 0.8
     at = ArmState(np.zeros(2), np.zeros(6), still, velocity, still, still, still)
-    found = np.column_stack([truth.current(joint, at) for joint in range(1, 7)]) - truth.gravity_current(still)
+    drawn = np.column_stack([truth.current(joint, at) for joint in range(1, 7)]) - truth.gravity_current(still)
     for joint, ratio in ((5, 0.0139 * 76.0 / 71.9), (6, (0.013 + 0.18 * 0.0139) * 76.0 / 76.7)):
-        np.testing.assert_allclose(found[:, joint - 1], truth.friction.current(joint, np.full(2, 0.8 * ratio)))
-    np.testing.assert_allclose(found[:, :3], 0.0, atol=1e-12)
+        np.testing.assert_allclose(drawn[:, joint - 1], truth.friction.current(joint, np.full(2, 0.8 * ratio)))
+    np.testing.assert_allclose(drawn[:, :3], 0.0, atol=1e-12)
 
 
 def test_coupled_motors_hold_the_arm_with_what_they_carry():
     """With gravity's currents of the coupled motors, and no friction to help, the arm stays where it is."""
-    truth, nothing = draw(wrist(RATIOS), 3), np.zeros(6)
-    arm = RigidArm(replace(truth, friction=Friction(nothing, nothing, nothing, nothing)), step=0.001)
+    truth = frictionless(draw(wrist(RATIOS), 3))
+    arm = RigidArm(truth, step=0.001)
     posture = np.array([0.0, -1.0, 0.5, 0.3, 0.7, 0.2])
     arm.place(posture)
     for _ in range(50):
