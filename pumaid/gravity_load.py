@@ -21,9 +21,9 @@ def along(model: Model, samples: Samples, sizes: Counts, *, solution: Floats, sc
 
     def table(knots: Samples) -> Floats:
         nonlocal gains
-        at_knots = loads(model, knots, solution=solution, scales=scales)
-        gains = at_knots.gains
-        return np.column_stack([at_knots.moving, at_knots.across**2, at_knots.tilts, at_knots.by_joint, at_knots.slopes])
+        knot = loads(model, knots, solution=solution, scales=scales)
+        gains = knot.gains
+        return np.column_stack([knot.moving, knot.across**2, knot.tilts, knot.by_joint, knot.slopes])
 
     values = swept(samples, sizes, table, turns=turns)
     load, across, tilts, elsewhere, slopes = np.split(values, [1, 2, 4, 4 + n], axis=1)

@@ -7,7 +7,6 @@ known from the command: a sample belongs to a run where the command holds a cons
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass, field
 from itertools import pairwise
 
@@ -120,77 +119,65 @@ def _leg(world: World, speed: float, rng: np.random.Generator) -> tuple[np.ndarr
     if world.strokes:
         x = np.linspace(0, 1, round(rng.uniform(*world.plateau) * FINE))
         return speed * 16 * x**2 * (1 - x) ** 2, np.zeros(len(x), bool)
-    parts: list[tuple[np.ndarray, np.ndarray]] = []
-
-    def ramp(a: float, b: float) -> None:
-        v = _ramp(world, a, b)
-        parts.append((v, np.zeros(len(v), bool)))
-
-    ramp(0.0, speed)
+    parts: list[tuple[np.ndarray, np.ndarray | bool]] = [(_ramp(world, 0.0, speed), False)]
     parts.append(_hold(world, speed, rng.uniform(*world.plateau)))
     if world.two_speeds:
-        ramp(speed, 0.6 * speed)
-        parts.append(_hold(world, 0.6 * speed, rng.uniform(*world.plateau)))
+        parts.append((_ramp(world, speed, 0.6 * speed), False))
         speed = 0.6 * speed
-    if world.pause:
-        ramp(speed, 0.0)
-        still = np.zeros(round(rng.uniform(0.1, 0.4) * FINE))
-        parts.append((still, np.zeros(len(still), bool)))
-        ramp(0.0, speed)
         parts.append(_hold(world, speed, rng.uniform(*world.plateau)))
-    ramp(speed, 0.0)
-    return np.concatenate([v for v, _ in parts]), np.concatenate([k for _, k in parts])
+    if world.pause:
+        still = np.zeros(round(rng.uniform(0.1, 0.4) * FINE))
+        parts += [(_ramp(world, speed, 0.0), False), (still, False), (_ramp(world, 0.0, speed), False)]
+        parts.append(_hold(world, speed, rng.uniform(*world.plateau)))
+    parts.append((_ramp(world, speed, 0.0), False))
+    velocity, is_run = zip(*parts, strict=True)
+    return np.concatenate(velocity), _spread(is_run, velocity)
 
 
-def _rest(world: World, rng: np.random.Generator) -> np.ndarray:
-    return np.zeros(round(rng.uniform(*world.dwell) * FINE))
+def _spread(values, parts) -> np.ndarray:
+    """A value, or an array, for each part, one after the other."""
+    return np.concatenate([np.broadcast_to(value, len(part)) for value, part in zip(values, parts, strict=True)])
 
 
 def make(world: World, seed: int) -> Truth:
     """Draw a world: the truth per sample, and its logs."""
     rng = np.random.default_rng(seed)
-    velocity, kept, moving = [], [], []
-    rest = lambda: np.zeros(round(rng.uniform(*world.dwell) * FINE))  # noqa: E731
-    (
-        velocity.append(rest()),
-        kept.append(np.zeros(len(velocity[-1]), bool)),
-        moving.append(np.zeros(len(velocity[-1]), int)),
-    )
+
+    def rest() -> np.ndarray:
+        return np.zeros(round(rng.uniform(*world.dwell) * FINE))
+
+    legs: list[tuple[np.ndarray, np.ndarray | bool, int]] = [(rest(), False, 0)]
     for motion in range(world.motions):
-        number = motion // 2 % world.joints + 1
         speed = np.exp(rng.uniform(*np.log(world.speeds))) * (1 if motion % 2 == 0 else -1)
-        v, k = _leg(world, speed, rng)
-        still = np.zeros(0) if world.reversal and motion % 2 == 0 else _rest(world, rng)
-        velocity += [v, still]
-        kept += [k, np.zeros(len(still), bool)]
-        moving += [np.full(len(v), number), np.zeros(len(still), int)]
-    return _sampled(world, rng, (np.concatenate(velocity), np.concatenate(kept), np.concatenate(moving)))
+        legs.append((*_leg(world, speed, rng), motion // 2 % world.joints + 1))
+        if not (world.reversal and motion % 2 == 0):
+            legs.append((rest(), False, 0))
+    velocity, is_run, joint = zip(*legs, strict=True)
+    return _sampled(world, rng, (np.concatenate(velocity), _spread(is_run, velocity), _spread(joint, velocity)))
 
 
 def _sampled(world: World, rng: np.random.Generator, course: tuple[np.ndarray, np.ndarray, np.ndarray]) -> Truth:
-    v, kept, moving = course
+    v, is_run, moving = course
     fine_v = np.zeros((len(v), world.joints))
     fine_v[np.arange(len(v)), np.maximum(moving - 1, 0)] = v
     if world.creep:
         fine_v[:, 0] += np.where(moving > 1, world.creep * np.abs(v), 0.0)
     if world.twitch:
-        kept = kept & ~_twitches(fine_v, moving, world)
+        is_run = is_run & ~_twitches(fine_v, moving, world)
     fine_q = np.cumsum(fine_v, axis=0) / FINE + rng.uniform(-0.5, 0.5, world.joints)
-    acceleration = np.gradient(v) * FINE
     time = np.arange(0, len(v) / FINE - 1 / world.rate, 1 / world.rate)
     time = time + world.jitter / world.rate * rng.uniform(-0.5, 0.5, len(time))
     index = np.clip(np.round(time * FINE).astype(int), 0, len(v) - 1)
-    run = np.cumsum(np.diff(kept.astype(int), prepend=0) == 1)
-    truth = np.where(kept[index], moving[index], 0)
-    number = np.where(kept[index], run[index], -1)
-    keep = np.ones(len(time), bool)
+    run = np.cumsum(np.diff(is_run.astype(int), prepend=0) == 1)
+    number = np.where(is_run[index], run[index], -1)
+    logged = np.ones(len(time), bool)
     if world.gap:
         for k in np.unique(number[number >= 0])[::3]:
             middle = int(np.median(np.flatnonzero(number == k)))
-            keep[middle : middle + max(6, round(0.12 * world.rate))] = False
-    return _measured(
-        world, rng, (time[keep], index[keep], truth[keep], number[keep]), (fine_q, fine_v, acceleration, moving)
-    )
+            logged[middle : middle + max(6, round(0.12 * world.rate))] = False
+    joint = np.where(is_run[index], moving[index], 0)
+    fine = fine_q, fine_v, np.gradient(v) * FINE, moving
+    return _measured(world, rng, (time[logged], index[logged], joint[logged], number[logged]), fine)
 
 
 def _twitches(fine_v: np.ndarray, moving: np.ndarray, world: World) -> np.ndarray:
@@ -226,21 +213,12 @@ def _measured(world: World, rng: np.random.Generator, samples: tuple, fine: tupl
         position = np.round(position / world.quantum) * world.quantum
     column = {"absent": None, "wrong": 57.3 * v + 1.0, "quantised": np.round(v / 0.02) * 0.02}[world.velocity]
     out = Truth(truth, number, inertia, noise[every, own], speed)
-    out.logs = list(_files(world, time, position, velocity=column, current=current))
+    for file, part in enumerate(np.array_split(np.arange(len(time)), world.files)):
+        velocity = None if column is None else column[part]
+        rows = np.arange(len(part)) + 2
+        log = Log(f"log_{file}.csv", rows, time[part], position[part], velocity, current[part], starts_clock=file == 0)
+        out.logs.append(log)
     return out
-
-
-def _files(world: World, time: np.ndarray, position: np.ndarray, *, velocity, current) -> Iterator[Log]:
-    for number, part in enumerate(np.array_split(np.arange(len(time)), world.files)):
-        yield Log(
-            origin=f"log_{number}.csv",
-            rows=np.arange(len(part)) + 2,
-            time=time[part],
-            position=position[part],
-            velocity=None if velocity is None else velocity[part],
-            current=current[part],
-            starts_clock=number == 0,
-        )
 
 
 def _correlated(rng: np.random.Generator, shape: tuple[int, int], sigma: float, memory: float) -> np.ndarray:
@@ -272,7 +250,8 @@ class Score:
 
 def score(truth: Truth, dataset) -> Score:
     """Compare what was kept with the truth, sample by sample, through files and rows."""
-    offsets = {log.origin: start for log, start in zip(truth.logs, _starts(truth.logs), strict=True)}
+    starts = np.cumsum([0, *(len(log) for log in truth.logs[:-1])]).tolist()
+    offsets = {log.origin: start for log, start in zip(truth.logs, starts, strict=True)}
     constant, stroke = np.zeros(len(truth.joint), int), np.zeros(len(truth.joint), int)
     rows = []
     for run in dataset.runs:
@@ -303,7 +282,3 @@ def _bias(rows: list[tuple[int, int, float, float, float]]) -> float:
         bias = cov @ columns.T @ part[:, 3]
         worst = max(worst, float(np.max(np.abs(bias) / (spread * np.sqrt(np.diag(cov))))))
     return worst
-
-
-def _starts(logs: list[Log]) -> list[int]:
-    return [0, *np.cumsum([len(log) for log in logs]).tolist()[:-1]]

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import difflib
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from enum import Enum
 
@@ -129,8 +129,6 @@ class Law:
     current
         (N,) A by the joint's state and the values (and by the whole current before them, of a law that changes it);
         none for laws of bodies and clocks, which the virtual robot applies itself.
-    letters
-        Other names of the keys: the letters of the catalogue's equations.
     is_of_arm
         Whether it is the whole arm's and not a joint's.
     needs_masses
@@ -141,7 +139,6 @@ class Law:
     keys: tuple[str, ...]
     usual: Callable[[Typical], tuple[float, ...]]
     current: Callable[..., Floats] | None = None
-    letters: Mapping[str, str] = field(default_factory=dict)
     is_of_arm: bool = False
     needs_masses: bool = False
 
@@ -171,7 +168,6 @@ LAWS = {
         ("a", "velocity", "exponent"),
         lambda joint: (0.4 * joint.coulomb, 0.2 * joint.speed, 1.0),
         lambda at, a, velocity, exponent: a * np.exp(-((at.speed / velocity) ** exponent)),
-        letters={"v_s": "velocity", "d": "exponent"},
     ),
     "viscous_power": Law(
         Kind.FRICTION,
@@ -179,7 +175,6 @@ LAWS = {
         # As much as Coulomb friction at the highest speed: all but a tenth of it passes for viscous friction.
         lambda joint: (joint.coulomb / joint.speed**0.4, 0.4),
         lambda at, b, exponent: b * at.speed**exponent,
-        letters={"p": "exponent"},
     ),
     "load_friction": Law(Kind.FRICTION, ("drive", "back"), lambda joint: (0.15, 0.1), _load_friction),
     "side_load_friction": Law(
@@ -194,7 +189,6 @@ LAWS = {
         ("cos", "sin", "harmonic"),
         lambda joint: (0.25 * joint.coulomb, 0.2 * joint.coulomb, 2.0),
         _waves,
-        letters={"a": "cos", "b": "sin", "k": "harmonic"},
     ),
     "ripple": Law(
         Kind.LOAD,
@@ -202,7 +196,6 @@ LAWS = {
         # Twenty waves over the span: slow enough for any log, fast enough to be no gravity.
         lambda joint: (0.15 * joint.coulomb, 0.1 * joint.coulomb, float(round(20 * np.pi / joint.half_span))),
         _waves,
-        letters={"a": "cos", "b": "sin", "f": "frequency"},
     ),
     "spring": Law(
         Kind.LOAD,
@@ -215,14 +208,12 @@ LAWS = {
         ("a", "length", "angle"),
         lambda joint: (joint.coulomb, 0.6, 0.5),
         _counterbalance,
-        letters={"c": "length", "p": "angle"},
     ),
     "presliding": Law(
         Kind.FRICTION,
         ("a", "travel"),
         lambda joint: (0.6 * joint.coulomb, 0.08 * joint.half_span),
         lambda at, a, travel: -a * np.exp(-at.of("travel") / travel),
-        letters={"x_s": "travel"},
     ),
     "inertia": Law(
         Kind.LOAD,
@@ -236,14 +227,12 @@ LAWS = {
         ("a", "time_constant"),
         lambda joint: (0.4 * joint.coulomb, 600.0),
         lambda at, a, time_constant: a * np.exp(-at.time / time_constant),
-        letters={"T": "time_constant"},
     ),
     "friction_step": Law(
         Kind.FRICTION,
         ("a", "time"),
         lambda joint: (0.3 * joint.coulomb, 600.0),
         lambda at, a, time: a * (at.time > time),
-        letters={"t_0": "time"},
     ),
     # Grease thins: a twentieth of the friction is gone with every degree of the first ten.
     "thermal_friction": Law(
@@ -258,7 +247,6 @@ LAWS = {
         Kind.BODY,
         ("mass", "x", "y", "z", "time"),
         lambda joint: (joint.last_mass, 0.0, 0.03 * joint.reach, 0.05 * joint.reach, 600.0),
-        letters={"t_0": "time"},
         is_of_arm=True,
         needs_masses=True,
     ),
@@ -269,7 +257,6 @@ LAWS = {
         # On the motor before: a drive passes through the joints before its own.
         lambda joint: (0.4 * joint.coulomb_before / joint.load, float(joint.joint - 1 if joint.joint > 1 else 2)),
         lambda at, c, on: c * (at.of("load") + at.of("friction")),
-        letters={"m": "on"},
     ),
     "torque_constant_drift": Law(
         Kind.CURRENT,
@@ -278,7 +265,6 @@ LAWS = {
         lambda at, current, a, time_constant: (
             current * (1.0 + a * (1.0 - np.exp(-np.maximum(at.time, 0.0) / time_constant)))
         ),
-        letters={"T": "time_constant"},
     ),
     "torque_droop": Law(
         Kind.CURRENT,
@@ -291,7 +277,6 @@ LAWS = {
         ("limit",),
         lambda joint: (0.75 * joint.peak_load + joint.coulomb,),
         lambda at, current, limit: np.clip(current, -limit, limit),
-        letters={"i_lim": "limit"},
     ),
 }
 
@@ -392,8 +377,7 @@ def _usual(law: Law, joint: Typical) -> dict[str, float]:
 def parse(text: str, robot: Robot) -> Hidden:
     """A hidden effect as the command line writes it: ``EFFECT[@JOINT][:key=value,...]``, with no other values.
 
-    The joint is a number from 1, a joint's name or ``all``; the letter of the catalogue's equation (``v_s``) stands for
-    its key, too.
+    The joint is a number from 1, a joint's name or ``all``.
 
     Raises
     ------
@@ -410,16 +394,15 @@ def parse(text: str, robot: Robot) -> Hidden:
         raise _refusal(text, f"{name} belongs to the whole arm", "", [f"--hide {name}"])
     values = {}
     for part in filter(None, tail.split(",")):
-        word, _, value = part.partition("=")
-        key = law.letters.get(word, word)
+        key, _, value = part.partition("=")
         if key not in law.keys:
-            raise _refusal(text, f"{name} has no value {word!r}", word, [*law.keys, *law.letters])
+            raise _refusal(text, f"{name} has no value {key!r}", key, list(law.keys))
         try:
             values[key] = float(value)
         except ValueError:
-            raise _refusal(text, f"{word} is {value!r}, which is no number", "", list(law.keys)) from None
+            raise _refusal(text, f"{key} is {value!r}, which is no number", "", list(law.keys)) from None
         if not abs(values[key]) <= GREATEST:
-            what, mend = f"{word} is {value}, not a finite number up to {GREATEST:g}", f"give {word} a smaller number"
+            what, mend = f"{key} is {value}, not a finite number up to {GREATEST:g}", f"give {key} a smaller number"
             raise ModelError("hide-wrong", what, Where(field=f"--hide {text}"), mend)
     return Hidden(name, number, values)
 

@@ -38,7 +38,6 @@ def simulate(
     seed: int = 0,
     truth: Truth | None = None,
     rate: float = 250.0,
-    noise: float | None = None,
     runs_per_file: int = 40,
     has_velocity: bool = True,
     has_temperature: bool = False,
@@ -60,8 +59,6 @@ def simulate(
         The virtual robot; drawn from `seed` where not given.
     rate
         Samples a second, 1 to 1000.
-    noise
-        A, standard deviation of every joint's noise; 0 leaves out noise and quantisation. The truth's where not given.
     runs_per_file
         Planned motions in one file.
     has_velocity, has_temperature
@@ -78,7 +75,7 @@ def simulate(
     _check_plan(robot, plan, rate)
     truth = draw(robot, seed) if truth is None else truth
     session = _Session(
-        truth if noise is None else truth.with_noise(noise),
+        truth,
         plan,
         seed=seed,
         rate=rate,

@@ -366,14 +366,12 @@ def test_usual_size_shows(effect):
         ("stribeck", None, {}),
         ("stribeck@all:a=0.3", None, {"a": 0.3}),
         ("stribeck@3:velocity=0.2,exponent=2", 3, {"velocity": 0.2, "exponent": 2.0}),
-        ("stribeck@3:v_s=0.2,d=2", 3, {"velocity": 0.2, "exponent": 2.0}),
-        ("ripple@1:a=0.1,b=0.2,f=9", 1, {"cos": 0.1, "sin": 0.2, "frequency": 9.0}),
         ("spring@shoulder:a=-1e-2", 2, {"a": -0.01}),
         ("tilt:x=0.1", None, {"x": 0.1}),
     ],
 )
 def test_effects_are_named_as_on_the_command_line(text, joint, values):
-    """Effect, joint by number or name, values by name or by the letter of the equation."""
+    """Effect, joint by number or name, values by name."""
     assert parse(text, PUMA.robot) == Hidden(text.split("@")[0].split(":")[0], joint, values)
 
 
