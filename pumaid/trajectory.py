@@ -225,15 +225,7 @@ def in_words(robot: Robot, position: Sequence[float] | Floats, *, moving: int | 
 
 
 def trapezoids(robot: Robot, plan: Plan) -> Iterator[Trapezoid]:
-    """The plan's moves and runs in the order of their execution; the arm begins in the first run's posture.
-
-    Parameters
-    ----------
-    robot
-        Its highest speeds.
-    plan
-        Its runs.
-    """
+    """The plan's moves and runs in the order of their execution; the arm begins in the first run's posture."""
     now: Floats | None = None
     for number, motion in enumerate(plan.motions, start=1):
         run = run_trapezoid(robot, motion, number)
@@ -269,15 +261,7 @@ def duration(robot: Robot, plan: Plan) -> float:
 
 
 def cruise(robot: Robot, motion: Motion) -> tuple[tuple[float, float], float]:
-    """First and last position between which a run keeps its speed, and for how long (s).
-
-    Parameters
-    ----------
-    robot
-        Its accelerations.
-    motion
-        The run.
-    """
+    """First and last position between which a run keeps its speed, and for how long (s)."""
     run = run_trapezoid(robot, motion)
     first, last = run.cruise
     begin, end = run.at(np.array([first, last]))[0][:, motion.joint - 1].tolist()

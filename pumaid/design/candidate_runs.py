@@ -186,23 +186,9 @@ def seconds_of(robot: Robot, sweep: Sweep) -> float:
 
 
 def postures(robot: Robot, joint: int, *, varied: Sequence[int], count: int, rng: np.random.Generator) -> Floats:
-    """Postures in which one joint may run: home, single joints turned by a quarter, and random ones.
+    """(K, J) postures, rad or m, in which one joint may run, without repeats.
 
-    Parameters
-    ----------
-    robot, joint
-        The arm and the joint that runs (from 1).
-    varied
-        Joints (from 1) that are varied; the others stay at home.
-    count
-        Random postures.
-    rng
-        Draws them.
-
-    Returns
-    -------
-    postures
-        (K, J) rad or m, without repeats.
+    Home, single joints of `varied` (from 1) turned by a quarter, and `count` random ones; other joints stay at home.
     """
     middle = home(robot)
     grids = {number: _grid(robot.joint(number), float(middle[number - 1])) for number in varied}

@@ -50,11 +50,6 @@ class _Body:
 class Collision:
     """The arm's spheres, its tip and the forbidden boxes of a recipe's block `safety`, asked about whole paths.
 
-    Parameters
-    ----------
-    robot
-        With the block `safety`, or without.
-
     Raises
     ------
     RecipeError [safety-always-touching]
@@ -187,8 +182,7 @@ class Collision:
         rng = np.random.default_rng(0)
         distance = np.array([self.distances(position) for position in rng.uniform(low, high, (_DRAWN, len(low)))])
         always = np.flatnonzero((distance < self.safety.margin).all(axis=0))
-        faults = [self._fault(*self._pairs[pair]) for pair in always]
-        if faults:
+        if faults := [self._fault(*self._pairs[pair]) for pair in always]:
             raise faults[0] if len(faults) == 1 else Faults(faults)
 
     def _fault(self, outer: _Body, inner: _Body) -> RecipeError:

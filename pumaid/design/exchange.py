@@ -195,10 +195,7 @@ class Exchange:
         return counts
 
     def exchanged(self, counts: Counts, *, required: Counts, tell: Callable[[float], None] = lambda _: None) -> Counts:
-        """A set (C,) after exchanges, as long as they lower the value; `required` (C,) of each candidate stay.
-
-        `tell` is called with the value after each exchange.
-        """
+        """A set (C,) after exchanges, while they lower the value; `required` (C,) stay; `tell` gets each new value."""
         value = self.objective.value(counts)
         for _ in range(_ROUNDS):
             trials = (self._refilled(counts, removed) for removed in self._removals(counts, required))

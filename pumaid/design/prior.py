@@ -123,19 +123,7 @@ class Prior:
 
 
 def prior_robots(robot: Robot, *, estimate: Estimate | None, setup: Setup, seed: int) -> Prior:
-    """Robots to plan for.
-
-    Parameters
-    ----------
-    robot
-        The arm as it stands.
-    estimate
-        An earlier model of it; without one several robots of the recipe's geometry are drawn.
-    setup
-        Its payload.
-    seed
-        Of the draw.
-    """
+    """Robots to plan for, with the payload of `setup`: that of an earlier model, else several of the arm's geometry."""
     prior = random_robots(robot, seed) if estimate is None else robot_of_estimate(robot, estimate)
     return replace(prior, robots=tuple(setup.loaded(truth) for truth in prior.robots))
 

@@ -45,11 +45,6 @@ points:{points}
 def urscript(plan: Plan, robot: Robot) -> str:
     """The text of a ``.script`` file: a move to each run's posture, a rest, the run, a rest.
 
-    Parameters
-    ----------
-    plan, robot
-        The plan and its arm: six revolute joints.
-
     Raises
     ------
     ModelError [program-other-robot]
@@ -88,11 +83,6 @@ def _movej(position: Iterable[float], acceleration: float, speed: float) -> str:
 
 def ros2_trajectory(plan: Plan, robot: Robot) -> str:
     """A trajectory_msgs/JointTrajectory as YAML: every corner of the trapezoids of speed is a point.
-
-    Parameters
-    ----------
-    plan, robot
-        The plan and its arm.
 
     Notes
     -----

@@ -5,7 +5,7 @@ from __future__ import annotations
 import itertools
 from collections import Counter
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -30,7 +30,7 @@ _FEW = 2
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Block:
-    """Sweeps of one joint in one posture (J,), rad or m, made without moving the held joints."""
+    """Sweeps of one joint that begin and end in one posture (J,), rad or m, made without moving the held joints."""
 
     joint: int
     hold: tuple[float, ...]
@@ -42,14 +42,10 @@ class Block:
         """Highest speed of its sweeps, rad/s or m/s."""
         return max(sweep.speed for sweep in self.sweeps)
 
-
-@dataclass(frozen=True, eq=False, slots=True)
-class _Leg:
-    """The runs of a block in their order, and the arm's posture (J,) before and after."""
-
-    runs: tuple[Motion, ...]
-    begin: Floats
-    end: Floats
+    @property
+    def motions(self) -> tuple[Motion, ...]:
+        """Its runs."""
+        return tuple(run for sweep in self.sweeps for run in sweep.motions(self.hold, purpose=self.purpose))
 
 
 def schedule(
@@ -61,17 +57,6 @@ def schedule(
     block has been moved to its best place. Of few passes the first begins with the fastest block of every joint, since
     what changes with time and what changes with speed look alike where slow runs come early and fast ones late.
 
-    Parameters
-    ----------
-    robot
-        Highest speeds.
-    passes
-        Blocks of each pass.
-    collision
-        What must not be struck.
-    rng
-        Draws the orders.
-
     Raises
     ------
     ModelError [plan-unsafe]
@@ -80,14 +65,13 @@ def schedule(
     parts = list(passes)
     if 0 < len(passes) <= _FEW and collision.is_free:  # with obstacles, fewer blocks at a time leave fewer free ways
         parts = [*_fastest_first(passes[0]), *passes[1:]]
-    legs = [[_leg(block, rng) for block in part] for part in parts if part]
+    parts = [[_shuffled(block, rng) for block in part] for part in parts if part]
     out: list[Motion] = []
     now: Floats | None = None
-    for part, later in zip(legs, [*legs[1:], []], strict=True):
+    for part, later in zip(parts, [*parts[1:], []], strict=True):
         order = _Order(robot, part, now, later, collision=collision).shortest(rng)
-        for k in order:
-            out += part[k].runs
-            now = part[k].end
+        out += [motion for k in order for motion in part[k].motions]
+        now = np.array(part[order[-1]].hold)
     return tuple(out)
 
 
@@ -105,43 +89,37 @@ def _fastest_first(blocks: Sequence[Block]) -> tuple[list[Block], list[Block]]:
     )
 
 
-def _leg(block: Block, rng: np.random.Generator) -> _Leg:
-    """A block's runs, sweeps in random order."""
-    shuffled = [block.sweeps[k] for k in rng.permutation(len(block.sweeps))]
-    runs = [motion for sweep in shuffled for motion in sweep.motions(block.hold, purpose=block.purpose)]
-    begin, end = np.array(block.hold), np.array(block.hold)
-    begin[block.joint - 1], end[block.joint - 1] = runs[0].start, runs[-1].end
-    return _Leg(tuple(runs), begin, end)
+def _shuffled(block: Block, rng: np.random.Generator) -> Block:
+    return replace(block, sweeps=tuple(block.sweeps[k] for k in rng.permutation(len(block.sweeps))))
 
 
 class _Order:
-    """Orders of a pass's B legs, by the time of the moves into, between and out of them."""
+    """Orders of a pass's B blocks, by the time of the moves to, between and from them."""
 
     def __init__(
-        self, robot: Robot, legs: Sequence[_Leg], now: Floats | None, later: Sequence[_Leg], *, collision: Collision
+        self, robot: Robot, blocks: Sequence[Block], now: Floats | None, later: Sequence[Block], *, collision: Collision
     ) -> None:
-        self.legs, self.now, self.later, self.collision = legs, now, later, collision
-        pace = MOVE_SHARE * highest_speeds(robot)
-        begins, ends = np.array([leg.begin for leg in legs]), np.array([leg.end for leg in legs])
+        self.blocks, self.now, self.collision = blocks, now, collision
+        pace, self.places = MOVE_SHARE * highest_speeds(robot), np.array([block.hold for block in blocks])
+        self.later = [np.array(block.hold) for block in later]
         # To the microsecond: an order and its reverse take equally long, and rounding must not choose between them.
-        self.between = np.round(np.max(np.abs(ends[:, None] - begins) / pace, axis=2), 6)
-        self.into = np.zeros(len(legs))
+        self.between = np.round(np.max(np.abs(self.places[:, None] - self.places) / pace, axis=2), 6)
+        self.into, self.out_of = np.zeros(len(blocks)), np.zeros(len(blocks))
         if now is not None:
-            self.into = np.round(np.max(np.abs(begins - now) / pace, axis=1), 6)
-        self.out_of = np.zeros(len(legs))
+            self.into = np.round(np.max(np.abs(self.places - now) / pace, axis=1), 6)
         self.struck: Counter[int] = Counter()
         self.hit: Hit | None = None
 
     def shortest(self, rng: np.random.Generator) -> list[int]:
         """The shortest order whose moves are free of collisions."""
         for _ in range(1 if self.collision.is_free else _ROUNDS):
-            orders = [self._improved(rng.permutation(len(self.legs)).tolist()) for _ in range(_STARTS)]
+            orders = [self._improved(rng.permutation(len(self.blocks)).tolist()) for _ in range(_STARTS)]
             orders.sort(key=self._length)
             free = next((order for order in orders if self._is_free(order)), None)
             if free is not None:
                 return free
-        leg, _ = self.struck.most_common(1)[0]
-        joint, hit = self.legs[leg].runs[0].joint, self.hit
+        (block, _), *_ = self.struck.most_common(1)
+        joint, hit = self.blocks[block].joint, self.hit
         assert hit is not None
         raise ModelError(
             "plan-unsafe",
@@ -171,21 +149,21 @@ class _Order:
         """Whether the moves of an order are free; those that are not become expensive."""
         if self.collision.is_free:
             return True
-        legs, length = [self.legs[k] for k in order], self._length(order)
-        if length >= _STRUCK:
+        if self._length(order) >= _STRUCK:
             return False
-        if self.now is not None and self._strikes(self.now, legs[0].begin, order[0]):
-            self.into[order[0]] = _STRUCK
-        for k, (before, after) in enumerate(itertools.pairwise(legs)):
-            if self._strikes(before.end, after.begin, order[k + 1]):
-                self.between[order[k], order[k + 1]] = _STRUCK
-        if self.later and all(self._strikes(legs[-1].end, leg.begin, order[-1]) for leg in self.later):
-            self.out_of[order[-1]] = _STRUCK
+        first, last, places = order[0], order[-1], self.places
+        if self.now is not None and self._strikes(self.now, places[first], first):
+            self.into[first] = _STRUCK
+        for before, after in itertools.pairwise(order):
+            if self._strikes(places[before], places[after], after):
+                self.between[before, after] = _STRUCK
+        if self.later and all(self._strikes(places[last], place, last) for place in self.later):
+            self.out_of[last] = _STRUCK
         return self._length(order) < _STRUCK
 
-    def _strikes(self, start: Floats, end: Floats, leg: int) -> bool:
+    def _strikes(self, start: Floats, end: Floats, block: int) -> bool:
         hit = self.collision.first_hit(start, end)
         if hit is not None:
             self.hit = hit
-            self.struck[leg] += 1
+            self.struck[block] += 1
         return hit is not None
