@@ -1,18 +1,21 @@
-"""Tilted bases and payloads: gravity against scipy's rotations, loads against masses, and what they bring to light."""
+"""What is assumed of an arm: tilts and payloads against rotations and masses, earlier models at their word."""
 
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 import pytest
-from menus import arm
+from menus import arm, names
 from scipy.spatial.transform import Rotation
 
 from pumaid.dataset import Dataset
+from pumaid.design.information import predicted_errors
 from pumaid.design.plan import plan
 from pumaid.design.prior import Setup, robot_of_estimate
 from pumaid.errors import ModelError
+from pumaid.estimate import Estimate
 from pumaid.estimation.estimate import identify
 from pumaid.io.recipe import read_recipe, shipped_recipes
 from pumaid.io.recipe_template import with_gravity
@@ -30,15 +33,6 @@ def test_gravity_is_turned_as_the_base_is_not(tilt):
     robot = replace(TURRET, gravity=(0.5, -1.0, -9.7))
     wanted = Rotation.from_euler("xy", tilt).inv().apply(robot.gravity)
     assert Setup(tilt=tilt).robot(robot).gravity == pytest.approx(wanted, abs=1e-8)
-
-
-def test_without_a_tilt_the_arm_is_itself():
-    """No setup, no change and nothing to tell."""
-    assert Setup().robot(TURRET) is TURRET
-    assert Setup().sentences() == ()
-    assert Setup().loaded(draw(TURRET, 1)).gravity_current(np.ones((1, 2))) == pytest.approx(
-        draw(TURRET, 1).gravity_current(np.ones((1, 2)))
-    )
 
 
 def test_a_tilt_shows_what_an_upright_base_hides():
@@ -138,3 +132,42 @@ def test_impossible_setups_are_refused(wrong):
     """No mass, a negative one, what is no number."""
     with pytest.raises(ModelError, match="plan-impossible"):
         Setup(**wrong)
+
+
+@cache
+def earlier(seed: int) -> Estimate:
+    """A model of a pendulum that was drawn, from its first experiment."""
+    runs = Bench(draw(arm("pendulum2"), seed), plan(arm("pendulum2"), minutes=6, seed=1), rate=50.0)
+    return identify(Dataset(runs.runs(np.random.default_rng(seed))), arm("pendulum2"))
+
+
+@pytest.mark.parametrize("seed", [41, 42])
+def test_an_earlier_model_makes_a_better_plan(seed):
+    """For the robot itself the plan by its model promises no worse a geometric mean than the plan by the recipe."""
+    robot, truth, means = arm("pendulum2"), draw(arm("pendulum2"), seed), []
+    for model in (None, earlier(seed)):
+        made = plan(robot, minutes=6, prior=model, seed=1)
+        means.append(np.mean(np.log(list(predicted_errors([truth], made.motions, names(robot)).values()))))
+    assert means[1] <= means[0]
+
+
+def test_an_earlier_model_is_taken_at_its_word():
+    """The robot that is planned for has the model's parameters; a sample's noise is about that of the robots."""
+    shares = []
+    for seed in (41, 42):
+        assumed = robot_of_estimate(arm("pendulum2"), earlier(seed))
+        (truth,) = assumed.robots
+        values = {value.name: value.value for value in earlier(seed).values if value.state == "identified"}
+        assert {name: truth.parameters()[name] for name in values} == pytest.approx(values)
+        assert len(assumed.sentences) == 1
+        shares.append(truth.noise.std / draw(arm("pendulum2"), seed).noise.std)
+    assert np.all((np.mean(shares, axis=0) > 0.9) & (np.mean(shares, axis=0) < 1.7))
+
+
+def test_a_ratio_that_was_not_shown_is_not_believed():
+    """The paper's runs leave eta_5/eta_6 in the dark; planning for their model takes it from a drawn robot."""
+    truth = table1.puma560()
+    runs = Bench(truth, table1.experiment(), rate=25.0).runs(np.random.default_rng(1))
+    (robot,) = robot_of_estimate(truth.robot, identify(Dataset(runs), truth.robot)).robots
+    assert robot.parameters()["gain_ratio.5.6"] == draw(truth.robot, 0).parameters()["gain_ratio.5.6"]
+    assert robot.parameters()["gain_ratio.4.5"] == pytest.approx(0.14463, rel=0.05)
