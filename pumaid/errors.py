@@ -34,12 +34,11 @@ class Where:
     field: str | None = None
 
     def __str__(self) -> str:
-        told = []
-        for item in fields(self):
-            value = getattr(self, item.name)
-            if value is not None:
-                told.append(str(value) if item.name == "file" else f"{item.name} {value}")
-        return ", ".join(told)
+        parts = {item.name: getattr(self, item.name) for item in fields(self)}
+        words = (
+            str(value) if name == "file" else f"{name} {value}" for name, value in parts.items() if value is not None
+        )
+        return ", ".join(words)
 
 
 class PumaidError(Exception):

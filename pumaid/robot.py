@@ -194,9 +194,9 @@ class Robot:
         """
         out = np.eye(self.n_joints)
         for (driven, driving), ratio in sorted(self.coupling.items()):
-            own, other = self.joint(driven).gear_ratio, self.joint(driving).gear_ratio
-            assert own is not None and other is not None
-            out[driven - 1] += ratio * other / own * out[driving - 1]
+            after, before = self.joint(driven).gear_ratio, self.joint(driving).gear_ratio
+            assert after is not None and before is not None
+            out[driven - 1] += ratio * before / after * out[driving - 1]
         return out
 
     def shaft_velocity(self, velocity: Floats) -> Floats:

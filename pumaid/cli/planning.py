@@ -196,7 +196,7 @@ def write_tilted_recipe(path: Path, robot: Robot, options: PlanOptions) -> None:
     """Write the recipe with gravity as the tilted base sees it."""
     from pumaid.cli.output import remark
     from pumaid.experiment import recipe_path
-    from pumaid.io.recipe_template import with_gravity
+    from pumaid.io.recipe import with_gravity
     from pumaid.io.write import write_file
 
     write_file(path, with_gravity(recipe_path(options.recipe), options.setup.robot(robot).gravity))

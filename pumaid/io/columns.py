@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import difflib
+import json
 import re
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
@@ -22,17 +23,6 @@ QUANTITIES = ("position", "velocity", "current", "temperature")
 
 #: How like a name must be to be meant (difflib's ratio): actual_q_0 and actual_dq_0 are to actual_current_0 by 0.69.
 ALIKE = 0.7
-
-_SI = {
-    ("position", True): "rad",
-    ("position", False): "m",
-    ("velocity", True): "rad/s",
-    ("velocity", False): "m/s",
-    ("current", True): "A",
-    ("current", False): "A",
-    ("temperature", True): "degC",
-    ("temperature", False): "degC",
-}
 
 #: Words by which a column's name tells what it holds, strongest first. Compared with the name's words in lower case.
 _WORDS = {
@@ -78,12 +68,10 @@ def unit_of(robot: Robot, quantity: str, joint: Joint) -> str:
     ``units.prismatic_position`` speaks for prismatic joints, ``units.position`` for the joints whose kind it fits (deg
     for revolute, mm for prismatic ones); without a word it is SI.
     """
-    si = _SI[quantity, joint.is_revolute]
-    for key in (f"{joint.kind}_{quantity}", quantity):
-        unit = robot.log.units.get(key)
-        if unit in UNITS and UNITS[unit][0] == UNITS[si][0]:
-            return unit
-    return si
+    position = joint.position_unit
+    si = {"position": position, "velocity": f"{position}/s", "current": "A", "temperature": "degC"}[quantity]
+    words = (robot.log.units.get(key, "") for key in (f"{joint.kind}_{quantity}", quantity))
+    return next((word for word in words if word in UNITS and UNITS[word][0] == UNITS[si][0]), si)
 
 
 def factor_of(robot: Robot, quantity: str, joint: Joint) -> float:
@@ -121,7 +109,6 @@ def resolve(header: Sequence[str], robot: Robot, name: str, *, extra: Sequence[s
         the nearest name, or a `log` block to paste. Several faults are told together (`Faults`).
     """
     wanted = {q: [robot.log.column(q, joint.number) for joint in robot.joints] for q in QUANTITIES}
-    have = set(header)
     faults = _faults(header, robot, {**wanted, "extra": list(extra)}, name)
     if faults:
         raise faults[0] if len(faults) == 1 else Faults(faults)
@@ -129,42 +116,52 @@ def resolve(header: Sequence[str], robot: Robot, name: str, *, extra: Sequence[s
     places: dict[str, NDArray[np.int64]] = {}
     notes: list[Note] = []
     for quantity in QUANTITIES:
-        found = [
-            (joint, column) for joint, column in zip(robot.joints, wanted[quantity], strict=True) if column in have
-        ]
-        lacking = [column for column in wanted[quantity] if column is not None and column not in have]
-        notes += _absence(quantity, lacking, len(found), form=robot.log, name=name)
-        if quantity == "velocity" and len(found) < robot.n_joints:
-            found = []
-        places[quantity] = np.array(
-            [(joint.number - 1, len(names) + k) for k, (joint, _) in enumerate(found)], dtype=np.int64
-        ).reshape(-1, 2)
-        names += [str(column) for _, column in found]
-        factors += [factor_of(robot, quantity, joint) for joint, _ in found]
-    there = [(k, column) for k, column in enumerate(extra) if column in have]
-    places["extra"] = np.array([(k, len(names) + n) for n, (k, _) in enumerate(there)], dtype=np.int64).reshape(-1, 2)
-    names += [column for _, column in there]
-    factors += [1.0] * len(there)
-    notes += [_no_extra(column, name) for column in extra if column not in have]
-    notes += _more_joints(have, robot, name)
+        present = {k: column for k, column in enumerate(wanted[quantity]) if column in header}
+        lacking = [column for column in wanted[quantity] if column is not None and column not in header]
+        notes += _absence(quantity, lacking, bool(present), form=robot.log, name=name)
+        if quantity == "velocity" and lacking:
+            present = {}
+        places[quantity] = _places(present, len(names))
+        names += map(str, present.values())
+        factors += [factor_of(robot, quantity, robot.joints[k]) for k in present]
+    present = {k: column for k, column in enumerate(extra) if column in header}
+    places["extra"] = _places(present, len(names))
+    names += map(str, present.values())
+    factors += [1.0] * len(present)
+    for column in extra:
+        if column not in header:
+            text = f"no column {_listed([column])}: it counts as unknown here"
+            notes.append(Note("extra-absent", text, Where(file=name)))
+    templates = [template for template in (robot.log.position, robot.log.current) if "{name" not in template]
+    beyond = [template.format(joint=robot.n_joints + 1, joint0=robot.n_joints) for template in templates]
+    more = [column for column, template in zip(beyond, templates, strict=True) if column in header and "{" in template]
+    if more:
+        text = (
+            f"the log also has {_listed(more)}, but {robot.name} has {robot.n_joints} joints: is it this robot's log?"
+        )
+        notes.append(Note("more-joints", text, Where(file=name)))
     return Columns(tuple(names), np.array(factors), places, tuple(notes))
 
 
-def _faults(header: Sequence[str], robot: Robot, wanted: dict[str, list[str | None]], name: str) -> list[PumaidError]:
-    have = set(header)
+def _places(present: Mapping[int, str | None], start: int) -> NDArray[np.int64]:
+    """(k, 2) rows of the keys and the indices from `start`."""
+    return np.array([(key, start + k) for k, key in enumerate(present)], dtype=np.int64).reshape(-1, 2)
+
+
+def _faults(
+    header: Sequence[str], robot: Robot, wanted: Mapping[str, list[str | None]], name: str
+) -> list[PumaidError]:
     faults: list[PumaidError] = []
-    needed = [robot.log.time, *(str(column) for column in wanted["position"])]
-    missing = [column for column in needed if column not in have]
-    currents = [str(column) for column in wanted["current"]]
+    missing = [str(column) for column in [robot.log.time, *wanted["position"]] if column not in header]
+    currents = list(map(str, wanted["current"]))
     where = Where(file=name, row=1)
     if missing:
         what = f"{name} has no column {_listed(missing)}; it has {_listed(header)}"
         faults.append(LogError("column-missing", what, where, _mend(header, robot, missing)))
-    if not any(column in have for column in currents):
+    elif not any(column in header for column in currents):
         what = f"{name} has no current of any joint ({_listed(currents)}); it has {_listed(header)}"
-        if not missing:
-            faults.append(LogError("no-current", what, where, _mend(header, robot, currents)))
-    used = {robot.log.time, *(str(c) for columns in wanted.values() for c in columns if c is not None)}
+        faults.append(LogError("no-current", what, where, _mend(header, robot, currents)))
+    used = {robot.log.time, *(column for columns in wanted.values() for column in columns)}
     doubled = [column for column, times in Counter(header).items() if times > 1 and column in used]
     if doubled:
         what = f"{name} has column {_listed(doubled)} more than once"
@@ -195,32 +192,21 @@ def _mend(header: Sequence[str], robot: Robot, missing: Sequence[str]) -> str:
     return "; ".join(hints)
 
 
-def _absence(quantity: str, lacking: list[str], found: int, *, form: LogFormat, name: str) -> list[Note]:
+def _absence(quantity: str, lacking: list[str], has_other: bool, *, form: LogFormat, name: str) -> list[Note]:
     """Notes on what may be absent; a velocity or temperature that nobody named is passed over in silence."""
-    where = Where(file=name)
-    if not lacking or quantity == "position":
+    meanings = {
+        "current": "the runs of these joints show no current and are not identified",
+        "velocity": "all velocities are derived from position",
+        "temperature": "these temperatures are not known",
+    }
+    is_asked = quantity == "current" or has_other or getattr(form, quantity) != getattr(LogFormat(), quantity)
+    if not lacking or quantity not in meanings or not is_asked:
         return []
-    if quantity == "current":
-        text = f"no column {_listed(lacking)}: the runs of these joints show no current and are not identified"
-        return [Note("current-absent", text, where)]
-    asked = getattr(form, quantity) != getattr(LogFormat(), quantity)
-    if quantity == "velocity" and (found or asked):
-        text = f"no column {_listed(lacking)}: all velocities are derived from position"
-        return [Note("velocity-absent", text, where)]
-    if quantity == "temperature" and (found or asked):
-        return [Note("temperature-absent", f"no column {_listed(lacking)}: these temperatures are not known", where)]
-    return []
+    return [Note(f"{quantity}-absent", f"no column {_listed(lacking)}: {meanings[quantity]}", Where(file=name))]
 
 
 def check_extra(headers: Mapping[str, Sequence[str]], extra: Sequence[str]) -> None:
-    """Refuse columns that no file has.
-
-    Parameters
-    ----------
-    headers
-        File's name -> its column names.
-    extra
-        Columns that the user asks for.
+    """Refuse columns that the user asks for and no file (name -> its column names) has.
 
     Raises
     ------
@@ -247,23 +233,6 @@ def _nearest(column: str, header: Sequence[str]) -> str | None:
     return names[near[0]] if near else None
 
 
-def _no_extra(column: str, name: str) -> Note:
-    return Note("extra-absent", f"no column {_listed([column])}: it counts as unknown here", Where(file=name))
-
-
-def _more_joints(have: set[str], robot: Robot, name: str) -> list[Note]:
-    beyond = [
-        template.format(joint=robot.n_joints + 1, joint0=robot.n_joints)
-        for template in (robot.log.position, robot.log.current)
-        if "{joint" in template and "{name" not in template
-    ]
-    beyond = [column for column in beyond if column in have]
-    if not beyond:
-        return []
-    text = f"the log also has {_listed(beyond)}, but {robot.name} has {robot.n_joints} joints: is it this robot's log?"
-    return [Note("more-joints", text, Where(file=name))]
-
-
 def _listed(names: Sequence[str], most: int = 12) -> str:
     """Names for a message; the first few of many."""
     clean = ["".join(letter if letter.isprintable() else "?" for letter in item) for item in names[:most]]
@@ -272,26 +241,13 @@ def _listed(names: Sequence[str], most: int = 12) -> str:
 
 
 def paste_block(header: Sequence[str], robot: Robot) -> str | None:
-    """A `log` block for the recipe that reads this header, or none if time, positions and currents are not all found.
-
-    Parameters
-    ----------
-    header
-        The file's column names.
-    robot
-        Tells how many joints there must be.
-
-    Returns
-    -------
-    block
-        YAML, or None.
-    """
+    """A recipe's `log` block that reads this header, or none if time, positions or currents are not recognised."""
     time = _time_column(header)
     chosen = {quantity: _template(header, quantity, robot) for quantity in _WORDS}
     if time is None or chosen["position"] is None or chosen["current"] is None:
         return None
-    lines = ["log:", f"  time: {_quoted(time)}"]
-    lines += [f"  {q}: {_quoted(chosen[q])}" for q in ("position", "velocity", "current", "temperature") if chosen[q]]
+    lines = ["log:", f"  time: {json.dumps(time, ensure_ascii=False)}"]
+    lines += [f"  {q}: {json.dumps(chosen[q], ensure_ascii=False)}" for q in QUANTITIES if chosen[q]]
     units = _units(time, {quantity: template for quantity, template in chosen.items() if template})
     if units:
         lines.append("  units: {" + ", ".join(f"{key}: {unit}" for key, unit in units.items()) + "}")
@@ -361,8 +317,3 @@ def _units(time: str, chosen: dict[str, str]) -> dict[str, str]:
     if re.search(r"(?<![A-Za-z])mA(?![A-Za-z])", chosen.get("current", "")):
         units["current"] = "mA"
     return units
-
-
-def _quoted(text: str | None) -> str:
-    escaped = str(text).replace("\\", "\\\\").replace('"', '\\"')
-    return f'"{escaped}"'

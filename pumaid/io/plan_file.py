@@ -13,9 +13,23 @@ from pydantic import AfterValidator, BaseModel, Field, ValidationInfo
 
 from pumaid import __version__
 from pumaid.errors import ModelError, Note, Where
-from pumaid.io.forms import FORM, Fault, Finite, Wording, refusal, refuse, shown, validated
+from pumaid.io.forms import (
+    FORM,
+    Document,
+    Fault,
+    Finite,
+    Wording,
+    file_name,
+    nearest,
+    read_bytes,
+    read_yaml,
+    refusal,
+    refuse,
+    shown,
+    validated,
+    yaml_text,
+)
 from pumaid.io.write import write_file
-from pumaid.io.yaml_file import Document, file_name, nearest, read_bytes, read_yaml, yaml_text
 from pumaid.robot import Joint, Robot
 from pumaid.trajectory import Motion, Plan, Posture
 from pumaid.units import factor, number
@@ -109,9 +123,9 @@ def _position(value: float, info: ValidationInfo) -> float:
 def _velocity(value: float, info: ValidationInfo) -> float:
     joint = _moving(info)
     if joint is not None and joint.max_velocity is not None:
-        most = joint.max_velocity / _arm(info).scale(joint)
-        if value > most * (1.0 + 1e-6):
-            what = f"joint {joint.number} may do {number(most)} {_arm(info).unit(joint)}/s, the run wants {value:g}"
+        highest = joint.max_velocity / _arm(info).scale(joint)
+        if value > highest * (1.0 + 1e-6):
+            what = f"joint {joint.number} may do {number(highest)} {_arm(info).unit(joint)}/s, the run wants {value:g}"
             raise refusal("plan-wrong", what, "lower the velocity")
     return value
 

@@ -108,9 +108,9 @@ def _plausible(value: float, info: ValidationInfo) -> float:
     key, arm, size = str(info.field_name), _arm(info), abs(value)
     per_s = "/s" if key == "max_velocity" else ""
     if _is_rail(info):
-        most = FASTEST_RAIL if per_s else LONGEST_RAIL
-        if size > most:
-            what = f"{key} of {value:g} m{per_s} is beyond {most:g} m{per_s}"
+        highest = FASTEST_RAIL if per_s else LONGEST_RAIL
+        if size > highest:
+            what = f"{key} of {value:g} m{per_s} is beyond {highest:g} m{per_s}"
             raise refusal("recipe-bad-value", what, f"prismatic joints are in m{per_s}; divide by 1000")
         return value
     is_constant = key in ("alpha", "theta")

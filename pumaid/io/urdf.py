@@ -13,8 +13,7 @@ from shlex import quote
 from xml.etree import ElementTree
 
 from pumaid.errors import PumaidError, RecipeError, Where
-from pumaid.io.forms import raise_together
-from pumaid.io.yaml_file import file_name, nearest, read_bytes
+from pumaid.io.forms import file_name, nearest, raise_together, read_bytes
 
 #: Types of a URDF's joints.
 TYPES = ("revolute", "continuous", "prismatic", "fixed", "floating", "planar")

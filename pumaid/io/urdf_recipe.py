@@ -17,7 +17,8 @@ from numpy.typing import NDArray
 from pydantic import ValidationError
 
 from pumaid.errors import Note, RecipeError, Where
-from pumaid.io.recipe import RECIPE_NAME, read_recipe
+from pumaid.io.forms import yaml_text
+from pumaid.io.recipe import RECIPE_NAME, read_recipe, remarked
 from pumaid.io.recipe_schema import (
     FASTEST,
     FASTEST_RAIL,
@@ -28,9 +29,7 @@ from pumaid.io.recipe_schema import (
     ArmForm,
     JointForm,
 )
-from pumaid.io.recipe_template import remarked
 from pumaid.io.urdf import ArmChain, UrdfFile, UrdfJoint, arm_chain, read_urdf
-from pumaid.io.yaml_file import yaml_text
 from pumaid.kinematics import DhChain, SerialChain, axes, modified_dh, origins, placement, straightened
 from pumaid.robot import Joint, Robot
 from pumaid.units import factor, number

@@ -17,8 +17,7 @@ from pumaid.design.prior import Setup, robot_of_estimate
 from pumaid.errors import ModelError
 from pumaid.estimate import Estimate
 from pumaid.estimation.estimate import identify
-from pumaid.io.recipe import read_recipe, shipped_recipes
-from pumaid.io.recipe_template import with_gravity
+from pumaid.io.recipe import read_recipe, shipped_recipes, with_gravity
 from pumaid.robot import Joint, Robot
 from pumaid.simulation import Bench, draw, table1
 from pumaid.simulation.virtual_robot import Links

@@ -7,8 +7,7 @@ from pathlib import Path
 import pytest
 
 from pumaid.errors import Faults, PumaidError
-from pumaid.io.recipe import read_recipe, shipped_recipes
-from pumaid.io.recipe_template import started_from
+from pumaid.io.recipe import read_recipe, shipped_recipes, started_from
 from pumaid.robot import Box, Safety, Sphere
 
 ARM = shipped_recipes()["puma560"].read_text(encoding="utf-8") + "safety:\n"

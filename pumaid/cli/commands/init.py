@@ -56,6 +56,8 @@ def command(
     """
     from pumaid.cli.output import content, document, notes, remark, spare_inputs, table
     from pumaid.io.recipe import read_recipe
+    from pumaid.io.urdf_recipe import recipe_from_urdf
+    from pumaid.io.write import refuse_to_replace, write_file
     from pumaid.reporting.run_tables import axes_table
 
     if listed:
@@ -63,42 +65,36 @@ def command(
         return
     target = Path("recipe.yaml") if output is None else output
     spare_inputs([target, target / "recipe.yaml"], [urdf])
-    made = _made(urdf, base, tip, (name, joints))
-    text = _text(name, joints) if made is None else made.text
-    extra: dict[str, Any] = {} if made is None else {"urdf": _facts(made)}
-    if made is not None and not as_json:
-        notes(made.notes)
+    extra: dict[str, Any] = {}
+    if urdf is None:
+        if base is not None or tip is not None:
+            raise click.UsageError("--base and --tip are links of a URDF: name it with --urdf FILE.")
+        text = _text(name, joints)
+    else:
+        if name is not None or joints is not None:
+            raise click.UsageError(f"{name or '--joints'} and --urdf are two recipes: give one of them.")
+        made = recipe_from_urdf(urdf, base=base, tip=tip)
+        text, extra = made.text, {"urdf": _facts(made)}
+        if not as_json:
+            notes(made.notes)
     if str(target) == "-":
         if as_json:
             document({"kind": "recipe", "format": 1, "text": text, **extra})
         else:
             content(text.rstrip() + "\n")
         return
-    path = _written(target, text, force)
+    path = target / "recipe.yaml" if target.is_dir() else target
+    if not force:
+        refuse_to_replace(path)
+    write_file(path, text)
     robot = read_recipe(path)
     if as_json:
         facts = {"file": str(path), "robot": robot.name, "joints": robot.n_joints, "sha256": robot.digest}
         document({"kind": "recipe", "format": 1, **facts, **extra})
         return
-    if made is not None:
+    if urdf is not None:
         table(axes_table(robot))
     remark(f"wrote {path}: {robot.name}, {robot.n_joints} joints; check it, then: pumaid plan {path}")
-
-
-def _made(
-    urdf: Path | None, base: str | None, tip: str | None, given: tuple[str | None, int | None]
-) -> UrdfRecipe | None:
-    """What a URDF gives, or nothing where none is named."""
-    name, joints = given
-    if urdf is None:
-        if base is not None or tip is not None:
-            raise click.UsageError("--base and --tip are links of a URDF: name it with --urdf FILE.")
-        return None
-    if name is not None or joints is not None:
-        raise click.UsageError(f"{name or '--joints'} and --urdf are two recipes: give one of them.")
-    from pumaid.io.urdf_recipe import recipe_from_urdf
-
-    return recipe_from_urdf(urdf, base=base, tip=tip)
 
 
 def _facts(made: UrdfRecipe) -> dict[str, object]:
@@ -129,16 +125,15 @@ def _facts(made: UrdfRecipe) -> dict[str, object]:
 
 
 def _text(name: str | None, joints: int | None) -> str:
-    from pumaid.io.recipe import shipped_recipes
-    from pumaid.io.recipe_template import blank, started_from
-    from pumaid.io.yaml_file import nearest
+    from pumaid.io.forms import nearest
+    from pumaid.io.recipe import blank, shipped_recipes, started_from
 
-    known = [*shipped_recipes(), "blank"]
+    names = [*shipped_recipes(), "blank"]
     if name is None:
-        raise click.UsageError(f"Which robot? One of: {', '.join(known)}; or --urdf FILE.")
-    if name not in known:
-        near = nearest(name, known)
-        raise click.UsageError(f"No robot '{name}'. " + (f"Did you mean '{near}'?" if near else f"{', '.join(known)}."))
+        raise click.UsageError(f"Which robot? One of: {', '.join(names)}; or --urdf FILE.")
+    if name not in names:
+        near = nearest(name, names)
+        raise click.UsageError(f"No robot '{name}'. " + (f"Did you mean '{near}'?" if near else f"{', '.join(names)}."))
     if name == "blank":
         return blank(joints or 6)
     if joints is not None:
@@ -146,23 +141,13 @@ def _text(name: str | None, joints: int | None) -> str:
     return started_from(name)
 
 
-def _written(target: Path, text: str, force: bool) -> Path:
-    from pumaid.io.write import refuse_to_replace, write_file
-
-    path = target / "recipe.yaml" if target.is_dir() else target
-    if not force:
-        refuse_to_replace(path)
-    write_file(path, text)
-    return path
-
-
 def _list(as_json: bool) -> None:
     from pumaid.cli.output import document, table
     from pumaid.io.recipe import read_recipe, shipped_recipes
     from pumaid.reporting.table import Table
 
-    robots = {known: read_recipe(path) for known, path in shipped_recipes().items()}
-    rows = [{"name": known, "robot": robot.name, "joints": robot.n_joints} for known, robot in robots.items()]
+    robots = {name: read_recipe(path) for name, path in shipped_recipes().items()}
+    rows = [{"name": name, "robot": robot.name, "joints": robot.n_joints} for name, robot in robots.items()]
     if as_json:
         document({"kind": "recipes", "format": 1, "recipes": rows})
         return

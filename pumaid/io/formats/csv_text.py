@@ -346,10 +346,10 @@ def _refuse_thousands(dialect: Dialect, indices: Sequence[int], name: str) -> No
     for index in indices:
         words = [row[index] for row in dialect.rows if index < len(row) and row[index]]
         grouped = [word for word in words if _GROUPED.fullmatch(word)]
-        others = sorted({word for word in words if not _GROUPED.fullmatch(word)})
+        plain = sorted({word for word in words if not _GROUPED.fullmatch(word)})
         is_sure = any(word.count(",") > 1 or word.count(".") > 1 for word in grouped)
-        if is_sure or (grouped and others and all(_SMALL.fullmatch(word) for word in others)):
-            column, shown = dialect.header[index], grouped[0] + (f" beside {others[0]}" if others else "")
+        if is_sure or (grouped and plain and all(_SMALL.fullmatch(word) for word in plain)):
+            column, shown = dialect.header[index], grouped[0] + (f" beside {plain[0]}" if plain else "")
             what = f"column {column} of {name} holds {shown}: separators of thousands, or decimals?"
             where = Where(file=name, column=column)
             raise LogError("thousands", what, where, "write numbers without separators of thousands: 1068 or 1068.0")

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from pumaid.errors import ModelError
-from pumaid.io.yaml_file import nearest, read_yaml
+from pumaid.io.forms import nearest, read_yaml
 
 TEXT = "name: x\nlist:\n  - a: 1\n  - a: 2\n    b: [1.5,\n        true]\n"
 
