@@ -65,24 +65,6 @@ def only(data: bytes, name: str = "log.csv") -> Callable[[Path], None]:
     return apply
 
 
-def written(
-    form: dict[str, object],
-    *,
-    before: str = "",
-    encoding: str = "utf-8",
-    end: str = "\n",
-    only_first: bool = False,
-) -> Callable[[Path], None]:
-    """Both logs (or the first) written in another dialect."""
-
-    def apply(folder: Path) -> None:
-        for number, table in enumerate(good()[: 1 if only_first else None], start=1):
-            text = before + csv(table, **form).replace("\n", end)
-            (folder / "logs" / f"log_{number}.csv").write_bytes(text.encode(encoding))
-
-    return apply
-
-
 def cell(column: str, word: str, *, rows: slice = slice(100, 101)) -> Callable[[Path], None]:
     """A word in some cells of the first log."""
 
@@ -207,7 +189,6 @@ def shuffled(table: pd.DataFrame) -> pd.DataFrame:
 
 
 #: As instruments write them above the columns.
-PROPERTIES = "LabVIEW Measurement\nWriter_Version\t2\nSeparator\tTab\n***End_of_Header***\n\nOperator, Ann\n\n"
 
 
 def empty_files() -> Iterator[Fault]:
@@ -254,16 +235,8 @@ def cut_files() -> Iterator[Fault]:
     yield Fault("cut CSV", "a block twice", raw(lambda data: data[:80_000] + data[40_000:], only_first=True))
     for name, magic in {
         "zip": b"PK\x03\x04",
-        "HDF5": b"\x89HDF\r\n\x1a\n",
-        "MATLAB": b"MATLAB 5.0 MAT-file",
-        "NumPy": b"\x93NUMPY\x01\x00",
         "JSON": b'{"t": [0, 1]}',
-        "XML": b"<?xml version='1.0'?>",
-        "ROS bag": b"#ROSBAG V2.0\n",
-        "SQLite": b"SQLite format 3\0",
         "an image": b"\x89PNG\r\n\x1a\n\0\0\0\rIHDR",
-        "ELF": b"\x7fELF\x02\x01\x01\0",
-        "pickle": b"\x80\x04\x95\x10\0\0\0\0\0\0\0\x8c\x05posix",
         "PDF": b"%PDF-1.7\n%\xe2\xe3\xcf\xd3\n1 0 obj\n",
         "random": np.random.default_rng(0).bytes(4000),
     }.items():
@@ -329,15 +302,8 @@ def columns() -> Iterator[Fault]:
     yield Fault(
         "renamed columns", "columns in another order, names with them", tables(lambda table: table[list(COLUMNS[::-1])])
     )
-    for one, other in (
-        ("q1", "q2"),
-        ("i1", "i2"),
-        ("qd1", "qd2"),
-        ("q1", "qd1"),
-        ("q1", "i1"),
-        ("t", "q1"),
-        ("qd1", "i1"),
-    ):
+    for pair in ("q1 q2", "i1 i2", "qd1 qd2", "q1 qd1", "q1 i1", "t q1", "qd1 i1"):
+        one, other = pair.split()
         yield Fault("swapped columns", f"{one} and {other}", moved({one: other, other: one}))
         yield Fault(
             "swapped columns",
@@ -626,81 +592,17 @@ def other_arms() -> Iterator[Fault]:
 
 
 def dialects() -> Iterator[Fault]:
-    """How the same numbers are written."""
-    for name, encoding in (("UTF-8", "utf-8-sig"), ("UTF-16", "utf-16"), ("UTF-16 big-endian", "utf-16-be")):
-        before = "\ufeff" if encoding == "utf-16-be" else ""
-        yield Fault("byte order marks", name, written({}, encoding=encoding, before=before))
-        yield Fault(
-            "byte order marks",
-            f"{name}, CRLF, semicolons, decimal commas",
-            written({"sep": ";", "decimal": ","}, encoding=encoding, before=before, end="\r\n"),
-        )
-    yield Fault("byte order marks", "two of them", raw(lambda data: b"\xef\xbb\xbf\xef\xbb\xbf" + data))
-    yield Fault("byte order marks", "UTF-16 without a mark", written({}, encoding="utf-16-le"))
-    yield Fault("CRLF", "all lines", written({}, end="\r\n"))
-    yield Fault("CRLF", "old Macs' line ends", written({}, end="\r"))
-    yield Fault("CRLF", "mixed", raw(replaced(b"\n", b"\r\n", 500)))
-    yield Fault("CRLF", "CR CR LF", written({}, end="\r\r\n"))
-    yield Fault("CRLF", "no end of the last line", raw(lambda data: data.rstrip(b"\n")))
-    for name, sep, decimal in (
-        ("semicolons", ";", "."),
-        ("semicolons and decimal commas", ";", ","),
-        ("tabs", "\t", "."),
-        ("tabs and decimal commas", "\t", ","),
-        ("bars", "|", "."),
-        ("spaces", " ", "."),
-    ):
-        yield Fault("semicolons and decimal commas", name, written({"sep": sep, "decimal": decimal}))
-    yield Fault(
-        "semicolons and decimal commas", "Excel's first line", written({"sep": ";", "decimal": ","}, before="sep=;\n")
-    )
-    yield Fault("text above the names", "one line", written({}, before="Robot log v2\n"))
-    yield Fault("text above the names", "an export's properties", written({}, before=PROPERTIES))
-    yield Fault("text above the names", "tab-separated properties", written({"sep": "\t"}, before=PROPERTIES))
-    yield Fault("text above the names", "as comments", written({}, before="# Robot log v2\n# by Ann, 4 May\n"))
-    yield Fault("semicolons and decimal commas", "commas for both, quoted", written({"decimal": ",", "quoting": 1}))
-    yield Fault(
-        "semicolons and decimal commas",
-        "commas for both, not quoted",
-        raw(lambda data: data.replace(b",", b";").replace(b".", b",").replace(b";", b",")),
-    )
-    yield Fault("semicolons and decimal commas", "quotes around all", written({"quoting": 1}))
-    yield Fault("semicolons and decimal commas", "a blank after each", raw(replaced(b",", b", ")))
-    yield Fault("semicolons and decimal commas", "a delimiter after the last", raw(replaced(b"\n", b",\n")))
-    yield Fault("semicolons and decimal commas", "exponents", written({"float_format": "%.9e"}))
-    yield Fault(
-        "semicolons and decimal commas",
-        "thousands separators",
-        raw(lambda data: data.replace(b",", b";").replace(b";2.", b";2,000."), only_first=True),
-    )
-
-
-def grouped(size: float, mark: str, delimiter: str, decimal: str) -> Callable[[Path], None]:
-    """Currents in whole units of which `size` are an ampere, thousands separated, as spreadsheets show them."""
-
-    def change(arm: Path) -> None:
-        for path in sorted((arm / "logs").iterdir()):
-            table = pd.read_csv(path)
-            for name in ("i1", "i2"):
-                table[name] = [f"{value:,.0f}".replace(",", mark) for value in size * table[name]]
-            table.to_csv(path, sep=delimiter, decimal=decimal, index=False)
-        recipe = arm / "recipe.yaml"
-        unit = {1e3: "mA"}[size]
-        recipe.write_text(f"{recipe.read_text()}log: {{units: {{current: {unit}}}}}\n")
-
-    return change
-
-
-def separators() -> Iterator[Fault]:
-    """Marks between thousands."""
-    for mark, delimiter, decimal in (
-        (",", ";", "."),
-        (",", ",", "."),
-        (".", ";", ","),
-        (".", "\t", ","),
-        ("'", ";", "."),
-    ):
-        yield Fault("thousands", f"mA with {mark!r} in cells by {delimiter!r}", grouped(1e3, mark, delimiter, decimal))
+    """How the same numbers are written; what is read as it stands is tested with the reader."""
+    for name, change in {
+        "two byte order marks": lambda data: b"\xef\xbb\xbf\xef\xbb\xbf" + data,
+        "UTF-16 without a mark": lambda data: data.decode().encode("utf-16-le"),
+        "some lines end in CRLF": replaced(b"\n", b"\r\n", 500),
+        "CR CR LF": replaced(b"\n", b"\r\r\n"),
+        "commas for both, not quoted": replaced(b".", b","),
+        "a delimiter after the last": replaced(b"\n", b",\n"),
+        "thousands separators": lambda data: data.replace(b",", b";").replace(b";2.", b";2,000."),
+    }.items():
+        yield Fault("dialects", name, raw(change))
 
 
 def sizes() -> Iterator[Fault]:
@@ -709,11 +611,6 @@ def sizes() -> Iterator[Fault]:
     wide = header + "," + ",".join(f"x{k}" for k in range(200_000))
     yield Fault("headers of gigabytes", "200 000 columns", only((wide + "\n" + "0," * 200_006 + "0\n").encode()))
     yield Fault("headers of gigabytes", "one name of 40 MB", only(header.encode() + b"," + b"x" * (40 << 20)))
-    yield Fault(
-        "headers of gigabytes",
-        "one name of 1 MB",
-        raw(replaced(b"i2\n", b"i2," + b"y" * (1 << 20) + b"\n", 1), only_first=True),
-    )
     yield Fault(
         "headers of gigabytes", "a quote that is never closed", raw(replaced(b"\n", b'\n"', 1), only_first=True)
     )
@@ -737,17 +634,6 @@ def sizes() -> Iterator[Fault]:
 
 def all_logs() -> list[Fault]:
     """Every mutation of the logs."""
-    makers = (empty_files, cut_files, bad_numbers, columns, time_faults)
-    makers += (
-        dropouts,
-        doubtful_samples,
-        current_faults,
-        dead_bands,
-        changes,
-        unit_faults,
-        other_arms,
-        dialects,
-        separators,
-        sizes,
-    )
+    makers = (empty_files, cut_files, bad_numbers, columns, time_faults, dropouts, doubtful_samples, current_faults)
+    makers += (dead_bands, changes, unit_faults, other_arms, dialects, sizes)
     return [fault for maker in makers for fault in maker()]

@@ -13,7 +13,7 @@ from pumaid.effects.gravity import Gravity
 from pumaid.errors import PumaidError
 from pumaid.io.recipe import read_recipe, shipped_recipes
 from pumaid.io.urdf_recipe import TOLERANCE, UrdfRecipe, recipe_from_urdf
-from pumaid.kinematics import axes, origins
+from pumaid.kinematics import axes
 from pumaid.robot import Robot
 from pumaid.samples import Samples
 
@@ -178,26 +178,3 @@ def test_panda_is_the_vendors_table() -> None:
     theirs = read_recipe(shipped_recipes()["panda"])
     for key in ("theta", "alpha", "a", "d", "limits", "max_velocity"):
         assert [getattr(joint, key) for joint in ours.joints] == [getattr(joint, key) for joint in theirs.joints]
-
-
-def test_published_joint_origins_give_the_shipped_lines(tmp_path: Path) -> None:
-    """A URDF of the published joint origins of Gen3 and TX40 gives the axes of their recipes, as lines in space."""
-    from test_axes import GEN3, TX40, ZERO, distance_to_line
-    from urdfs import Stated, serial_text
-
-    for shipped, published in (("kinova_gen3", GEN3), ("staubli_tx40", TX40)):
-        path = tmp_path / f"{shipped}.urdf"
-        path.write_text(serial_text([Stated("revolute", xyz, rpy) for xyz, rpy in published]))
-        made, theirs = recipe_from_urdf(path), read_recipe(shipped_recipes()[shipped])
-        position = np.random.default_rng(1).uniform(-3.0, 3.0, (30, theirs.n_joints))
-        zero = np.pi / 180.0 * np.asarray(ZERO.get(shipped, 0.0))
-        ours, points = lines(made.robot, position + zero)
-        wanted, theirs_at = lines(theirs, position)
-        assert np.abs(ours - wanted).max() < TOLERANCE
-        assert distance_to_line(points + made.base[:3, 3], theirs_at, wanted).max() < TOLERANCE
-
-
-def lines(robot: Robot, position: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    angles = robot.dh_angles(position)
-    shifts = robot.dh_displacements(position)
-    return axes(robot.alphas, angles)[..., 2], origins(robot.alphas, robot.lengths, offsets=shifts, thetas=angles)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from pumaid.kinematics import SerialChain, axes, link_rotation, modified_dh, origins, placement, straightened, turn
+from pumaid.kinematics import SerialChain, axes, link_rotation, modified_dh, origins, placement, straightened
 
 HALF = np.pi / 2
 RNG = np.random.default_rng(2)
@@ -73,15 +73,6 @@ def test_placement_is_pinocchios() -> None:
     assert found[:3, 3].tolist() == [1.0, 2.0, 3.0]
 
 
-def test_turn_is_scipys() -> None:
-    """Rodrigues' formula for many angles at once, against scipy's rotation vectors."""
-    from scipy.spatial.transform import Rotation
-
-    axis, angles = np.array([2.0, -3.0, 6.0]) / 7.0, np.array([[0.3, -2.0], [4.0, 0.0]])
-    assert turn(axis, angles)[1, 0] == pytest.approx(Rotation.from_rotvec(4.0 * axis).as_matrix(), abs=1e-15)
-    assert turn(axis, angles).shape == (2, 2, 3, 3)
-
-
 def test_meeting_axes() -> None:
     """Axes that meet have a = 0, and d leads to where they meet, wherever the joints' own places are."""
     arm = chain(((0, 0, 0.1), (0, 0, 0)), ((0.0, -0.2, 0.3), (HALF, 0, 0)))
@@ -99,12 +90,6 @@ def test_lengths_backward_are_negative() -> None:
     """An arm that lies along -x has negative a and no half turns, as the vendor's table of the UR5 has."""
     arm = chain(((0, 0, 0.1), (0, 0, 0)), ((0, 0, 0), (HALF, 0, 0)), ((-0.425, 0, 0), (0, 0, 0)))
     assert rows(arm) == [(0.0, 0.0, 0.0, 0.1), (0.0, QUARTER, 0.0, 0.0), (0.0, 0.0, -0.425, 0.0)]
-
-
-def test_coinciding_axes_turn_nothing() -> None:
-    """Two joints about one axis differ in d only."""
-    arm = chain(((0, 0, 0.1), (0, 0, 0.7)), ((0, 0, 0.2), (0, 0, -0.3)))
-    assert rows(arm) == [(0.0, 0.0, 0.0, 0.1), (0.0, 0.0, 0.0, 0.2)]
 
 
 def test_base_is_turned_and_raised_where_the_first_axis_is_level() -> None:

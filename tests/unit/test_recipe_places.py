@@ -46,14 +46,6 @@ def test_folders_files_and_globs_lead_to_the_same_recipe(arm: Path, given: str) 
     assert find_recipe(None, [arm / given]).resolve() == beside
 
 
-def test_from_inside_the_experiment(arm: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """With the logs' folder as working folder, ``.`` has a folder beside it too."""
-    beside = put(arm)
-    monkeypatch.chdir(arm / "logs")
-    assert find_recipe(None, [Path()]).resolve() == beside
-    assert find_recipe(None, [Path("run.csv")]).resolve() == beside
-
-
 def test_a_miss_lists_the_places(arm: Path) -> None:
     """The message of a miss names every path that was tried, and a recipe under another name nearby."""
     (arm / "recipe.yml").write_text("name: x\n")
@@ -88,9 +80,3 @@ def test_a_misspelt_name_is_answered_with_the_nearest(arm: Path) -> None:
     with pytest.raises(RecipeError) as caught:
         find_recipe(Path("puma650"), [])
     assert "puma560" in caught.value.mend
-
-
-def test_a_folder_stands_for_the_recipe_in_it(arm: Path) -> None:
-    """``--recipe my_arm`` is my_arm/recipe.yaml."""
-    inside = put(arm)
-    assert find_recipe(arm, []) == inside

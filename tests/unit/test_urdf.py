@@ -10,7 +10,7 @@ from urdfs import Stated, serial_text, tree_text
 
 from pumaid.errors import PumaidError
 from pumaid.io.urdf import ArmChain, arm_chain, read_urdf
-from pumaid.io.urdf_recipe import UrdfRecipe, agreement, geometry, recipe_from_urdf
+from pumaid.io.urdf_recipe import UrdfRecipe, recipe_from_urdf
 
 PLAIN = [Stated(xyz=(0, 0, 0.3)), Stated(rpy=(-np.pi / 2, 0, 0)), Stated(xyz=(0.4, 0, 0))]
 
@@ -139,21 +139,6 @@ def test_any_name_gives_a_recipe(made, name: str) -> None:
     assert kept == (name not in ("all", "42", "a@b", "J1", "x,y"))
 
 
-def test_agreement_sees_a_wrong_recipe(made) -> None:
-    """Of a recipe with one twist, one length or one sense wrong, the check tells how far its axes are off."""
-    from dataclasses import replace
-
-    found = made(serial_text(PLAIN))
-    stated = geometry(found.chain)[0]
-    for change, direction, place in (({"alpha": 1e-6}, 1e-6, 0.0), ({"a": 1e-6}, 0.0, 1e-6)):
-        joint = found.robot.joints[1]
-        wrong = replace(joint, **{key: getattr(joint, key) + by for key, by in change.items()})
-        robot = replace(found.robot, joints=(found.robot.joints[0], wrong, found.robot.joints[2]))
-        off = agreement(robot, stated, found.base)
-        assert off.direction == pytest.approx(direction, rel=0.1, abs=1e-12)
-        assert off.place >= 0.9 * place
-
-
 def test_a_recipe_that_disagrees_is_never_given(made, refusal, monkeypatch) -> None:
     """A wrong derivation is an error, not a recipe."""
     from dataclasses import replace
@@ -230,18 +215,6 @@ def test_what_no_recipe_can_state(chosen, joints, inside, ends, said: str) -> No
     assert said in f"{refused.value.what} {refused.value.mend}"
 
 
-def test_a_mobile_base_is_left_behind_with_base(chosen) -> None:
-    """--base starts the arm behind the joint that floats."""
-    found = chosen(("floating", "world", "base"), ("j1", "base", "a"), ("j2", "a", "b"), base="base")
-    assert names(found.moving) == ["j1", "j2"]
-
-
-def test_following_joints_at_the_end_are_cut(chosen) -> None:
-    """The arm ends before a joint that moves with another."""
-    found = chosen(("j1", "base", "a"), ("j2", "a", "b"), inside={"j2": '<mimic joint="j1"/>'})
-    assert (names(found.moving), names(found.carried)) == (["j1"], ["j2"])
-
-
 def test_a_misspelt_link_is_told_the_nearest(refusal) -> None:
     """--tip with a slip of the pen names the link that was meant."""
     error = refusal(serial_text(PLAIN).replace("l3", "flange"), tip="flnage")
@@ -298,19 +271,3 @@ def test_faults_of_the_structure_are_told_together(refusal) -> None:
     assert [fault.what.split()[1] for fault in error.faults] == ["j2", "j3"]
     many = serial_text([Stated()] * 40).replace('<child link="l', '<child link="m')
     assert len(refusal(many).faults) == 20
-
-
-def test_markup_in_names_is_shown_as_it_is(made) -> None:
-    """A joint called [red] keeps its name in the table."""
-    from pumaid.reporting.run_tables import axes_table
-
-    robot = made(serial_text(PLAIN).replace('joint name="j2"', 'joint name="[red]"')).robot
-    assert "[red]" in axes_table(robot).text()
-
-
-def test_branches_as_long_as_the_trunk_are_arms(chosen) -> None:
-    """A torso of two joints with two arms of two is no arm with a gripper: which one is meant is asked."""
-    torso = [("t1", "base", "x"), ("t2", "x", "torso")]
-    with pytest.raises(PumaidError) as refused:
-        chosen(*torso, ("l1", "torso", "a"), ("l2", "a", "b"), ("r1", "torso", "c"), ("r2", "c", "d"))
-    assert refused.value.slug == "urdf-which-chain"
