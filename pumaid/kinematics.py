@@ -29,19 +29,8 @@ def apart(first: ArrayLike, second: ArrayLike) -> Floats:
 
 
 def link_rotation(alpha: ArrayLike, theta: ArrayLike) -> Floats:
-    """Rotation that turns frame i into frame i-1: Rot_x(alpha) Rot_z(theta).
-
-    Parameters
-    ----------
-    alpha
-        Twist (rad); of several links so that it fits their angles.
-    theta
-        (...) joint angles (rad).
-
-    Returns
-    -------
-    rotation
-        (..., 3, 3); column k is axis k of frame i in frame i-1.
+    """Rotations (..., 3, 3) that turn frame i into frame i-1, for a twist and (...) joint angles (rad): Rot_x(alpha)
+    Rot_z(theta); column k is axis k of frame i in frame i-1.
 
     Source
     ------
@@ -58,7 +47,7 @@ def link_rotation(alpha: ArrayLike, theta: ArrayLike) -> Floats:
 
 
 def axes(alphas: ArrayLike, thetas: ArrayLike) -> Floats:
-    """Rotations from every link frame to the base.
+    """Rotations (N, J, 3, 3) from every link frame to the base; ``[:, i, :, 2]`` is z of link i+1 in base axes.
 
     Parameters
     ----------
@@ -66,11 +55,6 @@ def axes(alphas: ArrayLike, thetas: ArrayLike) -> Floats:
         (J,) twists (rad).
     thetas
         (N, J) DH angles (rad): measured position plus offset for a revolute joint, the offset for a prismatic one.
-
-    Returns
-    -------
-    rotations
-        (N, J, 3, 3); ``rotations[:, i, :, 2]`` is z of link i+1 in base axes.
     """
     angles = np.atleast_2d(np.asarray(thetas, dtype=float))
     cosines, sines = np.cos(angles), np.sin(angles)
@@ -85,7 +69,7 @@ def axes(alphas: ArrayLike, thetas: ArrayLike) -> Floats:
 
 
 def frames(alphas: ArrayLike, lengths: ArrayLike, *, offsets: ArrayLike, thetas: ArrayLike) -> tuple[Floats, Floats]:
-    """Rotations of every link frame to the base, and its origin in base axes.
+    """Rotations (N, J, 3, 3) of every link frame to the base, and its origin (N, J, 3) in base axes (m).
 
     Parameters
     ----------
@@ -93,11 +77,6 @@ def frames(alphas: ArrayLike, lengths: ArrayLike, *, offsets: ArrayLike, thetas:
         (J,) twists (rad) and link lengths `a` (m).
     offsets, thetas
         (N, J) DH displacements `d` (m) and angles (rad).
-
-    Returns
-    -------
-    rotations, positions
-        (N, J, 3, 3), and (N, J, 3) in m.
     """
     along_x = np.asarray(lengths, dtype=float)
     along_z = np.atleast_2d(np.asarray(offsets, dtype=float))
@@ -117,14 +96,9 @@ def origins(alphas: ArrayLike, lengths: ArrayLike, *, offsets: ArrayLike, thetas
 class SerialChain:
     """Joints from base to tip.
 
-    Attributes
-    ----------
-    placements
-        (J, 4, 4) each joint's frame, at zero, in the frame that the joint before moves (m); the first in the base.
-    axes
-        (J, 3) unit vectors along each joint's axis, in its own frame.
-    slides
-        (J,) whether each joint slides instead of turning.
+    `placements` (J, 4, 4) are each joint's frame, at zero, in the frame that the joint before moves (m), the first in
+    the base; `axes` (J, 3) unit vectors in the joint's own frame; `slides` (J,) tells which joints slide instead of
+    turning.
     """
 
     placements: Floats
@@ -132,18 +106,7 @@ class SerialChain:
     slides: NDArray[np.bool_]
 
     def lines(self, positions: ArrayLike) -> tuple[Floats, Floats]:
-        """Where every joint's axis lies in each posture.
-
-        Parameters
-        ----------
-        positions
-            (N, J), rad or m.
-
-        Returns
-        -------
-        directions, points
-            Each (N, J, 3), in base axes: unit vectors, and a point of each axis (the joint's own origin, m).
-        """
+        """Directions and points, each (N, J, 3) in base axes, of every joint's axis at (N, J) positions (rad or m)."""
         q = np.atleast_2d(np.asarray(positions, dtype=float))
         directions, points = np.empty((*q.shape, 3)), np.empty((*q.shape, 3))
         frame_before = np.broadcast_to(np.eye(4), (len(q), 4, 4))
@@ -156,12 +119,7 @@ class SerialChain:
 
 
 def placement(xyz: ArrayLike, rpy: ArrayLike) -> Floats:
-    """A frame shifted by `xyz` (m) and turned by `rpy` (rad): Rot_z(yaw) Rot_y(pitch) Rot_x(roll).
-
-    Returns
-    -------
-    transform
-        (4, 4).
+    """A (4, 4) frame shifted by `xyz` (m) and turned by `rpy` (rad): Rot_z(yaw) Rot_y(pitch) Rot_x(roll).
 
     Source
     ------
@@ -194,14 +152,9 @@ def _motion(axis: Floats, position: Floats, *, slides: bool) -> Floats:
 
 @dataclass(frozen=True, slots=True)
 class DhChain:
-    """Modified DH parameters, and where their frame 0 stands.
+    """Modified DH parameters (J,), rad and m, and the (4, 4) frame 0 in the chain's base (m).
 
-    Attributes
-    ----------
-    alpha, a, d, theta
-        (J,) rad and m; `theta` of a joint that turns and `d` of one that slides are added to its position.
-    base
-        (4, 4) frame 0 in the chain's base (m).
+    `theta` of a joint that turns and `d` of one that slides are added to its position.
     """
 
     alpha: Floats
@@ -218,11 +171,7 @@ def modified_dh(chain: SerialChain) -> DhChain:
     that turns `theta` least. Where the normal is free to shift (parallel axes, and the last axis) it goes through the
     joint's own origin; where it is free to turn (axes that coincide, and the last axis) `theta` is zero. The axis
     before the first is the base's z, or where the first is nearly parallel to it, the first axis moved to the base.
-
-    Parameters
-    ----------
-    chain
-        At least one joint; nearly parallel axes made parallel (`straightened`), for they have no usable normal.
+    Nearly parallel axes have no usable normal: make them parallel first (`straightened`).
 
     Source
     ------
@@ -278,19 +227,8 @@ def _angle(start: Floats, end: Floats, *, about: Floats) -> float:
 def straightened(chain: SerialChain) -> tuple[SerialChain, dict[int, float]]:
     """The chain with nearly parallel neighbours made parallel, since their common normal says nothing of the arm.
 
-    Every joint stays in its place against the one before; what follows the second axis turns with it.
-
-    Parameters
-    ----------
-    chain
-        As its description states it.
-
-    Returns
-    -------
-    chain
-        The same object where nothing was nearly parallel.
-    angles
-        Joint (from 1) -> by how much it was turned (rad).
+    Every joint stays in its place against the one before; what follows the second axis turns with it. With it the
+    joints (from 1) that were turned, and by how much (rad).
     """
     placements, angles = chain.placements.copy(), {}
     for joint in range(1, len(placements)):

@@ -214,16 +214,16 @@ def empty_files() -> Iterator[Fault]:
 
 def cut_files() -> Iterator[Fault]:
     """Files that end too early, or are none."""
-    for share in (0.01, 0.3, 0.7, 0.99):
+    for share in (0.01, 0.7):
         yield Fault("cut Parquet", f"at {share:.0%}", as_parquet(cut(share)))
-    for count in (1, 4, 8, 100):
+    for count in (1, 100):
         yield Fault("cut Parquet", f"last {count} bytes", as_parquet(lambda data, count=count: data[:-count]))
     yield Fault(
         "cut Parquet", "its index flipped", as_parquet(lambda data: data[:-200] + data[-200:-8][::-1] + data[-8:])
     )
     yield Fault("cut Parquet", "index length huge", as_parquet(lambda data: data[:-8] + b"\xff\xff\xff\x7fPAR1"))
     yield Fault("cut Parquet", "a page zeroed", as_parquet(lambda data: data[:3000] + bytes(500) + data[3500:]))
-    for share in (0.2, 0.55, 0.9):
+    for share in (0.55,):
         yield Fault("cut CSV", f"at {share:.0%}", raw(cut(share), only_first=True))
     yield Fault("cut CSV", "its start is missing", raw(lambda data: data[5000:], only_first=True))
     yield Fault("cut CSV", "gzip cut", only(gzip.compress(csv(good()[0]).encode())[:-500], "log.csv.gz"))
@@ -420,7 +420,7 @@ def repeated(times: int, *names: str) -> Callable[[Path], None]:
 def doubtful_samples() -> Iterator[Fault]:
     """Spikes, contacts, and signals that come over a slower bus."""
     for size in (0.5, 5.0):
-        for share in (0.002, 0.01, 0.05):
+        for share in (0.002, 0.05):
             yield Fault("spikes", f"{size:g} A in {100 * share:g} % of i1", spikes("i1", size, share))
     for size in (0.2, 1.0, -1.0):
         for seconds in (0.5, 1.5):
@@ -434,7 +434,7 @@ def doubtful_samples() -> Iterator[Fault]:
 def dropouts() -> Iterator[Fault]:
     """Values that were lost and written as 0."""
     for seed, column in enumerate(("i1", "i2", "q1", "q2", "qd1")):
-        for share in (0.001, 0.01, 0.1, 0.5):
+        for share in (0.001, 0.1):
             yield Fault("values lost as 0", f"{100 * share:g} % of {column}", lost(column, share, seed))
 
 
@@ -476,7 +476,7 @@ def current_faults() -> Iterator[Fault]:
 
 def dead_bands() -> Iterator[Fault]:
     """Small currents that a drive or a sensor cuts off, or by which it draws all towards zero."""
-    for limit in (0.03, 0.05, 0.1, 0.3):
+    for limit in (0.05, 0.3):
         for column in ("i1", "i2"):
 
             def drawn(table: pd.DataFrame, limit: float = limit, column: str = column) -> pd.Series:
@@ -492,7 +492,7 @@ def dead_bands() -> Iterator[Fault]:
 def changes() -> Iterator[Fault]:
     """What is another thing in one log than in the other, by little."""
     kind = "changed between logs"
-    for size in (0.02, 0.05, -0.1, 0.2):
+    for size in (0.02, -0.1):
         for column in ("i1", "i2"):
             name = f"zero of {column} by {size:g} A"
             change = plus(**{column: lambda table, size=size, column=column: table[column] + size})

@@ -45,10 +45,8 @@ class Columns:
 
     Attributes
     ----------
-    names
-        (C,) column names in the file; the first is time.
-    factors
-        (C,) what a file's number is multiplied by to be SI with the recipe's sign.
+    names, factors
+        (C,) column names in the file, time first, and what a number is multiplied by to be SI with the recipe's sign.
     places
         Quantity -> (k, 2) rows of (index of the joint from 0, index into `names`); ``extra`` the same with the index of
         the column asked for instead of the joint's. These stand last in `names`.

@@ -90,10 +90,9 @@ def read_yaml(path: Path, *, kind: type[PumaidError] = RecipeError, max_bytes: i
 
     Raises
     ------
-    PumaidError [file-not-readable]
-        Of type `kind`: it cannot be read, or is larger than `max_bytes`.
-    PumaidError [yaml-refused]
-        It is not UTF-8 or UTF-16 text, not YAML, or has tags, several documents, too many levels or values.
+    PumaidError [file-not-readable, yaml-refused]
+        Of type `kind`: it is larger than `max_bytes`, not UTF-8 or UTF-16 text, not YAML, or has tags, several
+        documents, too many levels or values.
     """
     content = read_bytes(path, kind=kind, most=max_bytes)
     return _Reader(file_name(path), kind).read(content)
@@ -219,16 +218,8 @@ def within(least: float, most: float, *, unit: str, mend: str) -> AfterValidator
 
 @dataclass(frozen=True, slots=True)
 class Wording:
-    """How faults of one kind of file are told.
-
-    Attributes
-    ----------
-    error
-        The type of error.
-    examples
-        Key -> what it looks like.
-    slug
-        The slug of every fault, or none to use the one of each kind of fault.
+    """How faults of one kind of file are told: the type of error, an example of each key's value, and the slug of every
+    fault (none: each kind of fault has its own).
     """
 
     error: type[PumaidError]

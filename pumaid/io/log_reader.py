@@ -20,8 +20,8 @@ from pumaid.units import UNITS
 class LogReader:
     """The samples of some logs, in SI, as an iterable of `Log` batches in the order of the files.
 
-    After the pass `files` and `notes` tell what was read. A file whose first time follows the last time of the file
-    before shares its clock; else its first batch has `starts_clock` set.
+    A file whose first time follows the last time of the file before shares its clock; else its first batch has
+    `starts_clock` set. After the pass `files` and `notes` tell what was read.
 
     Parameters
     ----------
@@ -33,25 +33,11 @@ class LogReader:
         Columns to read besides what the recipe names, as the files call them; they arrive as `Log.extra`, unknown in a
         file that lacks them.
 
-    Attributes
-    ----------
-    files
-        Facts of the files read to their end so far, in order.
-    notes
-        Notes of the files read so far.
-
     Raises
     ------
     LogError
         While iterating: [column-missing, column-doubled, no-current, no-header, not-a-log, damaged-log, unreadable-log,
         not-a-number, ragged-row, bad-samples, time-not-rising, clock-too-coarse].
-
-    Examples
-    --------
-    >>> reader = LogReader(expand(["logs/"]), robot)  # doctest: +SKIP
-    >>> dataset = segment(reader, robot)  # doctest: +SKIP
-    >>> [facts.rows for facts in reader.files]  # doctest: +SKIP
-    [120000, 120000]
     """
 
     def __init__(self, paths: Iterable[LogPath | str], robot: Robot, *, extra: Sequence[str] = ()) -> None:

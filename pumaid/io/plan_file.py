@@ -199,25 +199,13 @@ def find_plan(folders: Iterable[Path]) -> Path | None:
 
 
 def read_plan(path: Path, robot: Robot) -> Plan:
-    """Read a plan, YAML or (by its ending) CSV, and check it against the robot.
-
-    Parameters
-    ----------
-    path
-        The file; ``-`` is standard input, as YAML.
-    robot
-        Number of joints, their kinds, limits and highest speeds.
-
-    Returns
-    -------
-    plan
-        In SI. A plan that names another robot with as many joints has a note that says so.
+    """Read a plan, YAML or (by its ending) CSV; ``-`` is standard input, as YAML. A plan for another robot has a note.
 
     Raises
     ------
     ModelError [plan-wrong], or Faults of several
-        Unknown keys, missing or impossible values, positions outside limits, speeds above the highest; each with line
-        and path (``runs[12].velocity``).
+        Unknown keys, missing or impossible values, positions outside the robot's limits, speeds above its highest; each
+        with line and path (``runs[12].velocity``).
     ModelError [yaml-refused], [file-not-readable]
         It cannot be read at all.
     """
@@ -314,25 +302,13 @@ def _csv_run(row: dict[str, str], holds: Sequence[str]) -> dict[str, Any]:
 
 
 def write_plan(path: Path, plan: Plan, robot: Robot, *, format: str = "yaml") -> None:
-    """Write a plan atomically; arguments as for `plan_text`.
-
-    Raises
-    ------
-    ResultError [cannot-write]
-        The system refuses.
-    """
+    """Write a plan atomically; arguments as for `plan_text`, errors as of `write_file`."""
     write_file(path, plan_text(plan, robot, format=format))
 
 
 def plan_text(plan: Plan, robot: Robot, *, format: str = "yaml") -> str:
-    """A plan as the text of its file, in deg and m.
-
-    Parameters
-    ----------
-    plan, robot
-        The plan and the arm that it is for.
-    format
-        ``"yaml"``, or ``"csv"``: a row a run, units in the columns' names, without the reasons and the forecast.
+    """A plan for a robot as the text of its file, in deg and m: YAML, or with `format` ``"csv"`` a row a run without
+    the reasons and the forecast, units in the columns' names.
     """
     arm = _PlannedArm(robot, "deg")
     return _csv(plan, arm) if format == "csv" else _yaml(plan, arm)

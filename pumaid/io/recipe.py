@@ -90,17 +90,9 @@ _BLANK_JOINT = (
 
 
 def read_recipe(path: Path) -> Robot:
-    """Read a robot from its recipe.
+    """Read a robot from its recipe, a YAML file as ``docs/recipes.md`` describes it; ``-`` is standard input.
 
-    Parameters
-    ----------
-    path
-        A YAML file as ``docs/recipes.md`` describes it; ``-`` is standard input.
-
-    Returns
-    -------
-    robot
-        The arm in SI, with `origin` the file's name and `digest` the SHA-256 of its bytes.
+    The robot is in SI; its `origin` is the file's name, its `digest` the SHA-256 of its bytes.
 
     Raises
     ------
@@ -201,23 +193,15 @@ def _point(values: list[float]) -> Point:
 
 
 def find_recipe(given: Path | None, logs: Sequence[Path] = ()) -> Path:
-    """Find the recipe that belongs to some logs.
+    """Find the recipe that belongs to some logs (files, folders or globs as the user gave them).
 
-    The first of: `given`; ``recipe.yaml`` in the folder of each of the logs; beside that folder; in the working folder.
-
-    Parameters
-    ----------
-    given
-        What the user named: a file, or the name of a shipped recipe such as ``puma560``; or none.
-    logs
-        Files, folders or globs as the user gave them; ``-`` (standard input) has no folder.
+    The first of: `given` (a file, or the name of a shipped recipe such as ``puma560``); ``recipe.yaml`` in the folder
+    of each of the logs; beside that folder; in the working folder. Standard input (``-``) has no folder.
 
     Raises
     ------
     RecipeError [recipe-not-found]
-        There is none; the message lists the places searched.
-    RecipeError [recipe-not-found]
-        The logs' folders hold recipes that differ.
+        There is none (the message lists the places searched), or the logs' folders hold recipes that differ.
     """
     if given is not None:
         return _given(given)
@@ -297,31 +281,16 @@ def blank(n_joints: int) -> str:
 
 
 def remarked(body: str, n_joints: int, *, origin: str) -> str:
-    """A recipe's text with the remarks above and below that tell what else it may hold.
+    """A recipe's text (name, gravity and joints) with the remarks above and below that tell what else it may hold.
 
-    Parameters
-    ----------
-    body
-        Name, gravity and joints, without a block for logs or effects.
-    n_joints
-        How many joints it has.
-    origin
-        What it was started from, one line.
+    `origin` is what it was started from, one line.
     """
     log = _LOG.format(ones=", ".join(["1"] * n_joints))
     return _HEAD.format(origin=origin) + body + log + _EFFECTS + _SAFETY
 
 
 def with_gravity(path: Path, gravity: tuple[float, float, float]) -> str:
-    """A recipe's text with its gravity replaced; comments and order stay.
-
-    Parameters
-    ----------
-    path
-        The recipe, which can be read.
-    gravity
-        m/s2, in base axes.
-    """
+    """A recipe's text with its gravity (m/s2, in base axes) replaced; comments and order stay."""
     yaml = YAML(typ="rt")
     yaml.preserve_quotes = True
     yaml.width = 4096

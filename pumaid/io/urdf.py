@@ -159,10 +159,8 @@ def read_urdf(path: Path) -> UrdfFile:
 
     Raises
     ------
-    RecipeError [file-not-readable]
-        It cannot be read.
-    RecipeError [urdf-refused], or Faults of several
-        It is not XML, not a URDF, or its links and joints are no trees.
+    RecipeError [file-not-readable, urdf-refused], or Faults of several
+        It cannot be read, is not XML, not a URDF, or its links and joints are no trees.
     """
     content, file = read_bytes(path, kind=RecipeError, most=MAX_BYTES), file_name(path)
     robot = _parsed(content, file)
@@ -265,12 +263,8 @@ def _meant(word: str, names: Sequence[str]) -> str:
 class ArmChain:
     """The joints from link `base` to link `tip`, fixed ones among them, and what was not taken.
 
-    Attributes
-    ----------
-    before, path
-        Joints from the URDF's root to `base`, and from `base` to `tip`, outward.
-    carried, elsewhere
-        Other moving joints: those that the arm carries (a gripper, a camera), and those that it does not.
+    `before` are the joints from the URDF's root to `base`, `path` those from `base` to `tip`, outward; of the other
+    moving joints the arm carries those of `carried` (a gripper, a camera), and not those `elsewhere`.
     """
 
     base: str
@@ -287,18 +281,10 @@ class ArmChain:
 
 
 def arm_chain(urdf: UrdfFile, *, base: str | None = None, tip: str | None = None) -> ArmChain:
-    """The arm in a URDF.
+    """The arm in a URDF, from link `base` (the root where not given) to link `tip`.
 
-    With `tip`, all that lies between it and `base`. Without, the line of most moving joints from `base`, cut where it
-    splits into a gripper or hand (branches shorter than the line so far, and as long as one another or more than two)
-    and before joints that mimic others.
-
-    Parameters
-    ----------
-    urdf
-        The robot.
-    base, tip
-        The links to start and end at; without `base` the root.
+    Without `tip`, the line of most moving joints from `base`, cut where it splits into a gripper or hand (branches
+    shorter than the line so far, and as long as one another or more than two) and before joints that mimic others.
 
     Raises
     ------

@@ -72,22 +72,10 @@ class Agreement(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class UrdfRecipe:
-    """A recipe made from a URDF.
+    """A recipe made from a URDF, as text and as the robot that is read back from it.
 
-    Attributes
-    ----------
-    text
-        What goes into the file.
-    robot
-        The same, read back.
-    urdf, chain
-        What it was made from.
-    base
-        (4, 4) the recipe's frame 0 in the URDF's link `chain.base` (m).
-    agreement
-        With the URDF as it is written.
-    notes
-        What the URDF lacks, and what was left out.
+    `base` is the (4, 4) recipe's frame 0 in the URDF's link `chain.base` (m), `agreement` that with the URDF as it is
+    written; `notes` tell what the URDF lacks, and what was left out.
     """
 
     text: str
@@ -100,21 +88,12 @@ class UrdfRecipe:
 
 
 def recipe_from_urdf(path: Path, *, base: str | None = None, tip: str | None = None) -> UrdfRecipe:
-    """Make a recipe from a URDF.
-
-    Parameters
-    ----------
-    path
-        The URDF; ``-`` is standard input.
-    base, tip
-        Links between which the arm lies; found where not given (`arm_chain`).
+    """Make a recipe from a URDF (``-`` is standard input) of the arm between two links (found where not given).
 
     Raises
     ------
-    RecipeError [file-not-readable, urdf-refused]
-        The file cannot be used.
-    RecipeError [urdf-which-chain]
-        It is not clear which joints are the arm.
+    RecipeError [file-not-readable, urdf-refused, urdf-which-chain]
+        The file cannot be used, or it is not clear which joints are the arm.
     RecipeError [urdf-not-derived]
         No recipe agrees with the URDF's axes.
     """
@@ -165,14 +144,7 @@ def geometry(chain: ArmChain) -> tuple[SerialChain, Floats]:
 def agreement(robot: Robot, chain: SerialChain, base: Floats) -> Agreement:
     """Compare a recipe's axes, as lines in space, with homogeneous transforms straight from a URDF's elements.
 
-    Parameters
-    ----------
-    robot
-        The arm as the recipe states it.
-    chain
-        The same joints as the URDF states them.
-    base
-        (4, 4) the recipe's frame 0 in the chain's base (m).
+    `base` is the (4, 4) recipe's frame 0 in the chain's base (m).
     """
     spans = np.where(robot.is_revolute, np.pi, SLIDE)
     generator = np.random.default_rng(0)
