@@ -193,14 +193,15 @@ def _mend(header: Sequence[str], robot: Robot, missing: Sequence[str]) -> str:
 def _absence(quantity: str, lacking: list[str], has_other: bool, *, form: LogFormat, name: str) -> list[Note]:
     """Notes on what may be absent; a velocity or temperature that nobody named is passed over in silence."""
     meanings = {
-        "current": "the runs of these joints show no current and are not identified",
-        "velocity": "all velocities are derived from position",
-        "temperature": "these temperatures are not known",
+        "current": ("current-absent", "the runs of these joints show no current and are not identified"),
+        "velocity": ("velocity-absent", "all velocities are derived from position"),
+        "temperature": ("temperature-absent", "these temperatures are not known"),
     }
     is_asked = quantity == "current" or has_other or getattr(form, quantity) != getattr(LogFormat(), quantity)
     if not lacking or quantity not in meanings or not is_asked:
         return []
-    return [Note(f"{quantity}-absent", f"no column {_listed(lacking)}: {meanings[quantity]}", Where(file=name))]
+    slug, meaning = meanings[quantity]
+    return [Note(slug, f"no column {_listed(lacking)}: {meaning}", Where(file=name))]
 
 
 def check_extra(headers: Mapping[str, Sequence[str]], extra: Sequence[str]) -> None:
