@@ -7,7 +7,6 @@ from collections.abc import Sequence
 from functools import partial
 from typing import Any
 
-import matplotlib as mpl
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
@@ -26,7 +25,7 @@ from pumaid.reporting.figures.style import (
     INK,
     Drawing,
     panels,
-    text_colour,
+    stacked_bar,
 )
 from pumaid.reporting.formatting import amperes, in_unit, shortened
 from pumaid.reporting.tables import row_of
@@ -62,11 +61,12 @@ MOST_MODELS, PAGE_WIDTH, LETTERS = 8, 4.9, 9.2
 
 def share_figure(context: ReportContext) -> Drawing:
     """Where each joint's current goes."""
-    joint = any(TOGETHER in name for score in context.comparison.joints for name in score.shares)
     caption = (
         "Left: shares of the mean square of each joint's current, which heats the motor. Right: RMSE (dot) and noise"
-        " floor (bar)." + " Striped: effects that the fitted logs do not separate." * joint
+        " floor (bar)."
     )
+    if any(TOGETHER in name for score in context.comparison.joints for name in score.shares):
+        caption += " The fitted logs do not separate effects that share a colour."
     title = f"{context.robot.name}: what the motor currents are spent on"
     return Drawing("spent", title, caption, partial(shares, context))
 
@@ -75,16 +75,20 @@ def shares(context: ReportContext) -> Figure:
     """Bars of shares on the left, what is left on the right."""
     scores = [score for score in context.comparison.joints if score.shares]
     names = [name for name in _ordered(scores) if name != UNEXPLAINED]
-    looks = _looks(names)
+    rest = [name for name in names if name not in EFFECT_COLOURS]
+    colours = {name: EFFECT_COLOURS[name] for name in names if name in EFFECT_COLOURS}
+    colours |= {name: OTHER_COLOURS[k % len(OTHER_COLOURS)] for k, name in enumerate(rest)}
+    colours |= {UNEXPLAINED: BACKWARD}
     figure = Figure(figsize=(5.1, 0.42 * len(scores) + 1.95), layout="constrained")
     title = f"{shortened(context.robot.name)}\nWhat the motor currents are spent on"
     figure.suptitle(title, x=0.01, ha="left", fontsize=11, fontweight="bold")
     bars, errors = figure.subplots(1, 2, width_ratios=(2.35, 1.0), sharey=True)
     places = np.arange(len(scores))[::-1]
-    with mpl.rc_context({"hatch.linewidth": 3.5}):
-        for place, score in zip(places, scores, strict=True):
-            _share_bar(bars, float(place), score, looks)
     negative = min(0.0, *(sum(share for share in score.shares.values() if share < 0.0) for score in scores))
+    for place, score in zip(places, scores, strict=True):
+        parts = [(score.shares.get(name, 0.0), colour, 1.0) for name, colour in colours.items()]
+        end = stacked_bar(bars, float(place), parts, room=ROOM * (1.0 - 1.5 * negative))
+        bars.text(end + 0.02, place, amperes(score.rms), va="center", fontsize=9.5)
     bars.set_xlim(1.05 * negative if negative < -0.01 else 0.0, 1.3 - negative)
     bars.set_yticks(places, [f"{s.joint}  {shortened(context.robot.joint(s.joint).name, 20)}" for s in scores])
     bars.set_ylim(-0.6, len(scores) - 0.4)
@@ -96,8 +100,7 @@ def shares(context: ReportContext) -> Figure:
     for axes in (bars, errors):
         axes.tick_params(axis="y", left=False)
         axes.spines["left"].set_visible(False)
-    handles: list[Patch | Line2D] = [Patch(linewidth=0, label=_share_label(name), **looks[name]) for name in names]
-    handles.append(Patch(color=BACKWARD, label="unexplained"))
+    handles: list[Patch | Line2D] = [Patch(color=colour, label=_label(name)) for name, colour in colours.items()]
     handles.append(Line2D([], [], linestyle="", marker="o", markersize=6.5, color=BACKWARD, label="RMSE"))
     handles.append(Patch(color=GREY, alpha=0.45, label="noise floor"))
     columns = 2 if any(TOGETHER in name for name in names) else 3
@@ -116,35 +119,9 @@ def _ordered(scores: Sequence[JointScore]) -> list[str]:
     return sorted(total, key=lambda name: (rank[name], name.count(TOGETHER), -total[name]))
 
 
-def _looks(names: Sequence[str]) -> dict[str, dict[str, Any]]:
-    """Colour of each share; stripes in the colours of the first two effects that are not separated."""
-    effects = dict.fromkeys(effect for name in names for effect in name.split(TOGETHER))
-    rest = [effect for effect in effects if effect not in EFFECT_COLOURS]
-    colours = EFFECT_COLOURS | {effect: OTHER_COLOURS[k % len(OTHER_COLOURS)] for k, effect in enumerate(rest)}
-    looks: dict[str, dict[str, Any]] = {}
-    for name in names:
-        parts = [colours[effect] for effect in name.split(TOGETHER)]
-        looks[name] = {"facecolor": parts[0]} | ({"hatch": "//", "edgecolor": parts[1]} if len(parts) > 1 else {})
-    return looks
-
-
-def _share_label(share: str) -> str:
+def _label(share: str) -> str:
     effects = [EFFECT_NAMES.get(effect, effect.replace("_", " ")) for effect in share.split(TOGETHER)]
     return effects[0] if len(effects) == 1 else " + ".join(effect.removesuffix(" friction") for effect in effects)
-
-
-def _share_bar(axes: Axes, place: float, score: JointScore, looks: dict[str, dict[str, Any]]) -> None:
-    ends = {True: 0.0, False: 0.0}
-    for name, look in [*looks.items(), (UNEXPLAINED, {"facecolor": BACKWARD})]:
-        share = score.shares.get(name, 0.0)
-        start, colour = ends[share >= 0.0], look["facecolor"]
-        axes.barh(place, share, left=start, height=0.66, linewidth=0, **look)
-        ends[share >= 0.0] += share
-        if share >= ROOM:
-            box = {"facecolor": colour, "linewidth": 0, "pad": 1.5} if "hatch" in look else None
-            style: dict[str, Any] = {"ha": "center", "va": "center", "fontweight": "bold", "bbox": box}
-            axes.text(start + share / 2.0, place, f"{100 * share:.0f} %", color=text_colour(colour), **style)
-    axes.text(ends[True] + 0.02, place, amperes(score.rms), va="center", fontsize=9.5)
 
 
 def _error_bars(axes: Axes, places: NDArray[Any], scores: Sequence[JointScore]) -> None:

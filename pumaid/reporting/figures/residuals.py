@@ -14,7 +14,7 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 from numpy.typing import NDArray
 
-from pumaid.estimation.evaluate import TOGETHER, Budget, JointScore, RunScore
+from pumaid.estimation.evaluate import TOGETHER, JointScore, RunScore
 from pumaid.reporting.context import ReportContext
 from pumaid.reporting.figures.style import (
     BACKWARD,
@@ -26,7 +26,7 @@ from pumaid.reporting.figures.style import (
     direction_handles,
     dots,
     panels,
-    text_colour,
+    stacked_bar,
     zero_line,
 )
 from pumaid.reporting.formatting import amperes, posture_text, shortened
@@ -39,6 +39,9 @@ MOST_POSTURES, FINE, COARSE = 3, 48, 14
 
 #: A variable is drawn if it varies by more than this: speed (share of the largest), temperature (K), load (A).
 SPEED_CHANGE, TEMPERATURE_CHANGE, LOAD_CHANGE = 0.05, 0.5, 1e-6
+
+#: Share of a bar with room for its number.
+ROOM = 0.1
 
 #: Part of the residual budget -> colour: greys for noise.
 PART_COLOURS = {
@@ -269,12 +272,18 @@ def _budget(context: ReportContext) -> Figure:
 
 
 def _budget_bars(axes: Axes, context: ReportContext) -> list[Patch]:
-    """Draw the bars; what the legend says of them."""
-    scores, names = budgets(context), set()
+    """Draw the bars, significant parts first, unassigned parts and noise last; what the legend says of them."""
+    order, scores, names = list(PART_COLOURS)[-3:], budgets(context), set()
     for place, score in enumerate(scores):
-        if score.budget is not None:
-            _budget_bar(axes, score.budget, place)
-            names |= {part.name for part in score.budget.parts if part.mean_square > 0.0}
+        budget = score.budget
+        assert budget is not None
+        parts = sorted(budget.parts, key=lambda p: (order.index(p.name) if p.name in order else -1, -p.mean_square))
+        bar = []
+        for part in parts:
+            is_open = part.name == "unassigned" and not part.is_more
+            bar.append((part_share(budget, part), PART_COLOURS[part.name], 0.45 if is_open else 1.0))
+            names |= {part.name} if part.mean_square > 0.0 else set()
+        stacked_bar(axes, place, bar, room=ROOM)
     axes.set_yticks(range(len(scores)), [f"joint {score.joint}" for score in scores])
     axes.set(ylim=(len(scores) - 0.5, -0.5), xlim=(0.0, 1.0))
     axes.set_xticks([0.0, 0.25, 0.5, 0.75, 1.0], ["0 %", "25 %", "50 %", "75 %", "100 %"])
@@ -285,23 +294,6 @@ def _budget_bars(axes: Axes, context: ReportContext) -> list[Patch]:
         side.tick_params(axis="y", length=0)
         side.spines[spine].set_visible(False)
     return [Patch(color=colour, label=PART_NAMES[name]) for name, colour in PART_COLOURS.items() if name in names]
-
-
-def _budget_bar(axes: Axes, budget: Budget, place: int) -> None:
-    """Significant parts first, the largest next to the axis; unassigned parts and noise last."""
-    order = list(PART_COLOURS)[-3:]
-    parts = sorted(budget.parts, key=lambda p: (order.index(p.name) if p.name in order else -1, -p.mean_square))
-    start = 0.0
-    for part in parts:
-        share, colour = part_share(budget, part), PART_COLOURS[part.name]
-        is_open = part.name == "unassigned" and not part.is_more
-        alpha = 0.45 if is_open else 1.0
-        axes.barh(place, share, left=start, height=0.72, color=colour, alpha=alpha, edgecolor="white", linewidth=0.6)
-        if share >= 0.09:
-            ink = INK if is_open else text_colour(colour)
-            middle = start + 0.5 * share
-            axes.text(middle, place, f"{100.0 * share:.0f} %", ha="center", va="center", color=ink, fontsize=8.5)
-        start += share
 
 
 # All of it at a glance

@@ -177,9 +177,20 @@ def zero_line(axes: Axes, floor: float | None = None) -> None:
         axes.axhspan(-floor, floor, color=GREY, alpha=0.18, linewidth=0, zorder=0)
 
 
-def text_colour(background: str) -> str:
-    """Colour of text on an area."""
-    return "#1b1e23" if background in PALE else "white"
+def stacked_bar(axes: Axes, place: float, parts: Iterable[tuple[float, str, float]], *, room: float) -> float:
+    """A bar of (share, colour, opacity), negative ones beyond zero, with the shares above `room`; its right end."""
+    ends = {True: 0.0, False: 0.0}
+    for share, colour, alpha in parts:
+        start = ends[share >= 0.0]
+        axes.barh(place, share, left=start, height=0.68, color=colour, alpha=alpha, linewidth=0)
+        ends[share >= 0.0] += share
+        if share >= room:
+            look: Any = {
+                "color": "#1b1e23" if colour in PALE else INK if alpha < 1.0 else "white",
+                "fontweight": "bold",
+            }
+            axes.text(start + share / 2.0, place, f"{100.0 * share:.0f} %", ha="center", va="center", **look)
+    return ends[True]
 
 
 def clock_shifts(items: Iterable[Run | Reject], gap: float = 0.0) -> dict[int, float]:
