@@ -71,20 +71,20 @@ def compare(estimate: Estimate, dataset: Dataset, robot: Robot) -> Comparison:
     check_known(estimate.effects)
     judge = Judge.of(robot, estimate, dataset)
     fitted_files = {facts.name for facts in dataset.files if facts.digest in set(estimate.logs.values())}
-    known = [not run.heldout and run.origin in fitted_files for run in dataset.runs]
+    is_fitted = [not run.heldout and run.origin in fitted_files for run in dataset.runs]
     judged: dict[int, tuple[Tally, Floats]] = {}
     for joint in sorted({run.joint for run in dataset.runs}):
-        own = [n for n, run in enumerate(dataset.runs) if run.joint == joint]
-        judged |= dict(zip(own, judge.judged([dataset.runs[n] for n in own]), strict=True))
+        numbers = [n for n, run in enumerate(dataset.runs) if run.joint == joint]
+        judged |= dict(zip(numbers, judge.judged([dataset.runs[n] for n in numbers]), strict=True))
     tallies = [judged[n][0] for n in range(len(dataset.runs))]
     means = {joint: _mean([t for t in tallies if t.run.joint == joint]) for joint in {t.run.joint for t in tallies}}
     groups = {joint: judge.groups(_counted(joint, tallies)) for joint in means}
     scores = [
-        judge.score(tally, row, mean=means[tally.run.joint], groups=groups[tally.run.joint], is_fitted=was)
-        for (tally, row), was in zip((judged[n] for n in range(len(tallies))), known, strict=True)
+        judge.score(tally, row, mean=means[tally.run.joint], groups=groups[tally.run.joint], is_fitted=is_fitted[n])
+        for n, (tally, row) in sorted(judged.items())
     ]
     bare = tuple(_of_joint(joint.number, tallies, scores, groups=groups) for joint in robot.joints)
-    joints = tuple(replace(score, budget=_budget(score, scores, robot, known=known)) for score in bare)
+    joints = tuple(replace(score, budget=_budget(score, scores, robot, is_fitted=is_fitted)) for score in bare)
     counted = [tally for joint in robot.joints for tally in _counted(joint.number, tallies)]
     return Comparison(
         robot=robot.name,
@@ -106,30 +106,30 @@ def _mean(tallies: Sequence[Tally]) -> float:
 
 def _counted(joint: int, tallies: Sequence[Tally]) -> list[Tally]:
     """Runs of a joint behind its figures: those that are not held out, or all where all are."""
-    own = [tally for tally in tallies if tally.run.joint == joint]
-    return [tally for tally in own if not tally.run.heldout] or own
+    moving = [tally for tally in tallies if tally.run.joint == joint]
+    return [tally for tally in moving if not tally.run.heldout] or moving
 
 
 def _of_joint(
     joint: int, tallies: Sequence[Tally], scores: Sequence[RunScore], *, groups: Mapping[int, Groups]
 ) -> JointScore:
-    own = _counted(joint, tallies)
+    counted = _counted(joint, tallies)
     heldout = [tally for tally in tallies if tally.run.joint == joint and tally.run.heldout]
-    if not own:
+    if not counted:
         return JointScore(joint, 0, 0, None, None, None, None, f"joint {joint} never moves alone in these logs")
-    samples, squares = sum(t.samples for t in own), sum(t.squares for t in own)
-    current, mean = sum(t.current_squares for t in own), _mean(own)
+    samples, squares = sum(t.samples for t in counted), sum(t.squares for t in counted)
+    current, mean = sum(t.current_squares for t in counted), _mean(counted)
     about = current - samples * mean**2
-    floor, why = noise_floor(pairs([tally.run for tally in own]))
+    floor, why = noise_floor(pairs([tally.run for tally in counted]))
     draws = current > NOTHING**2 * samples
-    shares = {name: sum(t.products[name] for t in own) / current for name in own[0].products} if draws else {}
+    shares = {name: sum(t.products[name] for t in counted) / current for name in counted[0].products} if draws else {}
     shares = {name: share for name, share in together(shares, groups[joint]).items() if share != 0.0}
     return JointScore(
         joint=joint,
-        runs=len(own),
+        runs=len(counted),
         samples=samples,
         rmse=float(np.sqrt(squares / samples)),
-        bias=sum(t.total for t in own) / samples,
+        bias=sum(t.total for t in counted) / samples,
         explained=1.0 - squares / about if about > NOTHING**2 * samples else None,
         noise_floor=floor,
         noise_floor_reason=why,
@@ -141,31 +141,32 @@ def _of_joint(
     )
 
 
-def _budget(score: JointScore, scores: Sequence[RunScore], robot: Robot, *, known: Sequence[bool]) -> Budget | None:
+def _budget(score: JointScore, scores: Sequence[RunScore], robot: Robot, *, is_fitted: Sequence[bool]) -> Budget | None:
     """Where the error of a joint lives."""
     if score.rmse is None:
         return None
-    own = [(one, was) for one, was in zip(scores, known, strict=True) if one.run.joint == score.joint]
-    own = [(one, was) for one, was in own if not one.run.heldout] or own
-    is_known = all(name == "gravity" or "gravity" not in name.split(TOGETHER) for one, _ in own for name in one.parts)
-    loads = [one.parts.get("gravity", np.zeros(len(one.predicted))) for one, _ in own]
+    pairs_of_joint = [pair for pair in zip(scores, is_fitted, strict=True) if pair[0].run.joint == score.joint]
+    counted = [pair for pair in pairs_of_joint if not pair[0].run.heldout] or pairs_of_joint
+    runs = [run_score for run_score, _ in counted]
+    has_load = all(name == "gravity" or "gravity" not in name.split(TOGETHER) for run in runs for name in run.parts)
+    loads = [run.parts.get("gravity", np.zeros(len(run.predicted))) for run in runs]
     return budget(
-        joint_bins(robot, [one.run for one, _ in own], is_settled=False)[0],
-        np.concatenate([one.residual for one, _ in own]),
+        joint_bins(robot, [run.run for run in runs], is_settled=False)[0],
+        np.concatenate([run.residual for run in runs]),
         robot.joint(score.joint),
-        load=np.concatenate(loads) if is_known else None,
+        load=np.concatenate(loads) if has_load else None,
         mean_square=score.rmse**2,
         floor=score.noise_floor,
-        is_fitted=all(was for _, was in own),
+        is_fitted=all(was_fitted for _, was_fitted in counted),
     )
 
 
 def _notes(estimate: Estimate, dataset: Dataset, joints: Sequence[JointScore]) -> list[Note]:
     notes = [*dataset.notes, *held_out_otherwise(estimate, dataset)]
     digests = {facts.digest for facts in dataset.files}
-    seen = digests & set(estimate.logs.values())
-    if digests and seen == digests and not any(joint.heldout_runs for joint in joints):
-        which = "the log was" if len(seen) == 1 else f"all {len(seen)} logs were"
+    fitted = digests & set(estimate.logs.values())
+    if digests and fitted == digests and not any(joint.heldout_runs for joint in joints):
+        which = "the log was" if len(fitted) == 1 else f"all {len(fitted)} logs were"
         text = (
             f"{which} fitted, so the error is what is left after fitting;"
             " logs that the model never saw show what it predicts"

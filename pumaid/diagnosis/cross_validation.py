@@ -122,13 +122,13 @@ class _Folds:
         is_determined = values > FLAT * values[-1]
         self.half = vectors[:, is_determined] / np.sqrt(values[is_determined]) / size[:, None]
 
-    def _kept(self, known: Floats) -> Floats:
+    def _inverse(self, information: Floats) -> Floats:
         """Inverse of what is known without a fold, in directions of which that keeps `KEPT` of the whole information.
 
         What only the fold could tell stays at the fit of all: friction guessed at a speed never run is wrong by more
         than any effect.
         """
-        values, vectors = np.linalg.eigh(self.half.T @ known @ self.half)
+        values, vectors = np.linalg.eigh(self.half.T @ information @ self.half)
         is_kept = values > KEPT
         turned = self.half @ vectors[:, is_kept] / np.sqrt(values[is_kept])
         return turned @ turned.T
@@ -143,7 +143,7 @@ class _Folds:
         training, cross = self.information.copy(), self.cross.copy()
         training[np.ix_(acting, acting)] -= J.T @ J
         cross[acting] -= J.T @ C
-        inverse = self._kept(training)
+        inverse = self._inverse(training)
         move = -inverse[:, acting] @ (J.T @ r)
         turned = inverse @ cross
         score = self.slope - C.T @ r - cross.T @ move

@@ -55,11 +55,11 @@ class SignFlips:
         """Surprise beyond which no flip is asked."""
         return LONE if key in self.lone else GROSS
 
-    def p_value(self, key: Key, seen: float) -> float:
-        """Chance of any candidate at least as far beyond its handicap as `key` is with the surprise `seen`."""
-        if seen >= self.gross(key):
+    def p_value(self, key: Key, surprise: float) -> float:
+        """Chance of any candidate at least as far beyond its handicap as `key` is with this `surprise`."""
+        if surprise >= self.gross(key):
             return 1.0 / (1 + len(self.largest))
-        beyond = seen - self.handicaps.get(key, 0.0)
+        beyond = surprise - self.handicaps.get(key, 0.0)
         return float(1 + np.count_nonzero(self.largest >= beyond)) / (1 + len(self.largest))
 
     def threshold(self, key: Key, level: float) -> float:

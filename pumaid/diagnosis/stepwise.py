@@ -272,7 +272,7 @@ class Stepwise:
         self.periodic = next((effect for effect in self.effects if effect.periodic is not None), None)
         self.added = list(self.given)
         self._coarse, self._finest = (
-            joint_bins(self.model.robot, self.runs, most=most, campaign=self.campaign) for most in (COARSE, FINE)
+            joint_bins(self.model.robot, self.runs, most=limit, campaign=self.campaign) for limit in (COARSE, FINE)
         )
 
     def heldout(self) -> tuple[JointBins, ...]:
@@ -280,7 +280,7 @@ class Stepwise:
         if not self.unseen:
             return ()
         robot, campaign = self.model.robot, self.campaign
-        coarse, finest = (joint_bins(robot, self.unseen, most=most, campaign=campaign) for most in (COARSE, FINE))
+        coarse, finest = (joint_bins(robot, self.unseen, most=limit, campaign=campaign) for limit in (COARSE, FINE))
         return _chosen(coarse, finest, self.added)
 
     def solved(self, added: Sequence[EffectTerm], noises: dict[int, NoiseModel] | None = None) -> Fit:

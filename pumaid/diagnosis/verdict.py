@@ -230,7 +230,7 @@ def competing_form(first: Fit, joint: int, named: Sequence[EvaluatedCandidate]) 
 
 def nearest_form(solved: Fit, joint: int) -> Unexplained | None:
     """The free form that comes nearest to what a system with loads leaves of a joint."""
-    best = max(free_form_scores(solved, joint), key=lambda one: evidence(solved, one), default=None)
+    best = max(free_form_scores(solved, joint), key=lambda trial: evidence(solved, trial), default=None)
     return None if best is None else _shape(solved, best, is_clear=evidence(solved, best) > DECISIVE)
 
 

@@ -30,9 +30,9 @@ def catalogue() -> Mapping[str, Effect]:
     ModelError [effect-file, effect-contract, effect-taken]
         An installed package offers something that is no effect, breaks the contract or takes a name that is taken.
     """
-    found = dict(_own())
-    found |= from_entry_points(found)
-    return MappingProxyType(found | {effect.name: effect for effect in _INCLUDED.values()})
+    effects = dict(_built_in())
+    effects |= from_entry_points(effects)
+    return MappingProxyType(effects | {effect.name: effect for effect in _INCLUDED.values()})
 
 
 def include(path: Path) -> Effect:
@@ -63,6 +63,6 @@ def include(path: Path) -> Effect:
 
 
 @functools.cache
-def _own() -> Mapping[str, Effect]:
+def _built_in() -> Mapping[str, Effect]:
     names = sorted(info.name for info in pkgutil.iter_modules(__path__) if not info.ispkg and info.name not in SHARED)
     return {name: effect_in(importlib.import_module(f"{__name__}.{name}")) for name in names}

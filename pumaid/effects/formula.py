@@ -57,8 +57,8 @@ def friction_velocity(robot: Robot, samples: Samples) -> Floats:
 
     Its own, and where gears couple it (`Robot.coupling`) a share of the velocities of the joints before it.
     """
-    own = samples.joint - 1
-    return samples.velocity @ robot.shaft_speeds[own] if robot.coupling else samples.velocity[:, own]
+    column = samples.joint - 1
+    return samples.velocity @ robot.shaft_speeds[column] if robot.coupling else samples.velocity[:, column]
 
 
 def _load_owner(robot: Robot, samples: Samples, owner: int) -> Floats:
@@ -185,16 +185,16 @@ class _Filler(ast.NodeTransformer):
         return node
 
     def visit_BinOp(self, node: ast.BinOp) -> ast.expr:
-        left, right = node.left, node.right = self.visit(node.left), self.visit(node.right)
+        first, second = node.left, node.right = self.visit(node.left), self.visit(node.right)
         is_product, is_sum = isinstance(node.op, ast.Mult), isinstance(node.op, ast.Add)
         is_quotient, is_difference = isinstance(node.op, ast.Div), isinstance(node.op, ast.Sub)
-        if ((is_product or is_quotient) and _is(left, 0.0)) or (is_product and _is(right, 0.0)):
+        if ((is_product or is_quotient) and _is(first, 0.0)) or (is_product and _is(second, 0.0)):
             return ast.Constant(0.0)
-        if (is_product and _is(left, 1.0)) or (is_sum and _is(left, 0.0)):
-            return right
-        if ((is_product or is_quotient) and _is(right, 1.0)) or ((is_sum or is_difference) and _is(right, 0.0)):
-            return left
-        return ast.UnaryOp(ast.USub(), right) if is_difference and _is(left, 0.0) else node
+        if (is_product and _is(first, 1.0)) or (is_sum and _is(first, 0.0)):
+            return second
+        if ((is_product or is_quotient) and _is(second, 1.0)) or ((is_sum or is_difference) and _is(second, 0.0)):
+            return first
+        return ast.UnaryOp(ast.USub(), second) if is_difference and _is(first, 0.0) else node
 
 
 def _is(node: ast.expr, value: float) -> bool:

@@ -94,5 +94,5 @@ class Payload(Effect):
     def applies(self, robot: Robot, joint: int) -> str | None:
         if joint:
             return load_refusal(robot, joint)
-        reasons = [load_refusal(robot, one.number) for one in robot.joints]
+        reasons = [load_refusal(robot, other.number) for other in robot.joints]
         return None if None in reasons else "no joint of this arm feels gravity"

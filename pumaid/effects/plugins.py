@@ -57,8 +57,8 @@ def effect_in(module: ModuleType) -> Effect:
     if inspect.isabstract(defined[0]):
         lacks = ", ".join(sorted(defined[0].__abstractmethods__))
         raise ModelError("effect-file", f"{defined[0].__name__} does not say its {lacks}", where, _MEND)
-    found: Effect = defined[0]()
-    return found
+    effect: Effect = defined[0]()
+    return effect
 
 
 def from_file(path: Path, *, taken: Mapping[str, Effect]) -> Effect:
@@ -127,15 +127,15 @@ def _refuse_taken(name: str, where: Where, taken: Mapping[str, Effect]) -> None:
 
 
 def _tried(effect: Effect, where: Where, taken: Mapping[str, Effect]) -> Effect:
-    fault = breach(effect, known={*taken, effect.name})
+    fault = breach(effect, names={*taken, effect.name})
     if fault is not None:
         raise ModelError("effect-contract", f"{effect.name}: {fault}", where, _MEND)
     return effect
 
 
-def breach(effect: Effect, *, known: Collection[str]) -> str | None:
-    """The first promise that an effect breaks, in words; None where it keeps all. `known` are names of all effects."""
-    unstated = _unstated(effect, known)
+def breach(effect: Effect, *, names: Collection[str]) -> str | None:
+    """The first promise that an effect breaks, in words; None where it keeps all. `names` are those of all effects."""
+    unstated = _unstated(effect, names)
     if unstated is not None:
         return unstated
     try:
@@ -148,7 +148,7 @@ def breach(effect: Effect, *, known: Collection[str]) -> str | None:
         return f"it fails on made-up motions: {_words(failure)}{hint}"
 
 
-def _unstated(effect: Effect, known: Collection[str]) -> str | None:
+def _unstated(effect: Effect, names: Collection[str]) -> str | None:
     """What an effect should say of itself and does not."""
     for word in ("title", "equation", "source"):
         if not isinstance(getattr(effect, word, None), str) or not getattr(effect, word).strip():
@@ -159,7 +159,7 @@ def _unstated(effect: Effect, known: Collection[str]) -> str | None:
         return f"scope is {effect.scope!r}, not one of Scope.JOINT, CAUSE, ARM"
     if not effect.trace or not all(isinstance(trace, Trace) for trace in effect.trace):
         return "trace is not a tuple of Trace with something in it"
-    strange = [name for name in effect.look_alikes if name not in known]
+    strange = [name for name in effect.look_alikes if name not in names]
     if strange:
         return f"its look-alike {strange[0]} is not in the catalogue"
     marks = [mark for mark in ("base", "per_posture") if getattr(effect, mark, False)]
@@ -215,9 +215,9 @@ def _columns(effect: Effect, number: int, joint: int) -> Iterator[str]:
     if not np.isfinite(made).all():
         yield "columns are not all finite; where temperature or another joint's load is NaN they must be zero"
         return
-    some = np.arange(INSTANTS)[::-3]
-    again = effect.columns(ARM, part(samples, some), number=number, shape=shape)
-    if not np.allclose(again, made[some], rtol=1e-9, atol=1e-9 * float(np.abs(made).max(initial=0.0))):
+    rows = np.arange(INSTANTS)[::-3]
+    again = effect.columns(ARM, part(samples, rows), number=number, shape=shape)
+    if not np.allclose(again, made[rows], rtol=1e-9, atol=1e-9 * float(np.abs(made).max(initial=0.0))):
         yield "an instant's row depends on which other instants are shown"
     formula = effect.formula_in(ARM, number, joint)
     if formula:
@@ -237,8 +237,8 @@ def example(joint: int, *, with_loads: bool) -> Samples:
     direction = np.where(np.arange(INSTANTS) < INSTANTS // 2, 1.0, -1.0)
     velocity = np.zeros_like(position)
     velocity[:, joint - 1] = direction * rng.uniform(0.1, 1.0, INSTANTS)
-    others, slopes = rng.normal(size=(2, INSTANTS, n))
-    others[:, -1], gains = np.nan, np.append(rng.uniform(0.5, 2.0, n - 1), np.nan)
+    loads, slopes = rng.normal(size=(2, INSTANTS, n))
+    loads[:, -1], gains = np.nan, np.append(rng.uniform(0.5, 2.0, n - 1), np.nan)
     load, across, drawn = rng.normal(size=(3, INSTANTS))
     tilts = rng.normal(size=(INSTANTS, 2))
     temperature = np.where(np.arange(INSTANTS) % 5 == 0, np.nan, rng.uniform(20.0, 40.0, INSTANTS))
@@ -253,7 +253,7 @@ def example(joint: int, *, with_loads: bool) -> Samples:
         travel=rng.uniform(0.0, 2.0, INSTANTS),
         temperature=temperature,
         run=np.repeat(np.arange(4), INSTANTS // 4),
-        loads=Loads(load, others, slopes, tilts, np.abs(across), drawn, gains) if with_loads else None,
+        loads=Loads(load, loads, slopes, tilts, np.abs(across), drawn, gains) if with_loads else None,
     )
 
 

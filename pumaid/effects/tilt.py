@@ -37,7 +37,7 @@ class Tilt(Effect):
     def parameters(self, robot: Robot, number: int) -> tuple[Parameter, ...]:
         if number:
             return ()
-        own = [
+        loads = [
             Parameter(
                 f"{part}{n}", "A", f"load that link {n}'s own moment gives upright joint {n}", f"tilt {part}{n}", 0.01
             )
@@ -47,7 +47,7 @@ class Tilt(Effect):
         return (
             Parameter("x", "rad", "turn of the base about its x axis", "tilt x", 0.02, -0.5, 0.5),
             Parameter("y", "rad", "turn of the base about its y axis", "tilt y", -0.015, -0.5, 0.5),
-            *own,
+            *loads,
         )
 
     def shapes(self, robot: Robot, number: int) -> tuple[Shape, ...]:

@@ -83,7 +83,7 @@ class Dummy(Form):
 @pytest.fixture
 def added(tmp_path, monkeypatch):
     """A function that has a file found in a package's folder, as if it stood there."""
-    caches = (catalogue, pumaid.effects._own, every_form, log_formats, all_sections)
+    caches = (catalogue, pumaid.effects._built_in, every_form, log_formats, all_sections)
 
     def add(package, text: str, name: str = "dummy") -> None:
         (tmp_path / f"{name}.py").write_text(text, encoding="utf-8")

@@ -156,7 +156,7 @@ def test_shipped_effects_keep_the_contract():
     """What is asked of others holds for our own."""
     ours = {name: effect for name, effect in catalogue().items() if not (effect.base or effect.per_posture)}
     assert len(ours) > 15
-    assert {name: fault for name, effect in ours.items() if (fault := breach(effect, known=catalogue()))} == {}
+    assert {name: fault for name, effect in ours.items() if (fault := breach(effect, names=catalogue()))} == {}
 
 
 @pytest.mark.parametrize(
