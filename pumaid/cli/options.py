@@ -1,17 +1,24 @@
 """Arguments and options that several commands share, each written once.
 
 A decorator states the name under which its value arrives: ``logs``, ``recipe``, ``output``, ``results``, ``as_json``,
-``seed``, ``units``, ``check``, ``trust``, ``heldout``, ``suspect``, ``reading``.
+``seed``, ``units``, ``check``, ``trust``, ``heldout``, ``suspect``, ``reading``, ``request``.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, fields
 from functools import wraps
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import rich_click as click
+
+if TYPE_CHECKING:
+    from pumaid.dataset import Dataset
+    from pumaid.estimate import Estimate
+    from pumaid.experiment import Reading
+    from pumaid.robot import Robot
 
 Decorated = TypeVar("Decorated", bound=Callable[..., Any])
 
@@ -158,3 +165,53 @@ def _include(context: click.Context, option: click.Parameter, paths: tuple[Path,
 
         for path in paths:
             include(path)
+
+
+@dataclass(frozen=True)
+class ModelOnLogs:
+    """A model held against logs: what `compare` and `diagnose` are asked alike."""
+
+    model: Path
+    logs: tuple[str, ...]
+    recipe: Path | None
+    picture: Path | None
+    heldout: tuple[str, ...]
+    units: str
+    trust: bool
+    reading: Reading
+    as_json: bool
+    check: bool
+
+    def spare_inputs(self, places: Sequence[Path | None], *more: Path | None) -> None:
+        """Refuse to write over what is read: model, logs, recipe and `more`."""
+        from pumaid.cli.output import spare_inputs
+        from pumaid.experiment import read_files
+
+        if any(places):
+            spare_inputs(places, read_files(self.logs, self.recipe, self.model, *more))
+
+    def read(self, *, suspect: Sequence[str] = (), results: Path | None = None) -> tuple[Estimate, Robot, Dataset]:
+        """The model, the arm and the dataset of the logs."""
+        from pumaid.experiment import check_model, read_dataset, read_known_model
+
+        estimate = read_known_model(self.model)
+        how: dict[str, Any] = {"trust": self.trust, "heldout": self.heldout, "reading": self.reading}
+        robot, dataset = read_dataset(self.logs, self.recipe, results=results, extra=suspect, **how)
+        check_model(estimate, robot, (self.recipe, self.logs))
+        return estimate, robot, dataset
+
+
+def model_on_logs(function: Decorated) -> Decorated:
+    """``MODEL LOGS...`` with the options of reading and showing them, as `request`: ModelOnLogs."""
+
+    @wraps(function)
+    def run(**values: Any) -> Any:
+        request = ModelOnLogs(**{item.name: values.pop(item.name) for item in fields(ModelOnLogs)})
+        return function(request=request, **values)
+
+    text, kind = "Draw it: .png, .svg or .pdf.", click.Path(path_type=Path)
+    picture = click.option("--picture", "--figure", "picture", type=kind, metavar="FILE", help=text)
+    shared = (model_argument, logs_argument, recipe_option, effects_option, picture, heldout_option, units_option)
+    for decorate in reversed((*shared, trust_option, reading_options, json_option, check_option)):
+        run = decorate(run)
+    return run  # type: ignore[return-value]

@@ -2,67 +2,37 @@
 
 from __future__ import annotations
 
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import rich_click as click
 
 from pumaid.cli import options
-from pumaid.cli.output import (
-    attention,
-    document,
-    notes,
-    picture_form,
-    remark,
-    spare_inputs,
-    table,
-    write_picture,
-)
+from pumaid.cli.output import attention, document, notes, picture_form, remark, table, write_picture
 
 if TYPE_CHECKING:
     from pumaid.diagnosis.records import Diagnosis
-    from pumaid.experiment import Reading
     from pumaid.robot import Robot
 
 
 @click.command()
-@options.model_argument
-@options.logs_argument
-@options.recipe_option
 @options.suspect_option
-@options.effects_option
 @click.option("--apply", "is_applied", is_flag=True, help="Add what is found, refit, and go on until nothing is left.")
 @click.option("--plan", type=click.Path(path_type=Path), metavar="FILE", help="Write the runs that would decide.")
 @click.option("--force", is_flag=True, help="Replace a plan that is there already.")
-@click.option("--picture", type=click.Path(path_type=Path), metavar="FILE", help="Draw it: .png, .svg or .pdf.")
 @options.output_option("The diagnosis as JSON; - for standard output. Default: diagnosis.json in the results folder.")
 @options.results_option
-@options.heldout_option
-@options.units_option
-@options.trust_option
-@options.reading_options
-@options.json_option
-@options.check_option
-@click.pass_context
+@options.model_on_logs
 def command(
-    context: click.Context,
     *,
-    model: Path,
-    logs: tuple[str, ...],
-    recipe: Path | None,
+    request: options.ModelOnLogs,
     suspect: tuple[str, ...],
     is_applied: bool,
     plan: Path | None,
     force: bool,
-    picture: Path | None,
     output: Path | None,
     results: Path | None,
-    heldout: tuple[str, ...],
-    units: str,
-    trust: bool,
-    reading: Reading,
-    as_json: bool,
-    check: bool,
 ) -> None:
     """Learn which physical effect a model lacks, how sure that is, and what adding it would bring.
 
@@ -76,53 +46,65 @@ def command(
       pumaid diagnose results/model.json logs/ --plan next.yaml --suspect supply_voltage
       pumaid diagnose results/model.json logs/ --json | jq '.findings[] | {effect, joint, p_value}'
     """
-    from functools import partial
-
-    from pumaid.cli.additions import Typed, added, diagnosed, with_earlier
     from pumaid.diagnosis.document import DIAGNOSIS_NAME, diagnosis_document, write_diagnosis
-    from pumaid.experiment import check_logs, check_model, read_dataset, read_files, read_known_model, results_folder
+    from pumaid.experiment import results_folder
     from pumaid.io.write import refuse_to_replace
-    from pumaid.reporting.figures.diagnosis import diagnosis_figure, has_figure
-    from pumaid.reporting.table import Paragraph
 
-    form, is_quiet = picture_form(picture), as_json or str(output) == "-"
-    folder = results_folder(results, recipe, logs)
+    form, is_quiet = picture_form(request.picture), request.as_json or str(output) == "-"
+    folder = results_folder(results, request.recipe, request.logs)
     current = folder / "model.json" if is_applied else None
     if plan is not None and not force:
         refuse_to_replace(plan)
-    if output or plan or picture:
-        spare_inputs([output, plan, picture], read_files(logs, recipe, model, current))
-    estimate = read_known_model(model)
-    robot, dataset = read_dataset(
-        logs, recipe, trust=trust, heldout=heldout, reading=reading, results=results, extra=suspect
-    )
-    check_model(estimate, robot, (recipe, logs))
-    check_logs(estimate, dataset, trust=trust)
-    typed = Typed(logs, recipe, heldout, context.meta.get("pumaid.effects", ()))
-    again = partial(diagnosed, dataset=dataset, robot=robot, suspects=suspect, typed=typed)
-    diagnosis = again(estimate)
-    if current is not None:
-        tell = remark if is_quiet else lambda text: table(Paragraph(text))
-        diagnosis, estimate = added(diagnosis, estimate, dataset, robot=robot, model=current, again=again, tell=tell)
+    request.spare_inputs([output, plan, request.picture], current)
+    diagnosis, robot = _diagnosis(request, suspect, folder, model=current, is_quiet=is_quiet)
     path = output or folder / DIAGNOSIS_NAME
-    diagnosis = with_earlier(diagnosis, estimate, folder / DIAGNOSIS_NAME)
-    notes(dict.fromkeys((*dataset.notes, *diagnosis.notes)))
-    if str(output) != "-":
+    if str(path) != "-":
         write_diagnosis(path, diagnosis)
     if is_quiet:
         document(diagnosis_document(diagnosis))
     else:
-        _show(diagnosis, robot, units=units, model=current)
-    if str(output) != "-":
+        _show(diagnosis, robot, units=request.units, model=current)
+    if str(path) != "-":
         remark(f"diagnosis written to {path}")
-    if picture is not None and has_figure(diagnosis):
-        write_picture(picture, diagnosis_figure(diagnosis, robot, units), form)
-    elif picture is not None:
-        remark(f"nothing was found that could be drawn: {picture} is not written")
+    if request.picture is not None:
+        _draw(request.picture, diagnosis, robot, units=request.units, form=form)
     if plan is not None:
         _write_plan(plan, diagnosis, robot)
-    if check and (diagnosis.findings or any(joint.verdict != "adequate" for joint in diagnosis.joints)):
+    if request.check and (diagnosis.findings or any(joint.verdict != "adequate" for joint in diagnosis.joints)):
         attention()
+
+
+def _diagnosis(
+    request: options.ModelOnLogs, suspect: tuple[str, ...], folder: Path, *, model: Path | None, is_quiet: bool
+) -> tuple[Diagnosis, Robot]:
+    """The diagnosis, with what it finds added to the file `model` if there is one, and the arm."""
+    from pumaid.cli.additions import Typed, added, diagnosed, with_earlier
+    from pumaid.diagnosis.document import DIAGNOSIS_NAME
+    from pumaid.experiment import check_logs
+    from pumaid.reporting.table import Paragraph
+
+    estimate, robot, dataset = request.read(suspect=suspect, results=folder)
+    check_logs(estimate, dataset, trust=request.trust)
+    context = click.get_current_context(silent=True)
+    effects = () if context is None else context.meta.get("pumaid.effects", ())
+    typed = Typed(request.logs, request.recipe, request.heldout, effects)
+    again = partial(diagnosed, dataset=dataset, robot=robot, suspects=suspect, typed=typed)
+    diagnosis = again(estimate)
+    if model is not None:
+        tell = remark if is_quiet else lambda text: table(Paragraph(text))
+        diagnosis, estimate = added(diagnosis, estimate, dataset, robot=robot, model=model, again=again, tell=tell)
+    notes(dict.fromkeys((*dataset.notes, *diagnosis.notes)))
+    return with_earlier(diagnosis, estimate, folder / DIAGNOSIS_NAME), robot
+
+
+def _draw(path: Path, diagnosis: Diagnosis, robot: Robot, *, units: str, form: str) -> None:
+    """Draw what was found, if there is anything to draw."""
+    from pumaid.reporting.figures.diagnosis import diagnosis_figure, has_figure
+
+    if has_figure(diagnosis):
+        write_picture(path, diagnosis_figure(diagnosis, robot, units), form)
+    else:
+        remark(f"nothing was found that could be drawn: {path} is not written")
 
 
 def _show(diagnosis: Diagnosis, robot: Robot, *, units: str, model: Path | None) -> None:
