@@ -33,13 +33,6 @@ def as_json(truth: Truth, *, seed: int | None = None) -> dict[str, Any]:
     constant load of a slide is part of its Coulomb terms, while `friction` is friction alone);
     `gain` (A per N m or N), `mass` (kg) and `centre` (m, in each link's frame) are null for a robot that is known by
     its constants alone; those are `constants`, of revolute and prismatic links alike.
-
-    Parameters
-    ----------
-    truth
-        The robot.
-    seed
-        Of the session, where it is known.
     """
     has_masses = truth.given_constants is None
     digits = _DIGITS if has_masses else 17

@@ -44,30 +44,14 @@ PAIRS = (
 
 @dataclass(frozen=True)
 class Case:
-    """What to do.
+    """What to do."""
 
-    Attributes
-    ----------
-    group
-        ``effect``, ``clean``, ``outside``, ``pair`` or ``thin``.
-    effects
-        Names of what is hidden.
-    kind
-        Of the arm.
-    size
-        Multiple of the detection limit.
-    number
-        Of several like it.
-    seed
-        Of the benchmark.
-    """
-
-    group: str
-    effects: tuple[str, ...]
-    kind: str
-    size: float
-    number: int
-    seed: int
+    group: str  # effect, clean, outside, pair or thin
+    effects: tuple[str, ...]  # names of what is hidden
+    kind: str  # of the arm
+    size: float  # multiple of the detection limit
+    number: int  # of several like it
+    seed: int  # of the benchmark
 
     @property
     def key(self) -> str:
@@ -82,39 +66,19 @@ class Case:
 
 @dataclass(frozen=True, eq=False)
 class Experiment:
-    """A case with everything drawn.
-
-    Attributes
-    ----------
-    hidden
-        Each effect with its amplitude.
-    noncentrality
-        Reached by each effect alone.
-    state
-        True currents and positions, `noise` (N, J) A to be added.
-    """
+    """A case with everything drawn."""
 
     case: Case
     world: World
     oracle: Oracle
-    hidden: tuple[tuple[Hidden, float], ...]
-    noncentrality: tuple[float, ...]
-    state: State
-    noise: np.ndarray[Any, np.dtype[np.float64]]
+    hidden: tuple[tuple[Hidden, float], ...]  # each effect with its amplitude
+    noncentrality: tuple[float, ...]  # reached by each effect alone
+    state: State  # true currents and positions
+    noise: np.ndarray[Any, np.dtype[np.float64]]  # (N, J) A to be added
 
 
 def cases(seeds: Sequence[int], kinds: Sequence[str] = tuple(KINDS), clean: int = 200) -> Iterator[Case]:
-    """Every case of the whole benchmark.
-
-    Parameters
-    ----------
-    seeds
-        Of the benchmark; each is a whole one.
-    kinds
-        Of arms.
-    clean
-        How many experiments without anything hidden, per seed.
-    """
+    """Every case of the whole benchmark, for each of its seeds; `clean` experiments of a seed hide nothing."""
     for seed in seeds:
         for name, kind, size in itertools.product(CATALOGUE, kinds, SIZES):
             yield Case("effect", (name,), kind, size, 0, seed)

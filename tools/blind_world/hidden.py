@@ -25,54 +25,24 @@ class Unfit(ValueError):
 
 @dataclass(frozen=True, eq=False)
 class Hidden:
-    """One effect, drawn: at which joint, of which shape.
+    """One effect, drawn: at which joint, of which shape."""
 
-    Attributes
-    ----------
-    name
-        The catalogue's, or of our own for an effect outside of it.
-    joint
-        From 0; None for the whole arm. The joint that causes it, where that is not the one that feels it.
-    stage
-        When it acts.
-    change
-        (world, state, amplitude) -> state.
-    largest
-        Largest physical amplitude, in `unit`.
-    freedoms
-        Linear parameters that a model of it has.
-    felt
-        Joints whose current changes.
-    shape
-        What was drawn, for the record.
-    """
-
-    name: str
-    joint: int | None
-    stage: int
-    change: Callable[[World, State, float], State]
-    largest: float
+    name: str  # the catalogue's, or another for an effect outside of it
+    joint: int | None  # from 0; None for the whole arm. The joint that causes it, where another one feels it
+    stage: int  # when it acts
+    change: Callable[[World, State, float], State]  # (world, state, amplitude) -> state
+    largest: float  # physical amplitude, in `unit`
     unit: str
-    freedoms: int
-    felt: tuple[int, ...]
-    shape: Mapping[str, float] = field(default_factory=dict)
+    freedoms: int  # linear parameters that a model of it has
+    felt: tuple[int, ...]  # joints whose current changes
+    shape: Mapping[str, float] = field(default_factory=dict)  # what was drawn, for the record
 
 
 Builder = Callable[[World, np.random.Generator, int], Hidden]
 
 
 def applied(world: World, effects: Sequence[tuple[Hidden, float]], base: State | None = None) -> State:
-    """The state with some effects at some amplitudes, in the order of their stages.
-
-    Parameters
-    ----------
-    world
-        The experiment.
-    effects
-        Each with its amplitude.
-    base
-        Where they begin, the world's own where not given.
-    """
+    """The state with effects at their amplitudes, in the order of their stages; from the world's base if none."""
     state = world.base if base is None else base
     for hidden, amplitude in sorted(effects, key=lambda pair: pair[0].stage):
         state = hidden.change(world, state, amplitude)
@@ -120,17 +90,7 @@ def sized(world: World, oracle: Oracle, hidden: Hidden, multiple: float) -> tupl
 def plain(
     name: str, joint: int, column: Floats, *, largest: float, unit: str = "A", freedoms: int = 1, **shape: float
 ) -> Hidden:
-    """An effect that adds amplitude x column to its own joint's current while that joint moves.
-
-    Parameters
-    ----------
-    name, joint
-        Of the effect.
-    column
-        (M,) A per unit at the rows of the joint's strokes.
-    largest, unit, freedoms, shape
-        As of `Hidden`.
-    """
+    """An effect that adds amplitude x column (M,) A to its joint's current at the rows of the joint's strokes."""
 
     def change(world: World, state: State, amplitude: float) -> State:
         return added(world, state, joint, amplitude * column)

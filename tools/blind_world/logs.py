@@ -17,17 +17,7 @@ Floats = NDArray[np.float64]
 
 
 def write_experiment(folder: Path, world: World, sensed: State) -> None:
-    """Write the whole folder.
-
-    Parameters
-    ----------
-    folder
-        Made where it is not there.
-    world
-        Arm, campaign, and which columns the log has.
-    sensed
-        Currents and positions as the sensors give them.
-    """
+    """Write the whole folder."""
     (folder / "logs").mkdir(parents=True, exist_ok=True)
     (folder / "recipe.yaml").write_text(recipe(world.arm), encoding="utf-8")
     (folder / "plan.yaml").write_text(plan(world.arm, world.campaign), encoding="utf-8")

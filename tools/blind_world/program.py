@@ -35,13 +35,7 @@ class Session:
 
 
 def opened(folder: Path) -> Session:
-    """Read the folder's logs and identify the paper's model.
-
-    Parameters
-    ----------
-    folder
-        Of an experiment.
-    """
+    """Read the folder's logs and identify the paper's model."""
     robot, dataset = read_dataset([str(folder / "logs")], None)
     return Session(folder, robot, dataset, identify(dataset, robot))
 

@@ -25,20 +25,7 @@ EQUIVALENT, QUIET = 0.9, 0.1
 
 
 def judged(case: Case, *, on_command_line: bool = False) -> dict[str, Any]:
-    """Run a case and score it.
-
-    Parameters
-    ----------
-    case
-        What to do.
-    on_command_line
-        Also run the two commands and say whether they tell the same.
-
-    Returns
-    -------
-    record
-        One line of the file of results.
-    """
+    """Run a case and score it: a line of the file of results. On the command line, too, it must say the same."""
     record: dict[str, Any] = {
         "key": case.key,
         "group": case.group,
@@ -102,15 +89,7 @@ def names(hidden: Hidden, effect: str, joint: int | None) -> bool:
 
 
 def rank(hidden: Hidden, finding: Any) -> str:
-    """``first``, ``set`` (among the rivals) or ``no``: how a finding names the hidden effect.
-
-    Parameters
-    ----------
-    hidden
-        The truth.
-    finding
-        With `effect`, `joint` and `rivals` (names, ``name@joint`` where another joint is meant).
-    """
+    """``first``, ``set`` (among the rivals, ``name@joint`` elsewhere) or ``no``: how a finding names the effect."""
     if names(hidden, finding.effect, finding.joint):
         return "first"
     for rival in finding.rivals:

@@ -32,30 +32,14 @@ class Friction:
 
 @dataclass(frozen=True, eq=False)
 class Noise:
-    """What sensors add; (J,) by joint.
+    """What sensors add; (J,) by joint."""
 
-    Attributes
-    ----------
-    sigma
-        A, of a sample.
-    memory
-        Correlation of one sample with the next (AR(1)).
-    level
-        A, spread of what a whole stroke shares.
-    louder
-        Share by which all of it grows up to the joint's highest speed.
-    step
-        A, of the current's quantisation.
-    tick
-        rad or m, of the encoder.
-    """
-
-    sigma: Floats
-    memory: Floats
-    level: Floats
-    louder: Floats
-    step: float
-    tick: Floats
+    sigma: Floats  # A, of a sample
+    memory: Floats  # correlation of one sample with the next (AR(1))
+    level: Floats  # A, spread of what a whole stroke shares
+    louder: Floats  # share by which all of it grows up to the joint's highest speed
+    step: float  # A, of the current's quantisation
+    tick: Floats  # rad or m, of the encoder
 
 
 @dataclass(frozen=True, eq=False)
@@ -128,15 +112,7 @@ class World:
 
 
 def draw_world(arm: Arm, campaign: Campaign, motion: Motion, *, rng: np.random.Generator) -> World:
-    """Friction, noise, temperature and the log's columns of one experiment.
-
-    Parameters
-    ----------
-    arm, campaign, motion
-        What is done by which arm.
-    rng
-        The experiment's own.
-    """
+    """Friction, noise, temperature and the log's columns of one experiment."""
     n = arm.n
     coulomb = arm.coulomb * rng.uniform(0.7, 1.3, n)
     lean = rng.uniform(-0.25, 0.25, n)
@@ -174,15 +150,7 @@ def loudness(world: World) -> Floats:
 
 
 def noises(world: World, rng: np.random.Generator) -> Floats:
-    """(N, J) A: correlated noise, and in the moving joint the level of each stroke.
-
-    Parameters
-    ----------
-    world
-        The experiment.
-    rng
-        Source of randomness.
-    """
+    """(N, J) A: correlated noise, and in the moving joint the level of each stroke."""
     noise, moving = world.noise, world.motion.moving
     size = (len(world.motion), world.arm.n)
     white = rng.standard_normal(size)
@@ -199,16 +167,6 @@ def noises(world: World, rng: np.random.Generator) -> Floats:
 
 
 def sensed(world: World, state: State, noise: Floats) -> State:
-    """What the log holds: noise added, current and position in whole steps.
-
-    Parameters
-    ----------
-    world
-        The experiment.
-    state
-        True currents and positions.
-    noise
-        (N, J) A.
-    """
+    """What the log holds: noise added, current and position in whole steps."""
     current = np.round((state.current + noise) / world.noise.step) * world.noise.step
     return replace(state, current=current, position=np.round(state.position / world.noise.tick) * world.noise.tick)
