@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pumaid.dataset import Dataset
-from pumaid.diagnosis.records import Diagnosis
+from pumaid.diagnosis.records import Diagnosis, Finding
 from pumaid.errors import PumaidError
 from pumaid.estimate import Estimate
 from pumaid.estimation.estimate import identify
@@ -47,10 +47,11 @@ def diagnosed(session: Session) -> Diagnosis:
     return diagnose(session.estimate, session.dataset, session.robot)
 
 
-def with_effects(session: Session, choices: Sequence[EffectChoice]) -> Estimate | str:
-    """The model with effects added and all refitted, or why the program refuses."""
+def with_effects(session: Session, findings: Sequence[Finding]) -> Estimate | str:
+    """The model with what was found added, in its shapes, and all refitted, or why the program refuses."""
+    choices = [EffectChoice(finding.effect, finding.joint, dict(finding.shape)) for finding in findings]
     try:
-        return identify(session.dataset, session.robot, effects=tuple(choices))
+        return identify(session.dataset, session.robot, effects=choices)
     except PumaidError as error:
         return error.slug
 

@@ -133,7 +133,7 @@ def _after(experiment: Experiment, session: program.Session, diagnosis: Any) -> 
     added = _added(diagnosis)
     if not added:
         return out | {"after": out["before"]}
-    model = program.with_effects(session, [finding.choice for finding in added])
+    model = program.with_effects(session, added)
     if isinstance(model, str):
         return out | {"after": None, "refused": model}
     return out | {"after": _ratio(program.heldout_rmse(model)[list(felt)], best)}
@@ -177,7 +177,7 @@ def _reproduced(experiment: Experiment, diagnosis: Any) -> dict[str, Any]:
         folder = Path(scratch)
         write_experiment(folder, world, sensed(world, experiment.state, QUIET * experiment.noise))
         session = program.opened(folder)
-        model = program.with_effects(session, [finding.choice for finding in _added(diagnosis)])
+        model = program.with_effects(session, _added(diagnosis))
         if isinstance(model, str):
             return {"reproduced": None}
         felt = sorted({joint for hidden, _ in experiment.hidden for joint in hidden.felt})
