@@ -6,8 +6,6 @@ import json
 import re
 import shlex
 import shutil
-import subprocess
-import sys
 from dataclasses import replace
 from itertools import groupby
 from pathlib import Path
@@ -57,106 +55,77 @@ def experiment(folder: Path, *, hide: str | None) -> Path:
     return folder
 
 
-@pytest.fixture(scope="module")
-def rippled(tmp_path_factory) -> Path:
-    """An experiment in which a ripple hides."""
-    return experiment(tmp_path_factory.mktemp("rippled"), hide=HIDDEN)
+DIAGNOSE = ("diagnose", "results/model.json", "logs")
 
 
 @pytest.fixture(scope="module")
-def clean(tmp_path_factory) -> Path:
-    """An experiment in which nothing hides."""
-    return experiment(tmp_path_factory.mktemp("clean"), hide=None)
+def rippled(tmp_path_factory) -> tuple[Path, Result]:
+    """An experiment in which a ripple hides, diagnosed and drawn, and what was said of it."""
+    folder = experiment(tmp_path_factory.mktemp("rippled"), hide=HIDDEN)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.chdir(folder)
+        return folder, run(*DIAGNOSE, "--check", "--picture", "missing.png")
 
 
 @pytest.fixture
 def arm(rippled, tmp_path, monkeypatch) -> Path:
     """A copy of the rippled experiment, which is the working folder."""
-    shutil.copytree(rippled, tmp_path / "arm")
+    shutil.copytree(rippled[0], tmp_path / "arm")
     monkeypatch.chdir(tmp_path / "arm")
     return tmp_path / "arm"
 
 
-def test_says_what_is_missing_and_writes_it(arm):
-    """The sentence names effect and joint; the file holds the same, with the digests of model and logs."""
-    done = run("diagnose", "results/model.json", "logs")
-    assert done.exit_code == 0, done.stderr
+def test_says_what_is_missing_writes_and_draws_it(arm, rippled):
+    """The sentence names effect and joint, ``--check`` leaves with 1, the file has the digests of model and logs."""
+    done = rippled[1]
+    assert done.exit_code == 1, done.stderr
     assert "Joint 1 (hip): ripple is missing" in done.stdout and "Add it with:" in done.stdout
     found = read_diagnosis(Path("results/diagnosis.json"))
     assert [(one.effect, one.joint) for one in found.findings] == [("ripple", 1)]
     assert found.model == model_digest(pumaid.read_model(Path("results/model.json"))) and len(found.logs) >= 1
-
-
-def test_json_is_the_file(arm):
-    """``--json`` prints the document that is written, and nothing else on standard output."""
-    done = run("diagnose", "results/model.json", "logs", "--json")
-    document = json.loads(done.stdout)
-    assert document == json.loads(Path("results/diagnosis.json").read_text(encoding="utf-8"))
-    assert (document["kind"], document["format"]) == ("diagnosis", 1)
-    assert document["findings"][0]["rmse_heldout_after"] < 0.6 * document["findings"][0]["rmse_heldout_before"]
-
-
-def test_the_noise_floor_is_one_number(arm):
-    """What repeated runs differ by is what identify and compare say, not what is left of them in coarser bins."""
-    document = json.loads(run("diagnose", "results/model.json", "logs", "--json").stdout)
-    for command in (("identify", "logs"), ("compare", "results/model.json", "logs")):
-        fitted = json.loads(run(*command, "--json").stdout)
-        floors = [[joint["noise_floor"] for joint in one["joints"]] for one in (document, fitted)]
-        assert floors[0] == pytest.approx(floors[1], rel=0.01)
-
-
-def test_document_goes_where_it_is_told(arm):
-    """``-o -`` prints the document alone and writes nothing; ``-o FILE`` writes it there."""
-    done = run("diagnose", "results/model.json", "logs", "-o", "-")
-    assert json.loads(done.stdout)["kind"] == "diagnosis" and not Path("results/diagnosis.json").exists()
-    assert run("diagnose", "results/model.json", "logs", "-o", "found.json").exit_code == 0
-    assert read_diagnosis(Path("found.json")).findings and not Path("results/diagnosis.json").exists()
+    assert Path("missing.png").read_bytes().startswith(b"\x89PNG")
+    assert run(*DIAGNOSE, "--picture", "missing.gif").exit_code == 2
 
 
 def test_its_command_runs_and_the_misfit_is_gone(arm):
-    """The command that it prints can be pasted; after it nothing is missing, and the old finding is remembered."""
-    first = json.loads(run("diagnose", "results/model.json", "logs", "--json").stdout)
+    """``-o -`` is the file; its command can be pasted, after it nothing is missing and the old finding is remembered.
+
+    What repeated runs differ by is what identify and compare say, not what is left of them in coarser bins.
+    """
+    file = Path("results/diagnosis.json")
+    first = json.loads(run(*DIAGNOSE, "-o", "-").stdout)
+    assert first == json.loads(file.read_text(encoding="utf-8"))
+    assert (first["kind"], first["format"]) == ("diagnosis", 1)
+    assert first["findings"][0]["rmse_heldout_after"] < 0.6 * first["findings"][0]["rmse_heldout_before"]
+    compared = json.loads(run("compare", "results/model.json", "logs", "--json").stdout)
+    floors = [[joint["noise_floor"] for joint in one["joints"]] for one in (first, compared)]
+    assert floors[0] == pytest.approx(floors[1], rel=0.01)
     words = shlex.split(first["findings"][0]["command"])
     assert words[:2] == ["pumaid", "identify"] and run(*words[1:]).exit_code == 0
-    done = run("diagnose", "results/model.json", "logs", "--check")
+    done = run(*DIAGNOSE, "--check")
     assert done.exit_code == 0, done.stdout
     assert "nothing is missing that these data can show" in done.stdout
     assert "Added after an earlier diagnosis: ripple at joint 1" in done.stdout
 
 
 def test_apply_adds_refits_and_keeps_every_step(arm):
-    """``--apply`` writes the enlarged model, shows the error fall on runs that were not fitted, and can be undone."""
-    done = run("diagnose", "results/model.json", "logs", "--apply")
-    assert done.exit_code == 0, done.stderr
-    assert "1. Added ripple at joint 1 (hip)." in done.stdout and "+ ripple@1" in done.stdout
-    assert "nothing is missing that these data can show" in done.stdout
+    """``--apply`` writes the enlarged model and can be undone; with ``--json`` the steps go to standard error."""
+    done = run(*DIAGNOSE, "--apply", "--json")
+    document = json.loads(done.stdout)
+    assert document["findings"] == [] and document["applied"][0]["effect"] == "ripple"
+    assert "1. Added ripple at joint 1 (hip)." in done.stderr and "+ ripple@1" in run("history").stdout
     before, after = (pumaid.read_model(path) for path in sorted(Path("results/models").glob("*.json")))
     assert [one.effect for one in after.effects] == ["ripple"] and before.effects == ()
     assert after.joint(1).heldout < 0.6 * before.joint(1).heldout
-    assert [one.effect for one in read_diagnosis(Path("results/diagnosis.json")).applied] == ["ripple"]
     assert run("history", "--restore", "1").exit_code == 0
     assert pumaid.read_model(Path("results/model.json")).effects == ()
 
 
-def test_apply_with_json_is_still_one_document(arm):
-    """With ``--json`` the steps are told on standard error."""
-    done = run("diagnose", "results/model.json", "logs", "--apply", "--json")
-    document = json.loads(done.stdout)
-    assert document["findings"] == [] and document["applied"][0]["effect"] == "ripple"
-    assert "1. Added ripple at joint 1 (hip)." in done.stderr
-
-
-def test_check_asks_for_attention(arm):
-    """``--check`` leaves with 1 where something is missing."""
-    assert run("diagnose", "results/model.json", "logs", "--check").exit_code == 1
-
-
-def test_a_clean_arm_is_left_alone(clean, tmp_path, monkeypatch):
+def test_a_clean_arm_is_left_alone(tmp_path, monkeypatch):
     """Nothing is found, what would have been found is told, there is nothing to draw, to decide or to add."""
-    shutil.copytree(clean, tmp_path / "arm")
-    monkeypatch.chdir(tmp_path / "arm")
+    monkeypatch.chdir(experiment(tmp_path, hide=None))
     more = ["--picture", "missing.png", "--plan", "next.yaml", "--apply", "--check"]
-    done = run("diagnose", "results/model.json", "logs", *more)
+    done = run(*DIAGNOSE, *more)
     assert done.exit_code == 0, done.stdout
     assert done.stdout.startswith("two-link pendulum: nothing is missing that these data can show.")
     assert "Detection limits" in done.stdout and "stribeck" in done.stdout
@@ -164,27 +133,15 @@ def test_a_clean_arm_is_left_alone(clean, tmp_path, monkeypatch):
     assert len(list(Path("results/models").glob("*.json"))) == 1
 
 
-def test_draws_what_it_found(arm):
-    """``--picture`` writes the picture that its suffix asks for; another suffix is misuse."""
-    assert run("diagnose", "results/model.json", "logs", "--picture", "missing.png").exit_code == 0
-    assert Path("missing.png").read_bytes().startswith(b"\x89PNG")
-    assert run("diagnose", "results/model.json", "logs", "--picture", "missing.gif").exit_code == 2
-
-
 def test_the_report_tells_it(arm):
-    """A report made after a diagnosis holds it, and says so where it is of another model or of other logs."""
-    run("diagnose", "results/model.json", "logs")
+    """A report made after a diagnosis holds it, and says so where it is of another model; another arm's is left out."""
     path = Path("results/diagnosis.json")
     write_diagnosis(path, replace(read_diagnosis(path), model="ab" * 32))
     assert run("report", "--format", "").exit_code == 0
     page = Path("results/report.html").read_text(encoding="utf-8")
     assert 'id="diagnosis"' in page and "ripple is missing" in page
     assert "of another model" in page and "of other logs" not in page
-
-
-def test_a_diagnosis_of_another_arm_does_not_stop_the_report(arm):
-    """A diagnosis that cannot be told of this arm is noted and left out."""
-    write_diagnosis(Path("results/diagnosis.json"), diagnoses.rich())
+    write_diagnosis(path, diagnoses.rich())
     done = run("report", "--format", "")
     assert done.exit_code == 0 and "note[diagnosis-damaged]" in done.stderr
     assert 'id="missing"' not in Path("results/report.html").read_text(encoding="utf-8")
@@ -198,20 +155,16 @@ def test_a_suspected_column_is_found(arm):
         frame["i2"] += 0.3 * (frame["volts"] - 48.0)
         frame.to_csv(path, index=False)
     run("identify", "logs")
-    done = run("diagnose", "results/model.json", "logs", "--suspect", "volts", "--json")
+    done = run(*DIAGNOSE, "--suspect", "volts", "--json")
     found = next(one for one in json.loads(done.stdout)["findings"] if one["joint"] == 2)
     assert (found["effect"], found["command"]) == ("suspect:volts", "")
 
 
-def test_a_suspect_that_no_log_has_is_refused(arm):
-    """A column that is not there is a message with its mend."""
-    done = run("diagnose", "results/model.json", "logs", "--suspect", "voltz")
+def test_what_is_not_there_or_in_the_way_is_refused(arm):
+    """A suspected column that no log has, and a plan that would be replaced, which says which runs are held out."""
+    done = run(*DIAGNOSE, "--suspect", "voltz")
     assert done.exit_code == 3 and "voltz" in done.stderr
-
-
-def test_a_plan_in_the_way_is_kept(arm):
-    """``--plan`` does not replace a plan, which says which runs are held out, unless told to."""
-    done = run("diagnose", "results/model.json", "logs", "--plan", "plan.yaml")
+    done = run(*DIAGNOSE, "--plan", "plan.yaml")
     assert done.exit_code == 3 and "error[file-exists]" in done.stderr
 
 
@@ -239,38 +192,6 @@ def test_commands_repeat_what_the_model_has(arm):
         "pumaid identify 'my logs/' --recipe arm.yaml --heldout 'day 2.csv' --effects brake.py"
         " --add warmup@2 --add ripple@4:frequency=58 --add stribeck@3"
     )
-
-
-OWN = '''
-import numpy as np
-from pumaid.effects.base import Effect, Family, Parameter, Trace
-
-class Brake(Effect):
-    """s a q^2: a brake that rubs away from the middle."""
-    title, equation, source = "Rubbing brake", "s a q^2", "my workshop"
-    family, trace = Family.POSITION, (Trace.POSITION,)
-
-    def parameters(self, robot, number):
-        return (Parameter("a", "A/{unit}2", "rubbing", "a{n}", 0.05),)
-
-    def columns(self, robot, samples, *, number=None, shape={}):
-        return (samples.direction * samples.position[:, samples.joint - 1] ** 2)[:, None]
-'''
-
-
-def test_an_effect_of_ones_own_is_tried(arm):
-    """``--effects FILE.py`` tries the effect in it, and the command that adds it names the file."""
-    Path("brake.py").write_text(OWN, encoding="utf-8")
-    for path in Path("logs").glob("*.csv"):
-        frame = pd.read_csv(path)
-        frame["i2"] += 0.1 * np.sign(frame["qd2"].round(2)) * frame["q2"] ** 2
-        frame.to_csv(path, index=False)
-    run("identify", "logs")
-    command = ["-m", "pumaid", "diagnose", "results/model.json", "logs", "--effects", "brake.py", "--json"]
-    done = subprocess.run([sys.executable, *command], capture_output=True, text=True, check=False)
-    assert done.returncode == 0, done.stderr
-    found = next(one for one in json.loads(done.stdout)["findings"] if one["joint"] == 2)
-    assert found["effect"] == "brake" and "--effects brake.py" in found["command"]
 
 
 PAGE = (Path(__file__).parents[2] / "docs" / "diagnosis.md").read_text(encoding="utf-8")

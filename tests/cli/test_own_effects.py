@@ -177,16 +177,6 @@ def packages(tmp_path) -> Path:
     return home
 
 
-@pytest.mark.parametrize(
-    "line", ["compare results/model.json logs", "diagnose results/model.json logs", "report --format=", "history"]
-)
-def test_an_installed_package_needs_no_option(braked, packages, line):
-    """An effect that an entry point brings is known to every command; the model is the one that the file made."""
-    done = typed(braked, *line.split(), packages=packages)
-    assert done.returncode == 0, done.stderr
-    assert "unknown-effect" not in done.stderr
-
-
 def test_a_package_adds_it(packages, tmp_path):
     """``identify --add`` knows it by name, and without the package the model is refused as with a file."""
     folder = rubbed(tmp_path / "arm")

@@ -11,7 +11,7 @@ import pytest
 import report_contexts
 import worlds
 from ladders import RIPPLE, STRIBECK
-from test_budget import KINDS
+from test_residual_budget import KINDS
 
 from pumaid.diagnosis.records import Limit
 from pumaid.diagnosis.residual_budget import POINTS_TO
