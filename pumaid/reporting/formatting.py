@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Iterable, Sequence
+from itertools import takewhile
 from pathlib import PurePath
 
 import numpy as np
@@ -135,9 +136,6 @@ def posture_text(robot: Robot, positions: Sequence[float], angle: str = "rad", *
 def relative_names(names: Iterable[str]) -> dict[str, str]:
     """File names without the folders that all of them share."""
     paths = {name: PurePath(name) for name in names}
-    shared = 0
-    for parts in zip(*(path.parent.parts for path in paths.values()), strict=False):
-        if len(set(parts)) > 1:
-            break
-        shared += 1
+    levels = zip(*(path.parent.parts for path in paths.values()), strict=False)
+    shared = len(list(takewhile(lambda folders: len(set(folders)) == 1, levels)))
     return {name: str(PurePath(*path.parts[shared:])) for name, path in paths.items()}

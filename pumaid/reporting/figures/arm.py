@@ -83,11 +83,7 @@ def skeleton(robot: Robot, position: Floats) -> Figure:
     for place, numbers in labels:
         look: dict[str, Any] = {"fontsize": 10.5, "fontweight": "bold", "textcoords": "offset points"}
         axes.annotate(", ".join(numbers), (place[0], place[1]), (9, 5), zorder=5, **look)
-    if np.any(robot.gravity):
-        start = np.array([flat[:, 0].max() + 0.36 * reach, flat[:, 1].max()])
-        along = projected(0.3 * reach * np.array([robot.gravity]) / np.linalg.norm(robot.gravity))[0]
-        _arrow(axes, start, start + along, GREY, text="g")
-        axes.update_datalim([start, start + along])
+    _gravity(axes, robot, np.array([flat[:, 0].max() + 0.36 * reach, flat[:, 1].max()]), 0.3 * reach)
     axes.set_aspect("equal")
     axes.axis("off")
     axes.margins(0.12)
@@ -100,12 +96,16 @@ def _base(axes: Axes, radius: float, colour: str) -> None:
     axes.fill(disc[:, 0], disc[:, 1], color=colour, linewidth=0, zorder=0)
 
 
-def _arrow(axes: Axes, start: Floats, end: Floats, colour: str, *, text: str = "") -> None:
-    style: dict[str, Any] = {"arrowstyle": "-|>", "color": colour, "linewidth": 1.3, "shrinkA": 0, "shrinkB": 0}
+def _gravity(axes: Axes, robot: Robot, start: Floats, length: float) -> None:
+    """An arrow along gravity, if there is any."""
+    if not np.any(robot.gravity):
+        return
+    end = start + projected(length * np.array([robot.gravity]) / np.linalg.norm(robot.gravity))[0]
+    style: dict[str, Any] = {"arrowstyle": "-|>", "color": GREY, "linewidth": 1.3, "shrinkA": 0, "shrinkB": 0}
     axes.annotate("", (end[0], end[1]), (start[0], start[1]), arrowprops=style, zorder=7)
-    if text:
-        look: dict[str, Any] = {"textcoords": "offset points", "ha": "center", "fontsize": 10, "style": "italic"}
-        axes.annotate(text, (start[0], start[1]), (0, 4), **look)
+    look: dict[str, Any] = {"textcoords": "offset points", "ha": "center", "fontsize": 10, "style": "italic"}
+    axes.annotate("g", (start[0], start[1]), (0, 4), **look)
+    axes.update_datalim([start, end])
 
 
 # Postures of a plan
@@ -209,10 +209,8 @@ def _panel(axes: Axes, scene: _Scene, posture: PlannedPosture) -> None:
     axes.plot(*flat[pivot], "o", color="white", markeredgecolor=FORWARD, markersize=6.5, zorder=8)
     _spheres(axes, scene, positions[len(positions) // 2], posture.joint)
     axes.set(xlim=scene.window[:, 0], ylim=scene.window[:, 1], aspect="equal")
-    if np.any(robot.gravity):
-        along = projected(np.array([robot.gravity]) / np.linalg.norm(robot.gravity))[0]
-        start = scene.window[1] - np.array([0.05, 0.25]) * np.ptp(scene.window, axis=0)
-        _arrow(axes, start, start + 0.13 * np.ptp(scene.window, axis=0)[1] * along, GREY, text="g")
+    size = np.ptp(scene.window, axis=0)
+    _gravity(axes, robot, scene.window[1] - np.array([0.05, 0.25]) * size, 0.13 * float(size[1]))
     _title(axes, robot, posture)
 
 
