@@ -44,16 +44,8 @@ class Where:
 class PumaidError(Exception):
     """A refusal that names what is wrong, where, and how to mend it.
 
-    Parameters
-    ----------
-    slug
-        Stable short name of the message; explained in ``docs/messages.md``.
-    what
-        One sentence with the offending value in it.
-    where
-        The place; may be empty.
-    mend
-        What the user can do about it.
+    `slug` is its stable short name, explained in ``docs/messages.md``; `what` one sentence with the offending value in
+    it; `where` may be empty; `mend` is what the user can do.
     """
 
     def __init__(self, slug: str, what: str, where: Where | None = None, mend: str = "") -> None:

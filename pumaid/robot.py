@@ -16,24 +16,10 @@ Point = tuple[float, float, float]
 class Joint:
     """One joint and the link that it moves, in modified Denavit-Hartenberg convention (Craig).
 
-    Attributes
-    ----------
-    number
-        1..J, base to tip.
-    name
-        The user's name for it.
-    kind
-        ``"revolute"`` or ``"prismatic"``.
-    theta, alpha
-        rad; for a revolute joint `theta` is the offset added to the measured position.
-    a, d
-        m; for a prismatic joint `d` is the offset added to the measured position.
-    limits
-        Lowest and highest measured position, rad or m, or none.
-    max_velocity
-        rad/s or m/s, or none.
-    gear_ratio
-        Motor turns per joint turn (no unit; of a prismatic joint rad of the motor per m), or none.
+    `number` counts from 1, base to tip; `kind` is ``"revolute"`` or ``"prismatic"``. `theta` of a revolute and `d` of a
+    prismatic joint are offsets added to the measured position; angles are in rad, lengths in m. `limits` are the lowest
+    and highest measured position (rad or m), `max_velocity` is in rad/s or m/s, `gear_ratio` motor turns per joint turn
+    (of a prismatic joint rad of the motor per m); each may be None.
     """
 
     number: int
@@ -115,18 +101,11 @@ class Sphere:
 
 @dataclass(frozen=True, slots=True)
 class Safety:
-    """The block `safety` of a recipe.
+    """The block `safety` of a recipe: forbidden space and the arm's own extent.
 
-    Attributes
-    ----------
-    boxes, spheres
-        Forbidden space and the arm's own extent; either may be empty.
-    tool
-        The tip in the last link's frame, m; none is that frame's origin, which is held against boxes only.
-    margin
-        Distance that must be left, m.
-    ignore
-        Pairs of links whose spheres are not held against each other; neighbours never are.
+    `tool` is the tip in the last link's frame (m); None is that frame's origin, which is held against boxes only.
+    `margin` (m) must be left; spheres of the pairs of links in `ignore` are not held against each other, those of
+    neighbours never.
     """
 
     boxes: tuple[Box, ...] = ()

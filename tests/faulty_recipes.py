@@ -44,8 +44,7 @@ def yaml_faults() -> Iterator[Fault]:
     """Text that is no recipe, or no YAML, or YAML that could harm."""
     laughs = "\n".join(f"l{k}: &l{k} [{', '.join([f'*l{k - 1}'] * 10)}]" for k in range(1, 10))
     for name, line in {
-        "lists 30 deep": "deep: " + "[" * 30 + "]" * 30,
-        "lists 50 000 deep": "deep: " + "[" * 50_000,
+        "lists 5000 deep": "deep: " + "[" * 5_000,
         "maps 30 deep": "deep: " + "{a: " * 30 + "1" + "}" * 30,
         "blocks 200 deep": "deep:\n" + "\n".join("  " * k + f"k{k}:" for k in range(1, 200)),
     }.items():
@@ -57,13 +56,7 @@ def yaml_faults() -> Iterator[Fault]:
     yield Fault("YAML bombs", "merge keys", edited(KNEE, "- {<<: {name: knee}, type: revolute, alpha: 0}"))
     yield Fault("YAML bombs", "three megabytes", with_line("# " + "x" * 3_000_000))
     yield Fault("YAML bombs", "a key of 100 kB", with_line("k" * 100_000 + ": 1"))
-    for tag in (
-        "!!python/object/apply:os.system ['true']",
-        "!!python/name:os.system",
-        "!!binary aGk=",
-        "!mine 3",
-        "!!float '1'",
-    ):
+    for tag in ("!!python/object/apply:os.system ['true']", "!!binary aGk=", "!mine 3", "!!float '1'"):
         yield Fault("YAML tags", tag.split()[0], with_line(f"log: {tag}"))
     yield Fault(
         "YAML tags", "on the name", edited("name: two-link pendulum", "name: !!python/object:os.stat_result {}")
@@ -75,31 +68,14 @@ def yaml_faults() -> Iterator[Fault]:
     yield Fault("duplicate keys", "two joints of one name", knee(name="hip"))
     yield Fault("duplicate keys", "two documents", with_line("---\nname: other"))
     for name, content in {
-        "no byte": b"",
-        "a comment only": b"# nothing\n",
-        "a list": b"- 1\n- 2\n",
-        "a word": b"recipe\n",
-        "a number": b"42\n",
         "a log": b"t,q1,q2\n0,1,2\n",
         "JSON of a model": b'{"kind": "model", "format": 1}',
-        "a plan": b"kind: plan\nformat: 1\nruns: []\n",
-        "null bytes": RECIPE.encode() + b"\0\0",
         "control letters": RECIPE.encode().replace(b"knee", b"kn\x07ee"),
-        "Latin-1": RECIPE.replace("two-link", "zweigliedriges Pendel, \u00fc").encode("latin-1"),
         "a surrogate": RECIPE.encode().replace(b"knee", b"\xed\xa0\x80"),
-        "random bytes": bytes(range(256)) * 8,
         "cut in the middle": RECIPE.encode()[: len(RECIPE) * 2 // 3],
-        "a bracket that is not closed": RECIPE.replace("max_velocity: 180}", "max_velocity: 180").encode(),
         "tabs": RECIPE.replace("  - {", "\t- {").encode(),
     }.items():
         yield Fault("recipe is none", name, recipe(content))
-    for name, content in {
-        "UTF-8": b"\xef\xbb\xbf" + RECIPE.encode(),
-        "UTF-16": RECIPE.encode("utf-16"),
-        "CRLF": RECIPE.replace("\n", "\r\n").encode(),
-        "old Macs' line ends": RECIPE.replace("\n", "\r").encode(),
-    }.items():
-        yield Fault("byte order marks", f"{name} in the recipe", recipe(content))
 
 
 def value_faults() -> Iterator[Fault]:

@@ -64,23 +64,10 @@ class RowCount:
 class Cleaner:
     """Turns the batches of one file into logs, and counts what is worth a note.
 
-    Parameters
-    ----------
-    robot, columns, name
-        What the numbers mean, and the file's name for messages.
-    n_extra
-        Columns that the user asked for, whether this file has them or not.
-    time_factor
-        Seconds in one unit of the file's time where the file itself states it, else None.
-    follows
-        Last time of the file before (s), None if there is none: a first time beyond it continues that clock.
-
-    Attributes
-    ----------
-    n_rows
-        Rows read, bad ones included.
-    first_time, last_time
-        s, of the samples so far.
+    `columns` say what the numbers mean, `n_extra` how many columns the user asked for, whether this file has them or
+    not, `time_factor` the seconds in one unit of the file's time where the file itself states it. A first time beyond
+    `follows`, the last time of the file before (s), continues that clock. `n_rows` counts bad rows, too; `first_time`
+    and `last_time` (s) are of the samples so far.
     """
 
     def __init__(

@@ -87,18 +87,8 @@ def time_factor(robot: Robot) -> float:
 
 
 def resolve(header: Sequence[str], robot: Robot, name: str, *, extra: Sequence[str] = ()) -> Columns:
-    """Find the robot's columns in a file's header.
-
-    Parameters
-    ----------
-    header
-        The file's column names in order.
-    robot
-        Names its columns in `robot.log`.
-    name
-        The file's name for messages.
-    extra
-        Columns to read besides, each once and without a factor; one that this file lacks is noted.
+    """Find the robot's columns in the header of a file (`name` for messages), and those of `extra`, read without a
+    factor.
 
     Raises
     ------

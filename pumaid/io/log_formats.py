@@ -58,14 +58,8 @@ class Batch(NamedTuple):
 
 
 class LogSource(ABC):
-    """A log file as columns of numbers. A format is a subclass in a module of ``pumaid/io/formats``.
-
-    Parameters
-    ----------
-    path
-        The file, on this machine.
-    name
-        Its name for messages.
+    """A log file (`path`, on this machine) as columns of numbers; a format is a subclass in a module of
+    ``pumaid/io/formats``.
 
     Attributes
     ----------

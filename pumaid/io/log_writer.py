@@ -147,27 +147,10 @@ def write_session(
 ) -> list[tuple[str, int, float, float]]:
     """Write a virtual robot's logs, a file for each `origin`, and beside them in ``truth.json`` what the robot was.
 
-    Each file is written atomically; a session that is interrupted leaves the files written so far and the truth.
-
-    Parameters
-    ----------
-    folder
-        Where they go; ``-`` writes all of them as one CSV to standard output, without the truth.
-    logs, robot
-        In order of time; the arm names the columns.
-    truth
-        The document of ``truth.json``.
-    form
-        ``"parquet"`` or ``"csv"``.
-    force
-        Whether logs of an earlier simulation in the folder (``session_*`` beside a ``truth.json``) may be replaced.
-    progress
-        Called with the time (s) of the session up to which is written.
-
-    Returns
-    -------
-    files
-        Name, samples, first and last time (s) of each.
+    Each file is written atomically; a session that is interrupted leaves the files written so far and the truth. ``-``
+    as folder writes all logs as one CSV to standard output, without the truth. With `force`, logs of an earlier
+    simulation in the folder (``session_*`` beside a ``truth.json``) are replaced. `progress` is called with the time
+    (s) up to which is written. The files are returned with their names, samples, first and last time (s).
 
     Raises
     ------
