@@ -291,7 +291,11 @@ class _StrictForm(BaseModel):
         """What is empty, as a block whose lines are all commented out, means its default; a quantity may be null."""
         if not isinstance(data, dict):
             return data
-        return {key: value for key, value in data.items() if value is not None or key in ("velocity", "temperature")}
+        nullable = ("velocity", "temperature")
+        empty = [
+            key for key, value in data.items() if value is None and key in cls.model_fields and key not in nullable
+        ]
+        return {key: value for key, value in data.items() if key not in empty}
 
 
 class JointForm(_StrictForm):

@@ -161,6 +161,7 @@ def test_every_fault_is_told_with_its_line(recipe) -> None:
         (("a: 0.2", "a: 200"), "recipe-bad-value", "divide by 1000"),
         (("[0, 0.5]", "[0, 500]"), "recipe-bad-value", "divide by 1000"),
         (("a: 0.2", 'a: "0,2"'), "recipe-bad-value", "0.2"),
+        (("a: 0.2", "a: 0,2"), "recipe-bad-key", "alpha"),
         (("a: 0.2", "a: .inf"), "recipe-bad-value", "finite"),
         (("a: 0.2", "a: true"), "recipe-bad-value", "number"),
         (("-9.80665", "-1"), "recipe-bad-value", "m/s2"),
