@@ -155,7 +155,7 @@ def slugs_of(stderr: str) -> set[str]:
 
 #: Notes that say of numbers that they may be wrong; others only tell what was left out or is not there.
 WARNINGS = {
-    "beyond-limits", "clock-jitter", "current-dead-band", "current-dropouts", "current-frozen",
+    "beyond-limits", "clock-jitter", "current-dropouts", "current-frozen",
     "current-saturated", "current-size", "current-spikes", "few-runs", "friction-falls-with-speed",
     "gain-sign", "inertia-negative", "logs-disagree", "model-misses", "position-held", "position-wraps", "rate-low",
     "repeats-differ", "run-stands-out", "strokes-late", "units-disagree", "velocity-sign",

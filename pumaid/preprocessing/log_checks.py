@@ -39,14 +39,14 @@ FAR, FEW_DEGREES = 4.0 * math.pi, 0.12
 FEWEST_WAYS, STRONG, STRONGER = 30, 0.5, 4.0
 #: Share of a joint's samples, least number, and multiple of the next level's count, that make a flat top.
 FLAT_SHARE, FLAT_COUNT, FLAT_RATIO = 0.01, 50, 5
-#: Windows, and share of them, that make a signal that freezes again and again; s of one sequence that is frozen.
-FLAT_WINDOWS, FLAT_TIME, FROZEN = 20, 0.05, 2.0
+#: Windows, and share of them, that make a signal that freezes again and again.
+FLAT_WINDOWS, FLAT_TIME = 20, 0.05
 #: Share of pairs of samples with the same current, and s between two changes, from which on a current is held.
 HELD_SHARE, HELD = 0.6, 0.02
 #: Share of windows with repeated positions; how near to whole counts an encoder's steps are, and how many of them.
 STILL_TIME, COUNT_MATCH, WHOLE_COUNTS = 0.5, 0.1, 0.7
-#: Samples, and share of them, that are lost values; the same of a dead band, and zeros per current next to zero.
-DROPPED_COUNT, DROPPED_SHARE, ZEROS, ZERO_SHARE, ZERO_RATIO = 5, 2e-4, 8, 1e-3, 8
+#: Samples, and share of them, that are zero, and zeros per current next to zero, that are not measured.
+ZEROS, ZERO_SHARE, ZERO_RATIO = 8, 1e-3, 8
 #: A; what motors of arms draw at most lies between.
 SMALL, LARGE = 0.02, 200.0
 #: Mean squared difference of two currents, relative to their squares, from which on they are one.
@@ -223,9 +223,9 @@ def _velocity_unrelated(sums: LogStatistics) -> Found:
 def _beyond_limits(sums: LogStatistics) -> Found:
     speed = _rms_speed(sums)
     for joint, k in _joints(sums, moved=False):
-        unit, most = joint.position_unit, joint.max_velocity
-        if most and speed[k] > BEYOND * most and sums.path[k] > MOVED:
-            what = f"moves at {number(speed[k])} {unit}/s (RMS), its maximum is {number(most)}"
+        unit, limit = joint.position_unit, joint.max_velocity
+        if limit and speed[k] > BEYOND * limit and sums.path[k] > MOVED:
+            what = f"moves at {number(speed[k])} {unit}/s (RMS), its maximum is {number(limit)}"
             yield {"joint": joint.number, "what": what, "fix": "check the units of time and of position"}
         if joint.limits and _outside(sums, joint) > 0.05 * (joint.limits[1] - joint.limits[0]):
             span = _span((sums.lowest[k], sums.highest[k]))
@@ -236,16 +236,16 @@ def _beyond_limits(sums: LogStatistics) -> Found:
 def _velocities_swapped(sums: LogStatistics) -> Found:
     """Velocity columns that follow the positions of other joints."""
     match = np.abs(sums.agreement())
-    others = {
+    followed = {
         joint.number: int(np.argmax(match[k])) + 1
         for joint, k in _joints(sums)
         if sums.integral[k] > 0 and match[k, k] < ANOTHER and match[k].max() > AGREES
     }
-    if others:
-        pairs = ", ".join(f"position {a} with velocity {b}" for a, b in others.items())
+    if followed:
+        pairs = ", ".join(f"position {a} with velocity {b}" for a, b in followed.items())
         fix = "put the columns into one order; if the positions are right, velocity: null in the recipe's log block"
         what = f"velocity columns follow other joints than their own: {pairs}"
-        yield {"joint": next(iter(others)), "what": what, "fix": fix, "fault": True}
+        yield {"joint": next(iter(followed)), "what": what, "fix": fix, "fault": True}
 
 
 def _currents_swapped(sums: LogStatistics) -> Found:
@@ -316,40 +316,27 @@ def _tops(sums: LogStatistics, k: int) -> list[tuple[int, dict[float, int]]]:
 
 def _current_frozen(sums: LogStatistics) -> Found:
     """A current that is not measured anew at each sample."""
-    interval, saturated = sums.interval(), {found["joint"] for found in _current_saturated(sums)}
+    interval, saturated = sums.interval(), {figures["joint"] for figures in _current_saturated(sums)}
     for joint, k in _measured(sums):
         if _is_constant(sums, k) or joint.number in saturated:
             continue
         pairs, same = sums.same[k]
         windows, flat = sums.flat[k]
-        period, longest = interval / max(1.0 - same / max(pairs, 1), 1e-9), sums.frozen[k] * interval
-        if sums.frozen[k] >= FLAT_COUNT and longest > FROZEN:
-            how = f"stays the same to the digit for {longest:.1f} s of motion"
-        elif same > HELD_SHARE * pairs and max(HELD, longest / 3.0) < period:
+        period = interval / max(1.0 - same / max(pairs, 1), 1e-9)
+        if same > HELD_SHARE * pairs and period > HELD:
             how = f"changes only every {1e3 * period:.0f} ms, and there is a sample every {1e3 * interval:.3g} ms"
+            yield {"joint": joint.number, "how": how}
         elif flat >= FLAT_WINDOWS and flat > FLAT_TIME * windows:
             how = f"stays the same to the digit in {100 * flat / windows:.0f} % of the time in which it moves"
-        else:
-            continue
-        yield {"joint": joint.number, "how": how}
+            yield {"joint": joint.number, "how": how}
 
 
-def _is_lost(sums: LogStatistics, k: int) -> bool:
-    return bool(sums.dropped[k] >= max(DROPPED_COUNT, DROPPED_SHARE * sums.moving[k]))
-
-
-def _current_dropouts(sums: LogStatistics) -> Found:
-    for joint, k in _measured(sums):
-        if _is_lost(sums, k) and not _is_constant(sums, k):
-            yield {"joint": joint.number, "count": int(sums.dropped[k]), "total": int(sums.moving[k])}
-
-
-def _current_dead_band(sums: LogStatistics) -> Found:
+def _current_zeros(sums: LogStatistics) -> Found:
     """A current that is zero far more often than next to zero; one in steps is as often one step away."""
-    told = {found["joint"] for found in (*_current_saturated(sums), *_current_frozen(sums))}
+    flagged = {figures["joint"] for figures in (*_current_saturated(sums), *_current_frozen(sums))}
     for joint, k in _measured(sums):
         zeros, beside = sums.zeros[k], sum(sums.beside[k].values())
-        if joint.number in told or _is_lost(sums, k) or _is_constant(sums, k):
+        if joint.number in flagged or _is_constant(sums, k):
             continue
         if zeros >= max(ZEROS, ZERO_SHARE * sums.moving[k]) and zeros >= ZERO_RATIO * beside:
             yield {"joint": joint.number, "count": int(zeros), "total": int(sums.moving[k])}
@@ -406,12 +393,10 @@ OTHER_CHECKS = (
           column="current"),
     Check("current-frozen", _current_frozen, "current of joint {joint} {how}",
           "the signal froze, is held and so late, or its steps are too coarse", column="current"),
-    Check("current-dropouts", _current_dropouts, "current of joint {joint} is exactly zero in {count} of {total} "
-          "moving samples, amid others that are far from it: values that were lost and written as 0",
-          "leave those cells empty, such rows are then left out", column="current"),
-    Check("current-dead-band", _current_dead_band, "current of joint {joint} is exactly zero in {count} of {total} "
-          "moving samples, and hardly ever next to zero: the drive or the sensor cuts small currents off, or values "
-          "that were lost were written as 0", "friction and gravity come out wrong", column="current"),
+    Check("current-dropouts", _current_zeros, "current of joint {joint} is exactly zero in {count} of {total} moving "
+          "samples, and hardly ever next to zero: values that were lost were written as 0, or the drive or the sensor "
+          "cuts small currents off", "leave lost values empty; small ones that are cut off spoil friction and gravity",
+          column="current"),
     Check("current-size", _current_size, "current of joint {joint} is {largest} A at most, {unlike}",
           "see units: {{current: ...}} in the recipe's log block", column="current"),
     Check("joints-swapped", _currents_swapped, "{what}", "{fix}"),
@@ -421,12 +406,12 @@ OTHER_CHECKS = (
 
 def findings(sums: LogStatistics) -> list[LogError | Note]:
     """What the table finds, in the order in which a user should look at it."""
-    found = [item for check in UNIT_CHECKS for item in check.run(sums)]
-    if not any(item.slug in ("looks-like-degrees", "units-disagree") for item in found):
-        found += [item for check in RATIO_CHECKS for item in check.run(sums)]
-    if not any(isinstance(item, LogError) for item in found):
-        found += [item for check in OTHER_CHECKS for item in check.run(sums)]
-    return found
+    items = [item for check in UNIT_CHECKS for item in check.run(sums)]
+    if not any(item.slug in ("looks-like-degrees", "units-disagree") for item in items):
+        items += [item for check in RATIO_CHECKS for item in check.run(sums)]
+    if not any(isinstance(item, LogError) for item in items):
+        items += [item for check in OTHER_CHECKS for item in check.run(sums)]
+    return items
 
 
 def _span(ends: tuple[float, float] | None) -> str:
@@ -474,14 +459,14 @@ def _unit_changes(robot: Robot, joint: Joint, ratio: float) -> list[tuple[str, s
         ("time", "time", "s", -1),
         (f"{prefix}velocity", f"{per} velocity", "rad/s" if joint.is_revolute else "m/s", -1),
     )
-    found = []
+    changes = []
     for key, dimension, standard, power in quantities:
         now = robot.log.units.get(key, robot.log.units.get(key.removeprefix("prismatic_"), standard))
         for word, (of, size) in UNITS.items():
-            changed = abs(ratio) * (size / factor(now)) ** power
-            if of == dimension and word != now and abs(changed - 1.0) < UNIT_MATCH:
-                found.append((key, word))
-    return found
+            scaled = abs(ratio) * (size / factor(now)) ** power
+            if of == dimension and word != now and abs(scaled - 1.0) < UNIT_MATCH:
+                changes.append((key, word))
+    return changes
 
 
 def _measured(sums: LogStatistics) -> Iterator[tuple[Joint, int]]:

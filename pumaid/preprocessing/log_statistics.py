@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -30,20 +28,13 @@ VELOCITIES = 0.5
 OFTEN, STEPS = 0.3, 2000
 #: Intervals from which the sampling rate is taken.
 INTERVALS = 20_000
-#: Multiple of the spread of a window's currents by which all of them must be away from zero, but lost ones.
-FAR_FROM_ZERO = 2.0
 #: Fewest samples of a window that can be flat.
 FLAT = 3
 
-#: Attributes that add up from file to file; those of which the smaller, or the larger, counts.
-SUMS: tuple[str, ...] = (
-    *("path", "seconds", "speed_squares", "moved_by", "displacement", "integral", "ways", "held"),
-    *("moving", "same", "flat", "dropped", "zeros"),
-)
-LEAST, LARGEST = ("lowest", "least_current"), ("highest", "most_current", "frozen")
+#: Attributes of which the least or the largest of two files counts; all other arrays add up.
+EXTREMES = {"lowest": np.fmin, "least_current": np.fmin, "highest": np.fmax, "most_current": np.fmax}
 
 
-@dataclass(eq=False, slots=True)
 class LogStatistics:
     """Sums per joint (J), fed batch by batch.
 
@@ -71,56 +62,26 @@ class LogStatistics:
         Per joint and side (positive, negative): the two largest currents while moving (A), and how often they occur.
     same, flat
         (J, 2) pairs of neighbouring samples, and windows, while moving; and those whose currents are all equal.
-    frozen
-        (J,) longest sequence of samples of equal current while moving.
-    dropped, zeros, beside
-        (J,) zero currents amid others far from zero, and in windows with others; per joint the smallest current beside
-        the latter and how often it occurs.
+    zeros, beside
+        (J,) zero currents in windows with other currents; per joint the smallest of these and how often it occurs.
     intervals
         First time steps (s).
     """
 
-    robot: Robot
-    origin: str = ""
-    has_velocity: bool = False
-    lowest: Floats = field(init=False)
-    highest: Floats = field(init=False)
-    path: Floats = field(init=False)
-    seconds: Floats = field(init=False)
-    speed_squares: Floats = field(init=False)
-    moved_by: Floats = field(init=False)
-    displacement: Floats = field(init=False)
-    integral: Floats = field(init=False)
-    ways: Floats = field(init=False)
-    held: Floats = field(init=False)
-    least_current: Floats = field(init=False)
-    most_current: Floats = field(init=False)
-    moving: Floats = field(init=False)
-    same: Floats = field(init=False)
-    flat: Floats = field(init=False)
-    frozen: Floats = field(init=False)
-    dropped: Floats = field(init=False)
-    zeros: Floats = field(init=False)
-    intervals: Floats = field(default_factory=lambda: np.zeros(0))
-    steps: list[Floats] = field(init=False)
-    tops: list[list[dict[float, int]]] = field(init=False)
-    beside: list[dict[float, int]] = field(init=False)
-    groups: list[dict[tuple[int, ...], Floats]] = field(init=False)
-    _lasting: list[tuple[float, int]] = field(init=False)
-    _rest: Log | None = None
-
-    def __post_init__(self) -> None:
-        n = self.robot.n_joints
-        shapes = {"moved_by": (n, n)} | dict.fromkeys(("ways", "held", "same", "flat"), (n, 2))
-        for name in SUMS:
-            setattr(self, name, np.zeros(shapes.get(name, (n,))))
-        for name in LEAST:
-            setattr(self, name, np.full(n, np.inf))
-        for name in LARGEST:
-            setattr(self, name, np.full(n, -np.inf))
+    def __init__(self, robot: Robot) -> None:
+        n = robot.n_joints
+        self.robot, self.origin, self.has_velocity = robot, "", False
+        self.lowest, self.least_current = np.full(n, np.inf), np.full(n, np.inf)
+        self.highest, self.most_current = np.full(n, -np.inf), np.full(n, -np.inf)
+        self.path, self.seconds, self.speed_squares = np.zeros(n), np.zeros(n), np.zeros(n)
+        self.moved_by, self.displacement, self.integral = np.zeros((n, n)), np.zeros(n), np.zeros(n)
+        self.ways, self.held, self.same, self.flat = (np.zeros((n, 2)) for _ in range(4))
+        self.moving, self.zeros, self.intervals = np.zeros(n), np.zeros(n), np.zeros(0)
         self.steps = [np.zeros(0)] * n
-        self.tops, self.beside = [[{}, {}] for _ in range(n)], [{} for _ in range(n)]
-        self.groups, self._lasting = [{} for _ in range(n)], [(np.nan, 0)] * n
+        self.tops: list[list[dict[float, int]]] = [[{}, {}] for _ in range(n)]
+        self.beside: list[dict[float, int]] = [{} for _ in range(n)]
+        self.groups: list[dict[tuple[int, ...], Floats]] = [{} for _ in range(n)]
+        self._rest: Log | None = None
 
     def take(self, log: Log) -> None:
         """Add a batch; whole windows are summed, the rest waits for the next batch of the same clock."""
@@ -142,15 +103,15 @@ class LogStatistics:
         """Add the sums of another file of the same robot, which must not be fed any more."""
         self.origin = self.origin or other.origin
         self.has_velocity |= other.has_velocity
-        for names, combine in ((SUMS, np.add), (LEAST, np.fmin), (LARGEST, np.fmax)):
-            for name in names:
-                setattr(self, name, combine(getattr(self, name), getattr(other, name)))
+        for name, values in vars(other).items():
+            if isinstance(values, np.ndarray) and name != "intervals":
+                setattr(self, name, EXTREMES.get(name, np.add)(getattr(self, name), values))
         self.intervals = np.concatenate([self.intervals, other.intervals])[:INTERVALS]
         for j in range(self.robot.n_joints):
             self.steps[j] = np.concatenate([self.steps[j], other.steps[j]])[:STEPS]
-            self.beside[j] = _largest(self.beside[j], other.beside[j], most=1)
+            self.beside[j] = _largest(self.beside[j], other.beside[j], levels=1)
             for side in (0, 1):
-                self.tops[j][side] = _largest(self.tops[j][side], other.tops[j][side], most=2)
+                self.tops[j][side] = _largest(self.tops[j][side], other.tops[j][side], levels=2)
             for posture, sums in other.groups[j].items():
                 self._add_group(j, posture, sums)
 
@@ -179,9 +140,9 @@ class LogStatistics:
         for j in np.flatnonzero(moves.any(axis=0)).tolist():
             inside = moves[window, j]
             self._sum_position(j, log.position[:last, j][inside], window[inside])
-            known = inside & np.isfinite(log.current[:last, j])
-            if known.any():
-                self._sum_current(j, log.current[:last, j][known], window[known])
+            measured = inside & np.isfinite(log.current[:last, j])
+            if measured.any():
+                self._sum_current(j, log.current[:last, j][measured], window[measured])
         middle = 0.5 * (log.position[edges[1:]] + log.position[edges[:-1]])
         self._sum_directions(speed, moves, middle, finite_means(log.current[:last], edges[:-1]))
 
@@ -190,15 +151,16 @@ class LogStatistics:
         self.has_velocity = True
         last = int(edges[-1])
         time, velocity = log.time[: last + 1], log.velocity[: last + 1].copy()
-        known = np.isfinite(velocity)
-        enough = np.add.reduceat(known[:-1], edges[:-1], axis=0, dtype=np.int64) > VELOCITIES * np.diff(edges)[:, None]
-        for column, is_known in zip(velocity.T, known.T, strict=True):
-            if is_known.any() and not is_known.all():
-                column[~is_known] = np.interp(time[~is_known], time[is_known], column[is_known])
+        measured = np.isfinite(velocity)
+        counts = np.add.reduceat(measured[:-1], edges[:-1], axis=0, dtype=np.int64)
+        enough = counts > VELOCITIES * np.diff(edges)[:, None]
+        for column, good in zip(velocity.T, measured.T, strict=True):
+            if good.any() and not good.all():
+                column[~good] = np.interp(time[~good], time[good], column[good])
         covered = 0.5 * (velocity[1:] + velocity[:-1]) * np.diff(time)[:, None]
         covered = np.where(enough, np.add.reduceat(np.nan_to_num(covered), edges[:-1], axis=0), 0.0)[usable]
-        counts = enough[usable].all(axis=1)
-        moved, covered = moved[counts], covered[counts]
+        complete = enough[usable].all(axis=1)
+        moved, covered = moved[complete], covered[complete]
         self.moved_by += moved.T @ covered
         self.displacement += (moved**2).sum(axis=0)
         self.integral += (covered**2).sum(axis=0)
@@ -222,32 +184,17 @@ class LogStatistics:
         self.least_current[j] = min(self.least_current[j], low.min())
         self.most_current[j] = max(self.most_current[j], high.max())
         for side, size in enumerate((values, -values)):
-            self.tops[j][side] = _largest(self.tops[j][side], _counted(size[size > 0], most=2), most=2)
+            self.tops[j][side] = _largest(self.tops[j][side], _counted(size[size > 0], levels=2), levels=2)
         inside = window[1:] == window[:-1]
         self.same[j] += np.count_nonzero(inside), np.count_nonzero(inside & (values[1:] == values[:-1]))
         self.flat[j] += len(starts), np.count_nonzero((low == high) & (counts >= FLAT))
-        self._sum_frozen(j, np.where(low == high, low, np.nan), counts)
         size = np.where(values == 0.0, np.nan, np.abs(values))
         zeros = np.add.reduceat(values == 0.0, starts, dtype=np.int64)
         mixed = (zeros > 0) & (zeros < counts)
-        near, far = np.fmin.reduceat(size, starts), np.fmax.reduceat(size, starts)
-        one_sided = (low >= 0.0) | (high <= 0.0)
-        from_current = (values[starts] != 0.0) & (values[starts + counts - 1] != 0.0)
-        lost = mixed & one_sided & from_current & (far > near) & (FAR_FROM_ZERO * (far - near) < near)
-        self.dropped[j] += zeros[lost].sum()
         self.zeros[j] += zeros[mixed].sum()
-        others = size[np.repeat(mixed, counts)]
+        beside = size[np.repeat(mixed, counts) & np.isfinite(size)]
         # The smallest current is the largest of the negative ones.
-        self.beside[j] = _largest(self.beside[j], _counted(-others[np.isfinite(others)], most=1), most=1)
-
-    def _sum_frozen(self, j: int, level: Floats, counts: Ints) -> None:
-        """Longest sequence of windows of one current; `level` (W,) is it, NaN where a window has several."""
-        starts = np.concatenate([[0], np.flatnonzero(~(level[1:] == level[:-1])) + 1])
-        lengths = np.add.reduceat(counts, starts)
-        value, length = self._lasting[j]
-        lengths[0] += length if value == level[0] else 0
-        self.frozen[j] = max(self.frozen[j], lengths[np.isfinite(level[starts])].max(initial=0))
-        self._lasting[j] = float(level[-1]), int(lengths[-1])
+        self.beside[j] = _largest(self.beside[j], _counted(-beside, levels=1), levels=1)
 
     def _sum_directions(self, speed: Floats, moves: Bools, middle: Floats, mean: Floats) -> None:
         size = np.abs(speed)
@@ -276,10 +223,10 @@ def _groups(window: Ints) -> tuple[Ints, Ints]:
     return starts, np.diff(starts, append=len(window))
 
 
-def _counted(values: Floats, *, most: int) -> dict[float, int]:
+def _counted(values: Floats, *, levels: int) -> dict[float, int]:
     """The largest few of (N,) values, and how often each occurs."""
     out: dict[float, int] = {}
-    for _ in range(most):
+    for _ in range(levels):
         if len(values):
             largest = float(values.max())
             out[largest] = int(np.count_nonzero(values == largest))
@@ -287,7 +234,7 @@ def _counted(values: Floats, *, most: int) -> dict[float, int]:
     return out
 
 
-def _largest(first: dict[float, int], second: dict[float, int], *, most: int) -> dict[float, int]:
+def _largest(first: dict[float, int], second: dict[float, int], *, levels: int) -> dict[float, int]:
     """The largest few of two counts together."""
-    levels = sorted({*first, *second}, reverse=True)[:most]
-    return {level: first.get(level, 0) + second.get(level, 0) for level in levels}
+    largest = sorted({*first, *second}, reverse=True)[:levels]
+    return {level: first.get(level, 0) + second.get(level, 0) for level in largest}

@@ -59,20 +59,9 @@ def good_log(*, seed: int = 0, rate: float = 200.0) -> Log:
 
 def watched(log: Log, robot: Robot, *, batch: int = 4096) -> list[LogError | Note]:
     """Faults and notes on a log that comes in batches."""
-    parts = [
-        replace(
-            log,
-            rows=log.rows[k : k + batch],
-            time=log.time[k : k + batch],
-            position=log.position[k : k + batch],
-            velocity=None if log.velocity is None else log.velocity[k : k + batch],
-            current=log.current[k : k + batch],
-        )
-        for k in range(0, len(log), batch)
-    ]
     sums = LogStatistics(robot)
-    for part in parts:
-        sums.take(part)
+    for k in range(0, len(log), batch):
+        sums.take(log.part(slice(k, k + batch)))
     found = findings(sums)
     return [item for item in found if isinstance(item, LogError)] or found
 
@@ -82,7 +71,7 @@ def slugs(log: Log, robot: Robot) -> list[str]:
     return [item.slug.upper() if isinstance(item, LogError) else item.slug for item in watched(log, robot)]
 
 
-@pytest.mark.parametrize("seed", range(5))
+@pytest.mark.parametrize("seed", range(3))
 @pytest.mark.parametrize("rate", [60.0, 1000.0])
 def test_a_good_log_passes_in_silence(seed: int, rate: float) -> None:
     """No doubt falls on noise, mixed friction signs and gravity many times the friction."""
@@ -104,19 +93,13 @@ def test_currents_with_holes_raise_no_doubt_and_hide_none(share: float) -> None:
     log = good_log()
     log.current[np.random.default_rng(5).random(log.current.shape) < share] = np.nan
     assert watched(log, arm()) == []
+    moving_only = replace(log, current=np.where(np.abs(log.velocity) < 0.1, np.nan, log.current))
+    assert watched(moving_only, arm()) == []
     if share <= 0.5:
         assert slugs(replace(log, current=log.current[:, [0, 2, 1]]), arm()) == ["JOINTS-SWAPPED"]
     dead = np.where(np.isnan(log.current), np.nan, np.where(np.arange(3) == 1, 0.3, log.current))
     assert "CONSTANT-CURRENT" in slugs(replace(log, current=dead), arm())
     assert "current-saturated" in slugs(replace(log, current=np.clip(log.current, -1.5, 1.5)), arm())
-
-
-def test_only_the_moving_joint_s_current_is_enough() -> None:
-    """Currents that are logged while their joint moves raise no doubt."""
-    log = good_log()
-    assert log.velocity is not None
-    log.current[np.abs(log.velocity) < 0.1] = np.nan
-    assert watched(log, arm()) == []
 
 
 @pytest.mark.parametrize("share", [0.3, 0.6, 0.99])
@@ -132,15 +115,15 @@ def test_a_velocity_with_holes_is_a_witness_where_it_is_there(share: float) -> N
         assert fault.slug == "units-disagree"
 
 
-@pytest.mark.parametrize("velocity", [True, False])
-def test_degrees_against_the_limits(velocity: bool) -> None:
-    """Positions (and velocities) in degrees leave the limits and fit them as degrees."""
+@pytest.mark.parametrize(("velocity", "limits"), [(True, (-2.9, 2.9)), (False, (-2.9, 2.9)), (False, None)])
+def test_degrees_without_a_witness(velocity: bool, limits: tuple[float, float] | None) -> None:
+    """Positions (and velocities) in degrees fit the limits as degrees; without any, two joints are many turns away."""
     log = good_log()
-    turned = None if not velocity or log.velocity is None else np.degrees(log.velocity)
-    (fault,) = watched(replace(log, position=np.degrees(log.position), velocity=turned), arm())
-    assert (
-        isinstance(fault, LogError) and fault.slug == "looks-like-degrees" and "as degrees they would fit" in fault.what
-    )
+    turned = np.degrees(log.velocity) if velocity else None
+    robot = arm(limits=limits, max_velocity=2.0 if limits else None)
+    (fault,) = watched(replace(log, position=np.degrees(log.position), velocity=turned), robot)
+    assert isinstance(fault, LogError) and fault.slug == "looks-like-degrees"
+    assert ("as degrees they would fit" in fault.what) is (limits is not None)
 
 
 @pytest.mark.parametrize(("size", "slug"), [(1e3, "units-disagree"), (1.0, None)])
@@ -152,15 +135,6 @@ def test_millimetres_against_the_limits(size: float, slug: str | None) -> None:
     velocity = None if log.velocity is None else size * log.velocity
     found = watched(replace(log, position=size * log.position, velocity=velocity), robot)
     assert [fault.slug for fault in found if isinstance(fault, LogError)] == ([slug] if slug else [])
-
-
-def test_degrees_without_any_limit() -> None:
-    """Two joints many turns away are not an arm's angles in radians."""
-    log = good_log()
-    (fault,) = watched(
-        replace(log, position=np.degrees(log.position), velocity=None), arm(limits=None, max_velocity=None)
-    )
-    assert isinstance(fault, LogError) and fault.slug == "looks-like-degrees"
 
 
 def test_one_joint_of_many_turns_is_no_fault() -> None:
@@ -220,66 +194,48 @@ def test_velocities_in_another_order_are_refused() -> None:
 def test_a_dead_current_is_refused(value: float) -> None:
     """A joint that moves at an unchanging current has none that was measured."""
     log = good_log()
-    current = log.current.copy()
-    current[:, 1] = value
-    (fault,) = watched(replace(log, current=current), arm())
+    log.current[:, 1] = value
+    (fault,) = watched(log, arm())
     assert isinstance(fault, LogError) and (fault.slug, fault.where.column) == ("constant-current", "i2")
 
 
-def test_a_joint_without_a_current_is_no_fault() -> None:
-    """Where the log lacks a current (NaN) there is nothing to doubt."""
-    log = good_log()
-    current = log.current.copy()
-    current[:, 1] = np.nan
-    assert watched(replace(log, current=current), arm()) == []
-
-
 def test_a_cut_off_current_is_flagged() -> None:
-    """Samples exactly at the largest value are a drive at its limit; quantised currents are not."""
+    """Samples exactly at the largest value are a drive at its limit."""
     log = good_log()
     assert slugs(replace(log, current=np.clip(log.current, -2.0, 2.0)), arm()) == ["current-saturated"]
-    assert slugs(replace(log, current=np.round(log.current, 1)), arm()) == []
 
 
-@pytest.mark.parametrize("share", [0.01, 0.1, 0.3])
+@pytest.mark.parametrize("share", [0.01, 0.3])
 def test_values_that_were_lost_are_flagged(share: float) -> None:
-    """Single zeros amid larger currents; currents in coarse steps, which are zero at rest, are none."""
+    """Single zeros amid larger currents."""
     log = good_log()
-    current = log.current.copy()
-    current[np.random.default_rng(7).random(len(log)) < share, 1] = 0.0
-    (note,) = watched(replace(log, current=current), arm())
+    log.current[np.random.default_rng(7).random(len(log)) < share, 1] = 0.0
+    (note,) = watched(log, arm())
     assert note.slug == "current-dropouts" and "joint 2" in str(note)
-    for step in (0.02, 0.1, 0.25, 0.5):
-        assert "current-dropouts" not in slugs(replace(log, current=step * np.round(log.current / step)), arm())
 
 
-@pytest.mark.parametrize("limit", [0.05, 0.2, 0.5])
+@pytest.mark.parametrize("limit", [0.05, 0.2])
 @pytest.mark.parametrize("step", [0.0, 0.005])
 def test_small_currents_that_are_cut_off_are_flagged(limit: float, step: float) -> None:
-    """Drawn towards zero by a limit, or zero below it, in steps or not; steps alone are as they should be."""
+    """Drawn towards zero by a limit, or zero below it, in steps or not."""
     log = good_log()
     current = log.current if not step else step * np.round(log.current / step)
-    assert slugs(replace(log, current=current), arm()) == []
     drawn = np.sign(current) * np.maximum(np.abs(current) - limit, 0.0)
-    assert "current-dead-band" in slugs(replace(log, current=drawn), arm())
-    # Far below the limit single zeros are like values that were lost.
-    cut = np.where(np.abs(current) < limit, 0.0, current)
-    assert {"current-dead-band", "current-dropouts"} & set(slugs(replace(log, current=cut), arm()))
-    for coarse in (0.02, 0.1, 0.25, 0.5):
-        assert "current-dead-band" not in slugs(replace(log, current=coarse * np.round(log.current / coarse)), arm())
+    for changed in (drawn, np.where(np.abs(current) < limit, 0.0, current)):
+        assert "current-dropouts" in slugs(replace(log, current=changed), arm())
+
+
+@pytest.mark.parametrize("step", [0.005, 0.02, 0.1, 0.25, 0.5])
+def test_currents_in_steps_are_as_they_should_be(step: float) -> None:
+    """Zero is a step like any other."""
+    log = good_log()
+    found = slugs(replace(log, current=step * np.round(log.current / step)), arm())
+    assert "current-dropouts" not in found and (step > 0.1 or found == [])
 
 
 def test_joints_at_rest_and_beyond_limits_are_flagged() -> None:
     """What may be meant is a note with the joints and the figures."""
-    log = good_log()
-    part = replace(
-        log,
-        rows=log.rows[:3400],
-        time=log.time[:3400],
-        position=log.position[:3400],
-        velocity=None,
-        current=log.current[:3400],
-    )
+    part = replace(good_log().part(slice(3400)), velocity=None)
     found = watched(part, arm(limits=(-1.0, 1.0)))
     assert [item.slug for item in found] == ["beyond-limits", "joint-at-rest"]
     assert "joint 1 runs from -1.8" in found[0].text and "joints 2, 3" in found[1].text  # type: ignore[union-attr]
@@ -340,7 +296,7 @@ def test_a_current_that_is_held_is_flagged(period: float, is_told: bool) -> None
 
 @pytest.mark.parametrize(("hold", "every"), [(0.8, 6.0), (1.5, 6.0)])
 def test_a_current_that_freezes_again_and_again_is_flagged(hold: float, every: float) -> None:
-    """Shorter than two seconds each time, but for a good part of the time."""
+    """Only for a moment each time, but for a good part of the time."""
     log = good_log()
     current = log.current.copy()
     for begin in np.arange(3.0, log.time[-1] - hold, every):
@@ -350,8 +306,7 @@ def test_a_current_that_freezes_again_and_again_is_flagged(hold: float, every: f
     assert note.slug == "current-frozen" and "%" in note.text and "joint 2" in str(note)
 
 
-@pytest.mark.parametrize("times", [2, 3, 10])
-@pytest.mark.parametrize("step", [1e-6, 2e-4])
+@pytest.mark.parametrize(("times", "step"), [(2, 1e-6), (3, 2e-4), (10, 1e-6)])
 def test_positions_that_are_held_are_flagged(times: int, step: float) -> None:
     """Each position logged several times over, as it is or in an encoder's fine steps."""
     log = good_log()
@@ -361,7 +316,7 @@ def test_positions_that_are_held_are_flagged(times: int, step: float) -> None:
     assert {note.slug for note in found} == {"position-held"} and len(found) == 3
 
 
-@pytest.mark.parametrize("counts", [256, 1024, 4096, 16384, 1 << 20])
+@pytest.mark.parametrize("counts", [256, 4096, 1 << 20])
 @pytest.mark.parametrize("rate", [100.0, 1000.0])
 def test_encoders_of_few_counts_are_not_flagged(counts: int, rate: float) -> None:
     """Between two counts an encoder says the same, however coarse it is; in a text with six places, too."""
