@@ -119,8 +119,8 @@ def _shown(uneven: Floats, position: Floats, *, interval: float, numbers: Floats
         if noise == 0.0:
             continue
         speed[np.abs(speed) <= CLEAR * noise / (2 * AROUND * interval)] = 0.0
-        seen, expected = (_fast(values) / noise for values in (column, speed * uneven))
-        cross += np.add.reduceat(expected * seen, groups)
+        observed, expected = (_fast(values) / noise for values in (column, speed * uneven))
+        cross += np.add.reduceat(expected * observed, groups)
         square += np.add.reduceat(expected * expected, groups)
     total = float(square.sum())
     if total <= 0.0 or total**2 < FEWEST * float(square @ square):

@@ -88,20 +88,20 @@ def constant_velocities(
     speed, error = np.abs(velocity), SPREAD * ticks.slope_error(joint, half)
     peak = float(np.abs(slopes(ticks.time[slice(*movement)], velocity, 1)).max())
     reach = max(1, round_half_up(0.7 * options.min_duration / ticks.interval))
-    found: list[ConstantVelocity] = []
+    runs: list[ConstantVelocity] = []
     for core in _cores(speed, reach, tolerance=(options.speed_tolerance, error)):
         level = float(np.median(velocity[slice(*core)]))
-        seen = _departed(speed, core, farthest=reach + half + round_half_up(ANCHOR / ticks.interval), error=error)
-        beyond = (max(0, movement[0] + seen[0] - half), min(len(ticks), movement[0] + seen[1] + half))
+        outside = _departed(speed, core, farthest=reach + half + round_half_up(ANCHOR / ticks.interval), error=error)
+        beyond = (max(0, movement[0] + outside[0] - half), min(len(ticks), movement[0] + outside[1] + half))
         first, last = _ends(ticks, samples, (movement[0] + core[0], movement[0] + core[1]), beyond=beyond, half=half)
         if last - first < FEWEST or _is_ramp(time[first:last], position[first:last], peak=peak):
             continue
         begin, end = settled(time[first:last], position[first:last])
         # A swing of the speed may look like a shorter one, and would be joined to a run by mistake.
         if end - begin >= FEWEST and time[first + end - 1] - time[first + begin] >= 0.75 * options.min_duration:
-            found.append(ConstantVelocity(first + begin, first + end, level))
-    band = options.speed_tolerance * max((abs(run.velocity) for run in found), default=0.0) + error
-    return _without_overlap(found, (ticks.edges[slice(*movement)], speed), band=band)
+            runs.append(ConstantVelocity(first + begin, first + end, level))
+    band = options.speed_tolerance * max((abs(run.velocity) for run in runs), default=0.0) + error
+    return _without_overlap(runs, (ticks.edges[slice(*movement)], speed), band=band)
 
 
 def movement_velocity(
@@ -127,7 +127,7 @@ def _cores(speed: Floats, reach: int, *, tolerance: tuple[float, float]) -> list
     width = 2 * (reach // 2) + 1
     around = np.lib.stride_tricks.sliding_window_view(np.pad(speed, width // 2, mode="edge"), width)
     steady = around.max(axis=1) - around.min(axis=1) <= 2.0 * (share * speed + absolute)
-    found, waiting = [], _true_ranges(steady)
+    cores, waiting = [], _true_ranges(steady)
     while waiting:
         start, stop = waiting.pop()
         level = float(np.median(speed[start:stop]))
@@ -139,8 +139,8 @@ def _cores(speed: Floats, reach: int, *, tolerance: tuple[float, float]) -> list
             waiting.append((start + last, stop))
         if first > reach:
             waiting.append((start, start + first))
-        found.append((start + first, start + last))
-    return sorted(found)
+        cores.append((start + first, start + last))
+    return sorted(cores)
 
 
 def _true_ranges(values: Bools) -> list[tuple[int, int]]:

@@ -122,9 +122,9 @@ def acceleration(time: Floats, position: Floats) -> Floats:
         curved = savitzky_golay(bent, window, 2)
         noise = float(rough @ rough) / len(rough) * window / (window - ORDER - 1)
         carried = max(noise, floor**2) * _noise_gain(window, len(time))
-        seen = float(curved @ curved) / len(curved)
-        if seen > clearest * carried:
-            best, clearest = curved / step**2, seen / carried
+        square = float(curved @ curved) / len(curved)
+        if square > clearest * carried:
+            best, clearest = curved / step**2, square / carried
     return best
 
 

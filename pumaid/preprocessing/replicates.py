@@ -75,14 +75,14 @@ def pairs(runs: Sequence[Run]) -> list[Pair]:
     """Of each group of replicates among `runs` the first beside every other one."""
     out = []
     for numbers in replicates(runs):
-        first, *others = (runs[number] for number in numbers)
+        first, *repeats = (runs[number] for number in numbers)
         a = _Course.of(first)
         smooth = a.harmonic()
-        for later in others:
+        for later in repeats:
             b = _Course.of(later, _turns(first, later))
             more, rest = _difference(a, b, smooth)
             variance = 0.5 * (more**2 + rest) + _inside(a, b, smooth)
-            out.append(Pair(first, later, more, variance, later is others[-1]))
+            out.append(Pair(first, later, more, variance, later is repeats[-1]))
     return out
 
 
@@ -119,9 +119,9 @@ class _Course:
 
     @classmethod
     def of(cls, run: Run, turns: float = 0.0) -> _Course:
-        own, bins = run.joint - 1, run.bins
-        order = np.argsort(bins.position[:, own], kind="stable")
-        q = bins.position[order, own] + turns
+        moving, bins = run.joint - 1, run.bins
+        order = np.argsort(bins.position[:, moving], kind="stable")
+        q = bins.position[order, moving] + turns
         basis = np.empty((len(q), 4))
         basis[:, 0], basis[:, 1], basis[:, 2], basis[:, 3] = np.cos(q), np.sin(q), 1.0, bins.acceleration[order]
         return cls(q, bins.current[order], bins.variance[order], bins.count[order], basis)
