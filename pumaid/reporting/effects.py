@@ -96,13 +96,7 @@ def command(effect: Effect) -> str:
 
 
 def bounds(low: float | None, high: float | None) -> str:
-    """Bounds in words.
-
-    Examples
-    --------
-    >>> bounds(0.5, 2.0), bounds(None, None), bounds(0.0, None)
-    ('0.5 to 2', 'any', '0 or more')
-    """
+    """Bounds in words."""
     if low is None and high is None:
         return "any"
     if high is None:

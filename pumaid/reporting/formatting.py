@@ -20,15 +20,7 @@ _ANGLE = re.compile(r"\brad(\d?)\b")
 
 
 def with_error(value: float, error: float | None) -> tuple[str, str]:
-    """A value and its standard error as text, both to the error's second significant digit.
-
-    Examples
-    --------
-    >>> with_error(0.2236776, 0.0000934)
-    ('0.223678', '0.000093')
-    >>> with_error(12345.6, 310.0)
-    ('12346', '310')
-    """
+    """A value and its standard error as text, both to the error's second significant digit."""
     if error is None or not math.isfinite(error) or error <= 0.0:
         return number(value, 5), "" if error is None else number(error, 2)
     decimals = 1 - math.floor(math.log10(error))
@@ -43,13 +35,7 @@ def with_error(value: float, error: float | None) -> tuple[str, str]:
 
 
 def in_unit(unit: str, angle: str) -> tuple[float, str]:
-    """Factor and unit word that show a number of `unit` with angles in `angle` (``rad`` or ``deg``).
-
-    Examples
-    --------
-    >>> in_unit("A s/rad", "deg")
-    (0.017453292519943295, 'A s/deg')
-    """
+    """Factor and unit word that show a number of `unit` with angles in `angle` (``rad`` or ``deg``)."""
     if angle == "rad" or not _ANGLE.search(unit):
         return 1.0, unit
     scale = 1.0
@@ -61,13 +47,7 @@ def in_unit(unit: str, angle: str) -> tuple[float, str]:
 
 
 def percent(share: float | None) -> str:
-    """A share as a percentage with as many digits as distinguish it from 100 %.
-
-    Examples
-    --------
-    >>> percent(0.5), percent(0.998), percent(0.99998)
-    ('50 %', '99.8 %', '99.998 %')
-    """
+    """A share as a percentage with as many digits as distinguish it from 100 %."""
     if share is None or not math.isfinite(share):
         return "unknown"
     gap = abs(1.0 - share)

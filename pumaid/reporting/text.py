@@ -109,15 +109,7 @@ def is_structural(value: Value) -> bool:
 
 
 def merge_notes(notes: Iterable[Note]) -> list[Note]:
-    """Notes, each once; those of several joints that differ only in ``joint N`` at their beginning become one.
-
-    Examples
-    --------
-    >>> from pumaid.errors import Where
-    >>> two = [Note("few-runs", f"joint {n} has 1 run: its errors are too small", Where(joint=n)) for n in (2, 3)]
-    >>> print(*merge_notes(two))
-    note[few-runs]: each of joints 2 and 3 has 1 run: its errors are too small
-    """
+    """Notes, each once; those of several joints that differ only in ``joint N`` at their beginning become one."""
     groups: dict[tuple[Note, str], list[Note]] = {}
     for note in dict.fromkeys(notes):
         rest = re.sub(rf"^joint {note.where.joint}(?=[ :])", "", note.text, flags=re.IGNORECASE)
@@ -193,13 +185,7 @@ def part_share(budget: Budget, part: BudgetPart) -> float:
 
 
 def share_text(share: float) -> str:
-    """A share in whole percent.
-
-    Examples
-    --------
-    >>> share_text(0.928), share_text(0.002), share_text(0.0)
-    ('93 %', 'less than 1 %', '0 %')
-    """
+    """A share in whole percent."""
     return "less than 1 %" if 0.0 < share < SMALLEST_SHARE else f"{100.0 * share:.0f} %"
 
 
