@@ -1,28 +1,47 @@
-"""Tables as they are printed, letter by letter; records are written by hand, so nothing depends on the machine."""
+"""Tables and diagnoses as they are printed, letter by letter; records are written by hand, so no machine matters."""
 
 from __future__ import annotations
 
+import io
 from pathlib import Path
 
+import diagnoses
 import pytest
 import report_contexts
+from rich.console import Console
 
 from pumaid.reporting.documents import parameters_as
+from pumaid.reporting.tables import diagnosis_parts
 
 GOLD = Path(__file__).with_name("gold")
+
+
+def check(name: str, made: bytes) -> None:
+    """Hold a text against its gold file; a change is written beside it, to be looked at."""
+    gold = GOLD / name
+    actual = gold.with_name(f"{name}.actual")
+    if gold.is_file() and gold.read_bytes() == made:
+        actual.unlink(missing_ok=True)
+        return
+    actual.write_bytes(made)
+    pytest.fail(f"differs from {name}; look at it, then accept: mv {actual} {gold}")
 
 
 @pytest.mark.parametrize("units", ["rad", "deg"])
 @pytest.mark.parametrize(("form", "suffix"), [("text", "txt"), ("markdown", "md"), ("latex", "tex"), ("csv", "csv")])
 def test_parameter_table(form, suffix, units):
-    """Table I of the paper in every readable form; a change is written beside the gold file, to be looked at."""
-    told = report_contexts.table_one()
-    made = parameters_as(told.estimate, told.robot, form, units=units)
-    gold = GOLD / f"table1_{units}.{suffix}"
-    actual = gold.with_name(f"{gold.name}.actual")
-    if gold.is_file() and gold.read_bytes() == made:
-        actual.unlink(missing_ok=True)
-        return
-    actual.parent.mkdir(exist_ok=True)
-    actual.write_bytes(made)
-    pytest.fail(f"differs from {gold.name}; look at it, then accept: mv {actual} {gold}")
+    """Table I of the paper in every readable form."""
+    paper = report_contexts.table_one()
+    check(f"table1_{units}.{suffix}", parameters_as(paper.estimate, paper.robot, form, units=units))
+
+
+@pytest.mark.parametrize("units", ["rad", "deg"])
+@pytest.mark.parametrize("name", ["rich", "clean"])
+def test_diagnosis(name, units):
+    """Sentences, shape and tables of a diagnosis."""
+    out = io.StringIO()
+    console = Console(file=out, width=100, color_system=None, highlight=False)
+    for part in diagnosis_parts(getattr(diagnoses, name)(), diagnoses.PUMA, units=units):
+        console.print(part)
+    made = "".join(f"{line.rstrip()}\n" for line in out.getvalue().splitlines())
+    check(f"diagnosis_{name}_{units}.txt", made.encode())
