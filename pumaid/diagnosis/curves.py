@@ -123,31 +123,24 @@ def _axis(robot: Robot, samples: Samples, trial: Trial, *, change: Floats) -> Ax
     if frequency > 0.0:
         period = 2.0 * math.pi / frequency
         return Axis("position within one period", unit, np.mod(position, period), FINE, period)
-    word = VARIABLES.get(trial.effect.family, "")
-    loads = samples.loads
+    word, loads = VARIABLES.get(trial.effect.family, ""), samples.loads
     if word == "speed":
         label = np.unique(samples.run, return_inverse=True)[1]
         speed = (np.bincount(label, np.abs(samples.velocity[:, column])) / np.bincount(label))[label]
         return Axis("speed", f"{unit}/s", speed, None)
-    if word == "position":
-        return Axis("position", unit, position)
-    if word == "travel":
-        return Axis("travel since the motion began", unit, samples.travel)
-    if word == "time":
-        return Axis("time since the first motion", "s", samples.time, COARSE)
-    if word == "temperature" and np.isfinite(samples.temperature).any():
-        return Axis("temperature", "degC", samples.temperature, COARSE)
-    if word == "load" and loads is not None:
-        across = "side" in trial.effect.name
-        return Axis(
-            "moment across the axis" if across else "gravity load",
-            "A",
-            loads.across if across else loads.moving,
-            COARSE,
-        )
-    if word == "current" and loads is not None:
-        return Axis("predicted current", "A", loads.drawn, COARSE)
-    return Axis("what it adds", "A", change, COARSE)
+    axes = {
+        "position": Axis("position", unit, position),
+        "travel": Axis("travel since the motion began", unit, samples.travel),
+        "time": Axis("time since the first motion", "s", samples.time, COARSE),
+    }
+    if np.isfinite(samples.temperature).any():
+        axes["temperature"] = Axis("temperature", "degC", samples.temperature, COARSE)
+    if loads is not None:
+        axes["current"] = Axis("predicted current", "A", loads.drawn, COARSE)
+        axes["load"] = Axis("gravity load", "A", loads.moving, COARSE)
+        if "side" in trial.effect.name:
+            axes["load"] = Axis("moment across the axis", "A", loads.across, COARSE)
+    return axes.get(word, Axis("what it adds", "A", change, COARSE))
 
 
 def _labels(axis: Axis, is_side: NDArray[np.bool_]) -> Floats:

@@ -71,16 +71,12 @@ class Transfer:
 
 @dataclass(frozen=True, slots=True)
 class Candidate:
-    """One effect tried at one joint (None: the whole arm).
+    """One effect tried at one joint (None: the whole arm), its shape at its best values.
 
     Attributes
     ----------
-    effect, joint, shape
-        What was tried, shape at its best values.
-    verdict
-        ``add``, ``doubtful``, ``absent`` or ``unseen``.
-    reason
-        Why, in a sentence.
+    verdict, reason
+        ``add``, ``doubtful``, ``absent`` or ``unseen``, and why, in a sentence.
     p_value
         Family-wise: the chance that anything in the catalogue looks as good in data where nothing is missing.
     evidence
@@ -88,16 +84,11 @@ class Candidate:
     rmse_after
         RMSE (A) of the joint's fitted runs with it, all else refitted.
     rmse_heldout_before, rmse_heldout_after
-        RMSE (A) of fitted runs as fits to the other runs predict them, without and with it. What runs that the plan
-        holds out show is told by a `Finding`.
+        RMSE (A) of fitted runs as fits to the other runs predict them, without and with it.
     posture_gain
         Share of the error in postures left out that it removes; None with fewer than four postures.
-    sizes
-        Its parameters.
-    rivals
-        Names of effects that these data cannot tell from it.
-    command
-        What adds it.
+    sizes, rivals, command
+        Its parameters, names of effects that these data cannot tell from it, and what adds it.
     """
 
     effect: str
@@ -158,7 +149,7 @@ class JointDiagnosis:
 
     Attributes
     ----------
-    joint, verdict, text
+    verdict, text
         ``adequate``, ``missing`` or ``unexplained``; in plain sentences.
     rmse, noise_floor
         A, of the fitted runs; the floor None where no run is repeated.
@@ -167,12 +158,8 @@ class JointDiagnosis:
         replicates).
     budget
         Parts of the residual's mean square (A2) that add up to it, by name.
-    candidates
-        Best first: what passed and what came near.
-    unexplained
-        Shape of what is left, or None.
-    limits
-        What could not have been seen.
+    candidates, unexplained, limits
+        What passed and what came near, best first; the shape of what remains; what could not have been seen.
     weakened
         Sentences: what weakens this diagnosis (no replicates, one posture ...).
     """

@@ -276,6 +276,12 @@ def instants(extent: Extent) -> tuple[float, ...]:
     return tuple(float(t) for t in between[chosen])
 
 
+def time_constants(extent: Extent) -> tuple[Mapping[str, float], ...]:
+    """Values of the shape ``time_constant`` (s) at which a search begins, from a twelfth of the campaign on."""
+    shares = np.array([0.08, 0.15, 0.3, 0.6, 1.2])
+    return tuple({"time_constant": float(t)} for t in np.clip(shares * extent.duration, 1.0, 1e6))
+
+
 def load_refusal(robot: Robot, joint: int, *, must_change: bool = False) -> str | None:
     """Why an effect of gravity's load says nothing at joint `joint` (from 1), or None where it can.
 

@@ -4,14 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-import numpy as np
-
-from pumaid.effects.base import Effect, Family, Parameter, Shape, Trace
+from pumaid.effects.base import Effect, Family, Parameter, Shape, Trace, time_constants
 from pumaid.robot import Robot
 from pumaid.samples import Extent
-
-#: Time constants that a search begins with, as shares of the campaign's duration.
-SHARES = (0.08, 0.15, 0.3, 0.6, 1.2)
 
 
 class TorqueConstantDrift(Effect):
@@ -41,4 +36,4 @@ class TorqueConstantDrift(Effect):
         return (Shape("time_constant", "s", "time in which the change is down to 1/e", 1.0, 1e6, 900.0),)
 
     def grid(self, robot: Robot, extent: Extent) -> tuple[Mapping[str, float], ...]:
-        return tuple({"time_constant": float(np.clip(c * extent.duration, 1.0, 1e6))} for c in SHARES)
+        return time_constants(extent)
