@@ -225,14 +225,13 @@ def cut_files() -> Iterator[Fault]:
     yield Fault("cut Parquet", "a page zeroed", as_parquet(lambda data: data[:3000] + bytes(500) + data[3500:]))
     for share in (0.55,):
         yield Fault("cut CSV", f"at {share:.0%}", raw(cut(share), only_first=True))
-    yield Fault("cut CSV", "its start is missing", raw(lambda data: data[5000:], only_first=True))
-    yield Fault("cut CSV", "gzip cut", only(gzip.compress(csv(good()[0]).encode())[:-500], "log.csv.gz"))
-    yield Fault(
-        "cut CSV",
-        "a hole of zero bytes",
-        raw(lambda data: data[:90_000] + bytes(4096) + data[94_096:], only_first=True),
-    )
-    yield Fault("cut CSV", "a block twice", raw(lambda data: data[:80_000] + data[40_000:], only_first=True))
+    for name, change in {
+        "its start is missing": raw(lambda data: data[5000:], only_first=True),
+        "gzip cut": only(gzip.compress(csv(good()[0]).encode())[:-500], "log.csv.gz"),
+        "a hole of zero bytes": raw(lambda data: data[:90_000] + bytes(4096) + data[94_096:], only_first=True),
+        "a block twice": raw(lambda data: data[:80_000] + data[40_000:], only_first=True),
+    }.items():
+        yield Fault("cut CSV", name, change)
     for name, magic in {
         "zip": b"PK\x03\x04",
         "JSON": b'{"t": [0, 1]}',
@@ -291,17 +290,14 @@ def columns() -> Iterator[Fault]:
     yield Fault("missing columns", "i2 in one of two logs", tables(without("i2"), only_first=True))
     yield Fault("missing columns", "the header's last name", raw(replaced(b",i2\n", b"\n", 1)))
     yield Fault("missing columns", "the header", raw(lambda data: data.split(b"\n", 1)[1]))
-    yield Fault("renamed columns", "as another maker's", moved(UR))
-    yield Fault(
-        "renamed columns",
-        "counted from 0",
-        moved({f"{word}{k}": f"{word}{k - 1}" for word in ("q", "qd", "i") for k in (1, 2)}),
-    )
-    yield Fault("renamed columns", "quoted", raw(replaced(b"t,q1,q2", b'"t","q1","q2"', 1)))
-    yield Fault("renamed columns", "with units", moved({name: f"{name} [A]" for name in ("i1", "i2")}))
-    yield Fault(
-        "renamed columns", "columns in another order, names with them", tables(lambda table: table[list(COLUMNS[::-1])])
-    )
+    for name, change in {
+        "as another maker's": moved(UR),
+        "counted from 0": moved({f"{word}{k}": f"{word}{k - 1}" for word in ("q", "qd", "i") for k in (1, 2)}),
+        "quoted": raw(replaced(b"t,q1,q2", b'"t","q1","q2"', 1)),
+        "with units": moved({name: f"{name} [A]" for name in ("i1", "i2")}),
+        "columns in another order, names with them": tables(lambda table: table[list(COLUMNS[::-1])]),
+    }.items():
+        yield Fault("renamed columns", name, change)
     for pair in ("q1 q2", "i1 i2", "qd1 qd2", "q1 qd1", "q1 i1", "t q1", "qd1 i1"):
         one, other = pair.split()
         yield Fault("swapped columns", f"{one} and {other}", moved({one: other, other: one}))
@@ -331,19 +327,14 @@ def time_faults() -> Iterator[Fault]:
     yield Fault("repeated time", "all the same", times(lambda t: 0 * t))
     yield Fault("repeated time", "rounded to 0.1 s", times(lambda t: np.floor(10 * t) / 10))
     yield Fault("repeated time", "whole seconds", times(np.floor))
-    yield Fault("backward time", "one stamp", times(lambda t: t - 1.0 * (np.arange(len(t)) == 700), only_first=True))
-    yield Fault(
-        "backward time",
-        "starts anew in the middle",
-        times(lambda t: t - t[1800] * (np.arange(len(t)) >= 1800), only_first=True),
-    )
-    yield Fault(
-        "backward time",
-        "a second back in the middle",
-        times(lambda t: t - 1.0 * (np.arange(len(t)) >= 1800), only_first=True),
-    )
-    yield Fault("backward time", "falling", times(lambda t: -t))
-    yield Fault("backward time", "both logs from 0", times(lambda t: t - t[0]))
+    for name, change in {
+        "one stamp": times(lambda t: t - 1.0 * (np.arange(len(t)) == 700), only_first=True),
+        "starts anew in the middle": times(lambda t: t - t[1800] * (np.arange(len(t)) >= 1800), only_first=True),
+        "a second back in the middle": times(lambda t: t - 1.0 * (np.arange(len(t)) >= 1800), only_first=True),
+        "falling": times(lambda t: -t),
+        "both logs from 0": times(lambda t: t - t[0]),
+    }.items():
+        yield Fault("backward time", name, change)
     for name, part in (("one sample", 1), ("0.2 s", 8), ("2 s", 80), ("20 s", 800)):
         yield Fault(
             "gaps",
@@ -362,14 +353,13 @@ def time_faults() -> Iterator[Fault]:
         times(lambda t: t[np.arange(len(t)) // 5 * 5] + 1e-4 * (np.arange(len(t)) % 5)),
     )
     yield Fault("jitter", "clock 1 % fast", times(lambda t: 1.01 * t))
-    yield Fault("mixed rates", "second log at half the rate", rows(lambda table: table[::2], only_first=True))
-    yield Fault(
-        "mixed rates",
-        "slower from the middle",
-        rows(lambda table: pd.concat([table[:1800], table[1800::2]]), only_first=True),
-    )
-    yield Fault("mixed rates", "one sample a second", rows(lambda table: table[::40]))
-    yield Fault("mixed rates", "ten samples a second", rows(lambda table: table[::4]))
+    for name, change in {
+        "second log at half the rate": rows(lambda table: table[::2], only_first=True),
+        "slower from the middle": rows(lambda table: pd.concat([table[:1800], table[1800::2]]), only_first=True),
+        "one sample a second": rows(lambda table: table[::40]),
+        "ten samples a second": rows(lambda table: table[::4]),
+    }.items():
+        yield Fault("mixed rates", name, change)
     for name, factor in (("ms", 1e3), ("us", 1e6), ("ns", 1e9), ("min", 1 / 60)):
         yield Fault("mixed rates", f"time in {name}", times(lambda t, factor=factor: factor * t))
     yield Fault("mixed rates", "time in ms in one of two logs", times(lambda t: 1e3 * t, only_first=True))
@@ -446,32 +436,28 @@ def current_faults() -> Iterator[Fault]:
         yield Fault("constant current", f"{column} frozen over a half", held(column, part=slice(1800, None)))
         yield Fault("constant current", f"{column} frozen over 5 s", held(column, part=slice(1800, 2000)))
         yield Fault("constant current", f"{column} zero over 5 s", held(column, 0.0, part=slice(1800, 2000)))
-    yield Fault("constant current", "both zero", tables(lambda table: table.assign(i1=0.0, i2=0.0)))
-    yield Fault(
-        "constant current",
-        "zero in one of two logs",
-        tables(lambda table: table.assign(i1=0.0, i2=0.0), only_first=True),
-    )
-    yield Fault("constant current", "i1 copied to i2", tables(lambda table: table.assign(i2=table.i1)))
-    yield Fault(
-        "constant current", "without sign", tables(lambda table: table.assign(i1=table.i1.abs(), i2=table.i2.abs()))
-    )
-    yield Fault("constant current", "without sign at joint 1", tables(plus(i1=lambda table: table.i1.abs())))
+    for name, change in {
+        "both zero": tables(lambda table: table.assign(i1=0.0, i2=0.0)),
+        "zero in one of two logs": tables(lambda table: table.assign(i1=0.0, i2=0.0), only_first=True),
+        "i1 copied to i2": tables(lambda table: table.assign(i2=table.i1)),
+        "without sign": tables(lambda table: table.assign(i1=table.i1.abs(), i2=table.i2.abs())),
+        "without sign at joint 1": tables(plus(i1=lambda table: table.i1.abs())),
+    }.items():
+        yield Fault("constant current", name, change)
     for level in (3.9, 3.0, 1.5, 0.3):
         yield Fault(
             "saturated current",
             f"i1 at {level} A",
             tables(plus(i1=lambda table, level=level: table.i1.clip(-level, level))),
         )
-    yield Fault("saturated current", "i2 at 1 A", tables(lambda table: table.assign(i2=table.i2.clip(-1.0, 1.0))))
-    yield Fault(
-        "saturated current", "i2 at 1 A one way", tables(lambda table: table.assign(i2=table.i2.clip(upper=1.0)))
-    )
-    yield Fault(
-        "saturated current", "i2 in steps of 0.1 A", tables(lambda table: table.assign(i2=(table.i2 * 10).round() / 10))
-    )
-    yield Fault("saturated current", "i2 in steps of 1 A", tables(lambda table: table.assign(i2=table.i2.round())))
-    yield Fault("saturated current", "q1 stands while the arm moves", held("q1", part=slice(500, 1500)))
+    for name, change in {
+        "i2 at 1 A": tables(lambda table: table.assign(i2=table.i2.clip(-1.0, 1.0))),
+        "i2 at 1 A one way": tables(lambda table: table.assign(i2=table.i2.clip(upper=1.0))),
+        "i2 in steps of 0.1 A": tables(lambda table: table.assign(i2=(table.i2 * 10).round() / 10)),
+        "i2 in steps of 1 A": tables(lambda table: table.assign(i2=table.i2.round())),
+        "q1 stands while the arm moves": held("q1", part=slice(500, 1500)),
+    }.items():
+        yield Fault("saturated current", name, change)
 
 
 def dead_bands() -> Iterator[Fault]:
@@ -511,84 +497,59 @@ def unit_faults() -> Iterator[Fault]:
     """Degrees for radians and other units."""
     turn = 2 * np.pi
     deg = 360 / turn
-    yield Fault("degrees for radians", "positions", scaled(deg, "q1", "q2"))
-    yield Fault("degrees for radians", "positions and velocities", scaled(deg, "q1", "q2", "qd1", "qd2"))
-    yield Fault("degrees for radians", "velocities", scaled(deg, "qd1", "qd2"))
-    yield Fault(
-        "degrees for radians",
-        "positions without velocities",
-        tables(lambda table: times_by(q1=deg, q2=deg)(without("qd1", "qd2")(table))),
-    )
-    yield Fault("degrees for radians", "one joint", scaled(deg, "q2"))
-    yield Fault(
-        "degrees for radians",
-        "one joint without velocities",
-        tables(lambda table: times_by(q2=deg)(without("qd1", "qd2")(table))),
-    )
-    yield Fault(
-        "degrees for radians", "one of two logs", tables(times_by(q1=deg, q2=deg, qd1=deg, qd2=deg), only_first=True)
-    )
-    yield Fault("degrees for radians", "turns", scaled(1 / (2 * np.pi), "q1", "q2"))
-    yield Fault("degrees for radians", "turns with velocities", scaled(1 / (2 * np.pi), "q1", "q2", "qd1", "qd2"))
-    yield Fault("degrees for radians", "encoder counts", scaled(4096 / (2 * np.pi), "q1", "q2"))
-    yield Fault("degrees for radians", "a joint backwards, position only", scaled(-1.0, "q1"))
-    yield Fault("degrees for radians", "a joint backwards with its velocity", scaled(-1.0, "q2", "qd2"))
-    yield Fault("degrees for radians", "currents in mA", scaled(1e3, "i1", "i2"))
-    yield Fault(
-        "degrees for radians", "currents in mA in one of two logs", tables(times_by(i1=1e3, i2=1e3), only_first=True)
-    )
-    yield Fault(
-        "degrees for radians",
-        "encoder zero 90 deg off in one of two logs",
-        tables(plus(q2=lambda table: table.q2 + np.pi / 2), only_first=True),
-    )
-    yield Fault(
-        "degrees for radians",
-        "positions wrapped",
-        tables(lambda table: table.assign(q1=table.q1 % turn, q2=table.q2 % turn)),
-    )
+    for name, change in {
+        "positions": scaled(deg, "q1", "q2"),
+        "positions and velocities": scaled(deg, "q1", "q2", "qd1", "qd2"),
+        "velocities": scaled(deg, "qd1", "qd2"),
+        "positions without velocities": tables(lambda table: times_by(q1=deg, q2=deg)(without("qd1", "qd2")(table))),
+        "one joint": scaled(deg, "q2"),
+        "one joint without velocities": tables(lambda table: times_by(q2=deg)(without("qd1", "qd2")(table))),
+        "one of two logs": tables(times_by(q1=deg, q2=deg, qd1=deg, qd2=deg), only_first=True),
+        "turns": scaled(1 / (2 * np.pi), "q1", "q2"),
+        "turns with velocities": scaled(1 / (2 * np.pi), "q1", "q2", "qd1", "qd2"),
+        "encoder counts": scaled(4096 / (2 * np.pi), "q1", "q2"),
+        "a joint backwards, position only": scaled(-1.0, "q1"),
+        "a joint backwards with its velocity": scaled(-1.0, "q2", "qd2"),
+        "currents in mA": scaled(1e3, "i1", "i2"),
+        "currents in mA in one of two logs": tables(times_by(i1=1e3, i2=1e3), only_first=True),
+        "encoder zero 90 deg off in one of two logs": tables(
+            plus(q2=lambda table: table.q2 + np.pi / 2), only_first=True
+        ),
+        "positions wrapped": tables(lambda table: table.assign(q1=table.q1 % turn, q2=table.q2 % turn)),
+    }.items():
+        yield Fault("degrees for radians", name, change)
 
 
 def other_arms() -> Iterator[Fault]:
     """Logs of another arm, or of a part of it."""
     more = plus(q3=lambda table: table.q1, qd3=lambda table: table.qd1, i3=lambda table: table.i1)
-    yield Fault("wrong joint count", "three joints", tables(more))
-    yield Fault("wrong joint count", "three joints, Parquet", as_parquet(columns=more))
-    yield Fault("wrong joint count", "one joint", tables(without("q2", "qd2", "i2")))
-    yield Fault(
-        "wrong joint count", "one joint in one of two logs", tables(without("q2", "qd2", "i2"), only_first=True)
-    )
-    yield Fault(
-        "wrong joint count",
-        "lists of numbers in a cell",
-        as_parquet(columns=lambda table: table.assign(q1=[[1.0, 2.0]] * len(table))),
-    )
+    for name, change in {
+        "three joints": tables(more),
+        "three joints, Parquet": as_parquet(columns=more),
+        "one joint": tables(without("q2", "qd2", "i2")),
+        "one joint in one of two logs": tables(without("q2", "qd2", "i2"), only_first=True),
+        "lists of numbers in a cell": as_parquet(columns=lambda table: table.assign(q1=[[1.0, 2.0]] * len(table))),
+    }.items():
+        yield Fault("wrong joint count", name, change)
     for joint in (1, 2):
         yield Fault("one joint missing", f"position of {joint}", tables(without(f"q{joint}", f"qd{joint}")))
         yield Fault("one joint missing", f"all of {joint}", tables(without(f"q{joint}", f"qd{joint}", f"i{joint}")))
         yield Fault("one joint missing", f"current of {joint} empty", held(f"i{joint}", np.nan))
         yield Fault("one joint missing", f"{joint} never moves", held(f"q{joint}", 0.3))
-    yield Fault(
-        "other robot's log",
-        "twice the load in one of two logs",
-        tables(plus(i1=lambda table: table.i1 + 3.5 * np.sin(table.q1)), only_first=True),
-    )
-    yield Fault(
-        "other robot's log", "other friction in one of two logs", tables(plus(i2=friction(2, 0.4)), only_first=True)
-    )
-    yield Fault(
-        "other robot's log",
-        "a wall-mounted arm's in one of two logs",
-        tables(plus(i1=lambda table: 3.5 * np.cos(table.q1) + table.i2), only_first=True),
-    )
-    yield Fault(
-        "other robot's log",
-        "six joints",
-        tables(
+    for name, change in {
+        "twice the load in one of two logs": tables(
+            plus(i1=lambda table: table.i1 + 3.5 * np.sin(table.q1)), only_first=True
+        ),
+        "other friction in one of two logs": tables(plus(i2=friction(2, 0.4)), only_first=True),
+        "a wall-mounted arm's in one of two logs": tables(
+            plus(i1=lambda table: 3.5 * np.cos(table.q1) + table.i2), only_first=True
+        ),
+        "six joints": tables(
             lambda table: table.assign(**{f"{word}{k}": table[f"{word}1"] for word in ("q", "i") for k in (3, 4, 5, 6)})
         ),
-    )
-    yield Fault("other robot's log", "a UR's columns", moved({**UR, "qd1": "target_qd_0", "qd2": "target_qd_1"}))
+        "a UR's columns": moved({**UR, "qd1": "target_qd_0", "qd2": "target_qd_1"}),
+    }.items():
+        yield Fault("other robot's log", name, change)
 
 
 def dialects() -> Iterator[Fault]:
@@ -609,27 +570,16 @@ def sizes() -> Iterator[Fault]:
     """Headers and lines as of files of gigabytes."""
     header = ",".join(COLUMNS)
     wide = header + "," + ",".join(f"x{k}" for k in range(200_000))
-    yield Fault("headers of gigabytes", "200 000 columns", only((wide + "\n" + "0," * 200_006 + "0\n").encode()))
-    yield Fault("headers of gigabytes", "one name of 40 MB", only(header.encode() + b"," + b"x" * (40 << 20)))
-    yield Fault(
-        "headers of gigabytes", "a quote that is never closed", raw(replaced(b"\n", b'\n"', 1), only_first=True)
-    )
-    yield Fault(
-        "headers of gigabytes",
-        "gzip that expands to one line of 100 MB",
-        only(gzip.compress(b"t" * (100 << 20), 1), "log.csv.gz"),
-    )
-    yield Fault(
-        "headers of gigabytes",
-        "a row of 2 MB",
-        raw(replaced(b"\n", b"\n" + b"1" * (2 << 20) + b"\n", 1), only_first=True),
-    )
-    yield Fault("headers of gigabytes", "200 columns besides", tables(wider))
-    yield Fault(
-        "headers of gigabytes",
-        "a Parquet index that claims 2 GB",
-        as_parquet(lambda data: data[:-8] + b"\xf0\xff\xff\x7fPAR1"),
-    )
+    for name, change in {
+        "200 000 columns": only((wide + "\n" + "0," * 200_006 + "0\n").encode()),
+        "one name of 40 MB": only(header.encode() + b"," + b"x" * (40 << 20)),
+        "a quote that is never closed": raw(replaced(b"\n", b'\n"', 1), only_first=True),
+        "gzip that expands to one line of 100 MB": only(gzip.compress(b"t" * (100 << 20), 1), "log.csv.gz"),
+        "a row of 2 MB": raw(replaced(b"\n", b"\n" + b"1" * (2 << 20) + b"\n", 1), only_first=True),
+        "200 columns besides": tables(wider),
+        "a Parquet index that claims 2 GB": as_parquet(lambda data: data[:-8] + b"\xf0\xff\xff\x7fPAR1"),
+    }.items():
+        yield Fault("headers of gigabytes", name, change)
 
 
 def all_logs() -> list[Fault]:
