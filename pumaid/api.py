@@ -154,11 +154,10 @@ class Arm:
         trust
             Whether logs that look wrong are taken all the same.
         """
-        from pumaid.experiment import Reading, read_dataset
+        from pumaid.experiment import Experiment
 
         words = self._words(logs)
-        reading = Reading(is_kept=False)
-        return read_dataset(words, self._recipe, trust=trust, heldout=tuple(heldout), reading=reading)[1]
+        return Experiment(words, self._recipe, trust=trust, heldout=tuple(heldout), is_kept=False).dataset()
 
     def identify(
         self,

@@ -7,7 +7,7 @@ import io
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, cast
 
@@ -29,12 +29,22 @@ _SOURCES = ("dataset.py", "samples.py", "units.py", "maths", "io", "preprocessin
 POSTURE = "posture"
 
 
-@dataclass(frozen=True, slots=True)
-class Reading:
-    """How logs are read.
+@dataclass(frozen=True)
+class Experiment:
+    """Logs, with the recipe, the plan and the results around them.
 
     Attributes
     ----------
+    logs
+        As the user typed them: files, folders, globs, ``-``.
+    recipe
+        ``--recipe``; where it is None the recipe is looked for near the logs.
+    results
+        ``--results``; where it is None, ``results`` beside the recipe.
+    heldout
+        Files, folders or globs of logs whose runs are kept for judging, or ``posture``: each joint's last one.
+    trust
+        Whether logs are taken that cannot mean what the recipe says; the refusals become notes.
     jobs, dask
         Processes at most (0: one a core), or a Dask cluster's scheduler (or ``local``).
     is_kept
@@ -45,27 +55,134 @@ class Reading:
         Called with the number of files that are done, of how many.
     """
 
+    logs: tuple[str, ...] = ()
+    recipe: Path | None = None
+    results: Path | None = None
+    heldout: tuple[str, ...] = ()
+    trust: bool = False
     jobs: int = 0
     dask: str = ""
     is_kept: bool = True
     tell: Callable[[str], None] = lambda text: None
     progress: Callable[[int, int], None] = lambda done, count: None
 
+    @property
+    def folder(self) -> Path:
+        """The folder of the recipe, and so of plan and results; for a shipped recipe the working folder."""
+        from pumaid.io.recipe import shipped_recipes
 
-#: Here, in as many processes as there are cores, silently.
-READING = Reading()
+        path = recipe_path(self.recipe, self.logs)
+        shipped = {recipe.resolve() for recipe in shipped_recipes().values()}
+        return Path() if path.resolve() in shipped else path.parent
+
+    @property
+    def results_folder(self) -> Path:
+        """Where results go."""
+        return self.results or self.folder / "results"
+
+    @cached_property
+    def robot(self) -> Robot:
+        """The recipe's arm."""
+        from pumaid.io.paths import expand
+
+        expand(self.logs)  # where they are not there, it is not the recipe beside them that is missing
+        return read_robot(self.recipe, self.logs)
+
+    def model(self, path: Path) -> Estimate:
+        """A model of this arm."""
+        estimate = read_known_model(path)
+        check_model(estimate, self.robot, (self.recipe, self.logs))
+        return estimate
+
+    def dataset(
+        self, *, robot: Robot | None = None, extra: Sequence[str] = (), options: SegmentOptions | None = None
+    ) -> Dataset:
+        """The dataset of the logs: what ``dataset.npz`` in the results folder holds if it was made of them, else anew.
+
+        Parameters
+        ----------
+        robot
+            The arm where it was read before.
+        extra
+            Columns of the logs that the user suspects; they arrive in the bins.
+        options
+            Thresholds of the segmentation; else its own.
+
+        Returns
+        -------
+        dataset
+            Runs that the plan beside the recipe or the user keeps for judging are marked as held out.
+        """
+        from pumaid.io.paths import expand, meant
+        from pumaid.io.plan_file import find_plan, read_plan
+        from pumaid.preprocessing.hold_out import hold_out, match_with_plan
+
+        paths = expand(self.logs)
+        robot = robot or self.robot
+        settings = {"options": repr(options), "trust": self.trust, "columns": list(extra)}
+        file = DatasetFile(self.results_folder / DATASET_NAME, paths, robot, settings, tell=self.tell)
+        dataset = file.read()
+        if dataset is None:
+            dataset = self._ingested(paths, robot, extra=extra, options=options)
+            if self.is_kept:
+                file.write(dataset)
+        plan = find_plan([self.folder])
+        if plan is not None:
+            dataset = match_with_plan(dataset, read_plan(plan, robot))
+        if not self.heldout:
+            return dataset
+        names = [facts.name for facts in dataset.files]
+        files = dict.fromkeys(name for word in self.heldout if word != POSTURE for name in meant(word, names))
+        return hold_out(dataset, files=files, postures=POSTURE in self.heldout)
+
+    def _ingested(
+        self, paths: Sequence[LogPath], robot: Robot, *, extra: Sequence[str], options: SegmentOptions | None
+    ) -> Dataset:
+        """The logs read and segmented: on a cluster, in several processes where there is enough to read, or here."""
+        from pumaid.preprocessing.executors import dask_workers, local_processes
+        from pumaid.preprocessing.ingest import ingest
+        from pumaid.preprocessing.options import DEFAULTS
+
+        sizes = [path.stat().st_size if isinstance(path, Path) and path.is_file() else 0 for path in paths]
+        workers = dask_workers(self.dask, self.jobs) if self.dask else local_processes(sizes, self.jobs)
+        with workers as executor:
+            return ingest(
+                paths,
+                robot,
+                options=options or DEFAULTS,
+                extra=extra,
+                trust=self.trust,
+                executor=executor,
+                progress=lambda done: self.progress(done, len(paths)),
+            )
+
+    def files(self, *inputs: Path | None) -> list[Path]:
+        """The files of this machine that a command works from, as far as they are there: what it must not write over.
+
+        These are logs, recipe, the plan beside it, and `inputs`, such as the model.
+        """
+        from pumaid.io.paths import expand, is_remote
+        from pumaid.io.plan_file import find_plan
+
+        paths = [*inputs]
+        # What is not there is told when it is read, with more to say about it.
+        with suppress(PumaidError):
+            paths += [recipe_path(self.recipe, self.logs), find_plan([self.folder])]
+        for log in self.logs:
+            with suppress(PumaidError):
+                paths += [path for path in expand([log]) if isinstance(path, Path)] if not is_remote(log) else []
+        return [path for path in paths if path is not None]
+
+
+def recipe_path(recipe: Path | None, logs: Sequence[str] = ()) -> Path:
+    """Where the recipe is: what ``--recipe`` says, else near the logs."""
+    from pumaid.io.recipe import find_recipe
+
+    return find_recipe(recipe, [Path(log) for log in logs])
 
 
 def read_robot(recipe: Path | None, logs: Sequence[str] = ()) -> Robot:
-    """The arm of some logs.
-
-    Parameters
-    ----------
-    recipe
-        ``--recipe``, or none: the recipe is looked for near the logs.
-    logs
-        As the user typed them.
-    """
+    """The arm of some logs; `recipe` is ``--recipe``, or none: it is then looked for near the logs."""
     from pumaid.io.recipe import read_recipe
 
     return read_recipe(recipe_path(recipe, logs))
@@ -84,12 +201,7 @@ def read_known_model(path: Path) -> Estimate:
 def check_model(estimate: Estimate, robot: Robot, near: tuple[Path | None, Sequence[str]]) -> None:
     """Refuse a model of another recipe, or whose effects are no longer what they were.
 
-    Parameters
-    ----------
-    estimate, robot
-        The model, and the arm that it shall be of.
-    near
-        ``--recipe`` or none, and the logs: what led to the recipe that is told.
+    `near`, ``--recipe`` or none and the logs, led to the recipe.
     """
     from pumaid.effect_spec import check_parameters
     from pumaid.results.model_file import check_same_recipe
@@ -103,190 +215,14 @@ def check_model(estimate: Estimate, robot: Robot, near: tuple[Path | None, Seque
 
 def check_logs(estimate: Estimate, dataset: Dataset, *, trust: bool = False) -> None:
     """Refuse logs that a model was not fitted to; `trust` lets them pass, for a user who knows better."""
-    known = set(estimate.logs.values())
-    others = [facts for facts in dataset.files if facts.digest not in known]
-    if trust or not known or not others:
+    fitted = set(estimate.logs.values())
+    unfitted = [facts.name for facts in dataset.files if facts.digest not in fitted]
+    if trust or not fitted or not unfitted:
         return
-    shown = ", ".join(facts.name for facts in others[:3]) + (" ..." if len(others) > 3 else "")
-    digests = f"(SHA-256 {others[0].digest[:12]}; it knows {', '.join(sorted(digest[:12] for digest in known)[:3])})"
-    what = f"the model was not fitted to {len(others)} of these logs: {shown} {digests}"
+    shown = ", ".join(unfitted[:3]) + (" ..." if len(unfitted) > 3 else "")
+    what = f"the model was not fitted to {len(unfitted)} of these logs: {shown} (by their SHA-256)"
     mend = "identify with these logs first, or give those of the model; --trust takes them all the same"
-    raise ModelError("model-other-logs", what, Where(file=others[0].name), mend)
-
-
-def read_dataset(
-    logs: Sequence[str],
-    recipe: Path | None,
-    *,
-    robot: Robot | None = None,
-    trust: bool = False,
-    heldout: Sequence[str] = (),
-    extra: Sequence[str] = (),
-    options: SegmentOptions | None = None,
-    reading: Reading = READING,
-    results: Path | None = None,
-) -> tuple[Robot, Dataset]:
-    """The dataset of some logs: what ``dataset.npz`` in the results folder holds if it was made of them, else anew.
-
-    Parameters
-    ----------
-    logs
-        As the user typed them: files, folders, globs, ``-``.
-    recipe
-        ``--recipe``, or none.
-    robot
-        The recipe's arm where it was read before: standard input can be read once.
-    trust
-        Turn refusals of logs that cannot mean what the recipe says into notes.
-    heldout
-        ``--heldout``: files, folders or globs of logs, or ``posture``.
-    extra
-        Columns of the logs that the user suspects; they arrive in the bins.
-    options
-        Thresholds of the segmentation; else its own.
-    reading
-        By whom the logs are read, and who is told.
-    results
-        ``--results``, or none.
-
-    Returns
-    -------
-    robot, dataset
-        Runs that the plan beside the recipe or the user keeps for judging are marked as held out.
-    """
-    from pumaid.io.paths import expand
-
-    paths = expand(logs)
-    robot = robot or read_robot(recipe, logs)
-    settings = {"options": repr(options), "trust": trust, "columns": list(extra)}
-    file = DatasetFile(results_folder(results, recipe, logs) / DATASET_NAME, paths, robot, settings, tell=reading.tell)
-    dataset = file.read()
-    if dataset is None:
-        dataset = _ingested(paths, robot, trust=trust, extra=extra, options=options, reading=reading)
-        if reading.is_kept:
-            file.write(dataset)
-    planned = _with_plan(dataset, robot, experiment_folder(recipe, logs))
-    return robot, _with_heldout(planned, heldout) if heldout else planned
-
-
-def _ingested(
-    paths: Sequence[LogPath],
-    robot: Robot,
-    *,
-    trust: bool,
-    extra: Sequence[str],
-    options: SegmentOptions | None,
-    reading: Reading,
-) -> Dataset:
-    """The logs read and segmented: on a cluster, in several processes where there is enough to read, or here."""
-    from pumaid.preprocessing.executors import dask_workers, local_processes
-    from pumaid.preprocessing.ingest import ingest
-    from pumaid.preprocessing.options import DEFAULTS
-
-    sizes = [path.stat().st_size if isinstance(path, Path) and path.is_file() else 0 for path in paths]
-    workers = dask_workers(reading.dask, reading.jobs) if reading.dask else local_processes(sizes, reading.jobs)
-    with workers as executor:
-        return ingest(
-            paths,
-            robot,
-            options=options or DEFAULTS,
-            extra=extra,
-            trust=trust,
-            executor=executor,
-            progress=lambda done: reading.progress(done, len(paths)),
-        )
-
-
-def read_files(logs: Sequence[str], recipe: Path | None, *others: Path | None) -> list[Path]:
-    """The files of this machine that a command works from, as far as they are there: what it must not write over.
-
-    Parameters
-    ----------
-    logs
-        As the user typed them; empty where the command reads none.
-    recipe
-        ``--recipe``, or none.
-    others
-        Such as the model.
-
-    Returns
-    -------
-    paths
-        Logs, recipe, the plan beside it, `others`.
-    """
-    from pumaid.io.paths import expand, is_remote
-    from pumaid.io.plan_file import find_plan
-
-    found = list(others)
-    # What is not there is told when it is read, with more to say about it.
-    with suppress(PumaidError):
-        found += [recipe_path(recipe, logs), find_plan([experiment_folder(recipe, logs)])]
-    for log in logs:
-        with suppress(PumaidError):
-            found += [path for path in expand([log]) if isinstance(path, Path)] if not is_remote(log) else []
-    return [path for path in found if path is not None]
-
-
-def experiment_folder(recipe: Path | None, logs: Sequence[str] = ()) -> Path:
-    """The folder that holds the recipe, and so the plan and the results.
-
-    A recipe that ships with pumaid has no experiment around it; then it is the working folder.
-
-    Parameters
-    ----------
-    recipe
-        ``--recipe``, or none.
-    logs
-        As the user typed them.
-    """
-    from pumaid.io.recipe import shipped_recipes
-
-    path = recipe_path(recipe, logs)
-    shipped = {one.resolve() for one in shipped_recipes().values()}
-    return Path() if path.resolve() in shipped else path.parent
-
-
-def results_folder(results: Path | None, recipe: Path | None, logs: Sequence[str] = ()) -> Path:
-    """Where results go: what ``--results`` says, else ``results`` beside the recipe.
-
-    Parameters
-    ----------
-    results
-        ``--results``, or none.
-    recipe
-        ``--recipe``, or none.
-    logs
-        As the user typed them.
-    """
-    return results or experiment_folder(recipe, logs) / "results"
-
-
-def recipe_path(recipe: Path | None, logs: Sequence[str] = ()) -> Path:
-    """Where the recipe is: what ``--recipe`` says, else near the logs."""
-    from pumaid.io.recipe import find_recipe
-
-    return find_recipe(recipe, [Path(log) for log in logs])
-
-
-def _with_heldout(dataset: Dataset, wanted: Sequence[str]) -> Dataset:
-    """Runs of the files that the user names marked as held out; the word ``posture`` means each joint's last one."""
-    from pumaid.io.paths import meant
-    from pumaid.preprocessing.hold_out import hold_out
-
-    names = [facts.name for facts in dataset.files]
-    files = dict.fromkeys(name for word in wanted if word != POSTURE for name in meant(word, names))
-    return hold_out(dataset, files=files, postures=POSTURE in wanted)
-
-
-def _with_plan(dataset: Dataset, robot: Robot, folder: Path) -> Dataset:
-    from pumaid.io.plan_file import find_plan, read_plan
-
-    path = find_plan([folder])
-    if path is None:
-        return dataset
-    from pumaid.preprocessing.hold_out import match_with_plan
-
-    return match_with_plan(dataset, read_plan(path, robot))
+    raise ModelError("model-other-logs", what, Where(file=unfitted[0]), mend)
 
 
 class DatasetFile:

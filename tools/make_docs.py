@@ -185,11 +185,12 @@ def _printed(command: str, folder: str) -> str:
 def picture() -> bytes:
     """What the sample PUMA's currents are spent on."""
     from pumaid import compare, identify
-    from pumaid.experiment import read_dataset
+    from pumaid.experiment import Experiment
     from pumaid.reporting.context import ReportContext
     from pumaid.reporting.figures.model import share_figure
 
-    robot, dataset = read_dataset([str(ROOT / "sample_logs" / "puma560")], None)
+    experiment = Experiment((str(ROOT / "sample_logs" / "puma560"),))
+    robot, dataset = experiment.robot, experiment.dataset()
     estimate = identify(dataset, robot)
     context = ReportContext(robot, estimate, dataset, compare(estimate, dataset, robot))
     return share_figure(context).file("png")

@@ -1,7 +1,7 @@
 """Arguments and options that several commands share, each written once.
 
 A decorator states the name under which its value arrives: ``logs``, ``recipe``, ``output``, ``results``, ``as_json``,
-``seed``, ``units``, ``check``, ``trust``, ``heldout``, ``suspect``, ``reading``, ``request``.
+``seed``, ``units``, ``check``, ``heldout``, ``suspect``, ``experiment``, ``request``.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ import rich_click as click
 if TYPE_CHECKING:
     from pumaid.dataset import Dataset
     from pumaid.estimate import Estimate
-    from pumaid.experiment import Reading
+    from pumaid.experiment import Experiment
     from pumaid.robot import Robot
 
 Decorated = TypeVar("Decorated", bound=Callable[..., Any])
@@ -99,28 +99,35 @@ def effect_options(function: Decorated) -> Decorated:
     return click.option("--add", multiple=True, metavar=metavar, help=added)(function)
 
 
-def trust_option(function: Decorated) -> Decorated:
-    """``--trust`` as `trust`: bool."""
-    text = "Take logs that look wrong: refusals become notes."
-    return click.option("--trust", is_flag=True, help=text)(function)
+def experiment_options(*, has_heldout: bool = True, has_results: bool = True) -> Callable[[Decorated], Decorated]:
+    """What tells where an experiment is and how its logs are read, with the argument ``logs`` as `experiment`.
 
+    These are ``--recipe``, ``--heldout``, ``--results``, ``--trust``, ``--jobs`` and ``--dask``.
+    """
 
-def reading_options(function: Decorated) -> Decorated:
-    """``--jobs N`` and ``--dask ADDRESS`` as `reading`: Reading."""
+    def decorate(function: Decorated) -> Decorated:
+        @wraps(function)
+        def run(**values: Any) -> Any:
+            from pumaid.cli.output import remark
+            from pumaid.cli.progress import counted
+            from pumaid.experiment import Experiment
 
-    @wraps(function)
-    def run(*, jobs: int, dask: str, **values: Any) -> Any:
-        from pumaid.cli.output import remark
-        from pumaid.cli.progress import counted
-        from pumaid.experiment import Reading
+            names = {"logs", "recipe", "heldout", "results", "trust", "jobs", "dask"} & set(values)
+            asked = {name: values.pop(name) for name in names}
+            return function(experiment=Experiment(**asked, tell=remark, progress=counted), **values)
 
-        return function(reading=Reading(jobs, dask, tell=remark, progress=counted), **values)
+        text = "Read the logs with the workers of this Dask scheduler."
+        run = click.option("--dask", default="", metavar="ADDRESS", help=text)(run)
+        text = "Processes that read logs; 0: one a core."
+        kind = click.IntRange(min=0)
+        run = click.option("--jobs", type=kind, default=0, show_default=True, metavar="N", help=text)(run)
+        text = "Take logs that look wrong: refusals become notes."
+        run = click.option("--trust", is_flag=True, help=text)(run)
+        run = heldout_option(run) if has_heldout else run
+        run = results_option(run) if has_results else run
+        return recipe_option(run)  # type: ignore[return-value]
 
-    text = "Read the logs with the workers of this Dask scheduler."
-    run = click.option("--dask", default="", metavar="ADDRESS", help=text)(run)
-    text = "Processes that read logs; 0: one a core."
-    kind = click.IntRange(min=0)
-    return click.option("--jobs", type=kind, default=0, show_default=True, metavar="N", help=text)(run)  # type: ignore[return-value]
+    return decorate
 
 
 def heldout_option(function: Decorated) -> Decorated:
@@ -167,38 +174,28 @@ def _include(context: click.Context, option: click.Parameter, paths: tuple[Path,
             include(path)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, slots=True)
 class ModelOnLogs:
     """A model held against logs: what `compare` and `diagnose` are asked alike."""
 
     model: Path
-    logs: tuple[str, ...]
-    recipe: Path | None
+    experiment: Experiment
     picture: Path | None
-    heldout: tuple[str, ...]
     units: str
-    trust: bool
-    reading: Reading
     as_json: bool
     check: bool
 
     def spare_inputs(self, places: Sequence[Path | None], *more: Path | None) -> None:
         """Refuse to write over what is read: model, logs, recipe and `more`."""
         from pumaid.cli.output import spare_inputs
-        from pumaid.experiment import read_files
 
         if any(places):
-            spare_inputs(places, read_files(self.logs, self.recipe, self.model, *more))
+            spare_inputs(places, self.experiment.files(self.model, *more))
 
-    def read(self, *, suspect: Sequence[str] = (), results: Path | None = None) -> tuple[Estimate, Robot, Dataset]:
+    def read(self, *, suspect: Sequence[str] = ()) -> tuple[Estimate, Robot, Dataset]:
         """The model, the arm and the dataset of the logs."""
-        from pumaid.experiment import check_model, read_dataset, read_known_model
-
-        estimate = read_known_model(self.model)
-        how: dict[str, Any] = {"trust": self.trust, "heldout": self.heldout, "reading": self.reading}
-        robot, dataset = read_dataset(self.logs, self.recipe, results=results, extra=suspect, **how)
-        check_model(estimate, robot, (self.recipe, self.logs))
-        return estimate, robot, dataset
+        estimate = self.experiment.model(self.model)
+        return estimate, self.experiment.robot, self.experiment.dataset(extra=suspect)
 
 
 def model_on_logs(function: Decorated) -> Decorated:
@@ -211,7 +208,7 @@ def model_on_logs(function: Decorated) -> Decorated:
 
     text, kind = "Draw it: .png, .svg or .pdf.", click.Path(path_type=Path)
     picture = click.option("--picture", "--figure", "picture", type=kind, metavar="FILE", help=text)
-    shared = (model_argument, logs_argument, recipe_option, effects_option, picture, heldout_option, units_option)
-    for decorate in reversed((*shared, trust_option, reading_options, json_option, check_option)):
+    shared = (model_argument, logs_argument, effects_option, picture, units_option)
+    for decorate in reversed((*shared, experiment_options(has_results=False), json_option, check_option)):
         run = decorate(run)
     return run  # type: ignore[return-value]

@@ -131,12 +131,13 @@ def _plan_for(robot: Robot, options: PlanOptions, tell: Callable[[str], None]) -
 
     from pumaid.diagnosis.plan_for_effect import plan_for_effect
     from pumaid.effect_spec import parse_effect
-    from pumaid.experiment import read_dataset, recipe_path
+    from pumaid.experiment import Experiment, recipe_path
 
     assert options.wanted is not None
     wanted = parse_effect(options.wanted, robot, option="--for")
     rival = None if options.against is None else parse_effect(options.against, robot, option="--against")
-    logs = read_dataset(options.logs, recipe_path(options.recipe), robot=robot)[1] if options.logs else None
+    experiment = Experiment(options.logs, recipe_path(options.recipe))
+    logs = experiment.dataset(robot=robot) if options.logs else None
     alone = replace(options, wanted=None, against=None, size=None, logs=())
     return plan_for_effect(
         robot,

@@ -18,7 +18,7 @@ from pumaid.diagnosis.records import Diagnosis, Finding
 from pumaid.errors import PumaidError
 from pumaid.estimate import Estimate
 from pumaid.estimation.estimate import identify
-from pumaid.experiment import read_dataset
+from pumaid.experiment import Experiment
 from pumaid.robot import EffectChoice, Robot
 
 Floats = NDArray[np.float64]
@@ -36,7 +36,8 @@ class Session:
 
 def opened(folder: Path) -> Session:
     """Read the folder's logs and identify the paper's model."""
-    robot, dataset = read_dataset([str(folder / "logs")], None)
+    experiment = Experiment((str(folder / "logs"),))
+    robot, dataset = experiment.robot, experiment.dataset()
     return Session(folder, robot, dataset, identify(dataset, robot))
 
 

@@ -32,7 +32,6 @@ def command(
     plan: Path | None,
     force: bool,
     output: Path | None,
-    results: Path | None,
 ) -> None:
     """Learn which physical effect a model lacks, how sure that is, and what adding it would bring.
 
@@ -47,11 +46,10 @@ def command(
       pumaid diagnose results/model.json logs/ --json | jq '.findings[] | {effect, joint, p_value}'
     """
     from pumaid.diagnosis.document import DIAGNOSIS_NAME, diagnosis_document, write_diagnosis
-    from pumaid.experiment import results_folder
     from pumaid.io.write import refuse_to_replace
 
     form, is_quiet = picture_form(request.picture), request.as_json or str(output) == "-"
-    folder = results_folder(results, request.recipe, request.logs)
+    folder = request.experiment.results_folder
     current = folder / "model.json" if is_applied else None
     if plan is not None and not force:
         refuse_to_replace(plan)
@@ -83,11 +81,12 @@ def _diagnosis(
     from pumaid.experiment import check_logs
     from pumaid.reporting.table import Paragraph
 
-    estimate, robot, dataset = request.read(suspect=suspect, results=folder)
-    check_logs(estimate, dataset, trust=request.trust)
+    estimate, robot, dataset = request.read(suspect=suspect)
+    check_logs(estimate, dataset, trust=request.experiment.trust)
     context = click.get_current_context(silent=True)
     effects = () if context is None else context.meta.get("pumaid.effects", ())
-    typed = Typed(request.logs, request.recipe, request.heldout, effects)
+    experiment = request.experiment
+    typed = Typed(experiment.logs, experiment.recipe, experiment.heldout, effects)
     again = partial(diagnosed, dataset=dataset, robot=robot, suspects=suspect, typed=typed)
     diagnosis = again(estimate)
     if model is not None:

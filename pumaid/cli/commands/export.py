@@ -52,7 +52,7 @@ def command(
       pumaid export results/model.json --format urdf --torque-constants 2=31.5 -o arm.urdf
     """
     from pumaid.cli.output import content, document, remark, spare_inputs
-    from pumaid.experiment import check_model, read_files, read_known_model, read_robot
+    from pumaid.experiment import Experiment, check_model, read_known_model, read_robot
     from pumaid.exports import every_form, export
     from pumaid.exports.equivalent_bodies import read_constants
     from pumaid.results.documents import heading
@@ -72,7 +72,7 @@ def command(
         content("".join(exported.files.values()).rstrip("\n") + "\n")
     else:
         files = _places(exported, output, home=Path() if str(model) == "-" else model.parent)
-        spare_inputs(files, read_files([str(model)], recipe, model))
+        spare_inputs(files, Experiment((str(model),), recipe).files(model))
         _write(files, force=force)
         if as_json:
             facts = {"form": form, "name": exported.name, "files": [str(path) for path in files]}

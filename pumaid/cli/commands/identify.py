@@ -12,35 +12,26 @@ from pumaid.cli.output import document, notes, remark, spare_inputs, tables
 from pumaid.cli.progress import progress
 
 if TYPE_CHECKING:
-    from pumaid.experiment import Reading
+    from pumaid.experiment import Experiment
 
 
 @click.command()
 @options.logs_argument
-@options.recipe_option
 @options.effect_options
 @options.effects_option
 @click.option("--recursive", is_flag=True, help="Stop after the n-to-1 recursion; no joint refinement of all rows.")
 @options.output_option("The model file to write; - for standard output. Default: model.json in the results folder.")
-@options.results_option
 @options.units_option
-@options.heldout_option
-@options.trust_option
-@options.reading_options
+@options.experiment_options()
 @options.json_option
 def command(
     *,
-    logs: tuple[str, ...],
-    recipe: Path | None,
+    experiment: Experiment,
     add: tuple[str, ...],
     remove: tuple[str, ...],
     recursive: bool,
     output: Path | None,
-    results: Path | None,
     units: str,
-    heldout: tuple[str, ...],
-    trust: bool,
-    reading: Reading,
     as_json: bool,
 ) -> None:
     """Identify gravity, friction and gain ratios from logged currents.
@@ -59,27 +50,19 @@ def command(
     """
     from pumaid.effect_spec import chosen_by
     from pumaid.estimation.estimate import identify
-    from pumaid.experiment import read_dataset, read_files, read_robot, results_folder
-    from pumaid.io.paths import expand
     from pumaid.reporting.tables import combination_table, parameter_table
     from pumaid.results.history import keep
     from pumaid.results.model_file import model_document, write_model
 
-    spare_inputs([output], read_files(logs, recipe) if output else [])
-    expand(logs)  # where they are not there, it is not the recipe beside them that is missing
-    robot = read_robot(recipe, logs)
+    spare_inputs([output], experiment.files() if output else [])
+    robot = experiment.robot
     effects = chosen_by(robot, add=add, remove=remove)
-    _, dataset = read_dataset(logs, recipe, robot=robot, trust=trust, heldout=heldout, reading=reading, results=results)
+    dataset = experiment.dataset()
     with progress("identifying", total=robot.n_joints) as step:
-        estimate = identify(
-            dataset,
-            robot,
-            effects=effects,
-            recursive=recursive,
-            progress=lambda joint, text: step(robot.n_joints - joint, text),
-        )
+        count = lambda joint, text: step(robot.n_joints - joint, text)  # noqa: E731
+        estimate = identify(dataset, robot, effects=effects, recursive=recursive, progress=count)
     notes(dict.fromkeys((*dataset.notes, *estimate.notes)))
-    path = output or results_folder(results, recipe, logs) / "model.json"
+    path = output or experiment.results_folder / "model.json"
     if output is None:
         keep(path, estimate, robot)
     elif str(output) != "-":

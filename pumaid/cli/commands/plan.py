@@ -85,7 +85,7 @@ def command(
       pumaid plan ur5e --payload 0.5,0.1,0,0 --picture postures.png
       pumaid plan --check plan.yaml --format urscript -o plan.script
     """
-    from pumaid.experiment import experiment_folder, read_files, read_robot, recipe_path
+    from pumaid.experiment import Experiment, read_robot, recipe_path
     from pumaid.io.plan_file import PLAN_NAME
     from pumaid.io.write import refuse_to_replace
     from pumaid.trajectory import Plan
@@ -96,11 +96,11 @@ def command(
     asked.refuse_contradictions(given)
     robot = read_robot(recipe)
     picture_form(picture)
-    read = read_files(asked.logs, recipe, asked.prior, given)
+    read = Experiment(asked.logs, recipe).files(asked.prior, given)
     path = output
     if given is None:
         formed(Plan(robot.name, ()), robot, form)  # an arm that the form cannot move is refused before the work
-        path = output or (experiment_folder(recipe) / PLAN_NAME).with_suffix(plan_suffix(form))
+        path = output or (Experiment(recipe=recipe).folder / PLAN_NAME).with_suffix(plan_suffix(form))
     tilted = tilted_path(path) if path is not None and given is None and asked.tilt is not None else None
     spare_inputs([path, tilted, picture], [file for file in read if file.name != PLAN_NAME or file == given])
     for place in (path, tilted):

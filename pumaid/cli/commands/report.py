@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
-from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -15,10 +14,8 @@ from pumaid.cli.output import content, document, notes, remark, spare_inputs
 from pumaid.cli.progress import progress
 
 if TYPE_CHECKING:
-    from pumaid.dataset import Dataset
-    from pumaid.experiment import Reading
+    from pumaid.experiment import Experiment
     from pumaid.reporting.context import ReportContext
-    from pumaid.robot import Robot
 
 TABLES = ("text", "csv", "parquet", "latex", "markdown", "json")
 TABLE_HELP = f"Only the parameter table: {', '.join(TABLES)}."
@@ -37,32 +34,23 @@ def _forms(context: click.Context, option: click.Parameter, text: str) -> list[s
 @click.command()
 @click.argument("model", type=click.Path(path_type=Path, allow_dash=True), required=False, metavar="[MODEL]")
 @click.argument("logs", nargs=-1, metavar="[LOGS...]")
-@options.recipe_option
 @options.effects_option
 @options.output_option("The page or table; - for standard output. Default: report.html in the results folder.")
-@options.results_option
 @click.option("--table", "form", type=click.Choice(TABLES), metavar="FORM", help=TABLE_HELP)
 @click.option("--figures", type=click.Path(path_type=Path), metavar="FOLDER", help="Figures; default results/figures.")
 @click.option("--format", "forms", default="png,svg,pdf", show_default=True, callback=_forms, help="Of figures; or ''.")
 @options.units_option
-@options.heldout_option
-@options.trust_option
-@options.reading_options
+@options.experiment_options()
 @options.json_option
 def command(
     *,
     model: Path | None,
-    logs: tuple[str, ...],
-    recipe: Path | None,
+    experiment: Experiment,
     output: Path | None,
-    results: Path | None,
     form: str | None,
     figures: Path | None,
     forms: list[str],
     units: str,
-    heldout: tuple[str, ...],
-    trust: bool,
-    reading: Reading,
     as_json: bool,
 ) -> None:
     """Write the report: one self-contained HTML page, the tables and the figures.
@@ -76,63 +64,45 @@ def command(
       pumaid report --table latex > table.tex
       pumaid report --figures paper/ --format pdf
     """
-    from pumaid.experiment import experiment_folder, read_dataset
-
     if as_json and (form is not None or str(output) == "-"):
         raise click.UsageError("--json tells which files a report wrote; --table and -o - want standard output too.")
-    near = logs or ((str(model.parent.parent / "logs"),) if model and str(model) != "-" else ("logs",))
-    home = experiment_folder(recipe, near)
-    source, where = model or home / "results" / "model.json", logs or (str(home / "logs"),)
-    inputs = _inputs(output, where, recipe, source)
+    place = str(model.parent.parent / "logs") if model and str(model) != "-" else "logs"
+    near = replace(experiment, logs=experiment.logs or (place,))
+    source = model or near.folder / "results" / "model.json"
+    experiment = replace(near, logs=experiment.logs or (str(near.folder / "logs"),))
+    inputs = experiment.files(source, source.parent / "diagnosis.json")
+    spare_inputs([output], inputs)
     if form is not None:
-        _write([(output or Path("-"), _table(source, where, recipe=recipe, form=form, units=units))], "table")
+        _write([(output or Path("-"), _table(source, experiment, form=form, units=units))], "table")
         return
-    read = partial(read_dataset, where, recipe, trust=trust, heldout=heldout, reading=reading, results=results)
-    context = _context(source, read, place=(recipe, where), units=units)
-    files = _files(context, results or home / "results", figures=figures, forms=forms, page=output)
+    context = _context(source, experiment, units=units)
+    files = _files(context, near.results_folder, figures=figures, forms=forms, page=output)
     spare_inputs([path for path, _ in files], inputs)
     _write(files, "report")
     if as_json:
         _print_json(context, files)
 
 
-def _inputs(output: Path | None, logs: Sequence[str], recipe: Path | None, model: Path) -> Sequence[Path | None]:
-    """What the report is made from, after a look that `output` is not among it."""
-    from pumaid.experiment import read_files
-
-    inputs = read_files(logs, recipe, model, model.parent / "diagnosis.json")
-    spare_inputs([output], inputs)
-    return inputs
-
-
-def _table(source: Path, near: Sequence[str], *, recipe: Path | None, form: str, units: str) -> bytes:
+def _table(source: Path, near: Experiment, *, form: str, units: str) -> bytes:
     """Only the parameter table."""
     from pumaid.experiment import check_model, read_known_model, read_robot
     from pumaid.reporting.documents import parameters_as
 
-    estimate, robot = read_known_model(source), read_robot(recipe, near)
-    check_model(estimate, robot, (recipe, near))
+    estimate, robot = read_known_model(source), read_robot(near.recipe, near.logs)
+    check_model(estimate, robot, (near.recipe, near.logs))
     return parameters_as(estimate, robot, form, units=units)
 
 
-def _context(
-    source: Path,
-    read: Callable[[], tuple[Robot, Dataset]],
-    *,
-    place: tuple[Path | None, Sequence[str]],
-    units: str,
-) -> ReportContext:
+def _context(source: Path, experiment: Experiment, *, units: str) -> ReportContext:
     """The model on the logs, the models before it, and the diagnosis beside it unless that cannot be used."""
     from pumaid.diagnosis.compare import compare
     from pumaid.diagnosis.document import DIAGNOSIS_NAME, read_diagnosis, stale
     from pumaid.errors import Note, ResultError
-    from pumaid.experiment import check_model, read_known_model
     from pumaid.reporting.context import ReportContext
     from pumaid.results.history import ladder_of
 
-    estimate = read_known_model(source)
-    robot, dataset = read()
-    check_model(estimate, robot, place)
+    estimate = experiment.model(source)
+    robot, dataset = experiment.robot, experiment.dataset()
     comparison = compare(estimate, dataset, robot)
     notes((*dataset.notes, *estimate.notes, *comparison.notes))
     context = ReportContext(robot, estimate, dataset, comparison, units, ladder=ladder_of(source))

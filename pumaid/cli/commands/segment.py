@@ -11,7 +11,7 @@ from pumaid.cli import options
 from pumaid.cli.output import document, notes, picture_form, say, spare_inputs, tables, write_picture
 
 if TYPE_CHECKING:
-    from pumaid.experiment import Reading
+    from pumaid.experiment import Experiment
 
 #: What a threshold may be.
 _SHARE = click.FloatRange(0.0, 1.0, min_open=True, max_open=True)
@@ -20,7 +20,6 @@ _POSITIVE = click.FloatRange(0.0, min_open=True)
 
 @click.command()
 @options.logs_argument
-@options.recipe_option
 @click.option(
     "--kinds",
     type=click.Choice(["both", "constant", "stroke"]),
@@ -37,19 +36,15 @@ _POSITIVE = click.FloatRange(0.0, min_open=True)
 @click.option("--picture", type=click.Path(path_type=Path), metavar="FILE", help="Draw it: .png, .svg or .pdf.")
 @click.option("--csv", "as_csv", is_flag=True, help="Print the runs as CSV, in SI.")
 @options.units_option
-@options.trust_option
-@options.reading_options
+@options.experiment_options(has_heldout=False, has_results=False)
 @options.json_option
 def command(
     *,
-    logs: tuple[str, ...],
-    recipe: Path | None,
+    experiment: Experiment,
     rejects: bool,
     picture: Path | None,
     as_csv: bool,
     units: str,
-    trust: bool,
-    reading: Reading,
     as_json: bool,
     **thresholds: Any,
 ) -> None:
@@ -63,7 +58,6 @@ def command(
       pumaid segment logs/ --units deg --picture runs.png
       pumaid segment logs/ --json | jq '.runs[] | {joint, speed, samples}'
     """
-    from pumaid.experiment import read_dataset, read_files
     from pumaid.preprocessing.options import SegmentOptions
     from pumaid.reporting.documents import runs_csv, segments_document
     from pumaid.reporting.figures.runs import run_figure
@@ -73,9 +67,9 @@ def command(
     if as_json and as_csv:
         raise click.UsageError("--json and --csv both want standard output; give one of them")
     form = picture_form(picture)
-    spare_inputs([picture], read_files(logs, recipe) if picture else [])
+    spare_inputs([picture], experiment.files() if picture else [])
     chosen = SegmentOptions(**{name: value for name, value in thresholds.items() if value is not None})
-    robot, dataset = read_dataset(logs, recipe, trust=trust, options=chosen, reading=reading)
+    robot, dataset = experiment.robot, experiment.dataset(options=chosen)
     notes(dataset.notes)
     if picture is not None:
         write_picture(picture, run_figure(dataset, robot, units), form)
