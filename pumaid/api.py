@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any, overload
 
 from pumaid.dataset import Dataset
 from pumaid.errors import ResultError, Where
-from pumaid.robot import EffectChoice, Robot
+from pumaid.robot import Robot
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -23,6 +23,7 @@ if TYPE_CHECKING:
     from pumaid.diagnosis.records import Diagnosis
     from pumaid.estimate import Estimate, Value
     from pumaid.estimation.evaluate import Comparison
+    from pumaid.experiment import Experiment
 
 #: Files, folders and globs of logs.
 Logs = str | PathLike[str] | Sequence[str | PathLike[str]]
@@ -54,35 +55,17 @@ def read_recipe(recipe: str | PathLike[str]) -> Robot:
 
 
 @overload
-def identify(
-    logs: Dataset,
-    robot: Robot,
-    *,
-    effects: Sequence[EffectChoice] | None = ...,
-    recursive: bool = ...,
-) -> Estimate: ...
+def identify(logs: Dataset, robot: Robot, **options: Any) -> Estimate: ...
 
 
 @overload
 def identify(
-    logs: Logs,
-    robot: None = ...,
-    *,
-    recipe: str | PathLike[str] | None = ...,
-    add: Iterable[str] = ...,
-    remove: Iterable[str] = ...,
-    heldout: Iterable[str] = ...,
-    trust: bool = ...,
-    recursive: bool = ...,
+    logs: Logs, robot: None = ..., *, recipe: str | PathLike[str] | None = ..., **options: Any
 ) -> Identified: ...
 
 
 def identify(
-    logs: Logs | Dataset,
-    robot: Robot | None = None,
-    *,
-    recipe: str | PathLike[str] | None = None,
-    **options: Any,
+    logs: Logs | Dataset, robot: Robot | None = None, *, recipe: str | PathLike[str] | None = None, **options: Any
 ) -> Identified | Estimate:
     """Identify gravity, friction and gain ratios from logged currents.
 
@@ -96,20 +79,14 @@ def identify(
         A file, or the name of a shipped one; else it is looked for near the logs.
     options
         As of `Arm.identify`; of a dataset as of `pumaid.estimation.estimate.identify`.
-
-    Examples
-    --------
-    >>> import pumaid
-    >>> estimate = pumaid.identify("sample_logs/pendulum")  # doctest: +SKIP
-    >>> estimate["coulomb.j2.plus"].value  # doctest: +SKIP
     """
-    if isinstance(logs, Dataset):
-        from pumaid.estimation.estimate import identify as fit
+    if not isinstance(logs, Dataset):
+        return Arm(None, None if recipe is None else Path(recipe)).identify(logs, **options)
+    from pumaid.estimation.estimate import identify as fit
 
-        if robot is None:
-            raise TypeError("a dataset needs its robot: identify(dataset, robot)")
-        return fit(logs, robot, **options)
-    return Arm(None, None if recipe is None else Path(recipe)).identify(logs, **options)
+    if robot is None:
+        raise TypeError("a dataset needs its robot: identify(dataset, robot)")
+    return fit(logs, robot, **options)
 
 
 class Arm:
@@ -125,9 +102,7 @@ class Arm:
 
     def __init__(self, folder: Path | None, recipe: Path | None = None) -> None:
         if folder is not None and not folder.is_dir():
-            raise ResultError(
-                "file-refused", f"{folder} is no folder", Where(file=str(folder)), "name the experiment's"
-            )
+            raise ResultError("file-refused", f"{folder} is no folder", Where(file=str(folder)), "name another")
         self.folder = folder
         self._recipe = folder / "recipe.yaml" if recipe is None and folder is not None else recipe
 
@@ -154,10 +129,7 @@ class Arm:
         trust
             Whether logs that look wrong are taken all the same.
         """
-        from pumaid.experiment import Experiment
-
-        words = self._words(logs)
-        return Experiment(words, self._recipe, trust=trust, heldout=tuple(heldout), is_kept=False).dataset()
+        return self._experiment(logs, heldout=tuple(heldout), trust=trust).dataset()
 
     def identify(
         self,
@@ -184,12 +156,12 @@ class Arm:
         """
         from pumaid.effect_spec import chosen_by
         from pumaid.estimation.estimate import identify as fit
-        from pumaid.experiment import read_robot
 
-        robot = read_robot(self._recipe, self._words(logs))
-        effects = chosen_by(robot, add=tuple(add), remove=tuple(remove))
-        dataset = self.dataset(logs, heldout=heldout, trust=trust)
-        return Identified(fit(dataset, robot, effects=effects, recursive=recursive), robot, dataset, arm=self)
+        experiment = self._experiment(logs, heldout=tuple(heldout), trust=trust)
+        effects = chosen_by(experiment.robot, add=tuple(add), remove=tuple(remove))
+        dataset = experiment.dataset()
+        estimate = fit(dataset, experiment.robot, effects=effects, recursive=recursive)
+        return Identified(estimate, experiment.robot, dataset, arm=self)
 
     def model(self, path: str | PathLike[str] | None = None, *, logs: Logs | None = None) -> Identified:
         """A model that was written before, by default the folder's current one.
@@ -201,11 +173,9 @@ class Arm:
         logs
             What `compare`, `diagnose` and `plot` look at; by default the folder's ``logs``.
         """
-        from pumaid.experiment import check_model, read_known_model
-
-        estimate = read_known_model(Path(path) if path is not None else (self.folder or Path()) / "results/model.json")
-        check_model(estimate, self.robot, (self._recipe, ()))
-        return Identified(estimate, self.robot, self.dataset(logs), arm=self)
+        experiment = self._experiment(logs)
+        estimate = experiment.model(Path(path or (self.folder or Path()) / "results/model.json"))
+        return Identified(estimate, experiment.robot, experiment.dataset(), arm=self)
 
     def plan(self, **options: Any) -> Any:
         """What to run, as `pumaid.plan` makes it."""
@@ -213,10 +183,13 @@ class Arm:
 
         return plan(self.robot, **options)
 
-    def _words(self, logs: Logs | None) -> tuple[str, ...]:
+    def _experiment(self, logs: Logs | None, **options: Any) -> Experiment:
+        from pumaid.experiment import Experiment
+
         if logs is None:
-            return (str((self.folder or Path()) / "logs"),)
-        return (str(logs),) if isinstance(logs, str | PathLike) else tuple(map(str, logs))
+            logs = (self.folder or Path()) / "logs"
+        names = (str(logs),) if isinstance(logs, str | PathLike) else tuple(map(str, logs))
+        return Experiment(names, self._recipe, is_kept=False, **options)
 
 
 class Answer:
@@ -326,11 +299,11 @@ class Identified(Answer):
         from pumaid.reporting.page import all_figures
 
         context = ReportContext(self.robot, self.record, self.dataset, self._compared(self.dataset), units)
-        every = {drawing.name: drawing for drawing in all_figures(context)}
-        drawn = next((drawing for known, drawing in every.items() if known.startswith(name or "")), None)
-        if drawn is None:
-            raise KeyError(f"there is no figure {name!r}; there are {', '.join(every)}")
-        return Picture(drawn)
+        drawings = list(all_figures(context))
+        for drawing in drawings:
+            if drawing.name.startswith(name or ""):
+                return Picture(drawing)
+        raise KeyError(f"there is no figure {name!r}; there are {', '.join(drawing.name for drawing in drawings)}")
 
     def export(self, form: str, **options: Any) -> Any:
         """The model for another program, as `pumaid.export` writes it."""

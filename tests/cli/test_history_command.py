@@ -56,12 +56,11 @@ def test_document_tells_the_ladder(arm):
     assert [one["joints"][0]["rmse"] for one in ladder["models"]] == [0.03, 0.02, 0.011]
 
 
-@pytest.mark.parametrize(("form", "magic"), [("png", b"\x89PNG"), ("svg", b"<?xml"), ("pdf", b"%PDF")])
-def test_picture_is_written(arm, form, magic):
+def test_picture_is_written(arm):
     """The name's ending decides the form; where it went is on standard error."""
-    done = history("--picture", f"ladder.{form}")
-    assert (arm / f"ladder.{form}").read_bytes().startswith(magic)
-    assert done.stderr.splitlines()[-1] == f"picture written to ladder.{form}"
+    done = history("--picture", "ladder.svg")
+    assert (arm / "ladder.svg").read_bytes().startswith(b"<?xml")
+    assert done.stderr.splitlines()[-1] == "picture written to ladder.svg"
 
 
 def test_undo(arm):
@@ -71,12 +70,8 @@ def test_undo(arm):
     told = json.loads(done.stdout)
     assert told["current"] == 2 and told["ladders"][0]["path"] == [1, 2]
     assert json.loads((arm / "results" / "model.json").read_text())["effects"][0]["effect"] == "stribeck"
-
-
-def test_undo_to_nowhere(arm):
-    """A number that is not there is bad input, with those that are."""
-    done = history("--restore", "9")
-    assert done.exit_code == 3 and "there are 1, 2, 3" in done.stderr
+    keep(arm / "results" / "model.json", replace(model(STRIBECK, rmse=0.031), method="recursive"), ARM)
+    assert "fitted again" in history().stdout
 
 
 @pytest.mark.parametrize("arguments", [("..",), ("../results",), ("--results", "../results")])
@@ -101,9 +96,3 @@ def test_nothing_kept(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     done = history()
     assert done.exit_code == 3 and "error[no-history]" in done.stderr and "pumaid identify" in done.stderr
-
-
-def test_a_refit_says_so(arm):
-    """A model with the same effects and other numbers is told as fitted again."""
-    keep(arm / "results" / "model.json", replace(model(rmse=0.031), method="recursive"), ARM)
-    assert "fitted again" in history().stdout
