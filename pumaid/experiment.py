@@ -29,6 +29,10 @@ _SOURCES = ("dataset.py", "samples.py", "units.py", "maths", "io", "preprocessin
 POSTURE = "posture"
 
 
+def _unheard(*_: object) -> None:
+    """What a report is where nobody listens."""
+
+
 @dataclass(frozen=True)
 class Experiment:
     """Logs, with the recipe, the plan and the results around them.
@@ -63,8 +67,8 @@ class Experiment:
     jobs: int = 0
     dask: str = ""
     is_kept: bool = True
-    tell: Callable[[str], None] = lambda text: None
-    progress: Callable[[int, int], None] = lambda done, count: None
+    tell: Callable[[str], None] = _unheard
+    progress: Callable[[int, int], None] = _unheard
 
     @property
     def folder(self) -> Path:
