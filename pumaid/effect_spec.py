@@ -358,10 +358,10 @@ def known_effect(name: str, where: Where) -> Effect:
     """
     effects = catalogue()
     if name not in effects:
-        near = difflib.get_close_matches(name, effects, n=1)
-        mend = f"did you mean {near[0]}?" if near else f"pumaid effects lists the names; {OWN}"
         what = f"there is no effect {name} in the catalogue: {', '.join(effects)}"
-        raise ModelError("unknown-effect", what, where, mend)
+        raise ModelError(
+            "unknown-effect", what, where, _nearest(name, effects, f"pumaid effects lists the names; {OWN}")
+        )
     if effects[name].base:
         raise ModelError("effect-twice", f"{name} is in every model already", where, "leave it out")
     return effects[name]
@@ -381,14 +381,19 @@ def check_known(effects: Iterable[EffectChoice]) -> None:
             raise ModelError("unknown-effect", what, Where(joint=choice.joint, field=f"effects[{number}]"), OWN)
 
 
+def _nearest(word: str, names: Iterable[str], otherwise: str) -> str:
+    """What to mend: the nearest name there is, if one is near."""
+    near = difflib.get_close_matches(word, names, n=1)
+    return f"did you mean {near[0]}?" if near else otherwise
+
+
 def _joint(word: str, robot: Robot, where: Where) -> int | None:
     if word in ("", ALL):
         return None
     names = {joint.name: joint.number for joint in robot.joints}
     number = names.get(word) or (int(word) if word.isdecimal() else 0)
     if not 1 <= number <= robot.n_joints:
-        near = difflib.get_close_matches(word, names, n=1)
-        mend = f"did you mean {near[0]}?" if near else f"one of {', '.join(names)}, a number from 1, or {ALL}"
+        mend = _nearest(word, names, f"one of {', '.join(names)}, a number from 1, or {ALL}")
         raise ModelError("effect-joint", f"{robot.name} has no joint {word}", where, mend)
     return number
 
@@ -438,10 +443,9 @@ def _expanded(choice: EffectChoice, robot: Robot, where: Where) -> list[EffectCh
 def _check_name(effect: Effect, robot: Robot, number: int, *, key: str, where: Where) -> None:
     names = [shape.name for shape in effect.shapes(robot, number)]
     if key not in names:
-        near = difflib.get_close_matches(key, names, n=1)
         listed = f"known: {', '.join(names)}" if names else f"{effect.name} has no shape: leave it out"
-        mend = f"did you mean {near[0]}?" if near else listed
-        raise ModelError("effect-shape", f"{effect.name} has no shape called {key}", where, mend)
+        what = f"{effect.name} has no shape called {key}"
+        raise ModelError("effect-shape", what, where, _nearest(key, names, listed))
 
 
 def _check_shape(effect: Effect, robot: Robot, number: int, *, shape: Mapping[str, float], where: Where) -> None:

@@ -73,7 +73,7 @@ def clustered(
             gram[contrast] += u.T @ turned
     squares += np.sum(gram * gram.transpose(0, 2, 1), axis=(1, 2))
     by_residuals = trace.copy()
-    for group in _groups(kin, len(jacobians)):
+    for group in _alike(np.zeros(len(jacobians), dtype=np.int64) if kin is None else kin):
         borrowed = alone[group].sum(axis=0)
         trace += borrowed
         squares += borrowed**2 / max(1, len(group) - 1)
@@ -115,9 +115,9 @@ def completed(working: Floats, errors: Floats, poor: NDArray[np.bool_]) -> Float
     return out
 
 
-def _groups(kin: NDArray[np.int64] | None, count: int) -> list[NDArray[np.int64]]:
-    numbers = np.zeros(count, dtype=np.int64) if kin is None else kin
-    return [np.flatnonzero(numbers == number) for number in np.unique(numbers)]
+def _alike(keys: NDArray[np.int64]) -> list[NDArray[np.int64]]:
+    """Numbers of the items that have one key, key by key."""
+    return [np.flatnonzero(keys == key) for key in np.unique(keys)]
 
 
 def _turned(
@@ -131,7 +131,7 @@ def _turned(
     out = np.zeros((len(jacobians), max(map(len, jacobians)), p))
     scores, squared = np.zeros((len(jacobians), p)), np.zeros((len(jacobians), p))
     pull = np.zeros((p, len(jacobians), p))  # how each run's J' A J M pulls a contrast
-    for alike in _by_length(jacobians):
+    for alike in _alike(np.array([len(block) for block in jacobians])):
         J = np.array([jacobians[number] for number in alike])
         e = np.array([residuals[number] for number in alike])
         eigenvalues, vectors = np.linalg.eigh(np.eye(J.shape[1]) - _times(J, inverse) @ J.transpose(0, 2, 1))
@@ -144,14 +144,6 @@ def _turned(
         squared[alike] = np.sum(a**2, axis=1)
         pull[:, alike] = (J.transpose(0, 2, 1) @ a).transpose(2, 0, 1)
     return scores, squared, pull, out
-
-
-def _by_length(blocks: Sequence[Floats]) -> list[list[int]]:
-    """Numbers of blocks that have equally many rows: these are worked on together."""
-    out: dict[int, list[int]] = {}
-    for number, block in enumerate(blocks):
-        out.setdefault(len(block), []).append(number)
-    return list(out.values())
 
 
 def _times(rows: Floats, square: Floats) -> Floats:

@@ -19,8 +19,7 @@ from pumaid.estimation.evaluate import Judge, rmse
 from pumaid.estimation.fit import Fit, run_of
 from pumaid.estimation.gls import Progress
 from pumaid.estimation.identifiability import Sheet, determined
-from pumaid.estimation.nonlinear import EffectFit, Ends, fit_effects
-from pumaid.estimation.profile import Profile
+from pumaid.estimation.nonlinear import EffectFit, Ends, Profile, fit_effects
 from pumaid.estimation.reasons import Facts
 from pumaid.model import DELAY, Model
 from pumaid.preprocessing.replicates import Pair, noise_floor, pairs
@@ -76,48 +75,52 @@ def identify(
     if not runs:
         raise _no_runs(dataset)
     model, campaign = Model.of_runs(robot, runs), Campaign.of(dataset.runs, dataset.rejects)
-    choices = tuple(choice for choice in choices if not _is_there(choice, model))
+    # Runs from rest to rest have brought their joint's inertia into the model already.
+    moved = {joint for joint, _ in model.stroke_postures}
+    choices = tuple(choice for choice in choices if choice.effect != "inertia" or choice.joint not in moved)
     result = fit_effects(model, runs, choices, campaign=campaign, recursive=recursive, progress=progress)
-    fitted = result.fit
-    assert fitted.first is not None
-    first = recursion_covariance(
-        fitted.first.system, fitted.first.solution.values, fitted.first.solution.gains, runs=run_of(fitted.first.rows)
-    )
-    final = first if recursive else fit_covariance(fitted)
-    of_recursion = Sheet.of_recursion(fitted, runs, first)
-    sheet = of_recursion if recursive else Sheet.of(fitted, runs, final)
-    sheet = replace(sheet, profiles=_profiles(result, sheet))
-    shown, model = sheet.values(), fitted.model
-    is_shown = np.array([column.effect != DELAY or column.place is not None for column in model.columns], dtype=bool)
-    is_shape = np.array([column.shape is not None for column in model.columns], dtype=bool)
     repeated = {joint: pairs([run for run in runs if run.joint == joint]) for joint in range(1, robot.n_joints + 1)}
-    estimate = Estimate(
-        robot=robot.name,
-        joints=tuple(_joint_fit(fitted, runs, joint, repeated=repeats) for joint, repeats in repeated.items()),
-        values=(*shown, *_held(result, choices, shown)),
-        names=tuple(name for name, is_told in zip(model.names, is_shown, strict=True) if is_told),
-        solution=np.where(is_shape, 0.0, fitted.values)[is_shown],
-        covariance=final.covariance[: len(is_shown), : len(is_shown)][np.ix_(is_shown, is_shown)],
-        scales=fitted.scales(),
-        blind=sheet.blind()[is_shown],
-        effects=tuple(replace(choice, shape=shape) for choice, shape in zip(choices, result.shapes, strict=True)),
-        combinations=determined(sheet, shown),
-        stroke_postures=model.stroke_postures,
-        recursive=of_recursion.values(),
-        method="recursive" if recursive else "joint",
-        recipe_digest=robot.digest,
-        origin=robot.origin,
+    estimate = replace(
+        _estimate(result, runs, choices, recursive=recursive),
+        joints=tuple(_joint_fit(result.fit, runs, joint, repeated=repeats) for joint, repeats in repeated.items()),
         logs={facts.name: facts.digest for facts in dataset.files},
-        version=__version__,
     )
     estimate = _with_errors(estimate, robot, dataset)
     notes = warnings.notes_on(result, runs, estimate, robot=robot, repeated=repeated)
     return replace(estimate, notes=(*dataset.notes, *notes))
 
 
-def _is_there(choice: EffectChoice, model: Model) -> bool:
-    """Whether runs from rest to rest have brought the joint's inertia into the model already."""
-    return choice.effect == "inertia" and any(joint == choice.joint for joint, _ in model.stroke_postures)
+def _estimate(result: EffectFit, runs: Sequence[Run], choices: Sequence[EffectChoice], *, recursive: bool) -> Estimate:
+    """What a fit says of the arm's parameters; joints' figures are left out."""
+    fitted, model = result.fit, result.fit.model
+    assert fitted.first is not None
+    start = fitted.first.solution
+    first = recursion_covariance(fitted.first.system, start.values, start.gains, runs=run_of(fitted.first.rows))
+    final = first if recursive else fit_covariance(fitted)
+    of_recursion = Sheet.of_recursion(fitted, runs, first)
+    sheet = of_recursion if recursive else Sheet.of(fitted, runs, final)
+    sheet = replace(sheet, profiles=_profiles(result, sheet))
+    values = sheet.values()
+    shown = [n for n, column in enumerate(model.columns) if column.effect != DELAY or column.place is not None]
+    is_shape = np.array([column.shape is not None for column in model.columns], dtype=bool)
+    return Estimate(
+        robot=model.robot.name,
+        joints=(),
+        values=(*values, *_held(result, choices, values)),
+        names=tuple(model.names[n] for n in shown),
+        solution=np.where(is_shape, 0.0, fitted.values)[shown],
+        covariance=final.covariance[np.ix_(shown, shown)],
+        scales=fitted.scales(),
+        blind=sheet.blind()[shown],
+        effects=tuple(replace(choice, shape=shape) for choice, shape in zip(choices, result.shapes, strict=True)),
+        combinations=determined(sheet, values),
+        stroke_postures=model.stroke_postures,
+        recursive=of_recursion.values(),
+        method="recursive" if recursive else "joint",
+        recipe_digest=model.robot.digest,
+        origin=model.robot.origin,
+        version=__version__,
+    )
 
 
 def _no_runs(dataset: Dataset) -> LogError:
@@ -175,17 +178,13 @@ def _profiles(found: EffectFit, sheet: Sheet) -> dict[int, Ends]:
             if column.shape is not None:
                 error = float(np.sqrt(sheet.covariance[n, n]))
                 out[n] = profile.shape(column.shape, error=error, reach=float(reach[n]))
-        out |= _ends(linear, profile.linear(reach[linear]))
+        out |= dict(zip(linear, map(tuple, profile.linear(reach[linear]).tolist()), strict=True))
         names = profile.ground.fit.model.names
         same = {model.names.index(name): n for n, name in enumerate(names) if name in model.names}
         before = profile.others(reach[[*same, *range(len(model.names), len(reach))]])
         moved = {n: tuple(before[k]) for n, k in same.items() if model.columns[n].owner == term.number}
         out |= {n: ends for n, ends in moved.items() if n not in out}
     return out
-
-
-def _ends(columns: Sequence[int], ends: Floats) -> dict[int, Ends]:
-    return {n: (float(low), float(high)) for n, (low, high) in zip(columns, ends, strict=True)}
 
 
 def _every_shape(one: EffectTerm, model: Model, place: int) -> list[Column]:

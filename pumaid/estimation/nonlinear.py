@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
@@ -50,6 +51,9 @@ NOTHING = 1e-9
 #: How much worse a joint may be met with more effects: each is weighted by its noise, so a little is no fault; and the
 #: share of its current below which a misfit is nothing.
 WORSE, VISIBLE = 1.5, 1e-3
+#: First step of a search for an interval's end, in standard errors, and by how much steps grow; steps to each side at
+#: most; and the precision to which the other shapes are found at each, in their scale.
+STRIDE, GROWTH, MOST_STRIDES, PRECISE = 0.5, 1.5, 12, 1e-2
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -90,14 +94,9 @@ class Linearised:
         return np.array([self._solved(term, product).gain for term, product in zip(terms, products, strict=True)])
 
     def added(self, term: EffectTerm, *, limits: Floats | None = None) -> Refit:
-        """An effect added, its linear parameters held by priors as in every fit.
+        """An effect added without its derivatives, its linear parameters held by priors as in every fit.
 
-        Parameters
-        ----------
-        term
-            The effect, its shape filled in; what it has of derivatives is left out.
-        limits
-            (p,) prior deviations of the linear parameters; where not given, those that a fit with this shape has.
+        `limits` (p,) are their prior deviations; where not given, those that a fit with this shape has.
         """
         return self._solved(term, self._products([term])[0], limits=limits)
 
@@ -152,17 +151,8 @@ class Linearised:
         return np.asarray(spectrum[np.minimum(at, len(spectrum) - 1)])
 
 
-@dataclass(frozen=True, eq=False, slots=True)
-class Found:
-    """A shape that was looked for: the effect with it, and by name what the data leave open at 95 % of shapes that have
-    no derivative (an instant, a whole number)."""
-
-    term: EffectTerm
-    ranges: Mapping[str, Ends]
-
-
-def search_shape(ground: Linearised, term: EffectTerm, free: Sequence[str]) -> Found:
-    """The shape of an effect that explains most of what a fit leaves.
+def search_shape(ground: Linearised, term: EffectTerm, free: Sequence[str]) -> tuple[EffectTerm, dict[str, Ends]]:
+    """The effect with the shape that explains most of what a fit leaves, and what the data leave open of it at 95 %.
 
     Parameters
     ----------
@@ -171,7 +161,8 @@ def search_shape(ground: Linearised, term: EffectTerm, free: Sequence[str]) -> F
     term
         The effect, with the shapes that are given.
     free
-        Names of the shapes to look for.
+        Names of the shapes to look for; what is open is told by name of those without derivative (an instant, a whole
+        number).
     """
     shapes = term.shapes(ground.fit.model.robot)
     grid = _grid(ground, term)
@@ -189,7 +180,7 @@ def search_shape(ground: Linearised, term: EffectTerm, free: Sequence[str]) -> F
     starts = extent([row.bins for row in ground.rows], _owner(term)).starts
     fixed = [name for name in free if not shapes[name].is_searched]
     ranges = {name: _range(shapes[name], grid, scored, starts=starts) for name in fixed}
-    return Found(term.at({name: best[name] for name in free}), ranges)
+    return term.at({name: best[name] for name in free}), ranges
 
 
 def _owner(term: EffectTerm) -> int:
@@ -365,16 +356,7 @@ def bins_for(
 
 
 def check_better(before: Mapping[int, float], fitted: Fit, names: Sequence[str]) -> None:
-    """Refuse a fit with more effects that meets a joint's runs far worse: it went astray.
-
-    Parameters
-    ----------
-    before
-        RMSE (A) by joint of the fit without them.
-    fitted
-        With them.
-    names
-        Of the effects.
+    """Refuse a fit with effects of these `names` that meets a joint far worse than `before`, RMSE (A) by joint.
 
     Raises
     ------
@@ -385,11 +367,10 @@ def check_better(before: Mapping[int, float], fitted: Fit, names: Sequence[str])
     for joint, size in rmse_by_joint(fitted).items():
         was = before.get(joint, np.inf)
         if size > WORSE * was and size > VISIBLE * current[joint]:
-            what = (
-                f"the fit with {', '.join(names)} misses joint {joint} by {number(size)} A, without by {number(was)} A"
-            )
+            what = f"the fit with {', '.join(names)} misses joint {joint} by {number(size)} A"
+            what = f"{what}, without by {number(was)} A: it went astray"
             mend = "give its shape, as in --add payload:time=400, or add fewer effects; nothing was written"
-            raise ModelError("effects-astray", f"{what}: it went astray", Where(joint=joint), mend)
+            raise ModelError("effects-astray", what, Where(joint=joint), mend)
 
 
 def _free(term: EffectTerm, model: Model) -> list[str]:
@@ -422,9 +403,8 @@ class ShapeSearch:
         """
         shapes = term.shapes(self.model.robot)
         for _ in range(2 if term.effect.family in SLOW else 1):
-            best = search_shape(self.without(place, term, at_nodes=False), term, free)
-            self.ranges |= {(place, name): ends for name, ends in best.ranges.items()}
-            self.terms[place] = best.term
+            self.terms[place], ranges = search_shape(self.without(place, term, at_nodes=False), term, free)
+            self.ranges |= {(place, name): ends for name, ends in ranges.items()}
             self.fit = releveled(refit(self.fit, self.now(), is_renewed=True))
         fitted = tuple(name for name in free if shapes[name].is_searched)
         self.terms[place] = replace(self.terms[place], fitted=fitted, sizes=self._sizes(place))
@@ -510,3 +490,104 @@ class ShapeSearch:
 def _half_way(start: EffectTerm, end: EffectTerm) -> EffectTerm:
     """The shapes half way between two."""
     return end.at({name: 0.5 * (start.shape[name] + value) for name, value in end.shape.items()}, end.sizes)
+
+
+@dataclass(eq=False, slots=True)
+class Profile:
+    """The likelihood of one effect's shapes about their best values, everything else refitted at each.
+
+    Attributes
+    ----------
+    ground
+        The fit without the effect, with the noise that is left with it.
+    term
+        The effect at its best shape.
+    limits
+        (p,) prior deviations of its linear parameters, those at its best shape: what is plausible does not grow where a
+        shape hides what a parameter does.
+    path
+        Shapes looked at so far, and the fits with them.
+
+    Source
+    ------
+    D. M. Bates and D. G. Watts, Nonlinear Regression Analysis and Its Applications, Wiley 1988, section 6.1.
+    """
+
+    ground: Linearised
+    term: EffectTerm
+    limits: Floats
+    path: list[tuple[Point, Refit]] = field(default_factory=list)
+
+    def shape(self, name: str, *, error: float, reach: float) -> Ends:
+        """Ends of the interval of one fitted shape, `reach` standard errors wide; `error` is that by the tangent."""
+        best = self._at(dict(self.term.shape))
+        sides = [self._walk(name, best, stride=way * STRIDE * error, rise=reach**2) for way in (-1.0, 1.0)]
+        return sides[0], sides[1]
+
+    def linear(self, reach: Floats) -> Floats:
+        """(p, 2) ends of the linear parameters' intervals, (p,) standard errors wide: the envelope at all shapes."""
+        values = np.array([refit.values for _, refit in self.path])
+        errors = np.array([np.linalg.norm(refit.half, axis=1) for _, refit in self.path])
+        return self._envelope(values, errors, reach)
+
+    def others(self, reach: Floats) -> Floats:
+        """(P, 2) the same of all that was fitted before, parameters and ratios."""
+        fitted = self.ground.fit
+        start = np.concatenate([fitted.values, [fitted.gains.edge[edge] for edge in fitted.gains.edges]])
+        variances = np.diag(fitted.inverse)
+        values = np.array([start + refit.shift @ refit.values for _, refit in self.path])
+        errors = [np.sqrt(variances + np.sum((refit.shift @ refit.half) ** 2, axis=1)) for _, refit in self.path]
+        return self._envelope(values, np.array(errors), reach)
+
+    def _envelope(self, values: Floats, errors: Floats, reach: Floats) -> Floats:
+        """(P, 2) lowest and highest ends of intervals at (K, P) values, narrower where the likelihood is lower."""
+        gains = np.array([refit.gain for _, refit in self.path])
+        remaining = reach**2 - (gains.max() - gains)[:, None]
+        widths = np.where(remaining > 0.0, np.sqrt(np.maximum(remaining, 0.0)) * errors, -np.inf)
+        return np.column_stack([np.min(values - widths, axis=0), np.max(values + widths, axis=0)])
+
+    def _at(self, shape: Point) -> tuple[Point, Refit]:
+        point = shape, self.ground.added(self.term.at(shape), limits=self.limits)
+        self.path.append(point)
+        return point
+
+    def _walk(self, name: str, best: tuple[Point, Refit], *, stride: float, rise: float) -> float:
+        """The end of an interval on one side: where the squares have risen by `rise`, or a bound."""
+        facts = self.term.shapes(self.ground.fit.model.robot)[name]
+        (shape, before), step = best, stride
+        for _ in range(MOST_STRIDES):
+            value = min(max(shape[name] + step, facts.low), facts.high)
+            there, refit = self._best(name, value, shape)
+            lost, earlier = best[1].gain - refit.gain, best[1].gain - before.gain
+            if lost >= rise:
+                share = (np.sqrt(rise) - np.sqrt(max(earlier, 0.0))) / (np.sqrt(lost) - np.sqrt(max(earlier, 0.0)))
+                return float(shape[name] + share * (value - shape[name]))
+            if value in (facts.low, facts.high):
+                return value
+            shape, before, step = there, refit, step * GROWTH
+        return shape[name]
+
+    def _best(self, name: str, value: float, before: Point) -> tuple[Point, Refit]:
+        """The place with this value at which the other fitted shapes are best, from those of the step before."""
+        facts = self.term.shapes(self.ground.fit.model.robot)
+        free = [facts[other] for other in self.term.fitted if other != name]
+        point = self._at(before | {name: value})
+        for other in itertools.chain(free, free if len(free) > 1 else ()):
+            point = self._along(other, point)
+        return point
+
+    def _along(self, shape: Shape, start: tuple[Point, Refit]) -> tuple[Point, Refit]:
+        """The best place along one shape near `start`."""
+        from scipy import optimize
+
+        at = start[0][shape.name]
+        reach = scale_of(shape, at)
+        points = [start]
+
+        def cost(value: float) -> float:
+            points.append(self._at(start[0] | {shape.name: float(value)}))
+            return -points[-1][1].gain
+
+        bounds = (max(at - reach, shape.low), min(at + reach, shape.high))
+        optimize.minimize_scalar(cost, bounds=bounds, method="bounded", options={"xatol": PRECISE * reach})
+        return max(points, key=lambda point: point[1].gain)
