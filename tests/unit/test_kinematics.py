@@ -6,7 +6,19 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from pumaid.kinematics import SerialChain, axes, link_rotation, modified_dh, origins, placement, straightened
+from pumaid.kinematics import (
+    SerialChain,
+    apart,
+    axes,
+    grouped,
+    link_rotation,
+    marked,
+    modified_dh,
+    near,
+    origins,
+    placement,
+    straightened,
+)
 
 HALF = np.pi / 2
 RNG = np.random.default_rng(2)
@@ -133,3 +145,31 @@ def test_a_small_angle_between_axes_that_meet_nearby_stays() -> None:
     arm = chain(((0, 0, 0), (0, 0, 0)), ((0.0, 0.0, 0.3), (0.0, 1e-3, 0)))
     assert straightened(arm)[0] is arm
     assert modified_dh(arm).alpha[1] == pytest.approx(1e-3, abs=1e-12)
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_groups_are_those_of_a_loop(seed):
+    """Each number joins the first group whose first member it is like, also where likeness goes on in chains."""
+    values = np.random.default_rng(seed).uniform(0.0, 1.0, 60)
+    wanted: list[list[int]] = []
+    for number, value in enumerate(values):
+        own = next((group for group in wanted if abs(values[group[0]] - value) < 0.05), None)
+        if own is None:
+            wanted.append([number])
+        else:
+            own.append(number)
+    assert list(grouped(60, lambda first, others: np.abs(values[others] - values[first]) < 0.05)) == wanted
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_near_postures_are_those_of_a_comparison_with_all(seed):
+    """Joint after joint, with whole turns between and unknown positions, the same as all joints at once."""
+    rng = np.random.default_rng(seed)
+    postures = rng.choice([0.0, 0.3, 1.0], (200, 4)) + rng.normal(scale=0.01, size=(200, 4))
+    postures += 2.0 * np.pi * rng.integers(-2, 3, postures.shape)
+    postures[rng.random(postures.shape) < 0.05] = np.nan
+    others = np.flatnonzero(rng.random(200) < 0.7)
+    for first in range(0, 200, 7):
+        wanted = ~(apart(postures[first], postures[others]) > 0.02).any(axis=1)
+        found = near(postures, first, others, within=0.02)
+        assert np.array_equal(found, others[wanted]) and np.array_equal(marked(others, found), wanted)

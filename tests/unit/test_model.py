@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 from worlds import CRANE, PENDULUM, STANFORD, course, dataset, drawn, experiment, run_of
 
-from pumaid.dataset import Dataset
 from pumaid.estimation.estimate import identify
 from pumaid.joint_bins import joint_bins
 from pumaid.model import Model
@@ -42,19 +41,6 @@ def test_names_are_the_contracts():
     assert symbols["viscous.j3.plus"] == ("lambda2+", "A s/m") and symbols["viscous.j2.plus"][1] == "A s/rad"
 
 
-def test_names_are_unique_and_owned():
-    """No name stands twice, and every column says whose it is."""
-    model = Model(STANFORD, [(2, (0.0,) * 6), (2, (1.0,) * 6)])
-    assert len(set(model.names)) == len(model.names)
-    assert all(f"{column.owner}." in column.name for column in model.columns)
-
-
-def test_absent_parameters_have_no_column():
-    """What no motion of the arm can show is not in the model."""
-    model = Model(STANFORD)
-    assert "gravity.l1.x" in model.structure.absent and "gravity.l1.x" not in model.names
-
-
 def test_outer_links_act_on_inner_joints_only():
     """Gravity of link 1 is nothing to joint 2; friction is the moving joint's own."""
     model = Model(PENDULUM)
@@ -73,12 +59,6 @@ def test_strokes_in_other_outer_postures_have_other_inertias():
     columns = [model.names.index(f"inertia.j2.J{group}") for group in (1, 2)]
     acting = [model.design(joint_bins(CRANE, [run])[0])[:, columns].any(axis=0).tolist() for run in runs]
     assert acting == [[True, False], [True, False], [False, True], [True, False]]
-
-
-def test_one_posture_of_strokes_has_a_plain_name():
-    """A single group needs no number."""
-    run = sampled(CRANE, 2, (0.0, 0.0, 0.1), course("stroke", -0.2, 0.2))[0]
-    assert "inertia.j2.J" in Model.of_runs(CRANE, [run]).names
 
 
 def test_a_stroke_elsewhere_is_foreign():
@@ -102,11 +82,3 @@ def test_prediction_is_the_truth_where_the_fit_is_exact():
         samples = Samples(joint, position, velocity, acceleration=np.zeros(20), direction=np.sign(own))
         wanted = truth.gravity_current(position)[:, joint - 1] + truth.friction.current(joint, own)
         assert model.predict(estimate, samples) == pytest.approx(wanted, abs=1e-9)
-
-
-def test_model_of_an_estimate_has_the_fits_columns():
-    """The model read back from an estimate has the same names, groups of strokes included."""
-    holds = [(0.0, 0.0, 0.1), (0.0, 0.0, 0.9)]
-    runs = [sampled(CRANE, 2, hold, course("stroke", -0.2 * s, 0.2 * s))[0] for hold in holds for s in (1, -1)]
-    estimate = identify(Dataset(tuple(runs)), CRANE)
-    assert Model.of_estimate(CRANE, estimate).names == estimate.names

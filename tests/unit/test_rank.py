@@ -55,17 +55,6 @@ def test_zero_column_is_blind_and_alone():
     assert found.determined.tolist() == [True, True, False] and found.values[2] == 0.0
 
 
-def test_nothing_but_zeros():
-    """No column says anything: all is blind, nothing is a number made up."""
-    found = rank.solve(np.zeros((5, 2)), np.ones(5))
-    assert not found.determined.any() and found.values.tolist() == [0.0, 0.0]
-
-
-def test_fewer_rows_than_columns():
-    """Two rows cannot determine four parameters: two directions are blind."""
-    assert rank.solve(ROWS[:2], TARGET[:2]).blind.shape == (4, 2)
-
-
 def test_limit_makes_a_vague_parameter_blind():
     """A parameter whose standard error exceeds its limit is blind; just below the limit it is not."""
     errors = np.sqrt(np.diag(np.linalg.inv(ROWS.T @ ROWS)))
@@ -93,11 +82,6 @@ def test_rounding_is_not_information(weight):
     rows = np.column_stack([SHORT[:, :2], third]) * weight
     found = rank.solve(rows, rows @ [1.0, 2.0, 3.0], limit=np.full(3, 100.0))
     assert not found.determined.any()
-
-
-def test_independent_finds_the_columns_of_full_rank():
-    """Without leading columns it is a plain question of rank."""
-    assert rank.independent(SHORT).tolist() == [False, False, True, False]
 
 
 def test_leading_columns_have_the_first_word():

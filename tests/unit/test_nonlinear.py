@@ -57,10 +57,10 @@ def test_the_logs_have_both_kinds():
 
 def test_the_hidden_velocity_is_within_its_interval():
     """The Stribeck velocity of a robot in closed loop is found although strokes are among its runs."""
-    found = [identify(logged(seed), PENDULUM, effects=[FREE]).value("stribeck.j1.velocity").ci95 for seed in range(6)]
+    found = [identify(logged(seed), PENDULUM, effects=[FREE]).value("stribeck.j1.velocity").ci95 for seed in range(3)]
     assert np.median([high / low for low, high in found]) < 2.0
-    # Of six intervals of 95 % fewer than five hold the truth in 3 % of all cases, fewer than four in 2 of a thousand.
-    assert sum(low <= VELOCITY <= high for low, high in found) >= 5
+    # Of three intervals of 95 % fewer than two hold the truth in 7 of a thousand cases.
+    assert sum(low <= VELOCITY <= high for low, high in found) >= 2
 
 
 @pytest.mark.parametrize("seed", range(3))

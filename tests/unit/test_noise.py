@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 import pytest
 from scipy import optimize
 
-from pumaid.estimation import noise as levels
-from pumaid.estimation.noise import Levels, estimate, freedoms, whiten
+from pumaid.estimation.noise import Levels, estimate, freedoms, least, whiten
 
 RUNS, ROWS = 12, 3
 #: Each run's constant in its own rows, as the QR of a long run makes it: long along one direction.
@@ -89,25 +90,9 @@ def test_variances_are_unbiased():
         assert abs(values.mean() - truth) < 4 * values.std() / np.sqrt(len(values))
 
 
-def test_without_levels_none_is_found():
-    """Runs that share nothing get a level of zero about half of the time, and never a large one."""
-    found = [estimate(ONES, DESIGN, draw(np.random.default_rng(n), level=0.0), counts=COUNTS) for n in range(60)]
-    assert 15 < sum(one.level == 0.0 for one in found) < 50
-    assert max(one.level for one in found) < 0.1 * SAMPLE
-
-
 def test_too_few_runs_are_said_so():
     """With fewer than four degrees of freedom left there is no estimate."""
     assert estimate(ONES[:2], DESIGN[:2], np.ones((2, ROWS)), counts=COUNTS[:2]) is None
-
-
-def test_padding_is_no_data():
-    """Rows of zeros that pad a short run change nothing."""
-    target = draw(np.random.default_rng(5))
-    pad = ((0, 0), (0, 2))
-    padded = estimate(np.pad(ONES, pad), np.pad(DESIGN, (*pad, (0, 0))), np.pad(target, pad), counts=COUNTS)
-    plain = estimate(ONES, DESIGN, target, counts=COUNTS)
-    assert (padded.sample, padded.level) == pytest.approx((plain.sample, plain.level), rel=1e-6)
 
 
 @pytest.mark.parametrize("unit", [1e-11, 1e11])
@@ -159,8 +144,27 @@ def test_freedoms_without_levels_are_those_of_one_variance():
     assert told == pytest.approx(np.full(4, RUNS * ROWS - 4), rel=1e-9)
 
 
-def test_fewest_freedoms_is_the_border():
-    """Exactly the fewest degrees of freedom are enough."""
-    runs = 2
-    enough = estimate(ONES[:runs], DESIGN[:runs, :, :2], draw(np.random.default_rng(1))[:runs], counts=COUNTS[:runs])
-    assert enough is not None and enough.freedoms == levels.FEWEST_FREEDOMS
+COSTS = {
+    "parabola": (lambda x: (x - 0.3) ** 2, (-1.0, 2.0)),
+    "quartic": (lambda x: (x - 1.7) ** 4 + 0.1 * x, (-3.0, 5.0)),
+    "corner": (lambda x: abs(x - 0.123), (-2.0, 1.0)),
+    "at the lower end": (lambda x: x, (2.0, 3.0)),
+    "at the upper end": (lambda x: -math.exp(x), (-1.0, 1.0)),
+    "flat": (lambda x: 1.0, (0.0, 1.0)),
+    "likelihood": (lambda x: 40.0 * math.log(1.0 + math.exp(-x)) + 9.0 * x, (-10.0, 14.0)),
+    "waves": (lambda x: math.sin(3.0 * x) + 0.1 * x * x, (-4.0, 4.0)),
+}
+
+
+@pytest.mark.parametrize("within", [1e-5, 1e-2])
+@pytest.mark.parametrize("name", COSTS)
+def test_steps_are_those_of_scipy(name, within):
+    """Where and what is found, and the points that were looked at, are the same to the bit."""
+    cost, bounds = COSTS[name]
+    ours, theirs = [], []
+    found = least(lambda x: ours.append(float(x)) or cost(x), bounds, within=within)
+    other = optimize.minimize_scalar(
+        lambda x: theirs.append(float(x)) or cost(x), bounds=bounds, method="bounded", options={"xatol": within}
+    )
+    assert ours == theirs
+    assert found == (other.x, other.fun)

@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import cache
 
 import pytest
-from worlds import PENDULUM
+from worlds import PENDULUM, dataset, drawn, experiment
 
-from pumaid.effect_spec import chosen_by, expanded, parse_effect
+from pumaid.effect_spec import check_parameters, chosen_by, expanded, parse_effect
 from pumaid.errors import ModelError
+from pumaid.estimate import Estimate
+from pumaid.estimation.estimate import identify
 from pumaid.robot import EffectChoice
 from pumaid.simulation import table1
 
@@ -88,13 +91,6 @@ def test_remove_takes_out_what_the_recipe_switches_on():
     assert told.slug == "effect-not-there" and "stribeck@3, spring@2, spring@3" in str(told)
 
 
-def test_a_removed_effect_can_be_added_with_another_shape():
-    """Removing comes before adding."""
-    robot = replace(PUMA, effects=(EffectChoice("stribeck", 3),))
-    (one,) = chosen_by(robot, remove=["stribeck"], add=["stribeck@3:exponent=2"])
-    assert one.shape == {"exponent": 2.0}
-
-
 def test_an_effect_of_the_recipe_that_nobody_knows_is_told_with_its_place():
     """The recipe's file, line and entry stand in the message, and the nearest name."""
     choices = (EffectChoice("spring", 1), EffectChoice("striebeck", 2))
@@ -104,3 +100,43 @@ def test_an_effect_of_the_recipe_that_nobody_knows_is_told_with_its_place():
     assert told.value.slug == "unknown-effect"
     assert (told.value.where.file, told.value.where.line, told.value.where.field) == ("recipe.yaml", 9, "effects[2]")
     assert "did you mean stribeck?" in str(told.value)
+
+
+#: Twice the same effect at one joint, one of the whole arm, one with shapes that are fitted.
+SEVERAL = (
+    EffectChoice("ripple", 2, {"frequency": 11.0}),
+    EffectChoice("ripple", 2, {"frequency": 23.0}),
+    EffectChoice("tilt"),
+    EffectChoice("stribeck", 1),
+)
+
+
+@cache
+def made() -> Estimate:
+    """A model that holds them."""
+    runs = dataset(drawn(PENDULUM, 5), experiment(PENDULUM, speeds=(0.1, 0.3, 0.6, 1.0)))
+    return identify(runs, PENDULUM, effects=SEVERAL)
+
+
+def test_effects_as_they_are_pass():
+    """Neither marks of a second time, nor the whole arm's names, nor fitted shapes are taken for a change."""
+    assert {"ripple.j2.cos", "ripple.j2.cos_2", "tilt.x", "stribeck.j1.a"} <= set(made().names)
+    check_parameters(made(), PENDULUM)
+
+
+@pytest.mark.parametrize(
+    ("old", "new"), [("stribeck.j1.a", "stribeck.j1.b"), ("ripple.j2.cos_2", "ripple.j2.cos_3"), ("tilt.x", "tilt.z")]
+)
+def test_another_parameter_is_refused(old, new):
+    """The model has a number of what the effect does not have, and none of what it has; both are named."""
+    names = tuple(new if name == old else name for name in made().names)
+    with pytest.raises(ModelError) as told:
+        check_parameters(replace(made(), names=names), PENDULUM)
+    assert told.value.slug == "effect-changed" and old in told.value.what and new in told.value.what
+
+
+def test_another_shape_is_refused():
+    """A shape that the effect did not have then is named."""
+    bare = EffectChoice("stribeck", 1, {"velocity": 0.1})
+    with pytest.raises(ModelError, match="exponent"):
+        check_parameters(replace(made(), effects=(*made().effects[:3], bare)), PENDULUM)

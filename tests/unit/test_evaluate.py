@@ -16,16 +16,6 @@ def gram(*directions: list[float]) -> np.ndarray:
     return moves @ moves.T
 
 
-def test_what_is_known_stands_alone():
-    """Where nothing is open, every term is a group."""
-    assert told_apart(np.zeros((3, 3)), 0.1) == [(0,), (1,), (2,)]
-
-
-def test_what_moves_against_each_other_is_one():
-    """Two pairs that each trade with each other are two groups."""
-    assert told_apart(gram([1, 0, -1, 0], [0, 2, 0, -2]), 0.1) == [(0, 2), (1, 3)]
-
-
 def test_a_trade_of_four_is_one_group():
     """Groups larger than are looked for are still found as what is left over."""
     assert told_apart(gram([1, 1, 1, -3]), 0.1) == [(0, 1, 2, 3)]

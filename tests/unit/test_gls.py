@@ -93,12 +93,3 @@ def test_a_load_of_unknown_size_gets_a_usual_ratio():
     fitted = fit_runs(STANFORD, runs)
     assert abs(fitted.gains.ratio(1, 2)) < RATIO_SPREAD
     assert not fitted.solution.linear.determined[Model(STANFORD).names.index("gravity.l3.mass")]
-
-
-def test_recursion_is_kept_beside_the_joint_fit():
-    """The recursion's result and noise are those of `recursive=True`, untouched by the refinement."""
-    runs = dataset(drawn(CRANE), experiment(CRANE)).runs
-    both, alone = (fit_runs(CRANE, runs, recursive=flag) for flag in (False, True))
-    assert np.array_equal(both.first.solution.values, alone.solution.values)
-    assert both.first.levels == alone.levels and both.levels != alone.levels
-    assert alone.first.solution.gains.edge == alone.gains.edge

@@ -1,0 +1,240 @@
+"""Rows n to 1 of systems of class (1), knowing no robot."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from pumaid.dataset import Dataset
+from pumaid.estimation.estimate import identify
+from pumaid.io.recipe import read_recipe, shipped_recipes
+from pumaid.maths.bilinear import Bilinear, Gains, Recursion, fit_bilinear
+from pumaid.simulation import Bench, draw
+from pumaid.trajectory import Motion, Plan
+
+RNG = np.random.default_rng(4)
+
+
+def solved(owners, blocks, *, values, gains) -> Recursion:
+    """The recursion over rows whose regressors are `blocks` (n arrays (N, p)) and whose targets the truth gives."""
+    found = Recursion(np.array(owners), len(blocks))
+    for row in reversed(range(len(blocks))):
+        scale = gains[row] / np.array(gains)[np.array(owners)]
+        found.take(row, blocks[row], blocks[row] @ (scale * values))
+    return found
+
+
+def test_discrete_system_of_the_paper():
+    """The 2 x 2 system of the paper's Section V is identified from its simulated states and inputs."""
+    a, b = np.array([0.7, -0.3, 1.6, 0.9]), np.array([2.0, -0.5])
+    u, x, y = RNG.normal(size=(200, 2)), np.zeros(200), np.zeros(200)
+    for k in range(1, 200):
+        x[k] = (b[1] * u[k, 1] - a[3] * x[k - 1]) / a[2]
+        y[k] = (b[0] * u[k, 0] - a[0] * x[k] - a[1] * x[k - 1] - a[3] * y[k - 1]) / a[2]
+    now, before = slice(1, None), slice(None, -1)
+    nothing = np.zeros(199)
+    first = np.column_stack([x[now], x[before], y[now], y[before]])
+    second = np.column_stack([nothing, nothing, x[now], x[before]])
+    found = Recursion(np.array([0, 0, 1, 1]), 2)
+    found.take(1, second, u[now, 1])
+    found.take(0, first, u[now, 0])
+    # w*_j = eta_j w_j with eta_i = 1 / b_i.
+    assert found.values == pytest.approx([a[0] / b[0], a[1] / b[0], a[2] / b[1], a[3] / b[1]], rel=1e-10)
+    assert found.gains.ratio(0, 1) == pytest.approx(b[1] / b[0], rel=1e-10)
+
+
+def test_a_row_that_feels_nothing_leaves_its_ratio_open():
+    """Corollary 2: where no row reaches a cluster its ratio stays undetermined, its parameters do not."""
+    a, b = RNG.normal(size=(20, 1)), RNG.normal(size=(20, 1))
+    blocks = [np.hstack([a, 0.0 * b]), np.hstack([0.0 * a, b])]
+    found = solved([0, 1], blocks, values=np.array([2.0, 3.0]), gains=[1.0, 5.0])
+    assert found.values == pytest.approx([2.0, 3.0]) and np.isnan(found.gains.ratio(0, 1))
+    assert found.redundant == [] and not found.undetermined.any()
+
+
+def test_a_load_that_looks_like_the_rows_own_is_named():
+    """A nu that lies in the span of own columns leaves the ratio open and marks the columns that absorb it."""
+    own, other = RNG.normal(size=(20, 1)), RNG.normal(size=(20, 1))
+    blocks = [np.hstack([own, other, 2.0 * own]), np.hstack([0.0 * own, 0.0 * own, other])]
+    found = solved([0, 0, 1], blocks, values=np.array([1.0, 4.0, 3.0]), gains=[1.0, 1.0])
+    assert found.redundant == [(0, 1)] and np.isnan(found.gains.ratio(0, 1))
+    assert found.undetermined.tolist() == [True, False, False]
+    # The absorbing column predicts this row all the same: 1 + 2 * 3.
+    assert found.values == pytest.approx([7.0, 4.0, 3.0])
+
+
+def test_a_later_row_ties_two_clusters():
+    """Rows 1 and 2 do not feel each other; row 0 feels both, and so their ratio becomes known."""
+    a, b, c = (RNG.normal(size=(30, 1)) for _ in range(3))
+    none = np.zeros((30, 1))
+    blocks = [np.hstack([a, b, c]), np.hstack([none, b, none]), np.hstack([none, none, c])]
+    found = solved([0, 1, 2], blocks, values=np.array([1.0, 2.0, -3.0]), gains=[1.0, -4.0, 0.5])
+    assert found.gains.ratio(1, 2) == pytest.approx(-8.0, rel=1e-10)
+    assert found.gains.cluster(0) == [0, 1, 2]
+
+
+def test_two_loads_that_look_alike_leave_both_ratios_open():
+    """Where two clusters press a row in the same way only a sum is felt, and both ratios are named."""
+    a, b = RNG.normal(size=(30, 1)), RNG.normal(size=(30, 1))
+    none = np.zeros((30, 1))
+    blocks = [np.hstack([a, b, 2.0 * b]), np.hstack([none, b, none]), np.hstack([none, none, b])]
+    found = solved([0, 1, 2], blocks, values=np.array([1.0, 2.0, 3.0]), gains=[1.0, 2.0, 4.0])
+    assert found.redundant == [(0, 1), (0, 2)] and not found.undetermined.any()
+
+
+def test_rounding_of_a_load_is_no_column():
+    """A nu that cancels but for rounding does not enter the row."""
+    b = RNG.normal(size=(30, 1))
+    found = Recursion(np.array([0, 1, 1]), 2)
+    found.values[1:] = [0.1, 0.3]
+    _, _, roots = found.design(0, np.hstack([b, 3.0 * b, -b]))
+    assert roots == []
+
+
+def test_prior_keeps_an_unseen_ratio_at_its_usual_value():
+    """With a spread a nu that cannot be told joins with ratio one, and own columns predict the row together with it."""
+    own, other = RNG.normal(size=(20, 1)), RNG.normal(size=(20, 1))
+    rows, target = np.hstack([own, 2.0 * own]), 7.0 * own[:, 0]
+    found = Recursion(np.array([0, 1]), 2)
+    found.take(1, np.hstack([0.0 * own, other]), 3.0 * other[:, 0], limit=np.ones(2), spread=10.0)
+    # A ratio ten larger takes sixty limits from the own column: the prior says nothing of either.
+    found.take(0, rows, target, limit=np.ones(2), spread=10.0)
+    assert found.redundant == [(0, 1)] and found.gains.ratio(0, 1) == 1.0
+    assert found.values[0] == pytest.approx(1.0)
+
+
+def test_ratio_of_rows_on_two_branches():
+    """The ratio of two rows below a common one is the quotient of their edges, whichever way round."""
+    gains = Gains(4)
+    gains.merge(1, 3, 5.0)
+    gains.merge(0, 1, 2.0)
+    gains.merge(0, 2, 4.0)
+    assert gains.ratio(1, 2) == pytest.approx(2.0) and gains.ratio(2, 1) == pytest.approx(0.5)
+    assert gains.ratio(3, 2) == pytest.approx(0.4) and gains.ratio(0, 3) == pytest.approx(10.0)
+
+
+def test_scale_is_known_along_a_branch_only():
+    """Columns act on rows of their own branch with a known factor; across branches it is not a number."""
+    gains = Gains(3)
+    gains.merge(0, 1, 2.0)
+    gains.merge(0, 2, 4.0)
+    wanted = [[1.0, 2.0, 4.0], [0.0, 1.0, np.nan], [0.0, 0.0, 1.0]]
+    assert np.array_equal(gains.scales(), wanted, equal_nan=True)
+
+
+ARM, DESIGN = 21, 910_000
+
+
+def thin(robot) -> Plan:
+    """Every joint in two random postures, at two speeds, both ways, twice, in random order."""
+    rng, motions = np.random.default_rng(DESIGN), []
+    holds = {joint.number: [tuple(rng.uniform(-2.0, 2.0, 6)) for _ in range(2)] for joint in robot.joints}
+    for _ in range(2):
+        for joint in robot.joints:
+            own = [
+                Motion(joint.number, hold, -2.0 * way, 2.0 * way, speed)
+                for hold in holds[joint.number]
+                for speed in (0.3, 0.9)
+                for way in (1, -1)
+            ]
+            motions += [own[k] for k in rng.permutation(len(own))]
+    return Plan(robot.name, tuple(motions))
+
+
+def test_the_joint_fit_leaves_a_wrong_minimum():
+    """Every joint ends at its noise floor, and the ratio has its true size within four standard errors."""
+    robot = read_recipe(shipped_recipes()["ur3e"])
+    truth = draw(robot, ARM)
+    runs = Bench(truth, thin(robot), rate=100.0, bins=128).runs(np.random.default_rng(DESIGN))
+    estimate = identify(Dataset(runs), robot)
+    assert all(one.rmse < 1.2 * one.noise_floor for one in estimate.joints)
+    (ratio,) = (value for value in estimate.values if value.name == "gain_ratio.5.6")
+    expected = truth.gain[4] / truth.gain[5]
+    assert abs(ratio.value) == pytest.approx(abs(expected), abs=4.0 * ratio.std_error)
+
+
+DRAWS = np.random.default_rng(6)
+N, OWNERS = 30, np.array([0, 0, 1, 2, 3])
+ROW = np.repeat(np.arange(4), N)
+REGRESSORS = np.where(ROW[:, None] <= OWNERS, DRAWS.normal(size=(4 * N, 5)), 0.0)
+VALUES = np.array([1.0, -2.0, 0.5, 1.5, -0.7])
+
+
+def chain(*edges: float) -> Gains:
+    """Rows 0 - 1 - 3 on one branch, row 2 on another."""
+    gains = Gains(4)
+    for (upper, lower), ratio in zip([(1, 3), (0, 1), (0, 2)], edges, strict=True):
+        gains.merge(upper, lower, ratio)
+    return gains
+
+
+TRUTH = chain(0.5, -1.5, 2.0)
+#: Rows 1 and 2 do not feel each other here, as the branches say.
+REGRESSORS[ROW == 1, 3] = 0.0
+REGRESSORS[ROW == 2, 4] = 0.0
+EXACT = Bilinear(ROW, REGRESSORS, np.zeros(4 * N), OWNERS).scaled(TRUTH) @ VALUES
+SYSTEM = Bilinear(ROW, REGRESSORS, EXACT, OWNERS)
+
+
+def prediction(values: np.ndarray, edges: np.ndarray) -> np.ndarray:
+    return SYSTEM.scaled(chain(*edges)) @ values
+
+
+def test_jacobian_is_the_slope_of_the_prediction():
+    """Derivatives by parameters and by edges, in the order of `Gains.edges`, are finite differences'."""
+    found = SYSTEM.jacobian(TRUTH, VALUES)
+    lower = {1: 1, 2: 2, 3: 0}  # edge's lower end -> its place in `chain`
+    step = 1e-6
+    for number, edge in enumerate(TRUTH.edges):
+        ahead, back = np.array([0.5, -1.5, 2.0]), np.array([0.5, -1.5, 2.0])
+        ahead[lower[edge]] += step
+        back[lower[edge]] -= step
+        slope = (prediction(VALUES, ahead) - prediction(VALUES, back)) / (2 * step)
+        assert found[:, 5 + number] == pytest.approx(slope, abs=1e-8)
+    assert found[:, :5] == pytest.approx(SYSTEM.scaled(TRUTH))
+
+
+def test_derivative_at_a_vanishing_ratio():
+    """A ratio of zero has a derivative all the same: the columns that it would let through."""
+    gains = chain(0.5, 0.0, 2.0)
+    found = SYSTEM.jacobian(gains, VALUES)[:, 5 + gains.edges.index(1)]
+    slope = prediction(VALUES, np.array([0.5, 1.0, 2.0])) - prediction(VALUES, np.array([0.5, 0.0, 2.0]))
+    assert found == pytest.approx(slope, abs=1e-12)
+
+
+def test_far_start_still_comes_home():
+    """From ratios off by factors of three and with a sign wrong the steps, halved where needed, reach the truth."""
+    found = fit_bilinear(SYSTEM, 0.3 * VALUES, chain(1.5, 0.5, 0.7))
+    assert found.values == pytest.approx(VALUES, rel=1e-6)
+    assert [found.gains.edge[edge] for edge in (3, 1, 2)] == pytest.approx([0.5, -1.5, 2.0], rel=1e-6)
+
+
+def test_prior_holds_only_what_the_data_do_not():
+    """A ratio whose load is far below the noise stays near its usual value; one that is felt ignores the prior."""
+    quiet = VALUES * np.array([1.0, 1.0, 1.0, 1e-6, 1.0])  # row 2's load is a millionth
+    noisy = SYSTEM.scaled(TRUTH) @ quiet + 0.01 * DRAWS.normal(size=4 * N)
+    weighted = Bilinear(ROW, REGRESSORS / 0.01, noisy / 0.01, OWNERS)
+    found = fit_bilinear(weighted, quiet, chain(0.5, -1.5, 2.0), spread=np.array([10.0, 10.0, 10.0]))
+    assert abs(found.gains.edge[2] - 1.0) < 30.0
+    assert found.gains.edge[1] == pytest.approx(-1.5, abs=0.05)
+
+
+def test_unknown_ratio_stays_unknown():
+    """Rows that start without an edge between them end without one, and their load counts as nothing."""
+    gains = Gains(4)
+    gains.merge(1, 3, 0.5)
+    found = fit_bilinear(SYSTEM, VALUES, gains)
+    assert found.gains.edges == [3] and np.isnan(found.gains.ratio(0, 1))
+
+
+def test_condensed_squares_are_those_of_all_equations():
+    """Noisy equations turned into a few: the same sum of squares wherever it is asked, and the same information."""
+    noisy = Bilinear(ROW, REGRESSORS, EXACT + DRAWS.normal(size=4 * N), OWNERS)
+    few = noisy.condensed()
+    assert len(few.target) <= 4 * 6 < 4 * N
+    for edges in ([0.5, -1.5, 2.0], [1.0, 0.3, -4.0], [0.0, 1.0, 1.0]):
+        gains, values = chain(*edges), DRAWS.normal(size=5)
+        squares = [np.sum((one.target - one.scaled(gains) @ values) ** 2) for one in (noisy, few)]
+        assert squares[1] == pytest.approx(squares[0], rel=1e-12)
+        slopes = [one.jacobian(gains, values) for one in (noisy, few)]
+        assert slopes[1].T @ slopes[1] == pytest.approx(slopes[0].T @ slopes[0], rel=1e-10, abs=1e-10)
