@@ -6,6 +6,7 @@ from collections import Counter
 from collections.abc import Callable, Sequence
 
 import numpy as np
+from numpy.typing import NDArray
 
 from pumaid import __version__
 from pumaid.dataset import Campaign, Dataset, Run
@@ -35,7 +36,7 @@ from pumaid.effect_spec import EffectTerm, check_known, option_text, terms_of
 from pumaid.effects import catalogue
 from pumaid.errors import LogError, Note, Where
 from pumaid.estimate import Estimate
-from pumaid.estimation.fit import misfit_at
+from pumaid.estimation.fit import Fit, misfit_at
 from pumaid.estimation.noise import FEWEST_PAIRS
 from pumaid.joint_bins import JointBins
 from pumaid.maths.rank import pseudo_inverse
@@ -45,6 +46,8 @@ from pumaid.preprocessing.options import CONSTANT
 from pumaid.results.model_file import check_same_recipe, model_digest
 from pumaid.robot import Robot
 from pumaid.units import number
+
+Floats = NDArray[np.float64]
 
 #: How a command that adds an effect begins; whoever knows the logs puts them in.
 IDENTIFY = "pumaid identify LOGS"
@@ -63,19 +66,29 @@ STEADY = 12
 
 
 def sizes(candidate: EvaluatedCandidate) -> tuple[Size, ...]:
-    """Parameters of a candidate with standard errors; of two of which only the sum or difference is known, that."""
-    trial, term = candidate.trial, candidate.trial.added
-    robot = candidate.on.model.robot
-    covariance = pseudo_inverse(trial.information)[0] * candidate.on.scale
+    """Parameters of a candidate, by its score beside the model that it was tried on."""
+    covariance = pseudo_inverse(candidate.trial.information)[0] * candidate.on.scale
+    return _sizes(candidate.trial.added, candidate.on.model.robot, candidate.trial.sizes, covariance=covariance)
+
+
+def fitted_sizes(fitted: Fit, place: int) -> tuple[Size, ...]:
+    """Parameters of an effect by its place in a model: the sizes that a fit with all that was found gives them."""
+    columns = [n for n in fitted.columns_of(place) if fitted.model.columns[n].shape is None]
+    covariance = fitted.inverse[np.ix_(columns, columns)] * fitted.scale
+    return _sizes(fitted.model.effects[place], fitted.model.robot, fitted.values[columns], covariance=covariance)
+
+
+def _sizes(term: EffectTerm, robot: Robot, values: Floats, *, covariance: Floats) -> tuple[Size, ...]:
+    """With standard errors; of two parameters of which only the sum or difference is known, that."""
     errors = np.sqrt(np.maximum(np.diagonal(covariance), 0.0))
     unit = robot.joint(term.joint or 1).position_unit
     alone = tuple(
         Size(parameter.name, float(value), float(error), parameter.unit.format(unit=unit))
-        for parameter, value, error in zip(term.effect.parameters(robot, term.number), trial.sizes, errors, strict=True)
+        for parameter, value, error in zip(term.effect.parameters(robot, term.number), values, errors, strict=True)
     )
     if len(alone) != 2 or alone[0].unit != alone[1].unit:
         return alone
-    information, (first, second) = trial.information, alone
+    information, (first, second) = pseudo_inverse(covariance)[0], alone
     cosine = information[0, 1] / np.sqrt(max(information[0, 0] * information[1, 1], np.finfo(float).tiny))
     if abs(cosine) < TOGETHER:
         return alone
@@ -172,6 +185,7 @@ class DiagnosisBuilder:
         is_denied = item.transfer is not None and item.transfer.is_denied
         before, after = self._errors(place, candidate)
         rival = next((rival for rival in item.rivals if rival.on is candidate.on), None)
+        keys = [effect.key for effect in self.fits[-1].model.effects]
         by_gain = sorted(candidate.after, key=lambda joint: candidate.after[joint] / candidate.before[joint])
         return Finding(
             effect=term.effect.name,
@@ -184,7 +198,7 @@ class DiagnosisBuilder:
             command=command(term),
             rmse_heldout_before=before,
             rmse_heldout_after=after,
-            sizes=sizes(candidate),
+            sizes=fitted_sizes(self.fits[-1], keys.index(term.key)) if term.key in keys else sizes(candidate),
             next_run=None if rival is None else next_run(rival.on, candidate.trial, rival.trial),
             curves=tuple(self._curve(item, joint) for joint in by_gain[:PICTURES]),
             transfer=item.transfer,

@@ -103,4 +103,5 @@ def test_what_diagnose_says_to_add_can_be_added():
     (finding,) = diagnose(identify(dataset, robot), dataset, robot).findings
     assert finding.effect == "payload" and finding.command.endswith("--add payload")
     value = identify(dataset, robot, effects=[EffectChoice("payload")]).value("payload.mass")
-    assert value.value == pytest.approx(truth.hidden[0].values["mass"] * truth.gain[-1], abs=3.0 * value.std_error)
+    known = truth.hidden[0].values["mass"] * truth.gain[-1]
+    assert [value.value, finding.sizes[0].value] == pytest.approx([known, known], abs=3.0 * value.std_error)
