@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -56,48 +56,41 @@ def match_with_plan(dataset: Dataset, plan: Plan) -> Dataset:
     motions = plan.motions
     if not dataset.runs or not motions or len(motions[0].hold) != len(dataset.runs[0].posture):
         return dataset
-    table = _Motions(motions)
+    purposes = np.array([motion.purpose for motion in motions])
     runs, strays, missing = [], [], np.ones(len(motions), dtype=np.bool_)
-    for run in dataset.runs:
-        away = table.distance(run)
+    for run, away in zip(dataset.runs, _distances(dataset.runs, motions), strict=True):
         if not np.isfinite(away).any():
             strays.append(run)
             runs.append(run)
             continue
-        purpose = motions[int(np.argmin(away))].purpose
-        runs.append(replace(run, heldout=purpose == "heldout"))
+        purpose = purposes[int(np.argmin(away))]
+        runs.append(replace(run, heldout=bool(purpose == "heldout")))
         # Repeats of a motion are as near: each is found once, and a run too many counts for another that it fits.
-        free = np.where(missing & (table.purpose == purpose), away, np.inf)
+        free = np.where(missing & (purposes == purpose), away, np.inf)
         if np.isfinite(free).any():
             missing[int(np.argmin(free))] = False
     notes = (*dataset.notes, *_missing(plan, np.flatnonzero(missing)), *_unplanned(runs, strays))
     return replace(dataset, runs=tuple(runs), notes=notes)
 
 
-class _Motions:
-    """A plan's K motions as arrays."""
-
-    def __init__(self, motions: Sequence[Motion]) -> None:
-        self.joint = np.array([motion.joint for motion in motions])
-        self.hold = np.array([motion.hold for motion in motions], dtype=float)
-        self.ends = np.array([(motion.start, motion.end) for motion in motions])
-        self.velocity = np.array([motion.velocity for motion in motions]) * np.sign(self.ends @ [-1.0, 1.0])
-        self.purpose = np.array([motion.purpose for motion in motions])
-
-    def distance(self, run: Run) -> Floats:
-        """(K,) how far the run is from each motion in speed and way; infinite where it is none."""
-        away = np.abs(self.hold - run.posture)
+def _distances(runs: Sequence[Run], motions: Sequence[Motion]) -> Iterator[Floats]:
+    """(K,) how far each run is from each motion in speed and way; infinite where it is none."""
+    moved, hold = np.array([motion.joint for motion in motions]), np.array([motion.hold for motion in motions], float)
+    ends = np.array([(motion.start, motion.end) for motion in motions])
+    velocity = np.array([motion.velocity for motion in motions]) * np.sign(ends @ [-1.0, 1.0])
+    low, high = ends.min(axis=1), ends.max(axis=1)
+    for run in runs:
+        away = np.abs(hold - run.posture)
         away[:, run.joint - 1] = 0.0
-        share = run.speed / self.velocity
+        share = run.speed / velocity
         slower = np.abs(share - 1.0)
         if run.kind == STROKE:
             slower = np.where((share >= STROKE_SPEED) & (share <= 1.0), 0.0, slower)
-        low, high = self.ends.min(axis=1), self.ends.max(axis=1)
         shared = np.minimum(high, max(run.span)) - np.maximum(low, min(run.span))
         whole = np.maximum(high, max(run.span)) - np.minimum(low, min(run.span))
-        fits = (self.joint == run.joint) & (away.max(axis=1) <= SAME_POSTURE) & (slower <= SAME_SPEED)
+        fits = (moved == run.joint) & (away.max(axis=1) <= SAME_POSTURE) & (slower <= SAME_SPEED)
         fits &= shared >= INSIDE * abs(run.span[1] - run.span[0])
-        return np.where(fits, slower / SAME_SPEED + 1.0 - shared / whole, np.inf)
+        yield np.where(fits, slower / SAME_SPEED + 1.0 - shared / whole, np.inf)
 
 
 def _missing(plan: Plan, missing: NDArray[np.intp]) -> list[Note]:

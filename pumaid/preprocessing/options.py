@@ -68,19 +68,18 @@ class SegmentOptions:
     def __post_init__(self) -> None:
         if self.kinds not in (CONSTANT, STROKE, BOTH):
             self._refuse("kinds", f"one of {CONSTANT}, {STROKE}, {BOTH}")
-        for item in fields(self):
-            value = getattr(self, item.name)
-            if item.name != "kinds" and not value > 0:
-                self._refuse(item.name, "above 0")
-        for name in ("speed_tolerance", "plateau_share", "held_share", "low_speed_share"):
-            if getattr(self, name) >= 1:
+        for name in (item.name for item in fields(self) if item.name != "kinds"):
+            value = getattr(self, name)
+            if not value > 0:
+                self._refuse(name, "above 0")
+            if name in ("speed_tolerance", "plateau_share", "held_share", "low_speed_share") and value >= 1:
                 self._refuse(name, "a share, below 1")
         if self.window < MIN_WINDOW:
             self._refuse("window", f"at least {MIN_WINDOW} samples")
 
     def _refuse(self, name: str, wanted: str) -> None:
-        value = getattr(self, name)
-        raise PumaidError("bad-option", f"{name} is {value!r}", Where(field=name), f"give {wanted}")
+        what = f"{name} is {getattr(self, name)!r}"
+        raise PumaidError("bad-option", what, Where(field=name), f"give {wanted}")
 
 
 #: Samples; below it the overlap of two windows would be most of a window.

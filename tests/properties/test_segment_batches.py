@@ -17,16 +17,7 @@ def batches(logs, size):
     """The same samples in batches of `size`."""
     for log in logs:
         for low in range(0, len(log), size):
-            part = slice(low, low + size)
-            yield replace(
-                log,
-                rows=log.rows[part],
-                time=log.time[part],
-                position=log.position[part],
-                velocity=None,
-                current=log.current[part],
-                starts_clock=log.starts_clock and low == 0,
-            )
+            yield replace(log.part(slice(low, low + size)), starts_clock=log.starts_clock and low == 0)
 
 
 def outline(dataset):
