@@ -142,8 +142,8 @@ def read_document(path: Path, kind: str, build: Callable[[dict[str, Any]], Recor
         what = f"{name} is not JSON, or breaks off: {str(error)[:80]}"
         raise damaged(what, line=getattr(error, "lineno", None)) from None
     if not isinstance(document, dict) or document.get("kind") != kind:
-        found = document.get("kind") if isinstance(document, dict) else type(document).__name__
-        raise damaged(f"{name} is not a {kind}: its kind is {found!r}", "kind")
+        actual = document.get("kind") if isinstance(document, dict) else type(document).__name__
+        raise damaged(f"{name} is not a {kind}: its kind is {actual!r}", "kind")
     number = document.get("format")
     if number != FORMAT or isinstance(number, bool):
         what = f"{name} has format {number!r}, and was written by pumaid {document.get('pumaid')!r}"

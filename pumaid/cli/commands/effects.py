@@ -32,12 +32,12 @@ def command(name: str | None, as_json: bool) -> None:
     from pumaid.reporting.effects import facts
     from pumaid.results.documents import heading
 
-    known = catalogue()
-    if name is not None and name not in known:
-        near = difflib.get_close_matches(name, known, n=1)
-        mend = f"did you mean '{near[0]}'?" if near else f"effects are {', '.join(known)}; {OWN}"
+    effects = catalogue()
+    if name is not None and name not in effects:
+        near = difflib.get_close_matches(name, effects, n=1)
+        mend = f"did you mean '{near[0]}'?" if near else f"effects are {', '.join(effects)}; {OWN}"
         raise ModelError("unknown-effect", f"there is no effect '{name}'", mend=mend)
-    chosen = list(known.values()) if name is None else [known[name]]
+    chosen = list(effects.values()) if name is None else [effects[name]]
     if as_json:
         document(heading("effects") | {"effects": [facts(effect) for effect in chosen]})
     elif name is None:

@@ -55,8 +55,8 @@ def command(*, folder: Path, results: Path | None, restore: int | None, picture:
     if as_json:
         document(heading("history") | history_document(history))
     else:
-        first, *others = history.ladders
-        tables(history_table(first), history_joint_table(first), *map(history_table, others))
+        first, *incomparable = history.ladders
+        tables(history_table(first), history_joint_table(first), *map(history_table, incomparable))
 
 
 def _unknown(history: History) -> list[Note]:
