@@ -89,19 +89,7 @@ def numbers(count: int | None = None) -> Callable[..., tuple[float, ...] | None]
 
 
 def make_plan(robot: Robot, options: PlanOptions, given: Path | None, *, tell: Callable[[str], None]) -> Plan:
-    """The plan that is asked for, or the one at `given` with what it promises.
-
-    Parameters
-    ----------
-    robot
-        The arm.
-    options
-        The options.
-    given
-        The plan that ``--check`` names, or none.
-    tell
-        Called with a word on what is done.
-    """
+    """The plan that is asked for, or the one at `given` with what it promises."""
     from pumaid.design.plan import check_plan, plan
     from pumaid.io.plan_file import read_plan
 
@@ -178,30 +166,19 @@ def formed(plan: Plan, robot: Robot, form: str) -> str:
     return PROGRAMS[form][1](plan, robot) if form in PROGRAMS else plan_text(plan, robot, format=form)
 
 
-def tilted_path(path: Path) -> Path:
-    """Where the recipe of a tilted arm goes: beside its plan at `path`."""
-    return path.with_name(f"{path.stem}-recipe.yaml")
-
-
-def write_plan(path: Path, plan: Plan, robot: Robot, *, form: str) -> None:
-    """Write a plan in one of `PLAN_FORMS`; ``-`` writes nothing."""
-    from pumaid.cli.output import remark
-    from pumaid.io.write import write_file
-
-    if str(path) != "-":
-        write_file(path, formed(plan, robot, form))
-        remark(f"plan written to {path}")
-
-
-def write_tilted_recipe(path: Path, robot: Robot, options: PlanOptions) -> None:
-    """Write the recipe with gravity as the tilted base sees it."""
+def write_plan(path: Path, plan: Plan, robot: Robot, *, form: str, tilted: tuple[Path, PlanOptions] | None) -> None:
+    """Write a plan in one of `PLAN_FORMS`, and the recipe with gravity as a tilted base sees it."""
     from pumaid.cli.output import remark
     from pumaid.experiment import recipe_path
     from pumaid.io.recipe import with_gravity
     from pumaid.io.write import write_file
 
-    write_file(path, with_gravity(recipe_path(options.recipe), options.setup.robot(robot).gravity))
-    remark(f"recipe of the tilted arm written to {path}: simulate and identify these runs with it")
+    if tilted is not None:
+        beside, options = tilted
+        write_file(beside, with_gravity(recipe_path(options.recipe), options.setup.robot(robot).gravity))
+        remark(f"recipe of the tilted arm written to {beside}: simulate and identify these runs with it")
+    write_file(path, formed(plan, robot, form))
+    remark(f"plan written to {path}")
 
 
 def draw_plan(path: Path, plan: Plan, robot: Robot) -> None:

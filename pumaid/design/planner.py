@@ -63,16 +63,8 @@ _LOOK, _LOOK_STEPS, _LOOK_SECONDS = (0.05, 1.0), 40, 120.0
 class Request:
     """What a user asks for; None where the planner decides.
 
-    Attributes
-    ----------
-    seconds
-        Robot time, moves included.
-    shares
-        Speeds, as shares of each joint's top speed.
-    postures, passes
-        Postures a joint, and how often everything is made.
-    criterion
-        A key of `pumaid.design.exchange.POWERS`.
+    Robot time (s), moves included; speeds as shares of each joint's top speed; postures a joint; how often all is made
+    (passes); a key of `pumaid.design.exchange.POWERS`.
     """
 
     seconds: float | None = None
@@ -221,7 +213,7 @@ class Planner:
         required = self._required(coverage, optimum)
         for _ in range(_FITTINGS):
             made = self._chosen(required, coverage, optimum, allowed=allowed)
-            lasting = self._duration(made.motions)
+            lasting = duration(self.robot, Plan(self.robot.name, made.motions))
             if lasting <= budget and (best is None or made.efficiency > best.efficiency):
                 best = made
             if _FULL * budget <= lasting <= budget:
@@ -265,15 +257,13 @@ class Planner:
         table = self._candidates(joint, holds, _LOOK, only_extremes=True)
         if table.usable.any():
             return table
-        ways = table.sweeps
         start, end = holds[0].copy(), holds[0].copy()
-        start[joint - 1], end[joint - 1] = ways[0].low, ways[0].high
-        hit = self.collision.first_hit(start, end)
+        start[joint - 1], end[joint - 1] = table.sweeps[0].low, table.sweeps[0].high
+        hit, name = self.collision.first_hit(start, end), self.robot.joint(joint).name
         why = "" if hit is None else f"; at home: {self.collision.describe(hit)}"
         raise ModelError(
             "plan-unsafe",
-            f"joint {joint} ({self.robot.joint(joint).name}) collides in all of {len(holds)} postures of the others"
-            + why,
+            f"joint {joint} ({name}) collides in all of {len(holds)} postures of the others{why}",
             Where(joint=joint),
             "widen the limits, or correct the recipe's boxes and spheres",
         )
@@ -410,9 +400,6 @@ class Planner:
         """s of the runs that are kept for judging."""
         away = float(np.mean(self._away)) * len(self.judging)
         return away + sum(seconds_of(self.robot, sweep) for ways in self.judging for sweep in ways[: coverage.judged])
-
-    def _duration(self, motions: Sequence[Motion]) -> float:
-        return duration(self.robot, Plan(robot=self.robot.name, motions=tuple(motions)))
 
     def _too_short(self, budget: float, least: Coverage) -> ModelError:
         needed = self._least_seconds(least)

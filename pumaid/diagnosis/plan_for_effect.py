@@ -56,10 +56,8 @@ def plan_for_effect(
 
     Parameters
     ----------
-    robot
-        The arm.
-    wanted
-        Effect and joint; shapes where they are known.
+    robot, wanted
+        The arm; effect and joint, with shapes where they are known.
     against
         What it must be told from; none: it must be seen at all.
     size

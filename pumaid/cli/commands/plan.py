@@ -19,9 +19,7 @@ from pumaid.cli.planning import (
     numbers,
     plan_suffix,
     print_plan,
-    tilted_path,
     write_plan,
-    write_tilted_recipe,
 )
 from pumaid.cli.progress import progress
 
@@ -101,17 +99,17 @@ def command(
     if given is None:
         formed(Plan(robot.name, ()), robot, form)  # an arm that the form cannot move is refused before the work
         path = output or (Experiment(recipe=recipe).folder / PLAN_NAME).with_suffix(plan_suffix(form))
-    tilted = tilted_path(path) if path is not None and given is None and asked.tilt is not None else None
+    tilted = None
+    if path is not None and given is None and asked.tilt is not None:
+        tilted = path.with_name(f"{path.stem}-recipe.yaml")
     spare_inputs([path, tilted, picture], [file for file in read if file.name != PLAN_NAME or file == given])
     for place in (path, tilted):
         if place is not None and not force:
             refuse_to_replace(place)
     with progress("planning") as step:
         plan = make_plan(robot, asked, given, tell=lambda text: step(0.0, text))
-    if tilted is not None and str(path) != "-":
-        write_tilted_recipe(tilted, robot, asked)
-    if path is not None:
-        write_plan(path, plan, robot, form=form)
+    if path is not None and str(path) != "-":
+        write_plan(path, plan, robot, form=form, tilted=None if tilted is None else (tilted, asked))
     if picture is not None:
         draw_plan(picture, plan, robot)
     print_plan(plan, robot, form=form, as_json=as_json, is_piped=str(path) == "-")
