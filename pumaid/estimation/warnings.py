@@ -113,12 +113,12 @@ def of_misfit(fitted: Fit, joints: Sequence[JointFit]) -> Iterator[Note]:
             why = f"{text}, since the logs disagree: {evidence}"
             advice = "is one of them another arm's, or was payload, zero, unit or a column's name another one?"
             yield Note("logs-disagree", f"{why}; {advice}", Where(file=name, joint=row.bins.joint))
-        else:
-            advice = (
-                "its intervals may not hold the truth; 'pumaid diagnose' tells what is missing, if no column is wrong"
-            )
-            why = f"{text}, where noise is {number(noise)} A: {advice}"
-            yield Note("model-misses", why, Where(joint=row.bins.joint))
+            continue
+        advice = "its intervals may not hold the truth; 'pumaid diagnose' tells what is missing, if no column is wrong"
+        why = f"{text}, where noise is {number(noise)} A: {advice}"
+        if not is_far:
+            why = f"{text} of {number(size)} A, and noise alone is {number(noise)} A: is this column its current?"
+        yield Note("model-misses", why, Where(joint=row.bins.joint))
 
 
 def of_runs(fitted: Fit) -> list[Note]:
