@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 import numpy as np
 from numpy.typing import NDArray
 
 from pumaid.effects import catalogue
 from pumaid.joint_bins import swept
 from pumaid.kinematics import axes
-from pumaid.model import Model
 from pumaid.samples import Loads, Samples
+
+if TYPE_CHECKING:
+    from pumaid.model import Model
 
 Floats = NDArray[np.float64]
 Counts = NDArray[np.int64]

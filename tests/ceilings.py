@@ -1,10 +1,10 @@
 """What the house may cost as a whole; a room gives before another takes."""
 
 CEILINGS = {
-    "lines": 35925,
+    "lines": 35927,
     "statements": 19453,
     "modules": 197,
-    "import depth": 13,
+    "import depth": 12,
     "lines of tests and tools": 29662,
     "words of documents": 30000,
     "class names with two meanings": 0,
