@@ -2,7 +2,7 @@
 
 CEILINGS = {
     "lines": 35927,
-    "statements": 19453,
+    "statements": 19458,
     "modules": 197,
     "import depth": 12,
     "lines of tests and tools": 29662,

@@ -23,7 +23,7 @@ OVER = (
     (f"report {MODEL} --table csv -o", LOG),
     (f"report {MODEL} --table json -o", MODEL),
     (f"export {MODEL} --format python --force -o", RECIPE),
-    (f"export {MODEL} --format json --force --name", "model"),
+    (f"export {MODEL} --format json --force -o", MODEL),
 )
 
 
