@@ -57,8 +57,8 @@ CHANGE = 0.5
 ALIKE = 30.0
 #: What a change may be: its unit, what it goes with, and its cause.
 KINDS = (
-    ("A", "whichever way it moves", "a zero (of its sensor or position) or its load changed"),
-    ("A", "in the direction of motion", "friction changed, as with warmth ('pumaid diagnose' tells)"),
+    ("A", "whichever way it moves", "likely a sensor offset, an encoder zero or its load changed"),
+    ("A", "in the direction of motion", "friction changed, as when it warms up ('pumaid diagnose' tells)"),
     ("%", "in proportion to it", "its gain changed"),
 )
 #: Share of a joint's load on another's motor below which it is not spoken of.
@@ -107,17 +107,17 @@ def of_misfit(fitted: Fit, joints: Sequence[JointFit]) -> Iterator[Note]:
         is_far = misses > max(FAR * noise, SEEN * size)
         if not is_far and not (misses > MOST * size and len(row.bins.runs) >= FEWEST):
             continue
-        text = f"the model misses the current of joint {row.bins.joint} by {number(misses)} A (RMS)"
+        text = f"the model's error at joint {row.bins.joint} is {number(misses)} A RMS"
         name, evidence = _disagreement(row, system.design)
         if name is not None:
-            why = f"{text}, since the logs disagree: {evidence}"
-            advice = "is one of them another arm's, or was payload, zero, unit or a column's name another one?"
-            yield Note("logs-disagree", f"{why}; {advice}", Where(file=name, joint=row.bins.joint))
+            advice = "Check that it is the same robot with the same payload, zeros, units and columns"
+            why = f"{text}, and {name} is inconsistent with the other logs: {evidence}. {advice}"
+            yield Note("logs-disagree", why, Where(file=name, joint=row.bins.joint))
             continue
-        advice = "its intervals may not hold the truth; 'pumaid diagnose' tells what is missing, if no column is wrong"
-        why = f"{text}, where noise is {number(noise)} A: {advice}"
+        advice = "Its intervals may not hold the truth; if no column is wrong, 'pumaid diagnose' tells what is missing"
+        why = f"{text}, its noise {number(noise)} A. {advice}"
         if not is_far:
-            why = f"{text} of {number(size)} A, and noise alone is {number(noise)} A: is this column its current?"
+            why = f"{text} of a current of {number(size)} A, and noise alone is {number(noise)} A. Is the column right?"
         yield Note("model-misses", why, Where(joint=row.bins.joint))
 
 
@@ -151,10 +151,10 @@ def of_runs(fitted: Fit) -> list[Note]:
         else:
             sizes = _outliers(joint_bins(fitted.model.robot, bins.runs, is_settled=False)[0])
         if sizes and sizes[1] > SEEN * size:
-            shown = f"{number(sizes[1])} A (RMS), where half of the time it is {number(sizes[0])} A"
-            text = f"the noise of joint {bins.joint}'s current is mostly outliers: {shown}"
-            advice = "those that are not there both ways move friction and gravity; look at the samples"
-            notes.append(Note("current-spikes", f"{text}; {advice}", Where(joint=bins.joint)))
+            shown = f"noise is {number(sizes[1])} A RMS, but {number(sizes[0])} A in a typical half of the data"
+            advice = "Spikes that occur in one direction only bias friction and gravity: look at the samples"
+            text = f"the current of joint {bins.joint} has spikes: {shown}. {advice}"
+            notes.append(Note("current-spikes", text, Where(joint=bins.joint)))
     return notes
 
 
@@ -207,10 +207,10 @@ def _outliers(bins: JointBins) -> list[float]:
 def _odd_runs(odd: Sequence[Run], rms: Floats, usual: float, *, of: int) -> Note:
     first, joint = odd[0], odd[0].joint
     which = f"1 of {of} runs of joint {joint} is" if len(odd) == 1 else f"{len(odd)} of {of} runs of joint {joint} are"
-    sizes = f"{number(float(np.sqrt(np.mean(rms**2))))} A (RMS), of half of the runs no more than {number(usual)} A"
+    sizes = f"{number(float(np.sqrt(np.mean(rms**2))))} A RMS, where the median run has {number(usual)} A"
     text = (
-        f"{which} not like the others: the model leaves {sizes}; the first begins at"
-        f" {number(first.start)} s. Did the arm touch something? It moves the numbers, and no interval knows of it"
+        f"{which} unlike the others: the model's error there is {sizes}; the first begins at {number(first.start)} s."
+        " Did the arm touch something? Estimates are biased by it, and no interval includes that"
     )
     return Note("run-stands-out", text, Where(file=first.origin, row=first.first_row, joint=joint))
 
@@ -223,14 +223,14 @@ def _disagreement(row: FitRow, design: Floats) -> tuple[str | None, str]:
         inside, outside = np.flatnonzero(origins == name), np.flatnonzero(origins != name)
         if len(outside) >= FEWEST:
             rest, missed = _in_halves(row, design, outside), _left(row, design, outside, inside)
-            why = f"what meets all other runs to {number(rest)} A misses those of {name} by {number(missed)} A"
+            why = f"its runs have {number(missed)} A RMS under a fit to the others, which have {number(rest)} A"
             disowned += [(missed / rest, name, why)] if missed > DISOWNED * rest else []
         if len(outside) and len(inside) >= FEWEST:
             bins = np.isin(row.bins.run, inside)
             squares = row.misfit[bins] ** 2 + row.bins.inside[bins]
             before = float(np.sqrt(np.average(squares, weights=row.bins.count[bins])))
             after = _in_halves(row, design, inside)
-            why = f"the runs of {name} alone would be met to {number(after)} A instead of {number(before)} A"
+            why = f"its runs have {number(before)} A RMS under the common fit and {number(after)} A under one to them"
             corrected += [(before / after, name, why)] if before > BETTER * after else []
     worst = max(disowned or corrected, default=None)
     return (None, "") if worst is None else worst[1:]
@@ -287,7 +287,7 @@ def _of_changes(joint: int, design: Floats, change: Floats, *, matters: float) -
         shown = f"{number(factor * abs(float(size)))} ± {number(factor * float(error))} {unit}"
         drawn = f"{shown} {'more' if size > 0 else 'less'} {goes}"
         text = f"joint {joint} draws {drawn} in the last of {len(change)} repeated runs than in the first of them"
-        yield Note("repeats-differ", f"{text}; {cause}: the numbers are a mean of before and after", Where(joint=joint))
+        yield Note("repeats-differ", f"{text}: {cause}. Estimates are averages of before and after", Where(joint=joint))
 
 
 def of_delays(fitted: Fit, runs: Sequence[Run], values: Sequence[Value]) -> list[Note]:
@@ -310,9 +310,10 @@ def of_delays(fitted: Fit, runs: Sequence[Run], values: Sequence[Value]) -> list
         worst = max(off, key=lambda value: off[value], default=None)
         if worst is None or off[worst] <= DELAYED:
             continue
-        other = f"{worst.name} is {number(late[worst.name][0])}, not {number(worst.value or 0.0)} {worst.unit}"
-        text = f"joint {joint} has strokes only, which look as if its current came late, or early: if so, {other}"
-        notes.append(Note("strokes-late", f"{text}; runs at constant speed tell", Where(joint=joint)))
+        other = f"{number(late[worst.name][0])} instead of {number(worst.value or 0.0)} {worst.unit}"
+        text = f"joint {joint} has no runs at constant speed. If its current is delayed against its position,"
+        text = f"{text} {worst.name} would be {other}. Record runs at constant speed to rule this out"
+        notes.append(Note("strokes-late", text, Where(joint=joint)))
     return notes
 
 
@@ -338,7 +339,7 @@ def odd_friction(values: Sequence[Value], n_joints: int) -> Iterator[Note]:
         if motor * slope < 0 and not low <= 0.0 <= high:
             text = (
                 f"friction of joint {joint} falls with speed going {way} ({number(slope)} ± {number(error, 2)} {unit}),"
-                " which viscous friction does not: something else changed with the speed, or Stribeck friction reigns"
+                " which viscous friction does not: Stribeck friction dominates, or something else changed with speed"
             )
             yield Note("friction-falls-with-speed", text, Where(joint=joint))
 
@@ -378,11 +379,10 @@ def odd_gains(values: Sequence[Value], n_joints: int) -> Iterator[Note]:
         )
         if ratio is None or ratio[0] * pair[0] * pair[1] >= -SURELY * ratio[1] or not pair[0] * pair[1]:
             continue
-        same = "the same way" if pair[0] == pair[1] else "opposite ways"
-        load = f"by the load that joints {joint} and {joint + 1} share, their gains have the ratio"
-        text = f"{load} {number(ratio[0])}, but by friction the two motors count their currents {same}"
-        mend = "a sign in the DH table (alpha, or theta's or d's), of a position or of gravity is not the arm's"
-        yield Note("gain-sign", f"{text}: {mend}", Where(joint=joint))
+        sign, same = ("negative", "the same sign") if pair[0] == pair[1] else ("positive", "opposite signs")
+        text = f"gain_ratio.{joint}.{joint + 1} is {sign} ({number(ratio[0])}) although friction shows that the two"
+        text = f"{text} currents have {same}. Check signs in the DH table, of the position columns and of gravity"
+        yield Note("gain-sign", text, Where(joint=joint))
 
 
 def of_fit(fitted: Fit, robot: Robot) -> Iterator[Note]:
@@ -392,7 +392,7 @@ def of_fit(fitted: Fit, robot: Robot) -> Iterator[Note]:
         text = (
             f"joint {joint} has {runs} run{'s' if runs > 1 else ''} only: its intervals rest on the noise inside runs"
         )
-        yield Note("few-runs", f"{text} and leave out what a repeated run would differ by", Where(joint=joint))
+        yield Note("few-runs", f"{text} and do not include how repeated runs differ", Where(joint=joint))
     for joint in fitted.model.structure.embodied:
         name = f"prismatic joint {joint} ({robot.joint(joint).name})"
         text = f"the constant load of {name} is part of its Coulomb terms"
@@ -423,7 +423,7 @@ def of_gears(fitted: Fit, robot: Robot) -> Iterator[Note]:
             )
     if passed:
         text = f"by the recipe's gears (coupling) {'; '.join(passed)}"
-        text = f"{text}; this model leaves that out, gravity and ratios take it up"
+        text = f"{text}; this model leaves that out, so gravity and gain ratios are biased"
         yield Note("load-through-gears", "; ".join([text, *parallel]), Where())
 
 
@@ -432,7 +432,7 @@ def of_effects(result: EffectFit, runs: Sequence[Run]) -> Iterator[Note]:
     effects = result.fit.model.effects
     if not result.is_settled:
         names = ", ".join(dict.fromkeys(term.effect.name for term in effects))
-        text = f"the fit with {names} still moved when it was stopped: two of its effects may stand for one another"
+        text = f"the fit with {names} did not converge; two of its effects may be confounded"
         yield Note("effects-not-settled", text, Where())
     for term in effects:
         for shape in term.held:
@@ -441,5 +441,5 @@ def of_effects(result: EffectFit, runs: Sequence[Run]) -> Iterator[Note]:
     timed = [term.effect.name for term in effects if Trace.TIME in term.effect.trace]
     clocks = len({run.clock for run in runs})
     if timed and clocks > 1:
-        text = f"the logs have {clocks} clocks: {timed[0]} counts its time anew in each"
+        text = f"the logs have {clocks} clocks: {timed[0]} starts its time anew in each"
         yield Note("several-clocks", text, Where())

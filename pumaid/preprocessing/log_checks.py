@@ -360,7 +360,7 @@ def _at_rest(sums: LogStatistics) -> Found:
 
 #: Units first, since wrong ones cause much of what follows: where one is refused, the other checks are not made.
 UNIT_CHECKS = (
-    Check("time-unit", _time_unit, "with time read in {unit} there is {rate}; arms are not logged so", "{fix}",
+    Check("time-unit", _time_unit, "with time read in {unit} there is {rate}, no rate of an arm", "{fix}",
           column="time", fault=True),
     Check("rate-low", _rate_low, "{rate} samples a second are too few to see where an arm speeds up and slows down",
           "50 or more are needed for good runs", column="time"),
