@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from pumaid.dataset import Run
 from pumaid.effects import Trace
-from pumaid.effects.base import load_refusal
+from pumaid.effects.base import Family, load_refusal
 from pumaid.errors import Note, Where
 from pumaid.estimate import Estimate, JointFit, Value
 from pumaid.estimation.covariance import two_sided
@@ -78,6 +78,8 @@ def notes_on(
 ) -> list[Note]:
     """All notes on a fit of `runs` and on what was estimated; `repeated` maps a joint to its runs that repeat."""
     fitted, values = result.fit, estimate.values
+    # Beside another effect of speed, a viscous term is a part of friction only.
+    of_speed = {term.joint for term in fitted.model.effects if term.effect.family is Family.SPEED}
     return [
         *of_misfit(fitted, estimate.joints),
         *of_runs(fitted),
@@ -85,7 +87,7 @@ def notes_on(
         *([] if estimate.effects else of_delays(fitted, runs, values)),
         *of_fit(fitted, robot),
         *of_gears(fitted, robot),
-        *odd_friction(values, robot.n_joints),
+        *odd_friction([value for value in values if value.joint not in of_speed], robot.n_joints),
         *odd_gains(values, robot.n_joints),
         *odd_inertia(values, robot.n_joints),
         *of_effects(result, runs),

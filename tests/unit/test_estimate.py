@@ -289,6 +289,15 @@ def test_friction_that_falls_with_speed_is_noted(both_ways):
         assert {note.where.joint for note in found.notes if note.slug == "friction-falls-with-speed"} == expected
 
 
+def test_a_viscous_term_beside_another_effect_of_speed_is_not_judged_alone():
+    """With a power of speed in the model its viscous term may have either sign."""
+    truth = drawn(PENDULUM, noisy=True)
+    against = replace(truth, friction=replace(truth.friction, viscous_plus=-truth.friction.viscous_plus))
+    added = [EffectChoice("viscous_power", 1, {"exponent": 3.0})]
+    found = identify(dataset(against, experiment(PENDULUM)), PENDULUM, effects=added)
+    assert {note.where.joint for note in found.notes if note.slug == "friction-falls-with-speed"} == {2}
+
+
 JOINT = 2
 SPEEDS = (0.05, 0.1, 0.2, 0.4, 0.7, 1.0)
 
