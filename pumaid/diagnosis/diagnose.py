@@ -53,8 +53,6 @@ Floats = NDArray[np.float64]
 IDENTIFY = "pumaid identify LOGS"
 #: Cosine of two parameters' information beyond which only their sum, or difference, is told.
 TOGETHER = 0.95
-
-
 #: Candidates listed for a joint.
 LISTED = 5
 #: Postures from which leaving one out says whether a finding travels.
@@ -186,6 +184,8 @@ class DiagnosisBuilder:
         before, after = self._errors(place, candidate)
         rival = next((rival for rival in item.rivals if rival.on is candidate.on), None)
         keys = [effect.key for effect in self.fits[-1].model.effects]
+        # An effect of the whole arm moves gain ratios, which a score follows to first order only.
+        is_of_arm = term.joint is None and term.key in keys
         by_gain = sorted(candidate.after, key=lambda joint: candidate.after[joint] / candidate.before[joint])
         return Finding(
             effect=term.effect.name,
@@ -198,7 +198,7 @@ class DiagnosisBuilder:
             command=command(term),
             rmse_heldout_before=before,
             rmse_heldout_after=after,
-            sizes=fitted_sizes(self.fits[-1], keys.index(term.key)) if term.key in keys else sizes(candidate),
+            sizes=fitted_sizes(self.fits[-1], keys.index(term.key)) if is_of_arm else sizes(candidate),
             next_run=None if rival is None else next_run(rival.on, candidate.trial, rival.trial),
             curves=tuple(self._curve(item, joint) for joint in by_gain[:PICTURES]),
             transfer=item.transfer,

@@ -121,17 +121,16 @@ def spectrum(
     G. B. Rybicki, Astrophys. J. 338 (1989) 277-280, for sharing out to a grid, here by straight lines, whose transform
     is divided out.
     """
-    field = bins
-    q, lengths = field.samples.position[:, field.joint - 1], field.lengths
-    low, high = np.minimum.reduceat(q, field.first), np.maximum.reduceat(q, field.first)
+    q, lengths = bins.samples.position[:, bins.joint - 1], bins.lengths
+    low, high = np.minimum.reduceat(q, bins.first), np.maximum.reduceat(q, bins.first)
     way = high - low
     usable = (lengths > 4) & (way > 0)
     if not usable.any():
         return None
-    piece = _pieces(field, np.where(usable, way, 0.0))
+    piece = _pieces(bins, np.where(usable, way, 0.0))
     top = HIGHEST * np.pi / float(np.median(way[usable] / (lengths[usable] - 1)))
     slow = fewest_periods / way.max()
-    lowest = 2.0 * np.pi * (slow if len(field.runs) >= FEWEST_RUNS else max(slow, A_PIECE * PIECES / way[usable].sum()))
+    lowest = 2.0 * np.pi * (slow if len(bins.runs) >= FEWEST_RUNS else max(slow, A_PIECE * PIECES / way[usable].sum()))
     extent = float(high[usable].max() - low[usable].min())
     step = 2.0 * np.pi / (POINTS * top)
     points = fft.next_fast_len(int(np.ceil(OVERSAMPLING * extent / step)), real=True)
@@ -140,19 +139,19 @@ def spectrum(
     if np.count_nonzero(in_range) < 2:
         return None
     frequency = frequency[in_range]
-    back = noise.unwhiten(field, white) * usable[field.run]
+    back = noise.unwhiten(bins, white) * usable[bins.run]
     shared = _shared((q - low[usable].min()) / step, back, piece=piece, points=points)
     scores = np.conj(fft.rfft(shared, axis=1)[:, in_range]) / np.sinc(0.5 * frequency * step / np.pi) ** 2
     information = np.zeros(len(frequency))
     for number in np.flatnonzero(usable):
-        places = q[field.first[number] : field.first[number] + lengths[number]]
+        places = q[bins.first[number] : bins.first[number] + lengths[number]]
         rho, spread = noise.correlation[number], noise.spread[number]
         power = 1.0 - 2.0 * rho * _likeness(np.abs(np.diff(places)), frequency) + rho**2
         information += 0.5 * lengths[number] * power / (spread**2 * (1.0 - rho**2))
     turned = scores * np.exp(1j * frequency * low[usable].min())
     for wave in without:
         turned[:, np.abs(frequency - wave) < SAME * 2.0 * np.pi / way.max()] = 0.0
-    return Spectrum(frequency, turned / scale, information / scale, len(field.runs) < FEWEST_RUNS)
+    return Spectrum(frequency, turned / scale, information / scale, len(bins.runs) < FEWEST_RUNS)
 
 
 def _pieces(field: JointBins, way: Floats) -> Counts:
