@@ -134,5 +134,5 @@ def test_strokes_alone_tell_of_a_delay(delay):
     for seed in range(10):
         runs = tuple(run for run in late_runs(seed, delay) if run.kind == "stroke")
         found = [note for note in identify(Dataset(runs), CRANE).notes if note.slug == "strokes-late"]
-        told += [float(re.search(r"viscous\.j2\.\w+ is ([\d.]+)", note.text)[1]) for note in found]
+        told += [float(re.search(r"viscous\.j2\.\w+ would be ([\d.]+)", note.text)[1]) for note in found]
     assert len(told) == 10 and told == pytest.approx([0.7] * 10, rel=0.05) if delay else len(told) <= 1
