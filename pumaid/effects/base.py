@@ -110,44 +110,6 @@ class Effect(ABC):
     An effect is final, keeps no state, reads no file and never sees the measured current. Its file's name is its name
     in recipes, parameters, the command line and results.
 
-    Attributes
-    ----------
-    title
-        A line for people.
-    formula
-        The current, in the terms of `pumaid.effects.formula`: ``s * a * exp(-(v / velocity) ** exponent)``. Columns,
-        exports and documents are made from it. Empty where `columns` says it in code.
-    equation
-        The same as documents print it; made from `formula` where it is not stated.
-    left_out
-        Why an exported model leaves the effect out though the formula is known; empty where it does not.
-    source
-        Paper or book that states the law.
-    scope
-        Whose the parameters are.
-    family
-        What the current depends on.
-    trace
-        The residuals that show it.
-    seen_in
-        The runs that show it best, to go after "it is seen best in".
-    look_alikes
-        Names of effects that data may not tell from it.
-    base
-        Whether it belongs to the paper's model and so is in every model.
-    per_posture
-        Whether its parameters are separate for each set of positions at which the outer joints are held.
-    opposes_motion
-        Whether it is friction, so that `signs` count along the current that overcomes friction (which is against the
-        direction of motion where the motor counts its current backwards).
-    is_repeatable
-        Whether a joint may have it several times with other shapes (two harmonics).
-    periodic
-        Name of the shape that is a frequency of the own position, looked for by a periodogram on the finest cells; None
-        for most effects.
-    needs_loads
-        Whether its columns are made from `Samples.loads`, so that they wait for a fit and move with it.
-
     Examples
     --------
     >>> class Square(Effect):
@@ -162,21 +124,34 @@ class Effect(ABC):
     'square qd v'
     """
 
+    #: A line for people, and the paper or book that states the law.
     title: ClassVar[str]
+    source: ClassVar[str]
+    #: The current, in the terms of `pumaid.effects.formula`: columns, exports and documents are made from it. Empty
+    #: where `columns` says it in code; `equation` is what documents print, made from it where it is not stated.
     formula: ClassVar[str] = ""
     equation: ClassVar[str] = ""
+    #: Why an exported model leaves the effect out though the formula is known; empty where it does not.
     left_out: ClassVar[str] = ""
-    source: ClassVar[str]
     scope: ClassVar[Scope] = Scope.JOINT
     family: ClassVar[Family]
     trace: ClassVar[tuple[Trace, ...]] = ()
+    #: The runs that show it best, to go after "it is seen best in".
     seen_in: ClassVar[str] = ""
+    #: Names of effects that data may not tell from it.
     look_alikes: ClassVar[tuple[str, ...]] = ()
+    #: Whether it belongs to the paper's model, and so is in every model.
     base: ClassVar[bool] = False
+    #: Whether its parameters are separate for each set of positions at which the outer joints are held.
     per_posture: ClassVar[bool] = False
+    #: Whether it is friction, so that `signs` count along the current that overcomes friction (which is against the
+    #: direction of motion where the motor counts its current backwards).
     opposes_motion: ClassVar[bool] = False
+    #: Whether a joint may have it several times with other shapes (two harmonics).
     is_repeatable: ClassVar[bool] = False
+    #: Name of the shape that is a frequency of the own position, looked for by a periodogram on the finest cells.
     periodic: ClassVar[str | None] = None
+    #: Whether its columns are made from `Samples.loads`, so that they wait for a fit and move with it.
     needs_loads: ClassVar[bool] = False
 
     def __init_subclass__(cls) -> None:
@@ -196,20 +171,7 @@ class Effect(ABC):
         return ()
 
     def grid(self, robot: Robot, extent: Extent) -> tuple[Mapping[str, float], ...]:
-        """Values of the shape at which a search begins, given what the owner's runs cover.
-
-        Parameters
-        ----------
-        robot
-            The arm.
-        extent
-            Of the runs of the joint that owns it, or of all for an effect of the whole arm.
-
-        Returns
-        -------
-        grid
-            At least one mapping where the effect can act; ``({},)`` for an effect without shape.
-        """
+        """Values of the shape at which a search begins, given what the owner's runs cover; at least one mapping."""
         return (NO_SHAPE,)
 
     def formula_in(self, robot: Robot, number: int, joint: int) -> str:
@@ -219,25 +181,18 @@ class Effect(ABC):
     def columns(
         self, robot: Robot, samples: Samples, *, number: int | None = None, shape: Mapping[str, float] = NO_SHAPE
     ) -> Floats:
-        """Current in joint `samples.joint` per unit of each parameter.
+        """(M, p) A of current in joint `samples.joint` per unit of each parameter, at M instants of its motion.
 
         Parameters
         ----------
-        robot
-            The arm.
-        samples
-            M instants of one moving joint.
+        robot, samples
+            The arm and the instants.
         number
-            Owner of the parameters, from 1; the moving joint itself where not given. For an effect of scope LINK it may
-            be any link outward of the moving joint, and the current is then in units of that link's own gain. For one
-            of scope CAUSE it is the joint that causes the current, wherever it flows; 0 or None for the whole arm.
+            Owner of the parameters, from 1; the moving joint itself where not given, 0 or None for the whole arm. Of
+            scope LINK it may be any link outward of the moving joint, and the current is then in units of that link's
+            own gain; of scope CAUSE it is the joint that causes the current, wherever it flows.
         shape
             Nonlinear parameters by name.
-
-        Returns
-        -------
-        columns
-            (M, p), A per unit of parameter.
         """
         owner = number or (0 if self.scope is Scope.ARM else samples.joint)
         names = tuple(parameter.name for parameter in self.parameters(robot, owner))
@@ -283,16 +238,9 @@ def time_constants(extent: Extent) -> tuple[Mapping[str, float], ...]:
 
 
 def load_refusal(robot: Robot, joint: int, *, must_change: bool = False) -> str | None:
-    """Why an effect of gravity's load says nothing at joint `joint` (from 1), or None where it can.
+    """Why an effect of gravity's load says nothing at joint `joint` (from 1), whatever its limits; None where it can.
 
-    Parameters
-    ----------
-    robot
-        Its geometry and gravity; joint limits are not looked at.
-    joint
-        The one that must feel gravity.
-    must_change
-        Whether a load that is the same in every posture does not count either.
+    With `must_change`, a load that is the same in every posture does not count either.
     """
     return _load_refusal(tuple(robot.joints), tuple(robot.gravity), joint, must_change)
 

@@ -52,11 +52,8 @@ def loads_of(samples: Samples) -> Loads:
     return samples.loads
 
 
-def friction_velocity(robot: Robot, samples: Samples) -> Floats:
-    """(M,) velocity that drives the friction of the moving joint's motor, in units of the joint.
-
-    Its own, and where gears couple it (`Robot.coupling`) a share of the velocities of the joints before it.
-    """
+def _shaft(robot: Robot, samples: Samples) -> Floats:
+    """(M,) velocity that drives the friction of the moving joint's motor: its own unless gears couple it."""
     column = samples.joint - 1
     return samples.velocity @ robot.shaft_speeds[column] if robot.coupling else samples.velocity[:, column]
 
@@ -72,8 +69,8 @@ QUANTITIES: Mapping[str, Callable[[Robot, Samples, int], Any]] = {
     "qd": lambda robot, samples, owner: samples.velocity[:, samples.joint - 1],
     "qdd": lambda robot, samples, owner: samples.acceleration,
     "s": lambda robot, samples, owner: samples.direction,
-    "shaft": lambda robot, samples, owner: friction_velocity(robot, samples),
-    "v": lambda robot, samples, owner: np.abs(friction_velocity(robot, samples)),
+    "shaft": lambda robot, samples, owner: _shaft(robot, samples),
+    "v": lambda robot, samples, owner: np.abs(_shaft(robot, samples)),
     "t": lambda robot, samples, owner: samples.time,
     "elapsed": lambda robot, samples, owner: samples.elapsed,
     "path": lambda robot, samples, owner: samples.travel,
@@ -94,18 +91,10 @@ QUANTITIES: Mapping[str, Callable[[Robot, Samples, int], Any]] = {
 def columns(
     formula: str, names: tuple[str, ...], values: Mapping[str, float], *, motion: tuple[Robot, Samples, int]
 ) -> Floats:
-    """(M, p) derivative of a formula by each of its linear parameters.
+    """(M, p) derivative of a formula (empty where the effect does not act) by its p linear parameters `names`.
 
-    Parameters
-    ----------
-    formula
-        Empty where the effect does not act.
-    names
-        The p parameters.
-    values
-        Shapes by name.
-    motion
-        The arm, M instants of one moving joint, and the owner of the parameters (from 1, 0 for the whole arm).
+    `values` are shapes by name, `motion` the arm, M instants of one moving joint, and the owner of the parameters (from
+    1, 0 for the whole arm).
     """
     robot, samples, owner = motion
     out = np.zeros((len(samples), len(names)))

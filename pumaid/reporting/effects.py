@@ -11,21 +11,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pumaid.effects import Effect, Family, Parameter, Scope, Shape
+from pumaid.effects.plugins import ARM
 from pumaid.robot import Joint, Robot
 from pumaid.samples import Loads, Samples
 
 Floats = NDArray[np.float64]
 
-#: Three turning joints, a slide, two turning joints: any arm's kinds of joints, none of them upright.
-ARM = Robot(
-    "any arm",
-    tuple(
-        Joint(number, kind, kind, alpha=0.3 * number, a=0.3, gear_ratio=60.0)
-        for number, kind in enumerate(["revolute"] * 3 + ["prismatic"] + ["revolute"] * 2, start=1)
-    ),
-)
-
-#: Joints of that arm that stand for their kinds; neither is the first nor the last, which are special to some effects.
+#: Joints of `ARM` that stand for their kinds; neither is the first nor the last, which are special to some effects.
 TURNING, SLIDING = 5, 4
 
 #: Scope -> whose its parameters are, in words.
