@@ -14,6 +14,7 @@ from pumaid.dataset import Run
 from pumaid.effect_spec import Column, EffectTerm, terms_of
 from pumaid.effects import Effect, Scope, catalogue
 from pumaid.estimate import Estimate
+from pumaid.gravity_load import loads
 from pumaid.joint_bins import SAME_POSTURE, JointBins, swept
 from pumaid.kinematics import apart
 from pumaid.preprocessing.options import STROKE
@@ -153,24 +154,24 @@ class Model:
         out[:, links] = weights
         return out
 
-    def design(self, bins: JointBins, loads: Loads | None = None) -> Floats:
+    def design(self, bins: JointBins, gravity: Loads | None = None) -> Floats:
         """(N, p) means of the regressor over the bins of one joint; 0 for unknown delays, which wait for a fit.
 
         Parameters
         ----------
         bins
             Of runs in which all joints but the moving one stand.
-        loads
+        gravity
             What a fitted model says of gravity at the bins' nodes, where an effect needs it.
         """
-        nodes, _ = bins.nodes
-        return bins.averaged(np.hstack([self.along_nodes(bins), self.beyond(replace(nodes, loads=loads))]))
+        return bins.averaged(self.at_nodes(bins, gravity))
 
-    def along_nodes(self, bins: JointBins) -> Floats:
-        """(3 N, b) of the paper's model at the nodes of bins; nothing accelerates at constant speed."""
+    def at_nodes(self, bins: JointBins, gravity: Loads | None = None) -> Floats:
+        """(3 N, p) the same at the nodes of bins; in the paper's model nothing accelerates at constant speed."""
         nodes, _ = bins.nodes
         stroke = np.repeat(bins.is_stroke[bins.run], 3)
-        return self.along(replace(nodes, acceleration=np.where(stroke, nodes.acceleration, 0.0)), 3 * bins.lengths)
+        steady = replace(nodes, acceleration=np.where(stroke, nodes.acceleration, 0.0))
+        return np.hstack([self.along(steady, 3 * bins.lengths), self.beyond(replace(nodes, loads=gravity))])
 
     def base(self, samples: Samples) -> Floats:
         """(M, p) the same with nothing in the columns of chosen effects, which ask for no loads then."""
@@ -233,9 +234,11 @@ class Model:
 
     def predict(self, estimate: Estimate, samples: Samples) -> Floats:
         """(M,) current (A) of joint `samples.joint` by the fitted model; unknown ratios count as zero."""
-        return self.regressor(samples) @ (
-            np.nan_to_num(self.factors(estimate.scales, samples.joint)) * estimate.solution
-        )
+        if self.needs_loads() and samples.loads is None:
+            gravity = loads(self, samples, solution=estimate.solution, scales=estimate.scales)
+            samples = replace(samples, loads=gravity)
+        factors = np.nan_to_num(self.factors(estimate.scales, samples.joint))
+        return np.asarray(self.regressor(samples) @ (factors * estimate.solution))
 
 
 def _group(groups: Sequence[tuple[int, Floats]], joint: int, posture: Floats) -> int | None:

@@ -15,14 +15,13 @@ from pumaid.errors import LogError, Where
 from pumaid.estimate import GIVEN, IDENTIFIED, NOT_IDENTIFIABLE, Estimate, JointFit, Value
 from pumaid.estimation import warnings
 from pumaid.estimation.covariance import fit_covariance, interval, recursion_covariance
-from pumaid.estimation.evaluate import Judge, rmse
+from pumaid.estimation.evaluate import Prediction, predictions, rmse
 from pumaid.estimation.fit import Fit, run_of
 from pumaid.estimation.gls import Progress
 from pumaid.estimation.identifiability import Sheet, determined
 from pumaid.estimation.nonlinear import EffectFit, Ends, Profile, fit_effects
 from pumaid.estimation.reasons import Facts
 from pumaid.model import DELAY, Model
-from pumaid.preprocessing.replicates import Pair, noise_floor, pairs
 from pumaid.robot import EffectChoice, Robot
 
 Floats = NDArray[np.float64]
@@ -79,13 +78,15 @@ def identify(
     moved = {joint for joint, _ in model.stroke_postures}
     choices = tuple(choice for choice in choices if choice.effect != "inertia" or choice.joint not in moved)
     result = fit_effects(model, runs, choices, campaign=campaign, recursive=recursive, progress=progress)
-    repeated = {joint: pairs([run for run in runs if run.joint == joint]) for joint in range(1, robot.n_joints + 1)}
+    estimate = _estimate(result, runs, choices, recursive=recursive)
+    at_joints = predictions(estimate, dataset, robot)
     estimate = replace(
-        _estimate(result, runs, choices, recursive=recursive),
-        joints=tuple(_joint_fit(result.fit, runs, joint, repeated=repeats) for joint, repeats in repeated.items()),
+        estimate,
+        joints=tuple(_joint_fit(result.fit, runs, joint.number, at_joints.get(joint.number)) for joint in robot.joints),
         logs={facts.name: facts.digest for facts in dataset.files},
+        heldout=rmse((prediction, prediction.heldout) for prediction in at_joints.values()),
     )
-    estimate = _with_errors(estimate, robot, dataset)
+    repeated = {joint: prediction.repeated for joint, prediction in at_joints.items()}
     notes = warnings.notes_on(result, runs, estimate, robot=robot, repeated=repeated)
     return replace(estimate, notes=(*dataset.notes, *notes))
 
@@ -192,31 +193,26 @@ def _every_shape(one: EffectTerm, model: Model, place: int) -> list[Column]:
     return [column for column in whole.parts(model.robot, place) if column.shape is not None]
 
 
-def _joint_fit(fitted: Fit, runs: Sequence[Run], joint: int, *, repeated: Sequence[Pair]) -> JointFit:
+def _joint_fit(fitted: Fit, runs: Sequence[Run], joint: int, prediction: Prediction | None) -> JointFit:
+    """How well one joint is fitted; `prediction` is the model at all of its runs, None where there are none."""
     joint_runs = [run for run in runs if run.joint == joint]
+    why = f"joint {joint} never moves alone in these logs"
+    if prediction is None:
+        return JointFit(joint, 0, 0, None, None, why)
+    heldout_runs, heldout = int(prediction.heldout.sum()), rmse([(prediction, prediction.heldout)])
     if not joint_runs:
-        return JointFit(joint, 0, 0, None, None, f"joint {joint} never moves alone in these logs")
-    floor, why = noise_floor(repeated)
+        return JointFit(joint, 0, 0, None, None, why, heldout_runs=heldout_runs, heldout=heldout)
+    floor, unknown = prediction.noise_floor()
     return JointFit(
         joint=joint,
         runs=len(joint_runs),
         samples=sum(run.samples for run in joint_runs),
-        rmse=fitted.row(joint).rmse,
+        rmse=rmse([(prediction, ~prediction.heldout)]),
         noise_floor=floor,
-        noise_floor_reason=why,
+        noise_floor_reason=unknown,
         run_level=None if joint in fitted.weak else float(np.sqrt(fitted.levels[joint].level)),
         posture_groups=Facts.of(joint, runs).postures,
         kinds={kind: sum(run.kind == kind for run in joint_runs) for kind in sorted({run.kind for run in joint_runs})},
+        heldout_runs=heldout_runs,
+        heldout=heldout,
     )
-
-
-def _with_errors(estimate: Estimate, robot: Robot, dataset: Dataset) -> Estimate:
-    """With the error over all samples of the runs, and on those that the plan keeps for judging."""
-    tallies = Judge.of(robot, estimate, dataset).tallies(dataset.runs)
-    heldout = [tally for tally in tallies if tally.run.heldout]
-    joints = []
-    for fit in estimate.joints:
-        judged = [tally for tally in heldout if tally.run.joint == fit.joint]
-        fits = [tally for tally in tallies if tally.run.joint == fit.joint and not tally.run.heldout]
-        joints.append(replace(fit, rmse=rmse(fits), heldout_runs=len(judged), heldout=rmse(judged)))
-    return replace(estimate, joints=tuple(joints), heldout=rmse(heldout))

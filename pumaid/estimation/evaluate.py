@@ -1,25 +1,28 @@
-"""A model held against runs: what it predicts, how far off it is, and what it cannot know."""
+"""An estimate held against runs: what it predicts, how far off it is, and what it cannot know."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from itertools import combinations
 from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
-from pumaid.dataset import Campaign, Dataset, Means, Run
+from pumaid.dataset import Campaign, Dataset, Reject, Run
 from pumaid.errors import Note
 from pumaid.estimate import Estimate
-from pumaid.gravity_load import along, loads
-from pumaid.joint_bins import JointBins, joined, joint_bins
+from pumaid.gravity_load import along
+from pumaid.joint_bins import JointBins, at, joined, joint_bins
 from pumaid.model import Model
+from pumaid.preprocessing.replicates import Pair, noise_floor, pairs
 from pumaid.robot import Robot
 from pumaid.samples import Samples
 
 Floats = NDArray[np.float64]
+Flags = NDArray[np.bool_]
 
 #: Effects of one joint, those together that are known only together.
 Groups = tuple[tuple[str, ...], ...]
@@ -30,14 +33,14 @@ Part = TypeVar("Part", float, Floats)
 #: Share of the largest term in an undetermined direction below which a term is not named.
 PART = 0.05
 
-#: Instants whose regressor is made at once: enough to spare calls, some ten megabytes.
+#: Instants outside runs whose regressor is made at once, some ten megabytes.
 AT_ONCE = 20_000
 
 #: A (A) below which a contribution is rounding.
 NOTHING = 1e-9
 
-#: A part's share is told where the data leave it open by no more than this share of the joint's RMS current (and by no
-#: more than the joint's RMSE): beyond, the share would be off by more than five points.
+#: An effect's share is stated where the data leave it open by no more than this share of the joint's RMS current (and
+#: by no more than the joint's RMSE): beyond, the share would be off by more than five points.
 OPEN = 0.05
 
 #: Share of the RMS current below which what the data leave open is rounding.
@@ -46,6 +49,12 @@ CLOSED = 1e-6
 #: Outside runs a joint's motor counts as turning above this share of its largest speed in the stretch: below it the
 #: direction of friction is not known.
 MOVING = 0.05
+
+#: Share of the replicates' noise floor below which an RMSE shows that replicates differ by what the model explains.
+BELOW = 0.9
+
+#: Largest group of effects that is searched for; the rest is one group, which is what a user can still read.
+LARGEST_GROUP = 3
 
 #: Name of the share of the current that no effect of the model explains.
 UNEXPLAINED = "unexplained"
@@ -67,18 +76,15 @@ class BudgetPart:
         or temperature), ``unassigned`` (repeats, and is none of these).
     mean_square
         A2: what a model with that physics would take away; never negative.
-    p_value
-        Chance of as much in data where nothing is missing, all parts of the joint considered; None where not tested.
-    is_more
-        Whether that is more than noise would give.
+    p_value, is_more
+        Family-wise p-value, None where not tested, and whether the part is more than noise would give.
     against
         Variables that show it, the strongest first: ``position``, ``direction``, ``posture``, ``speed``, ``load``,
         ``travel``, ``lag``, ``time``, ``even`` (time, the same both ways), ``temperature``; ``size`` of a ripple that
         changes along the run.
-    cycles, per
-        Of a ripple: cycles per ``turn`` of the joint, or per ``m`` of a sliding one, the strongest first.
-    gearing
-        Of each of these, how many cycles it makes per turn of the motor; empty where the gear ratio is not known.
+    cycles, per, gearing
+        Of a ripple: cycles per ``turn`` of the joint, or per ``m`` of a sliding one, the strongest first; and cycles
+        per turn of the motor, empty where the gear ratio is not known.
     points_to
         Names of the effects that look like this.
     """
@@ -96,21 +102,11 @@ class BudgetPart:
 
 @dataclass(frozen=True, slots=True)
 class Budget:
-    """The mean square of what a model leaves at one joint, in parts that add up to it.
+    """The mean square (A2) of what a model leaves at one joint, in parts that add up to it.
 
-    Attributes
-    ----------
-    mean_square
-        A2, of samples: the RMSE squared.
-    parts
-        Every part, in the order of `BudgetPart.name`.
-    runs, replicates
-        How many runs there are, and how many of them repeat another.
-    floor
-        A2: half the mean squared difference of repeated runs; None without replicates.
-    limits
-        What these runs cannot split, by slug: ``no-replicates``, ``one-direction``, ``one-posture``, ``one-speed``,
-        ``two-speeds``, ``few-runs``, ``strokes``, ``several-clocks``, ``no-load``.
+    `replicates` of the `runs` repeat another; `floor` (A2) is half the mean squared difference of these, None without.
+    `limits` are slugs of what these runs cannot split: ``no-replicates``, ``one-direction``, ``one-posture``,
+    ``one-speed``, ``two-speeds``, ``few-runs``, ``strokes``, ``several-clocks``, ``no-load``.
     """
 
     mean_square: float
@@ -140,21 +136,18 @@ class RunScore:
 
     Attributes
     ----------
-    run
-        The run.
     rmse, bias
         Over its samples: root mean square and mean of measured minus predicted, A.
     largest
         Largest absolute residual of a bin, A.
     predicted
         (M,) A at the run's bins.
-    undetermined
-        Whether the prediction leans on what the fitted data did not determine, with `reason`.
+    undetermined, reason
+        Whether the prediction rests on what the fitted data did not determine, and why.
     explained
         1 minus the residual's share of the squares about the joint's mean current, no unit; None without variance.
     parts
-        Effect -> (M,) its part of `predicted`, A; one part for effects that cannot be told apart, as in the joint's
-        `shares`.
+        Effect -> (M,) its part of `predicted`, A; one part for effects that are confounded, as in the joint's `shares`.
     """
 
     run: Run
@@ -175,14 +168,10 @@ class RunScore:
 
 @dataclass(frozen=True, slots=True)
 class JointScore:
-    """One joint over its runs; held-out runs are counted apart unless there are no others.
+    """One joint (from 1) over its runs; held-out runs are counted apart unless there are no others.
 
     Attributes
     ----------
-    joint
-        From 1.
-    runs, samples
-        How many stand behind the figures.
     rmse, bias
         Over samples, A; None without runs.
     explained
@@ -198,9 +187,9 @@ class JointScore:
     heldout_runs, heldout
         Runs that the plan keeps for judging, and their RMSE, A.
     undetermined
-        Runs of which the model could not know enough.
+        Number of runs whose prediction rests on what the fitted data did not determine.
     budget
-        Where the error lives: its square in parts; None without runs.
+        The squared error in parts; None without runs.
     """
 
     joint: int
@@ -237,26 +226,9 @@ class OutsideScore:
 class Comparison:
     """A model against measurement on some logs.
 
-    Attributes
-    ----------
-    robot
-        Its name.
-    joints
-        One a joint of the arm.
-    runs
-        In order of the evidence, held-out ones too.
-    outside
-        What lies outside runs.
-    rmse
-        Over all samples of the runs behind `joints`, A; None without runs.
-    heldout
-        Over all samples of held-out runs, A; None where there are none.
-    logs
-        Name -> SHA-256.
-    notes
-        What a user should know.
-    recipe_digest, version
-        SHA-256 of the recipe, and of which version of the program the model is.
+    `joints` has a score for each joint of the arm, `runs` for each run in order of the dataset, held-out ones too.
+    `rmse` (A) is over all samples of the runs behind `joints`, `heldout` over those of held-out runs; None without.
+    `logs` maps names to SHA-256; `recipe_digest` is that of the recipe, `version` the program's that made the model.
     """
 
     robot: str
@@ -280,258 +252,241 @@ class Comparison:
         return tuple(sorted(self.runs, key=lambda score: -score.rmse / scale[score.run.joint])[:count])
 
 
-@dataclass(frozen=True, slots=True)
-class Tally:
-    """A run's sums over its samples: of squares of the residual and the current (A2), of both themselves (A).
+class Prediction:
+    """An estimate at the bins of one joint's runs: design matrix, prediction, and sums over the samples of each run.
 
-    `products` maps an effect to the sum of measured current times its part of the prediction (A2). `doubts` (k, k)
-    sums, over undetermined directions, the products of what any two of the k effects may be off by (A2).
+    Parameters
+    ----------
+    model, estimate
+        The model and its values.
+    bins
+        R runs, N bins.
+
+    Attributes
+    ----------
+    design, predicted, residual
+        (N, p) means over the bins of A per unit of each parameter, (N,) A, and (N,) A measured minus predicted.
+    inside
+        (N,) A2 of variance inside bins that the prediction leaves.
+    effects, parts
+        Names of E effects, and (N, E) A of the prediction by effect.
+    samples, square, current_square, products
+        (R,) samples; sums over them of the squared residual and current; (R, E) of the current times each part, A2.
     """
 
-    run: Run
-    samples: int
-    squares: float
-    total: float
-    current_squares: float
-    current_total: float
-    products: dict[str, float]
-    doubts: Floats
-
-
-@dataclass(frozen=True, eq=False, slots=True)
-class Judge:
-    """A model with the values that it is judged with."""
-
-    model: Model
-    estimate: Estimate
-    campaign: Campaign
-
-    @classmethod
-    def of(cls, robot: Robot, estimate: Estimate, dataset: Dataset) -> Judge:
-        """The model of `estimate`, to be held against `dataset`."""
-        return cls(Model.of_estimate(robot, estimate), estimate, Campaign.of(dataset.runs, dataset.rejects))
-
-    def scaled(self, joint: int) -> Floats:
-        """(p,) what each parameter counts in joint `joint`: value times ratio of gains, 0 where that is unknown."""
-        return self._factors(joint) * self.estimate.solution
-
-    def _factors(self, joint: int) -> Floats:
-        return np.nan_to_num(self.model.factors(self.estimate.scales, joint))
-
-    def tallies(self, runs: Sequence[Run]) -> list[Tally]:
-        """The sums of each run."""
-        out: dict[int, Tally] = {}
-        for joint in sorted({run.joint for run in runs}):
-            numbers = [n for n, run in enumerate(runs) if run.joint == joint]
-            judged = self.judged([runs[n] for n in numbers])
-            out |= dict(zip(numbers, (tally for tally, _ in judged), strict=True))
-        return [out[n] for n in range(len(runs))]
-
-    def judged(self, runs: Sequence[Run]) -> list[tuple[Tally, Floats]]:
-        """The sums of each of some runs of one joint, and its regressor (M, p) at its bins."""
-        robot = self.model.robot
-        (bins,) = joint_bins(robot, runs, campaign=self.campaign, is_settled=False)
+    def __init__(self, model: Model, estimate: Estimate, bins: JointBins) -> None:
+        self.model, self.estimate, self.bins = model, estimate, bins
+        self._factors = np.nan_to_num(model.factors(estimate.scales, bins.joint))
         nodes, _ = bins.nodes
-        gravity = None
-        if self.model.needs_loads():
-            gravity = along(
-                self.model, nodes, 3 * bins.lengths, solution=self.estimate.solution, scales=self.estimate.scales
-            )
-        fine = np.hstack([self.model.along_nodes(bins), self.model.beyond(replace(nodes, loads=gravity))])
-        rows = bins.averaged(fine)
-        return list(zip(self._tallies(bins, fine, rows), np.split(rows, bins.first[1:]), strict=True))
+        loads = None
+        if model.needs_loads():
+            loads = along(model, nodes, 3 * bins.lengths, solution=estimate.solution, scales=estimate.scales)
+        fine, count = model.at_nodes(bins, loads), bins.count
+        self.design = bins.averaged(fine)
+        names = np.array([column.effect for column in model.columns])
+        self.effects = tuple(dict.fromkeys(names.tolist()))
+        self._is_part = names[:, None] == np.array(self.effects)
+        weights = (self._factors * estimate.solution)[:, None] * self._is_part
+        self.parts, fine_parts = self.design @ weights, fine @ weights
+        self.predicted, drawn = self.parts.sum(axis=1), fine_parts.sum(axis=1)
+        self.residual = bins.current - self.predicted
+        self.inside = bins.inside_left(self.predicted, bins.variance(drawn))
+        self.samples = bins.sums(count)
+        self.square = bins.sums(count * (self.residual**2 + self.inside))
+        self.current_square = bins.sums(count * (bins.current**2 + bins.inside))
+        covariance = [0.25 * (bins.variance(drawn + part) - bins.variance(drawn - part)) for part in fine_parts.T]
+        products = bins.current[:, None] * self.parts + np.column_stack(covariance)
+        self.products = bins.sums(count[:, None] * products)
+        self.heldout = np.array([run.heldout for run in bins.runs], dtype=bool)
 
-    def _tallies(self, bins: JointBins, fine: Floats, rows: Floats) -> list[Tally]:
-        """Of each run, from the regressor at the nodes of its bins (3 N, p) and its means over them (N, p)."""
-        weights, factors, count = self.scaled(bins.joint), self._factors(bins.joint), bins.count
-        drawn = fine @ weights
-        misfit = bins.current - rows @ weights
-        inside = bins.inside_left(rows @ weights, bins.variance(drawn))
-        products, effects = {}, self.effects()
-        for name, columns in effects.items():
-            part, along_part = rows[:, columns] @ weights[columns], fine[:, columns] @ weights[columns]
-            varies = 0.25 * (bins.variance(drawn + along_part) - bins.variance(drawn - along_part))
-            products[name] = bins.sums(count * (bins.current * part + varies))
-        scaled, blind = rows * factors, self.estimate.blind
-        off = np.array([scaled[:, columns] @ blind[columns] for columns in effects.values()])
-        off *= np.sqrt(count)[None, :, None]
-        sums = np.column_stack(
-            [
-                bins.sums(count),
-                bins.sums(count * (misfit**2 + inside)),
-                bins.sums(count * misfit),
-                bins.sums(count * (bins.current**2 + bins.inside)),
-                bins.sums(count * bins.current),
-            ]
-        )
-        doubts = [np.einsum("knb,lnb->kl", part, part) for part in np.split(off, bins.first[1:], axis=1)]
-        return [
-            Tally(
-                run=run,
-                samples=int(samples),
-                squares=float(squares),
-                total=float(total),
-                current_squares=float(current_squares),
-                current_total=float(current_total),
-                products={name: float(values[number]) for name, values in products.items()},
-                doubts=doubts[number],
-            )
-            for number, (run, (samples, squares, total, current_squares, current_total)) in enumerate(
-                zip(bins.runs, sums, strict=True)
-            )
+    @property
+    def counted(self) -> Flags:
+        """(R,) runs behind the joint's figures: those that are not held out, or all where all are."""
+        return self.heldout | ~self.heldout if self.heldout.all() else ~self.heldout
+
+    @cached_property
+    def repeated(self) -> list[Pair]:
+        """Replicates among `counted`."""
+        return pairs([run for run, is_counted in zip(self.bins.runs, self.counted, strict=True) if is_counted])
+
+    def noise_floor(self) -> tuple[float | None, str | None]:
+        """RMSE (A) that no model goes below, or why it is unknown.
+
+        Replicates spread over time differ by effects of time: where the model explains them, so that its RMSE is below
+        what replicates differ by, the floor is that of its residuals.
+        """
+        floor, why = noise_floor(self.repeated)
+        if floor is None or (rmse([(self, self.counted)]) or 0.0) >= BELOW * floor:
+            return floor, why
+        residual, inside = (np.split(values, self.bins.first[1:]) for values in (self.residual, self.inside))
+        runs = [
+            replace(run, bins=replace(run.bins, current=residual[n], variance=inside[n]))
+            for n, run in enumerate(self.bins.runs)
+            if self.counted[n]
         ]
+        return noise_floor(pairs(runs))
 
-    def _loaded(self, samples: Samples) -> Samples:
-        if not self.model.needs_loads():
-            return samples
-        gravity = loads(self.model, samples, solution=self.estimate.solution, scales=self.estimate.scales)
-        return replace(samples, loads=gravity)
-
-    def effects(self) -> dict[str, NDArray[np.bool_]]:
-        """Effect -> (p,) which parameters are its own, in the model's order."""
-        names = [column.effect for column in self.model.columns]
-        return {name: np.array([other == name for other in names]) for name in dict.fromkeys(names)}
-
-    def groups(self, tallies: Sequence[Tally]) -> Groups:
-        """The effects of one joint by what `tallies` can tell apart: each alone, or those known only together.
+    def groups(self) -> Groups:
+        """The effects by what `counted` runs tell apart: each alone, or those known only together.
 
         What is left over when all others are known is known too, since the whole is the measured current. (That it may
         look open by itself is due to ratios of gains, which trade with the outer links' loads but are no parameters.)
         """
-        names, samples = list(self.effects()), sum(tally.samples for tally in tallies)
-        rms = np.sqrt(sum(tally.current_squares for tally in tallies) / samples)
-        rmse = self.estimate.joint(tallies[0].run.joint).rmse
-        limit = max(min(OPEN * rms, rms if rmse is None else rmse), CLOSED * rms)
-        doubts = np.sum([tally.doubts for tally in tallies], axis=0) / samples
-        return tuple(tuple(names[k] for k in group) for group in told_apart(doubts, limit))
+        samples, bins = float(self.samples[self.counted].sum()), self.counted[self.bins.run]
+        rms = float(np.sqrt(self.current_square[self.counted].sum() / samples))
+        fitted = self.estimate.joint(self.bins.joint).rmse
+        limit = max(min(OPEN * rms, rms if fitted is None else fitted), CLOSED * rms)
+        scaled = self.design[bins] * self._factors * np.sqrt(self.bins.count[bins] / samples)[:, None]
+        off = np.array([scaled[:, own] @ self.estimate.blind[own] for own in self._is_part.T])
+        groups = separable(np.einsum("knb,lnb->kl", off, off), limit)
+        return tuple(tuple(self.effects[k] for k in group) for group in groups)
 
-    def rows(self, many: Sequence[Samples]) -> Iterator[Floats]:
-        """The regressor (M, p) of each of `many`; neighbours of one joint are looked at together, which is quicker."""
-        start = 0
-        while start < len(many):
-            end, instants = start, 0
-            while end < len(many) and many[end].joint == many[start].joint and instants < AT_ONCE:
-                instants += len(many[end])
-                end += 1
-            design = self.model.regressor(self._loaded(joined(many[start:end])))
-            yield from np.split(design, np.cumsum([len(samples) for samples in many[start:end]])[:-1])
-            start = end
+    def run_scores(self, is_fitted: Sequence[bool]) -> list[RunScore]:
+        """A score for each run; `is_fitted` (R,) says which the estimate was fitted to."""
+        bins, groups, out = self.bins, self.groups(), []
+        total = bins.sums(bins.count * self.residual) / self.samples
+        current = bins.sums(bins.count * bins.current)
+        mean = current.sum() / self.samples.sum()
+        about = self.current_square - 2.0 * mean * current + self.samples * mean**2
+        for n, run in enumerate(bins.runs):
+            span = slice(bins.first[n], bins.first[n] + bins.lengths[n])
+            acting = {
+                name: self.parts[span, k]
+                for k, name in enumerate(self.effects)
+                if self.design[span][:, self._is_part[:, k]].any()
+            }
+            reason = None if is_fitted[n] else self._undetermined(run, self.design[span])
+            score = RunScore(
+                run=run,
+                rmse=float(np.sqrt(self.square[n] / self.samples[n])),
+                bias=float(total[n]),
+                largest=float(np.max(np.abs(self.residual[span]), initial=0.0)),
+                predicted=self.predicted[span],
+                undetermined=reason is not None,
+                reason=reason,
+                explained=_explained(self.square[n], about[n], self.samples[n]),
+                parts=together(acting, groups),
+            )
+            out.append(score)
+        return out
 
-    def score(self, tally: Tally, rows: Floats, *, mean: float, groups: Groups, is_fitted: bool) -> RunScore:
-        """A run's figures and its prediction at bins, whose regressor `rows` (M, p) is, in parts by `groups`."""
-        run, weights = tally.run, self.scaled(tally.run.joint)
-        acting = {name: columns for name, columns in self.effects().items() if rows[:, columns].any()}
-        single = {name: rows[:, columns] @ weights[columns] for name, columns in acting.items()}
-        parts = together(single, groups)
-        predicted = rows @ weights
-        about = tally.current_squares - 2.0 * mean * tally.current_total + tally.samples * mean**2
-        reason = self._undetermined(run, rows, is_fitted=is_fitted)
-        residual = run.bins.current - predicted
-        return RunScore(
-            run=run,
-            rmse=float(np.sqrt(tally.squares / tally.samples)),
-            bias=tally.total / tally.samples,
-            largest=float(np.max(np.abs(residual), initial=0.0)),
-            predicted=predicted,
-            undetermined=reason is not None,
-            reason=reason,
-            explained=1.0 - tally.squares / about if about > NOTHING**2 * tally.samples else None,
-            parts=parts,
+    def joint_score(self, scores: Sequence[RunScore]) -> JointScore:
+        """The joint's figures; `scores` are those of its runs. The budget is left out."""
+        chosen, bins = self.counted, self.bins
+        samples, square = float(self.samples[chosen].sum()), float(self.square[chosen].sum())
+        current = float(self.current_square[chosen].sum())
+        totals = [float(bins.sums(bins.count * values)[chosen].sum()) for values in (self.residual, bins.current)]
+        shares: dict[str, float] = {}
+        if current > NOTHING**2 * samples:
+            each_share = self.products[chosen].sum(axis=0) / current
+            shares = together(dict(zip(self.effects, each_share.tolist(), strict=True)), self.groups())
+        shares = {name: share for name, share in shares.items() if share != 0.0}
+        floor, why = self.noise_floor()
+        return JointScore(
+            joint=bins.joint,
+            runs=int(chosen.sum()),
+            samples=int(samples),
+            rmse=float(np.sqrt(square / samples)),
+            bias=totals[0] / samples,
+            explained=_explained(square, current - totals[1] ** 2 / samples, samples),
+            noise_floor=floor,
+            noise_floor_reason=why,
+            rms=float(np.sqrt(current / samples)),
+            shares=shares | {UNEXPLAINED: 1.0 - sum(shares.values())} if shares else {},
+            heldout_runs=int(self.heldout.sum()),
+            heldout=rmse([(self, self.heldout)]),
+            undetermined=sum(score.undetermined for score in scores),
         )
 
-    def _undetermined(self, run: Run, rows: Floats, *, is_fitted: bool) -> str | None:
+    def _undetermined(self, run: Run, rows: Floats) -> str | None:
         """Why the fitted data cannot tell what `run` should draw, or None where they can."""
-        if is_fitted:
-            return None
-        scale = self.model.factors(self.estimate.scales, run.joint)
-        if self.model.is_foreign(run):
-            stand_in = any(joint == run.joint for joint, _ in self.estimate.stroke_postures)
+        estimate, model = self.estimate, self.model
+        if model.is_foreign(run):
+            stand_in = any(joint == run.joint for joint, _ in estimate.stroke_postures)
             instead = "that of the nearest posture stands in" if stand_in else "none is counted"
             return f"the inertia of joint {run.joint} in this posture was not identified; {instead}"
-        unknown = np.isnan(scale) & (np.abs(rows * self.estimate.solution).max(axis=0, initial=0.0) > NOTHING)
+        is_open = np.isnan(model.factors(estimate.scales, run.joint))
+        unknown = is_open & (np.abs(rows * estimate.solution).max(axis=0, initial=0.0) > NOTHING)
         if unknown.any():
-            link = int(self.model.owners[np.flatnonzero(unknown)[0]])
+            link = int(model.owners[np.flatnonzero(unknown)[0]])
             return (
                 f"eta{run.joint}/eta{link} was not determined: what link {link} weighs on joint {run.joint} is known"
                 " only for the postures that were fitted"
             )
-        used = rows * np.nan_to_num(scale)
-        off = np.sqrt(np.mean((used @ self.estimate.blind) ** 2, axis=0))
-        if float(np.linalg.norm(off)) <= max(self.estimate.joint(run.joint).rmse or 0.0, NOTHING):
+        used = rows * self._factors
+        off = np.sqrt(np.mean((used @ estimate.blind) ** 2, axis=0))
+        if float(np.linalg.norm(off)) <= max(estimate.joint(run.joint).rmse or 0.0, NOTHING):
             return None
-        size = np.sqrt(np.mean((used * self.estimate.blind[:, int(np.argmax(off))]) ** 2, axis=0))
-        names = [self.model.names[k] for k in np.argsort(-size)[:3] if size[k] > PART * size.max()]
+        size = np.sqrt(np.mean((used * estimate.blind[:, int(np.argmax(off))]) ** 2, axis=0))
+        names = [model.names[k] for k in np.argsort(-size)[:3] if size[k] > PART * size.max()]
         return f"this run needs {' and '.join(names)}, which the fitted data do not determine"
 
-    def outside(self, dataset: Dataset) -> tuple[OutsideScore, ...]:
-        """Scores of what is no run, by joint and reason; bins in which a joint's motor rests are not its own."""
-        stretches = [
-            (joint, reject.reason, reject.bins, reject.clock)
-            for reject in dataset.rejects
-            for joint in reject.joints
-            if reject.bins is not None
-        ]
-        stretches.sort(key=lambda stretch: stretch[:2])
-        moving = [self._moving(bins, joint) for joint, _, bins, _ in stretches]
-        pairs = zip(stretches, moving, strict=True)
-        many = [self._ramp(bins, joint, keep, clock) for (joint, _, bins, clock), keep in pairs]
-        residuals: dict[tuple[int, str], list[tuple[Floats, Floats]]] = {}
-        for (joint, reason, bins, _), keep, rows in zip(stretches, moving, self.rows(many), strict=True):
-            residual = bins.current[keep, joint - 1] - rows @ self.scaled(joint)
-            residuals.setdefault((joint, reason), []).append((bins.count[keep].astype(float), residual))
-        out = []
-        for (joint, reason), pieces in residuals.items():
-            counts = np.concatenate([count for count, _ in pieces])
-            residual = np.concatenate([values for _, values in pieces])
-            if counts.sum() > 0:
-                rmse = float(np.sqrt(np.average(residual**2, weights=counts)))
-                bias = float(np.average(residual, weights=counts))
-                out.append(OutsideScore(joint, reason, int(counts.sum()), rmse, bias))
-        return tuple(out)
 
-    def _ramp(self, bins: Means, joint: int, keep: NDArray[np.bool_], clock: int) -> Samples:
-        """The bins `keep` as what effects see of `joint`; without acceleration, since inertia is missing by design."""
-        velocity, time, robot = bins.velocity[keep], bins.time[keep], self.model.robot
-        return Samples(
-            joint,
-            bins.position[keep],
-            velocity,
-            acceleration=np.zeros(len(velocity)),
-            direction=np.sign(robot.shaft_velocity(velocity)[:, joint - 1]),
-            time=self.campaign.since(joint, clock, time),
-            elapsed=self.campaign.since(0, clock, time),
-            travel=np.abs(robot.shaft_velocity(bins.position[keep] - bins.position[0])[:, joint - 1]),
-            temperature=np.full(len(velocity), np.nan),
-            run=np.zeros(len(velocity)),
-        )
-
-    def _moving(self, bins: Means, joint: int) -> NDArray[np.bool_]:
-        """(M,) whether the motor of `joint` turns, and its current is measured."""
-        speed = np.abs(self.model.robot.shaft_velocity(bins.velocity)[:, joint - 1])
-        return np.isfinite(bins.current[:, joint - 1]) & (speed > MOVING * np.max(speed, initial=0.0))
+def predictions(estimate: Estimate, dataset: Dataset, robot: Robot) -> dict[int, Prediction]:
+    """Joint (from 1) -> the estimate at all of its runs, held-out ones too."""
+    model, campaign = Model.of_estimate(robot, estimate), Campaign.of(dataset.runs, dataset.rejects)
+    bins = joint_bins(robot, dataset.runs, campaign=campaign, is_settled=False)
+    return {part.joint: Prediction(model, estimate, part) for part in bins}
 
 
-def rmse(tallies: Sequence[Tally]) -> float | None:
-    """Root mean square (A) of the residual over all samples of some runs; None without any."""
-    samples = sum(tally.samples for tally in tallies)
-    return float(np.sqrt(sum(tally.squares for tally in tallies) / samples)) if samples else None
+def rmse(parts: Iterable[tuple[Prediction, Flags]]) -> float | None:
+    """Root mean square (A) of the residual over all samples of the flagged runs; None without any."""
+    sums = [(prediction.square[runs].sum(), prediction.samples[runs].sum()) for prediction, runs in parts]
+    samples = sum(count for _, count in sums)
+    return float(np.sqrt(sum(square for square, _ in sums) / samples)) if samples else None
+
+
+def _explained(square: float, about: float, samples: float) -> float | None:
+    return float(1.0 - square / about) if about > NOTHING**2 * samples else None
+
+
+def outside_scores(estimate: Estimate, dataset: Dataset, robot: Robot) -> tuple[OutsideScore, ...]:
+    """Scores of what is no run, by joint and reason; bins in which a joint's motor rests are not its own."""
+    model, campaign = Model.of_estimate(robot, estimate), Campaign.of(dataset.runs, dataset.rejects)
+    stretches: dict[tuple[int, str], list[Reject]] = {}
+    for reject in dataset.rejects:
+        for joint in reject.joints if reject.bins is not None else ():
+            stretches.setdefault((joint, reject.reason), []).append(reject)
+    out = []
+    for (joint, reason), rejects in sorted(stretches.items(), key=lambda item: item[0]):
+        parts = [_moving(robot, reject, joint, campaign) for reject in rejects]
+        samples = joined([samples for samples, _, _ in parts])
+        count, current = (np.concatenate([part[k] for part in parts]) for k in (1, 2))
+        if count.sum() > 0:
+            chunks = [np.arange(k, min(k + AT_ONCE, len(count))) for k in range(0, len(count), AT_ONCE)]
+            residual = current - np.concatenate([model.predict(estimate, at(samples, rows)) for rows in chunks])
+            square, bias = (float(np.average(values, weights=count)) for values in (residual**2, residual))
+            out.append(OutsideScore(joint, reason, int(count.sum()), float(np.sqrt(square)), bias))
+    return tuple(out)
+
+
+def _moving(robot: Robot, reject: Reject, joint: int, campaign: Campaign) -> tuple[Samples, Floats, Floats]:
+    """The bins in which the motor of `joint` turns and its current is measured, with their samples and current (A).
+
+    They have no acceleration, since inertia is missing by design.
+    """
+    bins = reject.bins
+    assert bins is not None
+    speed = np.abs(robot.shaft_velocity(bins.velocity)[:, joint - 1])
+    rows = np.isfinite(bins.current[:, joint - 1]) & (speed > MOVING * np.max(speed, initial=0.0))
+    velocity, time = bins.velocity[rows], bins.time[rows]
+    samples = Samples(
+        joint,
+        bins.position[rows],
+        velocity,
+        acceleration=np.zeros(len(velocity)),
+        direction=np.sign(robot.shaft_velocity(velocity)[:, joint - 1]),
+        time=campaign.since(joint, reject.clock, time),
+        elapsed=campaign.since(0, reject.clock, time),
+        travel=np.abs(robot.shaft_velocity(bins.position[rows] - bins.position[0])[:, joint - 1]),
+        temperature=np.full(len(velocity), np.nan),
+        run=np.zeros(len(velocity)),
+    )
+    return samples, bins.count[rows].astype(float), bins.current[rows, joint - 1]
 
 
 def together(parts: Mapping[str, Part], groups: Groups) -> dict[str, Part]:
-    """Parts by group, the sum where effects are known only together; what has no part is left out.
-
-    Parameters
-    ----------
-    parts
-        Effect -> its part.
-    groups
-        Every effect once.
-
-    Returns
-    -------
-    sums
-        A group's effects joined by `TOGETHER` -> the sum of their parts.
-    """
+    """Sums of parts by group, the effects' names joined by `TOGETHER`; what has no part is left out."""
     out: dict[str, Part] = {}
     for group in groups:
         members = [parts[name] for name in group if name in parts]
@@ -540,48 +495,32 @@ def together(parts: Mapping[str, Part], groups: Groups) -> dict[str, Part]:
     return out
 
 
-#: Largest group that is looked for; what is left beyond is one group, which is what a user can still read.
-LARGEST_GROUP = 3
+def separable(gram: Floats, limit: float) -> list[tuple[int, ...]]:
+    """The finest groups of terms whose sums are each known to `limit`, as indices, in order of their first member.
 
-
-def told_apart(gram: Floats, limit: float) -> list[tuple[int, ...]]:
-    """The finest groups of terms whose sums are each known to `limit`.
-
-    Terms that are known by themselves stand alone; then the smallest, best-known groups of the others are taken, and
+    Terms that are known by themselves stand alone; then the smallest, best-known groups of the rest are taken, and
     what cannot be grouped so is one group.
 
     Parameters
     ----------
     gram
-        (k, k) mean products of what any two terms may be off by: the diagonal holds squares, and the sum over a
-        group's rows and columns is the square of what the group's sum may be off by.
+        (k, k) mean products of what any two terms may be off by: the sum over a group's rows and columns is the square
+        of what the group's sum may be off by.
     limit
         What a sum may be off by and still count as known, in the root of the gram's unit.
-
-    Returns
-    -------
-    groups
-        Indices, each once; in order of their first member.
 
     Examples
     --------
     Two terms that may move against each other by 1, and one that is known:
 
-    >>> told_apart(np.array([[1.0, -1.0, 0.0], [-1.0, 1.0, 0.0], [0.0, 0.0, 0.0]]), 0.1)
+    >>> separable(np.array([[1.0, -1.0, 0.0], [-1.0, 1.0, 0.0], [0.0, 0.0, 0.0]]), 0.1)
     [(0, 1), (2,)]
     """
     open_terms, groups = list(range(len(gram))), []
     for size in range(1, LARGEST_GROUP + 1):
-        ranked = sorted((_off(gram, group), group) for group in combinations(open_terms, size))
-        for off, group in ranked:
-            if off <= limit and set(group) <= set(open_terms):
+        ranked = sorted((gram[np.ix_(group, group)].sum(), group) for group in combinations(open_terms, size))
+        for square, group in ranked:
+            if square <= limit**2 and set(group) <= set(open_terms):
                 groups.append(group)
                 open_terms = [term for term in open_terms if term not in group]
-    if open_terms:
-        groups.append(tuple(open_terms))
-    return sorted(groups)
-
-
-def _off(gram: Floats, group: Sequence[int]) -> float:
-    """What the sum of a group may be off by."""
-    return float(np.sqrt(max(gram[np.ix_(group, group)].sum(), 0.0)))
+    return sorted([*groups, tuple(open_terms)] if open_terms else groups)

@@ -262,7 +262,7 @@ def of_drift(joints: Sequence[JointFit], repeated: Mapping[int, Sequence[Pair]])
     a gain.
     """
     for fit in joints:
-        last = [pair for pair in repeated[fit.joint] if pair.is_last]
+        last = [pair for pair in repeated.get(fit.joint, ()) if pair.is_last]
         ways = np.array([pair.first.direction for pair in last], dtype=float)
         if min(np.count_nonzero(ways > 0), np.count_nonzero(ways < 0)) < FEWEST_REPEATS // 2:
             continue

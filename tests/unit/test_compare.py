@@ -13,7 +13,7 @@ from pumaid.dataset import Dataset, FileFacts, Means, Reject, Run
 from pumaid.diagnosis.compare import compare
 from pumaid.errors import ModelError
 from pumaid.estimation.evaluate import UNEXPLAINED, Comparison
-from pumaid.robot import Robot
+from pumaid.robot import EffectChoice, Robot
 
 TURN = np.pi / 2
 
@@ -230,12 +230,23 @@ def test_refuses_the_model_of_another_recipe(fitted):
         made(fitted[0], fitted[1], replace(worlds.PENDULUM, name="another arm"))
 
 
-def test_how_runs_are_batched_changes_nothing(fitted, monkeypatch):
-    """Predictions made run by run are those made together."""
-    together = made(*fitted)
-    monkeypatch.setattr("pumaid.estimation.evaluate.AT_ONCE", 1)
-    for one, other in zip(made(*fitted).runs, together.runs, strict=True):
-        assert np.array_equal(one.predicted, other.predicted)
+def warming(run: Run, start: float) -> Run:
+    """The run begun at `start` (s), with friction that falls as the joint warms up."""
+    time = run.bins.time + start
+    current = run.bins.current + 0.2 * run.direction * np.exp(-time / 300.0)
+    return replace(run, start=start, bins=replace(run.bins, time=time, current=current))
+
+
+def test_the_floor_is_that_of_the_model_that_stands():
+    """Replicates that a warm-up sets apart are no noise to a model with warm-up: its floor is the noise again."""
+    passes = [*runs((0.0, 1.0), (0.4, 1.0)), *runs((0.0, 1.0), (0.4, 1.0), seed=2)]
+    dataset = Dataset(tuple(warming(run, 20.0 * n) for n, run in enumerate(passes)))
+    without = pumaid.identify(dataset, worlds.PENDULUM)
+    assert without.joint(1).noise_floor > 3.0 * NOISE
+    warm = tuple(EffectChoice("warmup", joint) for joint in (1, 2))
+    estimate = pumaid.identify(dataset, worlds.PENDULUM, effects=warm)
+    for score in (*estimate.joints, *made(dataset, estimate).joints):
+        assert score.rmse == pytest.approx(NOISE, rel=0.1) and score.noise_floor == pytest.approx(NOISE, rel=0.1)
 
 
 def test_says_that_other_runs_are_held_out(fitted):

@@ -1,4 +1,4 @@
-"""`told_apart`: the finest groups whose sums are known; the oracle looks at every group."""
+"""`separable`: the finest groups whose sums are known; the oracle looks at every group."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from itertools import combinations
 import numpy as np
 import pytest
 
-from pumaid.estimation.evaluate import told_apart
+from pumaid.estimation.evaluate import separable
 
 
 def gram(*directions: list[float]) -> np.ndarray:
@@ -18,7 +18,7 @@ def gram(*directions: list[float]) -> np.ndarray:
 
 def test_a_trade_of_four_is_one_group():
     """Groups larger than are looked for are still found as what is left over."""
-    assert told_apart(gram([1, 1, 1, -3]), 0.1) == [(0, 1, 2, 3)]
+    assert separable(gram([1, 1, 1, -3]), 0.1) == [(0, 1, 2, 3)]
 
 
 @pytest.mark.parametrize("seed", range(20))
@@ -29,7 +29,7 @@ def test_groups_are_known_and_no_finer(seed):
     for column in range(2):
         one, other = rng.choice(4, 2, replace=False)
         moves[[one, other], column] = rng.uniform(0.5, 2.0) * np.array([1.0, -1.0])
-    groups = told_apart(moves @ moves.T, 0.1)
+    groups = separable(moves @ moves.T, 0.1)
     for group in groups:
         assert np.linalg.norm(moves[list(group)].sum(axis=0)) < 0.1
         for part in (p for size in range(1, len(group)) for p in combinations(group, size)):
