@@ -2,30 +2,24 @@
 
 from __future__ import annotations
 
-from typing import Protocol
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
-from pumaid.effect_spec import Column
 from pumaid.effects import catalogue
 from pumaid.joint_bins import swept
 from pumaid.kinematics import axes
-from pumaid.robot import Robot
 from pumaid.samples import Loads, Samples
+
+if TYPE_CHECKING:
+    from pumaid.model import Model
 
 Floats = NDArray[np.float64]
 Counts = NDArray[np.int64]
 
 
-class ArmModel(Protocol):
-    """What is needed of a model: its arm and its columns."""
-
-    robot: Robot
-    columns: tuple[Column, ...]
-
-
-def along(model: ArmModel, samples: Samples, sizes: Counts, *, solution: Floats, scales: Floats) -> Loads:
+def along(model: Model, samples: Samples, sizes: Counts, *, solution: Floats, scales: Floats) -> Loads:
     """`loads` along runs of `sizes` instants each, in which all joints but the moving one stand."""
     n, turns, gains = model.robot.n_joints, model.robot.joint(samples.joint).is_revolute, np.zeros(0)
 
@@ -41,7 +35,7 @@ def along(model: ArmModel, samples: Samples, sizes: Counts, *, solution: Floats,
     return Loads(load[:, 0], elsewhere, slopes, tilts, np.sqrt(np.maximum(across[:, 0], 0.0)), drawn, gains)
 
 
-def loads(model: ArmModel, samples: Samples, *, solution: Floats, scales: Floats) -> Loads:
+def loads(model: Model, samples: Samples, *, solution: Floats, scales: Floats) -> Loads:
     """Gravity's currents, their slopes and the base model's prediction at M instants of one moving joint.
 
     With h the regrouped first moment of all links from joint i outward (base axes, in joint i's gain), gravity's moment
@@ -92,7 +86,7 @@ def loads(model: ArmModel, samples: Samples, *, solution: Floats, scales: Floats
     return Loads(load, elsewhere, slopes, tilts, across, drawn, _gains(scales, i))
 
 
-def _moments(model: ArmModel, frames: Floats, *, samples: Samples, solution: Floats) -> tuple[Floats, Floats]:
+def _moments(model: Model, frames: Floats, *, samples: Samples, solution: Floats) -> tuple[Floats, Floats]:
     """(M, J, 3) first moment that each link adds, in its own gain; (J,) masses of prismatic links, else 0."""
     robot = model.robot
     out, weights = np.zeros((len(samples), robot.n_joints, 3)), np.zeros(robot.n_joints)
@@ -137,7 +131,7 @@ def _slope(i: int, m: int, *, z: Floats, parts: Floats, weights: Floats, g: Floa
     return np.einsum("mk,mk->m", np.cross(z[:, i], g), np.cross(z[:, m], parts[:, m:].sum(axis=1)))
 
 
-def _friction(model: ArmModel, samples: Samples, solution: Floats) -> Floats:
+def _friction(model: Model, samples: Samples, solution: Floats) -> Floats:
     """(M,) what the base model adds to gravity: friction, and inertia of strokes."""
     total = np.zeros(len(samples))
     owned = [column for column in model.columns if column.owner == samples.joint and column.place is None]

@@ -14,7 +14,6 @@ from pumaid.dataset import Run
 from pumaid.effect_spec import Column, EffectTerm, terms_of
 from pumaid.effects import Effect, Scope, catalogue
 from pumaid.estimate import Estimate
-from pumaid.gravity_load import loads
 from pumaid.joint_bins import SAME_POSTURE, JointBins, swept
 from pumaid.kinematics import apart
 from pumaid.preprocessing.options import STROKE
@@ -234,9 +233,6 @@ class Model:
 
     def predict(self, estimate: Estimate, samples: Samples) -> Floats:
         """(M,) current (A) of joint `samples.joint` by the fitted model; unknown ratios count as zero."""
-        if self.needs_loads() and samples.loads is None:
-            gravity = loads(self, samples, solution=estimate.solution, scales=estimate.scales)
-            samples = replace(samples, loads=gravity)
         factors = np.nan_to_num(self.factors(estimate.scales, samples.joint))
         return np.asarray(self.regressor(samples) @ (factors * estimate.solution))
 

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from pumaid.dataset import Campaign, Dataset, Reject, Run
 from pumaid.errors import Note
 from pumaid.estimate import Estimate
-from pumaid.gravity_load import along
+from pumaid.gravity_load import along, loads
 from pumaid.joint_bins import JointBins, at, joined, joint_bins
 from pumaid.model import Model
 from pumaid.preprocessing.replicates import Pair, noise_floor, pairs
@@ -278,10 +278,10 @@ class Prediction:
         self.model, self.estimate, self.bins = model, estimate, bins
         self._factors = np.nan_to_num(model.factors(estimate.scales, bins.joint))
         nodes, _ = bins.nodes
-        loads = None
+        gravity = None
         if model.needs_loads():
-            loads = along(model, nodes, 3 * bins.lengths, solution=estimate.solution, scales=estimate.scales)
-        fine, count = model.at_nodes(bins, loads), bins.count
+            gravity = along(model, nodes, 3 * bins.lengths, solution=estimate.solution, scales=estimate.scales)
+        fine, count = model.at_nodes(bins, gravity), bins.count
         self.design = bins.averaged(fine)
         names = np.array([column.effect for column in model.columns])
         self.effects = tuple(dict.fromkeys(names.tolist()))
@@ -453,11 +453,18 @@ def outside_scores(estimate: Estimate, dataset: Dataset, robot: Robot) -> tuple[
         samples = joined([samples for samples, _, _ in parts])
         count, current = (np.concatenate([part[k] for part in parts]) for k in (1, 2))
         if count.sum() > 0:
-            chunks = [np.arange(k, min(k + AT_ONCE, len(count))) for k in range(0, len(count), AT_ONCE)]
-            residual = current - np.concatenate([model.predict(estimate, at(samples, rows)) for rows in chunks])
+            chunks = [at(samples, np.arange(k, min(k + AT_ONCE, len(count)))) for k in range(0, len(count), AT_ONCE)]
+            residual = current - np.concatenate([_predicted(model, estimate, chunk) for chunk in chunks])
             square, bias = (float(np.average(values, weights=count)) for values in (residual**2, residual))
             out.append(OutsideScore(joint, reason, int(count.sum()), float(np.sqrt(square)), bias))
     return tuple(out)
+
+
+def _predicted(model: Model, estimate: Estimate, samples: Samples) -> Floats:
+    if model.needs_loads():
+        gravity = loads(model, samples, solution=estimate.solution, scales=estimate.scales)
+        samples = replace(samples, loads=gravity)
+    return model.predict(estimate, samples)
 
 
 def _moving(robot: Robot, reject: Reject, joint: int, campaign: Campaign) -> tuple[Samples, Floats, Floats]:
