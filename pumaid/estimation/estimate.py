@@ -15,7 +15,7 @@ from pumaid.errors import LogError, Where
 from pumaid.estimate import GIVEN, IDENTIFIED, NOT_IDENTIFIABLE, Estimate, JointFit, Value
 from pumaid.estimation import warnings
 from pumaid.estimation.covariance import fit_covariance, interval, recursion_covariance
-from pumaid.estimation.evaluate import Prediction, predictions, rmse
+from pumaid.estimation.evaluate import JointPrediction, predictions, rmse
 from pumaid.estimation.fit import Fit, run_of
 from pumaid.estimation.gls import Progress
 from pumaid.estimation.identifiability import Sheet, determined
@@ -193,7 +193,7 @@ def _every_shape(one: EffectTerm, model: Model, place: int) -> list[Column]:
     return [column for column in whole.parts(model.robot, place) if column.shape is not None]
 
 
-def _joint_fit(fitted: Fit, runs: Sequence[Run], joint: int, prediction: Prediction | None) -> JointFit:
+def _joint_fit(fitted: Fit, runs: Sequence[Run], joint: int, prediction: JointPrediction | None) -> JointFit:
     """How well one joint is fitted; `prediction` is the model at all of its runs, None where there are none."""
     joint_runs = [run for run in runs if run.joint == joint]
     why = f"joint {joint} never moves alone in these logs"

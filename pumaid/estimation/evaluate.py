@@ -252,7 +252,7 @@ class Comparison:
         return tuple(sorted(self.runs, key=lambda score: -score.rmse / scale[score.run.joint])[:count])
 
 
-class Prediction:
+class JointPrediction:
     """An estimate at the bins of one joint's runs: design matrix, prediction, and sums over the samples of each run.
 
     Parameters
@@ -337,7 +337,7 @@ class Prediction:
         fitted = self.estimate.joint(self.bins.joint).rmse
         limit = max(min(OPEN * rms, rms if fitted is None else fitted), CLOSED * rms)
         scaled = self.design[bins] * self._factors * np.sqrt(self.bins.count[bins] / samples)[:, None]
-        off = np.array([scaled[:, own] @ self.estimate.blind[own] for own in self._is_part.T])
+        off = np.array([scaled[:, part] @ self.estimate.blind[part] for part in self._is_part.T])
         groups = separable(np.einsum("knb,lnb->kl", off, off), limit)
         return tuple(tuple(self.effects[k] for k in group) for group in groups)
 
@@ -422,14 +422,14 @@ class Prediction:
         return f"this run needs {' and '.join(names)}, which the fitted data do not determine"
 
 
-def predictions(estimate: Estimate, dataset: Dataset, robot: Robot) -> dict[int, Prediction]:
+def predictions(estimate: Estimate, dataset: Dataset, robot: Robot) -> dict[int, JointPrediction]:
     """Joint (from 1) -> the estimate at all of its runs, held-out ones too."""
     model, campaign = Model.of_estimate(robot, estimate), Campaign.of(dataset.runs, dataset.rejects)
     bins = joint_bins(robot, dataset.runs, campaign=campaign, is_settled=False)
-    return {part.joint: Prediction(model, estimate, part) for part in bins}
+    return {part.joint: JointPrediction(model, estimate, part) for part in bins}
 
 
-def rmse(parts: Iterable[tuple[Prediction, Flags]]) -> float | None:
+def rmse(parts: Iterable[tuple[JointPrediction, Flags]]) -> float | None:
     """Root mean square (A) of the residual over all samples of the flagged runs; None without any."""
     sums = [(prediction.square[runs].sum(), prediction.samples[runs].sum()) for prediction, runs in parts]
     samples = sum(count for _, count in sums)

@@ -11,7 +11,6 @@ import worlds
 import pumaid
 from pumaid.dataset import Dataset, FileFacts, Means, Reject, Run
 from pumaid.diagnosis.compare import compare
-from pumaid.errors import ModelError
 from pumaid.estimation.evaluate import UNEXPLAINED, Comparison
 from pumaid.robot import EffectChoice, Robot
 
@@ -222,12 +221,6 @@ def test_no_runs_is_no_error(fitted):
     """Logs without runs give an empty comparison, not a failure."""
     comparison = made(Dataset(()), fitted[1])
     assert comparison.rmse is None and comparison.joints[0].noise_floor_reason
-
-
-def test_refuses_the_model_of_another_recipe(fitted):
-    """A model is not held against an arm that it was not made for."""
-    with pytest.raises(ModelError, match="another arm"):
-        made(fitted[0], fitted[1], replace(worlds.PENDULUM, name="another arm"))
 
 
 def warming(run: Run, start: float) -> Run:

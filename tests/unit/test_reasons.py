@@ -96,12 +96,6 @@ def test_many_partners_are_counted():
     assert told.text.endswith("gravity.l2.x, gravity.l3.x, gravity.l4.x and 2 more")
 
 
-def test_a_weight_never_felt():
-    """A weight that no posture shows asks for a level axis."""
-    told = reason("gravity.l1.x", run(1, (0, 0, 0), 0.3))
-    assert "next to nothing" in told.text and "lies level" in told.next_run
-
-
 def test_redundant_ratio_has_no_run():
     """A ratio that the geometry hides is said to be hidden, and no run is promised."""
     told = reasons.of_ratio(Model(STANFORD), 1, 2, facts={j: Facts.of(j, ()) for j in range(1, 7)})
