@@ -182,7 +182,7 @@ def inner_noise(bins: JointBins, design: Floats) -> tuple[NoiseModel, float]:
     _, lost, parameters = reduced(bins, wide, bins.current[:, None])
     residual = bins.current - np.einsum("np,np->n", wide, parameters[bins.run])
     enough = bins.lengths >= np.maximum(FEWEST_BINS, 2 * lost)
-    return noises.inside_runs(bins, residual, lost=np.asarray(lost, dtype=float), enough=enough).plain(bins)
+    return noises.inside_runs(bins, residual, lost=np.asarray(lost, dtype=float), enough=enough)
 
 
 @dataclass(frozen=True, eq=False)
