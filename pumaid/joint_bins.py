@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-import dataclasses
 import itertools
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, fields, replace
-from functools import cached_property
+from functools import cached_property, lru_cache
 from typing import Any
 
 import numpy as np
@@ -65,8 +64,6 @@ class JointBins:
         (N,) A of the moving joint, samples behind it, and A2 of variance inside the bin.
     first, step
         (R,) first bin of each run, and s that its bins last.
-    groups, postures
-        Runs (from 0) that repeat one another, every run in one group; and by held posture.
     """
 
     joint: int
@@ -77,8 +74,6 @@ class JointBins:
     inside: Floats
     first: Counts
     step: Floats
-    groups: tuple[tuple[int, ...], ...]
-    postures: tuple[tuple[int, ...], ...]
 
     def __len__(self) -> int:
         return len(self.current)
@@ -113,6 +108,16 @@ class JointBins:
         return distinct([abs(run.speed) for run in self.runs])
 
     @property
+    def groups(self) -> tuple[tuple[int, ...], ...]:
+        """Runs (from 0) that repeat one another, every run in one group."""
+        return _repeated(self.runs)
+
+    @property
+    def postures(self) -> tuple[tuple[int, ...], ...]:
+        """Runs (from 0) by held posture."""
+        return posture_groups(self.runs)
+
+    @property
     def pairs(self) -> list[tuple[int, int]]:
         """Neighbours in time among runs that repeat one another."""
         return [pair for group in self.groups for pair in itertools.pairwise(group)]
@@ -126,30 +131,13 @@ class JointBins:
         q = self.samples.position[:, self.joint - 1]
         order = np.argsort(q[b], kind="stable")
         there = q[b][order]
-        right = np.clip(np.searchsorted(there, q[a]), 0, len(there) - 1)
-        before = np.maximum(right - 1, 0)
-        nearest = np.where(np.abs(there[right] - q[a]) < np.abs(q[a] - there[before]), right, before)
+        middles = 0.5 * (there[1:] + there[:-1])
+        nearest = np.searchsorted(middles, q[a])
         width = np.median(np.abs(np.diff(q[a]))) if len(there) > 1 and len(q[a]) > 1 else np.inf
-        shared = np.abs(there[nearest] - q[a]) <= width
-        if np.count_nonzero(shared) <= 2:
-            shared = np.ones(len(shared), dtype=bool)
-        return values[a][shared], values[b][order][nearest][shared]
-
-    def extent(self, drawn: Floats | None = None) -> Extent:
-        """What the runs cover; `drawn` (N,) is what a model predicts (A), the measured current where not given."""
-        q = self.samples.position[:, self.joint - 1]
-        widths = [abs(run.span[1] - run.span[0]) / max(len(run.bins), 1) for run in self.runs]
-        return Extent(
-            joint=self.joint,
-            speeds=self.speeds,
-            position=(float(q.min()), float(q.max())),
-            finest=2.0 * float(np.median(widths)),
-            travel=float(self.samples.travel.max()),
-            starts=tuple(sorted(float(self.samples.time[k]) for k in self.first)),
-            duration=float(self.samples.time.max()),
-            current=float(np.abs(self.current if drawn is None else drawn).max()),
-            postures=len(self.postures),
-        )
+        is_shared = np.abs(there[nearest] - q[a]) <= width
+        if np.count_nonzero(is_shared) <= 2:
+            is_shared[:] = True
+        return values[a][is_shared], values[b][order][nearest][is_shared]
 
     @cached_property
     def nodes(self) -> tuple[Samples, Floats]:
@@ -162,15 +150,16 @@ class JointBins:
         spread = np.sqrt(np.maximum(3.0 * n**2 - 7.0, 0.0) / 20.0)
         side = np.divide(n**2 - 1.0, 24.0 * spread**2, out=np.zeros(len(n)), where=spread > 0)
         weights = np.column_stack([side, 1.0 - 2.0 * side, side])
-        ahead = (self._sample_step() * spread)[:, None] * np.array([-1.0, 0.0, 1.0])
+        ahead = ((self._sample_step() * spread)[:, None] * np.array([-1.0, 0.0, 1.0])).ravel()
         three: dict[str, Any] = {
             name: np.repeat(held, 3, axis=0) for name in SERIES if (held := getattr(self.samples, name)) is not None
         }
-        ahead = ahead.ravel()
-        stroke = np.repeat(self.is_stroke[self.run], 3)
+        is_stroke = self.is_stroke[self.run]
+        rise = self.rises(self.samples.time)
+        jerk = np.divide(self.rises(self.samples.acceleration), rise, out=np.zeros(len(self)), where=rise > 0.0)
         moved = three["velocity"][:, moving] * ahead
-        three["velocity"][:, moving] += np.where(stroke, three["acceleration"] * ahead, 0.0)
-        three["acceleration"] = three["acceleration"] + np.repeat(self._jerk(), 3) * ahead
+        three["velocity"][:, moving] += np.repeat(is_stroke, 3) * three["acceleration"] * ahead
+        three["acceleration"] = three["acceleration"] + np.repeat(is_stroke * jerk, 3) * ahead
         three["position"][:, moving] += moved
         three["time"] += ahead
         three["elapsed"] += ahead
@@ -192,13 +181,16 @@ class JointBins:
         three = values.reshape(len(self), 3)
         return np.asarray(np.sum(self.nodes[1] * (three - self.averaged(values)[:, None]) ** 2, axis=1))
 
+    def rises(self, values: Floats) -> Floats:
+        """(N,) central difference of values from bin to bin inside each run, one-sided at its ends."""
+        place, (first, last) = np.arange(len(self)), (self.first, self.first + self.lengths - 1)
+        before, after = np.maximum(place - 1, first[self.run]), np.minimum(place + 1, last[self.run])
+        return np.asarray((values[after] - values[before]) / np.maximum(after - before, 1))
+
     def inside_left(self, drawn: Floats, own: Floats | None = None) -> Floats:
         """(N,) A2 of variance inside bins that a prediction (N,) leaves; `own` is its own variance there, by default
         that of its straight line from bin to bin."""
-        parts = [np.split(values, self.first[1:]) for values in (drawn, self.current - drawn)]
-        rise, slope = (
-            np.concatenate([np.gradient(piece) if len(piece) > 1 else 0.0 * piece for piece in part]) for part in parts
-        )
+        rise, slope = self.rises(drawn), self.rises(self.current - drawn)
         wide = (1.0 - 1.0 / self.count**2) / 12.0
         remaining = self.inside - (rise**2 * wide if own is None else own) - 2.0 * rise * slope * wide
         return np.where(remaining > ROUNDED * self.inside, remaining, 0.0)
@@ -209,15 +201,6 @@ class JointBins:
         between = self.sums(self.count) - 0.5 * (self.count[self.first] + self.count[last])
         time = self.samples.time
         return np.asarray(((time[last] - time[self.first]) / np.maximum(between, 1.0))[self.run])
-
-    def _jerk(self) -> Floats:
-        """(N,) slope of the acceleration of strokes."""
-        out = np.zeros(len(self))
-        for start, size, is_stroke in zip(self.first, self.lengths, self.is_stroke, strict=True):
-            span = slice(start, start + size)
-            if is_stroke and size > 1:
-                out[span] = np.gradient(self.samples.acceleration[span], self.samples.time[span])
-        return out
 
 
 def joint_bins(
@@ -246,52 +229,46 @@ def joint_bins(
     campaign = campaign or Campaign.of(runs)
     out = []
     for joint in sorted({run.joint for run in runs}):
-        joint_runs = [run for run in runs if run.joint == joint]
-        settled = [_settled(run) for run in joint_runs] if is_settled else joint_runs
+        chosen = tuple(run for run in runs if run.joint == joint)
         turn = 2.0 * np.pi if robot.joint(joint).is_revolute else np.inf
-        limits = [most and int(most * max(abs(run.span[1] - run.span[0]) / turn, 1.0)) for run in settled]
-        thin = [_thinned(_sloped(run), limit) for run, limit in zip(settled, limits, strict=True)]
-        out.append(_joined(joint, tuple(joint_runs), thin, campaign))
+        thin = [_thinned(run, most, turn=turn, is_settled=is_settled) for run in chosen]
+        lengths = np.array([len(run.bins) for run in thin])
+        bins = JointBins(
+            joint=joint,
+            runs=chosen,
+            samples=joined([samples_of(run, campaign) for run in thin]),
+            current=np.concatenate([run.bins.current for run in thin]),
+            count=np.concatenate([run.bins.count for run in thin]).astype(float),
+            inside=np.concatenate([run.bins.variance for run in thin]),
+            first=(np.cumsum(lengths) - lengths).astype(np.int64),
+            step=np.array([run.duration / max(len(run.bins), 1) for run in thin]),
+        )
+        out.append(bins)
     return tuple(out)
 
 
-def _joined(joint: int, runs: tuple[Run, ...], thin: Sequence[Run], campaign: Campaign) -> JointBins:
-    lengths = np.array([len(run.bins) for run in thin])
-    repeated = [tuple(group) for group in replicates(runs)]
-    paired = {k for group in repeated for k in group}
-    return JointBins(
-        joint=joint,
-        runs=runs,
-        samples=joined([samples_of(run, campaign, is_held=True) for run in thin]),
-        current=np.concatenate([run.bins.current for run in thin]),
-        count=np.concatenate([run.bins.count for run in thin]).astype(float),
-        inside=np.concatenate([run.bins.variance for run in thin]),
-        first=np.concatenate([[0], np.cumsum(lengths)[:-1]]).astype(np.int64),
-        step=np.array([run.duration / max(len(run.bins), 1) for run in thin]),
-        groups=tuple(sorted([*repeated, *((k,) for k in range(len(runs)) if k not in paired)])),
-        postures=tuple(tuple(group) for group in posture_groups(runs)),
-    )
+def _thinned(run: Run, most: int | None, *, turn: float, is_settled: bool) -> Run:
+    """A run in at most `most` bins a turn; at constant speed settled, and with the acceleration that positions show."""
+    if run.kind == CONSTANT:
+        if is_settled and len(run.bins) >= FEWEST_SETTLED:
+            lost, since = min(SETTLING, MOST_SETTLING * run.duration), run.bins.time - run.start
+            chosen = (since >= lost) & (since <= run.duration - lost)
+            values = {item.name: getattr(run.bins, item.name) for item in fields(Bins)}
+            run = replace(run, bins=Bins(**{name: v[chosen] for name, v in values.items() if v is not None}))
+        slope = acceleration(run.bins.time, run.bins.position[:, run.joint - 1])
+        run = replace(run, bins=replace(run.bins, acceleration=slope))
+    limit = most and int(most * max(abs(run.span[1] - run.span[0]) / turn, 1.0))
+    return replace(run, bins=coarser(run.bins, limit)) if limit and len(run.bins) > limit else run
 
 
-def samples_of(run: Run, campaign: Campaign, *, is_held: bool = False) -> Samples:
-    """The M bins of a run as effects see them; at constant speed the velocity is the run's own mean.
-
-    Parameters
-    ----------
-    run
-        Its bins.
-    campaign
-        When its joint first moved.
-    is_held
-        Whether the other joints stand at the run's mean posture throughout.
-    """
+def samples_of(run: Run, campaign: Campaign) -> Samples:
+    """The M bins of a run as effects see them, other joints at its mean posture; at constant speed the velocity is its
+    mean."""
     bins, moving = run.bins, run.joint - 1
-    velocity, position = run.velocity, bins.position
+    velocity, position = run.velocity, np.tile(run.posture, (len(bins), 1))
+    position[:, moving] = bins.position[:, moving]
     if run.kind == CONSTANT:
         velocity[:, moving] = run.speed
-    if is_held:
-        position = np.tile(run.posture, (len(bins), 1))
-        position[:, moving] = bins.position[:, moving]
     return Samples(
         run.joint,
         position,
@@ -356,9 +333,10 @@ def swept(samples: Samples, sizes: Counts, table: Callable[[Samples], Floats], *
     position[:, moving] = np.tile(places, len(sizes))
     asked = table(replace(knots, position=position))
     parts = np.linalg.pinv(_harmonics(places, turns)) @ asked.reshape(len(sizes), PLACES, -1)
-    basis, out = _harmonics(samples.position[:, moving], turns), np.empty((len(samples), asked.shape[1]))
-    for start, size, part in zip(starts, sizes, parts, strict=True):
-        out[start : start + size] = basis[start : start + size] @ part
+    run, basis = np.repeat(np.arange(len(sizes)), sizes), _harmonics(samples.position[:, moving], turns)
+    out = np.zeros((len(samples), asked.shape[1]))
+    for place in range(basis.shape[1]):
+        out += basis[:, place, None] * parts[run, place]
     return out
 
 
@@ -369,33 +347,27 @@ def _harmonics(q: Floats, turns: bool) -> Floats:
     return np.column_stack([np.ones(len(q)), q, q * q])
 
 
-def extent(bins: Sequence[JointBins], joint: int) -> Extent:
-    """What the runs of `joint` (from 1) cover, or those of all joints (0)."""
-    extents = [part.extent() for part in bins if joint in (0, part.joint)] or [part.extent() for part in bins]
-    starts = [float(part.samples.elapsed[k]) for part in bins for k in part.first]
-    ends = [float(part.samples.elapsed.max()) for part in bins]
+def extent(bins: Sequence[JointBins], joint: int, drawn: Floats | None = None) -> Extent:
+    """What the runs of `joint` (from 1) cover, or those of all joints (0, or one that has none).
+
+    `drawn` (N,) is what a model predicts (A) for the runs of a single joint, the measured current where not given.
+    """
+    parts = [part for part in bins if part.joint == joint] or list(bins)
+    times = [part.samples.time if len(parts) == 1 and joint else part.samples.elapsed for part in parts]
+    positions = [part.samples.position[:, part.joint - 1] for part in parts]
+    currents = [part.current if drawn is None else drawn for part in parts]
+    widths = [[abs(run.span[1] - run.span[0]) / max(len(run.bins), 1) for run in part.runs] for part in parts]
     return Extent(
         joint=joint or None,
-        speeds=distinct([speed for part in extents for speed in part.speeds]),
-        position=(min(part.position[0] for part in extents), max(part.position[1] for part in extents)),
-        finest=min(part.finest for part in extents),
-        travel=max(part.travel for part in extents),
-        starts=extents[0].starts if joint and len(extents) == 1 else tuple(sorted(starts)),
-        duration=extents[0].duration if joint and len(extents) == 1 else max(ends),
-        current=max(part.current for part in extents),
-        postures=max(part.postures for part in extents),
+        speeds=distinct([speed for part in parts for speed in part.speeds]),
+        position=(min(float(q.min()) for q in positions), max(float(q.max()) for q in positions)),
+        finest=2.0 * min(float(np.median(width)) for width in widths),
+        travel=max(float(part.samples.travel.max()) for part in parts),
+        starts=tuple(sorted(float(t) for part, time in zip(parts, times, strict=True) for t in time[part.first])),
+        duration=max(float(time.max()) for time in times),
+        current=max(float(np.abs(current).max()) for current in currents),
+        postures=max(len(part.postures) for part in parts),
     )
-
-
-def typical(values: Floats, travel: Floats) -> float:
-    """The median of values (R,) of runs over the way `travel` (R,) that was gone.
-
-    Half of the way was gone in runs with less, half in runs with more: of a plan with many short runs and a few over
-    the whole span, the latter show what depends on the place.
-    """
-    order = np.argsort(values, kind="stable")
-    gone = np.cumsum(travel[order])
-    return float(values[order[int(np.searchsorted(gone, 0.5 * gone[-1]))]])
 
 
 def distinct(speeds: Sequence[float]) -> tuple[float, ...]:
@@ -407,33 +379,20 @@ def distinct(speeds: Sequence[float]) -> tuple[float, ...]:
     return tuple(out)
 
 
-def posture_groups(runs: Sequence[Run]) -> list[list[int]]:
+@lru_cache(maxsize=32)  # the same for every model that is fitted to the runs of a joint
+def _repeated(runs: tuple[Run, ...]) -> tuple[tuple[int, ...], ...]:
+    """Numbers (from 0) of runs that repeat one another, runs that are not repeated by themselves."""
+    groups = [tuple(group) for group in replicates(runs)]
+    alone = set(range(len(runs))).difference(*groups)
+    return tuple(sorted([*groups, *((number,) for number in alone)]))
+
+
+@lru_cache(maxsize=32)
+def posture_groups(runs: tuple[Run, ...]) -> tuple[tuple[int, ...], ...]:
     """Numbers of the runs (from 0) by held posture."""
     posture = np.nan_to_num(np.array([run.posture for run in runs]))
 
     def alike(first: int, others: Counts) -> NDArray[np.bool_]:
         return np.asarray(np.all(apart(posture[first], posture[others]) < SAME_POSTURE, axis=1))
 
-    return list(grouped(len(runs), alike))
-
-
-def _settled(run: Run) -> Run:
-    """A run at constant speed without the bins in which its speed is still settling."""
-    if run.kind != CONSTANT or len(run.bins) < FEWEST_SETTLED:
-        return run
-    lost, since = min(SETTLING, MOST_SETTLING * run.duration), run.bins.time - run.start
-    is_settled = (since >= lost) & (since <= run.duration - lost)
-    values: dict[str, Any] = {item.name: getattr(run.bins, item.name) for item in dataclasses.fields(Bins)}
-    return replace(run, bins=Bins(**{name: value[is_settled] for name, value in values.items() if value is not None}))
-
-
-def _sloped(run: Run) -> Run:
-    """A run at constant speed with the acceleration that its positions show, before its bins are made coarser."""
-    if run.kind != CONSTANT:
-        return run
-    slope = acceleration(run.bins.time, run.bins.position[:, run.joint - 1])
-    return replace(run, bins=replace(run.bins, acceleration=slope))
-
-
-def _thinned(run: Run, most: int | None) -> Run:
-    return run if most is None or len(run.bins) <= most else replace(run, bins=coarser(run.bins, most))
+    return tuple(tuple(group) for group in grouped(len(runs), alike))

@@ -26,6 +26,7 @@ from pumaid.design.exchange import Exchange
 from pumaid.effect_spec import EffectTerm, columns_each
 from pumaid.effects import Effect, Trace
 from pumaid.estimation.fit import ABSORBED, Fit, FitRow, with_loads
+from pumaid.joint_bins import extent
 from pumaid.robot import Robot
 from pumaid.samples import Samples
 from pumaid.trajectory import Motion, NextRun, cruise, in_words
@@ -179,7 +180,7 @@ def _grid(fit: Fit, effect: Effect, joint: int | None) -> Sequence[Mapping[str, 
     rows = [row for row in fit.joints if row.bins.joint == joint]
     if not rows or effect.periodic is not None:
         return ()
-    return effect.grid(fit.model.robot, rows[0].bins.extent(rows[0].drawn))
+    return effect.grid(fit.model.robot, extent([rows[0].bins], rows[0].bins.joint, rows[0].drawn))
 
 
 def _chance(gains: Floats, lead: float, decisive: float) -> Floats:

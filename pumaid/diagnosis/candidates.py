@@ -77,7 +77,7 @@ def candidate_columns(solved: Fit, effects: Sequence[Effect] | None = None) -> C
     excluded: dict[tuple[str, int | None], str] = {}
     columns: dict[tuple[bool, int], list[Floats]] = {(is_wide, k): [] for is_wide in (False, True) for k in joints}
     width = dict.fromkeys([*joints, 0], 0)
-    extents = {row.bins.joint: row.bins.extent(row.drawn) for row in solved.joints}
+    extents = {row.bins.joint: extent([row.bins], row.bins.joint, row.drawn) for row in solved.joints}
     everywhere = extent([row.bins for row in solved.joints], 0)
     for effect in effects or catalogue().values():
         for owner in _owners(solved, effect):

@@ -20,7 +20,7 @@ from pumaid.errors import ModelError, Note, Where
 from pumaid.estimate import Estimate
 from pumaid.estimation.fit import Fit, loaded
 from pumaid.estimation.gls import fit_with_replicates
-from pumaid.joint_bins import COARSE, joint_bins
+from pumaid.joint_bins import COARSE, extent, joint_bins
 from pumaid.model import Model
 from pumaid.robot import EffectChoice, Robot
 from pumaid.simulation import Bench
@@ -179,7 +179,11 @@ def _best_trial(solved: Fit, projector: Projector, choice: EffectChoice) -> Scor
     """The effect at its best shape on the runs so far."""
     robot, law = solved.model.robot, known_effect(choice.effect, Where())
     rows = [row for row in solved.joints if row.bins.joint == choice.joint] or list(solved.joints[:1])
-    grid = [dict(choice.shape)] if choice.shape else list(law.grid(robot, rows[0].bins.extent(rows[0].drawn)))
+    grid = (
+        [dict(choice.shape)]
+        if choice.shape
+        else list(law.grid(robot, extent([rows[0].bins], rows[0].bins.joint, rows[0].drawn)))
+    )
     terms = [EffectTerm(law, choice.joint, dict(shape)) for shape in (grid[:: max(1, len(grid) // SHAPES)] or [{}])]
     trials = [trial for trial in scores_at(projector, terms) if trial is not None]
     if not trials:

@@ -358,7 +358,7 @@ class _Decomposition:
         if len(self.small) > MOST_SMALL:
             return []
         rough = self._rough()
-        noise = noise_of(replace(self.bins, groups=tuple((k,) for k in range(len(self.bins.runs)))), rough)
+        noise = noise_of(self.bins, rough, pairs=())
         done = [*self.small, *(item.frequency for item in self.taken if item.frequency)]
         white = noise.whiten(self.bins, rough)
         waves = spectrum(self.bins, noise, white, without=done, fewest_periods=FEWEST_WAVES)

@@ -145,14 +145,16 @@ def inside_runs(
     return white, float(np.average(slow / sample, weights=bins.lengths))
 
 
-def noise_of(bins: JointBins, residual: Floats) -> NoiseModel:
+def noise_of(bins: JointBins, residual: Floats, pairs: Sequence[tuple[int, int]] | None = None) -> NoiseModel:
     """Estimate the noise from differences of repeated runs, else from the residual (N,) of a fit itself.
+
+    `pairs` are the runs that repeat one another; those of `bins` where not given.
 
     Source
     ------
     Yule-Walker for the correlation, with the first-order correction of its bias (M. G. Kendall, Biometrika 41, 1954).
     """
-    pairs = bins.pairs
+    pairs = bins.pairs if pairs is None else pairs
     paired = len(pairs) >= FEWEST_PAIRS
     if paired:
         sides = [bins.side_by_side(residual, pair) for pair in pairs]

@@ -19,7 +19,7 @@ from pumaid.estimation.fit import loaded
 from pumaid.estimation.gls import fit_with_replicates, refit
 from pumaid.io.plan_file import plan_text, read_plan
 from pumaid.io.recipe import read_recipe
-from pumaid.joint_bins import COARSE, joint_bins
+from pumaid.joint_bins import COARSE, extent, joint_bins
 from pumaid.model import Model
 from pumaid.simulation import Bench, Hidden, draw
 from pumaid.trajectory import Motion, Plan
@@ -61,7 +61,7 @@ def system(runs, noises=None):
 def trial(solved, name: str):
     """An effect at joint 3 at its best shape."""
     effect, row, projector = catalogue()[name], solved.row(JOINT), Projector(solved)
-    grid = SHAPES.get(name) or effect.grid(PUMA, row.bins.extent(row.drawn))
+    grid = SHAPES.get(name) or effect.grid(PUMA, extent([row.bins], row.bins.joint, row.drawn))
     found = [one for one in scores_at(projector, [EffectTerm(effect, JOINT, dict(shape)) for shape in grid]) if one]
     return refine_shape(projector, max(found, key=lambda one: one.statistic))
 
