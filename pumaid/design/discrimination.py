@@ -437,8 +437,6 @@ def _row(fit: Fit, samples: Samples, step: Floats) -> FitRow:
         inside=nothing,
         first=np.arange(runs) * count,
         step=step,
-        groups=(),
-        postures=(),
     )
     bins = replace(bins, samples=with_loads(fit, samples, bins.lengths))
     speed = np.abs(samples.velocity[::count, samples.joint - 1])

@@ -181,7 +181,7 @@ def _moments_by_step(step: Floats, pieces: Sequence[Floats], runs: Counts, lost:
     while len(order):
         is_alike = step[order] <= ALIKE * step[order[0]]
         group, order = order[is_alike], order[~is_alike]
-        members = np.flatnonzero(np.isin(runs, group))
+        members = np.flatnonzero(np.isin(runs, group)).tolist()
         if sum(len(pieces[k]) for k in members) >= FEWEST_BINS:
             correlation[group], spread[group] = _moments([pieces[k] for k in members], lost[members])
     return correlation, spread
