@@ -261,7 +261,7 @@ def estimate(
     if freedoms < FEWEST_FREEDOMS:
         return None
     loud = np.zeros(len(ones), dtype=bool) if is_loud is None or is_loud.all() else is_loud.astype(bool)
-    profile = _Profile(ones, np.concatenate([basis, target[:, :, None]], axis=2), loud, counts=counts)
+    profile = _VarianceLikelihood(ones, np.concatenate([basis, target[:, :, None]], axis=2), loud, counts=counts)
     length2 = profile.length2
     centre = -np.log(np.median(length2[length2 > 0])) if (length2 > 0).any() else 0.0
     low = np.array([centre + LOWEST, CALMEST if loud.any() else 0.0])
@@ -275,7 +275,7 @@ def estimate(
     return Levels(sample, float(ratio) * sample, freedoms, float(times))
 
 
-class _Profile:
+class _VarianceLikelihood:
     """The restricted likelihood over the ratio of level to sample and the times of loud runs, the sample profiled out.
 
     `joined` (R, k, q + 1) is an orthonormal basis of the design, and the target.
