@@ -121,8 +121,8 @@ def inside_runs(
     ----------
     bins
         R runs, N bins.
-    residual
-        (N,) A that each run leaves beside a fit of its own, of (R,) `lost` parameters.
+    residual, lost
+        (N,) A that each run leaves beside a fit of its own, and (R,) the parameters of that.
     enough
         (R,) runs that are long enough to tell; where none is, the scatter inside bins does.
     """
