@@ -8,7 +8,6 @@ import inspect
 import pkgutil
 from collections.abc import Iterable, Iterator, Mapping
 
-import jinja2
 from markupsafe import Markup
 
 from pumaid import __version__
@@ -16,7 +15,8 @@ from pumaid.reporting import sections
 from pumaid.reporting.context import ReportContext
 from pumaid.reporting.documents import TABLE_FORMS, frame_as, parameters_as, runs_frame, table_as
 from pumaid.reporting.figures.style import DARK, INLINE, Drawing
-from pumaid.reporting.sections import Section
+from pumaid.reporting.sections import Content, Section
+from pumaid.reporting.table import environment
 from pumaid.reporting.tables import comparison_table
 
 
@@ -33,19 +33,25 @@ def all_sections() -> tuple[Section, ...]:
 
 
 def all_figures(context: ReportContext) -> list[Drawing]:
-    """Every figure of the report."""
-    return [drawing for section in all_sections() if section.applies(context) for drawing in section.figures(context)]
+    """Every figure of the report, in the order of the page."""
+    return [drawing for _, content in _contents(context) for drawing in _drawings(content)]
+
+
+def _contents(context: ReportContext) -> list[tuple[Section, Content]]:
+    """The sections that have something to show, with what their templates see."""
+    return [(section, section.content(context)) for section in all_sections() if section.applies(context)]
+
+
+def _drawings(content: object) -> Iterator[Drawing]:
+    if isinstance(content, Drawing):
+        yield content
+    elif isinstance(content, dict | list):
+        for item in content.values() if isinstance(content, dict) else content:
+            yield from _drawings(item)
 
 
 def page(context: ReportContext, *, inline: Mapping[str, str] | None = None) -> str:
     """The report as an HTML document without outside references; `inline`: figures by name that are drawn already."""
-    environment = jinja2.Environment(
-        loader=jinja2.PackageLoader("pumaid.reporting"),
-        autoescape=True,
-        trim_blocks=True,
-        lstrip_blocks=True,
-        undefined=jinja2.StrictUndefined,
-    )
 
     def figure(drawing: Drawing, style: str = "") -> Markup:
         svg = Markup((inline or {}).get(drawing.name) or drawing.inline())
@@ -55,15 +61,21 @@ def page(context: ReportContext, *, inline: Mapping[str, str] | None = None) -> 
         )
         return template.format(drawing.name, style, svg, caption)
 
-    environment.globals["figure"] = figure
-    shown = [section for section in all_sections() if section.applies(context)]
+    contents = _contents(context)
     parts = []
-    for section in shown:
-        figures = {drawing.name: drawing for drawing in section.figures(context)}
-        template = environment.get_template(f"{section.name}.html")
-        parts.append(Markup(template.render(section.content(context, figures))))
-    return environment.get_template("page.html").render(
-        robot=context.robot.name, sections=shown, parts=parts, version=__version__, dark=DARK
+    for section, content in contents:
+        template = environment().get_template(f"{section.name}.html")
+        parts.append(Markup(template.render(content, figure=figure)))
+    return (
+        environment()
+        .get_template("page.html")
+        .render(
+            robot=context.robot.name,
+            sections=[section for section, _ in contents],
+            parts=parts,
+            version=__version__,
+            dark=DARK,
+        )
     )
 
 

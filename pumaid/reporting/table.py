@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
+import functools
 import io
 import textwrap
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from html import escape
-from typing import Literal
+from typing import TYPE_CHECKING, Literal
 
 from rich.cells import cell_len
 from rich.console import Console, ConsoleOptions, RenderableType
@@ -15,6 +15,9 @@ from rich.table import Table as RichTable
 from rich.text import Text
 
 from pumaid.errors import visible
+
+if TYPE_CHECKING:
+    import jinja2
 
 #: Width of text in a pipe or file, and of notes and sentences on a terminal (characters).
 WIDTH = 100
@@ -172,31 +175,23 @@ class Table:
 
     def html(self) -> str:
         """The table as an HTML element, notes below it."""
-        heads = "".join(
-            f'<th scope="col"{self._left(column)}>{escape(head)}</th>' for column, head in enumerate(self.header)
-        )
-        rows = "\n".join(f"<tr>{self._html_row(row)}</tr>" for row in self.cells)
-        label = escape(self.title, quote=True)
-        out = f'<div class="scroll" tabindex="0" role="region" aria-label="{label}">\n<table>\n'
-        out += f"<caption>{escape(self.title)}</caption>\n<thead><tr>{heads}</tr></thead>\n<tbody>\n{rows}\n</tbody>\n"
-        below = f"<p>{escape(self.caption)}</p>" if self.caption else ""
-        notes = "".join(f"<dt>{escape(mark)}</dt><dd>{escape(text)}</dd>" for mark, text in self.notes)
-        below += f"<dl>{notes}</dl>" if notes else ""
-        return f"{out}</table>\n</div>\n" + (f'<div class="below">{below}</div>\n' if below else "")
+        return environment().get_template("table.html").render(table=self)
 
     _repr_html_ = __html__ = html
 
-    def _html_row(self, row: Sequence[Cell]) -> str:
-        entries = [f'<th scope="row" class="left">{escape(row[0].lines(stacked=False))}</th>']
-        for column, cell in enumerate(row[1:], start=1):
-            error = f" <small>±&nbsp;{escape(cell.error)}</small>" if cell.error else ""
-            mark = f" <sup>{escape(cell.mark)}</sup>" if cell.mark else ""
-            entries.append(f"<td{self._left(column, cell.tone)}>{escape(cell.text)}{error}{mark}</td>")
-        return "".join(entries)
 
-    def _left(self, column: int, tone: str = "") -> str:
-        classes = ["left"] * (column in self.words) + [tone] * bool(tone)
-        return f' class="{" ".join(classes)}"' if classes else ""
+@functools.cache
+def environment() -> jinja2.Environment:
+    """The templates of the report; what they are given is escaped."""
+    import jinja2
+
+    return jinja2.Environment(
+        loader=jinja2.PackageLoader("pumaid.reporting"),
+        autoescape=True,
+        trim_blocks=True,
+        lstrip_blocks=True,
+        undefined=jinja2.StrictUndefined,
+    )
 
 
 def _tex(text: str) -> str:

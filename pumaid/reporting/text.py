@@ -11,8 +11,8 @@ from pumaid.errors import Note
 from pumaid.estimate import IDENTIFIED, NOT_IDENTIFIABLE, Estimate, Value
 from pumaid.estimation.evaluate import Budget, BudgetPart, Comparison, JointScore
 from pumaid.reporting.formatting import amperes, joint_title, joint_titles, listed, percent, plural
-from pumaid.results.history import Rung
-from pumaid.robot import EffectChoice, Robot
+from pumaid.results.history import Rung, effect_words
+from pumaid.robot import Robot
 from pumaid.units import number
 
 #: RMSE over noise floor above which a joint needs attention: a floor from a few dozen replicates is known to a tenth,
@@ -264,23 +264,10 @@ def _who(joints: Sequence[int], comparison: Comparison, robot: Robot) -> str:
 # History of models
 
 
-def effect_list(effects: Sequence[EffectChoice], n_joints: int) -> list[str]:
-    """Effects as on the command line, each kind once: ``stribeck@1,3``, ``spring@all``, ``tilt``."""
-    joints: dict[str, list[int]] = {}
-    for choice in effects:
-        joints.setdefault(choice.effect, []).extend([] if choice.joint is None else [choice.joint])
-    words = []
-    for effect, numbers in joints.items():
-        is_everywhere = n_joints > 1 and sorted(numbers) == list(range(1, n_joints + 1))
-        where = "all" if is_everywhere else ",".join(map(str, sorted(numbers)))
-        words.append(f"{effect}@{where}" if where else effect)
-    return words
-
-
 def changes(rung: Rung) -> list[str]:
     """What a model adds to the one it was made from (``+ stribeck@3``) and what it removes."""
     is_first = rung.parent is None
     words = ["base model"] if is_first else []
-    words += [f"+ {name}" for name in effect_list(rung.effects if is_first else rung.added, len(rung.joints))]
-    words += [f"− {name}" for name in effect_list(rung.removed, len(rung.joints)) if not is_first]
+    words += [f"+ {name}" for name in effect_words(rung.effects if is_first else rung.added, len(rung.joints))]
+    words += [f"− {name}" for name in effect_words(rung.removed, len(rung.joints)) if not is_first]
     return words or ["fitted again"]

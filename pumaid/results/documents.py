@@ -76,17 +76,7 @@ def as_text(document: Mapping[str, Any], *, ascii_only: bool = False) -> str:
 
 
 def heading(kind: str, *, robot: Robot | None = None, logs: Mapping[str, str] | None = None) -> dict[str, Any]:
-    """The first entries of a document.
-
-    Parameters
-    ----------
-    kind
-        ``"model"``, ``"comparison"`` ...
-    robot
-        The arm, whose recipe's digest is stated.
-    logs
-        Name -> SHA-256 of the logs.
-    """
+    """The first entries of a document: kind, format, version, the recipe's digest, name -> SHA-256 of the logs."""
     head: dict[str, Any] = {"kind": kind, "format": FORMAT, "pumaid": __version__}
     if robot is not None:
         head |= {"robot": robot.name, "recipe": {"file": Path(robot.origin).name, "sha256": robot.digest}}
@@ -106,16 +96,7 @@ def sealed(document: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def read_document(path: Path, kind: str, build: Callable[[dict[str, Any]], Record]) -> Record:
-    """What `build` makes of a JSON document that `sealed` closed; ``-`` is standard input.
-
-    Parameters
-    ----------
-    path
-        The file.
-    kind
-        ``"model"`` or ``"diagnosis"``.
-    build
-        From the document to a record; its entries are those that pumaid wrote, as the digest says.
+    """What `build` makes of a JSON document of `kind` that `sealed` closed; ``-`` is standard input.
 
     Raises
     ------
@@ -171,13 +152,7 @@ def _content(path: Path, name: str, kind: str) -> bytes:
 
 
 def record_from(kind: Any, entry: Any) -> Any:
-    """A dataclass, or what a field of one holds, from its JSON entry; null is NaN where a number is asked for.
-
-    Raises
-    ------
-    KeyError, TypeError, ValueError
-        The entry is no such thing.
-    """
+    """A dataclass, or what a field of one holds, from its JSON entry; null is NaN where a number is asked for."""
     make, origin, inside = kind, get_origin(kind), get_args(kind)
     if is_dataclass(kind):
         return make(**{name: record_from(inner, entry[key]) for name, key, inner in _fields(make) if key in entry})

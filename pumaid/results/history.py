@@ -37,26 +37,11 @@ class Errors:
 
 @dataclass(frozen=True, slots=True)
 class Rung:
-    """One model of the history.
+    """One model of the history: the effects beyond the paper's model, and how well joints and the whole arm are fitted.
 
-    Attributes
-    ----------
-    number
-        From 1, in the order in which models were archived.
-    file, digest
-        Its file's name, and the SHA-256 of its content.
-    parent
-        Number of the model that it was made from; None for the first, or where that one is gone.
-    effects
-        All effects in it beyond the paper's model.
-    added, removed
-        Effects that it has more and less than its parent; of the first, all that are in it.
-    joints
-        How well each joint is fitted.
-    whole
-        The same for the whole arm, joints weighted by their fitted samples.
-    is_current
-        Whether it is the model that other commands use now.
+    `number` counts archived models from 1, `parent` is that of the model it was made from (None: the first, or gone),
+    `digest` the SHA-256 of its content; `added` and `removed` are the effects that it has more and less than its parent
+    (of the first, all that are in it). Of the whole arm's errors, joints are weighted by their fitted samples.
     """
 
     number: int
@@ -73,20 +58,10 @@ class Rung:
 
 @dataclass(frozen=True, slots=True)
 class Ladder:
-    """Models whose errors can be compared: of one arm, one set of logs and the same fitted runs of them.
+    """Models, by number, whose errors can be compared: of one arm, one set of logs and the same fitted runs of them.
 
-    Attributes
-    ----------
-    robot
-        The arm's name.
-    recipe
-        SHA-256 of the recipe of its last model.
-    logs
-        Name -> SHA-256 of the logs that were fitted.
-    rungs
-        In the order of their numbers.
-    apart
-        Why it cannot be compared with the current model; empty where it can.
+    `recipe` is the SHA-256 of the recipe of its last model, `logs` are name -> SHA-256; `apart` says why it cannot be
+    compared with the current model, and is empty where it can.
     """
 
     robot: str
@@ -109,19 +84,7 @@ class Ladder:
 
 @dataclass(frozen=True, slots=True)
 class History:
-    """All models of an experiment's folder.
-
-    Attributes
-    ----------
-    folder
-        Where they are.
-    ladders
-        At least one; the one that holds the current model first.
-    current
-        Number of the current model; None where it is not among them.
-    notes
-        Files that could not be used.
-    """
+    """All models in `folder`: at least one ladder, the one with the current model first; notes on unusable files."""
 
     folder: str
     ladders: tuple[Ladder, ...]
@@ -146,26 +109,21 @@ class Entry:
         fitted = tuple((fit.runs, fit.samples) for fit in self.estimate.joints)
         return self.arm, tuple(sorted(self.estimate.logs.values())), fitted
 
+    @property
+    def effects(self) -> Counter[tuple[str, int | None]]:
+        """Effects without their shapes, which every fit estimates anew."""
+        return Counter((choice.effect, choice.joint) for choice in self.estimate.effects)
+
+
+# Writing
+
 
 def keep(path: Path, estimate: Estimate, robot: Robot) -> Path:
-    """Write the current model of an experiment, and archive it as ``models/NUMBER-EFFECTS.json`` beside it.
+    """Write the current model `path` of an experiment, and archive it as ``models/NUMBER-EFFECTS.json`` beside it.
 
     Its parent is the model that was current where one of the two has all effects of the other, else (or where it is an
-    earlier one fitted again) the comparable model with most of its effects. A model is archived once.
-
-    Parameters
-    ----------
-    path
-        ``results/model.json``.
-    estimate
-        The model.
-    robot
-        The arm; models of the same arm stay comparable when only the recipe's effects change.
-
-    Returns
-    -------
-    path
-        Of the archived model.
+    earlier one fitted again) the comparable model with most of its effects. A model is archived once. Models of the
+    same arm stay comparable when only the recipe's effects change. Returns the archived file.
 
     Raises
     ------
@@ -174,77 +132,29 @@ def keep(path: Path, estimate: Estimate, robot: Robot) -> Path:
     """
     arm = digest_of(plain(replace(robot, effects=(), origin="", digest="")))
     document = model_document(estimate)
-    with locked(Path(path).parent / FOLDER):
-        before = _archive_current(Path(path), robot.digest, arm)
-        archived = _archive(Path(path).parent / FOLDER, (document, estimate), arm=arm, before=before)
-        write_file(Path(path), as_text(document))
+    with locked(path.parent / FOLDER):
+        before = _archive_current(path, robot.digest, arm)
+        archived = _archive(path.parent / FOLDER, (document, estimate), arm=arm, before=before)
+        write_file(path, as_text(document))
     return archived
 
 
 def restore(results: Path, number: int) -> Path:
-    """Make model `number` of the archive the current one; returns its file.
+    """Make model `number` of the archive the current one, and return its file; ResultError [no-history] if it is not.
 
-    Raises
-    ------
-    ResultError [no-history], [no-history], [cannot-write]
-        The archive has no such number, or there is none, or the system refuses.
+    A current model that is in no archive is archived first.
     """
     _entries(results)
     with locked(results / FOLDER):
         _archive_current(results / CURRENT)
-        entries, _ = _entries(results)
-        chosen = next((entry for entry in entries if entry.number == number), None)
-        if chosen is None:
-            numbers = ", ".join(str(entry.number) for entry in entries)
-            what = f"there is no model {number}; there are {numbers}"
+        paths = {entry.number: entry.path for entry in _entries(results)[0]}
+        if number not in paths:
+            what = f"there is no model {number}; there are {', '.join(map(str, paths))}"
             raise ResultError("no-history", what, Where(file=str(results / FOLDER)), "see: pumaid history")
-        document, _ = _read(chosen.path)
+        document, _ = _read(paths[number])
         document.pop(_LINK, None)
         write_file(results / CURRENT, as_text(document))
     return results / CURRENT
-
-
-def read_history(results: Path) -> History:
-    """All models that a results folder keeps, as ladders of those that can be compared.
-
-    Raises
-    ------
-    ResultError [no-history]
-        No model was archived.
-    """
-    entries, notes = _entries(results)
-    try:
-        digest, why = _read(results / CURRENT)[0]["sha256"], "is not among the kept ones"
-    except PumaidError as error:
-        digest, why = "", "is missing" if error.slug == "file-not-readable" else "is damaged"
-    current = next((entry for entry in entries if entry.digest == digest), None)
-    if current is None:
-        text = f"the current model {results / CURRENT} {why}; the ladder ends at the last that was kept"
-        notes = [*notes, Note("model-not-kept", text, Where(file=str(results / CURRENT)))]
-    main = current or entries[-1]
-    groups: dict[tuple[object, ...], list[Entry]] = {main.key: []}
-    for entry in entries:
-        groups.setdefault(entry.key, []).append(entry)
-    number = None if current is None else current.number
-    ladders = tuple(_ladder(group, main, number) for group in groups.values())
-    return History(str(results / FOLDER), ladders, number, tuple(notes))
-
-
-def ladder_of(model: Path) -> Ladder | None:
-    """The ladder that ends at a current model's file; None where no model was archived, or for another file."""
-    try:
-        history = read_history(model.parent)
-    except ResultError:
-        return None
-    return history.ladders[0] if history.current is not None and model.name == CURRENT else None
-
-
-def _read(path: Path) -> tuple[dict[str, Any], Estimate]:
-    """A model file as JSON and as a model; a pipe or device is refused, since reading it might never end."""
-    if path.exists() and not path.is_file():
-        what = f"{path} is not a plain file"
-        raise ResultError("file-not-readable", what, Where(file=str(path)), "remove it from the results folder")
-    return read_document(path, "model", lambda document: (document, estimate_from(document)))
 
 
 def _archive_current(path: Path, recipe: str = "", arm: str = "") -> str | None:
@@ -270,7 +180,9 @@ def _archive(folder: Path, model: tuple[dict[str, Any], Estimate], *, arm: str, 
         if entry.digest == digest:
             return entry.path
     number = 1 + max((_number(path) for path in folder.glob("*")), default=0)
-    path = folder / f"{number:03d}-{_effects_word(estimate.effects)}.json"
+    word = re.sub(r"[^\w@,+.-]", "_", "+".join(effect_words(estimate.effects)))
+    word = word if len(word) <= _LONGEST else f"{len(estimate.effects)}-effects"
+    path = folder / f"{number:03d}-{word or 'base'}.json"
     new = Entry(number, path, estimate, digest, parent=None, arm=arm or estimate.recipe_digest)
     parent = _parent(new, [entry for entry in entries if entry.key == new.key], before)
     write_file(path, as_text(document | {_LINK: {"number": number, "sha256": digest, "parent": parent, "arm": arm}}))
@@ -279,29 +191,72 @@ def _archive(folder: Path, model: tuple[dict[str, Any], Estimate], *, arm: str, 
 
 def _parent(new: Entry, others: Sequence[Entry], before: str | None) -> str | None:
     """Digest of the model that `new` was made from, among those that can be compared with it."""
-    effects = _counted(new.estimate.effects)
-    sets = {entry.digest: _counted(entry.estimate.effects) for entry in others}
-    within = [entry for entry in others if sets[entry.digest] <= effects]
-    best = max(within, key=lambda entry: (sets[entry.digest].total(), entry.number), default=None)
-    has_twin = best is not None and sets[best.digest] == effects
-    if before in sets and (sets[before] <= effects or (effects <= sets[before] and not has_twin)):
-        return before
+    within = [entry for entry in others if entry.effects <= new.effects]
+    best = max(within, key=lambda entry: (entry.effects.total(), entry.number), default=None)
+    has_twin = best is not None and best.effects == new.effects
+    current = next((entry for entry in others if entry.digest == before), best)
+    if current and (current.effects <= new.effects or (new.effects <= current.effects and not has_twin)):
+        return current.digest
     return None if best is None else best.digest
 
 
-def _counted(effects: Iterable[EffectChoice]) -> Counter[tuple[str, int | None]]:
-    """Effects without their shapes, which every fit estimates anew."""
-    return Counter((choice.effect, choice.joint) for choice in effects)
-
-
-def _effects_word(effects: Sequence[EffectChoice]) -> str:
-    """Effects as part of a file's name: ``stribeck@1,3+tilt``."""
+def effect_words(effects: Iterable[EffectChoice], n_joints: int = 0) -> list[str]:
+    """Effects as on the command line, each kind once: ``stribeck@1,3``, ``spring@all`` of `n_joints`, ``tilt``."""
     joints: dict[str, list[int]] = {}
     for choice in effects:
-        joints.setdefault(choice.effect, []).extend([choice.joint] if choice.joint else [])
-    words = [f"{name}@{','.join(map(str, numbers))}" if numbers else name for name, numbers in joints.items()]
-    word = re.sub(r"[^\w@,+.-]", "_", "+".join(words))
-    return word if 0 < len(word) <= _LONGEST else f"{len(effects)}-effects" if effects else "base"
+        joints.setdefault(choice.effect, []).extend([] if choice.joint is None else [choice.joint])
+    words = []
+    for effect, numbers in joints.items():
+        is_everywhere = n_joints > 1 and sorted(numbers) == list(range(1, n_joints + 1))
+        where = "all" if is_everywhere else ",".join(map(str, sorted(numbers)))
+        words.append(f"{effect}@{where}" if where else effect)
+    return words
+
+
+# Reading
+
+
+def read_history(results: Path) -> History:
+    """All models that a results folder keeps, as ladders of those that can be compared.
+
+    Raises
+    ------
+    ResultError [no-history]
+        No model was archived.
+    """
+    entries, notes = _entries(results)
+    path, digest, why = results / CURRENT, "", "is not among the kept ones"
+    try:
+        digest = _read(path)[0]["sha256"]
+    except PumaidError as error:
+        why = "is missing" if error.slug == "file-not-readable" else "is damaged"
+    current = next((entry for entry in entries if entry.digest == digest), None)
+    if current is None:
+        text = f"the current model {path} {why}; the ladder ends at the last that was kept"
+        notes = [*notes, Note("model-not-kept", text, Where(file=str(path)))]
+    main = current or entries[-1]
+    groups: dict[tuple[object, ...], list[Entry]] = {main.key: []}
+    for entry in entries:
+        groups.setdefault(entry.key, []).append(entry)
+    ladders = tuple(_ladder(group, main, current) for group in groups.values())
+    return History(str(results / FOLDER), ladders, current and current.number, tuple(notes))
+
+
+def ladder_of(model: Path) -> Ladder | None:
+    """The ladder that ends at a current model's file; None where no model was archived, or for another file."""
+    try:
+        history = read_history(model.parent)
+    except ResultError:
+        return None
+    return history.ladders[0] if history.current is not None and model.name == CURRENT else None
+
+
+def _read(path: Path) -> tuple[dict[str, Any], Estimate]:
+    """A model file as JSON and as a model; a pipe or device is refused, since reading it might never end."""
+    if path.exists() and not path.is_file():
+        what = f"{path} is not a plain file"
+        raise ResultError("file-not-readable", what, Where(file=str(path)), "remove it from the results folder")
+    return read_document(path, "model", lambda document: (document, estimate_from(document)))
 
 
 def _number(path: Path) -> int:
@@ -311,7 +266,7 @@ def _number(path: Path) -> int:
 
 
 def _entries(results: Path) -> tuple[list[Entry], list[Note]]:
-    """The archive of a results folder in order of numbers, and what in it cannot be used."""
+    """The archive of a results folder in order of numbers, and what in it cannot be used; refused where it is empty."""
     entries, notes = _usable(results / FOLDER)
     if not entries:
         what = f"no model was kept in {results / FOLDER}"
@@ -325,67 +280,56 @@ def _usable(folder: Path) -> tuple[list[Entry], list[Note]]:
     notes: list[Note] = []
     paths = [path for path in folder.iterdir() if path.name[0] != "."] if folder.is_dir() else []
     for path in sorted(paths, key=lambda path: (_number(path), path.name)):
-        where = Where(file=str(path))
+        number, why = _number(path), "it is not named as kept models are (NUMBER-EFFECTS.json)"
         try:
-            entry = _entry(path)
-            if entry.number in entries or any(entry.digest == other.digest for other in entries.values()):
-                raise ResultError("model-skipped", "its model or number is there already", where)
+            document, estimate = _read(path)
         except PumaidError as error:
-            why = error.what.replace(str(path), "it")
+            number, why = 0, error.what.replace(str(path), "it")
+        else:
+            if number in entries or any(document["sha256"] == entry.digest for entry in entries.values()):
+                number, why = 0, "its model or number is there already"
+        if not number:
+            where = Where(file=str(path))
             notes.append(Note("model-skipped", f"{path.name} is passed over: {why}", where))
             continue
-        entries[entry.number] = entry
+        link = document.get(_LINK)
+        texts = {key: text for key, text in link.items() if isinstance(text, str)} if isinstance(link, dict) else {}
+        arm = texts.get("arm") or estimate.recipe_digest
+        entries[number] = Entry(number, path, estimate, document["sha256"], parent=texts.get("parent"), arm=arm)
     return list(entries.values()), notes
 
 
-def _entry(path: Path) -> Entry:
-    if not _number(path):
-        where = Where(file=str(path))
-        raise ResultError("model-skipped", "it is not named as kept models are (NUMBER-EFFECTS.json)", where)
-    document, estimate = _read(path)
-    link = document.get(_LINK)
-    texts = {key: text for key, text in link.items() if isinstance(text, str)} if isinstance(link, dict) else {}
-    arm = texts.get("arm") or estimate.recipe_digest
-    return Entry(_number(path), path, estimate, document["sha256"], parent=texts.get("parent"), arm=arm)
-
-
-def _ladder(group: Sequence[Entry], main: Entry, current: int | None) -> Ladder:
-    last = group[-1].estimate
+def _ladder(group: Sequence[Entry], main: Entry, current: Entry | None) -> Ladder:
     by_digest = {entry.digest: entry for entry in group}
-    rungs = tuple(_rung(entry, by_digest.get(entry.parent or ""), current) for entry in group)
-    return Ladder(last.robot, last.recipe_digest, dict(last.logs), rungs, _apart(group[-1], main))
+    rungs = []
+    for entry in group:
+        parent, effects = by_digest.get(entry.parent or ""), entry.estimate.effects
+        before = () if parent is None else parent.estimate.effects
+        number, joints, changes = parent and parent.number, entry.estimate.joints, _beyond(effects, before)
+        rung = Rung(entry.number, entry.path.name, entry.digest, number, effects, changes, (), joints, _whole(joints))
+        rungs.append(replace(rung, removed=_beyond(before, effects), is_current=entry is current))
+    last = group[-1].estimate
+    return Ladder(last.robot, last.recipe_digest, dict(last.logs), tuple(rungs), _apart(group[-1], main))
 
 
-def _rung(entry: Entry, parent: Entry | None, current: int | None) -> Rung:
-    before = () if parent is None else parent.estimate.effects
-    effects = entry.estimate.effects
-    return Rung(
-        number=entry.number,
-        file=entry.path.name,
-        digest=entry.digest,
-        parent=None if parent is None else parent.number,
-        effects=effects,
-        added=_beyond(effects, before),
-        removed=_beyond(before, effects),
-        joints=entry.estimate.joints,
-        whole=_whole(entry.estimate.joints),
-        is_current=entry.number == current,
-    )
+def _beyond(effects: Sequence[EffectChoice], others: Sequence[EffectChoice]) -> tuple[EffectChoice, ...]:
+    """The effects that `others` lack, whatever their shapes."""
+    remaining, beyond = Counter((choice.effect, choice.joint) for choice in others), []
+    for choice in effects:
+        remaining[choice.effect, choice.joint] -= 1
+        beyond += [choice] if remaining[choice.effect, choice.joint] < 0 else []
+    return tuple(beyond)
 
 
 def _whole(joints: Sequence[JointFit]) -> Errors:
-    """The arm's errors: joints weighted by their fitted samples, None unless known of every fitted joint."""
+    """The arm's errors; None unless known of every fitted joint."""
     fitted = [fit for fit in joints if fit.rmse is not None]
     samples = sum(fit.samples for fit in fitted)
-
-    def pooled(values: Sequence[float | None]) -> float | None:
-        numbers = [value for value in values if value is not None]
-        if not samples or len(numbers) < len(fitted):
-            return None
-        return math.sqrt(sum(fit.samples * value**2 for fit, value in zip(fitted, numbers, strict=True)) / samples)
-
-    rmse, heldout, floor = ([getattr(fit, name) for fit in fitted] for name in ("rmse", "heldout", "noise_floor"))
-    return Errors(pooled(rmse), pooled(heldout), pooled(floor))
+    pooled: list[float | None] = []
+    for name in ("rmse", "heldout", "noise_floor"):
+        squares = [fit.samples * getattr(fit, name) ** 2 for fit in fitted if getattr(fit, name) is not None]
+        pooled.append(math.sqrt(sum(squares) / samples) if samples and len(squares) == len(fitted) else None)
+    return Errors(*pooled)
 
 
 def _apart(entry: Entry, main: Entry) -> str:
@@ -397,15 +341,3 @@ def _apart(entry: Entry, main: Entry) -> str:
     if current != logs:
         return f"fitted to other logs ({len(logs)}, of which the current model has {len(current & logs)})"
     return "" if entry.key == main.key else "fitted to other runs of the same logs (others were held out)"
-
-
-def _beyond(effects: Sequence[EffectChoice], others: Sequence[EffectChoice]) -> tuple[EffectChoice, ...]:
-    """The effects that `others` lack."""
-    remaining, beyond = _counted(others), []
-    for choice in effects:
-        key = (choice.effect, choice.joint)
-        if remaining[key]:
-            remaining[key] -= 1
-        else:
-            beyond.append(choice)
-    return tuple(beyond)

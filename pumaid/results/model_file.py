@@ -56,13 +56,7 @@ def model_document(estimate: Estimate) -> dict[str, Any]:
 
 
 def write_model(path: Path, estimate: Estimate) -> None:
-    """Write a model file atomically.
-
-    Raises
-    ------
-    ResultError [cannot-write]
-        The system refuses.
-    """
+    """Write a model file atomically; a ResultError [cannot-write] where the system refuses."""
     write_file(Path(path), as_text(model_document(estimate)))
 
 
@@ -73,12 +67,9 @@ def model_digest(estimate: Estimate) -> str:
 
 
 def read_model(path: Path) -> Estimate:
-    """Read a model file; ``-`` is standard input.
+    """The estimate in a model file, floats bit for bit; ``-`` is standard input.
 
-    Returns
-    -------
-    estimate
-        Equal to the one written; floats bit for bit. A file of another version of pumaid has a note that says so.
+    A file of another version of pumaid has a note that says so.
 
     Raises
     ------

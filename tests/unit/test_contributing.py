@@ -22,6 +22,7 @@ from pumaid.io.log_formats import log_formats
 from pumaid.io.log_reader import LogReader
 from pumaid.io.recipe import read_recipe, shipped_recipes
 from pumaid.reporting.page import all_figures, all_sections, page
+from pumaid.reporting.table import environment
 
 EFFECT = '''
 """A dummy."""
@@ -64,7 +65,7 @@ class Dummy(Section):
     """Greets."""
     order, title = 1, "Dummy section"
 
-    def content(self, context, figures):
+    def content(self, context):
         return {"words": f"This is {context.robot.name}."}
 '''
 FORM = '''
@@ -83,7 +84,7 @@ class Dummy(Form):
 @pytest.fixture
 def added(tmp_path, monkeypatch):
     """A function that has a file found in a package's folder, as if it stood there."""
-    caches = (catalogue, pumaid.effects._built_in, every_form, log_formats, all_sections)
+    caches = (catalogue, pumaid.effects._built_in, every_form, log_formats, all_sections, environment)
 
     def add(package, text: str, name: str = "dummy") -> None:
         (tmp_path / f"{name}.py").write_text(text, encoding="utf-8")

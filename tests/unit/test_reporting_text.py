@@ -23,6 +23,7 @@ from pumaid.reporting import diagnosis_text, text
 from pumaid.reporting.formatting import in_unit, percent, posture_text, relative_names, with_error
 from pumaid.reporting.table import Paragraph
 from pumaid.reporting.tables import NOISE, SIGNIFICANT, budget_bars, budget_parts, shape_table
+from pumaid.results.history import effect_words
 from pumaid.robot import EffectChoice
 
 PUMA = diagnoses.PUMA
@@ -219,7 +220,7 @@ def test_the_terminal_shows_each_joint_once(rippled):
 )
 def test_effects_are_written_as_they_are_typed(effects, words):
     """An effect of several joints is one word."""
-    assert text.effect_list(effects, 3) == words
+    assert effect_words(effects, 3) == words
 
 
 # Diagnosis

@@ -3,14 +3,11 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Mapping
 from typing import ClassVar
 
 from pumaid.reporting.context import ReportContext
-from pumaid.reporting.figures.style import Drawing
 
-#: Figures of a section by name; what its template sees by name.
-Figures = Mapping[str, Drawing]
+#: What a section's template sees by name.
 Content = dict[str, object]
 
 
@@ -34,10 +31,6 @@ class Section(ABC):
         """Whether there is anything to show in this section."""
         return True
 
-    def figures(self, context: ReportContext) -> list[Drawing]:
-        """The figures of this section."""
-        return []
-
     @abstractmethod
-    def content(self, context: ReportContext, figures: Figures) -> Content:
-        """What the template sees, with the section's `figures`; text is escaped there."""
+    def content(self, context: ReportContext) -> Content:
+        """What the template sees; text is escaped there. Drawings in it, also in lists, become files of the report."""

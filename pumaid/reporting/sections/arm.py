@@ -4,9 +4,8 @@ from __future__ import annotations
 
 from pumaid.reporting.context import ReportContext
 from pumaid.reporting.figures.arm import skeleton_figure
-from pumaid.reporting.figures.style import Drawing
 from pumaid.reporting.run_tables import axes_table
-from pumaid.reporting.sections import Content, Figures, Section
+from pumaid.reporting.sections import Content, Section
 
 
 class ArmSection(Section):
@@ -14,10 +13,7 @@ class ArmSection(Section):
 
     order, title = 10, "Arm"
 
-    def figures(self, context: ReportContext) -> list[Drawing]:
-        return [skeleton_figure(context)]
-
-    def content(self, context: ReportContext, figures: Figures) -> Content:
+    def content(self, context: ReportContext) -> Content:
         gravity = ", ".join(f"{component:.6g}" for component in context.robot.gravity)
         table = axes_table(context.robot, context.units)
-        return {"robot": context.robot, "gravity": gravity, "table": table, "skeleton": figures["arm"]}
+        return {"robot": context.robot, "gravity": gravity, "table": table, "skeleton": skeleton_figure(context)}

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from pumaid.reporting.context import ReportContext
 from pumaid.reporting.figures.model import PAGE_WIDTH, history_figure
-from pumaid.reporting.figures.style import Drawing
-from pumaid.reporting.sections import Content, Figures, Section
+from pumaid.reporting.sections import Content, Section
 from pumaid.reporting.tables import history_joint_table, history_table
 
 
@@ -17,11 +16,8 @@ class HistorySection(Section):
     def applies(self, context: ReportContext) -> bool:
         return context.ladder is not None and len(context.ladder.rungs) > 1
 
-    def figures(self, context: ReportContext) -> list[Drawing]:
+    def content(self, context: ReportContext) -> Content:
         ladder = context.ladder
-        return [history_figure(ladder, width=PAGE_WIDTH)] if ladder is not None and len(ladder.path) > 1 else []
-
-    def content(self, context: ReportContext, figures: Figures) -> Content:
-        assert context.ladder is not None
-        tables = [history_table(context.ladder), history_joint_table(context.ladder)]
-        return {"steps": figures.get("ladder"), "tables": tables}
+        assert ladder is not None
+        steps = history_figure(ladder, width=PAGE_WIDTH) if len(ladder.path) > 1 else None
+        return {"steps": steps, "tables": [history_table(ladder), history_joint_table(ladder)]}

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pumaid.reporting.context import ReportContext
-from pumaid.reporting.sections import Content, Figures, Section
+from pumaid.reporting.sections import Content, Section
 from pumaid.reporting.text import METHOD_LIMITS, merge_notes
 
 
@@ -12,6 +12,6 @@ class Limits(Section):
 
     order, title = 80, "Notes and limits"
 
-    def content(self, context: ReportContext, figures: Figures) -> Content:
+    def content(self, context: ReportContext) -> Content:
         notes = (*context.dataset.notes, *context.estimate.notes, *context.comparison.notes)
         return {"notes": merge_notes(notes), "limits": METHOD_LIMITS}

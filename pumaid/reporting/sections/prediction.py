@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from pumaid.reporting.context import ReportContext
 from pumaid.reporting.figures.residuals import current_figures
-from pumaid.reporting.figures.style import Drawing
-from pumaid.reporting.sections import Content, Figures, Section
+from pumaid.reporting.sections import Content, Section
 from pumaid.reporting.tables import comparison_table
 
 
@@ -14,13 +13,10 @@ class Prediction(Section):
 
     order, title = 40, "Model against measurement"
 
-    def figures(self, context: ReportContext) -> list[Drawing]:
-        return current_figures(context)
-
-    def content(self, context: ReportContext, figures: Figures) -> Content:
+    def content(self, context: ReportContext) -> Content:
         ways = {(score.run.joint, score.run.direction) for score in context.comparison.runs}
         return {
             "both_ways": any((joint, -1) in ways and (joint, 1) in ways for joint in context.moving()),
             "table": comparison_table(context.comparison, context.robot),
-            "figures": list(figures.values()),
+            "figures": current_figures(context),
         }

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from pumaid.reporting.context import ReportContext
 from pumaid.reporting.figures.residuals import budget_figure, budgets, campaign_figure, residual_figures
-from pumaid.reporting.figures.style import Drawing
-from pumaid.reporting.sections import Content, Figures, Section
+from pumaid.reporting.sections import Content, Section
 from pumaid.reporting.tables import outside_table, worst_runs_table
 from pumaid.reporting.text import budget_limit_sentences, budget_sentence, is_noise_only, noise_only_sentence
 
@@ -21,19 +20,16 @@ class Residuals(Section):
     def applies(self, context: ReportContext) -> bool:
         return bool(context.comparison.runs)
 
-    def figures(self, context: ReportContext) -> list[Drawing]:
-        return [budget_figure(context), *residual_figures(context), campaign_figure(context)]
-
-    def content(self, context: ReportContext, figures: Figures) -> Content:
+    def content(self, context: ReportContext) -> Content:
         comparison, robot = context.comparison, context.robot
         loud = [score for score in budgets(context) if score.budget and not is_noise_only(score.budget)]
-        tables = [worst_runs_table(comparison, robot, count=WORST, units=context.units)]
+        worst = worst_runs_table(comparison, robot, count=WORST, units=context.units)
         return {
             "joints": [budget_sentence(score, robot) for score in loud],
             "noise_only": noise_only_sentence(comparison, robot),
             "limits": budget_limit_sentences(comparison, robot),
-            "budget": figures["budget"],
-            "figures": [drawing for name, drawing in figures.items() if name not in ("budget", "campaign")],
-            "campaign": figures["campaign"],
-            "tables": [table for table in (*tables, outside_table(comparison, robot)) if table is not None],
+            "budget": budget_figure(context),
+            "figures": residual_figures(context),
+            "campaign": campaign_figure(context),
+            "tables": [table for table in (worst, outside_table(comparison, robot)) if table is not None],
         }

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pumaid.effects import catalogue
 from pumaid.reporting.context import ReportContext
-from pumaid.reporting.sections import Content, Figures, Section
+from pumaid.reporting.sections import Content, Section
 from pumaid.reporting.table import Table
 
 
@@ -13,7 +13,7 @@ class Sources(Section):
 
     order, title = 90, "Sources and versions"
 
-    def content(self, context: ReportContext, figures: Figures) -> Content:
+    def content(self, context: ReportContext) -> Content:
         titles: dict[str, list[str]] = {}
         for name in dict.fromkeys(name.split(".")[0] for name in context.estimate.names):
             if name in catalogue():

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from pumaid.reporting.context import ReportContext
 from pumaid.reporting.figures.model import share_figure
-from pumaid.reporting.figures.style import Drawing
-from pumaid.reporting.sections import Content, Figures, Section
+from pumaid.reporting.sections import Content, Section
 from pumaid.reporting.text import data_sentence, joint_sentence, parameters_sentence
 
 
@@ -14,12 +13,10 @@ class Summary(Section):
 
     order, title = 0, "Summary"
 
-    def figures(self, context: ReportContext) -> list[Drawing]:
-        return [share_figure(context)] if any(score.shares for score in context.comparison.joints) else []
-
-    def content(self, context: ReportContext, figures: Figures) -> Content:
+    def content(self, context: ReportContext) -> Content:
+        scores = context.comparison.joints
         return {
             "sentences": [data_sentence(context.dataset), parameters_sentence(context.estimate)],
-            "joints": [joint_sentence(score, context.robot) for score in context.comparison.joints],
-            "shares": figures.get("spent"),
+            "joints": [joint_sentence(score, context.robot) for score in scores],
+            "shares": share_figure(context) if any(score.shares for score in scores) else None,
         }
