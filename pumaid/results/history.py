@@ -239,7 +239,7 @@ def read_history(results: Path) -> History:
     for entry in entries:
         groups.setdefault(entry.key, []).append(entry)
     ladders = tuple(_ladder(group, main, current) for group in groups.values())
-    return History(str(results / FOLDER), ladders, current and current.number, tuple(notes))
+    return History(str(results / FOLDER), ladders, current.number if current else None, tuple(notes))
 
 
 def ladder_of(model: Path) -> Ladder | None:
@@ -305,7 +305,8 @@ def _ladder(group: Sequence[Entry], main: Entry, current: Entry | None) -> Ladde
     for entry in group:
         parent, effects = by_digest.get(entry.parent or ""), entry.estimate.effects
         before = () if parent is None else parent.estimate.effects
-        number, joints, changes = parent and parent.number, entry.estimate.joints, _beyond(effects, before)
+        number = None if parent is None else parent.number
+        joints, changes = entry.estimate.joints, _beyond(effects, before)
         rung = Rung(entry.number, entry.path.name, entry.digest, number, effects, changes, (), joints, _whole(joints))
         rungs.append(replace(rung, removed=_beyond(before, effects), is_current=entry is current))
     last = group[-1].estimate
