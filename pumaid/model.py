@@ -6,6 +6,7 @@ import copy
 import itertools
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
+from weakref import WeakKeyDictionary
 
 import numpy as np
 from numpy.typing import NDArray
@@ -55,6 +56,7 @@ class Model:
         self.stroke_postures = tuple((joint, tuple(float(p) for p in held)) for joint, held in stroke_postures)
         late = [Column(f"{DELAY}.j{n}", f"dt{n}", "s", "how late the current is", n, DELAY) for n in delays]
         self._base = (*self._columns(), *late)
+        self._base_designs = WeakKeyDictionary[JointBins, Floats]()  # shared by models with other effects
         self._choose(effects)
 
     def _choose(self, effects: Sequence[EffectTerm]) -> None:
@@ -163,14 +165,19 @@ class Model:
         gravity
             What a fitted model says of gravity at the bins' nodes, where an effect needs it.
         """
-        return bins.averaged(self.at_nodes(bins, gravity))
+        if bins not in self._base_designs:
+            self._base_designs[bins] = bins.averaged(self._base_at_nodes(bins))
+        beyond = self.beyond(replace(bins.nodes[0], loads=gravity))
+        return np.hstack([self._base_designs[bins], bins.averaged(beyond)])
 
     def at_nodes(self, bins: JointBins, gravity: Loads | None = None) -> Floats:
         """(3 N, p) the same at the nodes of bins; in the paper's model nothing accelerates at constant speed."""
-        nodes, _ = bins.nodes
-        stroke = np.repeat(bins.is_stroke[bins.run], 3)
+        return np.hstack([self._base_at_nodes(bins), self.beyond(replace(bins.nodes[0], loads=gravity))])
+
+    def _base_at_nodes(self, bins: JointBins) -> Floats:
+        nodes, stroke = bins.nodes[0], np.repeat(bins.is_stroke[bins.run], 3)
         steady = replace(nodes, acceleration=np.where(stroke, nodes.acceleration, 0.0))
-        return np.hstack([self.along(steady, 3 * bins.lengths), self.beyond(replace(nodes, loads=gravity))])
+        return self.along(steady, 3 * bins.lengths)
 
     def base(self, samples: Samples) -> Floats:
         """(M, p) the same with nothing in the columns of chosen effects, which ask for no loads then."""

@@ -146,7 +146,7 @@ def hits() -> Iterator[str]:
     motions = plan(truth.robot, LOOKED_AT[0], HIDDEN)
     quiet = Bench(truth, motions, rate=50.0, bins=120)
     looks = [searching(quiet, HIDDEN + number).look([]) for number in range(ANNOUNCED)]
-    announced = [detection_limits(one.scan, one.catalogue, one.family, periodic=catalogue()["ripple"]) for one in looks]
+    announced = [detection_limits(one.scan, one.family, periodic=catalogue()["ripple"]) for one in looks]
     yield "| effect | limit | beyond chance | called missing | of any shape | at a third |"
     for place, (name, joint) in enumerate(EFFECTS):
         sizes = [one[name, joint].size for one in announced]
@@ -160,7 +160,7 @@ def hits() -> Iterator[str]:
                 pick = int(np.random.default_rng(seed).integers(len(shapes))) if is_any else len(shapes) // 2
                 arm = hiding(truth, name, joint, size=share * limit, shape=shapes[pick].shape, seed=seed)
                 step = searching(Bench(arm, motions, rate=50.0, bins=120), seed).look([])
-                named = [step.chosen, *step.rivals] if step.chosen is not None else []
+                named = [step.chosen, *step.chosen.rivals] if step.chosen is not None else []
                 beyond += chances(step).get((name, joint), 1.0) <= LEVEL
                 found += (name, joint) in [one.key for one in named]
             bins += [interval(beyond, count), interval(found, count)] if not bins else [interval(found, count)]

@@ -1,9 +1,9 @@
-"""Everything that could be missing: each effect at each joint with each shape of its grid, as columns over bins."""
+"""Everything that could be missing: each effect at each joint with each shape of its grid."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 from typing import ClassVar
 
 import numpy as np
@@ -19,115 +19,44 @@ from pumaid.robot import Robot
 from pumaid.samples import Extent, Samples
 
 Floats = NDArray[np.float64]
+#: Effect and joint (from 1; None: the whole arm).
+Key = tuple[str, int | None]
 
 
 @dataclass(frozen=True, eq=False, slots=True)
-class CandidateShape:
-    """One candidate with one shape.
+class Candidates:
+    """What may be missing: `groups` of one effect at one joint with each shape of its grid, and what is `excluded`.
 
-    Attributes
-    ----------
-    added
-        Effect, joint and shape.
-    columns
-        Numbers of its columns in the matrix of its kind.
-    is_wide
-        Whether it acts in several joints.
+    Effect and joint (None: the whole arm) of those that cannot act, or cannot be tried, map to the reason.
     """
 
-    added: EffectTerm
-    columns: tuple[int, ...]
-    is_wide: bool
+    groups: tuple[tuple[EffectTerm, ...], ...] = ()
+    excluded: Mapping[Key, str] = field(default_factory=dict)
+
+    def shapes(self, key: Key) -> tuple[EffectTerm, ...]:
+        """The grid of one effect at one joint."""
+        return next((group for group in self.groups if group[0].key == key), ())
 
 
-@dataclass(frozen=True, eq=False, slots=True)
-class CandidateColumns:
-    """All variants with their columns, not whitened.
-
-    Attributes
-    ----------
-    variants
-        Of every effect, local ones by joint first.
-    local
-        Joint (from 1) -> (N, V) columns of effects that act there alone.
-    wide
-        Joint (from 1) -> (N, W) columns, in that joint, of effects that act in several.
-    excluded
-        (effect, joint or None) -> why it cannot act or cannot be tried.
-    """
-
-    variants: tuple[CandidateShape, ...]
-    local: dict[int, Floats]
-    wide: dict[int, Floats]
-    excluded: dict[tuple[str, int | None], str]
-
-
-def candidate_columns(solved: Fit, effects: Sequence[Effect] | None = None) -> CandidateColumns:
-    """Columns of every effect that is not in the model, at the loads of `solved`; periodic ones have spectra instead.
-
-    Parameters
-    ----------
-    solved
-        The model so far.
-    effects
-        What to try; all that are no part of every model where not given.
-    """
-    robot, joints = solved.model.robot, [row.bins.joint for row in solved.joints]
-    variants: list[CandidateShape] = []
-    excluded: dict[tuple[str, int | None], str] = {}
-    columns: dict[tuple[bool, int], list[Floats]] = {(is_wide, k): [] for is_wide in (False, True) for k in joints}
-    width = dict.fromkeys([*joints, 0], 0)
+def candidates(solved: Fit, effects: Sequence[Effect] | None = None) -> Candidates:
+    """Every effect (of the catalogue, where not given) that the model lacks; periodic ones have spectra instead."""
+    robot, moving = solved.model.robot, [row.bins.joint for row in solved.joints]
+    owners: dict[Scope, Sequence[int | None]] = {Scope.ARM: (None,), Scope.CAUSE: range(1, robot.n_joints + 1)}
     extents = {row.bins.joint: extent([row.bins], row.bins.joint, row.drawn) for row in solved.joints}
     everywhere = extent([row.bins for row in solved.joints], 0)
-    for effect in effects or catalogue().values():
-        for owner in _owners(solved, effect):
-            why = None if owner is None else effect.applies(robot, owner)
+    present = {term.key for term in solved.model.effects}
+    present |= {(column.effect, column.owner or None) for column in solved.model.columns}
+    groups, excluded = [], {}
+    tried = [effect for effect in effects or catalogue().values() if not effect.base and effect.periodic is None]
+    for effect in tried:
+        for joint in owners.get(effect.scope, moving):
+            why = None if joint is None else effect.applies(robot, joint)
             if why is not None:
-                excluded[effect.name, owner] = why
-            if why is not None or _is_present(solved, effect, owner):
-                continue
-            shapes = effect.grid(robot, extents.get(owner or 0, everywhere))
-            place = owner or 0 if effect.scope is Scope.JOINT else 0
-            for row in (row for row in solved.joints if place in (0, row.bins.joint)):
-                made = effect.columns_each(robot, row.bins.samples, number=owner or 0, shapes=shapes)
-                columns[place == 0, row.bins.joint] += made
-            count = made[0].shape[1] if shapes else 0
-            for shape in shapes:
-                numbers = tuple(range(width[place], width[place] + count))
-                variants.append(CandidateShape(EffectTerm(effect, owner, dict(shape)), numbers, place == 0))
-                width[place] += count
-    local, wide = (
-        {row.bins.joint: _stacked(columns[is_wide, row.bins.joint], len(row.bins)) for row in solved.joints}
-        for is_wide in (False, True)
-    )
-    return CandidateColumns(tuple(variants), local, wide, excluded)
-
-
-def _owners(solved: Fit, effect: Effect) -> Iterable[int | None]:
-    """Joints at which an effect is tried, None for the whole arm."""
-    if effect.base or effect.periodic is not None:
-        return ()
-    if effect.scope is Scope.ARM:
-        return (None,)
-    if effect.scope is Scope.CAUSE:
-        return range(1, solved.model.robot.n_joints + 1)
-    return [row.bins.joint for row in solved.joints]
-
-
-def _is_present(solved: Fit, effect: Effect, owner: int | None) -> bool:
-    """Whether the model has the effect there already, and only once is possible."""
-    chosen = {term.key for term in solved.model.effects}
-    chosen |= {(column.effect, column.owner or None) for column in solved.model.columns}
-    return not effect.is_repeatable and (effect.name, owner) in chosen
-
-
-def _stacked(columns: list[Floats], bins: int) -> Floats:
-    """(bins, V) all columns, nothing where a value is not known."""
-    return np.nan_to_num(np.column_stack(columns)) if columns else np.zeros((bins, 0))
-
-
-#: What the column is multiplied by, in the order of the shape ``times``.
-TIMES = ("nothing", "direction", "load")
+                excluded[effect.name, joint] = why
+            elif effect.is_repeatable or (effect.name, joint) not in present:
+                shapes = effect.grid(robot, extents.get(joint or 0, everywhere))
+                groups.append(tuple(EffectTerm(effect, joint, dict(shape)) for shape in shapes))
+    return Candidates(tuple(group for group in groups if group), excluded)
 
 
 class Suspect(Effect):
@@ -173,7 +102,7 @@ class Suspect(Effect):
         return (Shape("times", "1", "0: as it is, 1: times direction, 2: times load", 0.0, 2.0, 1.0, False),)
 
     def grid(self, robot: Robot, extent: Extent) -> tuple[Mapping[str, float], ...]:
-        return tuple({"times": float(number)} for number in range(len(TIMES)))
+        return tuple({"times": float(number)} for number in range(3))
 
     def columns(
         self, robot: Robot, samples: Samples, *, number: int | None = None, shape: Mapping[str, float] = NO_SHAPE

@@ -10,13 +10,14 @@ from numpy.typing import NDArray
 
 from pumaid.diagnosis.records import Transfer
 from pumaid.diagnosis.score_test import Projector
-from pumaid.effect_spec import EffectTerm, columns_each
+from pumaid.effect_spec import EffectTerm
 from pumaid.estimation.fit import Fit, elsewhere
 from pumaid.joint_bins import JointBins
 from pumaid.maths.rank import FLAT, pseudo_inverse
 
 Floats = NDArray[np.float64]
-
+#: A joint (from 1), and runs of it (from 0) that leave together.
+Fold = tuple[int, tuple[int, ...]]
 
 #: Share of a parameter's information that runs must keep for it to be fitted to them.
 KEPT = 0.01
@@ -55,28 +56,22 @@ class FoldLosses:
         return float(self.falls.mean()) / error if error > 0 else 0.0
 
 
-def replicate_folds(solved: Fit, joints: Sequence[int]) -> list[tuple[int, tuple[int, ...]]]:
-    """(joint, runs) that leave together: repeated runs of each joint; runs one by one where that would be too many."""
-    folds: list[tuple[int, tuple[int, ...]]] = []
-    for row in solved.joints:
-        if row.bins.joint in joints:
-            largest = MOST_LEAVING * len(row.bins.runs)
-            alone = tuple((number,) for number in range(len(row.bins.runs)))
-            groups = alone if max(len(group) for group in row.bins.groups) > largest else row.bins.groups
-            folds += [(row.bins.joint, group) for group in groups]
+def replicate_folds(solved: Fit, joints: Sequence[int]) -> list[Fold]:
+    """Repeated runs of each joint leave together; runs one by one where that would be too many."""
+    folds: list[Fold] = []
+    for bins in (solved.row(joint).bins for joint in joints):
+        alone = tuple((number,) for number in range(len(bins.runs)))
+        is_too_many = max(len(group) for group in bins.groups) > MOST_LEAVING * len(bins.runs)
+        folds += [(bins.joint, group) for group in (alone if is_too_many else bins.groups)]
     return folds
 
 
-def posture_folds(solved: Fit, joints: Sequence[int]) -> list[tuple[int, tuple[int, ...]]]:
-    """(joint, runs) of each posture."""
-    folds = []
-    for row in solved.joints:
-        if row.bins.joint in joints:
-            folds += [(row.bins.joint, group) for group in row.bins.postures]
-    return folds
+def posture_folds(solved: Fit, joints: Sequence[int]) -> list[Fold]:
+    """All runs of a joint in one posture."""
+    return [(joint, group) for joint in joints for group in solved.row(joint).bins.postures]
 
 
-def leave_out(solved: Fit, shapes: Sequence[EffectTerm], folds: Sequence[tuple[int, tuple[int, ...]]]) -> FoldLosses:
+def leave_out(solved: Fit, shapes: Sequence[EffectTerm], folds: Sequence[Fold]) -> FoldLosses:
     """Leave each fold out, choose the shape and fit without it, and see what it then predicts.
 
     Everything is done on Gram matrices of the whole less those of the fold.
@@ -88,91 +83,77 @@ def leave_out(solved: Fit, shapes: Sequence[EffectTerm], folds: Sequence[tuple[i
     shapes
         The effect with each shape that it may take.
     folds
-        As `groups_of` or `postures_of` give them.
+        Runs that leave together.
 
     Source
     ------
     M. Stone, J. R. Stat. Soc. B 36 (1974) 111-147, with clusters left out whole.
     """
     test = _Folds(solved, shapes)
-    results = [test.one(joint, runs) for joint, runs in folds]
-    counts = np.array([result[3] for result in results])
-    squares = np.array([result[1:3] for result in results])
-    mean = np.sqrt(squares.sum(axis=0) / counts.sum())
-    return FoldLosses(np.array([result[0] for result in results]), float(mean[0]), float(mean[1]))
+    results = np.array([test.losses(joint, runs) for joint, runs in folds])
+    mean = np.sqrt(results[:, 1:3].sum(axis=0) / results[:, 3].sum())
+    return FoldLosses(results[:, 0], float(mean[0]), float(mean[1]))
 
 
 class _Folds:
+    """Products of a fit's derivatives, a candidate's columns with each shape, and the residual, over all runs."""
+
     def __init__(self, solved: Fit, shapes: Sequence[EffectTerm]) -> None:
-        self.solved, self.shapes = solved, shapes
-        self.plain = {
-            row.bins.joint: columns_each(shapes, solved.model.robot, row.bins.samples) for row in solved.joints
-        }
-        self.width = next(iter(self.plain.values())).shape[1] // len(shapes)
-        acting = {joint: values for joint, values in self.plain.items() if np.any(values)}
-        self.white = {joint: solved.row(joint).noise.whiten(solved.row(joint).bins, acting[joint]) for joint in acting}
-        self.cross = Projector(solved).crossed(self.white)
-        self.gram = sum(columns.T @ columns for columns in self.white.values())
-        turned = solved.inverse @ self.cross
-        self.whole = np.maximum(np.diagonal(self.gram) - np.sum(self.cross * turned, axis=0), 0.0)
-        self.slope = sum(columns.T @ solved.row(joint).residual for joint, columns in self.white.items())
+        projector = Projector(solved)
+        self.solved, self.count, self.plain = solved, len(shapes), projector.columns(shapes)
+        self.white = projector.whitened(self.plain)
+        self.cross = projector.crossed(self.white)
+        self.gram = np.sum([columns.T @ columns for columns in self.white.values()], axis=0)
+        slopes = [columns.T @ solved.row(joint).residual for joint, columns in self.white.items()]
+        self.slope = np.sum(slopes, axis=0)
+        whole = np.diagonal(self.gram) - np.sum(self.cross * (solved.inverse @ self.cross), axis=0)
+        self.unit = np.divide(1.0, np.sqrt(np.maximum(whole, 0.0)), out=np.zeros_like(whole), where=whole > 0.0)
         self.information = solved.information()
         size = np.sqrt(np.maximum(np.diagonal(self.information), np.finfo(float).tiny))
         values, vectors = np.linalg.eigh(self.information / np.outer(size, size))
         is_determined = values > FLAT * values[-1]
         self.half = vectors[:, is_determined] / np.sqrt(values[is_determined]) / size[:, None]
 
-    def _inverse(self, information: Floats) -> Floats:
-        """Inverse of what is known without a fold, in directions of which that keeps `KEPT` of the whole information.
-
-        What only the fold could tell stays at the fit of all: friction guessed at a speed never run is wrong by more
-        than any effect.
-        """
-        values, vectors = np.linalg.eigh(self.half.T @ information @ self.half)
-        is_kept = values > KEPT
-        turned = self.half @ vectors[:, is_kept] / np.sqrt(values[is_kept])
-        return turned @ turned.T
-
-    def one(self, joint: int, runs: tuple[int, ...]) -> tuple[float, float, float, float]:
+    def losses(self, joint: int, runs: tuple[int, ...]) -> tuple[float, float, float, float]:
         """Fall, raw squares before and after weighted by samples, and samples, of one fold."""
         row = self.solved.row(joint)
         bins = np.isin(row.bins.run, runs)
         J, r, acting = row.slim[bins], row.residual[bins], row.acting
-        columns = self.white.get(joint)
-        C = columns[bins] if columns is not None else np.zeros((len(r), self.cross.shape[1]))
+        C = self.white[joint][bins] if joint in self.white else np.zeros((len(r), self.cross.shape[1]))
         training, cross = self.information.copy(), self.cross.copy()
         training[np.ix_(acting, acting)] -= J.T @ J
         cross[acting] -= J.T @ C
-        inverse = self._inverse(training)
+        inverse = _inverse(training, self.half)
         move = -inverse[:, acting] @ (J.T @ r)
         turned = inverse @ cross
         score = self.slope - C.T @ r - cross.T @ move
         remaining = self.gram - C.T @ C - cross.T @ turned
-        error, beyond = r - J @ move[acting], C - J @ turned[acting]
-        best, chosen, sizes = -np.inf, slice(0, self.width), np.zeros(self.width)
-        for number in range(len(self.shapes)):
-            place = slice(number * self.width, (number + 1) * self.width)
-            fitted = _solved(remaining[place, place], score[place], self.whole[place])
-            gain = float(score[place] @ fitted)
+        best, place, sizes, width = -np.inf, slice(0), np.zeros(0), len(self.slope) // self.count
+        for part in (slice(start, start + width) for start in range(0, len(self.slope), width)):
+            fitted = _inverse(remaining[part, part], np.diag(self.unit[part])) @ score[part]
+            gain = float(score[part] @ fitted)
             if gain > best:
-                best, chosen, sizes = gain, place, fitted
-        after = error - beyond[:, chosen] @ sizes
-        plain = row.bare[bins]
-        raw = row.misfit[bins] - plain @ move[acting]
-        raw_after = raw - (self.plain[joint][bins][:, chosen] - plain @ turned[acting, chosen]) @ sizes
-        weight = row.bins.count[bins]
+                best, place, sizes = gain, part, fitted
+        error, bare, weight = r - J @ move[acting], row.bare[bins], row.bins.count[bins]
+        after = error - (C - J @ turned[acting])[:, place] @ sizes
+        raw = row.misfit[bins] - bare @ move[acting]
+        drawn = self.plain[joint][bins, place] if joint in self.plain else 0.0
+        raw_after = raw - (drawn - bare @ turned[acting, place]) @ sizes
         inside = float(weight @ row.bins.inside[bins])
         squares = (float(weight @ raw**2) + inside, float(weight @ raw_after**2) + inside)
         return float(error @ error - after @ after), *squares, float(weight.sum())
 
 
-def _solved(information: Floats, score: Floats, whole: Floats) -> Floats:
-    """Parameters of the training runs, in directions of which these keep at least `KEPT` of the whole information."""
-    unit = np.divide(1.0, np.sqrt(whole), out=np.zeros_like(whole), where=whole > 0.0)
-    values, vectors = np.linalg.eigh(information * unit[:, None] * unit[None, :])
+def _inverse(information: Floats, half: Floats) -> Floats:
+    """Inverse of what training runs tell, in directions of which they keep at least `KEPT` of the whole information.
+
+    What only the fold could tell stays at the fit of all: friction guessed at a speed never run is wrong by more than
+    any effect. `half` is a root of the inverse of the whole.
+    """
+    values, vectors = np.linalg.eigh(half.T @ information @ half)
     is_kept = values > KEPT
-    half = vectors[:, is_kept] / np.sqrt(values[is_kept])
-    return np.asarray(unit * (half @ (half.T @ (unit * score))))
+    turned = half @ vectors[:, is_kept] / np.sqrt(values[is_kept])
+    return np.asarray(turned @ turned.T)
 
 
 #: Standard deviations of what the effect adds to runs held out below which these say nothing of it.

@@ -5,15 +5,13 @@ from __future__ import annotations
 import numpy as np
 from scipy import special
 
-from pumaid.diagnosis.candidates import CandidateColumns
+from pumaid.diagnosis.candidates import Key
 from pumaid.diagnosis.records import Limit
-from pumaid.diagnosis.score_test import ScoreTable, ScoreTest
+from pumaid.diagnosis.score_test import Projector, ScoreTable, ScoreTest
 from pumaid.diagnosis.sign_flip import GROSS, PERIODIC, SignFlips
 from pumaid.diagnosis.stepwise import LEVEL, WORTH, rmse
 from pumaid.effects import Effect, Scope
 from pumaid.robot import Robot
-
-Key = tuple[str, int | None]
 
 #: Chance with which an effect of the limit's size is found.
 POWER = 0.8
@@ -25,9 +23,7 @@ WAVE = 0.5
 FAINT = "the fitted model absorbs all of it in these runs"
 
 
-def detection_limits(
-    scan: ScoreTable, catalogue: CandidateColumns, family: SignFlips, *, periodic: Effect | None
-) -> dict[Key, Limit]:
+def detection_limits(scan: ScoreTable, family: SignFlips, *, periodic: Effect | None) -> dict[Key, Limit]:
     """The detection limit of every effect at every joint, in the unit of its first parameter.
 
     With information S of the parameter, all else refitted, a size a shifts the score by a sqrt(S) standard deviations;
@@ -36,7 +32,7 @@ def detection_limits(
     is the median over shapes that can be seen.
     """
     robot, out = scan.solved.model.robot, dict[Key, Limit]()
-    worth = _WorthwhileSize(scan, catalogue)
+    worth = _WorthwhileSize(scan)
     sizes: dict[Key, list[float]] = {}
     kinds: dict[Key, Effect] = {}
     for trial in scan.trials:
@@ -52,10 +48,9 @@ def detection_limits(
             size = shift * float(np.sqrt(scan.solved.scale / np.median(spectrum.information)))
             least = worth.error[joint] * float(np.sqrt(2.0 * WORTH / WAVE))
             out[periodic.name, joint] = _limit(robot, periodic, (periodic.name, joint), max(size, least))
-    effects = {variant.added.key: variant.added.effect for variant in catalogue.variants}
-    for key in scan.absorbed:
-        out[key] = Limit(*key, "", None, "", _faint(effects[key]))
-    for key, why in catalogue.excluded.items():
+    for term in (group[0] for group in scan.candidates.groups):
+        out.setdefault(term.key, Limit(*term.key, "", None, "", _faint(term.effect)))
+    for key, why in scan.candidates.excluded.items():
         out[key] = Limit(*key, "", None, "", why)
     return out
 
@@ -63,20 +58,21 @@ def detection_limits(
 class _WorthwhileSize:
     """Sizes with which effects lower the error of some joint by the share `WORTH`."""
 
-    def __init__(self, scan: ScoreTable, catalogue: CandidateColumns) -> None:
-        rows, self.catalogue = scan.solved.joints, catalogue
+    def __init__(self, scan: ScoreTable) -> None:
+        rows, projector = scan.solved.joints, Projector(scan.solved)
         self.error = {row.bins.joint: rmse(row.bins, row.misfit) for row in rows}
-        self.shares = {row.bins.joint: row.bins.count / row.bins.count.sum() for row in rows}
-        self.places = {id(candidate.added): candidate for candidate in catalogue.variants}
+        shares = {row.bins.joint: row.bins.count / row.bins.count.sum() for row in rows}
+        self.squares: dict[int, dict[int, float]] = {}
+        for group in scan.candidates.groups:
+            for joint, columns in projector.columns(group).items():
+                squares = shares[joint] @ columns[:, :: columns.shape[1] // len(group)] ** 2
+                for term, square in zip(group, squares, strict=True):
+                    self.squares.setdefault(id(term), {})[joint] = float(square)
 
     def size(self, trial: ScoreTest) -> float:
         """Of the first parameter; what the model absorbs of it takes no error away."""
-        place, best = self.places[id(trial.added)], 0.0
-        columns = self.catalogue.wide if place.is_wide else self.catalogue.local
-        for joint, share in self.shares.items():
-            if place.is_wide or joint == trial.added.joint:
-                square = float(share @ columns[joint][:, place.columns[0]] ** 2)
-                best = max(best, trial.visible * square / max(self.error[joint], np.finfo(float).tiny) ** 2)
+        squares, tiny = self.squares[id(trial.added)], np.finfo(float).tiny
+        best = max(square / max(self.error[joint], tiny) ** 2 for joint, square in squares.items()) * trial.visible
         return float(np.sqrt(2.0 * WORTH / best)) if best > 0.0 else np.inf
 
 

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Callable, Sequence
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from pumaid import __version__
 from pumaid.dataset import Campaign, Dataset, Run
-from pumaid.diagnosis.candidates import Suspect
+from pumaid.diagnosis.candidates import Key, Suspect
 from pumaid.diagnosis.cross_validation import leave_out, posture_folds
 from pumaid.diagnosis.curves import Trial as Drawn
 from pumaid.diagnosis.curves import curve
@@ -30,13 +31,13 @@ from pumaid.diagnosis.records import (
     Unexplained,
 )
 from pumaid.diagnosis.residual_budget import budget
-from pumaid.diagnosis.stepwise import LEVEL, Accepted, EvaluatedCandidate, Step, Stepwise, misfit_with, silent
+from pumaid.diagnosis.stepwise import LEVEL, EvaluatedCandidate, Step, Stepwise, misfit_with, rmse
 from pumaid.diagnosis.verdict import competing_form, joint_verdict, nearest_form, next_run
 from pumaid.effect_spec import EffectTerm, check_known, option_text, terms_of
 from pumaid.effects import catalogue
 from pumaid.errors import LogError, Note, Where
 from pumaid.estimate import Estimate
-from pumaid.estimation.fit import Fit, misfit_at
+from pumaid.estimation.fit import misfit_at
 from pumaid.estimation.noise import FEWEST_PAIRS
 from pumaid.joint_bins import JointBins
 from pumaid.maths.rank import pseudo_inverse
@@ -69,13 +70,6 @@ def sizes(candidate: EvaluatedCandidate) -> tuple[Size, ...]:
     return _sizes(candidate.trial.added, candidate.on.model.robot, candidate.trial.sizes, covariance=covariance)
 
 
-def fitted_sizes(fitted: Fit, place: int) -> tuple[Size, ...]:
-    """Parameters of an effect by its place in a model: the sizes that a fit with all that was found gives them."""
-    columns = [n for n in fitted.columns_of(place) if fitted.model.columns[n].shape is None]
-    covariance = fitted.inverse[np.ix_(columns, columns)] * fitted.scale
-    return _sizes(fitted.model.effects[place], fitted.model.robot, fitted.values[columns], covariance=covariance)
-
-
 def _sizes(term: EffectTerm, robot: Robot, values: Floats, *, covariance: Floats) -> tuple[Size, ...]:
     """With standard errors; of two parameters of which only the sum or difference is known, that."""
     errors = np.sqrt(np.maximum(np.diagonal(covariance), 0.0))
@@ -95,13 +89,7 @@ def _sizes(term: EffectTerm, robot: Robot, values: Floats, *, covariance: Floats
     return (Size(f"{first.name} {word} {second.name}", first.value + sign * second.value, error, first.unit),)
 
 
-def command(term: EffectTerm) -> str:
-    """What adds it; empty for a suspected column, which is no effect of the catalogue."""
-    text = option_text(term.effect.name, term.joint, term.shape)
-    return text and f"{IDENTIFY} --add {text}"
-
-
-def rival_name(key: tuple[str, int | None], joint: int | None) -> str:
+def rival_name(key: Key, joint: int | None) -> str:
     """A rival of an effect at `joint`: its name, with its joint where that is another."""
     name, place = key
     return name if place == joint or place is None else f"{name}@{place}"
@@ -110,17 +98,17 @@ def rival_name(key: tuple[str, int | None], joint: int | None) -> str:
 def reason(candidate: EvaluatedCandidate, better: str | None = None) -> str:
     """Why a candidate has the verdict that it has; `better` is what was chosen instead of it."""
     gain, transfer = 100.0 * candidate.gain, candidate.transfer
-    if candidate.fault == "chance":
-        return "chance alone makes something as good in these data"
-    if candidate.fault == "heldout":
-        return "it does not predict runs that were left out any better"
-    if candidate.fault == "denied" and transfer is not None:
-        if not transfer.is_little:
-            return "with it runs that were held out are predicted decidedly worse"
+    if candidate.fault == "denied" and transfer is not None and transfer.is_little:
         share, error = (number(100.0 * part, 2) for part in (transfer.share, transfer.std_error))
         return f"of what it adds to runs that were held out these show only {share} ± {error} %"
-    if candidate.fault == "worth":
-        return f"it would lower the error by {gain:.1g} % only" if gain > 0.0 else "it lowers no error"
+    faults = {
+        "chance": "chance alone makes something as good in these data",
+        "heldout": "it does not predict runs that were left out any better",
+        "denied": "with it runs that were held out are predicted decidedly worse",
+        "worth": f"it would lower the error by {gain:.1g} % only" if gain > 0.0 else "it lowers no error",
+    }
+    if candidate.fault is not None:
+        return faults[candidate.fault]
     if better is not None:
         return f"it would lower the error by {gain:.2g} %, but {better} explains the same and more"
     return f"it lowers the error by {gain:.2g} % and predicts runs that were left out"
@@ -128,25 +116,30 @@ def reason(candidate: EvaluatedCandidate, better: str | None = None) -> str:
 
 def weakened(bins: JointBins, runs: Sequence[Run]) -> tuple[str, ...]:
     """What makes a joint's diagnosis weaker than it could be."""
-    repeated = {0: "no run is", 1: "only one run is"}.get(len(bins.pairs), f"only {len(bins.pairs)} runs are")
-    speeds = len(bins.speeds)
-    claims = {
-        f"{repeated} repeated, so noise is told from missing physics by the residual alone": len(bins.pairs)
-        < FEWEST_PAIRS,
-        "one posture only: what depends on the load cannot be told from what depends on the position": len(
-            bins.postures
-        )
-        == 1,
-        f"{speeds} speed{'s' if speeds > 1 else ''} only: effects of speed are absorbed": speeds < 3,
-        "three speeds only: an effect of speed shows its height there, not its course between": speeds == 3,
-        "one direction only: friction cannot be told from what pushes the same way in both": len(
-            {run.direction for run in bins.runs}
-        )
-        == 1,
-        "strokes from rest to rest: speed, position and start of a run change together": bool(bins.is_stroke.any()),
-        "one joint only: gravity's loads cannot be checked against other joints": len({run.joint for run in runs}) == 1,
-    }
-    return tuple(text for text, holds in claims.items() if holds)
+    pairs, speeds, directions = len(bins.pairs), len(bins.speeds), {run.direction for run in bins.runs}
+    repeated = {0: "no run is", 1: "only one run is"}.get(pairs, f"only {pairs} runs are")
+    claims = (
+        (
+            f"{repeated} repeated, so noise is told from missing physics by the residual alone",
+            pairs < FEWEST_PAIRS,
+        ),
+        (
+            "one posture only: what depends on the load cannot be told from what depends on the position",
+            len(bins.postures) == 1,
+        ),
+        (f"{speeds} speed{'s' if speeds > 1 else ''} only: effects of speed are absorbed", speeds < 3),
+        ("three speeds only: an effect of speed shows its height there, not its course between", speeds == 3),
+        (
+            "one direction only: friction cannot be told from what pushes the same way in both",
+            len(directions) == 1,
+        ),
+        ("strokes from rest to rest: speed, position and start of a run change together", bins.is_stroke.any()),
+        (
+            "one joint only: gravity's loads cannot be checked against other joints",
+            len({run.joint for run in runs}) == 1,
+        ),
+    )
+    return tuple(text for text, holds in claims if holds)
 
 
 class DiagnosisBuilder:
@@ -162,71 +155,66 @@ class DiagnosisBuilder:
         self.search, self.robot = search, search.model.robot
         self.fits = [step.scan.solved for step in search.steps]
         last = search.steps[-1]
-        self.limits = detection_limits(last.scan, last.catalogue, last.family, periodic=search.periodic)
-        acting = {joint for item in search.accepted for joint in item.contender.after}
+        self.limits = detection_limits(last.scan, last.family, periodic=search.periodic)
+        acting = {joint for item in search.accepted for joint in item.after}
+        joints = [row.bins.joint for row in self.fits[0].joints]
         self.verdicts = {
-            row.bins.joint: joint_verdict(
-                self.fits[0], self.fits[-1], last.scan, joint=row.bins.joint, acting=row.bins.joint in acting
-            )
-            for row in self.fits[0].joints
+            joint: joint_verdict(self.fits[0], self.fits[-1], joint=joint, acting=joint in acting) for joint in joints
         }
-        partly = [item.contender for item in search.accepted if item.transfer and item.transfer.is_partial]
         self.refuted = {joint for item in search.denied for joint in item.after} - acting
-        self.refuted |= {joint for item in partly for joint in item.after}
+        for item in search.accepted:
+            if item.transfer and item.transfer.is_partial:
+                self.refuted |= set(item.after)
 
     def findings(self) -> tuple[Finding, ...]:
         """What to add, in the order in which it was found."""
         return tuple(self._finding(place, item) for place, item in enumerate(self.search.accepted))
 
-    def _finding(self, place: int, item: Accepted) -> Finding:
-        candidate, term = item.contender, item.contender.trial.added
-        is_denied = item.transfer is not None and item.transfer.is_denied
+    def _finding(self, place: int, candidate: EvaluatedCandidate) -> Finding:
+        term, transfer = candidate.trial.added, candidate.transfer
         before, after = self._errors(place, candidate)
-        rival = next((rival for rival in item.rivals if rival.on is candidate.on), None)
-        keys = [effect.key for effect in self.fits[-1].model.effects]
-        # An effect of the whole arm moves gain ratios, which a score follows to first order only.
-        is_of_arm = term.joint is None and term.key in keys
+        rival = next((rival for rival in candidate.rivals if rival.on is candidate.on), None)
         by_gain = sorted(candidate.after, key=lambda joint: candidate.after[joint] / candidate.before[joint])
+        facts = _facts(candidate, candidate.rivals)
+        if term.joint is None and term.key in [effect.key for effect in self.fits[-1].model.effects]:
+            # An effect of the whole arm moves gain ratios, which a score follows to first order only.
+            facts["sizes"] = self._fitted_sizes(term)
         return Finding(
-            effect=term.effect.name,
-            joint=term.joint,
-            shape=dict(term.shape),
-            verdict=DOUBTFUL if is_denied else ADD,
-            rivals=_rival_names(item.rivals, term),
-            p_value=candidate.p_value,
+            **facts,
+            verdict=DOUBTFUL if transfer is not None and transfer.is_denied else ADD,
             text=reason(candidate),
-            command=command(term),
             rmse_heldout_before=before,
             rmse_heldout_after=after,
-            sizes=fitted_sizes(self.fits[-1], keys.index(term.key)) if is_of_arm else sizes(candidate),
             next_run=None if rival is None else next_run(rival.on, candidate.trial, rival.trial),
-            curves=tuple(self._curve(item, joint) for joint in by_gain[:PICTURES]),
-            transfer=item.transfer,
+            curves=tuple(self._curve(candidate, joint) for joint in by_gain[:PICTURES]),
+            transfer=transfer,
         )
+
+    def _fitted_sizes(self, term: EffectTerm) -> tuple[Size, ...]:
+        """Parameters of an effect as the fit with all that was found gives them."""
+        fit = self.fits[-1]
+        place = [effect.key for effect in fit.model.effects].index(term.key)
+        columns = [n for n in fit.columns_of(place) if fit.model.columns[n].shape is None]
+        covariance = fit.inverse[np.ix_(columns, columns)] * fit.scale
+        return _sizes(fit.model.effects[place], self.robot, fit.values[columns], covariance=covariance)
 
     def _errors(self, place: int, candidate: EvaluatedCandidate) -> tuple[float | None, float | None]:
         """RMSE (A) of runs that no fit saw, before and after addition `place`, in the joints where it acts."""
-        fitted = {row.bins.joint for row in self.fits[0].joints}
         unseen = [bins for bins in self.search.heldout() if bins.joint in candidate.after]
         if not unseen:
-            falls = candidate.falls
-            return (falls.before, falls.after) if falls is not None else (None, None)
-        unseen = [bins for bins in unseen if bins.joint in fitted]
-        samples = sum(float(bins.count.sum()) for bins in unseen)
-        errors = []
+            return (candidate.falls.before, candidate.falls.after) if candidate.falls is not None else (None, None)
+        samples, errors = sum(float(bins.count.sum()) for bins in unseen), []
         for fit in (self.fits[min(k, len(self.fits) - 1)] for k in (place, place + 1)):
-            squares = (
-                bins.count @ (misfit_at(fit, bins) ** 2 + bins.inside) for bins in unseen if bins.joint in fitted
-            )
+            squares = [bins.count @ (misfit_at(fit, bins) ** 2 + bins.inside) for bins in unseen]
             errors.append(float(np.sqrt(sum(squares) / samples)))
         return errors[0], errors[1]
 
-    def _curve(self, item: Accepted, joint: int) -> Curve:
-        row, drawn = item.contender.on.row(joint), []
-        for candidate in (item.contender, *item.rivals):
-            residual = misfit_with(candidate.on, candidate.trial).get(joint)
+    def _curve(self, candidate: EvaluatedCandidate, joint: int) -> Curve:
+        row, drawn = candidate.on.row(joint), []
+        for item in (candidate, *candidate.rivals):
+            residual = misfit_with(item.on, item.trial).get(joint)
             if residual is not None and len(residual) == len(row.misfit):
-                drawn.append(Drawn(candidate.trial.added, candidate.trial.sizes, residual))
+                drawn.append(Drawn(item.trial.added, item.trial.sizes, residual))
         return curve(self.robot, row.bins.samples, before=row.misfit, trials=drawn)
 
     def joint(self, joint: int) -> JointDiagnosis:
@@ -241,9 +229,9 @@ class DiagnosisBuilder:
             joint=joint,
             verdict=UNEXPLAINED_JOINT if shape is not None or joint in self.refuted else judged.verdict,
             text="",
-            rmse=judged.rmse,
+            rmse=rmse(row.bins, row.misfit),
             noise_floor=None if split.floor is None else float(np.sqrt(split.floor)),
-            repeats=None if judged.before is None else (judged.before.share, judged.before.p_value),
+            repeats=None if judged.replicates is None else (judged.replicates.share, judged.replicates.p_value),
             budget=split.by_name(),
             candidates=self._candidates(joint),
             unexplained=shape or judged.shape,
@@ -258,19 +246,20 @@ class DiagnosisBuilder:
         """
         if joint in self.refuted:
             return nearest_form(self.fits[-1], joint)
-        named = [item.contender for item in self.search.accepted if item.contender.key[1] == joint]
+        named = [item for item in self.search.accepted if item.key[1] == joint]
         return competing_form(self.fits[0], joint, named) if named else None
 
     def _candidates(self, joint: int) -> tuple[Candidate, ...]:
-        """What was found, and what came near, at one joint."""
-        added = {item.contender.key: item.contender for item in self.search.accepted}
-        adding = {step.chosen.key: step for step in self.search.steps if step.chosen in added.values() and step.chosen}
-        records: dict[tuple[str, int | None], Candidate] = {}
+        """What was found, and what came near, at one joint; what was added, as it was when it was."""
+        accepted = {item.key: item for item in self.search.accepted}
+        adding = {step.chosen.key: step for step in self.search.steps if step.chosen is not None}
+        records: dict[Key, Candidate] = {}
         for step in self.search.steps:
-            for candidate in step.contenders:
-                key = candidate.key
-                if joint in candidate.after and key not in records:  # what was added, as it was when it was
-                    records[key] = self._candidate(added.get(key, candidate), adding.get(key, step))
+            for item in step.evaluated:
+                if joint in item.after and item.key not in records:
+                    is_added = item.key in accepted
+                    when = adding.get(item.key, step) if is_added else step
+                    records[item.key] = self._candidate(accepted[item.key] if is_added else item, when)
         denied = [self._candidate(item, self.search.steps[0]) for item in self.search.denied if joint in item.after]
         names = [(item.effect, item.shape) for item in denied]
         rest = [item for item in records.values() if (item.effect, item.shape) not in names]
@@ -278,35 +267,39 @@ class DiagnosisBuilder:
         return tuple(order[:LISTED])
 
     def _candidate(self, candidate: EvaluatedCandidate, step: Step) -> Candidate:
-        term, accepted = candidate.trial.added, {item.contender.key for item in self.search.accepted}
-        is_rival = any(candidate.key == rival.key for rival in step.rivals)
+        chosen, falls, is_rival = step.chosen, candidate.falls, step.is_rival(candidate.key)
         verdict = DOUBTFUL if is_rival or candidate.p_value <= LEVEL else ABSENT
-        if candidate.key in accepted and candidate.fault != "denied":
+        if candidate.key in [item.key for item in self.search.accepted] and candidate.fault != "denied":
             verdict = ADD
-        like = step.rivals if step.chosen is candidate else ()
-        if is_rival and step.chosen is not None:
-            like = (step.chosen, *(rival for rival in step.rivals if rival is not candidate))
-        better = None if verdict == ADD or is_rival or step.chosen is None else step.chosen.key[0]
+        better, like = None if chosen is None else chosen.key[0], candidate.rivals
+        if is_rival and chosen is not None:
+            like = (chosen, *(rival for rival in chosen.rivals if rival.key != candidate.key))
         return Candidate(
-            effect=term.effect.name,
-            joint=term.joint,
-            shape=dict(term.shape),
+            **_facts(candidate, like),
             verdict=verdict,
-            reason=reason(candidate, better),
-            p_value=candidate.p_value,
+            reason=reason(candidate, None if verdict == ADD or is_rival else better),
             evidence=candidate.evidence,
             rmse_after=min(candidate.after.values(), default=None),
-            rmse_heldout_before=candidate.falls.before if candidate.falls else None,
-            rmse_heldout_after=candidate.falls.after if candidate.falls else None,
+            rmse_heldout_before=falls.before if falls else None,
+            rmse_heldout_after=falls.after if falls else None,
             posture_gain=_posture_gain(candidate),
-            sizes=sizes(candidate),
-            rivals=_rival_names(like, term),
-            command=command(term),
         )
 
 
-def _rival_names(rivals: Sequence[EvaluatedCandidate], term: EffectTerm) -> tuple[str, ...]:
-    return tuple(dict.fromkeys(rival_name(rival.key, term.joint) for rival in rivals if rival.key != term.key))
+def _facts(candidate: EvaluatedCandidate, rivals: Sequence[EvaluatedCandidate]) -> dict[str, Any]:
+    """What a finding and a candidate both tell; the command is empty for a suspected column, which nothing adds."""
+    term = candidate.trial.added
+    option = option_text(term.effect.name, term.joint, term.shape)
+    names = dict.fromkeys(rival_name(rival.key, term.joint) for rival in rivals if rival.key != term.key)
+    return {
+        "effect": term.effect.name,
+        "joint": term.joint,
+        "shape": dict(term.shape),
+        "rivals": tuple(names),
+        "p_value": candidate.p_value,
+        "command": option and f"{IDENTIFY} --add {option}",
+        "sizes": sizes(candidate),
+    }
 
 
 def _posture_gain(candidate: EvaluatedCandidate) -> float | None:
@@ -328,9 +321,9 @@ def diagnose(
 ) -> Diagnosis:
     """Try every effect of the catalogue at every joint, and say what is missing.
 
-    Bins of all runs are whitened by the noise that repeated runs show; each candidate is scored beside the fitted
-    model, all else refitted; its chance is that of the best of the whole catalogue when the signs of whole runs are
-    flipped; it must then predict runs that were left out. What passes is added, and all is looked at again.
+    Each candidate is scored beside the fitted model; its chance is that of the best of the whole catalogue when the
+    signs of whole runs are flipped; it must then predict runs that were left out. What passes is added, and all is
+    looked at again.
 
     Parameters
     ----------
@@ -345,52 +338,50 @@ def diagnose(
     progress
         Called with a word on what is done.
 
-    Returns
-    -------
-    diagnosis
-        Same input, same diagnosis.
-
     Raises
     ------
-    ModelError [model-other-recipe]
-        The model was identified with another recipe.
-    ModelError [unknown-effect]
-        It holds an effect that the catalogue does not have.
+    ModelError [model-other-recipe], [unknown-effect]
+        The model was identified with another recipe, or holds an effect that the catalogue does not have.
     LogError [no-runs]
         There is no run to look at.
     """
     check_same_recipe(estimate, robot)
     check_known(estimate.effects)
-    runs = _looked_at([run for run in dataset.runs if not run.heldout])
+    fitted = [run for run in dataset.runs if not run.heldout]
+    runs = _without_odd_strokes(fitted)
     if not runs:
         where = Where(file=dataset.files[0].name if dataset.files else None)
         raise LogError("no-runs", "there is no run to diagnose", where, "see why with: pumaid segment LOGS --rejects")
     search = Stepwise(
-        Model.of_runs(robot, [run for run in dataset.runs if not run.heldout]),
+        Model.of_runs(robot, fitted),
         runs,
         given=terms_of(estimate.effects),
         campaign=Campaign.of(dataset.runs),
-        unseen=tuple(run for run in dataset.runs if run.heldout),
+        unseen=[run for run in dataset.runs if run.heldout],
         effects=[*catalogue().values(), *(Suspect.of(dataset, name) for name in suspects)],
-        tell=progress or silent,
+        tell=progress or (lambda text: None),
     )
     search.run()
     builder = DiagnosisBuilder(search)
-    clocks = len({run.clock for run in runs})
-    text = f"the logs have {clocks} clocks, each starting anew: effects of time are judged within a clock only"
     return Diagnosis(
         robot=robot.name,
         joints=tuple(builder.joint(joint.number) for joint in robot.joints),
         findings=builder.findings(),
         model=model_digest(estimate),
         logs={facts.name: facts.digest for facts in dataset.files},
-        notes=(*held_out_otherwise(estimate, dataset), *([Note("several-clocks", text)] if clocks > 1 else [])),
+        notes=(*held_out_otherwise(estimate, dataset), *_notes_on_clocks(runs)),
         recipe_digest=robot.digest,
         version=__version__,
     )
 
 
-def _looked_at(runs: Sequence[Run]) -> tuple[Run, ...]:
+def _notes_on_clocks(runs: Sequence[Run]) -> tuple[Note, ...]:
+    clocks = len({run.clock for run in runs})
+    text = f"the logs have {clocks} clocks, each starting anew: effects of time are judged within a clock only"
+    return (Note("several-clocks", text),) if clocks > 1 else ()
+
+
+def _without_odd_strokes(runs: Sequence[Run]) -> tuple[Run, ...]:
     """Runs without the strokes of joints that have runs at constant speed enough.
 
     In a stroke the model misses more, by all that a change of speed does; a few of them, left by moves between

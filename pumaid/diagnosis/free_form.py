@@ -130,7 +130,7 @@ def _hat_scores(projector: Projector, term: EffectTerm) -> tuple[Floats, Floats,
     """(R, K) scores, (K, K) information and (K,) squares of the hats of a form."""
     row = projector.solved.row(term.number)
     columns = term.linear(projector.solved.model.robot, row.bins.samples)
-    scores, information, raw = projector.scores({term.number: row.noise.whiten(row.bins, columns)}, [columns.shape[1]])
+    scores, information, raw = projector.scores({term.number: row.noise.whiten(row.bins, columns)}, columns.shape[1])
     return scores, information[0], raw
 
 

@@ -2,18 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy import special
 
-from pumaid.diagnosis.candidates import CandidateColumns
+from pumaid.diagnosis.candidates import Candidates, Key
 from pumaid.diagnosis.periodogram import Spectrum
 from pumaid.effect_spec import EffectTerm, columns_each
-from pumaid.estimation.fit import ABSORBED, Fit, FitRow
+from pumaid.estimation.fit import ABSORBED, Fit
 from pumaid.maths.rank import pseudo_inverse
 
 Floats = NDArray[np.float64]
@@ -72,7 +72,7 @@ class ScoreTest:
         return float(minus_log10_p(self.statistic / scale, self.width))
 
 
-@dataclass(frozen=True, eq=False, slots=True)
+@dataclass(frozen=True, eq=False)
 class ScoreTable:
     """All candidates scored beside one fit.
 
@@ -80,30 +80,37 @@ class ScoreTable:
     ----------
     solved
         The model so far.
+    candidates
+        What was tried.
     trials
         Every candidate and shape that the model does not absorb.
-    absorbed
-        Effect and joint of those that it absorbs in every shape.
     spectra
         By joint: scores of all frequencies of a periodic effect.
-    leverage
-        (R,) factor by which a run's scores are too small, since the run itself was fitted.
     """
 
     solved: Fit
+    candidates: Candidates
     trials: tuple[ScoreTest, ...]
-    absorbed: frozenset[tuple[str, int | None]]
-    spectra: dict[int, Spectrum]
-    leverage: Floats
+    spectra: Mapping[int, Spectrum] = field(default_factory=dict)
 
-    def best(self) -> dict[tuple[str, int | None], ScoreTest]:
+    def best(self) -> dict[Key, ScoreTest]:
         """The best shape of each effect at each joint."""
-        out: dict[tuple[str, int | None], ScoreTest] = {}
+        out: dict[Key, ScoreTest] = {}
         for trial in self.trials:
             key = trial.added.key
             if key not in out or trial.statistic > out[key].statistic:
                 out[key] = trial
         return out
+
+    @cached_property
+    def leverage(self) -> Floats:
+        """(R,) 1 / sqrt(1 - parameters a run), the bias of scores of runs that were themselves fitted (HC2's)."""
+        parts, inverse = [], self.solved.inverse
+        for row in self.solved.joints:
+            runs = len(row.bins.runs)
+            used = float(np.sum((row.slim @ inverse[np.ix_(row.acting, row.acting)]) * row.slim))
+            parts.append(np.full(runs, 1.0 / np.sqrt(max(LEAST_FREEDOM, 1.0 - used / runs))))
+        return np.concatenate(parts)
 
 
 class Projector:
@@ -111,11 +118,9 @@ class Projector:
 
     def __init__(self, solved: Fit) -> None:
         self.solved = solved
-        self.runs: dict[int, slice] = {}
-        self.total = 0
-        for row in solved.joints:
-            self.runs[row.bins.joint] = slice(self.total, self.total + len(row.bins.runs))
-            self.total += len(row.bins.runs)
+        stops = np.cumsum([0, *(len(row.bins.runs) for row in solved.joints)]).tolist()
+        self.runs = {row.bins.joint: slice(*stops[k : k + 2]) for k, row in enumerate(solved.joints)}
+        self.total = stops[-1]
 
     @cached_property
     def base_scores(self) -> Floats:
@@ -125,7 +130,7 @@ class Projector:
             out[self.runs[row.bins.joint], row.acting] = row.bins.sums(row.slim * row.residual[:, None])
         return out
 
-    def crossed(self, white: dict[int, Floats]) -> Floats:
+    def crossed(self, white: Mapping[int, Floats]) -> Floats:
         """(P, V) products of the fit's derivatives with whitened columns (N, V) by joint."""
         out = np.zeros((len(self.solved.inverse), next(iter(white.values())).shape[1]))
         for joint, columns in white.items():
@@ -133,50 +138,47 @@ class Projector:
             out[row.acting] += row.slim.T @ columns
         return out
 
-    def scores(self, white: dict[int, Floats], widths: Sequence[int]) -> tuple[Floats, list[Floats], Floats]:
-        """Scores and information of candidates' columns, side by side, beyond the fit.
+    def scores(self, white: Mapping[int, Floats], width: int) -> tuple[Floats, Floats, Floats]:
+        """Scores and information of the columns of k candidates, side by side, beyond the fit.
 
         Parameters
         ----------
         white
             Joint -> (N, V) whitened columns; joints that are absent have zero.
-        widths
-            Columns (m) of each candidate, V in all.
+        width
+            Columns (m) of each candidate.
 
         Returns
         -------
         scores
             (R, V) of all joints' runs.
         information
-            (m, m) of each candidate.
+            (k, m, m) of each candidate.
         raw
             (V,) squares of the columns before the projection.
         """
         cross = self.crossed(white)
         turned = self.solved.inverse @ cross
-        scores = np.zeros((self.total, cross.shape[1]))
+        scores, gram = -self.base_scores @ turned, np.zeros((cross.shape[1] // width, width, width))
         for joint, columns in white.items():
             row = self.solved.row(joint)
             scores[self.runs[joint]] += row.bins.sums(columns * row.residual[:, None])
-        information, raw = [], np.zeros(cross.shape[1])
-        for stop, width in zip(np.cumsum(widths), widths, strict=True):
-            part = slice(int(stop) - width, int(stop))
-            gram = np.sum([columns[:, part].T @ columns[:, part] for columns in white.values()], axis=0)
-            raw[part] = np.diagonal(gram)
-            information.append(gram - cross[:, part].T @ turned[:, part])
-        return scores - self.base_scores @ turned, information, raw
+            parts = columns.reshape(len(columns), -1, width)
+            gram += np.einsum("nki,nkj->kij", parts, parts)
+        raw = np.einsum("kii->ki", gram).ravel().copy()
+        parts, others = (table.reshape(len(cross), -1, width) for table in (cross, turned))
+        return scores, gram - np.einsum("pki,pkj->kij", parts, others), raw
 
-    def tests(
-        self, terms: Sequence[EffectTerm], white: dict[int, Floats], width: Sequence[int]
-    ) -> list[ScoreTest | None]:
-        """The score test of each candidate, whose columns (`width` of each) lie side by side; None where absorbed."""
-        scores, informations, raw = self.scores(white, width)
-        out = []
-        for term, information, stop in zip(terms, informations, np.cumsum(width), strict=True):
-            part = slice(int(stop) - len(information), int(stop))
-            share = np.divide(np.diagonal(information), raw[part], out=np.zeros(len(information)), where=raw[part] > 0)
-            out.append(score_of(term, scores[:, part], information, share=share, signs=self.solved.signs(term)))
-        return out
+    def columns(self, terms: Sequence[EffectTerm]) -> dict[int, Floats]:
+        """Joint -> (N, V) columns (A per unit) of one effect with several shapes, side by side, where it acts."""
+        rows = [row for row in self.solved.joints if terms[0].touches(row.bins.joint)]
+        every = {row.bins.joint: columns_each(terms, self.solved.model.robot, row.bins.samples) for row in rows}
+        return {joint: columns for joint, columns in every.items() if np.any(columns)}
+
+    def whitened(self, columns: Mapping[int, Floats]) -> dict[int, Floats]:
+        """The same by the noise of each joint."""
+        rows = {joint: self.solved.row(joint) for joint in columns}
+        return {joint: rows[joint].noise.whiten(rows[joint].bins, values) for joint, values in columns.items()}
 
 
 def score_of(
@@ -208,34 +210,16 @@ def score_of(
     return ScoreTest(added, statistic, information, sizes, scores, float(share[visible].max()), signs)
 
 
-def score_candidates(solved: Fit, catalogue: CandidateColumns) -> ScoreTable:
-    """Score every candidate of a catalogue in every shape.
+def score_candidates(solved: Fit, tried: Candidates) -> ScoreTable:
+    """Score every candidate in every shape.
 
     Source
     ------
     C. R. Rao, Proc. Camb. Phil. Soc. 44 (1948) 50-57, the score test; whitened, so of generalised least squares.
     """
     projector = Projector(solved)
-    trials: list[ScoreTest | None] = []
-    for joint in (*(row.bins.joint for row in solved.joints), None):
-        columns = catalogue.wide if joint is None else {joint: catalogue.local[joint]}
-        chosen = [
-            item for item in catalogue.variants if item.is_wide == (joint is None) and joint in (None, item.added.joint)
-        ]
-        white = {k: solved.row(k).noise.whiten(solved.row(k).bins, values) for k, values in columns.items()}
-        if chosen:
-            trials += projector.tests([item.added for item in chosen], white, [len(item.columns) for item in chosen])
-    scored = tuple(trial for trial in trials if trial is not None)
-    absorbed = {item.added.key for item in catalogue.variants} - {trial.added.key for trial in scored}
-    leverage = np.concatenate([_leverage(row, solved) for row in solved.joints])
-    return ScoreTable(solved, scored, frozenset(absorbed), {}, leverage)
-
-
-def _leverage(row: FitRow, solved: Fit) -> Floats:
-    """(R,) 1 / sqrt(1 - parameters a run), the bias of scores of runs that were themselves fitted (HC2's)."""
-    used = float(np.sum((row.slim @ solved.inverse[np.ix_(row.acting, row.acting)]) * row.slim))
-    runs = len(row.bins.runs)
-    return np.full(runs, 1.0 / np.sqrt(max(LEAST_FREEDOM, 1.0 - used / runs)))
+    tests = [test for group in tried.groups for test in scores_at(projector, group)]
+    return ScoreTable(solved, tried, tuple(test for test in tests if test is not None))
 
 
 def minus_log10_p(statistic: Floats | float, freedoms: int) -> Floats:
@@ -313,15 +297,17 @@ def score_at(projector: Projector, added: EffectTerm) -> ScoreTest | None:
     return scores_at(projector, [added])[0]
 
 
-def scores_at(projector: Projector, shapes: Sequence[EffectTerm]) -> list[ScoreTest | None]:
+def scores_at(projector: Projector, terms: Sequence[EffectTerm]) -> list[ScoreTest | None]:
     """The same for several shapes of one effect at once."""
-    solved = projector.solved
-    white = {}
-    for row in solved.joints:
-        columns = columns_each(shapes, solved.model.robot, row.bins.samples)
-        if np.any(columns):
-            white[row.bins.joint] = row.noise.whiten(row.bins, columns)
+    solved, white = projector.solved, projector.whitened(projector.columns(terms))
     if not white:
-        return [None] * len(shapes)
-    width = next(iter(white.values())).shape[1] // len(shapes)
-    return projector.tests(shapes, white, [width] * len(shapes))
+        return [None] * len(terms)
+    width = next(iter(white.values())).shape[1] // len(terms)
+    scores, information, raw = projector.scores(white, width)
+    out = []
+    for number, term in enumerate(terms):
+        part = slice(number * width, (number + 1) * width)
+        share = np.divide(np.diagonal(information[number]), raw[part], out=np.zeros(width), where=raw[part] > 0)
+        test = score_of(term, scores[:, part], information[number], share=share, signs=solved.signs(term))
+        out.append(test)
+    return out

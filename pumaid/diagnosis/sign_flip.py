@@ -3,16 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
+from itertools import groupby
 
 import numpy as np
 from numpy.typing import NDArray
 
+from pumaid.diagnosis.candidates import Key
 from pumaid.diagnosis.score_test import ScoreTable, ScoreTest, minus_log10_p
 from pumaid.maths.rank import pseudo_inverse
 
 Floats = NDArray[np.float64]
-Key = tuple[str, int | None]
 
 #: Flips of the signs of whole runs; the smallest p-value is one in a thousand.
 FLIPS = 999
@@ -28,8 +29,6 @@ GROSS = 30.0
 #: Where a few runs hold nearly all of a candidate's score (fewer than `FEW` that count alike), and repeated runs show
 #: the noise, as much is asked of it: six deviations, which noise misjudged by half its size does not make either.
 FEW, LONE = 6.0, 9.0
-#: Candidates whose flips are held at once.
-AT_ONCE = 128
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -49,7 +48,6 @@ class SignFlips:
     handicaps: dict[Key, float]
     largest: Floats
     lone: frozenset[Key] = frozenset()
-    _beyond: dict[float, float] = field(default_factory=dict, init=False, repr=False)
 
     def gross(self, key: Key) -> float:
         """Surprise beyond which no flip is asked."""
@@ -64,9 +62,7 @@ class SignFlips:
 
     def threshold(self, key: Key, level: float) -> float:
         """Surprise that `key` needs for a p-value below `level`."""
-        if level not in self._beyond:
-            self._beyond[level] = float(np.quantile(self.largest, 1.0 - level))
-        return min(self.handicaps.get(key, 0.0) + self._beyond[level], self.gross(key))
+        return min(self.handicaps.get(key, 0.0) + float(np.quantile(self.largest, 1.0 - level)), self.gross(key))
 
 
 def sign_flips(scan: ScoreTable, *, periodic: str | None = None, flips: int = FLIPS) -> SignFlips:
@@ -92,32 +88,21 @@ def sign_flips(scan: ScoreTable, *, periodic: str | None = None, flips: int = FL
     rng = np.random.default_rng(SEED)
     signs = rng.choice([-1.0, 1.0], size=(flips, len(scan.leverage))) * scan.leverage
     scale, surprises = scan.solved.scale, dict[Key, Floats]()
-    by_width: dict[int, list[ScoreTest]] = {}
-    for trial in scan.trials:
-        by_width.setdefault(trial.width, []).append(trial)
-    for width, trials in by_width.items():
-        for key, best in _best(trials, signs, width=width).items():
-            surprises[key] = np.maximum(surprises.get(key, 0.0), minus_log10_p(best / scale, width))
-    before = 0
-    for row in scan.solved.joints:
-        runs = slice(before, before + len(row.bins.runs))
-        before = runs.stop
-        spectrum = scan.spectra.get(row.bins.joint)
-        if spectrum is not None and periodic is not None:
-            best = spectrum.highest(signs[:, runs])
+    for key, trials in groupby(scan.trials, key=lambda trial: trial.added.key):
+        surprises[key] = minus_log10_p(*_best(list(trials), signs, scale=scale))
+    stops = np.cumsum([len(row.bins.runs) for row in scan.solved.joints])
+    for row, flipped in zip(scan.solved.joints, np.split(signs, stops[:-1], axis=1), strict=True):
+        if row.bins.joint in scan.spectra and periodic is not None:
+            best = scan.spectra[row.bins.joint].highest(flipped)
             surprises[periodic, row.bins.joint] = minus_log10_p(best / scale, PERIODIC)
     if not surprises:
         return SignFlips({}, np.zeros(flips))
     handicaps = {key: float(np.quantile(drawn, BALANCED)) for key, drawn in surprises.items()}
     largest = np.max([drawn - handicaps[key] for key, drawn in surprises.items()], axis=0)
-    return SignFlips(handicaps, np.sort(largest), _lone(scan))
-
-
-def _lone(scan: ScoreTable) -> frozenset[Key]:
-    """Candidates whose best shape shows in a few runs; none where the noise is not known from repeated runs."""
-    if not all(row.noise.from_replicates for row in scan.solved.joints):
-        return frozenset()
-    return frozenset(key for key, trial in scan.best().items() if alike(trial.scores) < FEW)
+    lone = frozenset[Key]()
+    if all(row.noise.from_replicates for row in scan.solved.joints):
+        lone = frozenset(key for key, trial in scan.best().items() if alike(trial.scores) < FEW)
+    return SignFlips(handicaps, np.sort(largest), lone)
 
 
 def alike(scores: Floats) -> float:
@@ -126,23 +111,14 @@ def alike(scores: Floats) -> float:
     return float(squares.sum() ** 2 / np.sum(squares**2)) if squares.any() else 0.0
 
 
-def _best(trials: Sequence[ScoreTest], signs: Floats, *, width: int) -> dict[Key, Floats]:
-    """(B,) largest statistic in each flip of each candidate's trials, all of one width."""
-    out: dict[Key, Floats] = {}
-    for start in range(0, len(trials), AT_ONCE):
-        batch = trials[start : start + AT_ONCE]
-        for trial, drawn in zip(batch, _statistics(batch, signs, width=width).T, strict=True):
-            out[trial.added.key] = np.maximum(out.get(trial.added.key, 0.0), drawn)
-    return out
-
-
-def _statistics(trials: Sequence[ScoreTest], signs: Floats, *, width: int) -> Floats:
-    """(B, trials) statistic of trials of one width in each flip."""
-    total = (signs @ np.concatenate([trial.scores for trial in trials], axis=1)).reshape(len(signs), len(trials), width)
+def _best(trials: Sequence[ScoreTest], signs: Floats, *, scale: float) -> tuple[Floats, int]:
+    """(B,) largest scaled statistic in each flip of one candidate's trials, and their width."""
+    width = trials[0].width
+    total = (signs @ np.concatenate([trial.scores for trial in trials], axis=1)).reshape(len(signs), -1, width)
     inverse = np.array([pseudo_inverse(trial.information)[0] for trial in trials])
     if width > 1:
-        return np.asarray(np.einsum("btw,btw->bt", np.einsum("btw,twv->btv", total, inverse), total))
-    single = total[:, :, 0]
-    # Of the sign that the physics does not allow nothing would be made.
-    allowed = single * np.array([trial.signs[0] for trial in trials]) >= 0.0
-    return np.where(allowed, single**2 * inverse[:, 0, 0], 0.0)
+        statistics = np.einsum("btw,twv,btv->bt", total, inverse, total, optimize=True)
+    else:  # of the sign that the physics does not allow nothing would be made
+        is_allowed = total[:, :, 0] * np.array([trial.signs[0] for trial in trials]) >= 0.0
+        statistics = np.where(is_allowed, total[:, :, 0] ** 2 * inverse[:, 0, 0], 0.0)
+    return statistics.max(axis=1) / scale, width

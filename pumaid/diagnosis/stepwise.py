@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from pumaid.dataset import Campaign, Run
-from pumaid.diagnosis.candidates import CandidateColumns, candidate_columns, settling
+from pumaid.diagnosis.candidates import Key, candidates, settling
 from pumaid.diagnosis.cross_validation import FoldLosses, confirmed_share, leave_out, replicate_folds
 from pumaid.diagnosis.periodogram import Spectrum, spectrum
 from pumaid.diagnosis.records import Transfer
@@ -25,14 +25,13 @@ from pumaid.diagnosis.score_test import (
 from pumaid.diagnosis.sign_flip import PERIODIC, SignFlips, sign_flips
 from pumaid.effect_spec import EffectTerm, marked
 from pumaid.effects import Effect, catalogue
-from pumaid.estimation.fit import Fit, at_bins, loaded
+from pumaid.estimation.fit import Fit, at_bins, loaded, misfit_at
 from pumaid.estimation.gls import fit_bins, refit
 from pumaid.estimation.noise import NoiseModel, noise_of
 from pumaid.joint_bins import COARSE, FINE, JointBins, joint_bins
 from pumaid.model import Model
 
 Floats = NDArray[np.float64]
-Key = tuple[str, int | None]
 
 #: Family-wise chance of a finding where nothing is missing: with the chance of a shape without a name, at most one
 #: experiment in twenty is told that something is missing when nothing is.
@@ -79,6 +78,8 @@ class EvaluatedCandidate:
         (A) RMSE of the fitted samples by joint that it touches.
     transfer
         How much of it runs held out showed when it had been added; None before.
+    rivals
+        Of what was added: those which these data cannot tell from it.
     """
 
     trial: ScoreTest
@@ -89,6 +90,7 @@ class EvaluatedCandidate:
     before: dict[int, float]
     after: dict[int, float]
     transfer: Transfer | None = None
+    rivals: tuple[EvaluatedCandidate, ...] = ()
 
     @property
     def key(self) -> Key:
@@ -157,12 +159,12 @@ def evidence(on: Fit, trial: ScoreTest) -> float:
 
 def misfit_with(on: Fit, trial: ScoreTest) -> dict[int, Floats]:
     """Joint in which an effect acts -> (N,) A that is left with it, all else refitted."""
-    plain = {row.bins.joint: trial.added.linear(on.model.robot, row.bins.samples) for row in on.joints}
-    acting = {joint: columns for joint, columns in plain.items() if np.any(columns)}
-    white = {joint: on.row(joint).noise.whiten(on.row(joint).bins, columns) for joint, columns in acting.items()}
-    turned = on.inverse @ Projector(on).crossed(white)
-    out = {}
-    for joint, columns in acting.items():
+    projector, out = Projector(on), dict[int, Floats]()
+    plain = projector.columns([trial.added])
+    if not plain:
+        return out
+    turned = on.inverse @ projector.crossed(projector.whitened(plain))
+    for joint, columns in plain.items():
         row = on.row(joint)
         out[joint] = row.misfit - (columns - row.bare @ turned[row.acting]) @ trial.sizes
     return out
@@ -192,10 +194,10 @@ def rivals(
     for other in evaluated:
         if other.key == chosen.key or other.p_value > LEVEL or other.falls is None or other.fault == "denied":
             continue
-        term, bins = other.trial.added, after
+        term, on = other.trial.added, after
         if term.effect.periodic is not None and term.joint is not None:  # coarse bins do not show it
-            bins = at_bins(after, other.on.row(term.joint).bins)
-        remaining = score_at(Projector(bins), term)
+            on = at_bins(after, other.on.row(term.joint).bins)
+        remaining = score_at(Projector(on), term)
         is_explained = remaining is None or remaining.statistic <= SAME * other.trial.statistic
         if is_explained and chosen.evidence - other.evidence <= DECISIVE:
             out.append(other)
@@ -204,98 +206,96 @@ def rivals(
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Step:
-    """One look: the scan, what was chosen (None: nothing passed), its rivals, and all that were looked at closely."""
+    """One look: the scores, their chances, what was chosen (None: nothing passed), and all that were looked at."""
 
     scan: ScoreTable
-    catalogue: CandidateColumns
     family: SignFlips
     chosen: EvaluatedCandidate | None
-    rivals: tuple[EvaluatedCandidate, ...]
-    contenders: tuple[EvaluatedCandidate, ...]
+    evaluated: tuple[EvaluatedCandidate, ...]
+
+    def is_rival(self, key: Key) -> bool:
+        """Whether a candidate was a rival of what was chosen."""
+        return self.chosen is not None and any(rival.key == key for rival in self.chosen.rivals)
 
 
-@dataclass(frozen=True, eq=False, slots=True)
-class Accepted:
-    """An addition as it was judged, what these data cannot tell from it, and how much of it runs held out show."""
-
-    contender: EvaluatedCandidate
-    rivals: tuple[EvaluatedCandidate, ...] = ()
-    transfer: Transfer | None = None
-
-
-def silent(text: str) -> None:
-    """Tell nobody."""
-
-
-@dataclass(eq=False, slots=True)
 class Stepwise:
     """A search on fitted runs: what is in the model, and how it came there.
 
-    Attributes
+    Parameters
     ----------
     model, runs
-        The base model and the fitted runs.
+        The base model and the runs that are fitted.
     given
         Effects that the model has already.
     campaign
         That of all runs of the logs, also those that are not fitted.
     effects
         What may be added; every effect that is no part of each model where not given.
-    tell
-        Called with a word on what is done.
     unseen
         Runs that are not fitted.
+    tell
+        Called with a word on what is done.
+
+    Attributes
+    ----------
     added, steps, accepted
-        What is in the model now (`given` first), each look, and why each addition was made.
+        What is in the model now (`given` first), each look, and each addition as it was judged.
     denied
         What was added and of which runs held out showed too little, so that it was looked for no more.
     """
 
-    model: Model
-    runs: Sequence[Run]
-    given: Sequence[EffectTerm] = ()
-    campaign: Campaign | None = None
-    effects: Sequence[Effect] = ()
-    tell: Callable[[str], None] = silent
-    unseen: Sequence[Run] = ()
-    denied: list[EvaluatedCandidate] = field(default_factory=list)
-    added: list[EffectTerm] = field(default_factory=list)
-    steps: list[Step] = field(default_factory=list)
-    accepted: list[Accepted] = field(default_factory=list)
-    periodic: Effect | None = None
-    _coarse: tuple[JointBins, ...] = ()
-    _finest: tuple[JointBins, ...] = ()
-    _first: Fit | None = None
-
-    def __post_init__(self) -> None:
-        self.effects = [effect for effect in (self.effects or tuple(catalogue().values())) if not effect.base]
+    def __init__(
+        self,
+        model: Model,
+        runs: Sequence[Run],
+        *,
+        given: Sequence[EffectTerm] = (),
+        campaign: Campaign | None = None,
+        effects: Sequence[Effect] = (),
+        unseen: Sequence[Run] = (),
+        tell: Callable[[str], None] = lambda text: None,
+    ) -> None:
+        self.model, self.runs, self.given, self.tell = model, runs, list(given), tell
+        self.effects = [effect for effect in (effects or tuple(catalogue().values())) if not effect.base]
         self.periodic = next((effect for effect in self.effects if effect.periodic is not None), None)
-        self.added = list(self.given)
-        self._coarse, self._finest = (
-            joint_bins(self.model.robot, self.runs, most=limit, campaign=self.campaign) for limit in (COARSE, FINE)
+        self._bins, self._unseen = (
+            [joint_bins(model.robot, part, most=limit, campaign=campaign) for limit in (COARSE, FINE)]
+            for part in (runs, unseen)
         )
+        self._first = fit_bins(model, self._bins[0])
+        self._latest: tuple[list[EffectTerm], Fit] | None = None
+        self.denied: list[EvaluatedCandidate] = []
+        self.added, self.steps, self.accepted = list(given), list[Step](), list[EvaluatedCandidate]()
 
     def heldout(self) -> tuple[JointBins, ...]:
         """Bins of runs that are not fitted: the finest of joints that have a periodic effect, else coarse ones."""
-        if not self.unseen:
-            return ()
-        robot, campaign = self.model.robot, self.campaign
-        coarse, finest = (joint_bins(robot, self.unseen, most=limit, campaign=campaign) for limit in (COARSE, FINE))
-        return _chosen(coarse, finest, self.added)
+        return _chosen(self._unseen, self.added)
 
-    def solved(self, added: Sequence[EffectTerm], noises: dict[int, NoiseModel] | None = None) -> Fit:
-        """The model with `added`, on the finest bins of joints that have a periodic effect, else on coarse ones."""
-        if self._first is None:
-            self._first = fit_bins(self.model, self._coarse)
-        terms = marked([*settling(self._coarse), *(term.searched(self.model.robot) for term in added)])
-        unsized = self.model.with_effects([replace(term, fitted=()) for term in terms])
-        fitted = refit(self._first, unsized, bins=_chosen(self._coarse, self._finest, added), noise=noises)
+    def solved(self, added: Sequence[EffectTerm], noises: Mapping[int, NoiseModel] | None = None) -> Fit:
+        """The model with `added`, on the finest bins of joints that have a periodic effect, else on coarse ones.
+
+        Weighted by `noises` by joint, else by the noise that is left with `added`.
+        """
+        if noises is None and self._latest is not None and self._latest[0] == list(added):
+            return self._latest[1]
+        fitted = self._unsized(added, noises)
+        terms = fitted.model.effects
+        if noises is None or added:
+            sizes = [tuple(fitted.sizes(place).tolist()) for place in range(len(terms))]
+            searched = [term.searched(self.model.robot) for term in terms]
+            sized = [replace(term, sizes=size) for term, size in zip(searched, sizes, strict=True)]
+            solved = refit(fitted, self.model.with_effects(sized), noise=noises or _noises(fitted))
+        else:
+            solved = fitted
         if noises is None:
-            noises = {row.bins.joint: noise_of(row.bins, row.misfit) for row in fitted.joints}
-        elif not added:
-            return fitted
-        sized = [replace(term, sizes=tuple(fitted.sizes(place).tolist())) for place, term in enumerate(terms)]
-        return refit(fitted, self.model.with_effects(sized), noise=noises)
+            self._latest = (list(added), loaded(solved))
+            return self._latest[1]
+        return loaded(solved)
+
+    def _unsized(self, added: Sequence[EffectTerm], noises: Mapping[int, NoiseModel] | None = None) -> Fit:
+        """The same without derivatives by shapes, weighted, where no noise is given, by what the base model leaves."""
+        model = self.model.with_effects(marked([*settling(self._bins[0]), *added]))
+        return refit(self._first, model, bins=_chosen(self._bins, added), noise=noises)
 
     def run(self) -> Fit:
         """Add until nothing passes, again without what runs held out deny; the final system."""
@@ -303,14 +303,9 @@ class Stepwise:
             last = self._climb()
             bins = self.heldout()
             self.accepted = [
-                replace(item, transfer=confirmed_share(last, item.contender.trial.added, bins))
-                for item in self.accepted
+                replace(item, transfer=confirmed_share(last, item.trial.added, bins)) for item in self.accepted
             ]
-            refused = [
-                replace(item.contender, transfer=item.transfer)
-                for item in self.accepted
-                if item.transfer is not None and item.transfer.is_denied
-            ]
+            refused = [item for item in self.accepted if item.transfer is not None and item.transfer.is_denied]
             if not refused or len(self.denied) >= MOST_DENIED:
                 return last
             self.denied += refused
@@ -326,44 +321,45 @@ class Stepwise:
             if step.chosen is None or count >= MOST_ADDED or len(self.steps) > LOOKS * MOST_ADDED:
                 return step.scan.solved
             self.added.append(step.chosen.trial.added)
-            self.accepted.append(Accepted(step.chosen, step.rivals))
+            self.accepted.append(step.chosen)
             self._exchange()
 
     def look(self, added: Sequence[EffectTerm]) -> Step:
         """Score all candidates with the noise that is left once the leading one is out, then judge the leaders."""
-        solved = loaded(self.solved(added))
-        columns = candidate_columns(solved, self.effects)
-        table = score_candidates(solved, columns)
+        solved = self.solved(added)
+        tried = candidates(solved, self.effects)
+        table = score_candidates(solved, tried)
         lead = max(table.best().values(), key=lambda trial: evidence(solved, trial), default=None)
         if lead is not None and evidence(solved, lead) > DECISIVE:  # else it takes no noise with it
-            solved = loaded(self.solved(added, self.solved([*added, lead.added]).noises))
-            table = score_candidates(solved, columns)
+            solved = self.solved(added, _noises(self._unsized([*added, lead.added])))
+            table = score_candidates(solved, tried)
         table = replace(table, spectra=self._spectra(solved))
         chances = sign_flips(table, periodic=self.periodic.name if self.periodic else None)
-        evaluated = [self._judged(table, columns, pair, chances) for pair in self._leaders(table, chances)]
+        evaluated = [self._judged(table, pair, chances) for pair in self._leaders(table, chances)]
         evaluated.sort(key=lambda item: -item.evidence)
         chosen = next((item for item in evaluated if item.fault is None), None)
-        like: tuple[EvaluatedCandidate, ...] = ()
         if chosen is not None:
-            like = rivals(chosen, evaluated, loaded(self.solved([*added, chosen.trial.added])))
-        return Step(table, columns, chances, chosen, like, tuple(evaluated))
+            like = rivals(chosen, evaluated, self.solved([*added, chosen.trial.added]))
+            chosen = replace(chosen, rivals=like)
+        return Step(table, chances, chosen, tuple(evaluated))
 
     def _spectra(self, solved: Fit) -> dict[int, Spectrum]:
         """Of what the solved system leaves, at the finest bins."""
         out: dict[int, Spectrum] = {}
         effect = self.periodic
-        for fine in self._finest if effect is not None else ():
-            if effect is None or effect.applies(self.model.robot, fine.joint) is not None:
-                continue
-            on = at_bins(solved, fine)
+        if effect is None or effect.periodic is None:
+            return out
+        for bins in (bins for bins in self._bins[1] if effect.applies(self.model.robot, bins.joint) is None):
+            coarse, misfit = solved.row(bins.joint).residual, misfit_at(solved, bins)
+            noise = noise_of(bins, misfit)
+            white = noise.whiten(bins, misfit)
+            square = solved.square - float(coarse @ coarse) + float(white @ white)
+            scale = square / max(solved.size - len(coarse) + len(bins) - solved.rank, 1)
             terms = [*solved.model.effects, *(item.trial.added for item in self.denied)]
-            frequencies = [
-                term.shape[term.effect.periodic] for term in terms if term.effect.periodic and term.joint == fine.joint
-            ]
-            row = on.row(fine.joint)
-            waves = spectrum(row.bins, row.noise, row.residual, scale=on.scale / solved.scale, without=frequencies)
-            if waves is not None:
-                out[fine.joint] = waves
+            waves = [term.shape[effect.periodic] for term in terms if term.key == (effect.name, bins.joint)]
+            found = spectrum(bins, noise, white, scale=scale / solved.scale, without=waves)
+            if found is not None:
+                out[bins.joint] = found
         return out
 
     def _leaders(self, table: ScoreTable, chances: SignFlips) -> list[tuple[ScoreTest, ScoreTest]]:
@@ -379,24 +375,24 @@ class Stepwise:
             if effect is None or effect.periodic is None or chances.p_value((effect.name, joint), surprise) > FAR:
                 continue
             frequency = float(waves.frequency[int(np.argmax(statistic))])
-            projector = Projector(self._at_finest(solved, joint))
-            trial = score_at(projector, EffectTerm(effect, joint, {effect.periodic: frequency}))
+            term = EffectTerm(effect, joint, {effect.periodic: frequency})
+            projector = Projector(self._where_it_shows(solved, term))
+            trial = score_at(projector, term)
             if trial is not None:
                 pairs.append((trial, refine_shape(projector, trial)))
         return pairs
 
-    def _at_finest(self, solved: Fit, joint: int) -> Fit:
-        return at_bins(solved, next(bins for bins in self._finest if bins.joint == joint))
+    def _where_it_shows(self, solved: Fit, term: EffectTerm) -> Fit:
+        """A fit with the finest bins of the joint of a periodic effect, else as it is."""
+        if term.effect.periodic is None:
+            return solved
+        return at_bins(solved, next(bins for bins in self._bins[1] if bins.joint == term.joint))
 
-    def _judged(
-        self, table: ScoreTable, columns: CandidateColumns, pair: tuple[ScoreTest, ScoreTest], chances: SignFlips
-    ) -> EvaluatedCandidate:
-        term = pair[1].added
-        on, shapes = table.solved, [variant.added for variant in columns.variants if variant.added.key == term.key]
-        if term.effect.periodic is not None and term.joint is not None:
-            on, shapes = self._at_finest(on, term.joint), [pair[0].added]
-        candidate = evaluate(on, *pair, shapes=shapes, family=chances)
-        return replace(candidate, transfer=self._denial(term))
+    def _judged(self, table: ScoreTable, pair: tuple[ScoreTest, ScoreTest], chances: SignFlips) -> EvaluatedCandidate:
+        grid, trial = pair
+        shapes = table.candidates.shapes(trial.added.key) or (grid.added,)
+        on = self._where_it_shows(table.solved, trial.added)
+        return replace(evaluate(on, *pair, shapes=shapes, family=chances), transfer=self._denial(trial.added))
 
     def _denial(self, term: EffectTerm) -> Transfer | None:
         """What runs held out said of an effect if they denied it; of this very shape where a joint may have several."""
@@ -408,34 +404,30 @@ class Stepwise:
 
     def _exchange(self) -> None:
         """Look at every earlier addition again, now that the later ones are in: drop it, or put a better one there."""
-        first = len(self.given)
-        place = first
+        place, chances = len(self.given), self.steps[-1].family
         while place < len(self.added) - 1:
-            current = self.added[place]
-            solved = loaded(
-                self.solved([*self.added[:place], *self.added[place + 1 :]], self.solved(self.added).noises)
-            )
-            columns = candidate_columns(solved, self.effects)
-            table, chances = score_candidates(solved, columns), self.steps[-1].family
-            on = solved
-            if current.effect.periodic is not None and current.joint is not None:
-                on = self._at_finest(solved, current.joint)
-            again = score_at(Projector(on), current)
+            current, rest = self.added[place], [*self.added[:place], *self.added[place + 1 :]]
+            solved = self.solved(rest, self.solved(self.added).noises)
+            again = score_at(Projector(self._where_it_shows(solved, current)), current)
             if again is None or chances.p_value(current.key, again.surprise(solved.scale)) > LEVEL:
-                del self.added[place], self.accepted[place - first]
+                del self.added[place], self.accepted[place - len(self.given)]
                 continue
+            table = score_candidates(solved, candidates(solved, self.effects))
             allowed = [trial for trial in table.best().values() if self._denial(trial.added) is None]
             top = max(allowed, key=lambda trial: evidence(solved, trial), default=again)
             if evidence(solved, top) > evidence(solved, again) + DECISIVE:
                 pair = (top, refine_shape(Projector(solved), top))
                 self.added[place] = pair[1].added
-                self.accepted[place - first] = Accepted(self._judged(table, columns, pair, chances))
+                self.accepted[place - len(self.given)] = self._judged(table, pair, chances)
             place += 1
 
 
-def _chosen(
-    coarse: Sequence[JointBins], finest: Sequence[JointBins], added: Sequence[EffectTerm]
-) -> tuple[JointBins, ...]:
-    """The finest bins of joints that have a periodic effect, else coarse ones."""
+def _noises(fitted: Fit) -> dict[int, NoiseModel]:
+    """By joint, what a fit leaves."""
+    return {row.bins.joint: noise_of(row.bins, row.misfit) for row in fitted.joints}
+
+
+def _chosen(bins: Sequence[Sequence[JointBins]], added: Sequence[EffectTerm]) -> tuple[JointBins, ...]:
+    """Of coarse and finest bins the finest of joints that have a periodic effect, else coarse ones."""
     fine = {term.joint for term in added if term.effect.periodic is not None}
-    return tuple(b if a.joint in fine else a for a, b in zip(coarse, finest, strict=True))
+    return tuple(b if a.joint in fine else a for a, b in zip(*bins, strict=True))

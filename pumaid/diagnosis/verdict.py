@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from pumaid.design.discrimination import FittedEffect, deciding
-from pumaid.diagnosis.candidates import Suspect
+from pumaid.diagnosis.candidates import Candidates, Suspect
 from pumaid.diagnosis.free_form import FreeForm, free_form_scores, knot_values
 from pumaid.diagnosis.records import ADEQUATE, MISSING, UNEXPLAINED_JOINT, Unexplained
 from pumaid.diagnosis.score_test import ScoreTable, ScoreTest
@@ -104,40 +104,23 @@ EXCESS = 1.02
 
 @dataclass(frozen=True, eq=False, slots=True)
 class JointVerdict:
-    """One joint's verdict with what it rests on.
+    """One joint's verdict (adequate, missing or unexplained), what repeated before anything was added, and the shape.
 
-    Attributes
-    ----------
-    verdict
-        ``adequate``, ``missing`` or ``unexplained``.
-    before, after
-        ReplicateTest of repeated runs without and with what was added; None without replicates.
-    rmse, rmse_after
-        A, of fitted samples.
-    removed
-        Share of the excess over the floor that is gone; None where there is none or no floor.
-    shape
-        What has no name; None where all is explained.
+    `replicates` is None without repeated runs; `shape` is of what has no name, None where all is explained.
     """
 
     verdict: str
-    before: ReplicateTest | None
-    after: ReplicateTest | None
-    rmse: float
-    rmse_after: float
-    removed: float | None
+    replicates: ReplicateTest | None
     shape: Unexplained | None
 
 
-def joint_verdict(first: Fit, last: Fit, scan: ScoreTable, *, joint: int, acting: bool) -> JointVerdict:
+def joint_verdict(first: Fit, last: Fit, *, joint: int, acting: bool) -> JointVerdict:
     """The verdict of one joint.
 
     Parameters
     ----------
     first, last
         The system as it was given and with all that was added, both with loads.
-    scan
-        Of `last`; its leverage is used.
     joint
         From 1.
     acting
@@ -145,39 +128,35 @@ def joint_verdict(first: Fit, last: Fit, scan: ScoreTable, *, joint: int, acting
     """
     a, b = first.row(joint), last.row(joint)
     before, after = (replicate_test(item.bins, item.misfit, item.residual) for item in (a, b))
-    start, end = rmse(a.bins, a.misfit), rmse(b.bins, b.misfit)
-    removed = _removed(start, end, b.bins, after)
-    still = after is not None and after.p_value * len(last.joints) <= REPEATS
-    free = free_form_scores(last, joint)
-    chances = sign_flips(ScoreTable(last, tuple(free), frozenset(), {}, scan.leverage))
-    passing = [
-        item
-        for item in free
-        if chances.p_value(item.added.key, item.surprise(last.scale)) * len(last.joints) <= NAMELESS
-    ]
-    best = max(passing, key=lambda item: evidence(last, item), default=None)
-    nameless = best is not None and evidence(last, best) > DECISIVE
-    verdict = MISSING if acting else ADEQUATE
-    if (nameless or still) and not (acting and removed is not None and removed >= ENOUGH and not nameless):
-        verdict = UNEXPLAINED_JOINT
-    shape = None
-    if verdict == UNEXPLAINED_JOINT and free:
-        top = best if best is not None else max(free, key=lambda item: evidence(last, item))
-        shape = _shape(last, top, is_clear=nameless)
-    return JointVerdict(verdict, before, after, start, end, removed, shape)
+    is_repeated = after is not None and after.p_value * len(last.joints) <= REPEATS
+    forms = free_form_scores(last, joint)
+    chances = sign_flips(ScoreTable(last, Candidates(), tuple(forms)))
+    level = NAMELESS / len(last.joints)
+    passing = [form for form in forms if chances.p_value(form.added.key, form.surprise(last.scale)) <= level]
+    best = _most_evident(last, passing)
+    is_clear = best is not None and evidence(last, best) > DECISIVE
+    is_gone = acting and _removed(rmse(a.bins, a.misfit), rmse(b.bins, b.misfit), b.bins, after) >= ENOUGH
+    if not is_clear and (not is_repeated or is_gone):
+        return JointVerdict(MISSING if acting else ADEQUATE, before, None)
+    top = best or _most_evident(last, forms)
+    return JointVerdict(UNEXPLAINED_JOINT, before, None if top is None else _shape(last, top, is_clear=is_clear))
 
 
-def _removed(start: float, end: float, bins: JointBins, after: ReplicateTest | None) -> float | None:
-    """Share of the excess over the floor that is gone."""
+def _most_evident(solved: Fit, tests: Iterable[ScoreTest]) -> ScoreTest | None:
+    return max(tests, key=lambda test: evidence(solved, test), default=None)
+
+
+def _removed(start: float, end: float, bins: JointBins, after: ReplicateTest | None) -> float:
+    """Share of the excess over the floor that is gone; NaN where there is none or no floor."""
     if after is None:
-        return None
+        return np.nan
     floor2 = after.floor**2 + float(bins.count @ bins.inside / bins.count.sum())
     if start**2 <= EXCESS * floor2:
-        return None
+        return np.nan
     return (start**2 - end**2) / (start**2 - min(floor2, end**2))
 
 
-def _shape(solved: Fit, trial: ScoreTest, *, is_clear: bool = True) -> Unexplained:
+def _shape(solved: Fit, trial: ScoreTest, *, is_clear: bool) -> Unexplained:
     """The free form for people."""
     free = trial.added.effect
     assert isinstance(free, FreeForm) and trial.added.joint is not None
@@ -222,23 +201,23 @@ def competing_form(first: Fit, joint: int, named: Sequence[EvaluatedCandidate]) 
     """
     families = set[str]().union(*(OWN.get(item.trial.added.effect.family, set()) for item in named))
     forms = [item for item in free_form_scores(first, joint) if item.added.effect.name not in families]
-    best = max(forms, key=lambda item: evidence(first, item), default=None)
+    best = _most_evident(first, forms)
     if best is None or evidence(first, best) <= sum(item.evidence for item in named) + DECISIVE:
         return None
-    return _shape(first, best)
+    return _shape(first, best, is_clear=True)
 
 
 def nearest_form(solved: Fit, joint: int) -> Unexplained | None:
     """The free form that comes nearest to what a system with loads leaves of a joint."""
-    best = max(free_form_scores(solved, joint), key=lambda trial: evidence(solved, trial), default=None)
+    best = _most_evident(solved, free_form_scores(solved, joint))
     return None if best is None else _shape(solved, best, is_clear=evidence(solved, best) > DECISIVE)
 
 
 def next_run(solved: Fit, chosen: ScoreTest, rival: ScoreTest) -> NextRun:
     """The feasible runs that tell two effects apart, both tested on `solved`; without motions where there are none."""
-    effects = [FittedEffect(test.added, test.sizes, test.statistic) for test in (chosen, rival)]
     for effect in (test.added.effect for test in (chosen, rival)):
         if isinstance(effect, Suspect):
             return NextRun(f"change {effect.column} on purpose while all else is repeated: no plan of motions can")
+    first, second = (FittedEffect(test.added, test.sizes, test.statistic) for test in (chosen, rival))
     lead = evidence(solved, chosen) - evidence(solved, rival)
-    return deciding(solved, (effects[0], effects[1]), lead=lead, decisive=DECISIVE)
+    return deciding(solved, (first, second), lead=lead, decisive=DECISIVE)

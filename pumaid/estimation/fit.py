@@ -465,8 +465,7 @@ def misfit_at(fitted: Fit, bins: JointBins) -> Floats:
 
 def at_bins(fitted: Fit, bins: JointBins) -> Fit:
     """The same fit with one joint's row at other bins, noise as these show it."""
-    bins = _loaded(fitted, bins)
-    design = design_of(fitted.model, bins, fitted)
+    design, bins = design_of(fitted.model, bins, fitted), _loaded(fitted, bins)
     noise = noises.noise_of(bins, bins.current - design @ (fitted.factors(bins.joint) * fitted.values))
     other = fitted.with_rows({bins.joint: fitted.at(bins, design, noise)})
     prior = prior_rows(fitted.held, np.sqrt(fitted.pull))
@@ -477,9 +476,9 @@ def at_bins(fitted: Fit, bins: JointBins) -> Fit:
 
 def elsewhere(fitted: Fit, bins: JointBins) -> FitRow:
     """One joint of the fit at runs that were not fitted, their noise like that of fitted runs as fast."""
-    old, bins = fitted.row(bins.joint), _loaded(fitted, bins)
+    old, design = fitted.row(bins.joint), design_of(fitted.model, bins, fitted)
     noise = old.noise.at(old.bins, np.array([abs(run.speed) for run in bins.runs]), bins.step)
-    return fitted.at(bins, design_of(fitted.model, bins, fitted), noise)
+    return fitted.at(_loaded(fitted, bins), design, noise)
 
 
 def loaded(fitted: Fit) -> Fit:

@@ -25,16 +25,16 @@ def look(lab: Lab, seed: int, added: EffectTerm | None = None, size: float = 0.0
     """One look at an experiment in which an effect of joint 1 draws `size` times its first column more."""
     search = Stepwise(lab.model, lab.noisy(seed, DIN))
     if added is not None:
-        (field,) = search._coarse
+        (field,) = search._bins[0]
         loads = lab.fitted(lab.runs).row(1).bins.samples.loads
         column = added.linear(lab.model.robot, replace(field.samples, loads=loads))[:, 0]
-        search._coarse = search._finest = (replace(field, current=field.current + size * column),)
+        search._bins = 2 * [(replace(field, current=field.current + size * column),)]
     return search.look([])
 
 
 def told(step: Step) -> dict:
     """All limits of a look."""
-    return detection_limits(step.scan, step.catalogue, step.family, periodic=catalogue()["ripple"])
+    return detection_limits(step.scan, step.family, periodic=catalogue()["ripple"])
 
 
 @pytest.mark.parametrize("name", ["spring", *[pytest.param(name, marks=pytest.mark.slow) for name in MORE]])
@@ -48,7 +48,7 @@ def test_an_effect_of_the_limits_size_is_found_four_times_in_five(name):
         for seed in range(draws):
             sign = 1.0 if added.effect.signs({}) else (1.0, -1.0)[seed % 2]
             found = look(lever(), seed, added, sign * share * limit)
-            named = [found.chosen, *found.rivals] if found.chosen is not None else []
+            named = [found.chosen, *found.chosen.rivals] if found.chosen is not None else []
             hits[share] += (name, 1) in [one.key for one in named]
     print(name, limit, hits)
     low, high = stats.binom.ppf([0.001, 0.999], 25, 0.8)

@@ -6,9 +6,7 @@ import numpy as np
 import pytest
 from searches import LEVER, Din, Lab, design, left, lever, pendulum, roots, with_current
 
-from pumaid.diagnosis.candidates import candidate_columns
 from pumaid.diagnosis.free_form import FORMS, forms, free_form_scores, hats, knot_values, variable
-from pumaid.diagnosis.score_test import score_candidates
 from pumaid.diagnosis.stepwise import evidence
 from pumaid.diagnosis.verdict import joint_verdict
 from pumaid.estimation.fit import Fit
@@ -115,9 +113,7 @@ def test_a_nameless_patch_is_unexplained_and_drawn():
     verdicts = []
     for current in (HIDDEN["s f(q)"], lambda q, s, v, t, travel: 0.0 * q):
         solved = hiding(lever(), current)
-        verdicts.append(
-            joint_verdict(solved, solved, score_candidates(solved, candidate_columns(solved)), joint=1, acting=False)
-        )
+        verdicts.append(joint_verdict(solved, solved, joint=1, acting=False))
     assert [one.verdict for one in verdicts] == ["unexplained", "adequate"]
     assert verdicts[0].shape.form == "s f(q)" and abs(verdicts[0].shape.peak + 0.6) < 0.25
     assert verdicts[1].shape is None

@@ -11,7 +11,7 @@ from scipy.optimize import least_squares, nnls
 from searches import LEVER, Lab, design, left, lever, pendulum, roots
 from worlds import PENDULUM
 
-from pumaid.diagnosis.candidates import candidate_columns
+from pumaid.diagnosis.candidates import candidates
 from pumaid.diagnosis.score_test import (
     Projector,
     ScoreTest,
@@ -57,7 +57,7 @@ def gain(solved: Fit, added: EffectTerm, kept: np.ndarray) -> float:
 def test_statistic_is_the_fall_of_the_square(lab):
     """Of every effect at every joint, at one of its shapes, against a dense refit with what physics allows of it."""
     solved = solved_of(lab())
-    trials = score_candidates(solved, candidate_columns(solved)).trials
+    trials = score_candidates(solved, candidates(solved)).trials
     chosen = {trial.added.key: trial for trial in trials}
     assert len(chosen) >= 14 * len(solved.joints)
     for trial in chosen.values():
@@ -102,18 +102,16 @@ def test_scores_of_runs_add_up_to_the_gain():
 def test_what_the_model_absorbs_is_no_candidate():
     """A load that no posture changes is gravity's own; an effect without data (no temperatures) is set aside, too."""
     solved = solved_of(lever())
-    found = score_candidates(solved, candidate_columns(solved))
-    names = {trial.added.effect.name for trial in found.trials}
-    assert ("thermal_friction", 1) in found.absorbed and "thermal_friction" not in names
-    assert not names & {name for name, _ in found.absorbed}
+    found = score_candidates(solved, candidates(solved))
+    assert found.candidates.shapes(("thermal_friction", 1))
+    assert "thermal_friction" not in {trial.added.effect.name for trial in found.trials}
 
 
 def test_every_effect_is_tried_or_said_not_to_be():
-    """Each effect of the catalogue that is no part of every model is tried, absorbed, excluded, or has a spectrum."""
+    """Each effect of the catalogue that is no part of every model is tried, excluded, or has a spectrum."""
     solved = solved_of(pendulum())
-    tried = candidate_columns(solved)
-    found = score_candidates(solved, tried)
-    seen = {trial.added.key for trial in found.trials} | set(found.absorbed) | set(tried.excluded)
+    tried = candidates(solved)
+    seen = {group[0].key for group in tried.groups} | set(tried.excluded)
     for effect in catalogue().values():
         if effect.base or effect.periodic is not None:
             continue
@@ -128,8 +126,8 @@ def test_what_the_model_has_is_not_tried_again():
         EffectTerm(catalogue()["spring"], 1, {}),
         EffectTerm(catalogue()["position_friction"], 1, {"harmonic": 2.0}),
     ]
-    tried = candidate_columns(lab.fitted(lab.noisy(1), inside))
-    keys = {one.added.key for one in tried.variants}
+    tried = candidates(lab.fitted(lab.noisy(1), inside))
+    keys = {group[0].key for group in tried.groups}
     assert ("spring", 1) not in keys and ("spring", 2) in keys
     is_repeatable = catalogue()["position_friction"].is_repeatable
     assert (("position_friction", 1) in keys) == is_repeatable
@@ -192,7 +190,7 @@ def test_surprise_is_the_tail_of_chi_square(freedoms):
 def test_leverage_restores_the_spread_of_fitted_scores():
     """Scores of runs that were fitted are too small by the share of the runs that parameters use up, on average."""
     solved = solved_of(lever())
-    found = score_candidates(solved, candidate_columns(solved, [catalogue()["spring"]]))
+    found = score_candidates(solved, candidates(solved, [catalogue()["spring"]]))
     assert np.all((found.leverage >= 1.0) & (found.leverage <= 2.0))
     used = np.trace(solved.row(1).jacobian @ solved.inverse @ solved.row(1).jacobian.T)
     np.testing.assert_allclose(found.leverage, 1.0 / np.sqrt(1.0 - used / 32.0))
@@ -211,7 +209,7 @@ def test_misfit_with_an_effect_is_that_of_the_refit():
 
 def best(solved: Fit, name: str) -> tuple[ScoreTest, ScoreTest]:
     """An effect at joint 1 at the best point of its grid, and refined."""
-    found = score_candidates(solved, candidate_columns(solved, [catalogue()[name]])).best()[name, 1]
+    found = score_candidates(solved, candidates(solved, [catalogue()[name]])).best()[name, 1]
     return found, refine_shape(Projector(solved), found)
 
 

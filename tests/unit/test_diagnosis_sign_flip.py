@@ -10,7 +10,7 @@ import pytest
 from scipy import stats
 from searches import Din, Lab, lever, pendulum
 
-from pumaid.diagnosis.candidates import candidate_columns, settling
+from pumaid.diagnosis.candidates import candidates, settling
 from pumaid.diagnosis.score_test import ScoreTable, minus_log10_p, score_candidates
 from pumaid.diagnosis.sign_flip import SignFlips, sign_flips
 from pumaid.effect_spec import EffectTerm
@@ -38,7 +38,7 @@ def settled(lab: Lab) -> tuple[EffectTerm, ...]:
 def clean(lab: Lab, kind: str, seed: int) -> ScoreTable:
     """Every effect tried where nothing is missing."""
     solved = lab.fitted(lab.noisy(seed, NOISES[kind]), settled(lab))
-    return score_candidates(solved, candidate_columns(solved))
+    return score_candidates(solved, candidates(solved))
 
 
 @cache
@@ -163,7 +163,7 @@ def test_strong_effects_keep_numbers_finite():
     column = row.bins.samples.direction * row.bins.samples.time
     strong = replace(solved)
     strong.__dict__["by_bin"] = {1: solved.row(1), 2: replace(row, residual=row.noise.whiten(row.bins, 0.1 * column))}
-    found = score_candidates(strong, candidate_columns(solved))
+    found = score_candidates(strong, candidates(solved))
     chance = sign_flips(found)
     assert np.all(np.isfinite(chance.largest)) and np.all(np.isfinite(list(chance.handicaps.values())))
     assert seen(found, chance) == pytest.approx(1e-3)

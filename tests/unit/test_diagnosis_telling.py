@@ -15,7 +15,7 @@ def found(hidden: Hidden):
     lab = Lab.of(LEVER, design(LEVER, postures=3), hidden)
     search = Stepwise(lab.model, lab.noisy(2, Din(spread=0.004, level=0.002)))
     search.run()
-    return search.accepted[0].contender
+    return search.accepted[0]
 
 
 def test_of_gear_losses_the_weight_leaves_only_the_sum():
