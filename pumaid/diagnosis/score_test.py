@@ -166,14 +166,14 @@ class Projector:
             parts = columns.reshape(len(columns), -1, width)
             gram += np.einsum("nki,nkj->kij", parts, parts)
         raw = np.einsum("kii->ki", gram).ravel().copy()
-        parts, others = (table.reshape(len(cross), -1, width) for table in (cross, turned))
-        return scores, gram - np.einsum("pki,pkj->kij", parts, others), raw
+        crossed, moved = (table.reshape(len(cross), -1, width) for table in (cross, turned))
+        return scores, gram - np.einsum("pki,pkj->kij", crossed, moved), raw
 
     def columns(self, terms: Sequence[EffectTerm]) -> dict[int, Floats]:
         """Joint -> (N, V) columns (A per unit) of one effect with several shapes, side by side, where it acts."""
         rows = [row for row in self.solved.joints if terms[0].touches(row.bins.joint)]
-        every = {row.bins.joint: columns_each(terms, self.solved.model.robot, row.bins.samples) for row in rows}
-        return {joint: columns for joint, columns in every.items() if np.any(columns)}
+        made = {row.bins.joint: columns_each(terms, self.solved.model.robot, row.bins.samples) for row in rows}
+        return {joint: columns for joint, columns in made.items() if np.any(columns)}
 
     def whitened(self, columns: Mapping[int, Floats]) -> dict[int, Floats]:
         """The same by the noise of each joint."""

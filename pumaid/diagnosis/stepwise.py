@@ -356,10 +356,10 @@ class Stepwise:
             square = solved.square - float(coarse @ coarse) + float(white @ white)
             scale = square / max(solved.size - len(coarse) + len(bins) - solved.rank, 1)
             terms = [*solved.model.effects, *(item.trial.added for item in self.denied)]
-            waves = [term.shape[effect.periodic] for term in terms if term.key == (effect.name, bins.joint)]
-            found = spectrum(bins, noise, white, scale=scale / solved.scale, without=waves)
-            if found is not None:
-                out[bins.joint] = found
+            known_waves = [term.shape[effect.periodic] for term in terms if term.key == (effect.name, bins.joint)]
+            waves = spectrum(bins, noise, white, scale=scale / solved.scale, without=known_waves)
+            if waves is not None:
+                out[bins.joint] = waves
         return out
 
     def _leaders(self, table: ScoreTable, chances: SignFlips) -> list[tuple[ScoreTest, ScoreTest]]:
