@@ -362,35 +362,38 @@ def _with_bins(
 
 def coarser(bins: Binned, size: int) -> Binned:
     """The same in at most `size` bins."""
-    if len(bins) <= size:
-        return bins
-    count, starts = bins.count, spans(bins.time, size)
-    total = np.add.reduceat(count, starts)
-    columns: dict[str, Any] = {}
-    for item in fields(bins):
-        values = getattr(bins, item.name)
-        if item.name == "extra":
-            columns["extra"] = None if values is None else finite_means(values, starts, count)
-        elif item.name != "count":
-            columns[item.name] = (np.add.reduceat(values.T * count, starts, axis=-1) / total).T
+    starts, _ = spans(bins.time, size)
+    columns: dict[str, Any] = {item.name: getattr(bins, item.name) for item in fields(bins)}
+    for name, values in columns.items():
+        columns[name] = None if values is None else finite_means(values, starts, bins.count)
+    columns["count"] = np.add.reduceat(bins.count, starts)
     if isinstance(bins, Bins):
-        spread = bins.current - np.repeat(columns["current"], np.diff(starts, append=len(count)))
-        columns["variance"] = columns["variance"] + np.add.reduceat(spread * spread * count, starts) / total
-    return type(bins)(**columns, count=total)
+        spread = bins.current - np.repeat(columns["current"], np.diff(starts, append=len(bins)))
+        columns["variance"] += finite_means(spread**2, starts, bins.count)
+    return type(bins)(**columns)
 
 
-def spans(time: Floats, size: int) -> Counts:
-    """Where at most `size` equal spans of (M,) rising times begin, those without an instant left out."""
-    return np.unique(np.searchsorted(time, time[0] + np.arange(size) * ((time[-1] - time[0]) / size)))
+def spans(time: Floats, size: int) -> tuple[Counts, Counts]:
+    """Where at most `size` equal spans of (N,) rising times begin, empty ones left out, and how many each holds."""
+    starts = np.arange(len(time))
+    if len(time) > size:
+        starts = np.unique(np.searchsorted(time, time[0] + np.arange(size) * ((time[-1] - time[0]) / size)))
+    return starts, np.diff(starts, append=len(time))
 
 
 def finite_means(values: Floats, starts: Counts, count: Counts | None = None) -> Floats:
     """(M,) or (M, E) means of the numbers from each start on, weighted by `count`; NaN where there are none."""
     good = np.isfinite(values)
-    weight = np.where(good, 1 if count is None else count[:, None], 0)
+    weights = np.ones(len(values), np.int64) if count is None else count
+    weight = good * (weights if values.ndim == 1 else weights[:, None])
     total = np.add.reduceat(weight, starts, axis=0)
     sums = np.add.reduceat(np.where(good, values, 0.0) * weight, starts, axis=0)
     return np.divide(sums, total, out=np.full(sums.shape, np.nan), where=total > 0)
+
+
+def mean_times(time: Floats, starts: Counts) -> Floats:
+    """(M,) means of (N,) times from each start on; of seconds since 1970, too, whose sum would lose digits."""
+    return time[0] + finite_means(time - time[0], starts)
 
 
 @dataclass(frozen=True, slots=True)

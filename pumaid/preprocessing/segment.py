@@ -1,31 +1,64 @@
-"""The one pass over the samples: a stream of batches cut into runs, in memory of bounded size."""
+"""One pass over samples: rest, one joint at constant velocity, a stroke, or left out; in memory of bounded size.
+
+Joints are told at rest from moving, and movements at constant velocity from others, by velocities at ticks of 20 ms.
+Any other motion is left out as a piece whose bins hold the means of all joints.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field, replace
+from itertools import pairwise
 from typing import Generic, TypeVar
 
 import numpy as np
+from numpy.typing import NDArray
 
 from pumaid.dataset import Dataset, Log, Reject, Run, coarser
 from pumaid.preprocessing import clock
-from pumaid.preprocessing.binning import records
-from pumaid.preprocessing.options import DEFAULTS, SegmentOptions
-from pumaid.preprocessing.stretches import Piece, Stretch, stretches
+from pumaid.preprocessing.binning import JointMotion, Piece, Stretch, record
+from pumaid.preprocessing.differentiate import Ticks, round_half_up, slopes, usual_step
+from pumaid.preprocessing.options import BOTH, CONSTANT, DEFAULTS, LARGEST, STROKE, SegmentOptions
+from pumaid.preprocessing.strokes import sliding
 from pumaid.robot import Robot
 
 __all__ = ["SegmentOptions", "segment"]
 
+Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
+Bools = NDArray[np.bool_]
 Record = TypeVar("Record", Run, Reject)
 
-#: s of rest in whose middle a stream may be cut without loss.
-RESTFUL = 0.4
-#: Samples before a cut elsewhere that the next window sees again.
+#: Samples before the last movement of a window that the next window sees again.
 CONTEXT = 1024
 #: Bins of all runs together (some 100 bytes each for six joints), and those that a run keeps in any case; the same of
-#: what is no run, where all that is looked at is how large the model's error is.
+#: rejects, of which only the size of the model's error is looked at.
 RUN_BINS, REJECT_BINS = (1_500_000, 16), (300_000, 4)
+
+#: A time step above so many usual ones, and above so many seconds, is a gap.
+GAP_STEPS, GAP_TIME = 5.0, 0.05
+#: Fewest samples from which a speed can be taken.
+FEWEST = 6
+#: Codes of a tick beside +joint and -joint.
+REST, SEVERAL = 0, 1_000_000
+#: Standard deviations of a speed that count as surely moving (one false alarm in about 1e5 ticks).
+SURE = 4.5
+#: s within which a held joint's slip ends, and its way as a share of what a held joint may drift during a run.
+SLIP, SLIP_SHARE = 0.25, 0.25
+#: s; a shorter motion of one joint between motions of several is a chance: the others just turn back.
+LONE = 1.0
+
+#: s; longest straight line by which the speed of a slow or noisy movement is judged.
+LONGEST_LINE = 1.0
+#: Standard deviations of the smoothed speed allowed beside the tolerance.
+SPREAD = 3.0
+#: Departure from a speed, in units of the tolerance, that does not end a run where the same speed goes on behind it.
+HICCUP = 3.0
+#: s dropped at the beginning of a constant velocity, where the speed still settles, and at its end, where the onset of
+#: a ramp hides in the tolerance.
+SETTLING, LEAVING = 0.08, 0.04
+#: Share of a movement's largest acceleration above which a steady speed is a slow ramp.
+RAMPING = 0.25
 
 
 def segment(logs: Iterable[Log], robot: Robot, *, options: SegmentOptions = DEFAULTS) -> Dataset:
@@ -39,7 +72,7 @@ def segment(logs: Iterable[Log], robot: Robot, *, options: SegmentOptions = DEFA
     ----------
     logs
         Consecutive batches, SI. `starts_clock` begins a new recording.
-        What the iterable tells of its files (`files`, `notes`, `extra`) is taken over.
+        The iterable's attributes `files`, `notes` and `extra`, if any, are taken over.
     robot
         Supplies the joints' kinds.
     options
@@ -58,7 +91,7 @@ def segment(logs: Iterable[Log], robot: Robot, *, options: SegmentOptions = DEFA
     segmenter = _Segmenter(robot, options)
     for log in logs:
         segmenter.add(log)
-    segmenter.window(len(segmenter), ends=True)
+    segmenter.end_file()
     rejects = sorted(segmenter.rejects.records, key=lambda item: (item.clock, item.start, item.first_row))
     runs = tuple(segmenter.runs.records)
     files, notes, extra = (tuple(getattr(logs, name, ())) for name in ("files", "notes", "extra"))
@@ -74,18 +107,20 @@ class BoundedRecords(Generic[Record]):
     _bins: int = 0
     _size: int = 1 << 20  # of a record
 
-    def add(self, record: Record) -> None:
-        """Collect a record."""
-        self.records.append(_halved(record, self._size))
+    def add(self, record: Record | None) -> None:
+        """Collect a record, if there is one."""
+        if record is None:
+            return
+        self.records.append(_coarser(record, self._size))
         self._bins += _bin_count(self.records[-1])
         total, fewest = self.limits
         while self._bins > total and self._size > fewest:
             self._size = max(fewest, min(self._size, max(map(_bin_count, self.records))) // 2)
-            self.records = [_halved(record, self._size) for record in self.records]
+            self.records = [_coarser(record, self._size) for record in self.records]
             self._bins = sum(map(_bin_count, self.records))
 
 
-def _halved(record: Record, size: int) -> Record:
+def _coarser(record: Record, size: int) -> Record:
     return record if _bin_count(record) <= size else replace(record, bins=coarser(record.bins, size))  # type: ignore[type-var]
 
 
@@ -94,66 +129,314 @@ def _bin_count(record: Run | Reject) -> int:
 
 
 class _Segmenter:
-    """Takes consecutive batches and leaves runs and rejects."""
+    """Takes consecutive batches and leaves runs and rejects, a window of samples at a time."""
 
     def __init__(self, robot: Robot, options: SegmentOptions) -> None:
         self.runs, self.rejects = BoundedRecords[Run](RUN_BINS), BoundedRecords[Reject](REJECT_BINS)
         self._robot, self._options = robot, options
         self._clock, self._has_begun = 0, False
         self._batches: list[Log] = []
-        self._context = 0  # samples at the front that are accounted for
+        self._context = 0  # samples at the front whose records are made
 
     def add(self, log: Log) -> None:
         """Take a batch."""
-        if log.position.shape[1] != self._robot.n_joints:
-            raise ValueError(
-                f"{log.origin} has {log.position.shape[1]} joints, {self._robot.name} has {self._robot.n_joints}"
-            )
+        n_joints = log.position.shape[1]
+        if n_joints != self._robot.n_joints:
+            raise ValueError(f"{log.origin} has {n_joints} joints, {self._robot.name} has {self._robot.n_joints}")
         if log.starts_clock or (self._batches and log.origin != self._batches[0].origin):
-            self.window(len(self), ends=True)
+            self.end_file()
             self._clock += log.starts_clock and self._has_begun
         if len(log):
             self._has_begun = True
             self._batches.append(log)
-        while len(self) >= self._options.window:
-            self.window(self._options.window, ends=False)
+        while sum(map(len, self._batches)) >= self._options.window:
+            joined = Log.joined(self._batches)
+            cut = self._record(joined.part(slice(0, self._options.window)), ends=False)
+            # The last movement is looked at again with what follows it, unless it fills half of the window.
+            self._context = min(CONTEXT, cut // 2) if cut < self._options.window else 0
+            self._batches = [joined.part(slice(cut - self._context, None))]
 
-    def __len__(self) -> int:
-        return sum(map(len, self._batches))
+    def end_file(self) -> None:
+        """Account for all samples that are waiting."""
+        if self._batches:
+            self._record(Log.joined(self._batches), ends=True)
+        self._batches, self._context = [], 0
 
-    def window(self, size: int, *, ends: bool) -> None:
-        """Account for the first `size` samples: all of them where the stream `ends`, else up to a good place."""
-        if not self._batches:
-            return
-        log = Log.joined(self._batches)
-        parts = list(stretches(log.part(slice(0, size)), self._options))
-        cut, context = (size, 0) if ends else _place_to_cut(parts, size)
-        for stretch in parts:
-            low, high = np.searchsorted(stretch.index, [self._context, cut])
-            pieces = (piece.within(int(low), int(high)) for piece in stretch.pieces)
-            for piece in (piece for piece in pieces if piece.stop > piece.start):
-                self._record(stretch, piece)
-        self._context = context
-        self._batches = [log.part(slice(cut - context, None))] if cut < len(log) else []
-
-    def _record(self, stretch: Stretch, piece: Piece) -> None:
-        for record in records(stretch, piece, self._robot, options=self._options, clock=self._clock):
-            if isinstance(record, Run):
-                self.runs.add(record)
-            else:
-                self.rejects.add(record)
+    def _record(self, log: Log, *, ends: bool) -> int:
+        """Make records up to the last movement, or to the end; return where that is."""
+        parts = list(stretches(log, self._options))
+        cut = len(log) if ends else _last_movement(parts, len(log))
+        for stretch, pieces in parts:
+            low, high = np.searchsorted(stretch.index, [self._context, cut]).tolist()
+            clipped = (replace(piece, start=max(piece.start, low), stop=min(piece.stop, high)) for piece in pieces)
+            for piece in (piece for piece in clipped if piece.stop > piece.start):
+                run, reject = record(stretch, piece, self._robot, options=self._options, clock=self._clock)
+                self.runs.add(run)
+                self.rejects.add(reject)
+        return cut
 
 
-def _place_to_cut(parts: list[Stretch], size: int) -> tuple[int, int]:
-    """Where a full window ends, and how many samples before that the next one sees again.
+def _last_movement(parts: list[tuple[Stretch, list[Piece]]], size: int) -> int:
+    """Sample with which the last movement begins; `size` where that is in the first half."""
+    moved = [stretch for stretch, _ in parts if stretch.motion is not None]
+    if not moved or moved[-1].motion is None:
+        return size
+    motion = moved[-1].motion
+    start = int(moved[-1].index[motion.ticks.edges[_movements(motion.code)[-1].start]])
+    return start if start > size // 2 else size
 
-    In the middle of the last rest in its second half, else where the last movement begins, else at its end.
+
+def stretches(log: Log, options: SegmentOptions) -> Iterator[tuple[Stretch, list[Piece]]]:
+    """Gapless stretches of consecutive samples of one recording, cut into pieces that hold every sample once."""
+    good = np.isfinite(log.time) & (np.abs(log.position) < LARGEST).all(axis=1)
+    bad = np.flatnonzero(~good)
+    for part in np.split(bad, np.flatnonzero(np.diff(bad) > 1) + 1):
+        if len(part):
+            yield Stretch(log.part(part), part, log.time[part]), [Piece(0, len(part), "not-a-number")]
+    index = np.flatnonzero(good)
+    time = log.time[index]
+    steps = np.diff(time)
+    broken = (steps > max(GAP_STEPS * usual_step(time), GAP_TIME)) | (steps <= 0)
+    for part in np.split(index, np.flatnonzero(broken) + 1):
+        if len(part) >= FEWEST:
+            samples = log.part(part)
+            sampled, error = clock.sampling_times(samples.time, samples.position)
+            motion = _motion(Ticks.of(sampled, samples.position), options)
+            stretch = Stretch(samples, part, sampled, error, motion)
+            yield stretch, _joined(_pieces(stretch, motion, options))
+        elif len(part):
+            yield Stretch(log.part(part), part, log.time[part]), [Piece(0, len(part), "gap")]
+
+
+def _motion(ticks: Ticks, options: SegmentOptions) -> JointMotion:
+    """Every joint's velocity, and which joints move.
+
+    A joint moves where its speed is surely above `rest_speed` and above `held_share` of the fastest joint's; the line
+    behind a joint's speed is just long enough to see `rest_speed` through its noise and quantisation.
     """
-    for stretch in reversed(parts):
-        for piece in reversed(stretch.pieces):
-            middle = int(stretch.index[(piece.start + piece.stop) // 2])
-            duration = stretch.log.time[piece.stop - 1] - stretch.log.time[piece.start]
-            if piece.reason == "rest" and middle > size // 2 and duration > RESTFUL:
-                return middle, 0
-    border = max(int(stretch.index[stretch.last]) for stretch in parts)
-    return (border, min(CONTEXT, border // 2)) if border > size // 2 else (size, 0)
+    velocity, floor = np.empty_like(ticks.position), np.empty(ticks.position.shape[1])
+    for joint in range(1, len(floor) + 1):
+        half = ticks.half_width(joint, options.rest_speed / SURE)
+        velocity[:, joint - 1] = slopes(ticks.time, ticks.position[:, joint - 1], half)
+        # One count back and forth tilts the line by at most 1.5 counts over its length.
+        flicker = 2.0 * ticks.quantum[joint - 1] / (ticks.interval * (2 * half + 1))
+        floor[joint - 1] = max(options.rest_speed, SURE * ticks.slope_error(joint, half), flicker)
+    speed = np.abs(velocity)
+    moving = speed > np.maximum(floor, options.held_share * speed.max(axis=1)[:, None])
+    fastest, count = speed.argmax(axis=1), moving.sum(axis=1)
+    signed = np.where(velocity[np.arange(len(speed)), fastest] > 0, 1, -1) * (fastest + 1)
+    code = np.where(count == 0, REST, np.where(count == 1, signed, SEVERAL)).astype(np.int64)
+    return JointMotion(ticks, velocity, moving, _without_slips(code, ticks, options))
+
+
+def _without_slips(code: Ints, ticks: Ticks, options: SegmentOptions) -> Ints:
+    """Codes in which a held joint that gives way by little, for a moment, does not end the motion of another.
+
+    The moving joint changes the held joints' load, until it passes what their friction holds.
+    """
+    out = code.copy()
+    for part in _movements(code):
+        if part.code != SEVERAL or part.before != part.after or part.before in (None, REST):
+            continue
+        low, high = max(0, part.start - 1), min(len(ticks) - 1, part.stop)
+        way = np.ptp(ticks.position[low : high + 1], axis=0)
+        way[abs(int(part.before)) - 1] = 0.0
+        if ticks.time[high] - ticks.time[low] <= SLIP and way.max() <= SLIP_SHARE * options.held_drift:
+            out[part.start : part.stop] = part.before
+    return out
+
+
+@dataclass(frozen=True, slots=True)
+class _Movement:
+    """Ticks [start, stop) of one code, with the codes on either side (None at the end of the data)."""
+
+    start: int
+    stop: int
+    code: int
+    before: int | None
+    after: int | None
+
+
+def _movements(code: Ints) -> list[_Movement]:
+    """Ranges of equal code, in order."""
+    borders = np.concatenate([[0], np.flatnonzero(np.diff(code)) + 1, [len(code)]]).tolist()
+    codes: list[int | None] = [None, *code[borders[:-1]].tolist(), None]
+    return [
+        _Movement(start, stop, int(codes[k + 1] or 0), before=codes[k], after=codes[k + 2])
+        for k, (start, stop) in enumerate(pairwise(borders))
+    ]
+
+
+def _pieces(stretch: Stretch, motion: JointMotion, options: SegmentOptions) -> Iterator[Piece]:
+    """Runs and left-out pieces of a stretch, in order."""
+    for movement in _movements(motion.code):
+        start, stop = motion.ticks.edges[[movement.start, movement.stop]].tolist()
+        if movement.code == REST:
+            yield Piece(start, stop, "rest")
+        elif movement.code == SEVERAL:
+            moving = motion.moving[movement.start : movement.stop].sum(axis=0)
+            order = np.argsort(-moving, kind="stable")
+            yield Piece(start, stop, "several-joints", tuple(int(j) + 1 for j in order if moving[j]))
+        else:
+            yield from _of_movement(stretch, motion.ticks, movement, options)
+
+
+def _of_movement(stretch: Stretch, ticks: Ticks, movement: _Movement, options: SegmentOptions) -> list[Piece]:
+    """Runs and left-out pieces of a movement of one joint."""
+    start, stop = bounds = int(ticks.edges[movement.start]), int(ticks.edges[movement.stop])
+    joint, time = abs(movement.code), stretch.time
+    position = stretch.log.position[:, joint - 1]
+    way, duration = abs(float(position[stop - 1] - position[start])), float(time[stop - 1] - time[start])
+    if way < options.rest_speed * options.min_duration:
+        return [Piece(start, stop, "rest")]
+    if movement.before == movement.after == SEVERAL and duration < LONE:
+        return [Piece(start, stop, "between-several", (joint,), figure=way)]
+    constant = [] if options.kinds == STROKE else _constant_velocities(ticks, movement, options)
+    runs = [run for run in constant if _is_long(time, position, run, options)]
+    share = sum(abs(position[run.stop - 1] - position[run.start]) for run in runs) / way
+    is_whole = movement.before is not None and movement.after is not None
+    if runs and (share >= options.plateau_share or not is_whole or options.kinds == CONSTANT):
+        runs = [_unless_drifting(ticks, run, options) for run in runs]
+        return _between(bounds, runs, Piece(start, stop, "ramp", (joint,)))
+    ends_of_motion = (REST, -movement.code)
+    is_stroke = movement.before in ends_of_motion and movement.after in ends_of_motion
+    if options.kinds in (STROKE, BOTH) and is_stroke and way >= options.min_travel:
+        noise = float(ticks.noise[joint - 1]) * float(ticks.edges[1] - ticks.edges[0]) ** 0.5
+        sign = 1.0 if movement.code > 0 else -1.0
+        first, last, window, peak = sliding(time, sign * position, bounds, noise=noise, options=options)
+        stroke = Piece(first, last, STROKE, (joint,), figure=sign * peak, window=window)
+        if last - first < options.min_samples or time[last - 1] - time[first] < options.min_duration:
+            return [Piece(start, stop, "too-short", (joint,), figure=way)]
+        ends = Piece(start, stop, "low-speed", (joint,), figure=peak)
+        return _between(bounds, [_unless_drifting(ticks, stroke, options)], ends)
+    reason = "too-short" if constant or duration < 2 * options.min_duration else "speed-not-constant"
+    return [Piece(start, stop, reason, (joint,), figure=way)]
+
+
+def _is_long(time: Floats, position: Floats, run: Piece, options: SegmentOptions) -> bool:
+    first, last = run.start, run.stop - 1
+    is_far = abs(float(position[last] - position[first])) >= options.min_travel
+    return is_far and time[last] - time[first] >= options.min_duration and run.stop - first >= options.min_samples
+
+
+def _unless_drifting(ticks: Ticks, piece: Piece, options: SegmentOptions) -> Piece:
+    """The piece, or its rejection because a held joint went too far."""
+    low, high = np.searchsorted(ticks.edges, [piece.start, piece.stop])
+    position = ticks.position[low : max(high, low + 1)]
+    drift = np.abs(position[-1] - position[0])
+    drift[piece.joints[0] - 1] = 0.0
+    worst = int(np.argmax(drift))
+    if drift[worst] <= options.held_drift:
+        return piece
+    joints = (piece.joints[0], worst + 1)
+    return Piece(piece.start, piece.stop, "drift-of-held-joint", joints, figure=float(drift[worst]))
+
+
+def _between(bounds: tuple[int, int], runs: list[Piece], rest: Piece) -> list[Piece]:
+    """Runs of one movement and, before, between and behind them, what is left out for the reason of `rest`."""
+    out, at = [], bounds[0]
+    for run in runs:
+        out += [replace(rest, start=at, stop=run.start), run]
+        at = run.stop
+    return [piece for piece in (*out, replace(rest, start=at, stop=bounds[1])) if piece.stop > piece.start]
+
+
+def _joined(pieces: Iterable[Piece]) -> list[Piece]:
+    """The pieces, neighbours that are left out for the same reason as one."""
+    out: list[Piece] = []
+    for piece in pieces:
+        last = out[-1] if out else None
+        if last is not None and not piece.is_run and last.label == piece.label:
+            joints = tuple(dict.fromkeys((*last.joints, *piece.joints)))
+            out[-1] = replace(last, stop=piece.stop, joints=joints, figure=max(last.figure, piece.figure))
+        else:
+            out.append(piece)
+    return out
+
+
+def _constant_velocities(ticks: Ticks, movement: _Movement, options: SegmentOptions) -> list[Piece]:
+    """Every stretch of constant velocity of one movement, in order of time.
+
+    Ticks whose smoothed speed stays within the tolerance of its median, less those at the ends to whose velocity a ramp
+    may contribute.
+    """
+    joint = abs(movement.code)
+    velocity, half = _smoothed_velocity(ticks, movement, options)
+    time, speed = ticks.time[movement.start : movement.stop], np.abs(velocity)
+    error = SPREAD * ticks.slope_error(joint, half)
+    peak = float(np.abs(slopes(time, velocity, 1)).max())
+    reach = max(1, round_half_up(0.7 * options.min_duration / ticks.interval))
+    cores = _cores(speed, reach, tolerance=(options.speed_tolerance, error))
+    runs = []
+    for start, stop in _one_speed(speed, cores, share=options.speed_tolerance, error=error):
+        # Where the data begin or end there is no ramp.
+        first = start + round_half_up(SETTLING / ticks.interval) if movement.start + start > 0 else start
+        last = stop - round_half_up(LEAVING / ticks.interval) if movement.start + stop < len(ticks) else stop
+        if last - first < 2:
+            continue
+        level, x = float(np.median(velocity[first:last])), time[first:last] - time[first:last].mean()
+        if abs(float(x @ velocity[first:last] / (x @ x))) <= RAMPING * peak:
+            low, high = ticks.edges[[movement.start + first, movement.start + last]].tolist()
+            runs.append(Piece(low, high, CONSTANT, (joint,), figure=level))
+    return runs
+
+
+def _smoothed_velocity(ticks: Ticks, movement: _Movement, options: SegmentOptions) -> tuple[Floats, int]:
+    """Velocity (rad/s or m/s) at the movement's ticks, smoothed as little as noise allows, and ticks on each side."""
+    start, stop, joint = movement.start, movement.stop, abs(movement.code)
+    position = ticks.position[:, joint - 1]
+    duration = max(ticks.interval, float(ticks.time[stop - 1] - ticks.time[start]))
+    typical = abs(float(position[stop - 1] - position[start])) / duration
+    longest = min(LONGEST_LINE, 0.25 * (stop - start) * ticks.interval)
+    half = ticks.half_width(joint, options.speed_tolerance * typical / SPREAD, longest)
+    low, high = max(0, start - half), min(len(ticks), stop + half)
+    velocity = slopes(ticks.time[low:high], position[low:high], half)
+    return velocity[start - low : stop - low], half
+
+
+def _cores(speed: Floats, reach: int, *, tolerance: tuple[float, float]) -> list[tuple[int, int]]:
+    """Tick ranges longer than `reach` in which the speed stays within relative and absolute tolerance of its median."""
+    share, absolute = tolerance
+    if len(speed) <= reach:
+        return []
+    width = 2 * (reach // 2) + 1
+    around = np.lib.stride_tricks.sliding_window_view(np.pad(speed, width // 2, mode="edge"), width)
+    steady = around.max(axis=1) - around.min(axis=1) <= 2.0 * (share * speed + absolute)
+    cores = []
+    waiting = [(max(0, a - width // 2), min(len(speed), b + width // 2)) for a, b in _true_ranges(steady)]
+    while waiting:
+        start, stop = waiting.pop()
+        level = float(np.median(speed[start:stop]))
+        inside = _true_ranges(np.abs(speed[start:stop] - level) <= share * level + absolute)
+        if not inside:
+            continue
+        first, last = max(inside, key=lambda part: part[1] - part[0])
+        if stop - start - last > reach:
+            waiting.append((start + last, stop))
+        if first > reach:
+            waiting.append((start, start + first))
+        cores.append((start + first, start + last))
+    return sorted(cores)
+
+
+def _true_ranges(values: Bools) -> list[tuple[int, int]]:
+    """[start, stop) of every run of true values."""
+    borders = np.flatnonzero(np.diff(values.astype(np.int8), prepend=0, append=0))
+    return [(int(a), int(b)) for a, b in borders.reshape(-1, 2)]
+
+
+def _one_speed(speed: Floats, cores: list[tuple[int, int]], *, share: float, error: float) -> list[tuple[int, int]]:
+    """The tick ranges, those of one speed with at most a hiccup between them joined."""
+    out: list[tuple[int, int]] = []
+    for start, stop in cores:
+        if out:
+            first, last = out[-1]
+            level = float(np.median(speed[first:last]))
+            band = share * level + error
+            same = abs(float(np.median(speed[start:stop])) - level) <= band
+            away = np.abs(speed[last:start] - level).max(initial=0.0)
+            if same and away <= HICCUP * band and start - last <= max(last - first, stop - start):
+                out[-1] = (first, stop)
+                continue
+        out.append((start, stop))
+    return out

@@ -1,13 +1,13 @@
-"""Movements from rest to rest: smoothed motion, where friction slides, and the same filter for the current."""
+"""Movements from rest to rest: where friction slides, and bins of motion and current through one filter."""
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
+from pumaid.dataset import Bins, Log, finite_means, spans
 from pumaid.preprocessing.differentiate import averaging_kernel, cubic_window, derivatives
 from pumaid.preprocessing.options import SegmentOptions
 
@@ -19,11 +19,13 @@ SHORTEST_FIT, LONGEST_FIT = 0.04, 0.4
 CALM = 0.1
 #: Share of a movement that a local cubic may span.
 LARGEST_SHARE = 0.15
-#: By the step, a velocity and what makes plain samples as blunt as it and as a second difference are: all three have
-#: the same second moment, a sixth of a squared step.
-_RATE = np.array([1.0, -14.0, 0.0, 14.0, -1.0]) / 24.0
-_LEVEL = np.array([1.0, 10.0, 1.0]) / 12.0
-_CURVE = np.array([1.0, -2.0, 1.0])
+#: Bins of a stroke at most.
+MOST_BINS = 512
+#: Position, velocity and acceleration by the step, convolved from five positions; equally blunt: all have the same
+#: second moment, a sixth of a squared step.
+LEVEL = np.array([0.0, 1.0, 10.0, 1.0, 0.0]) / 12.0
+RATE = np.array([-1.0, 14.0, 0.0, -14.0, 1.0]) / 24.0
+CURVE = np.array([0.0, 1.0, -2.0, 1.0, 0.0])
 #: Samples below which a stroke is not filtered; with some currents missing, averages of fewer leave too few rows.
 FEWEST, FEWEST_OF_SOME = 16, 32
 #: Mean steps between currents from which there is a hole between two of them.
@@ -31,40 +33,29 @@ MOST_APART = 2.5
 #: Largest share of an acceleration's own course, beyond weight and friction, that is taken for noise.
 MOST_NOISE = 0.9
 #: Samples between which noise is looked for.
-_LAGS = (1, 2, 3, 5)
+LAGS = (1, 2, 3, 5)
 
 
-@dataclass(frozen=True, eq=False, slots=True)
-class SmoothedMotion:
-    """Samples [start, stop) of a movement: `time` (s), `velocity` and `acceleration`, (stop - start,) each.
-
-    Times are those at which samples were taken, which stamps need not be; `window` (s) is what each cubic spanned.
-    """
-
-    start: int
-    stop: int
-    time: Floats
-    velocity: Floats
-    acceleration: Floats
-    window: float
-
-    def within(self, start: int, stop: int) -> SmoothedMotion:
-        """The same for fewer samples."""
-        part = slice(start - self.start, stop - self.start)
-        return SmoothedMotion(start, stop, self.time[part], self.velocity[part], self.acceleration[part], self.window)
-
-
-def smooth(time: Floats, position: Floats, *, bounds: tuple[int, int], noise: float) -> SmoothedMotion:
-    """Velocity and acceleration of a movement.
+def sliding(
+    time: Floats, position: Floats, bounds: tuple[int, int], *, noise: float, options: SegmentOptions
+) -> tuple[int, int, float, float]:
+    """Where a movement's speed is above the share of its peak that `options` ask for.
 
     Parameters
     ----------
     time, position
-        (N,) s and rad or m of a stretch without gaps.
+        (N,) s and rad or m of a stretch without gaps; the movement goes upwards.
     bounds
         First sample of the movement and the one behind its last.
     noise
         Standard deviation of one sample's position (rad or m).
+    options
+        Share of the peak, and speed at rest.
+
+    Returns
+    -------
+    start, stop, window, peak
+        Samples [start, stop); the span (s) of the local cubics by which speed is taken, and its peak.
     """
     start, stop = bounds
     duration = max(1e-9, float(time[stop - 1] - time[start]))
@@ -76,97 +67,92 @@ def smooth(time: Floats, position: Floats, *, bounds: tuple[int, int], noise: fl
     window = min(max(span, SHORTEST_FIT, 7.0 * interval), max(LONGEST_FIT, 7.0 * interval), LARGEST_SHARE * duration)
     margin = math.ceil(window / interval) + 3
     low, high = max(0, start - margin), min(len(time), stop + margin)
-    velocity, acceleration = derivatives(time[low:high], position[low:high], window)
-    return SmoothedMotion(low, high, time[low:high], velocity, acceleration, window).within(start, stop)
+    speed = derivatives(time[low:high], position[low:high], window)[0][start - low : stop - low]
+    peak = float(speed.max(initial=0.0))
+    fast = np.flatnonzero(speed > max(options.rest_speed, options.low_speed_share * peak))
+    return (start + int(fast[0]), start + int(fast[-1]) + 1, window, peak) if len(fast) else (start, start, window, 0.0)
 
 
-def sliding(smoothed: SmoothedMotion, direction: int, options: SegmentOptions) -> tuple[int, int]:
-    """Samples [start, stop) between which the speed stays above the share of its peak that `options` ask for."""
-    speed = direction * smoothed.velocity
-    fast = np.flatnonzero(speed > max(options.rest_speed, options.low_speed_share * float(speed.max(initial=0.0))))
-    if not len(fast):
-        return smoothed.start, smoothed.start
-    return smoothed.start + int(fast[0]), smoothed.start + int(fast[-1]) + 1
-
-
-@dataclass(frozen=True, eq=False, slots=True)
-class Filtered:
-    """A stroke through one filter: (N,) times (s), position, velocity, acceleration and current (A), and plain current.
-
-    A ripple that is faster than the filter stays in the current.
-
-    `noise` is the variance of a position's noise (rad2 or m2), and `curvature` the weights by positions with which an
-    acceleration is made.
-    """
-
-    time: Floats
-    position: Floats
-    velocity: Floats
-    acceleration: Floats
-    current: Floats
-    plain: Floats
-    noise: float
-    curvature: Floats
-
-    def calibrated(self, position: Floats, velocity: Floats, acceleration: Floats) -> Floats:
-        """(B,) means of accelerations, at (B,) means of the motion, less the share of them that is noise.
-
-        Noise in a regressor makes its parameter too small by its share of what the regressor has beyond the others.
-
-        Source
-        ------
-        R. J. Carroll et al., Measurement Error in Nonlinear Models, 2nd ed. (2006), ch. 4: regression calibration.
-        """
-        count = round(len(self.time) / len(position))
-        weights = np.convolve(self.curvature, np.full(count, 1.0 / count))
-        columns = np.column_stack([np.ones(len(position)), np.cos(position), np.sin(position), velocity])
-        beyond = acceleration - columns @ np.linalg.lstsq(columns, acceleration, rcond=None)[0]
-        noise, square = self.noise * float(weights @ weights) * len(beyond), float(beyond @ beyond)
-        return acceleration - min(noise / square, MOST_NOISE) * beyond if square > 0.0 else acceleration
-
-
-def filtered_stroke(smoothed: SmoothedMotion, position: Floats, current: Floats) -> Filtered | None:
-    """A stroke's motion and current, averaged over the same spans; None where its samples are too few.
+def stroke_bins(log: Log, joint: int, *, time: Floats, window: float) -> Bins | None:
+    """Bins of a stroke, its motion and current averaged over the same spans; None where currents are too few.
 
     An acceleration from positions that are smoothed is blunt at its corners where the current is not: regressed on
     it, sharp currents make inertia, weight and viscous friction too large. With the average that the acceleration is
     by nature, of all columns and of the current, least squares returns the truth whatever the motion.
+    A ripple that is faster than the filter stays in the current; what remains of it counts as scatter inside bins.
 
     Parameters
     ----------
-    smoothed
-        The motion at N samples while the joint slides one way; steps of time may be uneven.
-    position, current
-        (N,) rad or m, and A, which may be no number.
+    log
+        N samples while the joint slides one way; currents that are missing are NaN.
+    joint
+        Moving joint, from 1.
+    time
+        (N,) s at which they were taken.
+    window
+        Span (s) of the local cubics.
 
     Source
     ------
     M. Gautier, Dynamic identification of robots with power model, ICRA 1997: parallel filtering, here by the kernel
     of A. Savitzky and M. J. E. Golay's second derivative.
     """
-    time, is_good = smoothed.time, np.isfinite(current)
-    at = time[is_good]
-    if len(at) < (FEWEST if len(at) == len(time) else FEWEST_OF_SOME):
+    position, current = log.position[:, joint - 1], log.current[:, joint - 1]
+    measured = np.isfinite(current)
+    at = time[measured]
+    if len(at) < (FEWEST if measured.all() else FEWEST_OF_SOME):
         return None
-    # As many instants as there are currents: what were made up between them would be smoother than they are.
+    # As many instants as there are currents: interpolated ones would be smoother than they are.
     even = np.linspace(at[0], at[-1], len(at))
     step = float(even[1] - even[0])
-    q, sampled = np.interp(even, time, position), np.interp(even, at, current[is_good])
-    kernel = averaging_kernel(min(cubic_window(smoothed.window, step), len(at) // 4 * 2 + 1))
-    ends = (len(kernel) + 3) // 2
-    series = [_sums(q, _LEVEL), _sums(q, _RATE) / step, _sums(q, _CURVE) / step**2, _sums(sampled, _LEVEL)]
-    blunt = _averaged(np.column_stack(series), kernel)
-    inner = slice(ends, len(at) - ends)
-    rows = np.ones(len(blunt), dtype=np.bool_)
-    if len(at) < len(time):
-        # What is suggested from both ends of a hole is no row.
-        right = np.clip(np.searchsorted(at, even[inner]), 1, len(at) - 1)
-        rows = at[right] - at[right - 1] < MOST_APART * step
-    noise, curvature = _variance(q), np.convolve(kernel, _CURVE) / step**2
-    plain = sampled[inner]
-    current = blunt[:, 3] + _without_motion(plain - blunt[:, 3], blunt[:, :3], kernel)
-    q, velocity, acceleration, _ = blunt[rows].T
-    return Filtered(even[inner][rows], q, velocity, acceleration, current[rows], plain[rows], noise, curvature)
+    kernel = averaging_kernel(min(cubic_window(window, step), len(at) // 4 * 2 + 1))
+    q, sampled = np.interp(even, time, position), np.interp(even, at, current[measured])
+    level, rate, curve = (
+        np.convolve(kernel, LEVEL),
+        np.convolve(kernel, RATE) / step,
+        np.convolve(kernel, CURVE) / step**2,
+    )
+    motion = np.column_stack([np.convolve(q, weights, mode="valid") for weights in (level, rate, curve)])
+    smoothed = np.convolve(sampled, level, mode="valid")
+    inner = slice(len(level) // 2, len(at) - len(level) // 2)
+    # What is interpolated across a hole is no row.
+    right = np.clip(np.searchsorted(at, even[inner]), 1, len(at) - 1)
+    rows = at[right] - at[right - 1] < MOST_APART * step if not measured.all() else np.ones(len(right), np.bool_)
+    plain, instants = sampled[inner][rows], even[inner][rows]
+    filtered = (smoothed + _without_motion(sampled[inner] - smoothed, motion, kernel))[rows]
+    starts, count = spans(instants, MOST_BINS)
+    means = finite_means(np.column_stack([instants - instants[0], motion[rows], filtered]), starts)
+    bin_time, (moving, velocity, acceleration, binned) = instants[0] + means[:, 0], means[:, 1:].T
+    posture = np.column_stack([np.interp(bin_time, log.time, column) for column in log.position.T])
+    posture[:, joint - 1] = moving
+    weights = np.convolve(curve, np.full(round(len(rows) / len(starts)), 1.0 / round(len(rows) / len(starts))))
+    noise = _variance(q) * float(weights @ weights)
+    before = np.clip(np.searchsorted(log.time, bin_time, side="right") - 1, 0, len(log) - 1)
+    return Bins(
+        count=count,
+        time=bin_time,
+        position=posture,
+        velocity=velocity,
+        acceleration=_calibrated(moving, velocity, acceleration, noise=noise),
+        current=binned,
+        variance=finite_means((plain - np.repeat(binned, count)) ** 2, starts),
+        temperature=np.full(len(starts), np.nan) if log.temperature is None else log.temperature[before, joint - 1],
+        extra=None if log.extra is None else log.extra[before],
+    )
+
+
+def _calibrated(position: Floats, velocity: Floats, acceleration: Floats, *, noise: float) -> Floats:
+    """(B,) accelerations less the share of them that is noise of variance `noise`.
+
+    Noise in a regressor makes its parameter too small by its share of what the regressor has beyond the others.
+
+    Source
+    ------
+    R. J. Carroll et al., Measurement Error in Nonlinear Models, 2nd ed. (2006), ch. 4: regression calibration.
+    """
+    beyond = _residual(acceleration, [np.cos(position), np.sin(position), velocity])
+    square = float(beyond @ beyond)
+    return acceleration - min(noise * len(beyond) / square, MOST_NOISE) * beyond if square > 0.0 else acceleration
 
 
 def _without_motion(fast: Floats, motion: Floats, kernel: Floats) -> Floats:
@@ -176,20 +162,13 @@ def _without_motion(fast: Floats, motion: Floats, kernel: Floats) -> Floats:
     """
     position, velocity, acceleration = motion.T
     blunter = np.convolve(np.pad(acceleration, len(kernel) // 2, mode="edge"), kernel, mode="valid")
-    weight = [np.cos(position), np.sin(position)]
-    columns = np.column_stack([np.ones(len(fast)), *weight, velocity, acceleration, blunter])
-    return np.asarray(fast - columns @ np.linalg.lstsq(columns, fast, rcond=None)[0])
+    return _residual(fast, [np.cos(position), np.sin(position), velocity, acceleration, blunter])
 
 
-def _sums(values: Floats, stencil: Floats) -> Floats:
-    """(N - 4,) of (N,) values by a stencil of three or five."""
-    cut = (5 - len(stencil)) // 2
-    return np.convolve(values[cut : len(values) - cut], stencil[::-1], mode="valid")
-
-
-def _averaged(values: Floats, kernel: Floats) -> Floats:
-    """(N - w + 1, c) means of (N, c) values by a symmetric kernel (w,)."""
-    return np.column_stack([np.convolve(column, kernel, mode="valid") for column in values.T])
+def _residual(values: Floats, regressors: list[Floats]) -> Floats:
+    """(N,) values less their least-squares fit by a constant and the regressors."""
+    columns = np.column_stack([np.ones(len(values)), *regressors])
+    return np.asarray(values - columns @ np.linalg.lstsq(columns, values, rcond=None)[0])
 
 
 def _variance(position: Floats) -> float:
@@ -198,7 +177,7 @@ def _variance(position: Floats) -> float:
     Rounding at a steady speed is a tone, which differences at one lag may enlarge; the least of several lags is taken.
     """
     variances = []
-    for lag in _LAGS:
+    for lag in LAGS:
         if len(position) > 3 * lag + 1:
             inner = position[2 * lag : -lag] - position[lag : -2 * lag]
             variances.append(float(np.mean((position[3 * lag :] - position[: -3 * lag] - 3.0 * inner) ** 2)) / 20.0)

