@@ -48,7 +48,7 @@ active = [arm.model.joints[arm.model.getJointId(name)] for name in settings["act
 settings["act_idxq"], settings["act_idxv"] = [one.idx_q for one in active], [one.idx_v for one in active]
 arm.initialize()
 arm.solve(plotting=False)
-watch.done("figaroh", "pin", "numpy", residual=float(arm.rms_error), parameters=len(arm.phi_base))
+watch.done("figaroh", "pin", "numpy")
 
 
 def torque(position, velocity):

@@ -69,7 +69,7 @@ sequences = sysid.ModelSequences(
 )
 residual = sysid.build_residual_fn(models_sequences=[sequences])
 found, result = sysid.optimize(initial_params=parameters, residual_fn=residual, verbose=False)
-watch.done("mujoco", "numpy", parameters=found.size, cost=float(np.sum(result.grad**2) ** 0.5))
+watch.done("mujoco", "numpy")
 
 fitted = sysid.apply_param_modifiers(found, spec)
 data = mujoco.MjData(fitted)

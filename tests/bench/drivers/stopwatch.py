@@ -32,19 +32,18 @@ class Stopwatch:
         self._marks["loaded"] = time.perf_counter()
         self._marks["spent"] = processor()
 
-    def done(self, *packages: str, **more: object) -> None:
+    def done(self, *packages: str) -> None:
         """The work is done: tell what it took, and the versions of `packages`, before answers are asked for."""
         now, marks = time.perf_counter(), self._marks
         status = Path("/proc/self/status").read_text(encoding="utf-8")
-        told: dict[str, Any] = {
-            "import": marks["loaded"] - marks["begun"],
-            "work": now - marks["loaded"],
+        record: dict[str, Any] = {
+            "versions": " ".join(f"{name} {version(name)}" for name in packages),
+            "seconds": now - marks["loaded"],
             "processor": processor() - marks["spent"],
+            "start-up": marks["loaded"] - marks["begun"],
             "peak MiB": int(status.split("VmHWM:")[1].split()[0]) // 1024,
-            "versions": {name: version(name) for name in packages},
-            **more,
         }
-        (self.folder / "told.json").write_text(json.dumps(told), encoding="utf-8")
+        (self.folder / "record.json").write_text(json.dumps(record), encoding="utf-8")
 
     def questions(self) -> Mapping[str, np.ndarray]:
         """Postures and speeds in which torques are asked for."""
