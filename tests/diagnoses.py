@@ -11,10 +11,12 @@ from pumaid.diagnosis.records import (
     Candidate,
     Curve,
     Diagnosis,
+    Digest,
     Finding,
     JointDiagnosis,
     Limit,
     Line,
+    Repeats,
     Size,
     Unexplained,
 )
@@ -109,7 +111,7 @@ def quiet(joint: int, rmse: float = 0.0226, floor: float | None = 0.023) -> Join
     """A joint of which nothing is missing."""
     budget = {"noise": rmse**2}
     return JointDiagnosis(
-        joint, "adequate", "nothing is missing", rmse, floor, (0.02, 0.6), budget, (), None, limits(joint)
+        joint, "adequate", "nothing is missing", rmse, floor, Repeats(0.02, 0.6), budget, (), None, limits(joint)
     )
 
 
@@ -120,20 +122,22 @@ def clean() -> Diagnosis:
 
 def rich() -> Diagnosis:
     """One of everything: a finding with a rival, a doubtful one, a shape without a name, a joint that never moves."""
-    third = JointDiagnosis(3, "missing", "stribeck or viscous_power", 0.031, 0.0149, (0.76, 0.001), {"noise": 2.2e-4,
-                           "between runs, odd": 7.4e-4}, candidates(), None, limits(3))  # fmt: skip
+    third = JointDiagnosis(3, "missing", "stribeck or viscous_power", 0.031, 0.0149, Repeats(0.76, 0.001),
+                           {"noise": 2.2e-4, "between runs, odd": 7.4e-4}, candidates(), None, limits(3))  # fmt: skip
     alone = "no run is repeated, so the noise is guessed from what is left"
     fourth = JointDiagnosis(4, "adequate", "nothing is missing", 0.018, None, None, {}, (), None, limits(4), (alone,))
-    fifth = JointDiagnosis(5, "unexplained", "friction in one place", 0.027, 0.0167, (0.61, 1e-9), {}, (), patch(), ())
+    fifth = JointDiagnosis(
+        5, "unexplained", "friction in one place", 0.027, 0.0167, Repeats(0.61, 1e-9), {}, (), patch(), ()
+    )
     sixth = JointDiagnosis(6, "adequate", "joint 6 never moves", None, None, weakened=("one posture only",))
     return Diagnosis(
         "PUMA 560",
         (quiet(1), replace(quiet(2), weakened=("one posture only",)), third, fourth, fifth, sixth),
         (stribeck(), tilt()),
-        model="ab" * 32,
+        model=Digest("ab" * 32),
         logs={"session_01.csv": "cd" * 32},
         notes=(Note("few-runs", "joint 6 has 0 runs", Where(joint=6)),),
-        recipe_digest="ef" * 32,
+        recipe=Digest("ef" * 32),
         version="0.1.0",
         applied=(replace(stribeck(), effect="ripple", joint=2, shape={"frequency": 40.0}, rivals=(), next_run=None),),
     )

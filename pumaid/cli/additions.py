@@ -192,7 +192,7 @@ def with_earlier(diagnosis: Diagnosis, estimate: Estimate, earlier: Path) -> Dia
     earlier
         The file of the last diagnosis, if there is one.
     """
-    from pumaid.diagnosis.document import read_diagnosis
+    from pumaid.diagnosis.records import read_diagnosis
     from pumaid.errors import ResultError
 
     try:

@@ -9,7 +9,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pumaid import __version__
 from pumaid.dataset import Campaign, Dataset, Run
 from pumaid.diagnosis.candidates import Key, Suspect
 from pumaid.diagnosis.cross_validation import leave_out, posture_folds
@@ -25,8 +24,10 @@ from pumaid.diagnosis.records import (
     Candidate,
     Curve,
     Diagnosis,
+    Digest,
     Finding,
     JointDiagnosis,
+    Repeats,
     Size,
     Unexplained,
 )
@@ -231,7 +232,7 @@ class DiagnosisBuilder:
             text="",
             rmse=rmse(row.bins, row.misfit),
             noise_floor=None if split.floor is None else float(np.sqrt(split.floor)),
-            repeats=None if judged.replicates is None else (judged.replicates.share, judged.replicates.p_value),
+            repeats=None if judged.replicates is None else Repeats(judged.replicates.share, judged.replicates.p_value),
             budget=split.by_name(),
             candidates=self._candidates(joint),
             unexplained=shape or judged.shape,
@@ -367,11 +368,10 @@ def diagnose(
         robot=robot.name,
         joints=tuple(builder.joint(joint.number) for joint in robot.joints),
         findings=builder.findings(),
-        model=model_digest(estimate),
+        model=Digest(model_digest(estimate)),
         logs={facts.name: facts.digest for facts in dataset.files},
         notes=(*held_out_otherwise(estimate, dataset), *_notes_on_clocks(runs)),
-        recipe_digest=robot.digest,
-        version=__version__,
+        recipe=Digest(robot.digest),
     )
 
 

@@ -66,6 +66,15 @@ class Spectrum:
         """(F,) twice the gain in log likelihood."""
         return np.asarray(np.abs(self.scores.sum(axis=0)) ** 2 / self.information)
 
+    def peak(self) -> float:
+        """Frequency of the largest statistic, by a parabola through it and its neighbours."""
+        statistic = self.statistic()
+        top = int(np.clip(np.argmax(statistic), 1, len(statistic) - 2))
+        before, at, after = statistic[top - 1 : top + 2]
+        bend = before - 2.0 * at + after
+        shift = 0.0 if bend >= 0.0 else float(np.clip(0.5 * (before - after) / bend, -1.0, 1.0))
+        return float(self.frequency[top] + shift * (self.frequency[top] - self.frequency[top - 1]))
+
     def highest(self, signs: Floats) -> Floats:
         """(B,) the largest statistic of all frequencies, the signs of runs being those of `signs` (B, R).
 
@@ -136,7 +145,7 @@ def spectrum(
     points = fft.next_fast_len(int(np.ceil(OVERSAMPLING * extent / step)), real=True)
     frequency = np.asarray(2.0 * np.pi * np.fft.rfftfreq(points, step), dtype=np.float64)
     in_range = (frequency >= lowest) & (frequency <= top)
-    if np.count_nonzero(in_range) < 2:
+    if np.count_nonzero(in_range) < 3:
         return None
     frequency = frequency[in_range]
     back = noise.unwhiten(bins, white) * usable[bins.run]

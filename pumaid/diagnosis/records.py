@@ -1,22 +1,37 @@
-"""What a model still gets wrong, which physics is missing, and how sure that is."""
+"""What a model still gets wrong, which physics is missing, and how sure that is: as records, and as a file."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from functools import partial
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from pumaid import __version__
 from pumaid.errors import Note
+from pumaid.estimate import Estimate
+from pumaid.io.write import write_file
+from pumaid.results.documents import as_text, heading, plain, read_document, record_from, sealed
+from pumaid.results.model_file import model_digest
 from pumaid.trajectory import NextRun
 
 Floats = NDArray[np.float64]
 
+#: Name of the file in a folder of results.
+DIAGNOSIS_NAME = "diagnosis.json"
 #: Verdicts of a joint.
 ADEQUATE, MISSING, UNEXPLAINED_JOINT = "adequate", "missing", "unexplained"
 #: Verdicts of a candidate.
 ADD, DOUBTFUL, ABSENT, UNSEEN = "add", "doubtful", "absent", "unseen"
+#: Share of an effect below which adding it does runs that were held out more harm than good, standard errors below it
+#: at which these deny the effect, and the standard error beyond which they say nothing of it.
+HALF, DENIED, BLIND = 0.5, 3.0, 0.5
+#: Twice the log likelihood of runs held out that an effect may lose them.
+MOST_LOST = 20.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -27,13 +42,6 @@ class Size:
     value: float
     std_error: float
     unit: str
-
-
-#: Share of an effect below which adding it does runs that were held out more harm than good, standard errors below it
-#: at which these deny the effect, and the standard error beyond which they say nothing of it.
-HALF, DENIED, BLIND = 0.5, 3.0, 0.5
-#: Twice the log likelihood of runs held out that an effect may lose them.
-MOST_LOST = 20.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -73,22 +81,11 @@ class Transfer:
 class Candidate:
     """One effect tried at one joint (None: the whole arm), its shape at its best values.
 
-    Attributes
-    ----------
-    verdict, reason
-        ``add``, ``doubtful``, ``absent`` or ``unseen``, and why, in a sentence.
-    p_value
-        Family-wise: the chance that anything in the catalogue looks as good in data where nothing is missing.
-    evidence
-        Twice the gain in log likelihood, less (parameters) x log(samples' worth); differences of 10 are decisive.
-    rmse_after
-        RMSE (A) of the joint's fitted runs with it, all else refitted.
-    rmse_heldout_before, rmse_heldout_after
-        RMSE (A) of fitted runs as fits to the other runs predict them, without and with it.
-    posture_gain
-        Share of the error in postures left out that it removes; None with fewer than four postures.
-    sizes, rivals, command
-        Its parameters, names of effects that these data cannot tell from it, and what adds it.
+    `reason` says in a sentence why it has its `verdict`. `p_value` is family-wise: the chance that anything in the
+    catalogue looks as good where nothing is missing. `evidence` is twice the gain in log likelihood, less
+    (parameters) x log(samples' worth); differences of 10 are decisive. `rmse_after` (A) is of the joint's fitted runs,
+    all else refitted; `rmse_heldout_before` and `_after` (A) of fitted runs as fits to the other runs predict them.
+    `posture_gain` is the share of the error in postures left out that it removes (None with fewer than four).
     """
 
     effect: str
@@ -143,25 +140,21 @@ class Unexplained:
     is_clear: bool = True
 
 
+@dataclass(frozen=True, slots=True)
+class Repeats:
+    """Share of a residual that repeats between replicates, and the chance of that much by noise alone."""
+
+    share: float
+    p_value: float
+
+
 @dataclass(frozen=True, eq=False, slots=True)
 class JointDiagnosis:
-    """What is wrong at one joint.
+    """What is wrong at one joint: its `verdict`, in plain sentences in `text`.
 
-    Attributes
-    ----------
-    verdict, text
-        ``adequate``, ``missing`` or ``unexplained``; in plain sentences.
-    rmse, noise_floor
-        A, of the fitted runs; the floor None where no run is repeated.
-    repeats
-        Share of the residual that repeats between replicates, and the chance of that much by noise alone (None: no
-        replicates).
-    budget
-        Parts of the residual's mean square (A2) that add up to it, by name.
-    candidates, unexplained, limits
-        What passed and what came near, best first; the shape of what remains; what could not have been seen.
-    weakened
-        Sentences: what weakens this diagnosis (no replicates, one posture ...).
+    `rmse` and `noise_floor` (A) are of the fitted runs; the floor and `repeats` are None where no run is repeated.
+    `budget` are parts of the residual's mean square (A2) that add up to it. `candidates` passed or came near, best
+    first; `limits` could not have been seen; `weakened` are sentences on what weakens this diagnosis.
     """
 
     joint: int
@@ -169,7 +162,7 @@ class JointDiagnosis:
     text: str
     rmse: float | None
     noise_floor: float | None
-    repeats: tuple[float, float] | None = None
+    repeats: Repeats | None = None
     budget: Mapping[str, float] = field(default_factory=dict)
     candidates: tuple[Candidate, ...] = ()
     unexplained: Unexplained | None = None
@@ -244,20 +237,64 @@ class Finding:
     transfer: Transfer | None = None
 
 
+@dataclass(frozen=True, slots=True)
+class Digest:
+    """SHA-256 of a file."""
+
+    sha256: str = ""
+
+
 @dataclass(frozen=True, eq=False, slots=True)
 class Diagnosis:
-    """A diagnosis of all joints of one model on some logs.
+    """A diagnosis of all joints of one model on some logs (name -> SHA-256).
 
     `findings` stand strongest first; `applied` are those of earlier diagnoses that this model holds, in the order in
-    which they were added. `model` is the SHA-256 of the model file, `logs` maps names to those of the logs.
+    which they were added.
     """
 
     robot: str
     joints: tuple[JointDiagnosis, ...]
     findings: tuple[Finding, ...]
-    model: str = ""
+    model: Digest = Digest()
     logs: Mapping[str, str] = field(default_factory=dict)
     notes: tuple[Note, ...] = ()
-    recipe_digest: str = ""
-    version: str = ""
     applied: tuple[Finding, ...] = ()
+    recipe: Digest = Digest()
+    version: str = __version__
+
+
+def diagnosis_document(diagnosis: Diagnosis) -> dict[str, Any]:
+    """A diagnosis as its JSON document; SI, angles in rad."""
+    return sealed(heading("diagnosis") | plain(diagnosis))
+
+
+def write_diagnosis(path: Path, diagnosis: Diagnosis) -> None:
+    """Write a diagnosis file atomically.
+
+    Raises
+    ------
+    ResultError [cannot-write]
+        The system refuses.
+    """
+    write_file(Path(path), as_text(diagnosis_document(diagnosis)))
+
+
+def read_diagnosis(path: Path) -> Diagnosis:
+    """Read a diagnosis file.
+
+    Raises
+    ------
+    ResultError [file-not-readable], [diagnosis-damaged]
+        It is no diagnosis that this version can read, or was changed.
+    """
+    return read_document(Path(path), "diagnosis", partial(record_from, Diagnosis))
+
+
+def stale(diagnosis: Diagnosis, estimate: Estimate, logs: Mapping[str, str]) -> tuple[str, ...]:
+    """Why a diagnosis may not hold for a model and logs (name -> SHA-256): sentences, none where it does."""
+    out = []
+    if diagnosis.model.sha256 != model_digest(estimate):
+        out.append("The diagnosis is of another model than this page.")
+    if set(diagnosis.logs.values()) != set(logs.values()):
+        out.append("The diagnosis is of other logs than this page.")
+    return (*out, "Make it again with: pumaid diagnose MODEL LOGS...") if out else ()

@@ -1,4 +1,4 @@
-"""Family-wise chance by sign flips: how good the best candidate looks where nothing is missing."""
+"""Chances by sign flips: how good the best candidate, or what repeats, looks where nothing is missing."""
 
 from __future__ import annotations
 
@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from pumaid.diagnosis.candidates import Key
 from pumaid.diagnosis.score_test import ScoreTable, ScoreTest, minus_log10_p
+from pumaid.joint_bins import JointBins
 from pumaid.maths.rank import pseudo_inverse
 
 Floats = NDArray[np.float64]
@@ -122,3 +123,73 @@ def _best(trials: Sequence[ScoreTest], signs: Floats, *, scale: float) -> tuple[
         is_allowed = total[:, :, 0] * np.array([trial.signs[0] for trial in trials]) >= 0.0
         statistics = np.where(is_allowed, total[:, :, 0] ** 2 * inverse[:, 0, 0], 0.0)
     return statistics.max(axis=1) / scale, width
+
+
+#: Sign flips of pairs.
+PAIR_FLIPS = 4999
+PAIR_SEED = 11
+#: Pairs below which nothing can be said.
+FEWEST_PAIRS = 4
+#: Bins of the stretches over which repeated runs are compared.
+LENGTHS = (1, 2, 4, 8, 16)
+
+
+@dataclass(frozen=True, slots=True)
+class ReplicateTest:
+    """What pairs of repeated runs share.
+
+    Attributes
+    ----------
+    share
+        Of the misfit's mean square, that repeats.
+    p_value
+        Chance of that much or more where nothing repeats.
+    floor
+        RMS (A) of bins that no model of position, posture, speed and direction removes: half the mean squared
+        difference.
+    """
+
+    share: float
+    p_value: float
+    floor: float
+
+
+def replicate_test(field: JointBins, misfit: Floats, white: Floats) -> ReplicateTest | None:
+    """How much of the misfit repeats; None with fewer than `FEWEST_PAIRS` pairs.
+
+    Whitened, so that slow noise does not hide what is fast; over stretches of several lengths, so that fast noise does
+    not hide what is slow; the most surprising length against the same of each flip.
+
+    Parameters
+    ----------
+    field
+        N bins.
+    misfit, white
+        (N,) A, and whitened.
+
+    Source
+    ------
+    The lack-of-fit test of G. E. P. Box, W. G. Hunter and J. S. Hunter, Statistics for Experimenters, ch. 10, by signs
+    of whole pairs, since samples of one run are not independent.
+    """
+    pairs = field.pairs
+    if len(pairs) < FEWEST_PAIRS:
+        return None
+    shared, squares, gaps, counts = np.zeros((4, len(pairs)))
+    products = np.zeros((len(LENGTHS), len(pairs)))
+    for number, pair in enumerate(pairs):
+        a, b = field.side_by_side(misfit, pair)
+        shared[number], squares[number] = float(a @ b), 0.5 * float(a @ a + b @ b)
+        gaps[number], counts[number] = 0.5 * float(np.sum((a - b) ** 2)), len(a)
+        a, b = field.side_by_side(white, pair)
+        for row, length in enumerate(LENGTHS):
+            starts = np.arange(0, len(a), length)
+            products[row, number] = float(np.add.reduceat(a, starts) @ np.add.reduceat(b, starts))
+    rng = np.random.default_rng(PAIR_SEED)
+    signs = rng.choice([-1.0, 1.0], size=(PAIR_FLIPS, len(pairs)))
+    spread = np.sqrt(np.sum(products**2, axis=1)) + np.finfo(float).tiny
+    flipped = (signs @ products.T / spread).max(axis=1)
+    observed = float((products.sum(axis=1) / spread).max())
+    chance = float(1 + np.count_nonzero(flipped >= observed * (1.0 - 1e-12))) / (1 + PAIR_FLIPS)
+    share = float(shared.sum() / squares.sum()) if squares.sum() > 0 else 0.0
+    return ReplicateTest(share, chance, float(np.sqrt(gaps.sum() / counts.sum())))

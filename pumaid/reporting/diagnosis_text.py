@@ -249,8 +249,8 @@ def unexplained_sentences(joint: JointDiagnosis, units: str = "rad") -> list[str
     """What is known of a residual without a name."""
     out = [floor_sentence(joint)]
     if joint.repeats is not None:
-        share, p = joint.repeats
-        out.append(f"{percent(share)} of the residual repeats in repeated runs (p = {number(p, 2)}).")
+        share, p = percent(joint.repeats.share), number(joint.repeats.p_value, 2)
+        out.append(f"{share} of the residual repeats in repeated runs (p = {p}).")
     return [*out, *([form_sentence(joint.unexplained, units)] if joint.unexplained is not None else [])]
 
 

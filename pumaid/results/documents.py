@@ -39,6 +39,7 @@ _ENTRIES = {
     "Motion": {"start": "from", "end": "to"},
     "NextRun": {"motions": "runs"},
     "JointDiagnosis": {"limits": "unseen"},
+    "Diagnosis": {"version": "pumaid"},
 }
 #: A list of nothing but numbers over several lines.
 _NUMBERS = re.compile(r"\[\n\s*((?:-?\d[^\[\]\"{}]*|null[^\[\]\"{}]*))\]")

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 import report_contexts
 
-from pumaid.diagnosis.document import diagnosis_document, read_diagnosis, stale, write_diagnosis
+from pumaid.diagnosis.records import Digest, diagnosis_document, read_diagnosis, stale, write_diagnosis
 from pumaid.errors import ResultError
 from pumaid.results.documents import digest_of
 from pumaid.results.model_file import model_digest, write_model
@@ -107,7 +107,7 @@ def test_a_number_that_json_lacks_is_not_damage(tmp_path):
 def test_a_diagnosis_knows_whether_it_is_stale():
     """It is told of another model and of other logs, each for itself; of its own there is nothing to tell."""
     estimate, logs = report_contexts.small().estimate, {"a.csv": "cd" * 32}
-    own = replace(diagnoses.rich(), model=model_digest(estimate), logs=logs)
+    own = replace(diagnoses.rich(), model=Digest(model_digest(estimate)), logs=logs)
     assert stale(own, estimate, {"renamed.csv": "cd" * 32}) == ()
     assert "other logs" in stale(own, estimate, {})[0] and len(stale(own, estimate, {})) == 2
-    assert "another model" in stale(replace(own, model="ab"), estimate, logs)[0]
+    assert "another model" in stale(replace(own, model=Digest("ab")), estimate, logs)[0]

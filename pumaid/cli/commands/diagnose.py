@@ -45,7 +45,7 @@ def command(
       pumaid diagnose results/model.json logs/ --plan next.yaml --suspect supply_voltage
       pumaid diagnose results/model.json logs/ --json | jq '.findings[] | {effect, joint, p_value}'
     """
-    from pumaid.diagnosis.document import DIAGNOSIS_NAME, diagnosis_document, write_diagnosis
+    from pumaid.diagnosis.records import DIAGNOSIS_NAME, diagnosis_document, write_diagnosis
     from pumaid.io.write import refuse_to_replace
 
     form, is_quiet = picture_form(request.picture), request.as_json or str(output) == "-"
@@ -77,7 +77,7 @@ def _diagnosis(
 ) -> tuple[Diagnosis, Robot]:
     """The diagnosis, with what it finds added to the file `model` if there is one, and the arm."""
     from pumaid.cli.additions import Typed, added, diagnosed, with_earlier
-    from pumaid.diagnosis.document import DIAGNOSIS_NAME
+    from pumaid.diagnosis.records import DIAGNOSIS_NAME
     from pumaid.experiment import check_logs
     from pumaid.reporting.table import Paragraph
 

@@ -96,7 +96,7 @@ def _table(source: Path, near: Experiment, *, form: str, units: str) -> bytes:
 def _context(source: Path, experiment: Experiment, *, units: str) -> ReportContext:
     """The model on the logs, the models before it, and the diagnosis beside it unless that cannot be used."""
     from pumaid.diagnosis.compare import compare
-    from pumaid.diagnosis.document import DIAGNOSIS_NAME, read_diagnosis, stale
+    from pumaid.diagnosis.records import DIAGNOSIS_NAME, read_diagnosis, stale
     from pumaid.errors import Note, ResultError
     from pumaid.reporting.context import ReportContext
     from pumaid.results.history import ladder_of
