@@ -7,7 +7,7 @@ import pytest
 from scipy import stats
 from searches import LEVER, Din, Lab, design, lever, pendulum
 
-from pumaid.diagnosis.verdict import ReplicateTest, replicate_test
+from pumaid.diagnosis.sign_flip import ReplicateTest, replicate_test
 from pumaid.estimation.noise import noise_of
 from pumaid.joint_bins import JointBins
 
