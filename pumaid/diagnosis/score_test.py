@@ -166,7 +166,7 @@ class Projector:
             parts = columns.reshape(len(columns), -1, width)
             gram += np.einsum("nki,nkj->kij", parts, parts)
         raw = np.einsum("kii->ki", gram).ravel().copy()
-        crossed, moved = (table.reshape(len(cross), -1, width) for table in (cross, turned))
+        crossed, moved = (table.reshape(len(cross), len(gram), width) for table in (cross, turned))
         return scores, gram - np.einsum("pki,pkj->kij", crossed, moved), raw
 
     def columns(self, terms: Sequence[EffectTerm]) -> dict[int, Floats]:
