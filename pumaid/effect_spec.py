@@ -106,6 +106,11 @@ class EffectTerm:
         shapes = self.shapes(robot)
         return replace(self, fitted=tuple(name for name in shapes if shapes[name].is_searched and name in self.shape))
 
+    @property
+    def whole(self) -> EffectTerm:
+        """The same with all shapes fitted."""
+        return replace(self, fitted=tuple(self.shape))
+
     def touches(self, joint: int) -> bool:
         """Whether it may act on the current of `joint` (from 1)."""
         if self.effect.scope is Scope.JOINT:

@@ -10,17 +10,17 @@ from numpy.typing import NDArray
 
 from pumaid import __version__
 from pumaid.dataset import Campaign, Dataset, Run
-from pumaid.effect_spec import Column, EffectTerm, expanded
+from pumaid.effect_spec import expanded
 from pumaid.errors import LogError, Where
 from pumaid.estimate import GIVEN, IDENTIFIED, NOT_IDENTIFIABLE, Estimate, JointFit, Value
 from pumaid.estimation import warnings
 from pumaid.estimation.covariance import fit_covariance, interval, recursion_covariance
 from pumaid.estimation.evaluate import JointPrediction, predictions, rmse
-from pumaid.estimation.fit import Fit, run_of
+from pumaid.estimation.fit import run_of
 from pumaid.estimation.gls import Progress
-from pumaid.estimation.identifiability import Sheet, determined
+from pumaid.estimation.identifiability import FittedParameters, combinations
 from pumaid.estimation.nonlinear import EffectFit, Ends, Profile, fit_effects
-from pumaid.estimation.reasons import Facts
+from pumaid.estimation.reasons import Coverage, reason
 from pumaid.model import DELAY, Model
 from pumaid.robot import EffectChoice, Robot
 
@@ -78,11 +78,13 @@ def identify(
     moved = {joint for joint, _ in model.stroke_postures}
     choices = tuple(choice for choice in choices if choice.effect != "inertia" or choice.joint not in moved)
     result = fit_effects(model, runs, choices, campaign=campaign, recursive=recursive, progress=progress)
-    estimate = _estimate(result, runs, choices, recursive=recursive)
+    coverage = {joint.number: Coverage.of(joint.number, runs) for joint in robot.joints}
+    estimate = _estimate(result, choices, coverage, recursive=recursive)
     at_joints = predictions(estimate, dataset, robot)
+    joints = [_joint_fit(result, joint, covered, at_joints.get(joint)) for joint, covered in coverage.items()]
     estimate = replace(
         estimate,
-        joints=tuple(_joint_fit(result.fit, runs, joint.number, at_joints.get(joint.number)) for joint in robot.joints),
+        joints=tuple(joints),
         logs={facts.name: facts.digest for facts in dataset.files},
         heldout=rmse((prediction, prediction.heldout) for prediction in at_joints.values()),
     )
@@ -91,30 +93,33 @@ def identify(
     return replace(estimate, notes=(*dataset.notes, *notes))
 
 
-def _estimate(result: EffectFit, runs: Sequence[Run], choices: Sequence[EffectChoice], *, recursive: bool) -> Estimate:
+def _estimate(
+    result: EffectFit, choices: Sequence[EffectChoice], coverage: dict[int, Coverage], *, recursive: bool
+) -> Estimate:
     """What a fit says of the arm's parameters; joints' figures are left out."""
     fitted, model = result.fit, result.fit.model
     assert fitted.first is not None
     start = fitted.first.solution
-    first = recursion_covariance(fitted.first.system, start.values, start.gains, runs=run_of(fitted.first.rows))
-    final = first if recursive else fit_covariance(fitted)
-    of_recursion = Sheet.of_recursion(fitted, runs, first)
-    sheet = of_recursion if recursive else Sheet.of(fitted, runs, final)
-    sheet = replace(sheet, profiles=_profiles(result, sheet))
-    values = sheet.values()
+    errors = recursion_covariance(fitted.first.system, start.values, start.gains, runs=run_of(fitted.first.rows))
+    parameters = of_recursion = FittedParameters.of(fitted, errors, coverage, recursive=True)
+    if not recursive:
+        errors = fit_covariance(fitted)
+        parameters = FittedParameters.of(fitted, errors, coverage)
+    parameters = replace(parameters, profiles=_profiles(result, parameters))
+    values = parameters.values()
     shown = [n for n, column in enumerate(model.columns) if column.effect != DELAY or column.place is not None]
     is_shape = np.array([column.shape is not None for column in model.columns], dtype=bool)
     return Estimate(
         robot=model.robot.name,
         joints=(),
-        values=(*values, *_held(result, choices, values)),
+        values=(*values, *_shapes(result, choices, values)),
         names=tuple(model.names[n] for n in shown),
         solution=np.where(is_shape, 0.0, fitted.values)[shown],
-        covariance=final.covariance[np.ix_(shown, shown)],
+        covariance=errors.covariance[np.ix_(shown, shown)],
         scales=fitted.scales(),
-        blind=sheet.blind()[shown],
+        blind=parameters.reach()[shown],
         effects=tuple(replace(choice, shape=shape) for choice, shape in zip(choices, result.shapes, strict=True)),
-        combinations=determined(sheet, values),
+        combinations=combinations(parameters, values),
         stroke_postures=model.stroke_postures,
         recursive=of_recursion.values(),
         method="recursive" if recursive else "joint",
@@ -126,93 +131,91 @@ def _estimate(result: EffectFit, runs: Sequence[Run], choices: Sequence[EffectCh
 
 def _no_runs(dataset: Dataset) -> LogError:
     number = len(dataset.runs) or len(dataset.rejects)
-    what = ("run{}, all held out" if dataset.runs else "stretch{} left out").format
-    count = f"{number} {what('' if number == 1 else 's' if dataset.runs else 'es')}"
-    return LogError(
-        "no-runs",
-        f"there is no run to fit ({count})",
-        Where(file=dataset.files[0].name if dataset.files else None),
-        "see why with: pumaid segment LOGS --rejects",
-    )
+    what = f"{number} runs, all held out" if dataset.runs else f"{number} stretches left out"
+    where = Where(file=dataset.files[0].name if dataset.files else None)
+    mend = "see why with: pumaid segment LOGS --rejects"
+    return LogError("no-runs", f"there is no run to fit ({what})", where, mend)
 
 
-def _held(found: EffectFit, choices: Sequence[EffectChoice], values: Sequence[Value]) -> list[Value]:
-    """Shapes without a derivative: given ones, and instants and whole numbers that were looked for."""
-    model, out = found.fit.model, []
+def _shapes(result: EffectFit, choices: Sequence[EffectChoice], values: Sequence[Value]) -> list[Value]:
+    """Shapes without a derivative: given ones, and instants and whole numbers that were searched for."""
+    model, out = result.fit.model, []
     identified = {value.name for value in values if value.state == IDENTIFIED}
     for place, (choice, term) in enumerate(zip(choices, model.effects, strict=True)):
         shows = any(column.name in identified for column in model.columns if column.place == place)
-        for column in _every_shape(term, model, place):
-            name = column.shape or ""
+        for column in term.whole.parts(model.robot, place):
+            name = column.shape
             bare = Value(column.name, column.symbol, column.owner or None, column.unit)
+            if name is None or (name in term.fitted and name not in choice.shape):
+                continue
             if name in choice.shape:
                 out.append(replace(bare, value=choice.shape[name], state=GIVEN))
-            elif name not in term.fitted and shows:
-                ends = found.ranges.get((place, name))
-                out.append(replace(bare, value=term.shape[name], ci95=ends, state=IDENTIFIED))
-            elif name not in term.fitted:
-                why = f"no size of {term.effect.name} shows in these data"
-                out.append(replace(bare, state=NOT_IDENTIFIABLE, reason=why))
+            elif shows:
+                out.append(replace(bare, value=term.shape[name], ci95=result.ranges.get((place, name))))
+            else:
+                why = reason("no size", effect=term.effect.name)
+                out.append(replace(bare, state=NOT_IDENTIFIABLE, reason=why.text))
     return out
 
 
-def _profiles(found: EffectFit, sheet: Sheet) -> dict[int, Ends]:
-    """By column (from 0): intervals of effects whose shapes were fitted, along the likelihood, and of what moves along.
+def _profiles(result: EffectFit, parameters: FittedParameters) -> dict[int, Ends]:
+    """By column (from 0): profile-likelihood intervals of effects whose shapes were fitted, and of what moves along.
 
     Where the model's own likelihood is all that is known of a parameter's spread, clustered errors are; an interval
     reaches as much further.
     """
-    model, out = found.fit.model, {}
-    inverse = np.diag(found.fit.inverse)
-    wide = np.array([interval(0.0, 1.0, freedom)[1] for freedom in sheet.freedoms])
+    model, out = result.fit.model, dict[int, Ends]()
+    inverse = np.diag(result.fit.inverse)
+    wide = np.array([interval(0.0, 1.0, dof)[1] for dof in parameters.freedoms])
     with np.errstate(divide="ignore", invalid="ignore"):
-        reach = np.where(inverse > 0, wide * np.sqrt(np.diag(sheet.covariance) / inverse), 0.0)
+        reach = np.where(inverse > 0, wide * np.sqrt(np.diag(parameters.covariance) / inverse), 0.0)
     for place, term in enumerate(model.effects):
         columns = {n: column for n, column in enumerate(model.columns) if column.place == place}
-        lost = any(n in sheet.confounded for n in columns)
-        if found.search is None or lost or not term.fitted or term.held or not all(reach[n] > 0 for n in columns):
+        lost = any(n in parameters.confounded for n in columns)
+        if result.search is None or lost or not term.fitted or term.held or not all(reach[n] > 0 for n in columns):
             continue
         linear = [n for n, column in columns.items() if column.shape is None]
-        best = term.at(found.shapes[place])
-        profile = Profile(found.search.without(place), best, found.fit.limit[linear])
+        best = term.at(result.shapes[place])
+        profile = Profile(result.search.without(place), best, result.fit.limit[linear])
         for n, column in columns.items():
             if column.shape is not None:
-                error = float(np.sqrt(sheet.covariance[n, n]))
+                error = float(np.sqrt(parameters.covariance[n, n]))
                 out[n] = profile.shape(column.shape, error=error, reach=float(reach[n]))
         out |= dict(zip(linear, map(tuple, profile.linear(reach[linear]).tolist()), strict=True))
         names = profile.ground.fit.model.names
         same = {model.names.index(name): n for n, name in enumerate(names) if name in model.names}
         before = profile.others(reach[[*same, *range(len(model.names), len(reach))]])
         moved = {n: tuple(before[k]) for n, k in same.items() if model.columns[n].owner == term.number}
-        out |= {n: ends for n, ends in moved.items() if n not in out}
+        out = moved | out
     return out
 
 
-def _every_shape(one: EffectTerm, model: Model, place: int) -> list[Column]:
-    whole = replace(one, fitted=tuple(one.shapes(model.robot)))
-    return [column for column in whole.parts(model.robot, place) if column.shape is not None]
-
-
-def _joint_fit(fitted: Fit, runs: Sequence[Run], joint: int, prediction: JointPrediction | None) -> JointFit:
+def _joint_fit(result: EffectFit, joint: int, covered: Coverage, prediction: JointPrediction | None) -> JointFit:
     """How well one joint is fitted; `prediction` is the model at all of its runs, None where there are none."""
-    joint_runs = [run for run in runs if run.joint == joint]
     why = f"joint {joint} never moves alone in these logs"
     if prediction is None:
         return JointFit(joint, 0, 0, None, None, why)
     heldout_runs, heldout = int(prediction.heldout.sum()), rmse([(prediction, prediction.heldout)])
-    if not joint_runs:
+    if not covered.runs:
         return JointFit(joint, 0, 0, None, None, why, heldout_runs=heldout_runs, heldout=heldout)
     floor, unknown = prediction.noise_floor()
+    fitted, runs = result.fit, [run for run in prediction.bins.runs if not run.heldout]
     return JointFit(
         joint=joint,
-        runs=len(joint_runs),
-        samples=sum(run.samples for run in joint_runs),
+        runs=covered.runs,
+        samples=sum(run.samples for run in runs),
         rmse=rmse([(prediction, ~prediction.heldout)]),
         noise_floor=floor,
         noise_floor_reason=unknown,
         run_level=None if joint in fitted.weak else float(np.sqrt(fitted.levels[joint].level)),
-        posture_groups=Facts.of(joint, runs).postures,
-        kinds={kind: sum(run.kind == kind for run in joint_runs) for kind in sorted({run.kind for run in joint_runs})},
+        posture_groups=covered.postures,
+        kinds=_kinds(runs),
         heldout_runs=heldout_runs,
         heldout=heldout,
     )
+
+
+def _kinds(runs: Sequence[Run]) -> dict[str, int]:
+    """Kind -> number of runs."""
+    kinds = [run.kind for run in runs]
+    return {kind: kinds.count(kind) for kind in sorted(set(kinds))}

@@ -1,10 +1,9 @@
-"""Why the data do not determine a parameter, and the run that would show it, in the user's words."""
+"""Why the data do not determine a parameter, and the run that would show it: a table of reasons, and which applies."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from functools import lru_cache
 
 import numpy as np
 
@@ -18,95 +17,77 @@ from pumaid.units import number
 
 #: Speeds within this share of each other are one speed, to someone who would tell Coulomb from viscous friction.
 ONE_SPEED = 0.02
-
 #: A current below this (A) is rounding, not a load.
 UNFELT = 1e-7
-
 #: A load of this many standard errors is felt, whatever else keeps its ratio from being known.
 SURELY_FELT = 5.0
+#: Share of its full lever below which a weight is as good as not felt: an axis within two degrees of upright.
+LEAST_LEVER = 0.035
 
+MOVE_ALONE = "move the joint alone, at several speeds, both ways"
+LEVEL = "repeat the runs of joint {inner}, its axis level, with joint {outer} held at two or more positions"
+TRAVEL = "let the joint travel further, in both directions"
 
-@dataclass(frozen=True, slots=True)
-class Reason:
-    """A sentence and the run that would show the parameter (None where no run would)."""
-
-    text: str
-    next_run: str | None = None
-
-
-@dataclass(frozen=True, slots=True)
-class Facts:
-    """What the runs of one joint cover: speeds each way, sets of positions of the joints outward of it, strokes."""
-
-    joint: int
-    runs: int
-    speeds: dict[int, tuple[float, ...]]
-    postures: int
-    strokes: int
-
-    @classmethod
-    def of(cls, joint: int, runs: Sequence[Run]) -> Facts:
-        """Of the runs in which `joint` (from 1) moves."""
-        moving = [run for run in runs if run.joint == joint]
-        speeds = {sign: tuple(sorted(abs(run.speed) for run in moving if run.direction == sign)) for sign in (1, -1)}
-        strokes = sum(run.kind == "stroke" for run in moving)
-        held = np.array([run.posture[joint:] for run in moving])
-        sets = _postures(held.tobytes(), len(moving)) if moving else 0
-        return cls(joint, len(moving), speeds, sets, strokes)
-
-    def has_one_speed(self, sign: int) -> bool:
-        """Whether all runs in direction `sign` have practically one speed."""
-        speeds = self.speeds[sign]
-        return bool(speeds) and not self.strokes and speeds[-1] - speeds[0] <= ONE_SPEED * speeds[-1]
-
-
-@lru_cache(maxsize=16)  # asked for by every table of one fit
-def _postures(positions: bytes, count: int) -> int:
-    """How many sets of positions there are among `count` sets of the same joints'."""
-    held = np.frombuffer(positions).reshape(count, -1)
-    alike = grouped(count, lambda one, others: marked(others, near(held, one, others, within=SAME_POSTURE)))
-    return sum(1 for _ in alike)
-
-
-def of_column(
-    model: Model, column: Column, *, facts: dict[int, Facts], partners: Sequence[str], lever: float = 1.0
-) -> Reason:
-    """Why `column` is not determined.
-
-    Parameters
-    ----------
-    model
-        The model fitted.
-    column
-        One of its columns.
-    facts
-        By joint (from 1).
-    partners
-        Names of the other parameters with which it is only determined together.
-    lever
-        RMS of the column over its joint's own runs, as a share of what it is when the axis lies level.
-    """
-    if column.place is not None:
-        return _of_effect(model, column, facts, partners)
-    covered = facts[column.owner]
-    if covered.runs == 0:
-        return NO_RUNS
-    if column.effect in ("coulomb", "viscous"):
-        return _friction(model, column, own=covered, partners=partners)
-    if column.effect == "gravity":
-        if not model.robot.joint(column.owner).is_revolute and any(name.startswith("coulomb") for name in partners):
-            return ONE_LOAD
-        return UPRIGHT if lever < LEAST_LEVER else _gravity(column, covered, partners)
-    shared = some(partners) or "nothing that these runs vary"
-    return Reason(f"only determined together with {shared}", "repeat its runs in another posture and at other speeds")
-
+#: Kind -> why a parameter is not determined, and the run that would show it (None where no run would).
+REASONS: dict[str, tuple[str, str | None]] = {
+    "no runs": ("waits for logs in which its joint moves alone", MOVE_ALONE),
+    "no runs of one joint": ("waits for logs in which joint {joint} moves alone", MOVE_ALONE),
+    "together": ("only determined together with {names}", "repeat its runs in other postures and at other speeds"),
+    "one direction": ("the joint never moves {way} in these logs", "repeat its {other} runs {way}"),
+    "one speed": (
+        "every {way} run has {speeds} {unit}, so Coulomb and viscous friction cannot be told apart, only their sum at"
+        " that speed",
+        "repeat a {way} run at {slower} {unit}",
+    ),
+    "friction and weight": (
+        "over the span and directions in which the joint travels, its friction cannot be told from its weight",
+        TRAVEL,
+    ),
+    "one load": (
+        "in these logs the joint's axis keeps one angle to gravity, so its constant load cannot be told from Coulomb"
+        " friction",
+        "repeat its runs with the joints before it turned so that its axis stands at another angle to gravity",
+    ),
+    "upright": (
+        "the joint's axis stood upright in all its runs, so it felt next to nothing of this weight",
+        "repeat its runs with the joints before it turned so that its axis lies level",
+    ),
+    "one posture": (
+        "the joints outward of it were held in one posture only, so its weight cannot be told from that of the links"
+        " outward ({names})",
+        "repeat its runs with the joints outward of it held elsewhere",
+    ),
+    "several joints": (
+        "it acts on several joints, and the recursion solves one after the other; identify without --recursive",
+        None,
+    ),
+    "confounded": ("these data could not tell it from {names}", None),
+    "at bound": ("best at its bound, {bound}", None),
+    "any value": ("these data fit nearly as well with any value of it that is physical", None),
+    "no effect": ("nothing in these runs depends on it", None),
+    "no size": ("no size of {effect} shows in these data", None),
+    "ratio, one posture": (
+        "the joints outward of joint {inner} were held in one posture only, so its own weight cannot be told from the"
+        " weight outward of it",
+        LEVEL,
+    ),
+    "ratio, light link": (
+        "link {outer} is too light to be felt by joint {inner}: its weight moves that current by about {felt} A, known"
+        " to {noise} A",
+        "repeat the runs of joint {inner} with a payload and joint {outer} held at two positions",
+    ),
+    "ratio": (
+        "in no posture of these logs can joint {inner}'s own weight be told from the weight outward of it",
+        LEVEL,
+    ),
+}
 
 #: Family of an effect -> the run that would show it better.
 MORE = {
     Family.SPEED: "run the joint at more speeds, slow and fast ones",
     Family.LOAD: "run the joint in postures in which it carries much and little",
-    Family.POSITION: "let the joint travel further, in both directions",
-    Family.TORQUE: "let the joint travel further, in both directions",
+    Family.POSITION: TRAVEL,
+    Family.TORQUE: TRAVEL,
     Family.START: "run the joint from rest, at several speeds",
     Family.PAYLOAD: "spread repeated runs over a longer time",
     Family.TIME: "spread repeated runs over a longer time",
@@ -117,102 +98,125 @@ MORE = {
 }
 
 
-def _of_effect(model: Model, column: Column, facts: dict[int, Facts], partners: Sequence[str]) -> Reason:
-    """Of a parameter of a chosen effect."""
-    if column.scope in (Scope.JOINT, Scope.LINK) and facts[column.owner].runs == 0:
-        return NO_RUNS
-    same = [name for name in partners if name.split(".")[0] == column.effect]
-    rest = [name for name in partners if name not in same]
-    effect = model.effects[column.place or 0].effect
-    more = MORE.get(effect.family, MORE[Family.POSITION])
-    if column.shape is not None:
-        term = model.effects[column.place or 0]
-        best = f"best at its bound, {number(term.shape[column.shape])}" if column.shape in term.held else ""
-        return Reason(best or "these data fit nearly as well with any value of it that is physical", more)
-    if not partners:
-        return Reason("nothing in these runs depends on it", more)
-    return Reason(f"these data could not tell it from {some(rest or same)}", more)
+@dataclass(frozen=True, slots=True)
+class Reason:
+    """Why a parameter is not determined, and the run that would show it (None where no run would)."""
+
+    text: str
+    next_run: str | None = None
 
 
-#: Share of its full lever below which a weight is as good as not felt: an axis within two degrees of upright.
-LEAST_LEVER = 0.035
-
-#: Of a joint whose axis never lay level.
-UPRIGHT = Reason(
-    "the joint's axis stood upright in all its runs, so it felt next to nothing of this weight",
-    "repeat its runs with the joints before it turned so that its axis lies level",
-)
-
-#: Of a joint that the logs never move alone.
-NO_RUNS = Reason("waits for logs in which its joint moves alone", "move the joint alone, at several speeds, both ways")
+def reason(kind: str, **values: object) -> Reason:
+    """An entry of `REASONS` with its values; `more`, where given, is the next run."""
+    text, next_run = REASONS[kind]
+    next_run = str(values["more"]) if "more" in values else next_run
+    return Reason(text.format(**values), next_run and next_run.format(**values))
 
 
-#: Of a prismatic joint whose load is the same in all its runs.
-ONE_LOAD = Reason(
-    "in these logs the joint's axis keeps one angle to gravity, so its constant load cannot be told from Coulomb"
-    " friction",
-    "repeat its runs with the joints before it turned so that its axis stands at another angle to gravity",
-)
+@dataclass(frozen=True, slots=True)
+class Coverage:
+    """What the runs of one joint cover: speeds by direction, sets of positions of the joints outward of it, strokes."""
+
+    runs: int
+    speeds: Mapping[int, tuple[float, ...]]
+    postures: int
+    strokes: int
+
+    @classmethod
+    def of(cls, joint: int, runs: Sequence[Run]) -> Coverage:
+        """Of the runs in which `joint` (from 1) moves."""
+        moving = [run for run in runs if run.joint == joint]
+        speeds = {sign: tuple(sorted(abs(run.speed) for run in moving if run.direction == sign)) for sign in (1, -1)}
+        held = np.array([run.posture[joint:] for run in moving])
+        alike = grouped(len(moving), lambda first, rest: marked(rest, near(held, first, rest, within=SAME_POSTURE)))
+        return cls(len(moving), speeds, sum(1 for _ in alike), sum(run.kind == "stroke" for run in moving))
+
+    def has_one_speed(self, sign: int) -> bool:
+        """Whether all runs in direction `sign` have practically one speed."""
+        speeds = self.speeds[sign]
+        return bool(speeds) and not self.strokes and speeds[-1] - speeds[0] <= ONE_SPEED * speeds[-1]
 
 
-def some(names: Sequence[str]) -> str:
+def listed(names: Sequence[str]) -> str:
     """Up to three names, and how many more there are."""
     return ", ".join(names[:3]) + (f" and {len(names) - 3} more" if len(names) > 3 else "")
 
 
-def _friction(model: Model, column: Column, *, own: Facts, partners: Sequence[str]) -> Reason:
-    sign, way, other = (1, "forward", "backward") if column.name.endswith(".plus") else (-1, "backward", "forward")
-    if not own.speeds[sign]:
-        return Reason(f"the joint never moves {way} in these logs", f"repeat its {other} runs {way}")
-    low, high = own.speeds[sign][0], own.speeds[sign][-1]
-    joint = model.robot.joint(column.owner)
-    unit = f"{joint.position_unit}/s"
-    pair = {f"{effect}.j{column.owner}.{column.name.rsplit('.', 1)[1]}" for effect in ("coulomb", "viscous")}
-    if pair - {column.name} <= set(partners):
-        speeds = f"has practically one speed ({number(high, 2)} {unit})"
-        if not own.has_one_speed(sign):
-            speeds = f"has a speed between {number(low, 2)} and {number(high, 2)} {unit}"
-        return Reason(
-            f"every {way} run {speeds}, so Coulomb and viscous friction cannot be told apart, only their sum at that"
-            " speed",
-            f"repeat a {way} run at {number(high / 3.0, 2)} {unit}",
-        )
-    if not joint.is_revolute:
-        return ONE_LOAD
-    return Reason(
-        "over the span that the joint travels, its friction cannot be told from its weight",
-        "let it travel further, in both directions",
-    )
+def of_column(
+    model: Model, column: Column, *, coverage: Mapping[int, Coverage], partners: Sequence[str], lever: float = 1.0
+) -> Reason:
+    """Why `column` is not determined.
 
-
-def _gravity(column: Column, own: Facts, partners: Sequence[str]) -> Reason:
+    Parameters
+    ----------
+    model
+        The model fitted.
+    column
+        One of its columns.
+    coverage
+        By joint (from 1).
+    partners
+        Names of the other parameters with which it is only determined together.
+    lever
+        RMS of the column over its joint's own runs, as a share of what it is when the axis lies level.
+    """
+    if column.scope in (Scope.JOINT, Scope.LINK) and coverage[column.owner].runs == 0:
+        return reason("no runs")
+    if column.place is not None:
+        return _of_effect(model, column, partners)
+    if column.effect in ("coulomb", "viscous"):
+        return _of_friction(model, column, coverage[column.owner], partners)
+    if column.effect != "gravity":
+        return reason("together", names=listed(partners) or "nothing that these runs vary")
+    of_friction = any(name.startswith(("coulomb", "viscous")) for name in partners)
+    if not model.robot.joint(column.owner).is_revolute and of_friction:
+        return reason("one load")
     outer = sorted(name for name in partners if name.startswith(("gravity", "gain_ratio")))
-    beyond = [name for name in outer if _number(name) > column.owner]
-    if beyond and own.postures < 2:
-        return Reason(
-            "the joints outward of it were held in one posture only, so its weight cannot be told from that of the"
-            f" links outward ({some(beyond)})",
-            "repeat its runs with the joints outward of it held elsewhere",
-        )
-    if outer and not any(name.startswith(("coulomb", "viscous")) for name in partners):
-        return Reason(f"only determined together with {some(outer)}", "repeat its runs with the other joints elsewhere")
-    if partners:
-        return Reason(
-            "over the span and directions in which the joint travels, its weight cannot be told from its friction",
-            "let it travel further, in both directions",
-        )
-    return UPRIGHT
+    beyond = [name for name in outer if int(name.split(".")[1].lstrip("l")) > column.owner]
+    if lever < LEAST_LEVER or not partners:
+        return reason("upright")
+    if beyond and coverage[column.owner].postures < 2:
+        return reason("one posture", names=listed(beyond))
+    return reason("together", names=listed(outer)) if outer and not of_friction else reason("friction and weight")
 
 
-def _number(name: str) -> int:
-    """Joint or link number in a parameter's name."""
-    return int(name.split(".")[1].lstrip("lj"))
+def _of_effect(model: Model, column: Column, partners: Sequence[str]) -> Reason:
+    """Of a parameter of a chosen effect."""
+    term = model.effects[column.place or 0]
+    more = MORE.get(term.effect.family, TRAVEL)
+    if column.shape in term.held:
+        return reason("at bound", bound=number(term.shape[column.shape]), more=more)
+    if column.shape is not None or not partners:
+        return reason("no effect" if column.shape is None else "any value", more=more)
+    rest = [name for name in partners if name.split(".")[0] != column.effect]
+    return reason("confounded", names=listed(rest or partners), more=more)
+
+
+def _of_friction(model: Model, column: Column, covered: Coverage, partners: Sequence[str]) -> Reason:
+    side = column.name.rsplit(".", 1)[1]
+    sign, way, other = (1, "forward", "backward") if side == "plus" else (-1, "backward", "forward")
+    if not covered.speeds[sign]:
+        return reason("one direction", way=way, other=other)
+    joint, low, high = model.robot.joint(column.owner), covered.speeds[sign][0], covered.speeds[sign][-1]
+    pair = {f"{effect}.j{column.owner}.{side}" for effect in ("coulomb", "viscous")}
+    if pair - {column.name} <= set(partners):
+        speeds = f"practically one speed, {number(high, 2)}"
+        if not covered.has_one_speed(sign):
+            speeds = f"a speed between {number(low, 2)} and {number(high, 2)}"
+        unit, slower = f"{joint.position_unit}/s", number(high / 3.0, 2)
+        return reason("one speed", way=way, speeds=speeds, slower=slower, unit=unit)
+    return reason("friction and weight" if joint.is_revolute else "one load")
 
 
 def of_ratio(
-    model: Model, inner: int, outer: int, *, facts: dict[int, Facts], felt: float = 0.0, noise: float = 0.0
+    model: Model,
+    inner: int,
+    outer: int,
+    *,
+    coverage: Mapping[int, Coverage],
+    load: tuple[float, float] = (0.0, 0.0),
 ) -> Reason:
-    """Why eta_inner / eta_outer is not determined.
+    """Why eta_inner / eta_outer (joints from 1) is not determined.
 
     Parameters
     ----------
@@ -220,33 +224,22 @@ def of_ratio(
         The model fitted.
     inner, outer
         Joints (from 1).
-    facts
+    coverage
         By joint.
-    felt
-        RMS (A) of the part of joint `inner`'s current that carries the ratio; 0 where there is none.
-    noise
-        Standard error (A) of that part: felt must be several times this.
+    load
+        RMS (A) of the part of joint `inner`'s current that carries the ratio, 0 where there is none, and the standard
+        error (A) of that part.
     """
     redundant = model.structure.redundant.get((inner, outer))
     if redundant is not None:
         return Reason(redundant)
     for joint in (inner, outer):
-        if facts[joint].runs == 0:
-            return Reason(f"waits for logs in which joint {joint} moves alone", NO_RUNS.next_run)
-    level = f"repeat the runs of joint {inner}, its axis level, with joint {outer} held at two or more positions"
-    if facts[inner].postures < 2:
-        return Reason(
-            f"the joints outward of joint {inner} were held in one posture only, so its own weight cannot be told from"
-            " the weight outward of it",
-            level,
-        )
-    if UNFELT < felt < SURELY_FELT * noise:
-        return Reason(
-            f"link {outer} is too light to be felt by joint {inner}: its weight moves that current by about"
-            f" {number(felt, 2)} A, known to {number(noise, 2)} A",
-            f"repeat the runs of joint {inner} with a payload and joint {outer} held at two positions",
-        )
-    return Reason(
-        f"in no posture of these logs can joint {inner}'s own weight be told from the weight outward of it",
-        level,
-    )
+        if coverage[joint].runs == 0:
+            return reason("no runs of one joint", joint=joint)
+    felt, noise = load
+    kind = "ratio"
+    if coverage[inner].postures < 2:
+        kind = "ratio, one posture"
+    elif UNFELT < felt < SURELY_FELT * noise:
+        kind = "ratio, light link"
+    return reason(kind, inner=inner, outer=outer, felt=number(felt, 2), noise=number(noise, 2))

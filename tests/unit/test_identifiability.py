@@ -10,7 +10,8 @@ from worlds import CRANE, PENDULUM, STANFORD, dataset, drawn, experiment, fit_ru
 from pumaid.dataset import Campaign, Dataset
 from pumaid.estimation.covariance import recursion_covariance
 from pumaid.estimation.estimate import identify
-from pumaid.estimation.identifiability import Sheet, _gradient
+from pumaid.estimation.identifiability import FittedParameters, ratio_gradient
+from pumaid.estimation.reasons import Coverage
 from pumaid.joint_bins import samples_of
 from pumaid.maths.bilinear import Gains
 from pumaid.model import Model
@@ -58,7 +59,7 @@ def test_ratios_over_two_branches_have_the_slope_of_their_edges():
     order = [forest(edges).edges.index(lower) for lower in (3, 1, 2, 4)]
     for row in range(5):
         for other in range(5):
-            value, slope = _gradient(forest(edges), row, other)
+            value, slope = ratio_gradient(forest(edges), row, other)
             assert value == pytest.approx(forest(edges).ratio(row, other))
             for place, number in enumerate(order):
                 step = np.eye(4)[place] * 1e-6
@@ -120,7 +121,9 @@ def test_sheet_of_the_recursion_has_its_own_ratios():
     first = recursion_covariance(
         fitted.first.system, fitted.first.solution.values, fitted.first.solution.gains, runs=fitted.run_of
     )
-    values = {value.name: value for value in Sheet.of_recursion(fitted, runs, first).values()}
+    coverage = {joint: Coverage.of(joint, runs) for joint in range(1, 7)}
+    found = FittedParameters.of(fitted, first, coverage, recursive=True)
+    values = {value.name: value for value in found.values()}
     assert values["gain_ratio.2.3"].state == values["gravity.l2.x"].state == "not_identifiable"
     assert values["gravity.l6.x"].state == "identified"
 
