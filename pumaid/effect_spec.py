@@ -1,9 +1,8 @@
-"""Effects beyond the paper's model as users name them (EFFECT@JOINT:SHAPE=VALUE) and as terms of a model."""
+"""Effects beyond the paper's model: as users name them (EFFECT@JOINT:SHAPE=VALUE) and as terms of a model."""
 
 from __future__ import annotations
 
 import difflib
-import itertools
 import math
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -12,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pumaid.effects import Effect, Scope, catalogue
-from pumaid.effects.base import Shape
+from pumaid.effects.base import Parameter, Shape
 from pumaid.errors import ModelError, Where
 from pumaid.estimate import Estimate
 from pumaid.robot import EffectChoice, Robot
@@ -32,7 +31,7 @@ ROUNDING = 1e-11
 
 @dataclass(frozen=True, slots=True)
 class Column:
-    """One parameter of a model: its name, symbol and unit, the joint or link (from 1) that owns it, its effect.
+    """One parameter of a model: its name, symbol and unit, the joint or link that owns it, its effect.
 
     Attributes
     ----------
@@ -45,7 +44,7 @@ class Column:
     shape
         Name of the nonlinear parameter of which the column is the derivative; None for linear parameters.
     scope
-        Whose it is: a link's acts on inner joints through the ratio of gains, all others as they are.
+        A link's acts on inner joints through the ratio of gains, all others as they are.
     span
         From the lowest to the highest value of it that is physical.
     """
@@ -72,11 +71,11 @@ class EffectTerm:
     mark
         What ends its parameters' names: ``_2`` for the second time at one joint.
     fitted
-        Shapes that are fitted: the derivative by each is a column, so that errors know of them.
+        Shapes that are fitted: the derivative by each is a column, so that errors include them.
     sizes
         Linear parameters at which these derivatives are taken.
     held
-        Those of `fitted` that are best at a bound: they stay there, and errors know of them all the same.
+        Those of `fitted` that are best at a bound: they stay there, and errors include them all the same.
     """
 
     effect: Effect
@@ -97,6 +96,11 @@ class EffectTerm:
         """Owner: joint or link from 1, 0 for the whole arm."""
         return self.joint or 0
 
+    @property
+    def whole(self) -> EffectTerm:
+        """The same with all shapes fitted."""
+        return replace(self, fitted=tuple(self.shape))
+
     def shapes(self, robot: Robot) -> dict[str, Shape]:
         """Nonlinear parameters by name."""
         return {shape.name: shape for shape in self.effect.shapes(robot, self.number)}
@@ -105,11 +109,6 @@ class EffectTerm:
         """The same with all shapes that it has fitted, as far as these have derivatives."""
         shapes = self.shapes(robot)
         return replace(self, fitted=tuple(name for name in shapes if shapes[name].is_searched and name in self.shape))
-
-    @property
-    def whole(self) -> EffectTerm:
-        """The same with all shapes fitted."""
-        return replace(self, fitted=tuple(self.shape))
 
     def touches(self, joint: int) -> bool:
         """Whether it may act on the current of `joint` (from 1)."""
@@ -120,31 +119,24 @@ class EffectTerm:
     def parts(self, robot: Robot, place: int) -> Iterator[Column]:
         """Its parameters, then the shapes that are fitted; `place` is its number in the model."""
         effect, number = self.effect, self.number
-        letter = {Scope.ARM: ""}.get(effect.scope, f"{'l' if effect.scope is Scope.LINK else 'j'}{number}.")
+        letter = {Scope.ARM: "", Scope.LINK: f"l{number}."}.get(effect.scope, f"j{number}.")
         unit = robot.joint(number).position_unit if number else "rad"
-        for parameter in effect.parameters(robot, number):
+        items: list[Parameter | Shape] = list(effect.parameters(robot, number))
+        items += [shape for shape in effect.shapes(robot, number) if shape.name in self.fitted]
+        for item in items:
+            is_shape = isinstance(item, Shape)
+            symbol = item.name if isinstance(item, Shape) else item.symbol.format(n=number)
             yield Column(
-                name=f"{effect.name}.{letter}{parameter.name}{self.mark}",
-                symbol=parameter.symbol.format(n=number) + self.mark,
-                unit=parameter.unit.format(unit=unit),
-                meaning=parameter.meaning,
+                name=f"{effect.name}.{letter}{item.name}{self.mark}",
+                symbol=symbol + self.mark,
+                unit=item.unit.format(unit=unit),
+                meaning=item.meaning,
                 owner=number,
                 effect=effect.name,
                 place=place,
+                shape=item.name if is_shape else None,
                 scope=effect.scope,
-                span=parameter.high - parameter.low,
-            )
-        for shape in (fitted for fitted in effect.shapes(robot, number) if fitted.name in self.fitted):
-            yield Column(
-                name=f"{effect.name}.{letter}{shape.name}{self.mark}",
-                symbol=shape.name + self.mark,
-                unit=shape.unit.format(unit=unit),
-                meaning=shape.meaning,
-                owner=number,
-                effect=effect.name,
-                place=place,
-                shape=shape.name,
-                scope=effect.scope,
+                span=math.inf if is_shape else item.high - item.low,
             )
 
     def linear(self, robot: Robot, samples: Samples, shape: Mapping[str, float] | None = None) -> Floats:
@@ -195,19 +187,34 @@ def step_of(shape: Shape, value: float) -> tuple[float, float]:
     return max(value - step, shape.low), min(value + step, shape.high)
 
 
-def terms_of(choices: Sequence[EffectChoice]) -> tuple[EffectTerm, ...]:
-    """Choices as a model has them: the second time at a joint is marked ``_2``."""
-    return marked([EffectTerm(catalogue()[choice.effect], choice.joint, dict(choice.shape)) for choice in choices])
-
-
-def marked(terms: Sequence[EffectTerm]) -> tuple[EffectTerm, ...]:
+def marked(terms: Iterable[EffectTerm]) -> tuple[EffectTerm, ...]:
     """Terms with the marks that tell those of one effect at one joint apart."""
-    times: dict[tuple[str, int | None], int] = {}
+    keys: list[tuple[str, int | None]] = []
     out = []
     for term in terms:
-        times[term.key] = times.get(term.key, 0) + 1
-        out.append(replace(term, mark=f"_{times[term.key]}" if times[term.key] > 1 else ""))
+        keys.append(term.key)
+        times = keys.count(term.key)
+        out.append(replace(term, mark=f"_{times}" if times > 1 else ""))
     return tuple(out)
+
+
+def terms_of(choices: Sequence[EffectChoice]) -> tuple[EffectTerm, ...]:
+    """Choices as a model has them: the second time at a joint is marked ``_2``."""
+    return marked(EffectTerm(catalogue()[choice.effect], choice.joint, dict(choice.shape)) for choice in choices)
+
+
+def check_known(effects: Iterable[EffectChoice]) -> None:
+    """Refuse effects of a model that the catalogue does not have: most often a file has to be named again.
+
+    Raises
+    ------
+    ModelError [unknown-effect]
+        There is one.
+    """
+    for number, choice in enumerate(effects, start=1):
+        if choice.effect not in catalogue():
+            what = f"the model holds {choice.effect}, which is not in the catalogue"
+            raise ModelError("unknown-effect", what, Where(joint=choice.joint, field=f"effects[{number}]"), OWN)
 
 
 def check_parameters(estimate: Estimate, robot: Robot) -> None:
@@ -218,20 +225,32 @@ def check_parameters(estimate: Estimate, robot: Robot) -> None:
     ModelError [effect-changed]
         One of its effects lacks, or has, a parameter or shape that the model knows otherwise.
     """
-    listed_terms = terms_of(estimate.effects)
-    for number, term in enumerate(listed_terms, start=1):
+    terms = terms_of(estimate.effects)
+    for number, term in enumerate(terms, start=1):
         (name, joint), shapes = term.key, set(term.shapes(robot))
-        prefix = f"{name}.j{joint}." if joint else f"{name}."
-        alike = [replace(other, fitted=tuple(shapes)) for other in listed_terms if other.key == term.key]
+        alike = [replace(other, fitted=tuple(shapes)) for other in terms if other.key == term.key]
         parts = [part for other in alike for part in other.parts(robot, 0)]
+        linear = {part.name for part in parts if part.shape is None}
+        prefix = f"{name}.j{joint}." if joint else f"{name}."
         listed = {parameter for parameter in estimate.names if parameter.startswith(prefix)}
-        differ = {part.name for part in parts if part.shape is None} - listed
-        differ |= listed - {part.name for part in parts}
-        differ |= shapes.symmetric_difference(term.shape)
+        differ = (linear - listed) | (listed - {part.name for part in parts}) | shapes.symmetric_difference(term.shape)
         if differ:
             what = f"{name} is not what it was when the model was made: {', '.join(sorted(differ))}"
             mend = "give the file as it was then, or identify again with this one"
             raise ModelError("effect-changed", what, Where(joint=joint, field=f"effects[{number}]"), mend)
+
+
+def option_text(name: str, joint: int | None, shape: Mapping[str, float], *, fixed: Collection[str] = ()) -> str:
+    """An effect as ``--add`` reads it, ``ripple@2:frequency=58.2``; empty where the catalogue does not have it.
+
+    Shapes that are not in `fixed` are left to the fit, except those of an effect that may stand at a joint several
+    times.
+    """
+    if name not in catalogue():
+        return ""
+    is_whole = catalogue()[name].is_repeatable
+    values = ",".join(f"{key}={value:.8g}" for key, value in shape.items() if is_whole or key in fixed)
+    return name + ("" if joint is None else f"@{joint}") + (f":{values}" if values else "")
 
 
 def parse_effect(text: str, robot: Robot, *, option: str = "--add") -> EffectChoice:
@@ -248,51 +267,34 @@ def parse_effect(text: str, robot: Robot, *, option: str = "--add") -> EffectCho
 
     Raises
     ------
-    ModelError [unknown-effect], [effect-joint], [effect-shape], [effect-not-here], [effect-twice]
+    ModelError [unknown-effect], [effect-joint], [effect-shape], [effect-twice]
         There is no such effect, joint or shape, and the nearest one is told; or it cannot act there.
     """
     where = Where(field=f"{option} {text}")
     head, _, tail = text.partition(":")
-    name, at, joint = head.partition("@")
-    if not name.strip() or (at and not joint.strip()):
-        what = "no joint is named after the @" if name.strip() else "no effect is named"
-        raise ModelError(
-            "effect-joint" if name.strip() else "unknown-effect", what, where, f"write {option} stribeck@3"
-        )
-    effect = known_effect(name.strip(), where)
-    number = _joint(joint.strip(), robot, where)
+    name, at, word = (part.strip() for part in head.partition("@"))
+    if at and not word:
+        raise ModelError("effect-joint", "no joint is named after the @", where, f"write {option} stribeck@3")
+    joint: int | None = None
+    if word not in ("", ALL):
+        names = {axis.name: axis.number for axis in robot.joints}
+        joint = names.get(word) or (int(word) if word.isdecimal() else 0)
+        if not 1 <= joint <= robot.n_joints:
+            mend = nearest(word, names, f"one of {', '.join(names)}, a number from 1, or {ALL}")
+            raise ModelError("effect-joint", f"{robot.name} has no joint {word}", where, mend)
     shape: dict[str, float] = {}
-    for part in filter(None, (piece.strip() for piece in tail.split(","))):
-        key, _, value = (piece.strip() for piece in part.partition("="))
-        _check_name(effect, robot, number or 1, key=key, where=where)
-        if key in shape:
-            raise ModelError("effect-shape", f"{key} is given twice", where, "give it once")
+    for key, _, value in (part.partition("=") for part in tail.split(",") if part.strip()):
+        if key.strip() in shape:
+            raise ModelError("effect-shape", f"{key.strip()} is given twice", where, "give it once")
         try:
-            shape[key] = float(value)
+            shape[key.strip()] = float(value)
         except ValueError:
-            what = f"{key} is {value!r}, which is no number" if value else f"{key} has no value"
-            mend = f"write {key}=NUMBER, or leave it out to have it fitted"
+            what = f"{key.strip()} is {value!r}, which is no number"
+            mend = f"write {key.strip()}=NUMBER, or leave it out to have it fitted"
             raise ModelError("effect-shape", what, where, mend) from None
-    choice = EffectChoice(effect.name, number, shape)
-    _expanded(choice, robot, where)
+    choice = EffectChoice(name, joint, shape)
+    _at_joints(choice, robot, where)
     return choice
-
-
-def option_text(name: str, joint: int | None, shape: Mapping[str, float], *, fixed: Collection[str] = ()) -> str:
-    """An effect as ``--add`` reads it, ``ripple@2:frequency=58.2``; empty where the catalogue does not have it.
-
-    Parameters
-    ----------
-    name, joint, shape
-        The effect.
-    fixed
-        Shapes that are not to be fitted; of an effect that may stand at a joint several times all are told.
-    """
-    if name not in catalogue():
-        return ""
-    is_whole = catalogue()[name].is_repeatable
-    values = ",".join(f"{key}={value:.8g}" for key, value in shape.items() if is_whole or key in fixed)
-    return name + ("" if joint is None else f"@{joint}") + (f":{values}" if values else "")
 
 
 def chosen_by(robot: Robot, *, add: Iterable[str] = (), remove: Iterable[str] = ()) -> tuple[EffectChoice, ...]:
@@ -309,7 +311,7 @@ def chosen_by(robot: Robot, *, add: Iterable[str] = (), remove: Iterable[str] = 
 
     Raises
     ------
-    ModelError [effect-not-there], [effect-not-here], [effect-twice] and those of `parse_effect`
+    ModelError [effect-not-there], [effect-twice] and those of `parse_effect`
         A choice is wrong, cannot act there, is in the model already, or cannot be taken out.
     """
     choices = expanded(robot.effects, robot)
@@ -318,22 +320,49 @@ def chosen_by(robot: Robot, *, add: Iterable[str] = (), remove: Iterable[str] = 
     return expanded([*choices, *(parse_effect(text, robot) for text in add)], robot)
 
 
+def _without(choices: Sequence[EffectChoice], text: str, robot: Robot) -> tuple[EffectChoice, ...]:
+    """The choices that `text` does not name."""
+    if text.strip() == ALL:
+        return ()
+    named = parse_effect(text, robot, option="--remove")
+    rest = tuple(
+        choice
+        for choice in choices
+        if choice.effect != named.effect
+        or named.joint not in (None, choice.joint)
+        or (named.shape and dict(named.shape) != dict(choice.shape))
+    )
+    if len(rest) == len(choices):
+        there = ", ".join(option_text(other.effect, other.joint, {}) for other in choices)
+        mend = f"the recipe switches on: {there or 'none'}"
+        what = f"the model would not have {text} anyway"
+        raise ModelError("effect-not-there", what, Where(field=f"--remove {text}"), mend)
+    return rest
+
+
 def expanded(choices: Sequence[EffectChoice], robot: Robot) -> tuple[EffectChoice, ...]:
     """Each choice at one joint or of the whole arm; a choice for all joints becomes one a joint where it can act.
 
     Raises
     ------
-    ModelError [unknown-effect], [effect-joint], [effect-shape], [effect-not-here], [effect-twice]
+    ModelError [unknown-effect], [effect-joint], [effect-shape], [effect-twice]
         An effect, joint or shape is wrong, cannot act there, or is in the model already.
     """
     out: list[EffectChoice] = []
     for choice in choices:
         where = Where(joint=choice.joint, field=f"effect {choice.effect}")
-        for index, (listed, line) in enumerate(itertools.zip_longest(robot.effects, robot.effect_lines), start=1):
+        for index, listed in enumerate(robot.effects):
             if listed is choice:
-                where = Where(file=robot.origin or None, line=line, field=f"effects[{index}]")
-        for single in _expanded(choice, robot, where):
-            _refuse_twice(single, out, where)
+                line = robot.effect_lines[index] if robot.effect_lines else None
+                where = Where(file=robot.origin or None, line=line, field=f"effects[{index + 1}]")
+        for single in _at_joints(choice, robot, where):
+            twins = [other for other in out if (other.effect, other.joint) == (single.effect, single.joint)]
+            is_same = any(single.shape and dict(other.shape) == dict(single.shape) for other in twins)
+            # Twice a ripple at a joint is two harmonics, unless they are one.
+            if is_same or (twins and not catalogue()[single.effect].is_repeatable):
+                what = f"{option_text(single.effect, single.joint, {})} is in the model already"
+                mend = "give each its own shape" if is_same else "take one of them out"
+                raise ModelError("effect-twice", what, where, mend)
             out.append(single)
     return tuple(out)
 
@@ -343,7 +372,7 @@ def at_one_joint(choice: EffectChoice, robot: Robot, option: str) -> EffectChoic
 
     Raises
     ------
-    ModelError [unknown-effect], [effect-joint], [effect-not-here]
+    ModelError [unknown-effect], [effect-joint]
         There is no such effect, none at that joint, or no joint is named (after `option`).
     """
     where = Where(field=f"{option} {choice.effect}")
@@ -363,113 +392,45 @@ def known_effect(name: str, where: Where) -> Effect:
     """
     effects = catalogue()
     if name not in effects:
-        what = f"there is no effect {name} in the catalogue: {', '.join(effects)}"
-        raise ModelError(
-            "unknown-effect", what, where, _nearest(name, effects, f"pumaid effects lists the names; {OWN}")
-        )
+        what = f"there is no effect {name} in the catalogue: {', '.join(effects)}" if name else "no effect is named"
+        mend = nearest(name, effects, f"pumaid effects lists the names; {OWN}")
+        raise ModelError("unknown-effect", what, where, mend)
     if effects[name].base:
         raise ModelError("effect-twice", f"{name} is in every model already", where, "leave it out")
     return effects[name]
 
 
-def check_known(effects: Iterable[EffectChoice]) -> None:
-    """Refuse effects of a model that the catalogue does not have.
-
-    Raises
-    ------
-    ModelError [unknown-effect]
-        There is one; most often it comes from a file that has to be named again.
-    """
-    for number, choice in enumerate(effects, start=1):
-        if choice.effect not in catalogue():
-            what = f"the model holds {choice.effect}, which is not in the catalogue"
-            raise ModelError("unknown-effect", what, Where(joint=choice.joint, field=f"effects[{number}]"), OWN)
-
-
-def _nearest(word: str, names: Iterable[str], otherwise: str) -> str:
+def nearest(word: str, names: Iterable[str], otherwise: str) -> str:
     """What to mend: the nearest name there is, if one is near."""
     near = difflib.get_close_matches(word, names, n=1)
     return f"did you mean {near[0]}?" if near else otherwise
 
 
-def _joint(word: str, robot: Robot, where: Where) -> int | None:
-    if word in ("", ALL):
-        return None
-    names = {joint.name: joint.number for joint in robot.joints}
-    number = names.get(word) or (int(word) if word.isdecimal() else 0)
-    if not 1 <= number <= robot.n_joints:
-        mend = _nearest(word, names, f"one of {', '.join(names)}, a number from 1, or {ALL}")
-        raise ModelError("effect-joint", f"{robot.name} has no joint {word}", where, mend)
-    return number
-
-
-def _without(choices: Sequence[EffectChoice], text: str, robot: Robot) -> tuple[EffectChoice, ...]:
-    """The choices that `text` does not name."""
-    if text.strip() == ALL:
-        return ()
-    named = parse_effect(text, robot, option="--remove")
-    rest = tuple(
-        choice
-        for choice in choices
-        if choice.effect != named.effect
-        or named.joint not in (None, choice.joint)
-        or (named.shape and dict(named.shape) != dict(choice.shape))
-    )
-    if len(rest) == len(choices):
-        there = ", ".join(f"{other.effect}@{other.joint}" if other.joint else other.effect for other in choices)
-        mend = f"the recipe switches on: {there}" if there else "the recipe switches no effect on; leave it out"
-        what = f"the model would not have {text} anyway"
-        raise ModelError("effect-not-there", what, Where(field=f"--remove {text}"), mend)
-    return rest
-
-
-def _expanded(choice: EffectChoice, robot: Robot, where: Where) -> list[EffectChoice]:
-    effect = known_effect(choice.effect, where)
-    if effect.scope is Scope.ARM:
-        if choice.joint is not None:
-            what = f"{effect.name} is of the whole arm, not of joint {choice.joint}"
-            raise ModelError("effect-joint", what, where, "leave the joint out")
-        joints: Sequence[int] = (0,)
-    else:
-        if choice.joint is not None and not 1 <= choice.joint <= robot.n_joints:
-            what = f"{robot.name} has no joint {choice.joint}"
-            raise ModelError("effect-joint", what, where, f"joints count from 1 to {robot.n_joints}")
-        joints = range(1, robot.n_joints + 1) if choice.joint is None else (choice.joint,)
-    refusals = {joint: effect.applies(robot, joint) for joint in joints}
+def _at_joints(choice: EffectChoice, robot: Robot, where: Where) -> list[EffectChoice]:
+    """The choice, checked, at its joint, at each joint where it can act, or of the whole arm."""
+    effect, joints = known_effect(choice.effect, where), range(1, robot.n_joints + 1)
+    if effect.scope is Scope.ARM and choice.joint is not None:
+        what = f"{effect.name} is of the whole arm, not of joint {choice.joint}"
+        raise ModelError("effect-joint", what, where, "leave the joint out")
+    if choice.joint is not None and choice.joint not in joints:
+        what, mend = f"{robot.name} has no joint {choice.joint}", f"joints count from 1 to {robot.n_joints}"
+        raise ModelError("effect-joint", what, where, mend)
+    numbers = (0,) if effect.scope is Scope.ARM else joints if choice.joint is None else (choice.joint,)
+    refusals = {number: effect.applies(robot, number) for number in numbers}
     if None not in refusals.values():
         what = f"{effect.name} cannot act there: {next(iter(refusals.values()))}"
-        raise ModelError("effect-not-here", what, where, "leave it out")
-    free = [joint for joint, why in refusals.items() if why is None]
-    for joint in free:
-        _check_shape(effect, robot, joint, shape=choice.shape, where=where)
-    return [replace(choice, joint=joint or None) for joint in free]
-
-
-def _check_name(effect: Effect, robot: Robot, number: int, *, key: str, where: Where) -> None:
-    names = [shape.name for shape in effect.shapes(robot, number)]
-    if key not in names:
-        listed = f"known: {', '.join(names)}" if names else f"{effect.name} has no shape: leave it out"
-        what = f"{effect.name} has no shape called {key}"
-        raise ModelError("effect-shape", what, where, _nearest(key, names, listed))
-
-
-def _check_shape(effect: Effect, robot: Robot, number: int, *, shape: Mapping[str, float], where: Where) -> None:
-    shapes = {facts.name: facts for facts in effect.shapes(robot, number)}
-    for name, value in shape.items():
-        _check_name(effect, robot, number, key=name, where=where)
-        low, high = shapes[name].low, shapes[name].high
-        if not low <= value <= high:
-            what = f"{name} of {effect.name} is {value:g}"
-            raise ModelError("effect-shape", what, where, f"write a number from {low:g} to {high:g}")
-
-
-def _refuse_twice(choice: EffectChoice, before: Sequence[EffectChoice], where: Where) -> None:
-    """The same effect twice at a joint is two harmonics at best; two of one shape are one."""
-    for other in before:
-        if (other.effect, other.joint) != (choice.effect, choice.joint):
-            continue
-        is_same = bool(choice.shape) and dict(choice.shape) == dict(other.shape)
-        if is_same or not catalogue()[choice.effect].is_repeatable:
-            place = f" at joint {choice.joint}" if choice.joint else ""
-            mend = "give each its own shape" if is_same else "take one of them out"
-            raise ModelError("effect-twice", f"{choice.effect}{place} is in the model already", where, mend)
+        raise ModelError("effect-joint", what, where, "leave it out")
+    out = []
+    for number in (number for number, refusal in refusals.items() if refusal is None):
+        shapes = {shape.name: shape for shape in effect.shapes(robot, number)}
+        for name, value in choice.shape.items():
+            if name not in shapes:
+                known = f"known: {', '.join(shapes)}" if shapes else f"{effect.name} has no shape: leave it out"
+                what, mend = f"{effect.name} has no shape called {name}", nearest(name, shapes, known)
+                raise ModelError("effect-shape", what, where, mend)
+            if not shapes[name].low <= value <= shapes[name].high:
+                what = f"{name} of {effect.name} is {value:g}"
+                mend = f"write a number from {shapes[name].low:g} to {shapes[name].high:g}"
+                raise ModelError("effect-shape", what, where, mend)
+        out.append(replace(choice, joint=number or None))
+    return out

@@ -71,7 +71,7 @@ def plan_for_effect(
 
     Raises
     ------
-    ModelError [plan-undecided], [plan-impossible], [unknown-effect], [effect-joint], [effect-not-here]
+    ModelError [plan-undecided], [plan-impossible], [unknown-effect], [effect-joint]
         No runs within the limits show it, or tell the two apart; a size out of range; no such effect, or not there.
     """
     effect = at_one_joint(wanted, robot, "--for")

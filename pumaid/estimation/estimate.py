@@ -20,7 +20,7 @@ from pumaid.estimation.fit import run_of
 from pumaid.estimation.gls import Progress
 from pumaid.estimation.identifiability import FittedParameters, combinations
 from pumaid.estimation.nonlinear import EffectFit, Ends, Profile, fit_effects
-from pumaid.estimation.reasons import Coverage, reason
+from pumaid.estimation.reasons import JointCoverage, reason
 from pumaid.model import DELAY, Model
 from pumaid.robot import EffectChoice, Robot
 
@@ -62,7 +62,7 @@ def identify(
     ------
     LogError [no-runs]
         There is no run to fit.
-    ModelError [unknown-effect], [effect-joint], [effect-shape], [effect-not-here], [effect-twice]
+    ModelError [unknown-effect], [effect-joint], [effect-shape], [effect-twice]
         An effect cannot be in the model.
 
     Source
@@ -78,7 +78,7 @@ def identify(
     moved = {joint for joint, _ in model.stroke_postures}
     choices = tuple(choice for choice in choices if choice.effect != "inertia" or choice.joint not in moved)
     result = fit_effects(model, runs, choices, campaign=campaign, recursive=recursive, progress=progress)
-    coverage = {joint.number: Coverage.of(joint.number, runs) for joint in robot.joints}
+    coverage = {joint.number: JointCoverage.of(joint.number, runs) for joint in robot.joints}
     estimate = _estimate(result, choices, coverage, recursive=recursive)
     at_joints = predictions(estimate, dataset, robot)
     joints = [_joint_fit(result, joint, covered, at_joints.get(joint)) for joint, covered in coverage.items()]
@@ -94,7 +94,7 @@ def identify(
 
 
 def _estimate(
-    result: EffectFit, choices: Sequence[EffectChoice], coverage: dict[int, Coverage], *, recursive: bool
+    result: EffectFit, choices: Sequence[EffectChoice], coverage: dict[int, JointCoverage], *, recursive: bool
 ) -> Estimate:
     """What a fit says of the arm's parameters; joints' figures are left out."""
     fitted, model = result.fit, result.fit.model
@@ -190,7 +190,7 @@ def _profiles(result: EffectFit, parameters: FittedParameters) -> dict[int, Ends
     return out
 
 
-def _joint_fit(result: EffectFit, joint: int, covered: Coverage, prediction: JointPrediction | None) -> JointFit:
+def _joint_fit(result: EffectFit, joint: int, covered: JointCoverage, prediction: JointPrediction | None) -> JointFit:
     """How well one joint is fitted; `prediction` is the model at all of its runs, None where there are none."""
     why = f"joint {joint} never moves alone in these logs"
     if prediction is None:

@@ -16,7 +16,7 @@ from pumaid.estimation import reasons
 from pumaid.estimation.covariance import Clustered, completed, interval, two_sided
 from pumaid.estimation.fit import Fit, Row
 from pumaid.estimation.noise import freedoms
-from pumaid.estimation.reasons import Coverage, Reason, reason
+from pumaid.estimation.reasons import JointCoverage, Reason, reason
 from pumaid.maths.bilinear import LARGEST_RATIO, RATIO_KNOWN, Bilinear, Gains, JointSolution
 from pumaid.model import DELAY
 from pumaid.samples import Samples
@@ -84,14 +84,14 @@ class FittedParameters:
     solution: JointSolution
     covariance: Floats
     freedoms: Floats
-    coverage: Mapping[int, Coverage]
+    coverage: Mapping[int, JointCoverage]
     absorbed: Mapping[int, list[tuple[int, int]]] = field(default_factory=dict)
     confounded: Mapping[int, tuple[str, ...]] = field(default_factory=dict)
     profiles: Mapping[int, tuple[float, float]] = field(default_factory=dict)
 
     @classmethod
     def of(
-        cls, fitted: Fit, errors: Clustered, coverage: Mapping[int, Coverage], *, recursive: bool = False
+        cls, fitted: Fit, errors: Clustered, coverage: Mapping[int, JointCoverage], *, recursive: bool = False
     ) -> FittedParameters:
         """Of the fit over all joints, or of the recursion; by the working model where clusters are too few."""
         first = fitted.first if recursive else None

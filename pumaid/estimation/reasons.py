@@ -114,7 +114,7 @@ def reason(kind: str, **values: object) -> Reason:
 
 
 @dataclass(frozen=True, slots=True)
-class Coverage:
+class JointCoverage:
     """What the runs of one joint cover: speeds by direction, sets of positions of the joints outward of it, strokes."""
 
     runs: int
@@ -123,7 +123,7 @@ class Coverage:
     strokes: int
 
     @classmethod
-    def of(cls, joint: int, runs: Sequence[Run]) -> Coverage:
+    def of(cls, joint: int, runs: Sequence[Run]) -> JointCoverage:
         """Of the runs in which `joint` (from 1) moves."""
         moving = [run for run in runs if run.joint == joint]
         speeds = {sign: tuple(sorted(abs(run.speed) for run in moving if run.direction == sign)) for sign in (1, -1)}
@@ -143,7 +143,7 @@ def listed(names: Sequence[str]) -> str:
 
 
 def of_column(
-    model: Model, column: Column, *, coverage: Mapping[int, Coverage], partners: Sequence[str], lever: float = 1.0
+    model: Model, column: Column, *, coverage: Mapping[int, JointCoverage], partners: Sequence[str], lever: float = 1.0
 ) -> Reason:
     """Why `column` is not determined.
 
@@ -192,7 +192,7 @@ def _of_effect(model: Model, column: Column, partners: Sequence[str]) -> Reason:
     return reason("confounded", names=listed(rest or partners), more=more)
 
 
-def _of_friction(model: Model, column: Column, covered: Coverage, partners: Sequence[str]) -> Reason:
+def _of_friction(model: Model, column: Column, covered: JointCoverage, partners: Sequence[str]) -> Reason:
     side = column.name.rsplit(".", 1)[1]
     sign, way, other = (1, "forward", "backward") if side == "plus" else (-1, "backward", "forward")
     if not covered.speeds[sign]:
@@ -213,7 +213,7 @@ def of_ratio(
     inner: int,
     outer: int,
     *,
-    coverage: Mapping[int, Coverage],
+    coverage: Mapping[int, JointCoverage],
     load: tuple[float, float] = (0.0, 0.0),
 ) -> Reason:
     """Why eta_inner / eta_outer (joints from 1) is not determined.

@@ -11,7 +11,7 @@ from pumaid.dataset import Campaign, Dataset
 from pumaid.estimation.covariance import recursion_covariance
 from pumaid.estimation.estimate import identify
 from pumaid.estimation.identifiability import FittedParameters, ratio_gradient
-from pumaid.estimation.reasons import Coverage
+from pumaid.estimation.reasons import JointCoverage
 from pumaid.joint_bins import samples_of
 from pumaid.maths.bilinear import Gains
 from pumaid.model import Model
@@ -121,7 +121,7 @@ def test_sheet_of_the_recursion_has_its_own_ratios():
     first = recursion_covariance(
         fitted.first.system, fitted.first.solution.values, fitted.first.solution.gains, runs=fitted.run_of
     )
-    coverage = {joint: Coverage.of(joint, runs) for joint in range(1, 7)}
+    coverage = {joint: JointCoverage.of(joint, runs) for joint in range(1, 7)}
     found = FittedParameters.of(fitted, first, coverage, recursive=True)
     values = {value.name: value for value in found.values()}
     assert values["gain_ratio.2.3"].state == values["gravity.l2.x"].state == "not_identifiable"

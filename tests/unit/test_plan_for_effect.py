@@ -142,7 +142,7 @@ def test_what_no_run_shows_is_said(effect, joint):
 @pytest.mark.parametrize(
     ("wanted", "rival", "slug", "words"),
     [
-        (EffectChoice("load_friction", 1), None, "effect-not-here", "direction of gravity"),
+        (EffectChoice("load_friction", 1), None, "effect-joint", "direction of gravity"),
         (EffectChoice("stribek", 1), None, "unknown-effect", "did you mean stribeck?"),
         (EffectChoice("stribeck", None), None, "effect-joint", "--for stribeck"),
         (EffectChoice("stribeck", 3), None, "effect-joint", "no joint 3"),
@@ -154,7 +154,7 @@ def test_what_no_run_shows_is_said(effect, joint):
 )
 def test_wrong_effects_are_refused(wanted, rival, slug, words):
     """An effect of weight at an upright joint, misspelt names, missing or absent joints, a rival that is itself."""
-    robot = TURRET if slug == "effect-not-here" else ARMS["pendulum"]
+    robot = TURRET if wanted.effect == "load_friction" else ARMS["pendulum"]
     with pytest.raises(ModelError) as caught:
         plan_for_effect(robot, wanted, against=rival, whole=lambda: ground("pendulum"), seed=3)
     assert caught.value.slug == slug

@@ -7,7 +7,7 @@ import pytest
 from worlds import CRANE, STANFORD, course, run_of
 
 from pumaid.estimation import reasons
-from pumaid.estimation.reasons import Coverage
+from pumaid.estimation.reasons import JointCoverage
 from pumaid.model import Model
 
 MODEL = Model(CRANE)
@@ -19,8 +19,8 @@ def run(joint: int, hold, speed: float, *, kind: str = "constant"):
     return run_of(CRANE, joint, hold, course=moves, current=np.ones(200))
 
 
-def facts(*runs) -> dict[int, Coverage]:
-    return {joint: Coverage.of(joint, runs) for joint in (1, 2, 3)}
+def facts(*runs) -> dict[int, JointCoverage]:
+    return {joint: JointCoverage.of(joint, runs) for joint in (1, 2, 3)}
 
 
 def reason(name: str, *runs, partners=()):
@@ -98,7 +98,7 @@ def test_many_partners_are_counted():
 
 def test_redundant_ratio_has_no_run():
     """A ratio that the geometry hides is said to be hidden, and no run is promised."""
-    told = reasons.of_ratio(Model(STANFORD), 1, 2, coverage={j: Coverage.of(j, ()) for j in range(1, 7)})
+    told = reasons.of_ratio(Model(STANFORD), 1, 2, coverage={j: JointCoverage.of(j, ()) for j in range(1, 7)})
     assert "in any posture" in told.text and told.next_run is None
 
 
