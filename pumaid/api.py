@@ -15,15 +15,13 @@ from typing import TYPE_CHECKING, Any, overload
 
 from pumaid.dataset import Dataset
 from pumaid.errors import ResultError, Where
+from pumaid.experiment import LOGS, MODEL, Experiment
 from pumaid.robot import Robot
 
 if TYPE_CHECKING:
     import pandas as pd
 
-    from pumaid.diagnosis.records import Diagnosis
     from pumaid.estimate import Estimate, Value
-    from pumaid.estimation.evaluate import Comparison
-    from pumaid.experiment import Experiment
 
 #: Files, folders and globs of logs.
 Logs = str | PathLike[str] | Sequence[str | PathLike[str]]
@@ -42,16 +40,15 @@ def load(folder: str | PathLike[str], *, recipe: str | PathLike[str] | None = No
     recipe
         Another recipe than the folder's: a file, or the name of a shipped one.
     """
-    return Arm(Path(folder), None if recipe is None else Path(recipe))
+    path = Path(folder)
+    if not path.is_dir():
+        raise ResultError("file-refused", f"{path} is no folder", Where(file=str(path)), "name another")
+    return Arm(path, Path(recipe or path))
 
 
 def read_recipe(recipe: str | PathLike[str]) -> Robot:
     """A robot from a recipe: a file, a folder that holds ``recipe.yaml``, or the name of a shipped one (``ur5e``)."""
-    from pumaid.io.recipe import find_recipe
-    from pumaid.io.recipe import read_recipe as read
-
-    path = Path(recipe)
-    return read(find_recipe(path / "recipe.yaml" if path.is_dir() else path))
+    return Experiment(recipe=Path(recipe)).robot
 
 
 @overload
@@ -90,21 +87,10 @@ def identify(
 
 
 class Arm:
-    """An arm with its experiment's folder.
-
-    Parameters
-    ----------
-    folder
-        The experiment's; None where only logs are known.
-    recipe
-        A file or the name of a shipped one; else it is looked for in the folder, or near the logs.
-    """
+    """An arm with its experiment's folder (None where only logs are known) and its recipe (else near the logs)."""
 
     def __init__(self, folder: Path | None, recipe: Path | None = None) -> None:
-        if folder is not None and not folder.is_dir():
-            raise ResultError("file-refused", f"{folder} is no folder", Where(file=str(folder)), "name another")
-        self.folder = folder
-        self._recipe = folder / "recipe.yaml" if recipe is None and folder is not None else recipe
+        self.folder, self._recipe = folder, recipe
 
     def __repr__(self) -> str:
         """Robot and folder."""
@@ -113,9 +99,7 @@ class Arm:
     @cached_property
     def robot(self) -> Robot:
         """The robot of the recipe."""
-        from pumaid.experiment import read_robot
-
-        return read_robot(self._recipe)
+        return Experiment(recipe=self._recipe).robot
 
     def dataset(self, logs: Logs | None = None, *, heldout: Iterable[str] = (), trust: bool = False) -> Dataset:
         """The runs of some logs, by default of the folder's ``logs``; `results/dataset.npz` is used where it is theirs.
@@ -137,9 +121,8 @@ class Arm:
         *,
         add: Iterable[str] = (),
         remove: Iterable[str] = (),
-        heldout: Iterable[str] = (),
-        trust: bool = False,
         recursive: bool = False,
+        **options: Any,
     ) -> Identified:
         """Identify the arm; nothing is written (see `Identified.save`).
 
@@ -149,16 +132,16 @@ class Arm:
             Files, folders, globs; by default the folder's ``logs``.
         add, remove
             Effects beyond the paper's model, as ``--add`` and ``--remove`` take them: ``"stribeck@3"``.
-        heldout, trust
-            As of `dataset`.
         recursive
             Stop after the n-to-1 recursion.
+        options
+            `heldout` and `trust`, as of `dataset`.
         """
         from pumaid.effect_spec import chosen_by
         from pumaid.estimation.estimate import identify as fit
 
-        experiment = self._experiment(logs, heldout=tuple(heldout), trust=trust)
-        effects = chosen_by(experiment.robot, add=tuple(add), remove=tuple(remove))
+        experiment = self._experiment(logs, **options)
+        effects = chosen_by(experiment.robot, add=add, remove=remove)
         dataset = experiment.dataset()
         estimate = fit(dataset, experiment.robot, effects=effects, recursive=recursive)
         return Identified(estimate, experiment.robot, dataset, arm=self)
@@ -174,7 +157,7 @@ class Arm:
             What `compare`, `diagnose` and `plot` look at; by default the folder's ``logs``.
         """
         experiment = self._experiment(logs)
-        estimate = experiment.model(Path(path or (self.folder or Path()) / "results/model.json"))
+        estimate = experiment.model(Path(path or (self.folder or Path()) / MODEL))
         return Identified(estimate, experiment.robot, experiment.dataset(), arm=self)
 
     def plan(self, **options: Any) -> Any:
@@ -183,25 +166,14 @@ class Arm:
 
         return plan(self.robot, **options)
 
-    def _experiment(self, logs: Logs | None, **options: Any) -> Experiment:
-        from pumaid.experiment import Experiment
-
-        if logs is None:
-            logs = (self.folder or Path()) / "logs"
+    def _experiment(self, logs: Logs | None, *, heldout: Iterable[str] = (), trust: bool = False) -> Experiment:
+        logs = (self.folder or Path()) / LOGS if logs is None else logs
         names = (str(logs),) if isinstance(logs, str | PathLike) else tuple(map(str, logs))
-        return Experiment(names, self._recipe, is_kept=False, **options)
+        return Experiment(names, self._recipe, is_kept=False, heldout=tuple(heldout), trust=trust)
 
 
 class Answer:
-    """A record that prints as the command line's tables; its fields are the record's.
-
-    Parameters
-    ----------
-    record
-        What was found.
-    parts
-        The tables and paragraphs that show it.
-    """
+    """A record that prints as the command line's tables (`parts`); its fields are the record's."""
 
     def __init__(self, record: Any, parts: Iterable[Any]) -> None:
         self.record, self._parts = record, [part for part in parts if part is not None]
@@ -210,20 +182,18 @@ class Answer:
         return getattr(self.__dict__["record"], name)
 
     def __repr__(self) -> str:
-        return self._drawn(is_html=False)
+        return "\n".join(line.rstrip() for line in self._console().export_text().splitlines())
 
     def _repr_html_(self) -> str:
-        return self._drawn(is_html=True)
+        return str(self._console().export_html(inline_styles=True, code_format="<pre>{code}</pre>"))
 
-    def _drawn(self, *, is_html: bool) -> str:
+    def _console(self) -> Any:
         from rich.console import Console
 
         console = Console(file=io.StringIO(), width=WIDTH, record=True, highlight=False)
         for part in self._parts:
             console.print(part)
-        if is_html:
-            return console.export_html(inline_styles=True, code_format="<pre>{code}</pre>")
-        return "\n".join(line.rstrip() for line in console.export_text().splitlines())
+        return console
 
 
 class Identified(Answer):
@@ -255,10 +225,7 @@ class Identified(Answer):
     def to_frame(self, units: str = "rad") -> pd.DataFrame:
         """One row a parameter: name, symbol, joint, unit, value, std_error, ci_low, ci_high, state, reason ...
 
-        Parameters
-        ----------
-        units
-            ``"rad"`` or ``"deg"``.
+        `units` of angles are ``"rad"`` or ``"deg"``.
         """
         from pumaid.reporting.documents import parameters_frame
 
@@ -266,9 +233,10 @@ class Identified(Answer):
 
     def compare(self, logs: Logs | None = None, **options: Any) -> Answer:
         """The model against some logs (by default those that it is fitted to), as `Comparison`."""
+        from pumaid.diagnosis.compare import compare
         from pumaid.reporting.tables import comparison_table, outside_table
 
-        comparison = self._compared(self.dataset if logs is None else self._arm.dataset(logs, **options))
+        comparison = compare(self.record, self._runs(logs, options), self.robot)
         return Answer(comparison, [comparison_table(comparison, self.robot), outside_table(comparison, self.robot)])
 
     def diagnose(self, logs: Logs | None = None, **options: Any) -> Answer:
@@ -276,11 +244,10 @@ class Identified(Answer):
         from pumaid.diagnosis.diagnose import diagnose
         from pumaid.reporting.tables import diagnosis_parts
 
-        dataset = self.dataset if logs is None else self._arm.dataset(logs, **options)
-        diagnosis: Diagnosis = diagnose(self.record, dataset, self.robot)
+        diagnosis = diagnose(self.record, self._runs(logs, options), self.robot)
         return Answer(diagnosis, diagnosis_parts(diagnosis, self.robot))
 
-    def plot(self, name: str | None = None, *, units: str = "rad") -> Picture:
+    def plot(self, name: str = "", *, units: str = "rad") -> Picture:
         """A figure of the report.
 
         Parameters
@@ -298,10 +265,10 @@ class Identified(Answer):
         from pumaid.reporting.context import ReportContext
         from pumaid.reporting.page import all_figures
 
-        context = ReportContext(self.robot, self.record, self.dataset, self._compared(self.dataset), units)
+        context = ReportContext(self.robot, self.record, self.dataset, self.compare().record, units)
         drawings = list(all_figures(context))
         for drawing in drawings:
-            if drawing.name.startswith(name or ""):
+            if drawing.name.startswith(name):
                 return Picture(drawing)
         raise KeyError(f"there is no figure {name!r}; there are {', '.join(drawing.name for drawing in drawings)}")
 
@@ -317,10 +284,8 @@ class Identified(Answer):
 
         write_model(Path(path), self.record)
 
-    def _compared(self, dataset: Dataset) -> Comparison:
-        from pumaid.diagnosis.compare import compare
-
-        return compare(self.record, dataset, self.robot)
+    def _runs(self, logs: Logs | None, options: dict[str, Any]) -> Dataset:
+        return self.dataset if logs is None else self._arm.dataset(logs, **options)
 
 
 class Picture:
@@ -333,7 +298,7 @@ class Picture:
         return f"<{self.drawing.name}: {self.drawing.title}>"
 
     def _repr_png_(self) -> bytes:
-        return self.drawing.file("png")
+        return bytes(self.drawing.file("png"))
 
     def save(self, path: str | PathLike[str]) -> None:
         """Write it; the form follows from the file's ending."""

@@ -425,8 +425,8 @@ def _at_joints(choice: EffectChoice, robot: Robot, where: Where) -> list[EffectC
         shapes = {shape.name: shape for shape in effect.shapes(robot, number)}
         for name, value in choice.shape.items():
             if name not in shapes:
-                known = f"known: {', '.join(shapes)}" if shapes else f"{effect.name} has no shape: leave it out"
-                what, mend = f"{effect.name} has no shape called {name}", nearest(name, shapes, known)
+                options = f"known: {', '.join(shapes)}" if shapes else f"{effect.name} has no shape: leave it out"
+                what, mend = f"{effect.name} has no shape called {name}", nearest(name, shapes, options)
                 raise ModelError("effect-shape", what, where, mend)
             if not shapes[name].low <= value <= shapes[name].high:
                 what = f"{name} of {effect.name} is {value:g}"

@@ -6,13 +6,13 @@ import hashlib
 import io
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache, cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, cast
 
 from pumaid import __version__
-from pumaid.errors import ModelError, PumaidError, ResultError, Where
+from pumaid.errors import ModelError, PumaidError, RecipeError, ResultError, Where
 
 if TYPE_CHECKING:
     from pumaid.dataset import Dataset
@@ -21,15 +21,15 @@ if TYPE_CHECKING:
     from pumaid.preprocessing.options import SegmentOptions
     from pumaid.robot import Robot
 
-#: The dataset that commands share, in the results folder.
-DATASET_NAME = "dataset.npz"
+#: Of an experiment's folder: the logs, the current model, and the dataset that commands share.
+LOGS, MODEL, DATASET = "logs", "results/model.json", "dataset.npz"
 #: What of the package makes a dataset; while pumaid is worked on its version stays the same and these files do not.
 _SOURCES = ("dataset.py", "samples.py", "units.py", "maths", "io", "preprocessing")
 #: What ``--heldout`` is given for postures instead of files.
 POSTURE = "posture"
 
 
-def _unheard(*_: object) -> None:
+def _silent(*_: object) -> None:
     """What a report is where nobody listens."""
 
 
@@ -41,10 +41,8 @@ class Experiment:
     ----------
     logs
         As the user typed them: files, folders, globs, ``-``.
-    recipe
-        ``--recipe``; where it is None the recipe is looked for near the logs.
-    results
-        ``--results``; where it is None, ``results`` beside the recipe.
+    recipe, results
+        ``--recipe``, else near the logs; ``--results``, else the folder ``results`` beside the recipe.
     heldout
         Files, folders or globs of logs whose runs are kept for judging, or ``posture``: each joint's last one.
     trust
@@ -53,10 +51,8 @@ class Experiment:
         Processes at most (0: one a core), or a Dask cluster's scheduler (or ``local``).
     is_kept
         Whether the dataset is written for whoever reads these logs next.
-    tell
-        Called with a sentence on what was read or written.
-    progress
-        Called with the number of files that are done, of how many.
+    tell, progress
+        Called with a sentence on what was read or written, and with the number of files done, of how many.
     """
 
     logs: tuple[str, ...] = ()
@@ -67,17 +63,28 @@ class Experiment:
     jobs: int = 0
     dask: str = ""
     is_kept: bool = True
-    tell: Callable[[str], None] = _unheard
-    progress: Callable[[int, int], None] = _unheard
+    tell: Callable[[str], None] = _silent
+    progress: Callable[[int, int], None] = _silent
+
+    @cached_property
+    def recipe_path(self) -> Path:
+        """Where the recipe is."""
+        from pumaid.io.paths import expand
+        from pumaid.io.recipe import find_recipe
+
+        try:
+            return find_recipe(self.recipe, [Path(log) for log in self.logs])
+        except RecipeError:
+            expand(self.logs)  # where they are not there, it is not the recipe beside them that is missing
+            raise
 
     @property
     def folder(self) -> Path:
         """The folder of the recipe, and so of plan and results; for a shipped recipe the working folder."""
         from pumaid.io.recipe import shipped_recipes
 
-        path = recipe_path(self.recipe, self.logs)
         shipped = {recipe.resolve() for recipe in shipped_recipes().values()}
-        return Path() if path.resolve() in shipped else path.parent
+        return Path() if self.recipe_path.resolve() in shipped else self.recipe_path.parent
 
     @property
     def results_folder(self) -> Path:
@@ -87,26 +94,26 @@ class Experiment:
     @cached_property
     def robot(self) -> Robot:
         """The recipe's arm."""
-        from pumaid.io.paths import expand
+        from pumaid.io.recipe import read_recipe
 
-        expand(self.logs)  # where they are not there, it is not the recipe beside them that is missing
-        return read_robot(self.recipe, self.logs)
+        return read_recipe(self.recipe_path)
 
     def model(self, path: Path) -> Estimate:
-        """A model of this arm."""
-        estimate = read_known_model(path)
-        check_model(estimate, self.robot, (self.recipe, self.logs))
+        """A model of this arm; one of another recipe or with effects that are not known as they were is refused."""
+        from pumaid.effect_spec import check_known, check_parameters
+        from pumaid.results.model_file import check_same_recipe, read_model
+
+        estimate = read_model(path)
+        check_known(estimate.effects)
+        check_same_recipe(estimate, replace(self.robot, origin=str(self.recipe_path)))
+        check_parameters(estimate, self.robot)
         return estimate
 
-    def dataset(
-        self, *, robot: Robot | None = None, extra: Sequence[str] = (), options: SegmentOptions | None = None
-    ) -> Dataset:
-        """The dataset of the logs: what ``dataset.npz`` in the results folder holds if it was made of them, else anew.
+    def dataset(self, *, extra: Sequence[str] = (), options: SegmentOptions | None = None) -> Dataset:
+        """The dataset of the logs: what `DATASET` in the results folder holds if it was made of them, else anew.
 
         Parameters
         ----------
-        robot
-            The arm where it was read before.
         extra
             Columns of the logs that the user suspects; they arrive in the bins.
         options
@@ -122,26 +129,25 @@ class Experiment:
         from pumaid.preprocessing.hold_out import hold_out, match_with_plan
 
         paths = expand(self.logs)
-        robot = robot or self.robot
         settings = {"options": repr(options), "trust": self.trust, "columns": list(extra)}
-        file = DatasetFile(self.results_folder / DATASET_NAME, paths, robot, settings, tell=self.tell)
-        dataset = file.read()
+        made_from = dataset_inputs(self.robot, settings)
+        is_keepable = all(isinstance(path, Path) and path.is_file() for path in paths)
+        file = self.results_folder / DATASET
+        dataset = read_dataset(file, paths, made_from, tell=self.tell) if is_keepable else None
         if dataset is None:
-            dataset = self._ingested(paths, robot, extra=extra, options=options)
-            if self.is_kept:
-                file.write(dataset)
+            dataset = self._ingested(paths, extra=extra, options=options)
+            if self.is_kept and is_keepable:
+                keep_dataset(file, dataset, made_from, tell=self.tell)
         plan = find_plan([self.folder])
         if plan is not None:
-            dataset = match_with_plan(dataset, read_plan(plan, robot))
+            dataset = match_with_plan(dataset, read_plan(plan, self.robot))
         if not self.heldout:
             return dataset
         names = [facts.name for facts in dataset.files]
         files = dict.fromkeys(name for word in self.heldout if word != POSTURE for name in meant(word, names))
         return hold_out(dataset, files=files, postures=POSTURE in self.heldout)
 
-    def _ingested(
-        self, paths: Sequence[LogPath], robot: Robot, *, extra: Sequence[str], options: SegmentOptions | None
-    ) -> Dataset:
+    def _ingested(self, paths: Sequence[LogPath], *, extra: Sequence[str], options: SegmentOptions | None) -> Dataset:
         """The logs read and segmented: on a cluster, in several processes where there is enough to read, or here."""
         from pumaid.preprocessing.executors import dask_workers, local_processes
         from pumaid.preprocessing.ingest import ingest
@@ -152,7 +158,7 @@ class Experiment:
         with workers as executor:
             return ingest(
                 paths,
-                robot,
+                self.robot,
                 options=options or DEFAULTS,
                 extra=extra,
                 trust=self.trust,
@@ -171,50 +177,11 @@ class Experiment:
         paths = [*inputs]
         # What is not there is told when it is read, with more to say about it.
         with suppress(PumaidError):
-            paths += [recipe_path(self.recipe, self.logs), find_plan([self.folder])]
+            paths += [self.recipe_path, find_plan([self.folder])]
         for log in self.logs:
             with suppress(PumaidError):
                 paths += [path for path in expand([log]) if isinstance(path, Path)] if not is_remote(log) else []
         return [path for path in paths if path is not None]
-
-
-def recipe_path(recipe: Path | None, logs: Sequence[str] = ()) -> Path:
-    """Where the recipe is: what ``--recipe`` says, else near the logs."""
-    from pumaid.io.recipe import find_recipe
-
-    return find_recipe(recipe, [Path(log) for log in logs])
-
-
-def read_robot(recipe: Path | None, logs: Sequence[str] = ()) -> Robot:
-    """The arm of some logs; `recipe` is ``--recipe``, or none: it is then looked for near the logs."""
-    from pumaid.io.recipe import read_recipe
-
-    return read_recipe(recipe_path(recipe, logs))
-
-
-def read_known_model(path: Path) -> Estimate:
-    """A model, refused before any log is read where the catalogue lacks one of its effects."""
-    from pumaid.effect_spec import check_known
-    from pumaid.results.model_file import read_model
-
-    estimate = read_model(path)
-    check_known(estimate.effects)
-    return estimate
-
-
-def check_model(estimate: Estimate, robot: Robot, near: tuple[Path | None, Sequence[str]]) -> None:
-    """Refuse a model of another recipe, or whose effects are no longer what they were.
-
-    `near`, ``--recipe`` or none and the logs, led to the recipe.
-    """
-    from pumaid.effect_spec import check_parameters
-    from pumaid.results.model_file import check_same_recipe
-
-    try:
-        check_same_recipe(estimate, robot)
-    except ModelError as error:
-        raise ModelError(error.slug, error.what, Where(file=str(recipe_path(*near))), error.mend) from error
-    check_parameters(estimate, robot)
 
 
 def check_logs(estimate: Estimate, dataset: Dataset, *, trust: bool = False) -> None:
@@ -229,77 +196,47 @@ def check_logs(estimate: Estimate, dataset: Dataset, *, trust: bool = False) -> 
     raise ModelError("model-other-logs", what, Where(file=unfitted[0]), mend)
 
 
-class DatasetFile:
-    """The file of one dataset.
+def dataset_inputs(robot: Robot, settings: Mapping[str, Any]) -> dict[str, Any]:
+    """What a dataset depends on beside the logs, as JSON can hold it: of a recipe, name, joints and the log block."""
+    recipe = hashlib.sha256(repr((robot.name, robot.joints, robot.log)).encode()).hexdigest()
+    return {"program": f"pumaid {__version__} {_program()}", "recipe": recipe, "options": dict(settings)}
 
-    Parameters
-    ----------
-    path
-        Where it is.
-    logs
-        The logs; without a file where they are not all plain files.
-    robot
-        The arm. What counts of its recipe are the name, the joints and the log block.
-    settings
-        What else the dataset depends on, as JSON can hold it.
-    tell
-        Called with a sentence on why the dataset is not used, and where it went.
-    """
 
-    def __init__(
-        self,
-        path: Path,
-        logs: Sequence[LogPath],
-        robot: Robot,
-        settings: Mapping[str, Any],
-        *,
-        tell: Callable[[str], None],
-    ) -> None:
-        self._path, self._logs, self._tell = path, logs, tell
-        recipe = hashlib.sha256(repr((robot.name, robot.joints, robot.log)).encode()).hexdigest()
-        self._made_from: dict[str, Any] = {
-            "program": f"pumaid {__version__} {_program()}",
-            "recipe": recipe,
-            "options": settings,
-        }
-        self._is_wanted = all(isinstance(log, Path) and log.is_file() for log in logs)
+def read_dataset(
+    path: Path, logs: Sequence[LogPath], made_from: Mapping[str, Any], *, tell: Callable[[str], None]
+) -> Dataset | None:
+    """The dataset of `logs` that `keep_dataset` wrote; None, and `tell` hears why, where it must be made anew."""
+    from pumaid.dataset import load_dataset
 
-    def read(self) -> Dataset | None:
-        """The dataset; None, and `tell` hears why, where it must be made anew."""
-        if not self._is_wanted or not self._path.exists():
-            return None
-        from pumaid.dataset import load_dataset
+    if not path.exists():
+        return None
+    try:
+        dataset, before = load_dataset(path)
+    except ValueError as error:
+        tell(f"{path} is damaged ({error}); the logs are read again")
+        return None
+    differ = [name for name, value in made_from.items() if before.get(name) != value]
+    if not differ and before.get("logs") != {str(log): _digest(log) for log in logs}:
+        differ = ["logs"]
+    if differ:
+        tell(f"{path} was made with other {' and '.join(differ)}; the logs are read again")
+        return None
+    return dataset
 
-        try:
-            dataset, made_from = load_dataset(self._path)
-        except ValueError as error:
-            self._tell(f"{self._path} is damaged ({error}); the logs are read again")
-            return None
-        digests = made_from.pop("logs", None)
-        differ = [name for name, value in self._made_from.items() if made_from.get(name) != value]
-        if not differ and digests != {str(log): _digest(log) for log in self._logs}:
-            differ = ["logs"]
-        if differ:
-            self._tell(f"{self._path} was made with other {' and '.join(differ)}; the logs are read again")
-            return None
-        return dataset
 
-    def write(self, dataset: Dataset) -> None:
-        """Write the dataset for the next command; `tell` hears of it, and of a disk that refuses."""
-        digests = {facts.name: facts.digest for facts in dataset.files}
-        if not self._is_wanted or not all(digests.values()):
-            return
-        from pumaid.dataset import save_dataset
-        from pumaid.io.write import write_file
+def keep_dataset(path: Path, dataset: Dataset, made_from: Mapping[str, Any], *, tell: Callable[[str], None]) -> None:
+    """Write the dataset for the next command; `tell` hears of it, and of a disk that refuses."""
+    from pumaid.dataset import save_dataset
+    from pumaid.io.write import write_file
 
-        content = io.BytesIO()
-        save_dataset(content, dataset, {**self._made_from, "logs": digests})
-        try:
-            write_file(self._path, content.getvalue())
-        except ResultError as error:
-            self._tell(f"the dataset is not kept for the next command: {error.what}")
-        else:
-            self._tell(f"dataset written to {self._path}")
+    content = io.BytesIO()
+    save_dataset(content, dataset, {**made_from, "logs": {facts.name: facts.digest for facts in dataset.files}})
+    try:
+        write_file(path, content.getvalue())
+    except ResultError as error:
+        tell(f"the dataset is not kept for the next command: {error.what}")
+    else:
+        tell(f"dataset written to {path}")
 
 
 @cache

@@ -95,7 +95,7 @@ def make_plan(robot: Robot, options: PlanOptions, given: Path | None, *, tell: C
 
     if given is not None:
         read = read_plan(given, robot)
-        prior = _prior(robot, options)
+        prior = _prior(options)
         return check_plan(robot, read, prior=prior, setup=options.setup, seed=options.seed, tell=tell)
     if options.wanted is not None:
         return _plan_for(robot, options, tell)
@@ -106,7 +106,7 @@ def make_plan(robot: Robot, options: PlanOptions, given: Path | None, *, tell: C
         postures_per_joint=options.postures,
         replicates=options.replicates,
         criterion=options.criterion,
-        prior=_prior(robot, options),
+        prior=_prior(options),
         setup=options.setup,
         seed=options.seed,
         tell=tell,
@@ -119,13 +119,13 @@ def _plan_for(robot: Robot, options: PlanOptions, tell: Callable[[str], None]) -
 
     from pumaid.diagnosis.plan_for_effect import plan_for_effect
     from pumaid.effect_spec import parse_effect
-    from pumaid.experiment import Experiment, recipe_path
+    from pumaid.experiment import Experiment
 
     assert options.wanted is not None
     wanted = parse_effect(options.wanted, robot, option="--for")
     rival = None if options.against is None else parse_effect(options.against, robot, option="--against")
-    experiment = Experiment(options.logs, recipe_path(options.recipe))
-    logs = experiment.dataset(robot=robot) if options.logs else None
+    recipe = Experiment(recipe=options.recipe).recipe_path
+    logs = Experiment(options.logs, recipe).dataset() if options.logs else None
     alone = replace(options, wanted=None, against=None, size=None, logs=())
     return plan_for_effect(
         robot,
@@ -134,21 +134,19 @@ def _plan_for(robot: Robot, options: PlanOptions, tell: Callable[[str], None]) -
         size=options.size,
         whole=lambda: make_plan(robot, alone, None, tell=tell),
         dataset=logs,
-        prior=_prior(robot, options),
+        prior=_prior(options),
         seed=options.seed,
         tell=tell,
     )
 
 
-def _prior(robot: Robot, options: PlanOptions) -> Estimate | None:
+def _prior(options: PlanOptions) -> Estimate | None:
     """The earlier model of ``--prior``, refused where it is of another arm."""
     if options.prior is None:
         return None
-    from pumaid.experiment import check_model, read_known_model
+    from pumaid.experiment import Experiment
 
-    estimate = read_known_model(options.prior)
-    check_model(estimate, robot, (options.recipe, ()))
-    return estimate
+    return Experiment(recipe=options.recipe).model(options.prior)
 
 
 def plan_suffix(form: str) -> str:
@@ -169,13 +167,14 @@ def formed(plan: Plan, robot: Robot, form: str) -> str:
 def write_plan(path: Path, plan: Plan, robot: Robot, *, form: str, tilted: tuple[Path, PlanOptions] | None) -> None:
     """Write a plan in one of `PLAN_FORMS`, and the recipe with gravity as a tilted base sees it."""
     from pumaid.cli.output import remark
-    from pumaid.experiment import recipe_path
+    from pumaid.experiment import Experiment
     from pumaid.io.recipe import with_gravity
     from pumaid.io.write import write_file
 
     if tilted is not None:
         beside, options = tilted
-        write_file(beside, with_gravity(recipe_path(options.recipe), options.setup.robot(robot).gravity))
+        recipe = Experiment(recipe=options.recipe).recipe_path
+        write_file(beside, with_gravity(recipe, options.setup.robot(robot).gravity))
         remark(f"recipe of the tilted arm written to {beside}: simulate and identify these runs with it")
     write_file(path, formed(plan, robot, form))
     remark(f"plan written to {path}")

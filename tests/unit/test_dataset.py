@@ -12,9 +12,10 @@ import pytest
 from motion_worlds import World, make, robot
 
 from pumaid.dataset import Dataset, load_dataset, save_dataset
-from pumaid.experiment import DatasetFile
+from pumaid.experiment import dataset_inputs, keep_dataset, read_dataset
 from pumaid.io.log_writer import write_log
 from pumaid.preprocessing.ingest import ingest
+from pumaid.robot import Robot
 
 WORLD = World(motions=4, rate=100.0)
 ARM = robot(WORLD)
@@ -99,49 +100,43 @@ def test_what_is_no_dataset_is_refused(tmp_path, content) -> None:
             load_dataset(path)
 
 
-def kept(logs: Path, folder: Path, **more: object) -> DatasetFile:
-    """The file of these logs' dataset."""
-    return DatasetFile(
-        folder / "dataset.npz",
-        sorted(logs.iterdir()),
-        more.get("robot", ARM),
-        more.get("settings", {"trust": False}),
-        tell=print,
-    )
+def remembered(logs: Path, file: Path, *, robot: Robot = ARM, **settings: object) -> Dataset | None:
+    """What is read of the file of these logs' dataset."""
+    return read_dataset(file, sorted(logs.iterdir()), dataset_inputs(robot, settings), tell=print)
 
 
 def test_it_is_used_for_these_logs_only(logs, dataset, tmp_path, capsys) -> None:
     """Another recipe, other options, another log, a changed one: each is a reason to read again, and is told."""
-    kept(logs, tmp_path).write(dataset)
+    file = tmp_path / "dataset.npz"
+    keep_dataset(file, dataset, dataset_inputs(ARM, {}), tell=print)
     assert "dataset written to" in capsys.readouterr().out
-    assert same(kept(logs, tmp_path).read(), dataset) and capsys.readouterr().out == ""
-    others = {
-        "recipe": kept(logs, tmp_path, robot=replace(ARM, name="another")),
-        "options": kept(logs, tmp_path, settings={"trust": True}),
-    }
-    for reason, other in others.items():
-        assert other.read() is None and reason in capsys.readouterr().out
+    assert same(remembered(logs, file), dataset) and capsys.readouterr().out == ""
     changed = tmp_path / "logs"
     changed.mkdir()
     for path in logs.iterdir():
         (changed / path.name).write_bytes(path.read_bytes())
-    assert kept(changed, tmp_path).read() is None and "other logs" in capsys.readouterr().out
+    for reason, folder, inputs in (
+        ("recipe", logs, {"robot": replace(ARM, name="another")}),
+        ("options", logs, {"trust": True}),
+        ("logs", changed, {}),
+    ):
+        assert remembered(folder, file, **inputs) is None and f"other {reason}" in capsys.readouterr().out
 
 
-def test_a_changed_log_is_read_again(logs, tmp_path, capsys) -> None:
+def test_a_changed_log_is_read_again(tmp_path, capsys) -> None:
     """One byte more in a log."""
-    path = tmp_path / "a.csv"
+    path, file = tmp_path / "logs" / "a.csv", tmp_path / "d.npz"
+    path.parent.mkdir()
     write_log(path, make(WORLD, 3).logs, ARM)
-    file = DatasetFile(tmp_path / "d.npz", [path], ARM, {}, tell=print)
-    file.write(ingest([path], ARM))
-    assert file.read() is not None
+    keep_dataset(file, ingest([path], ARM), dataset_inputs(ARM, {}), tell=print)
+    assert remembered(path.parent, file) is not None
     with path.open("a") as log:
         log.write("\n")
-    assert file.read() is None and "other logs" in capsys.readouterr().out
+    assert remembered(path.parent, file) is None and "other logs" in capsys.readouterr().out
 
 
-def test_a_folder_that_cannot_be_written_stops_nothing(logs, dataset, tmp_path, capsys) -> None:
+def test_a_folder_that_cannot_be_written_stops_nothing(dataset, tmp_path, capsys) -> None:
     """A remark says that the next command reads the logs again."""
     (tmp_path / "results").write_text("a file")
-    DatasetFile(tmp_path / "results" / "dataset.npz", sorted(logs.iterdir()), ARM, {}, tell=print).write(dataset)
+    keep_dataset(tmp_path / "results" / "dataset.npz", dataset, {}, tell=print)
     assert "not kept" in capsys.readouterr().out

@@ -101,9 +101,9 @@ def _facts(recipe: Path | None) -> dict[str, object]:
         "encoding": {"files": sys.getfilesystemencoding(), "output": str(getattr(sys.stdout, "encoding", None))},
     }
     if recipe is not None:
-        from pumaid.experiment import read_robot
+        from pumaid.experiment import Experiment
 
-        robot = read_robot(recipe)
+        robot = Experiment(recipe=recipe).robot
         facts["recipe"] = {"file": robot.origin, "sha256": robot.digest, "joints": robot.n_joints}
     return facts
 

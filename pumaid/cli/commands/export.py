@@ -52,7 +52,7 @@ def command(
       pumaid export results/model.json --format urdf --torque-constants 2=31.5 -o arm.urdf
     """
     from pumaid.cli.output import content, document, remark, spare_inputs
-    from pumaid.experiment import Experiment, check_model, read_known_model, read_robot
+    from pumaid.experiment import Experiment
     from pumaid.exports import every_form, export
     from pumaid.exports.equivalent_bodies import read_constants
     from pumaid.results.documents import heading
@@ -62,9 +62,9 @@ def command(
         raise click.UsageError(f"--torque-constants is for forms with masses, such as urdf; {form} is in ampere.")
     if to_pipe and (form == "c" or as_json):
         raise click.UsageError("Two files cannot go to standard output." if form == "c" else "--json prints itself.")
-    estimate = read_known_model(model)
-    robot = read_robot(recipe, [str(model)])
-    check_model(estimate, robot, (recipe, [str(model)]))
+    experiment = Experiment((str(model),), recipe)
+    estimate = experiment.model(model)
+    robot = experiment.robot
     name = "" if output is None or to_pipe or output.is_dir() else output.stem
     torques = None if constants is None else read_constants(constants, robot.n_joints)
     exported = export(estimate, robot, form=form, name=name, torque_constants=torques)
@@ -72,7 +72,7 @@ def command(
         content("".join(exported.files.values()).rstrip("\n") + "\n")
     else:
         files = _places(exported, output, home=Path() if str(model) == "-" else model.parent)
-        spare_inputs(files, Experiment((str(model),), recipe).files(model))
+        spare_inputs(files, experiment.files(model))
         _write(files, force=force)
         if as_json:
             facts = {"form": form, "name": exported.name, "files": [str(path) for path in files]}

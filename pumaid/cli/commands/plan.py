@@ -83,16 +83,16 @@ def command(
       pumaid plan ur5e --payload 0.5,0.1,0,0 --picture postures.png
       pumaid plan --check plan.yaml --format urscript -o plan.script
     """
-    from pumaid.experiment import Experiment, read_robot, recipe_path
+    from pumaid.experiment import Experiment
     from pumaid.io.plan_file import PLAN_NAME
     from pumaid.io.write import refuse_to_replace
     from pumaid.trajectory import Plan
 
     if given is not None and recipe is None:
-        recipe = recipe_path(None, [str(given)])  # a plan lies beside its recipe
+        recipe = Experiment((str(given),)).recipe_path  # a plan lies beside its recipe
     asked = PlanOptions(recipe=recipe, **options)
     asked.refuse_contradictions(given)
-    robot = read_robot(recipe)
+    robot = Experiment(recipe=recipe).robot
     picture_form(picture)
     read = Experiment(asked.logs, recipe).files(asked.prior, given)
     path = output

@@ -85,12 +85,9 @@ def command(
 
 def _table(source: Path, near: Experiment, *, form: str, units: str) -> bytes:
     """Only the parameter table."""
-    from pumaid.experiment import check_model, read_known_model, read_robot
     from pumaid.reporting.documents import parameters_as
 
-    estimate, robot = read_known_model(source), read_robot(near.recipe, near.logs)
-    check_model(estimate, robot, (near.recipe, near.logs))
-    return parameters_as(estimate, robot, form, units=units)
+    return parameters_as(near.model(source), near.robot, form, units=units)
 
 
 def _context(source: Path, experiment: Experiment, *, units: str) -> ReportContext:

@@ -107,7 +107,7 @@ def command(
       pumaid simulate --hide stribeck@3:a=0.2 --hide spring@2 -o hidden/
       pumaid simulate -o - | pumaid identify -
     """
-    from pumaid.experiment import Experiment, read_robot
+    from pumaid.experiment import Experiment
     from pumaid.io.log_writer import write_session
     from pumaid.io.plan_file import PLAN_NAME, read_plan
     from pumaid.reporting.documents import session_document
@@ -117,11 +117,11 @@ def command(
 
     if as_json and str(output) == "-":
         raise click.UsageError("--json prints a document, and -o - a log: standard output holds one of them.")
-    home = Experiment(recipe=recipe).folder
-    folder = output or home / "logs"
+    experiment = Experiment(recipe=recipe)
+    folder = output or experiment.folder / "logs"
     spare_inputs([folder / "truth.json"] if str(folder) != "-" else [], [truth])
-    robot = read_robot(recipe)
-    plan = read_plan(plan_path or home / PLAN_NAME, robot)
+    robot = experiment.robot
+    plan = read_plan(plan_path or experiment.folder / PLAN_NAME, robot)
     notes(note for note in plan.notes if note.slug == "plan-other-robot")
     virtual = _virtual_robot(robot, truth, hide=hide, noise=noise, seed=seed)
     logs = simulate(robot, plan, seed=seed, truth=virtual, has_velocity=not no_velocity, **logging)
