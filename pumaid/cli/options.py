@@ -1,7 +1,7 @@
 """Arguments and options that several commands share, each written once.
 
-A decorator states the name under which its value arrives: ``logs``, ``recipe``, ``output``, ``results``, ``as_json``,
-``seed``, ``units``, ``check``, ``heldout``, ``suspect``, ``experiment``, ``request``.
+Values arrive under the option's name (``--json`` as ``as_json``); `experiment_options` and `model_on_logs` gather
+several as ``experiment`` and ``request``.
 """
 
 from __future__ import annotations
@@ -36,58 +36,55 @@ class _Place(click.Path):
         return super().convert("-" if self.allow_dash and str(value) in _STDOUT else value, param, ctx)
 
 
-def logs_argument(function: Decorated) -> Decorated:
-    """``LOGS...`` as `logs`: tuple of str; files, folders, globs, ``-`` for standard input."""
-    return click.argument("logs", nargs=-1, required=True, metavar="LOGS...")(function)
+FILE = click.Path(path_type=Path)
 
-
-def model_argument(function: Decorated) -> Decorated:
-    """``MODEL`` as `model`: Path of a model file, or ``-``."""
-    return click.argument("model", type=click.Path(path_type=Path, allow_dash=True), metavar="MODEL")(function)
-
-
-def recipe_option(function: Decorated) -> Decorated:
-    """``--recipe FILE`` as `recipe`: Path or None."""
-    text = "The recipe; else recipe.yaml with the logs, beside them, or here."
-    return click.option("--recipe", type=click.Path(path_type=Path), metavar="FILE", help=text)(function)
+#: Files, folders, globs, ``-`` for standard input.
+logs_argument = click.argument("logs", nargs=-1, required=True, metavar="LOGS...")
+#: A model file, or ``-``.
+model_argument = click.argument("model", type=click.Path(path_type=Path, allow_dash=True), metavar="MODEL")
+recipe_option = click.option(
+    "--recipe", type=FILE, metavar="FILE", help="The recipe; else recipe.yaml with the logs, beside them, or here."
+)
+results_option = click.option(
+    "--results",
+    type=_Place(path_type=Path),
+    metavar="FOLDER",
+    help="Where results go; else results/ beside the recipe.",
+)
+json_option = click.option(
+    "--json", "as_json", is_flag=True, help="Print one JSON document on standard output, nothing else there."
+)
+seed_option = click.option(
+    "--seed",
+    type=click.IntRange(min=0),
+    default=0,
+    show_default=True,
+    metavar="N",
+    help="The same seed gives the same result.",
+)
+units_option = click.option(
+    "--units",
+    type=click.Choice(["rad", "deg"]),
+    default="rad",
+    show_default=True,
+    help="Unit of angles in tables; JSON is in rad.",
+)
+check_option = click.option("--check", is_flag=True, help="Leave with exit code 1 if something asks for attention.")
+suspect_option = click.option(
+    "--suspect",
+    multiple=True,
+    metavar="COLUMN",
+    help="A column that may be the cause (a supply voltage); repeatable.",
+)
+picture_option = click.option(
+    "--picture", "--figure", "picture", type=FILE, metavar="FILE", help="Draw it: .png, .svg or .pdf."
+)
 
 
 def output_option(text: str) -> Callable[[Decorated], Decorated]:
     """``-o FILE`` as `output`: Path or None; ``-`` is standard output. `text` is its help."""
     kind = _Place(path_type=Path, allow_dash=True)
     return click.option("-o", "--output", type=kind, metavar="FILE", help=text)
-
-
-def results_option(function: Decorated) -> Decorated:
-    """``--results FOLDER`` as `results`: Path or None."""
-    text = "Where results go; else results/ beside the recipe."
-    return click.option("--results", type=_Place(path_type=Path), metavar="FOLDER", help=text)(function)
-
-
-def json_option(function: Decorated) -> Decorated:
-    """``--json`` as `as_json`: bool."""
-    text = "Print one JSON document on standard output, nothing else there."
-    return click.option("--json", "as_json", is_flag=True, help=text)(function)
-
-
-def seed_option(function: Decorated) -> Decorated:
-    """``--seed N`` as `seed`: int, 0 or more; 0 where not given."""
-    text = "The same seed gives the same result."
-    kind = click.IntRange(min=0)
-    return click.option("--seed", type=kind, default=0, show_default=True, metavar="N", help=text)(function)
-
-
-def units_option(function: Decorated) -> Decorated:
-    """``--units rad|deg`` as `units`: str."""
-    text = "Unit of angles in tables; JSON is in rad."
-    kind = click.Choice(["rad", "deg"])
-    return click.option("--units", type=kind, default="rad", show_default=True, help=text)(function)
-
-
-def check_option(function: Decorated) -> Decorated:
-    """``--check`` as `check`: bool."""
-    text = "Leave with exit code 1 if something asks for attention."
-    return click.option("--check", is_flag=True, help=text)(function)
 
 
 def effect_options(function: Decorated) -> Decorated:
@@ -144,27 +141,6 @@ def _no_empty(context: click.Context, option: click.Parameter, words: tuple[str,
     return words
 
 
-def suspect_option(function: Decorated) -> Decorated:
-    """``--suspect COLUMN``, any number of times, as `suspect`: tuple of str."""
-    text = "A column that may be the cause (a supply voltage); repeatable."
-    return click.option("--suspect", multiple=True, metavar="COLUMN", help=text)(function)
-
-
-def effects_option(function: Decorated) -> Decorated:
-    """``--effects FILE.py``, any number of times: in the catalogue before the command begins, so no value arrives."""
-    text = "A file with an effect of your own, which is run; repeatable."
-    kind = click.Path(path_type=Path)
-    return click.option(
-        "--effects",
-        type=kind,
-        multiple=True,
-        metavar="FILE.py",
-        help=text,
-        callback=_include,
-        expose_value=False,
-    )(function)
-
-
 def _include(context: click.Context, option: click.Parameter, paths: tuple[Path, ...]) -> None:
     if paths:
         context.meta["pumaid.effects"] = paths
@@ -172,6 +148,18 @@ def _include(context: click.Context, option: click.Parameter, paths: tuple[Path,
 
         for path in paths:
             include(path)
+
+
+#: In the catalogue before the command begins, so no value arrives.
+effects_option = click.option(
+    "--effects",
+    type=FILE,
+    multiple=True,
+    metavar="FILE.py",
+    help="A file with an effect of your own, which is run; repeatable.",
+    callback=_include,
+    expose_value=False,
+)
 
 
 @dataclass(frozen=True, slots=True)
@@ -206,9 +194,7 @@ def model_on_logs(function: Decorated) -> Decorated:
         request = ModelOnLogs(**{item.name: values.pop(item.name) for item in fields(ModelOnLogs)})
         return function(request=request, **values)
 
-    text, kind = "Draw it: .png, .svg or .pdf.", click.Path(path_type=Path)
-    picture = click.option("--picture", "--figure", "picture", type=kind, metavar="FILE", help=text)
-    shared = (model_argument, logs_argument, effects_option, picture, units_option)
+    shared = (model_argument, logs_argument, effects_option, picture_option, units_option)
     for decorate in reversed((*shared, experiment_options(has_results=False), json_option, check_option)):
         run = decorate(run)
     return run  # type: ignore[return-value]

@@ -95,6 +95,11 @@ def joint_title(robot: Robot, joint: int) -> str:
     return f"Joint {joint}" if name == f"joint{joint}" else f"Joint {joint} ({name})"
 
 
+def joint_label(robot: Robot, joint: int | None) -> str:
+    """Number and name of joint `joint` (from 1) in a table: ``3 elbow``; ``arm`` for none."""
+    return f"{joint} {robot.joint(joint).name}" if joint else "arm"
+
+
 def joint_titles(robot: Robot, joints: Sequence[int]) -> str:
     """Several joints (from 1): ``Joints 1 (waist) and 3 (elbow)``."""
     names = [joint_title(robot, joint).removeprefix("Joint ") for joint in joints]

@@ -8,7 +8,7 @@ import itertools
 import json
 import shlex
 import time
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -82,12 +82,16 @@ def command(*, folder: Path, robot: str, seed: int, as_json: bool) -> None:
 
 @dataclass(frozen=True, slots=True)
 class DemoStep:
-    """A command that was run: its line, what it printed with ``--json``, s that it took, and what it showed."""
+    """A command that was run: its line, what it printed with ``--json``, and s that it took."""
 
     line: str
     answer: dict[str, Any]
     seconds: float
-    sentence: str
+
+    @property
+    def sentence(self) -> str:
+        """What the command showed."""
+        return summary(self.answer)
 
 
 def story(folder: Path, *, robot: str, seed: int) -> Iterator[DemoStep]:
@@ -97,22 +101,21 @@ def story(folder: Path, *, robot: str, seed: int) -> Iterator[DemoStep]:
     ``logs/truth.json``, in which the secret lies.
     """
     recipe, logs, model = (str(folder / name) for name in ("recipe.yaml", "logs", "results/model.json"))
-    arm = run(["init", robot, "-o", recipe], _arm)
+    arm = run("init", robot, "-o", recipe)
     yield arm
     joints, numbered = arm.answer["joints"], ["--seed", str(seed)]
-    yield run(["plan", recipe, "--minutes", str(round(MINUTES * joints)), *numbered], _planned)
-    secret = hidden(seed=seed, joints=joints)
-    yield run(["simulate", recipe, "--hide", secret, *numbered, "--rate", str(RATE)], _simulated)
-    yield run(["identify", logs], _identified)
-    yield run(["compare", model, logs], _compared)
-    diagnosis = run(["diagnose", model, logs], _diagnosed)
+    yield run("plan", recipe, "--minutes", str(round(MINUTES * joints)), *numbered)
+    yield run("simulate", recipe, "--hide", hidden(seed=seed, joints=joints), *numbered, "--rate", str(RATE))
+    yield run("identify", logs)
+    yield run("compare", model, logs)
+    diagnosis = run("diagnose", model, logs)
     yield diagnosis
     wanted = additions(diagnosis.answer)
     if wanted:
-        yield run(["identify", logs, *(word for spec in wanted for word in ("--add", spec))], _identified)
-        yield run(["diagnose", model, logs], _diagnosed)
-    yield run(["history", str(folder)], _improved)
-    yield run(["report", model, logs, "--format="], lambda answer: "All of it is on one page, report.html.")
+        yield run("identify", logs, *(word for spec in wanted for word in ("--add", spec)))
+        yield run("diagnose", model, logs)
+    yield run("history", str(folder))
+    yield run("report", model, logs, "--format=")
 
 
 def hidden(*, seed: int, joints: int) -> str:
@@ -120,15 +123,13 @@ def hidden(*, seed: int, joints: int) -> str:
     return f"{KINDS[seed % len(KINDS)]}@{1 + seed * 7 // len(KINDS) % joints}"
 
 
-def run(words: list[str], sentence: Callable[[Document], str] = lambda answer: "") -> DemoStep:
-    """Run ``pumaid`` with some words and ``--json``, in this process; `sentence` says what its document showed.
+def run(*words: str) -> DemoStep:
+    """Run ``pumaid`` with some words and ``--json``, in this process; Ctrl-C ends whoever runs it, too.
 
     Raises
     ------
     ResultError [step-failed]
         The command left with another exit code than 0.
-    KeyboardInterrupt
-        Ctrl-C ended the command: whoever runs it is to end, too.
     """
     from pumaid.cli import group
     from pumaid.cli.failures import EXIT_INTERRUPTED
@@ -139,7 +140,7 @@ def run(words: list[str], sentence: Callable[[Document], str] = lambda answer: "
         try:
             code = group.main([*words, "--json"], prog_name="pumaid", standalone_mode=False)
         except click.Abort:
-            raise KeyboardInterrupt from None
+            code = EXIT_INTERRUPTED
     if code == EXIT_INTERRUPTED:
         raise KeyboardInterrupt
     if code:
@@ -147,8 +148,7 @@ def run(words: list[str], sentence: Callable[[Document], str] = lambda answer: "
         first = next((text for text in lines if text.startswith("error[")), lines[-1] if lines else "")
         what = f"'{line}' left with exit code {code}: {first}"
         raise ResultError("step-failed", what, Where(), "run the line yourself to see all that it says")
-    answer = json.loads(out.getvalue())
-    return DemoStep(line, answer, time.monotonic() - start, sentence(answer))
+    return DemoStep(line, json.loads(out.getvalue()), time.monotonic() - start)
 
 
 def findings(answer: Document) -> list[Document]:
@@ -168,59 +168,45 @@ def place(entry: Document) -> str:
     return str(entry["effect"]) + ("" if entry.get("joint") is None else f"@{entry['joint']}")
 
 
-def _amperes(value: float | None) -> str:
+def summary(answer: Document) -> str:
+    """What a command's document shows, in a sentence."""
+    match answer["kind"]:
+        case "recipe":
+            return f"The recipe of a {answer['robot']} with {answer['joints']} joints: geometry and limits."
+        case "plan":
+            return f"{len(answer['runs'])} runs in {number(answer['duration'] / 60.0, 3)} minutes of the robot's time."
+        case "simulation":
+            return f"The simulated robot made the runs: {sum(part['samples'] for part in answer['files']):,} samples."
+        case "model":
+            count = sum(len(joint["parameters"]) for joint in answer["joints"])
+            return f"{count} parameters: {', '.join(['gravity', 'friction', *map(place, answer['effects'])])}."
+        case "comparison":
+            return f"RMSE over all runs: {_milliamperes(answer['rmse'])}."
+        case "diagnosis":
+            return _diagnosed(answer)
+        case "history":
+            models = answer["ladders"][0]["models"]
+            errors = [_milliamperes(model.get("heldout") or model.get("rmse")) for model in models]
+            return f"RMSE: {' -> '.join(errors)}; noise floor: {_milliamperes(models[-1].get('noise_floor'))}."
+        case _:
+            return "All of it is on one page, report.html."
+
+
+def _milliamperes(value: float | None) -> str:
     return "unknown" if value is None else f"{1e3 * value:.3g} mA"
 
 
-def _arm(answer: Document) -> str:
-    return f"The recipe of a {answer['robot']} with {answer['joints']} joints: geometry and limits, nothing else."
-
-
-def _planned(answer: Document) -> str:
-    minutes = number(answer["duration"] / 60.0, 3)
-    return f"{len(answer['runs'])} runs in {minutes} minutes of the robot's time; each joint runs alone."
-
-
-def _simulated(answer: Document) -> str:
-    samples = sum(part["samples"] for part in answer["files"])
-    return f"A robot with masses and friction of its own made the runs: {samples:,} samples."
-
-
-def _identified(answer: Document) -> str:
-    added = ", ".join(place(effect) for effect in answer.get("effects", ()))
-    count = sum(len(joint["parameters"]) for joint in answer["joints"])
-    return f"Weight and friction{f', and {added},' if added else ''} in {count} parameters."
-
-
-def _compared(answer: Document) -> str:
-    joints = [joint for joint in answer["joints"] if joint.get("rmse") and joint.get("noise_floor")]
-    above = [str(joint["joint"]) for joint in joints if joint["rmse"] > 1.15 * joint["noise_floor"]]
-    where = f"joint{'s' if len(above) > 1 else ''} {', '.join(above)}" if above else "no joint"
-    return f"Over all runs the model is off by {_amperes(answer['rmse'])}; clearly more than noise at {where}."
-
-
 def _diagnosed(answer: Document) -> str:
-    if findings(answer):
-        return "Missing: " + "; ".join(map(_finding, findings(answer))) + "."
+    missing = []
+    for finding in findings(answer):
+        rivals = [str(rival) for rival in finding.get("rivals") or ()]
+        missing.append(place(finding) + (f" (not separated from {' or '.join(rivals)})" if rivals else ""))
+    if missing:
+        return f"Missing: {'; '.join(missing)}."
     unexplained = [str(joint["joint"]) for joint in answer["joints"] if joint["verdict"] == "unexplained"]
     if unexplained:
         return f"Something is missing at joint {', '.join(unexplained)} that no known effect explains."
     return "Nothing is missing that these data can show."
-
-
-def _finding(finding: Document) -> str:
-    chance, rivals = finding.get("p_value"), [str(rival) for rival in finding.get("rivals") or ()]
-    text = place(finding) + ("" if chance is None else f" (by chance alone: {number(max(chance, 1e-4), 2)})")
-    return text + (f", which these data cannot tell from {' or '.join(rivals)}" if rivals else "")
-
-
-def _improved(answer: Document) -> str:
-    models = answer["ladders"][0]["models"]
-    first, last = (_amperes(model.get("heldout") or model.get("rmse")) for model in (models[0], models[-1]))
-    floor = _amperes(models[-1].get("noise_floor"))
-    if len(models) == 1:
-        return f"One model, and no reason for another; the noise floor is {floor}."
-    return f"The error on runs that no fit saw went from {first} to {last}; the noise floor is {floor}."
 
 
 def verdict(secret: Document, answer: Document) -> tuple[str, str]:
@@ -238,8 +224,7 @@ def verdict(secret: Document, answer: Document) -> tuple[str, str]:
             for rival in finding.get("rivals") or ()
         ]
         if true in rivals:
-            text = f"diagnosis named {place(finding)} and said that these data cannot tell it from {true}."
-            return "in the set", f"In the set: {text}"
+            return "in the set", f"In the set: these data do not separate {place(finding)} from {true}."
     if names:
         return "wrong", f"Wrong: it is {true}, and diagnosis named {false}."
     return "missed", f"Missed: {true} was hidden. {_diagnosed(answer)}"

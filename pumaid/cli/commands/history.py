@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 @options.results_option
 @options.effects_option
 @click.option("--restore", type=click.IntRange(min=1), metavar="N", help="Make model N the current one again.")
-@click.option("--picture", type=click.Path(path_type=Path), metavar="FILE", help="Draw it: .png, .svg or .pdf.")
+@options.picture_option
 @options.json_option
 def command(*, folder: Path, results: Path | None, restore: int | None, picture: Path | None, as_json: bool) -> None:
     """Tell the error ladder of an experiment: each model, what it added, and the error after.

@@ -73,21 +73,20 @@ def command(
     inputs = experiment.files(source, source.parent / "diagnosis.json")
     spare_inputs([output], inputs)
     if form is not None:
-        _write([(output or Path("-"), _table(source, experiment, form=form, units=units))], "table")
+        from pumaid.reporting.documents import parameters_as
+
+        table = parameters_as(experiment.model(source), experiment.robot, form, units=units)
+        _write([(output or Path("-"), table)], "table")
         return
     context = _context(source, experiment, units=units)
     files = _files(context, near.results_folder, figures=figures, forms=forms, page=output)
     spare_inputs([path for path, _ in files], inputs)
     _write(files, "report")
     if as_json:
-        _print_json(context, files)
+        from pumaid.results.documents import heading
 
-
-def _table(source: Path, near: Experiment, *, form: str, units: str) -> bytes:
-    """Only the parameter table."""
-    from pumaid.reporting.documents import parameters_as
-
-    return parameters_as(near.model(source), near.robot, form, units=units)
+        head = heading("report", robot=context.robot, logs=context.comparison.logs)
+        document(head | {"files": [str(path) for path, _ in files]})
 
 
 def _context(source: Path, experiment: Experiment, *, units: str) -> ReportContext:
@@ -108,11 +107,11 @@ def _context(source: Path, experiment: Experiment, *, units: str) -> ReportConte
         return context
     try:
         diagnosis = read_diagnosis(path)
-        if len(diagnosis.joints) != robot.n_joints:
-            what = f"{path} is of an arm with {len(diagnosis.joints)} joints, this one has {robot.n_joints}"
-            raise ResultError("diagnosis-damaged", what)
     except ResultError as error:
         notes([Note("diagnosis-damaged", f"{error.what}; the page leaves it out", error.where)])
+        return context
+    if len(diagnosis.joints) != robot.n_joints:
+        notes([Note("diagnosis-damaged", f"{path} is of another arm; the page leaves it out")])
         return context
     return replace(context, diagnosis=diagnosis, stale=stale(diagnosis, estimate, comparison.logs))
 
@@ -145,10 +144,3 @@ def _write(files: Sequence[tuple[Path, bytes]], what: str) -> None:
     more = f", with {len(files) - 1} tables and figures" if len(files) > 1 else ""
     if more or str(files[-1][0]) != "-":
         remark(f"{what} written to {files[-1][0]}{more}")
-
-
-def _print_json(context: ReportContext, files: Sequence[tuple[Path, bytes]]) -> None:
-    from pumaid.results.documents import heading
-
-    head = heading("report", robot=context.robot, logs=context.comparison.logs)
-    document(head | {"files": [str(path) for path, _ in files]})

@@ -33,7 +33,7 @@ _POSITIVE = click.FloatRange(0.0, min_open=True)
 @click.option("--held-share", type=_SHARE, metavar="SHARE", help="Speed of a held joint, as share. [default: 0.02]")
 @click.option("--held-drift", type=_POSITIVE, metavar="X", help="Way of a held joint, rad or m. [default: 0.02]")
 @click.option("--rejects", is_flag=True, help="List every stretch that was left out, with its rows and the reason.")
-@click.option("--picture", type=click.Path(path_type=Path), metavar="FILE", help="Draw it: .png, .svg or .pdf.")
+@options.picture_option
 @click.option("--csv", "as_csv", is_flag=True, help="Print the runs as CSV, in SI.")
 @options.units_option
 @options.experiment_options(has_heldout=False, has_results=False)
