@@ -38,12 +38,20 @@ class Candidates:
         return next((group for group in self.groups if group[0].key == key), ())
 
 
+def grid_of(solved: Fit, effect: Effect, joint: int | None) -> tuple[EffectTerm, ...]:
+    """An effect with each shape at which a search begins, given what the runs of its joint cover, or those of all."""
+    rows = {row.bins.joint: row for row in solved.joints}
+    if joint in rows:
+        covered = extent([rows[joint].bins], joint, rows[joint].drawn)
+    else:
+        covered = extent([row.bins for row in solved.joints], 0)
+    return tuple(EffectTerm(effect, joint, dict(shape)) for shape in effect.grid(solved.model.robot, covered))
+
+
 def candidates(solved: Fit, effects: Sequence[Effect] | None = None) -> Candidates:
     """Every effect (of the catalogue, where not given) that the model lacks; periodic ones have spectra instead."""
     robot, moving = solved.model.robot, [row.bins.joint for row in solved.joints]
     owners: dict[Scope, Sequence[int | None]] = {Scope.ARM: (None,), Scope.CAUSE: range(1, robot.n_joints + 1)}
-    extents = {row.bins.joint: extent([row.bins], row.bins.joint, row.drawn) for row in solved.joints}
-    everywhere = extent([row.bins for row in solved.joints], 0)
     present = {term.key for term in solved.model.effects}
     present |= {(column.effect, column.owner or None) for column in solved.model.columns}
     groups, excluded = [], {}
@@ -54,8 +62,7 @@ def candidates(solved: Fit, effects: Sequence[Effect] | None = None) -> Candidat
             if why is not None:
                 excluded[effect.name, joint] = why
             elif effect.is_repeatable or (effect.name, joint) not in present:
-                shapes = effect.grid(robot, extents.get(joint or 0, everywhere))
-                groups.append(tuple(EffectTerm(effect, joint, dict(shape)) for shape in shapes))
+                groups.append(grid_of(solved, effect, joint))
     return Candidates(tuple(group for group in groups if group), excluded)
 
 

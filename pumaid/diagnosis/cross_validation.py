@@ -28,14 +28,9 @@ MOST_LEAVING = 1.0 / 3.0
 
 @dataclass(frozen=True, eq=False, slots=True)
 class FoldLosses:
-    """What leaving runs out says of one effect.
+    """What leaving runs out says of one effect: (F,) `falls` of the held-out whitened square, one a fold.
 
-    Attributes
-    ----------
-    falls
-        (F,) fall of the held-out whitened square, one a fold.
-    before, after
-        RMSE (A) of the runs left out, without and with the effect.
+    `before` and `after` are the RMSE (A) of the runs left out, without and with the effect.
     """
 
     falls: Floats
@@ -72,18 +67,9 @@ def posture_folds(solved: Fit, joints: Sequence[int]) -> list[Fold]:
 
 
 def leave_out(solved: Fit, shapes: Sequence[EffectTerm], folds: Sequence[Fold]) -> FoldLosses:
-    """Leave each fold out, choose the shape and fit without it, and see what it then predicts.
+    """Leave each fold out, choose one of the effect's shapes and fit without it, and see what it then predicts.
 
     Everything is done on Gram matrices of the whole less those of the fold.
-
-    Parameters
-    ----------
-    solved
-        The model without the effect.
-    shapes
-        The effect with each shape that it may take.
-    folds
-        Runs that leave together.
 
     Source
     ------
@@ -165,16 +151,7 @@ def confirmed_share(last: Fit, added: EffectTerm, heldout: Sequence[JointBins]) 
 
     What the whole model leaves of these runs is projected on what the effect adds there, by generalised least squares
     with the covariance of their noise and of all fitted parameters but the effect's own; the error of these is told as
-    an error of the share.
-
-    Parameters
-    ----------
-    last
-        The system with all that was added, `added` among it.
-    added
-        One of `last.model.effects`.
-    heldout
-        Bins of runs that were not fitted.
+    an error of the share. `added` is one of the effects of `last`, `heldout` are runs that were not fitted.
 
     Source
     ------

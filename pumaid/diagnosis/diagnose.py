@@ -32,8 +32,8 @@ from pumaid.diagnosis.records import (
     Unexplained,
 )
 from pumaid.diagnosis.residual_budget import budget
-from pumaid.diagnosis.stepwise import LEVEL, EvaluatedCandidate, Step, Stepwise, misfit_with, rmse
-from pumaid.diagnosis.verdict import competing_form, joint_verdict, nearest_form, next_run
+from pumaid.diagnosis.stepwise import DECISIVE, LEVEL, EvaluatedCandidate, Step, Stepwise, misfit_with, rmse
+from pumaid.diagnosis.verdict import free_shape, joint_verdict, next_run
 from pumaid.effect_spec import EffectTerm, check_known, option_text, terms_of
 from pumaid.effects import catalogue
 from pumaid.errors import LogError, Note, Where
@@ -246,9 +246,11 @@ class DiagnosisBuilder:
         Where runs held out deny what could be named, or show not all of it, the shape nearest to what is left.
         """
         if joint in self.refuted:
-            return nearest_form(self.fits[-1], joint)
+            return free_shape(self.fits[-1], joint)
         named = [item for item in self.search.accepted if item.key[1] == joint]
-        return competing_form(self.fits[0], joint, named) if named else None
+        families = [item.trial.added.effect.family for item in named]
+        enough = DECISIVE + sum(item.evidence for item in named)
+        return free_shape(self.fits[0], joint, families=families, beyond=enough) if named else None
 
     def _candidates(self, joint: int) -> tuple[Candidate, ...]:
         """What was found, and what came near, at one joint; what was added, as it was when it was."""
@@ -268,7 +270,8 @@ class DiagnosisBuilder:
         return tuple(order[:LISTED])
 
     def _candidate(self, candidate: EvaluatedCandidate, step: Step) -> Candidate:
-        chosen, falls, is_rival = step.chosen, candidate.falls, step.is_rival(candidate.key)
+        chosen, falls = step.chosen, candidate.falls
+        is_rival = chosen is not None and candidate.key in [rival.key for rival in chosen.rivals]
         verdict = DOUBTFUL if is_rival or candidate.p_value <= LEVEL else ABSENT
         if candidate.key in [item.key for item in self.search.accepted] and candidate.fault != "denied":
             verdict = ADD

@@ -84,10 +84,11 @@ class Spectrum:
         rng, flips, out = np.random.default_rng(SEED), np.sign(signs), np.empty(len(signs))
         if self.is_pieces:
             flips = rng.choice([-1.0, 1.0], size=(len(signs), len(self.scores)))
-        batch = max(AT_ONCE // len(self.frequency), 1)
+        batch, scale = max(AT_ONCE // len(self.frequency), 1), 1.0 / np.sqrt(self.information)
+        parts = [self.scores.real * scale, self.scores.imag * scale]
         for start in range(0, len(flips), batch):
-            total = flips[start : start + batch] @ self.scores
-            out[start : start + batch] = (np.abs(total) ** 2 / self.information).max(axis=1)
+            squares = [(flips[start : start + batch] @ part) ** 2 for part in parts]
+            out[start : start + batch] = (squares[0] + squares[1]).max(axis=1)
         return out
 
 

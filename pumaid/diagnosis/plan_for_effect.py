@@ -10,6 +10,7 @@ import numpy as np
 from pumaid.dataset import Dataset, Run
 from pumaid.design.discrimination import SHAPES, showing
 from pumaid.design.prior import Setup, prior_robots
+from pumaid.diagnosis.candidates import grid_of
 from pumaid.diagnosis.records import Finding
 from pumaid.diagnosis.score_test import Projector, ScoreTest, refine_shape, scores_at
 from pumaid.diagnosis.stepwise import DECISIVE, evidence
@@ -20,7 +21,7 @@ from pumaid.errors import ModelError, Note, Where
 from pumaid.estimate import Estimate
 from pumaid.estimation.fit import Fit, loaded
 from pumaid.estimation.gls import fit_with_replicates
-from pumaid.joint_bins import COARSE, extent, joint_bins
+from pumaid.joint_bins import COARSE, joint_bins
 from pumaid.model import Model
 from pumaid.robot import EffectChoice, Robot
 from pumaid.simulation import Bench
@@ -177,14 +178,9 @@ def _told_apart(
 
 def _best_trial(solved: Fit, projector: Projector, choice: EffectChoice) -> ScoreTest:
     """The effect at its best shape on the runs so far."""
-    robot, law = solved.model.robot, known_effect(choice.effect, Where())
-    rows = [row for row in solved.joints if row.bins.joint == choice.joint] or list(solved.joints[:1])
-    grid = (
-        [dict(choice.shape)]
-        if choice.shape
-        else list(law.grid(robot, extent([rows[0].bins], rows[0].bins.joint, rows[0].drawn)))
-    )
-    terms = [EffectTerm(law, choice.joint, dict(shape)) for shape in (grid[:: max(1, len(grid) // SHAPES)] or [{}])]
+    law = known_effect(choice.effect, Where())
+    terms = [EffectTerm(law, choice.joint, dict(choice.shape))] if choice.shape else grid_of(solved, law, choice.joint)
+    terms = terms[:: max(1, len(terms) // SHAPES)] or [EffectTerm(law, choice.joint)]
     trials = [trial for trial in scores_at(projector, terms) if trial is not None]
     if not trials:
         raise _undecided(f"{_name(choice)} leaves no trace in these runs that the model does not absorb")

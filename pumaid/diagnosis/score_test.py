@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy import special
 
-from pumaid.diagnosis.candidates import Candidates, Key
+from pumaid.diagnosis.candidates import Candidates, Key, grid_of
 from pumaid.diagnosis.periodogram import Spectrum
 from pumaid.effect_spec import EffectTerm, columns_each
 from pumaid.estimation.fit import ABSORBED, Fit
@@ -33,16 +33,10 @@ class ScoreTest:
 
     Attributes
     ----------
-    added
-        What was tried.
     statistic
         Twice the gain in log likelihood if it were added (chi-square with as many degrees of freedom as columns).
-    information
-        (m, m) of its parameters, all else refitted.
-    sizes
-        (m,) parameters at the maximum.
-    scores
-        (R, m) score of each run of all joints together.
+    information, sizes, scores
+        (m, m) of its parameters, all else refitted, (m,) these at the maximum, (R, m) score of each run of all joints.
     visible
         Share of its columns' square that the model does not absorb.
     signs
@@ -62,11 +56,6 @@ class ScoreTest:
         """Linear parameters."""
         return len(self.sizes)
 
-    @property
-    def freedoms(self) -> int:
-        """Parameters, and shapes over which the best was taken."""
-        return self.width + len(self.added.shape)
-
     def surprise(self, scale: float) -> float:
         """-log10 of the chance of this statistic alone; `scale` is the variance of a whitened residual."""
         return float(minus_log10_p(self.statistic / scale, self.width))
@@ -74,18 +63,9 @@ class ScoreTest:
 
 @dataclass(frozen=True, eq=False)
 class ScoreTable:
-    """All candidates scored beside one fit.
+    """All candidates scored beside one fit: a test of each shape that the model does not absorb.
 
-    Attributes
-    ----------
-    solved
-        The model so far.
-    candidates
-        What was tried.
-    trials
-        Every candidate and shape that the model does not absorb.
-    spectra
-        By joint: scores of all frequencies of a periodic effect.
+    `spectra` are, by joint, the scores of all frequencies of a periodic effect.
     """
 
     solved: Fit
@@ -95,12 +75,7 @@ class ScoreTable:
 
     def best(self) -> dict[Key, ScoreTest]:
         """The best shape of each effect at each joint."""
-        out: dict[Key, ScoreTest] = {}
-        for trial in self.trials:
-            key = trial.added.key
-            if key not in out or trial.statistic > out[key].statistic:
-                out[key] = trial
-        return out
+        return {test.added.key: test for test in sorted(self.trials, key=lambda test: test.statistic)}
 
     @cached_property
     def leverage(self) -> Floats:
@@ -139,23 +114,10 @@ class Projector:
         return out
 
     def scores(self, white: Mapping[int, Floats], width: int) -> tuple[Floats, Floats, Floats]:
-        """Scores and information of the columns of k candidates, side by side, beyond the fit.
+        """Scores and information beyond the fit of k candidates of m (`width`) columns each, side by side.
 
-        Parameters
-        ----------
-        white
-            Joint -> (N, V) whitened columns; joints that are absent have zero.
-        width
-            Columns (m) of each candidate.
-
-        Returns
-        -------
-        scores
-            (R, V) of all joints' runs.
-        information
-            (k, m, m) of each candidate.
-        raw
-            (V,) squares of the columns before the projection.
+        Of whitened columns (N, V) by joint, zero in joints that are absent: (R, V) scores of all joints' runs,
+        (k, m, m) information of each candidate, and (V,) squares of the columns before the projection.
         """
         cross = self.crossed(white)
         turned = self.solved.inverse @ cross
@@ -163,11 +125,9 @@ class Projector:
         for joint, columns in white.items():
             row = self.solved.row(joint)
             scores[self.runs[joint]] += row.bins.sums(columns * row.residual[:, None])
-            parts = columns.reshape(len(columns), -1, width)
-            gram += np.einsum("nki,nkj->kij", parts, parts)
-        raw = np.einsum("kii->ki", gram).ravel().copy()
-        crossed, moved = (table.reshape(len(cross), len(gram), width) for table in (cross, turned))
-        return scores, gram - np.einsum("pki,pkj->kij", crossed, moved), raw
+            gram += _products(columns, columns, width)
+        raw = np.diagonal(gram, axis1=1, axis2=2).ravel()
+        return scores, gram - _products(cross, turned, width), raw
 
     def columns(self, terms: Sequence[EffectTerm]) -> dict[int, Floats]:
         """Joint -> (N, V) columns (A per unit) of one effect with several shapes, side by side, where it acts."""
@@ -179,6 +139,16 @@ class Projector:
         """The same by the noise of each joint."""
         rows = {joint: self.solved.row(joint) for joint in columns}
         return {joint: rows[joint].noise.whiten(rows[joint].bins, values) for joint, values in columns.items()}
+
+
+def _products(left: Floats, right: Floats, width: int) -> Floats:
+    """(k, m, m) products of the m columns of each of k candidates, side by side in both (N, V) tables."""
+    out = np.empty((left.shape[1] // width, width, width))
+    if len(out) == 1:
+        return np.asarray((left.T @ right)[None])
+    for i, j in np.ndindex(width, width):
+        out[:, i, j] = np.einsum("nk,nk->k", left[:, i::width], right[:, j::width])
+    return out
 
 
 def score_of(
@@ -236,60 +206,54 @@ MOST_STEPS = 60
 TOLERANCE = 2e-3
 #: First step of a search, as a share of the value (grids step by a factor of about 1.6).
 FIRST_STEP = 0.25
+#: Factor by which a shape may lie beyond its grid: a speed at which friction falls, say, beyond all that were run would
+#: stand for any other curve.
+BEYOND = 1.5
 
 
 def refine_shape(projector: Projector, trial: ScoreTest) -> ScoreTest:
-    """The trial with its searched shapes at the largest statistic, everything else profiled out.
+    """The trial, at the best point of its grid, with searched shapes at the largest statistic, all else profiled out.
 
-    Parameters
-    ----------
-    projector
-        Of the system that the trial was scored on.
-    trial
-        At the best point of its grid.
+    The projector is of the fit that the trial was scored on.
     """
-    model = projector.solved.model
-    bounds = {
-        shape.name: shape
-        for shape in trial.added.effect.shapes(model.robot, trial.added.joint or 0)
-        if shape.is_searched and shape.name in trial.added.shape
-    }
-    if not bounds:
+    term, solved, best = trial.added, projector.solved, trial
+    names = [n for n, s in term.shapes(solved.model.robot).items() if s.is_searched and n in term.shape]
+    if not names:
         return trial
-    names = list(bounds)
-    start = np.array([trial.added.shape[name] for name in names])
-    step = np.array([step_of(trial.added, name, projector.solved) for name in names])
-    best = trial
+    start = np.array([term.shape[name] for name in names])
+    step = FIRST_STEP * np.where(start == 0.0, 1.0, np.abs(start))
+    ends = np.array([_ends(solved, term, name) for name in names])
+    if term.effect.periodic is not None and term.joint is not None:
+        step = np.array([np.pi / 2.0 / np.ptp(solved.row(term.joint).bins.samples.position[:, term.joint - 1])])
 
     def cost(point: np.ndarray) -> float:
         nonlocal best
-        shape = {name: float(value) for name, value in zip(names, start + point * step, strict=True)}
-        if any(not bounds[name].low <= value <= bounds[name].high for name, value in shape.items()):
+        values = start + point * step
+        if np.any((values < ends[:, 0]) | (values > ends[:, 1])):
             return 0.0
-        trial_there = score_at(projector, replace(trial.added, shape={**trial.added.shape, **shape}))
-        if trial_there is None:
+        there = score_at(projector, term.at(dict(zip(names, values.tolist(), strict=True))))
+        if there is None:
             return 0.0
-        if trial_there.statistic > best.statistic:
-            best = trial_there
-        return -trial_there.statistic
+        if there.statistic > best.statistic:
+            best = there
+        return -there.statistic
 
     # It takes as long to load as some diagnoses, of which those that find nothing with a shape do without it.
     from scipy import optimize
 
-    n = len(names)
-    simplex = np.vstack([np.zeros(n), np.eye(n)])
+    simplex = np.vstack([np.zeros(len(names)), np.eye(len(names))])
     options = {"maxfev": MOST_STEPS, "xatol": TOLERANCE / FIRST_STEP, "fatol": 1e-2, "initial_simplex": simplex}
-    optimize.minimize(cost, np.zeros(n), method="Nelder-Mead", options=options)
+    optimize.minimize(cost, simplex[0], method="Nelder-Mead", options=options)
     return best
 
 
-def step_of(added: EffectTerm, name: str, solved: Fit) -> float:
-    """First step of a shape's search."""
-    if name == added.effect.periodic and added.joint is not None:
-        q = solved.row(added.joint).bins.samples.position[:, added.joint - 1]
-        return float(np.pi / 2.0 / np.ptp(q))
-    value = added.shape[name]
-    return FIRST_STEP * (abs(value) or 1.0)
+def _ends(solved: Fit, term: EffectTerm, name: str) -> tuple[float, float]:
+    """Between what values a shape is searched: within its bounds, and not far beyond its grid."""
+    shape = term.shapes(solved.model.robot)[name]
+    values = [other.shape[name] for other in grid_of(solved, term.effect, term.joint)]
+    if term.effect.periodic is not None or not 0.0 < min(values) < max(values):
+        return shape.low, shape.high
+    return max(shape.low, min(values) / BEYOND), min(shape.high, max(values) * BEYOND)
 
 
 def score_at(projector: Projector, added: EffectTerm) -> ScoreTest | None:

@@ -36,14 +36,9 @@ FEW, LONE = 6.0, 9.0
 class SignFlips:
     """How surprising the best of a catalogue is where nothing is missing.
 
-    Attributes
-    ----------
-    handicaps
-        (effect, joint) -> surprise (-log10 of a single p-value) that its best shape reaches in `BALANCED` of the flips.
-    lone
-        Candidates of which a few runs tell nearly all, so that flips do not judge them.
-    largest
-        (B,) surprise beyond its handicap of the best candidate in each flip, sorted.
+    `handicaps` are the surprise (-log10 of a single p-value) that each candidate's best shape reaches in `BALANCED` of
+    the flips, `largest` (B,) the surprise beyond its handicap of the best candidate in each flip, sorted, `lone` the
+    candidates of which a few runs tell nearly all, so that flips do not judge them.
     """
 
     handicaps: dict[Key, float]
@@ -69,17 +64,8 @@ class SignFlips:
 def sign_flips(scan: ScoreTable, *, periodic: str | None = None, flips: int = FLIPS) -> SignFlips:
     """Flip the signs of whole runs' scores and keep the best shape of each candidate each time.
 
-    Candidates with many shapes (all frequencies of a ripple) are handicapped by what these gain in the flips, so that
-    they do not drown the others.
-
-    Parameters
-    ----------
-    scan
-        Of the whole catalogue.
-    periodic
-        Name of the effect whose spectra the scan holds.
-    flips
-        How many.
+    Candidates with many shapes (all frequencies of the `periodic` effect) are handicapped by what these gain in the
+    flips, so that they do not drown the others.
 
     Source
     ------
@@ -136,17 +122,9 @@ LENGTHS = (1, 2, 4, 8, 16)
 
 @dataclass(frozen=True, slots=True)
 class ReplicateTest:
-    """What pairs of repeated runs share.
+    """What pairs of repeated runs share: `share` of the mean square, and the chance of that much where nothing repeats.
 
-    Attributes
-    ----------
-    share
-        Of the misfit's mean square, that repeats.
-    p_value
-        Chance of that much or more where nothing repeats.
-    floor
-        RMS (A) of bins that no model of position, posture, speed and direction removes: half the mean squared
-        difference.
+    `floor` is the RMS (A) of bins that no model of position, posture, speed and direction removes.
     """
 
     share: float
@@ -155,17 +133,10 @@ class ReplicateTest:
 
 
 def replicate_test(field: JointBins, misfit: Floats, white: Floats) -> ReplicateTest | None:
-    """How much of the misfit repeats; None with fewer than `FEWEST_PAIRS` pairs.
+    """How much of the misfit (N,) A, and whitened, repeats; None with fewer than `FEWEST_PAIRS` pairs.
 
     Whitened, so that slow noise does not hide what is fast; over stretches of several lengths, so that fast noise does
     not hide what is slow; the most surprising length against the same of each flip.
-
-    Parameters
-    ----------
-    field
-        N bins.
-    misfit, white
-        (N,) A, and whitened.
 
     Source
     ------

@@ -64,14 +64,10 @@ class EvaluatedCandidate:
 
     Attributes
     ----------
-    trial
-        At its best shape.
-    on
-        The fit that it was tried on.
-    p_value
-        Family-wise.
-    evidence
-        Twice the gain in log likelihood, less what its parameters would gain by chance.
+    trial, on
+        At its best shape, and the fit that it was tried on.
+    p_value, evidence
+        Family-wise; twice the gain in log likelihood, less what its parameters would gain by chance.
     falls
         What leaving runs out says; None where chance alone could have made it.
     before, after
@@ -114,34 +110,6 @@ class EvaluatedCandidate:
         return "worth" if self.gain < WORTH else None
 
 
-def evaluate(
-    on: Fit, grid: ScoreTest, trial: ScoreTest, *, shapes: Sequence[EffectTerm], family: SignFlips
-) -> EvaluatedCandidate:
-    """Judge one candidate.
-
-    Parameters
-    ----------
-    on
-        The fit that it is tried on.
-    grid, trial
-        Its best on the grid (what the flips were compared with), and refined.
-    shapes
-        Its grid.
-    family
-        Chances under the flips.
-    """
-    chance = family.p_value(trial.added.key, grid.surprise(on.scale))
-    before, after = {}, {}
-    for joint, residual in misfit_with(on, trial).items():
-        row = on.row(joint)
-        before[joint] = rmse(row.bins, row.misfit)
-        after[joint] = rmse(row.bins, residual)
-    falls = None
-    if chance <= NEAR:
-        falls = leave_out(on, (*shapes, trial.added), replicate_folds(on, sorted(after)))
-    return EvaluatedCandidate(trial, on, chance, evidence(on, trial), falls, before, after)
-
-
 def evidence(on: Fit, trial: ScoreTest) -> float:
     """Twice the gain in log likelihood less (parameters) x log(runs): effects between runs have only runs to go by.
 
@@ -154,7 +122,7 @@ def evidence(on: Fit, trial: ScoreTest) -> float:
     runs = [len(row.bins.runs) for row in on.joints]
     remaining = max(on.square - trial.statistic, EXACT * on.square, np.finfo(float).tiny)
     gain = max(on.size - on.rank, 1) * float(np.log(on.square / remaining)) if trial.statistic > 0.0 else 0.0
-    return gain - trial.freedoms * float(np.log(max(sum(runs) / len(runs), 2.0)))
+    return gain - (trial.width + len(trial.added.shape)) * float(np.log(max(sum(runs) / len(runs), 2.0)))
 
 
 def misfit_with(on: Fit, trial: ScoreTest) -> dict[int, Floats]:
@@ -178,17 +146,10 @@ def rmse(bins: JointBins, misfit: Floats) -> float:
 def rivals(
     chosen: EvaluatedCandidate, evaluated: Sequence[EvaluatedCandidate], after: Fit
 ) -> tuple[EvaluatedCandidate, ...]:
-    """Those which these data cannot tell from `chosen`.
+    """Those which these data cannot tell from `chosen`; all were judged on one fit, `after` has `chosen` in it.
 
     A rival passes the family-wise test itself, has nothing left to explain once `chosen` is in, and is not decisively
     less likely.
-
-    Parameters
-    ----------
-    chosen, evaluated
-        All judged on one system.
-    after
-        The system with `chosen` in it.
     """
     out = []
     for other in evaluated:
@@ -213,28 +174,20 @@ class Step:
     chosen: EvaluatedCandidate | None
     evaluated: tuple[EvaluatedCandidate, ...]
 
-    def is_rival(self, key: Key) -> bool:
-        """Whether a candidate was a rival of what was chosen."""
-        return self.chosen is not None and any(rival.key == key for rival in self.chosen.rivals)
-
 
 class Stepwise:
     """A search on fitted runs: what is in the model, and how it came there.
 
     Parameters
     ----------
-    model, runs
-        The base model and the runs that are fitted.
-    given
-        Effects that the model has already.
+    model, runs, given
+        The base model, the runs that are fitted, and effects that the model has already.
     campaign
         That of all runs of the logs, also those that are not fitted.
     effects
         What may be added; every effect that is no part of each model where not given.
-    unseen
-        Runs that are not fitted.
-    tell
-        Called with a word on what is done.
+    unseen, tell
+        Runs that are not fitted; called with a word on what is done.
 
     Attributes
     ----------
@@ -279,18 +232,14 @@ class Stepwise:
         if noises is None and self._latest is not None and self._latest[0] == list(added):
             return self._latest[1]
         fitted = self._unsized(added, noises)
-        terms = fitted.model.effects
         if noises is None or added:
-            sizes = [tuple(fitted.sizes(place).tolist()) for place in range(len(terms))]
-            searched = [term.searched(self.model.robot) for term in terms]
-            sized = [replace(term, sizes=size) for term, size in zip(searched, sizes, strict=True)]
-            solved = refit(fitted, self.model.with_effects(sized), noise=noises or _noises(fitted))
-        else:
-            solved = fitted
+            searched = [term.searched(self.model.robot) for term in fitted.model.effects]
+            sized = [term.at({}, fitted.sizes(place).tolist()) for place, term in enumerate(searched)]
+            fitted = refit(fitted, self.model.with_effects(sized), noise=noises or _noises(fitted))
+        fitted = loaded(fitted)
         if noises is None:
-            self._latest = (list(added), loaded(solved))
-            return self._latest[1]
-        return loaded(solved)
+            self._latest = (list(added), fitted)
+        return fitted
 
     def _unsized(self, added: Sequence[EffectTerm], noises: Mapping[int, NoiseModel] | None = None) -> Fit:
         """The same without derivatives by shapes, weighted, where no noise is given, by what the base model leaves."""
@@ -302,9 +251,8 @@ class Stepwise:
         while True:
             last = self._climb()
             bins = self.heldout()
-            self.accepted = [
-                replace(item, transfer=confirmed_share(last, item.trial.added, bins)) for item in self.accepted
-            ]
+            shares = [confirmed_share(last, item.trial.added, bins) for item in self.accepted]
+            self.accepted = [replace(item, transfer=t) for item, t in zip(self.accepted, shares, strict=True)]
             refused = [item for item in self.accepted if item.transfer is not None and item.transfer.is_denied]
             if not refused or len(self.denied) >= MOST_DENIED:
                 return last
@@ -389,10 +337,17 @@ class Stepwise:
         return at_bins(solved, next(bins for bins in self._bins[1] if bins.joint == term.joint))
 
     def _judged(self, table: ScoreTable, pair: tuple[ScoreTest, ScoreTest], chances: SignFlips) -> EvaluatedCandidate:
-        grid, trial = pair
-        shapes = table.candidates.shapes(trial.added.key) or (grid.added,)
-        on = self._where_it_shows(table.solved, trial.added)
-        return replace(evaluate(on, *pair, shapes=shapes, family=chances), transfer=self._denial(trial.added))
+        """Judge a candidate at its best on the grid (what the flips were compared with), and refined."""
+        (grid, trial), on = pair, self._where_it_shows(table.solved, pair[1].added)
+        chance, falls = chances.p_value(grid.added.key, grid.surprise(on.scale)), None
+        residuals = misfit_with(on, trial)
+        before = {joint: rmse(on.row(joint).bins, on.row(joint).misfit) for joint in residuals}
+        after = {joint: rmse(on.row(joint).bins, residual) for joint, residual in residuals.items()}
+        if chance <= NEAR:
+            shapes = table.candidates.shapes(trial.added.key) or (grid.added,)
+            falls = leave_out(on, (*shapes, trial.added), replicate_folds(on, sorted(after)))
+        denial = self._denial(trial.added)
+        return EvaluatedCandidate(trial, on, chance, evidence(on, trial), falls, before, after, denial)
 
     def _denial(self, term: EffectTerm) -> Transfer | None:
         """What runs held out said of an effect if they denied it; of this very shape where a joint may have several."""

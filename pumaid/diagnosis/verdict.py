@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
@@ -14,7 +14,7 @@ from pumaid.diagnosis.free_form import FreeForm, free_form_scores, knot_values
 from pumaid.diagnosis.records import ADEQUATE, MISSING, UNEXPLAINED_JOINT, Unexplained
 from pumaid.diagnosis.score_test import ScoreTable, ScoreTest
 from pumaid.diagnosis.sign_flip import ReplicateTest, replicate_test, sign_flips
-from pumaid.diagnosis.stepwise import DECISIVE, EvaluatedCandidate, evidence, rmse
+from pumaid.diagnosis.stepwise import DECISIVE, evidence, rmse
 from pumaid.effects import Family
 from pumaid.estimation.fit import Fit
 from pumaid.joint_bins import JointBins
@@ -45,17 +45,7 @@ class JointVerdict:
 
 
 def joint_verdict(first: Fit, last: Fit, *, joint: int, acting: bool) -> JointVerdict:
-    """The verdict of one joint.
-
-    Parameters
-    ----------
-    first, last
-        The system as it was given and with all that was added, both with loads.
-    joint
-        From 1.
-    acting
-        Whether anything that was added acts in this joint.
-    """
+    """Of one joint, by the fits as it was given and with all that was added; `acting`: something of it acts there."""
     a, b = first.row(joint), last.row(joint)
     before, after = (replicate_test(item.bins, item.misfit, item.residual) for item in (a, b))
     is_repeated = after is not None and after.p_value * len(last.joints) <= REPEATS
@@ -63,17 +53,13 @@ def joint_verdict(first: Fit, last: Fit, *, joint: int, acting: bool) -> JointVe
     chances = sign_flips(ScoreTable(last, Candidates(), tuple(forms)))
     level = NAMELESS / len(last.joints)
     passing = [form for form in forms if chances.p_value(form.added.key, form.surprise(last.scale)) <= level]
-    best = _most_evident(last, passing)
+    best = max(passing, key=lambda form: evidence(last, form), default=None)
     is_clear = best is not None and evidence(last, best) > DECISIVE
     is_gone = acting and _removed(rmse(a.bins, a.misfit), rmse(b.bins, b.misfit), b.bins, after) >= ENOUGH
     if not is_clear and (not is_repeated or is_gone):
         return JointVerdict(MISSING if acting else ADEQUATE, before, None)
-    top = best or _most_evident(last, forms)
+    top = best or max(forms, key=lambda form: evidence(last, form), default=None)
     return JointVerdict(UNEXPLAINED_JOINT, before, None if top is None else _shape(last, top, is_clear=is_clear))
-
-
-def _most_evident(solved: Fit, tests: Iterable[ScoreTest]) -> ScoreTest | None:
-    return max(tests, key=lambda test: evidence(solved, test), default=None)
 
 
 def _removed(start: float, end: float, bins: JointBins, after: ReplicateTest | None) -> float:
@@ -91,17 +77,16 @@ def _shape(solved: Fit, trial: ScoreTest, *, is_clear: bool) -> Unexplained:
     free = trial.added.effect
     assert isinstance(free, FreeForm) and trial.added.joint is not None
     knots, values, errors = knot_values(solved, trial)
-    unit = solved.model.robot.joint(trial.added.joint).position_unit
+    unit = free.form.unit.format(unit=solved.model.robot.joint(trial.added.joint).position_unit)
     peak = float(knots[int(np.argmax(np.abs(values)))])
     row = solved.row(trial.added.joint)
     freedom = len(row.bins) * (1.0 - solved.rank / max(solved.size, 1))
     explained = max(trial.statistic - trial.width, 0.0)
     excess = max(float(row.residual @ row.residual) - freedom, explained)
     gain = explained / excess if excess > 0.0 else 0.0
-    text = f"what is left looks like {free.form.name}, largest at {peak:.3g} {free.form.unit.format(unit=unit)}"
-    where = free.form.unit.format(unit=unit)
+    text = f"what is left looks like {free.form.name}, largest at {peak:.3g} {unit}"
     return Unexplained(
-        *(free.form.name, free.form.variable, where, knots, values, errors, peak, float(gain), text), is_clear=is_clear
+        *(free.form.name, free.form.variable, unit, knots, values, errors, peak, float(gain), text), is_clear=is_clear
     )
 
 
@@ -117,30 +102,16 @@ OWN = {
 }
 
 
-def competing_form(first: Fit, joint: int, named: Sequence[EvaluatedCandidate]) -> Unexplained | None:
-    """A free form in another variable that explains a joint decisively better than what was named there.
-
-    Parameters
-    ----------
-    first
-        The system without what was named, with loads.
-    joint
-        From 1.
-    named
-        What was named there.
-    """
-    families = set[str]().union(*(OWN.get(item.trial.added.effect.family, set()) for item in named))
-    forms = [item for item in free_form_scores(first, joint) if item.added.effect.name not in families]
-    best = _most_evident(first, forms)
-    if best is None or evidence(first, best) <= sum(item.evidence for item in named) + DECISIVE:
+def free_shape(
+    solved: Fit, joint: int, *, families: Iterable[Family] = (), beyond: float = -np.inf
+) -> Unexplained | None:
+    """The free form, other than some families' own, that explains a joint best, if its evidence is `beyond`."""
+    skipped = set[str]().union(*(OWN.get(family, set()) for family in families))
+    forms = [form for form in free_form_scores(solved, joint) if form.added.effect.name not in skipped]
+    best = max(forms, key=lambda form: evidence(solved, form), default=None)
+    if best is None or evidence(solved, best) <= beyond:
         return None
-    return _shape(first, best, is_clear=True)
-
-
-def nearest_form(solved: Fit, joint: int) -> Unexplained | None:
-    """The free form that comes nearest to what a system with loads leaves of a joint."""
-    best = _most_evident(solved, free_form_scores(solved, joint))
-    return None if best is None else _shape(solved, best, is_clear=evidence(solved, best) > DECISIVE)
+    return _shape(solved, best, is_clear=evidence(solved, best) > DECISIVE)
 
 
 def next_run(solved: Fit, chosen: ScoreTest, rival: ScoreTest) -> NextRun:
