@@ -157,8 +157,8 @@ def slugs_of(stderr: str) -> set[str]:
 WARNINGS = {
     "beyond-limits", "clock-jitter", "current-dropouts", "current-frozen",
     "current-saturated", "current-size", "current-spikes", "few-runs", "friction-falls-with-speed",
-    "gain-sign", "inertia-negative", "logs-disagree", "model-misses", "position-held", "position-wraps", "rate-low",
-    "repeats-differ", "run-stands-out", "strokes-late", "units-disagree", "velocity-sign",
+    "logs-disagree", "model-misses", "position-held", "position-wraps", "rate-low",
+    "repeats-differ", "run-stands-out", "sign-odd", "strokes-late", "units-disagree", "velocity-sign",
     "velocity-unrelated",
 }  # fmt: skip
 

@@ -89,7 +89,7 @@ def identify(
         heldout=rmse((prediction, prediction.heldout) for prediction in at_joints.values()),
     )
     repeated = {joint: prediction.repeated for joint, prediction in at_joints.items()}
-    notes = warnings.notes_on(result, runs, estimate, robot=robot, repeated=repeated)
+    notes = warnings.notes_on(result, estimate, robot=robot, repeated=repeated)
     return replace(estimate, notes=(*dataset.notes, *notes))
 
 

@@ -9,7 +9,6 @@ from collections.abc import Iterator, Mapping, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from pumaid.dataset import Run
 from pumaid.effects import Trace
 from pumaid.effects.base import Family, load_refusal
 from pumaid.errors import Note, Where
@@ -26,34 +25,34 @@ from pumaid.robot import Robot
 from pumaid.units import number
 
 Floats = NDArray[np.float64]
+Counts = NDArray[np.int64]
 
-#: Multiple of the noise beyond which a model misses a joint. Logs of the arm that the model is of are within 1.3 times.
+#: RMSE over noise beyond which a model misses a joint. Logs of the arm that the model is of are within 1.3 times.
 FAR = 2.0
 #: Share of a joint's current (RMS) that a misfit must be besides, and beyond which it is one whatever the noise: what
 #: runs leave by themselves is much too where something is wrong with their samples.
 SEEN, MOST = 1e-3, 0.5
-#: Runs of a joint that a file must have to be fitted by itself, and how much better it must be met then.
-FEWEST, BETTER = 8, 2.0
-#: How much worse than all others the runs of a file must be met by what meets those, to be the one that is wrong.
-DISOWNED = 4.0
-#: Multiple of what the model leaves of the usual run that makes a run odd, the chance that any run of a joint is by
-#: noise, and share of the runs that may be: more are another matter.
+#: A file is an outlier if its RMSE under a fit to the others exceeds theirs by the factor `DISOWNED`, or falls by
+#: `BETTER` under a fit to itself; either fit needs so many runs of the joint.
+FEWEST, BETTER, DISOWNED = 8, 2.0, 4.0
+#: Multiple of the median run's RMSE that makes a run an outlier, the chance that any run of a joint is by noise, and
+#: share of the runs that may be: more are another matter.
 ODD, FAMILYWISE, MOST_ODD = 5.0, 1e-3, 0.2
 #: Standard deviation of normal values over the median of their deviations.
 SCATTER = 1.4826
 #: Multiple of the usual variance inside a bin beyond which their mean is one of outliers.
 SPIKY = 10.0
-#: Bins from which a run's own outliers are told, and samples of a bin from which its variance has a shape of its own.
+#: Bins from which a run's own outliers are found, and samples of a bin from which its variance has a shape of its own.
 ENOUGH, FULL = 24, 8
 #: Median of the square of a normal deviate.
 ONE_FREEDOM = 0.455
 #: Singular values below this share of the largest are left out where one file is fitted by itself.
 _RCOND = 1e-3
-#: Repeated runs of a joint that tell of a change, and the chance below which it is one.
+#: Replicates of a joint that show a change, and the p-value below which it is one.
 FEWEST_REPEATS, CHANCE = 6, 1e-5
 #: Share of the noise floor that a change must be to matter; no change below a share of the current does, either.
 CHANGE = 0.5
-#: Condition beyond which a change in proportion to the current cannot be told from the others.
+#: Condition beyond which a change in proportion to the current is confounded with the others.
 ALIKE = 30.0
 #: What a change may be: its unit, what it goes with, and its cause.
 KINDS = (
@@ -65,18 +64,16 @@ KINDS = (
 SMALLEST_PART = 1e-3
 #: Sine of the angle between axes up to which they are parallel.
 PARALLEL = 1e-6
-#: Standard errors beyond which a ratio has a sign.
-SURELY = 5.0
-#: The same for an inertia below zero.
-NEGATIVE = 3.0
-#: Standard errors by which a delay must move a parameter to be told, and effects that a delay passes for.
+#: Standard errors beyond which a gain ratio, and an inertia, has a sign.
+SURELY, NEGATIVE = 5.0, 3.0
+#: Standard errors by which a delay must move a parameter to be noted, and effects that a delay passes for.
 DELAYED, LATE = 3.0, ("coulomb", "viscous", "inertia")
 
 
 def notes_on(
-    result: EffectFit, runs: Sequence[Run], estimate: Estimate, *, robot: Robot, repeated: Mapping[int, Sequence[Pair]]
+    result: EffectFit, estimate: Estimate, *, robot: Robot, repeated: Mapping[int, Sequence[Pair]]
 ) -> list[Note]:
-    """All notes on a fit of `runs` and on what was estimated; `repeated` maps a joint to its runs that repeat."""
+    """All notes on a fit and on what was estimated; `repeated` maps a joint to its replicates."""
     fitted, values = result.fit, estimate.values
     # Beside another effect of speed, a viscous term is a part of friction only.
     of_speed = {term.joint for term in fitted.model.effects if term.effect.family is Family.SPEED}
@@ -84,47 +81,83 @@ def notes_on(
         *of_misfit(fitted, estimate.joints),
         *of_runs(fitted),
         *of_drift(estimate.joints, repeated),
-        *([] if estimate.effects else of_delays(fitted, runs, values)),
-        *of_fit(fitted, robot),
+        *([] if estimate.effects else of_delays(fitted, values)),
+        *of_few_runs(fitted),
         *of_gears(fitted, robot),
-        *odd_friction([value for value in values if value.joint not in of_speed], robot.n_joints),
-        *odd_gains(values, robot.n_joints),
-        *odd_inertia(values, robot.n_joints),
-        *of_effects(result, runs),
+        *of_falling_friction([value for value in values if value.joint not in of_speed]),
+        *of_signs(values),
+        *of_effects(result),
     ]
 
 
 def of_misfit(fitted: Fit, joints: Sequence[JointFit]) -> Iterator[Note]:
     """A note for each joint whose current the model does not explain, with the file that is to blame if one is.
 
-    Noise is what is left of each run by its own harmonic, or what repeated runs differ by if that is less.
+    Noise is what is left of each run by its own harmonic, or the noise floor if that is less.
     """
     by_joint = {fit.joint: fit for fit in joints}
     for system in fitted.rows:
         row, joint = fitted.row(system.joint), by_joint[system.joint]
         misses, size = joint.rmse or 0.0, math.sqrt(row.bins.mean_square)
         squares, samples = _inside(row.bins)
-        inside = float(np.sqrt(np.average(squares, weights=samples)))
-        noise = inside if joint.noise_floor is None else min(inside, joint.noise_floor)
+        noise = float(np.sqrt(np.average(squares, weights=samples)))
+        noise = noise if joint.noise_floor is None else min(noise, joint.noise_floor)
         is_far = misses > max(FAR * noise, SEEN * size)
         if not is_far and not (misses > MOST * size and len(row.bins.runs) >= FEWEST):
             continue
-        text = f"the model's error at joint {row.bins.joint} is {number(misses)} A RMS"
-        name, evidence = _disagreement(row, system.design)
+        text = f"the model's error at joint {joint.joint} is {number(misses)} A RMS"
+        name, evidence = _outlier_file(row, system.design)
         if name is not None:
             advice = "Check that it is the same robot with the same payload, zeros, units and columns"
             why = f"{text}, and {name} is inconsistent with the other logs: {evidence}. {advice}"
-            yield Note("logs-disagree", why, Where(file=name, joint=row.bins.joint))
+            yield Note("logs-disagree", why, Where(file=name, joint=joint.joint))
             continue
         advice = "Its intervals may not hold the truth; if no column is wrong, 'pumaid diagnose' tells what is missing"
         why = f"{text}, its noise {number(noise)} A. {advice}"
         if not is_far:
             why = f"{text} of a current of {number(size)} A, and noise alone is {number(noise)} A. Is the column right?"
-        yield Note("model-misses", why, Where(joint=row.bins.joint))
+        yield Note("model-misses", why, Where(joint=joint.joint))
+
+
+def _outlier_file(row: FitRow, design: Floats) -> tuple[str | None, str]:
+    """The file with the largest error under a fit to all other runs, else that which a fit of its own helps most."""
+    origins = np.array([run.origin for run in row.bins.runs])
+    disowned, corrected = list[tuple[float, str, str]](), list[tuple[float, str, str]]()
+    for name in dict.fromkeys(origins.tolist()):
+        inside, outside = np.flatnonzero(origins == name), np.flatnonzero(origins != name)
+        if len(outside) >= FEWEST:
+            rest, missed = _in_halves(row, design, outside), _rmse_by(row, design, outside, inside)
+            why = f"its runs have {number(missed)} A RMS under a fit to the others, which have {number(rest)} A"
+            disowned += [(missed / rest, name, why)] if missed > DISOWNED * rest else []
+        if len(outside) and len(inside) >= FEWEST:
+            before, after = _rmse_by(row, design, inside[:0], inside), _in_halves(row, design, inside)
+            why = f"its runs have {number(before)} A RMS under the common fit and {number(after)} A under one to them"
+            corrected += [(before / after, name, why)] if before > BETTER * after else []
+    worst = max(disowned or corrected, default=None)
+    return (None, "") if worst is None else worst[1:]
+
+
+def _in_halves(row: FitRow, design: Floats, runs: Counts) -> float:
+    """RMSE (A) of some runs by corrections from one half of them, judged on the other, so that noise gains nothing."""
+    # Neighbouring runs go to and fro: pairs of them keep both directions in each half.
+    first = np.isin(np.arange(len(runs)) % 4, (0, 3))
+    halves = [_rmse_by(row, design, runs[part], runs[~part]) for part in (first, ~first)]
+    return float(np.sqrt(np.mean(np.square(halves))))
+
+
+def _rmse_by(row: FitRow, design: Floats, fitted: Counts, judged: Counts) -> float:
+    """RMSE (A) of some runs once the corrections that other runs show are taken out."""
+    bins, (source, target) = row.bins, (np.isin(row.bins.run, runs) for runs in (fitted, judged))
+    weight = np.sqrt(bins.count[source])
+    residual = row.misfit[target]
+    if len(weight):
+        correction = np.linalg.lstsq(design[source] * weight[:, None], row.misfit[source] * weight, rcond=_RCOND)[0]
+        residual = residual - design[target] @ correction
+    return float(np.sqrt(np.average(residual**2 + bins.inside[target], weights=bins.count[target])))
 
 
 def of_runs(fitted: Fit) -> list[Note]:
-    """Notes on single runs that the model meets far worse than the others of their joint, and on noise of outliers.
+    """Notes on single runs that the model misses far more than the others of their joint, and on noise of outliers.
 
     Both pass for noise everywhere else: they make intervals wide, and no other note tells what they move. Where the
     model misses a whole joint no run is named.
@@ -135,29 +168,38 @@ def of_runs(fitted: Fit) -> list[Note]:
     """
     notes = []
     for row in fitted.joints:
-        bins = row.bins
+        bins, (rms, level) = row.bins, row.by_run()
         # What accelerates leaves more, by all that a change of speed does.
         steady = np.flatnonzero(~bins.is_stroke)
         if len(steady) < FEWEST:
             continue
-        rms, level = row.by_run()
         size, usual = math.sqrt(bins.mean_square), float(np.median(rms[steady]))
         noise = float(np.median(np.sqrt(_inside(bins)[0][steady])))
         is_met = usual > 0.0 and float(np.median(np.hypot(rms, level)[steady])) <= FAR * noise
         odd = steady[_outlying(rms[steady], least=max(ODD * usual, SEEN * size))] if is_met else steady[:0]
         if 0 < len(odd) <= MOST_ODD * len(steady):
-            notes.append(_odd_runs([bins.runs[n] for n in odd], rms[odd], usual, of=len(steady)))
+            notes.append(_odd_runs(bins, odd, rms, usual))
             continue
-        if len(odd):
-            sizes = [usual, float(np.sqrt(np.mean(rms[steady] ** 2)))]
-        else:
-            sizes = _outliers(joint_bins(fitted.model.robot, bins.runs, is_settled=False)[0])
+        sizes = [usual, float(np.sqrt(np.mean(rms[steady] ** 2)))]
+        if not len(odd):
+            sizes = _spikes(joint_bins(fitted.model.robot, bins.runs, is_settled=False)[0])
         if sizes and sizes[1] > SEEN * size:
             shown = f"noise is {number(sizes[1])} A RMS, but {number(sizes[0])} A in a typical half of the data"
             advice = "Spikes that occur in one direction only bias friction and gravity: look at the samples"
             text = f"the current of joint {bins.joint} has spikes: {shown}. {advice}"
             notes.append(Note("current-spikes", text, Where(joint=bins.joint)))
     return notes
+
+
+def _odd_runs(bins: JointBins, odd: Counts, rms: Floats, usual: float) -> Note:
+    first, count = bins.runs[odd[0]], int(np.count_nonzero(~bins.is_stroke))
+    which = f"{len(odd)} of {count} runs of joint {bins.joint} {'is' if len(odd) == 1 else 'are'}"
+    sizes = f"{number(float(np.sqrt(np.mean(rms[odd] ** 2))))} A RMS, where the median run has {number(usual)} A"
+    text = (
+        f"{which} unlike the others: the model's error there is {sizes}; the first begins at {number(first.start)} s."
+        " Did the arm touch something? Estimates are biased by it, and no interval includes that"
+    )
+    return Note("run-stands-out", text, Where(file=first.origin, row=first.first_row, joint=bins.joint))
 
 
 def _outlying(rms: Floats, *, least: float) -> NDArray[np.bool_]:
@@ -169,7 +211,7 @@ def _outlying(rms: Floats, *, least: float) -> NDArray[np.bool_]:
     return (rms > least) & (chance * len(rms) < FAMILYWISE)
 
 
-def _beside_harmonics(bins: JointBins) -> tuple[Floats, NDArray[np.int64]]:
+def _beside_harmonics(bins: JointBins) -> tuple[Floats, Counts]:
     """(N,) A that each run's own first harmonic, and in strokes its motion, leave; and (R,) their numbers of terms."""
     v, stroke = bins.samples.velocity[:, bins.joint - 1], bins.is_stroke[bins.run]
     motion = [np.ones(len(v)), stroke * v, stroke * bins.samples.acceleration]
@@ -186,7 +228,7 @@ def _inside(bins: JointBins) -> tuple[Floats, Floats]:
     return bins.sums(bins.count * (residual**2 + inside)) / np.maximum(samples - terms, 1.0), samples
 
 
-def _outliers(bins: JointBins) -> list[float]:
+def _spikes(bins: JointBins) -> list[float]:
     """Usual and RMS noise (A) of runs where it is mostly outliers, inside bins or from bin to bin; else none.
 
     Each run is judged by itself, since its speed says how quickly what the model lacks comes and goes.
@@ -206,57 +248,8 @@ def _outliers(bins: JointBins) -> list[float]:
     return []
 
 
-def _odd_runs(odd: Sequence[Run], rms: Floats, usual: float, *, of: int) -> Note:
-    first, joint = odd[0], odd[0].joint
-    which = f"1 of {of} runs of joint {joint} is" if len(odd) == 1 else f"{len(odd)} of {of} runs of joint {joint} are"
-    sizes = f"{number(float(np.sqrt(np.mean(rms**2))))} A RMS, where the median run has {number(usual)} A"
-    text = (
-        f"{which} unlike the others: the model's error there is {sizes}; the first begins at {number(first.start)} s."
-        " Did the arm touch something? Estimates are biased by it, and no interval includes that"
-    )
-    return Note("run-stands-out", text, Where(file=first.origin, row=first.first_row, joint=joint))
-
-
-def _disagreement(row: FitRow, design: Floats) -> tuple[str | None, str]:
-    """The file that what meets all other runs misses by most, else that corrections of its own help most; and why."""
-    origins = np.array([run.origin for run in row.bins.runs])
-    disowned, corrected = list[tuple[float, str, str]](), list[tuple[float, str, str]]()
-    for name in dict.fromkeys(origins.tolist()):
-        inside, outside = np.flatnonzero(origins == name), np.flatnonzero(origins != name)
-        if len(outside) >= FEWEST:
-            rest, missed = _in_halves(row, design, outside), _left(row, design, outside, inside)
-            why = f"its runs have {number(missed)} A RMS under a fit to the others, which have {number(rest)} A"
-            disowned += [(missed / rest, name, why)] if missed > DISOWNED * rest else []
-        if len(outside) and len(inside) >= FEWEST:
-            bins = np.isin(row.bins.run, inside)
-            squares = row.misfit[bins] ** 2 + row.bins.inside[bins]
-            before = float(np.sqrt(np.average(squares, weights=row.bins.count[bins])))
-            after = _in_halves(row, design, inside)
-            why = f"its runs have {number(before)} A RMS under the common fit and {number(after)} A under one to them"
-            corrected += [(before / after, name, why)] if before > BETTER * after else []
-    worst = max(disowned or corrected, default=None)
-    return (None, "") if worst is None else worst[1:]
-
-
-def _in_halves(row: FitRow, design: Floats, runs: NDArray[np.int64]) -> float:
-    """RMS (A) of some runs by corrections from one half of them, judged on the other, so that noise gains nothing."""
-    # Neighbouring runs go to and fro: pairs of them keep both directions in each half.
-    first = np.isin(np.arange(len(runs)) % 4, (0, 3))
-    halves = [_left(row, design, runs[part], runs[~part]) for part in (first, ~first)]
-    return float(np.sqrt(np.mean(np.square(halves))))
-
-
-def _left(row: FitRow, design: Floats, fitted: NDArray[np.int64], judged: NDArray[np.int64]) -> float:
-    """RMS (A) of some runs once what other runs show is taken out."""
-    bins, (source, target) = row.bins, (np.isin(row.bins.run, runs) for runs in (fitted, judged))
-    weight = np.sqrt(bins.count[source])
-    correction = np.linalg.lstsq(design[source] * weight[:, None], row.misfit[source] * weight, rcond=_RCOND)[0]
-    residual = row.misfit[target] - design[target] @ correction
-    return float(np.sqrt(np.average(residual**2 + bins.inside[target], weights=bins.count[target])))
-
-
 def of_drift(joints: Sequence[JointFit], repeated: Mapping[int, Sequence[Pair]]) -> Iterator[Note]:
-    """A note for each joint whose later runs drew another current than the same runs earlier.
+    """A note for each joint whose current changed between the first and the last of its repeated runs.
 
     The same whichever way the joint moved, a sensor's zero or a load changed; with the motion, friction; in proportion,
     a gain.
@@ -267,40 +260,39 @@ def of_drift(joints: Sequence[JointFit], repeated: Mapping[int, Sequence[Pair]])
         if min(np.count_nonzero(ways > 0), np.count_nonzero(ways < 0)) < FEWEST_REPEATS // 2:
             continue
         drawn = np.array([np.average(pair.first.bins.current, weights=pair.first.bins.count) for pair in last])
-        changes = [np.ones(len(last)), ways, drawn]
-        if np.linalg.cond(np.column_stack([*changes[:2], drawn / max(float(np.abs(drawn).max()), 1e-12)])) > ALIKE:
-            del changes[2]
+        design = np.column_stack([np.ones(len(last)), ways, drawn])
+        if np.linalg.cond(design / np.maximum(np.abs(design).max(axis=0), 1e-12)) > ALIKE:
+            design = design[:, :2]
         matters = max(CHANGE * (fit.noise_floor or 0.0), SEEN * float(np.sqrt(np.mean(drawn**2))))
-        design, more = np.column_stack(changes), np.array([pair.more for pair in last])
-        yield from _of_changes(fit.joint, design, more, matters=matters)
+        change, dof = np.array([pair.more for pair in last]), len(last) - design.shape[1]
+        inverse = np.linalg.inv(design.T @ design)
+        sizes = inverse @ design.T @ change
+        variance = float(np.sum((change - design @ sizes) ** 2)) / max(dof, 1)
+        errors = np.sqrt(np.maximum(variance * np.diag(inverse), 1e-300))
+        moved = np.abs(sizes) * np.sqrt(np.mean(design**2, axis=0))
+        for n, (unit, goes, cause) in enumerate(KINDS[: len(sizes)]):
+            if two_sided(sizes[n] / errors[n], dof) >= CHANCE or moved[n] <= matters:
+                continue
+            factor = 100.0 if unit == "%" else 1.0
+            shown = f"{number(factor * abs(float(sizes[n])))} ± {number(factor * float(errors[n]))} {unit}"
+            text = (
+                f"joint {fit.joint} draws {shown} {'more' if sizes[n] > 0 else 'less'} {goes} in the last of"
+                f" {len(last)} repeated runs than in the first of them: {cause}. Estimates are averages of before and"
+                " after"
+            )
+            yield Note("repeats-differ", text, Where(joint=fit.joint))
 
 
-def _of_changes(joint: int, design: Floats, change: Floats, *, matters: float) -> Iterator[Note]:
-    """Of (n,) changes (A), by (n, k) what they may go with, those that are more than what matters (A, RMS)."""
-    inverse, freedoms = np.linalg.inv(design.T @ design), len(change) - design.shape[1]
-    sizes = inverse @ design.T @ change
-    variance = float(np.sum((change - design @ sizes) ** 2)) / max(freedoms, 1)
-    errors = np.sqrt(np.maximum(variance * np.diag(inverse), 1e-300))
-    for (unit, goes, cause), size, error, column in zip(KINDS, sizes, errors, design.T, strict=False):
-        moved = abs(size) * float(np.sqrt(np.mean(column**2)))
-        if two_sided(size / error, freedoms) >= CHANCE or moved <= matters:
-            continue
-        factor = 100.0 if unit == "%" else 1.0
-        shown = f"{number(factor * abs(float(size)))} ± {number(factor * float(error))} {unit}"
-        drawn = f"{shown} {'more' if size > 0 else 'less'} {goes}"
-        text = f"joint {joint} draws {drawn} in the last of {len(change)} repeated runs than in the first of them"
-        yield Note("repeats-differ", f"{text}: {cause}. Estimates are averages of before and after", Where(joint=joint))
-
-
-def of_delays(fitted: Fit, runs: Sequence[Run], values: Sequence[Value]) -> list[Note]:
+def of_delays(fitted: Fit, values: Sequence[Value]) -> Iterator[Note]:
     """A note for each joint with nothing but strokes whose numbers are others if its current comes late, or early.
 
     A fit in which such joints may be late tells by how much: half a millisecond matters where strokes are short.
     """
+    runs = [run for row in fitted.rows for run in row.bins.runs]
     alone = sorted({run.joint for run in runs} - {run.joint for run in runs if run.kind != STROKE})
     if not alone:
-        return []
-    model, notes = Model.of_runs(fitted.model.robot, runs, all_delays=True), []
+        return
+    model = Model.of_runs(fitted.model.robot, runs, all_delays=True)
     free = fit_bins(model, [row.bins for row in fitted.rows])
     late = dict(zip(model.names, zip(free.values, np.sqrt(np.diag(free.inverse)), strict=False), strict=True))
     for joint in alone:
@@ -312,93 +304,23 @@ def of_delays(fitted: Fit, runs: Sequence[Run], values: Sequence[Value]) -> list
         worst = max(off, key=lambda value: off[value], default=None)
         if worst is None or off[worst] <= DELAYED:
             continue
-        other = f"{number(late[worst.name][0])} instead of {number(worst.value or 0.0)} {worst.unit}"
-        text = f"joint {joint} has no runs at constant speed. If its current is delayed against its position,"
-        text = f"{text} {worst.name} would be {other}. Record runs at constant speed to rule this out"
-        notes.append(Note("strokes-late", text, Where(joint=joint)))
-    return notes
-
-
-def _by_name(values: Sequence[Value]) -> dict[str, tuple[float, float, tuple[float, float], str]]:
-    """Name -> value, error, interval and unit of what was identified."""
-    return {
-        value.name: (value.value, value.std_error, value.ci95, value.unit)
-        for value in values
-        if value.value is not None and value.std_error is not None and value.ci95 is not None
-    }
-
-
-def odd_friction(values: Sequence[Value], n_joints: int) -> Iterator[Note]:
-    """Viscous terms that are surely of the sign opposite to their joint's Coulomb friction."""
-    identified = _by_name(values)
-    for joint, (side, way) in itertools.product(range(1, n_joints + 1), (("plus", "forward"), ("minus", "backward"))):
-        if f"viscous.j{joint}.{side}" not in identified:
-            continue
-        slope, error, (low, high), unit = identified[f"viscous.j{joint}.{side}"]
-        # Friction opposes motion, so the Coulomb terms tell the sign in which the motor counts its current.
-        signs = {1.0: f"coulomb.j{joint}.plus", -1.0: f"coulomb.j{joint}.minus"}
-        motor = sum(sign * identified[name][0] for sign, name in signs.items() if name in identified)
-        if motor * slope < 0 and not low <= 0.0 <= high:
-            text = (
-                f"friction of joint {joint} falls with speed going {way} ({number(slope)} ± {number(error, 2)} {unit}),"
-                " which viscous friction does not: Stribeck friction dominates, or something else changed with speed"
-            )
-            yield Note("friction-falls-with-speed", text, Where(joint=joint))
-
-
-def odd_inertia(values: Sequence[Value], n_joints: int) -> Iterator[Note]:
-    """Inertias that are surely below zero, by the way in which their joint's motor counts its friction."""
-    ways = _ways(values, n_joints)
-    for value in values:
-        if not value.name.startswith("inertia.j") or value.value is None or not value.std_error:
-            continue
-        joint = value.joint or 0
-        if value.value * ways.get(joint, 0.0) < -NEGATIVE * value.std_error:
-            text = (
-                f"inertia of joint {joint} comes out below zero ({number(value.value)} ± {number(value.std_error, 2)}"
-                f" {value.unit}, and friction says which way is up): its current or position is late or smoothed"
-            )
-            yield Note("inertia-negative", text, Where(joint=joint))
-
-
-def _ways(values: Sequence[Value], n_joints: int) -> dict[int, float]:
-    """Joint -> 1.0 or -1.0, the sign in which its motor surely counts what opposes motion."""
-    identified, ways = _by_name(values), dict[int, float]()
-    for joint in range(1, n_joints + 1):
-        forth, back = identified.get(f"coulomb.j{joint}.plus"), identified.get(f"coulomb.j{joint}.minus")
-        if forth and back and (forth[2][0] > back[2][1] or back[2][0] > forth[2][1]):
-            ways[joint] = math.copysign(1.0, forth[0] - back[0])
-    return ways
-
-
-def odd_gains(values: Sequence[Value], n_joints: int) -> Iterator[Note]:
-    """Gain ratios whose sign is surely not that by which the two motors count their friction."""
-    identified, ways = _by_name(values), _ways(values, n_joints)
-    for joint in range(1, n_joints):
-        ratio, pair = (
-            identified.get(f"gain_ratio.{joint}.{joint + 1}"),
-            (ways.get(joint, 0.0), ways.get(joint + 1, 0.0)),
+        text = (
+            f"joint {joint} has no runs at constant speed. If its current is delayed against its position,"
+            f" {worst.name} would be {number(late[worst.name][0])} instead of {number(worst.value or 0.0)}"
+            f" {worst.unit}. Record runs at constant speed to rule this out"
         )
-        if ratio is None or ratio[0] * pair[0] * pair[1] >= -SURELY * ratio[1] or not pair[0] * pair[1]:
-            continue
-        sign, same = ("negative", "the same sign") if pair[0] == pair[1] else ("positive", "opposite signs")
-        text = f"gain_ratio.{joint}.{joint + 1} is {sign} ({number(ratio[0])}) although friction shows that the two"
-        text = f"{text} currents have {same}. Check signs in the DH table, of the position columns and of gravity"
-        yield Note("gain-sign", text, Where(joint=joint))
+        yield Note("strokes-late", text, Where(joint=joint))
 
 
-def of_fit(fitted: Fit, robot: Robot) -> Iterator[Note]:
-    """Joints with few runs, and loads that are part of friction."""
+def of_few_runs(fitted: Fit) -> Iterator[Note]:
+    """Joints with so few runs that nothing tells how they differ from run to run."""
     for joint in sorted(fitted.weak):
         runs = len(fitted.row(joint).bins.runs)
         text = (
             f"joint {joint} has {runs} run{'s' if runs > 1 else ''} only: its intervals rest on the noise inside runs"
+            " and do not include how repeated runs differ"
         )
-        yield Note("few-runs", f"{text} and do not include how repeated runs differ", Where(joint=joint))
-    for joint in fitted.model.structure.embodied:
-        name = f"prismatic joint {joint} ({robot.joint(joint).name})"
-        text = f"the constant load of {name} is part of its Coulomb terms"
-        yield Note("load-in-coulomb", text, Where(joint=joint))
+        yield Note("few-runs", text, Where(joint=joint))
 
 
 def of_gears(fitted: Fit, robot: Robot) -> Iterator[Note]:
@@ -410,10 +332,8 @@ def of_gears(fitted: Fit, robot: Robot) -> Iterator[Note]:
     modelled = {(term.joint, term.shape.get("on")) for term in fitted.model.effects}
     passed, parallel = [], []
     for joint, motor in itertools.product(range(1, robot.n_joints + 1), sorted(row.joint for row in fitted.rows)):
-        part = float(share[joint - 1, motor - 1])
-        if joint <= motor or abs(part) < SMALLEST_PART or load_refusal(robot, joint) is not None:
-            continue
-        if (joint, float(motor)) in modelled:
+        part, is_modelled = float(share[joint - 1, motor - 1]), (joint, float(motor)) in modelled
+        if joint <= motor or abs(part) < SMALLEST_PART or is_modelled or load_refusal(robot, joint) is not None:
             continue
         passed.append(
             f"motor {motor} carries {number(part, 2)} of joint {joint}'s load (--add coupling@{joint}:on={motor})"
@@ -429,19 +349,60 @@ def of_gears(fitted: Fit, robot: Robot) -> Iterator[Note]:
         yield Note("load-through-gears", "; ".join([text, *parallel]), Where())
 
 
-def of_effects(result: EffectFit, runs: Sequence[Run]) -> Iterator[Note]:
-    """Effects that did not settle, shapes at a bound, and effects of time over several recordings."""
+def of_falling_friction(values: Sequence[Value]) -> Iterator[Note]:
+    """Viscous terms that are surely of the sign opposite to their joint's Coulomb friction."""
+    coulomb = {value.name: value.value for value in values if value.name.startswith("coulomb")}
+    for value in values:
+        name, joint = value.name.split("."), value.joint
+        if name[0] != "viscous" or value.value is None or value.ci95 is None or value.std_error is None:
+            continue
+        # Friction opposes motion, so the Coulomb terms tell the sign in which the motor counts its current.
+        plus, minus = (coulomb.get(f"coulomb.j{joint}.{side}") or 0.0 for side in ("plus", "minus"))
+        if (plus - minus) * value.value < 0 and not value.ci95[0] <= 0.0 <= value.ci95[1]:
+            slope = f"{number(value.value)} ± {number(value.std_error, 2)} {value.unit}"
+            way = "forward" if name[2] == "plus" else "backward"
+            text = (
+                f"friction of joint {joint} falls with speed going {way} ({slope}), which viscous friction does not:"
+                " Stribeck friction dominates, or something else changed with speed"
+            )
+            yield Note("friction-falls-with-speed", text, Where(joint=joint))
+
+
+def of_signs(values: Sequence[Value]) -> Iterator[Note]:
+    """Gain ratios and inertias whose sign is surely not that by which the motors count their friction."""
+    certain = {value.name: value for value in values if value.value is not None and value.std_error and value.ci95}
+    ways: dict[int | None, float] = {}
+    for value in certain.values():
+        back = certain.get(value.name.replace(".plus", ".minus"))
+        if value.name.startswith("coulomb") and value.name.endswith(".plus") and back and value.ci95 and back.ci95:
+            surely = value.ci95[0] > back.ci95[1] or back.ci95[0] > value.ci95[1]
+            ways[value.joint] = math.copysign(float(surely), (value.value or 0.0) - (back.value or 0.0))
+    for value in certain.values():
+        size, error, joint = value.value or 0.0, value.std_error or 0.0, value.joint or 0
+        if value.name == f"gain_ratio.{joint}.{joint + 1}":
+            pair = ways.get(joint, 0.0) * ways.get(joint + 1, 0.0)
+            sign, same = ("negative", "the same sign") if pair > 0 else ("positive", "opposite signs")
+            if size * pair < -SURELY * error * abs(pair):
+                text = f"{value.name} is {sign} ({number(size)}) although friction shows that the two currents have"
+                text = f"{text} {same}. Check signs in the DH table, of the position columns and of gravity"
+                yield Note("sign-odd", text, Where(joint=joint))
+        if value.name.startswith("inertia.j") and size * ways.get(joint, 0.0) < -NEGATIVE * error:
+            text = (
+                f"inertia of joint {joint} comes out below zero ({number(size)} ± {number(error, 2)} {value.unit}, by"
+                " the sign of its friction): its current or position is late or smoothed"
+            )
+            yield Note("sign-odd", text, Where(joint=joint))
+
+
+def of_effects(result: EffectFit) -> Iterator[Note]:
+    """Effects that did not converge, and effects of time over several recordings."""
     effects = result.fit.model.effects
     if not result.is_settled:
         names = ", ".join(dict.fromkeys(term.effect.name for term in effects))
         text = f"the fit with {names} did not converge; two of its effects may be confounded"
         yield Note("effects-not-settled", text, Where())
-    for term in effects:
-        for shape in term.held:
-            text = f"{shape} of {term.effect.name} is best at its bound, {number(term.shape[shape])}"
-            yield Note("shape-at-bound", f"{text}: these data do not show where it is", Where(joint=term.joint))
     timed = [term.effect.name for term in effects if Trace.TIME in term.effect.trace]
-    clocks = len({run.clock for run in runs})
+    clocks = len({run.clock for row in result.fit.rows for run in row.bins.runs})
     if timed and clocks > 1:
         text = f"the logs have {clocks} clocks: {timed[0]} starts its time anew in each"
         yield Note("several-clocks", text, Where())

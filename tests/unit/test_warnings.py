@@ -16,7 +16,7 @@ from pumaid.estimate import Value
 from pumaid.estimation.estimate import identify
 from pumaid.estimation.fit import rmse_by_joint
 from pumaid.estimation.nonlinear import check_better
-from pumaid.estimation.warnings import odd_gains, odd_inertia
+from pumaid.estimation.warnings import of_signs
 from pumaid.io.recipe import read_recipe, shipped_recipes
 from pumaid.preprocessing.segment import segment
 
@@ -119,7 +119,16 @@ def test_noise_that_is_mostly_spikes_is_told(tmp_path, size):
 
 def value(name: str, size: float, error: float) -> Value:
     """An identified parameter."""
-    return Value(name, name, 1, "A", size, error, (size - 2.0 * error, size + 2.0 * error), 20.0)
+    return Value(
+        name,
+        name,
+        int(name.split(".")[1].lstrip("j")),
+        "A",
+        size,
+        error,
+        (size - 2.0 * error, size + 2.0 * error),
+        20.0,
+    )
 
 
 @pytest.mark.parametrize(
@@ -130,10 +139,10 @@ def test_gains_by_load_and_by_friction_have_one_sign(second, ratio, is_odd):
     friction = [
         value(f"coulomb.j{j}.{side}", way * sign, 0.02) for j, way in ((1, 1), (2, second)) for side, sign in SIDES
     ]
-    found = odd_gains([*friction, value("gain_ratio.1.2", ratio, 0.01)], 2)
-    assert [note.slug for note in found] == (["gain-sign"] if is_odd else [])
-    assert list(odd_gains([*friction, value("gain_ratio.1.2", ratio, 0.2)], 2)) == []
-    assert list(odd_gains([value("gain_ratio.1.2", ratio, 0.01)], 2)) == []
+    found = list(of_signs([*friction, value("gain_ratio.1.2", ratio, 0.01)]))
+    assert [note.slug for note in found] == ["sign-odd"] * is_odd
+    assert list(of_signs([*friction, value("gain_ratio.1.2", ratio, 0.2)])) == []
+    assert list(of_signs([value("gain_ratio.1.2", ratio, 0.01)])) == []
 
 
 @pytest.mark.parametrize(
@@ -142,9 +151,9 @@ def test_gains_by_load_and_by_friction_have_one_sign(second, ratio, is_odd):
 def test_an_inertia_below_zero_is_told(way, size, is_odd):
     """Which sign is below zero depends on how the motor counts; one that may be zero is none."""
     friction = [value(f"coulomb.j1.{side}", way * sign, 0.02) for side, sign in SIDES]
-    found = odd_inertia([*friction, value("inertia.j1.J", size, 0.02)], 1)
-    assert [note.slug for note in found] == ["inertia-negative"] * is_odd
-    assert list(odd_inertia([value("inertia.j1.J", size, 0.02)], 1)) == []
+    found = list(of_signs([*friction, value("inertia.j1.J", size, 0.02)]))
+    assert [note.slug for note in found] == ["sign-odd"] * is_odd
+    assert list(of_signs([value("inertia.j1.J", size, 0.02)])) == []
 
 
 SIDES = (("plus", 1.0), ("minus", -0.8))
