@@ -149,8 +149,7 @@ class Experiment:
 
     def _ingested(self, paths: Sequence[LogPath], *, extra: Sequence[str], options: SegmentOptions | None) -> Dataset:
         """The logs read and segmented: on a cluster, in several processes where there is enough to read, or here."""
-        from pumaid.preprocessing.executors import dask_workers, local_processes
-        from pumaid.preprocessing.ingest import ingest
+        from pumaid.preprocessing.ingest import dask_workers, ingest, local_processes
         from pumaid.preprocessing.options import DEFAULTS
 
         sizes = [path.stat().st_size if isinstance(path, Path) and path.is_file() else 0 for path in paths]

@@ -1,14 +1,23 @@
-"""Logs to a dataset: each file is a task of its own, on any executor, and their results are merged in order."""
+"""Logs to a dataset: a file is a task on any executor (processes, a Dask cluster); results are merged in order."""
 
 from __future__ import annotations
 
+import logging
+import math
+import multiprocessing
+import os
+import signal
+import threading
 from collections import deque
-from collections.abc import Callable, Iterable, Iterator, Sequence
-from concurrent.futures import BrokenExecutor, CancelledError, Executor, Future
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from concurrent.futures import BrokenExecutor, CancelledError, Executor, Future, ProcessPoolExecutor
+from contextlib import ExitStack, contextmanager
+from dataclasses import replace
 from functools import partial
-from typing import TypeVar
+from itertools import islice
+from typing import Any, TypeVar
 
+from pumaid import __version__
 from pumaid.dataset import Dataset, FileFacts, Log, Reject, Run
 from pumaid.errors import Faults, LogError, Note, PumaidError, Where
 from pumaid.io.log_reader import LogReader
@@ -23,31 +32,18 @@ from pumaid.robot import Robot
 Task = TypeVar("Task")
 Result = TypeVar("Result")
 
-#: Notes of one kind that are printed in full; a campaign of a thousand files may have one in each.
-MOST_ALIKE = 3
-#: Files a worker that may be read ahead of the one whose turn it is: memory stays bounded.
-AHEAD = 3
-#: Copies of files that are named.
-MOST_NAMED = 5
-
-
-@dataclass(frozen=True, slots=True)
-class FileResult:
-    """What one file leaves.
-
-    Attributes
-    ----------
-    dataset
-        Its runs and rejects; recordings are counted from 0 in it.
-    sums
-        Sums by which the meaning of its columns is checked.
-    faults
-        What these sums show of the file by itself.
-    """
-
-    dataset: Dataset
-    sums: LogStatistics
-    faults: tuple[LogError, ...]
+#: Notes of one kind that are printed in full, and copies of files that are named.
+MOST_ALIKE, MOST_COPIES = 3, 5
+#: Files whose results may wait for an earlier one's: memory stays bounded.
+MOST_WAITING = 64
+#: Processes at most where nobody says how many.
+MOST_PROCESSES = 8
+#: Bytes of logs for which one more process is started (it takes some 30 ms).
+BYTES_A_PROCESS = 8 << 20
+#: s to wait for a scheduler.
+PATIENCE = 10
+#: The address that asks for Dask workers on this machine.
+LOCAL = "local"
 
 
 def ingest(
@@ -57,7 +53,7 @@ def ingest(
     options: SegmentOptions = DEFAULTS,
     extra: Sequence[str] = (),
     trust: bool = False,
-    executor: tuple[Executor | None, int] = (None, 1),
+    executor: Executor | None = None,
     progress: Callable[[int], None] = lambda done: None,
 ) -> Dataset:
     """Read, check and segment logs.
@@ -77,7 +73,7 @@ def ingest(
     trust
         Turns refusals of what cannot be meant into notes.
     executor
-        Where files are read, and its number of workers; this process where it is None.
+        Where files are read; this process where it is None.
     progress
         Called with the number of files done.
 
@@ -93,27 +89,46 @@ def ingest(
     """
     LogReader(paths, robot, extra=extra).check_extra()
     work = partial(read_file, robot=robot, options=options, extra=tuple(extra))
-    results = in_order(work, paths, executor[0], workers=executor[1])
-    return _merged(_counted(results, progress), robot, trust=trust)
+    total = LogStatistics(robot)
+    faults: list[LogError] = []
+
+    def checked() -> Iterator[Dataset]:
+        for done, (part, sums) in enumerate(in_order(work, paths, executor), start=1):
+            faults.extend(item for item in findings(sums) if isinstance(item, LogError))
+            total.absorb(sums)
+            progress(done)
+            yield part
+
+    dataset = _merged(checked())
+    if not any(facts.rows for facts in dataset.files):
+        what = f"no log has a row of numbers ({', '.join(facts.name for facts in dataset.files[:3])})"
+        raise LogError("empty-log", what, Where(file=dataset.files[0].name), "record again, or name other files")
+    of_all = findings(total)
+    # What all logs show needs no message a file; what one file shows may drown in the others.
+    refused = [item for item in of_all if isinstance(item, LogError)]
+    refused = refused or list({fault.slug: fault for fault in reversed(faults)}.values())[::-1]
+    notes = [*_summarised(dataset.notes), *_refused(refused, trust=trust)]
+    notes += [item for item in of_all if isinstance(item, Note)]
+    notes += [*clock.notes(dataset.runs), *_refused(_copies(dataset.files), trust=trust)]
+    return replace(dataset, notes=tuple(notes))
 
 
-def read_file(path: LogPath, *, robot: Robot, options: SegmentOptions, extra: tuple[str, ...] = ()) -> FileResult:
-    """Read and segment one file; parameters and errors as of `ingest`."""
+def read_file(
+    path: LogPath, *, robot: Robot, options: SegmentOptions, extra: tuple[str, ...] = ()
+) -> tuple[Dataset, LogStatistics]:
+    """Read and segment one file, whose recordings count from 0; with sums by which its columns are checked."""
     reader, sums = LogReader((path,), robot, extra=extra), LogStatistics(robot)
-    dataset = segment(_watched(reader, sums), robot, options=options)
-    dataset = replace(dataset, files=tuple(reader.files), notes=tuple(reader.notes), extra=tuple(reader.extra))
-    return FileResult(dataset, sums, tuple(item for item in findings(sums) if isinstance(item, LogError)))
+    dataset = segment(_summed(reader, sums), robot, options=options)
+    return replace(dataset, files=tuple(reader.files), notes=tuple(reader.notes), extra=tuple(reader.extra)), sums
 
 
-def _watched(logs: Iterable[Log], sums: LogStatistics) -> Iterator[Log]:
+def _summed(logs: Iterable[Log], sums: LogStatistics) -> Iterator[Log]:
     for log in logs:
         sums.take(log)
         yield log
 
 
-def in_order(
-    work: Callable[[Task], Result], tasks: Iterable[Task], executor: Executor | None, *, workers: int = 1
-) -> Iterator[Result]:
+def in_order(work: Callable[[Task], Result], tasks: Sequence[Task], executor: Executor | None) -> Iterator[Result]:
     """Results of tasks in the order of the tasks; a task whose worker dies is done in this process.
 
     Parameters
@@ -124,8 +139,6 @@ def in_order(
         In the order of their results.
     executor
         Does the work; this process does it where there is none.
-    workers
-        Of the executor.
     """
     if executor is None:
         yield from map(work, tasks)
@@ -134,9 +147,9 @@ def in_order(
     for task in tasks:
         try:
             waiting.append((task, executor.submit(work, task)))
-        except (BrokenExecutor, RuntimeError):  # its workers died, or the connection to them
+        except RuntimeError:  # its workers died, or the connection to them
             waiting.append((task, None))
-        if len(waiting) >= AHEAD * workers:
+        if len(waiting) >= MOST_WAITING:
             yield _result(work, *waiting.popleft())
     while waiting:
         yield _result(work, *waiting.popleft())
@@ -154,56 +167,29 @@ def _result(work: Callable[[Task], Result], task: Task, future: Future[Result] |
         raise
 
 
-def _counted(results: Iterator[FileResult], progress: Callable[[int], None]) -> Iterator[FileResult]:
-    for done, result in enumerate(results, start=1):
-        progress(done)
-        yield result
-
-
-def _merged(results: Iterator[FileResult], robot: Robot, *, trust: bool) -> Dataset:
-    """The files' results as one dataset; recordings are counted through all files."""
+def _merged(parts: Iterable[Dataset]) -> Dataset:
+    """The files' datasets as one; recordings are counted through all files."""
     runs, rejects = BoundedRecords[Run](RUN_BINS), BoundedRecords[Reject](REJECT_BINS)
     files: list[FileFacts] = []
     notes: list[Note] = []
-    faults: list[LogError] = []
     extra: tuple[str, ...] = ()
-    total, shift = LogStatistics(robot), 0
-    for result in results:
-        part = result.dataset
-        shift += _starts_clock(files, part.files)
+    recordings, last_time = 0, -math.inf
+    for part in parts:
+        filled = [facts for facts in part.files if facts.rows]
+        recordings += bool(filled) and not filled[0].first_time > last_time
+        last_time = filled[-1].last_time if filled else last_time
         for run in part.runs:
-            runs.add(replace(run, clock=run.clock + shift) if shift else run)
+            runs.add(replace(run, clock=run.clock + recordings))
         for reject in part.rejects:
-            rejects.add(replace(reject, clock=reject.clock + shift) if shift else reject)
-        shift += max([run.clock for run in part.runs] + [reject.clock for reject in part.rejects], default=0)
+            rejects.add(replace(reject, clock=reject.clock + recordings))
+        recordings += max([*(run.clock for run in part.runs), *(reject.clock for reject in part.rejects)], default=0)
         files += part.files
         notes += part.notes
-        faults += result.faults
         extra = part.extra
-        total.absorb(result.sums)
-    if not any(facts.rows for facts in files):
-        what = f"no log has a row of numbers ({', '.join(facts.name for facts in files[:3])})"
-        raise LogError("empty-log", what, Where(file=files[0].name), "record again, or name other files")
-    of_all = findings(total)
-    # What all logs show needs no message a file; what one file shows may drown in the others.
-    first_of_each = {fault.slug: fault for fault in reversed(faults)}
-    refused = [item for item in of_all if isinstance(item, LogError)] or [
-        fault for fault in faults if first_of_each[fault.slug] is fault
-    ]
-    doubts = [item for item in of_all if isinstance(item, Note)]
-    notes = [*_merged_notes(notes), *_refused(refused, trust=trust), *doubts, *clock.notes(runs.records)]
-    notes += _refused(list(_copies(files)), trust=trust)
     return Dataset(tuple(runs.records), tuple(rejects.records), tuple(files), tuple(notes), extra)
 
 
-def _starts_clock(before: Sequence[FileFacts], following: Sequence[FileFacts]) -> bool:
-    """Whether the times of the next file do not follow those of the files before."""
-    last = [facts.last_time for facts in before if facts.rows]
-    first = [facts.first_time for facts in following if facts.rows]
-    return bool(last and first) and not first[0] > last[-1]
-
-
-def _copies(files: Sequence[FileFacts]) -> Iterator[LogError]:
+def _copies(files: Sequence[FileFacts]) -> list[LogError]:
     """Files that are the same, byte for byte: counted as two they make errors too small by the root of two."""
     first: dict[str, str] = {}
     copies = {
@@ -211,10 +197,11 @@ def _copies(files: Sequence[FileFacts]) -> Iterator[LogError]:
         for facts in files
         if facts.rows and facts.digest and first.setdefault(facts.digest, facts.name) != facts.name
     }
-    more = f" (and {len(copies) - MOST_NAMED} more such files)" if len(copies) > MOST_NAMED else ""
-    for copy, original in list(copies.items())[:MOST_NAMED]:
-        what = f"{copy} is a copy of {original}{more}: counted twice, errors would come out too small"
-        yield LogError("log-doubled", what, Where(file=copy), "leave one of the two out")
+    more = f" (and {len(copies) - MOST_COPIES} more such files)" if len(copies) > MOST_COPIES else ""
+    mend = "leave one of the two out"
+    what = f"{{}} is a copy of {{}}{more}: counted twice, errors would come out too small"
+    named = list(copies.items())[:MOST_COPIES]
+    return [LogError("log-doubled", what.format(*pair), Where(file=pair[0]), mend) for pair in named]
 
 
 def _refused(faults: Sequence[PumaidError], *, trust: bool) -> list[Note]:
@@ -224,18 +211,104 @@ def _refused(faults: Sequence[PumaidError], *, trust: bool) -> list[Note]:
     return [Note(fault.slug, f"{fault.what}; {fault.mend}", fault.where) for fault in faults]
 
 
-def _merged_notes(notes: Sequence[Note]) -> Iterator[Note]:
-    """What several files share word for word once; of each kind the first few, and how many more there are."""
-    groups: dict[tuple[str, str], list[Note]] = {}
+def _summarised(notes: Sequence[Note]) -> Iterator[Note]:
+    """Of each kind of notes on files the first few, equal texts once, and how many more there are."""
+    by_slug: dict[str, dict[str, list[Note]]] = {}
     for note in notes:
-        groups.setdefault((note.slug, note.text), []).append(note)
-    by_slug: dict[str, list[Note]] = {}
-    for (slug, text), alike in groups.items():
-        more = f"; the same in {len(alike) - 1} more files" if len(alike) > 1 else ""
-        by_slug.setdefault(slug, []).append(Note(slug, text + more, alike[0].where))
-    for slug, several in by_slug.items():
-        yield from several[:MOST_ALIKE]
-        if rest := several[MOST_ALIKE:]:
-            files = list(dict.fromkeys(str(note.where.file) for note in rest))
-            named = ", ".join(files[:MOST_ALIKE]) + (" ..." if len(files) > MOST_ALIKE else "")
-            yield Note(slug, f"{len(rest)} more notes of this kind, on {named}")
+        by_slug.setdefault(note.slug, {}).setdefault(note.text, []).append(note)
+    for slug, by_text in by_slug.items():
+        for text, alike in islice(by_text.items(), MOST_ALIKE):
+            more = f"; the same in {len(alike) - 1} more files" if len(alike) > 1 else ""
+            yield Note(slug, text + more, alike[0].where)
+        rest = list(by_text.values())[MOST_ALIKE:]
+        if rest:
+            files = ", ".join(str(alike[0].where.file) for alike in rest[:MOST_ALIKE])
+            more = " ..." if len(rest) > MOST_ALIKE else ""
+            yield Note(slug, f"{len(rest)} more notes of this kind, on {files}{more}")
+
+
+@contextmanager
+def local_processes(n_bytes: Sequence[int], jobs: int = 0) -> Iterator[Executor | None]:
+    """A pool of processes on this machine; None where one process is as quick.
+
+    Parameters
+    ----------
+    n_bytes
+        Size of each file.
+    jobs
+        Processes at most; 0 for one a core, but no more than `MOST_PROCESSES`.
+    """
+    cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+    workers = min(jobs or min(cores, MOST_PROCESSES), len(n_bytes), sum(n_bytes) // BYTES_A_PROCESS)
+    if workers < 2:
+        yield None
+        return
+    method = "fork" if "fork" in multiprocessing.get_all_start_methods() else "spawn"
+    pool = ProcessPoolExecutor(workers, multiprocessing.get_context(method), initializer=_start_worker)
+    try:
+        yield pool
+    finally:
+        pool.shutdown(wait=False, cancel_futures=True)
+
+
+def _start_worker() -> None:
+    """Ctrl-C, which reaches all processes of a command, ends a worker without a traceback; so does its parent's end."""
+    signal.signal(signal.SIGINT, signal.SIG_DFL)
+    threading.Thread(target=_end_with, args=[multiprocessing.parent_process()], daemon=True).start()
+
+
+def _end_with(parent: Any) -> None:
+    parent.join()
+    os._exit(1)
+
+
+@contextmanager
+def dask_workers(address: str, jobs: int = 0) -> Iterator[Executor]:
+    """The workers of a Dask cluster as an executor.
+
+    Parameters
+    ----------
+    address
+        Of a scheduler, such as ``tcp://10.0.0.5:8786``; or ``local`` for workers on this machine, which end with it.
+    jobs
+        Workers where it is local; 0 for one a core.
+
+    Raises
+    ------
+    LogError [no-cluster]
+        Dask is not installed, or no scheduler answers there.
+    LogError [cluster-differs]
+        The scheduler or a worker has no pumaid, or another version.
+    """
+    where = Where(field=f"--dask {address}")
+    try:
+        import distributed
+    except ImportError as error:
+        what = "a cluster needs dask.distributed, which is not installed"
+        raise LogError("no-cluster", what, where, "pip install 'pumaid[dask]'") from error
+    for name in ("distributed", "tornado", "asyncio"):  # a cluster that ends logs it as tracebacks
+        logging.getLogger(name).setLevel(logging.CRITICAL)
+    local = {"n_workers": jobs or None, "threads_per_worker": 1, "dashboard_address": None}
+    with ExitStack() as stack:
+        try:
+            place: Any = address
+            if address == LOCAL:
+                place = stack.enter_context(distributed.LocalCluster(**local, silence_logs=logging.CRITICAL))
+            client = stack.enter_context(distributed.Client(place, timeout=PATIENCE))
+            versions = client.get_versions(packages=["pumaid"])
+        except (OSError, ValueError, TypeError) as error:
+            what = f"no scheduler answers at {address}: {(str(error) or type(error).__name__).splitlines()[0][:200]}"
+            mend = "start one with 'dask scheduler', or give --dask local"
+            raise LogError("no-cluster", what, where, mend) from error
+        if address != LOCAL:
+            _check_versions({"the scheduler": versions["scheduler"], **versions["workers"]}, where)
+        yield client.get_executor(pure=False)
+
+
+def _check_versions(places: Mapping[str, Any], where: Where) -> None:
+    for name, place in places.items():
+        version = place["packages"].get("pumaid")
+        if version != __version__:
+            what = f"{name} has {f'pumaid {version}' if version else 'no pumaid'}, this is pumaid {__version__}"
+            mend = f"pip install 'pumaid[dask]=={__version__}' where the scheduler and the workers run"
+            raise LogError("cluster-differs", what, where, mend)

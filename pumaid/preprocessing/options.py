@@ -24,17 +24,16 @@ class SegmentOptions:
         ``"constant"``: only stretches at constant speed; ``"stroke"``: only movements from rest to rest;
         ``"both"``: strokes where the constant part of a movement is too small a share of it.
     min_duration
-        Shortest stretch at constant speed (s); motor currents are correlated over tens of milliseconds, so a shorter
-        one holds only a few independent values.
+        Shortest stretch at constant speed (s); the noise of currents is correlated over tens of milliseconds.
     min_travel
         Shortest way of a run (rad or m); over less, gravity's sine and cosine cannot be told from a constant.
     min_samples
         Fewest samples of a run.
     speed_tolerance
-        Largest departure of the smoothed speed from its level, as a share of the level; at 0.03 the top of a sinusoid
-        is a third of its way, below `plateau_share`, so a sinusoid is never taken for a constant speed.
+        Largest departure of the smoothed speed from its level, as a share of the level; the top of a sinusoid within
+        0.03 is a third of its way, below `plateau_share`, so a sinusoid is never taken for a constant speed.
     plateau_share
-        Share of a movement's way below which its constant part does not represent it, so that it becomes a stroke.
+        Share of a movement's way below which its constant part does not represent it: it becomes a stroke.
     held_share
         Speed of a held joint, as a share of the moving joint's, up to which it counts as held.
     held_drift
@@ -43,12 +42,10 @@ class SegmentOptions:
         Speed below which a joint is at rest (rad/s or m/s).
     low_speed_share
         A stroke starts and ends where the speed passes this share of its peak: below, friction is not yet sliding.
-    max_bins
-        Most bins that a run is reduced to; one of more than two turns has half as many for each turn.
-    reject_bins
-        Most bins kept of a stretch that is left out.
+    max_bins, reject_bins
+        Most bins of a run (of more than two turns, half as many for each turn), and of a stretch that is left out.
     window
-        Samples held in memory at a time; a longer movement is reduced in pieces that are merged.
+        Samples held in memory at a time; a longer movement is cut.
     """
 
     kinds: str = BOTH
@@ -69,10 +66,10 @@ class SegmentOptions:
         if self.kinds not in (CONSTANT, STROKE, BOTH):
             self._refuse("kinds", f"one of {CONSTANT}, {STROKE}, {BOTH}")
         for name in (item.name for item in fields(self) if item.name != "kinds"):
-            value = getattr(self, name)
-            if not value > 0:
+            if not getattr(self, name) > 0:
                 self._refuse(name, "above 0")
-            if name in ("speed_tolerance", "plateau_share", "held_share", "low_speed_share") and value >= 1:
+        for name in ("speed_tolerance", "plateau_share", "held_share", "low_speed_share"):
+            if getattr(self, name) >= 1:
                 self._refuse(name, "a share, below 1")
         if self.window < MIN_WINDOW:
             self._refuse("window", f"at least {MIN_WINDOW} samples")

@@ -64,9 +64,7 @@ def test_an_interrupt_is_one_line(arm, monkeypatch):
 
 
 #: A run that reads even these few logs by two processes.
-TWO = (
-    "from pumaid.preprocessing import executors; executors.BYTES_A_PROCESS = 1; from pumaid.__main__ import run; run()"
-)
+TWO = "from pumaid.preprocessing import ingest; ingest.BYTES_A_PROCESS = 1; from pumaid.__main__ import run; run()"
 
 
 @pytest.mark.skipif(not Path("/proc/self/task").exists(), reason="looks for processes as Linux shows them")

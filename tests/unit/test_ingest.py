@@ -19,10 +19,8 @@ from pumaid.dataset import Dataset
 from pumaid.errors import LogError
 from pumaid.io.log_writer import write_log
 from pumaid.io.paths import expand
-from pumaid.preprocessing import executors
 from pumaid.preprocessing import ingest as module
-from pumaid.preprocessing.executors import dask_workers, local_processes
-from pumaid.preprocessing.ingest import in_order, ingest
+from pumaid.preprocessing.ingest import dask_workers, in_order, ingest, local_processes
 
 WORLD = World(motions=4, rate=200.0)
 ARM = robot(WORLD)
@@ -75,10 +73,10 @@ class Slow(ThreadPoolExecutor):
 def test_numbers_do_not_depend_on_who_reads(paths, expected, kind: type[Executor], workers: int) -> None:
     """Files shared out among one and four workers, done in any order, leave the same dataset."""
     with kind(workers) as executor:
-        assert_equal(ingest(paths, ARM, executor=(executor, workers)), expected)
+        assert_equal(ingest(paths, ARM, executor=executor), expected)
 
 
-def killed(path: Path, *, parent: int, victim: Path, **more: object) -> module.FileResult:
+def killed(path: Path, *, parent: int, victim: Path, **more: object) -> tuple:
     """Read a file; the worker that gets the victim dies of it."""
     if os.getpid() != parent and path == victim:
         os.kill(os.getpid(), signal.SIGKILL)
@@ -90,14 +88,14 @@ def test_a_killed_worker_loses_nothing(paths, expected, monkeypatch) -> None:
     original = module.read_file
     monkeypatch.setattr(module, "in_order", partial(victimised, parent=os.getpid(), victim=paths[3]))
     with ProcessPoolExecutor(2) as executor:
-        assert_equal(ingest(paths, ARM, executor=(executor, 2)), expected)
+        assert_equal(ingest(paths, ARM, executor=executor), expected)
     assert module.read_file is original
 
 
-def victimised(work, tasks, executor, *, workers, parent, victim):
+def victimised(work, tasks, executor, *, parent, victim):
     """As `in_order`, with workers that die of one file."""
 
-    return in_order(partial(killed, parent=parent, victim=victim, **work.keywords), tasks, executor, workers=workers)
+    return in_order(partial(killed, parent=parent, victim=victim, **work.keywords), tasks, executor)
 
 
 def test_recordings_are_counted_through_the_files(paths, expected) -> None:
@@ -148,17 +146,17 @@ def test_a_refused_file_is_refused_by_its_worker_too(paths, tmp_path) -> None:
     bad = tmp_path / "bad.csv"
     bad.write_text("t,q1,i1\n0,1,2\n")
     with ProcessPoolExecutor(2) as executor, pytest.raises(LogError) as refused:
-        ingest([*paths, bad], ARM, executor=(executor, 2))
+        ingest([*paths, bad], ARM, executor=executor)
     assert refused.value.slug == "column-missing" and refused.value.where.file == str(bad)
 
 
 def test_small_logs_are_read_here() -> None:
     """Processes are started where there is enough for each of them, and never more than there are files."""
-    with local_processes([1000] * 20, 4) as (executor, workers):
-        assert (executor, workers) == (None, 1)
-    with local_processes([1 << 30] * 3, 8) as (executor, workers):
-        assert executor is not None and workers == 3
-    with local_processes([1 << 30] * 3, 1) as (executor, workers):
+    with local_processes([1000] * 20, 4) as executor:
+        assert executor is None
+    with local_processes([1 << 30] * 3, 8) as executor:
+        assert executor is not None and executor._max_workers == 3
+    with local_processes([1 << 30] * 3, 1) as executor:
         assert executor is None
 
 
@@ -173,7 +171,7 @@ def test_dask_workers_leave_the_same(paths, expected) -> None:
 def test_no_scheduler_is_one_message(monkeypatch) -> None:
     """An address at which nobody listens."""
     pytest.importorskip("distributed")
-    monkeypatch.setattr(executors, "PATIENCE", 0.5)
+    monkeypatch.setattr(module, "PATIENCE", 0.5)
     with pytest.raises(LogError) as refused, dask_workers("tcp://127.0.0.1:9"):
         pass
     assert refused.value.slug == "no-cluster" and "tcp://127.0.0.1:9" in str(refused.value)
