@@ -1,6 +1,6 @@
 """Checks of logs that do not mean what the recipe says: a table of slug, test, message and fix.
 
-Each test looks at the sums over one file, or over all, and yields the figures for each place where it finds something.
+Each test looks at the statistics of one file, or of all, and yields the figures of each finding.
 """
 
 from __future__ import annotations
@@ -43,34 +43,20 @@ FLAT_SHARE, FLAT_COUNT, FLAT_RATIO = 0.01, 50, 5
 FLAT_WINDOWS, FLAT_TIME = 20, 0.05
 #: Share of pairs of samples with the same current, and s between two changes, from which on a current is held.
 HELD_SHARE, HELD = 0.6, 0.02
-#: Share of windows with repeated positions; how near to whole counts an encoder's steps are, and how many of them.
-STILL_TIME, COUNT_MATCH, WHOLE_COUNTS = 0.5, 0.1, 0.7
+#: Share of windows with repeated positions, and mean step over the least one; an encoder's slow steps are one count.
+STILL_TIME, UNEQUAL = 0.5, 2.0
 #: Samples, and share of them, that are zero, and zeros per current next to zero, that are not measured.
 ZEROS, ZERO_SHARE, ZERO_RATIO = 8, 1e-3, 8
 #: A; what motors of arms draw at most lies between.
 SMALL, LARGE = 0.02, 200.0
-#: Mean squared difference of two currents, relative to their squares, from which on they are one.
-EQUAL = 1e-12
 
 
 @dataclass(frozen=True, slots=True)
 class Check:
     """One line of the table.
 
-    Attributes
-    ----------
-    slug
-        As in docs/messages.md.
-    test
-        Yields the figures of each finding.
-    text, fix
-        What is wrong and what to do, with the figures in braces.
-    column
-        Quantity whose column is named, ``"time"`` too.
-    fault
-        Whether wrong numbers would certainly follow: then the logs are refused.
-    once
-        Whether one finding is enough.
+    `test` yields the figures of each finding, in braces in `text` (what is wrong) and `fix`. `column` is the quantity
+    whose column is named. With `fault` wrong numbers would certainly follow: then the logs are refused.
     """
 
     slug: str
@@ -79,7 +65,6 @@ class Check:
     fix: str
     column: str = "position"
     fault: bool = False
-    once: bool = False
 
     def run(self, sums: LogStatistics) -> Iterator[LogError | Note]:
         """What the check finds in a file or in all."""
@@ -93,15 +78,16 @@ class Check:
                 yield LogError(self.slug, text, where, fix)
             else:
                 yield Note(self.slug, f"{text}; {fix}" if fix else text, where)
-            if self.once:
-                return
 
 
-def _joints(sums: LogStatistics, *, moved: bool = True) -> Iterator[tuple[Joint, int]]:
-    """Joints with their index, those that moved only."""
-    for joint in sums.robot.joints:
-        if not moved or sums.path[joint.number - 1] > MOVED:
-            yield joint, joint.number - 1
+def findings(sums: LogStatistics) -> list[LogError | Note]:
+    """What the table finds, in the order in which a user should look at it."""
+    items = [item for check in UNIT_CHECKS for item in check.run(sums)]
+    if not any(item.slug in ("looks-like-degrees", "units-disagree") for item in items):
+        items += [item for check in RATIO_CHECKS for item in check.run(sums)]
+    if not any(isinstance(item, LogError) for item in items):
+        items += [item for check in OTHER_CHECKS for item in check.run(sums)]
+    return items
 
 
 def _time_unit(sums: LogStatistics) -> Found:
@@ -127,59 +113,43 @@ def _rate_low(sums: LogStatistics) -> Found:
 
 def _degrees(sums: LogStatistics) -> Found:
     """Positions that are far too large as radians: beyond limits that they would fit as degrees, or of many turns."""
+    if sums.robot.log.units.get("position", "rad") != "rad":
+        return
     turning = [(joint, k) for joint, k in _joints(sums, moved=False) if joint.is_revolute]
-    speeds = _rms_speed(sums)
-    deg = factor("deg")
+    furthest = np.maximum(np.abs(sums.lowest), np.abs(sums.highest))
+    far = [(joint, k) for joint, k in turning if not joint.limits and furthest[k] > FAR]
     # A whole turn off may be another count of turns, not another unit.
     beyond = [
         (joint, k)
         for joint, k in turning
-        if joint.limits
-        and _outside(sums, joint) > max((BEYOND - 1.0) * (joint.limits[1] - joint.limits[0]), math.tau)
-        and _fits(sums, joint, deg)
+        if _outside(sums, joint) > max((BEYOND - 1.0) * _width(joint), math.tau) and _fits(sums, joint, factor("deg"))
     ]
-    furthest = np.maximum(np.abs(sums.lowest), np.abs(sums.highest))
-    far = [(joint, k) for joint, k in turning if not joint.limits and furthest[k] > FAR]
-    if sums.robot.log.units.get("position", "rad") != "rad" or not (beyond or far):
-        return
-    joint, k = (beyond or far)[0]
-    too_fast = [(j, i) for j, i in turning if j.max_velocity and speeds[i] > BEYOND * j.max_velocity]
-    why = "more than two turns"
-    if beyond:
-        why = f"its limits are {_span(joint.limits)} rad, and as degrees they would fit"
-    if too_fast:
-        fast, i = too_fast[0]
-        why += f"; joint {fast.number} would move at {number(speeds[i])} rad/s, its maximum is {fast.max_velocity:.3g}"
-    is_sure = bool(beyond or len(far) >= 2 or too_fast)
-    if is_sure or not abs(_ratio(sums)[k] - 1.0) < RATIO_FINE:
-        yield {"joint": joint.number, "span": _span((sums.lowest[k], sums.highest[k])), "why": why, "fault": is_sure}
+    is_sure = bool(beyond or len(far) >= 2)
+    for joint, k in (beyond or far)[:1]:
+        why = f"its limits are {_span(joint.limits)} rad, and as degrees they would fit" if beyond else "over two turns"
+        if is_sure or not abs(_ratio(sums)[k] - 1.0) < RATIO_FINE:
+            yield {"joint": joint.number, "span": _range(sums, k), "why": why, "fault": is_sure}
 
 
-def _other_length(sums: LogStatistics) -> Found:
-    """Radians that are read as degrees, and a slide's millimetres that are read as metres."""
-    deg, units = factor("deg"), sums.robot.log.units
+def _radians(sums: LogStatistics) -> Found:
+    """Radians that are read as degrees."""
+    deg, spans = factor("deg"), sums.highest - sums.lowest
     turning = [(j, k) for j, k in _joints(sums, moved=False) if j.is_revolute and j.limits]
-    spans = sums.highest - sums.lowest
-    if units.get("position", "rad") == "deg" and turning and all(_fits(sums, j, 1 / deg) for j, _ in turning):
-        joint, k = max(turning, key=lambda item: float(spans[item[1]]))
-        if spans[k] / deg > MOVED and spans[k] < FEW_DEGREES:
-            what = f"no position covers more than {number(spans[k] / deg)} degrees (joint {joint.number})"
-            fix = "take position: deg out of the units in the recipe's log block"
-            yield {"joint": joint.number, "what": f"{what}; as radians all would fit", "fix": fix, "fault": True}
-    if units.get("prismatic_position", "m") != "m":
+    if sums.robot.log.units.get("position", "rad") != "deg" or not turning:
+        return
+    joint, k = max(turning, key=lambda item: float(spans[item[1]]))
+    if all(_fits(sums, j, 1 / deg) for j, _ in turning) and spans[k] / deg > MOVED and spans[k] < FEW_DEGREES:
+        yield {"joint": joint.number, "span": number(spans[k] / deg)}
+
+
+def _millimetres(sums: LogStatistics) -> Found:
+    """A slide's millimetres that are read as metres."""
+    if sums.robot.log.units.get("prismatic_position", "m") != "m":
         return
     for joint, k in _joints(sums, moved=False):
-        is_far = joint.limits and _outside(sums, joint) > FAR_SLIDE * (joint.limits[1] - joint.limits[0])
-        if not joint.is_revolute and is_far and _fits(sums, joint, factor("mm")):
-            span, limits = _span((sums.lowest[k], sums.highest[k])), _span(joint.limits)
-            what = f"positions of joint {joint.number} run from {span}; its limits are {limits} m"
-            fix = "put units: {prismatic_position: mm} into the recipe's log block"
-            yield {
-                "joint": joint.number,
-                "what": f"{what}, and as millimetres they would fit",
-                "fix": fix,
-                "fault": True,
-            }
+        is_far = not joint.is_revolute and _outside(sums, joint) > FAR_SLIDE * _width(joint)
+        if is_far and _fits(sums, joint, factor("mm")):
+            yield {"joint": joint.number, "span": _range(sums, k), "limits": _span(joint.limits)}
             return
 
 
@@ -189,12 +159,9 @@ def _units_disagree(sums: LogStatistics) -> Found:
         fitting = _unit_changes(sums.robot, joint, value)
         if fitting:
             words = " or ".join(f"units: {{{quantity}: {unit}}}" for quantity, unit in fitting)
-            certain = any(quantity in ("position", "prismatic_position", "time") for quantity, _ in fitting)
-            says = f"changes {number(value)} times as fast as its velocity column says"
-            what = f"position of joint {joint.number} {says}"
-            fix = f"put {words} into the recipe's log block"
-            fix += "" if certain else " (speeds are taken from position)"
-            yield {"joint": joint.number, "what": what, "fix": fix, "fault": certain}
+            is_sure = any(not quantity.endswith("velocity") for quantity, _ in fitting)
+            words += " into the recipe's log block" + ("" if is_sure else " (speeds are taken from position)")
+            yield {"joint": joint.number, "ratio": number(value), "words": words, "fault": is_sure}
             return
 
 
@@ -204,16 +171,15 @@ def _velocity_sign(sums: LogStatistics) -> Found:
 
 def _velocity_unrelated(sums: LogStatistics) -> Found:
     """A velocity column of another scale, or of another signal."""
-    if any(_unit_changes(sums.robot, joint, value) for joint, value in _off_ratios(sums)):
+    ratios = list(_off_ratios(sums))
+    if any(_unit_changes(sums.robot, joint, value) for joint, value in ratios):
         return
-    for joint, value in _off_ratios(sums):
-        gear = joint.gear_ratio
-        is_gear = gear and abs(abs(value * gear) - 1.0) < UNIT_MATCH
-        why = (
-            f" (the ratio is that of the gear, {number(gear or 0)}: the column is the motor's speed)" if is_gear else ""
-        )
+    for joint, value in ratios:
+        how = f"the position changes {number(value)} times as fast"
+        if joint.gear_ratio and abs(abs(value * joint.gear_ratio) - 1.0) < UNIT_MATCH:
+            how += f" (the ratio is that of the gear, {number(joint.gear_ratio)}: the column is the motor's speed)"
         if abs(value + 1.0) >= RATIO_FINE:
-            yield {"joint": joint.number, "how": f"the position changes {number(value)} times as fast{why}"}
+            yield {"joint": joint.number, "how": how}
     for joint, k in _joints(sums):
         match = abs(float(sums.agreement()[k, k]))
         if sums.has_velocity and sums.integral[k] > 0 and match < UNRELATED:
@@ -227,9 +193,8 @@ def _beyond_limits(sums: LogStatistics) -> Found:
         if limit and speed[k] > BEYOND * limit and sums.path[k] > MOVED:
             what = f"moves at {number(speed[k])} {unit}/s (RMS), its maximum is {number(limit)}"
             yield {"joint": joint.number, "what": what, "fix": "check the units of time and of position"}
-        if joint.limits and _outside(sums, joint) > 0.05 * (joint.limits[1] - joint.limits[0]):
-            span = _span((sums.lowest[k], sums.highest[k]))
-            what = f"runs from {span} {unit}, beyond its limits {_span(joint.limits)}"
+        if _outside(sums, joint) > 0.05 * _width(joint):
+            what = f"runs from {_range(sums, k)} {unit}, beyond its limits {_span(joint.limits)}"
             yield {"joint": joint.number, "what": what, "fix": "check zero, sign and unit"}
 
 
@@ -243,9 +208,7 @@ def _velocities_swapped(sums: LogStatistics) -> Found:
     }
     if followed:
         pairs = ", ".join(f"position {a} with velocity {b}" for a, b in followed.items())
-        fix = "put the columns into one order; if the positions are right, velocity: null in the recipe's log block"
-        what = f"velocity columns follow other joints than their own: {pairs}"
-        yield {"joint": next(iter(followed)), "what": what, "fix": fix, "fault": True}
+        yield {"joint": next(iter(followed)), "pairs": pairs}
 
 
 def _currents_swapped(sums: LogStatistics) -> Found:
@@ -268,84 +231,73 @@ def _currents_swapped(sums: LogStatistics) -> Found:
         for a, b in moved_to.items()
     )
     log = sums.robot.log
-    beside = ", ".join(f"{log.column('position', a)} beside {log.column('current', b)}" for a, b in moved_to.items())
-    fix = f"positions and currents are in different orders: put {beside} into one order"
+    pairs = ", ".join(f"{log.column('position', a)} beside {log.column('current', b)}" for a, b in moved_to.items())
     is_sure = len(moved_to) >= 2 and len(set(moved_to.values())) == len(moved_to)
-    yield {"joint": next(iter(moved_to)), "what": what, "fix": fix if is_sure else f"perhaps {fix}", "fault": is_sure}
+    perhaps = "" if is_sure else "perhaps "
+    yield {"joint": next(iter(moved_to)), "what": what, "perhaps": perhaps, "pairs": pairs, "fault": is_sure}
 
 
 def _position_held(sums: LogStatistics) -> Found:
     """A position that is measured less often than it is logged; one of an encoder with few counts is none."""
     for joint, k in _joints(sums, moved=False):
-        windows, still = sums.held[k]
-        if still >= FLAT_WINDOWS and still >= STILL_TIME * windows:
-            counts = sums.steps[k] / np.quantile(sums.steps[k], 0.02)
-            if np.mean(np.abs(counts - np.round(counts)) < COUNT_MATCH) < WHOLE_COUNTS:
-                yield {"joint": joint.number}
+        is_often = sums.held[k] >= max(FLAT_WINDOWS, STILL_TIME * sums.windows[k])
+        if is_often and sums.step_sum[k] > UNEQUAL * sums.least_step[k] * sums.step_count[k]:
+            yield {"joint": joint.number}
 
 
 def _current_constant(sums: LogStatistics) -> Found:
-    for joint, k in _measured(sums):
-        if _is_constant(sums, k):
-            yield {"joint": joint.number, "level": number(sums.least_current[k]), "total": int(sums.moving[k])}
+    for joint, k in _measured(sums, constant=True):
+        yield {"joint": joint.number, "level": number(sums.least_current[k]), "total": int(sums.moving[k])}
 
 
 def _current_copied(sums: LogStatistics) -> Found:
     """Two joints whose currents are the same numbers."""
-    n = sums.robot.n_joints
-    squares = sum((held[4:, 4:] for groups in sums.groups for held in groups.values()), np.zeros((n, n)))
-    size = np.diag(squares)[:, None] + np.diag(squares)
-    same = (np.abs(size - 2.0 * squares) <= EQUAL * size) & (np.minimum.outer(*[np.diag(squares)] * 2) > 0)
+    same = (sums.copied > FLAT_WINDOWS) & (sums.copied >= (1.0 - FLAT_TIME) * sums.compared)
     yield from ({"joint": int(b) + 1, "other": int(a) + 1} for a, b in np.argwhere(np.triu(same, 1)))
 
 
 def _current_saturated(sums: LogStatistics) -> Found:
     """A flat top on either side; the side with the larger current is told."""
     for joint, k in _measured(sums):
-        sides = [(*next(iter(counts.items())), *list(counts.values())[1:], side) for side, counts in _tops(sums, k)]
-        for level, count, *below, side in sorted(sides, reverse=True):
-            if count >= max(FLAT_COUNT, FLAT_SHARE * sums.moving[k]) and count >= FLAT_RATIO * sum(below):
-                limit = number(level if side == 0 else -level)
+        sides = [(max(counts), sign, counts) for sign, counts in zip((1, -1), sums.levels[k], strict=False) if counts]
+        for level, sign, counts in sorted(sides, key=lambda side: -side[0]):
+            count, below = counts[level], sum(counts.values()) - counts[level]
+            if count >= max(FLAT_COUNT, FLAT_SHARE * sums.moving[k], FLAT_RATIO * below):
+                limit = number(sign * level)
                 yield {"joint": joint.number, "limit": limit, "count": count, "total": int(sums.moving[k])}
                 break
-
-
-def _tops(sums: LogStatistics, k: int) -> list[tuple[int, dict[float, int]]]:
-    return [] if _is_constant(sums, k) else [(side, counts) for side, counts in enumerate(sums.tops[k]) if counts]
 
 
 def _current_frozen(sums: LogStatistics) -> Found:
     """A current that is not measured anew at each sample."""
     interval, saturated = sums.interval(), {figures["joint"] for figures in _current_saturated(sums)}
     for joint, k in _measured(sums):
-        if _is_constant(sums, k) or joint.number in saturated:
+        period = interval / max(1.0 - sums.same[k] / max(sums.pairs[k], 1), 1e-9)
+        if joint.number in saturated:
             continue
-        pairs, same = sums.same[k]
-        windows, flat = sums.flat[k]
-        period = interval / max(1.0 - same / max(pairs, 1), 1e-9)
-        if same > HELD_SHARE * pairs and period > HELD:
+        if sums.same[k] > HELD_SHARE * sums.pairs[k] and period > HELD:
             how = f"changes only every {1e3 * period:.0f} ms, and there is a sample every {1e3 * interval:.3g} ms"
             yield {"joint": joint.number, "how": how}
-        elif flat >= FLAT_WINDOWS and flat > FLAT_TIME * windows:
-            how = f"stays the same to the digit in {100 * flat / windows:.0f} % of the time in which it moves"
-            yield {"joint": joint.number, "how": how}
+        elif sums.flat[k] >= FLAT_WINDOWS and sums.flat[k] > FLAT_TIME * sums.windows[k]:
+            share = 100 * sums.flat[k] / sums.windows[k]
+            yield {"joint": joint.number, "how": f"stays the same to the digit in {share:.0f} % of the time it moves"}
 
 
 def _current_zeros(sums: LogStatistics) -> Found:
     """A current that is zero far more often than next to zero; one in steps is as often one step away."""
     flagged = {figures["joint"] for figures in (*_current_saturated(sums), *_current_frozen(sums))}
     for joint, k in _measured(sums):
-        zeros, beside = sums.zeros[k], sum(sums.beside[k].values())
-        if joint.number in flagged or _is_constant(sums, k):
-            continue
-        if zeros >= max(ZEROS, ZERO_SHARE * sums.moving[k]) and zeros >= ZERO_RATIO * beside:
-            yield {"joint": joint.number, "count": int(zeros), "total": int(sums.moving[k])}
+        nearest = sums.levels[k][2]
+        beside = nearest[max(nearest)] if nearest else 0
+        is_many = sums.zeros[k] >= max(ZEROS, ZERO_SHARE * sums.moving[k], ZERO_RATIO * beside)
+        if is_many and joint.number not in flagged:
+            yield {"joint": joint.number, "count": int(sums.zeros[k]), "total": int(sums.moving[k])}
 
 
 def _current_size(sums: LogStatistics) -> Found:
     for joint, k in _measured(sums):
         largest = max(-sums.least_current[k], sums.most_current[k])
-        if not _is_constant(sums, k) and not SMALL <= largest <= LARGE:
+        if not SMALL <= largest <= LARGE:
             unlike = "more than an arm's motor draws" if largest > LARGE else "less than it takes to move an arm"
             yield {"joint": joint.number, "largest": number(largest), "unlike": unlike}
 
@@ -366,17 +318,24 @@ UNIT_CHECKS = (
           "50 or more are needed for good runs", column="time"),
     Check("looks-like-degrees", _degrees, "positions of joint {joint} run from {span}; {why}",
           "if they are degrees put units: {{position: deg}} into the recipe's log block"),
-    Check("units-disagree", _other_length, "{what}", "{fix}"),
+    Check("units-disagree", _radians, "no position covers more than {span} degrees (joint {joint}); as radians all "
+          "would fit", "take position: deg out of the units in the recipe's log block", fault=True),
+    Check("units-disagree", _millimetres, "positions of joint {joint} run from {span}; its limits are {limits} m, and "
+          "as millimetres they would fit", "put units: {{prismatic_position: mm}} into the recipe's log block",
+          fault=True),
 )  # fmt: skip
 #: The derivative of position against the velocity column; where positions are in doubt, it is not asked.
 RATIO_CHECKS = (
-    Check("units-disagree", _units_disagree, "{what}", "{fix}", column="velocity"),
+    Check("units-disagree", _units_disagree, "position of joint {joint} changes {ratio} times as fast as its velocity "
+          "column says", "put {words}", column="velocity"),
     Check("velocity-sign", _velocity_sign, "velocity of joint {joint} has the sign opposite to its motion",
           "speeds are taken from position", column="velocity"),
 )  # fmt: skip
 OTHER_CHECKS = (
     Check("beyond-limits", _beyond_limits, "joint {joint} {what}", "{fix}"),
-    Check("joints-swapped", _velocities_swapped, "{what}", "{fix}", column="velocity"),
+    Check("joints-swapped", _velocities_swapped, "velocity columns follow other joints than their own: {pairs}",
+          "put the columns into one order; if the positions are right, velocity: null in the recipe's log block",
+          column="velocity", fault=True),
     Check("velocity-unrelated", _velocity_unrelated,
           "the velocity column of joint {joint} does not follow its position: {how}",
           "speeds are taken from position and time", column="velocity"),
@@ -399,24 +358,39 @@ OTHER_CHECKS = (
           column="current"),
     Check("current-size", _current_size, "current of joint {joint} is {largest} A at most, {unlike}",
           "see units: {{current: ...}} in the recipe's log block", column="current"),
-    Check("joints-swapped", _currents_swapped, "{what}", "{fix}"),
+    Check("joints-swapped", _currents_swapped, "{what}",
+          "{perhaps}positions and currents are in different orders: put {pairs} into one order"),
     Check("joint-at-rest", _at_rest, "{which} in these logs", ""),
 )  # fmt: skip
 
 
-def findings(sums: LogStatistics) -> list[LogError | Note]:
-    """What the table finds, in the order in which a user should look at it."""
-    items = [item for check in UNIT_CHECKS for item in check.run(sums)]
-    if not any(item.slug in ("looks-like-degrees", "units-disagree") for item in items):
-        items += [item for check in RATIO_CHECKS for item in check.run(sums)]
-    if not any(isinstance(item, LogError) for item in items):
-        items += [item for check in OTHER_CHECKS for item in check.run(sums)]
-    return items
+def _joints(sums: LogStatistics, *, moved: bool = True) -> Iterator[tuple[Joint, int]]:
+    """Joints with their index, those that moved only."""
+    for joint in sums.robot.joints:
+        if not moved or sums.path[joint.number - 1] > MOVED:
+            yield joint, joint.number - 1
+
+
+def _measured(sums: LogStatistics, *, constant: bool = False) -> Iterator[tuple[Joint, int]]:
+    """Joints that moved and have a current that changes, or one that is constant."""
+    for joint, k in _joints(sums):
+        is_constant = sums.least_current[k] == sums.most_current[k] and sums.moving[k] >= FLAT_COUNT
+        if sums.moving[k] and is_constant == constant:
+            yield joint, k
 
 
 def _span(ends: tuple[float, float] | None) -> str:
     low, high = ends or (math.nan, math.nan)
     return f"{number(low)} to {number(high)}"
+
+
+def _range(sums: LogStatistics, k: int) -> str:
+    return _span((sums.lowest[k], sums.highest[k]))
+
+
+def _width(joint: Joint) -> float:
+    """Of the joint's limits, rad or m; infinite without."""
+    return joint.limits[1] - joint.limits[0] if joint.limits else math.inf
 
 
 def _outside(sums: LogStatistics, joint: Joint) -> float:
@@ -467,15 +441,6 @@ def _unit_changes(robot: Robot, joint: Joint, ratio: float) -> list[tuple[str, s
             if of == dimension and word != now and abs(scaled - 1.0) < UNIT_MATCH:
                 changes.append((key, word))
     return changes
-
-
-def _measured(sums: LogStatistics) -> Iterator[tuple[Joint, int]]:
-    """Joints that moved and have a current."""
-    yield from ((joint, k) for joint, k in _joints(sums) if sums.moving[k])
-
-
-def _is_constant(sums: LogStatistics, k: int) -> bool:
-    return bool(sums.least_current[k] == sums.most_current[k] and sums.moving[k] >= FLAT_COUNT)
 
 
 def _answers(sums: LogStatistics) -> tuple[Floats, Floats]:

@@ -1,4 +1,4 @@
-"""Sums over a file's samples by which `log_checks` judges whether its columns mean what the recipe says."""
+"""Running statistics of a log by which `log_checks` judges whether its columns mean what the recipe says."""
 
 from __future__ import annotations
 
@@ -22,28 +22,29 @@ SLOW = {"revolute": 0.02, "prismatic": 0.005}
 ALONE = 0.05
 #: rad or m; held positions that differ less are one posture; and postures a joint that are distinguished.
 SAME_POSTURE, POSTURES = 0.1, 300
-#: Share of a window's velocities that must be numbers.
-VELOCITIES = 0.5
-#: Share of a window's samples that repeat the one before where a position is held, and steps that are remembered.
-OFTEN, STEPS = 0.3, 2000
+#: Share of a window's velocities that must be numbers, and of its positions that repeat where a position is held.
+VELOCITIES, OFTEN = 0.5, 0.3
 #: Intervals from which the sampling rate is taken.
 INTERVALS = 20_000
 #: Fewest samples of a window that can be flat.
 FLAT = 3
 
 #: Attributes of which the least or the largest of two files counts; all other arrays add up.
-EXTREMES = {"lowest": np.fmin, "least_current": np.fmin, "highest": np.fmax, "most_current": np.fmax}
+EXTREMES = {
+    **dict.fromkeys(("lowest", "least_current", "least_step"), np.fmin),
+    **dict.fromkeys(("highest", "most_current"), np.fmax),
+}
 
 
 class LogStatistics:
-    """Sums per joint (J), fed batch by batch.
+    """Running statistics of J joints, fed batch by batch; "moving" is by windows of 0.1 s.
 
     Attributes
     ----------
     lowest, highest
         (J,) positions, rad or m.
     path, seconds, speed_squares
-        (J,) way, time and integral of the squared speed over the windows in which each joint moves.
+        (J,) way, time and integral of the squared speed while moving.
     moved_by
         (J, J): sum over windows of displacement of joint a times integrated velocity column b.
     displacement, integral
@@ -53,17 +54,19 @@ class LogStatistics:
     groups
         Per joint a and posture of the others: sums over the windows in which a moves alone, (4 + J, 4 + J) of
         (1, cos, sin, direction, all mean currents).
-    held, steps
-        (J, 2) windows in which each joint moves, and those in which its position often repeats; its steps in the
-        latter (rad or m).
+    windows, held, step_sum, step_count, least_step
+        (J,) windows while moving, and those whose position often repeats; there, its steps other than 0 (rad or m).
     least_current, most_current, moving
-        (J,) A over the samples in which each joint moves, and how many these are.
-    tops
-        Per joint and side (positive, negative): the two largest currents while moving (A), and how often they occur.
-    same, flat
-        (J, 2) pairs of neighbouring samples, and windows, while moving; and those whose currents are all equal.
-    zeros, beside
-        (J,) zero currents in windows with other currents; per joint the smallest of these and how often it occurs.
+        (J,) A while moving, and samples with a current.
+    levels
+        Per joint: the two largest of positive currents, of the sizes of negative ones, and of minus the sizes of those
+        that are not zero (A) while moving, and how often each occurs.
+    pairs, same, flat
+        (J,) neighbouring samples while moving, those whose currents are equal, and windows in which all are.
+    zeros
+        (J,) zero currents while moving, in windows with other currents.
+    copied, compared
+        (J, J) windows in which the mean currents of two joints are the same and not zero, and that have both.
     intervals
         First time steps (s).
     """
@@ -71,15 +74,14 @@ class LogStatistics:
     def __init__(self, robot: Robot) -> None:
         n = robot.n_joints
         self.robot, self.origin, self.has_velocity = robot, "", False
-        self.lowest, self.least_current = np.full(n, np.inf), np.full(n, np.inf)
-        self.highest, self.most_current = np.full(n, -np.inf), np.full(n, -np.inf)
-        self.path, self.seconds, self.speed_squares = np.zeros(n), np.zeros(n), np.zeros(n)
-        self.moved_by, self.displacement, self.integral = np.zeros((n, n)), np.zeros(n), np.zeros(n)
-        self.ways, self.held, self.same, self.flat = (np.zeros((n, 2)) for _ in range(4))
-        self.moving, self.zeros, self.intervals = np.zeros(n), np.zeros(n), np.zeros(0)
-        self.steps = [np.zeros(0)] * n
-        self.tops: list[list[dict[float, int]]] = [[{}, {}] for _ in range(n)]
-        self.beside: list[dict[float, int]] = [{} for _ in range(n)]
+        self.lowest, self.least_current, self.least_step = (np.full(n, np.inf) for _ in range(3))
+        self.highest, self.most_current = (np.full(n, -np.inf) for _ in range(2))
+        self.path, self.seconds, self.speed_squares, self.displacement, self.integral = np.zeros((5, n))
+        self.windows, self.held, self.step_sum, self.step_count = np.zeros((4, n))
+        self.moving, self.pairs, self.same, self.flat, self.zeros = np.zeros((5, n))
+        self.moved_by, self.copied, self.compared = np.zeros((3, n, n))
+        self.ways, self.intervals = np.zeros((n, 2)), np.zeros(0)
+        self.levels: list[list[dict[float, int]]] = [[{}, {}, {}] for _ in range(n)]
         self.groups: list[dict[tuple[int, ...], Floats]] = [{} for _ in range(n)]
         self._rest: Log | None = None
 
@@ -97,10 +99,10 @@ class LogStatistics:
         edges = np.concatenate([[0], np.flatnonzero(np.diff(np.floor(log.time / WINDOW))) + 1])
         self._rest = log.part(slice(int(edges[-1]), None))
         if len(edges) > 1:
-            self._sum(log, edges)
+            self._add_windows(log, edges)
 
     def absorb(self, other: LogStatistics) -> None:
-        """Add the sums of another file of the same robot, which must not be fed any more."""
+        """Add the statistics of another file of the same robot, which must not be fed any more."""
         self.origin = self.origin or other.origin
         self.has_velocity |= other.has_velocity
         for name, values in vars(other).items():
@@ -108,10 +110,7 @@ class LogStatistics:
                 setattr(self, name, EXTREMES.get(name, np.add)(getattr(self, name), values))
         self.intervals = np.concatenate([self.intervals, other.intervals])[:INTERVALS]
         for j in range(self.robot.n_joints):
-            self.steps[j] = np.concatenate([self.steps[j], other.steps[j]])[:STEPS]
-            self.beside[j] = _largest(self.beside[j], other.beside[j], levels=1)
-            for side in (0, 1):
-                self.tops[j][side] = _largest(self.tops[j][side], other.tops[j][side], levels=2)
+            self.levels[j] = [_largest(*both) for both in zip(self.levels[j], other.levels[j], strict=True)]
             for posture, sums in other.groups[j].items():
                 self._add_group(j, posture, sums)
 
@@ -124,79 +123,73 @@ class LogStatistics:
         scale = np.sqrt(np.outer(self.displacement, self.integral))
         return np.divide(self.moved_by, scale, out=np.zeros_like(scale), where=scale > 0)
 
-    def _sum(self, log: Log, edges: Ints) -> None:
-        last = int(edges[-1])
-        seconds, steps = np.diff(log.time[edges]), np.diff(log.position[edges], axis=0)
+    def _add_windows(self, log: Log, edges: Ints) -> None:
+        """Add the windows between `edges`; what follows the last edge is no whole window."""
+        starts, seconds, steps = edges[:-1], np.diff(log.time[edges]), np.diff(log.position[edges], axis=0)
         usable = (seconds <= LONGEST_WINDOW) & np.isfinite(steps).all(axis=1)
-        if log.velocity is not None and np.isfinite(log.velocity).any():
-            self._sum_velocity(log, edges, steps[usable], usable)
         slow = np.array([SLOW[joint.kind] for joint in self.robot.joints])
         speed = np.where(usable[:, None], steps / seconds[:, None], 0.0)
         moves = np.abs(speed) > slow
-        self.path += np.where(moves, np.abs(speed) * seconds[:, None], 0.0).sum(axis=0)
+        self.path += (moves * np.abs(speed) * seconds[:, None]).sum(axis=0)
         self.seconds += (moves * seconds[:, None]).sum(axis=0)
-        self.speed_squares += np.where(moves, speed * speed * seconds[:, None], 0.0).sum(axis=0)
-        window = np.repeat(np.arange(len(edges) - 1), np.diff(edges))
-        for j in np.flatnonzero(moves.any(axis=0)).tolist():
-            inside = moves[window, j]
-            self._sum_position(j, log.position[:last, j][inside], window[inside])
-            measured = inside & np.isfinite(log.current[:last, j])
-            if measured.any():
-                self._sum_current(j, log.current[:last, j][measured], window[measured])
-        middle = 0.5 * (log.position[edges[1:]] + log.position[edges[:-1]])
-        self._sum_directions(speed, moves, middle, finite_means(log.current[:last], edges[:-1]))
+        self.speed_squares += (moves * speed * speed * seconds[:, None]).sum(axis=0)
+        middle = 0.5 * (log.position[edges[1:]] + log.position[starts])
+        log = log.part(slice(0, int(edges[-1])))
+        if log.velocity is not None and np.isfinite(log.velocity).any():
+            self.has_velocity = True
+            covered = finite_means(log.velocity, starts) * seconds[:, None]
+            counts = np.add.reduceat(np.isfinite(log.velocity), starts, axis=0, dtype=np.int64)
+            complete = usable & (counts > VELOCITIES * np.diff(edges)[:, None]).all(axis=1)
+            self.moved_by += steps[complete].T @ covered[complete]
+            self.displacement += (steps[complete] ** 2).sum(axis=0)
+            self.integral += (covered[complete] ** 2).sum(axis=0)
+        inside = np.ones((len(log) - 1, 1), np.bool_)
+        inside[starts[1:] - 1] = False
+        sampled = np.repeat(moves, np.diff(edges), axis=0)
+        self._add_positions(np.diff(log.position, axis=0), inside & sampled[1:], starts, moves)
+        if moves.any():
+            self._add_currents(log.current, inside, sampled & np.isfinite(log.current), starts)
+            self._add_directions(speed, moves, middle, finite_means(log.current, starts))
 
-    def _sum_velocity(self, log: Log, edges: Ints, moved: Floats, usable: Bools) -> None:
-        assert log.velocity is not None
-        self.has_velocity = True
-        last = int(edges[-1])
-        time, velocity = log.time[: last + 1], log.velocity[: last + 1].copy()
-        measured = np.isfinite(velocity)
-        counts = np.add.reduceat(measured[:-1], edges[:-1], axis=0, dtype=np.int64)
-        enough = counts > VELOCITIES * np.diff(edges)[:, None]
-        for column, good in zip(velocity.T, measured.T, strict=True):
-            if good.any() and not good.all():
-                column[~good] = np.interp(time[~good], time[good], column[good])
-        covered = 0.5 * (velocity[1:] + velocity[:-1]) * np.diff(time)[:, None]
-        covered = np.where(enough, np.add.reduceat(np.nan_to_num(covered), edges[:-1], axis=0), 0.0)[usable]
-        complete = enough[usable].all(axis=1)
-        moved, covered = moved[complete], covered[complete]
-        self.moved_by += moved.T @ covered
-        self.displacement += (moved**2).sum(axis=0)
-        self.integral += (covered**2).sum(axis=0)
+    def _add_positions(self, steps: Floats, inside: Bools, starts: Ints, moves: Bools) -> None:
+        """Add repeats of (N, J) positions whose (N - 1, J) steps are `inside` windows in which a joint moves."""
+        last = np.zeros((1, steps.shape[1]), np.bool_)
+        repeats = np.add.reduceat(np.concatenate([inside & (steps == 0.0), last]), starts, axis=0, dtype=np.int64)
+        counts = np.diff(starts, append=len(steps) + 1)
+        often = moves & (repeats >= OFTEN * counts[:, None])
+        self.windows += moves.sum(axis=0)
+        self.held += often.sum(axis=0)
+        if often.any():
+            chosen = inside & np.repeat(often, counts, axis=0)[:-1] & (steps != 0.0)
+            size = np.abs(steps)
+            self.step_sum += (chosen * np.nan_to_num(size)).sum(axis=0)
+            self.step_count += chosen.sum(axis=0)
+            self.least_step = np.fmin(self.least_step, np.where(chosen, size, np.inf).min(axis=0))
 
-    def _sum_position(self, j: int, values: Floats, window: Ints) -> None:
-        """Of (N,) positions in windows in which the joint moves: windows that often repeat one, and their steps."""
-        starts, counts = _groups(window)
-        inside = window[1:] == window[:-1]
-        same = np.append(inside & (values[1:] == values[:-1]), False)
-        often = np.add.reduceat(same, starts, dtype=np.int64) >= OFTEN * counts
-        self.held[j] += len(starts), np.count_nonzero(often)
-        if often.any() and len(self.steps[j]) < STEPS:
-            chosen = np.repeat(often, counts)[:-1] & inside & ~same[:-1]
-            self.steps[j] = np.concatenate([self.steps[j], np.abs(np.diff(values))[chosen]])[:STEPS]
+    def _add_currents(self, current: Floats, inside: Bools, moving: Bools, starts: Ints) -> None:
+        """Add extremes, repeats and zeros of (N, J) currents where they are measured while `moving`."""
+        self.moving += moving.sum(axis=0)
+        both = inside & moving[1:] & moving[:-1]
+        self.pairs += both.sum(axis=0)
+        self.same += (both & (current[1:] == current[:-1])).sum(axis=0)
+        low = np.minimum.reduceat(np.where(moving, current, np.inf), starts)
+        high = np.maximum.reduceat(np.where(moving, current, -np.inf), starts)
+        self.least_current = np.fmin(self.least_current, low.min(axis=0))
+        self.most_current = np.fmax(self.most_current, high.max(axis=0))
+        counts = np.add.reduceat(moving, starts, axis=0, dtype=np.int64)
+        self.flat += ((low == high) & (counts >= FLAT)).sum(axis=0)
+        zeros = np.add.reduceat(moving & (current == 0.0), starts, axis=0, dtype=np.int64)
+        self.zeros += np.where(zeros < counts, zeros, 0).sum(axis=0)
+        for j in np.flatnonzero(moving.any(axis=0)).tolist():
+            values = current[moving[:, j], j]
+            sides = (values[values > 0], -values[values < 0], -np.abs(values[values != 0]))
+            self.levels[j] = [_largest(a, _counted(b)) for a, b in zip(self.levels[j], sides, strict=True)]
 
-    def _sum_current(self, j: int, values: Floats, window: Ints) -> None:
-        """Of (N,) currents in windows in which the joint moves: extremes, repeats, and what stands beside zeros."""
-        starts, counts = _groups(window)
-        low, high = np.minimum.reduceat(values, starts), np.maximum.reduceat(values, starts)
-        self.moving[j] += len(values)
-        self.least_current[j] = min(self.least_current[j], low.min())
-        self.most_current[j] = max(self.most_current[j], high.max())
-        for side, size in enumerate((values, -values)):
-            self.tops[j][side] = _largest(self.tops[j][side], _counted(size[size > 0], levels=2), levels=2)
-        inside = window[1:] == window[:-1]
-        self.same[j] += np.count_nonzero(inside), np.count_nonzero(inside & (values[1:] == values[:-1]))
-        self.flat[j] += len(starts), np.count_nonzero((low == high) & (counts >= FLAT))
-        size = np.where(values == 0.0, np.nan, np.abs(values))
-        zeros = np.add.reduceat(values == 0.0, starts, dtype=np.int64)
-        mixed = (zeros > 0) & (zeros < counts)
-        self.zeros[j] += zeros[mixed].sum()
-        beside = size[np.repeat(mixed, counts) & np.isfinite(size)]
-        # The smallest current is the largest of the negative ones.
-        self.beside[j] = _largest(self.beside[j], _counted(-beside, levels=1), levels=1)
-
-    def _sum_directions(self, speed: Floats, moves: Bools, middle: Floats, mean: Floats) -> None:
+    def _add_directions(self, speed: Floats, moves: Bools, middle: Floats, mean: Floats) -> None:
+        """Add, by joint and posture, (W,) windows in which a joint moves alone; `mean` are (W, J) currents."""
+        measured = np.isfinite(mean)
+        self.compared += (measured[:, :, None] & measured[:, None, :]).sum(axis=0)
+        self.copied += ((mean[:, :, None] == mean[:, None, :]) & (mean != 0.0)[:, None, :]).sum(axis=0)
         size = np.abs(speed)
         for j in np.flatnonzero(moves.any(axis=0)).tolist():
             alone = moves[:, j] & (np.delete(size, j, axis=1).max(axis=1, initial=0.0) < ALONE * size[:, j])
@@ -217,24 +210,17 @@ class LogStatistics:
             groups[posture] = groups.get(posture, 0.0) + sums
 
 
-def _groups(window: Ints) -> tuple[Ints, Ints]:
-    """Where (N,) rising window numbers change, from 0 on, and how many samples each window has."""
-    starts = np.concatenate([[0], np.flatnonzero(np.diff(window)) + 1])
-    return starts, np.diff(starts, append=len(window))
-
-
-def _counted(values: Floats, *, levels: int) -> dict[float, int]:
-    """The largest few of (N,) values, and how often each occurs."""
+def _counted(values: Floats) -> dict[float, int]:
+    """The two largest of (N,) values, and how often each occurs."""
     out: dict[float, int] = {}
-    for _ in range(levels):
-        if len(values):
-            largest = float(values.max())
-            out[largest] = int(np.count_nonzero(values == largest))
-            values = values[values < largest]
+    while len(values) and len(out) < 2:
+        largest = float(values.max())
+        out[largest] = int(np.count_nonzero(values == largest))
+        values = values[values < largest]
     return out
 
 
-def _largest(first: dict[float, int], second: dict[float, int], *, levels: int) -> dict[float, int]:
-    """The largest few of two counts together."""
-    largest = sorted({*first, *second}, reverse=True)[:levels]
+def _largest(first: dict[float, int], second: dict[float, int]) -> dict[float, int]:
+    """The two largest levels of two counts together."""
+    largest = sorted({*first, *second}, reverse=True)[:2]
     return {level: first.get(level, 0) + second.get(level, 0) for level in largest}
