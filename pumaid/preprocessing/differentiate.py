@@ -32,12 +32,11 @@ ROUNDING = 1e-12
 @lru_cache(64)
 def _cubics(window: int, derivative: int) -> Floats:
     """(window, window) matrix whose row k is the derivative, at sample k, of the least-squares cubic."""
-    half = window // 2
-    x = np.arange(-half, half + 1) / half
-    basis = [np.polynomial.legendre.Legendre.basis(k) for k in range(ORDER + 1)]
-    fit = np.linalg.pinv(np.column_stack([term(x) for term in basis]))
-    read = np.column_stack([(term.deriv(derivative) if derivative else term)(x) for term in basis])
-    return np.asarray(read / half**derivative @ fit)
+    x = np.linspace(-1.0, 1.0, window)
+    powers = np.polynomial.legendre.legvander(x, ORDER)
+    coefficients = np.polynomial.legendre.legder(np.eye(ORDER + 1), derivative)
+    read = np.polynomial.legendre.legval(x, coefficients).T
+    return np.asarray(read / (window // 2) ** derivative @ np.linalg.pinv(powers))
 
 
 def savitzky_golay(values: Floats, window: int, derivative: int) -> Floats:
@@ -61,7 +60,6 @@ def savitzky_golay(values: Floats, window: int, derivative: int) -> Floats:
     return np.concatenate([rows[:half] @ values[:window], inner, rows[half + 1 :] @ values[-window:]])
 
 
-@lru_cache(64)
 def averaging_kernel(window: int) -> Floats:
     """(window - 2,) weights of sum 1 by which the cubics' second derivative averages plain second differences."""
     return np.cumsum(np.cumsum(_cubics(window, 2)[window // 2]))[:-2]
@@ -72,30 +70,14 @@ def cubic_window(seconds: float, step: float) -> int:
     return max(5, 2 * round_half_up(seconds / step / 2) + 1)
 
 
-def derivatives(time: Floats, position: Floats, seconds: float) -> tuple[Floats, Floats]:
-    """Velocity and acceleration by local cubics over a span of time; sampling may be uneven.
-
-    Parameters
-    ----------
-    time, position
-        (N,) s, rising, and rad or m.
-    seconds
-        Span of each cubic.
-
-    Returns
-    -------
-    velocity, acceleration
-        (N,) per s and per s2.
-    """
+def velocity(time: Floats, position: Floats, seconds: float) -> Floats:
+    """(N,) velocity by local cubics over a span of time (s); of (N,) times (s), which may be uneven, and positions."""
     if len(time) < 6:
-        return slopes(time, position, 2), np.zeros(len(time))
+        return slopes(time, position, 2)
     step = float(time[-1] - time[0]) / (len(time) - 1)
     even = time[0] + step * np.arange(len(time))
-    on_grid = np.interp(even, time, position)
     window = min(cubic_window(seconds, step), len(time) - 1 + len(time) % 2)
-    rates = (savitzky_golay(on_grid, window, order) / step**order for order in (1, 2))
-    velocity, acceleration = (np.interp(time, even, rate) for rate in rates)
-    return velocity, acceleration
+    return np.interp(time, even, savitzky_golay(np.interp(even, time, position), window, 1) / step)
 
 
 def acceleration(time: Floats, position: Floats) -> Floats:
@@ -115,9 +97,7 @@ def acceleration(time: Floats, position: Floats) -> Floats:
     since = time - time.mean()
     bent = position - position.mean() - since * (since @ position) / (since @ since)
     step, floor = float(time[-1] - time[0]) / (len(time) - 1), ROUNDING * float(np.abs(position).max())
-    for window in WINDOWS:
-        if len(time) < window:
-            break
+    for window in (window for window in WINDOWS if window <= len(time)):
         rough = bent - savitzky_golay(bent, window, 0)
         curved = savitzky_golay(bent, window, 2)
         noise = float(rough @ rough) / len(rough) * window / (window - ORDER - 1)
@@ -152,15 +132,7 @@ def usual_step(time: Floats) -> float:
 
 
 def slopes(time: Floats, values: Floats, half: int) -> Floats:
-    """(K,) slope of the straight line through each instant and `half` neighbours on either side, fewer at the ends.
-
-    Parameters
-    ----------
-    time, values
-        (K,) s, rising, spacing may be irregular; and values.
-    half
-        Neighbours on either side.
-    """
+    """(K,) slopes of straight lines through each of (K,) rising times (s) and `half` neighbours on either side."""
     size = len(time)
     if size < 2:
         return np.zeros(size)
@@ -176,18 +148,9 @@ def slopes(time: Floats, values: Floats, half: int) -> Floats:
 class Ticks:
     """Positions averaged over K ticks of 20 ms, in a stretch without gaps.
 
-    Attributes
-    ----------
-    edges
-        (K + 1,) sample indices of the ticks' borders.
-    time, position
-        (K,) s and (K, J) rad or m.
-    interval
-        Mean distance of ticks, s.
-    noise
-        (J,) standard deviation of a tick's mean, quantisation included, rad or m.
-    quantum
-        (J,) smallest step of the position, rad or m.
+    `edges` (K + 1,) are sample indices of the ticks' borders, `time` (K,) s and `position` (K, J) rad or m; `interval`
+    is the mean distance of ticks, s; `noise` (J,) the standard deviation of a tick's mean, quantisation included, and
+    `quantum` (J,) the smallest step of the position, rad or m.
     """
 
     edges: Ints

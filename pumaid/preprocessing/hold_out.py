@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from pumaid.dataset import Dataset, Run
 from pumaid.errors import LogError, Note, Where
 from pumaid.estimate import Estimate
-from pumaid.kinematics import apart
+from pumaid.kinematics import Numbers, grouped, marked, near
 from pumaid.preprocessing.options import STROKE
 from pumaid.trajectory import Motion, Plan
 
@@ -69,8 +69,22 @@ def match_with_plan(dataset: Dataset, plan: Plan) -> Dataset:
         free = np.where(missing & (purposes == purpose), away, np.inf)
         if np.isfinite(free).any():
             missing[int(np.argmin(free))] = False
-    notes = (*dataset.notes, *_missing(plan, np.flatnonzero(missing)), *_unplanned(runs, strays))
-    return replace(dataset, runs=tuple(runs), notes=notes)
+    notes = [*dataset.notes]
+    lost = np.flatnonzero(missing).tolist()
+    if lost:
+        named = [
+            f"run {k + 1} (joint {motions[k].joint} {'up' if motions[k].end > motions[k].start else 'down'})"
+            for k in lost
+        ]
+        text = f"{len(lost)} of {len(motions)} planned runs are not in the logs: {_listed(named)}"
+        notes.append(Note("plan-run-missing", text, Where(field=f"runs[{lost[0] + 1}]")))
+    if len(strays) > FEW * len(runs):
+        text = (
+            f"{len(strays)} of {len(runs)} runs are not in the plan, the first of joint {strays[0].joint} at"
+            f" {strays[0].start:.1f} s; they are fitted; is it the plan of these logs?"
+        )
+        notes.append(Note("plan-run-unplanned", text, Where(file=strays[0].origin, row=strays[0].first_row)))
+    return replace(dataset, runs=tuple(runs), notes=tuple(notes))
 
 
 def _distances(runs: Sequence[Run], motions: Sequence[Motion]) -> Iterator[Floats]:
@@ -91,27 +105,6 @@ def _distances(runs: Sequence[Run], motions: Sequence[Motion]) -> Iterator[Float
         fits = (moved == run.joint) & (away.max(axis=1) <= SAME_POSTURE) & (slower <= SAME_SPEED)
         fits &= shared >= INSIDE * abs(run.span[1] - run.span[0])
         yield np.where(fits, slower / SAME_SPEED + 1.0 - shared / whole, np.inf)
-
-
-def _missing(plan: Plan, missing: NDArray[np.intp]) -> list[Note]:
-    if not len(missing):
-        return []
-    chosen = [(k + 1, plan.motions[k]) for k in missing[:MOST_NAMED].tolist()]
-    named = ", ".join(f"run {k} (joint {m.joint} {'up' if m.end > m.start else 'down'})" for k, m in chosen)
-    more = f" and {len(missing) - MOST_NAMED} more" if len(missing) > MOST_NAMED else ""
-    text = f"{len(missing)} of {len(plan.motions)} planned runs are not in the logs: {named}{more}"
-    return [Note("plan-run-missing", text, Where(field=f"runs[{missing[0] + 1}]"))]
-
-
-def _unplanned(runs: Sequence[Run], strays: Sequence[Run]) -> list[Note]:
-    if len(strays) <= FEW * len(runs):
-        return []
-    first = strays[0]
-    text = (
-        f"{len(strays)} of {len(runs)} runs are not in the plan, the first of joint {first.joint} at"
-        f" {first.start:.1f} s; they are fitted; is it the plan of these logs?"
-    )
-    return [Note("plan-run-unplanned", text, Where(file=first.origin, row=first.first_row))]
 
 
 def hold_out(dataset: Dataset, *, files: Collection[str] = (), postures: bool = False) -> Dataset:
@@ -149,7 +142,12 @@ def hold_out(dataset: Dataset, *, files: Collection[str] = (), postures: bool = 
         parts.append(f"{len(last)} at the last posture of joint {', '.join(map(str, joints))}")
         chosen |= last
     runs = tuple(replace(run, heldout=run.heldout or number in chosen) for number, run in enumerate(dataset.runs))
-    _check_something_is_fitted(runs, chosen)
+    for joint in sorted({runs[number].joint for number in chosen}):
+        moving = [run for run in runs if run.joint == joint]
+        if all(run.heldout for run in moving):
+            what = f"all {len(moving)} runs of joint {joint} would be held out, and none fitted"
+            mend = "keep one of the files for fitting in which it moves: " + _listed(sorted({r.origin for r in moving}))
+            raise LogError("heldout-all", what, Where(joint=joint), mend)
     fitted = sum(not run.heldout for run in runs)
     text = f"runs held out: {', '.join(parts)}; {fitted} of {len(runs)} are left to fit"
     return replace(dataset, runs=runs, notes=(*dataset.notes, Note("held-out", text)))
@@ -158,12 +156,7 @@ def hold_out(dataset: Dataset, *, files: Collection[str] = (), postures: bool = 
 def held_out_otherwise(estimate: Estimate, dataset: Dataset) -> list[Note]:
     """A note where a model's own logs are divided into fitted and held-out runs in another way than for its fit.
 
-    Parameters
-    ----------
-    estimate
-        It says how many runs of each joint were fitted and held out, not which.
-    dataset
-        Runs as they are held out now. Where its files are not just the model's, nothing can be said.
+    The estimate says how many runs of each joint were fitted and held out, not which; of other logs it says nothing.
     """
     if {facts.digest for facts in dataset.files} != set(estimate.logs.values()):
         return []
@@ -185,36 +178,23 @@ def held_out_otherwise(estimate: Estimate, dataset: Dataset) -> list[Note]:
 def _last_postures(runs: Sequence[Run]) -> set[int]:
     """Indices of each joint's runs at the posture that was first taken last, where there are enough postures."""
     postures: dict[int, list[list[int]]] = {}
-    for number, run in enumerate(runs):
-        if not run.heldout:
-            groups = postures.setdefault(run.joint, [])
-            same = (group for group in groups if _is_same_posture(runs[group[0]], run))
-            group = next(same, None)
-            groups.append([number]) if group is None else group.append(number)
-    for joint, groups in postures.items():
-        most_used = max(map(len, groups))
+    for joint in sorted({run.joint for run in runs}):
+        numbers = [number for number, run in enumerate(runs) if run.joint == joint and not run.heldout]
+        held = np.array([runs[number].posture for number in numbers]).reshape(len(numbers), -1)
+
+        def alike(first: int, others: Numbers, held: Floats = held) -> NDArray[np.bool_]:
+            return marked(others, near(held, first, others, within=SAME_POSTURE))
+
+        groups = [[numbers[k] for k in group] for group in grouped(len(numbers), alike)]
+        most_used = max(map(len, groups), default=0)
         postures[joint] = [group for group in groups if len(group) >= MEANT * most_used]
-    spare = {joint: groups[-1] for joint, groups in postures.items() if len(groups) >= FEWEST_POSTURES}
-    if not spare:
+    last = {number for groups in postures.values() if len(groups) >= FEWEST_POSTURES for number in groups[-1]}
+    if not last:
         best = max(postures, key=lambda joint: len(postures[joint]), default=None)
         has = "there is no run" if best is None else f"joint {best} has most, {len(postures[best])}"
         what = f"no joint was run in {FEWEST_POSTURES} postures ({has}), so none can be spared"
         raise LogError("heldout-nothing", what, Where(joint=best), "hold out files, or run more postures")
-    return {number for group in spare.values() for number in group}
-
-
-def _is_same_posture(first: Run, second: Run) -> bool:
-    return bool(np.all(np.nan_to_num(apart(first.posture, second.posture)) <= SAME_POSTURE))
-
-
-def _check_something_is_fitted(runs: Sequence[Run], chosen: Collection[int]) -> None:
-    for joint in sorted({runs[number].joint for number in chosen}):
-        moving = [run for run in runs if run.joint == joint]
-        if all(run.heldout for run in moving):
-            what = f"all {len(moving)} runs of joint {joint} would be held out, and none fitted"
-            files = _listed(sorted({run.origin for run in moving}))
-            mend = f"keep one of the files for fitting in which it moves: {files}"
-            raise LogError("heldout-all", what, Where(joint=joint), mend)
+    return last
 
 
 def _listed(names: Sequence[str]) -> str:

@@ -76,12 +76,12 @@ def pairs(runs: Sequence[Run]) -> list[Pair]:
     out = []
     for numbers in replicates(runs):
         first, *repeats = (runs[number] for number in numbers)
-        a = _Course.of(first)
-        smooth = a.harmonic()
+        a = _OrderedBins.of(first)
         for later in repeats:
-            b = _Course.of(later, _turns(first, later))
-            more, rest = _difference(a, b, smooth)
-            variance = 0.5 * (more**2 + rest) + _inside(a, b, smooth)
+            turns = 2.0 * np.pi * float(np.round((sum(first.span) - sum(later.span)) / (4.0 * np.pi)))
+            b = _OrderedBins.of(later, turns=turns, smooth=a.smooth)
+            more, square = _difference(a, b)
+            variance = 0.5 * (more**2 + square) + _inside(a, b)
             out.append(Pair(first, later, more, variance, later is repeats[-1]))
     return out
 
@@ -102,64 +102,62 @@ def noise_floor(repeated: Sequence[Pair]) -> tuple[float | None, str | None]:
     return float(np.sqrt(np.average([pair.variance for pair in repeated], weights=weights))), None
 
 
-def _turns(first: Run, second: Run) -> float:
-    """Whole turns (rad) that bring the second run's travel to the first's."""
-    return float(2.0 * np.pi * np.round((sum(first.span) - sum(second.span)) / (4.0 * np.pi)))
-
-
 @dataclass(frozen=True, eq=False, slots=True)
-class _Course:
-    """A run's bins in order of position (M,): current (A), its variance (A2), samples, first harmonic's regressors."""
+class _OrderedBins:
+    """A run's bins in order of position (M,), with the first harmonic's regressors (M, 4): cos, sin, one, acceleration.
+
+    `rest` (M,) is the current (A) less the first harmonic `smooth` (4,) of the run with which it is compared.
+    """
 
     q: Floats
     current: Floats
     variance: Floats
     count: NDArray[np.int64]
     basis: Floats
+    smooth: Floats
 
     @classmethod
-    def of(cls, run: Run, turns: float = 0.0) -> _Course:
+    def of(cls, run: Run, *, turns: float = 0.0, smooth: Floats | None = None) -> _OrderedBins:
         moving, bins = run.joint - 1, run.bins
         order = np.argsort(bins.position[:, moving], kind="stable")
-        q = bins.position[order, moving] + turns
-        basis = np.empty((len(q), 4))
-        basis[:, 0], basis[:, 1], basis[:, 2], basis[:, 3] = np.cos(q), np.sin(q), 1.0, bins.acceleration[order]
-        return cls(q, bins.current[order], bins.variance[order], bins.count[order], basis)
+        q, current = bins.position[order, moving] + turns, bins.current[order]
+        basis = np.column_stack([np.cos(q), np.sin(q), np.ones(len(q)), bins.acceleration[order]])
+        if smooth is None:
+            smooth = np.asarray(np.linalg.lstsq(basis, current, rcond=1e-6)[0], dtype=float)
+        return cls(q, current, bins.variance[order], bins.count[order], basis, smooth)
 
-    def harmonic(self) -> Floats:
-        """(4,) A by cos, sin, one and acceleration."""
-        return np.asarray(np.linalg.lstsq(self.basis, self.current, rcond=1e-6)[0], dtype=float)
+    @property
+    def rest(self) -> Floats:
+        return np.asarray(self.current - self.basis @ self.smooth)
 
     def before(self, q: Floats) -> NDArray[np.int64]:
         """The bin before each position, so that it and the next enclose the position."""
         return np.asarray(np.searchsorted(self.q, q).clip(1, len(self.q) - 1) - 1)
 
-    def rises(self, values: Floats) -> Floats:
-        """(M - 1,) slopes (A/rad or A/m) of `values` (M,) from one bin to the next."""
-        width = self.q[1:] - self.q[:-1]
-        return np.divide(values[1:] - values[:-1], width, out=np.zeros(len(width)), where=width > 0)
+    def rises(self) -> Floats:
+        """(M - 1,) slopes (A/rad or A/m) of the rest from one bin to the next."""
+        return _ratio(np.diff(self.rest), np.diff(self.q))
 
 
-def _difference(a: _Course, b: _Course, smooth: Floats) -> tuple[float, float]:
-    """Mean (A) by which the second's current is larger at the same positions, and mean square (A2) about it.
+def _ratio(values: Floats, width: Floats) -> Floats:
+    return np.divide(values, width, out=np.zeros(len(width)), where=width > 0)
 
-    `smooth` (4,) is the first's first harmonic, A by cos, sin, one and acceleration.
-    """
+
+def _difference(a: _OrderedBins, b: _OrderedBins) -> tuple[float, float]:
+    """Mean (A) by which the second's current is larger at the same positions, and mean square (A2) about it."""
     shared = (b.q >= a.q[0]) & (b.q <= a.q[-1])
     if len(a.q) < 2 or np.count_nonzero(shared) < 2:
         return float(np.average(b.current, weights=b.count) - np.average(a.current, weights=a.count)), 0.0
-    rest_a, rest_b = a.current - a.basis @ smooth, (b.current - b.basis @ smooth)[shared]
     k, q = a.before(b.q[shared]), b.q[shared]
-    width = a.q[k + 1] - a.q[k]
-    share = np.divide(q - a.q[k], width, out=np.zeros(len(q)), where=width > 0)
-    difference = rest_b - (1.0 - share) * rest_a[k] - share * rest_a[k + 1]
+    share = _ratio(q - a.q[k], a.q[k + 1] - a.q[k])
+    difference = b.rest[shared] - (1.0 - share) * a.rest[k] - share * a.rest[k + 1]
     # Interpolation averages the bins' noise, not what a whole run shares.
     averaging = 0.5 * (1.0 + (1.0 - share) ** 2 + share**2)
     level = float(difference.mean())
     return level, float(np.mean((difference - level) ** 2 / averaging))
 
 
-def _inside(a: _Course, b: _Course, smooth: Floats) -> float:
+def _inside(a: _OrderedBins, b: _OrderedBins) -> float:
     """Mean variance (A2) inside the bins of two runs, less what the current's slope makes of a bin's width.
 
     What the slope adds to the first harmonic's is squared as a product of both runs', whose noise is independent.
@@ -168,13 +166,11 @@ def _inside(a: _Course, b: _Course, smooth: Floats) -> float:
     variance = float(a.variance @ a.count + b.variance @ b.count) / counts
     if len(a.q) < 2 or len(b.q) < 2:
         return variance
-    width = np.gradient(b.q)
-    bend = np.divide(np.gradient(b.basis[:, 3]), width, out=np.zeros(len(width)), where=width > 0)
+    width, smooth = np.gradient(b.q), b.smooth
+    bend = _ratio(np.gradient(b.basis[:, 3]), width)
     harmonic = b.basis[:, 0] * smooth[1] - b.basis[:, 1] * smooth[0] + bend * smooth[3]
-    middle = 0.5 * (b.q[1:] + b.q[:-1])
-    ours = a.rises(a.current - a.basis @ smooth)[a.before(middle)]
-    theirs = b.rises(b.current - b.basis @ smooth)
+    first, second = a.rises()[a.before(0.5 * (b.q[1:] + b.q[:-1]))], b.rises()
     along = 0.5 * (harmonic[1:] + harmonic[:-1])
-    inner = (b.q[1:] - b.q[:-1]) ** 2 * (along * (ours + theirs) + ours * theirs)
+    inner = np.diff(b.q) ** 2 * (along * (first + second) + first * second)
     spread = float(np.mean((harmonic * width) ** 2) + np.mean(inner)) / 12.0
     return max(variance - spread * (1.0 - 1.0 / float(b.count.mean()) ** 2), 0.0)

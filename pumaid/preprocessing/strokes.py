@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pumaid.dataset import Bins, Log, finite_means, spans
-from pumaid.preprocessing.differentiate import averaging_kernel, cubic_window, derivatives
+from pumaid.preprocessing.differentiate import averaging_kernel, cubic_window, velocity
 from pumaid.preprocessing.options import SegmentOptions
 
 Floats = NDArray[np.float64]
@@ -67,7 +67,7 @@ def sliding(
     window = min(max(span, SHORTEST_FIT, 7.0 * interval), max(LONGEST_FIT, 7.0 * interval), LARGEST_SHARE * duration)
     margin = math.ceil(window / interval) + 3
     low, high = max(0, start - margin), min(len(time), stop + margin)
-    speed = derivatives(time[low:high], position[low:high], window)[0][start - low : stop - low]
+    speed = velocity(time[low:high], position[low:high], window)[start - low : stop - low]
     peak = float(speed.max(initial=0.0))
     fast = np.flatnonzero(speed > max(options.rest_speed, options.low_speed_share * peak))
     return (start + int(fast[0]), start + int(fast[-1]) + 1, window, peak) if len(fast) else (start, start, window, 0.0)
@@ -122,7 +122,7 @@ def stroke_bins(log: Log, joint: int, *, time: Floats, window: float) -> Bins | 
     filtered = (smoothed + _without_motion(sampled[inner] - smoothed, motion, kernel))[rows]
     starts, count = spans(instants, MOST_BINS)
     means = finite_means(np.column_stack([instants - instants[0], motion[rows], filtered]), starts)
-    bin_time, (moving, velocity, acceleration, binned) = instants[0] + means[:, 0], means[:, 1:].T
+    bin_time, (moving, speed, acceleration, binned) = instants[0] + means[:, 0], means[:, 1:].T
     posture = np.column_stack([np.interp(bin_time, log.time, column) for column in log.position.T])
     posture[:, joint - 1] = moving
     weights = np.convolve(curve, np.full(round(len(rows) / len(starts)), 1.0 / round(len(rows) / len(starts))))
@@ -132,8 +132,8 @@ def stroke_bins(log: Log, joint: int, *, time: Floats, window: float) -> Bins | 
         count=count,
         time=bin_time,
         position=posture,
-        velocity=velocity,
-        acceleration=_calibrated(moving, velocity, acceleration, noise=noise),
+        velocity=speed,
+        acceleration=_calibrated(moving, speed, acceleration, noise=noise),
         current=binned,
         variance=finite_means((plain - np.repeat(binned, count)) ** 2, starts),
         temperature=np.full(len(starts), np.nan) if log.temperature is None else log.temperature[before, joint - 1],
@@ -141,7 +141,7 @@ def stroke_bins(log: Log, joint: int, *, time: Floats, window: float) -> Bins | 
     )
 
 
-def _calibrated(position: Floats, velocity: Floats, acceleration: Floats, *, noise: float) -> Floats:
+def _calibrated(position: Floats, speed: Floats, acceleration: Floats, *, noise: float) -> Floats:
     """(B,) accelerations less the share of them that is noise of variance `noise`.
 
     Noise in a regressor makes its parameter too small by its share of what the regressor has beyond the others.
@@ -150,7 +150,7 @@ def _calibrated(position: Floats, velocity: Floats, acceleration: Floats, *, noi
     ------
     R. J. Carroll et al., Measurement Error in Nonlinear Models, 2nd ed. (2006), ch. 4: regression calibration.
     """
-    beyond = _residual(acceleration, [np.cos(position), np.sin(position), velocity])
+    beyond = _residual(acceleration, [np.cos(position), np.sin(position), speed])
     square = float(beyond @ beyond)
     return acceleration - min(noise * len(beyond) / square, MOST_NOISE) * beyond if square > 0.0 else acceleration
 
@@ -160,9 +160,9 @@ def _without_motion(fast: Floats, motion: Floats, kernel: Floats) -> Floats:
 
     Regressed on weight, friction and inertia it gives nothing: least squares returns what it does of filtered currents.
     """
-    position, velocity, acceleration = motion.T
+    position, speed, acceleration = motion.T
     blunter = np.convolve(np.pad(acceleration, len(kernel) // 2, mode="edge"), kernel, mode="valid")
-    return _residual(fast, [np.cos(position), np.sin(position), velocity, acceleration, blunter])
+    return _residual(fast, [np.cos(position), np.sin(position), speed, acceleration, blunter])
 
 
 def _residual(values: Floats, regressors: list[Floats]) -> Floats:
