@@ -25,37 +25,17 @@ _SAMPLED = ("rows", "time", "position", "velocity", "current", "temperature", "e
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Log:
-    """N consecutive samples of one file; a long file is a sequence of these.
+    """N consecutive samples of one file; a long file is a sequence of these."""
 
-    Attributes
-    ----------
-    origin
-        The file's name as the user knows it.
-    rows
-        (N,) row of each sample as an editor counts lines of the file (header is row 1).
-    time
-        (N,) s, strictly rising within a file.
-    position, velocity
-        (N, J) rad or m and rad/s or m/s; `velocity` is None where the file has none, and NaN in samples without it.
-    current
-        (N, J) A; NaN in samples without it, and a whole column where the log lacks that joint.
-    temperature
-        (N, J) degC, or None.
-    extra
-        (N, E) columns that the user asked for besides, in the log's own units, NaN where not a number; or None.
-    starts_clock
-        Whether the clock starts anew here: samples before belong to another recording.
-    """
-
-    origin: str
-    rows: Counts
-    time: Floats
-    position: Floats
-    velocity: Floats | None
-    current: Floats
-    temperature: Floats | None = None
-    starts_clock: bool = False
-    extra: Floats | None = None
+    origin: str  # the file's name as the user knows it
+    rows: Counts  # (N,) row of each sample as an editor counts lines of the file (header is row 1)
+    time: Floats  # (N,) s, strictly rising within a file
+    position: Floats  # (N, J) rad or m
+    velocity: Floats | None  # (N, J) rad/s or m/s, NaN in samples without it; None where the file has none
+    current: Floats  # (N, J) A; NaN in samples without it, and a whole column where the log lacks that joint
+    temperature: Floats | None = None  # (N, J) degC
+    starts_clock: bool = False  # whether the clock starts anew here: samples before belong to another recording
+    extra: Floats | None = None  # (N, E) columns that the user asked for besides, in the log's own units
 
     def __post_init__(self) -> None:
         n_samples, n_joints = self.position.shape
@@ -93,35 +73,17 @@ class Log:
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Bins:
-    """Means over equal spans of time, the form in which effects see a run: of the moving joint, but for the posture.
+    """Means over equal spans of time, the form in which effects see a run: of the moving joint, but for the posture."""
 
-    Attributes
-    ----------
-    count
-        (M,) samples in each bin.
-    time
-        (M,) s, on the log's clock.
-    position
-        (M, J) of all joints, rad or m.
-    velocity, acceleration
-        (M,) rad/s or m/s, and per s more (all zero where a run is at constant speed).
-    current, variance
-        (M,) A, and A2 inside the bin.
-    temperature
-        (M,) degC, NaN where not measured.
-    extra
-        (M, E) means of the columns `Dataset.extra`, in the log's own units, NaN where not a number; None without.
-    """
-
-    count: Counts
-    time: Floats
-    position: Floats
-    velocity: Floats
-    acceleration: Floats
-    current: Floats
-    variance: Floats
-    temperature: Floats
-    extra: Floats | None = None
+    count: Counts  # (M,) samples in each bin
+    time: Floats  # (M,) s, on the log's clock
+    position: Floats  # (M, J) of all joints, rad or m
+    velocity: Floats  # (M,) rad/s or m/s
+    acceleration: Floats  # (M,) rad/s2 or m/s2, all zero where a run is at constant speed
+    current: Floats  # (M,) A
+    variance: Floats  # (M,) A2, of the current inside the bin
+    temperature: Floats  # (M,) degC, NaN where not measured
+    extra: Floats | None = None  # (M, E) columns `Dataset.extra`, in the log's own units, NaN where not a number
 
     def __len__(self) -> int:
         return len(self.count)
@@ -146,57 +108,25 @@ class Means:
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Run:
-    """One joint moving alone in one direction while the others are held.
+    """One joint moving alone in one direction while the others are held."""
 
-    Attributes
-    ----------
-    joint
-        Moving joint, from 1.
-    kind
-        ``"constant"`` (constant speed) or ``"stroke"`` (from rest to rest; carries an inertia term).
-    origin, first_row, last_row
-        File and first and last row of it.
-    start, duration
-        s.
-    posture
-        (J,) mean position, rad or m; NaN at the moving joint.
-    span
-        First and last position of the moving joint, rad or m.
-    speed
-        Mean velocity, signed, rad/s or m/s.
-    ripple
-        RMS of velocity about its mean in the same unit; what the measured speed was worth.
-    temperature
-        Mean of the moving joint, degC, NaN where not measured.
-    samples
-        Samples with a current.
-    bins
-        The run in at most a few hundred means.
-    clock
-        Number of the recording: runs with the same number share one clock.
-    heldout
-        Whether the plan keeps this run for judging only.
-    stamp_error
-        RMS (s) by which time stamps are not when samples were taken; zero where they are, or where no motion tells.
-    """
-
-    joint: int
-    kind: str
-    origin: str
-    first_row: int
+    joint: int  # moving joint, from 1
+    kind: str  # "constant" (constant speed) or "stroke" (from rest to rest; carries an inertia term)
+    origin: str  # file
+    first_row: int  # of the file
     last_row: int
-    start: float
-    duration: float
-    posture: Floats
-    span: tuple[float, float]
-    speed: float
-    ripple: float
-    temperature: float
-    samples: int
+    start: float  # s
+    duration: float  # s
+    posture: Floats  # (J,) mean position, rad or m; NaN at the moving joint
+    span: tuple[float, float]  # first and last position of the moving joint, rad or m
+    speed: float  # mean velocity, signed, rad/s or m/s
+    ripple: float  # RMS of velocity about its mean, rad/s or m/s; what the measured speed was worth
+    temperature: float  # mean of the moving joint, degC, NaN where not measured
+    samples: int  # with a current
     bins: Bins
-    clock: int = 0
-    heldout: bool = False
-    stamp_error: float = 0.0
+    clock: int = 0  # number of the recording: runs with the same number share one clock
+    heldout: bool = False  # whether the plan keeps this run for judging only
+    stamp_error: float = 0.0  # RMS by which time stamps are not when samples were taken, s; zero where that is unknown
 
     @property
     def direction(self) -> int:
@@ -274,16 +204,8 @@ _DAMAGES: tuple[type[Exception], ...] = (
 def save_dataset(sink: BinaryIO, dataset: Dataset, made_from: Mapping[str, Any]) -> None:
     """Write a dataset as plain numpy arrays (npz, nothing pickled).
 
-    Each field of the bins is one array over all bins; everything else is JSON, in the array `about`.
-
-    Parameters
-    ----------
-    sink
-        Binary, opened for writing.
-    dataset
-        What is written.
-    made_from
-        What it depends on, as JSON can hold it; `load_dataset` returns it.
+    Each field of the bins is one array over all bins; everything else is JSON, in the array `about`. `made_from` says
+    what the dataset depends on, as JSON can hold it; `load_dataset` returns it.
     """
     about = {
         "made_from": made_from,
@@ -309,17 +231,7 @@ def _plain(record: Run | Reject) -> dict[str, Any]:
 
 
 def load_dataset(path: Path) -> tuple[Dataset, dict[str, Any]]:
-    """Read what `save_dataset` wrote.
-
-    Parameters
-    ----------
-    path
-        The file.
-
-    Returns
-    -------
-    dataset, made_from
-        As they were saved, to the bit.
+    """Read what `save_dataset` wrote, to the bit: the dataset, and what it was made from.
 
     Raises
     ------
@@ -398,17 +310,11 @@ def mean_times(time: Floats, starts: Counts) -> Floats:
 
 @dataclass(frozen=True, slots=True)
 class Campaign:
-    """What only all runs together tell.
+    """What only all runs together tell: when joints first moved, and what they had travelled before each run."""
 
-    Attributes
-    ----------
-    begun
-        (joint from 1, or 0 for the whole arm; clock) -> s on that clock at which it first moved.
-    leads
-        (file, first row) of a run -> rad or m that its joint had travelled before, while it sped up.
-    """
-
+    #: (joint from 1, or 0 for the whole arm; clock) -> s on that clock at which it first moved.
     begun: Mapping[tuple[int, int], float] = field(default_factory=dict)
+    #: (file, first row) of a run -> rad or m that its joint had travelled before, while it sped up.
     leads: Mapping[tuple[str, int], float] = field(default_factory=dict)
 
     @classmethod

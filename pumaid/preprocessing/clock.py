@@ -57,14 +57,8 @@ def sampling_times(time: Floats, position: Floats) -> tuple[Floats, float]:
         return time, 0.0
     share, uncertainty = _shown(uneven, position, interval=interval, numbers=numbers)
     even = time - uneven
-    if (
-        share >= SHOWN
-        or uncertainty > UNCERTAIN
-        or share < -4.5 * uncertainty - UNCERTAIN
-        or (np.diff(even) <= 0).any()
-    ):
-        return time, 0.0
-    return even, error
+    is_plausible = -4.5 * uncertainty - UNCERTAIN <= share < SHOWN and uncertainty <= UNCERTAIN
+    return (even, error) if is_plausible and (np.diff(even) > 0).all() else (time, 0.0)
 
 
 def notes(runs: Sequence[Run]) -> tuple[Note, ...]:
@@ -119,7 +113,9 @@ def _shown(uneven: Floats, position: Floats, *, interval: float, numbers: Floats
         if noise == 0.0:
             continue
         speed[np.abs(speed) <= CLEAR * noise / (2 * AROUND * interval)] = 0.0
-        observed, expected = (_fast(values) / noise for values in (column, speed * uneven))
+        observed, expected = (
+            (values - savitzky_golay(values, 2 * SLOW + 1, 0)) / noise for values in (column, speed * uneven)
+        )
         cross += np.add.reduceat(expected * observed, groups)
         square += np.add.reduceat(expected * expected, groups)
     total = float(square.sum())
@@ -128,8 +124,3 @@ def _shown(uneven: Floats, position: Floats, *, interval: float, numbers: Floats
     share = float(cross.sum()) / total
     rest = cross - share * square
     return share, math.sqrt(float(rest @ rest)) / total
-
-
-def _fast(values: Floats) -> Floats:
-    """(N,) what local cubics leave of some values."""
-    return values - savitzky_golay(values, 2 * SLOW + 1, 0)
