@@ -4,17 +4,20 @@ from __future__ import annotations
 
 import shlex
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from pumaid.cli.progress import progress
-
-if TYPE_CHECKING:
-    from pumaid.dataset import Dataset
-    from pumaid.diagnosis.records import Diagnosis, Finding
-    from pumaid.estimate import Estimate
-    from pumaid.robot import EffectChoice, Robot
+from pumaid.dataset import Dataset
+from pumaid.diagnosis.records import ADD, Diagnosis, Finding, read_diagnosis
+from pumaid.effect_spec import option_text
+from pumaid.effects import catalogue
+from pumaid.errors import ResultError
+from pumaid.estimate import GIVEN, Estimate
+from pumaid.estimation.estimate import identify
+from pumaid.reporting.diagnosis_text import left_out_sentence, step_sentence
+from pumaid.results.history import keep
+from pumaid.robot import EffectChoice, Robot
 
 #: Share by which an addition may raise the error of the fitted runs: by rounding, not more.
 MAY_RISE = 0.01
@@ -22,25 +25,18 @@ MAY_RISE = 0.01
 MOST_ADDED = 4
 
 
-@dataclass(frozen=True, slots=True)
-class Typed:
-    """What the user typed that a command must repeat: logs, recipe, held-out runs, files of own effects."""
-
-    logs: tuple[str, ...]
-    recipe: Path | None = None
-    heldout: tuple[str, ...] = ()
-    effects: tuple[Path, ...] = ()
-
-    def words(self) -> str:
-        """``pumaid identify`` with all of it, as a shell reads it."""
-        words = ["pumaid", "identify", *self.logs]
-        words += [] if self.recipe is None else ["--recipe", str(self.recipe)]
-        for option, values in (("--heldout", self.heldout), ("--effects", self.effects)):
-            words += [word for value in values for word in (option, str(value))]
-        return shlex.join(words)
+def identify_command(
+    logs: Sequence[str], *, recipe: Path | None, heldout: Sequence[str], effects: Sequence[Path]
+) -> str:
+    """``pumaid identify`` with what the user typed: logs, recipe, held-out runs and files of own effects."""
+    words = ["pumaid", "identify", *logs]
+    words += [] if recipe is None else ["--recipe", str(recipe)]
+    for option, values in (("--heldout", heldout), ("--effects", effects)):
+        words += [word for value in values for word in (option, str(value))]
+    return shlex.join(words)
 
 
-def with_commands(diagnosis: Diagnosis, estimate: Estimate, robot: Robot, *, typed: Typed) -> Diagnosis:
+def with_commands(diagnosis: Diagnosis, estimate: Estimate, robot: Robot, *, identify_again: str) -> Diagnosis:
     """The diagnosis with commands that can be pasted.
 
     Parameters
@@ -49,15 +45,14 @@ def with_commands(diagnosis: Diagnosis, estimate: Estimate, robot: Robot, *, typ
         Of `estimate`.
     estimate, robot
         The model, whose effects a command must repeat where the recipe does not switch them on.
-    typed
-        What the user typed.
+    identify_again
+        As `identify_command` gives it.
     """
     from pumaid.diagnosis.diagnose import IDENTIFY
-    from pumaid.effect_spec import option_text
 
     in_recipe = {(choice.effect, choice.joint) for choice in robot.effects}
     in_recipe |= {(name, None) for name, _ in in_recipe}
-    head = typed.words()
+    head = identify_again
     for choice in reopened(estimate):
         if not {(choice.effect, choice.joint), (choice.effect, None)} & in_recipe:
             head += f" --add {option_text(choice.effect, choice.joint, choice.shape, fixed=choice.shape)}"
@@ -71,18 +66,12 @@ def with_commands(diagnosis: Diagnosis, estimate: Estimate, robot: Robot, *, typ
 
 def choice_of(finding: Finding) -> EffectChoice:
     """A finding as an effect to be fitted: its shape is left open, but where the same effect may stand there twice."""
-    from pumaid.effects import catalogue
-    from pumaid.robot import EffectChoice
-
     shape = dict(finding.shape) if catalogue()[finding.effect].is_repeatable else {}
     return EffectChoice(finding.effect, finding.joint, shape)
 
 
 def reopened(estimate: Estimate) -> tuple[EffectChoice, ...]:
     """The effects of a model as they were chosen: shapes that were fitted are open again."""
-    from pumaid.effects import catalogue
-    from pumaid.estimate import GIVEN
-
     given = {value.name for value in estimate.values if value.state == GIVEN}
     out = []
     for choice in estimate.effects:
@@ -94,14 +83,14 @@ def reopened(estimate: Estimate) -> tuple[EffectChoice, ...]:
 
 
 def diagnosed(
-    estimate: Estimate, dataset: Dataset, robot: Robot, *, suspects: Sequence[str], typed: Typed
+    estimate: Estimate, dataset: Dataset, robot: Robot, *, suspects: Sequence[str], identify_again: str
 ) -> Diagnosis:
     """A diagnosis, with progress and commands."""
     from pumaid.diagnosis.diagnose import diagnose
 
     with progress("diagnosing") as step:
         diagnosis = diagnose(estimate, dataset, robot, suspects=suspects, progress=lambda text: step(0.0, text))
-    return with_commands(diagnosis, estimate, robot, typed=typed)
+    return with_commands(diagnosis, estimate, robot, identify_again=identify_again)
 
 
 def added(
@@ -122,36 +111,21 @@ def added(
     ----------
     diagnosis, estimate, dataset
         What was found, on which model, in which runs.
-    robot
-        The arm.
-    model
-        The current model's file; every step is written there and kept beside it.
-    again
-        Diagnoses a model.
-    tell
-        Called with a sentence after each step.
+    robot, model
+        The arm, and the current model's file; every step is written there and kept beside it.
+    again, tell
+        Diagnoses a model; called with a sentence after each step.
 
     Returns
     -------
     diagnosis, estimate
         The last ones; what was added stands in the diagnosis' `applied`.
     """
-    from pumaid.diagnosis.records import ADD
-    from pumaid.estimation.estimate import identify
-    from pumaid.reporting.diagnosis_text import left_out_sentence, step_sentence
-    from pumaid.results.history import keep
-
     keep(model, estimate, robot)
     done: list[Finding] = []
     while new := [item for item in diagnosis.findings if item.verdict == ADD and _is_new(item, estimate)]:
         for finding in new[: MOST_ADDED - len(done)]:
-            with progress("identifying", total=robot.n_joints) as step:
-                fresh = identify(
-                    dataset,
-                    robot,
-                    effects=(*reopened(estimate), choice_of(finding)),
-                    progress=lambda joint, text, step=step: step(robot.n_joints - joint, text),  # type: ignore[misc]
-                )
+            fresh = _refitted(dataset, robot, (*reopened(estimate), choice_of(finding)))
             if _error(fresh) > (1.0 + MAY_RISE) * _error(estimate):
                 tell(left_out_sentence(finding, _error(estimate), _error(fresh), robot=robot))
                 current = diagnosis if finding is new[0] else again(estimate)
@@ -166,6 +140,14 @@ def added(
     return replace(diagnosis, applied=tuple(done)), estimate
 
 
+def _refitted(dataset: Dataset, robot: Robot, effects: Sequence[EffectChoice]) -> Estimate:
+    """A fit with these effects, with progress."""
+    with progress("identifying", total=robot.n_joints) as step:
+        return identify(
+            dataset, robot, effects=effects, progress=lambda joint, text: step(robot.n_joints - joint, text)
+        )
+
+
 def _error(estimate: Estimate) -> float:
     """RMSE (A) of all fitted samples of the arm."""
     parts = [(joint.samples, joint.rmse) for joint in estimate.joints if joint.rmse is not None]
@@ -175,26 +157,13 @@ def _error(estimate: Estimate) -> float:
 
 def _is_new(finding: Finding, estimate: Estimate) -> bool:
     """Whether the model can hold it besides what it holds; a suspected column is no effect of the catalogue."""
-    from pumaid.effects import catalogue
-
     effect = catalogue().get(finding.effect)
     there = {(choice.effect, choice.joint) for choice in estimate.effects}
     return effect is not None and (effect.is_repeatable or (finding.effect, finding.joint) not in there)
 
 
 def with_earlier(diagnosis: Diagnosis, estimate: Estimate, earlier: Path) -> Diagnosis:
-    """The diagnosis with what earlier ones found and the model holds by now.
-
-    Parameters
-    ----------
-    diagnosis, estimate
-        Now.
-    earlier
-        The file of the last diagnosis, if there is one.
-    """
-    from pumaid.diagnosis.records import read_diagnosis
-    from pumaid.errors import ResultError
-
+    """The diagnosis with what earlier ones (the last in the file `earlier`) found and the model holds by now."""
     try:
         old = read_diagnosis(earlier)
     except ResultError:

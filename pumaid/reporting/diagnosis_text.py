@@ -84,10 +84,13 @@ def bare(unit: str) -> str:
 def finding_title(finding: Finding, robot: Robot) -> str:
     """Where and what, with the effects that these data do not separate from it."""
     verb = "is missing" if finding.verdict == ADD else "may be missing"
-    words = f"{_capital(place(finding, robot))}: {label(finding.effect)} {verb}"
-    if finding.rivals:
-        words += f" (these data do not separate it from {listed([label(name) for name in finding.rivals], 'or')})"
-    return words
+    return f"{_capital(place(finding, robot))}: {label(finding.effect)} {verb}{_rivals(finding)}"
+
+
+def _rivals(finding: Finding) -> str:
+    """What these data do not separate from a finding, in parentheses; empty without rivals."""
+    names = listed([label(name) for name in finding.rivals], "or")
+    return f" (these data do not separate it from {names})" if names else ""
 
 
 def applied_title(finding: Finding, robot: Robot) -> str:
@@ -196,7 +199,7 @@ def times_text(count: int) -> str:
 def step_sentence(finding: Finding, before: Estimate, after: Estimate, *, robot: Robot, number: int) -> str:
     """What adding an effect did to the joint that it changed most; `number` of the step from 1."""
     both = [(old, new) for old, new in zip(before.joints, after.joints, strict=True) if old.rmse and new.rmse]
-    words = f"{number}. Added {label(finding.effect)} {_at(finding, robot)}."
+    words = f"{number}. Added {label(finding.effect)} {_at(finding, robot)}{_rivals(finding)}."
     if not both:
         return words
     old, new = min(both, key=lambda pair: (pair[1].rmse or 0.0) / (pair[0].rmse or 1.0))

@@ -19,7 +19,7 @@ from click.testing import CliRunner, Result
 
 import pumaid
 from pumaid.cli import group
-from pumaid.cli.additions import Typed, with_commands
+from pumaid.cli.additions import identify_command, with_commands
 from pumaid.diagnosis.plan_for_effect import plan_of_findings as deciding
 from pumaid.diagnosis.records import Diagnosis, Digest, read_diagnosis, write_diagnosis
 from pumaid.io.log_writer import write_log
@@ -183,9 +183,10 @@ def test_commands_repeat_what_the_model_has(arm):
     held = (EffectChoice("spring", 1), EffectChoice("warmup", 2, {"time_constant": 60.0}))
     held += (EffectChoice("ripple", 4, {"frequency": 58.0}),)
     estimate = replace(pumaid.read_model(Path("results/model.json")), effects=held)
-    typed = Typed(("my logs/",), Path("arm.yaml"), ("day 2.csv",), (Path("brake.py"),))
+    options = {"recipe": Path("arm.yaml"), "heldout": ["day 2.csv"], "effects": [Path("brake.py")]}
+    typed = identify_command(["my logs/"], **options)
     finding = replace(diagnoses.stribeck(), command="pumaid identify LOGS --add stribeck@3")
-    diagnosis = with_commands(Diagnosis(robot.name, (), (finding,)), estimate, robot, typed=typed)
+    diagnosis = with_commands(Diagnosis(robot.name, (), (finding,)), estimate, robot, identify_again=typed)
     found = diagnosis.findings[0].command
     assert found == (
         "pumaid identify 'my logs/' --recipe arm.yaml --heldout 'day 2.csv' --effects brake.py"

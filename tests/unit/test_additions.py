@@ -7,7 +7,7 @@ from dataclasses import replace
 import pytest
 from searches import lever
 
-import pumaid.estimation.estimate as verb
+from pumaid.cli import additions
 from pumaid.cli.additions import added
 from pumaid.dataset import Dataset
 from pumaid.diagnosis.records import ADD, Diagnosis, Finding
@@ -23,8 +23,8 @@ def test_what_makes_the_fit_worse_is_left_out(monkeypatch, tmp_path, factor, kep
     """The model on disk stays, the user is told both errors, and nothing more is added; a better fit is kept."""
     lab, told = lever(), []
     estimate = replace(lab.estimate, joints=tuple(replace(one, rmse=0.02) for one in lab.estimate.joints))
-    monkeypatch.setattr(verb, "identify", lambda *args, **more: stretched(estimate, factor))
-    found = Finding("spring", 1, {}, ADD, (), 0.001, "", "")
+    monkeypatch.setattr(additions, "identify", lambda *args, **more: stretched(estimate, factor))
+    found = Finding("spring", 1, {}, ADD, ("counterbalance",), 0.001, "", "")
     diagnosis = Diagnosis(lab.robot.name, (), (found,))
     done, last = added(
         diagnosis,
@@ -38,5 +38,7 @@ def test_what_makes_the_fit_worse_is_left_out(monkeypatch, tmp_path, factor, kep
     assert len(done.applied) == kept
     assert last.joints[0].rmse == pytest.approx(0.02 * (factor if kept else 1.0))
     assert ("Not added" in told[0]) is (kept == 0) and len(told) == 1
-    if not kept:
+    if kept:
+        assert "Added spring at joint 1 (joint 1) (these data do not separate it from counterbalance)." in told[0]
+    else:
         assert "from 0.0200 A to 0.0240 A" in told[0]

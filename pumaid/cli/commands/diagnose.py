@@ -76,7 +76,7 @@ def _diagnosis(
     request: options.ModelOnLogs, suspect: tuple[str, ...], folder: Path, *, model: Path | None, is_quiet: bool
 ) -> tuple[Diagnosis, Robot]:
     """The diagnosis, with what it finds added to the file `model` if there is one, and the arm."""
-    from pumaid.cli.additions import Typed, added, diagnosed, with_earlier
+    from pumaid.cli.additions import added, diagnosed, identify_command, with_earlier
     from pumaid.diagnosis.records import DIAGNOSIS_NAME
     from pumaid.experiment import check_logs
     from pumaid.reporting.table import Paragraph
@@ -86,8 +86,8 @@ def _diagnosis(
     context = click.get_current_context(silent=True)
     effects = () if context is None else context.meta.get("pumaid.effects", ())
     experiment = request.experiment
-    typed = Typed(experiment.logs, experiment.recipe, experiment.heldout, effects)
-    again = partial(diagnosed, dataset=dataset, robot=robot, suspects=suspect, typed=typed)
+    typed = identify_command(experiment.logs, recipe=experiment.recipe, heldout=experiment.heldout, effects=effects)
+    again = partial(diagnosed, dataset=dataset, robot=robot, suspects=suspect, identify_again=typed)
     diagnosis = again(estimate)
     if model is not None:
         tell = remark if is_quiet else lambda text: table(Paragraph(text))
