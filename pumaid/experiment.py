@@ -130,17 +130,17 @@ class Experiment:
 
         paths = expand(self.logs)
         settings = {"options": repr(options), "trust": self.trust, "columns": list(extra)}
-        made_from = dataset_inputs(self.robot, settings)
+        plan = find_plan([self.folder])
+        made_from = dataset_inputs(self.robot, settings, plan)
         is_keepable = all(isinstance(path, Path) and path.is_file() for path in paths)
         file = self.results_folder / DATASET
         dataset = read_dataset(file, paths, made_from, tell=self.tell) if is_keepable else None
         if dataset is None:
             dataset = self._ingested(paths, extra=extra, options=options)
+            if plan is not None:
+                dataset = match_with_plan(dataset, read_plan(plan, self.robot))
             if self.is_kept and is_keepable:
                 keep_dataset(file, dataset, made_from, tell=self.tell)
-        plan = find_plan([self.folder])
-        if plan is not None:
-            dataset = match_with_plan(dataset, read_plan(plan, self.robot))
         if not self.heldout:
             return dataset
         names = [facts.name for facts in dataset.files]
@@ -195,10 +195,15 @@ def check_logs(estimate: Estimate, dataset: Dataset, *, trust: bool = False) -> 
     raise ModelError("model-other-logs", what, Where(file=unfitted[0]), mend)
 
 
-def dataset_inputs(robot: Robot, settings: Mapping[str, Any]) -> dict[str, Any]:
+def dataset_inputs(robot: Robot, settings: Mapping[str, Any], plan: Path | None = None) -> dict[str, Any]:
     """What a dataset depends on beside the logs, as JSON can hold it: of a recipe, name, joints and the log block."""
     recipe = hashlib.sha256(repr((robot.name, robot.joints, robot.log)).encode()).hexdigest()
-    return {"program": f"pumaid {__version__} {_program()}", "recipe": recipe, "options": dict(settings)}
+    return {
+        "program": f"pumaid {__version__} {_program()}",
+        "recipe": recipe,
+        "plan": plan and _digest(plan),
+        "options": dict(settings),
+    }
 
 
 def read_dataset(

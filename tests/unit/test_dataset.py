@@ -100,13 +100,15 @@ def test_what_is_no_dataset_is_refused(tmp_path, content) -> None:
             load_dataset(path)
 
 
-def remembered(logs: Path, file: Path, *, robot: Robot = ARM, **settings: object) -> Dataset | None:
+def remembered(
+    logs: Path, file: Path, *, robot: Robot = ARM, plan: Path | None = None, **settings: object
+) -> Dataset | None:
     """What is read of the file of these logs' dataset."""
-    return read_dataset(file, sorted(logs.iterdir()), dataset_inputs(robot, settings), tell=print)
+    return read_dataset(file, sorted(logs.iterdir()), dataset_inputs(robot, settings, plan), tell=print)
 
 
 def test_it_is_used_for_these_logs_only(logs, dataset, tmp_path, capsys) -> None:
-    """Another recipe, other options, another log, a changed one: each is a reason to read again, and is told."""
+    """Another recipe, plan, options, another log, a changed one: each is a reason to read again, and is told."""
     file = tmp_path / "dataset.npz"
     keep_dataset(file, dataset, dataset_inputs(ARM, {}), tell=print)
     assert "dataset written to" in capsys.readouterr().out
@@ -117,6 +119,7 @@ def test_it_is_used_for_these_logs_only(logs, dataset, tmp_path, capsys) -> None
         (changed / path.name).write_bytes(path.read_bytes())
     for reason, folder, inputs in (
         ("recipe", logs, {"robot": replace(ARM, name="another")}),
+        ("plan", logs, {"plan": next(logs.iterdir())}),
         ("options", logs, {"trust": True}),
         ("logs", changed, {}),
     ):
