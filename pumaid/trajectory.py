@@ -28,28 +28,14 @@ SETTLING = 0.06
 
 @dataclass(frozen=True, slots=True)
 class Motion:
-    """One planned run.
+    """One planned run."""
 
-    Attributes
-    ----------
-    joint
-        Moving joint, from 1.
-    hold
-        (J,) positions of all joints, rad or m; the moving joint's own entry is ignored.
-    start, end
-        rad or m.
-    velocity
-        Speed, positive, rad/s or m/s; the direction follows from `start` and `end`.
-    purpose
-        ``"fit"`` or ``"heldout"``.
-    """
-
-    joint: int
-    hold: tuple[float, ...]
-    start: float
+    joint: int  # the moving one, from 1
+    hold: tuple[float, ...]  # (J,) rad or m of all joints; that of the moving joint is ignored
+    start: float  # rad or m
     end: float
-    velocity: float
-    purpose: str = "fit"
+    velocity: float  # positive, rad/s or m/s
+    purpose: str = "fit"  # or "heldout"
 
 
 @dataclass(frozen=True, slots=True)
@@ -64,44 +50,34 @@ class Posture:
 
 @dataclass(frozen=True, slots=True)
 class Plan:
-    """Motions in the order in which they are executed, with the reasons and the forecast.
-
-    `expected` maps a parameter's name to its predicted standard error (SI), absent where the plan cannot show it;
-    `unseen` maps a parameter's name to why no run of this plan shows it; `duration` is in s, moves between included.
-    `efficiency` is the predicted error of the best conceivable experiment of as much time as a share of this plan's
-    (0..1), none where nobody looked. `assumptions` are the sentences on which the forecast rests, `notes` what the user
-    should know before running it.
-    """
+    """Motions in the order in which they are executed, with the reasons and the forecast."""
 
     robot: str
     motions: tuple[Motion, ...]
     postures: tuple[Posture, ...] = ()
-    expected: dict[str, float] = field(default_factory=dict)
-    unseen: dict[str, str] = field(default_factory=dict)
-    duration: float = 0.0
+    expected: dict[str, float] = field(default_factory=dict)  # parameter -> predicted standard error, SI
+    unseen: dict[str, str] = field(default_factory=dict)  # parameter -> why no run of this plan shows it
+    duration: float = 0.0  # s, moves between the runs included
     seed: int = 0
+    # Predicted error of the best conceivable experiment of as much time as a share of this plan's (0..1), if computed.
     efficiency: float | None = None
-    assumptions: tuple[str, ...] = ()
+    assumptions: tuple[str, ...] = ()  # on which the forecast rests
     notes: tuple[Note, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)
 class NextRun:
-    """The run that would decide, in words and as motions that a plan can hold.
-
-    `separation` is the weighted misfit (in standard deviations) that one such set of runs would show between two
-    rivals; `repeats` how often the set must be run for nine chances in ten; None where no feasible run separates them.
-    """
+    """The runs that would decide between two rivals, in words and as motions; none where no feasible run does."""
 
     text: str
     motions: tuple[Motion, ...] = ()
-    separation: float | None = None
-    repeats: int | None = None
+    separation: float | None = None  # weighted misfit that the set would show, in standard deviations
+    repeats: int | None = None  # how often the set must be run for nine chances in ten
 
 
 _DEG = factor("deg")
-#: Span of a turning joint without limits (the paper's), and the widest worth its time (both well over half a turn, so
-#: that a spring is told from a sinusoid); rad.
+#: rad: span of a turning joint without limits (the paper's), and the widest worth its time. Both are well over half a
+#: turn, so that a spring is told from a sinusoid.
 USUAL_TURN, WIDEST_TURN = 250.0 * _DEG, 270.0 * _DEG
 #: m: span of a sliding joint without limits, from zero.
 USUAL_SLIDE = 0.3
@@ -140,25 +116,14 @@ def accelerations(robot: Robot) -> Floats:
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Trapezoid:
-    """All joints from `start` to `end` (J,) together, straight in joint space, by one trapezoid of speed.
+    """All joints from `start` to `end` together, straight in joint space, by one trapezoid of speed."""
 
-    Attributes
-    ----------
-    start, end
-        rad or m.
-    speed, acceleration
-        Of the joint that goes farthest, rad/s or m/s, rad/s2 or m/s2.
-    motion, number
-        The run of the plan that this is, and its number from 1; for a move between postures None, and the number of
-        the run to which it leads.
-    """
-
-    start: Floats
+    start: Floats  # (J,) rad or m
     end: Floats
-    speed: float
+    speed: float  # of the joint that goes farthest, rad/s or m/s
     acceleration: float
-    motion: Motion | None
-    number: int
+    motion: Motion | None  # the run of the plan; None for a move between postures
+    number: int  # of the run, from 1, or of the run to which a move leads
 
     @property
     def way(self) -> float:
@@ -199,13 +164,6 @@ class Trapezoid:
         direction = (self.end - self.start) / (self.way or 1.0)
         speed = self.acceleration * (rising - falling)
         return self.start + gone[:, None] * direction, speed[:, None] * direction
-
-    def corners(self) -> Iterator[tuple[float, Floats, Floats]]:
-        """Time (s since the start), positions (J,) and velocities (J,) where the ramps end, and at the end."""
-        times = [self.ramp, self.duration - self.ramp, self.duration]
-        if times[1] - times[0] < 1e-9:
-            del times[1]
-        yield from zip(times, *self.at(np.array(times)), strict=True)
 
     @property
     def cruise(self) -> tuple[float, float]:

@@ -48,4 +48,4 @@ def small_set(name: str, *, count: int = 4, shares: tuple[float, ...] = (0.1, 0.
 
 def motions_of(candidates: CandidateInformation, numbers: Sequence[int]) -> list[Motion]:
     """The runs of some candidates."""
-    return [m for c in numbers for m in candidates.candidate(c).motions()]
+    return [m for c in numbers for m in candidates.candidate(c).motions]

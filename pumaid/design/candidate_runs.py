@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import itertools
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -63,23 +64,25 @@ class Sweep:
         """Highest position, rad or m."""
         return max(self.stops)
 
-    def motions(self, hold: tuple[float, ...], *, purpose: str = "fit") -> tuple[Motion, ...]:
-        """Its runs with the joints held at `hold` (J,)."""
-        ways = zip(self.stops[:-1], self.stops[1:], strict=True)
-        return tuple(Motion(self.joint, hold, start, end, self.speed, purpose) for start, end in ways)
-
 
 @dataclass(frozen=True, slots=True)
-class CandidateSweep:
-    """A sweep in a posture (J,), rad or m; `is_new` where it is known that no run so far was made in it."""
+class Block:
+    """Sweeps of one joint that begin and end in one posture (J,), rad or m; a candidate is a block of one sweep."""
 
-    sweep: Sweep
     hold: tuple[float, ...]
-    is_new: bool = False
+    sweeps: tuple[Sweep, ...]
+    purpose: str = "fit"
 
+    @property
+    def joint(self) -> int:
+        """From 1."""
+        return self.sweeps[0].joint
+
+    @property
     def motions(self) -> tuple[Motion, ...]:
         """Its runs."""
-        return self.sweep.motions(self.hold)
+        ways = [(sweep, way) for sweep in self.sweeps for way in itertools.pairwise(sweep.stops)]
+        return tuple(Motion(self.joint, self.hold, *way, sweep.speed, self.purpose) for sweep, way in ways)
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -91,9 +94,9 @@ class JointCandidates:
     sweeps: tuple[Sweep, ...]
     usable: Bools
 
-    def candidate(self, hold: int, sweep: int, *, is_new: bool = False) -> CandidateSweep:
+    def candidate(self, hold: int, sweep: int) -> Block:
         """A sweep in a posture, both by their numbers from 0."""
-        return CandidateSweep(self.sweeps[sweep], tuple(self.holds[hold].tolist()), is_new)
+        return Block(tuple(self.holds[hold].tolist()), (self.sweeps[sweep],))
 
 
 def home(robot: Robot) -> Floats:
@@ -133,56 +136,43 @@ def sweeps(robot: Robot, joint: int, at: Sequence[float]) -> tuple[Sweep, ...]:
     All begin and end at the joint's home position, so that nothing is lost between two sweeps of a posture.
     """
     for least in (LEAST_TURN if robot.joint(joint).is_revolute else LEAST_SLIDE, 0.0):
-        result = _sweeps(robot, joint, at, least=least)
+        result = tuple(dict.fromkeys(sweep for speed in at for sweep in _sweeps(robot, joint, speed, least=least)))
         # A very slow joint takes too long over the least way and gets a shorter one.
         if len({sweep.speed for sweep in result}) >= min(_FEWEST, len(at)):
             return result
     (low, high), middle = span(robot.joint(joint)), float(home(robot)[joint - 1])
-    return result or (Sweep(joint, _without_repeats((middle, high, low, middle)), min(at)),)
+    return result or (_tour(joint, (middle, high, low, middle), min(at)),)
 
 
-def _sweeps(robot: Robot, joint: int, at: Sequence[float], *, least: float) -> tuple[Sweep, ...]:
+def _sweeps(robot: Robot, joint: int, speed: float, *, least: float) -> Iterator[Sweep]:
     """Sweeps whose runs last neither too long nor too short and go over at least `least` (rad or m)."""
     low, high = span(robot.joint(joint))
-    middle = float(home(robot)[joint - 1])
-    result: list[Sweep] = []
-    for speed in at:
-        before = 0.0
-        for seconds in (*PARTS, _LONGEST):
-            way = _way(robot, joint, speed=speed, cruising=max(speed * seconds, least))
-            if way < _LONGER * before:
-                continue
-            before = way
-            up, down = (room if way > _WHOLE * room else way for room in (high - middle, middle - low))
-            parts = [Sweep(joint, (middle, end, middle), speed) for end in (middle + up, middle - down)]
-            result += [part for part in parts if _cruises(robot, part, seconds)]
-        if (high - low) / speed <= _LONGEST:
-            tours = (middle, high, low, middle), (middle, low, high, middle)
-            result += [Sweep(joint, _without_repeats(stops), speed) for stops in tours]
-    return tuple(dict.fromkeys(result))
+    middle, before, step = float(home(robot)[joint - 1]), 0.0, _unit(robot.joint(joint))
+    for seconds in (*PARTS, _LONGEST):
+        # The way with its ramps, in whole degrees or millimetres.
+        way = max(speed * seconds, least) + speed**2 / max(float(accelerations(robot)[joint - 1]), 1e-9)
+        way = math.ceil(way / step - 1e-9) * step if way >= 4 * step else way
+        if way < _LONGER * before:
+            continue
+        before = way
+        up, down = (room if way > _WHOLE * room else way for room in (high - middle, middle - low))
+        for end in (middle + up, middle - down):
+            cruising = cruise(robot, Motion(joint, (0.0,) * robot.n_joints, middle, end, speed))[1]
+            if 0.99 * min(PARTS[0], seconds) <= cruising <= 1.01 * max(_LONGEST, seconds):
+                yield Sweep(joint, (middle, end, middle), speed)
+    if (high - low) / speed <= _LONGEST:
+        yield from (_tour(joint, stops, speed) for stops in ((middle, high, low, middle), (middle, low, high, middle)))
 
 
-def _without_repeats(stops: tuple[float, ...]) -> tuple[float, ...]:
-    """Without stops where the joint stands already."""
-    return tuple(stop for k, stop in enumerate(stops) if k == 0 or abs(stop - stops[k - 1]) > 1e-9)
-
-
-def _way(robot: Robot, joint: int, *, speed: float, cruising: float) -> float:
-    """Way (rad or m) with its ramps of a run that cruises over `cruising`, in whole degrees or millimetres."""
-    step = _unit(robot.joint(joint))
-    way = cruising + speed**2 / max(float(accelerations(robot)[joint - 1]), 1e-9)
-    return math.ceil(way / step - 1e-9) * step if way >= 4 * step else way
-
-
-def _cruises(robot: Robot, sweep: Sweep, seconds: float) -> bool:
-    """Whether a part cruises for its time, and no longer than a run may last."""
-    cruising = cruise(robot, sweep.motions((0.0,) * robot.n_joints)[0])[1]
-    return 0.99 * min(PARTS[0], seconds) <= cruising <= 1.01 * max(_LONGEST, seconds)
+def _tour(joint: int, stops: tuple[float, ...], speed: float) -> Sweep:
+    """A sweep without stops where the joint stands already."""
+    passed = [stop for k, stop in enumerate(stops) if k == 0 or abs(stop - stops[k - 1]) > 1e-9]
+    return Sweep(joint, tuple(passed), speed)
 
 
 def seconds_of(robot: Robot, sweep: Sweep) -> float:
     """s that a sweep takes, rests included."""
-    return duration(robot, Plan(robot=robot.name, motions=sweep.motions((0.0,) * robot.n_joints)))
+    return duration(robot, Plan(robot.name, Block((0.0,) * robot.n_joints, (sweep,)).motions))
 
 
 def postures(robot: Robot, joint: int, *, varied: Sequence[int], count: int, rng: np.random.Generator) -> Floats:
@@ -224,16 +214,16 @@ def usable(collision: Collision, holds: Floats, ways: Sequence[Sweep]) -> Bools:
     joint, ranges = ways[0].joint - 1, sorted({(sweep.low, sweep.high) for sweep in ways})
     widest = min(low for low, _ in ranges), max(high for _, high in ranges)
     for k, hold in enumerate(holds):
-        if not _strikes(collision, hold, joint, widest):
+        if collision.first_hit(*_ends(hold, joint, widest)) is None:
             continue
         # From one sweep to another the joint passes what lies between: only ways within the widest free one are used.
-        free = [way for way in ranges if not _strikes(collision, hold, joint, way)]
+        free = [way for way in ranges if collision.first_hit(*_ends(hold, joint, way)) is None]
         low, high = max(free, key=lambda way: way[1] - way[0], default=(1.0, 0.0))
         out[k] = [low <= sweep.low and sweep.high <= high for sweep in ways]
     return out
 
 
-def _strikes(collision: Collision, hold: Floats, joint: int, way: tuple[float, float]) -> bool:
-    start, end = hold.copy(), hold.copy()
-    start[joint], end[joint] = way
-    return collision.strikes(start, end)
+def _ends(hold: Floats, joint: int, way: tuple[float, float]) -> tuple[Floats, Floats]:
+    """(J,) each: a posture with one joint (from 0) at either end of a way."""
+    moved = np.arange(len(hold)) == joint
+    return np.where(moved, way[0], hold), np.where(moved, way[1], hold)

@@ -23,7 +23,7 @@ _POINT = 1e-6
 #: Random postures: a pair that touches in all of them is a fault of the recipe.
 _DRAWN = 400
 #: rad and m: range of joints without limits in these postures.
-_TURN, _SLIDE = np.pi, 0.5
+_TURN, _SLIDE = (-np.pi, np.pi), (-0.5, 0.5)
 
 
 @dataclass(frozen=True, slots=True)
@@ -73,10 +73,6 @@ class Collision:
     def is_free(self) -> bool:
         """Whether the recipe forbids nothing."""
         return not self._pairs
-
-    def strikes(self, start: Floats, end: Floats) -> bool:
-        """Whether the straight path from `start` to `end` (J,), rad or m, comes nearer to something than the margin."""
-        return self.first_hit(start, end) is not None
 
     def first_hit(self, start: Floats, end: Floats) -> Hit | None:
         """Where the straight path from `start` to `end` (J,), rad or m, first comes too near; None where it is free."""
@@ -162,23 +158,16 @@ class Collision:
 
     def _lever(self, outer: _Body, inner: _Body) -> Floats:
         """(J,) m a rad, or m a m: how far each joint takes the outer shape at most, seen from the inner one."""
-        out = np.zeros(self.robot.n_joints)
-        length = outer.extent
-        for number in range(outer.link, inner.link, -1):
-            joint = self.robot.joint(number)
-            if joint.is_revolute:
-                out[number - 1] = length
-                length += abs(joint.d)
-            else:
-                low, high = joint.limits or (-_SLIDE, _SLIDE)
-                out[number - 1] = 1.0
-                length += abs(joint.d) + max(abs(low), abs(high))
-            length += abs(joint.a)
+        out, length = np.zeros(self.robot.n_joints), outer.extent
+        for joint in reversed(self.robot.joints[inner.link : outer.link]):
+            out[joint.number - 1] = length if joint.is_revolute else 1.0
+            slide = 0.0 if joint.is_revolute else float(np.max(np.abs(joint.limits or _SLIDE)))
+            length += abs(joint.d) + abs(joint.a) + slide
         return out
 
     def _refuse_what_always_touches(self) -> None:
-        usual = [(-_TURN, _TURN) if joint.is_revolute else (-_SLIDE, _SLIDE) for joint in self.robot.joints]
-        low, high = np.transpose([joint.limits or ends for joint, ends in zip(self.robot.joints, usual, strict=True)])
+        joints = self.robot.joints
+        low, high = np.transpose([joint.limits or (_TURN if joint.is_revolute else _SLIDE) for joint in joints])
         rng = np.random.default_rng(0)
         distance = np.array([self.distances(position) for position in rng.uniform(low, high, (_DRAWN, len(low)))])
         always = np.flatnonzero((distance < self.safety.margin).all(axis=0))

@@ -10,8 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import special
 
+from pumaid.dataset import Campaign
 from pumaid.design.candidate_runs import (
-    CandidateSweep,
+    Block,
     JointCandidates,
     Sweep,
     home,
@@ -25,11 +26,11 @@ from pumaid.design.collision import Collision
 from pumaid.design.exchange import Exchange
 from pumaid.effect_spec import EffectTerm, columns_each
 from pumaid.effects import Effect, Trace
-from pumaid.estimation.fit import ABSORBED, Fit, FitRow, with_loads
-from pumaid.joint_bins import extent
+from pumaid.estimation.fit import ABSORBED, Fit, FitRow, elsewhere
+from pumaid.joint_bins import extent, joint_bins
 from pumaid.robot import Robot
-from pumaid.samples import Samples
-from pumaid.trajectory import Motion, NextRun, cruise, in_words
+from pumaid.simulation.monte_carlo import constant_run
+from pumaid.trajectory import Motion, NextRun, cruise, in_words, run_trapezoid
 from pumaid.units import deviations, factor, number
 
 Floats = NDArray[np.float64]
@@ -80,24 +81,17 @@ RunsAhead = tuple[FitRow, Counts]
 
 
 def deciding(fit: Fit, rivals: tuple[FittedEffect, FittedEffect], *, lead: float, decisive: float) -> NextRun:
-    """The feasible runs after which it is soonest decided which of two effects acts.
+    """The feasible runs after which it is soonest decided which of two effects acts; none where no run decides.
 
     Each effect is fitted, with any of its shapes and with the whole model, to the data and to what the other predicts
     of the new runs. The smaller of the two misfits is made as large as possible (T-optimality).
 
     Parameters
     ----------
-    fit
-        The model without either.
-    rivals
-        Both at their best shapes.
+    fit, rivals
+        The model without either, and both at their best shapes.
     lead, decisive
         The first one's evidence less the second's so far, and the lead that decides.
-
-    Returns
-    -------
-    next_run
-        Without motions where no run within the limits decides.
 
     Source
     ------
@@ -105,20 +99,21 @@ def deciding(fit: Fit, rivals: tuple[FittedEffect, FittedEffect], *, lead: float
     62 (1975) 57-70, with the data so far in both fits.
     """
     terms = [effect.term for effect in rivals]
-    first, second = (_shapes(fit, term) for term in terms)
+    first, second = ([term, *_grid(fit, term)] for term in terms)
 
     def chance(gains: Floats) -> Floats:
         return _chance(gains, lead, decisive)
 
     pairs = [(rivals[0], second), (rivals[1], first)]
     best = _best_set(fit, pairs, enough=lambda gains: bool(chance(gains)[0] >= PROMISED))
+    chosen, rival = _names(terms)
     if best is None or best.gains.max() < LEAST**2:
         shared = [trace for trace in _WAYS_OUT if all(trace in term.effect.trace for term in terms)]
         way_out = _WAYS_OUT[shared[0] if shared else Trace.DIRECTION]
-        return NextRun(f"no run within the limits tells {' and '.join(_names(terms))} apart; {way_out}")
+        return NextRun(f"no run within the limits tells {chosen} and {rival} apart; {way_out}")
     chances = chance(best.gains * np.arange(1, MOST_REPEATS + 1))
     sure = np.flatnonzero(chances >= PROMISED)
-    apart, (chosen, rival) = np.sqrt(best.gains[:, 0]), _names(terms)
+    apart = np.sqrt(best.gains[:, 0])
     text = (
         f"{_in_words(fit.model.robot, best, terms)}: {chosen} and {rival} would then differ by"
         f" {deviations(apart[0])} standard deviations if it is {chosen}, by {deviations(apart[1])} if it is {rival}"
@@ -130,12 +125,7 @@ def deciding(fit: Fit, rivals: tuple[FittedEffect, FittedEffect], *, lead: float
 
 
 def showing(
-    fit: Fit,
-    effect: Effect,
-    joint: int | None,
-    *,
-    size: float | None = None,
-    shape: Mapping[str, float] | None = None,
+    fit: Fit, effect: Effect, joint: int | None, *, size: float | None = None, shape: Mapping[str, float] | None = None
 ) -> NextRun | None:
     """The feasible runs that show an effect best which the data cannot show; None where no such run shows it.
 
@@ -155,8 +145,9 @@ def showing(
     if not examples.size or effect.applies(robot, joint or 0) is not None:
         return None
     sizes = examples if size is None or examples[0] == 0.0 else examples * size / examples[0]
-    grid = _grid(fit, effect, joint) or [{item.name: item.example for item in effect.shapes(robot, joint or 0)}]
-    term = EffectTerm(effect, joint, {**grid[len(grid) // 2], **(shape or {})})
+    usual = EffectTerm(effect, joint, {item.name: item.example for item in effect.shapes(robot, joint or 0)})
+    grid = _grid(fit, usual, most=None) or [usual]
+    term = replace(usual, shape={**grid[len(grid) // 2].shape, **(shape or {})})
     if "time" in term.shape:  # an instant that has passed
         return None
     pairs = [(FittedEffect(term, part), ()) for part in np.diag(sizes)]
@@ -169,18 +160,14 @@ def showing(
     return NextRun(text, best.motions, apart, int(np.ceil(FOUND**2 / gain)))
 
 
-def _shapes(fit: Fit, term: EffectTerm) -> list[EffectTerm]:
-    """The term's shape and those of its effect's grid, evenly thinned."""
-    grid = _grid(fit, term.effect, term.joint)
-    thinned = np.linspace(0, len(grid) - 1, min(len(grid), SHAPES)).round().astype(int)
-    return [term, *(EffectTerm(term.effect, term.joint, {**term.shape, **grid[k]}) for k in thinned)]
-
-
-def _grid(fit: Fit, effect: Effect, joint: int | None) -> Sequence[Mapping[str, float]]:
-    rows = [row for row in fit.joints if row.bins.joint == joint]
-    if not rows or effect.periodic is not None:
-        return ()
-    return effect.grid(fit.model.robot, extent([rows[0].bins], rows[0].bins.joint, rows[0].drawn))
+def _grid(fit: Fit, term: EffectTerm, *, most: int | None = SHAPES) -> list[EffectTerm]:
+    """The term with the shapes of its effect's grid, evenly thinned; none of an effect that is periodic or arm-wide."""
+    row = fit.by_bin.get(term.joint or 0)
+    if row is None or term.effect.periodic is not None:
+        return []
+    grid = term.effect.grid(fit.model.robot, extent([row.bins], row.bins.joint, row.drawn))
+    thinned = np.linspace(0, len(grid) - 1, min(len(grid), most or len(grid))).round().astype(int)
+    return [replace(term, shape={**term.shape, **grid[k]}) for k in thinned]
 
 
 def _chance(gains: Floats, lead: float, decisive: float) -> Floats:
@@ -212,18 +199,15 @@ class Separation:
         for row, owner in runs:
             beyond = _columns(fit, row, [truth.term], is_ahead=True) - row.jacobian @ turned
             rivals = _columns(fit, row, rival, is_ahead=True)
-            table = np.column_stack([row.jacobian, beyond @ truth.sizes, rivals]).reshape(
-                len(owner), -1, len(self.data)
-            )
+            table = np.column_stack([row.jacobian, beyond @ truth.sizes, rivals])
             for candidate in np.unique(owner):
-                flat = table[owner == candidate].reshape(-1, len(self.data))
-                self.grams[candidate] = flat.T @ flat
+                part = table[owner[row.bins.run] == candidate]
+                self.grams[candidate] = part.T @ part
 
     def gains(self, counts: Floats) -> Floats:
         """(M,) twice the log likelihood that the rival loses when candidates are made `counts` (M, L) times."""
-        squares = np.concatenate(
-            [self._squares(part) for part in np.array_split(np.vstack([0 * counts[:1], counts]), 8)]
-        )
+        parts = np.array_split(np.vstack([0 * counts[:1], counts]), 8)
+        squares = np.concatenate([self._squares(part) for part in parts])
         return np.asarray(np.maximum(squares[1:] - squares[0], 0.0) / self.scale)
 
     def _squares(self, counts: Floats) -> Floats:
@@ -261,17 +245,18 @@ def _columns(fit: Fit, row: FitRow, terms: Sequence[EffectTerm], *, is_ahead: bo
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Chosen:
-    """A set of candidates: how often each is made (each `REPLICATES` times that), and its gains (D, 1)."""
+    """A set of candidates: how often each is made (each `REPLICATES` times that), its gains (D, 1), new postures."""
 
-    candidates: dict[CandidateSweep, int]
+    candidates: dict[Block, int]
     gains: Floats
+    new: frozenset[tuple[float, ...]]
 
     @property
     def motions(self) -> tuple[Motion, ...]:
         """All runs in rounds, so that replicates lie apart in time."""
         rounds = range(REPLICATES * max(self.candidates.values()))
         made = [(c, REPLICATES * count) for c, count in self.candidates.items()]
-        return tuple(motion for k in rounds for c, count in made if count > k for motion in c.motions())
+        return tuple(motion for k in rounds for c, count in made if count > k for motion in c.motions)
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -303,7 +288,9 @@ def _best_set(fit: Fit, pairs: Sequence[Pair], *, enough: Callable[[Floats], boo
     """The best set of candidates in which the true effects act, made at the begin of a new recording; or None."""
     terms, robot = [truth.term for truth, _ in pairs], fit.model.robot
     moved = [r.bins.joint for r in fit.joints if any(np.any(t.linear(robot, r.bins.samples)) for t in terms)]
-    tried = [candidate for joint in moved for candidate in candidates(fit, joint)]
+    tables = [candidates(fit, joint) for joint in moved]
+    tried = [candidate for table, _ in tables for candidate in table]
+    new = frozenset(hold for _, holds in tables for hold in holds)
     bins = _bins_for(fit, terms)
     limit = max(TRIED * BINS // bins, 32)
     if len(tried) > limit:
@@ -311,16 +298,16 @@ def _best_set(fit: Fit, pairs: Sequence[Pair], *, enough: Callable[[Floats], boo
         tried = [tried[k] for k in np.sort(rng.permutation(len(tried))[:limit])]
     if not tried:
         return None
-    joint = np.array([candidate.sweep.joint for candidate in tried])
+    joint = np.array([candidate.joint for candidate in tried])
     runs = [runs_ahead(fit, tried, np.flatnonzero(joint == j), bins=bins) for j in np.unique(joint)]
     separations = [Separation(fit, runs, len(tried), pair=pair) for pair in pairs]
-    worst = _WorstSeparation(separations, np.array([1.0 / CAUTION if c.is_new else 1.0 for c in tried]))
+    worst = _WorstSeparation(separations, np.array([1.0 / CAUTION if c.hold in new else 1.0 for c in tried]))
     none, ones = np.zeros(len(tried), dtype=np.int64), np.ones(len(tried))
     exchange = Exchange(worst, ones, np.arange(len(tried)), 0.0 * ones, budget=float(PICKED), limit=PICKED)
     greedy = exchange.filled(none)
     best = tried[int(np.argmax(greedy))]
-    alike = [k for k, c in enumerate(tried) if (c.sweep.joint, c.hold) == (best.sweep.joint, best.hold)]
-    alike.sort(key=lambda k: tried[k].sweep.speed)
+    alike = [k for k, c in enumerate(tried) if (c.joint, c.hold) == (best.joint, best.hold)]
+    alike.sort(key=lambda k: tried[k].sweeps[0].speed)
     # Candidates chosen one by one miss what tells something only together, such as the slowest and the fastest.
     extremes = np.bincount([alike[0], alike[-1]], minlength=len(tried))
     counts = min((exchange.exchanged(start, required=none) for start in (greedy, extremes)), key=worst.value)
@@ -330,7 +317,7 @@ def _best_set(fit: Fit, pairs: Sequence[Pair], *, enough: Callable[[Floats], boo
         if not enough(worst.gains(fewer)):
             break
         counts = fewer
-    return Chosen({tried[k]: int(counts[k]) for k in np.flatnonzero(counts).tolist()}, worst.gains(counts))
+    return Chosen({tried[k]: int(counts[k]) for k in np.flatnonzero(counts).tolist()}, worst.gains(counts), new)
 
 
 def _bins_for(fit: Fit, terms: Sequence[EffectTerm]) -> int:
@@ -343,24 +330,24 @@ def _bins_for(fit: Fit, terms: Sequence[EffectTerm]) -> int:
     return int(np.clip(A_WAVE * max(waves), BINS, MOST_BINS))
 
 
-def explored(fit: Fit) -> Robot:
+def _explored(fit: Fit) -> Robot:
     """The arm, with the range and the highest speed that the data show where the recipe states none."""
     robot = fit.model.robot
     position = np.vstack([row.bins.samples.position for row in fit.joints])
     fastest = {row.bins.joint: max(abs(run.speed) for run in row.bins.runs) for row in fit.joints}
     joints = []
-    for joint in robot.joints:
-        limits = joint.limits
-        low, high = float(position[:, joint.number - 1].min()), float(position[:, joint.number - 1].max())
-        if limits is None and high > low:
-            limits = (low, high)
+    for joint, low, high in zip(robot.joints, position.min(axis=0), position.max(axis=0), strict=True):
+        limits = (float(low), float(high)) if joint.limits is None and high > low else joint.limits
         joints.append(replace(joint, limits=limits, max_velocity=joint.max_velocity or fastest.get(joint.number)))
     return replace(robot, joints=tuple(joints))
 
 
-def candidates(fit: Fit, joint: int) -> list[CandidateSweep]:
-    """What a joint (from 1) can do: at every speed a wide and a narrow sweep, in postures of the data and new ones."""
-    robot, bins = explored(fit), fit.row(joint).bins
+def candidates(fit: Fit, joint: int) -> tuple[list[Block], set[tuple[float, ...]]]:
+    """What a joint (from 1) can do: at every speed a wide and a narrow sweep, in postures of the data and in new ones.
+
+    The second result are the new postures.
+    """
+    robot, bins = _explored(fit), fit.row(joint).bins
     slowest = min(abs(run.speed) for run in bins.runs)
     shares = np.geomspace(min(SLOW, SLOWER * slowest / top_speed(robot, joint)), 1.0, SPEEDS)
     ways = _wide_and_narrow(sweeps(robot, joint, speeds(robot, joint, shares.tolist())))
@@ -375,7 +362,9 @@ def candidates(fit: Fit, joint: int) -> list[CandidateSweep]:
     holds = np.vstack([held, drawn])
     holds[:, joint - 1] = home(robot)[joint - 1]
     table = JointCandidates(joint, holds, ways, usable(Collision(robot), holds, ways))
-    return [table.candidate(k, c, is_new=k >= len(held)) for k, c in np.argwhere(table.usable).tolist()]
+    been = {tuple(hold) for hold in holds[: len(held)].tolist()}
+    tried = [table.candidate(k, c) for k, c in np.argwhere(table.usable).tolist()]
+    return tried, {tuple(hold) for hold in holds.tolist()} - been
 
 
 def _wide_and_narrow(ways: Sequence[Sweep]) -> tuple[Sweep, ...]:
@@ -388,60 +377,27 @@ def _wide_and_narrow(ways: Sequence[Sweep]) -> tuple[Sweep, ...]:
     return tuple(out)
 
 
-def runs_ahead(fit: Fit, tried: Sequence[CandidateSweep], numbers: Counts, *, bins: int) -> RunsAhead:
+def runs_ahead(fit: Fit, tried: Sequence[Block], numbers: Counts, *, bins: int) -> RunsAhead:
     """The runs of the candidates `numbers`, all of one joint, with so many bins each, nothing measured.
 
-    Noise is that of the run of the data that is nearest in speed, at the new length of bins.
+    Each is the first of a recording. Noise is that of the run of the data that is nearest in speed.
     """
-    robot, joint = explored(fit), tried[int(numbers[0])].sweep.joint
-    motions = [(k, motion) for k in numbers.tolist() for motion in tried[k].motions()]
-    ends = np.array([cruise(robot, motion)[0] for _, motion in motions])
-    speed = np.array([motion.velocity for _, motion in motions])
-    sign = np.where(ends[:, 1] >= ends[:, 0], 1.0, -1.0)
-    share = (np.arange(bins) + 0.5) / bins
-    gone = np.abs(ends[:, 1] - ends[:, 0])[:, None] * share
-    position = np.repeat(np.array([motion.hold for _, motion in motions]), bins, axis=0)
-    position[:, joint - 1] = (ends[:, :1] + sign[:, None] * gone).ravel()
-    velocity = np.zeros_like(position)
-    velocity[:, joint - 1] = np.repeat(sign * speed, bins)
-    passed = (gone / speed[:, None]).ravel()
-    before = fit.row(joint).bins.samples
+    robot, before = _explored(fit), fit.row(tried[int(numbers[0])].joint).bins.samples
     measured = before.temperature[np.isfinite(before.temperature)]
-    samples = Samples(
-        joint,
-        position,
-        velocity,
-        acceleration=np.zeros(len(position)),
-        direction=np.repeat(sign, bins),
-        time=passed,
-        elapsed=passed,
-        travel=gone.ravel(),
-        temperature=np.full(len(position), measured.min() if len(measured) else np.nan),
-        run=np.repeat(np.arange(float(len(motions))), bins),
-        extra=None if before.extra is None else np.zeros((len(position), before.extra.shape[1])),
-    )
-    step = gone[:, -1] / share[-1] / speed / bins
-    return _row(fit, samples, step), np.array([k for k, _ in motions])
-
-
-def _row(fit: Fit, samples: Samples, step: Floats) -> FitRow:
-    """Runs without measurements, whose bins last `step` (R,) s, as a row of the fit."""
-    old, nothing, runs = fit.row(samples.joint), np.zeros(len(samples)), len(step)
-    count = len(samples) // runs
-    bins = replace(
-        old.bins,
-        runs=(),
-        samples=samples,
-        current=nothing,
-        count=nothing + 1.0,
-        inside=nothing,
-        first=np.arange(runs) * count,
-        step=step,
-    )
-    bins = replace(bins, samples=with_loads(fit, samples, bins.lengths))
-    speed = np.abs(samples.velocity[::count, samples.joint - 1])
-    design = np.hstack([fit.model.along(bins.samples, bins.lengths), fit.model.beyond(bins.samples)])
-    return replace(fit.at(bins, design, old.noise.at(old.bins, speed, step)), residual=nothing, misfit=nothing)
+    coldest = float(measured.min()) if len(measured) else np.nan
+    nothing = None if before.extra is None else np.zeros((bins, before.extra.shape[1]))
+    runs, owner = [], []
+    for place in numbers.tolist():
+        for motion in tried[place].motions:
+            movement = run_trapezoid(robot, motion)
+            first, last = movement.cruise
+            middle = (np.arange(bins) + 0.5) / bins * (last - first)
+            run = constant_run(movement, first + middle, np.ones(bins, dtype=np.int64))
+            values = replace(run.bins, time=middle, temperature=np.full(bins, coldest), extra=nothing)
+            runs.append(replace(run, duration=last - first, span=cruise(robot, motion)[0], bins=values))
+            owner.append(place)
+    (ahead,) = joint_bins(robot, runs, campaign=Campaign(), is_settled=False)
+    return elsewhere(fit, ahead), np.array(owner)
 
 
 def _names(terms: Sequence[EffectTerm]) -> list[str]:
@@ -453,18 +409,18 @@ def _names(terms: Sequence[EffectTerm]) -> list[str]:
 def _in_words(robot: Robot, best: Chosen, terms: Sequence[EffectTerm]) -> str:
     """The runs of a set: when, which joint at which speeds over which way, and where the others are held."""
     parts = []
-    for joint, hold in dict.fromkeys((c.sweep.joint, c.hold) for c in best.candidates):
+    for joint, hold in dict.fromkeys((candidate.joint, candidate.hold) for candidate in best.candidates):
         unit, scale = ("deg", factor("deg")) if robot.joint(joint).is_revolute else ("m", 1.0)
-        made = [(c, n) for c, n in best.candidates.items() if (c.sweep.joint, c.hold) == (joint, hold)]
+        made = [(c.sweeps[0], n) for c, n in best.candidates.items() if (c.joint, c.hold) == (joint, hold)]
         ways = [
-            f"{number(c.sweep.speed / scale, 2)} {unit}/s ({c.sweep.low / scale + 0.0:.4g} to"
-            f" {c.sweep.high / scale + 0.0:.4g} {unit}, {REPLICATES * n} times)"
-            for c, n in sorted(made, key=lambda item: item[0].sweep.speed)
+            f"{number(sweep.speed / scale, 2)} {unit}/s ({sweep.low / scale + 0.0:.4g} to"
+            f" {sweep.high / scale + 0.0:.4g} {unit}, {REPLICATES * n} times)"
+            for sweep, n in sorted(made, key=lambda item: item[0].speed)
         ]
         text = f"joint {joint} both ways at {' and '.join(ways)}"
         if robot.n_joints > 1:
             text += f" with the others at [{in_words(robot, hold, moving=joint)}]"
-            text += ", a new posture: check that its way is free" if made[0][0].is_new else ""
+            text += ", a new posture: check that its way is free" if hold in best.new else ""
         parts.append(text)
     # Unlike what changed for good at an instant, some effects come and go with every recording.
     is_ageing = any(Trace.TIME in term.effect.trace and "time" not in term.shape for term in terms)

@@ -38,23 +38,14 @@ def rounded(scores: Floats) -> Floats:
 class Criterion:
     """Logarithm of a mean of standard errors, averaged over prior robots; smaller is better.
 
-    Attributes
-    ----------
-    power
-        0: the geometric mean (D-optimality but for correlations); large: nearly the worst error by its `size`.
-    size
-        (p,) typical size of each parameter.
-    counted
-        (p,) which parameters count.
-
     Source
     ------
     F. Pukelsheim, Optimal Design of Experiments, ch. 6 and 7 (both means are convex in the information).
     """
 
-    power: float
-    size: Floats
-    counted: NDArray[np.bool_]
+    power: float  # 0: the geometric mean (D-optimality but for correlations); large: nearly the worst error
+    size: Floats  # (p,) typical size of each parameter
+    counted: NDArray[np.bool_]  # (p,) which parameters count
 
     def value(self, information: Floats) -> Floats:
         """(...) for information (..., G, p, p) of G robots."""
@@ -90,21 +81,11 @@ def _inverse(information: Floats) -> Floats:
 
 @dataclass(frozen=True, eq=False, slots=True)
 class ContinuousDesign:
-    """The optimum if candidates could be made in fractions.
+    """The optimum if candidates could be made in fractions."""
 
-    Attributes
-    ----------
-    counts
-        (L,) how often each candidate is made.
-    bound
-        A value of the criterion below which no plan of these candidates gets in this time.
-    worth
-        (L,) 0..1: what one second more of each candidate would bring, as a share of the best.
-    """
-
-    counts: Floats
-    bound: float
-    worth: Floats
+    counts: Floats  # (L,) how often each candidate is made
+    bound: float  # value of the criterion below which no plan of these candidates gets in this time
+    worth: Floats  # (L,) 0..1: what one second more of each candidate would bring, as a share of the best
 
 
 def continuous_design(
@@ -157,30 +138,17 @@ class Objective(Protocol):
 class Exchange:
     """Greedy choice and exchange of candidates under a budget.
 
-    Attributes
-    ----------
-    objective
-        What is to be small.
-    seconds
-        (C,) cost of each candidate.
-    block, opening
-        (C,) block (from 0) of each candidate and (C,) cost of the first candidate of its block.
-    budget
-        Sum of all costs at most.
-    limit
-        How often a candidate is taken at most.
-
     Source
     ------
     V. V. Fedorov, Theory of Optimal Experiments, ch. 3 (exchange algorithm).
     """
 
     objective: Objective
-    seconds: Floats
-    block: Counts
-    opening: Floats
-    budget: float
-    limit: int = 2
+    seconds: Floats  # (C,) cost of each candidate
+    block: Counts  # (C,) block of each candidate, from 0
+    opening: Floats  # (C,) cost of the first candidate of its block
+    budget: float  # sum of all costs at most
+    limit: int = 2  # how often a candidate is taken at most
 
     def cost(self, counts: Counts) -> float:
         """Of a set (C,)."""

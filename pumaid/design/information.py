@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from pumaid.design.candidate_runs import CandidateSweep, JointCandidates, seconds_of
+from pumaid.design.candidate_runs import Block, JointCandidates, seconds_of
 from pumaid.effects import catalogue
 from pumaid.robot import Robot
 from pumaid.samples import Samples
@@ -57,19 +57,10 @@ def parameter_names(robot: Robot, names: Sequence[str]) -> tuple[str, ...]:
 
 
 def gravity_slopes(truths: Sequence[Truth], *, joint: int, holds: Floats, names: Sequence[str]) -> Floats:
-    """Derivative of a joint's gravity current, which along a run is a cos q + b sin q + c.
+    """(G, K, 3, p) derivative of a joint's gravity current a cos q + b sin q + c by each of p parameters, A per unit.
 
-    Parameters
-    ----------
-    truths, joint
-        G prior robots of one geometry, and the joint that runs (from 1).
-    holds, names
-        (K, J) postures, rad or m, and p gravity parameters and ratios.
-
-    Returns
-    -------
-    slopes
-        (G, K, 3, p): of a, b, c by each parameter, A per unit.
+    It is that of a, b, c for G prior robots of one geometry in the postures `holds` (K, J), rad or m; `names` are
+    gravity parameters and ratios.
     """
     robot, count = truths[0].robot, len(holds)
     ends = np.concatenate([holds, holds])
@@ -113,10 +104,7 @@ def run_moments(span: tuple[float, float], seconds: float, noise: Noise, *, join
 
 
 def run_information(motion: Motion, slopes: Floats, truths: Sequence[Truth]) -> Floats:
-    """(G, K, p + 4, p + 4) information of a run in K postures on p gravity parameters and the joint's friction.
-
-    `slopes` are those of `gravity_slopes` for G prior robots in these postures; that of `motion` is not looked at.
-    """
+    """(G, K, p + 4, p + 4) information of a run in the K postures of `slopes` on p parameters and its friction."""
     robot, (*batch, p) = truths[0].robot, slopes.shape
     span, seconds = cruise(robot, motion)
     moments = np.stack([run_moments(span, seconds, truth.noise, joint=motion.joint) for truth in truths])
@@ -135,29 +123,15 @@ def _columns(joint: int, count: int) -> Counts:
 
 @dataclass(frozen=True, eq=False)
 class CandidateInformation:
-    """L candidates, joint by joint: a sweep in a posture each, and what it tells.
+    """L candidates, joint by joint: a sweep in a posture each, and what it tells."""
 
-    Attributes
-    ----------
-    joints
-        Postures and sweeps of every joint.
-    joint, hold, sweep
-        (L,) joint (from 1, rising), and which of its postures and sweeps.
-    seconds
-        (L,) s, rests included.
-    squares
-        (G, L, q q): information of each candidate for G robots on gravity, ratios and its joint's friction.
-    names
-        p: gravity parameters and ratios, then friction.
-    """
-
-    joints: tuple[JointCandidates, ...]
-    joint: Counts
-    hold: Counts
-    sweep: Counts
-    seconds: Floats
-    squares: Floats
-    names: tuple[str, ...]
+    joints: tuple[JointCandidates, ...]  # postures and sweeps of every joint
+    joint: Counts  # (L,) from 1, rising
+    hold: Counts  # (L,) which of its joint's postures
+    sweep: Counts  # (L,) which of its joint's sweeps
+    seconds: Floats  # (L,) s, rests included
+    squares: Floats  # (G, L, q q) information of G robots on gravity, ratios and the joint's friction
+    names: tuple[str, ...]  # (p,) gravity parameters and ratios, then friction
 
     def __len__(self) -> int:
         return len(self.joint)
@@ -200,7 +174,7 @@ class CandidateInformation:
         index = {name: getattr(self, name)[candidates] for name in ("joint", "hold", "sweep", "seconds")}
         return replace(self, squares=self.squares[:, candidates], **index)
 
-    def candidate(self, number: int) -> CandidateSweep:
+    def candidate(self, number: int) -> Block:
         """A candidate by its number (from 0)."""
         return self.joints[int(self.joint[number]) - 1].candidate(int(self.hold[number]), int(self.sweep[number]))
 
@@ -213,10 +187,7 @@ class CandidateInformation:
 def candidate_information(
     truths: Sequence[Truth], joints: Sequence[JointCandidates], *, names: Sequence[str]
 ) -> CandidateInformation:
-    """The information of all usable candidates of every joint, in order, for G prior robots.
-
-    `names` are the gravity parameters and ratios that the arm has.
-    """
+    """The information of all usable candidates for G prior robots on the gravity parameters and ratios `names`."""
     robot, index, seconds, squares = truths[0].robot, [], [], []
     for part in joints:
         where = np.argwhere(part.usable)
@@ -227,14 +198,11 @@ def candidate_information(
         width = slopes.shape[-1] + 4
         table = np.zeros((len(truths), len(part.holds), len(part.sweeps), width, width))
         for k in range(len(part.sweeps)):
-            for motion in part.candidate(0, k).motions():
+            for motion in part.candidate(0, k).motions:
                 table[:, :, k] += run_information(motion, slopes, truths)
         squares.append(table[:, where[:, 0], where[:, 1]].reshape(len(truths), len(where), width**2))
-    joint, hold, sweeps = np.concatenate(index).T
-    names = parameter_names(robot, names)
-    return CandidateInformation(
-        tuple(joints), joint, hold, sweeps, np.concatenate(seconds), np.concatenate(squares, axis=1), names
-    )
+    columns = *np.concatenate(index).T, np.concatenate(seconds), np.concatenate(squares, axis=1)
+    return CandidateInformation(tuple(joints), *columns, parameter_names(robot, names))
 
 
 def plan_information(truths: Sequence[Truth], motions: Iterable[Motion], *, names: Sequence[str]) -> Floats:

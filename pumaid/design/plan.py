@@ -14,7 +14,6 @@ from pumaid.design.information import (
     RATE,
     absent_names,
     existing_names,
-    gravity_names,
     gravity_slopes,
     parameter_names,
     predicted_errors,
@@ -26,7 +25,7 @@ from pumaid.estimate import Estimate
 from pumaid.preprocessing.options import DEFAULTS
 from pumaid.robot import Robot
 from pumaid.structure import Structure, minimal
-from pumaid.trajectory import Motion, Plan, Posture, duration, highest_speeds, span, trapezoids
+from pumaid.trajectory import Plan, Posture, duration, highest_speeds, span, trapezoids
 from pumaid.units import factor, number
 
 #: Minutes of a plan, and postures a joint or passes, at most.
@@ -145,20 +144,16 @@ def _case(robot: Robot, estimate: Estimate | None, setup: Setup | None, seed: in
 
 def _with_forecast(bare: Plan, case: _Case, *, notes: Sequence[Note]) -> Plan:
     """A plan with its expected errors, what stays unseen, its duration, assumptions and notes."""
-    promised = predicted_errors(case.prior.robots, bare.motions, case.names)
-    dark = [name for name in parameter_names(case.arm, case.names) if name not in promised]
+    promised, arm = predicted_errors(case.prior.robots, bare.motions, case.names), case.arm
+    dark = [name for name in parameter_names(arm, case.names) if name not in promised]
+    further = [*unusable_notes(arm, bare), *weight_notes(case.prior, promised), *tilt_notes(arm, case.structure)]
     return replace(
         bare,
         expected=promised,
         unseen={**absent_names(case.structure), **dict.fromkeys(dark, "no run of this plan shows it")},
-        duration=duration(case.arm, bare),
-        assumptions=(*case.setup.sentences(), *case.prior.sentences, *conditions(case.arm)),
-        notes=(
-            *notes,
-            *unusable_notes(case.arm, bare),
-            *weight_notes(case.prior, promised),
-            *tilt_notes(case.arm, case.structure),
-        ),
+        duration=duration(arm, bare),
+        assumptions=(*case.setup.sentences(), *case.prior.sentences, *conditions(arm)),
+        notes=(*notes, *further),
     )
 
 
@@ -188,44 +183,36 @@ def _check(
 
 def posture_reasons(planner: Planner, made: Made) -> tuple[Posture, ...]:
     """Every posture of a plan with the parameters that it serves; those for judging come last of each joint."""
-    candidates, out = made.objective.candidates, list[Posture]()
-    counts = made.counts.reshape(len(made.objective.times), -1)
-    before = planner.criterion.errors(made.objective.information(made.counts))
-    for joint in planner.robot.joints:
+    candidates, out, objective = made.objective.candidates, list[Posture](), made.objective
+    counts = made.counts.reshape(len(objective.times), -1)
+    before = planner.criterion.errors(objective.information(made.counts))
+    for joint, table in zip(planner.robot.joints, candidates.joints, strict=True):
         label = f"joint {joint.number} ({joint.name})"
-        slopes = gravity_slopes(
-            planner.truths, joint=joint.number, holds=candidates.joints[joint.number - 1].holds, names=planner.names
-        )
+        slopes = gravity_slopes(planner.truths, joint=joint.number, holds=table.holds, names=planner.names)
         carries = bool(np.any(np.abs(slopes) > 1e-9))
         rows = candidates.joint == joint.number
         for hold in np.unique(candidates.hold[rows & counts.any(axis=0)]).tolist():
-            in_posture = rows & (candidates.hold == hold)
-            rest = np.where(in_posture, 0, counts).ravel()
-            after = planner.criterion.errors(made.objective.information(rest))
-            rises = _rises(candidates.names, np.median(after / before, axis=0), gravity_names(planner.robot))
+            rest = np.where(rows & (candidates.hold == hold), 0, counts).ravel()
+            growth = np.median(planner.criterion.errors(objective.information(rest)) / before, axis=0)
+            rises = dict(zip(candidates.names[: len(planner.names)], growth.tolist(), strict=False))
+            serves = sorted((n for n in rises if rises[n] >= _SERVES), key=lambda n: (-round(rises[n], 6), n))[:_NAMED]
             why = f"{label} carries no weight that can be told from friction: its runs are for friction"
             if carries:
-                why = _loss(rises) if rises else "adds a load that differs from that of the other postures"
-            place = tuple(candidates.joints[joint.number - 1].holds[hold].tolist())
-            out.append(Posture(joint.number, place, tuple(rises), why))
+                why = _loss({name: rises[name] for name in serves})
+            out.append(Posture(joint.number, tuple(table.holds[hold].tolist()), tuple(serves), why))
         why = f"{label} is judged here, at speeds that no fit uses"
         out.append(Posture(joint.number, tuple(made.judged[joint.number - 1].tolist()), (), why))
     return tuple(out)
 
 
-def _rises(names: Sequence[str], growth: np.ndarray, gravity: Sequence[str]) -> dict[str, float]:
-    """Gravity parameters and ratios whose error grows, and by which factor, the worst first."""
-    table = {name: float(g) for name, g in zip(names, growth, strict=True) if name in gravity and g >= _SERVES}
-    return dict(sorted(table.items(), key=lambda item: (-round(item[1], 6), item[0]))[:_NAMED])
-
-
 def _loss(rises: dict[str, float]) -> str:
+    """Which parameters would be lost without a posture, and by which factor the error of others would grow."""
     parts = []
     if lost := [name for name, growth in rises.items() if growth >= _LOST]:
         parts.append(f"without it {', '.join(lost)} could not be identified")
     if worse := [f"{name} {growth:.2g} times" for name, growth in rises.items() if growth < _LOST]:
         parts.append(f"without it the error of {', '.join(worse)} as large")
-    return "; ".join(parts)
+    return "; ".join(parts) or "adds a load that differs from that of the other postures"
 
 
 def tight_notes(made: Made, asked: int | None) -> list[Note]:
@@ -259,11 +246,7 @@ def weight_notes(prior: Prior, promised: dict[str, float]) -> list[Note]:
             f" {number(share, 2)} times its value. {hint.format(1e3 * _LEVER, 0.5, _LEVER)}"
         )
         return [Note("plan-needs-weight", text, Where(joint=n))] if share >= _WEAK else []
-    moments = [
-        np.hypot(t.constants.x[-1], t.constants.y[-1]) / abs(t.gain[-1])
-        for t in prior.robots
-        if t.given_constants is None
-    ]
+    moments = [np.hypot(t.constants.x[-1], t.constants.y[-1]) / abs(t.gain[-1]) for t in prior.robots]
     least = max(float(np.median(moments)) * share / _WEAK, _LEAST)
     text = (
         f"{name} is seen only if link {n} has about {number(least, 2)} kg m (mass times distance) or more off its axis;"
@@ -287,23 +270,20 @@ def tilt_notes(robot: Robot, structure: Structure) -> list[Note]:
 
 def unusable_notes(robot: Robot, given: Plan) -> list[Note]:
     """Runs that are too short or too slow to be found in a log; one note a joint."""
+    lost: dict[int, list[int]] = {}
+    for place, motion in enumerate(given.motions, start=1):
+        if abs(motion.end - motion.start) < DEFAULTS.min_travel or motion.velocity <= DEFAULTS.rest_speed:
+            lost.setdefault(motion.joint, []).append(place)
     out = []
-    for joint in robot.joints:
-        numbers = [k for k, m in enumerate(given.motions, start=1) if m.joint == joint.number and _is_lost(m)]
-        if not numbers:
-            continue
-        unit = "rad" if joint.is_revolute else "m"
+    for joint in (robot.joint(moving) for moving in sorted(lost)):
+        places, unit = lost[joint.number], "rad" if joint.is_revolute else "m"
         text = (
-            f"{len(numbers)} run(s) of joint {joint.number} ({joint.name}) will not be found in the logs: a run must go"
+            f"{len(places)} run(s) of joint {joint.number} ({joint.name}) will not be found in the logs: a run must go"
             f" over {DEFAULTS.min_travel:g} {unit} or more, faster than {DEFAULTS.rest_speed:g} {unit}/s; the first is"
-            f" run {numbers[0]}. Give it more room (its limits in the recipe) or speed"
+            f" run {places[0]}. Give it more room (its limits in the recipe) or speed"
         )
-        out.append(Note("plan-unusable", text, Where(joint=joint.number, field=f"runs[{numbers[0]}]")))
+        out.append(Note("plan-unusable", text, Where(joint=joint.number, field=f"runs[{places[0]}]")))
     return out
-
-
-def _is_lost(motion: Motion) -> bool:
-    return abs(motion.end - motion.start) < DEFAULTS.min_travel or motion.velocity <= DEFAULTS.rest_speed
 
 
 def collision_notes(robot: Robot, given: Plan) -> list[Note]:
@@ -324,27 +304,23 @@ def lack_notes(robot: Robot, given: Plan) -> list[Note]:
     out = []
     for joint in robot.joints:
         runs = [motion for motion in given.motions if motion.joint == joint.number]
-        fitted = [motion for motion in runs if motion.purpose == "fit"]
-        faults = []
-        if (count := len({_others(motion) for motion in fitted})) < POSTURES and robot.n_joints > 1:
-            faults.append(f"{count} of {POSTURES} postures")
-        if (count := len({round(motion.velocity, 4) for motion in fitted})) < SPEEDS:
-            faults.append(f"{count} of {SPEEDS} speeds")
-        if len({(_others(m), m.start, m.end, m.velocity) for m in fitted}) == len(fitted):
-            faults.append("no run is made twice")
-        if not runs:
-            faults = ["it never runs"]
-        elif len(runs) == len(fitted):
-            faults.append("no run is kept for judging")
+        fitted = [
+            (tuple(np.round(np.delete(m.hold, m.joint - 1), 4)), round(m.velocity, 4), m.start, m.end)
+            for m in runs
+            if m.purpose == "fit"
+        ]
+        holds, speeds = ({run[k] for run in fitted} for k in (0, 1))
+        lacks = [
+            (f"{len(holds)} of {POSTURES} postures", len(holds) < POSTURES and robot.n_joints > 1),
+            (f"{len(speeds)} of {SPEEDS} speeds", len(speeds) < SPEEDS),
+            ("no run is made twice", len(set(fitted)) == len(fitted)),
+            ("no run is kept for judging", len(runs) == len(fitted)),
+        ]
+        faults = [text for text, is_lacking in lacks if is_lacking] if runs else ["it never runs"]
         if faults:
             text = f"joint {joint.number} ({joint.name}): {'; '.join(faults)}"
             out.append(Note("plan-lacks", text, Where(joint=joint.number)))
     return out
-
-
-def _others(motion: Motion) -> tuple[float, ...]:
-    """Where the joints that do not move are held."""
-    return tuple(round(value, 4) for k, value in enumerate(motion.hold, start=1) if k != motion.joint)
 
 
 def conditions(robot: Robot) -> list[str]:

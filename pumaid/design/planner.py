@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from pumaid.design.candidate_runs import (
     SHARES,
+    Block,
     JointCandidates,
     Sweep,
     home,
@@ -28,7 +29,7 @@ from pumaid.design.collision import Collision
 from pumaid.design.exchange import POWERS, ContinuousDesign, Criterion, Exchange, continuous_design, rounded
 from pumaid.design.information import CandidateInformation, candidate_information, gravity_slopes
 from pumaid.design.prior import Prior
-from pumaid.design.schedule import Block, schedule
+from pumaid.design.schedule import schedule
 from pumaid.errors import ModelError, Where
 from pumaid.robot import Robot
 from pumaid.trajectory import MOVE_SHARE, RAMP_TIME, Motion, Plan, duration, highest_speeds
@@ -61,47 +62,28 @@ _LOOK, _LOOK_STEPS, _LOOK_SECONDS = (0.05, 1.0), 40, 120.0
 
 @dataclass(frozen=True, slots=True)
 class Request:
-    """What a user asks for; None where the planner decides.
+    """What a user asks for; None where the planner decides."""
 
-    Robot time (s), moves included; speeds as shares of each joint's top speed; postures a joint; how often all is made
-    (passes); a key of `pumaid.design.exchange.POWERS`.
-    """
-
-    seconds: float | None = None
-    shares: tuple[float, ...] | None = None
-    postures: int | None = None
-    passes: int | None = None
-    criterion: str = "geometric"
+    seconds: float | None = None  # of the robot, moves included
+    shares: tuple[float, ...] | None = None  # speeds as shares of each joint's top speed
+    postures: int | None = None  # of a joint
+    passes: int | None = None  # how often the arm is gone through
+    criterion: str = "geometric"  # a key of `pumaid.design.exchange.POWERS`
 
 
 @dataclass(frozen=True, slots=True)
 class Coverage:
-    """How much every joint gets at least.
-
-    Attributes
-    ----------
-    postures, whole
-        Postures; in how many of them it runs over the whole range at top speed. These come in every pass, the others in
-        every other one.
-    part
-        s of a run over part of the range.
-    judged
-        Sweeps a joint that are kept for judging.
-    share
-        Of the time, that it may take.
-    middle
-        Whether the first posture gets a middle speed beside the slow one.
-    passes
-        How often the arm is gone through.
-    """
+    """How much every joint gets at least."""
 
     postures: int
-    whole: int
-    part: float
-    judged: int
-    share: float
-    middle: bool = False
-    passes: int = 2
+    whole: (
+        int  # postures with a run over the whole range at top speed; these come in every pass, others in every second
+    )
+    part: float  # s of a run over part of the range
+    judged: int  # sweeps a joint that are kept for judging
+    share: float  # of the time, that it may take
+    middle: bool = False  # whether the first posture gets a middle speed beside the slow one
+    passes: int = 2  # how often the arm is gone through
 
     @property
     def times(self) -> tuple[int, ...]:
@@ -153,19 +135,14 @@ class PlanObjective:
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Made:
-    """A plan's motions in order, and what they were chosen by.
-
-    `counts` (K L,) says how often each candidate of the objective is made in a pass of each kind, `judged` (J, J) the
-    posture in which each joint is judged; `efficiency` is the best conceivable error in the same time as a share of
-    this plan's (0..1).
-    """
+    """A plan's motions in order, and what they were chosen by."""
 
     motions: tuple[Motion, ...]
     objective: PlanObjective
-    counts: Counts
-    judged: Floats
+    counts: Counts  # (K L,) how often each candidate is made in a pass of each kind
+    judged: Floats  # (J, J) the posture in which each joint is judged
     coverage: Coverage
-    efficiency: float
+    efficiency: float  # best conceivable error in the same time as a share of this plan's (0..1)
 
 
 class Planner:
@@ -379,7 +356,7 @@ class Planner:
             blocks = _blocks(candidates, counts.reshape(len(coverage.times), -1)[turn % len(coverage.times)])
             for joint, ways in enumerate(self.judging, start=1):
                 if joint % min(2, coverage.passes) == turn:
-                    blocks.append(Block(joint, tuple(judged[joint - 1].tolist()), ways[: coverage.judged], "heldout"))
+                    blocks.append(Block(tuple(judged[joint - 1].tolist()), ways[: coverage.judged], "heldout"))
             passes.append(blocks)
         motions = schedule(self.robot, passes, collision=self.collision, rng=rng)
         efficiency = math.exp(optimum.bound - objective.value(counts))
@@ -416,8 +393,8 @@ def _blocks(candidates: CandidateInformation, counts: Counts) -> list[Block]:
     gathered: dict[tuple[int, tuple[float, ...]], list[Sweep]] = {}
     for place in np.repeat(np.arange(len(counts)), counts).tolist():
         candidate = candidates.candidate(place)
-        gathered.setdefault((candidate.sweep.joint, candidate.hold), []).append(candidate.sweep)
-    return [Block(joint, hold, tuple(ways)) for (joint, hold), ways in gathered.items()]
+        gathered.setdefault((candidate.joint, candidate.hold), []).extend(candidate.sweeps)
+    return [Block(hold, tuple(ways)) for (_, hold), ways in gathered.items()]
 
 
 def _cover(

@@ -5,12 +5,12 @@ from __future__ import annotations
 import itertools
 from collections import Counter
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from pumaid.design.candidate_runs import Sweep
+from pumaid.design.candidate_runs import Block
 from pumaid.design.collision import Collision, Hit
 from pumaid.errors import ModelError, Where
 from pumaid.robot import Robot
@@ -26,26 +26,6 @@ _ROUNDS = 60
 _STRUCK = 1e6
 #: Passes up to which each joint's highest speed is asked for early.
 _FEW = 2
-
-
-@dataclass(frozen=True, eq=False, slots=True)
-class Block:
-    """Sweeps of one joint that begin and end in one posture (J,), rad or m, made without moving the held joints."""
-
-    joint: int
-    hold: tuple[float, ...]
-    sweeps: tuple[Sweep, ...]
-    purpose: str = "fit"
-
-    @property
-    def top_speed(self) -> float:
-        """Highest speed of its sweeps, rad/s or m/s."""
-        return max(sweep.speed for sweep in self.sweeps)
-
-    @property
-    def motions(self) -> tuple[Motion, ...]:
-        """Its runs."""
-        return tuple(run for sweep in self.sweeps for run in sweep.motions(self.hold, purpose=self.purpose))
 
 
 def schedule(
@@ -77,16 +57,17 @@ def schedule(
 
 def _fastest_first(blocks: Sequence[Block]) -> tuple[list[Block], list[Block]]:
     """The block with the highest speed of every joint, and the others."""
-    first: dict[int, int] = {}
-    for place, block in enumerate(blocks):
-        best = first.get(block.joint)
-        if block.purpose == "fit" and (best is None or block.top_speed > blocks[best].top_speed):
-            first[block.joint] = place
-    fastest = set(first.values())
-    return (
-        [block for k, block in enumerate(blocks) if k in fastest],
-        [block for k, block in enumerate(blocks) if k not in fastest],
-    )
+    fastest: dict[int, Block] = {}
+    for block in blocks:
+        if block.purpose == "fit" and _top_speed(block) > _top_speed(fastest.get(block.joint)):
+            fastest[block.joint] = block
+    first = [block for block in blocks if block is fastest.get(block.joint)]
+    return first, [block for block in blocks if block is not fastest.get(block.joint)]
+
+
+def _top_speed(block: Block | None) -> float:
+    """Highest speed of its sweeps, rad/s or m/s."""
+    return max(sweep.speed for sweep in block.sweeps) if block else 0.0
 
 
 def _shuffled(block: Block, rng: np.random.Generator) -> Block:

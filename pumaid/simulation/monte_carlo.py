@@ -27,10 +27,8 @@ class Bench:
 
     Parameters
     ----------
-    truth
-        The robot.
-    plan
-        The motions; held-out ones are marked in the runs.
+    truth, plan
+        The robot and its motions; held-out ones are marked in the runs.
     rate
         Samples a second.
     bins
@@ -46,14 +44,21 @@ class Bench:
     """
 
     def __init__(self, truth: Truth, plan: Plan, *, rate: float = 100.0, bins: int = 60) -> None:
-        self.truth, self.plan, self.rate = truth, plan, rate
+        self.truth, self.rate = truth, rate
         starts = run_times(truth.robot, plan)[:, 0]
         self._first = first_starts(plan, starts, n_joints=truth.robot.n_joints)
         self._runs: list[Run] = []
         self._currents: list[Floats] = []
         movements = [movement for movement in trapezoids(truth.robot, plan) if movement.motion is not None]
-        for movement, start in zip(movements, starts, strict=True):
-            self._prepare(movement, start=float(start), bins=bins)
+        for movement, start in zip(movements, starts.tolist(), strict=True):
+            local = self._instants(movement)
+            edges = np.linspace(0, len(local), max(1, min(bins, len(local) // 2)) + 1).astype(np.int64)
+            run = constant_run(movement, local, np.diff(edges), start=start, first_row=self.samples + 2)
+            if truth.hides("thermal_friction"):
+                warm = warming(run.bins.time)
+                run = replace(run, temperature=float(warm.mean()), bins=replace(run.bins, temperature=warm))
+            self._runs.append(run)
+            self._currents.append(self._current(movement, local, start=start))
 
     @property
     def samples(self) -> int:
@@ -77,69 +82,75 @@ class Bench:
             first += run.samples
         return tuple(out)
 
-    def _prepare(self, movement: Trapezoid, *, start: float, bins: int) -> None:
-        """Take up one run and its current without noise."""
-        motion, row = movement.motion, self.samples + 2
-        assert motion is not None
-        j, speed = motion.joint - 1, movement.peak * float(np.sign(motion.end - motion.start))
+    def _instants(self, movement: Trapezoid) -> Floats:
+        """(N,) s from the start of a run at which it is sampled while it keeps its speed."""
         first, last = movement.cruise
         local = np.arange(np.ceil(first * self.rate), np.floor(last * self.rate) + 1) / self.rate
         if len(local) < _FEWEST:
-            raise ModelError(
-                "run-too-short",
-                f"a run of joint {motion.joint} keeps its speed for {len(local)} samples only (at {self.rate:g} Hz)",
-                Where(joint=motion.joint),
-                "widen its span, lower its velocity or raise the rate",
-            )
-        position = movement.at(local)[0]
-        edges = np.linspace(0, len(local), max(1, min(bins, len(local) // 2)) + 1).astype(np.int64)
-        count = np.diff(edges)
-        time = _means(start + local, count)
-        posture = np.array(motion.hold, dtype=float)
-        mean_position = np.tile(posture, (len(count), 1))
-        mean_position[:, j] = _means(position[:, j], count)
-        posture[j] = np.nan
-        is_warm = self.truth.hides("thermal_friction")
-        temperature = warming(time) if is_warm else np.full(len(count), np.nan)
-        run = Run(
-            joint=motion.joint,
-            kind="constant",
-            origin="bench",
-            first_row=row,
-            last_row=row + len(local) - 1,
-            start=float(time[0]),
-            duration=float(time[-1] - time[0]),
-            posture=posture,
-            span=(float(position[0, j]), float(position[-1, j])),
-            speed=speed,
-            ripple=0.0,
-            temperature=float(np.mean(temperature)),
-            samples=len(local),
-            bins=Bins(
-                count=count,
-                time=time,
-                position=mean_position,
-                velocity=np.full(len(count), speed),
-                acceleration=np.zeros(len(count)),
-                current=np.zeros(len(count)),
-                variance=np.zeros(len(count)),
-                temperature=temperature,
-            ),
-            heldout=motion.purpose == "heldout",
-        )
-        self._runs.append(run)
-        self._currents.append(self._current(motion, position, speed=speed, time=start + local))
+            joint = movement.motion.joint if movement.motion else None
+            what = f"a run of joint {joint} keeps its speed for {len(local)} samples only (at {self.rate:g} Hz)"
+            mend = "widen its span, lower its velocity or raise the rate"
+            raise ModelError("run-too-short", what, Where(joint=joint), mend)
+        return np.asarray(local)
 
-    def _current(self, motion: Motion, position: Floats, *, speed: float, time: Floats) -> Floats:
-        truth, j = self.truth, motion.joint - 1
-        late = position.copy()
-        late[:, j] -= speed * delays(truth.hidden, truth.robot.n_joints)[j]
-        velocity, travel = np.zeros_like(position), np.zeros_like(position)
-        velocity[:, j], travel[:, j] = speed, np.abs(late[:, j] - motion.start)
+    def _current(self, movement: Trapezoid, local: Floats, *, start: float) -> Floats:
+        """(N,) A without noise."""
+        motion, truth, time = _motion(movement), self.truth, start + local
+        position, velocity = movement.at(local)
+        j, late = motion.joint - 1, position.copy()
+        late[:, j] -= velocity[:, j] * delays(truth.hidden, truth.robot.n_joints)[j]
+        travel = np.zeros_like(position)
+        travel[:, j] = np.abs(late[:, j] - motion.start)
         warm = np.tile(warming(time)[:, None], truth.robot.n_joints)
-        return truth.current(
-            motion.joint, ArmState(time, self._first, late, velocity, np.zeros_like(late), travel, warm)
-        )
+        at = ArmState(time, self._first, late, velocity, np.zeros_like(late), travel, warm)
+        return truth.current(motion.joint, at)
+
+
+def _motion(movement: Trapezoid) -> Motion:
+    if movement.motion is None:
+        raise ValueError("a move between postures is no run")
+    return movement.motion
+
+
+def constant_run(
+    movement: Trapezoid, local: Floats, count: NDArray[np.int64], *, start: float = 0.0, first_row: int = 2
+) -> Run:
+    """The run that a movement leaves, by its samples at constant speed, without currents and temperatures.
+
+    Parameters
+    ----------
+    movement, start
+        Of the planned motion; s at which it begins.
+    local, count
+        (N,) s from its start of samples, and how many of them are in each bin (M,).
+    first_row
+        Row of its first sample.
+    """
+    motion, position = _motion(movement), movement.at(local)[0]
+    j, speed = motion.joint - 1, movement.peak * float(np.sign(motion.end - motion.start))
+    time, nothing = _means(start + local, count), np.zeros(len(count))
+    posture = np.array(motion.hold, dtype=float)
+    mean_position = np.tile(posture, (len(count), 1))
+    mean_position[:, j] = _means(position[:, j], count)
+    posture[j] = np.nan
+    speeds, unknown = np.full(len(count), speed), np.full(len(count), np.nan)
+    return Run(
+        joint=motion.joint,
+        kind="constant",
+        origin="bench",
+        first_row=first_row,
+        last_row=first_row + len(local) - 1,
+        start=float(time[0]),
+        duration=float(time[-1] - time[0]),
+        posture=posture,
+        span=(float(position[0, j]), float(position[-1, j])),
+        speed=speed,
+        ripple=0.0,
+        temperature=np.nan,
+        samples=len(local),
+        bins=Bins(count, time, mean_position, speeds, nothing, nothing, nothing, unknown),
+        heldout=motion.purpose == "heldout",
+    )
 
 
 def _means(values: Floats, count: NDArray[np.int64]) -> Floats:

@@ -66,7 +66,7 @@ def test_paths_are_judged_as_by_a_dense_sweep(seed):
     ends, collision, verdicts = np.where(few, starts, ends), Collision(robot), []
     for start, end in zip(starts, ends, strict=True):
         nearest = least(robot, start + np.linspace(0, 1, 2000)[:, None] * (end - start))
-        verdicts.append(collision.strikes(start, end))
+        verdicts.append(collision.first_hit(start, end) is not None)
         assert verdicts[-1] or nearest > 0.01
         assert not verdicts[-1] or nearest < 0.01 + TOLERANCE + 0.3e-3
     assert 0 < sum(verdicts) < 30
@@ -87,7 +87,7 @@ def test_nothing_forbidden_is_free():
     """Without the block, and with spheres of neighbours only, every path is free."""
     for safety in (None, Safety(spheres=(Sphere(2, (0, 0, 0), 1.0), Sphere(3, (0, 0, 0), 1.0)))):
         collision = Collision(puma(safety))
-        assert collision.is_free and not collision.strikes(np.zeros(6), np.ones(6))
+        assert collision.is_free and collision.first_hit(np.zeros(6), np.ones(6)) is None
 
 
 def test_what_always_touches_is_the_recipes_fault():

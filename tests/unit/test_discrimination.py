@@ -94,13 +94,14 @@ def test_runs_can_be_planned_and_made(tmp_path):
 
 def check_within(solved, arm, speed: float) -> None:
     """Stretches, held positions and speeds of all that is tried keep the limits of `arm`, and of joint 3 the speed."""
-    tried = candidates(solved, JOINT)
-    assert len({c.sweep.speed for c in tried}) > 5 and any(c.is_new for c in tried)
+    tried, new = candidates(solved, JOINT)
+    assert len({c.sweeps[0].speed for c in tried}) > 5 and new
     for candidate in tried:
+        (sweep,) = candidate.sweeps
         for number, (low, high) in enumerate(arm, start=1):
-            places = (candidate.sweep.low, candidate.sweep.high) if number == JOINT else (candidate.hold[number - 1],)
+            places = (sweep.low, sweep.high) if number == JOINT else (candidate.hold[number - 1],)
             assert all(low - 1e-6 <= place <= high + 1e-6 for place in places)
-        assert 0.0 < candidate.sweep.speed <= speed
+        assert 0.0 < sweep.speed <= speed
 
 
 def test_candidates_are_within_limits():
@@ -118,7 +119,7 @@ def test_gain_is_what_least_squares_leaves():
     """A gain is what a dense fit of the rival to data and forecast leaves, less what one to the data leaves."""
     _, solved = measured()
     truth, rival = trial(solved, "stribeck"), trial(solved, "viscous_power")
-    ahead = runs_ahead(solved, candidates(solved, JOINT), np.array([0]), bins=40)
+    ahead = runs_ahead(solved, candidates(solved, JOINT)[0], np.array([0]), bins=40)
     rows = [solved.row(JOINT), ahead[0]]
     first, other = (
         [row.noise.whiten(row.bins, one.added.linear(solved.model.robot, row.bins.samples)) for row in rows]
@@ -158,8 +159,8 @@ def test_chosen_runs_decide_sooner_than_others():
     for seed in (1, 2):
         motions, solved = measured(seed=seed)
         found = deciding(solved, trial(solved, "stribeck"), trial(solved, "viscous_power")).motions
-        rng, tried = np.random.default_rng(seed), candidates(solved, JOINT)
-        some = [motion for k in rng.integers(len(tried), size=len(found) // 2) for motion in tried[k].motions()]
+        rng, tried = np.random.default_rng(seed), candidates(solved, JOINT)[0]
+        some = [motion for k in rng.integers(len(tried), size=len(found) // 2) for motion in tried[k].motions]
         again = [motions[k] for k in rng.permutation(len(motions))[: len(found)]]
         every = [system(runs_of(STRIBECK, [*motions, *more], seed)) for more in (found, some, again)]
         leads.append([gap(one, "stribeck", "viscous_power") for one in every])
