@@ -201,8 +201,11 @@ def candidate_information(
             for motion in part.candidate(0, k).motions:
                 table[:, :, k] += run_information(motion, slopes, truths)
         squares.append(table[:, where[:, 0], where[:, 1]].reshape(len(truths), len(where), width**2))
-    columns = *np.concatenate(index).T, np.concatenate(seconds), np.concatenate(squares, axis=1)
-    return CandidateInformation(tuple(joints), *columns, parameter_names(robot, names))
+    joint, hold, sweep = np.concatenate(index).T
+    parameters = parameter_names(robot, names)
+    return CandidateInformation(
+        tuple(joints), joint, hold, sweep, np.concatenate(seconds), np.concatenate(squares, axis=1), parameters
+    )
 
 
 def plan_information(truths: Sequence[Truth], motions: Iterable[Motion], *, names: Sequence[str]) -> Floats:

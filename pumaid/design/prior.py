@@ -7,12 +7,13 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
 
 from pumaid.errors import ModelError
 from pumaid.estimate import NOT_IDENTIFIABLE, Estimate
 from pumaid.robot import Robot
 from pumaid.simulation.random_robot import draw
-from pumaid.simulation.virtual_robot import BREAKAWAY, Constants, Friction, Links, Noise, Truth, constants, links_of
+from pumaid.simulation.virtual_robot import BREAKAWAY, Constants, Friction, Links, Noise, Truth, constants
 from pumaid.units import factor, number
 
 Floats = NDArray[np.float64]
@@ -27,23 +28,10 @@ _HEAVIEST, _FARTHEST = 1e5, 100.0
 
 @dataclass(frozen=True, slots=True)
 class Setup:
-    """How the arm stands during the experiment.
+    """How the arm stands during the experiment; numbers out of range are refused (plan-impossible)."""
 
-    Attributes
-    ----------
-    tilt
-        rad about the base's x axis, then about the y axis that it had upright, or none.
-    payload
-        kg, and x, y, z (m) of its centre of mass in the last link's frame, or none.
-
-    Raises
-    ------
-    ModelError [plan-impossible]
-        A number is not finite, or the payload's mass or position is out of range.
-    """
-
-    tilt: tuple[float, float] | None = None
-    payload: tuple[float, float, float, float] | None = None
+    tilt: tuple[float, float] | None = None  # rad about the base's x axis, then about the y axis that it had upright
+    payload: tuple[float, float, float, float] | None = None  # kg; x, y, z (m) of its centre in the last link's frame
 
     def __post_init__(self) -> None:
         if self.tilt is not None and not all(map(math.isfinite, self.tilt)):
@@ -60,10 +48,7 @@ class Setup:
         """The arm with gravity in the axes of its tilted base."""
         if self.tilt is None:
             return robot
-        (cx, cy), (sx, sy) = np.cos(self.tilt), np.sin(self.tilt)
-        about_x = np.array([[1, 0, 0], [0, cx, -sx], [0, sx, cx]])
-        about_y = np.array([[cy, 0, sy], [0, 1, 0], [-sy, 0, cy]])
-        turned = (about_y @ about_x).T @ np.asarray(robot.gravity)
+        turned = Rotation.from_euler("xy", self.tilt).inv().apply(robot.gravity)
         a, b, c = (round(float(part), 9) + 0.0 for part in turned)
         return replace(robot, gravity=(a, b, c))
 
@@ -114,11 +99,9 @@ class Prior:
     def typical_sizes(self) -> dict[str, float]:
         """Name -> typical size of a parameter (SI): the median over the robots, at least a tenth of its kind's."""
         values = [truth.parameters() for truth in self.robots]
-        median = {name: float(np.median([abs(one_set[name]) for one_set in values])) for name in values[0]}
-        largest: dict[str, float] = {}
-        for name, value in median.items():
-            kind = name.split(".")[0]
-            largest[kind] = max(value, largest.get(kind, 0.0))
+        median = {name: float(np.median([abs(table[name]) for table in values])) for name in values[0]}
+        kinds = {name.split(".")[0] for name in median}
+        largest = {kind: max(value for name, value in median.items() if name.startswith(kind)) for kind in kinds}
         return {name: max(value, 0.1 * largest[name.split(".")[0]]) or 1.0 for name, value in median.items()}
 
 
@@ -131,26 +114,24 @@ def prior_robots(robot: Robot, *, estimate: Estimate | None, setup: Setup, seed:
 def random_robots(robot: Robot, seed: int) -> Prior:
     """Robots of this geometry with masses, gains and friction drawn from the seed."""
     noise = Noise(np.full(robot.n_joints, NOISE))
-    robots = tuple(replace(draw(robot, 1000 * seed + k), noise=noise) for k in range(DRAWN))
-    return Prior(
-        robots,
-        (
-            f"Noise of {NOISE:g} A a sample, a fifth of its variance a level of each run.",
-            f"Masses, centres of mass and gains as of {DRAWN} robots drawn from the geometry; errors are their median.",
-        ),
+    sentences = (
+        f"Noise of {NOISE:g} A a sample, a fifth of its variance a level of each run.",
+        f"Masses, centres of mass and gains as of {DRAWN} robots drawn from the geometry; errors are their median.",
     )
+    return Prior(tuple(replace(draw(robot, 1000 * seed + k), noise=noise) for k in range(DRAWN)), sentences)
 
 
 def robot_of_estimate(robot: Robot, estimate: Estimate) -> Prior:
     """The robot that an earlier model describes; what it could not identify is taken from a random robot."""
-    values, identified = draw(robot, 0).parameters(), {}
+    drawn, identified, n = draw(robot, 0), dict[str, float](), robot.n_joints
     shown = {value.name for value in estimate.values if value.state != NOT_IDENTIFIABLE}
+    values = drawn.parameters()
     for name, value in zip(estimate.names, estimate.solution, strict=True):
         # A parameter that no run shows is zero in the solution; of a sum each term has a share.
         if name in values and (name in shown or abs(value) > 1e-12):
             identified[name] = float(value)
-    for n in range(1, robot.n_joints):
-        name, scale = f"gain_ratio.{n}.{n + 1}", estimate.scales[n - 1, n]
+    for inner in range(1, n):
+        name, scale = f"gain_ratio.{inner}.{inner + 1}", estimate.scales[inner - 1, inner]
         if name in shown and np.isfinite(scale):
             identified[name] = float(scale)
     missing = [name for name in values if name not in identified]
@@ -159,16 +140,16 @@ def robot_of_estimate(robot: Robot, estimate: Estimate) -> Prior:
     level = [fit.run_level or np.sqrt(0.2) * s for fit, s in zip(estimate.joints, std, strict=True)]
     noise = np.hypot(std, level)
     share = float(np.median(np.minimum((np.asarray(level) / noise) ** 2, 0.9)))
-    joints = range(1, robot.n_joints + 1)
-    gravity = {part: np.array([values.get(f"gravity.l{n}.{part}", 0.0) for n in joints]) for part in ("x", "y", "mass")}
-    ratio = np.array([values[f"gain_ratio.{n}.{n + 1}"] for n in range(1, robot.n_joints)])
-    terms = ("coulomb", "plus"), ("coulomb", "minus"), ("viscous", "plus"), ("viscous", "minus")
-    friction = Friction(*(np.array([values[f"{kind}.j{n}.{side}"] for n in joints]) for kind, side in terms))
-    constants_of = Constants(gravity["x"], gravity["y"], gravity["mass"], ratio)
-    inertia, breakaway = np.zeros(robot.n_joints), np.full(robot.n_joints, BREAKAWAY)
-    links, gain = links_of(robot, constants_of, inertia)
-    noise_of = Noise(noise, level_share=share)
-    truth = Truth(robot, friction, noise_of, links, gain, inertia, breakaway, given_constants=constants_of)
+
+    def of_joints(form: str) -> Floats:
+        return np.array([values.get(form.format(k), 0.0) for k in range(1, n + 1)])
+
+    sides = ("coulomb.j{}.plus", "coulomb.j{}.minus", "viscous.j{}.plus", "viscous.j{}.minus")
+    ratio = np.array([values[f"gain_ratio.{k}.{k + 1}"] for k in range(1, n)])
+    x, y, mass = (of_joints(f"gravity.l{{}}.{part}") for part in ("x", "y", "mass"))
+    friction = Friction(*map(of_joints, sides))
+    bare = replace(drawn, friction=friction, noise=Noise(noise, level_share=share), inertia=np.zeros(n), seed=None)
+    truth = replace(bare.with_constants(Constants(x, y, mass, ratio)), breakaway=np.full(n, BREAKAWAY))
     sentences = [
         f"Parameters as of the earlier model; noise as its runs had it, {', '.join(number(s, 2) for s in noise)} A a"
         f" sample, {100.0 * share:.0f} % of the variance a level of each run."

@@ -84,11 +84,8 @@ def _movej(position: Iterable[float], acceleration: float, speed: float) -> str:
 def ros2_trajectory(plan: Plan, robot: Robot) -> str:
     """A trajectory_msgs/JointTrajectory as YAML: every corner of the trapezoids of speed is a point.
 
-    Notes
-    -----
-    Accelerations are zero at every point. A controller that interpolates positions and velocities by cubics drives
-    exact trapezoids; one that interpolates by quintics rounds the ramps, whose acceleration then peaks at 1.5 times
-    that of the trapezoid; the plateau is at constant speed either way.
+    A controller that interpolates positions and velocities by cubics drives exact trapezoids; one that interpolates by
+    quintics rounds the ramps; the plateau is at constant speed either way.
 
     Source
     ------
@@ -103,16 +100,17 @@ def ros2_trajectory(plan: Plan, robot: Robot) -> str:
 
 
 def _points(plan: Plan, robot: Robot) -> Iterator[str]:
-    still, clock, is_first = np.zeros(robot.n_joints), LEAD_IN, True
-    for step in trapezoids(robot, plan):
-        if is_first:
+    still, clock = np.zeros(robot.n_joints), LEAD_IN
+    for number, step in enumerate(trapezoids(robot, plan)):
+        if number == 0:
             yield _point(clock, step.start, still)
-            is_first = False
         if step.motion is not None:
             clock += REST
             yield f"# run {step.number}: {_comment(step.motion, robot)}"
             yield _point(clock, step.start, still)
-        for time, position, velocity in step.corners():
+        ends = np.array([step.ramp, step.duration - step.ramp, step.duration])
+        times = ends if ends[1] - ends[0] > 1e-9 else ends[[0, 2]]
+        for time, position, velocity in zip(times.tolist(), *step.at(times), strict=True):
             yield _point(clock + time, position, velocity)
         clock += step.duration
         if step.motion is not None:
@@ -122,13 +120,11 @@ def _points(plan: Plan, robot: Robot) -> Iterator[str]:
 
 def _point(time: float, position: Floats, velocity: Floats) -> str:
     seconds, nanoseconds = divmod(round(1e9 * time), 10**9)
-    fields = (
-        f"positions: {_listed(position)}",
-        f"velocities: {_listed(velocity)}",
-        f"accelerations: {_listed(np.zeros(len(position)))}",
-        f"time_from_start: {{sec: {seconds}, nanosec: {nanoseconds}}}",
+    return (
+        f"- {{positions: {_listed(position)}, velocities: {_listed(velocity)},"
+        f" accelerations: {_listed(np.zeros(len(position)))},"
+        f" time_from_start: {{sec: {seconds}, nanosec: {nanoseconds}}}}}"
     )
-    return "- {" + ", ".join(fields) + "}"
 
 
 def _listed(values: Iterable[float]) -> str:
@@ -141,9 +137,8 @@ def _comment(motion: Motion, robot: Robot) -> str:
     """A run in a comment: ``joint 3 (elbow) from -125 to 125 deg at 30 deg/s, fit``."""
     joint = robot.joint(motion.joint)
     scale, unit = (factor("deg"), "deg") if joint.is_revolute else (1.0, "m")
-    start, end, speed = (value / scale + 0.0 for value in (motion.start, motion.end, motion.velocity))
-    way = f"from {start:.6g} to {end:.6g} {unit} at {speed:.6g} {unit}/s"
-    return f"joint {joint.number} ({joint.name}) {way}, {motion.purpose}"
+    start, end, speed = (f"{value / scale + 0.0:.6g}" for value in (motion.start, motion.end, motion.velocity))
+    return f"joint {joint.number} ({joint.name}) from {start} to {end} {unit} at {speed} {unit}/s, {motion.purpose}"
 
 
 #: Form -> (suffix of its files, what writes it).
