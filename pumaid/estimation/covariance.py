@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from scipy import special
 
 from pumaid.estimation.fit import Fit
+from pumaid.estimation.fit import run_of as runs_of
 from pumaid.maths.bilinear import Bilinear, Gains
 
 Floats = NDArray[np.float64]
@@ -164,17 +165,15 @@ def two_sided(statistic: float, freedoms: float) -> float:
 
 def fit_covariance(fitted: Fit) -> Clustered:
     """Of all parameters and ratios of a fit, clustered by run."""
-    run_of = fitted.run_of
+    run_of = runs_of(fitted.rows)
     order = [np.flatnonzero(run_of == number) for number in range(int(run_of.max()) + 1)]
     solution, inverse = fitted.solution, fitted.inverse
     kin = np.repeat([row.joint for row in fitted.rows], [len(row.bins.runs) for row in fitted.rows])
     jacobians, residuals = ([values[rows] for rows in order] for values in (solution.jacobian, solution.residual))
     errors = clustered(jacobians, residuals, inverse, kin=kin)
     # What rests on the prior of a ratio or shape is as uncertain as the prior says: no run's residual shows that.
-    p = len(solution.values)
-    ratios, shapes = inverse[:, p:], inverse[:, :p] @ fitted.held.T
-    added = (ratios * fitted.pull) @ ratios.T + shapes @ shapes.T
-    return Clustered(errors.covariance + added, errors.freedoms)
+    priors = inverse * fitted.prior
+    return Clustered(errors.covariance + priors @ priors.T, errors.freedoms)
 
 
 def recursion_covariance(system: Bilinear, values: Floats, gains: Gains, *, runs: NDArray[np.int64]) -> Clustered:
@@ -200,7 +199,7 @@ def recursion_covariance(system: Bilinear, values: Floats, gains: Gains, *, runs
     edges, p = gains.edges, len(values)
     size = p + len(edges)
     jacobian = system.jacobian(gains, values)
-    residual = system.target - system.scaled(gains) @ values
+    residual = system.left(values, gains)
     covariance, freedoms = np.zeros((size, size)), np.zeros(size)
     for row in reversed(range(gains.n_rows)):
         equations = np.flatnonzero(system.row == row)

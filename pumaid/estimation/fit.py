@@ -15,12 +15,7 @@ from pumaid.estimation.noise import Levels, NoiseModel
 from pumaid.gravity_load import along
 from pumaid.joint_bins import JointBins
 from pumaid.maths import rank
-from pumaid.maths.bilinear import (
-    Bilinear,
-    Gains,
-    JointSolution,
-    prior_rows,
-)
+from pumaid.maths.bilinear import Bilinear, Gains, JointSolution
 from pumaid.model import DELAY, Model
 from pumaid.samples import Samples
 
@@ -91,26 +86,29 @@ class Row:
         """From 1."""
         return self.bins.joint
 
-    @property
-    def is_stroke(self) -> NDArray[np.bool_]:
-        """(R,) runs from rest to rest.
-
-        Their accelerations are smoothed differences of positions, and stand in for all that a change of speed does: in
-        them the model misses by far more than where nothing is accelerated.
-        """
-        return self.bins.is_stroke
+    def in_columns(self, old: Sequence[str], new: Sequence[str]) -> Row:
+        """The same runs where the columns called `old` are `new`; what is not among them is zero."""
+        if list(old) == list(new):
+            return self
+        place = {name: n for n, name in enumerate(old)}
+        index = [place.get(name, len(old)) for name in new]
+        design, regressors = (
+            np.concatenate([part, np.zeros((*part.shape[:-1], 1))], axis=-1)[..., index]
+            for part in (self.design, self.regressors)
+        )
+        return replace(self, design=design, regressors=regressors, moved=None)
 
     def quiet_ones(self, levels: Levels) -> Floats:
         """(R, k) constants of runs divided by how loud they are."""
-        return np.asarray(self.ones / np.sqrt(self._loud(levels))[:, None])
+        return self._quiet(levels, self.ones[:, :, None])[:, :, 0]
 
     def whitened(self, levels: Levels, values: Floats) -> Floats:
         """(R k, q) of (R, k, q) by what a whole fit leaves."""
-        quiet = values / np.sqrt(self._loud(levels))[:, None, None]
-        return noises.whiten(levels, self.quiet_ones(levels), quiet).reshape(self.target.size, -1)
+        white = noises.whiten(levels, self.quiet_ones(levels), self._quiet(levels, values))
+        return white.reshape(self.target.size, -1)
 
-    def _loud(self, levels: Levels) -> Floats:
-        return np.where(self.is_stroke, levels.loud, 1.0)
+    def _quiet(self, levels: Levels, values: Floats) -> Floats:
+        return values / np.sqrt(np.where(self.bins.is_stroke, levels.loud, 1.0))[:, None, None]
 
     @property
     def stacked(self) -> Floats:
@@ -141,39 +139,31 @@ def reduced(bins: JointBins, design: Floats, others: Floats) -> tuple[Floats, Co
         (R, k, p + q), zero where a run spans fewer than k.
     counts
         (R,) directions of each run.
-    own
+    parameters
         (R, p) minimum-norm parameters of each run's own least squares.
     """
-    live = np.flatnonzero(design.any(axis=0))
-    size = np.linalg.norm(design[:, live], axis=0)
-    table, m = np.column_stack([design[:, live] / size, others]), len(live)
-    chunks = [(start, min(start + AT_ONCE, len(bins.runs))) for start in range(0, len(bins.runs), AT_ONCE)]
-    parts = [_reduced(bins, table, m, part=part) for part in chunks]
-    counts = np.concatenate([counts for _, counts, _ in parts])
-    k = max(int(counts.max()), 1)
-    small = np.zeros((len(bins.runs), k, design.shape[1] + others.shape[1]))
-    columns = np.append(live, design.shape[1] + np.arange(others.shape[1]))
-    for (start, stop), (turned, _, _) in zip(chunks, parts, strict=True):
-        turned[:, :, :m] *= size
-        small[start:stop, : min(k, turned.shape[1]), columns] = turned[:, :k]
-    parameters = np.zeros((len(bins.runs), design.shape[1]))
-    parameters[:, live] = np.concatenate([alone for _, _, alone in parts]) / size
-    return small, counts, parameters
-
-
-def _reduced(bins: JointBins, table: Floats, m: int, *, part: tuple[int, int]) -> tuple[Floats, Counts, Floats]:
-    """`reduced` of runs from one number to another of (N, m + q) scaled columns."""
-    first, lengths = bins.first[part[0] : part[1]], bins.lengths[part[0] : part[1]]
-    rows = np.arange(first[0], first[-1] + lengths[-1])
-    padded = np.zeros((len(first), max(int(lengths.max()), 1), table.shape[1]))
-    padded[bins.run[rows] - part[0], rows - first[bins.run[rows] - part[0]]] = table[rows]
-    upper: Floats = np.asarray(np.linalg.qr(padded, mode="r"))
-    basis, singular, right = np.linalg.svd(upper[:, :, :m], full_matrices=False)
-    is_spanned = singular > FLAT * np.maximum(singular[:, :1], 1e-300)
-    turned = np.where(is_spanned[:, :, None], basis.transpose(0, 2, 1) @ upper[:, :, m:], 0.0)
-    small = np.concatenate([np.where(is_spanned, singular, 0.0)[:, :, None] * right, turned], axis=2)
-    shares = np.divide(turned[:, :, -1], singular, out=np.zeros_like(singular), where=is_spanned)
-    return small, is_spanned.sum(axis=1), np.einsum("rkm,rk->rm", right, shares)
+    size = np.linalg.norm(design, axis=0)
+    live, lengths, (n_runs, p) = np.flatnonzero(size), bins.lengths, (len(bins.runs), design.shape[1])
+    m, table = len(live), np.column_stack([design[:, live] / size[live], others])
+    small = np.zeros((n_runs, max(min(m, int(lengths.max())), 1), p + others.shape[1]))
+    counts, parameters = np.zeros(n_runs, dtype=np.int64), np.zeros((n_runs, p))
+    for start in range(0, n_runs, AT_ONCE):
+        runs = slice(start, min(start + AT_ONCE, n_runs))
+        first, last = bins.first[start], bins.first[runs][-1] + lengths[runs][-1]
+        run = bins.run[first:last]
+        padded = np.zeros((runs.stop - start, int(lengths[runs].max()), table.shape[1]))
+        padded[run - start, np.arange(first, last) - bins.first[run]] = table[first:last]
+        upper: Floats = np.asarray(np.linalg.qr(padded, mode="r"))
+        basis, singular, right = np.linalg.svd(upper[:, :, :m], full_matrices=False)
+        is_spanned = singular > FLAT * np.maximum(singular[:, :1], 1e-300)
+        turned = np.where(is_spanned[:, :, None], basis.transpose(0, 2, 1) @ upper[:, :, m:], 0.0)
+        singular, k = np.where(is_spanned, singular, 0.0), singular.shape[1]
+        small[runs, :k, live] = singular[:, :, None] * right * size[live]
+        small[runs, :k, p:] = turned
+        shares = np.divide(turned[:, :, -1], singular, out=np.zeros_like(singular), where=is_spanned)
+        parameters[runs, live] = np.einsum("rkm,rk->rm", right, shares) / size[live]
+        counts[runs] = is_spanned.sum(axis=1)
+    return small[:, : max(int(counts.max()), 1)], counts, parameters
 
 
 def inner_noise(bins: JointBins, design: Floats) -> tuple[NoiseModel, float]:
@@ -263,8 +253,8 @@ class Fit:
         Joints whose level a run could not be estimated (too few runs).
     system, solution
         The whitened rows and the fit over all of them, `values` (p,) and `gains`.
-    pull, held
-        Precision (edges,) of the prior on each ratio, and (h, p) of those on parameters, as for `fit_bilinear`.
+    prior
+        (P,) inverse of the prior standard deviation of each parameter and ratio, as for `fit_bilinear`; 0 without one.
     limit
         (p,) standard error at which each parameter says nothing any more.
     first
@@ -280,8 +270,7 @@ class Fit:
     weak: tuple[int, ...]
     system: Bilinear
     solution: JointSolution
-    pull: Floats
-    held: Floats
+    prior: Floats
     limit: Floats
     first: Start | None = None
     from_replicates: frozenset[int] = frozenset()
@@ -373,11 +362,6 @@ class Fit:
         """By joint."""
         return {row.bins.joint: row.noise for row in self.joints}
 
-    @property
-    def run_of(self) -> Counts:
-        """(N,) number of the run that each equation belongs to."""
-        return run_of(self.rows)
-
     @cached_property
     def by_bin(self) -> dict[int, FitRow]:
         """Joint (from 1) -> the fit at its bins."""
@@ -401,7 +385,7 @@ class Fit:
     def noise(self, joint: int) -> NoiseModel:
         """Of the bins of `joint` (from 1)."""
         row = next(row for row in self.rows if row.joint == joint)
-        noise = row.inner.scaled(self.levels[joint], row.is_stroke)
+        noise = row.inner.scaled(self.levels[joint], row.bins.is_stroke)
         return replace(noise, from_replicates=joint in self.from_replicates)
 
     def at(self, bins: JointBins, design: Floats, noise: NoiseModel) -> FitRow:
@@ -412,7 +396,7 @@ class Fit:
         local = Bilinear(np.full(len(bins), bins.joint - 1), design, bins.current, self.system.owners)
         bare = local.jacobian(self.gains, self.values)
         acting = np.flatnonzero(bare.any(axis=0))
-        misfit = bins.current - local.scaled(self.gains) @ self.values
+        misfit = local.left(self.values, self.gains)
         white = noise.whiten(bins, np.column_stack([bare[:, acting], misfit]))
         return FitRow(bins, noise, acting, white[:, :-1], white[:, -1], bare[:, acting], misfit, bare.shape[1])
 
@@ -468,8 +452,7 @@ def at_bins(fitted: Fit, bins: JointBins) -> Fit:
     design, bins = design_of(fitted.model, bins, fitted), _loaded(fitted, bins)
     noise = noises.noise_of(bins, bins.current - design @ (fitted.factors(bins.joint) * fitted.values))
     other = fitted.with_rows({bins.joint: fitted.at(bins, design, noise)})
-    prior = prior_rows(fitted.held, np.sqrt(fitted.pull))
-    inverse, _ = rank.pseudo_inverse(other.information() + prior.T @ prior)
+    inverse, _ = rank.pseudo_inverse(other.information() + np.diag(fitted.prior**2))
     linear = replace(fitted.solution.linear, inverse=inverse)
     return replace(fitted, solution=replace(fitted.solution, linear=linear)).with_rows(other.by_bin)
 
@@ -510,9 +493,7 @@ def design_of(model: Model, bins: JointBins, before: Fit | None = None) -> Float
 def _late(bins: JointBins, design: Floats) -> Floats:
     """(N,) A a second of delay in strokes: minus the slope by time of what each stroke's own fit predicts."""
     parameters = reduced(bins, design, bins.current[:, None])[2]
-    drawn, out = np.einsum("np,np->n", design, parameters[bins.run]), np.zeros(len(bins))
-    for start, size, is_stroke in zip(bins.first, bins.lengths, bins.is_stroke, strict=True):
-        span = slice(start, start + size)
-        if is_stroke and size > 2:
-            out[span] = -np.gradient(drawn[span], bins.samples.time[span])
-    return out
+    drawn = np.einsum("np,np->n", design, parameters[bins.run])
+    is_slope = (bins.is_stroke & (bins.lengths > 2))[bins.run]
+    step = np.where(is_slope, bins.rises(bins.samples.time), 1.0)
+    return np.where(is_slope, -bins.rises(drawn) / step, 0.0)

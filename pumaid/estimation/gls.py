@@ -12,14 +12,7 @@ from numpy.typing import NDArray
 from pumaid.effect_spec import scale_of
 from pumaid.effects import Scope
 from pumaid.estimation import noise as noises
-from pumaid.estimation.fit import (
-    Fit,
-    Row,
-    Start,
-    design_of,
-    inner_noise,
-    with_loads,
-)
+from pumaid.estimation.fit import Fit, Row, Start, design_of, inner_noise, with_loads
 from pumaid.estimation.noise import Levels, NoiseModel
 from pumaid.joint_bins import JointBins
 from pumaid.maths import rank
@@ -29,12 +22,10 @@ from pumaid.maths.bilinear import (
     USUAL_RATIO,
     Bilinear,
     Gains,
-    JointSolution,
     Recursion,
     fit_bilinear,
-    prior_rows,
+    ratio_spread,
     restarted,
-    spread_of,
 )
 from pumaid.model import DELAY, Model
 from pumaid.preprocessing.options import STROKE
@@ -55,65 +46,6 @@ TIGHT = 1e6
 LAG = 0.001
 #: Noise of a joint between runs, over that inside them, beyond which the recursion is taken to have gone astray.
 ASTRAY = 10.0
-
-
-def with_chain_rule(fitted: Fit) -> Fit:
-    """With errors that know that effects of the load move with the parameters and ratios that make the load.
-
-    A payload felt by an inner joint is its mass times a ratio of gains: where the ratio is not known well, the mass is
-    not, either.
-    """
-    if not fitted.model.needs_loads():
-        return fitted
-    rows = tuple(
-        Row.of(row.bins, row.design, row.inner, moved=_moved_through_loads(fitted, row.bins), slow=row.slow)
-        if any(term.effect.needs_loads and term.touches(row.joint) for term in fitted.model.effects)
-        else row
-        for row in fitted.rows
-    )
-    system = system_of(rows, fitted.levels, fitted.system.owners)
-    jacobian = system.jacobian(fitted.gains, fitted.values)
-    start = 0
-    for row in rows:
-        if row.moved is not None:
-            jacobian[start : start + row.target.size] += row.whitened(fitted.levels[row.joint], row.moved)
-        start += row.target.size
-    residual = system.target - system.scaled(fitted.gains) @ fitted.values
-    prior = prior_rows(fitted.held, np.sqrt(fitted.pull))
-    target = np.concatenate([residual, np.zeros(len(prior))])
-    limit = reach_of(fitted.model, fitted.limit, fitted.gains)
-    linear = rank.solve(np.vstack([jacobian, prior]), target, limit=limit)
-    solution = replace(fitted.solution, linear=linear, jacobian=jacobian, residual=residual)
-    return replace(fitted, rows=rows, system=system, solution=solution)
-
-
-def _moved_through_loads(fitted: Fit, bins: JointBins) -> Floats:
-    """(N, P) derivative of what effects of the load draw, by what the load is made of."""
-    model, values, edges = fitted.model, fitted.values, fitted.gains.edges
-    terms = [(place, t) for place, t in enumerate(model.effects) if t.effect.needs_loads and t.touches(bins.joint)]
-    sizes = {
-        place: np.array([v for c, v in zip(model.columns, values, strict=True) if c.place == place and not c.shape])
-        for place, _ in terms
-    }
-
-    def drawn(found: Fit) -> Floats:
-        samples = with_loads(found, bins.samples, bins.lengths)
-        return np.sum([term.linear(model.robot, samples) @ sizes[place] for place, term in terms], axis=0)
-
-    out = np.zeros((len(bins), len(values) + len(edges)))
-    for n, column in enumerate(model.columns):
-        if column.place is None and (column.effect == "gravity" or column.owner == bins.joint):
-            step = STEP * max(abs(values[n]), STEP * fitted.limit[n])
-            moves = [way * step * np.eye(len(values))[n] for way in (1.0, -1.0)]
-            rise = [drawn(replace(fitted, solution=replace(fitted.solution, values=values + move))) for move in moves]
-            out[:, n] = (rise[0] - rise[1]) / (2.0 * step)
-    for k, edge in enumerate(edges):
-        size = fitted.gains.edge[edge]
-        step = STEP * max(abs(size), STEP)
-        stepped = [fitted.gains.with_edge(edge, size + way * step) for way in (1.0, -1.0)]
-        rise = [drawn(replace(fitted, solution=replace(fitted.solution, gains=gains))) for gains in stepped]
-        out[:, len(values) + k] = (rise[0] - rise[1]) / (2.0 * step)
-    return out
 
 
 def assign(model: Model, moving: Sequence[int]) -> Counts:
@@ -163,26 +95,31 @@ def fit_bins(
     S.-K. Lin, Theorem 1, for the recursion; the refinement is maximum likelihood for the same system.
     """
     tell = progress or (lambda joint, text: None)
-    rows = tuple(_row(model, joint, before) for joint in sorted(bins, key=lambda joint: -joint.joint))
+    rows = tuple(_row(model, part, before) for part in sorted(bins, key=lambda part: -part.joint))
     assigned = assign(model, [row.joint for row in rows])
-    owners = owners_of(model, assigned)
-    limit, start = limits(rows, model), _Beginning(model, owners)
+    owners, limit = owners_of(model, assigned), limits(rows, model)
+    recursion = _Beginning(model, owners)
     for row in rows:
         tell(row.joint, "solving")
-        start.take(row, limit)
-    system, gains = system_of(rows, start.levels, owners), start.paper.gains
-    solution = fit_bilinear(system, start.paper.values, gains, limit=reach_of(model, limit, gains), most_steps=0)
-    first = Start(rows, dict(start.levels), system, solution, _absorbed(start.paper, start.is_load))
-    held, levels = priors(model, limit, is_tight=True), dict(start.levels)
-    pull = np.zeros(len(gains.edges))
-    if not recursive:
-        tell(0, "refining all joints together")
-        system, solution, spread = _refine(owners, rows, levels, start=start.joint, limit=limit, held=held, model=model)
-        pull = 1.0 / spread**2
-    return Fit(model, rows, assigned, levels, tuple(start.weak), system, solution, pull, held, limit, first)
+        recursion.take(row, limit)
+    levels, paper = recursion.levels, recursion.paper
+    system, prior = system_of(rows, levels, owners), np.append(priors(model, limit), np.zeros(len(paper.gains.edges)))
+    solution = fit_bilinear(system, paper.values, paper.gains, limit=reach_of(limit, prior), most_steps=0)
+    first = Start(rows, levels, system, solution, _absorbed(paper, recursion.is_load))
+    fitted = Fit(model, rows, assigned, levels, tuple(recursion.weak), system, solution, prior, limit, first)
+    if recursive:
+        return fitted
+    tell(0, "refining all joints together")
+    return _refined(fitted, recursion.joint)
 
 
 def _row(model: Model, bins: JointBins, before: Fit | None, *, noise: NoiseModel | None = None) -> Row:
+    """The runs of a joint in `model`; as they were `before` where neither effects nor noise differ there."""
+    old = None if before is None else next((row for row in before.rows if row.bins is bins), None)
+    if before is not None and old is not None and noise in (None, old.inner):
+        terms = [[term for term in part.effects if term.touches(bins.joint)] for part in (before.model, model)]
+        if terms[0] == terms[1] and not any(term.effect.needs_loads for term in terms[0]):
+            return old.in_columns(before.model.names, model.names)
     design = design_of(model, bins, before)
     inner, slow = (noise, 1.0) if noise is not None else inner_noise(bins, design)
     return Row.of(bins, design, inner, slow=slow)
@@ -203,7 +140,7 @@ class _Beginning:
         """Solve one row; every later row that has data must have been taken."""
         design, _, _ = self.joint.design(row.joint - 1, row.stacked)
         design = design.reshape(*row.target.shape, -1)
-        levels = noises.estimate(row.ones, design, row.target, counts=row.counts, is_loud=row.is_stroke)
+        levels = noises.estimate(row.ones, design, row.target, counts=row.counts, is_loud=row.bins.is_stroke)
         if levels is None:
             self.weak.append(row.joint)
             levels = Levels(row.slow, 0.0, max(int(row.bins.lengths.sum() - row.counts.sum()) // 4, 1))
@@ -211,19 +148,67 @@ class _Beginning:
         white = row.whitened(self.levels[row.joint], row.joined)
         self.paper.take(row.joint - 1, white[:, :-1], white[:, -1], limit=limit)
         self.joint.take(row.joint - 1, white[:, :-1], white[:, -1], limit=limit, spread=RATIO_SPREAD)
-        _unstretch(self.joint, row.joint - 1, is_load=self.is_load)
+        self._unstretch(row.joint - 1)
+
+    def _unstretch(self, row: int) -> None:
+        """Where only the product of a ratio and its load is known, share it out so that the ratio is a usual one.
+
+        The load's own row cannot tell it (from friction, say) and gave it any size, perhaps next to none.
+        """
+        start, gains = self.joint, self.joint.gains
+        for root in [
+            edge for edge in gains.edges if gains.parent[edge] == row and abs(gains.edge[edge]) > RATIO_SPREAD
+        ]:
+            load = np.isin(start.owners, _beyond(gains, root)) & self.is_load
+            if np.all(start.undetermined[load] | (start.values[load] == 0.0)):
+                start.values[load] *= gains.edge[root]
+                gains.edge[root] = USUAL_RATIO
 
 
-def eased(fitted: Fit) -> Fit:
-    """With the errors that the fit has where shapes that are best at a bound are no better known than others."""
-    free = priors(fitted.model, fitted.limit, is_tight=False)
-    if len(free) == 0:
-        return fitted
-    prior = prior_rows(free, np.sqrt(fitted.pull))
-    rows = np.vstack([fitted.solution.jacobian, prior])
-    target = np.concatenate([fitted.solution.residual, np.zeros(len(prior))])
-    linear = rank.solve(rows, target, limit=reach_of(fitted.model, fitted.limit, fitted.gains))
-    return replace(fitted, held=free, solution=replace(fitted.solution, linear=linear))
+def _beyond(gains: Gains, edge: int) -> list[int]:
+    """Rows behind the edge above row `edge`, itself among them."""
+    return [row for row in range(gains.n_rows) if edge in gains.path(row)]
+
+
+def _absorbed(recursion: Recursion, is_load: NDArray[np.bool_]) -> dict[int, list[tuple[int, int]]]:
+    """Columns left open by their own row; and weights of rows that were solved with an open load taken for known."""
+    gains, owners = recursion.gains, recursion.owners
+    is_open = recursion.undetermined.copy()
+    for edge in sorted(gains.edges, reverse=True):
+        if np.any(is_open & is_load & np.isin(owners, _beyond(gains, edge))):
+            is_open |= is_load & (owners == gains.parent[edge])
+    lost = [[(r + 1, root + 1) for r, root in recursion.redundant if r == row] for row in range(gains.n_rows)]
+    return {int(n): lost[owners[n]] for n in np.flatnonzero(is_open)}
+
+
+def _refined(fitted: Fit, start: Recursion) -> Fit:
+    """The joint fit from a recursion, with weights from its own residuals."""
+    values, gains, weights = start.values, start.gains, fitted.prior[: len(start.values)]
+    levels = fitted.levels
+    inside = {row.joint: floored(Levels(row.slow, 0.0, levels[row.joint].freedoms), row) for row in fitted.rows}
+
+    def with_prior(fitted: Fit, levels: Mapping[int, Levels]) -> Fit:
+        system = system_of(fitted.rows, levels, fitted.system.owners)
+        prior = np.append(weights, 1.0 / ratio_spread(system, fitted.values, fitted.gains))
+        return replace(fitted, system=system, prior=prior)
+
+    fitted = replace(fitted, solution=replace(fitted.solution, values=values, gains=gains))
+    if any(levels[joint].sample > ASTRAY * level.sample for joint, level in inside.items()):
+        fitted = with_prior(fitted, inside)
+        limit = reach_of(fitted.limit, fitted.prior)
+        values, gains = restarted(fitted.system, values, gains, limit=limit, prior=fitted.prior)
+        fitted = releveled(replace(fitted, solution=replace(fitted.solution, values=values, gains=gains)))
+    fitted = with_prior(fitted, fitted.levels)
+    for _ in range(ROUNDS):
+        fitted = releveled(_solved(fitted, fitted.values, fitted.gains))
+    return _solved(fitted, fitted.values, fitted.gains)
+
+
+def _solved(fitted: Fit, values: Floats, gains: Gains) -> Fit:
+    """The fit of its own model, with its own levels and prior, from these parameters and ratios."""
+    system = system_of(fitted.rows, fitted.levels, owners_of(fitted.model, fitted.assigned))
+    limit = reach_of(fitted.limit, fitted.prior)
+    return replace(fitted, system=system, solution=fit_bilinear(system, values, gains, limit=limit, prior=fitted.prior))
 
 
 def refit(
@@ -250,24 +235,19 @@ def refit(
         Whether the noise inside runs is estimated anew, by what the other model leaves of each.
     """
     chosen = [row.bins for row in before.rows] if bins is None else sorted(bins, key=lambda part: -part.joint)
-    known_noise = dict(noise or {})
+    given = dict(noise or {})
     if noise is None and bins is None and not is_renewed:
-        known_noise = {row.joint: row.inner for row in before.rows}
-    rows = tuple(_row(model, part, before, noise=known_noise.get(part.joint)) for part in chosen)
+        given = {row.joint: row.inner for row in before.rows}
+    rows = tuple(_row(model, part, before, noise=given.get(part.joint)) for part in chosen)
     levels = dict(before.levels)
     for joint, part in (noise or {}).items():
         levels[joint] = Levels(1.0, float(part.level[0]) ** 2, levels[joint].freedoms)
-    owners = owners_of(model, before.assigned)
-    limit = limits(rows, model)
-    start = dict(zip(before.model.names, before.values, strict=True))
-    values = np.array([0.0 if c.shape else start.get(c.name, 0.0) for c in model.columns])
-    white, gains, held = system_of(rows, levels, owners), before.gains, priors(model, limit, is_tight=True)
-    with np.errstate(divide="ignore"):
-        spread = 1.0 / np.sqrt(before.pull)
-    solution = fit_bilinear(white, values, gains, limit=reach_of(model, limit, gains), spread=spread, held=held)
-    result = replace(before, model=model, rows=rows, levels=levels, system=white, solution=solution)
+    limit, start = limits(rows, model), dict(zip(before.model.names, before.values, strict=True))
+    values = np.array([0.0 if column.shape else start.get(column.name, 0.0) for column in model.columns])
+    prior = np.append(priors(model, limit), before.prior[len(before.values) :])
     repeated = frozenset(joint for joint, part in (noise or {}).items() if part.from_replicates)
-    return replace(result, held=held, limit=limit, from_replicates=repeated)
+    fitted = replace(before, model=model, rows=rows, levels=levels, prior=prior, limit=limit, from_replicates=repeated)
+    return _solved(fitted, values, before.gains)
 
 
 def fit_with_replicates(model: Model, bins: Sequence[JointBins]) -> Fit:
@@ -278,145 +258,124 @@ def fit_with_replicates(model: Model, bins: Sequence[JointBins]) -> Fit:
 
 def releveled(fitted: Fit) -> Fit:
     """With each joint's noise as it is now that effects are in the model; the next fit is weighted by it."""
-    owners = owners_of(fitted.model, fitted.assigned)
-    levels = levels_of(fitted.rows, fitted.levels, fitted.values, gains=fitted.gains, owners=owners, held=fitted.held)
-    return replace(fitted, levels=fitted.levels | levels)
+    return replace(fitted, levels=fitted.levels | levels_of(fitted))
 
 
-def _unstretch(start: Recursion, row: int, *, is_load: NDArray[np.bool_]) -> None:
-    """Where only the product of a ratio and its load is known, share it out so that the ratio is a usual one.
+def eased(fitted: Fit) -> Fit:
+    """With the errors that the fit has where shapes that are best at a bound are no better known than others."""
+    weights = priors(fitted.model, fitted.limit, is_tight=False)
+    prior = np.append(weights, fitted.prior[len(weights) :])
+    return _linearised(replace(fitted, prior=prior), fitted.solution.jacobian)
 
-    The load's own row cannot tell it (from friction, say) and gave it any size, perhaps next to none.
+
+def _linearised(fitted: Fit, jacobian: Floats) -> Fit:
+    """With the errors that follow from another derivative (N, P) of the whitened prediction."""
+    solution, limit = fitted.solution, reach_of(fitted.limit, fitted.prior)
+    rows = np.vstack([jacobian, np.diag(fitted.prior)])
+    target = np.concatenate([solution.residual, np.zeros(len(fitted.prior))])
+    linear = rank.solve(rows, target, limit=limit)
+    return replace(fitted, solution=replace(solution, linear=linear, jacobian=jacobian))
+
+
+def with_chain_rule(fitted: Fit) -> Fit:
+    """With errors that know that effects of the load move with the parameters and ratios that make the load.
+
+    A payload felt by an inner joint is its mass times a ratio of gains: where the ratio is not known well, the mass is
+    not, either.
     """
-    gains = start.gains
-    for root in [edge for edge in gains.edges if gains.parent[edge] == row and abs(gains.edge[edge]) > RATIO_SPREAD]:
-        below = [member for member in range(gains.n_rows) if root in gains.path(member)]
-        load = np.isin(start.owners, below) & is_load
-        if np.all(start.undetermined[load] | (start.values[load] == 0.0)):
-            start.values[load] *= gains.edge[root]
-            gains.edge[root] = USUAL_RATIO
+    if not fitted.model.needs_loads():
+        return fitted
+    rows = tuple(
+        Row.of(row.bins, row.design, row.inner, moved=_moved_through_loads(fitted, row.bins), slow=row.slow)
+        if any(term.effect.needs_loads and term.touches(row.joint) for term in fitted.model.effects)
+        else row
+        for row in fitted.rows
+    )
+    system = system_of(rows, fitted.levels, fitted.system.owners)
+    jacobian, start = system.jacobian(fitted.gains, fitted.values), 0
+    for row in rows:
+        if row.moved is not None:
+            jacobian[start : start + row.target.size] += row.whitened(fitted.levels[row.joint], row.moved)
+        start += row.target.size
+    solution = replace(fitted.solution, residual=system.left(fitted.values, fitted.gains))
+    return _linearised(replace(fitted, rows=rows, system=system, solution=solution), jacobian)
 
 
-def _absorbed(recursion: Recursion, is_load: NDArray[np.bool_]) -> dict[int, list[tuple[int, int]]]:
-    """Columns left open by their own row; and weights of rows that were solved with an open load taken for known."""
-    gains, owners = recursion.gains, recursion.owners
-    lost = {row: [(r + 1, root + 1) for r, root in recursion.redundant if r == row] for row, _ in recursion.redundant}
-    is_open = recursion.undetermined.copy()
-    for edge in sorted(gains.edges, reverse=True):
-        below = [row for row in range(gains.n_rows) if edge in gains.path(row)]
-        if np.any(is_open & is_load & np.isin(owners, below)):
-            is_open |= is_load & (owners == gains.parent[edge])
-    return {int(n): lost.get(int(owners[n]), []) for n in np.flatnonzero(is_open)}
+def _moved_through_loads(fitted: Fit, bins: JointBins) -> Floats:
+    """(N, P) derivative of what effects of the load draw, by what the load is made of."""
+    model, p = fitted.model, len(fitted.values)
+    theta = np.append(fitted.values, fitted.gains.ratios)
+    least = np.append(fitted.limit, np.ones(len(theta) - p))
+    terms = [(place, t) for place, t in enumerate(model.effects) if t.effect.needs_loads and t.touches(bins.joint)]
+    makes = [c.place is None and (c.effect == "gravity" or c.owner == bins.joint) for c in model.columns]
 
+    def drawn(theta: Floats) -> Floats:
+        solution = replace(fitted.solution, values=theta[:p], gains=fitted.gains.with_ratios(theta[p:]))
+        samples = with_loads(replace(fitted, solution=solution), bins.samples, bins.lengths)
+        return np.sum([term.linear(model.robot, samples) @ fitted.sizes(place) for place, term in terms], axis=0)
 
-def _refine(
-    owners: Counts,
-    rows: Sequence[Row],
-    levels: dict[int, Levels],
-    *,
-    start: Recursion,
-    limit: Floats,
-    held: Floats,
-    model: Model,
-) -> tuple[Bilinear, JointSolution, Floats]:
-    """Joint fit with weights from its own residuals, and the prior spread of its ratios; `levels` is updated."""
-    values, gains = start.values, start.gains
-    reach = reach_of(model, limit, gains)
-    inside = {row.joint: floored(Levels(row.slow, 0.0, levels[row.joint].freedoms), row) for row in rows}
-    if is_astray(levels, inside):
-        values, gains = restarted(system_of(rows, inside, owners), values, gains, limit=reach, held=held)
-        levels.update(levels_of(rows, levels, values, gains=gains, owners=owners, held=held))
-    white = system_of(rows, levels, owners)
-    spread = spread_of(white, values, gains)
-    for _ in range(ROUNDS):
-        solution = fit_bilinear(white, values, gains, limit=reach, spread=spread, held=held)
-        values, gains = solution.values, solution.gains
-        levels.update(levels_of(rows, levels, values, gains=gains, owners=owners, held=held))
-        white = system_of(rows, levels, owners)
-    return white, fit_bilinear(white, values, gains, limit=reach, spread=spread, held=held), spread
+    out, start = np.zeros((len(bins), len(theta))), drawn(theta)
+    for n in [*np.flatnonzero(makes), *range(p, len(theta))]:
+        step = STEP * max(abs(theta[n]), STEP * least[n])
+        out[:, n] = (drawn(theta + step * np.eye(len(theta))[n]) - start) / step
+    return out
 
 
 def limits(rows: Sequence[Row], model: Model) -> Floats:
     """(p,) standard error at which each parameter, acting in full, is as uncertain as all that its joint drew."""
     drawn = {row.joint: float(np.sqrt(row.bins.mean_square)) for row in rows}
     speed = {row.joint: max(abs(run.speed) for run in row.bins.runs) for row in rows}
-    pull = {row.joint: _hardest(row) for row in rows}
+    pull = {
+        row.joint: float(np.abs(row.bins.samples.acceleration[row.bins.is_stroke[row.bins.run]]).max(initial=0.0))
+        for row in rows
+    }
     g = float(np.linalg.norm(model.robot.gravity))
     full = {"gravity": dict.fromkeys(range(1, model.robot.n_joints + 1), g), "viscous": speed, "inertia": pull}
     out = []
     for index, column in enumerate(model.columns):
-        if column.place is not None:
-            out.append(_limit(model, rows, index))
+        if column.place is not None and column.shape is not None:
+            term = model.effects[column.place]
+            out.append(scale_of(term.shapes(model.robot)[column.shape], term.shape[column.shape]))
+        elif column.place is not None:
+            out.append(plausible([(row.bins, float(np.abs(row.design[:, index]).max())) for row in rows], column.span))
         elif column.effect == DELAY:
-            out.append(max((_delay(row) for row in rows if row.joint == column.owner), default=LAG))
+            out.append(max((_longest_delay(row.bins) for row in rows if row.joint == column.owner), default=LAG))
         else:
             in_full = full.get(column.effect, {}).get(column.owner, 1.0) or 1.0
             out.append(max(drawn.get(column.owner, max(drawn.values())), np.finfo(float).tiny) / in_full)
     return np.array(out)
 
 
-def _hardest(row: Row) -> float:
-    """Largest acceleration of strokes, rad/s2 or m/s2."""
-    pulls = np.abs(row.bins.samples.acceleration)[row.is_stroke[row.bins.run]]
-    return float(pulls.max(initial=0.0))
-
-
-def _delay(row: Row) -> float:
+def _longest_delay(bins: JointBins) -> float:
     """s, what a joint's delay in strokes may be before any data."""
-    steps = [run.duration / max(run.samples, 1) for run in row.bins.runs if run.kind == STROKE]
-    return 0.5 * float(np.mean(steps)) + LAG if steps else LAG
-
-
-def _limit(model: Model, rows: Sequence[Row], index: int) -> float:
-    """Of a parameter of an effect, from what a unit of it draws; of a shape, how far it may go."""
-    column = model.columns[index]
-    if column.shape is not None and column.place is not None:
-        term = model.effects[column.place]
-        return scale_of(term.shapes(model.robot)[column.shape], term.shape[column.shape])
-    return plausible([(row.bins, float(np.abs(row.design[:, index]).max())) for row in rows], column.span)
+    steps = [run.duration / max(run.samples, 1) for run in bins.runs if run.kind == STROKE]
+    return (0.5 * float(np.mean(steps)) if steps else 0.0) + LAG
 
 
 def plausible(peaks: Sequence[tuple[JointBins, float]], span: float) -> float:
     """The size that a parameter of an effect may have before any data.
 
-    Parameters
-    ----------
-    peaks
-        Joints, and the most (A) that a unit of it draws there.
-    span
-        From the lowest to the highest value that is physical.
+    `peaks` are joints and the most (A) that a unit of it draws there, `span` goes from the lowest to the highest value
+    that is physical.
     """
     tiny = np.finfo(float).tiny
     sizes = [max(float(np.sqrt(bins.mean_square)), tiny) / peak for bins, peak in peaks if peak > 0.0]
     return min(sizes + [QUARTER * span] * math.isfinite(span), default=1.0)
 
 
-def priors(model: Model, limit: Floats, *, is_tight: bool) -> Floats:
-    """(h, p) a prior for each parameter of effects, and each delay: before any data it may be as large as its limit.
+def priors(model: Model, limit: Floats, *, is_tight: bool = True) -> Floats:
+    """(p,) inverse of each parameter's prior standard deviation: of effects and delays their limit, of others infinite.
 
     The paper's parameters have none: what the data do not show of them is not identifiable. An effect's are held so
-    that a shape at which it looks like the paper's model does not let it, and with it that model, run off.
-
-    Parameters
-    ----------
-    model
-        The model.
-    limit
-        (p,) as `limits` gives it.
-    is_tight
-        Whether shapes that are best at a bound are kept there.
+    that a shape at which it looks like the paper's model does not let it, and with it that model, run off; and shapes
+    that are best at a bound are kept there where the prior `is_tight`.
     """
-    columns = [(index, column) for index, column in enumerate(model.columns) if _has_prior(model, index)]
-    out = np.zeros((len(columns), len(model.columns)))
-    for row, (index, column) in zip(out, columns, strict=True):
+    out = np.zeros(len(limit))
+    for index, column in enumerate(model.columns):
         at_bound = column.place is not None and column.shape in model.effects[column.place].held
-        row[index] = (TIGHT if is_tight and at_bound else 1.0) / limit[index]
+        if column.place is not None or column.effect == DELAY:
+            out[index] = (TIGHT if is_tight and at_bound else 1.0) / limit[index]
     return out
-
-
-def _has_prior(model: Model, index: int) -> bool:
-    column = model.columns[index]
-    return column.place is not None or column.effect == DELAY
 
 
 def system_of(rows: Sequence[Row], levels: Mapping[int, Levels], owners: Counts) -> Bilinear:
@@ -426,54 +385,31 @@ def system_of(rows: Sequence[Row], levels: Mapping[int, Levels], owners: Counts)
     return Bilinear(number, stacked[:, :-1], stacked[:, -1], owners)
 
 
-def levels_of(
-    rows: Sequence[Row],
-    levels: Mapping[int, Levels],
-    values: Floats,
-    *,
-    gains: Gains,
-    owners: Counts,
-    held: Floats,
-) -> dict[int, Levels]:
+def levels_of(fitted: Fit) -> dict[int, Levels]:
     """Each joint's noise from what the fit leaves; without joints whose runs are too few to tell.
 
-    What priors keep from fitting is left here, too: they count as equations with the noise that `levels` has.
+    What priors keep from fitting is left here, too: they count as equations of one run more, with the noise that
+    `levels` has.
     """
-    out = {}
-    for row in rows:
+    out, values, gains, owners = dict[int, Levels](), fitted.values, fitted.gains, fitted.system.owners
+    for row in fitted.rows:
         plain = Bilinear(np.full(row.target.size, row.joint - 1), row.stacked, row.target.ravel(), owners)
-        jacobian = plain.jacobian(gains, values)
         edges = [len(values) + k for k, edge in enumerate(gains.edges) if gains.parent[edge] == row.joint - 1]
-        columns = np.concatenate([np.flatnonzero(owners == row.joint - 1), edges]).astype(int)
-        residual = (plain.target - plain.scaled(gains) @ values).reshape(row.target.shape)
-        design = jacobian[:, columns].reshape(*row.target.shape, -1)
-        prior = held[np.any(held[:, columns[columns < len(values)]], axis=1)] * np.sqrt(levels[row.joint].sample)
-        wide = np.hstack([prior, np.zeros((len(prior), len(gains.edges)))])[:, columns]
-        estimated = _estimate(row, design, residual, prior=(wide, -prior @ values))
+        columns = np.append(np.flatnonzero(owners == row.joint - 1), edges).astype(int)
+        design = plain.jacobian(gains, values)[:, columns].reshape(*row.target.shape, -1)
+        residual = plain.left(values, gains).reshape(row.target.shape)
+        weights = fitted.prior[columns] * (columns < len(values)) * np.sqrt(fitted.levels[row.joint].sample)
+        last = np.diag(weights)[weights > 0.0]
+        ones, counts, is_stroke = row.ones, row.counts, row.bins.is_stroke
+        if len(last):
+            wide = [(0, 1), (0, max(len(last) - residual.shape[1], 0)), (0, 0)]
+            design, residual, ones = np.pad(design, wide), np.pad(residual, wide[:2]), np.pad(ones, wide[:2])
+            design[-1, : len(last)], residual[-1, : len(last)] = last, -last @ np.append(values, gains.ratios)[columns]
+            counts, is_stroke = np.append(counts, len(last)), np.append(is_stroke, not np.any(~is_stroke))
+        estimated = noises.estimate(ones, design, residual, counts=counts, is_loud=is_stroke)
         if estimated is not None:
             out[row.joint] = floored(estimated, row)
     return out
-
-
-def _estimate(row: Row, design: Floats, residual: Floats, *, prior: tuple[Floats, Floats]) -> Levels | None:
-    """Noise of a joint from (R, k, q) and (R, k), with (h, q) and (h,) equations of priors as one run more."""
-    extra, target = prior
-    if not len(extra):
-        return noises.estimate(row.ones, design, residual, counts=row.counts, is_loud=row.is_stroke)
-    longer = max(row.target.shape[1], len(extra))
-
-    def joined(values: Floats, last: Floats) -> Floats:
-        out = np.zeros((len(values) + 1, longer, *values.shape[2:]))
-        out[:-1, : values.shape[1]], out[-1, : len(last)] = values, last
-        return out
-
-    return noises.estimate(
-        joined(row.ones, np.zeros(len(extra))),
-        joined(design, extra),
-        joined(residual, target),
-        counts=np.append(row.counts, len(extra)),
-        is_loud=np.append(row.is_stroke, False) if row.is_stroke.any() and not row.is_stroke.all() else None,
-    )
 
 
 def floored(levels: Levels, row: Row) -> Levels:
@@ -485,16 +421,11 @@ def floored(levels: Levels, row: Row) -> Levels:
     """
     spread = float(np.median(row.inner.spread))
     least = max(noises.EXACT**2 * row.bins.mean_square, np.finfo(float).tiny ** 0.5) / spread**2
-    loud = 1.0 + max(levels.loud - 1.0, 0.0) * max(int(np.count_nonzero(row.is_stroke)), 1)
+    loud = 1.0 + max(levels.loud - 1.0, 0.0) * max(int(np.count_nonzero(row.bins.is_stroke)), 1)
     return replace(levels, sample=max(levels.sample, least), loud=loud)
 
 
-def reach_of(model: Model, limit: Floats, gains: Gains) -> Floats:
-    """(p + edges,) standard errors that say nothing; what has a prior is never as uncertain as that."""
-    has_prior = np.array([_has_prior(model, index) for index in range(len(model.columns))], dtype=bool)
-    return np.concatenate([np.where(has_prior, 2.0 * limit, limit), np.full(len(gains.edges), LARGEST_RATIO)])
-
-
-def is_astray(levels: Mapping[int, Levels], inside: Mapping[int, Levels]) -> bool:
-    """Whether the recursion left some joint (from 1) with far more between runs than there is `inside` them."""
-    return any(levels[joint].sample > ASTRAY * level.sample for joint, level in inside.items())
+def reach_of(limit: Floats, prior: Floats) -> Floats:
+    """(P,) standard errors that say nothing; what has a prior is never as uncertain as that."""
+    own = np.where(prior[: len(limit)] > 0.0, 2.0 * limit, limit)
+    return np.append(own, np.full(len(prior) - len(limit), LARGEST_RATIO))

@@ -44,16 +44,6 @@ class Gains:
         self.parent: list[int | None] = [None] * n_rows
         self.edge: list[float] = [np.nan] * n_rows
 
-    def root(self, row: int) -> int:
-        """First row of the cluster that `row` is in."""
-        while (up := self.parent[row]) is not None:
-            row = up
-        return row
-
-    def cluster(self, root: int) -> list[int]:
-        """Rows of the cluster with first row `root`."""
-        return [row for row in range(self.n_rows) if self.root(row) == root]
-
     def path(self, row: int) -> list[int]:
         """Rows from `row` up to its root; the edge of each but the last is on the way."""
         steps = [row]
@@ -61,47 +51,55 @@ class Gains:
             steps.append(up)
         return steps
 
+    def root(self, row: int) -> int:
+        """First row of the cluster that `row` is in."""
+        return self.path(row)[-1]
+
+    def cluster(self, root: int) -> list[int]:
+        """Rows of the cluster with first row `root`."""
+        return [row for row in range(self.n_rows) if self.root(row) == root]
+
     def merge(self, row: int, root: int, ratio: float) -> None:
         """Make the cluster of `root` part of the cluster of `row` with eta_row / eta_root = `ratio`."""
         self.parent[root], self.edge[root] = row, ratio
-
-    def with_edge(self, row: int, value: float) -> Gains:
-        """The same forest with another ratio on the edge above `row`."""
-        other = Gains(self.n_rows)
-        other.parent, other.edge = list(self.parent), list(self.edge)
-        other.edge[row] = value
-        return other
 
     @property
     def edges(self) -> list[int]:
         """Rows that have a parent: the lower ends of all edges."""
         return [row for row in range(self.n_rows) if self.parent[row] is not None]
 
+    @property
+    def ratios(self) -> Floats:
+        """(edges,) the ratio on each edge."""
+        return np.array([self.edge[edge] for edge in self.edges])
+
+    def with_ratios(self, ratios: Floats) -> Gains:
+        """The same forest with other ratios on its edges."""
+        other = Gains(self.n_rows)
+        other.parent, other.edge = list(self.parent), list(self.edge)
+        for edge, ratio in zip(self.edges, ratios, strict=True):
+            other.edge[edge] = float(ratio)
+        return other
+
     def scale(self, row: int, other: int) -> float:
         """eta_row / eta_other for `other` in the subtree of `row`, 1 for itself, NaN where it is not known."""
         steps = self.path(other)
-        if row not in steps:
-            return np.nan
-        return math.prod(self.edge[step] for step in steps[: steps.index(row)])
+        return math.prod(self.edge[step] for step in steps[: steps.index(row)]) if row in steps else np.nan
 
     def ratio(self, row: int, other: int) -> float:
         """eta_row / eta_other for any two rows of one cluster, NaN where they are in different ones."""
-        if self.root(row) != self.root(other):
+        above = self.path(row)
+        shared = next((step for step in self.path(other) if step in above), None)
+        if shared is None or not self.scale(shared, row):
             return np.nan
-        down, up = self.path(other), self.path(row)
-        product = [math.prod(self.edge[k] for k in way if k not in rest) for way, rest in ((down, up), (up, down))]
-        return product[0] / product[1] if product[1] else np.nan
+        return self.scale(shared, other) / self.scale(shared, row)
 
     def scales(self) -> Floats:
         """(n, n) of `scale`, 0 left of the diagonal."""
         out = np.triu(np.full((self.n_rows, self.n_rows), np.nan))
         for other in range(self.n_rows):
-            row, product = other, 1.0
-            out[row, other] = product
-            while (up := self.parent[row]) is not None:
-                product *= self.edge[row]
-                row = up
-                out[row, other] = product
+            steps = self.path(other)
+            out[steps, other] = np.cumprod([1.0, *(self.edge[step] for step in steps[:-1])])
         return out
 
 
@@ -145,19 +143,12 @@ class Recursion:
         self.redundant: list[tuple[int, int]] = []
 
     def design(self, row: int, rows: Floats) -> tuple[Floats, NDArray[np.int64], list[int]]:
-        """Row `row` as plain least squares.
-
-        Parameters
-        ----------
-        row
-            From 0; every later row that has data must have been taken.
-        rows
-            (N, p) of A over all columns.
+        """Row `row` (from 0) as plain least squares; every later row that has data must have been taken.
 
         Returns
         -------
         matrix
-            (N, own + clusters): the row's own columns, then one column nu a cluster that it feels.
+            (N, own + clusters) of (N, p) `rows`: the row's own columns, then one column nu a cluster that it feels.
         own
             Indices of the own columns.
         roots
@@ -165,16 +156,12 @@ class Recursion:
         """
         owned = np.flatnonzero(self.owners == row)
         columns, roots = [rows[:, owned]], []
-        outward = {self.gains.root(other) for other in range(row + 1, self.gains.n_rows)}
-        for root in sorted(outward):
-            weights = np.zeros(len(self.owners))
-            for member in self.gains.cluster(root):
-                of_member = self.owners == member
-                weights[of_member] = self.gains.scale(root, member) * self.values[of_member]
+        scales = self.gains.scales()
+        for root in sorted({self.gains.root(other) for other in range(row + 1, self.gains.n_rows)}):
+            weights = np.nan_to_num(np.append(scales[root], 0.0)[self.owners]) * self.values
             nu = rows @ weights
             # Rounding of a regressor that is exactly zero must not become a column.
-            floor = 1e-12 * np.linalg.norm(np.abs(rows) @ np.abs(weights))
-            if np.linalg.norm(nu) > floor:
+            if np.linalg.norm(nu) > 1e-12 * np.linalg.norm(np.abs(rows) @ np.abs(weights)):
                 columns.append(nu[:, None])
                 roots.append(root)
         return np.hstack(columns), owned, roots
@@ -191,32 +178,32 @@ class Recursion:
         """
         matrix, owned, roots = self.design(row, rows)
         if spread is not None:
-            prior = np.hstack([np.zeros((len(roots), len(owned))), np.eye(len(roots)) / spread])
+            prior = np.eye(len(roots), matrix.shape[1], len(owned)) / spread
             matrix = np.vstack([matrix, prior])
             target = np.concatenate([target, np.full(len(roots), USUAL_RATIO / spread)])
         if limit is not None:
             limit = np.concatenate([limit[owned], np.full(len(roots), LARGEST_RATIO)])
-        whole = rank.solve(matrix, target, limit=limit)
-        sure = whole.determined
-        is_shown = np.append(np.ones(len(owned), dtype=bool), sure[len(owned) :])
-        if is_shown.all():
-            solution = whole
-        else:
+        solution = rank.solve(matrix, target, limit=limit)
+        self.undetermined[owned] = ~solution.determined[: len(owned)]
+        is_shown = solution.determined.copy()
+        is_shown[: len(owned)] = True
+        if not is_shown.all():
             rest = target if spread is None else target - USUAL_RATIO * matrix[:, ~is_shown].sum(axis=1)
             solution = rank.solve(matrix[:, is_shown], rest, limit=None if limit is None else limit[is_shown])
         self.values[owned] = solution.values[: len(owned)]
-        self.undetermined[owned] = ~sure[: len(owned)]
-        ratios = iter(solution.values[len(owned) :])
-        for root, is_told in zip(roots, is_shown[len(owned) :], strict=True):
-            if is_told or spread is not None:
-                self.gains.merge(row, root, float(next(ratios)) if is_told else USUAL_RATIO)
-            if not is_told:
+        ratios = np.full(len(is_shown), USUAL_RATIO)
+        ratios[is_shown] = solution.values
+        for number, root in enumerate(roots, start=len(owned)):
+            if is_shown[number] or spread is not None:
+                self.gains.merge(row, root, float(ratios[number]))
+            if not is_shown[number]:
                 self.redundant.append((row, root))
 
 
 #: Relative fall of the sum of squares below which another step is not worth taking.
 CONVERGED = 1e-12
-MOST_STEPS = 60
+#: Steps at most, and the share of a step below which it is not halved any more.
+MOST_STEPS, SMALLEST_STEP = 60, 1e-6
 
 #: A ratio whose own row shows it neither to this standard error nor to `RATIO_SIGNIFICANT` standard errors is held
 #: about one by `RATIO_SPREAD` in the joint fit. Neighbouring gains differ by up to about ten on published arms.
@@ -249,11 +236,16 @@ class Bilinear:
 
     def factors(self, gains: Gains) -> Floats:
         """(n, p) eta_row / eta_owner of every row and column; unknown ratios count as zero."""
-        return _widened(np.nan_to_num(gains.scales()), 1.0)[:, self.owners]
+        shared = np.ones((gains.n_rows, 1))  # what owner -1 finds
+        return np.hstack([np.nan_to_num(gains.scales()), shared])[:, self.owners]
 
     def scaled(self, gains: Gains) -> Floats:
         """(N, p) regressors times eta_row / eta_owner; unknown ratios count as zero."""
         return self.regressors * self.factors(gains)[self.row]
+
+    def left(self, values: Floats, gains: Gains) -> Floats:
+        """(N,) what parameters and ratios leave of the target."""
+        return self.target - self.scaled(gains) @ values
 
     def condensed(self) -> Bilinear:
         """The same sums of squares, at any parameters and gains, in few equations, however many there are.
@@ -261,29 +253,26 @@ class Bilinear:
         A row of the system shares its ratios, so its equations may be turned among themselves: into a triangle of the
         columns that count in it, and the target.
         """
-        numbers, regressors, targets = list[NDArray[np.int64]](), list[Floats](), list[Floats]()
+        parts = []
         for row in np.unique(self.row):
-            is_row = self.row == row
-            rows, target = self.regressors[is_row], self.target[is_row]
-            live = np.flatnonzero(rows.any(axis=0))
-            if len(rows) > len(live) + 1:
-                upper: Floats = np.asarray(np.linalg.qr(np.column_stack([rows[:, live], target]), mode="r"))
-                rows, target = np.zeros((len(upper), rows.shape[1])), upper[:, -1]
-                rows[:, live] = upper[:, :-1]
-            numbers.append(np.full(len(rows), row))
-            regressors.append(rows)
-            targets.append(target)
-        return Bilinear(np.concatenate(numbers), np.vstack(regressors), np.concatenate(targets), self.owners)
+            table = np.column_stack([self.regressors, self.target])[self.row == row]
+            live = np.flatnonzero(table.any(axis=0))
+            if len(table) > len(live):
+                upper: Floats = np.asarray(np.linalg.qr(table[:, live], mode="r"))
+                table = np.zeros((len(upper), table.shape[1]))
+                table[:, live] = upper
+            parts.append((np.full(len(table), row), table))
+        whole = np.vstack([table for _, table in parts])
+        return Bilinear(np.concatenate([row for row, _ in parts]), whole[:, :-1], whole[:, -1], self.owners)
 
     def jacobian(self, gains: Gains, values: Floats) -> Floats:
         """(N, p + edges): derivative of the prediction by the parameters and by each edge of `gains`."""
-        scaled, edges = self.scaled(gains), gains.edges
         # The way from an owner to a row by an edge: from the owner up to its lower end, and from its upper end on;
         # where it does not lead there one of the two is unknown, and counts as zero.
         scales = np.nan_to_num(gains.scales())
         parts = (self.regressors * values) @ (self.owners[:, None] == np.arange(gains.n_rows))
         uppers = [up for up in gains.parent if up is not None]
-        return np.hstack([scaled, scales[:, uppers][self.row] * (parts @ scales[edges].T)])
+        return np.hstack([self.scaled(gains), scales[:, uppers][self.row] * (parts @ scales[gains.edges].T)])
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -297,27 +286,13 @@ class JointSolution:
     residual: Floats
 
 
-def _widened(scales: Floats, value: float) -> Floats:
-    """(n, n + 1): a last column of `value`, which is what owner -1 finds."""
-    return np.hstack([scales, np.full((len(scales), 1), value)])
-
-
-def _moved(gains: Gains, steps: Floats) -> Gains:
-    other = Gains(gains.n_rows)
-    other.parent, other.edge = list(gains.parent), list(gains.edge)
-    for edge, step in zip(gains.edges, steps, strict=True):
-        other.edge[edge] += float(step)
-    return other
-
-
 def fit_bilinear(
     system: Bilinear,
     values: Floats,
     gains: Gains,
     *,
     limit: Floats | None = None,
-    spread: Floats | None = None,
-    held: Floats | None = None,
+    prior: Floats | None = None,
     most_steps: int = MOST_STEPS,
 ) -> JointSolution:
     """Least squares over parameters and ratios together, from the recursion's solution.
@@ -331,114 +306,75 @@ def fit_bilinear(
         Whitened rows.
     values, gains
         Where to start; edges that `gains` does not have stay unknown.
-    most_steps
-        0 only linearises at the start.
     limit
         As for `rank.solve`, over [values, edges].
-    spread
-        (edges,) prior standard deviation of each ratio about `USUAL_RATIO`, infinite where it has none: it keeps a
-        ratio that the data hardly show from drifting off and taking others along.
-    held
-        (h, p) sums of parameters that are 0 before any data, each in units of its prior standard deviation.
+    prior
+        (p + edges,) inverse of each one's prior standard deviation, of parameters about zero, of ratios about
+        `USUAL_RATIO`; 0 where there is none.
+    most_steps
+        0 only linearises at the start.
 
     Source
     ------
     Maximum likelihood for the bilinear model when the rows are whitened by their covariance; G. A. F. Seber and C. J.
     Wild, Nonlinear Regression, ch. 14, for the damped Gauss-Newton step.
     """
-    p = len(values)
-    pull = np.zeros(len(gains.edges)) if spread is None else 1.0 / spread
-    prior = prior_rows(np.zeros((0, p)) if held is None else held, pull)
-    small = system.condensed()
-    jacobian, residual = _augmented(small, values, gains, prior)
-    cost = float(residual @ residual)
+    p, theta = len(values), np.concatenate([values, gains.ratios])
+    held = np.zeros((0, len(theta))) if prior is None else np.diag(prior)[prior > 0.0]
+    centre, small = np.repeat([0.0, USUAL_RATIO], [p, len(theta) - p]), system.condensed()
+
+    def residual(at: Floats) -> Floats:
+        return np.concatenate([small.left(at[:p], gains.with_ratios(at[p:])), held @ (centre - at)])
+
+    def step(at: Floats, off: Floats) -> rank.Solution:
+        jacobian = small.jacobian(gains.with_ratios(at[p:]), at[:p])
+        return rank.solve(np.vstack([jacobian, held]), off, limit=limit)
+
+    off, linear = residual(theta), None
     for _ in range(most_steps):
-        step = rank.solve(jacobian, residual, limit=limit).values
-        share, better = 1.0, False
-        while share > 1e-6 and not better:
-            new_values, new_gains = values + share * step[:p], _moved(gains, share * step[p:])
-            new_cost = _cost(small, new_values, new_gains, prior)
-            better, share = new_cost < cost, share / 2.0
-        if not better:
+        linear, share = step(theta, off), 1.0
+        moved = residual(theta + linear.values)
+        while moved @ moved >= off @ off and share > SMALLEST_STEP:
+            share /= 2.0
+            moved = residual(theta + share * linear.values)
+        fall = float(off @ off - moved @ moved)
+        if fall <= 0.0:
             break
-        fall = cost - new_cost
-        values, gains, cost = new_values, new_gains, new_cost
-        jacobian, residual = _augmented(small, values, gains, prior)
-        if fall < CONVERGED * cost:
+        theta, off, linear = theta + share * linear.values, moved, None
+        if fall < CONVERGED * float(off @ off):
             break
-    linear = rank.solve(jacobian, residual, limit=limit)
-    return JointSolution(values, gains, linear, system.jacobian(gains, values), _residual(system, values, gains))
+    gains = gains.with_ratios(theta[p:])
+    linear = linear or step(theta, off)
+    return JointSolution(theta[:p], gains, linear, system.jacobian(gains, theta[:p]), system.left(theta[:p], gains))
 
 
-def _residual(system: Bilinear, values: Floats, gains: Gains) -> Floats:
-    return system.target - system.scaled(gains) @ values
-
-
-def _edges(gains: Gains) -> Floats:
-    return np.array([gains.edge[edge] for edge in gains.edges])
-
-
-def _cost(system: Bilinear, values: Floats, gains: Gains, prior: Floats) -> float:
-    residual = _residual(system, values, gains)
-    return float(residual @ residual + np.sum((prior @ _off(values, gains)) ** 2))
-
-
-def _off(values: Floats, gains: Gains) -> Floats:
-    """(p + edges,) how far all are from where their priors have them."""
-    return np.concatenate([values, _edges(gains) - USUAL_RATIO])
-
-
-def prior_rows(held: Floats, pull: Floats) -> Floats:
-    """(edges + h, p + edges) an equation for each ratio, of weight `pull` (edges,), and for each sum `held` (h, p)."""
-    edges, width = len(pull), held.shape[1]
-    ratios = np.hstack([np.zeros((edges, width)), np.diag(pull)])
-    return np.vstack([ratios, np.hstack([held, np.zeros((len(held), edges))])])
-
-
-def _augmented(system: Bilinear, values: Floats, gains: Gains, prior: Floats) -> tuple[Floats, Floats]:
-    """Jacobian and residual with a row for each prior."""
-    residual = _residual(system, values, gains)
-    pulled = -(prior @ _off(values, gains))
-    return np.vstack([system.jacobian(gains, values), prior]), np.concatenate([residual, pulled])
-
-
-def spread_of(white: Bilinear, values: Floats, gains: Gains) -> Floats:
+def ratio_spread(system: Bilinear, values: Floats, gains: Gains) -> Floats:
     """(edges,) prior spread of each ratio: none where its own row shows it."""
-    jacobian, out = white.jacobian(gains, values), []
+    jacobian, out = system.jacobian(gains, values), []
     for number, edge in enumerate(gains.edges):
         row = gains.parent[edge]
-        is_row = white.row == row
-        owned = np.flatnonzero(white.owners == row)
-        columns = np.column_stack([jacobian[is_row][:, owned], jacobian[is_row][:, len(values) + number]])
-        alone = rank.solve(columns, white.target[is_row])
+        columns = np.append(np.flatnonzero(system.owners == row), len(values) + number)
+        alone = rank.solve(jacobian[system.row == row][:, columns], system.target[system.row == row])
         error = float(np.sqrt(alone.inverse[-1, -1])) if alone.determined[-1] else np.inf
-        shown = error < RATIO_KNOWN or abs(gains.edge[edge]) > RATIO_SIGNIFICANT * error
-        out.append(np.inf if shown else RATIO_SPREAD)
+        is_shown = error < RATIO_KNOWN or abs(gains.edge[edge]) > RATIO_SIGNIFICANT * error
+        out.append(np.inf if is_shown else RATIO_SPREAD)
     return np.array(out)
 
 
-def restarted(white: Bilinear, values: Floats, gains: Gains, *, limit: Floats, held: Floats) -> tuple[Floats, Gains]:
+def restarted(system: Bilinear, values: Floats, gains: Gains, *, limit: Floats, prior: Floats) -> tuple[Floats, Gains]:
     """The best of joint fits from the recursion's solution and from one with a ratio of another sign or size.
 
     Of few postures the recursion may take a ratio with the wrong sign, from which no downhill way leads to the truth.
-
-    Parameters
-    ----------
-    white
-        Rows whitened by the noise inside runs.
-    values, gains
-        (p,) parameters and ratios by the recursion.
-    limit, held
-        As for `joint_fit.fit`.
+    `system` is whitened by the noise inside runs; `limit` and `prior` are those of `fit_bilinear`.
     """
-    white = white.condensed()
-    spread = spread_of(white, values, gains)
-    best = fit_bilinear(white, values, gains, limit=limit, spread=spread, held=held)
+    system = system.condensed()
+    best = fit_bilinear(system, values, gains, limit=limit, prior=prior)
     for number, ratio in itertools.product(range(len(gains.edges)), (None, *OTHER_RATIOS)):
-        edge = gains.edges[number]
-        tried = best.gains.with_edge(edge, -best.gains.edge[edge] if ratio is None else ratio)
-        start = rank.solve(white.scaled(tried), white.target, limit=limit[: len(values)]).values
-        refined = fit_bilinear(white, start, tried, limit=limit, spread=spread, held=held)
+        ratios = best.gains.ratios
+        ratios[number] = -ratios[number] if ratio is None else ratio
+        tried = best.gains.with_ratios(ratios)
+        start = rank.solve(system.scaled(tried), system.target, limit=limit[: len(values)]).values
+        refined = fit_bilinear(system, start, tried, limit=limit, prior=prior)
         if refined.residual @ refined.residual < BETTER * (best.residual @ best.residual):
             best = refined
     return best.values, best.gains

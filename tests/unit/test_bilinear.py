@@ -214,7 +214,7 @@ def test_prior_holds_only_what_the_data_do_not():
     quiet = VALUES * np.array([1.0, 1.0, 1.0, 1e-6, 1.0])  # row 2's load is a millionth
     noisy = SYSTEM.scaled(TRUTH) @ quiet + 0.01 * DRAWS.normal(size=4 * N)
     weighted = Bilinear(ROW, REGRESSORS / 0.01, noisy / 0.01, OWNERS)
-    found = fit_bilinear(weighted, quiet, chain(0.5, -1.5, 2.0), spread=np.array([10.0, 10.0, 10.0]))
+    found = fit_bilinear(weighted, quiet, chain(0.5, -1.5, 2.0), prior=np.repeat([0.0, 0.1], [5, 3]))
     assert abs(found.gains.edge[2] - 1.0) < 30.0
     assert found.gains.edge[1] == pytest.approx(-1.5, abs=0.05)
 

@@ -50,7 +50,7 @@ class Written:
             root @ (row.bins.current - self.predicted(row.bins.joint, theta))
             for root, row in zip(self.roots, self.fitted.joints, strict=True)
         ]
-        return np.concatenate([*parts, self.fitted.held @ theta[: len(self.fitted.values)]])
+        return np.concatenate([*parts, (self.fitted.prior * theta)[: len(self.fitted.values)]])
 
     def least(self) -> np.ndarray:
         """The minimum, from what was found moved by a tenth."""
