@@ -2,18 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy import special
 
-from pumaid.estimation.fit import Fit
-from pumaid.estimation.fit import run_of as runs_of
+from pumaid.estimation.fit import Fit, run_of
 from pumaid.maths.bilinear import Bilinear, Gains
 
 Floats = NDArray[np.float64]
+Counts = NDArray[np.int64]
 
 #: An eigenvalue of I - H below this belongs to a direction that a run fits alone, but for what a prior says: its
 #: residual tells nothing, and its variance is taken from the working model.
@@ -34,7 +33,7 @@ class Clustered:
 
 
 def clustered(
-    jacobians: Sequence[Floats], residuals: Sequence[Floats], inverse: Floats, *, kin: NDArray[np.int64] | None = None
+    jacobian: Floats, residual: Floats, inverse: Floats, *, runs: Counts, kin: Counts | None = None
 ) -> Clustered:
     """Cluster-robust covariance with the bias-reduced correction CR2 and Satterthwaite degrees of freedom.
 
@@ -43,44 +42,61 @@ def clustered(
 
     Parameters
     ----------
-    jacobians
-        One (k, p) a run, whitened by the working model of the noise.
-    residuals
-        One (k,) a run, whitened likewise.
+    jacobian, residual
+        (N, p) and (N,), whitened by the working model of the noise.
     inverse
         (p, p) inverse information of all runs together.
+    runs
+        (N,) run of each equation.
     kin
-        For each run the number of those whose noise is estimated together; all where not given.
+        (R,) for each run, by rising number, the number of those whose noise is estimated together; all where not given.
 
     Source
     ------
     R. M. Bell and D. F. McCaffrey, Survey Methodology 28 (2002) 169-181; J. E. Pustejovsky and E. Tipton, J. Bus. Econ.
     Stat. 36 (2018) 672-683.
     """
-    p = len(inverse)
-    scores, alone = np.zeros((len(jacobians), p)), np.zeros((len(jacobians), p))
-    lent = np.zeros((p, p))
-    trace, squares, gram = np.zeros(p), np.zeros(p), np.zeros((p, p, p))
-    for start in range(0, len(jacobians), AT_ONCE):
+    p, table = len(inverse), _by_run(np.column_stack([jacobian, residual]), runs)
+    scores, alone = np.zeros((len(table), p)), np.zeros((len(table), p))
+    lent, trace, squares, gram = np.zeros((p, p)), np.zeros(p), np.zeros(p), np.zeros((p, p, p))
+    for start in range(0, len(table), AT_ONCE):
         block = slice(start, start + AT_ONCE)
-        scores[block], squared, pull, out = _turned(jacobians[block], residuals[block], inverse)
+        J, e = table[block, :, :-1], table[block, :, -1:]
+        eigenvalues, vectors = np.linalg.eigh(np.eye(J.shape[1]) - J @ inverse @ J.transpose(0, 2, 1))
+        is_alone = eigenvalues <= FITTED_ALONE
+        root = np.where(is_alone, 0.0, 1.0 / np.sqrt(np.maximum(eigenvalues, FITTED_ALONE)))
+        A = (vectors * root[:, None, :]) @ vectors.transpose(0, 2, 1)
+        scores[block] = np.sum(J * (A @ e), axis=1) @ inverse
+        # What a unit of noise does in directions that a run fits alone.
+        out = (vectors.transpose(0, 2, 1) @ J * is_alone[:, :, None]) @ inverse
         alone[block] = np.sum(out**2, axis=1)
-        lent += np.einsum("rkp,rkq->pq", out, out)
-        for contrast, u in enumerate(pull):
-            turned = u @ inverse
-            crossed = np.sum(u * turned, axis=1)
-            trace[contrast] += np.sum(squared[:, contrast] - crossed)
-            squares[contrast] += np.sum(squared[:, contrast] ** 2) - 2.0 * np.sum(squared[:, contrast] * crossed)
-            gram[contrast] += u.T @ turned
+        lent += np.tensordot(out, out, ((0, 1), (0, 1)))
+        a = A @ J @ inverse
+        squared, pull = np.sum(a**2, axis=1), J.transpose(0, 2, 1) @ a  # how each run's J' A J M pulls a contrast
+        turned = inverse @ pull
+        crossed = np.sum(pull * turned, axis=1)
+        trace += np.sum(squared - crossed, axis=0)
+        squares += np.sum(squared**2 - 2.0 * squared * crossed, axis=0)
+        gram += pull.transpose(2, 1, 0) @ turned.transpose(2, 0, 1)
     squares += np.sum(gram * gram.transpose(0, 2, 1), axis=(1, 2))
     by_residuals = trace.copy()
-    for group in _alike(np.zeros(len(jacobians), dtype=np.int64) if kin is None else kin):
-        borrowed = alone[group].sum(axis=0)
+    groups = np.zeros(len(table), dtype=np.int64) if kin is None else kin
+    for group in np.unique(groups):
+        borrowed = alone[groups == group].sum(axis=0)
         trace += borrowed
-        squares += borrowed**2 / max(1, len(group) - 1)
+        squares += borrowed**2 / max(1, np.count_nonzero(groups == group) - 1)
     # Where next to nothing of a variance comes from residuals, they tell nothing of how well it is known.
-    shown = (squares > 0) & (by_residuals > FITTED_ALONE * trace)
-    return Clustered(scores.T @ scores + lent, np.divide(trace**2, squares, out=np.zeros(p), where=shown))
+    is_shown = (squares > 0) & (by_residuals > FITTED_ALONE * trace)
+    return Clustered(scores.T @ scores + lent, np.divide(trace**2, squares, out=np.zeros(p), where=is_shown))
+
+
+def _by_run(table: Floats, runs: Counts) -> Floats:
+    """(R, k, q) rows of (N, q) by run, by rising number; zero where a run has fewer than k."""
+    _, run, lengths = np.unique(runs, return_inverse=True, return_counts=True)
+    order = np.argsort(run, kind="stable")
+    out = np.zeros((len(lengths), int(lengths.max()), table.shape[1]))
+    out[run[order], np.arange(len(runs)) - np.repeat(np.cumsum(lengths) - lengths, lengths)] = table[order]
+    return out
 
 
 def completed(working: Floats, errors: Floats, poor: NDArray[np.bool_]) -> Floats:
@@ -116,42 +132,6 @@ def completed(working: Floats, errors: Floats, poor: NDArray[np.bool_]) -> Float
     return out
 
 
-def _alike(keys: NDArray[np.int64]) -> list[NDArray[np.int64]]:
-    """Numbers of the items that have one key, key by key."""
-    return [np.flatnonzero(keys == key) for key in np.unique(keys)]
-
-
-def _turned(
-    jacobians: Sequence[Floats], residuals: Sequence[Floats], inverse: Floats
-) -> tuple[Floats, Floats, Floats, Floats]:
-    """Of R runs: scores (R, p), squares of what each tells of a contrast (R, p), and (p, R, p) its pull by contrast.
-
-    And (R, k, p) what a unit of noise does in directions that a run fits alone, nothing in the others.
-    """
-    p = len(inverse)
-    out = np.zeros((len(jacobians), max(map(len, jacobians)), p))
-    scores, squared = np.zeros((len(jacobians), p)), np.zeros((len(jacobians), p))
-    pull = np.zeros((p, len(jacobians), p))  # how each run's J' A J M pulls a contrast
-    for alike in _alike(np.array([len(block) for block in jacobians])):
-        J = np.array([jacobians[number] for number in alike])
-        e = np.array([residuals[number] for number in alike])
-        eigenvalues, vectors = np.linalg.eigh(np.eye(J.shape[1]) - _times(J, inverse) @ J.transpose(0, 2, 1))
-        is_alone = eigenvalues <= FITTED_ALONE
-        root = np.where(is_alone, 0.0, 1.0 / np.sqrt(np.maximum(eigenvalues, FITTED_ALONE)))
-        A = (vectors * root[:, None, :]) @ vectors.transpose(0, 2, 1)
-        scores[alike] = np.einsum("rkp,rk->rp", J, np.einsum("rkl,rl->rk", A, e)) @ inverse
-        out[alike, : J.shape[1]] = _times(vectors.transpose(0, 2, 1) @ J, inverse) * is_alone[:, :, None]
-        a = _times(A @ J, inverse)
-        squared[alike] = np.sum(a**2, axis=1)
-        pull[:, alike] = (J.transpose(0, 2, 1) @ a).transpose(2, 0, 1)
-    return scores, squared, pull, out
-
-
-def _times(rows: Floats, square: Floats) -> Floats:
-    """(R, k, p) times (p, p) as one product."""
-    return (rows.reshape(-1, len(square)) @ square).reshape(rows.shape)
-
-
 def interval(value: float, std_error: float, freedoms: float, *, level: float = 0.95) -> tuple[float, float]:
     """Student's interval; the normal one where `freedoms` is infinite."""
     half = float(special.stdtrit(freedoms, 0.5 + level / 2.0)) * std_error
@@ -165,18 +145,15 @@ def two_sided(statistic: float, freedoms: float) -> float:
 
 def fit_covariance(fitted: Fit) -> Clustered:
     """Of all parameters and ratios of a fit, clustered by run."""
-    run_of = runs_of(fitted.rows)
-    order = [np.flatnonzero(run_of == number) for number in range(int(run_of.max()) + 1)]
     solution, inverse = fitted.solution, fitted.inverse
     kin = np.repeat([row.joint for row in fitted.rows], [len(row.bins.runs) for row in fitted.rows])
-    jacobians, residuals = ([values[rows] for rows in order] for values in (solution.jacobian, solution.residual))
-    errors = clustered(jacobians, residuals, inverse, kin=kin)
+    errors = clustered(solution.jacobian, solution.residual, inverse, runs=run_of(fitted.rows), kin=kin)
     # What rests on the prior of a ratio or shape is as uncertain as the prior says: no run's residual shows that.
     priors = inverse * fitted.prior
     return Clustered(errors.covariance + priors @ priors.T, errors.freedoms)
 
 
-def recursion_covariance(system: Bilinear, values: Floats, gains: Gains, *, runs: NDArray[np.int64]) -> Clustered:
+def recursion_covariance(system: Bilinear, values: Floats, gains: Gains, *, runs: Counts) -> Clustered:
     """Covariance of the recursion's parameters and ratios, clustered by run.
 
     Row i is least squares given the outer rows' results, so an outer run moves it, too: by minus the row's own
@@ -186,41 +163,35 @@ def recursion_covariance(system: Bilinear, values: Floats, gains: Gains, *, runs
     ----------
     system
         Whitened rows.
-    runs
-        (N,) run of each equation.
     values, gains
         The recursion's result.
+    runs
+        (N,) run of each equation.
 
     Returns
     -------
     clustered
         Over [values, edges]; degrees of freedom are those of each parameter's own row.
     """
-    edges, p = gains.edges, len(values)
-    size = p + len(edges)
-    jacobian = system.jacobian(gains, values)
-    residual = system.left(values, gains)
+    p, jacobian, residual = len(values), system.jacobian(gains, values), system.left(values, gains)
+    size = jacobian.shape[1]
     covariance, freedoms = np.zeros((size, size)), np.zeros(size)
     for row in reversed(range(gains.n_rows)):
         equations = np.flatnonzero(system.row == row)
-        columns = np.concatenate(
-            [np.flatnonzero(system.owners == row), [p + k for k, e in enumerate(edges) if gains.parent[e] == row]]
-        ).astype(int)
+        edges = [p + k for k, edge in enumerate(gains.edges) if gains.parent[edge] == row]
+        columns = np.append(np.flatnonzero(system.owners == row), edges).astype(int)
         if len(equations) == 0 or len(columns) == 0:
             continue
-        J = jacobian[equations]
-        scale = np.linalg.norm(J[:, columns], axis=0)
-        unit = np.divide(J[:, columns], scale, out=np.zeros((len(equations), len(columns))), where=scale > 0)
+        J = jacobian[np.ix_(equations, columns)]
+        scale = np.linalg.norm(J, axis=0)
         back = np.divide(1.0, scale, out=np.zeros_like(scale), where=scale > 0)
+        unit = J * back
         inverse = back[:, None] * np.linalg.pinv(unit.T @ unit, rcond=ROUNDING, hermitian=True) * back
         outer = np.setdiff1d(np.arange(size), columns)
-        carry = -inverse @ J[:, columns].T @ J[:, outer]
-        numbers = [equations[runs[equations] == run] for run in np.unique(runs[equations])]
-        alone = clustered([jacobian[n][:, columns] for n in numbers], [residual[n] for n in numbers], inverse)
-        outer_covariance = covariance[np.ix_(outer, outer)]
-        crossed = carry @ outer_covariance
+        carry = -inverse @ J.T @ jacobian[np.ix_(equations, outer)]
+        alone = clustered(J, residual[equations], inverse, runs=runs[equations])
+        crossed = carry @ covariance[np.ix_(outer, outer)]
         covariance[np.ix_(columns, columns)] = alone.covariance + crossed @ carry.T
-        covariance[np.ix_(columns, outer)] = crossed
-        covariance[np.ix_(outer, columns)] = crossed.T
+        covariance[np.ix_(columns, outer)], covariance[np.ix_(outer, columns)] = crossed, crossed.T
         freedoms[columns] = alone.freedoms
     return Clustered(covariance, freedoms)

@@ -402,7 +402,7 @@ def levels_of(fitted: Fit) -> dict[int, Levels]:
         last = np.diag(weights)[weights > 0.0]
         ones, counts, is_stroke = row.ones, row.counts, row.bins.is_stroke
         if len(last):
-            wide = [(0, 1), (0, max(len(last) - residual.shape[1], 0)), (0, 0)]
+            wide = [(0, 1), (0, max(len(last) - row.target.shape[1], 0)), (0, 0)]
             design, residual, ones = np.pad(design, wide), np.pad(residual, wide[:2]), np.pad(ones, wide[:2])
             design[-1, : len(last)], residual[-1, : len(last)] = last, -last @ np.append(values, gains.ratios)[columns]
             counts, is_stroke = np.append(counts, len(last)), np.append(is_stroke, not np.any(~is_stroke))

@@ -22,6 +22,12 @@ def parts(values: np.ndarray) -> list[np.ndarray]:
     return np.split(values, CUTS)
 
 
+def by_blocks(blocks: list[np.ndarray], residual: np.ndarray, inverse: np.ndarray, **more) -> covariance.Clustered:
+    """`clustered` where each block is a run."""
+    runs = np.repeat(np.arange(len(blocks)), [len(block) for block in blocks])
+    return clustered(np.vstack(blocks), residual, inverse, runs=runs, **more)
+
+
 def score_makers() -> list[np.ndarray]:
     """(3, N) a run: what turns raw noise into the run's share of the parameters' error, with scipy's matrix root."""
     N = len(WHOLE)
@@ -38,7 +44,7 @@ def test_covariance_is_the_dense_formula():
     noise = RNG.normal(size=len(WHOLE))
     residual = noise - WHOLE @ INVERSE @ WHOLE.T @ noise
     wanted = sum(np.outer(maker @ noise, maker @ noise) for maker in score_makers())
-    assert clustered(BLOCKS, parts(residual), INVERSE).covariance == pytest.approx(wanted, rel=1e-9)
+    assert by_blocks(BLOCKS, residual, INVERSE).covariance == pytest.approx(wanted, rel=1e-9)
 
 
 def test_covariance_is_unbiased_for_white_noise():
@@ -59,9 +65,9 @@ def test_covariance_is_right_for_levels():
     root, hat = np.linalg.cholesky(V), inverse @ rows.T
     for _ in range(600):
         noise = root @ RNG.normal(size=len(rows))
-        residual = np.split(noise - rows @ (hat @ noise), np.cumsum([len(one) for one in ones])[:-1])
-        total += np.diag(clustered(blocks, residual, inverse).covariance) / 600
-        white.append(np.mean(np.concatenate(residual) ** 2) * inverse[0, 0])
+        residual = noise - rows @ (hat @ noise)
+        total += np.diag(by_blocks(blocks, residual, inverse).covariance) / 600
+        white.append(np.mean(residual**2) * inverse[0, 0])
     # 30 runs: CR2 is unbiased for white noise only, here within 10 %; the mean itself is known to 3 %.
     assert total == pytest.approx(truth, rel=0.12)
     assert np.mean(white) < 0.7 * truth[0]
@@ -69,7 +75,7 @@ def test_covariance_is_right_for_levels():
 
 def test_freedoms_are_the_brute_force_ones():
     """Satterthwaite's 2 E^2 / Var of each variance, a quadratic form in the noise, from its dense matrix."""
-    told = clustered(BLOCKS, parts(np.zeros(len(WHOLE))), INVERSE).freedoms
+    told = by_blocks(BLOCKS, np.zeros(len(WHOLE)), INVERSE).freedoms
     for contrast in range(3):
         form = sum(np.outer(maker[contrast], maker[contrast]) for maker in score_makers())
         wanted = np.trace(form) ** 2 / np.trace(form @ form)
@@ -79,7 +85,7 @@ def test_freedoms_are_the_brute_force_ones():
 def test_a_parameter_of_one_run_has_no_freedoms():
     """What a single run determines alone has the working model's variance, and says that no other run bears it out."""
     blocks = [np.column_stack([np.ones(4), np.zeros(4)]), np.column_stack([np.zeros(4), np.arange(1.0, 5.0)])]
-    told = clustered(blocks, [np.zeros(4)] * 2, np.diag([1 / 4, 1 / 30]))
+    told = by_blocks(blocks, np.zeros(8), np.diag([1 / 4, 1 / 30]))
     assert told.freedoms.tolist() == [0.0, 0.0]
     assert told.covariance == pytest.approx(np.diag([1 / 4, 1 / 30]))
 
@@ -93,14 +99,14 @@ def test_what_one_run_adds_to_many_is_as_uncertain_as_its_noise():
     for _ in range(400):
         noise = random.normal(size=len(rows))
         off = inverse @ rows.T @ noise
-        told = clustered(blocks, np.split(noise - rows @ off, 21), inverse)
+        told = by_blocks(blocks, noise - rows @ off, inverse)
         total += told.covariance / 400
         low, high = interval(off[1], np.sqrt(told.covariance[1, 1]), told.freedoms[1])
         inside += low <= 0.0 <= high
     assert total == pytest.approx(inverse, rel=0.1)
     assert 0.92 < inside / 400 < 0.98 and 15 < told.freedoms[1] < 25
     # Noise that is known from two runs only supports no more than they do.
-    few = clustered(blocks, np.split(noise - rows @ off, 21), inverse, kin=np.array([0] * 19 + [1, 1]))
+    few = by_blocks(blocks, noise - rows @ off, inverse, kin=np.array([0] * 19 + [1, 1]))
     assert few.freedoms[1] == pytest.approx(1.0, rel=0.2)
 
 
@@ -122,11 +128,11 @@ def test_thousands_of_runs_are_worked_on_a_few_at_a_time(monkeypatch):
     """Covariance and degrees of freedom do not depend on how many runs are held at once."""
     random = np.random.default_rng(5)
     blocks = [random.normal(size=(int(random.integers(1, 5)), 3)) for _ in range(40)]
-    residual = [random.normal(size=len(block)) for block in blocks]
+    residual = random.normal(size=sum(map(len, blocks)))
     inverse = np.linalg.inv(sum(block.T @ block for block in blocks))
-    together = clustered(blocks, residual, inverse)
+    together = by_blocks(blocks, residual, inverse)
     monkeypatch.setattr(covariance, "AT_ONCE", 7)
-    apart = clustered(blocks, residual, inverse)
+    apart = by_blocks(blocks, residual, inverse)
     np.testing.assert_allclose(apart.covariance, together.covariance, rtol=1e-12)
     np.testing.assert_allclose(apart.freedoms, together.freedoms, rtol=1e-10)
     assert np.all(together.freedoms > 1)
