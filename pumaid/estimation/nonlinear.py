@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-import itertools
-from collections.abc import Mapping, Sequence
+from bisect import bisect_right
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -40,6 +40,8 @@ RISE = 1e-9
 WITHIN = 3.84
 #: Points of a grid from which a refinement starts.
 STARTS = 2
+#: How many times beyond its grid a shape is looked for.
+BEYOND = 2.0
 #: Relative step of the refinement's own derivatives, and its relative gain that is not worth another step: the fit of
 #: all parameters together goes on from there.
 NUDGE, ENOUGH = 1e-4, 1e-4
@@ -80,75 +82,71 @@ class Linearised:
     """A fit whose bins tell what any further effect would add, all else refitted; loads are those of `whole`."""
 
     def __init__(self, fit: Fit, term: EffectTerm, *, at_nodes: bool, whole: Fit) -> None:
-        self.fit, self.at_nodes = fit, at_nodes
+        self.fit, self.at_nodes, self.robot = fit, at_nodes, fit.model.robot
         self.rows = [fit.row(row.joint) for row in fit.rows if term.touches(row.joint)]
+        self.extent = extent([row.bins for row in self.rows], 0 if term.effect.scope is Scope.ARM else term.number)
         self.samples = []
         for row in self.rows:
             points = row.bins.nodes[0] if at_nodes else row.bins.samples
             sizes = (3 if at_nodes else 1) * row.bins.lengths
             self.samples.append(with_loads(whole, points, sizes) if term.effect.needs_loads else points)
 
-    def gains(self, terms: Sequence[EffectTerm]) -> Floats:
-        """(k,) fall of the weighted squares by one effect with each of k shapes."""
-        products = self._products(terms)
-        return np.array([self._solved(term, product).gain for term, product in zip(terms, products, strict=True)])
-
-    def added(self, term: EffectTerm, *, limits: Floats | None = None) -> Refit:
-        """An effect added without its derivatives, its linear parameters held by priors as in every fit.
+    def added(self, terms: Sequence[EffectTerm], *, limits: Floats | None = None) -> list[Refit]:
+        """An effect with each of some shapes, without its derivatives, its linear parameters held by priors.
 
         `limits` (p,) are their prior deviations; where not given, those that a fit with this shape has.
         """
-        return self._solved(term, self._products([term])[0], limits=limits)
-
-    def _products(self, terms: Sequence[EffectTerm]) -> list[tuple[Floats, Floats, Floats, Floats]]:
-        """By term: (p, p) and (p,) products with itself and the residual, (P, p) with the fit; (joints, p) peaks."""
-        robot, total = self.fit.model.robot, len(self.fit.inverse)
-        out: list[list[Floats]] = [[np.zeros(0)] * 4 for _ in terms]
-        peaks: list[list[Floats]] = [[] for _ in terms]
+        count, out, peaks = len(terms), [], []
+        width = len(terms[0].effect.parameters(self.robot, terms[0].number))
+        gram, cross = np.zeros((count, width, width)), np.zeros((count, width))
+        overlap = np.zeros((len(self.fit.inverse), count * width))
         for row, samples in zip(self.rows, self.samples, strict=True):
-            table = columns_each(terms, robot, samples)
-            if self.at_nodes:
-                table = row.bins.averaged(table)
-            white, width = row.noise.whiten(row.bins, table), table.shape[1] // len(terms)
-            for place, parts in enumerate(out):
-                block = slice(place * width, (place + 1) * width)
-                column, overlap = white[:, block], np.zeros((total, width))
-                overlap[row.acting] = row.slim.T @ column
-                parts_here = [column.T @ column, column.T @ row.residual, overlap]
-                parts[:3] = [a + b if a.size else b for a, b in zip(parts[:3], parts_here, strict=True)]
-                peaks[place].append(np.abs(table[:, block]).max(axis=0))
-        return [(parts[0], parts[1], parts[2], np.array(peak)) for parts, peak in zip(out, peaks, strict=True)]
+            table = columns_each(terms, self.robot, samples)
+            table = row.bins.averaged(table) if self.at_nodes else table
+            white = row.noise.whiten(row.bins, table)
+            peaks.append(np.abs(table).max(axis=0))
+            overlap[row.acting] += row.slim.T @ white
+            cross += (row.residual @ white).reshape(count, width)
+            by_term = white.reshape(-1, count, width).transpose(1, 2, 0)
+            gram += by_term @ by_term.transpose(0, 2, 1)
+        spans = [column.span for column in replace(terms[0], fitted=()).parts(self.robot, 0)]
+        bins = [row.bins for row in self.rows]
+        for k in range(count):
+            place = slice(k * width, (k + 1) * width)
+            peak = np.array(peaks)[:, place].T.tolist()
+            own = [plausible(list(zip(bins, of, strict=True)), span) for of, span in zip(peak, spans, strict=True)]
+            shift = -self.fit.inverse @ overlap[:, place]
+            raw, beyond = np.diag(gram[k]), gram[k] + overlap[:, place].T @ shift
+            size = np.sqrt(np.where(raw > 0, raw, 1.0))
+            scale = np.maximum((np.array(own) if limits is None else limits) * size, NOTHING)
+            values, vectors = np.linalg.eigh(beyond / np.outer(size, size) + np.diag(scale**-2.0))
+            is_shown = values > NOTHING
+            half = vectors[:, is_shown] / np.sqrt(values[is_shown]) / size[:, None]
+            solution = half @ (half.T @ cross[k])
+            out.append(Refit(float(solution @ cross[k]), solution, half, shift))
+        return out
 
-    def _solved(
-        self, term: EffectTerm, products: tuple[Floats, Floats, Floats, Floats], *, limits: Floats | None = None
-    ) -> Refit:
-        gram, cross, overlap, peaks = products
-        turned = self.fit.inverse @ overlap
-        beyond, raw = gram - overlap.T @ turned, np.diag(gram)
-        size = np.sqrt(np.where(raw > 0, raw, 1.0))
-        if limits is None:
-            spans = [column.span for column in replace(term, fitted=()).parts(self.fit.model.robot, 0)]
-            bins = [row.bins for row in self.rows]
-            by_column = [list(zip(bins, peaks[:, k].tolist(), strict=True)) for k in range(len(spans))]
-            limits = np.array([plausible(by_joint, span) for by_joint, span in zip(by_column, spans, strict=True)])
-        scaled = beyond / np.outer(size, size) + np.diag((1.0 / np.maximum(limits * size, NOTHING)) ** 2)
-        values, vectors = np.linalg.eigh(scaled)
-        positive = values > NOTHING
-        half = (vectors[:, positive] / np.sqrt(values[positive])) / size[:, None]
-        solution = half @ (half.T @ cross)
-        return Refit(float(solution @ cross), solution, half, -turned)
-
-    def power(self, joint: int, frequencies: Floats) -> Floats:
-        """(F,) squared sum of what is left in the bins of `joint` (from 1) against exp(i f q)."""
-        row = next(row for row in self.rows if row.bins.joint == joint)
-        q = row.bins.samples.position[:, joint - 1]
+    def grid(self, term: EffectTerm) -> list[Point]:
+        """Where a search begins, given shapes kept; of many frequencies those that are strongest in the misfit."""
+        points = _distinct({**point, **term.shape} for point in term.effect.grid(self.robot, self.extent))
+        periodic = term.effect.periodic
+        if periodic is None or periodic in term.shape or len(points) <= SHORTLIST:
+            return points
+        frequencies = np.array([point[periodic] for point in points])
+        row = next(row for row in self.rows if row.bins.joint == term.number)
+        q = row.bins.samples.position[:, term.number - 1]
         step = 2.0 * np.pi / (PERIOD * float(frequencies.max()))
         where = np.round((q - float(q.min())) / step).astype(np.int64)
         size = 2 ** int(np.ceil(np.log2((where.max() + 1) * PERIOD)))
         line = np.bincount(where, weights=row.bins.count * row.misfit, minlength=size)
         spectrum = np.abs(np.fft.rfft(line)) ** 2
         at = np.round(frequencies * step * size / (2.0 * np.pi)).astype(np.int64)
-        return np.asarray(spectrum[np.minimum(at, len(spectrum) - 1)])
+        power = spectrum[np.minimum(at, len(spectrum) - 1)]
+        return [points[k] for k in sorted(np.argsort(-power, kind="stable")[:SHORTLIST])]
+
+
+def _distinct(points: Iterable[Point]) -> list[Point]:
+    return list({tuple(sorted(point.items())): point for point in points}.values())
 
 
 def search_shape(ground: Linearised, term: EffectTerm, free: Sequence[str]) -> tuple[EffectTerm, dict[str, Ends]]:
@@ -164,84 +162,74 @@ def search_shape(ground: Linearised, term: EffectTerm, free: Sequence[str]) -> t
         Names of the shapes to look for; what is open is told by name of those without derivative (an instant, a whole
         number).
     """
-    shapes = term.shapes(ground.fit.model.robot)
-    grid = _grid(ground, term)
-    scored = ground.gains([term.at(point) for point in grid])
-    if any(not shapes[name].is_searched for name in free):
-        grid = _closer(ground, term, grid, scored)
-        scored = ground.gains([term.at(point) for point in grid])
-    order = np.argsort(-scored, kind="stable")
-    best, top = dict(grid[order[0]]), float(scored[order[0]])
-    searched = [shapes[name] for name in free if shapes[name].is_searched]
-    for start in order[:STARTS] if searched else ():
-        point, gain = _refined(ground, term, grid[start], searched)
-        if gain > top:
-            best, top = point, gain
-    starts = extent([row.bins for row in ground.rows], _owner(term)).starts
+    shapes = term.shapes(ground.robot)
     fixed = [name for name in free if not shapes[name].is_searched]
-    ranges = {name: _range(shapes[name], grid, scored, starts=starts) for name in fixed}
+    grid = ground.grid(term)
+    gains = np.array([refit.gain for refit in ground.added([term.at(point) for point in grid])])
+    if fixed:
+        grid = _closer(ground, term, grid, grid[int(np.argmax(gains))])
+        gains = np.array([refit.gain for refit in ground.added([term.at(point) for point in grid])])
+    order = np.argsort(-gains, kind="stable")
+    ends = [(grid[order[0]], float(gains[order[0]]))]
+    if len(fixed) < len(free):
+        bounds = {name: search_bounds(shapes[name], grid) for name in free if name not in fixed}
+        ends += [_refined(ground, term, grid[start], bounds) for start in order[:STARTS]]
+    best = max(ends, key=lambda end: end[1])[0]
+    ranges = {name: _range(shapes[name], grid, gains, starts=ground.extent.starts) for name in fixed}
     return term.at({name: best[name] for name in free}), ranges
 
 
-def _owner(term: EffectTerm) -> int:
-    return 0 if term.effect.scope is Scope.ARM else term.number
+def search_bounds(shape: Shape, grid: Sequence[Mapping[str, float]]) -> Ends:
+    """Between which values a shape is looked for: not far beyond its grid, which spans what the runs cover.
+
+    A fall of friction at a speed far beyond all that were run, say, is only another curve of viscous friction.
+    """
+    values = [point[shape.name] for point in grid]
+    if shape.low < 0.0 or min(values) <= 0.0 or min(values) == max(values):
+        return shape.low, shape.high
+    return max(shape.low, min(values) / BEYOND), min(shape.high, max(values) * BEYOND)
 
 
-def _grid(ground: Linearised, term: EffectTerm) -> list[Point]:
-    """Where a search begins; given shapes are kept."""
-    facts = extent([row.bins for row in ground.rows], _owner(term))
-    points = [{**point, **term.shape} for point in term.effect.grid(ground.fit.model.robot, facts)]
-    points = list({tuple(sorted(point.items())): point for point in points}.values())
-    periodic = term.effect.periodic
-    if periodic is None or periodic in term.shape or len(points) <= SHORTLIST:
-        return points
-    power = ground.power(term.number, np.array([point[periodic] for point in points]))
-    return [points[k] for k in sorted(np.argsort(-power, kind="stable")[:SHORTLIST])]
-
-
-def _closer(ground: Linearised, term: EffectTerm, grid: list[Point], scored: Floats) -> list[Point]:
+def _closer(ground: Linearised, term: EffectTerm, grid: list[Point], best: Point) -> list[Point]:
     """A grid of instants, closer about the best: where runs are many it skips some."""
-    robot = ground.fit.model.robot
-    facts = extent([row.bins for row in ground.rows], _owner(term))
-    best = grid[int(np.argmax(scored))]
     for name, value in best.items():
-        if term.shapes(robot)[name].unit == "s":
-            instants = sorted(point[name] for point in grid)
+        if term.shapes(ground.robot)[name].unit == "s":
+            instants, starts = sorted(point[name] for point in grid), ground.extent.starts
             place = instants.index(value)
-            low, high = instants[max(place - 1, 0)], instants[min(place + 1, len(instants) - 1)]
-            starts = [t for t in facts.starts if t <= low][-1:] + [t for t in facts.starts if low <= t]
-            stop = next((n for n, t in enumerate(starts) if t > high), len(starts) - 1)
-            near = term.effect.grid(robot, replace(facts, starts=tuple(starts[: stop + 1])))
-            grid = [*grid, *({**best, **point} for point in near)]
-    return list({tuple(sorted(point.items())): point for point in grid}.values())
+            first = bisect_right(starts, instants[max(place - 1, 0)]) - 1
+            last = bisect_right(starts, instants[min(place + 1, len(instants) - 1)])
+            near = replace(ground.extent, starts=starts[max(first, 0) : last + 1])
+            grid = _distinct([*grid, *({**best, **point} for point in term.effect.grid(ground.robot, near))])
+    return grid
 
 
-def _refined(ground: Linearised, term: EffectTerm, start: Point, shapes: Sequence[Shape]) -> tuple[Point, float]:
-    """The best shape near a point of the grid, each measured by its own scale."""
-    names = [shape.name for shape in shapes]
-    scales = np.array([scale_of(shape, start[shape.name]) for shape in shapes])
-    middle = np.array([start[name] for name in names])
-    bounds = [((s.low - m) / c, (s.high - m) / c) for s, m, c in zip(shapes, middle, scales, strict=True)]
+def _refined(ground: Linearised, term: EffectTerm, start: Point, bounds: Mapping[str, Ends]) -> tuple[Point, float]:
+    """The best shape near a point of the grid between `bounds`, each measured by its own scale; and its gain."""
+    from scipy import optimize  # it takes as long to load as an identification
+
+    shapes, middle = term.shapes(ground.robot), np.array([start[name] for name in bounds])
+    scales = np.array([scale_of(shapes[name], start[name]) for name in bounds])
 
     def at(step: Floats) -> Point:
-        return start | dict(zip(names, (middle + scales * step).tolist(), strict=True))
+        return start | dict(zip(bounds, (middle + scales * step).tolist(), strict=True))
 
-    # What it brings takes as long to load as an identification; most have no shapes to look for together.
-    from scipy import optimize
+    def cost(step: Floats) -> tuple[float, Floats]:
+        nudges = np.where(step + NUDGE <= high, NUDGE, -NUDGE)
+        points = [step, *(step + np.diag(nudges))]
+        costs = -np.array([refit.gain for refit in ground.added([term.at(at(point)) for point in points])])
+        return float(costs[0]), (costs[1:] - costs[0]) / nudges
 
+    low, high = ((np.array(list(bounds.values())) - middle[:, None]) / scales[:, None]).T
+    limits = optimize.Bounds(low, high)
     optimum = optimize.minimize(
-        lambda step: -ground.added(term.at(at(step))).gain,
-        np.zeros(len(names)),
-        method="L-BFGS-B",
-        bounds=bounds,
-        options={"eps": NUDGE, "ftol": ENOUGH},
+        cost, np.zeros(len(bounds)), jac=True, method="L-BFGS-B", bounds=limits, options={"ftol": ENOUGH}
     )
     return at(optimum.x), -float(optimum.fun)
 
 
-def _range(shape: Shape, grid: Sequence[Point], scored: Floats, *, starts: Sequence[float]) -> Ends:
+def _range(shape: Shape, grid: Sequence[Point], gains: Floats, *, starts: Sequence[float]) -> Ends:
     """Lowest and highest value of a shape that the data do not exclude; an instant lies anywhere between two starts."""
-    likely = [point[shape.name] for point, gain in zip(grid, scored, strict=True) if gain >= scored.max() - WITHIN]
+    likely = [point[shape.name] for point, gain in zip(grid, gains, strict=True) if gain >= gains.max() - WITHIN]
     low, high = min(likely), max(likely)
     if shape.unit == "s":
         low = max((start for start in starts if start <= low), default=low)
@@ -279,7 +267,7 @@ class EffectFit:
             if column.place is not None and column.shape is not None:
                 facts = model.effects[column.place].shapes(model.robot)[column.shape]
                 moved = out[column.place][column.shape] + float(value)
-                out[column.place][column.shape] = min(max(moved, facts.low), facts.high)
+                out[column.place][column.shape] = _clipped(facts, moved)
         return tuple(out)
 
 
@@ -352,7 +340,7 @@ def bins_for(
     for limit, chosen in ((COARSE, False), (FINE, True)):
         part = [run for run in runs if (run.joint in fine) == chosen]
         out += joint_bins(model.robot, part, most=limit, campaign=campaign, is_settled=False) if part else ()
-    return tuple(sorted(out, key=lambda one: one.joint))
+    return tuple(sorted(out, key=lambda part: part.joint))
 
 
 def check_better(before: Mapping[int, float], fitted: Fit, names: Sequence[str]) -> None:
@@ -415,11 +403,13 @@ class ShapeSearch:
         fitted = refit(self.fit, self.model.with_effects(rest))
         return Linearised(fitted, term or self.terms[place], at_nodes=at_nodes, whole=self.fit)
 
+    def _rank(self, place: int) -> int:
+        """Place in the model of the effects so far."""
+        return sorted(self.terms).index(place)
+
     def _sizes(self, place: int) -> tuple[float, ...]:
         """Linear parameters of an effect by the fit so far."""
-        rank = sorted(self.terms).index(place)
-        columns = zip(self.fit.model.columns, self.fit.values, strict=True)
-        return tuple(float(value) for column, value in columns if column.place == rank and column.shape is None)
+        return tuple(self.fit.sizes(self._rank(place)).tolist())
 
     def settle(self) -> bool:
         """Renew loads and shapes until nothing moves; whether that happened."""
@@ -449,8 +439,7 @@ class ShapeSearch:
         self.terms = {place: replace(term, fitted=()) for place, term in full.items()}
         self.refit()
         self.terms = {place: replace(term, sizes=self._sizes(place)) for place, term in full.items()}
-        rows = [self.fit.row(row.joint) for row in self.fit.rows]
-        return sum(float(row.residual @ row.residual) for row in rows)
+        return self.fit.square
 
     def finish(self, *, recursive: bool, progress: Progress | None) -> None:
         """The whole fit, noise included; loads follow it, so that what only looks like another load is known to."""
@@ -465,26 +454,29 @@ class ShapeSearch:
 
     def _moved(self, values: Mapping[str, float], before: Mapping[str, float]) -> float:
         """Largest move of a parameter, or step of a shape that is due, in standard errors."""
-        errors = np.sqrt(np.diag(self.fit.inverse))
-        moves = [0.0]
-        for column, error in zip(self.fit.model.columns, errors, strict=False):
-            step = values[column.name] - (0.0 if column.shape else before.get(column.name, np.inf))
-            if error > 0.0:
-                moves.append(abs(step) / float(error))
-        return max(moves)
+        columns = self.fit.model.columns
+        errors = np.sqrt(np.diag(self.fit.inverse))[: len(columns)]
+        starts = np.array([0.0 if column.shape else before.get(column.name, np.inf) for column in columns])
+        moves = np.abs(np.array(list(values.values())) - starts)
+        return float(np.max(moves[errors > 0.0] / errors[errors > 0.0], initial=0.0))
 
     def _stepped(self, place: int, term: EffectTerm) -> EffectTerm:
         """An effect with its shapes moved by the fit's step, within bounds."""
-        rank, shape, held = sorted(self.terms).index(place), dict(term.shape), list(term.held)
-        for column, value in zip(self.fit.model.columns, self.fit.values, strict=True):
-            if column.place != rank or column.shape is None or column.shape in held:
+        shape, held = dict(term.shape), list(term.held)
+        for n in self.fit.columns_of(self._rank(place)):
+            name = self.fit.model.columns[n].shape
+            if name is None or name in held:
                 continue
-            facts, now = term.shapes(self.model.robot)[column.shape], shape[column.shape]
+            facts, now = term.shapes(self.model.robot)[name], shape[name]
             longest = LONGEST * scale_of(facts, now)
-            shape[column.shape] = min(max(now + min(max(float(value), -longest), longest), facts.low), facts.high)
-            if now == shape[column.shape] and now in (facts.low, facts.high):
-                held.append(column.shape)
+            shape[name] = _clipped(facts, now + float(np.clip(self.fit.values[n], -longest, longest)))
+            if now == shape[name] and now in (facts.low, facts.high):
+                held.append(name)
         return replace(term.at(shape, term.sizes), held=tuple(held))
+
+
+def _clipped(shape: Shape, value: float) -> float:
+    return min(max(value, shape.low), shape.high)
 
 
 def _half_way(start: EffectTerm, end: EffectTerm) -> EffectTerm:
@@ -533,8 +525,7 @@ class Profile:
     def others(self, reach: Floats) -> Floats:
         """(P, 2) the same of all that was fitted before, parameters and ratios."""
         fitted = self.ground.fit
-        start = np.concatenate([fitted.values, [fitted.gains.edge[edge] for edge in fitted.gains.edges]])
-        variances = np.diag(fitted.inverse)
+        start, variances = np.append(fitted.values, fitted.gains.ratios), np.diag(fitted.inverse)
         values = np.array([start + refit.shift @ refit.values for _, refit in self.path])
         errors = [np.sqrt(variances + np.sum((refit.shift @ refit.half) ** 2, axis=1)) for _, refit in self.path]
         return self._envelope(values, np.array(errors), reach)
@@ -547,20 +538,20 @@ class Profile:
         return np.column_stack([np.min(values - widths, axis=0), np.max(values + widths, axis=0)])
 
     def _at(self, shape: Point) -> tuple[Point, Refit]:
-        point = shape, self.ground.added(self.term.at(shape), limits=self.limits)
-        self.path.append(point)
-        return point
+        (refit,) = self.ground.added([self.term.at(shape)], limits=self.limits)
+        self.path.append((shape, refit))
+        return self.path[-1]
 
     def _walk(self, name: str, best: tuple[Point, Refit], *, stride: float, rise: float) -> float:
         """The end of an interval on one side: where the squares have risen by `rise`, or a bound."""
-        facts = self.term.shapes(self.ground.fit.model.robot)[name]
+        facts = self.term.shapes(self.ground.robot)[name]
         (shape, before), step = best, stride
         for _ in range(MOST_STRIDES):
-            value = min(max(shape[name] + step, facts.low), facts.high)
+            value = _clipped(facts, shape[name] + step)
             there, refit = self._best(name, value, shape)
-            lost, earlier = best[1].gain - refit.gain, best[1].gain - before.gain
+            lost, earlier = best[1].gain - refit.gain, max(best[1].gain - before.gain, 0.0)
             if lost >= rise:
-                share = (np.sqrt(rise) - np.sqrt(max(earlier, 0.0))) / (np.sqrt(lost) - np.sqrt(max(earlier, 0.0)))
+                share = (np.sqrt(rise) - np.sqrt(earlier)) / (np.sqrt(lost) - np.sqrt(earlier))
                 return float(shape[name] + share * (value - shape[name]))
             if value in (facts.low, facts.high):
                 return value
@@ -569,10 +560,10 @@ class Profile:
 
     def _best(self, name: str, value: float, before: Point) -> tuple[Point, Refit]:
         """The place with this value at which the other fitted shapes are best, from those of the step before."""
-        facts = self.term.shapes(self.ground.fit.model.robot)
+        facts = self.term.shapes(self.ground.robot)
         free = [facts[other] for other in self.term.fitted if other != name]
         point = self._at(before | {name: value})
-        for other in itertools.chain(free, free if len(free) > 1 else ()):
+        for other in free * min(len(free), 2):
             point = self._along(other, point)
         return point
 
@@ -580,14 +571,12 @@ class Profile:
         """The best place along one shape near `start`."""
         from scipy import optimize
 
-        at = start[0][shape.name]
+        at, first = start[0][shape.name], len(self.path)
         reach = scale_of(shape, at)
-        points = [start]
-
-        def cost(value: float) -> float:
-            points.append(self._at(start[0] | {shape.name: float(value)}))
-            return -points[-1][1].gain
-
-        bounds = (max(at - reach, shape.low), min(at + reach, shape.high))
-        optimize.minimize_scalar(cost, bounds=bounds, method="bounded", options={"xatol": PRECISE * reach})
-        return max(points, key=lambda point: point[1].gain)
+        optimize.minimize_scalar(
+            lambda value: -self._at(start[0] | {shape.name: float(value)})[1].gain,
+            bounds=(_clipped(shape, at - reach), _clipped(shape, at + reach)),
+            method="bounded",
+            options={"xatol": PRECISE * reach},
+        )
+        return max([start, *self.path[first:]], key=lambda point: point[1].gain)
