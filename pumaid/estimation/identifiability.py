@@ -307,7 +307,8 @@ def ratio_gradient(gains: Gains, row: int, other: int) -> tuple[float, Floats]:
     down, up = gains.path(other), gains.path(row)
     for number, edge in enumerate(gains.edges if np.isfinite(value) else ()):
         if edge in down and edge not in up:
-            out[number] = gains.with_edge(edge, 1.0).ratio(row, other)
+            ratios = np.where(np.arange(len(out)) == number, 1.0, gains.ratios)
+            out[number] = gains.with_ratios(ratios).ratio(row, other)
         elif edge in up and edge not in down:
             out[number] = -value / gains.edge[edge]
     return value, out
