@@ -427,5 +427,5 @@ def floored(levels: Levels, row: Row) -> Levels:
 
 def reach_of(limit: Floats, prior: Floats) -> Floats:
     """(P,) standard errors that say nothing; what has a prior is never as uncertain as that."""
-    own = np.where(prior[: len(limit)] > 0.0, 2.0 * limit, limit)
-    return np.append(own, np.full(len(prior) - len(limit), LARGEST_RATIO))
+    parameters = np.where(prior[: len(limit)] > 0.0, 2.0 * limit, limit)
+    return np.append(parameters, np.full(len(prior) - len(limit), LARGEST_RATIO))

@@ -114,11 +114,11 @@ class Linearised:
         for k in range(count):
             place = slice(k * width, (k + 1) * width)
             peak = np.array(peaks)[:, place].T.tolist()
-            own = [plausible(list(zip(bins, of, strict=True)), span) for of, span in zip(peak, spans, strict=True)]
+            usual = [plausible(list(zip(bins, row, strict=True)), span) for row, span in zip(peak, spans, strict=True)]
             shift = -self.fit.inverse @ overlap[:, place]
             raw, beyond = np.diag(gram[k]), gram[k] + overlap[:, place].T @ shift
             size = np.sqrt(np.where(raw > 0, raw, 1.0))
-            scale = np.maximum((np.array(own) if limits is None else limits) * size, NOTHING)
+            scale = np.maximum((np.array(usual) if limits is None else limits) * size, NOTHING)
             values, vectors = np.linalg.eigh(beyond / np.outer(size, size) + np.diag(scale**-2.0))
             is_shown = values > NOTHING
             half = vectors[:, is_shown] / np.sqrt(values[is_shown]) / size[:, None]
