@@ -1,4 +1,4 @@
-"""What the estimate promises, held against a hundred simulated experiments: intervals, efficiency, exactness."""
+"""What the estimate promises, held against many simulated experiments: intervals, efficiency, exactness."""
 
 from __future__ import annotations
 
@@ -49,9 +49,9 @@ def test_other_arms_intervals_hold(name, seed):
 
 @pytest.mark.slow
 def test_joint_estimate_sits_on_the_cramer_rao_bound_and_the_recursion_does_not():
-    """Over 200 experiments with white noise the joint fit is within 5 % of the bound; the recursion is not in k4y, k5x.
+    """Over 120 experiments with white noise the joint fit is within 5 % of the bound; the recursion is not in k4y, k5x.
 
-    The geometric mean over parameters is judged: one RMS of 200 experiments is itself uncertain by 5 %.
+    The geometric mean over parameters is judged: one RMS of 120 experiments is itself uncertain by 6 %.
     """
     truth = table1.puma560()
     white = replace(truth, noise=Noise(truth.noise.std, level_share=0.0, correlation_time=0.0))

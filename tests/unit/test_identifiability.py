@@ -10,6 +10,7 @@ from worlds import CRANE, PENDULUM, STANFORD, dataset, drawn, experiment, fit_ru
 from pumaid.dataset import Campaign, Dataset
 from pumaid.estimation.covariance import recursion_covariance
 from pumaid.estimation.estimate import identify
+from pumaid.estimation.fit import run_of
 from pumaid.estimation.identifiability import FittedParameters, ratio_gradient
 from pumaid.estimation.reasons import JointCoverage
 from pumaid.joint_bins import samples_of
@@ -119,7 +120,7 @@ def test_sheet_of_the_recursion_has_its_own_ratios():
     fitted = fit_runs(PUMA.robot, runs)
     assert len(fitted.first.solution.gains.edges) < len(fitted.gains.edges)
     first = recursion_covariance(
-        fitted.first.system, fitted.first.solution.values, fitted.first.solution.gains, runs=fitted.run_of
+        fitted.first.system, fitted.first.solution.values, fitted.first.solution.gains, runs=run_of(fitted.rows)
     )
     coverage = {joint: JointCoverage.of(joint, runs) for joint in range(1, 7)}
     found = FittedParameters.of(fitted, first, coverage, recursive=True)
