@@ -164,10 +164,10 @@ def test_shipped_arms_have_the_parameters_of_theorem_3(name: str) -> None:
 
 @pytest.mark.parametrize("special", [False, True])
 def test_random_arms_have_the_parameters_of_theorem_3(special: bool) -> None:
-    """The same over five arms of every string of joints up to five."""
+    """The same over two arms of every string of joints up to five."""
     rng = np.random.default_rng(17)
     wrong = []
-    for kinds in STRINGS * 5:
+    for kinds in STRINGS * 2:
         robot = random_arm(kinds, rng, special=special)
         counts = independent(robot, rng), theorem_3(robot)
         wrong += [(kinds, [joint.alpha for joint in robot.joints], *counts)] if counts[0] != counts[1] else []

@@ -24,18 +24,13 @@ BENCH = Bench(PUMA, table1.experiment(), rate=50.0)
 ESTIMATE = identify(Dataset(BENCH.runs(np.random.default_rng(1))), PUMA.robot)
 
 
-def test_open_parameters_have_no_number_and_a_reason():
-    """What is not identified has a reason instead of a value, and what is has no reason."""
+def test_a_parameter_has_an_interval_or_a_reason():
+    """What is not identified has a reason instead of a value; what is has Student's interval with its freedoms."""
     for value in ESTIMATE.values:
         is_known = value.state == "identified"
         assert (value.value is None, value.std_error is None, value.ci95 is None) == (not is_known,) * 3
         assert bool(value.reason) is not is_known
-
-
-def test_intervals_are_students():
-    """The interval is Student's with the degrees of freedom told."""
-    for value in ESTIMATE.values:
-        if value.state == "identified":
+        if is_known:
             wanted = stats.t(value.dof, value.value, value.std_error).interval(0.95)
             assert value.ci95 == pytest.approx(wanted, rel=1e-9)
 
@@ -129,7 +124,7 @@ def test_sheet_of_the_recursion_has_its_own_ratios():
     assert values["gravity.l6.x"].state == "identified"
 
 
-@pytest.mark.parametrize("missing", [2, 4, 5, 6])
+@pytest.mark.parametrize("missing", [2, 5])
 def test_recursion_tells_no_ratio_of_a_load_left_open(missing):
     """Where an outer row left its load open, an inner row's ratio to it rests on a guess and is not told."""
     truth = drawn(STANFORD, noisy=False)
