@@ -33,7 +33,7 @@ FEWEST_FREEDOMS = 4
 #: of others are looked for: on grids of so many points a variance, in so many rounds, each about the best of the last.
 LOWEST, HIGHEST, CALMEST, LOUDEST, POINTS, ROUNDS = -10.0, 14.0, -3.0, 14.0, 17, 6
 #: Costs that differ by less are one; singular values below this share of the largest are rounding.
-SAME_COST, RANK = 1e-9, 1e-9
+SAME_COST, RANK = 1e-6, 1e-9
 
 
 @dataclass(frozen=True, eq=False, slots=True)
