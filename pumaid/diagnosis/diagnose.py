@@ -253,21 +253,17 @@ class DiagnosisBuilder:
         return free_shape(self.fits[0], joint, families=families, beyond=enough) if named else None
 
     def _candidates(self, joint: int) -> tuple[Candidate, ...]:
-        """What was found, and what came near, at one joint; what was added, as it was when it was."""
-        accepted = {item.key: item for item in self.search.accepted}
-        adding = {step.chosen.key: step for step in self.search.steps if step.chosen is not None}
+        """What was found, what runs held out denied, and what came near, at one joint."""
+        search, steps = self.search, self.search.steps
+        adding = {step.chosen.key: step for step in steps if step.chosen is not None}
+        judged = [(item, adding.get(item.key, steps[0])) for item in search.accepted]
+        judged += [(item, steps[0]) for item in search.denied]
+        judged += [(item, step) for step in steps for item in step.evaluated]
         records: dict[Key, Candidate] = {}
-        for step in self.search.steps:
-            for item in step.evaluated:
-                if joint in item.after and item.key not in records:
-                    is_added = item.key in accepted
-                    when = adding.get(item.key, step) if is_added else step
-                    records[item.key] = self._candidate(accepted[item.key] if is_added else item, when)
-        denied = [self._candidate(item, self.search.steps[0]) for item in self.search.denied if joint in item.after]
-        names = [(item.effect, item.shape) for item in denied]
-        rest = [item for item in records.values() if (item.effect, item.shape) not in names]
-        order = sorted([*rest, *denied], key=lambda item: (item.verdict != ADD, -item.evidence))
-        return tuple(order[:LISTED])
+        for item, step in judged:
+            if joint in item.after and item.key not in records:
+                records[item.key] = self._candidate(item, step)
+        return tuple(sorted(records.values(), key=lambda item: (item.verdict != ADD, -item.evidence))[:LISTED])
 
     def _candidate(self, candidate: EvaluatedCandidate, step: Step) -> Candidate:
         chosen, falls = step.chosen, candidate.falls
@@ -331,16 +327,10 @@ def diagnose(
 
     Parameters
     ----------
-    estimate
-        The model; what it already has is not sought again.
-    dataset
-        Runs of the same arm; those held out are only used to judge.
-    robot
-        By the recipe that the model was made with.
-    suspects
-        Names of extra columns that `dataset` carries.
-    progress
-        Called with a word on what is done.
+    estimate, dataset, robot
+        The model, whose effects are not sought again, runs of which those held out only judge, and the arm.
+    suspects, progress
+        Names of extra columns that `dataset` carries; called with a word on what is done.
 
     Raises
     ------

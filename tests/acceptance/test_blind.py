@@ -61,7 +61,7 @@ def test_whitened_noise_is_white():
 
 
 def test_the_limit_is_seen_with_80_percent_power():
-    """A known column at its limit passes |z| > 4.0 in 80 % of 300 noise draws (within 3 standard errors, 7 %)."""
+    """A known column at its limit passes |z| > 4.0 in 80 % of 200 noise draws (within 3 standard errors, 9 %)."""
     experiment = drawn(thin("spring", "puma"))
     world, oracle, (hidden, amplitude) = experiment.world, experiment.oracle, experiment.hidden[0]
     column = signature(world, oracle, hidden, amplitude)
@@ -69,9 +69,9 @@ def test_the_limit_is_seen_with_80_percent_power():
     white = oracle.whitened(joint, rows, column[joint])
     clear = white - oracle.white[joint] @ (oracle.root @ (oracle.root.T @ (oracle.white[joint].T @ white)))
     rng = np.random.default_rng(3)
-    draws = [oracle.whitened(joint, rows, noises(world, rng)[rows, joint]) for _ in range(300)]
+    draws = [oracle.whitened(joint, rows, noises(world, rng)[rows, joint]) for _ in range(200)]
     scores = np.array([clear @ (white + noise) for noise in draws]) / np.sqrt(clear @ white)
-    assert abs(np.mean(np.abs(scores) > 4.0) - 0.8) < 0.07
+    assert abs(np.mean(np.abs(scores) > 4.0) - 0.8) < 0.09
     assert TESTS == 800
 
 
@@ -96,8 +96,8 @@ def test_every_effect_can_be_hidden(name, clean):
     pytest.fail(f"{name} cannot be seen at any joint")
 
 
-def test_identification_reaches_the_noise_through_the_logs(tmp_path):
-    """On a clean arm the program's RMSE is the true noise of the same rows (5 %: it fits about 24 numbers to them)."""
+def test_a_clean_arm_is_fitted_to_the_noise_and_left_alone(tmp_path):
+    """Through its logs: RMSE is the true noise of the same rows (5 %: some 24 numbers are fitted), nothing is found."""
     experiment = drawn(Case("clean", (), "ur", 0.0, 0, 7))
     log = sensed(experiment.world, experiment.state, experiment.noise)
     write_experiment(tmp_path, experiment.world, log)
@@ -105,25 +105,12 @@ def test_identification_reaches_the_noise_through_the_logs(tmp_path):
     left = log.current - experiment.state.current
     true = [np.sqrt(np.mean(np.square(left[rows, j]))) for j, rows in enumerate(experiment.oracle.joints)]
     assert program.fitted_rmse(session.estimate) == pytest.approx(true, rel=0.05)
+    diagnosis = program.diagnosed(session)
+    assert diagnosis.findings == () and "unexplained" not in [joint.verdict for joint in diagnosis.joints]
 
 
-@pytest.mark.parametrize(
-    "case",
-    [
-        Case("effect", ("spring",), "puma", 3.0, 0, 7),
-        Case("effect", ("friction_step",), "puma", 3.0, 0, 7),
-        Case("effect", ("position_friction",), "ur", 3.0, 0, 7),
-    ],
-    ids=lambda case: case.effects[0],
-)
-def test_a_hidden_effect_is_named(case):
+@pytest.mark.parametrize(("name", "kind"), [("spring", "puma"), ("position_friction", "ur")])
+def test_a_hidden_effect_is_named(name, kind):
     """At three times its limit, named first or in a set of at most two."""
-    record = judged(case)
+    record = judged(Case("effect", (name,), kind, 3.0, 0, 7))
     assert record["outcome"] in ("first", "set") and record["sets"][0] <= 2
-
-
-def test_nothing_is_found_in_a_clean_arm():
-    """No finding, and no joint called unexplained."""
-    record = judged(Case("clean", (), "ur", 0.0, 0, 7))
-    assert record["outcome"] == "quiet"
-    assert "unexplained" not in record["verdicts"]

@@ -33,6 +33,7 @@ from pumaid.simulation.random_robot import draw
 #: A ripple of 0.08 A on a pendulum whose noise is a third of it: no design could overlook it. Slow enough for the
 #: drive: of a faster one a part goes into the speed, and less of it is in the current the faster a run is.
 HIDDEN = "ripple@1:cos=0.08,sin=0,frequency=10"
+SAMPLE = Path(__file__).parents[2] / "sample_logs" / "pendulum"
 
 
 def run(*arguments: str) -> Result:
@@ -40,13 +41,13 @@ def run(*arguments: str) -> Result:
     return CliRunner().invoke(group, list(arguments))
 
 
-def experiment(folder: Path, *, hide: str | None) -> Path:
-    """A pendulum's recipe, plan, logs and model, its motors with hidden physics or without."""
+def experiment(folder: Path) -> Path:
+    """A pendulum's recipe, plan, logs and model, with a ripple hidden in its motors."""
     shutil.copy(shipped_recipes()["pendulum2"], folder / "recipe.yaml")
     robot = pumaid.read_recipe(folder / "recipe.yaml")
     plan, truth = pumaid.plan(robot, minutes=8, seed=3), draw(robot, 3)
     write_plan(folder / "plan.yaml", plan, robot)
-    truth = truth if hide is None else truth.hiding([hidden.parse(hide, robot)])
+    truth = truth.hiding([hidden.parse(HIDDEN, robot)])
     for origin, logs in groupby(pumaid.simulate(robot, plan, truth=truth, seed=3, rate=100.0), key=lambda x: x.origin):
         write_log(folder / "logs" / f"{origin}.csv", logs, robot)
     done = run("identify", str(folder / "logs"))
@@ -60,7 +61,7 @@ DIAGNOSE = ("diagnose", "results/model.json", "logs")
 @pytest.fixture(scope="module")
 def rippled(tmp_path_factory) -> tuple[Path, Result]:
     """An experiment in which a ripple hides, diagnosed and drawn, and what was said of it."""
-    folder = experiment(tmp_path_factory.mktemp("rippled"), hide=HIDDEN)
+    folder = experiment(tmp_path_factory.mktemp("rippled"))
     with pytest.MonkeyPatch.context() as patch:
         patch.chdir(folder)
         return folder, run(*DIAGNOSE, "--check", "--picture", "missing.png")
@@ -122,7 +123,8 @@ def test_apply_adds_refits_and_keeps_every_step(arm):
 
 def test_a_clean_arm_is_left_alone(tmp_path, monkeypatch):
     """Nothing is found, what would have been found is told, there is nothing to draw, to decide or to add."""
-    monkeypatch.chdir(experiment(tmp_path, hide=None))
+    monkeypatch.chdir(shutil.copytree(SAMPLE, tmp_path / "arm", ignore=shutil.ignore_patterns("results")))
+    assert run("identify", "logs").exit_code == 0
     more = ["--picture", "missing.png", "--plan", "next.yaml", "--apply", "--check"]
     done = run(*DIAGNOSE, *more)
     assert done.exit_code == 0, done.stdout

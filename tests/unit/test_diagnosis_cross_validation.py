@@ -7,7 +7,7 @@ import pytest
 from scipy.linalg import block_diag
 from searches import LEVER, Lab, design, lever, pendulum, roots
 
-from pumaid.diagnosis.cross_validation import FoldLosses, leave_out, posture_folds, replicate_folds
+from pumaid.diagnosis.cross_validation import leave_out, posture_folds, replicate_folds
 from pumaid.effect_spec import EffectTerm
 from pumaid.effects import catalogue
 from pumaid.estimation.fit import Fit
@@ -115,13 +115,3 @@ def test_what_the_other_runs_do_not_show_is_not_guessed():
     step = [EffectTerm(catalogue()["friction_step"], 1, {"time": second - 0.5})]
     found = leave_out(solved, step, [(1, (0,))])
     assert found.falls[0] == pytest.approx(0.0, abs=1e-6)
-
-
-def test_steadiness_is_students_t():
-    """Mean over its standard error; nothing can be said of one fold, nor of folds that are all alike."""
-    values = np.array([3.0, 1.0, 2.5, -0.5])
-    expected = values.mean() / (values.std(ddof=1) / 2.0)
-    assert FoldLosses(values, 1.0, 0.9).steadiness == pytest.approx(expected)
-    assert FoldLosses(values[:1], 1.0, 0.9).steadiness == 0.0
-    assert FoldLosses(np.zeros(4), 1.0, 1.0).steadiness == 0.0
-    assert FoldLosses(values, 1.0, 0.9).total == pytest.approx(6.0)

@@ -46,13 +46,6 @@ def test_unwhitening_is_the_transpose(stated):
     np.testing.assert_allclose(stated.unwhiten(uneven(), v), root.T @ v, rtol=1e-10, atol=1e-8)
 
 
-def test_columns_are_whitened_each_for_itself():
-    """A matrix is whitened as its columns are."""
-    values = np.random.default_rng(2).normal(size=(len(uneven()), 3))
-    alone = [STATED.whiten(uneven(), one) for one in values.T]
-    np.testing.assert_allclose(STATED.whiten(uneven(), values), np.column_stack(alone), rtol=1e-12)
-
-
 def estimates(lab: Lab, din: Din, pattern: float = 0.0) -> list[NoiseModel]:
     """What is found in pure noise of a known kind, on a course of the position (A) that every run repeats."""
     (one,) = lab.bins()

@@ -90,47 +90,25 @@ def test_information_and_sizes_are_those_of_the_refit():
         np.testing.assert_allclose(np.linalg.inv(trial.information), covariance, rtol=1e-4, atol=1e-9)
 
 
-def test_scores_of_runs_add_up_to_the_gain():
-    """Runs' scores are one row a run of all joints; their sum, squared in the information's measure, is the gain."""
-    solved = solved_of(pendulum())
-    trial = score_at(Projector(solved), EffectTerm(catalogue()["position_friction"], 2, {"harmonic": 2.0}))
-    total = trial.scores.sum(axis=0)
-    assert len(trial.scores) == sum(len(row.bins.runs) for row in solved.joints)
-    assert trial.statistic == pytest.approx(float(total @ np.linalg.solve(trial.information, total)))
-
-
-def test_what_the_model_absorbs_is_no_candidate():
-    """A load that no posture changes is gravity's own; an effect without data (no temperatures) is set aside, too."""
-    solved = solved_of(lever())
-    found = score_candidates(solved, candidates(solved))
-    assert found.candidates.shapes(("thermal_friction", 1))
-    assert "thermal_friction" not in {trial.added.effect.name for trial in found.trials}
-
-
 def test_every_effect_is_tried_or_said_not_to_be():
-    """Each effect of the catalogue that is no part of every model is tried, excluded, or has a spectrum."""
+    """Each that is no part of every model is tried, excluded or has a spectrum; one without data gets no test."""
     solved = solved_of(pendulum())
     tried = candidates(solved)
-    seen = {group[0].key for group in tried.groups} | set(tried.excluded)
-    for effect in catalogue().values():
-        if effect.base or effect.periodic is not None:
-            continue
-        owners = [None] if effect.scope is Scope.ARM else [1, 2]
-        assert {(effect.name, owner) for owner in owners} <= seen
+    keys = {group[0].key for group in tried.groups} | set(tried.excluded)
+    for effect in (effect for effect in catalogue().values() if not effect.base and effect.periodic is None):
+        assert {(effect.name, owner) for owner in ((None,) if effect.scope is Scope.ARM else (1, 2))} <= keys
+    assert tried.shapes(("thermal_friction", 1))  # of temperatures that no log has
+    assert "thermal_friction" not in {trial.added.effect.name for trial in score_candidates(solved, tried).trials}
 
 
 def test_what_the_model_has_is_not_tried_again():
     """An effect that is in the model at a joint is still tried at others, and one of another harmonic at the same."""
     lab = pendulum()
-    inside = [
-        EffectTerm(catalogue()["spring"], 1, {}),
-        EffectTerm(catalogue()["position_friction"], 1, {"harmonic": 2.0}),
-    ]
-    tried = candidates(lab.fitted(lab.noisy(1), inside))
-    keys = {group[0].key for group in tried.groups}
+    shapes = {"spring": {}, "position_friction": {"harmonic": 2.0}}
+    inside = [EffectTerm(catalogue()[name], 1, shape) for name, shape in shapes.items()]
+    keys = {group[0].key for group in candidates(lab.fitted(lab.noisy(1), inside)).groups}
     assert ("spring", 1) not in keys and ("spring", 2) in keys
-    is_repeatable = catalogue()["position_friction"].is_repeatable
-    assert (("position_friction", 1) in keys) == is_repeatable
+    assert (("position_friction", 1) in keys) == catalogue()["position_friction"].is_repeatable
 
 
 @pytest.mark.parametrize("lab", [lever, pendulum])
@@ -241,9 +219,3 @@ def test_refining_agrees_with_a_general_minimiser():
     dense = least_squares(misfits, [np.log(40.0)])
     assert found.added.shape["time_constant"] == pytest.approx(float(np.exp(dense.x[0])), rel=0.02)
     assert solved.square - found.statistic == pytest.approx(2.0 * dense.cost, abs=0.02)
-
-
-def test_an_effect_without_shape_is_left_as_it_is():
-    """There is nothing to refine of a spring."""
-    grid, found = best(solved_of(lever()), "spring")
-    assert found is grid

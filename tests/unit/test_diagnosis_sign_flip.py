@@ -17,8 +17,8 @@ from pumaid.effect_spec import EffectTerm
 
 NOISES = {"normal": Din(), "heavy": Din(is_heavy=True), "levels": Din(correlation=0.8, level=0.02)}
 LABS = {"lever": lever, "pendulum": pendulum}
-#: Experiments of each arm with each noise in the tests marked slow.
-DRAWS = 150
+#: Experiments with each noise in the tests marked slow.
+DRAWS = 100
 #: One effect of each kind that is looked at by itself: between runs, within runs, in time, with the load.
 ALONE = (("viscous_power", 1), ("spring", 1), ("warmup", 1), ("load_friction", 1))
 
@@ -60,40 +60,23 @@ def most(draws: int, level: float) -> int:
     return int(stats.binom.ppf(0.999, draws, level))
 
 
+@pytest.mark.parametrize(
+    ("name", "draws"), [("lever", 40), pytest.param("pendulum", DRAWS, marks=pytest.mark.slow)], ids=LABS
+)
 @pytest.mark.parametrize("kind", NOISES)
-def test_clean_data_raise_few_alarms(kind):
-    """40 experiments: anything below 0.05 no more often than one in twenty, below 0.2 than one in five."""
-    whole, _ = chances("lever", kind, 40)
+def test_clean_data_raise_few_alarms(name, draws, kind):
+    """Of the whole catalogue and of an effect chosen beforehand: p-values below 0.05 in no more than one in twenty."""
+    whole, alone = chances(name, kind, draws)
     for level in (0.05, 0.2):
-        assert np.count_nonzero(whole <= level) <= most(40, level)
-
-
-@pytest.mark.parametrize("kind", NOISES)
-def test_an_effect_chosen_beforehand_raises_few_alarms(kind):
-    """The same of single effects."""
-    _, alone = chances("lever", kind, 40)
-    assert np.all(np.count_nonzero(alone <= 0.05, axis=0) <= most(40, 0.05))
-    assert np.all(np.count_nonzero(alone <= 0.2, axis=0) <= most(40, 0.2))
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("kind", NOISES)
-@pytest.mark.parametrize("name", LABS)
-def test_the_stated_rate_is_kept(name, kind):
-    """150 experiments: the rate at 0.05 is no higher, of the whole catalogue and of an effect chosen beforehand."""
-    whole, alone = chances(name, kind, DRAWS)
-    alarms = np.count_nonzero(whole <= 0.05)
-    print(name, kind, alarms / DRAWS, np.mean(alone <= 0.05, axis=0))
-    assert alarms <= most(DRAWS, 0.05)
-    assert np.all(np.count_nonzero(alone <= 0.05, axis=0) <= most(DRAWS, 0.05))
+        assert np.count_nonzero(whole <= level) <= most(draws, level)
+        assert np.all(np.count_nonzero(alone <= level, axis=0) <= most(draws, level))
 
 
 @pytest.mark.slow
 def test_power_is_not_thrown_away():
     """In all of these experiments together the catalogue's rate at 0.05 is not below one in a hundred."""
-    alarms = [np.count_nonzero(chances(name, kind, DRAWS)[0] <= 0.05) for name in LABS for kind in NOISES]
-    print(alarms)
-    assert sum(alarms) >= stats.binom.ppf(0.001, DRAWS * len(alarms), 0.01) >= 1
+    alarms = [np.count_nonzero(chances("pendulum", kind, DRAWS)[0] <= 0.05) for kind in NOISES]
+    assert sum(alarms) >= 0.01 * DRAWS * len(NOISES)
 
 
 def test_white_noise_theory_would_raise_them():
@@ -167,10 +150,3 @@ def test_strong_effects_keep_numbers_finite():
     chance = sign_flips(found)
     assert np.all(np.isfinite(chance.largest)) and np.all(np.isfinite(list(chance.handicaps.values())))
     assert seen(found, chance) == pytest.approx(1e-3)
-
-
-def test_nothing_to_try_is_no_alarm():
-    """A catalogue that the model absorbs whole has no chance to be wrong."""
-    found = clean(lever(), "normal", 0)
-    chance = sign_flips(replace(found, trials=()))
-    assert chance.handicaps == {} and chance.p_value(("spring", 1), 0.0) == 1.0

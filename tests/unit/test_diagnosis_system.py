@@ -89,16 +89,6 @@ def test_jacobian_is_the_derivative_of_the_prediction():
             np.testing.assert_allclose(row.jacobian[:, place], slope, atol=1e-5 * (1.0 + np.abs(slope).max()))
 
 
-def test_what_is_told_of_a_row_fits_together():
-    """Misfit is current less prediction, residual is its whitening, the square is their sum over joints."""
-    solved = noisy(pendulum())
-    for row in solved.joints:
-        np.testing.assert_allclose(row.drawn + row.misfit, row.bins.current, atol=1e-12)
-        np.testing.assert_allclose(row.residual, row.noise.whiten(row.bins, row.misfit), atol=1e-7)
-    assert solved.square == pytest.approx(sum(float(row.residual @ row.residual) for row in solved.joints))
-    assert solved.scale == pytest.approx(1.0, abs=0.1)  # noise is what replicates showed
-
-
 def test_effects_and_their_shapes_are_fitted_with_all_else():
     """One joint is linear: the square is what a dense fit of base, effects and derivatives by their shapes leaves.
 
