@@ -170,7 +170,9 @@ def columns_each(terms: Sequence[EffectTerm], robot: Robot, samples: Samples) ->
     if len(terms) == 1 or not first.touches(samples.joint):
         return np.column_stack([term.linear(robot, samples) for term in terms])
     columns = first.effect.columns_each(robot, samples, number=first.number, shapes=[term.shape for term in terms])
-    return np.nan_to_num(np.column_stack(columns))
+    out = np.column_stack(columns)
+    out[np.isnan(out)] = 0.0
+    return out
 
 
 def scale_of(shape: Shape, value: float) -> float:

@@ -88,22 +88,18 @@ def test_rmse_of_runs_left_out_is_that_of_samples():
     assert found.after < found.before
 
 
-def test_repeated_runs_leave_together():
+def test_repeated_runs_and_postures_leave_together():
     """Else a run's twin would tell what is missing in it; every run leaves once."""
-    solved = lever().fitted(lever().noisy(0))
-    folds = replicate_folds(solved, [1])
-    assert sorted(run for _, runs in folds for run in runs) == list(range(32))
-    for _, runs in folds:  # a single joint has one posture: both "postures" of the design are the same to it
-        assert len(runs) == 4 and len({solved.row(1).bins.runs[k].speed for k in runs}) == 1
-
-
-def test_postures_leave_whole():
-    """All runs of a posture, whatever speed and direction."""
+    alone = lever().fitted(lever().noisy(0))
+    folds = [runs for _, runs in replicate_folds(alone, [1])]
+    assert sorted(run for runs in folds for run in runs) == list(range(32))
+    # A single joint has one posture: both "postures" of the design are the same to it.
+    assert all(len(runs) == 4 and len({alone.row(1).bins.runs[k].speed for k in runs}) == 1 for runs in folds)
     solved = pendulum().fitted(pendulum().noisy(0))
-    folds = posture_folds(solved, [1])
-    assert [len(runs) for _, runs in folds] == [12, 12, 12]
-    for _, runs in folds:
-        assert len({tuple(np.round(solved.row(1).bins.runs[k].posture[1:], 6)) for k in runs}) == 1
+    folds = [runs for _, runs in posture_folds(solved, [1])]
+    assert [len(runs) for runs in folds] == [12, 12, 12]
+    postures = [solved.row(1).bins.runs[k].posture[1:].round(6).tolist() for runs in folds for k in runs]
+    assert all(postures[k] == postures[12 * (k // 12)] for k in range(36))
 
 
 def test_what_the_other_runs_do_not_show_is_not_guessed():

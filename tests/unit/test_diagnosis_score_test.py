@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from scipy import stats
-from scipy.optimize import least_squares, nnls
+from scipy.optimize import nnls
 from searches import LEVER, Lab, design, left, lever, pendulum, roots
 from worlds import PENDULUM
 
@@ -203,19 +203,3 @@ def test_refining_finds_the_best_of_a_dense_grid():
     assert found.statistic > highest - 0.05
     # One draw of noise leaves the speed of the fall uncertain by a third.
     assert found.added.shape["velocity"] == pytest.approx(0.3, rel=0.5)
-
-
-def test_refining_agrees_with_a_general_minimiser():
-    """Warm-up's time constant, everything else refitted at every step of a bounded least-squares program."""
-    solved = solved_of(Lab.of(LEVER, design(LEVER), Hidden("warmup", 1, {"a": 0.1, "time_constant": 60.0})))
-    _, found = best(solved, "warmup")
-    base, _, target = stacked(solved, found.added)
-
-    def misfits(log: np.ndarray) -> np.ndarray:
-        columns = stacked(solved, replace(found.added, shape={"time_constant": float(np.exp(log[0]))}))[1]
-        whole = np.column_stack([base, columns])
-        return target - whole @ (np.linalg.pinv(whole) @ target)
-
-    dense = least_squares(misfits, [np.log(40.0)])
-    assert found.added.shape["time_constant"] == pytest.approx(float(np.exp(dense.x[0])), rel=0.02)
-    assert solved.square - found.statistic == pytest.approx(2.0 * dense.cost, abs=0.02)

@@ -89,12 +89,3 @@ def test_too_few_pairs_say_nothing():
     assert len(field.pairs) == 4 and replicate_test(field, np.ones(len(field)), np.ones(len(field))) is not None
     short = lab.bins(lab.runs[:4])[0]
     assert len(short.pairs) < 4 and replicate_test(short, np.ones(len(short)), np.ones(len(short))) is None
-
-
-def test_repeats_are_compared_at_the_same_place():
-    """Runs cut at other ends, one bin of the one beside the nearest of the other: physics still agrees."""
-    field = lever().bins()[0]
-    for pair in field.pairs[:4]:
-        a, b = field.side_by_side(field.samples.position[:, 0], pair)
-        width = np.ptp(a) / (len(a) - 1)
-        assert len(a) > 50 and np.abs(a - b).max() <= 0.5 * width + 1e-9
