@@ -9,7 +9,6 @@ from numpy.typing import NDArray
 
 from pumaid.effects import catalogue
 from pumaid.joint_bins import swept
-from pumaid.kinematics import axes
 from pumaid.samples import Loads, Samples
 
 if TYPE_CHECKING:
@@ -57,7 +56,7 @@ def loads(model: Model, samples: Samples, *, solution: Floats, scales: Floats) -
     """
     robot, number = model.robot, samples.joint
     i, g = number - 1, np.asarray(robot.gravity, dtype=float)
-    frames = axes(robot.alphas, robot.dh_angles(samples.position))
+    frames = robot.rotations(samples.position)
     z = frames[:, :, :, 2]
     levers = np.cross(z, g)
     moments, weights = _moments(model, frames, samples=samples, solution=solution)
@@ -90,7 +89,7 @@ def _moments(model: Model, frames: Floats, *, samples: Samples, solution: Floats
     """(M, J, 3) first moment that each link adds, in its own gain; (J,) masses of prismatic links, else 0."""
     robot = model.robot
     out, weights = np.zeros((len(samples), robot.n_joints, 3)), np.zeros(robot.n_joints)
-    reach = robot.dh_displacements(samples.position)
+    reach = robot.displacements(samples.position)
     for column, value in zip(model.columns, solution, strict=True):
         if column.effect != "gravity":
             continue

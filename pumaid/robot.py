@@ -4,9 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
+
+from pumaid.kinematics import dh_placement, frames, rotations
 
 Floats = NDArray[np.float64]
 Point = tuple[float, float, float]
@@ -14,12 +17,13 @@ Point = tuple[float, float, float]
 
 @dataclass(frozen=True, slots=True)
 class Joint:
-    """One joint and the link that it moves, in modified Denavit-Hartenberg convention (Craig).
+    """One joint and the link that it moves.
 
-    `number` counts from 1, base to tip; `kind` is ``"revolute"`` or ``"prismatic"``. `theta` of a revolute and `d` of a
-    prismatic joint are offsets added to the measured position; angles are in rad, lengths in m. `limits` are the lowest
-    and highest measured position (rad or m), `max_velocity` is in rad/s or m/s, `gear_ratio` motor turns per joint turn
-    (of a prismatic joint rad of the motor per m); each may be None.
+    `number` counts from 1, base to tip; `kind` is ``"revolute"`` or ``"prismatic"``. Its frame, about or along whose z
+    it moves, is stated by modified Denavit-Hartenberg parameters (Craig; rad, m), where `theta` of a revolute and `d`
+    of a prismatic joint are offsets added to the measured position, or by the rows of `placement`: the (4, 4) frame at
+    zero in that of the joint before. `limits` are the lowest and highest measured position (rad or m), `max_velocity`
+    is in rad/s or m/s, `gear_ratio` motor turns per joint turn (of a prismatic joint rad of the motor per m).
     """
 
     number: int
@@ -32,6 +36,13 @@ class Joint:
     limits: tuple[float, float] | None = None
     max_velocity: float | None = None
     gear_ratio: float | None = None
+    placement: tuple[tuple[float, ...], ...] | None = None
+
+    @property
+    def frame(self) -> Floats:
+        """(4, 4) the joint's frame at zero in that of the joint before."""
+        stated = self.placement
+        return dh_placement(self.theta, self.alpha, self.a, self.d) if stated is None else np.array(stated)
 
     @property
     def is_revolute(self) -> bool:
@@ -146,14 +157,9 @@ class Robot:
         return len(self.joints)
 
     @property
-    def alphas(self) -> Floats:
-        """(J,) twists, rad."""
-        return np.array([joint.alpha for joint in self.joints])
-
-    @property
-    def lengths(self) -> Floats:
-        """(J,) link lengths a, m."""
-        return np.array([joint.a for joint in self.joints])
+    def placements(self) -> Floats:
+        """(J, 4, 4) each joint's frame at zero in that of the joint before, the first in the base."""
+        return _placements(self.joints)
 
     @property
     def is_revolute(self) -> NDArray[np.bool_]:
@@ -182,12 +188,22 @@ class Robot:
         """(N, J) velocities that drive each motor's friction, in units of its joint, for (N, J) joint velocities."""
         return velocity @ self.shaft_speeds.T if self.coupling else velocity
 
-    def dh_angles(self, position: Floats) -> Floats:
-        """(N, J) DH angles, rad, for (N, J) measured positions."""
-        offsets = np.array([joint.theta for joint in self.joints])
-        return np.where(self.is_revolute, position, 0.0) + offsets
+    def rotations(self, position: Floats) -> Floats:
+        """(N, J, 3, 3) from every link frame to the base, for (N, J) measured positions."""
+        return rotations(self.placements, np.where(self.is_revolute, position, 0.0))
 
-    def dh_displacements(self, position: Floats) -> Floats:
-        """(N, J) DH displacements d, m, for (N, J) measured positions."""
+    def frames(self, position: Floats) -> tuple[Floats, Floats]:
+        """Rotations (N, J, 3, 3) of all link frames and their origins (N, J, 3) in base axes, m."""
+        return frames(self.placements, position, self.is_revolute)
+
+    def displacements(self, position: Floats) -> Floats:
+        """(N, J) m along each z, for (N, J) measured positions: the lever arms of what slides."""
         offsets = np.array([joint.d for joint in self.joints])
         return np.where(self.is_revolute, 0.0, position) + offsets
+
+
+@lru_cache(maxsize=64)
+def _placements(joints: tuple[Joint, ...]) -> Floats:
+    out = np.array([joint.frame for joint in joints])
+    out.setflags(write=False)
+    return out

@@ -11,8 +11,8 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
 
-from pumaid.kinematics import link_rotation
 from pumaid.robot import Robot
 from pumaid.simulation.virtual_robot import Constants
 
@@ -33,14 +33,17 @@ class Geometry:
     @classmethod
     def of(cls, robot: Robot, position: Floats) -> Geometry:
         """At `position` (N, J), rad or m."""
-        angles = robot.dh_angles(position)
-        turns = tuple(link_rotation(robot.alphas[:, None], angles.T))
-        here = np.broadcast_to(np.asarray(robot.gravity, dtype=float), (len(angles), 3))
+        turns = []
+        for joint, q in zip(robot.joints, position.T, strict=True):
+            angle = joint.theta + (q if joint.is_revolute else 0.0 * q)
+            twist = Rotation.from_euler("x", joint.alpha)
+            turns.append((twist * Rotation.from_euler("z", angle[:, None])).as_matrix())
+        here = np.broadcast_to(np.asarray(robot.gravity, dtype=float), (len(position), 3))
         gravity = []
         for turn in turns:
             here = np.einsum("nab,na->nb", turn, here)
             gravity.append(here)
-        return cls(np.stack(gravity, axis=1), turns, robot.dh_displacements(position))
+        return cls(np.stack(gravity, axis=1), tuple(turns), robot.displacements(position))
 
 
 def gravity_current(robot: Robot, known: Constants, position: Floats) -> Floats:

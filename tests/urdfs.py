@@ -9,8 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from pumaid.io.urdf_recipe import UrdfRecipe
-from pumaid.kinematics import axes, origins
+from pumaid.io.urdf import UrdfRecipe
 
 
 class Stated(NamedTuple):
@@ -89,10 +88,9 @@ class Engine:
         made, pin = self.made, self.pin
         pin.computeJointJacobians(self.model, self.data, self.full(position))
         pin.updateFramePlacements(self.model, self.data)
-        base = self.data.oMf[self.model.getFrameId(made.chain.base)].homogeneous @ made.base
-        angles, shifts = made.robot.dh_angles(position[None]), made.robot.dh_displacements(position[None])
-        z = axes(made.robot.alphas, angles)[0, :, :, 2] @ base[:3, :3].T
-        points = origins(made.robot.alphas, made.robot.lengths, offsets=shifts, thetas=angles)[0] @ base[:3, :3].T
+        base = self.data.oMf[self.model.getFrameId(made.chain.base)].homogeneous
+        turned, placed = made.robot.frames(position[None])
+        z, points = turned[0, :, :, 2] @ base[:3, :3].T, placed[0] @ base[:3, :3].T
         theirs = np.array([self._axis(joint, place) for joint, place in zip(self.joints, self.places, strict=True)])
         apart = points + base[:3, 3] - [self.data.oMi[joint].translation for joint in self.joints]
         across = np.linalg.norm(np.cross(apart, theirs), axis=-1)

@@ -109,16 +109,15 @@ class Collision:
         return np.array([measure(model, data, a.number, b.number, _FAR, None) for a, b in self._pairs])
 
     def _build(self) -> None:
-        """The MuJoCo model: a chain of bodies by the DH parameters, with the recipe's shapes on them."""
+        """The MuJoCo model: a chain of bodies with the recipe's shapes on them."""
         import mujoco
 
         spec, safety = mujoco.MjSpec(), self.safety
         bodies = [spec.worldbody]
         for joint in self.robot.joints:
-            turn = [np.cos(joint.alpha / 2), np.sin(joint.alpha / 2), 0, 0]
-            twisted = bodies[-1].add_body(pos=[joint.a, 0, 0], quat=turn)
-            spin = [np.cos(joint.theta / 2), 0, 0, np.sin(joint.theta / 2)]
-            body = twisted.add_body(pos=[0, 0, joint.d], quat=spin)
+            quaternion = np.empty(4)
+            mujoco.mju_mat2Quat(quaternion, joint.frame[:3, :3].ravel())
+            body = bodies[-1].add_body(pos=joint.frame[:3, 3], quat=quaternion)
             kind = mujoco.mjtJoint.mjJNT_HINGE if joint.is_revolute else mujoco.mjtJoint.mjJNT_SLIDE
             body.add_joint(type=kind, axis=[0, 0, 1])
             body.mass, body.inertia = 1.0, [1.0, 1.0, 1.0]  # a moving body must have some
@@ -162,7 +161,7 @@ class Collision:
         for joint in reversed(self.robot.joints[inner.link : outer.link]):
             out[joint.number - 1] = length if joint.is_revolute else 1.0
             slide = 0.0 if joint.is_revolute else float(np.max(np.abs(joint.limits or _SLIDE)))
-            length += abs(joint.d) + abs(joint.a) + slide
+            length += float(np.linalg.norm(joint.frame[:3, 3])) + slide
         return out
 
     def _refuse_what_always_touches(self) -> None:

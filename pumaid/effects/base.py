@@ -14,7 +14,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pumaid.effects.formula import columns, printed
-from pumaid.kinematics import axes
 from pumaid.robot import Joint, Robot
 from pumaid.samples import Extent, Samples
 
@@ -251,7 +250,7 @@ def _load_refusal(
 ) -> str | None:
     rng, robot = np.random.default_rng(0), Robot("", joints, gravity)
     position = rng.uniform(-np.pi, np.pi, (POSTURES, robot.n_joints))
-    z = axes(robot.alphas, robot.dh_angles(position))[:, joint - 1, :, 2]
+    z = robot.rotations(position)[:, joint - 1, :, 2]
     g = np.asarray(robot.gravity, dtype=float)
     small = ROUNDING * float(np.linalg.norm(g))
     if robot.joint(joint).is_revolute:

@@ -7,7 +7,6 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from pumaid.effects.base import NO_SHAPE, Effect, Family, Floats, Parameter, Scope, Trace
-from pumaid.kinematics import axes
 from pumaid.robot import Robot
 from pumaid.samples import Samples
 
@@ -46,7 +45,7 @@ class Gravity(Effect):
         return self.columns_of(robot, samples, (link,))[link]
 
     def columns_of(self, robot: Robot, samples: Samples, numbers: Sequence[int]) -> dict[int, Floats]:
-        rotations = axes(robot.alphas, robot.dh_angles(samples.position))
+        rotations = robot.rotations(samples.position)
         return {link: self._of_link(robot, samples, rotations, link=link) for link in numbers}
 
     def _of_link(self, robot: Robot, samples: Samples, rotations: Floats, *, link: int) -> Floats:
@@ -58,7 +57,7 @@ class Gravity(Effect):
         lever = np.cross(z_i, g)
         if robot.joint(link).is_revolute:
             return _cleaned(np.einsum("mk,mkp->mp", lever, frame_j[:, :, :2]), g)
-        d_j = robot.dh_displacements(samples.position)[:, link - 1]
+        d_j = robot.displacements(samples.position)[:, link - 1]
         return _cleaned((d_j * np.einsum("mk,mk->m", lever, frame_j[:, :, 2]))[:, None], g)
 
 

@@ -19,7 +19,6 @@ from pumaid.effects.base import (
     load_refusal,
 )
 from pumaid.effects.formula import loads_of
-from pumaid.kinematics import axes, origins
 from pumaid.robot import Robot
 from pumaid.samples import Extent, Samples
 
@@ -77,13 +76,9 @@ class Payload(Effect):
         self, robot: Robot, samples: Samples, *, number: int | None, shapes: Sequence[Mapping[str, float]]
     ) -> list[Floats]:
         i, g = samples.joint - 1, np.asarray(robot.gravity, dtype=float)
-        thetas = robot.dh_angles(samples.position)
-        frames = axes(robot.alphas, thetas)
+        frames, places = robot.frames(samples.position)
         z_i, last = frames[:, i, :, 2], frames[:, -1]
         if robot.joint(samples.joint).is_revolute:
-            places = origins(
-                robot.alphas, robot.lengths, offsets=robot.dh_displacements(samples.position), thetas=thetas
-            )
             levers = np.concatenate([(places[:, -1] - places[:, i])[:, :, None], last], axis=2)
             felt = np.einsum("mk,mkp->mp", np.cross(z_i, g), levers)
         else:

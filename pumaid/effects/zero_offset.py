@@ -14,7 +14,6 @@ from pumaid.effects.base import (
     Trace,
     load_refusal,
 )
-from pumaid.kinematics import axes
 from pumaid.robot import Robot
 
 
@@ -53,7 +52,7 @@ class ZeroOffset(Effect):
 def _absorbed(robot: Robot, joint: int) -> str | None:
     """Why a turn of `joint` is a turn of first moments alone: it moves no axis beyond it."""
     rng = np.random.default_rng(0)
-    z = axes(robot.alphas, robot.dh_angles(rng.uniform(-np.pi, np.pi, (POSTURES, robot.n_joints))))[..., 2]
+    z = robot.rotations(rng.uniform(-np.pi, np.pi, (POSTURES, robot.n_joints)))[..., 2]
     if float(np.abs(np.cross(z[:, joint - 1, None], z[:, joint - 1 :])).max()) > ROUNDING:
         return None
     beyond = "it is the last" if joint == robot.n_joints else "all joints beyond it are parallel to it"

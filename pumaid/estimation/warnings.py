@@ -338,7 +338,7 @@ def of_gears(fitted: Fit, robot: Robot) -> Iterator[Note]:
         passed.append(
             f"motor {motor} carries {number(part, 2)} of joint {joint}'s load (--add coupling@{joint}:on={motor})"
         )
-        if joint == motor + 1 and abs(math.sin(robot.joint(joint).alpha)) < PARALLEL:
+        if joint == motor + 1 and math.hypot(*robot.joint(joint).frame[:2, 2]) < PARALLEL:
             parallel.append(
                 f"axes {motor} and {joint} are parallel, so no log tells this from gain_ratio.{motor}.{joint}, of which"
                 f" what is found is {number(1.0 + part, 3)} times the ratio of the motors' gains"

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from pumaid.errors import ModelError, Where
 from pumaid.exports.formulas import Formulas
-from pumaid.kinematics import axes, link_rotation, origins
+from pumaid.kinematics import turn_of_z
 from pumaid.robot import Robot
 from pumaid.structure import minimal
 
@@ -113,9 +113,7 @@ def bodies(formulas: Formulas, torques: Floats) -> Bodies:
 
 def weight_of(robot: Robot, position: Floats, *, masses: Floats, centres: Floats) -> Floats:
     """(N, J) N m or N that hold a chain of bodies still at (N, J) positions."""
-    thetas = robot.dh_angles(position)
-    frames = axes(robot.alphas, thetas)
-    places = origins(robot.alphas, robot.lengths, offsets=robot.dh_displacements(position), thetas=thetas)
+    frames, places = robot.frames(position)
     points = places + np.einsum("mjkp,jp->mjk", frames, centres)
     g, z = np.array(robot.gravity, dtype=float), frames[..., 2]
     out = np.empty_like(position)
@@ -139,7 +137,7 @@ def _carried(formulas: Formulas, torques: Floats) -> tuple[Floats, list[str]]:
     robot, said = formulas.robot, []
     out = np.full(robot.n_joints, np.nan)
     structure = minimal(robot)
-    z = axes(robot.alphas, robot.dh_angles(np.zeros((1, robot.n_joints))))[0, :, :, 2]
+    z = robot.rotations(np.zeros((1, robot.n_joints)))[0, :, :, 2]
     lacking = {lack.name for lack in formulas.undetermined}
     last = 0.0
     for joint in reversed([joint.number for joint in robot.joints if not joint.is_revolute]):
@@ -201,24 +199,16 @@ def _most(carried: Floats) -> Floats:
 def _moved(robot: Robot, number: int, k: Floats, *, beyond: float) -> tuple[Floats, float]:
     """What the links from joint `number` (from 0) on add to the first moment before it; and how far it is (m)."""
     joint = robot.joints[number]
-    turned = link_rotation(joint.alpha, 0.0 if joint.is_revolute else joint.theta)
+    turned, step = joint.frame[:3, :3], joint.frame[:3, 3]
     if joint.is_revolute:
-        step = np.array([joint.a, 0.0, 0.0]) + turned[:, 2] * joint.d
         return beyond * step + turned[:, 2] * k[2], float(np.linalg.norm(step))
-    return np.array([beyond * joint.a, 0.0, 0.0]) + turned @ k, float(abs(joint.a))
+    across = step - turned[:, 2] * joint.d
+    return beyond * across + turned @ k, float(np.linalg.norm(across))
 
 
 def _mount(g: Floats) -> Floats:
     """The smallest turn that takes the direction of g to -z."""
-    size = float(np.linalg.norm(g))
-    if size == 0.0:
-        return np.eye(3)
-    down, goal = g / size, np.array([0.0, 0.0, -1.0])
-    axis, cosine = np.cross(down, goal), float(down @ goal)
-    if cosine < -1.0 + 1e-15:
-        return np.diag([1.0, -1.0, -1.0])
-    skew = np.cross(np.eye(3), axis)
-    return np.eye(3) + skew + skew @ skew / (1.0 + cosine)
+    return turn_of_z(-g).T if g.any() else np.eye(3)
 
 
 def _disagreements(formulas: Formulas, torques: Floats) -> list[str]:

@@ -48,8 +48,7 @@ class SourceForm(Form):
     def texts(self, subject: Subject) -> dict[str, str]:
         formulas, robot = subject.formulas, subject.formulas.robot
         tables = {
-            "twist": np.column_stack([np.cos(robot.alphas), np.sin(robot.alphas)]),
-            "theta": np.array([joint.theta for joint in robot.joints]),
+            "placed": robot.placements[:, :3, :3].reshape(-1, 9),
             "d": np.array([joint.d for joint in robot.joints]),
             "g": np.array(robot.gravity, dtype=float),
         }

@@ -9,7 +9,7 @@ import sys
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any, NamedTuple, NoReturn, TypeVar
+from typing import Annotated, Any, NamedTuple, NoReturn, TypeVar, get_args
 
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError
 from pydantic_core import PydanticCustomError
@@ -21,8 +21,23 @@ from pumaid.errors import Faults, PumaidError, RecipeError, Where
 
 #: Most bytes of a recipe, levels of nesting, and values after aliases are expanded.
 MAX_BYTES, MAX_DEPTH, MAX_VALUES = 200_000, 20, 200_000
+#: Most faults of one file that are listed; the others are counted.
+MOST_FAULTS = 20
 
-Path_ = tuple[str | int, ...]
+KeyPath = tuple[str | int, ...]
+Form = TypeVar("Form", bound=BaseModel)
+#: Unknown keys are faults, and types are not converted.
+FORM = ConfigDict(extra="forbid", strict=True)
+Finite = Annotated[float, Field(strict=True, allow_inf_nan=False)]
+
+
+class Fault(NamedTuple):
+    """One fault: path of keys and 0-based indices, slug, sentence, mend."""
+
+    path: KeyPath
+    slug: str
+    what: str
+    mend: str
 
 
 @dataclass(frozen=True, slots=True)
@@ -30,9 +45,9 @@ class Document:
     """A YAML document: `data` in plain values, `lines` (from 1) by path, its bytes, and faults of keys given twice."""
 
     data: Any
-    lines: Mapping[Path_, int]
+    lines: Mapping[KeyPath, int]
     content: bytes
-    doubled: tuple[PumaidError, ...]
+    doubled: tuple[Fault, ...] = ()
 
     def line_of(self, path: Iterable[str | int]) -> int:
         """Line of the value at `path` (keys and 0-based indices), or of its nearest ancestor that exists."""
@@ -47,6 +62,12 @@ def nearest(word: object, known: Iterable[str]) -> str | None:
     by_lower = {name.lower(): name for name in known}
     close = difflib.get_close_matches(str(word).lower(), by_lower, n=1, cutoff=0.6)
     return by_lower[close[0]] if close else None
+
+
+def meant(word: object, known: Sequence[str]) -> str:
+    """A mend: the nearest of the known words, or all of them."""
+    near = nearest(word, known)
+    return f"did you mean {near}?" if near else f"known here: {', '.join(known)}"
 
 
 def yaml_text(text: str) -> str:
@@ -85,123 +106,98 @@ def read_bytes(path: Path, *, kind: type[PumaidError], most: int) -> bytes:
     return content
 
 
-def read_yaml(path: Path, *, kind: type[PumaidError] = RecipeError, max_bytes: int = MAX_BYTES) -> Document:
-    """Read one YAML document; ``-`` is standard input.
+def parsed_yaml(content: bytes, file: str, *, kind: type[PumaidError] = RecipeError) -> Document:
+    """The one YAML document of a file with this content; `file` is for messages.
 
     Raises
     ------
-    PumaidError [file-not-readable, yaml-refused]
-        Of type `kind`: it is larger than `max_bytes`, not UTF-8 or UTF-16 text, not YAML, or has tags, several
-        documents, too many levels or values.
+    PumaidError [yaml-refused]
+        Of type `kind`: it is not UTF-8 or UTF-16 text, not YAML, or has tags, several documents, too many levels or
+        values.
     """
-    content = read_bytes(path, kind=kind, most=max_bytes)
-    return _Reader(file_name(path), kind).read(content)
-
-
-class _Reader:
-    """Turns composed YAML nodes into plain values and their lines."""
-
-    def __init__(self, file: str, kind: type[PumaidError]) -> None:
-        self.file, self.kind = file, kind
-        self.yaml = YAML(typ="safe", pure=True)
-        self.lines: dict[Path_, int] = {}
-        self.doubled: list[PumaidError] = []
-
-    def read(self, content: bytes) -> Document:
-        try:
-            text = content.decode("utf-16" if content[:2] in (b"\xff\xfe", b"\xfe\xff") else "utf-8-sig")
-            node = self.yaml.compose(text.replace("\r\n", "\n").replace("\r", "\n"))
-        except UnicodeDecodeError as error:
-            line, byte = content[: error.start].count(b"\n") + 1, content[error.start]
-            raise self._refusal(f"byte 0x{byte:02x} is not UTF-8 text", line, "save the file as UTF-8") from error
-        except YAMLError as error:
-            raise self._syntax(error, text) from error
-        except RecursionError as error:
-            raise self._refusal(f"nested more than {MAX_DEPTH} deep", None, "a recipe nests four deep") from error
-        if node is None:
-            raise self._refusal("the file is empty", None, "write one with pumaid init (a recipe) or pumaid plan")
-        return Document(self._value(node, ()), self.lines, content, tuple(self.doubled))
-
-    def _refusal(self, what: str, line: int | None, mend: str) -> PumaidError:
-        return self.kind("yaml-refused", what, Where(file=self.file, line=line), mend)
-
-    def _syntax(self, error: YAMLError, text: str) -> PumaidError:
+    try:
+        text = content.decode("utf-16" if content[:2] in (b"\xff\xfe", b"\xfe\xff") else "utf-8-sig")
+        return _Composed().document(text.replace("\r\n", "\n").replace("\r", "\n"), content)
+    except UnicodeDecodeError as error:
+        line = content[: error.start].count(b"\n") + 1
+        what, mend = f"byte 0x{content[error.start]:02x} is not UTF-8 text", "save the file as UTF-8"
+    except YAMLError as error:
         mark = getattr(error, "problem_mark", None) or getattr(error, "context_mark", None)
         problem = getattr(error, "problem", None) or str(error).splitlines()[0]
         line = mark.line + 1 if mark is not None else text[: getattr(error, "position", 0)].count("\n") + 1
         has_tab = "\t" in "".join(text.splitlines()[line - 1 : line])
         mend = "indent with spaces, not tabs" if has_tab else "brackets, quotes, colons and indents must match"
-        return self._refusal(f"this is not YAML: {problem}", line, mend)
+        what = f"this is not YAML: {problem}"
+    except RecursionError:
+        what, line, mend = f"nested more than {MAX_DEPTH} deep", 1, "a recipe nests four deep"
+    except _Refused as error:
+        what, line, mend = error.args
+    raise kind("yaml-refused", what, Where(file=file, line=line), mend)
 
-    def _value(self, node: Any, path: Path_) -> Any:
+
+class _Refused(Exception):
+    """YAML that is not accepted: what, line and mend."""
+
+
+class _Composed:
+    """Turns composed YAML nodes into plain values and their lines."""
+
+    def __init__(self) -> None:
+        self.yaml = YAML(typ="safe", pure=True)
+        self.lines: dict[KeyPath, int] = {}
+        self.doubled: list[Fault] = []
+
+    def document(self, text: str, content: bytes) -> Document:
+        node = self.yaml.compose(text)
+        if node is None:
+            raise _Refused("the file is empty", 1, "write one with pumaid init (a recipe) or pumaid plan")
+        return Document(self._value(node, ()), self.lines, content, tuple(self.doubled))
+
+    def _value(self, node: Any, path: KeyPath) -> Any:
         line = node.start_mark.line + 1
         self.lines.setdefault(path, line)
         if len(path) > MAX_DEPTH:
-            raise self._refusal(f"nested more than {MAX_DEPTH} deep", line, "a recipe nests four deep")
+            raise _Refused(f"nested more than {MAX_DEPTH} deep", line, "a recipe nests four deep")
         if len(self.lines) > MAX_VALUES:
-            raise self._refusal(f"aliases expand to more than {MAX_VALUES} values", line, "write the values themselves")
+            raise _Refused(f"aliases expand to more than {MAX_VALUES} values", line, "write the values themselves")
         if isinstance(node, ScalarNode):
             return self._scalar(node, line)
         if str(node.tag) not in ("tag:yaml.org,2002:map", "tag:yaml.org,2002:seq"):
-            raise self._refusal(f"the tag {node.tag} is not accepted", line, "write the plain value without a tag")
+            raise _Refused(f"the tag {node.tag} is not accepted", line, "write the plain value without a tag")
         if isinstance(node, SequenceNode):
             return [self._value(item, (*path, index)) for index, item in enumerate(node.value)]
         return dict(self._entries(node, path))
 
-    def _entries(self, node: MappingNode, path: Path_) -> Iterator[tuple[str, Any]]:
+    def _entries(self, node: MappingNode, path: KeyPath) -> Iterator[tuple[str, Any]]:
         for key_node, value_node in node.value:
             line = key_node.start_mark.line + 1
             if not isinstance(key_node, ScalarNode) or not key_node.value:
-                raise self._refusal("a list, a mapping or nothing cannot be a key", line, "write key: value")
+                raise _Refused("a list, a mapping or nothing cannot be a key", line, "write key: value")
             key = key_node.value
             if (*path, key) in self.lines:
                 what = f"the key {key[:60]} is given twice (first on line {self.lines[*path, key]})"
-                self.doubled.append(self.kind("recipe-bad-key", what, Where(self.file, line), "remove one of them"))
+                self.doubled.append(Fault((*path, key), "recipe-bad-key", what, "remove one of them"))
             self.lines[*path, key] = line
             yield key, self._value(value_node, (*path, key))
 
     def _scalar(self, node: ScalarNode, line: int) -> Any:
         tag = self.yaml.resolver.resolve(ScalarNode, node.value, (node.style is None, node.style is not None))
         if str(node.tag) != str(tag):
-            raise self._refusal(f"the tag {node.tag} is not accepted", line, "write the plain value without a tag")
-        kind = str(tag).rsplit(":", 1)[-1]
-        if kind not in ("int", "float", "bool", "null"):
+            raise _Refused(f"the tag {node.tag} is not accepted", line, "write the plain value without a tag")
+        if str(tag).rsplit(":", 1)[-1] not in ("int", "float", "bool", "null"):
             return node.value
         try:
             value = self.yaml.constructor.construct_object(node)
-            if kind == "int":
-                float(value)  # an integer beyond all floats overflows
+            float(value or 0)  # an integer beyond all floats overflows
         except (ValueError, OverflowError, YAMLError) as error:
             what = f"{node.value[:40]} is not a number that can be read"
-            raise self._refusal(what, line, "write a shorter number") from error
+            raise _Refused(what, line, "write a shorter number") from error
         return value
 
 
-Form = TypeVar("Form", bound="BaseModel")
-#: Most faults of one file that are listed; the others are counted.
-MOST_FAULTS = 20
-
-
-class Fault(NamedTuple):
-    """One fault: path of keys and 0-based indices, slug, sentence, mend."""
-
-    path: tuple[str | int, ...]
-    slug: str
-    what: str
-    mend: str
-
-
-#: Unknown keys are faults, and types are not converted.
-FORM = ConfigDict(extra="forbid", strict=True)
-
-
-def refusal(slug: str, what: str, mend: str = "", *, known: Iterable[str] = (), word: object = "") -> Exception:
-    """A pydantic error with our slug, sentence and mend; or with the nearest of the `known` words to `word`."""
-    texts = {"slug": slug, "what": what, "mend": mend or _meant(word, list(known))}
-    return PydanticCustomError("pumaid", "{what}", texts)
-
-
-Finite = Annotated[float, Field(strict=True, allow_inf_nan=False)]
+def refusal(what: str, mend: str = "", *, slug: str = "recipe-bad-value") -> Exception:
+    """A pydantic error with our slug, sentence and mend."""
+    return PydanticCustomError("pumaid", "{what}", {"slug": slug, "what": what, "mend": mend})
 
 
 def within(least: float, most: float, *, unit: str, mend: str) -> AfterValidator:
@@ -210,41 +206,48 @@ def within(least: float, most: float, *, unit: str, mend: str) -> AfterValidator
     def check(value: float) -> float:
         if not least <= abs(value) <= most:
             bounds = f"between {least:g} and {most:g}" if least else f"at most {most:g}"
-            raise refusal("recipe-bad-value", f"{value:g} {unit}".strip() + f" is not {bounds}", mend)
+            raise refusal(f"{value:g} {unit}".strip() + f" is not {bounds}", mend)
         return value
 
     return AfterValidator(check)
 
 
-@dataclass(frozen=True, slots=True)
-class Wording:
-    """How faults of one kind of file are told: the type of error, an example of each key's value, and the slug of every
-    fault (none: each kind of fault has its own).
+def validated(
+    form: type[Form], document: Document, file: str, *, kind: type[PumaidError], slug: str = "", context: Any = None
+) -> Form:
+    """A document's data as a form whose fields' ``examples`` show what they look like.
+
+    Raises
+    ------
+    PumaidError, or Faults of several
+        Of type `kind`, every fault with its slug, or all with `slug`.
     """
-
-    error: type[PumaidError]
-    examples: Mapping[str, str]
-    slug: str | None = None
-
-
-def validated(form: type[Form], data: Any, *, wording: Wording, context: Any = None) -> tuple[Form | None, list[Fault]]:
-    """The form of plain data, or none, and its faults."""
     try:
-        return form.model_validate(data, context=context), []
+        out = form.model_validate(document.data, context=context)
+        faults = []
     except ValidationError as error:
-        return None, [_translated(dict(entry), form, wording) for entry in error.errors(include_url=False)]
+        faults = [_fault(dict(entry), form) for entry in error.errors(include_url=False)]
+    if faults or document.doubled:
+        refuse(file, document, faults, kind=kind, slug=slug)
+    return out
 
 
-def refuse(file: str, document: Document, faults: Sequence[Fault], *, wording: Wording) -> NoReturn:
-    """Raise every fault, in the order of the file's lines; a misspelt key is not told as missing too."""
-    meant = {(fault.path[:-1], fault.mend) for fault in faults}
-    errors = list(document.doubled)
-    for path, slug, what, mend in faults:
-        if what.endswith("is missing") and (path[:-1], f"did you mean {path[-1]}?") in meant:
+def refuse(
+    file: str, document: Document, faults: Sequence[Fault], *, kind: type[PumaidError], slug: str = ""
+) -> NoReturn:
+    """Raise every fault, in the order of the file's lines; a misspelt key is not told as missing too, and a wrong unit
+    of angles once.
+    """
+    degrees = [fault for fault in faults if fault.slug == "recipe-angle-unit"]
+    faults = [fault for fault in (*document.doubled, *faults) if fault not in degrees[1:]]
+    slips = {(fault.path[:-1], fault.mend) for fault in faults}
+    errors = []
+    for path, its_slug, what, mend in faults:
+        if what.endswith("is missing") and (path[:-1], f"did you mean {path[-1]}?") in slips:
             continue
         joint = path[1] + 1 if len(path) > 1 and path[0] == "joints" and isinstance(path[1], int) else None
         where = Where(file=file, line=document.line_of(path), joint=joint, field=dotted(path) or None)
-        errors.append(wording.error(wording.slug or slug, what, where, mend))
+        errors.append(kind(slug or its_slug, what, where, mend))
     raise_together(sorted(errors, key=lambda error: error.where.line or 0))
 
 
@@ -267,73 +270,49 @@ def dotted(path: Sequence[str | int]) -> str:
 
 def shown(value: Any) -> str:
     """A value as a message shows it: short, with its type."""
-    if value is None:
-        return "empty"
-    if isinstance(value, bool):
-        return f"the truth value {str(value).lower()}"
-    if isinstance(value, dict):
-        return "a mapping"
-    text = f"the list {value}" if isinstance(value, list) else str(value)
-    text = f"the text '{value}'" if isinstance(value, str) else text
+    if isinstance(value, dict) or value is None:
+        return "empty" if value is None else "a mapping"
+    text = json.dumps(value, ensure_ascii=False, default=str)
+    text = f"the text {text}" if isinstance(value, str) else f"the list {text}" if isinstance(value, list) else text
     return text if len(text) <= 80 else f"{text[:77]}..."
 
 
-_TYPES = {"string": "text", "float": "a number", "list": "a list", "int": "a whole number"}
-
-
-def _translated(entry: dict[str, Any], form: type[BaseModel], wording: Wording) -> Fault:
+def _fault(entry: dict[str, Any], form: type[BaseModel]) -> Fault:
     """A pydantic error as a fault."""
-    path: tuple[str | int, ...] = tuple(step for step in entry["loc"] if step != "[key]")
+    path: KeyPath = tuple(step for step in entry["loc"] if step != "[key]")
     kind, value, context = entry["type"], entry["input"], entry.get("ctx", {})
     key = str(path[-1]) if path else "the file"
-    example = wording.examples.get(key)
     if kind == "pumaid":
         return Fault(path, context["slug"], context["what"], context["mend"])
+    is_short = kind == "missing" and isinstance(path[-1], int)
+    if is_short:
+        path, key = path[:-1], str(path[-2])
+    fields = _fields(form, path[:-1])
     if kind == "extra_forbidden":
-        mend = "write the values out" if key == "<<" else _meant(key, _keys(form, path[:-1]))
+        mend = "write the values out" if key == "<<" else meant(key, list(fields))
         return Fault(path, "recipe-bad-key", f"there is no key {key[:60]}", mend)
+    example = next(iter((fields[key].examples if key in fields else None) or []), "")
+    if is_short:
+        return Fault(path, "recipe-bad-value", f"{dotted(path)} has too few values", f"write {example or 'more'}")
     if kind == "missing":
         return Fault(path, "recipe-bad-key", f"the key {key} is missing", f"add {key}: {example or '...'}")
+    mend = f"write {example}" if example else ""
     if kind == "literal_error":
-        words = context["expected"].replace("'", "").split(" or ")
-        what = f"{key} is {shown(value)}, not {context['expected']}"
-        return Fault(path, "recipe-bad-value", what, _meant(value, words))
-    if kind in ("too_short", "too_long", "string_too_long"):
-        bound = context.get("min_length") or context.get("max_length")
-        what = f"{key} has {len(value)} {'characters' if isinstance(value, str) else 'values'}"
-        return Fault(path, "recipe-bad-value", what, f"write {example or bound}")
-    if kind == "finite_number":
-        return Fault(path, "recipe-bad-value", f"{dotted(path)} is {value}", "write a finite number")
-    if kind.startswith(("greater_than", "less_than")):
-        bound = next(iter(context.values()))
-        side = {"greater_than": "above", "less_than": "below"}.get(kind, "from" if kind[0] == "g" else "up to")
-        return Fault(path, "recipe-bad-value", f"{key} is {shown(value)}", f"write a number {side} {bound:g}")
-    wanted = _TYPES.get(kind.split("_")[0], "a mapping of keys to values")
-    what = f"{dotted(path) or key} is {shown(value)}, not {wanted}"
-    return Fault(path, "recipe-bad-value", what, _type_mend(value, wanted, example))
+        mend = meant(value, context["expected"].replace("'", "").split(" or "))
+    elif isinstance(value, str) and re.fullmatch(r"\s*[-+]?\d+,\d+\s*", value):
+        mend = f"write the decimals after a point: {value.strip().replace(',', '.')}"
+    elif kind == "string_type" and isinstance(value, int | float):
+        mend = f'put it in quotes: "{value}"'
+    message = re.sub("^Input", "it", entry["msg"].partition(" or instance of")[0]).replace("dictionary", "mapping")
+    return Fault(path, "recipe-bad-value", f"{dotted(path) or key} is {shown(value)}: {message}", mend)
 
 
-def _type_mend(value: Any, wanted: str, example: str | None) -> str:
-    if wanted == "text":
-        return f'put it in quotes: "{value}"' if isinstance(value, int | float) else "write a text"
-    if wanted == "a number" and isinstance(value, str) and re.fullmatch(r"\s*[-+]?\d+,\d+\s*", value):
-        return f"write the decimals after a point: {value.strip().replace(',', '.')}"
-    if wanted == "a number":
-        return "write a bare number"
-    return f"write {example or wanted}"
-
-
-def _meant(word: object, known: Sequence[str]) -> str:
-    near = nearest(word, known)
-    return f"did you mean {near}?" if near else f"known here: {', '.join(known)}"
-
-
-def _keys(form: Any, path: Sequence[str | int]) -> list[str]:
-    """Keys that the mapping at `path` may have."""
-    for step in path:
+def _fields(form: Any, path: Sequence[str | int]) -> dict[str, Any]:
+    """The fields, by key, that the mapping at `path` may have."""
+    for step in (*path, None):
+        while not hasattr(form, "model_fields") and get_args(form):
+            form = get_args(form)[0]
+        fields = {field.alias or name: field for name, field in getattr(form, "model_fields", {}).items()}
         if isinstance(step, str):
-            by_entry = {field.alias or name: field.annotation for name, field in form.model_fields.items()}
-            form = by_entry[step]
-            while not hasattr(form, "model_fields"):
-                form = form.__args__[0]
-    return [field.alias or name for name, field in form.model_fields.items()]
+            form = fields[step].annotation if step in fields else None
+    return fields

@@ -18,11 +18,10 @@ from pumaid.io.forms import (
     Document,
     Fault,
     Finite,
-    Wording,
     file_name,
-    nearest,
+    meant,
+    parsed_yaml,
     read_bytes,
-    read_yaml,
     refusal,
     refuse,
     shown,
@@ -44,19 +43,6 @@ _DIGITS = 10
 #: Share of its range by which a limit may be passed: round-off of ten digits.
 _ROUNDING = 1e-8
 
-WORDING = Wording(
-    ModelError,
-    {
-        "kind": "plan",
-        "format": str(PLAN_FORMAT),
-        "runs": "at least one, or make a plan with: pumaid plan",
-        "hold": "[...], one position a joint",
-        "units": "{angle: deg}",
-        "velocity": "a speed above 0; the direction follows from `from` and `to`",
-    },
-    slug="plan-wrong",
-)
-
 
 @dataclass(frozen=True, slots=True)
 class _PlannedArm:
@@ -73,15 +59,21 @@ class _PlannedArm:
         """The plan's unit of the joint's position."""
         return self.angle if joint.is_revolute else "m"
 
-    def check_limits(self, joint: Joint, value: float) -> None:
-        """Refuse a position outside the joint's limits."""
+    def si(self, joint: Joint, value: float) -> float:
+        """A position in SI; one outside the joint's limits is refused."""
         if joint.limits is not None:
             low, high = (limit / self.scale(joint) for limit in joint.limits)
             slack = _ROUNDING * (high - low)
             if not low - slack <= value <= high + slack:
                 unit = self.unit(joint)
                 what = f"{value:g} {unit} is outside joint {joint.number}'s limits {number(low)}..{number(high)} {unit}"
-                raise refusal("plan-wrong", what, "stay inside the limits, or correct them in the recipe")
+                raise refusal(what, "stay inside the limits, or correct them in the recipe")
+        return value * self.scale(joint)
+
+    @property
+    def holds(self) -> list[str]:
+        """The columns of held positions in a plan's CSV."""
+        return [f"hold{joint.number}_{self.unit(joint)}" for joint in self.robot.joints]
 
 
 def _arm(info: ValidationInfo) -> _PlannedArm:
@@ -91,43 +83,41 @@ def _arm(info: ValidationInfo) -> _PlannedArm:
 def _joint_number(joint: int, info: ValidationInfo) -> int:
     n_joints = _arm(info).robot.n_joints
     if not 1 <= joint <= n_joints:
-        raise refusal("plan-wrong", f"there is no joint {joint}", f"joints count from 1 to {n_joints}")
+        raise refusal(f"there is no joint {joint}", f"joints count from 1 to {n_joints}")
     return joint
 
 
-def _moving(info: ValidationInfo) -> Joint | None:
-    """The joint of a run, where it is known."""
-    return _arm(info).robot.joint(info.data["joint"]) if "joint" in info.data else None
-
-
-def _hold(values: list[float], info: ValidationInfo) -> list[float]:
-    robot, moving = _arm(info).robot, info.data.get("joint")
-    if len(values) != robot.n_joints:
-        what = f"{len(values)} held positions, {robot.name} has {robot.n_joints} joints"
-        raise refusal("plan-wrong", what, "is the plan for another robot?")
-    for joint, value in zip(robot.joints, values, strict=True):
-        if joint.number != moving:
-            _arm(info).check_limits(joint, value)
-    return values
+def _hold(values: list[float], info: ValidationInfo) -> tuple[float, ...]:
+    arm, moving = _arm(info), info.data.get("joint")
+    if len(values) != arm.robot.n_joints:
+        what = f"{len(values)} held positions, {arm.robot.name} has {arm.robot.n_joints} joints"
+        raise refusal(what, "is the plan for another robot?")
+    return tuple(
+        value * arm.scale(joint) if joint.number == moving else arm.si(joint, value)
+        for joint, value in zip(arm.robot.joints, values, strict=True)
+    )
 
 
 def _position(value: float, info: ValidationInfo) -> float:
-    joint = _moving(info)
-    if joint is not None:
-        _arm(info).check_limits(joint, value)
-    if info.field_name == "end" and value == info.data.get("start"):
-        raise refusal("plan-wrong", f"the run goes from {value:g} to the same place", "give the span another end")
-    return value
+    if "joint" not in info.data:
+        return value
+    out = _arm(info).si(_arm(info).robot.joint(info.data["joint"]), value)
+    if info.field_name == "end" and out == info.data.get("start"):
+        raise refusal(f"the run goes from {value:g} to the same place", "give the span another end")
+    return out
 
 
 def _velocity(value: float, info: ValidationInfo) -> float:
-    joint = _moving(info)
-    if joint is not None and joint.max_velocity is not None:
-        highest = joint.max_velocity / _arm(info).scale(joint)
-        if value > highest * (1.0 + 1e-6):
-            what = f"joint {joint.number} may do {number(highest)} {_arm(info).unit(joint)}/s, the run wants {value:g}"
-            raise refusal("plan-wrong", what, "lower the velocity")
-    return value
+    if "joint" not in info.data:
+        return value
+    arm = _arm(info)
+    joint = arm.robot.joint(info.data["joint"])
+    highest = joint.max_velocity
+    if highest is not None and value * arm.scale(joint) > highest * (1.0 + 1e-6):
+        unit = arm.unit(joint)
+        what = f"joint {joint.number} may do {number(highest / arm.scale(joint))} {unit}/s, the run wants {value:g}"
+        raise refusal(what, "lower the velocity")
+    return value * arm.scale(joint)
 
 
 Number = Annotated[int, Field(strict=True), AfterValidator(_joint_number)]
@@ -142,10 +132,12 @@ class RunForm(_PlanEntry):
     """One entry of `runs`."""
 
     joint: Number
-    hold: Annotated[list[Finite], AfterValidator(_hold)]
+    hold: Annotated[list[Finite], AfterValidator(_hold)] = Field(examples=["[...], one position a joint"])
     start: Position = Field(alias="from")
     end: Position = Field(alias="to")
-    velocity: Annotated[Finite, Field(gt=0), AfterValidator(_velocity)]
+    velocity: Annotated[Finite, Field(gt=0), AfterValidator(_velocity)] = Field(
+        examples=["a speed above 0; the direction follows from `from` and `to`"]
+    )
     purpose: Literal["fit", "heldout"] = "fit"
 
 
@@ -175,9 +167,9 @@ class UnitsForm(_PlanEntry):
 class PlanForm(_PlanEntry):
     """The whole file; only kind, format and runs are needed."""
 
-    kind: Literal["plan"]
-    format: Literal[1]
-    runs: Annotated[list[RunForm], Field(min_length=1)]
+    kind: Literal["plan"] = Field(examples=["plan"])
+    format: Literal[1] = Field(examples=["1"])
+    runs: list[RunForm] = Field(min_length=1, examples=["at least one, or make a plan with: pumaid plan"])
     robot: str = ""
     units: UnitsForm | None = None
     postures: list[PostureForm] = []
@@ -209,42 +201,32 @@ def read_plan(path: Path, robot: Robot) -> Plan:
     ModelError [yaml-refused], [file-not-readable]
         It cannot be read at all.
     """
-    path = Path(path)
+    path, name = Path(path), file_name(path)
+    content = read_bytes(path, kind=ModelError, most=_MAX_BYTES)
     is_csv = path.suffix.lower() == ".csv"
-    document = _csv_document(path, robot) if is_csv else read_yaml(path, kind=ModelError, max_bytes=_MAX_BYTES)
-    name, data = file_name(path), document.data
+    document = _csv_document(content, name, robot) if is_csv else parsed_yaml(content, name, kind=ModelError)
+    data = document.data
     if not isinstance(data, dict):
         what = f"the file holds {shown(data)}, not keys and values"
         raise ModelError("plan-wrong", what, Where(file=name, line=1), "make one with: pumaid plan")
-    units = data.get("units")
-    angle = units.get("angle") if isinstance(units, dict) else "rad"
-    arm = _PlannedArm(robot, angle if angle in ("deg", "rad") else "rad")
-    form, faults = validated(PlanForm, data, wording=WORDING, context=arm)
-    if angle != arm.angle:  # limits in an unknown unit mean nothing
-        faults = [fault for fault in faults if fault.path[:1] == ("units",)]
-    if form is None or document.doubled:
-        refuse(name, document, faults, wording=WORDING)
-    return _plan(form, arm)
-
-
-def _plan(form: PlanForm, arm: _PlannedArm) -> Plan:
-    robot = arm.robot
-    scales = [arm.scale(joint) for joint in robot.joints]
-
-    def si(values: Sequence[float]) -> tuple[float, ...]:
-        return tuple(value * scale for value, scale in zip(values, scales, strict=True))
-
-    motions = []
-    for run in form.runs:
-        start, end, velocity = (value * scales[run.joint - 1] for value in (run.start, run.end, run.velocity))
-        motions.append(Motion(run.joint, si(run.hold), start, end, velocity, run.purpose))
+    units = data.get("units", {"angle": "rad"})
+    angle = units.get("angle") if isinstance(units, dict) else units
+    if angle not in ("deg", "rad"):  # limits in an unknown unit mean nothing
+        where = Where(file=name, line=document.line_of(("units", "angle")), field="units.angle")
+        raise ModelError(
+            "plan-wrong", f"the angles' unit is {shown(angle)}", where, "write units: {angle: deg}, or rad"
+        )
+    arm = _PlannedArm(robot, angle)
+    form = validated(PlanForm, document, name, kind=ModelError, slug="plan-wrong", context=arm)
     notes = [Note(entry.note, entry.text) for entry in form.notes]
     if form.robot and form.robot != robot.name:
         notes.append(Note("plan-other-robot", f"the plan is for '{form.robot}', the recipe is of '{robot.name}'"))
     return Plan(
         robot=form.robot or robot.name,
-        motions=tuple(motions),
-        postures=tuple(Posture(p.joint, si(p.hold), tuple(p.serves), p.why) for p in form.postures),
+        motions=tuple(
+            Motion(run.joint, tuple(run.hold), run.start, run.end, run.velocity, run.purpose) for run in form.runs
+        ),
+        postures=tuple(Posture(p.joint, tuple(p.hold), tuple(p.serves), p.why) for p in form.postures),
         expected=form.expected_std_errors,
         unseen=form.unseen,
         duration=form.duration,
@@ -255,37 +237,33 @@ def _plan(form: PlanForm, arm: _PlannedArm) -> Plan:
     )
 
 
-def _csv_document(path: Path, robot: Robot) -> Document:
+def _csv_document(content: bytes, file: str, robot: Robot) -> Document:
     """A CSV plan as the document that the same plan in YAML would be."""
-    content = read_bytes(path, kind=ModelError, most=_MAX_BYTES)
     try:
         rows = list(csv.reader(content.decode("utf-8-sig").splitlines()))
     except (ValueError, csv.Error) as error:
-        what = f"{path} is not CSV text: {error}"
-        raise ModelError("file-not-readable", what, Where(file=str(path)), "save it as UTF-8") from error
+        what = f"{file} is not CSV text: {error}"
+        raise ModelError("file-not-readable", what, Where(file=file), "save it as UTF-8") from error
     header = [name.strip() for name in rows[0]] if rows else []
     arm = _PlannedArm(robot, "rad" if any(name.endswith("_rad") for name in header) else "deg")
-    holds = [f"hold{joint.number}_{arm.unit(joint)}" for joint in robot.joints]
-    needed = ["joint", *holds, "from", "to", "velocity"]
+    needed = ["joint", *arm.holds, "from", "to", "velocity"]
     lines: dict[tuple[str | int, ...], int] = {(): 1}
     runs: list[dict[str, Any]] = []
     for line, cells in enumerate(rows[1:], start=2):
         if cells:
             lines["runs", len(runs)] = line
-            runs.append(_csv_run(dict(zip(header, map(str.strip, cells), strict=False)), holds))
-    document = Document({"kind": "plan", "format": 1, "units": {"angle": arm.angle}, "runs": runs}, lines, content, ())
-    faults = []
-    for name in header:
-        if name not in (*needed, "run", "unit", "purpose"):
-            near = nearest(name, needed)
-            mend = f"did you mean {near}?" if near else f"a plan for {robot.name} has {', '.join(needed)}"
-            faults.append(Fault((name[:60],), "plan-wrong", f"there is no column {name[:60]!r} in a plan", mend))
+            runs.append(_csv_run(dict(zip(header, map(str.strip, cells), strict=False)), arm.holds))
+    document = Document({"kind": "plan", "format": 1, "units": {"angle": arm.angle}, "runs": runs}, lines, content)
+    faults = [
+        Fault((name[:60],), "", f"there is no column {name[:60]!r} in a plan", meant(name, needed))
+        for name in header
+        if name not in (*needed, "run", "unit", "purpose")
+    ]
     for name in needed:
         if name not in header:
-            what = f"the column {name} is missing"
-            faults.append(Fault((name,), "plan-wrong", what, "is the plan for another robot?"))
+            faults.append(Fault((name,), "", f"the column {name} is missing", "is the plan for another robot?"))
     if faults:
-        refuse(str(path), document, faults, wording=WORDING)
+        refuse(file, document, faults, kind=ModelError, slug="plan-wrong")
     return document
 
 
@@ -397,8 +375,7 @@ def _number(value: float) -> str:
 def _csv(plan: Plan, arm: _PlannedArm) -> str:
     out = io.StringIO()
     writer = csv.writer(out, lineterminator="\n")
-    holds = [f"hold{joint.number}_{arm.unit(joint)}" for joint in arm.robot.joints]
-    writer.writerow(["run", "joint", *holds, "from", "to", "velocity", "unit", "purpose"])
+    writer.writerow(["run", "joint", *arm.holds, "from", "to", "velocity", "unit", "purpose"])
     for count, run in enumerate(_entries(plan, arm)["runs"], start=1):
         numbers = map(_number, (*run["hold"], run["from"], run["to"], run["velocity"]))
         unit = arm.unit(arm.robot.joint(run["joint"]))

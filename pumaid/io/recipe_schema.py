@@ -1,4 +1,4 @@
-"""What a recipe may hold: keys, types and ranges; each value is checked in the context of the whole arm."""
+"""What a recipe may hold: keys, types and ranges; each value is checked in the context of the whole arm, and in SI."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from typing import Annotated, Any, Literal, Self, cast
 
 from pydantic import AfterValidator, BaseModel, BeforeValidator, Field, ValidationInfo, model_validator
 
-from pumaid.io.forms import FORM, Fault, Finite, refusal, within
+from pumaid.io.forms import FORM, Fault, Finite, meant, refusal, within
 from pumaid.units import UNITS, factor
 
 #: Longest link and rail (m), and fastest rail (m/s); larger numbers are in millimetres.
@@ -25,34 +25,18 @@ SLOWEST, FASTEST = 1e-4, 1e3
 #: Quarter turns (rad) in a file of degrees are radians, to this rounding.
 QUARTERS, ROUNDING = tuple(quarter * math.pi / 2.0 for quarter in (1, 2, 3)), 5e-4
 
-#: Key -> what it looks like.
-EXAMPLES = {
-    "name": "a name, such as my arm",
-    "gravity": "[0, 0, -9.80665]   (m/s2 in base axes; this is upright)",
-    "joints": "1 to 50 lines such as - {type: revolute, alpha: 0, a: 0, d: 0}, base to tip",
-    "type": "revolute   (or prismatic)",
-    "alpha": "the twist before the joint, modified DH",
-    "a": "the length before the joint, m, modified DH",
-    "limits": "[lowest, highest]",
-    "effects": "[{effect: NAME, joint: 3}]",
-    "effect": "a name that pumaid effects lists",
-    "shape": "{velocity: 0.1}",
-    "units": "{angle: deg}",
-    "signs": "{position: [1, -1, ...]}",
-    "log": "its keys below it, indented",
-    "safety": "its keys below it, indented: boxes, spheres, tool, margin",
-    "boxes": "[{name: table, min: [-1, -1, -1], max: [1, 1, -0.02]}]",
-    "spheres": "[{link: 3, centre: [0.2, 0, 0], radius: 0.08}]",
-    "min": "[x, y, z]   (the lowest corner, m in base axes)",
-    "max": "[x, y, z]   (the highest corner, m in base axes)",
-    "link": "the link that carries the sphere; 0 is the base",
-    "centre": "[x, y, z]   (m, in the link's frame)",
-    "tool": "[x, y, z]   (m, in the last link's frame)",
-    "radius": "the sphere's radius, m",
-    "ignore": "[[4, 6]], pairs of links",
-}
-_PI = re.compile(r"\s*([+-]?)\s*(?:(\d+(?:\.\d*)?)\s*\*?\s*)?pi\s*(?:/\s*(\d+(?:\.\d*)?))?\s*")
+_PI = re.compile(r"\s*([+-]?)\s*(?:(\d+(?:\.\d*)?)\s*\*?\s*)?pi\s*(?:/\s*([1-9]\d*(?:\.\d*)?))?\s*")
 _COLUMN = "write {joint} (counts from 1), {joint0} (from 0) or {name} where the joint goes, such as q{joint}"
+#: Units of a log's quantities: dimensions of joints that turn, and of those that slide.
+_DIMENSIONS = {
+    "time": ("time", "time"),
+    "position": ("angle", "length"),
+    "velocity": ("angular velocity", "linear velocity"),
+    "prismatic_position": ("", "length"),
+    "prismatic_velocity": ("", "linear velocity"),
+    "current": ("current", "current"),
+    "temperature": ("temperature", "temperature"),
+}
 
 
 @dataclass(frozen=True)
@@ -74,7 +58,7 @@ class ArmForm:
         return cls(
             tuple(name if isinstance(name, str) else f"joint{k}" for k, name in enumerate(names, start=1)),
             frozenset(str(joint.get("type")) for joint in joints),
-            str(units.get("angle", "rad")),
+            units.get("angle", "rad") if units.get("angle") in ("rad", "deg") else "rad",
             "angle" in units,
         )
 
@@ -91,76 +75,96 @@ def _is_rail(info: ValidationInfo) -> bool:
 def _pi(value: Any, info: ValidationInfo) -> Any:
     """``-pi/2`` and the like as a number, in a file of radians."""
     match = _PI.fullmatch(value) if isinstance(value, str) else None
-    if match is None:
+    if match is None or _is_rail(info):
         return value
-    if _is_rail(info):
-        raise refusal("recipe-bad-value", f"{value} is an angle, and the joint slides", "write a number in m or m/s")
     if _arm(info).unit == "deg":
-        raise refusal("recipe-angle-unit", f"{value} is in rad, and this file's angles are in deg", "write degrees")
+        what = f"{value} is in rad, and this file's angles are in deg"
+        raise refusal(what, "write degrees", slug="recipe-angle-unit")
     sign, times, over = match.groups()
-    if over is not None and float(over) == 0.0:
-        raise refusal("recipe-bad-value", f"{value!r} divides by zero", "write a number")
     return (-1.0 if sign == "-" else 1.0) * float(times or 1.0) * math.pi / float(over or 1.0)
 
 
-def _plausible(value: float, info: ValidationInfo) -> float:
-    """Refuse angles in another unit than the file's, and limits and speeds that no joint has."""
+def _in_si(value: float, info: ValidationInfo) -> float:
+    """rad, m, rad/s or m/s; angles in another unit than the file's, and limits and speeds of no joint, are refused."""
     key, arm, size = str(info.field_name), _arm(info), abs(value)
     per_s = "/s" if key == "max_velocity" else ""
     if _is_rail(info):
         highest = FASTEST_RAIL if per_s else LONGEST_RAIL
         if size > highest:
             what = f"{key} of {value:g} m{per_s} is beyond {highest:g} m{per_s}"
-            raise refusal("recipe-bad-value", what, f"prismatic joints are in m{per_s}; divide by 1000")
+            raise refusal(what, f"prismatic joints are in m{per_s}; divide by 1000")
         return value
-    is_constant = key in ("alpha", "theta")
+    is_constant = key in ("alpha", "theta", "rpy")
     if arm.unit == "rad" and size > (2.0 * math.pi if is_constant else WIDEST_UNSTATED):
         if is_constant or not arm.is_stated:
             what = f"{key} of {value:g} rad{per_s} is too large: degrees?"
             mend = "add units: {angle: deg} at the top; or, if it is rad, say so: units: {angle: rad}"
-            raise refusal("recipe-angle-unit", what, mend)
+            raise refusal(what, mend, slug="recipe-angle-unit")
     elif arm.unit == "deg" and is_constant and size > 360.0:
-        raise refusal("recipe-angle-unit", f"{key} of {value:g} deg is more than a turn", "write it within 360")
+        what = f"{key} of {value:g} deg is more than a turn"
+        raise refusal(what, "write it within 360", slug="recipe-angle-unit")
     elif arm.unit == "deg" and not per_s and any(abs(size - quarter) < ROUNDING for quarter in QUARTERS):
         mend = "write degrees (90, not 1.5708), or take units: {angle: deg} away"
-        raise refusal("recipe-angle-unit", f"{key} of {value:g} deg is a quarter turn in rad", mend)
-    rad = size * factor(arm.unit) if arm.unit in ("rad", "deg") else size
+        raise refusal(f"{key} of {value:g} deg is a quarter turn in rad", mend, slug="recipe-angle-unit")
+    rad = size * factor(arm.unit)
     if key == "limits" and rad > WIDEST:
         what = f"limits of {value:g} {arm.unit} are more than {WIDEST / (2.0 * math.pi):g} turns"
-        raise refusal("recipe-bad-value", what, "leave limits out for a joint that turns without end")
+        raise refusal(what, "leave limits out for a joint that turns without end")
     if per_s and not SLOWEST <= rad <= FASTEST:
         what = f"no joint's highest speed is {value:g} {arm.unit}/s"
-        raise refusal("recipe-bad-value", what, f"write a number above 0 in {arm.unit}/s, or leave the key out")
+        raise refusal(what, f"write a number above 0 in {arm.unit}/s, or leave the key out")
+    return value * factor(arm.unit)
+
+
+def _needed(value: Any, info: ValidationInfo) -> Any:
+    """Refuse that a constant of a joint is missing: all of a Denavit-Hartenberg row but the offset of its motion."""
+    key, kind = str(info.field_name), info.data.get("type")
+    offsets = {"revolute": ("theta",), "prismatic": ("d",)}.get(str(kind), ("theta", "d"))
+    if info.data.get("placement") is not None and value is not None:
+        raise refusal(f"{key} stands beside a placement, which says it already", "take one of them away")
+    if value is None and info.data.get("placement") is None and key not in offsets:
+        mend = (
+            f"add {key}: 0 if it is zero; or say where the joint is with placement: {{xyz: ..., rpy: ..., axis: ...}}"
+        )
+        raise refusal(f"the key {key} is missing", mend, slug="recipe-bad-key")
     return value
 
 
-def _in_order(limits: list[float]) -> list[float]:
-    low, high = limits
-    if low >= high:
-        what = f"the limits [{low:g}, {high:g}] are not [lowest, highest]"
-        raise refusal("recipe-bad-value", what, "write the lower one first")
+def _in_order(limits: tuple[float, float]) -> tuple[float, float]:
+    if limits[0] >= limits[1]:
+        raise refusal("the limits are not [lowest, highest]", "write the lower one first")
     return limits
 
 
-def _gravity(vector: list[float]) -> list[float]:
+def _direction(axis: tuple[float, float, float]) -> tuple[float, float, float]:
+    if math.hypot(*axis) < 1e-9:
+        raise refusal(f"the axis {list(axis)} has no direction", "write it as [0, 0, 1]")
+    return axis
+
+
+def _gravity(vector: tuple[float, float, float]) -> tuple[float, float, float]:
     size = math.hypot(*vector)
     if not LEAST_GRAVITY <= size <= MOST_GRAVITY:
         what = f"gravity of {size:g} m/s2 is not between {LEAST_GRAVITY:g} and {MOST_GRAVITY:g}"
-        raise refusal("recipe-bad-value", what, "give it in m/s2, as a vector in base axes: [0, 0, -9.80665] upright")
+        raise refusal(what, "give it in m/s2, as a vector in base axes: [0, 0, -9.80665] upright")
     return vector
 
 
 def _printable(text: str) -> str:
     if not text.strip() or not text.isprintable():
-        what = f"the name {text[:40]!r} is empty or has unprintable characters"
-        raise refusal("recipe-bad-value", what, "write a word")
+        raise refusal(f"the name {text[:40]!r} is empty or has unprintable characters", "write a word")
     return text
 
 
+def is_joint_name(name: str) -> bool:
+    """Whether a joint can have this name: a printable word that EFFECT@JOINT does not read as something else."""
+    is_word = bool(name.strip()) and name.isprintable() and len(name) <= 200
+    return is_word and name.lower() != "all" and not re.search("[@,]", name) and not re.fullmatch(r"[\d.+-]+", name)
+
+
 def _joint_name(name: str) -> str:
-    if name.lower() == "all" or "@" in name or "," in name or re.fullmatch(r"[\d.+-]+", name):
-        what = f"{name!r} cannot name a joint, because EFFECT@JOINT would read it as something else"
-        raise refusal("recipe-bad-value", what, "use a word, such as shoulder")
+    if not is_joint_name(name):
+        raise refusal(f"{name[:40]!r} cannot name a joint", "use a word, such as shoulder")
     return name
 
 
@@ -174,56 +178,55 @@ def _template(template: str, info: ValidationInfo) -> str:
                 raise ValueError(place)
             places.add(place)
     except ValueError as error:
-        what = f"the column template {template!r} cannot be used"
-        raise refusal("recipe-bad-value", what, _COLUMN) from error
+        raise refusal(f"the column template {template!r} cannot be used", _COLUMN) from error
     if info.field_name == "time" and places != {None}:
-        what = f"the time column {template!r} holds a joint"
-        raise refusal("recipe-bad-value", what, "name one column, such as t")
+        raise refusal(f"the time column {template!r} holds a joint", "name one column, such as t")
     if info.field_name != "time" and len(_arm(info).names) > 1 and not places - {None}:
-        raise refusal("recipe-bad-value", f"{template} names the same column for every joint", _COLUMN)
+        raise refusal(f"{template} names the same column for every joint", _COLUMN)
     return template
 
 
-def _signs(signs: list[float], info: ValidationInfo) -> list[float]:
+def _signs(signs: tuple[float, ...], info: ValidationInfo) -> tuple[int, ...]:
     if len(signs) != len(_arm(info).names) or not set(signs) <= {1.0, -1.0}:
         what = f"{len(signs)} values for {len(_arm(info).names)} joints, which must be signs"
-        raise refusal("recipe-bad-value", what, "write 1 or -1 for each joint, base to tip")
-    return signs
+        raise refusal(what, "write 1 or -1 for each joint, base to tip")
+    return tuple(map(round, signs))
 
 
 def _effect_joint(joint: Any, info: ValidationInfo) -> int | None:
     """The number of the joint at which an effect acts; None for all."""
     names = _arm(info).names
-    if isinstance(joint, bool) or not isinstance(joint, int | str):
-        raise refusal("recipe-bad-value", f"{joint!r} is not a joint", "write its number from 1, its name, or all")
-    if isinstance(joint, int) and not 1 <= joint <= len(names):
-        raise refusal("recipe-bad-value", f"there is no joint {joint}", f"joints count from 1 to {len(names)}")
-    if isinstance(joint, str) and joint != "all" and joint not in names:
-        what = f"there is no joint named {joint[:60]}"
-        raise refusal("recipe-bad-value", what, known=[*names, "all"], word=joint)
-    return joint if isinstance(joint, int) else None if joint == "all" else names.index(joint) + 1
+    if joint == "all":
+        return None
+    if isinstance(joint, str) and joint in names:
+        return names.index(joint) + 1
+    if isinstance(joint, bool) or not isinstance(joint, int) or not 1 <= joint <= len(names):
+        mend = meant(joint, [*names, "all"]) if isinstance(joint, str) else f"joints count from 1 to {len(names)}"
+        raise refusal(f"there is no joint {str(joint)[:60]}", mend)
+    return joint
 
 
 def _effect_name(name: str) -> str:
     word, at, joint = name.partition("@")
     if not re.fullmatch(r"[A-Za-z]\w*", name):
         mend = f"write {{effect: {word}, joint: {joint}}}" if at else "pumaid effects lists the names"
-        raise refusal("recipe-bad-value", f"{name[:40]!r} is no effect's name", mend)
+        raise refusal(f"{name[:40]!r} is no effect's name", mend)
     return name
 
 
 def _link(link: int, info: ValidationInfo) -> int:
     n_joints = len(_arm(info).names)
     if not 0 <= link <= n_joints:
-        raise refusal("recipe-bad-value", f"there is no link {link}", f"links count from 0 (the base) to {n_joints}")
+        raise refusal(f"there is no link {link}", f"links count from 0 (the base) to {n_joints}")
     return link
 
 
-def _apart(links: list[int]) -> list[int]:
-    if abs(links[0] - links[1]) <= 1:
-        what = f"links {links[0]} and {links[1]} are neighbours or one, and are never checked against each other"
-        raise refusal("recipe-bad-value", what, "take the pair away")
-    return links
+def _apart(links: tuple[int, int]) -> tuple[int, int]:
+    first, last = sorted(links)
+    if last <= first + 1:
+        what = f"links {first} and {last} are neighbours or one, and are never checked against each other"
+        raise refusal(what, "take the pair away")
+    return first, last
 
 
 def coupled(key: str) -> tuple[int, int] | None:
@@ -237,49 +240,43 @@ def coupled(key: str) -> tuple[int, int] | None:
 
 def _coupling(key: str, info: ValidationInfo) -> str:
     pair, n_joints = coupled(key), len(_arm(info).names)
-    mend = "write r54 where joint 5's motor is turned by joint 4's, and r12_9 where a joint is above 9"
-    if pair is None:
-        raise refusal("recipe-bad-key", f"{key[:60]} does not name two joints", mend)
-    if max(pair) > n_joints:
-        raise refusal("recipe-bad-value", f"there is no joint {max(pair)} for {key}", f"joints are 1 to {n_joints}")
-    if pair[0] <= pair[1]:
-        what = f"{key} has joint {pair[0]} driven by joint {pair[1]}, which is not nearer to the base"
-        raise refusal("recipe-bad-value", what, mend)
+    if pair is None or not n_joints >= pair[0] > pair[1]:
+        mend = "write r54 where joint 5's motor is turned by joint 4's, and r12_9 where a joint is above 9"
+        what = f"{key[:60]} does not name two of the {n_joints} joints, the driven one and one nearer to the base"
+        raise refusal(what, mend, slug="recipe-bad-key" if pair is None else "recipe-bad-value")
     return key
 
 
-def _unit_of(*dimensions: str) -> AfterValidator:
-    """A unit word of one of the dimensions, the first of revolute joints, the second of prismatic ones."""
-
-    def check(word: str, info: ValidationInfo) -> str:
-        fitting = [unit for unit, (dimension, _) in UNITS.items() if dimension in dimensions]
-        if word not in fitting:
-            other = f"a unit of {UNITS[word][0]}" if word in UNITS else "no unit"
-            what = f"{word[:40]!r} is {other}, and a unit of {' or '.join(dimensions)} is needed"
-            raise refusal("recipe-bad-value", what, known=fitting, word=word)
-        key, kinds, dimension = str(info.field_name), _arm(info).kinds, UNITS[word][0]
-        if len(dimensions) == 2 and dimension == dimensions[1] and "revolute" in kinds:
-            what = f"{word} is a unit of {dimension}, and the arm has revolute joints"
-            mend = f"give {key} a unit of {dimensions[0]}; prismatic joints have prismatic_{key}"
-            raise refusal("recipe-bad-value", what, mend)
-        if len(dimensions) == 2 and dimension == dimensions[0] and kinds == {"prismatic"}:
-            what = f"{word} is a unit of {dimension}, and every joint is prismatic"
-            raise refusal("recipe-bad-value", what, f"give it a unit of {dimensions[1]}")
-        if key.startswith("prismatic_") and kinds == {"revolute"}:
-            raise refusal("recipe-bad-value", f"{key} is given, and the arm has no prismatic joint", "take it away")
-        return word
-
-    return AfterValidator(check)
+def _unit(word: str, info: ValidationInfo) -> str:
+    """A unit word of a quantity that joints of this arm have."""
+    key, kinds = str(info.field_name), _arm(info).kinds
+    turning, sliding = _DIMENSIONS[key]
+    dimensions = {sliding} if kinds == {"prismatic"} else {turning}
+    if key.startswith("prismatic_"):
+        dimensions = {sliding} if "prismatic" in kinds else set()
+    fitting = [unit for unit, (dimension, _) in UNITS.items() if dimension in dimensions]
+    if word not in fitting:
+        mend = meant(word, fitting) if fitting else "take it away: no joint of this arm slides"
+        if sliding != turning and word in UNITS and UNITS[word][0] == sliding:
+            mend += f"; of joints that slide give prismatic_{key}"
+        raise refusal(f"{word[:40]!r} is no unit of {key} here", mend)
+    return word
 
 
-Angle = Annotated[Finite, BeforeValidator(_pi), AfterValidator(_plausible)]
+Angle = Annotated[Finite, BeforeValidator(_pi), AfterValidator(_in_si)]
 Length = Annotated[Finite, within(0, LONGEST_LINK, unit="m", mend="lengths are in metres; divide by 1000")]
 Words = Annotated[str, Field(strict=True, max_length=200), AfterValidator(_printable)]
 Template = Annotated[Words, AfterValidator(_template)]
-Point = Annotated[list[Length], Field(min_length=3, max_length=3)]
+Triple = Annotated[tuple[Length, Length, Length], Field(strict=False)]
 Link = Annotated[int, Field(strict=True), AfterValidator(_link)]
-Signs = Annotated[list[Finite], AfterValidator(_signs)]
+Signs = Annotated[tuple[Finite, ...], Field(strict=False), AfterValidator(_signs)]
+Unit = Annotated[str, AfterValidator(_unit)]
 GearRatio = Annotated[Finite, within(1e-3, 1e5, unit="", mend="write motor turns per joint turn, such as 101")]
+
+
+def _like(*examples: str, default: Any = ..., **more: Any) -> Any:
+    """A field with what its value looks like."""
+    return Field(default, examples=list(examples), **more)
 
 
 class _StrictForm(BaseModel):
@@ -292,34 +289,38 @@ class _StrictForm(BaseModel):
         if not isinstance(data, dict):
             return data
         nullable = ("velocity", "temperature")
-        empty = [
-            key for key, value in data.items() if value is None and key in cls.model_fields and key not in nullable
-        ]
-        return {key: value for key, value in data.items() if key not in empty}
+        return {
+            key: value
+            for key, value in data.items()
+            if value is not None or key not in cls.model_fields or key in nullable
+        }
+
+
+class PlacementForm(_StrictForm):
+    """The block `placement` of a joint: `origin` and `axis` of a URDF."""
+
+    xyz: Triple = _like("[x, y, z]   (m, in the frame before)")
+    rpy: Annotated[tuple[Angle, Angle, Angle], Field(strict=False)] = _like("[roll, pitch, yaw]", default=(0, 0, 0))
+    axis: Annotated[tuple[Finite, Finite, Finite], Field(strict=False), AfterValidator(_direction)] = _like(
+        "[0, 0, 1]", default=(0, 0, 1)
+    )
 
 
 class JointForm(_StrictForm):
     """One entry of `joints`."""
 
-    type: Literal["revolute", "prismatic"]
-    alpha: Angle
-    a: Length
-    d: Length | None = None
-    theta: Angle | None = None
-    name: Annotated[Words, AfterValidator(_joint_name)] | None = None
-    limits: Annotated[list[Angle], Field(min_length=2, max_length=2), AfterValidator(_in_order)] | None = None
+    type: Literal["revolute", "prismatic"] = _like("revolute   (or prismatic)")
+    placement: PlacementForm | None = _like("{xyz: [0, 0, 0.1], rpy: [0, 0, 0], axis: [0, 0, 1]}", default=None)
+    alpha: Annotated[Angle | None, AfterValidator(_needed)] = Field(None, validate_default=True)
+    a: Annotated[Length | None, AfterValidator(_needed)] = Field(None, validate_default=True)
+    d: Annotated[Length | None, AfterValidator(_needed)] = Field(None, validate_default=True)
+    theta: Annotated[Angle | None, AfterValidator(_needed)] = Field(None, validate_default=True)
+    name: Annotated[str, Field(max_length=200), AfterValidator(_joint_name)] | None = None
+    limits: Annotated[tuple[Angle, Angle], AfterValidator(_in_order)] | None = _like(
+        "[lowest, highest]", default=None, strict=False
+    )
     max_velocity: Annotated[Angle, Field(gt=0)] | None = None
     gear_ratio: GearRatio | None = None
-
-    @model_validator(mode="after")
-    def _has_constants(self) -> Self:
-        needed = "d" if self.type == "revolute" else "theta"
-        if getattr(self, needed) is None:
-            mend = f"add {needed}: 0 if it is zero; only the offset of the joint's own motion may be left out"
-            raise refusal(
-                "recipe-bad-key", f"a {self.type} joint has a constant {needed}, and the key is missing", mend
-            )
-        return self
 
 
 class FileUnits(_StrictForm):
@@ -331,13 +332,13 @@ class FileUnits(_StrictForm):
 class LogUnits(_StrictForm):
     """The block `log.units`."""
 
-    time: Annotated[str, _unit_of("time")] = "s"
-    position: Annotated[str, _unit_of("angle", "length")] | None = None
-    velocity: Annotated[str, _unit_of("angular velocity", "linear velocity")] | None = None
-    prismatic_position: Annotated[str, _unit_of("length")] | None = None
-    prismatic_velocity: Annotated[str, _unit_of("linear velocity")] | None = None
-    current: Annotated[str, _unit_of("current")] = "A"
-    temperature: Annotated[str, _unit_of("temperature")] = "degC"
+    time: Unit = "s"
+    position: Unit | None = None
+    velocity: Unit | None = None
+    prismatic_position: Unit | None = None
+    prismatic_velocity: Unit | None = None
+    current: Unit = "A"
+    temperature: Unit = "degC"
 
 
 class LogSigns(_StrictForm):
@@ -356,61 +357,67 @@ class LogForm(_StrictForm):
     current: Template = "i{joint}"
     temperature: Template | None = "temp{joint}"
     units: LogUnits = LogUnits()
-    signs: LogSigns = LogSigns()
+    signs: LogSigns = _like("{position: [1, -1, ...]}", default=LogSigns())
 
 
 class EffectForm(_StrictForm):
     """One entry of `effects`."""
 
-    effect: Annotated[Words, AfterValidator(_effect_name)]
+    effect: Annotated[Words, AfterValidator(_effect_name)] = _like("a name that pumaid effects lists")
     joint: Annotated[Any, BeforeValidator(_effect_joint)] = None
-    shape: dict[str, Finite] = {}
+    shape: dict[str, Finite] = _like("{velocity: 0.1}", default={})
 
 
 class BoxForm(_StrictForm):
     """One entry of `safety.boxes`."""
 
     name: Words | None = None
-    min: Point
-    max: Point
+    min: Triple = _like("[x, y, z]   (the lowest corner, m in base axes)")
+    max: Triple = _like("[x, y, z]   (the highest corner, m in base axes)")
 
     @model_validator(mode="after")
     def _has_inside(self) -> Self:
         for axis, low, high in zip("xyz", self.min, self.max, strict=True):
             if low >= high:
                 what = f"along {axis} the box reaches from {low:g} to {high:g} m, so it has no inside"
-                raise refusal("recipe-bad-value", what, "write the lower corner as min and the upper as max")
+                raise refusal(what, "write the lower corner as min and the upper as max")
         return self
 
 
 class SphereForm(_StrictForm):
     """One entry of `safety.spheres`."""
 
-    link: Link
-    centre: Point
-    radius: Annotated[Length, Field(gt=0)]
+    link: Link = _like("the link that carries the sphere; 0 is the base")
+    centre: Triple = _like("[x, y, z]   (m, in the link's frame)")
+    radius: Annotated[Length, Field(gt=0)] = _like("the sphere's radius, m")
 
 
 class SafetyForm(_StrictForm):
     """The block `safety`."""
 
-    tool: Point | None = None
-    boxes: Annotated[list[BoxForm], Field(max_length=100)] = []
-    spheres: Annotated[list[SphereForm], Field(max_length=200)] = []
+    tool: Triple | None = _like("[x, y, z]   (m, in the last link's frame)", default=None)
+    boxes: list[BoxForm] = _like("[{name: table, min: [-1, -1, -1], max: [1, 1, 0]}]", default=[], max_length=100)
+    spheres: list[SphereForm] = _like("[{link: 3, centre: [0.2, 0, 0], radius: 0.08}]", default=[], max_length=200)
     margin: Annotated[Finite, Field(ge=0, le=1)] = 0.02
-    ignore: list[Annotated[list[Link], Field(min_length=2, max_length=2), AfterValidator(_apart)]] = []
+    ignore: list[Annotated[tuple[Link, Link], Field(strict=False), AfterValidator(_apart)]] = _like(
+        "[[4, 6]], pairs of links", default=[]
+    )
 
 
 class RecipeForm(_StrictForm):
     """The whole file."""
 
-    name: Words
-    gravity: Annotated[list[Finite], Field(min_length=3, max_length=3), AfterValidator(_gravity)]
-    joints: Annotated[list[JointForm], Field(min_length=1, max_length=50)]
-    units: FileUnits = FileUnits()
-    log: LogForm = LogForm()
-    effects: list[EffectForm] = []
-    safety: SafetyForm | None = None
+    name: Words = _like("a name, such as my arm")
+    gravity: Annotated[tuple[Finite, Finite, Finite], Field(strict=False), AfterValidator(_gravity)] = _like(
+        "[0, 0, -9.80665]   (m/s2 in base axes; this is upright)"
+    )
+    joints: list[JointForm] = _like(
+        "1 to 50 lines such as - {type: revolute, alpha: 0, a: 0, d: 0}, base to tip", min_length=1, max_length=50
+    )
+    units: FileUnits = _like("{angle: deg}", default=FileUnits())
+    log: LogForm = _like("its keys below it, indented", default=LogForm())
+    effects: list[EffectForm] = _like("[{effect: NAME, joint: 3}]", default=[])
+    safety: SafetyForm | None = _like("its keys below it, indented: boxes, spheres, tool, margin", default=None)
     coupling: dict[Annotated[str, AfterValidator(_coupling)], Finite] = {}
     source: Any = ""
     notes: Any = ""
@@ -428,7 +435,7 @@ def faults_between(form: RecipeForm, names: tuple[str, ...]) -> Iterator[Fault]:
     if form.safety is not None:
         boxes = [box.name or f"box {k}" for k, box in enumerate(form.safety.boxes, start=1)]
         yield from _repeated(boxes, "safety", "boxes")
-    pairs = [pair for key in form.coupling if (pair := coupled(key)) is not None]
+    pairs = [coupled(key) or (0, 0) for key in form.coupling]
     for key, pair in zip(form.coupling, pairs, strict=True):
         if pairs.count(pair) > 1 and key != f"r{pair[0]}{pair[1]}":
             what = f"{key} couples joints that another key couples"

@@ -1,19 +1,30 @@
-"""URDF files: links and joints as the file states them, and the serial chain in them that is the arm."""
+"""URDF files: the serial chain in one that is an arm, and the recipe that states it as it is."""
 
 from __future__ import annotations
 
 import hashlib
 import math
+import re
+import shlex
 from collections import Counter, defaultdict
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from fractions import Fraction
 from functools import cached_property
 from pathlib import Path
-from shlex import quote
 from xml.etree import ElementTree
 
-from pumaid.errors import PumaidError, RecipeError, Where
-from pumaid.io.forms import file_name, nearest, raise_together, read_bytes
+import numpy as np
+from numpy.typing import NDArray
+
+from pumaid.errors import Note, PumaidError, RecipeError, Where
+from pumaid.io.forms import file_name, nearest, raise_together, read_bytes, yaml_text
+from pumaid.io.recipe import parsed_recipe, recipe_text
+from pumaid.io.recipe_schema import FASTEST, FASTEST_RAIL, LONGEST_RAIL, SLOWEST, WIDEST, is_joint_name
+from pumaid.kinematics import placement, roll_pitch_yaw
+from pumaid.robot import Robot
+
+Floats = NDArray[np.float64]
 
 #: Types of a URDF's joints.
 TYPES = ("revolute", "continuous", "prismatic", "fixed", "floating", "planar")
@@ -21,8 +32,13 @@ TYPES = ("revolute", "continuous", "prismatic", "fixed", "floating", "planar")
 MAX_BYTES, MAX_JOINTS = 20_000_000, 50
 #: A joint farther than this (m) from the one before, or angles beyond this (rad), are in another unit.
 FARTHEST, WIDEST_ANGLE = 20.0, 4.0 * math.pi
-#: Most chains that a message lists.
+#: Most chains and names that a message lists.
 LISTED = 8
+FREE_FALL = 9.80665
+#: Decimals of lengths and angles; an angle this near to a multiple of 15 deg (rad), as the rounding of a URDF with
+#: nine decimals is, is written as that.
+DECIMALS, SNAP = 12, 2.5e-9
+_GRIPPER = re.compile(r"grip|finger|jaw|claw|thumb", re.IGNORECASE)
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,34 +62,34 @@ class UrdfJoint:
         return self.kind != "fixed"
 
     @property
-    def origin(self) -> tuple[list[float], list[float]]:
-        """xyz (m) and rpy (rad) of the joint's frame in that of the link before.
+    def frame(self) -> Floats:
+        """(4, 4) the joint's frame at zero in that of the link before, m.
 
         Raises
         ------
         RecipeError [urdf-refused]
-            They are not numbers, or are in another unit.
+            Its origin is not of numbers, or in another unit.
         """
         xyz, rpy = self._numbers("origin", "xyz", "0 0 0"), self._numbers("origin", "rpy", "0 0 0")
         if math.hypot(*xyz) > FARTHEST or max(map(abs, rpy)) > WIDEST_ANGLE:
             what = f"an origin {math.hypot(*xyz):g} m away, turned by up to {max(map(abs, rpy)):g} rad"
             raise self.refusal(what, "lengths of a URDF are in m, angles in rad")
-        return xyz, rpy
+        return placement(xyz, rpy)
 
     @property
     def axis(self) -> list[float]:
-        """Unit vector of the axis in the joint's frame; x where not given; errors as for `origin`."""
+        """Unit vector of the axis in the joint's frame; x where not given; errors as for `frame`."""
         axis = self._numbers("axis", "xyz", "1 0 0")
         size = math.hypot(*axis)
         if not 1e-9 < size < math.inf:
             raise self.refusal(f"the axis {axis} has no direction", 'write it as xyz="0 0 1"')
         return [value / size for value in axis]
 
-    def limit(self, word: str) -> float | None:
-        """The limit lower, upper or velocity (rad or m, a second); None where not given or infinite."""
+    def limit(self, word: str) -> float:
+        """The limit lower, upper or velocity (rad or m, a second); infinite where not given."""
         text = _attribute(self.element, "limit", word) or "inf"
         if text.lstrip("+-").lower() in ("inf", "infinity"):
-            return None
+            return math.inf
         return self._numbers("limit", word, text, count=1)[0]
 
     def _numbers(self, tag: str, word: str, default: str, *, count: int = 3) -> list[float]:
@@ -154,6 +170,41 @@ class UrdfFile:
         return sorted(moving, key=lambda joint: -self.reach[joint.child])
 
 
+@dataclass(frozen=True, slots=True)
+class ArmChain:
+    """The joints from link `base` to link `tip`, fixed ones among them, and what was not taken.
+
+    `before` are the joints from the URDF's root to `base`, `path` those from `base` to `tip`, outward; of the other
+    moving joints the arm carries those of `carried` (a gripper, a camera), and not those `elsewhere`.
+    """
+
+    base: str
+    tip: str
+    before: tuple[UrdfJoint, ...]
+    path: tuple[UrdfJoint, ...]
+    carried: tuple[UrdfJoint, ...]
+    elsewhere: tuple[UrdfJoint, ...]
+
+    @property
+    def moving(self) -> tuple[UrdfJoint, ...]:
+        """The arm's joints."""
+        return tuple(joint for joint in self.path if joint.moves)
+
+
+@dataclass(frozen=True, slots=True)
+class UrdfRecipe:
+    """A recipe made from a URDF, as text and as the robot that is read back from it; frame 0 is link `chain.base`.
+
+    `notes` tell what the URDF lacks, and what was left out.
+    """
+
+    text: str
+    robot: Robot
+    urdf: UrdfFile
+    chain: ArmChain
+    notes: tuple[Note, ...]
+
+
 def read_urdf(path: Path) -> UrdfFile:
     """Read a URDF; ``-`` is standard input.
 
@@ -178,9 +229,14 @@ def read_urdf(path: Path) -> UrdfFile:
         for element in robot.findall("joint")
     )
     urdf = UrdfFile(robot.get("name", ""), links, joints, file, hashlib.sha256(content).hexdigest())
-    faults = list(_faults(urdf)) or list(_circles(urdf))
+    faults = list(_faults(urdf))
     if faults:
         raise_together(faults)
+    grounded = set(urdf.below(*urdf.roots))
+    circle = next((joint for joint in urdf.joints if joint.child not in grounded), None)
+    if circle is not None:
+        what = f"joint {circle.name} closes a circle of links at {circle.child}"
+        raise circle.refusal(what, "one of its joints must hang on the base")
     return urdf
 
 
@@ -223,6 +279,8 @@ def _attribute(element: ElementTree.Element, tag: str, word: str, default: str =
 
 def _faults(urdf: UrdfFile) -> Iterator[PumaidError]:
     """Links and joints without a name of their own, of unknown types, and ends of joints that are no links."""
+    if not urdf.links:
+        yield RecipeError("urdf-refused", "there is no link", Where(urdf.file), "give the arm's URDF")
     for tag, names in (("link", urdf.links), ("joint", [joint.name for joint in urdf.joints])):
         for name, count in Counter(names).items():
             if not name or count > 1:
@@ -234,50 +292,21 @@ def _faults(urdf: UrdfFile) -> Iterator[PumaidError]:
             yield joint.refusal(f"joint {joint.name} has type '{joint.kind[:40]}'", _meant(joint.kind, TYPES))
         for tag, link in (("parent", joint.parent), ("child", joint.child)):
             if link not in links:
-                yield joint.refusal(
-                    f"joint {joint.name} has the {tag} '{link[:40]}', which is no link", _meant(link, urdf.links)
-                )
+                what = f"joint {joint.name} has the {tag} '{link[:40]}', which is no link"
+                yield joint.refusal(what, _meant(link, urdf.links))
         if carriers[joint.child] > 1 and joint.child in links:
             what = f"joint {joint.name} carries link {joint.child}, as another joint does"
             yield joint.refusal(what, "a link hangs on one joint; a URDF holds no closed loops")
 
 
-def _circles(urdf: UrdfFile) -> Iterator[PumaidError]:
-    """A joint of which going outward never ends: its link hangs on no root."""
-    if not urdf.links:
-        yield RecipeError("urdf-refused", "there is no link", Where(urdf.file), "give the arm's URDF")
-    grounded = set(urdf.below(*urdf.roots))
-    circle = next((joint for joint in urdf.joints if joint.child not in grounded), None)
-    if circle is not None:
-        what = f"joint {circle.name} closes a circle of links at {circle.child}"
-        yield circle.refusal(what, "one of its joints must hang on the base")
-
-
 def _meant(word: str, names: Sequence[str]) -> str:
     near = nearest(word, names) if len(names) < 10_000 else None
-    more = " ..." if len(names) > LISTED else ""
-    return f"did you mean {near}?" if near else f"there are {', '.join(names[:LISTED])}{more}"
+    return f"did you mean {near}?" if near else f"there are {_listed(names)}"
 
 
-@dataclass(frozen=True, slots=True)
-class ArmChain:
-    """The joints from link `base` to link `tip`, fixed ones among them, and what was not taken.
-
-    `before` are the joints from the URDF's root to `base`, `path` those from `base` to `tip`, outward; of the other
-    moving joints the arm carries those of `carried` (a gripper, a camera), and not those `elsewhere`.
-    """
-
-    base: str
-    tip: str
-    before: tuple[UrdfJoint, ...]
-    path: tuple[UrdfJoint, ...]
-    carried: tuple[UrdfJoint, ...]
-    elsewhere: tuple[UrdfJoint, ...]
-
-    @property
-    def moving(self) -> tuple[UrdfJoint, ...]:
-        """The arm's joints."""
-        return tuple(joint for joint in self.path if joint.moves)
+def _listed(names: Sequence[str]) -> str:
+    more = f" and {len(names) - LISTED} more" if len(names) > LISTED else ""
+    return ", ".join(names[:LISTED]) + more
 
 
 def arm_chain(urdf: UrdfFile, *, base: str | None = None, tip: str | None = None) -> ArmChain:
@@ -297,7 +326,7 @@ def arm_chain(urdf: UrdfFile, *, base: str | None = None, tip: str | None = None
     if base is None:
         roots = [next((joint.parent for joint in urdf.path_to(tip)), tip)] if tip is not None else urdf.roots
         if len(roots) > 1:
-            what = f"{len(roots)} links hang on no joint: {', '.join(roots[:LISTED])}"
+            what = f"{len(roots)} links hang on no joint: {_listed(roots)}"
             raise _which(urdf, what, "say where the arm starts, with --base LINK")
         base = roots[0]
     tip = _longest(urdf, base) if tip is None else tip
@@ -310,14 +339,9 @@ def arm_chain(urdf: UrdfFile, *, base: str | None = None, tip: str | None = None
     taken = {joint.name for joint in path}
     outward = set(urdf.below(next(joint.child for joint in path if joint.moves)))
     rest = [joint for joint in urdf.joints if joint.moves and joint.name not in taken]
-    return ArmChain(
-        base,
-        tip,
-        before=tuple(before),
-        path=tuple(path),
-        carried=tuple(joint for joint in rest if joint.parent in outward),
-        elsewhere=tuple(joint for joint in rest if joint.parent not in outward),
-    )
+    carried = tuple(joint for joint in rest if joint.parent in outward)
+    elsewhere = tuple(joint for joint in rest if joint.parent not in outward)
+    return ArmChain(base, tip, tuple(before), tuple(path), carried, elsewhere)
 
 
 def _which(urdf: UrdfFile, what: str, mend: str) -> RecipeError:
@@ -337,7 +361,8 @@ def _longest(urdf: UrdfFile, base: str) -> str:
             starts += [] if is_clear else [end]
     chains.sort(key=lambda chain: -chain[2])
     listed = [
-        f"--base {quote(start)} --tip {quote(end)} ({count} joint{'s' * (count > 1)})" for start, end, count in chains
+        f"--base {shlex.quote(start)} --tip {shlex.quote(end)} ({count} joint{'s' * (count > 1)})"
+        for start, end, count in chains
     ]
     more = f"; {len(chains) - LISTED} more" if len(chains) > LISTED else ""
     what = f"below {base} several chains of joints are as long as one another"
@@ -363,14 +388,120 @@ def _refuse_unusable(urdf: UrdfFile, base: str, path: Sequence[UrdfJoint]) -> No
     for joint in path:
         if joint.kind in ("floating", "planar"):
             what = f"joint {joint.name} is {joint.kind}; a recipe's joints turn or slide"
-            raise _which(urdf, what, f"start behind it: --base {quote(joint.child)}")
+            raise _which(urdf, what, f"start behind it: --base {shlex.quote(joint.child)}")
         if joint.follows:
             what = f"joint {joint.name} follows joint {joint.follows} (mimic); a recipe's joints move by themselves"
-            raise _which(urdf, what, f"end before it: --tip {quote(joint.parent)}")
+            raise _which(urdf, what, f"end before it: --tip {shlex.quote(joint.parent)}")
     count = sum(joint.moves for joint in path)
-    if count == 0:
-        mend = "name links that moving joints connect, with --base and --tip"
-        raise _which(urdf, f"no joint moves outward of {base}", mend)
-    if count > MAX_JOINTS:
-        what = f"{count} joints in a line; a recipe holds {MAX_JOINTS}"
-        raise _which(urdf, what, "take a part of it, with --base and --tip")
+    if not 0 < count <= MAX_JOINTS:
+        what = f"{count or 'no'} joints move between {base} and the tip; a recipe holds 1 to {MAX_JOINTS}"
+        raise _which(urdf, what, "name links that moving joints connect, with --base and --tip")
+
+
+def recipe_from_urdf(path: Path, *, base: str | None = None, tip: str | None = None) -> UrdfRecipe:
+    """Make a recipe from a URDF (``-`` is standard input) of the arm between two links (found where not given).
+
+    Raises
+    ------
+    RecipeError [file-not-readable, urdf-refused, urdf-which-chain]
+        The file cannot be used, or it is not clear which joints are the arm.
+    """
+    urdf = read_urdf(path)
+    chain = arm_chain(urdf, base=base, tip=tip)
+    root = np.eye(4)
+    for joint in chain.before:
+        root = root @ joint.frame
+    printable = ["".join(c if c.isprintable() else "?" for c in text) for text in (path.name, chain.base, chain.tip)]
+    file, *ends = printable
+    joints, notes = _joints(chain)
+    text = recipe_text(
+        shlex.join(["pumaid", "init", "--urdf", file, "--base", ends[0], "--tip", ends[1]]),
+        name=yaml_text(urdf.name[:200] if urdf.name.strip() and urdf.name.isprintable() else "arm"),
+        base=ends[0],
+        source=yaml_text(f"URDF {file}, links {ends[0]} to {ends[1]}; SHA-256 {urdf.digest}"),
+        gravity=_vector(-FREE_FALL * root[2, :3]),
+        joints=joints,
+    )
+    robot = parsed_recipe(text.encode(), file_name(path))
+    return UrdfRecipe(text, robot, urdf, chain, (*_notes_on_chain(chain), *notes))
+
+
+def _joints(chain: ArmChain) -> tuple[list[str], list[Note]]:
+    """The joints' lines of the recipe, and notes on names, limits and speeds that are missing or unusable."""
+    lines: list[str] = []
+    names: list[str] = []
+    notes: list[Note] = []
+    without: dict[str, list[str]] = {"limits": [], "highest speed": []}
+    frame = np.eye(4)
+    for joint in chain.path:
+        frame = frame @ joint.frame
+        if not joint.moves:
+            continue
+        name = joint.name if is_joint_name(joint.name) else f"joint{len(names) + 1}"
+        while name.lower() in (other.lower() for other in names):
+            name += "_"
+        names.append(name)
+        if name != joint.name:
+            text = f"no recipe can name a joint {joint.name!r}; it is called {name}"
+            notes.append(Note("urdf-incomplete", text, Where(joint=len(names))))
+        slides = joint.kind == "prismatic"
+        rpy = ", ".join(map(_angle, roll_pitch_yaw(frame[:3, :3])))
+        place = f"{{xyz: {_vector(frame[:3, 3])}, rpy: [{rpy}], axis: {_vector(joint.axis)}}}"
+        words = [f"name: {yaml_text(name)}", f"type: {'prismatic' if slides else 'revolute'}", f"placement: {place}"]
+        low, high, speed = (joint.limit(word) for word in ("lower", "upper", "velocity"))
+        farthest, slowest, fastest = (LONGEST_RAIL, 1e-9, FASTEST_RAIL) if slides else (WIDEST, SLOWEST, FASTEST)
+        if joint.kind != "continuous" and -farthest <= low < high <= farthest:
+            words.append(f"limits: {_vector((low, high))}")
+        elif joint.kind != "continuous":
+            without["limits"].append(name)
+        if slowest <= speed <= fastest:
+            words.append(f"max_velocity: {_decimal(speed)}")
+        else:
+            without["highest speed"].append(name)
+        lines.append(f"{{{', '.join(words)}}}")
+        frame = np.eye(4)
+    for what, lacking in without.items():
+        if lacking:
+            text = f"the URDF states no usable {what} of {_listed(lacking)}: put the arm's own into the recipe"
+            notes.append(Note("urdf-incomplete", text))
+    return lines, notes
+
+
+def _notes_on_chain(chain: ArmChain) -> list[Note]:
+    """Which joints were not taken, and whether the last one should have been."""
+    notes = []
+    if chain.carried:
+        text = f"left out, and carried by the arm: {_counted(chain.carried)}; hold them still, they weigh on the arm"
+        notes.append(Note("urdf-left-out", text))
+    if chain.elsewhere:
+        notes.append(Note("urdf-left-out", f"left out, and not carried by the arm: {_counted(chain.elsewhere)}"))
+    last = chain.moving[-1]
+    if len(chain.moving) > 1 and _GRIPPER.search(f"{last.name} {last.child}"):
+        text = f"the last joint, {last.name}, may be a gripper's: leave it out with --tip {shlex.quote(last.parent)}"
+        notes.append(Note("urdf-left-out", text))
+    moving = [joint for joint in chain.before if joint.moves]
+    if moving:
+        notes.append(Note("urdf-base-moves", f"gravity is given for {_counted(moving)} before the base at zero"))
+    return notes
+
+
+def _counted(joints: Sequence[UrdfJoint]) -> str:
+    return f"{len(joints)} moving joint{'s' * (len(joints) > 1)} ({_listed([joint.name for joint in joints])})"
+
+
+def _vector(values: Sequence[float] | Floats) -> str:
+    return f"[{', '.join(map(_decimal, values))}]"
+
+
+def _decimal(value: float) -> str:
+    """A bare number without exponent and trailing zeros."""
+    return np.format_float_positional(round(value, DECIMALS) + 0.0, trim="0")
+
+
+def _angle(value: float) -> str:
+    """Radians: ``-pi/2`` and the like where they are near, else a bare number."""
+    part = Fraction(round(value / math.pi * 12), 12)
+    if abs(value - part * math.pi) > SNAP:
+        return _decimal(value)
+    times = {1: "", -1: "-"}.get(part.numerator, f"{part.numerator}*")
+    return "0" if not part else f"{times}pi" + (f"/{part.denominator}" if part.denominator > 1 else "")

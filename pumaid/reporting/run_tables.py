@@ -10,6 +10,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from pumaid.dataset import Dataset, Reject, Run
+from pumaid.kinematics import roll_pitch_yaw
 from pumaid.reporting.formatting import (
     duration,
     in_unit,
@@ -151,19 +152,29 @@ def samples_read(dataset: Dataset) -> int:
 
 
 def axes_table(robot: Robot, units: str = "deg") -> Table:
-    """Modified Denavit-Hartenberg parameters, limits and speeds of the joints; angles in `units`."""
+    """Geometry, limits and speeds of the joints, as the recipe states them; angles in `units`."""
     rows = []
+    is_placed = any(joint.placement is not None for joint in robot.joints)
     for joint in robot.joints:
         scale, unit = in_unit(joint.position_unit, units)
-        theta, alpha = (f"{round(in_unit('rad', units)[0] * x, 4) + 0.0:.6g}" for x in (joint.theta, joint.alpha))
-        theta, d = (theta + " + q", f"{joint.d:.5g}") if joint.is_revolute else (theta, f"{joint.d:.5g} + q")
+        values = [*joint.frame[:3, 3], *roll_pitch_yaw(joint.frame[:3, :3])]
+        turned = values[3:] if is_placed else [joint.theta, joint.alpha]
+        angles = [f"{round(in_unit('rad', units)[0] * value, 4) + 0.0:.6g}" for value in turned]
+        geometry = [*(f"{round(value, 7) + 0.0:.5g}" for value in values[:3]), *angles]
+        if not is_placed:
+            theta, d = (" + q", "") if joint.is_revolute else ("", " + q")
+            geometry = [angles[0] + theta, angles[1], f"{joint.a:.5g}", f"{joint.d:.5g}{d}"]
         limits = "-"
         if joint.limits is not None:
             limits = f"{joint.limits[0] * scale:.4g} to {joint.limits[1] * scale:.4g} {unit}"
         speed = "-" if joint.max_velocity is None else f"{number(joint.max_velocity * scale)} {unit}/s"
-        rows.append([str(joint.number), joint.name, joint.kind, theta, alpha, f"{joint.a:.5g}", d, limits, speed])
-    header = ("joint", "name", "type", f"theta ({units})", f"alpha ({units})", "a (m)", "d (m)", "limits", "max. speed")
+        rows.append([str(joint.number), joint.name, joint.kind, *geometry, limits, speed])
+    columns: tuple[str, ...] = (f"theta ({units})", f"alpha ({units})", "a (m)", "d (m)")
     caption = "Modified Denavit-Hartenberg parameters (Craig); q is the measured position."
+    if is_placed:
+        columns = ("x (m)", "y (m)", "z (m)", *(f"{name} ({units})" for name in ("roll", "pitch", "yaw")))
+        caption = "Frame of each joint in that of the joint before, at zero; it moves about or along its z."
+    header = ("joint", "name", "type", *columns, "limits", "max. speed")
     return Table(f"{robot.name}: geometry", header, rows, caption=caption, words=(0, 1, 2))
 
 

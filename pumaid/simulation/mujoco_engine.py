@@ -60,12 +60,12 @@ def mjcf(truth: Truth, *, step: float = 0.001) -> str:
         raise ModelError("physics-wrong", what, Where(joint=j), "give both the sign with which the motor counts")
     light = 1.0 if truth.given_constants is None else _LIGHT
     tensors, gravity = light * _tensors(truth) + _LEAST * np.eye(3), np.asarray(truth.gravity()) / light
-    coupled, along = bool(truth.robot.coupling), lengthwise(truth.robot)
+    coupled = bool(truth.robot.coupling)
     held_by = f'solimpfriction="{_HARD}" solreffriction="{_text([2 * step])} 1"'
     lines = []
     for k, joint in enumerate(truth.robot.joints):
-        place = along[k - 1] if k else [joint.a, -joint.d * np.sin(joint.alpha), joint.d * np.cos(joint.alpha)]
-        turn = (Rotation.from_rotvec([joint.alpha, 0, 0]) * Rotation.from_rotvec([0, 0, joint.theta])).as_quat()
+        place = joint.frame[:3, 3]
+        turn = Rotation.from_matrix(joint.frame[:3, :3]).as_quat()
         T = tensors[k]
         inertia = [T[0, 0], T[1, 1], T[2, 2], T[0, 1], T[0, 2], T[1, 2]]
         kind = "hinge" if joint.is_revolute else "slide"

@@ -10,7 +10,6 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from pumaid.kinematics import frames, link_rotation
 from pumaid.robot import Robot
 from pumaid.simulation.hidden_effects import ArmState, Hidden, JointState, Kind, Typical, added, sized, values_of, whole
 from pumaid.trajectory import QUICKEST_SLIDE, QUICKEST_TURN, accelerations, highest_speeds, span
@@ -67,8 +66,7 @@ def side_load(robot: Robot, links: Links, position: Floats) -> Floats:
 
 def _outward(robot: Robot, links: Links, position: Floats) -> tuple[Floats, Floats, Floats]:
     """(N, J, 3) axes, (N, J, 3) first moment of links i..n about origin i, kg m, and (J,) their mass."""
-    angles, displacements = robot.dh_angles(position), robot.dh_displacements(position)
-    rotations, origin = frames(robot.alphas, robot.lengths, offsets=displacements, thetas=angles)
+    rotations, origin = robot.frames(position)
     centres = origin + np.einsum("njab,jb->nja", rotations, links.centre)
     outer_mass = np.cumsum(links.mass[::-1])[::-1]
     outer_moment = np.cumsum((links.mass[:, None] * centres)[:, ::-1], axis=1)[:, ::-1]
@@ -97,19 +95,16 @@ def constants(robot: Robot, links: Links, gain: Floats) -> Constants:
 def _carried(robot: Robot, i: int, outer_mass: float, k: Floats) -> Floats:
     """(3,) kg m: what links beyond link i (from 0), of mass `outer_mass` and constants `k` (3,), add to its moment."""
     after = robot.joints[i + 1]
-    turn = link_rotation(after.alpha, after.theta)
+    turn, step = after.frame[:3, :3], after.frame[:3, 3]
     if after.is_revolute:
         # R [0, 0, k_z] does not depend on the joint's angle: z of frame i+1 is fixed in frame i.
-        return np.asarray(outer_mass * lengthwise(robot)[i] + turn[:, 2] * k[2])
-    return np.asarray(outer_mass * np.array([after.a, 0.0, 0.0]) + turn @ k)
+        return np.asarray(outer_mass * step + turn[:, 2] * k[2])
+    return np.asarray(outer_mass * (step - turn[:, 2] * after.d) + turn @ k)
 
 
 def lengthwise(robot: Robot) -> Floats:
     """(J, 3) m from each link's origin to the next, in its frame; zero for the last."""
-    out = np.zeros((robot.n_joints, 3))
-    for i, after in enumerate(robot.joints[1:]):
-        out[i] = [after.a, -after.d * np.sin(after.alpha), after.d * np.cos(after.alpha)]
-    return out
+    return np.vstack([robot.placements[1:, :3, 3], np.zeros(3)])
 
 
 def links_of(robot: Robot, given: Constants, inertia: Floats) -> tuple[Links, Floats]:
@@ -344,7 +339,7 @@ class Truth:
                 across=float(np.sqrt(np.mean(across[:, j] ** 2))),
                 coulomb_before=float(coulomb[j - 1 if j else min(1, robot.n_joints - 1)]),
                 last_mass=float(self.links.mass[-1]),
-                reach=float(sum(abs(joint.a) + abs(joint.d) for joint in robot.joints)) or 1.0,
+                reach=float(np.abs(robot.placements[:, :3, 3]).sum()) or 1.0,
             )
             for j in range(robot.n_joints)
         )

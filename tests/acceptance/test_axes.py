@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 
 from pumaid.io.recipe import read_recipe, shipped_recipes
-from pumaid.kinematics import axes, origins
 from pumaid.robot import Robot
 
 pin = pytest.importorskip("pinocchio", reason="the independent kinematics is pinocchio (pip install pumaid[test])")
@@ -70,8 +69,7 @@ def postures(n_joints: int, *, count: int = 40, seed: int = 7) -> np.ndarray:
 
 def of_recipe(robot: Robot, position: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Every link's rotation and origin by the recipe."""
-    angles, displacements = robot.dh_angles(position), robot.dh_displacements(position)
-    return axes(robot.alphas, angles), origins(robot.alphas, robot.lengths, offsets=displacements, thetas=angles)
+    return robot.frames(position)
 
 
 def of_model(model: pin.Model, position: np.ndarray, names: list[str]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

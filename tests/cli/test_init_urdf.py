@@ -46,17 +46,17 @@ def test_the_recipe_says_where_it_is_from(init) -> None:
     assert hashlib.sha256(ARM.encode()).hexdigest() in text
     for piece in (
         "pumaid init --urdf arm.urdf --base l0 --tip l4",
-        "# The base (frame 0) is in link l0",
+        "the base (frame 0) is its link l0",
         "# log:",
         "# effects:",
     ):
         assert piece in text
-    assert "alpha: -pi/2" in text
+    assert "placement: {xyz: [0.0, 0.0, 0.0], rpy: [-pi/2, 0, 0], axis: [0.0, 0.0, 1.0]}" in text
     assert not Path("recipe.yaml").exists()
 
 
 def test_json_tells_what_was_done(init) -> None:
-    """One document: the file, each joint, what was folded in and left out, where the base stands, how far off it is."""
+    """One document: the file, each joint, what was folded in and left out."""
     Path("arm.urdf").write_text(ARM.replace("</robot>", '<link name="eye"/>' + _pan("l1", "eye") + "</robot>"))
     document = json.loads(run(init("--urdf", "arm.urdf", "--json")).stdout)
     made = document["urdf"]
@@ -64,8 +64,7 @@ def test_json_tells_what_was_done(init) -> None:
     assert [joint["name"] for joint in made["joints"]] == ["j1", "j3", "j4"]
     assert (made["base"], made["tip"], made["folded"]) == ("l0", "l4", ["j2"])
     assert made["left_out"] == {"carried": ["pan"], "elsewhere": []}
-    assert np.shape(made["base_frame"]) == (4, 4)
-    assert max(made["off_by"].values()) < 1e-8
+    assert np.shape(made["joints"][0]["placement"]) == (4, 4)
     assert [note["note"] for note in made["notes"]] == ["urdf-left-out"]
 
 

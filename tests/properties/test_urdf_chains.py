@@ -8,17 +8,18 @@ from pathlib import Path
 import numpy as np
 import pytest
 from click.testing import CliRunner
-from hypothesis import HealthCheck, given, reject, settings
+from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from urdfs import Engine, Stated, serial_text
 
 from pumaid.cli import group
-from pumaid.errors import RecipeError
-from pumaid.io.urdf_recipe import TOLERANCE, UrdfRecipe, recipe_from_urdf
+from pumaid.io.urdf import recipe_from_urdf
 
 pytest.importorskip("pinocchio", reason="the independent reader is pinocchio (pip install pumaid[test])")
 
 QUARTER = np.pi / 2
+#: Farthest that an axis may be off (rad, m).
+TOLERANCE = 3e-8
 #: Angles and lengths that make axes parallel, meeting and coincident, and others that make them skew.
 ANGLES = st.one_of(
     st.sampled_from([0.0, 0.0, QUARTER, -QUARTER, np.pi, np.pi / 4, np.pi / 3, 1.5707963, 0.1]),
@@ -44,43 +45,18 @@ JOINTS = st.builds(
 CHAINS = st.lists(JOINTS, min_size=1, max_size=9).filter(lambda chain: any(joint.kind != "fixed" for joint in chain))
 
 
-def derived(path: Path, base: str | None = None) -> UrdfRecipe:
-    """The recipe; axes a degree or two from parallel whose normal lies beyond 20 m have none, and are refused."""
-    try:
-        return recipe_from_urdf(path, base=base)
-    except RecipeError as error:
-        if error.slug == "urdf-not-derived" and "nearly parallel" in error.mend:
-            reject()
-        raise
-
-
-@settings(max_examples=150, deadline=None, derandomize=True, suppress_health_check=list(HealthCheck))
+@settings(max_examples=100, deadline=None, derandomize=True, suppress_health_check=list(HealthCheck))
 @given(joints=CHAINS, seed=st.integers(0, 1000))
 def test_any_serial_chain_gives_its_own_axes(tmp_path: Path, joints: list[Stated], seed: int) -> None:
-    """Every axis lies where pinocchio has it; where axes were made parallel, it is off by no more than is told."""
-    path = tmp_path / "arm.urdf"
-    path.write_text(serial_text(joints))
-    made = derived(path)
-    engine = Engine(path, made)
-    rng = np.random.default_rng(seed)
-    off = np.max([engine.off(rng.uniform(-3, 3, made.robot.n_joints)) for _ in range(5)], axis=0)
-    bent = any(note.slug == "urdf-made-parallel" for note in made.notes)
-    told = np.array([made.agreement.direction, made.agreement.place]) if bent else np.zeros(2)
-    # What is told holds where joints slide by 1 m; here they slide by up to 3, and an axis off in direction goes along.
-    assert np.all(off < (TOLERANCE + 1.1 * told) * [1.0, 3.0])
-
-
-@settings(max_examples=60, deadline=None, derandomize=True, suppress_health_check=list(HealthCheck))
-@given(joints=CHAINS)
-def test_down_is_down(tmp_path: Path, joints: list[Stated]) -> None:
-    """The recipe's gravity, turned back into the root link, is 9.80665 m/s2 along -z, from any base."""
+    """Every axis lies where pinocchio has it, and gravity, turned back into the root link, is along its -z."""
     path = tmp_path / "arm.urdf"
     path.write_text(serial_text([Stated("fixed", rpy=(0.4, -0.9, 2.0)), *joints]))
-    made = derived(path, base="l1")
+    made = recipe_from_urdf(path, base="l1")
     engine = Engine(path, made)
-    engine.pin.framesForwardKinematics(engine.model, engine.data, engine.full(np.zeros(made.robot.n_joints)))
-    base = engine.data.oMf[engine.model.getFrameId("l1")].rotation @ made.base[:3, :3]
-    assert base @ made.robot.gravity == pytest.approx([0.0, 0.0, -9.80665], abs=2e-7)
+    rng = np.random.default_rng(seed)
+    assert np.max([engine.off(rng.uniform(-3, 3, made.robot.n_joints)) for _ in range(5)]) < TOLERANCE
+    base = engine.data.oMf[engine.model.getFrameId("l1")].rotation
+    assert base @ made.robot.gravity == pytest.approx([0.0, 0.0, -9.80665], abs=1e-9)
 
 
 GOOD = serial_text(

@@ -10,7 +10,6 @@ import pytest
 from pumaid.design.collision import TOLERANCE, Collision
 from pumaid.errors import Faults
 from pumaid.io.recipe import read_recipe, shipped_recipes
-from pumaid.kinematics import frames
 from pumaid.robot import Box, Joint, Robot, Safety, Sphere
 
 
@@ -36,9 +35,7 @@ def puma(safety: Safety) -> Robot:
 
 def least(robot: Robot, positions: np.ndarray) -> float:
     """Least distance of any pair over (N, J) postures, by forward kinematics and elementary geometry."""
-    turned, placed = frames(
-        robot.alphas, robot.lengths, offsets=robot.dh_displacements(positions), thetas=robot.dh_angles(positions)
-    )
+    turned, placed = robot.frames(positions)
     balls = [Sphere(robot.n_joints, robot.safety.tool, 0.0), *robot.safety.spheres]
     points = [
         np.tile(b.centre, (len(positions), 1))

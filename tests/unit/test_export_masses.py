@@ -11,7 +11,7 @@ import pytest
 from pumaid.errors import ModelError
 from pumaid.exports import export
 from pumaid.exports.equivalent_bodies import read_constants
-from pumaid.exports.formats.urdf import roll_pitch_yaw
+from pumaid.kinematics import roll_pitch_yaw
 from pumaid.simulation.random_robot import draw
 from tests.exported import every_effect, fitted, motions, predicted, robot_called
 from tests.worlds import random_arm

@@ -10,7 +10,7 @@ import rich_click as click
 from pumaid.cli import options
 
 if TYPE_CHECKING:
-    from pumaid.io.urdf_recipe import UrdfRecipe
+    from pumaid.io.urdf import UrdfRecipe
 
 
 @click.command()
@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     "--urdf",
     type=click.Path(path_type=Path, allow_dash=True),
     metavar="FILE",
-    help="Derive the recipe from this URDF, and hold it against the URDF's axes.",
+    help="Take the joints of this URDF as they are placed.",
 )
 @click.option(
     "--base", metavar="LINK", help="The URDF's link at which the arm starts.  [default: the link that nothing carries]"
@@ -56,7 +56,7 @@ def command(
     """
     from pumaid.cli.output import content, document, notes, remark, spare_inputs, table
     from pumaid.io.recipe import read_recipe
-    from pumaid.io.urdf_recipe import recipe_from_urdf
+    from pumaid.io.urdf import recipe_from_urdf
     from pumaid.io.write import refuse_to_replace, write_file
     from pumaid.reporting.run_tables import axes_table
 
@@ -104,7 +104,7 @@ def _facts(made: UrdfRecipe) -> dict[str, object]:
         {
             "name": joint.name,
             "urdf_type": stated.kind,
-            **{key: getattr(joint, key) for key in ("theta", "alpha", "a", "d", "limits", "max_velocity")},
+            **{key: getattr(joint, key) for key in ("placement", "limits", "max_velocity")},
         }
         for joint, stated in zip(robot.joints, chain.moving, strict=True)
     ]
@@ -118,8 +118,6 @@ def _facts(made: UrdfRecipe) -> dict[str, object]:
         "folded": [joint.name for joint in chain.path if not joint.moves],
         "left_out": {why: [joint.name for joint in joints] for why, joints in left_out.items()},
         "gravity": robot.gravity,
-        "base_frame": made.base,
-        "off_by": {"direction_rad": made.agreement.direction, "place_m": made.agreement.place},
         "notes": [note.as_json() for note in made.notes],
     }
 

@@ -17,7 +17,8 @@ POSTURES = 8
 #: What each entry means, in the document itself.
 MEANING = {
     "joints": "base to tip; frame n is reached from frame n-1 by Rot_x(alpha) Trans_x(a) Rot_z(theta) Trans_z(d), q"
-    " added to theta where the joint turns, to d where it slides",
+    " added to theta where the joint turns, to d where it slides; or by the rows of placement, then Rot_z(q) or"
+    " Trans_z(q)",
     "gravity": "free fall g in axes of the base, m/s2",
     "moments": "of each link [k_x, k_y] in A s2/m, of a slide [mass, 0], in the gain of its own joint",
     "ratios": "row i, column j: eta_i / eta_j, by which link j counts in joint i; 0 where it does not",
@@ -86,5 +87,5 @@ class Json(Form):
 
 def _joint(robot: Robot, number: int) -> dict[str, Any]:
     joint = robot.joint(number)
-    fields = ("name", "theta", "alpha", "a", "d", "limits", "max_velocity")
+    fields = ("name", "theta", "alpha", "a", "d", "placement", "limits", "max_velocity")
     return {"joint": number, "type": joint.kind} | {name: getattr(joint, name) for name in fields}

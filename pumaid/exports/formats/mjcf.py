@@ -10,7 +10,6 @@ from numpy.typing import NDArray
 from pumaid.exports.base import Form, Subject
 from pumaid.exports.formulas import Lack
 from pumaid.exports.robot_xml import bodies_of, spaced, weights_only, written, xml_name
-from pumaid.kinematics import link_rotation
 from pumaid.robot import Joint
 
 Floats = NDArray[np.float64]
@@ -46,9 +45,8 @@ class Mjcf(Form):
 
 def _body(parent: ET.Element, joint: Joint, subject: Subject) -> ET.Element:
     held, i = bodies_of(subject), joint.number - 1
-    turn = _axes(link_rotation(joint.alpha, joint.theta))
-    place = [joint.a, -joint.d * np.sin(joint.alpha), joint.d * np.cos(joint.alpha)]
-    body = ET.SubElement(parent, "body", name=f"link{joint.number}", pos=spaced(place), xyaxes=turn)
+    turn, place = _axes(joint.frame[:3, :3]), spaced(joint.frame[:3, 3])
+    body = ET.SubElement(parent, "body", name=f"link{joint.number}", pos=place, xyaxes=turn)
     size = spaced([held.inertias[i]] * 3)
     ET.SubElement(body, "inertial", pos=spaced(held.centres[i]), mass=spaced([held.masses[i]]), diaginertia=size)
     facts = {"name": xml_name(joint.name), "type": "hinge" if joint.is_revolute else "slide", "axis": "0 0 1"}

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from pumaid.exports.base import Form, Subject
 from pumaid.exports.formulas import Lack
 from pumaid.exports.robot_xml import bodies_of, spaced, weights_only, written, xml_name
-from pumaid.kinematics import link_rotation
+from pumaid.kinematics import roll_pitch_yaw
 from pumaid.robot import Joint
 
 Floats = NDArray[np.float64]
@@ -60,8 +60,7 @@ class Urdf(Form):
         held, i = bodies_of(subject), joint.number - 1
         kind = joint.kind if joint.limits is not None or not joint.is_revolute else "continuous"
         out = ET.SubElement(root, "joint", name=xml_name(joint.name), type=kind)
-        place = [joint.a, -joint.d * np.sin(joint.alpha), joint.d * np.cos(joint.alpha)]
-        turn = link_rotation(joint.alpha, joint.theta)
+        turn, place = joint.frame[:3, :3], joint.frame[:3, 3]
         ET.SubElement(out, "origin", xyz=spaced(place), rpy=spaced(roll_pitch_yaw(turn)))
         ET.SubElement(out, "parent", link=f"link{i}" if i else "base")
         ET.SubElement(out, "child", link=f"link{joint.number}")
@@ -76,13 +75,3 @@ class Urdf(Form):
 
 def _size(subject: Subject) -> float:
     return float(np.linalg.norm(subject.formulas.robot.gravity))
-
-
-def roll_pitch_yaw(rotation: Floats) -> tuple[float, float, float]:
-    """Angles (rad) with Rz(yaw) Ry(pitch) Rx(roll) = `rotation` (3, 3), exact also where pitch is a right angle."""
-    yaw = float(np.arctan2(rotation[1, 0], rotation[0, 0]))
-    pitch = float(np.arctan2(-rotation[2, 0], np.hypot(rotation[0, 0], rotation[1, 0])))
-    # Roll from what is left when yaw is taken out: near a right angle the errors of both then cancel.
-    side = np.array([-np.sin(yaw), np.cos(yaw), 0.0])
-    roll = float(np.arctan2(-side @ rotation[:, 2], side @ rotation[:, 1]))
-    return roll, pitch, yaw

@@ -7,10 +7,9 @@
 #define N {{ NAME }}_JOINTS
 #define SIGN(x) (((x) > 0.0) - ((x) < 0.0))
 
-/* Geometry, modified Denavit-Hartenberg: which joints turn, cosine and sine of alpha, offsets of theta and d. */
+/* Which joints turn; rotation of each joint's frame at zero in that of the joint before, row by row; offset of d. */
 static const int TURNS[N] = {{ turns }};
-static const double TWIST[N][2] = {{ twist }};
-static const double THETA[N] = {{ theta }};
+static const double PLACED[N][9] = {{ placed }};
 static const double D[N] = {{ d }};
 /* Free fall in axes of the base, m/s2. */
 static const double GRAVITY[3] = {{ g }};
@@ -60,11 +59,12 @@ static void look(const double q[N], posture *at)
 {
     double x[3] = {1.0, 0.0, 0.0}, y[3] = {0.0, 1.0, 0.0}, z[3] = {0.0, 0.0, 1.0};
     for (int i = 0; i < N; i++) {
-        const double turn = THETA[i] + (TURNS[i] ? q[i] : 0.0), slide = D[i] + (TURNS[i] ? 0.0 : q[i]);
-        const double c = cos(turn), s = sin(turn);
+        const double turn = TURNS[i] ? q[i] : 0.0, slide = D[i] + (TURNS[i] ? 0.0 : q[i]);
+        const double c = cos(turn), s = sin(turn), *p = PLACED[i];
         for (int k = 0; k < 3; k++) {
-            const double first = x[k], second = TWIST[i][0] * y[k] + TWIST[i][1] * z[k];
-            z[k] = TWIST[i][0] * z[k] - TWIST[i][1] * y[k];
+            const double first = p[0] * x[k] + p[3] * y[k] + p[6] * z[k];
+            const double second = p[1] * x[k] + p[4] * y[k] + p[7] * z[k];
+            z[k] = p[2] * x[k] + p[5] * y[k] + p[8] * z[k];
             x[k] = c * first + s * second;
             y[k] = c * second - s * first;
             at->z[i][k] = z[k];

@@ -15,7 +15,6 @@ from matplotlib.patches import Circle, Patch, Polygon
 from numpy.typing import NDArray
 from scipy.spatial import ConvexHull
 
-from pumaid.kinematics import frames as link_frames
 from pumaid.reporting.context import ReportContext
 from pumaid.reporting.figures.style import BACKWARD, FAINT, FORWARD, GREY, INK, Drawing
 from pumaid.reporting.formatting import in_unit, shortened
@@ -48,9 +47,7 @@ def skeleton_figure(context: ReportContext) -> Drawing:
 
 def frames(robot: Robot, position: Floats) -> tuple[Floats, Floats]:
     """Origins (J+1, 3) in m, the base first, and rotations (J+1, 3, 3) of all links at (J,) positions."""
-    posture = np.asarray(position, dtype=float)[None]
-    offsets, angles = robot.dh_displacements(posture), robot.dh_angles(posture)
-    rotations, origins = link_frames(robot.alphas, robot.lengths, offsets=offsets, thetas=angles)
+    rotations, origins = robot.frames(np.asarray(position, dtype=float)[None])
     return np.vstack([np.zeros(3), origins[0]]), np.concatenate([np.eye(3)[None], rotations[0]])
 
 
