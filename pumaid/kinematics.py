@@ -1,4 +1,4 @@
-"""Kinematics of serial chains: each joint is a constant placement, then a turn about or a slide along its z."""
+"""Frames by roll, pitch and yaw or by an axis, and postures that are near one another."""
 
 from __future__ import annotations
 
@@ -54,54 +54,6 @@ def roll_pitch_yaw(rotation: Floats) -> tuple[float, float, float]:
     side = np.array([-np.sin(yaw), np.cos(yaw), 0.0])
     roll = float(np.arctan2(-side @ rotation[:, 2], side @ rotation[:, 1]))
     return roll, pitch, yaw
-
-
-def dh_placement(theta: float, alpha: float, a: float, d: float) -> Floats:
-    """The (4, 4) frame of a row of modified Denavit-Hartenberg parameters (rad, m).
-
-    Source
-    ------
-    J. J. Craig, Introduction to Robotics, 3rd ed., eq. (3.6).
-    """
-    c, s, ca, sa = np.cos(theta), np.sin(theta), np.cos(alpha), np.sin(alpha)
-    return np.array(
-        [[c, -s, 0.0, a], [s * ca, c * ca, -sa, -sa * d], [s * sa, c * sa, ca, ca * d], [0.0, 0.0, 0.0, 1.0]]
-    )
-
-
-def rotations(placements: Floats, angles: ArrayLike) -> Floats:
-    """Rotations (N, J, 3, 3) from every link frame to the base; ``[:, i, :, 2]`` is the axis of joint i+1.
-
-    Parameters
-    ----------
-    placements
-        (J, 4, 4) each joint's frame at zero in that of the joint before.
-    angles
-        (N, J) rad by which the joints turn about their z; zero of those that slide.
-    """
-    q = np.atleast_2d(np.asarray(angles, dtype=float))
-    cosines, sines = np.cos(q), np.sin(q)
-    out = np.empty((*q.shape, 3, 3))
-    x, y, z = np.broadcast_to(np.eye(3)[:, None], (3, len(q), 3))
-    for joint, turn in enumerate(placements[:, :3, :3]):
-        x, y, z = (turn[0, k] * x + turn[1, k] * y + turn[2, k] * z for k in range(3))
-        c, s = cosines[:, joint, None], sines[:, joint, None]
-        x, y = c * x + s * y, c * y - s * x
-        out[:, joint, :, 0], out[:, joint, :, 1], out[:, joint, :, 2] = x, y, z
-    return out
-
-
-def frames(placements: Floats, position: ArrayLike, turns: NDArray[np.bool_]) -> tuple[Floats, Floats]:
-    """Rotations (N, J, 3, 3) of every link frame to the base, and its origin (N, J, 3) in base axes (m).
-
-    The joints that do not turn slide along their z; `position` (N, J) is in rad or m, `placements` as for `rotations`.
-    """
-    q = np.atleast_2d(np.asarray(position, dtype=float))
-    out = rotations(placements, np.where(turns, q, 0.0))
-    steps = out[..., 2] * np.where(turns, 0.0, q)[..., None]
-    steps[:, 0] += placements[0, :3, 3]
-    steps[:, 1:] += np.einsum("njab,jb->nja", out[:, :-1], placements[1:, :3, 3])
-    return out, np.cumsum(steps, axis=1)
 
 
 Numbers = NDArray[np.int64]

@@ -1,4 +1,4 @@
-"""The arm as its recipe states it, in SI."""
+"""The arm as its recipe states it, in SI, and where its links are: a constant placement a joint, then its motion."""
 
 from __future__ import annotations
 
@@ -7,9 +7,7 @@ from dataclasses import dataclass, field
 from functools import lru_cache
 
 import numpy as np
-from numpy.typing import NDArray
-
-from pumaid.kinematics import dh_placement, frames, rotations
+from numpy.typing import ArrayLike, NDArray
 
 Floats = NDArray[np.float64]
 Point = tuple[float, float, float]
@@ -41,8 +39,12 @@ class Joint:
     @property
     def frame(self) -> Floats:
         """(4, 4) the joint's frame at zero in that of the joint before."""
-        stated = self.placement
-        return dh_placement(self.theta, self.alpha, self.a, self.d) if stated is None else np.array(stated)
+        if self.placement is not None:
+            return np.array(self.placement)
+        # J. J. Craig, Introduction to Robotics, 3rd ed., eq. (3.6).
+        c, s, ca, sa = np.cos(self.theta), np.sin(self.theta), np.cos(self.alpha), np.sin(self.alpha)
+        rows = [[c, -s, 0.0, self.a], [s * ca, c * ca, -sa, -sa * self.d], [s * sa, c * sa, ca, ca * self.d]]
+        return np.array([*rows, [0.0, 0.0, 0.0, 1.0]])
 
     @property
     def is_revolute(self) -> bool:
@@ -207,3 +209,38 @@ def _placements(joints: tuple[Joint, ...]) -> Floats:
     out = np.array([joint.frame for joint in joints])
     out.setflags(write=False)
     return out
+
+
+def rotations(placements: Floats, angles: ArrayLike) -> Floats:
+    """Rotations (N, J, 3, 3) from every link frame to the base; ``[:, i, :, 2]`` is the axis of joint i+1.
+
+    Parameters
+    ----------
+    placements
+        (J, 4, 4) each joint's frame at zero in that of the joint before.
+    angles
+        (N, J) rad by which the joints turn about their z; zero of those that slide.
+    """
+    q = np.atleast_2d(np.asarray(angles, dtype=float))
+    cosines, sines = np.cos(q), np.sin(q)
+    out = np.empty((*q.shape, 3, 3))
+    x, y, z = np.broadcast_to(np.eye(3)[:, None], (3, len(q), 3))
+    for joint, turn in enumerate(placements[:, :3, :3]):
+        x, y, z = (turn[0, k] * x + turn[1, k] * y + turn[2, k] * z for k in range(3))
+        c, s = cosines[:, joint, None], sines[:, joint, None]
+        x, y = c * x + s * y, c * y - s * x
+        out[:, joint, :, 0], out[:, joint, :, 1], out[:, joint, :, 2] = x, y, z
+    return out
+
+
+def frames(placements: Floats, position: ArrayLike, turns: NDArray[np.bool_]) -> tuple[Floats, Floats]:
+    """Rotations (N, J, 3, 3) of every link frame to the base, and its origin (N, J, 3) in base axes (m).
+
+    The joints that do not turn slide along their z; `position` (N, J) is in rad or m, `placements` as for `rotations`.
+    """
+    q = np.atleast_2d(np.asarray(position, dtype=float))
+    out = rotations(placements, np.where(turns, q, 0.0))
+    steps = out[..., 2] * np.where(turns, 0.0, q)[..., None]
+    steps[:, 0] += placements[0, :3, 3]
+    steps[:, 1:] += np.einsum("njab,jb->nja", out[:, :-1], placements[1:, :3, 3])
+    return out, np.cumsum(steps, axis=1)

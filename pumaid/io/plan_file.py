@@ -255,13 +255,15 @@ def _csv_document(content: bytes, file: str, robot: Robot) -> Document:
             runs.append(_csv_run(dict(zip(header, map(str.strip, cells), strict=False)), arm.holds))
     document = Document({"kind": "plan", "format": 1, "units": {"angle": arm.angle}, "runs": runs}, lines, content)
     faults = [
-        Fault((name[:60],), "", f"there is no column {name[:60]!r} in a plan", meant(name, needed))
+        Fault((name[:60],), "plan-wrong", f"there is no column {name[:60]!r} in a plan", meant(name, needed))
         for name in header
         if name not in (*needed, "run", "unit", "purpose")
     ]
     for name in needed:
         if name not in header:
-            faults.append(Fault((name,), "", f"the column {name} is missing", "is the plan for another robot?"))
+            faults.append(
+                Fault((name,), "plan-wrong", f"the column {name} is missing", "is the plan for another robot?")
+            )
     if faults:
         refuse(file, document, faults, kind=ModelError, slug="plan-wrong")
     return document
