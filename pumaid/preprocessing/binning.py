@@ -26,18 +26,18 @@ MANY_TURNS, MOST_TURNS = 2.0, 64.0
 
 #: Why a piece is no run; the figures in braces are filled in from it.
 REASONS: dict[str, str] = {
-    "rest": "no joint is faster than {rest_speed} rad/s or m/s for {duration} s",
+    "rest": "no joint is faster than {options.rest_speed:g} rad/s or m/s for {duration} s",
     "ramp": "joint {joints} changes its speed for {duration} s around its runs",
     "several-joints": "joints {joints} move at the same time for {duration} s",
     "between-several": "joint {joints} moves alone for only {duration} s between motions of several joints",
     "too-short": "joint {joints} moves {figure} {unit} in {duration} s, too little of it at one speed; a run needs "
-    "{min_duration} s, {min_travel} {unit} and {min_samples} samples",
-    "speed-not-constant": "joint {joints} moves {figure} {unit} in {duration} s, never within {speed_tolerance} "
-    "of one speed for {min_duration} s",
-    "low-speed": "joint {joints} is below {low_speed_share} of its peak speed {figure} {unit}/s where its stroke "
-    "begins or ends, for {duration} s",
-    "drift-of-held-joint": "while joint {first} moves, joint {last} drifts {figure} {last_unit}; {held_drift} are "
-    "allowed",
+    "{options.min_duration:g} s, {options.min_travel:g} {unit} and {options.min_samples} samples",
+    "speed-not-constant": "joint {joints} moves {figure} {unit} in {duration} s, never within "
+    "{options.speed_tolerance:.1%} of one speed for {options.min_duration:g} s",
+    "low-speed": "joint {joints} is below {options.low_speed_share:.1%} of its peak speed {figure} {unit}/s "
+    "where its stroke begins or ends, for {duration} s",
+    "drift-of-held-joint": "while joint {first} moves, joint {last} drifts {figure} {last_unit}; "
+    "{options.held_drift:g} are allowed",
     "no-current": "the current of joint {joints} is missing, or 0 throughout (motor off), in {samples} samples",
     "not-a-number": "a position or the time is no number, or beyond 1e6, in {samples} samples",
     "gap": "{samples} samples stand between gaps in time, too few in a row for a speed",
@@ -161,13 +161,7 @@ def _reason(piece: Piece, log: Log, *, samples: int, robot: Robot, options: Segm
         figure=number(piece.figure, 3),
         duration=number(float(log.time[-1] - log.time[0]), 3),
         samples=samples,
-        rest_speed=f"{options.rest_speed:g}",
-        min_duration=f"{options.min_duration:g}",
-        min_travel=f"{options.min_travel:g}",
-        min_samples=options.min_samples,
-        speed_tolerance=f"{100 * options.speed_tolerance:g} %",
-        low_speed_share=f"{100 * options.low_speed_share:g} %",
-        held_drift=f"{options.held_drift:g}",
+        options=options,
     )
 
 

@@ -35,17 +35,8 @@ def sampling_times(time: Floats, position: Floats) -> tuple[Floats, float]:
     a moving joint are smooth from sample to sample. Or samples are uneven and the stamps are right: then positions show
     what the stamps show, times the speed. The slope of a straight line through both decides.
 
-    Parameters
-    ----------
-    time
-        (N,) s, rising, a stretch without gaps.
-    position
-        (N, J) rad or m.
-
-    Returns
-    -------
-    time, error
-        (N,) s, rising; and the RMS by which the stamps differ from it (s), zero where they are right or nothing shows.
+    Of (N,) rising times (s) without gaps and (N, J) positions (rad or m), returns (N,) rising times, and the RMS (s) by
+    which the stamps differ from them: zero where they are right or nothing shows.
     """
     if len(time) < GROUP * FEWEST:
         return time, 0.0

@@ -40,16 +40,9 @@ def _cubics(window: int, derivative: int) -> Floats:
 
 
 def savitzky_golay(values: Floats, window: int, derivative: int) -> Floats:
-    """Local cubics through equally spaced values; at the ends the outermost cubics are extended.
+    """(M,) local cubics through `window` (odd) equally spaced values each; at the ends the outermost are extended.
 
-    Parameters
-    ----------
-    values
-        (M,) at least `window` of them.
-    window
-        Values through which each cubic goes; odd.
-    derivative
-        0: smoothed values (M,); 1 or 2: derivative with respect to the sample number.
+    `derivative` is 0 for smoothed values, 1 or 2 for derivatives with respect to the sample number.
 
     Source
     ------
@@ -85,11 +78,6 @@ def acceleration(time: Floats, position: Floats) -> Floats:
 
     Noise in a regressor would look like a small, well-known inertia. The straight line through the positions is taken
     out first, because time steps that differ by a sample would look like acceleration.
-
-    Parameters
-    ----------
-    time, position
-        (M,) s, nearly equal steps, and rad or m.
     """
     best, clearest = np.zeros(len(time)), SEEN
     if len(time) < WINDOWS[0]:

@@ -40,13 +40,6 @@ def match_with_plan(dataset: Dataset, plan: Plan) -> Dataset:
     ramps, no less than 40 %) agree and at least half of its way lies in the planned span. Of several such motions the
     nearest in speed and way counts; a run that fits none is left as it is.
 
-    Parameters
-    ----------
-    dataset
-        What the logs left.
-    plan
-        By which they were made.
-
     Returns
     -------
     dataset
@@ -112,17 +105,10 @@ def hold_out(dataset: Dataset, *, files: Collection[str] = (), postures: bool = 
 
     Parameters
     ----------
-    dataset
-        What the logs left; runs that the plan holds out stay so.
     files
         Names of log files (as in `Dataset.files`) of which every run is held out.
     postures
         Of every joint with at least four postures, hold out all runs at the one that was run last.
-
-    Returns
-    -------
-    dataset
-        With `Run.heldout` set and a note on what it is.
 
     Raises
     ------

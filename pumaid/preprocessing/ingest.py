@@ -56,9 +56,7 @@ def ingest(
     executor: Executor | None = None,
     progress: Callable[[int], None] = lambda done: None,
 ) -> Dataset:
-    """Read, check and segment logs.
-
-    The result does not depend on where the files are read. A run ends where its file ends.
+    """Read, check and segment logs; the result does not depend on where the files are read.
 
     Parameters
     ----------
@@ -76,11 +74,6 @@ def ingest(
         Where files are read; this process where it is None.
     progress
         Called with the number of files done.
-
-    Returns
-    -------
-    dataset
-        Runs and rejects in order of file and time; together they hold every sample once.
 
     Raises
     ------
@@ -129,17 +122,7 @@ def _summed(logs: Iterable[Log], sums: LogStatistics) -> Iterator[Log]:
 
 
 def in_order(work: Callable[[Task], Result], tasks: Sequence[Task], executor: Executor | None) -> Iterator[Result]:
-    """Results of tasks in the order of the tasks; a task whose worker dies is done in this process.
-
-    Parameters
-    ----------
-    work
-        What is done with a task; what it raises is raised here.
-    tasks
-        In the order of their results.
-    executor
-        Does the work; this process does it where there is none.
-    """
+    """Results of tasks in their order, by an executor or this process; a task whose worker dies is done here."""
     if executor is None:
         yield from map(work, tasks)
         return
@@ -229,14 +212,9 @@ def _summarised(notes: Sequence[Note]) -> Iterator[Note]:
 
 @contextmanager
 def local_processes(n_bytes: Sequence[int], jobs: int = 0) -> Iterator[Executor | None]:
-    """A pool of processes on this machine; None where one process is as quick.
+    """A pool of processes on this machine for files of some sizes; None where one process is as quick.
 
-    Parameters
-    ----------
-    n_bytes
-        Size of each file.
-    jobs
-        Processes at most; 0 for one a core, but no more than `MOST_PROCESSES`.
+    `jobs` are the processes at most; 0 for one a core, but no more than `MOST_PROCESSES`.
     """
     cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
     workers = min(jobs or min(cores, MOST_PROCESSES), len(n_bytes), sum(n_bytes) // BYTES_A_PROCESS)
@@ -264,19 +242,12 @@ def _end_with(parent: Any) -> None:
 
 @contextmanager
 def dask_workers(address: str, jobs: int = 0) -> Iterator[Executor]:
-    """The workers of a Dask cluster as an executor.
-
-    Parameters
-    ----------
-    address
-        Of a scheduler, such as ``tcp://10.0.0.5:8786``; or ``local`` for workers on this machine, which end with it.
-    jobs
-        Workers where it is local; 0 for one a core.
+    """The workers of a Dask cluster as an executor; of `LOCAL`, `jobs` workers on this machine (0 for one a core).
 
     Raises
     ------
     LogError [no-cluster]
-        Dask is not installed, or no scheduler answers there.
+        Dask is not installed, or no scheduler answers at the address.
     LogError [cluster-differs]
         The scheduler or a worker has no pumaid, or another version.
     """

@@ -71,22 +71,13 @@ def segment(logs: Iterable[Log], robot: Robot, *, options: SegmentOptions = DEFA
     Parameters
     ----------
     logs
-        Consecutive batches, SI. `starts_clock` begins a new recording.
+        Consecutive batches, SI, of the robot's joints. `starts_clock` begins a new recording.
         The iterable's attributes `files`, `notes` and `extra`, if any, are taken over.
-    robot
-        Supplies the joints' kinds.
-    options
-        Thresholds.
 
     Returns
     -------
     dataset
         Runs and rejects in order of time; together they hold every sample once.
-
-    Raises
-    ------
-    ValueError
-        The logs have another number of joints than the robot.
     """
     segmenter = _Segmenter(robot, options)
     for log in logs:

@@ -44,13 +44,9 @@ def sliding(
     Parameters
     ----------
     time, position
-        (N,) s and rad or m of a stretch without gaps; the movement goes upwards.
-    bounds
-        First sample of the movement and the one behind its last.
+        (N,) s and rad or m of a stretch without gaps; the movement, samples [start, stop) of `bounds`, goes upwards.
     noise
         Standard deviation of one sample's position (rad or m).
-    options
-        Share of the peak, and speed at rest.
 
     Returns
     -------
@@ -76,21 +72,12 @@ def sliding(
 def stroke_bins(log: Log, joint: int, *, time: Floats, window: float) -> Bins | None:
     """Bins of a stroke, its motion and current averaged over the same spans; None where currents are too few.
 
+    `log` holds its N samples, currents that are missing NaN; `time` (N,) s is when they were taken.
+
     An acceleration from positions that are smoothed is blunt at its corners where the current is not: regressed on
     it, sharp currents make inertia, weight and viscous friction too large. With the average that the acceleration is
     by nature, of all columns and of the current, least squares returns the truth whatever the motion.
     A ripple that is faster than the filter stays in the current; what remains of it counts as scatter inside bins.
-
-    Parameters
-    ----------
-    log
-        N samples while the joint slides one way; currents that are missing are NaN.
-    joint
-        Moving joint, from 1.
-    time
-        (N,) s at which they were taken.
-    window
-        Span (s) of the local cubics.
 
     Source
     ------
