@@ -34,8 +34,6 @@ SCENARIOS: dict[str, dict] = {
     "held joint creeps 1 %": {"creep": 0.01},
     "held joint twitches": {"twitch": True},
     "gaps of 0.12 s": {"gap": True},
-    "velocity absent": {"velocity": "absent"},
-    "velocity column wrong": {"velocity": "wrong"},
     "prismatic": {"prismatic": True, "speeds": (0.05, 0.3), "acceleration": 1.0},
     "50 Hz": {"rate": 50.0},
     "125 Hz": {"rate": 125.0},
@@ -76,7 +74,6 @@ class World:
     creep: float = 0.0  # share of the moving joint's speed
     twitch: bool = False  # a held joint jerks in the middle of each motion
     gap: bool = False  # samples missing in the middle of some motions
-    velocity: str = "quantised"  # quantised, absent, wrong
     prismatic: bool = False
     noise_time: float = 0.01  # s, correlation of the current's noise
     signal_to_noise: float = 10.0
@@ -211,13 +208,11 @@ def _measured(world: World, rng: np.random.Generator, samples: tuple, fine: tupl
     position = q + world.position_noise * rng.standard_normal(q.shape)
     if world.quantum:
         position = np.round(position / world.quantum) * world.quantum
-    column = {"absent": None, "wrong": 57.3 * v + 1.0, "quantised": np.round(v / 0.02) * 0.02}[world.velocity]
+    column = np.round(v / 0.02) * 0.02
     out = Truth(truth, number, inertia, noise[every, own], speed)
     for file, part in enumerate(np.array_split(np.arange(len(time)), world.files)):
-        velocity = None if column is None else column[part]
-        rows = np.arange(len(part)) + 2
-        log = Log(f"log_{file}.csv", rows, time[part], position[part], velocity, current[part], starts_clock=file == 0)
-        out.logs.append(log)
+        rows, columns = np.arange(len(part)) + 2, (time[part], position[part], column[part], current[part])
+        out.logs.append(Log(f"log_{file}.csv", rows, *columns, starts_clock=file == 0))
     return out
 
 
@@ -228,44 +223,26 @@ def _correlated(rng: np.random.Generator, shape: tuple[int, int], sigma: float, 
 
 @dataclass
 class Score:
-    """Samples truly in runs, kept, kept rightly; runs; worst bias of Coulomb and viscous in standard errors."""
+    """Samples truly in runs, and of these those kept; runs; worst bias of friction in standard errors."""
 
     true: int
-    kept: int
     right: int
     runs: int
-    true_runs: int
     bias: float
-
-    @property
-    def precision(self) -> float:
-        """Share of what was kept that is truly in a run."""
-        return self.right / max(1, self.kept)
-
-    @property
-    def recall(self) -> float:
-        """Share of what is truly in a run that was kept."""
-        return self.right / max(1, self.true)
 
 
 def score(truth: Truth, dataset) -> Score:
     """Compare what was kept with the truth, sample by sample, through files and rows."""
     starts = np.cumsum([0, *(len(log) for log in truth.logs[:-1])]).tolist()
     offsets = {log.origin: start for log, start in zip(truth.logs, starts, strict=True)}
-    constant, stroke = np.zeros(len(truth.joint), int), np.zeros(len(truth.joint), int)
-    rows = []
+    kept, rows = np.zeros(len(truth.joint), int), []
     for run in dataset.runs:
-        first = offsets[run.origin] + run.first_row - 2
-        last = offsets[run.origin] + run.last_row - 2
-        (constant if run.kind == "constant" else stroke)[first : last + 1] = run.joint
+        part = slice(offsets[run.origin] + run.first_row - 2, offsets[run.origin] + run.last_row - 1)
         if run.kind == "constant":
-            part = slice(first, last + 1)
+            kept[part] = run.joint
             rows.append((run.joint, run.direction, run.speed, truth.inertia[part].mean(), truth.noise[part].mean()))
-    right = (constant == truth.joint) & (constant > 0)
-    # What a stroke keeps is neither right nor wrong for constant runs: it is judged apart.
-    true_runs = len(np.unique(truth.run[(truth.run >= 0) & (stroke == 0)]))
-    kept, true = int((constant > 0).sum()), int(((truth.joint > 0) & (stroke == 0)).sum())
-    return Score(true, kept, int(right.sum()), len(rows), true_runs, _bias(rows))
+    right = int(((kept == truth.joint) & (kept > 0)).sum())
+    return Score(int((truth.joint > 0).sum()), right, len(rows), _bias(rows))
 
 
 def _bias(rows: list[tuple[int, int, float, float, float]]) -> float:

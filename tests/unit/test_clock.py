@@ -23,38 +23,43 @@ def off(time, truth):
     return float(np.std(time - truth))
 
 
-@pytest.mark.parametrize("rate", [62.3, 125.3, 137.0, 300.0, 490.0, 700.0])
+def whole_milliseconds(time: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+    return np.floor(time * 1e3) / 1e3
+
+
+def single_precision(time: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+    """Seconds of a day."""
+    return np.round(time / 2.0**-9) * 2.0**-9
+
+
+def arrival(time: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+    return np.sort(time + rng.exponential(0.001, len(time)))
+
+
 @pytest.mark.parametrize("seed", [11, 12])
-def test_stamps_in_whole_milliseconds_are_freed_of_their_rounding(rate, seed):
-    time, position = arm(rate, seed=seed)
-    stamps = np.floor(time * 1e3) / 1e3
-    out, error = sampling_times(stamps, position)
-    assert error == pytest.approx(1e-3 / np.sqrt(12.0), rel=0.2)
-    assert off(out, time) < 0.5 * off(stamps, time)
-    assert (np.diff(out) > 0).all()
-
-
-@pytest.mark.parametrize("resolution", [2.0**-10, 2.0**-9, 2.0**-8])
-def test_single_precision_seconds_of_a_day_are_freed_of_their_steps(resolution):
-    time, position = arm(137.0, seed=3)
-    stamps = np.round(time / resolution) * resolution
-    out, _ = sampling_times(stamps, position)
-    assert off(out, time) < 0.35 * off(stamps, time)
-
-
-@pytest.mark.parametrize("seed", [21, 22, 23])
-def test_stamps_of_arrival_are_freed_of_most_of_their_delays(seed):
-    time, position = arm(125.0, seed=seed)
+@pytest.mark.parametrize(
+    ("stamps", "rate", "lost"),
+    [
+        *((whole_milliseconds, rate, 0.0) for rate in (62.3, 137.0, 300.0, 700.0)),
+        (whole_milliseconds, 137.0, 0.02),
+        (single_precision, 137.0, 0.0),
+        (arrival, 125.0, 0.0),
+    ],
+)
+def test_stamps_are_freed_of_most_of_their_errors(stamps, rate, seed, lost):
+    """Rounded, or written when a message arrives, with or without lost samples; the note's figure is the error."""
     rng = np.random.default_rng(seed)
-    stamps = np.sort(time + rng.exponential(0.001, len(time)))
-    out, error = sampling_times(stamps, position)
-    assert error > 0.0
-    assert off(out, time) < 0.5 * off(stamps, time)
+    time, position = arm(rate, seed=seed)
+    logged = rng.random(len(time)) >= lost
+    time, position = time[logged], position[logged]
+    wrong = stamps(time, rng)
+    out, error = sampling_times(wrong, position)
+    assert off(out, time) < 0.5 * off(wrong, time) and (np.diff(out) > 0).all()
+    assert error == pytest.approx(off(wrong, time), rel=0.25)
 
 
-@pytest.mark.parametrize("jitter", [0.05, 0.3, 0.8])
-@pytest.mark.parametrize("rate", [100.0, 500.0])
-@pytest.mark.parametrize("seed", [31, 32, 33])
+@pytest.mark.parametrize(("rate", "jitter"), [(100.0, 0.05), (500.0, 0.3), (100.0, 0.8)])
+@pytest.mark.parametrize("seed", [31, 32])
 def test_true_stamps_of_an_uneven_sampler_stay_to_the_bit(rate, jitter, seed):
     time, position = arm(rate, seed=seed, jitter=jitter)
     out, error = sampling_times(time, position)
@@ -62,23 +67,13 @@ def test_true_stamps_of_an_uneven_sampler_stay_to_the_bit(rate, jitter, seed):
     assert out is time
 
 
-@pytest.mark.parametrize("seed", [41, 42])
-def test_a_sampler_that_is_late_now_and_then_is_believed(seed):
-    time, position = arm(1000.0, seed=seed)
-    rng = np.random.default_rng(seed)
+def test_a_sampler_that_is_late_now_and_then_is_believed():
+    time, position = arm(1000.0, seed=41)
+    rng = np.random.default_rng(41)
     late = np.maximum.accumulate(time + (rng.random(len(time)) < 0.02) * rng.exponential(0.002, len(time)))
     late += 1e-7 * np.arange(len(late))
     held = np.column_stack([np.interp(late, time, column) for column in position.T])
     assert sampling_times(late, held)[1] == 0.0
-
-
-def test_lost_samples_are_counted():
-    time, position = arm(137.0, seed=5)
-    keep = np.random.default_rng(5).random(len(time)) > 0.02
-    time, position = time[keep], position[keep]
-    stamps = np.floor(time * 1e3) / 1e3
-    out, _ = sampling_times(stamps, position)
-    assert off(out, time) < 0.5 * off(stamps, time)
 
 
 def test_stamps_are_believed_where_nothing_moves_or_little_is_seen():

@@ -70,7 +70,7 @@ def test_suspected_columns_and_nothing_at_all_come_back(dataset, tmp_path) -> No
     assert same(load_dataset(written(empty, tmp_path / "b.npz"))[0], empty)
 
 
-@pytest.mark.parametrize("seed", range(24))
+@pytest.mark.parametrize("seed", range(8))
 def test_damage_is_noticed(dataset, tmp_path, seed) -> None:
     """A bit turned anywhere, or an end cut off: the dataset comes back whole or not at all."""
     path, rng = written(dataset, tmp_path / "d.npz"), random.Random(seed)
@@ -124,18 +124,6 @@ def test_it_is_used_for_these_logs_only(logs, dataset, tmp_path, capsys) -> None
         ("logs", changed, {}),
     ):
         assert remembered(folder, file, **inputs) is None and f"other {reason}" in capsys.readouterr().out
-
-
-def test_a_changed_log_is_read_again(tmp_path, capsys) -> None:
-    """One byte more in a log."""
-    path, file = tmp_path / "logs" / "a.csv", tmp_path / "d.npz"
-    path.parent.mkdir()
-    write_log(path, make(WORLD, 3).logs, ARM)
-    keep_dataset(file, ingest([path], ARM), dataset_inputs(ARM, {}), tell=print)
-    assert remembered(path.parent, file) is not None
-    with path.open("a") as log:
-        log.write("\n")
-    assert remembered(path.parent, file) is None and "other logs" in capsys.readouterr().out
 
 
 def test_a_folder_that_cannot_be_written_stops_nothing(dataset, tmp_path, capsys) -> None:

@@ -71,20 +71,121 @@ def slugs(log: Log, robot: Robot) -> list[str]:
     return [item.slug.upper() if isinstance(item, LogError) else item.slug for item in watched(log, robot)]
 
 
-@pytest.mark.parametrize("seed", range(3))
-@pytest.mark.parametrize("rate", [60.0, 1000.0])
+@pytest.mark.parametrize(("seed", "rate"), [(0, 60.0), (1, 200.0), (2, 1000.0)])
 def test_a_good_log_passes_in_silence(seed: int, rate: float) -> None:
     """No doubt falls on noise, mixed friction signs and gravity many times the friction."""
     assert watched(good_log(seed=seed, rate=rate), arm()) == []
     assert watched(replace(good_log(seed=seed, rate=rate), velocity=None), arm(limits=None, max_velocity=None)) == []
 
 
-def test_degrees_against_a_velocity_in_radians() -> None:
-    """Positions in degrees beside velocities in rad/s disagree by 57.3; the mend names the unit."""
-    log = good_log()
-    (fault,) = watched(replace(log, position=np.degrees(log.position)), arm(limits=None, max_velocity=None))
-    assert isinstance(fault, LogError) and fault.slug in ("looks-like-degrees", "units-disagree")
-    assert "position: deg" in fault.mend and fault.where.column == "q1"
+def degrees(log: Log) -> Log:
+    return replace(log, position=np.degrees(log.position))
+
+
+def frozen(log: Log, hold: float = 0.8) -> Log:
+    """The current of joint 2 stands still for `hold` s every six."""
+    current = log.current.copy()
+    for begin in np.arange(3.0, log.time[-1] - hold, 6.0):
+        held = (log.time >= begin) & (log.time < begin + hold)
+        current[held, 1] = current[np.argmax(held), 1]
+    return replace(log, current=current)
+
+
+def held_current(log: Log, period: float) -> Log:
+    """A current that comes over a bus every `period` s, repeated until the next."""
+    last = np.floor(log.time / period + 1e-9).astype(np.int64)
+    return replace(log, current=log.current[np.searchsorted(last, last)])
+
+
+def lost(log: Log, share: float) -> Log:
+    """Zeros instead of some of joint 2's currents."""
+    current = log.current.copy()
+    current[np.random.default_rng(7).random(len(log)) < share, 1] = 0.0
+    return replace(log, current=current)
+
+
+def cut_off(log: Log, limit: float, *, step: float = 0.0) -> Log:
+    """Small currents drawn towards zero."""
+    current = step * np.round(log.current / step) if step else log.current
+    return replace(log, current=np.sign(current) * np.maximum(np.abs(current) - limit, 0.0))
+
+
+def repeated(log: Log, times: int, step: float) -> Log:
+    """Each position logged several times over, in an encoder's fine steps."""
+    position = step * np.round(log.position / step)
+    return replace(log, position=position[np.arange(len(log)) // times * times], velocity=None)
+
+
+def with_current(log: Log, value: float) -> Log:
+    return replace(log, current=np.where(np.arange(3) == 1, value, log.current))
+
+
+FREE = {"limits": None, "max_velocity": None}
+#: What is done to a good log, the arm, the slugs of what is found (faults in capitals), and words of the message.
+CASES = {
+    "degrees beside rad/s": (degrees, FREE, "LOOKS-LIKE-DEGREES UNITS-DISAGREE", "position: deg"),
+    "all in degrees": (
+        lambda log: replace(degrees(log), velocity=np.degrees(log.velocity)), {}, "LOOKS-LIKE-DEGREES", "would fit",
+    ),
+    "degrees alone": (lambda log: replace(degrees(log), velocity=None), {}, "LOOKS-LIKE-DEGREES", "would fit"),
+    "degrees of many turns": (lambda log: replace(degrees(log), velocity=None), FREE, "LOOKS-LIKE-DEGREES", "turns"),
+    "radians read as degrees": (
+        lambda log: replace(log, position=np.radians(log.position), velocity=None),
+        {"units": {"position": "deg"}}, "UNITS-DISAGREE", "as radians",
+    ),
+    "degrees read as such": (lambda log: replace(log, velocity=None), {"units": {"position": "deg"}}, "", ""),
+    "velocity in deg/s": (
+        lambda log: replace(log, velocity=np.degrees(log.velocity)), {}, "units-disagree", "velocity: deg/s",
+    ),
+    "velocity in rpm": (
+        lambda log: replace(log, velocity=30 / math.pi * log.velocity), {}, "units-disagree", "velocity: rpm",
+    ),
+    "velocity's sign": (lambda log: replace(log, velocity=-log.velocity), {}, "velocity-sign", "sign"),
+    "velocity of the motor": (
+        lambda log: replace(log, velocity=100.0 * log.velocity), {"gear_ratio": 100.0}, "velocity-unrelated", "motor's",
+    ),
+    "velocities swapped": (
+        lambda log: replace(log, velocity=log.velocity[:, [1, 0, 2]]), {}, "JOINTS-SWAPPED", "1 with velocity 2",
+    ),
+    "time in ms": (lambda log: replace(log, time=1e3 * log.time), {}, "TIME-UNIT", "units: {time: ms}"),
+    "time in us": (lambda log: replace(log, time=1e6 * log.time), {}, "TIME-UNIT", "units: {time: us}"),
+    "time in ns": (lambda log: replace(log, time=1e9 * log.time), {}, "TIME-UNIT", "units: {time: ns}"),
+    "time in days": (lambda log: replace(log, time=log.time / 86400, velocity=None), {}, "TIME-UNIT", ""),
+    "time in hours": (lambda log: replace(log, time=log.time / 3600, velocity=None), {}, "TIME-UNIT", ""),
+    "time in minutes": (lambda log: replace(log, time=log.time / 60, velocity=None), {"max_velocity": 1.2},
+                        "beyond-limits", "maximum"),
+    "dead current": (lambda log: with_current(log, 0.0), {}, "CONSTANT-CURRENT", "joint 2"),
+    "constant current": (lambda log: with_current(log, 1.25), {}, "CONSTANT-CURRENT", "1.25"),
+    "copied current": (lambda log: replace(log, current=log.current[:, [0, 1, 1]]), {}, "CURRENT-COPIED", "2 and 3"),
+    "clipped": (lambda log: replace(log, current=np.clip(log.current, -2, 2)), {}, "current-saturated", "2.0"),
+    "a few lost": (lambda log: lost(log, 0.01), {}, "current-dropouts", "joint 2"),
+    "many lost": (lambda log: lost(log, 0.3), {}, "current-dropouts", "joint 2"),
+    "small cut off": (lambda log: cut_off(log, 0.05), {}, "current-dropouts", ""),
+    "small cut off in steps": (lambda log: cut_off(log, 0.2, step=0.005), {}, "current-dropouts current-frozen", ""),
+    "steps of 5 mA": (lambda log: replace(log, current=0.005 * np.round(log.current / 0.005)), {}, "", ""),
+    "steps of 0.1 A": (lambda log: replace(log, current=0.1 * np.round(log.current / 0.1)), {}, "", ""),
+    "slow bus": (lambda log: held_current(log, 0.05), {}, "current-frozen", " ms"),
+    "every other sample": (lambda log: held_current(log, 0.01), {}, "", ""),
+    "freezes": (frozen, {}, "current-frozen", "% of the time"),
+    "position repeated": (lambda log: repeated(log, 2, 1e-6), {}, "position-held", ""),
+    "position repeated in steps": (lambda log: repeated(log, 3, 2e-4), {}, "position-held", ""),
+    "milliamperes": (lambda log: replace(log, current=1e3 * log.current), {}, "current-size", "more than"),
+    "ten a second": (lambda log: log.part(slice(0, len(log), 20)), {}, "rate-low", "10"),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", CASES)
+def test_a_wrong_log_is_told(name: str) -> None:
+    """The slug says what is wrong, a refusal where numbers would be wrong; the message names unit, joint or amount."""
+    change, robot, expected, words = CASES[name]
+    given = dict(robot)
+    gear = given.pop("gear_ratio", None)
+    checked = arm(**given)
+    checked = replace(checked, joints=tuple(replace(joint, gear_ratio=gear) for joint in checked.joints))
+    found = watched(change(good_log()), checked)
+    names = {item.slug.upper() if isinstance(item, LogError) else item.slug for item in found}
+    assert names <= set(expected.split()) and bool(names) == bool(expected)
+    assert not words or any(words in str(item) for item in found)
 
 
 @pytest.mark.parametrize("share", [0.05, 0.5, 0.95])
@@ -102,28 +203,17 @@ def test_currents_with_holes_raise_no_doubt_and_hide_none(share: float) -> None:
     assert "current-saturated" in slugs(replace(log, current=np.clip(log.current, -1.5, 1.5)), arm())
 
 
-@pytest.mark.parametrize("share", [0.3, 0.6, 0.99])
+@pytest.mark.parametrize("share", [0.3, 0.99])
 def test_a_velocity_with_holes_is_a_witness_where_it_is_there(share: float) -> None:
     """Missing velocities raise no doubt in a good log; while some windows have most of them, they tell a wrong unit."""
-    log, lost = good_log(), np.random.default_rng(4).random(len(good_log())) < share
+    log, holes = good_log(), np.random.default_rng(4).random(len(good_log())) < share
     assert log.velocity is not None
-    log.velocity[lost] = np.nan
+    log.velocity[holes] = np.nan
     log.velocity[: len(log) // 4] = np.nan
     assert watched(log, arm()) == []
     if share < 0.5:
         (fault,) = watched(replace(log, velocity=np.degrees(log.velocity)), arm())
         assert fault.slug == "units-disagree"
-
-
-@pytest.mark.parametrize(("velocity", "limits"), [(True, (-2.9, 2.9)), (False, (-2.9, 2.9)), (False, None)])
-def test_degrees_without_a_witness(velocity: bool, limits: tuple[float, float] | None) -> None:
-    """Positions (and velocities) in degrees fit the limits as degrees; without any, two joints are many turns away."""
-    log = good_log()
-    turned = np.degrees(log.velocity) if velocity else None
-    robot = arm(limits=limits, max_velocity=2.0 if limits else None)
-    (fault,) = watched(replace(log, position=np.degrees(log.position), velocity=turned), robot)
-    assert isinstance(fault, LogError) and fault.slug == "looks-like-degrees"
-    assert ("as degrees they would fit" in fault.what) is (limits is not None)
 
 
 @pytest.mark.parametrize(("size", "slug"), [(1e3, "units-disagree"), (1.0, None)])
@@ -147,90 +237,16 @@ def test_one_joint_of_many_turns_is_no_fault() -> None:
     assert [s for s in slugs(replace(log, position=position, velocity=velocity), free) if s != "joints-swapped"] == []
 
 
-UNITS = [
-    ("velocity", 180 / math.pi, "units-disagree", "velocity: deg/s"),
-    ("velocity", 30 / math.pi, "units-disagree", "velocity: rpm"),
-    ("velocity", -1.0, "velocity-sign", "sign"),
-    ("velocity", 100.0, "velocity-unrelated", "gear, 100.0: the column is the motor's speed"),
-    ("time", 1000.0, "TIME-UNIT", "units: {time: ms}"),
-    ("time", 1e6, "TIME-UNIT", "units: {time: us}"),
-    ("time", 1e9, "TIME-UNIT", "units: {time: ns}"),
-]
-
-
-@pytest.mark.parametrize(("quantity", "factor", "slug", "said"), UNITS)
-def test_a_wrong_unit_is_named(quantity: str, factor: float, slug: str, said: str) -> None:
-    """The ratio of what should be equal tells the unit word that belongs into the recipe."""
-    log = good_log()
-    changed = replace(log, **{quantity: getattr(log, quantity) * factor})
-    robot = arm()
-    robot = replace(robot, joints=tuple(replace(joint, gear_ratio=100.0) for joint in robot.joints))
-    found = watched(changed, robot)
-    assert {item.slug for item in found} == {slug.lower()}
-    assert isinstance(found[0], LogError) == slug.isupper()
-    assert said in str(found[0])
-
-
-@pytest.mark.parametrize("order", [(1, 0, 2), (0, 2, 1), (2, 0, 1)])
+@pytest.mark.parametrize("order", [(1, 0, 2), (2, 0, 1)])
 def test_positions_in_another_order_are_refused(order: tuple[int, ...]) -> None:
-    """The current that answers to a joint's direction is another's: with the amperes and the pairs."""
+    """The current that answers to a joint's direction is another's: with the pairs; however the log is batched."""
     log = good_log(seed=7)
-    (fault,) = watched(replace(log, position=log.position[:, order], velocity=None), arm())
+    log = replace(log, position=log.position[:, order], velocity=None)
+    (fault,) = watched(log, arm())
     assert isinstance(fault, LogError) and fault.slug == "joints-swapped"
     for joint, source in enumerate(order):
         assert (f"q{joint + 1} beside i{source + 1}" in fault.mend) == (joint != source)
-
-
-def test_velocities_in_another_order_are_refused() -> None:
-    """A velocity column that follows another joint's position shows that one of them is misplaced."""
-    log = good_log()
-    assert log.velocity is not None
-    (fault,) = watched(replace(log, velocity=log.velocity[:, [1, 0, 2]]), arm())
-    assert isinstance(fault, LogError) and fault.slug == "joints-swapped"
-    assert "position 1 with velocity 2, position 2 with velocity 1" in fault.what
-
-
-@pytest.mark.parametrize("value", [0.0, 1.25])
-def test_a_dead_current_is_refused(value: float) -> None:
-    """A joint that moves at an unchanging current has none that was measured."""
-    log = good_log()
-    log.current[:, 1] = value
-    (fault,) = watched(log, arm())
-    assert isinstance(fault, LogError) and (fault.slug, fault.where.column) == ("constant-current", "i2")
-
-
-def test_a_cut_off_current_is_flagged() -> None:
-    """Samples exactly at the largest value are a drive at its limit."""
-    log = good_log()
-    assert slugs(replace(log, current=np.clip(log.current, -2.0, 2.0)), arm()) == ["current-saturated"]
-
-
-@pytest.mark.parametrize("share", [0.01, 0.3])
-def test_values_that_were_lost_are_flagged(share: float) -> None:
-    """Single zeros amid larger currents."""
-    log = good_log()
-    log.current[np.random.default_rng(7).random(len(log)) < share, 1] = 0.0
-    (note,) = watched(log, arm())
-    assert note.slug == "current-dropouts" and "joint 2" in str(note)
-
-
-@pytest.mark.parametrize("limit", [0.05, 0.2])
-@pytest.mark.parametrize("step", [0.0, 0.005])
-def test_small_currents_that_are_cut_off_are_flagged(limit: float, step: float) -> None:
-    """Drawn towards zero by a limit, or zero below it, in steps or not."""
-    log = good_log()
-    current = log.current if not step else step * np.round(log.current / step)
-    drawn = np.sign(current) * np.maximum(np.abs(current) - limit, 0.0)
-    for changed in (drawn, np.where(np.abs(current) < limit, 0.0, current)):
-        assert "current-dropouts" in slugs(replace(log, current=changed), arm())
-
-
-@pytest.mark.parametrize("step", [0.005, 0.02, 0.1, 0.25, 0.5])
-def test_currents_in_steps_are_as_they_should_be(step: float) -> None:
-    """Zero is a step like any other."""
-    log = good_log()
-    found = slugs(replace(log, current=step * np.round(log.current / step)), arm())
-    assert "current-dropouts" not in found and (step > 0.1 or found == [])
+    assert str(watched(log, arm(), batch=37)[0]) == str(fault)
 
 
 def test_joints_at_rest_and_beyond_limits_are_flagged() -> None:
@@ -238,18 +254,17 @@ def test_joints_at_rest_and_beyond_limits_are_flagged() -> None:
     part = replace(good_log().part(slice(3400)), velocity=None)
     found = watched(part, arm(limits=(-1.0, 1.0)))
     assert [item.slug for item in found] == ["beyond-limits", "joint-at-rest"]
-    assert "joint 1 runs from -1.8" in found[0].text and "joints 2, 3" in found[1].text  # type: ignore[union-attr]
+    assert "joint 1 runs from -1.8" in str(found[0]) and "joints 2, 3" in str(found[1])
 
 
-def test_few_samples_a_second_are_flagged() -> None:
-    """Ten samples a second do not show a ramp."""
-    assert slugs(good_log(rate=10.0), arm()) == ["rate-low"]
-
-
-def test_the_cut_of_batches_does_not_matter() -> None:
-    """Findings with their figures are the same for small batches."""
-    log = replace(good_log(seed=7), position=good_log(seed=7).position[:, [1, 0, 2]], velocity=None)
-    assert [str(item) for item in watched(log, arm())] == [str(item) for item in watched(log, arm(), batch=37)]
+@pytest.mark.parametrize(("counts", "rate"), [(256, 100.0), (4096, 1000.0), (1 << 20, 1000.0)])
+def test_encoders_of_few_counts_are_not_flagged(counts: int, rate: float) -> None:
+    """Between two counts an encoder says the same, however coarse it is; in a text with six places, too."""
+    log, count = good_log(rate=rate), 2.0 * math.pi / counts
+    for places in (6, 12):
+        position = np.round(count * np.floor(log.position / count), places)
+        found = watched(replace(log, position=position, velocity=None), arm())
+        assert "position-held" not in [note.slug for note in found]
 
 
 REAL_LOGS = {
@@ -282,68 +297,3 @@ def test_real_logs_raise_no_doubt(name: str) -> None:
     # In some of the double pendulum's recordings a motor is off while its joint swings: its torque is 0 throughout.
     passive = {"current-frozen"} if name.startswith("dfki") else set()
     assert {note.slug for note in dataset.notes} <= {"joint-at-rest"} | passive
-
-
-@pytest.mark.parametrize(("period", "is_told"), [(0.1, True), (0.05, True), (0.01, False)])
-def test_a_current_that_is_held_is_flagged(period: float, is_told: bool) -> None:
-    """A value that comes over a slow bus is repeated until the next; twice the sampling interval does no harm."""
-    log = good_log()
-    last = np.floor(log.time / period + 1e-9).astype(np.int64)
-    first = np.searchsorted(last, last)
-    found = slugs(replace(log, current=log.current[first]), arm())
-    assert ("current-frozen" in found) is is_told and set(found) <= {"current-frozen"}
-
-
-@pytest.mark.parametrize(("hold", "every"), [(0.8, 6.0), (1.5, 6.0)])
-def test_a_current_that_freezes_again_and_again_is_flagged(hold: float, every: float) -> None:
-    """Only for a moment each time, but for a good part of the time."""
-    log = good_log()
-    current = log.current.copy()
-    for begin in np.arange(3.0, log.time[-1] - hold, every):
-        held = (log.time >= begin) & (log.time < begin + hold)
-        current[held, 1] = current[np.argmax(held), 1]
-    (note,) = watched(replace(log, current=current), arm())
-    assert note.slug == "current-frozen" and "%" in note.text and "joint 2" in str(note)
-
-
-@pytest.mark.parametrize(("times", "step"), [(2, 1e-6), (3, 2e-4), (10, 1e-6)])
-def test_positions_that_are_held_are_flagged(times: int, step: float) -> None:
-    """Each position logged several times over, as it is or in an encoder's fine steps."""
-    log = good_log()
-    first = np.arange(len(log)) // times * times
-    position = step * np.round(log.position / step)
-    found = watched(replace(log, position=position[first], velocity=None), arm())
-    assert {note.slug for note in found} == {"position-held"} and len(found) == 3
-
-
-@pytest.mark.parametrize("counts", [256, 4096, 1 << 20])
-@pytest.mark.parametrize("rate", [100.0, 1000.0])
-def test_encoders_of_few_counts_are_not_flagged(counts: int, rate: float) -> None:
-    """Between two counts an encoder says the same, however coarse it is; in a text with six places, too."""
-    log = good_log(rate=rate)
-    quiet = log.position  # noise of the sensor comes before its steps
-    count = 2.0 * math.pi / counts
-    for places in (6, 12):
-        position = np.round(count * np.floor(quiet / count), places)
-        found = watched(replace(log, position=position, velocity=None), arm())
-        assert "position-held" not in [note.slug for note in found]
-
-
-@pytest.mark.parametrize(
-    ("unit", "slug"), [(86_400.0, "time-unit"), (3600.0, "time-unit"), (60.0, "beyond-limits"), (1e-3, "time-unit")]
-)
-def test_times_in_other_units_are_told_without_velocities(unit: float, slug: str) -> None:
-    """Days fill no window of time, and minutes give a rate that some arms have; neither passes for seconds."""
-    log = good_log()
-    told = watched(replace(log, time=log.time / unit, velocity=None), arm(max_velocity=1.2))
-    assert slug in [item.slug for item in told]
-
-
-def test_radians_that_are_taken_for_degrees_are_refused() -> None:
-    """All positions cover a few degrees and would fit as radians; those in degrees pass, however they are logged."""
-    log = good_log()
-    tiny = replace(log, position=np.radians(log.position), velocity=None)
-    assert [item.slug for item in watched(tiny, arm(units={"position": "deg"})) if isinstance(item, LogError)] == [
-        "units-disagree"
-    ]
-    assert watched(replace(log, velocity=None), arm(units={"position": "deg"})) == []
