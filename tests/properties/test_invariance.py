@@ -17,7 +17,7 @@ from pumaid.estimation.estimate import identify
 TRUTH = drawn(CRANE)
 RUNS = dataset(TRUTH, experiment(CRANE)).runs
 PLAIN = identify(Dataset(RUNS), CRANE)
-FEW = settings(max_examples=10, deadline=None)
+FEW = settings(max_examples=6, deadline=None)
 #: Relative: optimisers of variances stop at about 1e-6 of their logarithm, which moves weights and hence values little.
 SAME = 1e-4
 

@@ -54,11 +54,6 @@ def test_ripple_present_in_both_is_no_noise(shift):
     assert floor(ripple=0.3, shift=shift) == pytest.approx(SIGMA, rel=0.05)
 
 
-def test_starts_that_differ_are_no_noise():
-    """Runs that start a little elsewhere are compared at the same positions."""
-    assert floor(shift=0.05) == pytest.approx(SIGMA, rel=0.04)
-
-
 def test_exact_runs_have_no_floor():
     """Without noise the floor is far below any current sensor's step."""
     moves = course("constant", -2.0, 2.0, samples=4000)
@@ -114,39 +109,3 @@ def test_sliding_joint():
         current = 2.0 + SIGMA * rng.normal(size=400)
         runs.append(run_of(CRANE, 2, (0.1, 0.0, 0.3), course=moves, current=current))
     assert noise_floor(pairs(runs))[0] == pytest.approx(SIGMA, rel=0.06)
-
-
-def test_replicates_are_those_of_a_loop_over_pairs():
-    """Many runs of some speeds and spans, a little apart: each joins the first earlier one that it repeats."""
-    rng, runs = np.random.default_rng(3), []
-    for number in range(120):
-        way, kind = rng.choice([-1.0, 1.0]) * rng.choice([1.0, 1.5]), str(rng.choice(["constant", "stroke"]))
-        ends = np.array([-way, way]) + rng.normal(scale=0.3)
-        moves = course(kind, *ends, duration=float(rng.choice([2.0, 2.03, 3.0])), samples=40)
-        held = (0.0, float(rng.choice([0.3, 0.305, 0.32, 0.3 + 2.0 * np.pi])))
-        run = run_of(PENDULUM, 1, held, course=moves, current=np.cos(moves[1]))
-        runs.append(replace(run, start=float(number)))
-    wanted: list[list[int]] = []
-    for number, run in enumerate(runs):
-        own = next((group for group in wanted if _repeats(runs[group[0]], run)), None)
-        if own is None:
-            wanted.append([number])
-        else:
-            own.append(number)
-    found = replicates(runs)
-    assert found == [group for group in wanted if len(group) > 1] and len(found) > 5
-
-
-def _repeats(first, second) -> bool:
-    """The definition, one pair at a time."""
-    gap = (first.posture - second.posture)[[joint for joint in range(2) if joint != first.joint - 1]]
-    turns = 2.0 * np.pi * round((sum(first.span) - sum(second.span)) / (4.0 * np.pi))
-    low = max(min(first.span), min(second.span) + turns)
-    high = min(max(first.span), max(second.span) + turns)
-    shorter = min(abs(run.span[1] - run.span[0]) for run in (first, second))
-    return (
-        (first.joint, first.kind) == (second.joint, second.kind)
-        and abs(second.speed - first.speed) <= 0.03 * abs(first.speed)
-        and bool(np.all(np.abs(np.remainder(gap + np.pi, 2.0 * np.pi) - np.pi) <= 0.01))
-        and high - low >= 0.8 * shorter
-    )

@@ -46,24 +46,16 @@ def test_one_trapezoid_is_one_run():
     assert reasons(dataset) == ["rest", "ramp", "ramp", "rest"]
 
 
-def test_bins_give_the_current_back():
-    """Least squares on a run's bins returns the current's constants, and all samples are in them."""
-    (run,) = segment([log()], ARM).runs
-    q = run.bins.position[:, 1]
-    columns = np.column_stack([np.cos(q), np.sin(q), np.ones(len(q))])
-    np.testing.assert_allclose(np.linalg.lstsq(columns, run.bins.current, rcond=None)[0], [2.0, 3.0, 1.0], atol=1e-4)
-    assert run.samples == run.bins.count.sum()
-
-
 def test_cells_are_the_samples_means():
     """Count-weighted means of the bins are the means over the run's samples, their spread included."""
     one = log(rate=1000.0, noise=0.2)
+    one = replace(one, temperature=np.tile([20.0, 31.0, 40.0], (len(one), 1)))
     (run,) = segment([one], ARM, options=SegmentOptions(max_bins=40)).runs
     part = slice(run.first_row - 2, run.last_row - 1)
     weights = run.bins.count
     np.testing.assert_allclose(np.average(run.bins.current, weights=weights), one.current[part, 1].mean())
     np.testing.assert_allclose(np.average(run.bins.time, weights=weights), one.time[part].mean())
-    assert len(run.bins) == 40
+    assert len(run.bins) == 40 and run.temperature == pytest.approx(31.0) and run.samples == weights.sum()
     assert np.average(run.bins.variance, weights=weights) == pytest.approx(0.04, rel=0.1)
     np.testing.assert_allclose(run.bins.velocity, 0.5, atol=1e-6)
 
@@ -161,24 +153,10 @@ def test_a_handful_of_samples_is_no_error(count):
     assert sum(reject.samples for reject in dataset.rejects) == count
 
 
-def test_no_logs_are_no_evidence():
-    """An empty stream gives an empty result."""
-    dataset = segment([], ARM)
-    assert (dataset.runs, dataset.rejects) == ((), ())
-
-
 def test_another_arms_logs_are_refused():
     """The number of joints must be the robot's."""
     with pytest.raises(ValueError, match="3 joints, one has 1"):
         segment([log()], Robot("one", ARM.joints[:1]))
-
-
-def test_temperature_is_kept():
-    """A run's temperature is its joint's mean."""
-    one = log()
-    warm = replace(one, temperature=np.tile([20.0, 31.0, 40.0], (len(one), 1)))
-    (run,) = segment([warm], ARM).runs
-    assert run.temperature == pytest.approx(31.0)
 
 
 @pytest.mark.parametrize(
