@@ -103,12 +103,8 @@ def _distances(runs: Sequence[Run], motions: Sequence[Motion]) -> Iterator[Float
 def hold_out(dataset: Dataset, *, files: Collection[str] = (), postures: bool = False) -> Dataset:
     """Mark more runs as held out, whole files or whole postures at a time, so that no run is fitted in part.
 
-    Parameters
-    ----------
-    files
-        Names of log files (as in `Dataset.files`) of which every run is held out.
-    postures
-        Of every joint with at least four postures, hold out all runs at the one that was run last.
+    Held out are all runs of `files` (as in `Dataset.files`); with `postures`, of every joint with at least four
+    postures, all runs at the one that was run last. Runs that the plan holds out stay so; a note counts.
 
     Raises
     ------

@@ -71,8 +71,12 @@ def segment(logs: Iterable[Log], robot: Robot, *, options: SegmentOptions = DEFA
     Parameters
     ----------
     logs
-        Consecutive batches, SI, of the robot's joints. `starts_clock` begins a new recording.
+        Consecutive batches, SI. `starts_clock` begins a new recording.
         The iterable's attributes `files`, `notes` and `extra`, if any, are taken over.
+    robot
+        Whose joints they are.
+    options
+        Thresholds.
 
     Returns
     -------

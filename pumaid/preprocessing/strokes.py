@@ -41,17 +41,9 @@ def sliding(
 ) -> tuple[int, int, float, float]:
     """Where a movement's speed is above the share of its peak that `options` ask for.
 
-    Parameters
-    ----------
-    time, position
-        (N,) s and rad or m of a stretch without gaps; the movement, samples [start, stop) of `bounds`, goes upwards.
-    noise
-        Standard deviation of one sample's position (rad or m).
-
-    Returns
-    -------
-    start, stop, window, peak
-        Samples [start, stop); the span (s) of the local cubics by which speed is taken, and its peak.
+    The movement, samples [start, stop) of `bounds`, goes upwards; `noise` (rad or m) is the standard deviation of one
+    of the (N,) positions. Returned are samples [start, stop), the span (s) of the local cubics by which speed is taken,
+    and its peak.
     """
     start, stop = bounds
     duration = max(1e-9, float(time[stop - 1] - time[start]))
