@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 from pumaid.diagnosis.candidates import Suspect
 from pumaid.diagnosis.records import Binned, Curve, Line
 from pumaid.effect_spec import EffectTerm
-from pumaid.effects import Effect, Family
-from pumaid.joint_bins import SAME_SPEED, at
+from pumaid.effects import Family
+from pumaid.joint_bins import at, distinct
 from pumaid.robot import Robot
 from pumaid.samples import Samples
 
@@ -21,14 +21,9 @@ Floats = NDArray[np.float64]
 
 #: Bins over a span: narrow enough for the shapes of the catalogue, wide enough to hold several runs each.
 FINE, COARSE = 32, 16
-
-#: A smooth line of speed is drawn from this share of the slowest speed run to this of the fastest: look-alikes part
-#: below the slowest.
-SLOWEST, FASTEST = 0.4, 1.1
-
-#: Points of a smooth line.
-POINTS = 80
-
+#: A smooth line of speed has so many points from this share of the slowest speed run to this of the fastest:
+#: look-alikes part below the slowest.
+POINTS, SLOWEST, FASTEST = 80, 0.4, 1.1
 #: Of a family of effects, the variable that shows it; a family that is not named is shown by what the effect itself
 #: adds.
 VARIABLES = {
@@ -53,22 +48,27 @@ class Trial:
     values: Floats
     misfit: Floats
 
-    @property
-    def effect(self) -> Effect:
-        """Without joint and shape."""
-        return self.term.effect
-
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Axis:
-    """What a picture is drawn against: a word or two, the unit, (M,) values at the cells, bins (edges, or None where
-    equal values stand together), the period of a folded variable."""
+    """What a picture is drawn against: a word or two, the unit, (M,) values at the bins of the runs, the number of
+    bins of the picture (None where equal values stand together), the period of a folded variable."""
 
     variable: str
     unit: str
     values: Floats
-    bins: int | None = FINE
+    bins: int | None = COARSE
     period: float | None = None
+
+    def labels(self) -> Floats:
+        """(M,) number of the picture's bin of each value; bins of travel are narrow where the motion begins."""
+        if self.bins is None:
+            return np.searchsorted(distinct(self.values.tolist()), self.values, side="right").astype(float)
+        low, high = (0.0, self.period) if self.period else (np.nanmin(self.values), np.nanmax(self.values))
+        share = (self.values - low) / (high - low if high > low else 1.0)
+        if self.variable.startswith("travel"):
+            share = np.sqrt(share)
+        return np.minimum(np.floor(share * self.bins), self.bins - 1)
 
 
 def curve(robot: Robot, samples: Samples, *, before: Floats, trials: Sequence[Trial]) -> Curve:
@@ -82,7 +82,7 @@ def curve(robot: Robot, samples: Samples, *, before: Floats, trials: Sequence[Tr
     robot
         The arm.
     samples
-        M cells of all runs of one joint; `Samples.run` tells them apart.
+        M bins of all runs of one joint; `Samples.run` tells them apart.
     before
         (M,) A left without the effect.
     trials
@@ -93,71 +93,48 @@ def curve(robot: Robot, samples: Samples, *, before: Floats, trials: Sequence[Tr
     curve
         A side for each direction of motion that was run.
     """
-    main = trials[0]
+    main, sides, lines = trials[0], [], []
     axis = _axis(robot, samples, main, change=before - main.misfit)
-    sides, lines = [], []
     for way in (1, -1):
-        is_side = (samples.direction == way) & np.isfinite(axis.values)
-        if not is_side.any():
+        label = np.where((samples.direction == way) & np.isfinite(axis.values), axis.labels(), np.nan)
+        if np.isnan(label).all():
             continue
-        label = _labels(axis, is_side)
-        places = _means(axis.values, label, samples.run)[0]
-        mean = _means(before, label, samples.run)[0]
-        after, errors, runs = _means(main.misfit, label, samples.run)
-        sides.append(Binned(way, places, mean, after, errors, runs))
+        places, mean = (_means(values, label, samples.run)[0] for values in (axis.values, before))
+        sides.append(Binned(way, places, mean, *_means(main.misfit, label, samples.run)))
         for trial in trials:
             change = _means(before - trial.misfit, label, samples.run)[0]
             lines.append(_line(robot, samples, axis, trial, way=way, places=places, change=change))
-    names = [trial.effect.name for trial in trials]
+    names = [trial.term.effect.name for trial in trials]
     lines.sort(key=lambda line: names.index(line.effect))
     return Curve(samples.joint, axis.variable, axis.unit, tuple(sides), tuple(lines), axis.period)
 
 
 def _axis(robot: Robot, samples: Samples, trial: Trial, *, change: Floats) -> Axis:
     """The variable in which an effect lives."""
-    column, unit = samples.joint - 1, robot.joint(samples.joint).position_unit
+    column, unit, effect = samples.joint - 1, robot.joint(samples.joint).position_unit, trial.term.effect
     position = samples.position[:, column]
-    if isinstance(trial.effect, Suspect) and samples.extra is not None:
-        return Axis(trial.effect.column, "", samples.extra[:, trial.effect.place], COARSE)
-    frequency = trial.term.shape.get(trial.effect.periodic or "", 0.0)
+    if isinstance(effect, Suspect) and samples.extra is not None:
+        return Axis(effect.column, "", samples.extra[:, effect.place])
+    frequency = trial.term.shape.get(effect.periodic or "", 0.0)
     if frequency > 0.0:
         period = 2.0 * math.pi / frequency
         return Axis("position within one period", unit, np.mod(position, period), FINE, period)
-    word, loads = VARIABLES.get(trial.effect.family, ""), samples.loads
-    if word == "speed":
-        label = np.unique(samples.run, return_inverse=True)[1]
-        speed = (np.bincount(label, np.abs(samples.velocity[:, column])) / np.bincount(label))[label]
-        return Axis("speed", f"{unit}/s", speed, None)
+    run = np.unique(samples.run, return_inverse=True)[1]
+    speed = np.bincount(run, np.abs(samples.velocity[:, column])) / np.bincount(run)
     axes = {
-        "position": Axis("position", unit, position),
-        "travel": Axis("travel since the motion began", unit, samples.travel),
-        "time": Axis("time since the first motion", "s", samples.time, COARSE),
+        "speed": Axis("speed", f"{unit}/s", speed[run], None),
+        "position": Axis("position", unit, position, FINE),
+        "travel": Axis("travel since the motion began", unit, samples.travel, FINE),
+        "time": Axis("time since the first motion", "s", samples.time),
     }
     if np.isfinite(samples.temperature).any():
-        axes["temperature"] = Axis("temperature", "degC", samples.temperature, COARSE)
-    if loads is not None:
-        axes["current"] = Axis("predicted current", "A", loads.drawn, COARSE)
-        axes["load"] = Axis("gravity load", "A", loads.moving, COARSE)
-        if "side" in trial.effect.name:
-            axes["load"] = Axis("moment across the axis", "A", loads.across, COARSE)
-    return axes.get(word, Axis("what it adds", "A", change, COARSE))
-
-
-def _labels(axis: Axis, is_side: NDArray[np.bool_]) -> Floats:
-    """(M,) number of each cell's bin, NaN outside `is_side`; bins of travel are narrow where the motion begins."""
-    label = np.full(len(is_side), np.nan)
-    values = axis.values[is_side]
-    if axis.bins is None:
-        order = np.unique(values)
-        starts = np.concatenate([[True], np.diff(order) > SAME_SPEED * order[1:]])
-        label[is_side] = np.cumsum(starts)[np.searchsorted(order, values)]
-        return label
-    low, high = (0.0, axis.period) if axis.period else (float(values.min()), float(values.max()))
-    share = (values - low) / (high - low) if high > low else np.zeros(len(values))
-    if axis.variable.startswith("travel"):
-        share = np.sqrt(share)
-    label[is_side] = np.minimum(np.floor(share * axis.bins), axis.bins - 1)
-    return label
+        axes["temperature"] = Axis("temperature", "degC", samples.temperature)
+    if samples.loads is not None:
+        axes["current"] = Axis("predicted current", "A", samples.loads.drawn)
+        axes["load"] = Axis("gravity load", "A", samples.loads.moving)
+        if "side" in effect.name:
+            axes["load"] = Axis("moment across the axis", "A", samples.loads.across)
+    return axes.get(VARIABLES.get(effect.family, ""), Axis("what it adds", "A", change))
 
 
 def _means(values: Floats, label: Floats, run: Floats) -> tuple[Floats, Floats, Floats]:
@@ -178,16 +155,16 @@ def _line(
     robot: Robot, samples: Samples, axis: Axis, trial: Trial, *, way: int, places: Floats, change: Floats
 ) -> Line:
     """A smooth line over speed where the effect is the joint's own, else the binned change itself."""
-    is_local = trial.term.joint in (None, samples.joint) and trial.effect.family is Family.SPEED
+    is_local = trial.term.joint in (None, samples.joint) and trial.term.effect.family is Family.SPEED
     if axis.variable != "speed" or not is_local:
-        return Line(trial.effect.name, way, places, change)
+        return Line(trial.term.effect.name, way, places, change)
     grid = np.linspace(SLOWEST * places.min(), FASTEST * places.max(), POINTS)
     rest = change - _law(robot, samples, trial, way=way, speeds=places)
     # Coulomb and viscous friction give way when the effect comes in: by a straight line of speed, which the bins tell.
     powers = np.arange(min(2, len(places)))
     straight = np.linalg.lstsq(places[:, None] ** powers, rest, rcond=None)[0]
     smooth = _law(robot, samples, trial, way=way, speeds=grid) + grid[:, None] ** powers @ straight
-    return Line(trial.effect.name, way, grid, smooth)
+    return Line(trial.term.effect.name, way, grid, smooth)
 
 
 def _law(robot: Robot, samples: Samples, trial: Trial, *, way: int, speeds: Floats) -> Floats:
@@ -197,7 +174,4 @@ def _law(robot: Robot, samples: Samples, trial: Trial, *, way: int, speeds: Floa
     still = at(samples, np.full(len(speeds), middle))
     velocity = np.zeros_like(still.velocity)
     velocity[:, samples.joint - 1] = way * speeds
-    columns = trial.effect.columns(
-        robot, replace(still, velocity=velocity), number=trial.term.joint, shape=trial.term.shape
-    )
-    return np.asarray(columns @ trial.values)
+    return np.asarray(trial.term.linear(robot, replace(still, velocity=velocity)) @ trial.values)

@@ -19,6 +19,8 @@ POWER = 0.8
 NORMAL = 3.0
 #: Mean square of a wave of size one.
 WAVE = 0.5
+#: A: errors below this count as it.
+TINY = float(np.finfo(float).tiny) ** 0.5
 #: Why no size of an effect could be seen.
 FAINT = "the fitted model absorbs all of it in these runs"
 
@@ -31,49 +33,40 @@ def detection_limits(scan: ScoreTable, family: SignFlips, *, periodic: Effect | 
     quantile of `POWER`. It must also lower some joint's error by the share `WORTH`. Of an effect with a shape the limit
     is the median over shapes that can be seen.
     """
-    robot, out = scan.solved.model.robot, dict[Key, Limit]()
-    worth = _WorthwhileSize(scan)
-    sizes: dict[Key, list[float]] = {}
-    kinds: dict[Key, Effect] = {}
-    for trial in scan.trials:
-        key = trial.added.key
-        kinds[key] = trial.added.effect
-        sizes.setdefault(key, []).append(max(_size(trial, family, scan), worth.size(trial) + _margin(trial, scan)))
-    for key, values in sizes.items():
-        out[key] = _limit(robot, kinds[key], key, float(np.median(values)))
+    robot, scale, projector = scan.solved.model.robot, scan.solved.scale, Projector(scan.solved)
+    shares = {row.bins.joint: row.bins.count / row.bins.count.sum() for row in scan.solved.joints}
+    errors = {row.bins.joint: max(rmse(row.bins, row.misfit), TINY) for row in scan.solved.joints}
+    tests, out = {id(test.added): test for test in scan.trials}, dict[Key, Limit]()
+    for group in scan.candidates.groups:
+        columns = projector.columns(group)
+        falls = [shares[joint] @ (values / errors[joint]) ** 2 for joint, values in columns.items()]
+        largest = np.max(falls, axis=0, initial=0.0).reshape(len(group), -1)[:, 0] if falls else np.zeros(len(group))
+        chosen = [(tests[id(term)], fall) for term, fall in zip(group, largest, strict=True) if id(term) in tests]
+        sizes = [_size(test, family, scan, fall=fall) for test, fall in chosen]
+        out[group[0].key] = _limit(robot, group[0].effect, group[0].key, float(np.median(sizes or [np.inf])))
     for joint, spectrum in scan.spectra.items():
         if periodic is not None:
             threshold = family.threshold((periodic.name, joint), LEVEL)
             shift = needed(threshold, PERIODIC, runs=len(spectrum.scores))
-            size = shift * float(np.sqrt(scan.solved.scale / np.median(spectrum.information)))
-            least = worth.error[joint] * float(np.sqrt(2.0 * WORTH / WAVE))
+            size = shift * float(np.sqrt(scale / np.median(spectrum.information)))
+            least = errors[joint] * float(np.sqrt(2.0 * WORTH / WAVE))
             out[periodic.name, joint] = _limit(robot, periodic, (periodic.name, joint), max(size, least))
-    for term in (group[0] for group in scan.candidates.groups):
-        out.setdefault(term.key, Limit(*term.key, "", None, "", _faint(term.effect)))
-    for key, why in scan.candidates.excluded.items():
-        out[key] = Limit(*key, "", None, "", why)
-    return out
+    return out | {key: Limit(*key, "", None, "", why) for key, why in scan.candidates.excluded.items()}
 
 
-class _WorthwhileSize:
-    """Sizes with which effects lower the error of some joint by the share `WORTH`."""
+def _size(test: ScoreTest, family: SignFlips, scan: ScoreTable, *, fall: float) -> float:
+    """Of the first parameter, the others zero: what is found, and lowers an error by the share `WORTH`.
 
-    def __init__(self, scan: ScoreTable) -> None:
-        rows, projector = scan.solved.joints, Projector(scan.solved)
-        self.error = {row.bins.joint: rmse(row.bins, row.misfit) for row in rows}
-        shares = {row.bins.joint: row.bins.count / row.bins.count.sum() for row in rows}
-        self.squares: dict[int, dict[int, float]] = {}
-        for group in scan.candidates.groups:
-            for joint, columns in projector.columns(group).items():
-                squares = shares[joint] @ columns[:, :: columns.shape[1] // len(group)] ** 2
-                for term, square in zip(group, squares, strict=True):
-                    self.squares.setdefault(id(term), {})[joint] = float(square)
-
-    def size(self, trial: ScoreTest) -> float:
-        """Of the first parameter; what the model absorbs of it takes no error away."""
-        squares, tiny = self.squares[id(trial.added)], np.finfo(float).tiny
-        best = max(square / max(self.error[joint], tiny) ** 2 for joint, square in squares.items()) * trial.visible
-        return float(np.sqrt(2.0 * WORTH / best)) if best > 0.0 else np.inf
+    `fall` is the largest share of a joint's squared error that a unit of it makes; what the model absorbs takes none
+    away. A fitted size must be expected above a threshold by a margin to pass it with `POWER`.
+    """
+    information, key = float(test.information[0, 0]), test.added.key
+    if information <= 0.0 or fall <= 0.0:
+        return float("inf")
+    error = float(np.sqrt(scan.solved.scale / information))
+    threshold, gross = family.threshold(key, LEVEL), family.gross(key)
+    seen = needed(threshold, test.width, runs=_runs(test, scan), gross=gross) * error
+    return max(seen, float(np.sqrt(2.0 * WORTH / (test.visible * fall)) + special.ndtri(POWER) * error))
 
 
 def needed(surprise: float, freedoms: int, *, runs: float, gross: float = GROSS) -> float:
@@ -91,22 +84,6 @@ def needed(surprise: float, freedoms: int, *, runs: float, gross: float = GROSS)
     return min((more + float(np.sqrt(more**2 - rest * (more**2 - threshold)))) / rest, upper)
 
 
-def _size(trial: ScoreTest, family: SignFlips, scan: ScoreTable) -> float:
-    if trial.information[0, 0] <= 0.0:
-        return float("inf")
-    variance = scan.solved.scale / float(trial.information[0, 0])  # the effect's other parameters zero
-    key = trial.added.key
-    threshold, gross = family.threshold(key, LEVEL), family.gross(key)
-    return needed(threshold, trial.width, runs=_runs(trial, scan), gross=gross) * float(np.sqrt(variance))
-
-
-def _margin(trial: ScoreTest, scan: ScoreTable) -> float:
-    """By how much a fitted size must be expected above a threshold to pass it with `POWER`."""
-    if trial.information[0, 0] <= 0.0:
-        return float("inf")
-    return float(special.ndtri(POWER)) * float(np.sqrt(scan.solved.scale / trial.information[0, 0]))
-
-
 def _runs(trial: ScoreTest, scan: ScoreTable) -> float:
     """Runs, each telling as much as any other, that would flip like these: by their scores' fourth moment."""
     squares = trial.scores[:, 0] ** 2
@@ -115,16 +92,12 @@ def _runs(trial: ScoreTest, scan: ScoreTable) -> float:
 
 
 def _limit(robot: Robot, effect: Effect, key: Key, size: float) -> Limit:
+    """Of that size; where it is infinite, with the reason and the runs in which the effect would be seen."""
     first = effect.parameters(robot, key[1] or 0)[0]
     joint = robot.joint(key[1]) if key[1] and effect.scope is not Scope.ARM else robot.joints[0]
     unit = first.unit.format(unit=joint.position_unit)
-    return (
-        Limit(*key, first.name, size, unit)
-        if np.isfinite(size)
-        else Limit(*key, first.name, None, unit, _faint(effect))
+    if np.isfinite(size):
+        return Limit(*key, first.name, size, unit)
+    return Limit(
+        *key, first.name, None, unit, FAINT + (f"; it is seen best in {effect.seen_in}" * bool(effect.seen_in))
     )
-
-
-def _faint(effect: Effect) -> str:
-    """Why no size of an effect could be seen, and in which runs it would be."""
-    return FAINT + (f"; it is seen best in {effect.seen_in}" if effect.seen_in else "")

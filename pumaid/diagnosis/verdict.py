@@ -77,16 +77,16 @@ def _shape(solved: Fit, trial: ScoreTest, *, is_clear: bool) -> Unexplained:
     free = trial.added.effect
     assert isinstance(free, FreeForm) and trial.added.joint is not None
     knots, values, errors = knot_values(solved, trial)
-    unit = free.form.unit.format(unit=solved.model.robot.joint(trial.added.joint).position_unit)
+    unit = free.unit.format(unit=solved.model.robot.joint(trial.added.joint).position_unit)
     peak = float(knots[int(np.argmax(np.abs(values)))])
     row = solved.row(trial.added.joint)
     freedom = len(row.bins) * (1.0 - solved.rank / max(solved.size, 1))
     explained = max(trial.statistic - trial.width, 0.0)
     excess = max(float(row.residual @ row.residual) - freedom, explained)
     gain = explained / excess if excess > 0.0 else 0.0
-    text = f"what is left looks like {free.form.name}, largest at {peak:.3g} {unit}"
+    text = f"what is left looks like {free.name}, largest at {peak:.3g} {unit}"
     return Unexplained(
-        *(free.form.name, free.form.variable, unit, knots, values, errors, peak, float(gain), text), is_clear=is_clear
+        *(free.name, free.variable, unit, knots, values, errors, peak, float(gain), text), is_clear=is_clear
     )
 
 
