@@ -43,18 +43,10 @@ AT_ONCE = 4_000_000
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Spectrum:
-    """Scores of one joint at F frequencies.
+    """Scores of one joint at F frequencies (1/rad or 1/m: phase by position).
 
-    Attributes
-    ----------
-    frequency
-        (F,) 1/rad or 1/m: phase by position.
-    scores
-        (S, F) complex: cosine and sine part of each run's score, of each piece's where runs are few.
-    information
-        (F,) of either part; both are alike and do not mix.
-    is_pieces
-        Whether the scores are of pieces of runs.
+    `scores` (S, F) are complex, cosine and sine part of each run's score, or of each piece's where runs are few
+    (`is_pieces`); `information` (F,) is that of either part, since both are alike and do not mix.
     """
 
     frequency: Floats
@@ -134,13 +126,13 @@ def spectrum(
     q, lengths = bins.samples.position[:, bins.joint - 1], bins.lengths
     low, high = np.minimum.reduceat(q, bins.first), np.maximum.reduceat(q, bins.first)
     way = high - low
-    usable = (lengths > 4) & (way > 0)
+    usable, is_pieces = (lengths > 4) & (way > 0), len(bins.runs) < FEWEST_RUNS
     if not usable.any():
         return None
-    piece = _pieces(bins, np.where(usable, way, 0.0))
+    piece = _pieces(bins, np.where(usable, way, 0.0)) if is_pieces else bins.run
     top = HIGHEST * np.pi / float(np.median(way[usable] / (lengths[usable] - 1)))
     slow = fewest_periods / way.max()
-    lowest = 2.0 * np.pi * (slow if len(bins.runs) >= FEWEST_RUNS else max(slow, A_PIECE * PIECES / way[usable].sum()))
+    lowest = 2.0 * np.pi * (max(slow, A_PIECE * PIECES / way[usable].sum()) if is_pieces else slow)
     extent = float(high[usable].max() - low[usable].min())
     step = 2.0 * np.pi / (POINTS * top)
     points = fft.next_fast_len(int(np.ceil(OVERSAMPLING * extent / step)), real=True)
@@ -161,17 +153,14 @@ def spectrum(
     turned = scores * np.exp(1j * frequency * low[usable].min())
     for wave in without:
         turned[:, np.abs(frequency - wave) < SAME * 2.0 * np.pi / way.max()] = 0.0
-    return Spectrum(frequency, turned / scale, information / scale, len(bins.runs) < FEWEST_RUNS)
+    return Spectrum(frequency, turned / scale, information / scale, is_pieces)
 
 
-def _pieces(field: JointBins, way: Floats) -> Counts:
-    """(N,) number from 0 of the run of each bin; where runs are few, of the piece of a run."""
-    if len(field.runs) >= FEWEST_RUNS:
-        return field.run
+def _pieces(bins: JointBins, way: Floats) -> Counts:
+    """(N,) number from 0 of the piece of a run that each bin is in."""
     parts = np.maximum(np.round(way / way.sum() * PIECES), 1.0).astype(np.int64)
-    lengths = np.repeat(field.lengths, field.lengths)
-    within = (np.arange(len(field)) - field.first[field.run]) * parts[field.run] // lengths
-    return np.asarray((np.cumsum(parts) - parts)[field.run] + within)
+    within = (np.arange(len(bins)) - bins.first[bins.run]) * parts[bins.run] // bins.lengths[bins.run]
+    return np.asarray((np.cumsum(parts) - parts)[bins.run] + within)
 
 
 def _shared(place: Floats, values: Floats, *, piece: Counts, points: int) -> Floats:
