@@ -17,8 +17,6 @@ from pumaid.effect_spec import EffectTerm
 from pumaid.effects import catalogue
 
 DIN = Din(spread=0.01, correlation=0.5, level=0.004)
-#: Effects with one shape, so that the limit is not a median over shapes.
-MORE = ("torque_droop", "flexibility")
 
 
 def look(lab: Lab, seed: int, added: EffectTerm | None = None, size: float = 0.0) -> Step:
@@ -37,32 +35,34 @@ def told(step: Step) -> dict:
     return detection_limits(step.scan, step.family, periodic=catalogue()["ripple"])
 
 
-@pytest.mark.parametrize("name", ["spring", *[pytest.param(name, marks=pytest.mark.slow) for name in MORE]])
+@pytest.mark.parametrize("name", ["spring", pytest.param("torque_droop", marks=pytest.mark.slow)])
 def test_an_effect_of_the_limits_size_is_found_four_times_in_five(name):
-    """Found and named (rivals count) in 58 to 97 % of 40 experiments (99.9 % of a binomial); a third is not."""
+    """Found and named (rivals count) as a binomial of 0.8 is in 99.8 % of cases; a third of the size is not.
+
+    Both effects have one shape, so that the limit is not a median over shapes.
+    """
     added = EffectTerm(catalogue()[name], 1, {})
     limit = float(np.mean([told(look(lever(), seed))[name, 1].size for seed in (901, 902, 903)]))
     hits = {}
-    for share, draws in ((1.0, 25), (0.33, 8)):
+    for share, draws in ((1.0, 20), (0.33, 6)):
         hits[share] = 0
         for seed in range(draws):
             sign = 1.0 if added.effect.signs({}) else (1.0, -1.0)[seed % 2]
             found = look(lever(), seed, added, sign * share * limit)
             named = [found.chosen, *found.chosen.rivals] if found.chosen is not None else []
             hits[share] += (name, 1) in [one.key for one in named]
-    print(name, limit, hits)
-    low, high = stats.binom.ppf([0.001, 0.999], 25, 0.8)
+    low, high = stats.binom.ppf([0.001, 0.999], 20, 0.8)
     assert low <= hits[1.0] <= high
     assert hits[0.33] <= 2
 
 
 @pytest.mark.parametrize("freedoms", [1, 2, 4])
-def test_the_shift_that_is_needed_has_four_fifths_power(freedoms):
+@pytest.mark.parametrize("alarm", [2.0, 4.0, 6.0])
+def test_the_shift_that_is_needed_has_four_fifths_power(freedoms, alarm):
     """Of a non-central chi-square with that shift: exactly so with one degree, and no less than 0.8 with more."""
-    for alarm in (2.0, 4.0, 6.0):
-        beyond = float(stats.chi2.isf(10.0**-alarm, freedoms))
-        power = float(stats.ncx2.sf(beyond, freedoms, needed(alarm, freedoms, runs=1e9) ** 2))
-        assert power == pytest.approx(0.8, abs=0.005) if freedoms == 1 else 0.8 < power < 0.95
+    beyond = float(stats.chi2.isf(10.0**-alarm, freedoms))
+    power = float(stats.ncx2.sf(beyond, freedoms, needed(alarm, freedoms, runs=1e9) ** 2))
+    assert power == pytest.approx(0.8, abs=0.005) if freedoms == 1 else 0.8 < power < 0.95
 
 
 def test_the_effect_itself_raises_the_bar():
@@ -86,12 +86,12 @@ def test_limits_are_of_every_effect_and_joint():
 
 
 def test_more_noise_and_fewer_runs_raise_limits():
-    """Over three experiments each: twice the noise twice the limit (15 %), a quarter of the runs half more."""
+    """Over two experiments each: twice the noise twice the limit (15 %), a quarter of the runs half more."""
     few = Lab.of(LEVER, design(LEVER, postures=1, repeats=1))
     loud = replace(DIN, spread=2 * DIN.spread, level=2 * DIN.level)
     sizes = []
     for lab, din in ((lever(), DIN), (lever(), loud), (few, DIN)):
-        found = [told(Stepwise(lab.model, lab.noisy(seed, din)).look([])) for seed in (1, 2, 3)]
+        found = [told(Stepwise(lab.model, lab.noisy(seed, din)).look([])) for seed in (1, 2)]
         sizes.append(np.mean([one["spring", 1].size for one in found]))
     assert sizes[1] / sizes[0] == pytest.approx(2.0, rel=0.15)
     assert 1.5 < sizes[2] / sizes[0] < 8.0
@@ -105,10 +105,9 @@ def test_a_ripples_limit_is_the_amplitude_that_is_found():
     wave = EffectTerm(catalogue()["ripple"], 1, {"frequency": at})
     hits = {}
     for share in (0.4, 1.0):
-        looks = [look(lever(), seed, wave, share * limit) for seed in range(12)]
+        looks = [look(lever(), seed, wave, share * limit) for seed in range(8)]
         hits[share] = sum(one.chosen is not None and one.chosen.key == ("ripple", 1) for one in looks)
-    print(at, limit, hits)
-    assert hits[0.4] <= 4 and hits[1.0] >= 6
+    assert hits[0.4] <= 3 and hits[1.0] >= 4
 
 
 @pytest.mark.parametrize(
