@@ -65,8 +65,8 @@ def _size(test: ScoreTest, family: SignFlips, scan: ScoreTable, *, fall: float) 
         return float("inf")
     error = float(np.sqrt(scan.solved.scale / information))
     threshold, gross = family.threshold(key, LEVEL), family.gross(key)
-    seen = needed(threshold, test.width, runs=_runs(test, scan), gross=gross) * error
-    return max(seen, float(np.sqrt(2.0 * WORTH / (test.visible * fall)) + special.ndtri(POWER) * error))
+    shown = needed(threshold, test.width, runs=_runs(test, scan), gross=gross) * error
+    return max(shown, float(np.sqrt(2.0 * WORTH / (test.visible * fall)) + special.ndtri(POWER) * error))
 
 
 def needed(surprise: float, freedoms: int, *, runs: float, gross: float = GROSS) -> float:
