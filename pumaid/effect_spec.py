@@ -116,7 +116,7 @@ class EffectTerm:
             return joint == self.joint
         return self.effect.scope is not Scope.LINK or joint <= self.number
 
-    def parts(self, robot: Robot, place: int) -> Iterator[Column]:
+    def parts(self, robot: Robot, place: int | None) -> Iterator[Column]:
         """Its parameters, then the shapes that are fitted; `place` is its number in the model."""
         effect, number = self.effect, self.number
         letter = {Scope.ARM: "", Scope.LINK: f"l{number}."}.get(effect.scope, f"j{number}.")

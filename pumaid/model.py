@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import copy
 import itertools
+import math
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from weakref import WeakKeyDictionary
@@ -13,7 +14,7 @@ from numpy.typing import NDArray
 
 from pumaid.dataset import Run
 from pumaid.effect_spec import Column, EffectTerm, terms_of
-from pumaid.effects import Effect, Scope, catalogue
+from pumaid.effects import Scope, catalogue
 from pumaid.estimate import Estimate
 from pumaid.joint_bins import SAME_POSTURE, JointBins, swept
 from pumaid.kinematics import apart
@@ -55,7 +56,7 @@ class Model:
         self.structure: Structure = minimal(robot)
         self.stroke_postures = tuple((joint, tuple(float(p) for p in held)) for joint, held in stroke_postures)
         late = [Column(f"{DELAY}.j{n}", f"dt{n}", "s", "how late the current is", n, DELAY) for n in delays]
-        self._base = (*self._columns(), *late)
+        self._base = (*self._base_columns(), *late)
         self._base_designs = WeakKeyDictionary[JointBins, Floats]()  # shared by models with other effects
         self._choose(effects)
 
@@ -104,54 +105,31 @@ class Model:
             effects.append(replace(term, fitted=fitted, sizes=sizes))
         return cls(robot, estimate.stroke_postures, effects)
 
-    def _columns(self) -> Iterable[Column]:
+    def _base_columns(self) -> Iterable[Column]:
         """Every parameter of the paper's model that exists for this arm, effect by effect."""
-        for effect, number in itertools.product(self._effects(), range(1, self.robot.n_joints + 1)):
-            letter = "l" if effect.scope is Scope.LINK else "j"
-            parameters = effect.parameters(self.robot, number)
-            for (group, mark), parameter in itertools.product(self._marks(effect, number), parameters):
-                name = f"{effect.name}.{letter}{number}.{parameter.name}{mark}"
-                facts = (parameter.symbol.format(n=number) + mark, parameter.unit, parameter.meaning, number)
-                if name not in self.structure.absent:
-                    yield Column(name, *facts, effect.name, group, scope=effect.scope)
+        chosen = [effect for effect in catalogue().values() if effect.base or effect.per_posture]
+        chosen.sort(key=lambda effect: (effect.scope is not Scope.LINK, not effect.base, effect.name))
+        for effect, number in itertools.product(chosen, range(1, self.robot.n_joints + 1)):
+            held = sum(joint == number for joint, _ in self.stroke_postures)
+            for group in range(held) if effect.per_posture else (None,):
+                mark = "" if group is None or held == 1 else str(group + 1)
+                for part in EffectTerm(effect, number, mark=mark).parts(self.robot, None):
+                    if part.name not in self.structure.absent:
+                        yield replace(part, group=group, span=math.inf)
 
-    def _marks(self, effect: Effect, number: int) -> list[tuple[int | None, str]]:
-        """Posture groups of an effect's parameters at joint `number` and what marks them in names."""
-        if not effect.per_posture:
-            return [(None, "")]
-        held = sum(joint == number for joint, _ in self.stroke_postures)
-        return [(group, str(group + 1) if held > 1 else "") for group in range(held)]
+    def regressor(self, samples: Samples) -> Floats:
+        """(M, p) A in joint `samples.joint` per unit of every parameter, those of links in units of their own gain.
 
-    def _effects(self) -> list[Effect]:
-        everything = catalogue()
-        chosen = [effect for effect in everything.values() if effect.base]
-        if self.stroke_postures:
-            chosen.append(everything["inertia"])
-        return sorted(chosen, key=lambda effect: (effect.scope is not Scope.LINK, not effect.base, effect.name))
-
-    def regressor(self, samples: Samples, groups: NDArray[np.int64] | None = None) -> Floats:
-        """Current in joint `samples.joint` per unit of every parameter, ratios of gains left out.
-
-        Parameters
-        ----------
-        samples
-            M instants of one moving joint, with loads where an effect needs them.
-        groups
-            (M,) posture group of each instant (from 0), -1 where it is in none; the nearest where not given.
-
-        Returns
-        -------
-        regressor
-            (M, p); columns of link j are in units of joint j's own gain.
+        Samples have loads where an effect needs them; strokes are in the posture group that is nearest.
         """
-        return np.hstack([self._of_base(samples, groups), self.beyond(samples)])
+        return np.hstack([self.base(samples), self.beyond(samples)])
 
     def along(self, samples: Samples, sizes: NDArray[np.int64]) -> Floats:
         """(M, b) of the paper's model along runs of `sizes` instants each; all joints but the moving one stand."""
         links = np.array([column.scope is Scope.LINK for column in self._base])
         turns = self.robot.joint(samples.joint).is_revolute
-        weights = swept(samples, sizes, lambda knots: self._of_base(knots)[:, links], turns=turns)
-        out = self._of_base(samples, links=False)
+        weights = swept(samples, sizes, lambda knots: self.base(knots)[:, links], turns=turns)
+        out = self.base(samples, links=False)
         out[:, links] = weights
         return out
 
@@ -179,32 +157,24 @@ class Model:
         steady = replace(nodes, acceleration=np.where(stroke, nodes.acceleration, 0.0))
         return self.along(steady, 3 * bins.lengths)
 
-    def base(self, samples: Samples) -> Floats:
-        """(M, p) the same with nothing in the columns of chosen effects, which ask for no loads then."""
-        return np.pad(self._of_base(samples), ((0, 0), (0, len(self.columns) - len(self._base))))
-
-    def _of_base(self, samples: Samples, groups: NDArray[np.int64] | None = None, *, links: bool = True) -> Floats:
-        moving, out = samples.joint, np.zeros((len(samples), len(self._base)))
-        if groups is None:
-            groups = self.groups(moving, samples.position)
-        owners: dict[str, set[int]] = {}
-        for column in self._base:
-            is_link = column.scope is Scope.LINK
-            if column.effect == DELAY:
-                continue
-            if (links or not is_link) and (column.owner == moving or (is_link and column.owner > moving)):
-                owners.setdefault(column.effect, set()).add(column.owner)
-        columns = {
-            name: catalogue()[name].columns_of(self.robot, samples, sorted(links)) for name, links in owners.items()
-        }
+    def base(self, samples: Samples, *, links: bool = True) -> Floats:
+        """(M, b) of the paper's model; the columns of links are left zero unless `links`, those of delays always."""
+        moving, groups = samples.joint, self.groups(samples.joint, samples.position)
+        out = np.zeros((len(samples), len(self._base)))
+        acting: dict[str, list[tuple[int, Column]]] = {}
         for index, column in enumerate(self._base):
-            if column.owner not in owners.get(column.effect, ()):
-                continue
-            parameters = catalogue()[column.effect].parameters(self.robot, column.owner)
-            names = [parameter.name for parameter in parameters]
-            position = 0 if column.group is not None else names.index(column.name.rsplit(".", 1)[1])
-            values = columns[column.effect][column.owner][:, position]
-            out[:, index] = values if column.group is None else np.where(groups == column.group, values, 0.0)
+            is_link = column.scope is Scope.LINK
+            is_felt = links and column.owner >= moving if is_link else column.owner == moving
+            if column.effect != DELAY and is_felt:
+                acting.setdefault(column.effect, []).append((index, column))
+        for name, columns in acting.items():
+            effect, owners = catalogue()[name], sorted({column.owner for _, column in columns})
+            values = effect.columns_of(self.robot, samples, owners)
+            for index, column in columns:
+                names = [parameter.name for parameter in effect.parameters(self.robot, column.owner)]
+                position = 0 if column.group is not None else names.index(column.name.rsplit(".", 1)[1])
+                part = values[column.owner][:, position]
+                out[:, index] = part if column.group is None else np.where(groups == column.group, part, 0.0)
         return out
 
     def beyond(self, samples: Samples) -> Floats:

@@ -443,7 +443,9 @@ def _loads(fitted: FittedParameters, row: Row) -> Iterator[tuple[Floats, str]]:
         samples = Samples(row.joint, position, np.zeros_like(position), np.zeros(2), np.ones(2))
         which = f" (posture {number})" if len(postures) > 1 else ""
         joints = np.full(2, row.joint - 1)
-        load = Bilinear(joints, model.base(samples) * gravity, np.zeros(2), fitted.fitted.system.owners)
+        base = model.base(samples)
+        rows = np.pad(base, ((0, 0), (0, len(gravity) - base.shape[1]))) * gravity
+        load = Bilinear(joints, rows, np.zeros(2), fitted.fitted.system.owners)
         weights = load.jacobian(fitted.gains, fitted.numbers)
         yield weights[0], f"weight felt by joint {row.joint} at position 0{which}"
         yield weights[1], f"weight felt by joint {row.joint} a quarter turn on{which}"
