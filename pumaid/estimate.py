@@ -21,22 +21,15 @@ class Value:
 
     Attributes
     ----------
-    name
-        ``gravity.l3.x``, ``coulomb.j1.plus``, ``gain_ratio.2.3`` ...
-    symbol
-        The paper's short name, ``k3x``.
+    name, symbol
+        ``gravity.l3.x``, ``coulomb.j1.plus``, ``gain_ratio.2.3`` ..., and the paper's short name, ``k3x``.
     joint
         Joint or link that owns it, from 1; None for one of the whole arm.
-    value, std_error, ci95
-        SI; None where not identifiable. `dof` are the degrees of freedom behind the interval.
-    unit
-        Unit word.
-    state
-        ``identified``, ``given`` or ``not_identifiable``.
-    reason
-        Why it is not identifiable, in the user's words; None where it is.
-    next_run
-        The run that would show it, in words; None where nothing would or nothing need.
+    value, std_error, ci95, dof
+        SI, in `unit`; None where not identifiable. `dof` are the degrees of freedom behind the interval.
+    state, reason, next_run
+        ``identified``, ``given`` or ``not_identifiable``; why it is not identifiable, and the run that would show it,
+        in words, None where nothing would or nothing need.
     """
 
     name: str
@@ -94,12 +87,8 @@ class Estimate:
         Name, SHA-256 and file name of the recipe.
     effects
         Physics beyond the paper's model that is in it, shapes filled in.
-    joints
-        One `JointFit` a joint.
-    values
-        Every parameter and neighbour ratio, identified or not.
-    combinations
-        What is determined where single parameters are not.
+    values, combinations
+        Every parameter and neighbour ratio, identified or not; sums that are determined where their terms are not.
     names, solution, covariance
         (p,) all linear parameters of the model, their minimum-norm solution and covariance (p, p): for prediction.
     scales
@@ -112,10 +101,8 @@ class Estimate:
     stroke_postures
         Positions (J,) at which the other joints were held, with the moving joint's number, one a group that has its own
         inertia: ``J1``, ``J2`` ... of a joint in this order.
-    recursive
-        The recursion's own values by name, before the joint refinement.
-    method
-        ``"joint"`` or ``"recursive"``.
+    recursive, method
+        The recursion's own values, before the joint refinement, and which is shown: ``"joint"`` or ``"recursive"``.
     logs
         Name -> SHA-256 of the logs that were fitted.
     heldout
@@ -143,17 +130,8 @@ class Estimate:
     heldout: float | None = None
 
     def value(self, name: str) -> Value:
-        """The parameter or ratio called `name`.
-
-        Raises
-        ------
-        KeyError
-            There is none.
-        """
-        for value in self.values:
-            if value.name == name:
-                return value
-        raise KeyError(name)
+        """The parameter or ratio called `name`; KeyError where there is none."""
+        return {value.name: value for value in self.values}[name]
 
     def joint(self, number: int) -> JointFit:
         """The fit of joint `number` (from 1)."""

@@ -62,7 +62,8 @@ def loads(model: Model, samples: Samples, *, solution: Floats, scales: Floats) -
     moments, weights = _moments(model, frames, samples=samples, solution=solution)
     turns = robot.is_revolute
     heavy = np.abs(moments).max(axis=(0, 2)) > 0
-    elsewhere = np.einsum("mkp,mjp,kj->mk", levers, moments, _counted(scales, heavy), optimize=True)
+    counted = np.where(heavy[None, :], np.triu(scales), 0.0)
+    elsewhere = np.einsum("mkp,mjp,kj->mk", levers, moments, counted, optimize=True)
     elsewhere[:, ~turns] = (-(z @ g) * weights)[:, ~turns]
     ratios = np.nan_to_num(scales[i])
     parts = moments * ratios[None, :, None]
@@ -102,11 +103,6 @@ def _moments(model: Model, frames: Floats, *, samples: Samples, solution: Floats
     return out, weights
 
 
-def _counted(scales: Floats, heavy: NDArray[np.bool_]) -> Floats:
-    """(J, J) ratios by which each joint counts the links beyond it; zero for links without weight."""
-    return np.where(heavy[None, :], np.triu(scales), 0.0)
-
-
 def felt_ratios(heavy: NDArray[np.bool_], scales: Floats, i: int) -> Floats:
     """(J,) ratios by which joint i (from 0) counts the links' moments: its own where they are known, else those of the
     next joint outward whose are (a moment across an upright axis is never told in its own gain)."""
@@ -131,18 +127,13 @@ def _slope(i: int, m: int, *, z: Floats, parts: Floats, weights: Floats, g: Floa
 
 
 def _friction(model: Model, samples: Samples, solution: Floats) -> Floats:
-    """(M,) what the base model adds to gravity: friction, and inertia of strokes."""
-    total = np.zeros(len(samples))
-    owned = [column for column in model.columns if column.owner == samples.joint and column.place is None]
-    for name in dict.fromkeys(column.effect for column in owned):
-        effect = catalogue()[name]
-        if not effect.base or name == "gravity":
-            continue
-        columns = effect.columns(model.robot, samples, number=samples.joint)
-        symbols = [parameter.name for parameter in effect.parameters(model.robot, samples.joint)]
-        for column, value in zip(model.columns, solution, strict=True):
-            if column.effect == name and column.owner == samples.joint:
-                total += columns[:, symbols.index(column.name.rsplit(".", 1)[1])] * value
+    """(M,) Coulomb and viscous friction of the moving joint."""
+    total, values = np.zeros(len(samples)), dict(zip(model.names, solution, strict=True))
+    for name in ("coulomb", "viscous"):
+        columns = catalogue()[name].columns(model.robot, samples, number=samples.joint)
+        parameters = catalogue()[name].parameters(model.robot, samples.joint)
+        sizes = [values[f"{name}.j{samples.joint}.{parameter.name}"] for parameter in parameters]
+        total += columns @ np.array(sizes)
     return total
 
 

@@ -113,9 +113,9 @@ class Model:
             held = sum(joint == number for joint, _ in self.stroke_postures)
             for group in range(held) if effect.per_posture else (None,):
                 mark = "" if group is None or held == 1 else str(group + 1)
-                for part in EffectTerm(effect, number, mark=mark).parts(self.robot, None):
-                    if part.name not in self.structure.absent:
-                        yield replace(part, group=group, span=math.inf)
+                parts = EffectTerm(effect, number, mark=mark).parts(self.robot, None)
+                exist = (part for part in parts if part.name not in self.structure.absent)
+                yield from (replace(part, group=group, span=math.inf) for part in exist)
 
     def regressor(self, samples: Samples) -> Floats:
         """(M, p) A in joint `samples.joint` per unit of every parameter, those of links in units of their own gain.
