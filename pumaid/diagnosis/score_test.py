@@ -206,9 +206,6 @@ MOST_STEPS = 60
 TOLERANCE = 2e-3
 #: First step of a search, as a share of the value (grids step by a factor of about 1.6).
 FIRST_STEP = 0.25
-#: Factor by which a shape may lie beyond its grid: a speed at which friction falls, say, beyond all that were run would
-#: stand for any other curve.
-BEYOND = 1.5
 
 
 def refine_shape(projector: Projector, trial: ScoreTest) -> ScoreTest:
@@ -216,15 +213,24 @@ def refine_shape(projector: Projector, trial: ScoreTest) -> ScoreTest:
 
     The projector is of the fit that the trial was scored on.
     """
+    # They take as long to load as some diagnoses, of which those that find nothing with a shape do without them.
+    from scipy import optimize
+
+    from pumaid.estimation.nonlinear import search_bounds
+
     term, solved, best = trial.added, projector.solved, trial
-    names = [n for n, s in term.shapes(solved.model.robot).items() if s.is_searched and n in term.shape]
-    if not names:
+    shapes = [s for s in term.shapes(solved.model.robot).values() if s.is_searched and s.name in term.shape]
+    if not shapes:
         return trial
+    names = [shape.name for shape in shapes]
     start = np.array([term.shape[name] for name in names])
-    step = FIRST_STEP * np.where(start == 0.0, 1.0, np.abs(start))
-    ends = np.array([_ends(solved, term, name) for name in names])
     if term.effect.periodic is not None and term.joint is not None:
         step = np.array([np.pi / 2.0 / np.ptp(solved.row(term.joint).bins.samples.position[:, term.joint - 1])])
+        ends = np.array([(shape.low, shape.high) for shape in shapes])
+    else:
+        step = FIRST_STEP * np.where(start == 0.0, 1.0, np.abs(start))
+        grid = [other.shape for other in grid_of(solved, term.effect, term.joint)]
+        ends = np.array([search_bounds(shape, grid) for shape in shapes])
 
     def cost(point: np.ndarray) -> float:
         nonlocal best
@@ -238,22 +244,10 @@ def refine_shape(projector: Projector, trial: ScoreTest) -> ScoreTest:
             best = there
         return -there.statistic
 
-    # It takes as long to load as some diagnoses, of which those that find nothing with a shape do without it.
-    from scipy import optimize
-
     simplex = np.vstack([np.zeros(len(names)), np.eye(len(names))])
     options = {"maxfev": MOST_STEPS, "xatol": TOLERANCE / FIRST_STEP, "fatol": 1e-2, "initial_simplex": simplex}
     optimize.minimize(cost, simplex[0], method="Nelder-Mead", options=options)
     return best
-
-
-def _ends(solved: Fit, term: EffectTerm, name: str) -> tuple[float, float]:
-    """Between what values a shape is searched: within its bounds, and not far beyond its grid."""
-    shape = term.shapes(solved.model.robot)[name]
-    values = [other.shape[name] for other in grid_of(solved, term.effect, term.joint)]
-    if term.effect.periodic is not None or not 0.0 < min(values) < max(values):
-        return shape.low, shape.high
-    return max(shape.low, min(values) / BEYOND), min(shape.high, max(values) * BEYOND)
 
 
 def score_at(projector: Projector, added: EffectTerm) -> ScoreTest | None:
