@@ -21,6 +21,7 @@ from pumaid.model import Model
 from pumaid.preprocessing.segment import segment
 from pumaid.simulation import Bench, Noise, Truth, table1
 from pumaid.simulation.session import simulate
+from pumaid.trajectory import Plan
 
 #: Experiments of which intervals are judged, and of which errors are compared with the least possible.
 EXPERIMENTS, COMPARED = 60, 120
@@ -65,10 +66,10 @@ def coverage(truth: Truth, bench: Bench, *, white: bool = False) -> tuple[dict[s
     return tuple({name: float(np.mean(hits)) for name, hits in found.items()} for found in (ours, theirs))
 
 
-def bound(truth: Truth, bench: Bench) -> tuple[list[str], np.ndarray, np.ndarray]:
+def bound(truth: Truth, plan: Plan, rate: float) -> tuple[list[str], np.ndarray, np.ndarray]:
     """Names, true values and Cramer-Rao standard errors of parameters and neighbours' ratios, noise being white."""
-    quiet = Bench(replace(truth, noise=Noise(np.zeros(truth.robot.n_joints))), bench.plan, rate=bench.rate)
-    runs = quiet.runs(np.random.default_rng(0))
+    quiet = replace(truth, noise=Noise(np.zeros(truth.robot.n_joints)))
+    runs = Bench(quiet, plan, rate=rate).runs(np.random.default_rng(0))
     fitted = fit_bins(Model.of_runs(truth.robot, runs), joint_bins(truth.robot, runs, is_settled=False))
     rows = []
     for row in fitted.rows:
@@ -83,9 +84,9 @@ def bound(truth: Truth, bench: Bench) -> tuple[list[str], np.ndarray, np.ndarray
     return names, exact, np.sqrt(np.diag(inverse))
 
 
-def losses(truth: Truth, bench: Bench) -> tuple[list[str], np.ndarray, np.ndarray]:
+def losses(truth: Truth, plan: Plan, *, rate: float = 50.0) -> tuple[list[str], np.ndarray, np.ndarray]:
     """Names, and RMS error over the bound of the joint fit and of the recursion, noise being white."""
-    names, exact, least = bound(truth, bench)
+    bench, (names, exact, least) = Bench(truth, plan, rate=rate), bound(truth, plan, rate)
     joint, first = [], []
     for seed in range(COMPARED):
         runs = bench.runs(np.random.default_rng(SEEDS + seed))

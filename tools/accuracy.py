@@ -56,7 +56,7 @@ def efficiency() -> Iterator[str]:
     """Table rows: RMS error over the Cramer-Rao bound of joint fit and recursion."""
     truth = table1.puma560()
     white = replace(truth, noise=Noise(truth.noise.std, level_share=0.0, correlation_time=0.0))
-    names, joint, first = losses(white, Bench(white, table1.experiment(), rate=50.0))
+    names, joint, first = losses(white, table1.experiment())
     friction = np.array([name.startswith(("coulomb", "viscous")) for name in names])
     for name, ours, theirs in zip(names, joint, first, strict=True):
         if not name.startswith(("coulomb", "viscous")):

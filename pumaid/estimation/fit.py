@@ -292,14 +292,8 @@ class Fit:
 
     def scales(self) -> Floats:
         """(J, J) eta_i / eta_j of links as the fit has them; NaN where unknown, 0 below the diagonal."""
-        ratios = self.gains.scales()
-        n = len(ratios)
-        out = np.zeros((n, n))
-        for i in range(n):
-            for j in range(i, n):
-                unit = int(self.assigned[j])
-                out[i, j] = ratios[i, unit] if unit >= i else np.nan
-        return out
+        is_felt = self.assigned[None, :] >= np.arange(len(self.assigned))[:, None]
+        return np.triu(np.where(is_felt, self.gains.scales()[:, self.assigned], np.nan))
 
     def factors(self, joint: int) -> Floats:
         """(p,) what multiplies each parameter in the current of `joint` (from 1); unknown ratios count as zero."""
@@ -432,7 +426,7 @@ def run_of(rows: Sequence[Row]) -> Counts:
 
 def rmse_by_joint(fitted: Fit) -> dict[int, float]:
     """Joint -> RMSE (A) of its fitted runs."""
-    return {row.joint: fitted.row(row.joint).rmse for row in fitted.rows}
+    return {joint: row.rmse for joint, row in fitted.by_bin.items()}
 
 
 def with_loads(fitted: Fit, samples: Samples, sizes: Counts) -> Samples:
@@ -483,9 +477,8 @@ def design_of(model: Model, bins: JointBins, before: Fit | None = None) -> Float
         nodes, _ = bins.nodes
         loads = along(before.model, nodes, 3 * bins.lengths, solution=before.values, scales=before.scales())
     design = model.design(bins, loads)
-    late = [n for n, column in enumerate(model.columns) if column.effect == DELAY and column.place is None]
-    for n in late:
-        if model.columns[n].owner == bins.joint:
+    for n, column in enumerate(model.columns):
+        if column.effect == DELAY and column.place is None and column.owner == bins.joint:
             design[:, n] = _late(bins, design)
     return design
 

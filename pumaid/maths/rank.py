@@ -99,22 +99,12 @@ def independent(rows: Floats, *, first: int = 0, tolerance: float = RELATIVE_TOL
     unit = np.divide(rows, scale, out=np.zeros_like(rows), where=scale > 0)
     lead, rest = unit[:, :first], unit[:, first:]
     if first:
-        basis, upper, _ = _range(lead, tolerance)
-        rest = rest - basis @ (basis.T @ rest)
+        vectors, singular, _ = np.linalg.svd(lead, full_matrices=False)
+        basis = vectors[:, singular > tolerance * singular[0]]
+        lead, rest = basis.T @ lead, rest - basis @ (basis.T @ rest)
         rest[:, np.linalg.norm(rest, axis=0) < tolerance * 100] = 0.0
-        lead_ok = solve(upper, np.zeros(len(upper)), tolerance=tolerance).determined
-    else:
-        lead_ok = np.zeros(0, dtype=bool)
-    rest_ok = solve(rest, np.zeros(len(rest)), tolerance=tolerance).determined
-    return np.concatenate([lead_ok & (scale[:first] > 0), rest_ok & (scale[first:] > 0)])
-
-
-def _range(rows: Floats, tolerance: float) -> tuple[Floats, Floats, Floats]:
-    """Orthonormal basis of the columns' span, the columns in that basis, and the singular values."""
-    vectors, singular, _ = np.linalg.svd(rows, full_matrices=False)
-    is_shown = singular > tolerance * singular[0]
-    basis = vectors[:, is_shown]
-    return basis, basis.T @ rows, singular
+    parts = [solve(part, np.zeros(len(part)), tolerance=tolerance).determined for part in (lead, rest)]
+    return np.concatenate(parts) & (scale > 0)
 
 
 def pseudo_inverse(information: Floats) -> tuple[Floats, int]:

@@ -55,8 +55,7 @@ def test_joint_estimate_sits_on_the_cramer_rao_bound_and_the_recursion_does_not(
     """
     truth = table1.puma560()
     white = replace(truth, noise=Noise(truth.noise.std, level_share=0.0, correlation_time=0.0))
-    bench = Bench(white, table1.experiment(), rate=50.0)
-    names, joint_loss, first_loss = losses(white, bench)
+    names, joint_loss, first_loss = losses(white, table1.experiment())
     assert np.exp(np.mean(np.log(joint_loss))) < 1.05
     assert joint_loss.max() < 1.2
     for name in ("gravity.l4.y", "gravity.l5.x"):

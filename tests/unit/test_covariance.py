@@ -54,7 +54,7 @@ def test_covariance_is_unbiased_for_white_noise():
 
 
 def test_covariance_is_right_for_levels():
-    """Runs with a level of their own: the mean over 600 draws is the truth; white errors are far too small."""
+    """Runs with a level of their own: the mean over 300 draws is the truth; white errors are far too small."""
     total, white = np.zeros(3), []
     ones = [np.ones(size) for size in SIZES * 5]
     blocks = [np.column_stack([one, np.zeros((len(one), 2))]) + 0.3 * RNG.normal(size=(len(one), 3)) for one in ones]
@@ -63,12 +63,12 @@ def test_covariance_is_right_for_levels():
     V = linalg.block_diag(*[np.eye(len(one)) + 2.0 * np.outer(one, one) for one in ones])
     truth = np.diag(inverse @ rows.T @ V @ rows @ inverse)
     root, hat = np.linalg.cholesky(V), inverse @ rows.T
-    for _ in range(600):
+    for _ in range(300):
         noise = root @ RNG.normal(size=len(rows))
         residual = noise - rows @ (hat @ noise)
-        total += np.diag(by_blocks(blocks, residual, inverse).covariance) / 600
+        total += np.diag(by_blocks(blocks, residual, inverse).covariance) / 300
         white.append(np.mean(residual**2) * inverse[0, 0])
-    # 30 runs: CR2 is unbiased for white noise only, here within 10 %; the mean itself is known to 3 %.
+    # 30 runs: CR2 is unbiased for white noise only, here within 10 %; the mean itself is known to 4 %.
     assert total == pytest.approx(truth, rel=0.12)
     assert np.mean(white) < 0.7 * truth[0]
 
@@ -144,7 +144,7 @@ def random_covariance(rng: np.random.Generator, size: int, *, rank: int) -> np.n
     return root @ root.T
 
 
-@pytest.mark.parametrize("seed", range(20))
+@pytest.mark.parametrize("seed", range(6))
 def test_a_completed_covariance_is_one(seed):
     """No sum of parameters has a variance below zero; the known block stays, the poor ones are no surer than before."""
     rng = np.random.default_rng(seed)
