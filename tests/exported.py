@@ -11,8 +11,9 @@ from pumaid.effects import catalogue
 from pumaid.estimate import Estimate, JointFit, Value
 from pumaid.gravity_load import loads
 from pumaid.io.recipe import read_recipe, shipped_recipes
+from pumaid.kinematics import placement
 from pumaid.model import Model
-from pumaid.robot import EffectChoice, Robot
+from pumaid.robot import EffectChoice, Joint, Robot
 from pumaid.samples import Samples
 from pumaid.simulation.random_robot import draw
 from tests.worlds import CRANE, arm, random_arm
@@ -27,14 +28,23 @@ EXACT = 1e-12
 
 
 def robot_called(name: str) -> Robot:
-    """A shipped arm, one of the tests' own, or a chain of twelve joints, a slide among them."""
+    """A shipped arm, one of the tests' own, or twelve joints, half of them placed as in a URDF."""
     if name == "crane":
         return CRANE
     if name == "one":
         return arm("R", [1.0])
     if name == "twelve":
-        return random_arm("RRPRRRRPRRRR", np.random.default_rng(12))
+        return _half_placed(random_arm("RRPRRRRPRRRR", np.random.default_rng(12)))
     return read_recipe(shipped_recipes()[name])
+
+
+def _half_placed(robot: Robot) -> Robot:
+    """Every other joint stated by a random placement instead of Denavit-Hartenberg parameters."""
+    rng, joints = np.random.default_rng(3), list(robot.joints)
+    for joint in joints[::2]:
+        frame = placement(rng.uniform(-0.3, 0.3, 3), rng.uniform(-3.0, 3.0, 3))
+        joints[joint.number - 1] = Joint(joint.number, joint.name, joint.kind, placement=tuple(map(tuple, frame)))
+    return replace(robot, joints=tuple(joints))
 
 
 def every_effect(robot: Robot) -> tuple[EffectChoice, ...]:

@@ -34,7 +34,8 @@ def loads(document: dict, q: np.ndarray) -> tuple[list[float], list[float], list
     for one, (first, second), at in zip(document["joints"], document["moments"], q, strict=True):
         turns = one["type"] == "revolute"
         theta, d = (one["theta"] + at, one["d"]) if turns else (one["theta"], one["d"] + at)
-        frame = frame @ about(0, one["alpha"]) @ about(2, theta)
+        placed = np.array(one["placement"])[:3, :3] if one["placement"] else about(0, one["alpha"])
+        frame = frame @ placed @ about(2, theta)
         z.append(frame[:, 2])
         h.append(first * frame[:, 0] + second * frame[:, 1] if turns else first * d * frame[:, 2])
     load, across, tilts = [], [], []

@@ -296,14 +296,15 @@ def _fault(entry: dict[str, Any], form: type[BaseModel]) -> Fault:
         return Fault(path, "recipe-bad-value", f"{dotted(path)} has too few values", f"write {example or 'more'}")
     if kind == "missing":
         return Fault(path, "recipe-bad-key", f"the key {key} is missing", f"add {key}: {example or '...'}")
-    mend = f"write {example}" if example else ""
+    message = re.sub("^Input", "it", entry["msg"].partition(" or instance of")[0]).replace("dictionary", "mapping")
+    needed = message.removeprefix("it should be ")
+    mend = f"write {example or ('a number ' if needed.startswith(('greater', 'less')) else '') + needed}"
     if kind == "literal_error":
         mend = meant(value, context["expected"].replace("'", "").split(" or "))
     elif isinstance(value, str) and re.fullmatch(r"\s*[-+]?\d+,\d+\s*", value):
         mend = f"write the decimals after a point: {value.strip().replace(',', '.')}"
     elif kind == "string_type" and isinstance(value, int | float):
         mend = f'put it in quotes: "{value}"'
-    message = re.sub("^Input", "it", entry["msg"].partition(" or instance of")[0]).replace("dictionary", "mapping")
     return Fault(path, "recipe-bad-value", f"{dotted(path) or key} is {shown(value)}: {message}", mend)
 
 
