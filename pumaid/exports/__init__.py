@@ -47,22 +47,14 @@ def export(
 
     Parameters
     ----------
-    estimate
-        The model.
-    robot
-        The arm, by the recipe that the model was made with.
+    estimate, robot
+        The model, and the arm by the recipe that the model was made with.
     form
         ``c``, ``python``, ``json``, ``matlab``, ``urdf`` or ``mjcf``.
     name
         For functions and files; made from the robot's name where not given.
     torque_constants
-        Joint (from 1) -> N m/A, or N/A of a slide, for forms with masses; those that are not given follow from the
-        ratios of gains.
-
-    Returns
-    -------
-    exported
-        Its files' texts, what they leave out, and which parameters the data did not tell.
+        Joint (from 1) -> N m/A, or N/A of a slide, for forms with masses; others follow from the ratios of gains.
 
     Raises
     ------

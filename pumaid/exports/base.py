@@ -16,20 +16,10 @@ from pumaid.exports.formulas import Formulas, Lack
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Subject:
-    """What is exported.
+    """What is exported: the model, a name for files and functions, and masses with its weight for forms that have them.
 
-    Attributes
-    ----------
-    formulas
-        The model.
-    name
-        For files and functions: lower-case letters, digits, underscores.
-    bodies
-        Masses with the model's weight; None for a form that has none.
-    version
-        Of pumaid, that made the model.
-    remarks
-        What the user should know of torque constants and masses, a sentence each.
+    `version` is that of pumaid that made the model; `remarks` are what the user should know of torque constants and
+    masses, a sentence each.
     """
 
     formulas: Formulas
@@ -41,20 +31,10 @@ class Subject:
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Exported:
-    """A model in another form.
+    """A model in another form: its files' texts by suffix, in the order in which they are written.
 
-    Attributes
-    ----------
-    form, name
-        ``c`` ..., and what functions and files are called.
-    files
-        Suffix (``.h``) -> text, in the order in which they are written.
-    left_out
-        What the form does not hold: effects, and what the format has no place for.
-    undetermined
-        Parameters that the data did not tell, with the reason.
-    remarks
-        What the user should know of the numbers, a sentence each.
+    `left_out` is what the form does not hold (effects, and what the format has no place for), `undetermined` are
+    parameters that the data did not tell.
     """
 
     form: str
@@ -68,12 +48,7 @@ class Exported:
 class Form(ABC):
     """A way to write a model down for another program. Its file's name is its name on the command line.
 
-    Attributes
-    ----------
-    title
-        A line for people.
-    has_bodies
-        Whether it writes masses, and so needs torque constants.
+    `title` is a line for people; a form that `has_bodies` writes masses, and so needs torque constants.
     """
 
     title: ClassVar[str]

@@ -35,34 +35,21 @@ ROUNDING = 1e-9
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Bodies:
-    """A chain of rigid bodies; everything in frames of the recipe.
+    """A chain of rigid bodies in frames of the recipe, its torque constants, its friction, and how it is mounted.
 
-    Attributes
-    ----------
-    masses, centres
-        (J,) kg and (J, 3) m, each in its link's frame.
-    inertias
-        (J,) kg m2 about every axis through the centre of mass: fictitious, of a ball of aluminium of that mass.
-    torques
-        (J,) torque constants, N m/A or N/A.
-    friction, damping
-        (J,) N m and N m s/rad (N, N s/m): mean of both directions, never negative.
-    uneven
-        (J,) N m or N: by how much Coulomb friction forward and backward differ from that mean.
-    mount
-        (3, 3) turns axes of the base into those of a world in which gravity is along -z.
-    remarks
-        What the user should know of them, a sentence each.
+    `friction` and `damping` are means of both directions, never negative; `uneven` is by how much Coulomb friction
+    forward and backward differ from that mean. `inertias` are fictitious, of a ball of aluminium of that mass. `mount`
+    turns axes of the base into those of a world in which gravity is along -z. `remarks` are for the user.
     """
 
-    masses: Floats
-    centres: Floats
-    inertias: Floats
-    torques: Floats
-    friction: Floats
-    damping: Floats
-    uneven: Floats
-    mount: Floats
+    masses: Floats  # (J,) kg
+    centres: Floats  # (J, 3) m, each in its link's frame
+    inertias: Floats  # (J,) kg m2 about every axis through the centre of mass
+    torques: Floats  # (J,) N m/A or N/A
+    friction: Floats  # (J,) N m or N
+    damping: Floats  # (J,) N m s/rad or N s/m
+    uneven: Floats  # (J,) N m or N
+    mount: Floats  # (3, 3)
     remarks: tuple[str, ...]
 
 
@@ -73,17 +60,8 @@ def bodies(formulas: Formulas, torques: Floats) -> Bodies:
     centre lies on the link, and such that what a slide carries is what its own load says. Where torque constants
     contradict the identified ratios, each joint's own link keeps its load in its own joint and the rest is reported.
 
-    Parameters
-    ----------
-    formulas
-        The model.
-    torques
-        (J,) torque constants, N m/A or N/A, none zero.
-
-    Raises
-    ------
-    ModelError [export-masses]
-        A slide carries less than nothing, or less than a slide beyond it.
+    `torques` are (J,) torque constants, N m/A or N/A, none zero. A ModelError [export-masses] says that a slide carries
+    less than nothing, or less than a slide beyond it.
 
     Source
     ------
@@ -92,7 +70,9 @@ def bodies(formulas: Formulas, torques: Floats) -> Bodies:
     robot = formulas.robot
     wanted = formulas.moments * torques[:, None]
     carried, hidden = _carried(formulas, torques)
-    masses, centres = _links(robot, wanted, carried=carried, free=_unfelt(robot))
+    absent = minimal(robot).absent
+    unfelt = np.array([f"gravity.l{joint.number}.x" in absent for joint in robot.joints])
+    masses, centres = _links(robot, wanted, carried=carried, unfelt=unfelt)
     plus, minus = formulas.coulomb[:, 0] * torques, formulas.coulomb[:, 1] * torques
     rise = formulas.viscous.mean(axis=1) * torques
     remarks = [*hidden, *_disagreements(formulas, torques), *_off(formulas, torques, masses, centres=centres)]
@@ -126,12 +106,6 @@ def weight_of(robot: Robot, position: Floats, *, masses: Floats, centres: Floats
     return out
 
 
-def _unfelt(robot: Robot) -> NDArray[np.bool_]:
-    """(J,) links whose own first moment no motion of the arm can show."""
-    absent = minimal(robot).absent
-    return np.array([f"gravity.l{joint.number}.x" in absent for joint in robot.joints])
-
-
 def _carried(formulas: Formulas, torques: Floats) -> tuple[Floats, list[str]]:
     """(J,) kg that each slide carries, NaN where that is free; and what is to be said."""
     robot, said = formulas.robot, []
@@ -162,7 +136,7 @@ def _carried(formulas: Formulas, torques: Floats) -> tuple[Floats, list[str]]:
     return out, said
 
 
-def _links(robot: Robot, wanted: Floats, *, carried: Floats, free: NDArray[np.bool_]) -> tuple[Floats, Floats]:
+def _links(robot: Robot, wanted: Floats, *, carried: Floats, unfelt: NDArray[np.bool_]) -> tuple[Floats, Floats]:
     """(J,) masses and (J, 3) centres of mass, tip to base."""
     n = robot.n_joints
     turns = robot.is_revolute
@@ -174,7 +148,7 @@ def _links(robot: Robot, wanted: Floats, *, carried: Floats, free: NDArray[np.bo
     for i in reversed(range(n)):
         rest, step = (np.zeros(3), 0.0) if i == n - 1 else _moved(robot, i + 1, k, beyond=float(masses[i + 1 :].sum()))
         need = wanted[i] - rest[:2]
-        if turns[i] and not free[i]:
+        if turns[i] and not unfelt[i]:
             masses[i] = min(max(least, float(np.hypot(*need)) / max(REACH, step)), heaviest[i])
             centres[i, :2] = need / masses[i]
         elif turns[i] or np.isnan(carried[i]):
@@ -250,10 +224,7 @@ def _off(formulas: Formulas, torques: Floats, masses: Floats, *, centres: Floats
 def read_constants(text: str, joints: int) -> dict[int, float]:
     """Joint (from 1) -> N m/A, or N/A of a slide, from ``k1,k2,...`` of all joints or ``2=31.5,...`` of some of them.
 
-    Raises
-    ------
-    ModelError [torque-constants]
-        It is neither, or not of this arm, or a constant is zero.
+    A ModelError [torque-constants] says that it is neither, or not of this arm, or that a constant is zero.
     """
     words = text.split(",")
     constants: dict[int, float] = {}
@@ -271,35 +242,34 @@ def read_constants(text: str, joints: int) -> dict[int, float]:
 
 
 def constants_of(formulas: Formulas, given: Mapping[int, float]) -> tuple[Floats, tuple[str, ...]]:
-    """(J,) torque constants of all joints, and what is to be said of them.
+    """(J,) torque constants of all joints, given those of some (from 1), and what is to be said of them.
 
     A joint that is not in `given` gets its constant from the nearest that has one, by the identified ratio of gains.
     Where nothing is given, the largest of the joints that are tied by ratios is 1, with the sign by which friction
     opposes motion.
-
-    Parameters
-    ----------
-    formulas
-        The model, whose ratios are K_j / K_i = eta_i / eta_j.
-    given
-        Joint (from 1) -> constant.
     """
-    n = formulas.robot.n_joints
-    out = np.full(n, np.nan)
-    for joint, value in given.items():
-        out[joint - 1] = value
+    n, remarks = formulas.robot.n_joints, list[str]()
+    out = np.array([given.get(joint, np.nan) for joint in range(1, n + 1)])
     _spread(out, formulas.ratios)
-    free = []
+    if len(given) < np.isfinite(out).sum():
+        remarks.append("torque constants that were not given follow from the identified ratios of gains")
     for joint in range(n):
-        if np.isnan(out[joint]):
-            group = np.full(n, np.nan)
-            group[joint] = 1.0
-            _spread(group, formulas.ratios)
-            tied = np.isfinite(group) & np.isnan(out)
-            opposing = np.nansum(np.where(tied, group, 0.0) * (formulas.coulomb[:, 0] - formulas.coulomb[:, 1]))
-            out[tied] = group[tied] / np.abs(group[tied]).max() * (-1.0 if opposing < 0.0 else 1.0)
-            free.append([int(k) + 1 for k in np.flatnonzero(tied)])
-    return out, tuple(_said(free, given, joints=n))
+        if np.isfinite(out[joint]):
+            continue
+        group = np.full(n, np.nan)
+        group[joint] = 1.0
+        _spread(group, formulas.ratios)
+        tied = np.isfinite(group) & np.isnan(out)
+        opposing = np.nansum(np.where(tied, group, 0.0) * (formulas.coulomb[:, 0] - formulas.coulomb[:, 1]))
+        out[tied] = group[tied] / np.abs(group[tied]).max() * (-1.0 if opposing < 0.0 else 1.0)
+        numbers = [str(place + 1) for place in np.flatnonzero(tied)]
+        which = f"joint{'s' * (len(numbers) > 1)} {', '.join(numbers)}"
+        rest = ", the others follow from the identified ratios of gains" if len(numbers) > 1 else ""
+        remarks.append(
+            f"no torque constant of {which} was given: the largest there is taken as 1 N m/A (N/A){rest}; torques and"
+            " masses there are right but for one factor (--torque-constants JOINT=K)"
+        )
+    return out, tuple(remarks)
 
 
 def _spread(constants: Floats, ratios: Floats) -> None:
@@ -311,17 +281,3 @@ def _spread(constants: Floats, ratios: Floats) -> None:
             ratio = ratios[min(source, joint), max(source, joint)]
             if np.isfinite(constants[source]) and np.isnan(constants[joint]) and ratio != 0.0:
                 constants[joint] = constants[source] * (ratio if joint > source else 1.0 / ratio)
-
-
-def _said(free: list[list[int]], given: Mapping[int, float], *, joints: int) -> list[str]:
-    out = []
-    if given and len(given) + sum(map(len, free)) < joints:
-        out.append("torque constants that were not given follow from the identified ratios of gains")
-    for group in free:
-        which = f"joint {group[0]}" if len(group) == 1 else f"joints {', '.join(map(str, group))}"
-        rest = ", the others follow from the identified ratios of gains" if len(group) > 1 else ""
-        out.append(
-            f"no torque constant of {which} was given: the largest there is taken as 1 N m/A (N/A){rest}; torques and"
-            " masses there are right but for one factor (--torque-constants JOINT=K)"
-        )
-    return out

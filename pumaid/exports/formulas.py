@@ -46,36 +46,21 @@ class Lack:
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Formulas:
-    """The model.
-
-    Attributes
-    ----------
-    robot, estimate
-        The arm and the fit.
-    moments
-        (J, 2) of each link, in the gain of its own joint: k_x and k_y (A s2/m), or mass and nothing for a slide.
-    ratios
-        (J, J) eta_i / eta_j by which link j counts in joint i; 0 where it does not or is not known.
-    felt
-        (J, J) the same for moments that joint i's axis does not turn about, in the gain of the next joint outward that
-        has one (see `records.Loads.tilts`).
-    coulomb, viscous
-        (J, 2) forward and backward, A and A s/rad or A s/m.
-    shaft
-        (J, J) from the joints' velocities to those that drive their friction; the identity for most arms.
-    terms
-        Effects beyond the paper's model.
-    left_out, undetermined
-        Effects without a formula; parameters that the data did not tell.
-    """
+    """The model as numbers, and the effects beyond the paper's model as terms; what it does not hold or tell."""
 
     robot: Robot
     estimate: Estimate
+    #: (J, 2) of each link, in the gain of its own joint: k_x and k_y (A s2/m), or mass and nothing for a slide.
     moments: Floats
+    #: (J, J) eta_i / eta_j by which link j counts in joint i; 0 where it does not or is not known.
     ratios: Floats
+    #: (J, J) the same for moments that joint i's axis does not turn about, in the gain of the next joint outward that
+    #: has one (see `Loads.tilts`).
     felt: Floats
+    #: (J, 2) forward and backward, A and A s/rad or A s/m.
     coulomb: Floats
     viscous: Floats
+    #: (J, J) from the joints' velocities to those that drive their friction; the identity for most arms.
     shaft: Floats
     terms: tuple[Term, ...]
     left_out: tuple[Lack, ...]
@@ -113,13 +98,7 @@ class Formulas:
         return any(re.search(rf"\b{quantity}(_\w+)?\b", term.formula) for term in self.terms)
 
     def predicted(self, position: Floats, velocity: Floats) -> Floats:
-        """(N, J) A by the model itself, not by these formulas, without what is left out.
-
-        Parameters
-        ----------
-        position, velocity
-            (N, J) of any postures; every joint moves (its friction is that of one direction).
-        """
+        """(N, J) A by the model itself, not by these formulas, without what is left out; every joint is in motion."""
         model = Model.of_estimate(self.robot, self.estimate)
         lost = {lack.name for lack in self.left_out}
         places = {place for place, effect in enumerate(model.effects) if spoken(effect) in lost}

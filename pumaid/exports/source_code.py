@@ -22,21 +22,12 @@ WIDTH = 108
 
 
 class SourceForm(Form):
-    """A form of source code.
+    """A form of source code, made by `templates` in ``exports/templates``, whose first suffixes are the files'.
 
-    Attributes
-    ----------
-    templates
-        Of its files, in ``exports/templates``; the file's suffix is the first of the template's.
-    names
-        Functions and quantities of a formula -> their text in the language: ``{i}`` is the term's joint; ``load_`` is
-        that of all ``load_M``, ``{m}`` being M. Others keep their names.
-    power
-        The function x, y -> x to the power y; empty where the language writes ``**``.
-    first
-        Index of the first joint.
-    brackets
-        What stands around the rows of a table, and between them.
+    `names` are functions and quantities of a formula -> their text in the language: ``{i}`` is the term's joint;
+    ``load_`` is that of all ``load_M``, ``{m}`` being M; others keep their names. `power` is the function x, y -> x to
+    the power y (empty where the language writes ``**``), `first` the index of the first joint, and `brackets` what
+    stands around the rows of a table and between them.
     """
 
     templates: ClassVar[tuple[str, ...]]
