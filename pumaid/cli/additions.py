@@ -15,7 +15,7 @@ from pumaid.effects import catalogue
 from pumaid.errors import ResultError
 from pumaid.estimate import GIVEN, Estimate
 from pumaid.estimation.estimate import identify
-from pumaid.reporting.diagnosis_text import left_out_sentence, step_sentence
+from pumaid.reporting.text import left_out_sentence, step_sentence
 from pumaid.results.history import keep
 from pumaid.robot import EffectChoice, Robot
 

@@ -22,10 +22,10 @@ from pumaid.diagnosis.records import (
 from pumaid.effects import catalogue
 from pumaid.estimate import IDENTIFIED, Estimate, Value
 from pumaid.estimation.evaluate import Budget, Comparison
-from pumaid.reporting import diagnosis_text as sentences
-from pumaid.reporting.diagnosis_text import bare, label, times_text, variable_name
+from pumaid.reporting import text as sentences
 from pumaid.reporting.formatting import (
     in_unit,
+    joint_label,
     joint_titles,
     letters,
     listed,
@@ -37,16 +37,16 @@ from pumaid.reporting.formatting import (
 from pumaid.reporting.run_tables import run_time
 from pumaid.reporting.table import Cell, Paragraph, Row, Table
 from pumaid.reporting.text import (
-    BUDGET_CAPTION,
     PART_NAMES,
-    budget_limit_sentences,
-    budget_sentence,
+    bare,
     changes,
     is_above_floor,
     is_noise_only,
     is_structural,
-    noise_only_sentence,
+    label,
     part_share,
+    times_text,
+    variable_name,
 )
 from pumaid.results.history import Ladder
 from pumaid.robot import Robot
@@ -207,7 +207,7 @@ def comparison_table(comparison: Comparison, robot: Robot) -> Table:
     rows: list[Row] = []
     for score in comparison.joints:
         tone = "alarm" if is_above_floor(score.rmse, score.noise_floor) else ""
-        head: Row = [f"{score.joint} {robot.joint(score.joint).name}", str(score.runs), amount(score.rmse, tone)]
+        head: Row = [joint_label(robot, score.joint), str(score.runs), amount(score.rmse, tone)]
         explained = NONE if score.explained is None else percent(score.explained)
         floor, bias = amount(score.noise_floor), _bias(score.bias, score.rmse)
         rows.append([*head, floor, bias, explained, amount(score.heldout)])
@@ -241,7 +241,7 @@ def worst_runs_table(comparison: Comparison, robot: Robot, *, count: int = 5, un
     for rank, score in enumerate(worst, start=1):
         run, mark = score.run, marks.letter(score.reason)
         scale, unit = in_unit(f"{robot.joint(run.joint).position_unit}/s", units)
-        where = [f"{run.joint} {robot.joint(run.joint).name}", names[run.origin]]
+        where = [joint_label(robot, run.joint), names[run.origin]]
         where += [run_time(run), f"{number(run.speed * scale, 3)} {unit}"]
         rmse = Cell(number(score.rmse, 3), mark=mark, tone="unknown" if mark else "")
         posture = posture_text(robot, run.posture.tolist(), units)
@@ -265,7 +265,7 @@ def outside_table(comparison: Comparison, robot: Robot) -> Table | None:
         group = [scores.get((joint, reason)) for reason in reasons]
         total = sum(score.samples for score in group if score is not None)
         rmse = [amount(None if score is None else score.rmse) for score in group]
-        rows.append([f"{joint} {robot.joint(joint).name}", f"{total:,}", *rmse])
+        rows.append([joint_label(robot, joint), f"{total:,}", *rmse])
     header = ("joint", "samples", *(reason.replace("-", " ") for reason in reasons))
     caption = "Predicted without inertia, so accelerations add to the error."
     return Table("RMSE (A) outside runs, by reason", header, rows, caption=caption)
@@ -280,7 +280,7 @@ def candidate_table(diagnosis: Diagnosis, robot: Robot) -> Table | None:
     rows: list[Row] = []
     for item in _candidates(diagnosis):
         mark = marks.letter(item.reason) if item.verdict != ADD else ""
-        joint = f"{item.joint} {robot.joint(item.joint).name}" if item.joint else "arm"
+        joint = joint_label(robot, item.joint)
         verdict = Cell(VERDICTS.get(item.verdict, item.verdict), "", mark, _VERDICT_TONES.get(item.verdict, "weak"))
         scores = [number(x, digits) if np.isfinite(x) else "-" for x, digits in ((item.p_value, 2), (item.evidence, 3))]
         folds = [amount(rmse).text for rmse in (item.rmse_heldout_before, item.rmse_heldout_after) if rmse is not None]
@@ -324,7 +324,7 @@ def limit_table(diagnosis: Diagnosis, robot: Robot, *, units: str = "rad", joint
             at = {item.joint or 0: item for item in group if item.size is None or (item.parameter, item.unit) == key}
             cells = [_limit_cell(at.get(joint), scale, marks) for joint in columns]
             rows.append([effect, f"{key[0]} ({unit})" if unit else key[0], *cells])
-    names = [f"{joint} {robot.joint(joint).name}" if joint else "arm" for joint in columns]
+    names = [joint_label(robot, joint) for joint in columns]
     caption = "Smallest size that is detected with a probability of 80 %."
     return Table("Detection limits", ("effect", "size of", *names), rows, marks.notes(), caption, (0, 1))
 
@@ -348,7 +348,7 @@ def deciding_runs_table(finding: Finding, robot: Robot, units: str = "rad") -> T
         scale, unit = in_unit(joint.position_unit, units)
         start, end, speed = (f"{number(scale * x, 3)} {unit}" for x in (motion.start, motion.end, motion.velocity))
         posture = posture_text(robot, motion.hold, units, moving=motion.joint)
-        rows.append([str(count), f"{motion.joint} {joint.name}", start, end, f"{speed}/s", posture])
+        rows.append([str(count), joint_label(robot, motion.joint), start, end, f"{speed}/s", posture])
     caption = ""
     if run.separation is not None:
         caption = f"Run once, they separate the rivals by {deviations(run.separation)} standard deviations"
@@ -445,9 +445,14 @@ def budget_parts(comparison: Comparison, robot: Robot) -> list[Paragraph]:
     parts = []
     for score in comparison.joints:
         if score.budget is not None and not is_noise_only(score.budget):
-            parts += [Paragraph(budget_sentence(score, robot)), Paragraph(budget_bars(score.budget), 2), EMPTY]
-    parts += [Paragraph(BUDGET_CAPTION, style="dim"), EMPTY] if parts else []
-    noise_only, limits = noise_only_sentence(comparison, robot), budget_limit_sentences(comparison, robot)
+            parts += [
+                Paragraph(sentences.budget_sentence(score, robot)),
+                Paragraph(budget_bars(score.budget), 2),
+                EMPTY,
+            ]
+    parts += [Paragraph(sentences.BUDGET_CAPTION, style="dim"), EMPTY] if parts else []
+    noise_only = sentences.noise_only_sentence(comparison, robot)
+    limits = sentences.budget_limit_sentences(comparison, robot)
     parts += [Paragraph(noise_only)] if noise_only else []
     parts += [Paragraph("What these runs cannot separate:")] if limits else []
     parts += [Paragraph(f"- {text}", 2) for text in limits]

@@ -43,12 +43,7 @@ def raising(error: BaseException):
 
 
 def test_version():
-    """``--version`` tells name and version."""
-    assert run("--version").stdout == f"pumaid {pumaid.__version__}\n"
-
-
-def test_module_runs():
-    """``python -m pumaid`` is the same program."""
+    """``--version`` tells name and version, also as ``python -m pumaid``."""
     done = subprocess.run([sys.executable, "-m", "pumaid", "--version"], capture_output=True, text=True, check=False)
     assert (done.returncode, done.stdout) == (0, f"pumaid {pumaid.__version__}\n")
 
@@ -62,38 +57,22 @@ def test_help_lists_commands_in_order_of_work():
 
 
 @pytest.mark.parametrize("name", COMMANDS)
-def test_help_shows_an_example(name):
-    """Each command's help shows a line to paste, on a line of its own."""
-    shown = run(name, "--help")
+def test_help_fits_a_screen_and_explains(name):
+    """Forty lines of a hundred columns hold a line to paste, on a line of its own, and a word on every option."""
+    shown = run(name, "--help", env={"COLUMNS": "100"})
     assert shown.exit_code == 0
     pasted = [line.strip() for line in shown.stdout.splitlines()]
+    options = [option for option in group.get_command(None, name).params if option.param_type_name == "option"]
+    assert len(pasted) <= 40 and [option.name for option in options if not option.help] == []
     assert "Example:" in pasted
     assert any(line.startswith(f"pumaid {name}") for line in pasted[pasted.index("Example:") :])
-
-
-@pytest.mark.parametrize("name", COMMANDS)
-def test_help_fits_one_screen(name):
-    """Forty lines of a hundred columns hold a command's help."""
-    assert len(run(name, "--help", env={"COLUMNS": "100"}).stdout.splitlines()) <= 40
-
-
-@pytest.mark.parametrize("name", COMMANDS)
-def test_help_explains_every_option(name):
-    """No option is left without a word."""
-    options = [option for option in group.get_command(None, name).params if option.param_type_name == "option"]
-    assert [option.name for option in options if not option.help] == []
 
 
 @pytest.mark.parametrize("arguments", [("efects",), ("effects", "--jsn"), ("effects", "a", "b"), ("identify",)])
 def test_misuse_leaves_with_2(arguments):
     """Wrong usage is told on standard error and leaves with 2."""
     done = run(*arguments)
-    assert (done.exit_code, done.stdout) == (2, "")
-
-
-def test_wrong_command_answers_with_the_nearest():
-    """A mistyped command names the right one."""
-    assert "'effects'" in run("efects").stderr
+    assert (done.exit_code, done.stdout) == (2, "") and ("'effects'" in done.stderr) == (arguments == ("efects",))
 
 
 def test_refusal_leaves_with_3():
@@ -103,41 +82,22 @@ def test_refusal_leaves_with_3():
     assert done.stderr == "error[unknown-effect]: there is no effect 'coulom'\n  fix: did you mean 'coulomb'?\n"
 
 
-def test_system_refusal_leaves_with_3(monkeypatch):
-    """What the operating system refuses is told with its words and the file's name."""
-    monkeypatch.setattr("pumaid.effects.catalogue", raising(PermissionError(13, "Permission denied", "secret.csv")))
-    done = run("effects")
-    assert done.exit_code == 3
-    assert done.stderr.startswith("error[file-refused]: the system says: Permission denied\n  at: secret.csv\n")
-
-
-def test_bug_leaves_with_4(monkeypatch):
-    """Our own failure says that it is ours, where, and how to report it."""
-    monkeypatch.setattr("pumaid.effects.catalogue", raising(ZeroDivisionError("by 0")))
-    done = run("effects")
-    assert done.exit_code == 4
-    assert "Traceback" in done.stderr and "bug: pumaid failed with ZeroDivisionError" in done.stderr
-    assert f"pumaid {pumaid.__version__}, Python" in done.stderr and "report" in done.stderr.splitlines()[-1]
-
-
 @pytest.mark.parametrize(
-    "error",
-    [MemoryError("Unable to allocate 9.50 MiB"), ImportError("libarrow.so: failed to map segment from shared object")],
+    ("error", "code", "words"),
+    [
+        (PermissionError(13, "Permission denied", "secret.csv"), 3, "error[file-refused]: the system says: Permission"),
+        (MemoryError("Unable to allocate 9.50 MiB"), 3, "error[no-memory]: "),
+        (ImportError("libarrow.so: failed to map segment from shared object"), 3, "error[no-memory]: "),
+        (ZeroDivisionError("by 0"), 4, "bug: pumaid failed with ZeroDivisionError"),
+        (KeyboardInterrupt(), 130, "stopped;"),
+    ],
 )
-def test_no_memory_leaves_with_3(monkeypatch, error):
-    """Where the system has no more memory, that is no bug; what to do is told."""
+def test_failures_have_their_code(monkeypatch, error, code, words):
+    """What the system refuses is bad input, Ctrl-C one clean line; our own failure says that it is ours, and where."""
     monkeypatch.setattr("pumaid.effects.catalogue", raising(error))
     done = run("effects")
-    assert done.exit_code == 3 and done.stderr.startswith("error[no-memory]: ")
-    assert str(error) in done.stderr and "--jobs 1" in done.stderr and "Traceback" not in done.stderr
-
-
-def test_interruption_leaves_with_130(monkeypatch):
-    """Ctrl-C ends with one clean line."""
-    monkeypatch.setattr("pumaid.effects.catalogue", raising(KeyboardInterrupt()))
-    done = run("effects")
-    assert done.exit_code == 130
-    assert "Traceback" not in done.stderr and done.stderr.strip().count("\n") == 0
+    assert done.exit_code == code and words in done.stderr
+    assert ("Traceback" in done.stderr) == (code == 4) == (f"pumaid {pumaid.__version__}, Python" in done.stderr)
 
 
 def test_closed_pipe_is_quiet():

@@ -30,6 +30,7 @@ def invoke(*words: str, code: int = 0):
 def test_story_ends_in_the_report_and_the_truth(small):
     """Every step is a line that can be typed; the page is there; the end says what was hidden, and judges."""
     answer = json.loads(invoke("demo", "tale", "--robot", "pendulum2", "--seed", "2", "--json").stdout)
+    assert (answer["kind"], answer["format"]) == ("demo", 1)
     lines = [step["command"].split()[1] for step in answer["steps"]]
     assert lines[:6] == ["init", "plan", "simulate", "identify", "compare", "diagnose"]
     assert lines[-2:] == ["history", "report"] and all(step["told"] for step in answer["steps"])

@@ -96,15 +96,6 @@ def test_model_goes_where_it_is_told(arm, options, path):
     assert sorted(str(found.relative_to(arm)) for found in arm.rglob("*.json")) == [path, *kept]
 
 
-def test_results_go_beside_the_recipe_from_anywhere(arm, tmp_path, monkeypatch):
-    """The working folder does not matter where the recipe has a folder of its own; a shipped recipe has none."""
-    monkeypatch.chdir(tmp_path)
-    assert identify("arm/logs").exit_code == 0
-    assert (arm / "results" / "model.json").exists()
-    assert identify("arm/logs", "--recipe", "pendulum2").exit_code == 0
-    assert Path("results/model.json").exists()
-
-
 def test_recursive_stops_before_the_refinement(arm):
     """``--recursive`` keeps the recursion's values, and the file says so."""
     document = json.loads(identify("logs", "--recursive", "--json").stdout)

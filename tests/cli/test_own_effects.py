@@ -2,18 +2,19 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
-import os
 import shutil
-import subprocess
 import sys
 from pathlib import Path
 
 import numpy as np
 import pytest
-from click.testing import CliRunner
+from click.testing import CliRunner, Result
 
+import pumaid.effects
 from pumaid.cli import group
+from pumaid.effects import catalogue
 
 SAMPLE = Path(__file__).parents[2] / "sample_logs" / "pendulum"
 OWN = '''"""Rubbing that grows with the square of the position."""
@@ -38,11 +39,25 @@ SIZE = 0.05
 KNOWN = ("--effects", "brake.py")
 
 
-def typed(folder: Path, *line: str, packages: Path | None = None) -> subprocess.CompletedProcess[str]:
-    """``pumaid`` in a process of its own, as users run it: what a file brings is gone with it."""
-    more = {} if packages is None else {"PYTHONPATH": str(packages)}
-    command = [sys.executable, "-m", "pumaid", *line]
-    return subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False, env=os.environ | more)
+@pytest.fixture(autouse=True)
+def catalogue_of_its_own():
+    """What a test's files bring is gone after it."""
+    forget()
+    yield
+    forget()
+
+
+def forget() -> None:
+    """The catalogue without files, as a new process has it."""
+    pumaid.effects._INCLUDED.clear()
+    catalogue.cache_clear()
+
+
+def typed(folder: Path, *line: str) -> Result:
+    """``pumaid`` in a folder with nothing included before."""
+    forget()
+    with contextlib.chdir(folder):
+        return CliRunner().invoke(group, list(line))
 
 
 def rubbed(folder: Path) -> Path:
@@ -65,7 +80,7 @@ def braked(tmp_path_factory) -> Path:
     folder = rubbed(tmp_path_factory.mktemp("braked") / "arm")
     for more in ((), ("--add", "brake@2", *KNOWN)):
         done = typed(folder, "identify", "logs", *more)
-        assert done.returncode == 0, done.stderr
+        assert done.exit_code == 0, done.stderr
     return folder
 
 
@@ -83,14 +98,6 @@ def test_the_file_is_asked_for_again(braked, monkeypatch, line):
     assert sorted(braked.rglob("*")) == before
 
 
-@pytest.mark.parametrize("line", ["identify logs --add brake@2", "effects brake"])
-def test_the_option_is_named_where_the_effect_is_asked_for(braked, monkeypatch, line):
-    """Who types the name without the file is told of the option, too."""
-    monkeypatch.chdir(braked)
-    done = CliRunner().invoke(group, line.split())
-    assert done.exit_code == 3 and "error[unknown-effect]" in done.stderr and "--effects FILE.py" in done.stderr
-
-
 def test_history_needs_no_file(braked, tmp_path, monkeypatch):
     """Errors that were kept are told, and a model is restored, also where the file is lost; a note says it is."""
     monkeypatch.chdir(shutil.copytree(braked, tmp_path / "arm"))
@@ -102,20 +109,18 @@ def test_history_needs_no_file(braked, tmp_path, monkeypatch):
     assert CliRunner().invoke(group, ["report", "--table", "csv"]).exit_code == 0
 
 
-@pytest.mark.parametrize(
-    "line", ["diagnose results/model.json logs --check", "report --format=", "report --table text"]
-)
+@pytest.mark.parametrize("line", ["diagnose results/model.json logs --check", "report --table text"])
 def test_the_file_makes_it_known(braked, line):
     """With the file named, the model is used as any other, and nothing is missing from it."""
     done = typed(braked, *line.split(), *KNOWN)
-    assert done.returncode == 0, done.stderr
+    assert done.exit_code == 0, done.stderr
     assert "error[" not in done.stderr and "unknown-effect" not in done.stderr
 
 
 def test_its_size_is_what_the_logs_have(braked):
     """What was put into the log comes back within four standard errors, and the error falls to the noise floor."""
     done = typed(braked, "compare", "results/model.json", "logs", "--json", *KNOWN)
-    assert done.returncode == 0 and "unknown-effect" not in done.stderr
+    assert done.exit_code == 0 and "unknown-effect" not in done.stderr
     second = json.loads(done.stdout)["joints"][1]
     assert second["rmse"] < 1.1 * second["noise_floor"]
     rows = typed(braked, "report", "--table", "json", *KNOWN).stdout
@@ -134,8 +139,8 @@ def test_diagnose_finds_it_and_says_what_to_type(tmp_path):
     without = json.loads(typed(folder, "diagnose", "results/model.json", "logs", "-o", "-").stdout)["findings"]
     assert "brake" not in [one["effect"] for one in without]
     page = typed(folder, "report", "--format=")  # the model has no brake, only the diagnosis beside it
-    assert page.returncode == 0, page.stderr
-    assert typed(folder, *found[0]["command"].split()[1:]).returncode == 0
+    assert page.exit_code == 0, page.stderr
+    assert typed(folder, *found[0]["command"].split()[1:]).exit_code == 0
     assert "brake@2" in typed(folder, "history").stdout
 
 
@@ -146,13 +151,13 @@ def test_a_file_that_has_changed_is_refused(braked, tmp_path, line):
         OWN.replace('"a", "A/', '"b", "A/').replace("s * a *", "s * b *"), encoding="utf-8"
     )
     done = typed(braked, *line.split(), "--effects", str(tmp_path / "brake.py"))
-    assert done.returncode == 3 and "Traceback" not in done.stderr
+    assert done.exit_code == 3 and "Traceback" not in done.stderr
     assert done.stderr.startswith("error[effect-changed]: brake is not what it was") and "brake.j2.b" in done.stderr
 
 
 @pytest.fixture
-def packages(tmp_path) -> Path:
-    """A folder of installed packages, one of which brings the effect by an entry point."""
+def packages(tmp_path, monkeypatch) -> pytest.MonkeyPatch:
+    """An installed package that brings the effect by an entry point, until it is undone."""
     home = tmp_path / "packages"
     (home / "arm_effects").mkdir(parents=True)
     (home / "arm_effects" / "__init__.py").touch()
@@ -161,21 +166,25 @@ def packages(tmp_path) -> Path:
     facts.mkdir()
     (facts / "METADATA").write_text("Metadata-Version: 2.1\nName: arm-effects\nVersion: 1.0\n", encoding="utf-8")
     (facts / "entry_points.txt").write_text("[pumaid.effects]\nbrake = arm_effects.brake\n", encoding="utf-8")
-    return home
+    monkeypatch.syspath_prepend(home)
+    yield monkeypatch
+    for name in ("arm_effects", "arm_effects.brake"):
+        sys.modules.pop(name, None)
 
 
 def test_a_package_adds_it(packages, tmp_path):
     """``identify --add`` knows it by name, and without the package the model is refused as with a file."""
     folder = rubbed(tmp_path / "arm")
-    assert typed(folder, "identify", "logs", "--add", "brake@2", packages=packages).returncode == 0
-    assert typed(folder, "compare", "results/model.json", "logs", packages=packages).returncode == 0
-    assert typed(folder, "compare", "results/model.json", "logs").returncode == 3
+    assert typed(folder, "identify", "logs", "--add", "brake@2").exit_code == 0
+    assert typed(folder, "compare", "results/model.json", "logs").exit_code == 0
+    packages.undo()
+    assert typed(folder, "compare", "results/model.json", "logs").exit_code == 3
 
 
 def test_a_file_beside_a_package_of_the_same_name_is_refused(braked, packages):
     """Which of two effects of one name is meant is not guessed."""
-    done = typed(braked, "compare", "results/model.json", "logs", *KNOWN, packages=packages)
-    assert done.returncode == 3 and "error[effect-taken]" in done.stderr and "Traceback" not in done.stderr
+    done = typed(braked, "compare", "results/model.json", "logs", *KNOWN)
+    assert done.exit_code == 3 and "error[effect-taken]" in done.stderr and "Traceback" not in done.stderr
 
 
 def test_marks_in_its_title_are_text(tmp_path):
@@ -183,4 +192,4 @@ def test_marks_in_its_title_are_text(tmp_path):
     (tmp_path / "brake.py").write_text(OWN.replace("Rubbing brake", "Rubbing [/bold] [red]brake"), encoding="utf-8")
     for line in (["effects"], ["effects", "brake"]):
         done = typed(tmp_path, *line, *KNOWN)
-        assert done.returncode == 0 and "[/bold]" in done.stdout, done.stderr
+        assert done.exit_code == 0 and "[/bold]" in done.stdout, done.stderr

@@ -51,20 +51,11 @@ def test_json_is_one_document_with_every_sample(document):
 
 
 def test_table_tells_runs_and_reasons(logs, document):
-    """The table names the joints and ends with what was left out."""
-    result = run(logs, "--units", "deg")
-    assert result.exit_code == 0
-    assert f"{len(document['runs'])} runs at constant speed" in result.stdout
-    assert "speed (deg/s)" in result.stdout
-    assert "Not used:" in result.stdout
-    assert "ramp" in result.stdout
-
-
-def test_rejects_are_listed_with_rows(logs, document):
-    """``--rejects`` lists each stretch by its rows."""
-    result = run(logs, "--rejects")
+    """The table names the joints and ends with what was left out, each stretch by its rows."""
+    result = run(logs, "--units", "deg", "--rejects")
     first = document["rejects"][0]
-    assert f"{first['first_row']}–{first['last_row']}" in result.stdout
+    words = [f"{len(document['runs'])} runs at constant speed", "speed (deg/s)", "Not used:", "ramp"]
+    assert [word for word in [*words, f"{first['first_row']}–{first['last_row']}"] if word not in result.stdout] == []
 
 
 def test_csv_has_a_line_a_run(logs, document):
@@ -74,13 +65,12 @@ def test_csv_has_a_line_a_run(logs, document):
     assert rows[0][f"q{rows[0]['joint']}"] == ""
 
 
-@pytest.mark.parametrize(("ending", "begins"), [("png", b"\x89PNG"), ("svg", b"<?xml")])
-def test_picture_is_written(logs, tmp_path, ending, begins):
+def test_picture_is_written(logs, tmp_path):
     """The picture's form follows its ending."""
-    picture = tmp_path / f"runs.{ending}"
+    picture = tmp_path / "runs.png"
     result = run(logs, "--picture", picture, "--json")
     assert result.exit_code == 0
-    assert picture.read_bytes().startswith(begins)
+    assert picture.read_bytes().startswith(b"\x89PNG")
     assert json.loads(result.stdout)["kind"] == "segments"
 
 
@@ -97,8 +87,3 @@ def test_thresholds_reach_the_segmentation(logs, document):
     longest = max(entry["duration"] for entry in document["runs"])
     result = run(logs, "--min-duration", longest, "--kinds", "constant", "--json")
     assert len(json.loads(result.stdout)["runs"]) < len(document["runs"])
-
-
-def test_help_shows_an_example():
-    """The help has a line to paste."""
-    assert "pumaid segment logs/ --units deg" in " ".join(run("--help").stdout.split())

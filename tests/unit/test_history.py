@@ -50,33 +50,21 @@ def test_the_same_model_is_kept_once(path):
     assert len(names(path)) == 2 and read_history(path.parent).current == 1
 
 
-def test_a_model_is_made_from_the_one_before(path):
-    """Each addition, and a removal, links to the model that was current."""
-    keep(path, model(), ARM)
-    keep(path, model(STRIBECK, rmse=0.02), ARM)
-    keep(path, model(STRIBECK, RIPPLE, rmse=0.01), ARM)
-    keep(path, model(RIPPLE, rmse=0.015), ARM)
-    assert parents(path) == {1: None, 2: 1, 3: 2, 4: 3}
-    rungs = read_history(path.parent).ladders[0].rungs
-    assert [(rung.added, rung.removed) for rung in rungs[1:]] == [((STRIBECK,), ()), ((RIPPLE,), ()), ((), (STRIBECK,))]
-
-
-def test_another_effect_starts_from_the_base(path):
-    """A model that lacks an effect of the one before was not made from it but from the best that it contains."""
-    keep(path, model(), ARM)
-    keep(path, model(STRIBECK, rmse=0.02), ARM)
-    keep(path, model(RIPPLE, rmse=0.025), ARM)
-    assert parents(path) == {1: None, 2: 1, 3: 1}
-    assert [rung.number for rung in read_history(path.parent).ladders[0].path] == [1, 3]
-
-
-def test_fitted_again_is_no_removal(path):
-    """The base with other numbers follows the base, whatever was current."""
-    keep(path, model(), ARM)
-    keep(path, model(STRIBECK, rmse=0.02), ARM)
-    keep(path, model(rmse=0.031), ARM)
-    rung = read_history(path.parent).ladders[0].rungs[2]
-    assert (rung.parent, rung.added, rung.removed) == (1, (), ())
+@pytest.mark.parametrize(
+    ("effects", "expected"),
+    [
+        ([(), (STRIBECK,), (STRIBECK, RIPPLE), (RIPPLE,)], (3, (), (STRIBECK,))),  # a removal
+        ([(), (STRIBECK,), (STRIBECK, RIPPLE)], (2, (RIPPLE,), ())),
+        ([(), (STRIBECK,), (RIPPLE,)], (1, (RIPPLE,), ())),  # it lacks an effect of the one before
+        ([(), (STRIBECK,), ()], (1, (), ())),  # the base fitted again
+    ],
+)
+def test_what_a_model_is_made_from(path, effects, expected):
+    """From the model before where one of the two has all effects of the other, else from the best that it contains."""
+    for number, chosen in enumerate(effects):
+        keep(path, model(*chosen, rmse=0.03 - 0.001 * number), ARM)
+    last = read_history(path.parent).ladders[0].rungs[-1]
+    assert (last.parent, last.added, last.removed) == expected
 
 
 def test_undo_brings_the_earlier_file_back(path):

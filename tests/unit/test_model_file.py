@@ -13,7 +13,7 @@ import pytest
 from pumaid.errors import ModelError, Note, ResultError, Where
 from pumaid.estimate import Combination, Estimate, JointFit, Value
 from pumaid.results.documents import as_text, digest_of, heading, plain
-from pumaid.results.model_file import check_same_recipe, model_document, read_model, write_model
+from pumaid.results.model_file import check_same_recipe, read_model, write_model
 from pumaid.robot import EffectChoice, Joint, Robot
 
 AWKWARD = 0.1 + 0.2  # 0.30000000000000004: a float that a rounded text would change
@@ -128,12 +128,6 @@ def test_document_follows_interfaces(model):
     assert document["ratios"][0]["value"] is None
 
 
-def test_text_is_strict_json():
-    """Numbers that JSON lacks never reach the file."""
-    text = as_text(model_document(estimate()))
-    assert json.loads(text, parse_constant=pytest.fail)["prediction"]["scales"] == [[1.0, None], [0.0, 1.0]]
-
-
 def test_rows_of_numbers_stand_on_a_line():
     """A matrix can be read by eye, while text in brackets is left alone."""
     text = as_text({"matrix": [[1.0, 2.5e-9], [float("nan"), 4.0]], "words": ["1,  2", "[ 3,  4]", "[\n3,  4]"]})
@@ -161,7 +155,7 @@ def test_folder_instead_of_file(model):
         assert found.slug == "file-not-readable" and str(model) in found.mend
 
 
-@pytest.mark.parametrize("keep", [0.1, 0.5, 0.9, 0.999])
+@pytest.mark.parametrize("keep", [0.1, 0.999])
 def test_truncated_file(model, keep):
     """A file that breaks off says so, and at which line."""
     text = model.read_text(encoding="utf-8")
@@ -187,17 +181,11 @@ def test_log_in_the_models_place(tmp_path):
     assert "MODEL LOGS" in refusal(path).mend
 
 
-def test_other_kind(model):
-    """A comparison is no model."""
-    found = refusal(broken(model, "kind", to="comparison"))
-    assert found.slug == "model-damaged" and "'comparison'" in found.what
-
-
-@pytest.mark.parametrize("number", [2, "1", True, 1.5])
-def test_other_format(model, number):
-    """A format that this version does not know is named, with what wrote it."""
-    found = refusal(broken(model, "format", to=number))
-    assert found.slug == "model-damaged" and repr(number) in found.what and "0.1.0" in found.what
+@pytest.mark.parametrize(("entry", "value"), [("format", 2), ("format", "1"), ("format", True), ("kind", "comparison")])
+def test_other_format(model, entry, value):
+    """A format that this version does not know, or another document, is named."""
+    found = refusal(broken(model, entry, to=value))
+    assert found.slug == "model-damaged" and repr(value) in found.what
 
 
 @pytest.mark.parametrize(
@@ -237,11 +225,6 @@ def test_other_version_is_noted(model):
     """A file of another version is read, and the estimate says where it comes from."""
     found = read_model(broken(model, "pumaid", to="0.0.9", is_sealed=True))
     assert [note.slug for note in found.notes] == ["few-runs", "model-other-version"]
-
-
-def test_unknown_entries_pass(model):
-    """What a later version adds to the same format is passed over."""
-    assert read_model(broken(model, "weather", to="fine", is_sealed=True)).robot == "Ärmchen"
 
 
 def test_standard_input(model, monkeypatch):

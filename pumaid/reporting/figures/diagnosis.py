@@ -13,9 +13,9 @@ from matplotlib.lines import Line2D
 from numpy.typing import NDArray
 
 from pumaid.diagnosis.records import Binned, Curve, Diagnosis, Finding, JointDiagnosis, Unexplained
-from pumaid.reporting.diagnosis_text import form_sentence, label, place, variable_name
 from pumaid.reporting.figures.style import BACKWARD, FORWARD, GREY, INK, Drawing, direction_handles, panels, zero_line
 from pumaid.reporting.formatting import in_unit, joint_title, listed, shortened
+from pumaid.reporting.text import form_sentence, label, place, variable_name
 from pumaid.robot import Robot
 
 Floats = NDArray[np.float64]

@@ -186,7 +186,9 @@ def _interval(axes: Axes, value: Value, scale: float, look: int) -> None:
     colour, marker, shift = _MARKERS[look]
     middle, low, high = (scale * item for item in (value.value, *value.ci95))
     style: dict[str, Any] = {"fmt": marker, "color": colour, "markersize": 4.5, "elinewidth": 1.4, "capsize": 2.5}
-    axes.errorbar((value.joint or 0) + shift, middle, yerr=[[middle - low], [high - middle]], zorder=3, **style)
+    axes.errorbar(
+        (value.joint or 0) + shift, middle, yerr=np.maximum([[middle - low], [high - middle]], 0.0), zorder=3, **style
+    )
 
 
 # History

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pumaid.diagnosis.records import UNEXPLAINED_JOINT, Finding
-from pumaid.reporting import diagnosis_text as text
+from pumaid.reporting import text
 from pumaid.reporting.context import ReportContext
 from pumaid.reporting.figures.diagnosis import finding_figures, shape_figures
 from pumaid.reporting.sections import Content, Section
