@@ -218,13 +218,13 @@ class DiagnosisBuilder:
                 drawn.append(Drawn(item.trial.added, item.trial.sizes, residual))
         return curve(self.robot, row.bins.samples, before=row.misfit, trials=drawn)
 
-    def joint(self, joint: int) -> JointDiagnosis:
-        """What is wrong at one joint (from 1)."""
+    def joint(self, joint: int, floor: float | None) -> JointDiagnosis:
+        """What is wrong at one joint (from 1); `floor` is the noise floor of the model (A), None where unknown."""
         judged = self.verdicts.get(joint)
         if judged is None:
             return JointDiagnosis(joint, ADEQUATE, f"joint {joint} never moves alone in these logs", None, None)
         row, shape = self.fits[0].row(joint), self._shape(joint)
-        split = budget(row.bins, row.misfit, self.robot.joint(joint))
+        split = budget(row.bins, row.misfit, self.robot.joint(joint), floor=floor)
         limits = sorted(self.limits.items(), key=lambda item: (item[0][0], item[0][1] or 0))
         return JointDiagnosis(
             joint=joint,
@@ -357,9 +357,10 @@ def diagnose(
     )
     search.run()
     builder = DiagnosisBuilder(search)
+    floors = {fit.joint: fit.noise_floor for fit in estimate.joints}
     return Diagnosis(
         robot=robot.name,
-        joints=tuple(builder.joint(joint.number) for joint in robot.joints),
+        joints=tuple(builder.joint(joint.number, floors.get(joint.number)) for joint in robot.joints),
         findings=builder.findings(),
         model=Digest(model_digest(estimate)),
         logs={facts.name: facts.digest for facts in dataset.files},

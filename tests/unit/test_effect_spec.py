@@ -127,16 +127,12 @@ def test_effects_as_they_are_pass():
 @pytest.mark.parametrize(
     ("old", "new"), [("stribeck.j1.a", "stribeck.j1.b"), ("ripple.j2.cos_2", "ripple.j2.cos_3"), ("tilt.x", "tilt.z")]
 )
-def test_another_parameter_is_refused(old, new):
-    """The model has a number of what the effect does not have, and none of what it has; both are named."""
+def test_what_is_not_as_it_was_is_refused(old, new):
+    """A parameter, or a shape, that the effect does not have, or did not have then: each is named."""
     names = tuple(new if name == old else name for name in made().names)
     with pytest.raises(ModelError) as told:
         check_parameters(replace(made(), names=names), PENDULUM)
     assert told.value.slug == "effect-changed" and old in told.value.what and new in told.value.what
-
-
-def test_another_shape_is_refused():
-    """A shape that the effect did not have then is named."""
     bare = EffectChoice("stribeck", 1, {"velocity": 0.1})
     with pytest.raises(ModelError, match="exponent"):
         check_parameters(replace(made(), effects=(*made().effects[:3], bare)), PENDULUM)

@@ -63,16 +63,6 @@ def test_ratios_over_two_branches_have_the_slope_of_their_edges():
                 assert slope[number] == pytest.approx((ahead - back) / 2e-6, abs=1e-6)
 
 
-def test_neighbours_over_a_slide_come_from_edges_over_it():
-    """In an arm with a slide in between, where inner rows tie both, neighbours' ratios are still told rightly."""
-    truth = drawn(STANFORD)
-    estimate = identify(dataset(truth, experiment(STANFORD), seed=3), STANFORD)
-    known = truth.parameters()
-    for name in ("gain_ratio.2.3", "gain_ratio.3.4"):
-        value = estimate.value(name)
-        assert abs(value.value - known[name]) < 4 * value.std_error
-
-
 def test_errors_are_the_spread_of_estimates():
     """Standard errors told on average are the spread of values over 30 experiments."""
     truth, plan = drawn(CRANE), experiment(CRANE)
